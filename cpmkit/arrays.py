@@ -1,0 +1,64 @@
+"""What comes in at the door: arrays are checked once here and trusted afterwards."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cpmkit.errors import InputError
+from cpmkit.protocols import Floats
+
+
+def as_points(x: Any, dim: int, what: str = "points") -> Floats:
+    """Return ``x`` as a C-contiguous (n, dim) float64 array of finite numbers.
+
+    Raises
+    ------
+    InputError
+        If the shape is not (n, dim), or an entry is not a finite number.
+    """
+    try:
+        points = np.ascontiguousarray(x, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{what} must be numbers of shape (n, {dim}), got {type(x).__name__}.") from error
+    if points.ndim != 2 or points.shape[1] != dim:
+        raise InputError(f"{what} must have shape (n, {dim}), got {np.shape(x)}.")
+    bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
+    if len(bad):
+        raise InputError(f"{what} must be finite: {len(bad)} of {len(points)} rows hold NaN or infinity, first row {bad[0]}.")
+    return points
+
+
+def as_vector(x: Any, dim: int, what: str) -> Floats:
+    """Return ``x`` as a (dim,) float64 array of finite numbers.
+
+    Raises
+    ------
+    InputError
+        If ``x`` is not ``dim`` finite numbers.
+    """
+    try:
+        vector = np.array(x, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{what} must be {dim} numbers, got {x!r}.") from error
+    if vector.shape != (dim,) or not np.isfinite(vector).all():
+        raise InputError(f"{what} must be {dim} finite numbers, got {x!r}.")
+    return vector
+
+
+def positive(x: Any, what: str) -> float:
+    """Return ``x`` as a float if it is a finite number above zero.
+
+    Raises
+    ------
+    InputError
+        If it is not.
+    """
+    try:
+        value = float(x)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{what} must be a number above zero, got {x!r}.") from error
+    if not (np.isfinite(value) and value > 0):
+        raise InputError(f"{what} must be a finite number above zero, got {x!r}.")
+    return value

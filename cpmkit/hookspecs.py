@@ -1,0 +1,44 @@
+"""The hooks that a plugin implements; all of them, in one file.
+
+A plugin is a module (or any object) with functions marked ``@hookimpl``. It is found through the
+entry point group ``cpmkit.kinds``, one entry point a kind, and imported when a scene names the kind.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import pluggy
+
+if TYPE_CHECKING:
+    from cpmkit.protocols import BoundarySet, ClosestPointSource
+    from cpmkit.testing import ConformanceCase
+
+hookspec = pluggy.HookspecMarker("cpmkit")
+hookimpl = pluggy.HookimplMarker("cpmkit")
+
+
+@hookspec
+def cpmkit_sources() -> Mapping[str, Callable[..., ClosestPointSource]]:  # type: ignore[empty-body]
+    """Return a factory for each kind of surface, curve or point; its keyword arguments are the scene's keys."""
+
+
+@hookspec
+def cpmkit_boundaries() -> Mapping[str, Callable[..., BoundarySet]]:  # type: ignore[empty-body]
+    """Return a factory for each kind of boundary that is more than a source with conditions."""
+
+
+@hookspec
+def cpmkit_solvers() -> Mapping[str, Callable[..., Any]]:  # type: ignore[empty-body]
+    """Return a factory for each kind of linear solver."""
+
+
+@hookspec
+def cpmkit_backends() -> Mapping[str, Callable[..., Any]]:  # type: ignore[empty-body]
+    """Return a factory for each back end: a way from a scene and a resolution to a solution."""
+
+
+@hookspec
+def cpmkit_conformance_cases() -> Sequence[ConformanceCase]:  # type: ignore[empty-body]
+    """Return at least one case a kind, on which ``cpmkit.testing`` checks the laws."""

@@ -1,0 +1,154 @@
+"""Finding plugins from metadata, and importing the one that a scene names.
+
+Listing reads the names of entry points and imports nothing. A kind's plugin is imported and
+registered with pluggy when the kind is asked for, and no other plugin is.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint, entry_points
+from typing import TYPE_CHECKING, Any
+
+import pluggy
+
+from cpmkit import hookspecs
+from cpmkit.errors import PluginError, SceneError
+
+if TYPE_CHECKING:
+    from cpmkit.protocols import ClosestPointSource
+
+KINDS = "cpmkit.kinds"
+COMMANDS = "cpmkit.commands"
+
+
+@dataclass(frozen=True)
+class InstalledKind:
+    """One kind and the distribution that offers it, read from metadata alone."""
+
+    kind: str
+    distribution: str
+    version: str
+    module: str
+
+
+def manager() -> pluggy.PluginManager:
+    """Return the one plugin manager of the process, made at the first call."""
+    global _manager
+    if _manager is None:
+        _manager = pluggy.PluginManager("cpmkit")
+        _manager.add_hookspecs(hookspecs)
+    return _manager
+
+
+_manager: pluggy.PluginManager | None = None
+
+
+def installed_kinds() -> list[InstalledKind]:
+    """Return every kind that an installed distribution declares, sorted, importing none of them."""
+    found = [
+        InstalledKind(
+            point.name,
+            point.dist.name if point.dist else "?",
+            point.dist.version if point.dist else "?",
+            point.value,
+        )
+        for point in entry_points(group=KINDS)
+    ]
+    return sorted(found, key=lambda kind: kind.kind)
+
+
+def _entry_point(kind: str) -> EntryPoint:
+    points = list(entry_points(group=KINDS, name=kind))
+    if not points:
+        raise PluginError(_unknown_kind(kind))
+    return points[0]
+
+
+def _unknown_kind(kind: str) -> str:
+    kinds = [installed.kind for installed in installed_kinds()]
+    family = kind.partition(".")[0]
+    near = [name for name in kinds if name.startswith(family + ".")]
+    if near:
+        return f"No plugin provides the kind {kind!r}. Kinds of the family {family!r}: {', '.join(near)}."
+    listed = ", ".join(kinds) or "none"
+    return (
+        f"No plugin provides the kind {kind!r}. Installed: {listed}. "
+        f"`pip install ./plugins/cpmkit-{family}` in a clone of the repository adds the family {family!r} if it is there."
+    )
+
+
+def load(kind: str) -> Any:
+    """Import and register the plugin that offers ``kind``; return it.
+
+    Raises
+    ------
+    PluginError
+        If no installed distribution declares the kind, or its plugin does not import.
+    """
+    point = _entry_point(kind)
+    try:
+        plugin = point.load()
+    except Exception as error:
+        raise PluginError(f"The plugin {point.value!r} of the kind {kind!r} does not import: {error}") from error
+    if not manager().is_registered(plugin):
+        manager().register(plugin)
+        manager().check_pending()
+    return plugin
+
+
+def factory(kind: str, hook: str = "cpmkit_sources") -> Callable[..., Any]:
+    """Return the factory of ``kind`` that the plugin hands to ``hook``.
+
+    Raises
+    ------
+    PluginError
+        If the kind is unknown, or its plugin does not offer it through this hook.
+    """
+    plugin = load(kind)
+    offered: Mapping[str, Callable[..., Any]] = getattr(plugin, hook)() if hasattr(plugin, hook) else {}
+    if kind not in offered:
+        raise PluginError(f"The plugin that declares {kind!r} offers it through no {hook}; it offers {sorted(offered)}.")
+    return offered[kind]
+
+
+def call(make: Callable[..., Any], what: str, table: Mapping[str, Any]) -> Any:
+    """Call a factory with a table of keyword arguments; answer a wrong key with the accepted ones.
+
+    Raises
+    ------
+    SceneError
+        If a key is unknown or a required one is missing.
+    """
+    signature = inspect.signature(make)
+    accepted = {name: p for name, p in signature.parameters.items() if p.kind is not p.VAR_KEYWORD}
+    unknown = sorted(set(table) - set(accepted))
+    if unknown:
+        raise SceneError(f"{what} has the unknown key {unknown[0]!r}; accepted are {', '.join(accepted)}.")
+    missing = [name for name, p in accepted.items() if p.default is p.empty and name not in table]
+    if missing:
+        raise SceneError(f"{what} lacks the key {missing[0]!r}; accepted are {', '.join(accepted)}.")
+    return make(**table)
+
+
+def source(kind: str, **keys: Any) -> ClosestPointSource:
+    """Make a closest point source of an installed kind, e.g. ``source("analytic.sphere", radius=2)``.
+
+    Parameters
+    ----------
+    kind : str
+        A name that ``cpmkit plugins`` lists.
+    **keys
+        The factory's keyword arguments, the same as a scene file's keys.
+
+    Raises
+    ------
+    PluginError
+        If no installed plugin offers the kind.
+    InputError
+        If a key is unknown, missing or holds what is not accepted.
+    """
+    made: ClosestPointSource = call(factory(kind), f"The kind {kind!r}", keys)
+    return made

@@ -1,0 +1,183 @@
+"""The contracts between the core and its plugins.
+
+The core knows no shape. It asks a :class:`ClosestPointSource` for closest points and a
+:class:`BoundarySet` for what holds on each side of a point or curve inside the surface.
+The laws that every source keeps are checked by :mod:`cpmkit.testing`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from cpmkit.conditions import Condition
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+Side = Literal["left", "right"]
+
+#: Called with the name of a stage and the share of it that is done, from 0 to 1.
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, eq=False)
+class ClosestPoints:
+    """The answer to a batch of closest point queries.
+
+    Attributes
+    ----------
+    points : (n, d) float64
+        The feet: a closest point of each query, in the scene's unit of length.
+    distance : (n,) float64
+        Decides membership of the band: the distance from the query to the manifold. It is
+        1-Lipschitz and never above ``|x - points|``; for an exact source the two are equal.
+    edge : (n,) int64
+        -1 where the foot lies inside; ``k >= 0`` where it lies on edge loop ``k`` of an open
+        surface, or on end ``k`` (0 the start, 1 the end) of an open curve.
+    element : (n,) int64, optional
+        The triangle, segment, patch or union member that holds the foot.
+    local : (n, m) float64, optional
+        Coordinates in that element: barycentric, ``t`` or ``(u, v)``.
+    doubtful : (n,) bool, optional
+        True where the search could not vouch for the foot. ``None``: all are sure.
+    """
+
+    points: Floats
+    distance: Floats
+    edge: Ints
+    element: Ints | None = None
+    local: Floats | None = None
+    doubtful: Bools | None = None
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def take(self, index: NDArray[Any]) -> ClosestPoints:
+        """Return the records at ``index`` (integers or a mask)."""
+
+        def pick(values: Any) -> Any:
+            return None if values is None else values[index]
+
+        return ClosestPoints(
+            self.points[index],
+            self.distance[index],
+            self.edge[index],
+            pick(self.element),
+            pick(self.local),
+            pick(self.doubtful),
+        )
+
+
+@runtime_checkable
+class ClosestPointSource(Protocol):
+    """A manifold that is known by its closest points.
+
+    The data are read-only properties: a plain attribute would make frozen dataclasses
+    incompatible with the protocol under mypy.
+    """
+
+    @property
+    def dim(self) -> int:
+        """Dimension of the space, 2 or 3."""
+
+    @property
+    def manifold_dim(self) -> int | None:
+        """Dimension of the manifold: 0 a point, 1 a curve, 2 a surface; ``None`` for a mixed union."""
+
+    @property
+    def bounds(self) -> Floats:
+        """(2, d) finite lower and upper corner of a box that holds the manifold."""
+
+    @property
+    def exact(self) -> bool:
+        """True where the feet are true nearest points; False for a smoothed mesh."""
+
+    def closest_point(self, x: Floats, /) -> ClosestPoints:
+        """Return a closest point of each row of ``x``.
+
+        ``x`` is (n, d) float64 and is not written to. A degenerate query (the centre of a
+        sphere) gets *a* closest point, never the query itself.
+
+        Raises
+        ------
+        InputError
+            If ``x`` holds NaN or infinity, or its shape is not (n, d).
+        """
+
+
+@runtime_checkable
+class HasNormals(Protocol):
+    """A hypersurface that knows its own consistently signed unit normal."""
+
+    def normals(self, feet: ClosestPoints, /) -> Floats:
+        """Return (n, d) unit normals at ``feet``, records that this source answered."""
+
+
+@runtime_checkable
+class HasTangents(Protocol):
+    """A curve that knows its direction of travel."""
+
+    def tangents(self, feet: ClosestPoints, /) -> Floats:
+        """Return (n, d) unit tangents at ``feet``; at a corner the bisector of its two tangents."""
+
+
+@runtime_checkable
+class HasValues(Protocol):
+    """A source that carries data of its own: one row a vertex, a sample or a control point."""
+
+    @property
+    def value_count(self) -> int:
+        """How many rows :meth:`interpolate` expects."""
+
+    def interpolate(self, values: Floats, feet: ClosestPoints, /) -> Floats:
+        """Return ``values`` (value_count, ...) interpolated at ``feet``, (n, ...)."""
+
+
+@runtime_checkable
+class HasMesh(Protocol):
+    """A source that can be drawn."""
+
+    def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
+        """Return vertices (v, d) on the manifold and cells (m, k) of about the size ``spacing``.
+
+        ``k`` is 3 for triangles, 2 for segments, 1 for points.
+        """
+
+
+@runtime_checkable
+class HasTranslation(Protocol):
+    """A source that can restate itself in shifted coordinates without rounding its own shape.
+
+    The core queries every source in coordinates relative to the lattice's origin. A source
+    with this ability keeps its accuracy far away from zero: at 1e9 a rounded query is off by
+    1e-7, which the method would amplify by size / spacing. Others are shifted query by query.
+    """
+
+    def translated(self, offset: Floats, /) -> ClosestPointSource:
+        """Return the same source moved by ``offset`` (d,), with the same abilities."""
+
+
+@runtime_checkable
+class BoundarySet(Protocol):
+    """A point or curve inside the manifold, and what holds on each side of it."""
+
+    @property
+    def name(self) -> str:
+        """The name that reports and ``evaluate(side=...)`` use."""
+
+    @property
+    def source(self) -> ClosestPointSource:
+        """Where the boundary lies."""
+
+    @property
+    def left_of(self) -> Floats | None:
+        """(d,) a point that is on the left, for sources without a normal of their own."""
+
+    def condition(self, side: Side, /) -> Condition:
+        """Return what holds on ``side``."""
