@@ -7,7 +7,7 @@ outward at an edge). Data may be a number, one number a channel, or a function o
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -27,11 +27,14 @@ class Dirichlet:
     value : number, sequence, or callable
         A number; one number (or callable) a channel; or a function of points (n, d) that returns
         (n,) or (n, channels).
+    order : 1 or 2, optional
+        Overrides the discretisation's order for this condition.
     """
 
     value: Data
-    alpha: float = 0.0
-    beta: float = 1.0
+    order: int | None = None
+    alpha: float = field(default=0.0, init=False)
+    beta: float = field(default=1.0, init=False)
 
     @property
     def gamma(self) -> Data:
@@ -52,11 +55,14 @@ class Neumann:
     ----------
     flux : number, sequence, or callable
         As for :class:`Dirichlet`. Zero makes the boundary a wall that nothing crosses.
+    order : 1 or 2, optional
+        Overrides the discretisation's order for this condition.
     """
 
     flux: Data = 0.0
-    alpha: float = 1.0
-    beta: float = 0.0
+    order: int | None = None
+    alpha: float = field(default=1.0, init=False)
+    beta: float = field(default=0.0, init=False)
 
     @property
     def gamma(self) -> Data:

@@ -1,0 +1,138 @@
+"""Surface points as one boundary sees them: how far, and on which side.
+
+For a surface point z and a boundary C: y = cp_C(z), n the surface normal at y, t the direction of
+travel of C at y, v = n x t, which points to the left. The side of a point is decided here once, as the
+director D = ((z - y) . v) n, and used everywhere: two points are on opposite sides where D_i . D_j < 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from cpmkit.boundary.orientation import AS_GIVEN, Orientation
+from cpmkit.boundary.tangent_space import normals, project_tangent, tangents
+from cpmkit.localized import Localized
+from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
+
+#: A point nearer to the boundary than this many spacings counts as left of it.
+ON_BOUNDARY = 1e-9
+#: Blocks of this many spacings are asked before the points in them are.
+BLOCK = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """Some of a batch of surface points, as one boundary sees them.
+
+    Attributes
+    ----------
+    rows : (k,) int64
+        Which points of the batch these are, ascending.
+    foot : (k, d) float64
+        y, the closest point on the boundary.
+    end : (k,) bool
+        True where y is an end of an open curve.
+    distance : (k,) float64
+        ``|z - y|``.
+    signed : (k,) float64
+        ``(z - y) . v``, positive on the left; NaN where the boundary has no sides.
+    left : (k, d) float64
+        v, the conormal that points to the left; zero where the boundary has no sides.
+    director : (k, d) float64
+        D; zero where nothing is crossed.
+    """
+
+    rows: Ints
+    foot: Floats
+    end: Bools
+    distance: Floats
+    signed: Floats
+    left: Floats
+    director: Floats
+
+    def take(self, index: Ints | Bools) -> Frame:
+        """Return the entries at ``index``, with their row numbers."""
+        return Frame(*[getattr(self, field.name)[index] for field in fields(self)])
+
+    def renumbered(self, rows: Ints) -> Frame:
+        """Return the same entries under other row numbers."""
+        return replace(self, rows=rows)
+
+    def reversed(self) -> Frame:
+        """Return the frame as seen from the opposite side."""
+        return replace(self, director=-self.director, signed=-self.signed)
+
+
+def stack(frames: Sequence[tuple[int, Frame]]) -> Frame:
+    """Return several frames as one, the rows of each moved up by the number beside it."""
+    parts = [frame.renumbered(frame.rows + offset) for offset, frame in frames]
+    return Frame(*[np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Frame)])
+
+
+def near(source: Localized, points: Floats, radius: float, spacing: float) -> tuple[Ints, ClosestPoints]:
+    """Return which of ``points`` (n, d) lie within ``radius`` of the source, and their closest points.
+
+    Points are asked in blocks first, and one by one only where the block is near enough.
+    """
+    side = BLOCK * spacing
+    blocks, member = np.unique(np.floor(points / side).astype(np.int64), axis=0, return_inverse=True)
+    reach = radius + 0.5 * np.sqrt(source.dim) * side
+    close = source.closest_point((blocks + 0.5) * side).distance <= reach * (1 + ON_BOUNDARY)
+    rows = np.flatnonzero(close[member.ravel()])
+    feet = source.closest_point(points[rows])
+    kept = feet.distance <= radius
+    return rows[kept], feet.take(kept)
+
+
+@dataclass(frozen=True, eq=False)
+class Sighted:
+    """A boundary's source with the signs that decide its left.
+
+    Attributes
+    ----------
+    source : Localized
+        Where the boundary lies, relative to the lattice's origin.
+    surface : Localized
+        The manifold it lies in.
+    across : Orientation
+        Signs of the surface's normals (of its tangents, where the surface is a curve) along the boundary.
+    along : Orientation
+        Signs of the boundary's own tangents.
+    """
+
+    source: Localized
+    surface: Localized
+    across: Orientation = AS_GIVEN
+    along: Orientation = AS_GIVEN
+
+    @property
+    def has_sides(self) -> bool:
+        """True where the boundary cuts the manifold in two locally: a point on a curve, a curve on a surface."""
+        return self.surface.manifold_dim is not None and self.source.manifold_dim == self.surface.manifold_dim - 1
+
+    def frame(self, points: Floats, radius: float, spacing: float) -> Frame:
+        """Return how the boundary sees those surface ``points`` (n, d) that lie within ``radius`` of it."""
+        rows, feet = near(self.source, points, radius, spacing)
+        away = points[rows] - feet.points
+        distance = np.linalg.norm(away, axis=1)
+        on = self.surface.closest_point(feet.points)
+        if not self.has_sides:
+            director = project_tangent(self.surface, on, away, 0.5 * spacing)
+            nowhere = np.zeros(len(rows), dtype=bool)
+            return Frame(rows, feet.points, nowhere, distance, np.full(len(rows), np.nan), 0 * away, director)
+        axis, left = self._axis_and_left(on, feet, 0.5 * spacing)
+        signed = np.sum(away * left, axis=1)
+        signed = np.where(np.abs(signed) < ON_BOUNDARY * spacing, ON_BOUNDARY * spacing, signed)
+        return Frame(rows, feet.points, feet.edge >= 0, distance, signed, left, signed[:, None] * axis)
+
+    def _axis_and_left(self, on: ClosestPoints, feet: ClosestPoints, step: float) -> tuple[Floats, Floats]:
+        """Return the vector that carries the sign of a director, and the conormal v, at feet on the boundary."""
+        if self.surface.manifold_dim == 1:
+            left = -self.across.apply(on.points, tangents(self.surface, on, step))
+            return left, left
+        n = self.across.apply(on.points, normals(self.surface, on, step))
+        left = np.cross(n, self.along.apply(feet.points, tangents(self.source, feet, step)))
+        return n, left / np.linalg.norm(left, axis=1, keepdims=True)

@@ -1,0 +1,172 @@
+"""Ghosts: a second unknown at the nodes near a boundary, that carries the solution of the other side.
+
+A ghost stands where its node stands, on one side of the boundary, and continues the solution from
+the other side across it, by the formula of the condition that holds there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cpmkit.boundary.edge import Reading
+from cpmkit.boundary.formulas import coefficient_and_factor, mirror_distance
+from cpmkit.boundary.frame import Frame, Sighted, near
+from cpmkit.conditions import Condition, evaluate_data
+from cpmkit.grid.band import Band
+from cpmkit.grid.lattice import Lattice
+from cpmkit.grid.stencils import reading_radius
+from cpmkit.protocols import Bools, BoundarySet, Floats, Ints
+
+#: Below this share of the spacing, the direction from a ghost to the boundary is taken from the conormal.
+TOUCHING = 1e-3
+#: Data that jump across a boundary are read this share of the spacing inside the side they belong to.
+INSIDE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Ghosts:
+    """The ghosts of one boundary, unknowns first; after them nodes at which only E u is needed.
+
+    Attributes
+    ----------
+    nodes : (g,) int64
+        Numbers of the nodes in the band.
+    unknowns : int
+        How many of the ghosts are unknowns.
+    numbers : (band nodes,) int64
+        For each node of the band its ghost, -1 where it has none.
+    director : (g, d) float64
+        D of the nodes; the ghosts themselves see the boundary from -D.
+    reading : Reading
+        What the ghosts read.
+    frames : sequence of Frame
+        How the ghosts' stencils see each boundary.
+    inside : (g, d) float64
+        Points just inside the side that each ghost carries, where right-hand sides are read.
+    carries_left : (g,) bool
+        True where the ghost carries the left side's solution.
+    first_order : (g,) bool
+        True where the ghost is of order 1.
+    """
+
+    nodes: Ints
+    unknowns: int
+    numbers: Ints
+    director: Floats
+    reading: Reading
+    frames: Sequence[Frame]
+    inside: Floats
+    carries_left: Bools
+    first_order: Bools
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """All boundaries of a scene, and how the band's nodes see them."""
+
+    boundaries: Sequence[BoundarySet]
+    sighted: Sequence[Sighted]
+    frames: Sequence[Frame]
+
+
+def build_ghosts(index: int, sight: Sight, band: Band, lattice: Lattice, reading: Reading, order: int) -> Ghosts:
+    """Return the ghosts of boundary ``index``.
+
+    A node has a ghost if it is within the reach of a stencil from the boundary, and the boundary's
+    point nearest to its foot is no open end.
+    """
+    seen, unknowns = _ghost_nodes(sight.sighted[index], sight.frames[index], band)
+    foot_point = reading.points[seen.rows]
+    carries_left = seen.signed < 0
+    first = np.full(len(seen.rows), order == 1)
+    for side, members in (("left", carries_left), ("right", ~carries_left)):
+        own_order = sight.boundaries[index].condition(side).order  # type: ignore[arg-type]
+        first[members] = (own_order or order) == 1
+    first |= _mirror_beyond_another(index, sight, seen, foot_point, band.spacing)
+    mirrored, direction = _read_mirror(index, sight, lattice, seen, foot_point, first, reading.datum.shape[1])
+    past_edge = reading.take(seen.rows)
+    composed = Reading(
+        mirrored.points,
+        past_edge.coefficient * mirrored.coefficient,
+        past_edge.coefficient[:, None] * mirrored.datum + past_edge.datum,
+    )
+    numbers = np.full(len(band.nodes), -1)
+    numbers[seen.rows] = np.arange(len(seen.rows))
+    frames = _ghost_frames(index, sight, seen, mirrored.points, band)
+    inside = seen.foot + INSIDE * band.spacing * direction
+    return Ghosts(seen.rows, unknowns, numbers, seen.director, composed, frames, inside, carries_left, first)
+
+
+def _ghost_nodes(sighted: Sighted, seen: Frame, band: Band) -> tuple[Frame, int]:
+    """Return the frame of the nodes that have a ghost, unknowns first, and the number of unknowns."""
+    reach = reading_radius(band.dim, band.degree) * band.spacing
+    close, feet = near(sighted.source, band.positions[seen.rows], reach + band.spacing, band.spacing)
+    kept = ~seen.end[close]
+    close, distance = close[kept], feet.distance[kept]
+    unknown = (seen.rows[close] < band.inner) & (distance <= reach)
+    order = np.concatenate([close[unknown], close[~unknown]])
+    return seen.take(order), int(unknown.sum())
+
+
+def _direction(seen: Frame, foot_point: Floats, spacing: float) -> Floats:
+    """Return unit vectors (g, d) from the nodes' feet towards the boundary and on into the side that is carried."""
+    towards = seen.foot - foot_point
+    touching = seen.distance < TOUCHING * spacing
+    length = np.where(touching, 1.0, seen.distance)[:, None]
+    across = -np.sign(np.nan_to_num(seen.signed))[:, None] * seen.left
+    return np.where(touching[:, None], across, towards / length)
+
+
+def _mirror_beyond_another(index: int, sight: Sight, seen: Frame, foot_point: Floats, spacing: float) -> Bools:
+    """Tell which ghosts have their mirror point beyond another boundary; those can only be of order 1."""
+    beyond = np.zeros(len(seen.rows), dtype=bool)
+    others = [other for other in range(len(sight.sighted)) if other != index]
+    if not others or not len(seen.rows):
+        return beyond
+    h = np.maximum(seen.distance, 0.5 * spacing)[:, None]
+    surface = sight.sighted[index].surface
+    mirror = surface.closest_point(seen.foot + h * _direction(seen, foot_point, spacing)).points
+    reach = 2 * float(h.max())
+    for other in others:
+        at_mirror = sight.sighted[other].frame(mirror, reach, spacing)
+        at_foot = sight.sighted[other].frame(seen.foot[at_mirror.rows], 2 * reach, spacing)
+        facing = at_mirror.take(at_foot.rows)
+        opposite = np.sum(facing.director * at_foot.director, axis=1) < 0
+        beyond[facing.rows[opposite & ~facing.end & ~at_foot.end]] = True
+    return beyond
+
+
+def _read_mirror(
+    index: int, sight: Sight, lattice: Lattice, seen: Frame, foot_point: Floats, first: Bools, channels: int
+) -> tuple[Reading, Floats]:
+    """Return what the ghosts read, edges aside, and the unit directions into the sides that they carry."""
+    boundary, surface, spacing = sight.boundaries[index], sight.sighted[index].surface, lattice.spacing
+    direction = _direction(seen, foot_point, spacing)
+    g = len(seen.rows)
+    points, coefficient, datum = np.empty_like(foot_point), np.empty(g), np.empty((g, channels))
+    left = boundary.condition("left")
+    right = boundary.condition("right")
+    groups: list[tuple[Condition, Bools]] = (
+        [(left, np.ones(g, dtype=bool))] if left is right else [(left, seen.signed < 0), (right, seen.signed >= 0)]
+    )
+    for condition, rows in groups:
+        h = mirror_distance(condition, seen.distance[rows], first[rows], spacing)
+        points[rows] = surface.closest_point(seen.foot[rows] + h[:, None] * direction[rows]).points
+        s = np.linalg.norm(foot_point[rows] - points[rows], axis=1)
+        coefficient[rows], factor = coefficient_and_factor(condition, seen.distance[rows], s, first[rows], spacing)
+        where = lattice.to_scene(seen.foot[rows])
+        datum[rows] = factor[:, None] * evaluate_data(condition.gamma, where, channels, f"boundary {boundary.name!r}")
+    return Reading(points, coefficient, datum), direction
+
+
+def _ghost_frames(index: int, sight: Sight, seen: Frame, mirror: Floats, band: Band) -> list[Frame]:
+    """Return how the ghosts see each boundary: their own from the opposite side, the others from the mirror point."""
+    radius = 2 * reading_radius(band.dim, band.degree) * band.spacing
+    numbered = replace(seen.reversed(), rows=np.arange(len(seen.rows)))
+    return [
+        numbered if other == index else sighted.frame(mirror, radius, band.spacing)
+        for other, sighted in enumerate(sight.sighted)
+    ]

@@ -1,0 +1,66 @@
+"""Normals and tangents at points of a manifold, from the source itself or from its closest points alone."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.localized import Localized
+from cpmkit.protocols import ClosestPoints, Floats
+
+#: An eigenvalue of the closest point map's Jacobian above this belongs to a tangent direction.
+TANGENT = 0.5
+
+
+def jacobian(source: Localized, points: Floats, step: float) -> Floats:
+    """Return the Jacobian (n, d, d) of the closest point map at ``points``, by central differences, symmetrised.
+
+    On a manifold it is the projection on the tangent space (Maerz and Macdonald 2012).
+    """
+    dim = source.dim
+    shifts = step * np.concatenate([np.eye(dim), -np.eye(dim)])
+    feet = source.closest_point((points[:, None] + shifts).reshape(-1, dim)).points.reshape(-1, 2 * dim, dim)
+    columns = (feet[:, :dim] - feet[:, dim:]) / (2 * step)
+    return 0.5 * (columns + columns.transpose(0, 2, 1))
+
+
+def normals(surface: Localized, feet: ClosestPoints, step: float) -> Floats:
+    """Return unit normals (n, d) of a hypersurface at ``feet``; without a sign that means anything if the source has none."""
+    if surface.has_normals:
+        return surface.normals(feet)
+    return np.linalg.eigh(jacobian(surface, feet.points, step))[1][:, :, 0]
+
+
+def tangents(curve: Localized, feet: ClosestPoints, step: float) -> Floats:
+    """Return unit tangents (n, d) of a curve at ``feet``; without a sign that means anything if the source has none."""
+    if curve.has_tangents:
+        return curve.tangents(feet)
+    return np.linalg.eigh(jacobian(curve, feet.points, step))[1][:, :, -1]
+
+
+def outward_conormals(surface: Localized, feet: Floats, step: float) -> Floats:
+    """Return the outward conormals (n, d) at points ``feet`` of an open manifold's edge.
+
+    ``b = -unit of (I - n n') sum_k [cp(y + h e_k) + cp(y - h e_k) - 2 y]``: inside, the closest
+    points around y average to y; at an edge they lean inwards. Second order in the step h. The
+    normal part, which curvature adds, is removed with the tangent projection T for any codimension.
+    """
+    dim = surface.dim
+    shifts = step * np.concatenate([np.eye(dim), -np.eye(dim)])
+    around = surface.closest_point((feet[:, None] + shifts).reshape(-1, dim)).points.reshape(-1, 2 * dim, dim)
+    lean = -(around - feet[:, None]).sum(axis=1)
+    inside = surface.closest_point(feet - step * lean / np.linalg.norm(lean, axis=1, keepdims=True))
+    lean = project_tangent(surface, inside, lean, step)
+    return lean / np.linalg.norm(lean, axis=1, keepdims=True)
+
+
+def project_tangent(surface: Localized, feet: ClosestPoints, vectors: Floats, step: float) -> Floats:
+    """Return ``vectors`` (n, d) projected on the tangent space at ``feet``."""
+    if surface.manifold_dim == surface.dim - 1 and surface.dim == 3:
+        n = normals(surface, feet, step)
+        return vectors - np.sum(vectors * n, axis=1, keepdims=True) * n
+    if surface.manifold_dim == 1:
+        t = tangents(surface, feet, step)
+        return np.sum(vectors * t, axis=1, keepdims=True) * t
+    values, axes = np.linalg.eigh(jacobian(surface, feet.points, step))
+    kept = np.einsum("nij,ni->nj", axes, vectors) * (values > TANGENT)
+    return np.einsum("nij,nj->ni", axes, kept)

@@ -1,0 +1,99 @@
+"""Finding files that a scene names, and reading meshes."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+from cpmkit.errors import InputError
+from cpmkit.protocols import Floats, Ints
+
+#: The public collection odedstein/meshes; a mesh is fetched from here only on request and only with the extra `data`.
+ORIGIN = "https://raw.githubusercontent.com/odedstein/meshes"
+#: Commit, path and SHA-256 of the meshes that the examples use.
+KNOWN = {
+    "nefertiti-lowres.obj": (
+        "49649a22cf07bb8afb8a1017775e5fe8448a5ac2/objects/nefertiti/nefertiti-lowres.obj",
+        "3ae65c1ec016d2903af36e2fff43c8dd7cd982cec45ce09fc57f18a5ee1c3ffb",
+    ),
+    "spot.obj": (
+        "e05bf12d2bee57a1b81a972f49140822726626ec/objects/spot/spot.obj",
+        "5fabbceb4fb27534f0a15077e305b65bf0fcab83f188c90fd71a9c86f9ca7e3a",
+    ),
+}
+
+
+def cache_folder() -> Path:
+    """Return the user's cache of meshes: ``CPMKIT_CACHE``, or a folder in the XDG cache."""
+    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(os.environ.get("CPMKIT_CACHE") or Path(base) / "cpmkit")
+
+
+def find_file(name: str | Path, beside: Path | None = None) -> Path:
+    """Return the path of a file named in a scene.
+
+    Looked for beside the scene (or in the working directory), in the folder that ``CPMKIT_DATA``
+    names, in the user's cache; a mesh of the examples is fetched into the cache, its checksum
+    verified, where the extra `data` is installed and ``CPMKIT_FETCH`` is not ``0``.
+
+    Raises
+    ------
+    InputError
+        If the file is in none of these places; the message lists them.
+    """
+    folders = [beside or Path.cwd()]
+    if os.environ.get("CPMKIT_DATA"):
+        folders.append(Path(os.environ["CPMKIT_DATA"]))
+    folders.append(cache_folder())
+    for folder in folders:
+        if (folder / name).is_file():
+            return folder / name
+    fetched = _fetch(str(name)) if str(name) in KNOWN and os.environ.get("CPMKIT_FETCH") != "0" else None
+    if fetched is not None:
+        return fetched
+    hint = f"; {name} is one of the meshes at {ORIGIN}, download it into one of these folders" if str(name) in KNOWN else ""
+    raise InputError(f"no file {str(name)!r}; looked in {', '.join(map(str, folders))}{hint}.")
+
+
+def _fetch(name: str) -> Path | None:
+    """Return a mesh of the examples fetched into the cache, None where that is not possible."""
+    try:
+        import pooch
+    except ImportError:
+        return None
+    path, checksum = KNOWN[name]
+    base = os.environ.get("CPMKIT_ORIGIN", ORIGIN)
+    try:
+        return Path(pooch.retrieve(f"{base}/{path}", f"sha256:{checksum}", fname=name, path=cache_folder()))
+    except OSError:
+        return None
+    except ValueError as error:
+        raise InputError(f"the file fetched for {name!r} does not have the expected checksum; nothing was kept.") from error
+
+
+def read_mesh(file: str | Path) -> tuple[Floats, Ints]:
+    """Read a triangle mesh: OBJ, PLY, STL or OFF.
+
+    Parameters
+    ----------
+    file : path
+        Found as :func:`find_file` says.
+
+    Returns
+    -------
+    vertices : (n, 3) float64
+        In the file's order, exact duplicates merged.
+    faces : (m, 3) int64
+
+    Raises
+    ------
+    InputError
+        If the file is missing, empty or unreadable.
+    PluginError
+        If the mesh plugin is not installed.
+    """
+    from cpmkit.plugins import load
+
+    mesh: tuple[Any, Any] = load("mesh.triangles").read_mesh(find_file(file))
+    return mesh

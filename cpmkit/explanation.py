@@ -1,0 +1,155 @@
+"""What a solve will build, why each part is there, and what it will cost, before it is built."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from cpmkit import memory
+from cpmkit.boundary.edge import is_wall
+from cpmkit.conditions import Condition
+from cpmkit.errors import InputError
+from cpmkit.protocols import HasNormals, HasTangents
+from cpmkit.rehearsal import Counts, count, manifold_dim
+from cpmkit.resolution import suggest_spacing
+from cpmkit.scene import Scene
+from cpmkit.solvers import choose_solver
+
+
+@dataclass(frozen=True)
+class Part:
+    """One thing that a solve builds: what, how many, and why it is there."""
+
+    name: str
+    amount: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """What a solve will build.
+
+    Attributes
+    ----------
+    parts : tuple of Part
+        What is built, in the order of the line.
+    left_out : tuple of str
+        What the scene does not require and is therefore not built.
+    unknowns, closest_point_queries, bytes : int
+        Predicted to 10 percent, 10 percent and a factor of 2; ``bytes`` is the peak of tables and vectors.
+    solver : str
+        The solver that will be taken.
+    exact : bool
+        True where the counts come from a layout at the spacing itself.
+    """
+
+    parts: tuple[Part, ...]
+    left_out: tuple[str, ...]
+    unknowns: int
+    closest_point_queries: int
+    bytes: int
+    solver: str
+    exact: bool
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the explanation as plain values."""
+        return asdict(self)
+
+    def __str__(self) -> str:
+        widths = [max(len(getattr(part, key)) for part in self.parts) for key in ("name", "amount")]
+        lines = [f"{part.name:<{widths[0]}}  {part.amount:>{widths[1]}}  {part.reason}" for part in self.parts]
+        about = "" if self.exact else "about "
+        lines += ["", f"unknowns               {about}{self.unknowns:,}"]
+        lines += [f"closest point queries  {about}{self.closest_point_queries:,}"]
+        lines += [f"memory at the peak     about {self.bytes / 2**20:,.1f} MiB"]
+        if self.left_out:
+            lines += ["", "not built: " + "; ".join(self.left_out)]
+        return "\n".join(lines)
+
+
+def explain(
+    scene: Scene,
+    spacing: float | None = None,
+    *,
+    degree: int = 3,
+    order: int = 2,
+    origin: Any = None,
+    solver: str = "auto",
+    **others: Any,
+) -> Explanation:
+    """Say what :func:`cpmkit.solve` with the same arguments will build, why, and at what cost.
+
+    Large scenes are rehearsed on two coarse lattices; nothing is built at the spacing itself.
+
+    Raises
+    ------
+    InputError, SceneError, ResolutionError
+        As ``solve`` would.
+    """
+    del others  # tolerance and the like change nothing of what is built
+    if spacing is None:
+        raise InputError(f"spacing is needed, in the scene's unit of length; for this surface try spacing={suggest_spacing(scene):g}.")
+    counts, rehearsed = count(scene, spacing, degree=degree, order=order, origin=origin)
+    memory.check_fits(counts["unknowns"], scene.surface.dim, manifold_dim(scene), degree, spacing)
+    chosen = choose_solver(solver, counts["unknowns"], scene.surface.manifold_dim)
+    needed = memory.peak_bytes(counts["rows"], counts["unknowns"], scene.surface.dim, degree, scene.channels, chosen)
+    parts = [*_surface_parts(scene, counts, degree), *_edge_parts(scene, counts, order), *_boundary_parts(scene, counts, order)]
+    parts.append(_solver_part(scene, counts, chosen, solver))
+    left_out = _left_out(scene, counts, order, [g.unknowns for g in rehearsed.ghosts])
+    return Explanation(
+        tuple(parts), tuple(left_out), counts["unknowns"], counts["queries"], int(needed), chosen, counts.exact
+    )
+
+
+def _surface_parts(scene: Scene, counts: Counts, degree: int) -> list[Part]:
+    outer = counts["nodes"] - counts["inner"]
+    return [
+        Part("inner nodes", f"{counts['inner']:,}", f"unknowns: read by interpolation of degree {degree} at surface points"),
+        Part("outer nodes", f"{outer:,}", "difference neighbours of inner nodes; only E u is needed there"),
+    ]
+
+
+def _edge_parts(scene: Scene, counts: Counts, order: int) -> list[Part]:
+    if not counts["past edge"]:
+        return []
+    edges = list(scene.edge.values()) if isinstance(scene.edge, dict) else [scene.edge]
+    kinds = ", ".join(sorted({_named(edge) for edge in edges if not callable(edge)}))  # type: ignore[arg-type]
+    how = "read at the edge" if order == 1 else "read at a mirror point inside, second order"
+    return [Part("nodes past the edge", f"{counts['past edge']:,}", f"the manifold is open; {kinds}, {how}")]
+
+
+def _boundary_parts(scene: Scene, counts: Counts, order: int) -> list[Part]:
+    parts = []
+    for number, boundary in enumerate(scene.boundaries):
+        left, right = boundary.condition("left"), boundary.condition("right")
+        sides = _named(left) if left is right else f"{_named(left)} left, {_named(right)} right"
+        why = f"second unknowns that continue each side across it: {sides}, order {order}"
+        parts.append(Part(f"ghosts of {boundary.name!r}", f"{counts[f'ghosts {number}']:,}", why))
+    return parts
+
+
+def _solver_part(scene: Scene, counts: Counts, chosen: str, asked: str) -> Part:
+    channels = f"{scene.channels} channel{'s' if scene.channels > 1 else ''}"
+    size = "few enough unknowns to factorise" if chosen == "direct" else "too many unknowns to factorise quickly"
+    why = size if asked == "auto" else "as asked"
+    return Part(f"solver {chosen!r}", channels, f"{why}; -Lap u{f' + {scene.problem.c:g} u' if scene.problem.c else ''} = f")
+
+
+def _left_out(scene: Scene, counts: Counts, order: int, ghosts: Sequence[int]) -> list[str]:
+    left_out = []
+    if not scene.boundaries:
+        left_out.append("crossing tests and ghosts (no boundary)")
+    if order == 1:
+        left_out.append("mirror points (order 1)")
+    if not counts["past edge"]:
+        left_out.append("edge rows (no node past an edge)")
+    if scene.boundaries and (isinstance(scene.surface, HasNormals) or isinstance(scene.surface, HasTangents)):
+        left_out.append("normals by differences (the surface gives its own)")
+    if scene.problem.kind == "laplace":
+        left_out.append("right-hand side (Laplace)")
+    return left_out
+
+
+def _named(condition: Condition) -> str:
+    return "zero Neumann" if is_wall(condition) else condition.kind.capitalize()

@@ -1,0 +1,132 @@
+"""Saving a solution: the suffix of the file decides what is written."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cpmkit.errors import InputError, MissingDependencyError
+from cpmkit.files import written_whole
+from cpmkit.protocols import ClosestPointSource, HasMesh
+from cpmkit.surface_mesh import DisplayMesh, mesh_of
+from cpmkit.view.drawing import in_space, value_colours
+
+if TYPE_CHECKING:
+    from cpmkit.solution import Solution
+
+
+def save(solution: Solution, path: str | Path) -> None:
+    """Write ``solution`` to ``path``, whole or not at all.
+
+    ========  ==================================================================================
+    suffix    contents
+    ========  ==================================================================================
+    ``.vtp``  the surface's mesh, cut along the boundaries, for ParaView: point data ``u`` and,
+              where there are three channels, ``rgb``
+    ``.ply``  the same mesh with a colour a vertex: the three channels, or the first in viridis
+    ``.npz``  arrays ``points``, ``cells``, ``values``, ``original`` of that mesh, and the lattice
+              and its unknowns under names that begin with ``lattice_``
+    ``.json`` the summary: what was solved, what it cost, what it reached
+    ========  ==================================================================================
+
+    Raises
+    ------
+    InputError
+        If the suffix is none of these, the surface has no mesh to write, or the file cannot be
+        written.
+    MissingDependencyError
+        If the format needs pyvista and that is not installed.
+    """
+    path = Path(path)
+    check_file(path, solution.scene.surface)
+    with written_whole(path) as unfinished:
+        _WRITERS[path.suffix.lower()](solution, unfinished)
+
+
+def check_file(path: str | Path, surface: ClosestPointSource) -> None:
+    """Check, before anything is solved, that a solution on ``surface`` can be saved as ``path``.
+
+    Raises
+    ------
+    InputError, MissingDependencyError
+        As :func:`save` does.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in _WRITERS:
+        raise InputError(f"A solution cannot be saved as {path.name!r}; accepted are {', '.join(_WRITERS)}.")
+    if suffix not in (".vtp", ".ply"):
+        return
+    mesh_of(surface)
+    if suffix == ".ply" and surface.manifold_dim == 1:
+        raise InputError(
+            f"{path.name!r} would hold a curve, and PLY files hold triangles; accepted are .vtp, .npz, .json."
+        )
+    if find_spec("pyvista") is None:
+        raise MissingDependencyError(f"{suffix} files are written by pyvista; `pip install '.[view]'` adds it.")
+
+
+def write_summary(summary: Mapping[str, Any], path: str | Path) -> None:
+    """Write a mapping of plain values as JSON, whole or not at all."""
+    with written_whole(Path(path)) as unfinished:
+        unfinished.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+
+
+def _save_vtp(solution: Solution, path: Path) -> None:
+    mesh = solution.display_mesh()
+    data = _poly_data(mesh)
+    data.point_data["u"] = mesh.values[:, 0] if solution.channels == 1 else mesh.values
+    if solution.channels == 3:
+        data.point_data["rgb"] = _bytes(mesh.values)
+    if mesh.normals is not None:
+        data.point_data.active_normals = mesh.normals
+    data.save(path)
+
+
+def _save_ply(solution: Solution, path: Path) -> None:
+    mesh = solution.display_mesh()
+    colours = mesh.values if solution.channels == 3 else value_colours(mesh.values[:, 0])[0]
+    _poly_data(mesh).save(path, texture=_bytes(colours))
+
+
+def _save_npz(solution: Solution, path: Path) -> None:
+    arrays = {f"lattice_{name}": array for name, array in solution.arrays().items()}
+    if isinstance(solution.scene.surface, HasMesh):
+        mesh = solution.display_mesh()
+        arrays |= {
+            "points": mesh.points,
+            "cells": mesh.cells,
+            "values": mesh.values,
+            "original": np.array(mesh.original),
+        }
+    np.savez_compressed(path, **arrays)
+
+
+def _save_json(solution: Solution, path: Path) -> None:
+    path.write_text(json.dumps(solution.summary(), indent=2) + "\n", encoding="utf-8")
+
+
+_WRITERS: dict[str, Callable[[Solution, Path], None]] = {
+    ".vtp": _save_vtp,
+    ".ply": _save_ply,
+    ".npz": _save_npz,
+    ".json": _save_json,
+}
+
+
+def _poly_data(mesh: DisplayMesh) -> Any:
+    import pyvista
+
+    corners = mesh.cells.shape[1]
+    listed = np.insert(mesh.cells, 0, corners, axis=1).ravel()
+    points = in_space(mesh.points)
+    return pyvista.PolyData(points, lines=listed) if corners == 2 else pyvista.PolyData(points, faces=listed)
+
+
+def _bytes(colours: Any) -> Any:
+    return np.round(255 * np.clip(colours, 0, 1)).astype(np.uint8)

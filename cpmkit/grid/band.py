@@ -1,0 +1,145 @@
+"""The band: the lattice nodes on which a surface's PDE is solved.
+
+Inner nodes are those that an interpolation stencil of a surface point reads: the unknowns. Outer
+nodes are their difference neighbours, at which only the extension E u is needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from cpmkit import memory
+from cpmkit.errors import ResolutionError
+from cpmkit.grid.lattice import Codes, find
+from cpmkit.grid.stencils import base_offset, stencil_range
+from cpmkit.localized import Localized
+from cpmkit.protocols import ClosestPoints, Floats, Ints
+
+#: Share of a cell's half diagonal by which a cell is kept although the surface seems to miss it: rounding.
+SLACK = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Band:
+    """Nodes around a surface, inner ones first.
+
+    Attributes
+    ----------
+    spacing, degree : float, int
+        Spacing of the lattice and degree of the interpolation that reads the band.
+    nodes : (n, d) int64
+        Lattice nodes, the ``inner`` unknowns first, each part in the order of its codes.
+    inner : int
+        How many of the nodes are inner.
+    feet : ClosestPoints
+        Of all nodes, relative to the lattice's origin.
+    codes : Codes
+        The numbering under which nodes are looked up.
+    """
+
+    spacing: float
+    degree: int
+    nodes: Ints
+    inner: int
+    feet: ClosestPoints
+    codes: Codes
+
+    @property
+    def dim(self) -> int:
+        """Dimension d of the space."""
+        return self.nodes.shape[1]
+
+    @property
+    def positions(self) -> Floats:
+        """(n, d) nodes in units of length, relative to the lattice's origin."""
+        return self.nodes * self.spacing
+
+    def find_inner(self, nodes: Ints) -> Ints:
+        """Return the numbers of integer ``nodes`` (..., d) among the inner nodes, -1 where they are none."""
+        return find(self._inner_codes, self.codes.encode(nodes))
+
+    def find(self, nodes: Ints) -> Ints:
+        """Return the numbers of integer ``nodes`` (..., d) in the band, -1 where they are outside."""
+        codes = self.codes.encode(nodes)
+        inner, outer = find(self._inner_codes, codes), find(self._outer_codes, codes)
+        return np.where(inner >= 0, inner, np.where(outer >= 0, outer + self.inner, -1))
+
+    @cached_property
+    def _inner_codes(self) -> Ints:
+        return self.codes.encode(self.nodes[: self.inner])
+
+    @cached_property
+    def _outer_codes(self) -> Ints:
+        return self.codes.encode(self.nodes[self.inner :])
+
+
+def cell_levels(source: Localized, spacing: float, offset: float) -> Iterator[tuple[int, Ints]]:
+    """Yield, from coarse to fine, the side in cells and the indices (k, d) of all blocks that the manifold may meet.
+
+    A block is kept if the distance at its centre is at most half its diagonal. As distance is
+    1-Lipschitz and never above the true one, no block that holds a point of the manifold is lost,
+    whatever its number of pieces; at the last level, side 1, the blocks are cells.
+    """
+    cells = np.floor(source.bounds / spacing + offset).astype(np.int64)
+    extent = int((cells[1] - cells[0]).max()) + 1
+    side = 1 << max(extent - 1, 0).bit_length()
+    dim = source.dim
+    children = np.stack(np.meshgrid(*[np.arange(2)] * dim, indexing="ij"), axis=-1).reshape(-1, dim)
+    lower, upper = cells[0] // side, cells[1] // side
+    blocks = np.stack(np.meshgrid(*[np.arange(a, b + 1) for a, b in zip(lower, upper, strict=True)], indexing="ij"), -1)
+    blocks = blocks.reshape(-1, dim)
+    while True:
+        centres = ((blocks + 0.5) * side - offset) * spacing
+        reach = 0.5 * np.sqrt(dim) * side * spacing * (1 + SLACK)
+        blocks = blocks[source.closest_point(centres).distance <= reach]
+        yield side, blocks
+        if side == 1:
+            return
+        blocks = (2 * blocks[:, None] + children).reshape(-1, dim)
+        side //= 2
+
+
+def surface_cells(source: Localized, spacing: float, degree: int) -> Ints:
+    """Return the interpolation cells (c, d) that hold the manifold, and a few at its side.
+
+    Raises
+    ------
+    ResolutionError
+        If the band of these cells would not fit into the machine's memory, as soon as that shows.
+    """
+    manifold_dim = source.dim if source.manifold_dim is None else source.manifold_dim
+    for side, blocks in cell_levels(source, spacing, base_offset(degree)):
+        # A block of a smooth m-dimensional piece has side^m cells at the end; each brings about 1.3 (p + 1)^(d - m) nodes.
+        unknowns = len(blocks) * float(side) ** manifold_dim * 1.3 * (degree + 1) ** (source.dim - manifold_dim)
+        if side > 1:  # coarse blocks overstate the manifold by at most their own thickness
+            unknowns /= 4
+        memory.check_fits(unknowns, source.dim, manifold_dim, degree, spacing)
+    return blocks
+
+
+def build_band(source: Localized, spacing: float, degree: int) -> Band:
+    """Find the nodes of the band of ``source`` and their closest points.
+
+    Every surface point's stencil is in the band, not only those of the nodes' own closest points,
+    so that a solution can be read anywhere.
+
+    Raises
+    ------
+    ResolutionError
+        If the band would not fit into memory.
+    """
+    cells = surface_cells(source, spacing, degree)
+    if not len(cells):
+        raise ResolutionError("The source has no point inside its own bounds: its closest points and bounds contradict each other.")
+    codes = Codes.around(cells, degree + 2)
+    inner = np.sort(codes.encode(cells))
+    for axis in range(source.dim):
+        inner = codes.dilate(inner, axis, stencil_range(degree))
+    around = [codes.dilate(inner, axis, range(-1, 2)) for axis in range(source.dim)]
+    outer = np.setdiff1d(np.unique(np.concatenate(around)), inner, assume_unique=True)
+    nodes = codes.decode(np.concatenate([inner, outer]))
+    return Band(spacing, degree, nodes, len(inner), source.closest_point(nodes * spacing), codes)

@@ -1,0 +1,94 @@
+"""The lattice: integer nodes, their positions, and integer codes that stand for them in sorted tables.
+
+Geometry inside the core is kept relative to the lattice's origin, so that a node is at
+``spacing * i`` to rounding, wherever in space the model lies.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cpmkit.errors import ResolutionError
+from cpmkit.protocols import Floats, Ints
+
+
+@dataclass(frozen=True, eq=False)
+class Lattice:
+    """Nodes at ``origin + spacing * i`` for integer i.
+
+    Attributes
+    ----------
+    origin : (d,) float64
+        Position of node zero in the scene's coordinates.
+    spacing : float
+        Distance of neighbouring nodes, in the scene's unit.
+    """
+
+    origin: Floats
+    spacing: float
+
+    @property
+    def dim(self) -> int:
+        """Dimension d of the space."""
+        return len(self.origin)
+
+    def to_scene(self, points: Floats) -> Floats:
+        """Return points given relative to the origin in the scene's coordinates."""
+        return points + self.origin
+
+    def to_local(self, points: Floats) -> Floats:
+        """Return points given in the scene's coordinates relative to the origin."""
+        return points - self.origin
+
+
+@dataclass(frozen=True, eq=False)
+class Codes:
+    """A numbering of the integer points of a box, never stored: C order, so that sorted codes are sorted points.
+
+    Attributes
+    ----------
+    lower : (d,) int64
+        Lowest point of the box.
+    shape : (d,) int64
+        Points per axis.
+    """
+
+    lower: Ints
+    shape: Ints
+
+    @classmethod
+    def around(cls, points: Ints, margin: int) -> Codes:
+        """Return the numbering of the box around integer ``points`` (n, d), widened by ``margin`` on each side."""
+        lower = points.min(axis=0) - margin
+        shape = points.max(axis=0) + margin + 1 - lower
+        if np.prod(shape.astype(float)) > 2.0**62:
+            raise ResolutionError(f"The lattice of {shape.tolist()} nodes is too fine to be numbered; use a larger spacing.")
+        return cls(lower, shape)
+
+    @property
+    def strides(self) -> Ints:
+        """(d,) difference of the codes of two neighbours along each axis."""
+        return np.append(np.cumprod(self.shape[:0:-1])[::-1], 1).astype(np.int64)
+
+    def encode(self, points: Ints) -> Ints:
+        """Return the codes (...,) of integer points (..., d) inside the box."""
+        return np.asarray((points - self.lower) @ self.strides, dtype=np.int64)
+
+    def decode(self, codes: Ints) -> Ints:
+        """Return the integer points (n, d) of codes (n,)."""
+        return np.stack(np.unravel_index(codes, tuple(self.shape)), axis=1).astype(np.int64) + self.lower
+
+    def dilate(self, codes: Ints, axis: int, offsets: range) -> Ints:
+        """Return the sorted codes of all points that lie at ``offsets`` from the given ones along ``axis``."""
+        shifted = codes[:, None] + self.strides[axis] * np.array(offsets, dtype=np.int64)
+        return np.unique(shifted)
+
+
+def find(sorted_codes: Ints, codes: Any) -> Ints:
+    """Return the positions of ``codes`` in ``sorted_codes``, -1 where they are absent."""
+    position = np.searchsorted(sorted_codes, codes)
+    position[position == len(sorted_codes)] = 0
+    return np.where(sorted_codes[position] == codes, position, -1) if len(sorted_codes) else np.full(np.shape(codes), -1)

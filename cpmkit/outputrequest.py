@@ -1,0 +1,57 @@
+"""What a scene file asks to be written."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from cpmkit.arrays import as_vector
+from cpmkit.errors import SceneError
+
+SUFFIXES = (".vtp", ".ply", ".npz", ".json")
+
+
+@dataclass(frozen=True)
+class PictureRequest:
+    """A picture: its file in the output folder, its width in pixels, and the camera.
+
+    Parameters
+    ----------
+    file : str
+        Name of a PNG.
+    width : int
+        Pixels.
+    view, up : three numbers, optional
+        The direction from the model towards the camera, and the one that points up in the picture.
+    curves : bool
+        Draw the boundaries.
+    """
+
+    file: str = "picture.png"
+    width: int = 1200
+    view: tuple[float, ...] | None = None
+    up: tuple[float, ...] | None = None
+    curves: bool = True
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.file, str) or not self.file.endswith(".png"):
+            raise SceneError(f"the picture's file must end in .png, got {self.file!r}.")
+        if isinstance(self.width, bool) or not isinstance(self.width, int) or not 16 <= self.width <= 10_000:
+            raise SceneError(f"the picture's width must be 16 to 10000 pixels, got {self.width!r}.")
+        for name in ("view", "up"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, tuple(as_vector(getattr(self, name), 3, f"{name} of the picture").tolist()))
+
+
+@dataclass(frozen=True)
+class OutputRequest:
+    """Where results go: a folder relative to the working directory, files in it, and a picture."""
+
+    folder: Path
+    files: tuple[str, ...]
+    picture: PictureRequest | None
+
+    def __post_init__(self) -> None:
+        for file in self.files:
+            if not isinstance(file, str) or not file.endswith(SUFFIXES):
+                raise SceneError(f"files of [output] must end in {', '.join(SUFFIXES)}, got {file!r}.")

@@ -1,0 +1,25 @@
+"""Choosing a spacing."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.grid.band import cell_levels
+from cpmkit.localized import localize
+from cpmkit.scene import Scene
+
+#: A suggested spacing gives about this many cells on the manifold, by its dimension.
+CELLS = {0: 1, 1: 200, 2: 10_000, 3: 60_000}
+
+
+def suggest_spacing(scene: Scene) -> float:
+    """Return a spacing, rounded to two digits, at which the scene is quick to solve and its shape is seen."""
+    surface = localize(scene.surface, np.zeros(scene.surface.dim))
+    bounds = surface.bounds
+    manifold_dim = scene.surface.manifold_dim
+    manifold_dim = surface.dim if manifold_dim is None else manifold_dim
+    size = float((bounds[1] - bounds[0]).max()) or 1.0
+    trial = size / 16
+    count = next(len(blocks) for side, blocks in cell_levels(surface, trial, 0.0) if side == 1)
+    spacing = trial * (count / CELLS[manifold_dim]) ** (1 / max(manifold_dim, 1))
+    return float(f"{spacing:.2g}")

@@ -1,0 +1,159 @@
+"""A scene: a manifold, boundaries inside it, what holds on its edge, and the equation. No lattice yet."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from cpmkit.arrays import as_vector, positive
+from cpmkit.conditions import Condition, Data, Dirichlet, Neumann, channel_count
+from cpmkit.errors import InputError, SceneError
+from cpmkit.grid.lattice import Lattice
+from cpmkit.problems import Laplace, Poisson, Problem, ScreenedPoisson
+from cpmkit.protocols import BoundarySet, ClosestPointSource, Floats, Side
+
+
+@dataclass(frozen=True, eq=False)
+class Boundary:
+    """A point or curve inside the manifold, with one condition for both sides or one for each.
+
+    Left is where ``(z - y) . (n x t) > 0``: at your left hand when you walk along the curve with your
+    head along the surface's normal. A point on a curve has its left where the curve comes from.
+
+    Parameters
+    ----------
+    name : str
+        For reports, and to ask for a side when a solution is read.
+    source : ClosestPointSource
+        Where the boundary lies.
+    both, left, right : Condition
+        Either ``both``, or ``left`` and ``right``.
+    left_of : (d,) array, optional
+        A point on the left, for a surface without normals of its own.
+
+    Raises
+    ------
+    SceneError
+        If a condition is given on one side only, or on none.
+    """
+
+    name: str
+    source: ClosestPointSource
+    both: Condition | None = None
+    left: Condition | None = None
+    right: Condition | None = None
+    left_of: Any = None
+
+    def __post_init__(self) -> None:
+        given = [side for side in ("both", "left", "right") if getattr(self, side) is not None]
+        if given not in (["both"], ["left", "right"]):
+            raise SceneError(
+                f"boundary {self.name!r} has conditions on {' and '.join(given) or 'no side'}; give `both`, or `left` and `right`."
+            )
+        for side in given:
+            if not isinstance(getattr(self, side), (Dirichlet, Neumann)):
+                raise SceneError(f"boundary {self.name!r}: `{side}` must be Dirichlet or Neumann, got {getattr(self, side)!r}.")
+        check_source(self.source, f"boundary {self.name!r}")
+        if self.left_of is not None:
+            object.__setattr__(self, "left_of", as_vector(self.left_of, self.source.dim, f"left_of of boundary {self.name!r}"))
+
+    def condition(self, side: Side, /) -> Condition:
+        """Return what holds on ``side``."""
+        condition = self.both or (self.left if side == "left" else self.right)
+        assert condition is not None
+        return condition
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A manifold, its boundaries, its edge and an equation.
+
+    Parameters
+    ----------
+    surface : ClosestPointSource
+        The manifold.
+    problem : Problem
+        ``Laplace()``, ``Poisson(f)`` or ``ScreenedPoisson(f, c)``.
+    boundaries : sequence of BoundarySet
+        Points and curves inside the manifold, with conditions.
+    edge : Condition or table
+        What holds on the rim of an open surface or the ends of an open curve: one condition, or one a
+        loop number. By default nothing flows through it.
+
+    Raises
+    ------
+    SceneError
+        If names repeat, data disagree about the number of channels, or a part is not what it should be.
+    """
+
+    surface: ClosestPointSource
+    problem: Problem
+    boundaries: Sequence[BoundarySet] = ()
+    edge: Condition | Mapping[int, Condition] = Neumann(0.0)
+
+    def __post_init__(self) -> None:
+        check_source(self.surface, "the surface")
+        if not isinstance(self.problem, (Laplace, Poisson, ScreenedPoisson)):
+            raise SceneError(f"the problem must be Laplace(), Poisson(f) or ScreenedPoisson(f, c), got {self.problem!r}.")
+        object.__setattr__(self, "boundaries", tuple(self.boundaries))
+        names = [boundary.name for boundary in self.boundaries]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise SceneError(f"{len(names)} boundaries share the name {twice[0]!r}; give each its own.")
+        assert self.channels
+
+    @cached_property
+    def channels(self) -> int:
+        """How many right-hand sides are solved together: the entries of the data, where they have more than one."""
+        centre = np.mean(np.asarray(self.surface.bounds, dtype=np.float64), axis=0)
+        probe = self.surface.closest_point(centre[None]).points
+        counts = {what: channel_count(data, probe, what) for what, data in self._data()}
+        most = max(counts.values(), default=1)
+        for what, count in counts.items():
+            if count not in (1, most):
+                raise SceneError(f"{what} has {count} channels where others have {most}; give one value, or {most}.")
+        return most
+
+    def _data(self) -> list[tuple[str, Data]]:
+        conditions = [
+            (f"boundary {boundary.name!r}", boundary.condition(side))
+            for boundary in self.boundaries
+            for side in ("left", "right")
+        ]
+        edges = list(self.edge.values()) if isinstance(self.edge, Mapping) else [self.edge]
+        conditions += [("the edge's condition", edge) for edge in edges]
+        return [(what, condition.gamma) for what, condition in conditions] + [("the right-hand side f", self.problem.f)]
+
+    def lattice(self, spacing: float, origin: Any = None) -> Lattice:
+        """Return the lattice of this spacing; a node lies at ``origin``, by default the centre of the bounds.
+
+        Raises
+        ------
+        InputError
+            If the spacing is not above zero, or the origin is not d numbers.
+        """
+        positive(spacing, "spacing")
+        bounds = np.asarray(self.surface.bounds, dtype=np.float64)
+        centre: Floats = 0.5 * (bounds[0] + bounds[1])
+        return Lattice(centre if origin is None else as_vector(origin, self.surface.dim, "origin"), float(spacing))
+
+
+def check_source(source: Any, what: str) -> None:
+    """Refuse what does not answer closest point queries.
+
+    Raises
+    ------
+    InputError
+        If ``source`` is no ClosestPointSource, or its bounds are not finite.
+    """
+    if not isinstance(source, ClosestPointSource):
+        raise InputError(
+            f"{what} must be a closest point source (dim, manifold_dim, bounds, exact, closest_point), got {type(source).__name__}."
+        )
+    bounds = np.asarray(source.bounds, dtype=np.float64)
+    if bounds.shape != (2, source.dim) or not np.isfinite(bounds).all():
+        raise InputError(f"the bounds of {what} must be (2, {source.dim}) finite numbers, got {bounds.tolist()}.")

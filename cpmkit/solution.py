@@ -1,0 +1,207 @@
+"""A solution: read it at any point of the manifold, from either side of a boundary; save it; draw it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cpmkit.arrays import as_points
+from cpmkit.boundary.crossing import View
+from cpmkit.boundary.frame import ON_BOUNDARY, Frame
+from cpmkit.discretization import Discretization
+from cpmkit.errors import InputError
+from cpmkit.grid.extension import extend
+from cpmkit.grid.stencils import reading_radius
+from cpmkit.protocols import Floats, Side
+from cpmkit.scene import Scene
+from cpmkit.solvers.report import SolveReport
+from cpmkit.work import Work
+
+if TYPE_CHECKING:
+    from cpmkit.surface_mesh import DisplayMesh
+
+#: Points nearer to a boundary than this many spacings can be read from the side that the caller names.
+READ_FROM_SIDE = 1e-3
+#: Points that are read at a time.
+CHUNK = 1 << 18
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """The solution of a scene.
+
+    Attributes
+    ----------
+    scene : Scene
+        What was solved.
+    tables : Discretization
+        The band and its tables.
+    values : (unknowns, channels) float64
+        Values of the inner nodes and the ghosts.
+    report : SolveReport
+        What the solver reached.
+    work : Work
+        What it cost.
+    seconds : mapping
+        Seconds of each stage; of this machine, on this day.
+    warnings : tuple of str
+        What a reader of the solution should know.
+    """
+
+    scene: Scene
+    tables: Discretization
+    values: Floats
+    report: SolveReport
+    work: Work
+    seconds: Mapping[str, float]
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def spacing(self) -> float:
+        """Spacing of the lattice, in the scene's unit."""
+        return self.tables.layout.lattice.spacing
+
+    @property
+    def channels(self) -> int:
+        """Number of right-hand sides that were solved together."""
+        return self.values.shape[1]
+
+    @property
+    def radius(self) -> float:
+        """Radius of the tube, in the scene's unit: points farther from the manifold cannot be read."""
+        band = self.tables.layout.band
+        return reading_radius(band.dim, band.degree) * band.spacing
+
+    def evaluate(self, points: Any, side: Side | Mapping[str, Side] | None = None) -> Floats:
+        """Return the solution at the points of the manifold nearest to ``points``.
+
+        Parameters
+        ----------
+        points : (n, d) array
+            In the scene's coordinates, at most the tube's radius away from the manifold.
+        side : "left", "right" or {boundary name: side}, optional
+            From which side a point on a boundary is read; left if not said. Points off the boundary are
+            not affected.
+
+        Returns
+        -------
+        (n,) or (n, channels) float64
+
+        Raises
+        ------
+        InputError
+            If a point is not finite or too far away, or a side names no boundary that has sides.
+        """
+        wanted = self._sides(side)
+        local = self.tables.layout.lattice.to_local(as_points(points, self.scene.surface.dim))
+        values = np.empty((len(local), self.channels))
+        for start in range(0, len(local), CHUNK):
+            part = slice(start, start + CHUNK)
+            values[part] = self._read(self._project(local[part]), wanted)
+        return values[:, 0] if self.channels == 1 else values
+
+    def signed_distance(self, name: str, points: Any) -> Floats:
+        """Return the distance (n,) of points of the manifold from boundary ``name``, positive on its left.
+
+        NaN where the point has no side of it: past an open end, farther than twice the tube's radius, or
+        if the boundary is a point on a surface.
+        """
+        index = self._index(name)
+        local = self._project(self.tables.layout.lattice.to_local(as_points(points, self.scene.surface.dim)))
+        seen = self.tables.layout.sight.sighted[index].frame(local, 2 * self.radius, self.spacing)
+        signed = np.full(len(local), np.nan)
+        signed[seen.rows] = np.where(seen.end, np.nan, seen.signed)
+        return signed
+
+    def save(self, path: str | Path) -> None:
+        """Write the solution to ``path``; the suffix decides: .vtp, .ply, .npz, or .json for the summary."""
+        from cpmkit.export import save
+
+        save(self, path)
+
+    def picture(self, path: str | Path, **options: Any) -> str:
+        """Draw the solution into the PNG ``path`` and return the name of the renderer that drew it."""
+        from cpmkit.view import picture
+
+        return picture(self, path, **options)
+
+    def display_mesh(self) -> DisplayMesh:
+        """Return a mesh of the manifold, cut along the boundaries, with the solution at its vertices."""
+        from cpmkit.surface_mesh import display_mesh
+
+        return display_mesh(self)
+
+    def summary(self) -> dict[str, Any]:
+        """Return what was solved, what it cost and what it reached, as plain values."""
+        from cpmkit.summary import summarize
+
+        return summarize(self)
+
+    def arrays(self) -> dict[str, Any]:
+        """Return the lattice, the nodes and the values as plain arrays."""
+        return {
+            "origin": self.tables.layout.lattice.origin,
+            "spacing": np.array(self.spacing),
+            "degree": np.array(self.tables.layout.band.degree),
+            "order": np.array(self.tables.layout.order),
+            "nodes": self.tables.layout.band.nodes[: self.tables.layout.band.inner],
+            "unknowns": self.values,
+        }
+
+    def __repr__(self) -> str:
+        return (
+            f"Solution of {self.scene.problem.kind} with {len(self.scene.boundaries)} boundaries\n"
+            f"  spacing {self.spacing:g}, degree {self.tables.layout.band.degree}, order {self.tables.layout.order}, channels {self.channels}\n"
+            f"  {self.work.unknowns} unknowns ({self.work.ghosts} ghosts), {self.work.closest_point_queries} closest point queries\n"
+            f"  {self.report.solver}: {self.report.reason}\n"
+            f"  {len(self.warnings)} warnings"
+        )
+
+    def _project(self, local: Floats) -> Floats:
+        feet = self.tables.layout.surface.closest_point(local)
+        worst = float(feet.distance.max(initial=0.0))
+        if worst > self.radius:
+            raise InputError(
+                f"points must lie within the tube's radius {self.radius:.3g} of the manifold to be read, the farthest is "
+                f"{worst:.3g} away; take their closest points first."
+            )
+        return feet.points
+
+    def _read(self, local: Floats, wanted: Mapping[int, Side]) -> Floats:
+        frames = []
+        for index, sighted in enumerate(self.tables.layout.sight.sighted):
+            seen = sighted.frame(local, 2 * self.radius, self.spacing)
+            frames.append(_from_side(seen, wanted[index], self.spacing) if index in wanted else seen)
+        rows = extend(self.tables.unknowns, local, View.of_points(frames, len(local)))
+        return np.asarray(rows @ self.values)
+
+    def _index(self, name: str) -> int:
+        names = [boundary.name for boundary in self.scene.boundaries]
+        if name not in names:
+            raise InputError(f"no boundary has the name {name!r}; the scene has {', '.join(map(repr, names)) or 'none'}.")
+        return names.index(name)
+
+    def _sides(self, side: Side | Mapping[str, Side] | None) -> dict[int, Side]:
+        sighted = self.tables.layout.sight.sighted
+        if side is None:
+            return {}
+        if isinstance(side, Mapping):
+            wanted = {self._index(name): one for name, one in side.items()}
+        else:
+            wanted = {index: side for index, one in enumerate(sighted) if one.has_sides}
+        for index, one in wanted.items():
+            if one not in ("left", "right") or not sighted[index].has_sides:
+                name = self.scene.boundaries[index].name
+                raise InputError(f"side of {name!r} must be 'left' or 'right' of a boundary that has sides, got {one!r}.")
+        return wanted
+
+
+def _from_side(seen: Frame, side: Side, spacing: float) -> Frame:
+    """Return the frame with the points on the boundary moved to ``side``."""
+    on = np.abs(seen.signed) < READ_FROM_SIDE * spacing
+    signed = np.where(on, (1.0 if side == "left" else -1.0) * ON_BOUNDARY * spacing, seen.signed)
+    return replace(seen, signed=signed, director=seen.director * (signed / seen.signed)[:, None])

@@ -1,0 +1,79 @@
+"""The line from a scene to its solution: discretise, assemble, solve."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from cpmkit.arrays import positive
+from cpmkit.components import check_pinned
+from cpmkit.discretization import discretize
+from cpmkit.errors import InputError
+from cpmkit.layout import nothing
+from cpmkit.operators import assemble
+from cpmkit.protocols import Progress
+from cpmkit.resolution import suggest_spacing
+from cpmkit.scene import Scene
+from cpmkit.solution import Solution
+from cpmkit.solvers import choose_solver, solve_system
+from cpmkit.work import measure_work
+
+
+def solve(
+    scene: Scene,
+    spacing: float | None = None,
+    *,
+    degree: int = 3,
+    order: int = 2,
+    origin: Any = None,
+    solver: str = "auto",
+    tolerance: float = 1e-10,
+    progress: Progress = nothing,
+    **solver_options: Any,
+) -> Solution:
+    """Solve a scene by the closest point method.
+
+    Parameters
+    ----------
+    scene : Scene
+        What to solve.
+    spacing : float
+        Spacing of the lattice, in the scene's unit of length. There is no default; without one, the
+        error suggests one.
+    degree : int
+        Degree of the interpolation, 2 to 5. 3 is right for most; 2 is quicker and irregular.
+    order : int
+        Order of accuracy of the conditions at boundaries and edges, 1 or 2.
+    origin : (d,) array, optional
+        Position of a lattice node; by default the centre of the surface's bounds.
+    solver : str
+        ``auto``, ``direct`` or ``reference``.
+    tolerance : float
+        Relative residual, recomputed after the solve.
+    progress : callable, optional
+        ``progress(stage, fraction)``.
+    **solver_options
+        For the solver; ``reference`` takes ``max_iterations``.
+
+    Returns
+    -------
+    Solution
+
+    Raises
+    ------
+    CpmkitError
+        One sentence: what was got, what is accepted, what to do.
+    """
+    if spacing is None:
+        raise InputError(f"spacing is needed, in the scene's unit of length; for this surface try spacing={suggest_spacing(scene):g}.")
+    positive(tolerance, "tolerance")
+    clock = [time.perf_counter()]
+    tables = discretize(scene, spacing, degree=degree, order=order, origin=origin, progress=progress)
+    check_pinned(tables, scene, scene.problem)
+    system = assemble(tables, scene.problem)
+    clock.append(time.perf_counter())
+    chosen = choose_solver(solver, system.size, scene.surface.manifold_dim)
+    values, report = solve_system(system, chosen, tolerance, progress, **solver_options)
+    clock.append(time.perf_counter())
+    seconds = {"build": clock[1] - clock[0], "solve": clock[2] - clock[1]}
+    return Solution(scene, tables, values, report, measure_work(tables, system, report), seconds)

@@ -1,0 +1,135 @@
+"""The mesh that pictures and files show: the surface's own, cut along the boundaries.
+
+Data differ on the two sides of a boundary, so a triangle that a boundary crosses cannot carry one
+value a vertex. Every such triangle is split along the curve, and the two sides get vertices of
+their own at the same place: the jump stays as sharp as the data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cpmkit.errors import InputError
+from cpmkit.mesh_cut import ON_CURVE, Pieces, cut
+from cpmkit.protocols import ClosestPointSource, Floats, HasMesh, Ints, Side
+
+if TYPE_CHECKING:
+    from cpmkit.solution import Solution
+
+#: Rounds of projections that lead to the crossing of two curves.
+CROSSING_ROUNDS = 20
+
+
+@dataclass(frozen=True, eq=False)
+class DisplayMesh:
+    """A mesh of the surface with the solution at its vertices.
+
+    Attributes
+    ----------
+    points : (v, d) float64
+        Vertices, in the scene's unit of length. A vertex on a boundary appears once a side.
+    cells : (m, k) int64
+        ``k`` is 3 for triangles, 2 for the segments of a curve.
+    values : (v, channels) float64
+        The solution at the vertices, each on the side that its cells lie on.
+    normals : (v, 3) float64 or None
+        Unit normals of the uncut mesh, so that the cut does not show as a crease; ``None`` for
+        curves and in the plane.
+    original : int
+        The first so many vertices are those of the surface's own mesh.
+    """
+
+    points: Floats
+    cells: Ints
+    values: Floats
+    normals: Floats | None
+    original: int
+
+
+def mesh_of(surface: ClosestPointSource) -> Callable[[float], tuple[Floats, Ints]]:
+    """Return the method of ``surface`` that meshes it for a spacing.
+
+    Raises
+    ------
+    InputError
+        If it has none.
+    """
+    if isinstance(surface, HasMesh):
+        return surface.mesh
+    raise InputError(
+        f"The surface {type(surface).__name__} has no method mesh(spacing), so it can be neither drawn nor saved as a "
+        "mesh; give it one, or ask for 'solution.npz' and 'summary.json' alone."
+    )
+
+
+def display_mesh(solution: Solution) -> DisplayMesh:
+    """Return the surface's mesh, cut along every boundary, with the solution at its vertices.
+
+    Raises
+    ------
+    InputError
+        If the surface has no mesh.
+    """
+    points, cells = mesh_of(solution.scene.surface)(solution.spacing)
+    normals = vertex_normals(points, cells) if points.shape[1] == 3 and cells.shape[1] == 3 else None
+    attributes = points if normals is None else np.hstack([points, normals])
+    dim, boundaries = points.shape[1], solution.scene.boundaries
+    pieces = Pieces(attributes, np.zeros((len(points), len(boundaries)), dtype=np.int64), cells)
+    for index, boundary in enumerate(boundaries):
+        distance = solution.signed_distance(boundary.name, np.ascontiguousarray(pieces.attributes[:, :dim]))
+        pieces = cut(pieces, index, distance, dim, ON_CURVE * solution.spacing)
+    cut_points = np.ascontiguousarray(pieces.attributes[:, :dim])
+    return DisplayMesh(
+        points=cut_points,
+        cells=pieces.cells,
+        values=_evaluate(solution, cut_points, pieces.sides),
+        normals=None if normals is None else _unit(pieces.attributes[:, dim:]),
+        original=len(points),
+    )
+
+
+def vertex_normals(points: Floats, triangles: Ints) -> Floats:
+    """Return (v, 3) unit normals at the vertices: the mean of the triangles around, weighted by area."""
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    twice_area = np.cross(b - a, c - a)
+    total = np.empty_like(points)
+    for axis in range(3):
+        weights = np.repeat(twice_area[:, axis], 3)
+        total[:, axis] = np.bincount(triangles.ravel(), weights, minlength=len(points))
+    return _unit(total)
+
+
+def _unit(vectors: Floats) -> Floats:
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    unit: Floats = np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
+    return unit
+
+
+def _evaluate(solution: Solution, points: Floats, sides: Ints) -> Floats:
+    """Evaluate in one batch for each combination of sides that occurs."""
+    values = np.empty((len(points), solution.channels))
+    boundaries = solution.scene.boundaries
+    combinations, member = np.unique(sides, axis=0, return_inverse=True)
+    for index, combination in enumerate(combinations):
+        here = np.flatnonzero(member.ravel() == index)
+        on = [(boundary, code) for boundary, code in zip(boundaries, combination, strict=True) if code]
+        side: dict[str, Side] = {boundary.name: "left" if code > 0 else "right" for boundary, code in on}
+        exact = _onto([boundary.source for boundary, _ in on], points[here])
+        values[here] = solution.evaluate(exact, side=side or None).reshape(len(here), -1)
+    return values
+
+
+def _onto(curves: Sequence[ClosestPointSource], points: Floats) -> Floats:
+    """Return ``points`` moved onto all of ``curves``: a solution has sides only there.
+
+    A cut is straight across a cell, so it misses a bent curve by a second-order distance. Where
+    curves cross, projections in turn lead to the crossing.
+    """
+    for _ in range(1 if len(curves) < 2 else CROSSING_ROUNDS):
+        for curve in curves:
+            points = curve.closest_point(points).points
+    return points
