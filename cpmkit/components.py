@@ -11,21 +11,26 @@ from cpmkit.problems import Problem
 from cpmkit.protocols import Bools, Ints
 from cpmkit.scene import Scene
 
+#: A weight below this reads nothing.
+ROUNDING = 1e-12
+
 
 def components(tables: Discretization) -> tuple[int, Ints]:
     """Return the number of pieces and the piece (unknowns,) of each unknown.
 
-    A flood fill over sides: unknowns are joined where one's extension row reads the other, and those
-    rows never read across a boundary.
+    A flood fill over sides: a difference stencil joins its unknown to the neighbours that it reads, and
+    reads none across a boundary.
     """
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
 
+    unknown_of_row = np.full(tables.extension.shape[0], -1)
     rows = _unknown_rows(tables)
-    reads = tables.extension[rows]
-    pattern = csr_array((np.abs(reads.data) > 1e-14, reads.indices, reads.indptr), shape=reads.shape)
-    pattern.eliminate_zeros()
-    count, label = connected_components(pattern, directed=False)
+    unknown_of_row[rows] = np.arange(len(rows))
+    read = unknown_of_row[tables.neighbours.indices]
+    reader = np.repeat(np.arange(len(rows)), np.diff(tables.neighbours.indptr))[read >= 0]
+    graph = csr_array((np.ones(len(reader), dtype=np.int8), (reader, read[read >= 0])), shape=(len(rows), len(rows)))
+    count, label = connected_components(graph, directed=False)
     return int(count), np.asarray(label, dtype=np.int64)
 
 
@@ -52,9 +57,25 @@ def check_pinned(tables: Discretization, scene: Scene, problem: Problem) -> None
     count, label = components(tables)
     pinned = np.zeros(count, dtype=bool)
     pinned[label[_pinning(tables, scene)]] = True
-    loose = [piece for piece in range(count) if not pinned[piece] and _has_nodes(tables, label == piece)]
+    pinned = _spread(tables, label, pinned)
+    loose = [int(piece) for piece in np.flatnonzero(~pinned) if _has_nodes(tables, label == piece)]
     if loose:
         raise SceneError(_describe(tables, scene, label, loose))
+
+
+def _spread(tables: Discretization, label: Ints, pinned: Bools) -> Bools:
+    """Return which pieces are pinned, or read one that is: single nodes may hang together by interpolation alone."""
+    rows = _unknown_rows(tables)
+    while not pinned.all():
+        members = np.flatnonzero(~pinned[label])
+        reads = tables.extension[rows[members]]
+        reader = np.repeat(label[members], np.diff(reads.indptr))
+        counts = (np.abs(reads.data) > ROUNDING) & pinned[label[reads.indices]]
+        if not counts.any():
+            break
+        pinned = pinned.copy()
+        pinned[reader[counts]] = True
+    return pinned
 
 
 def _has_nodes(tables: Discretization, members: Bools) -> bool:

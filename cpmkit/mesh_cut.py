@@ -6,14 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.protocols import Bools, ClosestPointSource, Floats, Ints
 
 #: A vertex nearer to a boundary than this share of the spacing lies on it.
 ON_CURVE = 1e-6
 
-#: By how much two distances to a curve may exceed the length of an edge that crosses it: they may be
-#: lengths of arcs where the edge is a chord, or distances to a curve that runs beside the surface.
-SLACK = 1.5
+#: An edge crosses a boundary if the zero on it lies nearer to the boundary than this share of its length.
+CROSSES = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,15 +24,28 @@ class Pieces:
     cells: Ints  # (m, k)
 
 
-def cut(pieces: Pieces, boundary: int, distance: Floats, dim: int, on_curve: float) -> Pieces:
-    """Split every cell that the boundary crosses, and part the two sides.
+def cut(pieces: Pieces, boundary: int, distance: Floats, dim: int, curve: ClosestPointSource, spacing: float) -> Pieces:
+    """Split every cell that a boundary crosses, and part the two sides.
 
-    ``distance`` (v,) is signed, positive on the left, NaN where a vertex has no side.
+    Parameters
+    ----------
+    pieces : Pieces
+        The mesh before.
+    boundary : int
+        The boundary's column in ``pieces.sides``.
+    distance : (v,) float64
+        Signed distance of the vertices from it, positive on the left, NaN where a vertex has no side.
+    dim : int
+        2 or 3.
+    curve : ClosestPointSource
+        Where the boundary lies.
+    spacing : float
+        Of the solution, the unit of :data:`ON_CURVE`.
     """
     count = len(distance)
-    sign = np.where(np.abs(distance) < on_curve, 0.0, np.sign(distance))
-    edges, cell_edges = _edges(pieces.cells, count)
-    crossed = _crossed(pieces.attributes[:, :dim], edges, distance, sign)
+    sign = _signs(pieces.attributes[:, :dim], distance, curve, spacing)
+    edges, cell_edges = edges_of(pieces.cells, count)
+    crossed = _crossed(pieces.attributes[:, :dim], edges, distance, sign, curve)
     split = _split_segments if pieces.cells.shape[1] == 2 else _split_triangles
     cells, side = split(pieces.cells, cell_edges, sign, crossed)
     # A split names the crossing of edge e as vertex count + e; only those that were used are made.
@@ -46,7 +58,19 @@ def cut(pieces: Pieces, boundary: int, distance: Floats, dim: int, on_curve: flo
     return _part(with_crossings, boundary, on, side)
 
 
-def _edges(cells: Ints, count: int) -> tuple[Ints, Ints]:
+def _signs(points: Floats, distance: Floats, curve: ClosestPointSource, spacing: float) -> Floats:
+    """Return 1 left, -1 right, 0 on the boundary and NaN where there is no side.
+
+    The distance is measured along the surface's tangent, so it also vanishes beside the boundary on
+    another sheet, such as the other leg of an animal; that is no place on the boundary.
+    """
+    sign: Floats = np.sign(distance)
+    zero = np.flatnonzero(np.abs(distance) < ON_CURVE * spacing)
+    sign[zero] = np.where(_apart(points[zero], curve) < CROSSES * spacing, 0.0, np.nan)
+    return sign
+
+
+def edges_of(cells: Ints, count: int) -> tuple[Ints, Ints]:
     """Return the (e, 2) edges and, for each cell, its edges' numbers; edge k joins corners k and k + 1."""
     corners = cells.shape[1]
     ends = np.stack([cells, np.roll(cells, -1, axis=1)], axis=-1)[:, : corners if corners > 2 else 1]
@@ -55,16 +79,33 @@ def _edges(cells: Ints, count: int) -> tuple[Ints, Ints]:
     return np.stack([keys // count, keys % count], axis=1), cell_edges.reshape(low.shape)
 
 
-def _crossed(points: Floats, edges: Ints, distance: Floats, sign: Floats) -> Bools:
+def _crossed(points: Floats, edges: Ints, distance: Floats, sign: Floats, curve: ClosestPointSource) -> Bools:
     """Whether the boundary crosses each edge.
 
-    Opposite signs alone do not say so: half way between two arms of a curve the nearest arm
-    changes, and the sign with it. There the two distances add up to more than the edge.
+    Opposite signs alone do not say so: they also differ across the tangent plane on another sheet,
+    and half way between two arms of a curve, where the nearest arm changes. There the zero is not
+    near the curve.
     """
     a, b = edges.T
-    length = np.linalg.norm(points[b] - points[a], axis=1)
-    crossed: Bools = (sign[a] * sign[b] < 0) & (np.abs(distance[a]) + np.abs(distance[b]) <= SLACK * length)
+    crossed: Bools = sign[a] * sign[b] < 0
+    candidates = edges[crossed]
+    length = np.linalg.norm(points[candidates[:, 1]] - points[candidates[:, 0]], axis=1)
+    crossed[crossed] = _apart(_zero(points, candidates, distance), curve) < CROSSES * length
     return crossed
+
+
+def _zero(attributes: Floats, edges: Ints, distance: Floats) -> Floats:
+    """Return the attributes where the distance vanishes on each of ``edges``."""
+    a, b = edges.T
+    share = (distance[a] / (distance[a] - distance[b]))[:, None]
+    interpolated: Floats = (1 - share) * attributes[a] + share * attributes[b]
+    return interpolated
+
+
+def _apart(points: Floats, curve: ClosestPointSource) -> Floats:
+    """Return how far ``points`` are from ``curve``."""
+    apart: Floats = np.linalg.norm(curve.closest_point(np.ascontiguousarray(points)).points - points, axis=1)
+    return apart
 
 
 def _split_segments(cells: Ints, cell_edges: Ints, sign: Floats, crossed: Bools) -> tuple[Ints, Floats]:
@@ -92,7 +133,7 @@ def _split_triangles(cells: Ints, cell_edges: Ints, sign: Floats, crossed: Bools
     kept = cells[~(two | across)]
 
     # The lone corner a comes first: it faces the one edge that is not crossed.
-    (a, b, c), (ab, _, ca) = _rotated(cells[two], cell_edges[two], crossing[two].argmin(axis=1) + 2)
+    (a, b, c), (ab, _, ca) = rotated(cells[two], cell_edges[two], crossing[two].argmin(axis=1) + 2)
     p, q = len(sign) + ab, len(sign) + ca
     parts = [(kept, _side(kept, sign))]
     parts += [
@@ -101,13 +142,13 @@ def _split_triangles(cells: Ints, cell_edges: Ints, sign: Floats, crossed: Bools
     ]
 
     # The corner a on the curve comes first: it faces the one edge that is crossed.
-    (a, b, c), (_, bc, _) = _rotated(cells[across], cell_edges[across], crossing[across].argmax(axis=1) + 2)
+    (a, b, c), (_, bc, _) = rotated(cells[across], cell_edges[across], crossing[across].argmax(axis=1) + 2)
     p = len(sign) + bc
     parts += [(np.stack(corners, axis=1), s) for corners, s in [((a, b, p), sign[b]), ((a, p, c), sign[c])]]
     return np.concatenate([part for part, _ in parts]), np.concatenate([side for _, side in parts])
 
 
-def _rotated(cells: Ints, cell_edges: Ints, first: Ints) -> tuple[Ints, Ints]:
+def rotated(cells: Ints, cell_edges: Ints, first: Ints) -> tuple[Ints, Ints]:
     """Return the corners and edges, each (3, m), of triangles turned so that corner ``first`` leads."""
     order = (first[:, None] + np.arange(3)) % 3
     return np.take_along_axis(cells, order, 1).T, np.take_along_axis(cell_edges, order, 1).T
@@ -123,8 +164,7 @@ def _side(cells: Ints, sign: Floats) -> Floats:
 def _append_crossings(pieces: Pieces, edges: Ints, distance: Floats, cells: Ints) -> Pieces:
     """Append the zero of the distance on each of ``edges`` as a vertex."""
     a, b = edges.T
-    share = (distance[a] / (distance[a] - distance[b]))[:, None]
-    attributes = (1 - share) * pieces.attributes[a] + share * pieces.attributes[b]
+    attributes = _zero(pieces.attributes, edges, distance)
     # An edge that runs along an earlier boundary hands its side on.
     sides = np.where(pieces.sides[a] == pieces.sides[b], pieces.sides[a], 0)
     return Pieces(

@@ -19,7 +19,7 @@ from cpmkit.localized import localize
 from cpmkit.scene import Scene
 
 #: A rehearsal has at most about this many cells on the manifold.
-REHEARSED_CELLS = 3000
+REHEARSED_CELLS = 12_000
 
 
 @dataclass(frozen=True)

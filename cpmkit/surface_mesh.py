@@ -1,4 +1,4 @@
-"""The mesh that pictures and files show: the surface's own, cut along the boundaries.
+"""The mesh that pictures and files show: the surface's own, as fine as the grid, cut along the boundaries.
 
 Data differ on the two sides of a boundary, so a triangle that a boundary crosses cannot carry one
 value a vertex. Every such triangle is split along the curve, and the two sides get vertices of
@@ -14,11 +14,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cpmkit.errors import InputError
-from cpmkit.mesh_cut import ON_CURVE, Pieces, cut
+from cpmkit.mesh_cut import Pieces, cut
+from cpmkit.mesh_refinement import refine
 from cpmkit.protocols import ClosestPointSource, Floats, HasMesh, Ints, Side
 
 if TYPE_CHECKING:
     from cpmkit.solution import Solution
+
+#: In spacings; longer edges are halved, for between its vertices a cell shows less than the solution knows.
+LONGEST_EDGE = 2.0
 
 #: Rounds of projections that lead to the crossing of two curves.
 CROSSING_ROUNDS = 20
@@ -67,7 +71,7 @@ def mesh_of(surface: ClosestPointSource) -> Callable[[float], tuple[Floats, Ints
 
 
 def display_mesh(solution: Solution) -> DisplayMesh:
-    """Return the surface's mesh, cut along every boundary, with the solution at its vertices.
+    """Return the surface's mesh, refined to the grid and cut along every boundary, with the solution at its vertices.
 
     Raises
     ------
@@ -78,10 +82,11 @@ def display_mesh(solution: Solution) -> DisplayMesh:
     normals = vertex_normals(points, cells) if points.shape[1] == 3 and cells.shape[1] == 3 else None
     attributes = points if normals is None else np.hstack([points, normals])
     dim, boundaries = points.shape[1], solution.scene.boundaries
-    pieces = Pieces(attributes, np.zeros((len(points), len(boundaries)), dtype=np.int64), cells)
+    attributes, cells = refine(attributes, cells, dim, LONGEST_EDGE * solution.spacing)
+    pieces = Pieces(attributes, np.zeros((len(attributes), len(boundaries)), dtype=np.int64), cells)
     for index, boundary in enumerate(boundaries):
         distance = solution.signed_distance(boundary.name, np.ascontiguousarray(pieces.attributes[:, :dim]))
-        pieces = cut(pieces, index, distance, dim, ON_CURVE * solution.spacing)
+        pieces = cut(pieces, index, distance, dim, boundary.source, solution.spacing)
     cut_points = np.ascontiguousarray(pieces.attributes[:, :dim])
     return DisplayMesh(
         points=cut_points,

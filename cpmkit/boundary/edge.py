@@ -86,7 +86,7 @@ def _past_loop(
     if is_wall(condition):
         points = foot if order == 1 else surface.closest_point(foot - beyond).points
         return Reading(points, np.ones(len(rows)), np.zeros((len(rows), channels)))
-    outward = outward_conormals(surface, foot, 0.5 * band.spacing)
+    outward = outward_conormals(surface, band.feet.take(rows), 0.5 * band.spacing)
     t = np.maximum(np.sum(beyond * outward, axis=1), 0.0)
     first = np.full(len(rows), (condition.order or order) == 1)
     h = mirror_distance(condition, t, first, band.spacing)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -61,6 +62,11 @@ class Ghosts:
     inside: Floats
     carries_left: Bools
     first_order: Bools
+
+    @cached_property
+    def unknown_numbers(self) -> Ints:
+        """(band nodes,) ``numbers`` of those ghosts that are unknowns, -1 elsewhere."""
+        return np.where(self.numbers < self.unknowns, self.numbers, -1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,9 +127,13 @@ def _direction(seen: Frame, foot_point: Floats, spacing: float) -> Floats:
 
 
 def _mirror_beyond_another(index: int, sight: Sight, seen: Frame, foot_point: Floats, spacing: float) -> Bools:
-    """Tell which ghosts have their mirror point beyond another boundary; those can only be of order 1."""
+    """Tell which ghosts have their mirror point beyond another boundary; those can only be of order 1.
+
+    Points on a surface do not count: the solution goes on around them (on the sphere, an arc and a point
+    at its end: error 6e-4 at spacing 0.05, and 3.6e-3 if they counted).
+    """
     beyond = np.zeros(len(seen.rows), dtype=bool)
-    others = [other for other in range(len(sight.sighted)) if other != index]
+    others = [other for other, one in enumerate(sight.sighted) if other != index and one.has_sides]
     if not others or not len(seen.rows):
         return beyond
     h = np.maximum(seen.distance, 0.5 * spacing)[:, None]

@@ -37,25 +37,31 @@ def tangents(curve: Localized, feet: ClosestPoints, step: float) -> Floats:
     return np.linalg.eigh(jacobian(curve, feet.points, step))[1][:, :, -1]
 
 
-def outward_conormals(surface: Localized, feet: Floats, step: float) -> Floats:
-    """Return the outward conormals (n, d) at points ``feet`` of an open manifold's edge.
+def outward_conormals(surface: Localized, edge: ClosestPoints, step: float) -> Floats:
+    """Return the outward conormals (n, d) at feet ``edge`` on an open manifold's edge.
 
-    ``b = -unit of (I - n n') sum_k [cp(y + h e_k) + cp(y - h e_k) - 2 y]``: inside, the closest
-    points around y average to y; at an edge they lean inwards. Second order in the step h. The
-    normal part, which curvature adds, is removed with the tangent projection T for any codimension.
+    ``b = -unit of T sum_k [cp(y + h e_k) + cp(y - h e_k) - 2 y]``, T the tangent projection: inside a
+    manifold the closest points around y average to y, at an edge they lean inwards, and curvature adds a
+    normal part that T removes. Second order in the step h.
     """
-    dim = surface.dim
+    dim, y = surface.dim, edge.points
     shifts = step * np.concatenate([np.eye(dim), -np.eye(dim)])
-    around = surface.closest_point((feet[:, None] + shifts).reshape(-1, dim)).points.reshape(-1, 2 * dim, dim)
-    lean = -(around - feet[:, None]).sum(axis=1)
-    inside = surface.closest_point(feet - step * lean / np.linalg.norm(lean, axis=1, keepdims=True))
-    lean = project_tangent(surface, inside, lean, step)
-    return lean / np.linalg.norm(lean, axis=1, keepdims=True)
+    around = surface.closest_point((y[:, None] + shifts).reshape(-1, dim)).points.reshape(-1, 2 * dim, dim)
+    lean = -_unit((around - y[:, None]).sum(axis=1))
+    if surface.has_normals or surface.has_tangents:
+        return _unit(project_tangent(surface, edge, lean, step))
+    # Differences across the edge would bend T by O(h): it is extrapolated from two points inside.
+    near, far = (surface.closest_point(y - distance * step * lean) for distance in (2, 4))
+    return _unit(2 * _unit(project_tangent(surface, near, lean, step)) - _unit(project_tangent(surface, far, lean, step)))
+
+
+def _unit(vectors: Floats) -> Floats:
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
 
 def project_tangent(surface: Localized, feet: ClosestPoints, vectors: Floats, step: float) -> Floats:
     """Return ``vectors`` (n, d) projected on the tangent space at ``feet``."""
-    if surface.manifold_dim == surface.dim - 1 and surface.dim == 3:
+    if surface.manifold_dim == 2 and surface.dim == 3:
         n = normals(surface, feet, step)
         return vectors - np.sum(vectors * n, axis=1, keepdims=True) * n
     if surface.manifold_dim == 1:

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
     from cpmkit.boundary.ghosts import Ghosts
 
-#: Rows whose stencils are searched for crossings at a time.
-CHUNK = 65536
+#: Rows that are built at a time: what they need meanwhile is small beside the tables.
+CHUNK = 16384
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,16 +80,20 @@ def extend(unknowns: Unknowns, points: Floats, view: View, coefficient: Floats |
     """
     from scipy.sparse import csr_array
 
-    band = unknowns.band
-    cells, fractions = stencil_cells(points, band.spacing, band.degree)
-    columns = stencil_nodes(band, cells)
-    weights = tensor_weights(fractions, band.degree)
+    band, n = unknowns.band, len(points)
+    width = (band.degree + 1) ** band.dim
+    weights = np.empty((n, width))
+    columns = np.empty((n, width), dtype=np.int32)
+    for start in range(0, n, CHUNK):
+        rows = np.arange(start, min(start + CHUNK, n))
+        cells, fractions = stencil_cells(points[rows], band.spacing, band.degree)
+        columns[rows] = stencil_nodes(band, cells)
+        weights[rows] = tensor_weights(fractions, band.degree)
+        see_ghosts(unknowns, view.select(rows), columns[rows[0] : rows[-1] + 1])
     if coefficient is not None:
         weights *= coefficient[:, None]
-    see_ghosts(unknowns, view, columns)
-    width = columns.shape[1]
-    starts = np.arange(len(points) + 1, dtype=np.int32 if columns.size < 2**31 else np.int64) * width
-    return csr_array((weights.ravel(), columns.ravel(), starts), shape=(len(points), unknowns.count))
+    starts = np.arange(n + 1, dtype=np.int32 if columns.size < 2**31 else np.int64) * width
+    return csr_array((weights.ravel(), columns.ravel(), starts), shape=(n, unknowns.count))
 
 
 def stencil_nodes(band: Band, cells: Ints) -> Ints:
@@ -108,15 +112,10 @@ def stencil_nodes(band: Band, cells: Ints) -> Ints:
 
 def see_ghosts(unknowns: Unknowns, view: View, columns: Ints) -> None:
     """Replace, in the stencils ``columns`` (n, s), the nodes that lie across a boundary by their ghosts."""
-    if not view.frames:
+    if not any(len(frame.rows) for frame in view.frames):
         return
-    band = unknowns.band
-    numbers = [np.where(ghosts.numbers < ghosts.unknowns, ghosts.numbers, -1) for ghosts in unknowns.ghosts]
+    numbers = [ghosts.unknown_numbers for ghosts in unknowns.ghosts]
     directors = [ghosts.director for ghosts in unknowns.ghosts]
     touched = np.unique(np.concatenate([frame.rows for frame in view.frames]))
-    for start in range(0, len(touched), CHUNK):
-        rows = touched[start : start + CHUNK]
-        stencils = columns[rows]
-        label, number = visible_ghosts(view.select(rows), stencils, numbers, directors)
-        columns[rows] = np.where(label >= 0, unknowns.first[label] + number, stencils)
-    assert columns.max(initial=0) < max(unknowns.count, band.inner)
+    label, number = visible_ghosts(view.select(touched), columns[touched], numbers, directors)
+    columns[touched] = np.where(label >= 0, unknowns.first[label] + number, columns[touched])

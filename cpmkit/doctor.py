@@ -1,0 +1,134 @@
+"""What is installed and what works here: the first thing to send along with a question."""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from cpmkit.errors import CpmkitError
+from cpmkit.plugins import installed_kinds
+
+#: Distributions whose versions matter, the required ones first.
+DISTRIBUTIONS = ("cpmkit", "numpy", "scipy", "pluggy", "click", "numba", "trimesh", "pyvista", "vtk", "matplotlib")
+
+#: Variables that change what cpmkit does.
+VARIABLES = ("CPMKIT_DATA", "CPMKIT_CACHE", "CPMKIT_FETCH", "CPMKIT_THREADS", "VTK_DEFAULT_OPENGL_WINDOW")
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What was found.
+
+    Attributes
+    ----------
+    system : str
+        Python and the operating system.
+    versions : mapping
+        Version of each distribution that matters; ``None`` where it is not installed.
+    kinds : mapping
+        Installed kinds and the distribution of each, with its version.
+    processors : int
+        Processors that this process may use.
+    variables : mapping
+        Environment variables that are set and change what cpmkit does.
+    opengl : str
+        Why pictures are not drawn through OpenGL; empty where they are.
+    scene : str or None
+        What keeps the scene from loading, empty where it loads; ``None`` if none was given.
+    advice : tuple of str
+        What to do, most useful first.
+    """
+
+    system: str
+    versions: Mapping[str, str | None]
+    kinds: Mapping[str, str]
+    processors: int
+    variables: Mapping[str, str]
+    opengl: str
+    scene: str | None
+    advice: tuple[str, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the diagnosis as plain values."""
+        return asdict(self)
+
+    def __str__(self) -> str:
+        rows = [("system", self.system), ("processors", str(self.processors))]
+        rows += [(name, found or "not installed") for name, found in self.versions.items()]
+        rows += [(name, value) for name, value in self.variables.items()]
+        rows += [("kinds", ""), *((f"  {kind}", distribution) for kind, distribution in self.kinds.items())]
+        rows.append(("OpenGL", self.opengl or "answers: pictures are drawn with pyvista"))
+        if self.scene is not None:
+            rows.append(("scene", self.scene or "loads"))
+        width = max(len(name) for name, _ in rows) + 2
+        lines = [f"{name:<{width}}{value}".rstrip() for name, value in rows]
+        return "\n".join([*lines, *(f"\n{sentence}" for sentence in self.advice)])
+
+
+def diagnose(scene: str | Path | None = None) -> Diagnosis:
+    """Look at what is installed, whether a renderer answers, and whether a scene file loads.
+
+    Plugins are listed without being imported; those that ``scene`` names are imported.
+    """
+    from cpmkit.view import probe
+
+    versions = {name: _version(name) for name in DISTRIBUTIONS}
+    kinds = {kind.kind: f"{kind.distribution} {kind.version}" for kind in installed_kinds()}
+    opengl = probe()
+    return Diagnosis(
+        system=f"Python {platform.python_version()}, {platform.platform()}",
+        versions=versions,
+        kinds=kinds,
+        processors=_processors(),
+        variables={name: os.environ[name] for name in VARIABLES if name in os.environ},
+        opengl=opengl,
+        scene=None if scene is None else _loading(scene),
+        advice=tuple(_advice(versions, kinds, opengl)),
+    )
+
+
+def _version(distribution: str) -> str | None:
+    try:
+        return version(distribution)
+    except PackageNotFoundError:
+        return None
+
+
+def _processors() -> int:
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def _loading(scene: str | Path) -> str:
+    from cpmkit.scenefile import load_scene
+
+    try:
+        load_scene(scene)
+    except CpmkitError as error:
+        return str(error)
+    return ""
+
+
+def _advice(versions: Mapping[str, str | None], kinds: Mapping[str, str], opengl: str) -> list[str]:
+    advice = []
+    if not kinds:
+        advice.append(
+            "No plugin is installed, so no scene can name a shape: `pip install ./plugins/*` in a clone adds them."
+        )
+    if versions["matplotlib"] is None or versions["pyvista"] is None:
+        advice.append(
+            "Pictures and .vtp files need more than is installed: `pip install '.[view]'` in a clone adds it."
+        )
+    elif opengl:
+        advice.append(
+            "Pictures are drawn with matplotlib, which is plainer. For OpenGL without a display, on Debian: "
+            "`apt-get install libegl1 libgl1-mesa-dri`; or `apt-get install libosmesa6` and set "
+            "VTK_DEFAULT_OPENGL_WINDOW=vtkOSOpenGLRenderWindow."
+        )
+    return advice

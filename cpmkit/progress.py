@@ -1,0 +1,73 @@
+"""Showing a person how far a solve has come."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import TextIO
+
+#: A stage that is over sooner than this many seconds leaves no trace.
+PATIENCE = 1.0
+
+#: Seconds between two drawings of the bar.
+FLICKER = 0.1
+
+WIDTH = 30
+
+
+class ProgressLine:
+    """A :data:`~cpmkit.protocols.Progress` callback that writes to a stream; a context manager.
+
+    On a terminal the stage at work is a bar that redraws itself. Elsewhere nothing moves. Either
+    way a stage that took longer than a second leaves one line with its seconds.
+
+    Parameters
+    ----------
+    stream : text stream
+        Where to write, as a rule ``sys.stderr``.
+    clock : callable
+        Returns seconds.
+    """
+
+    def __init__(self, stream: TextIO, clock: Callable[[], float] = time.perf_counter) -> None:
+        self._stream = stream
+        self._clock = clock
+        self._moves = stream.isatty()
+        self._stage: str | None = None
+        self._since = clock()
+        self._drawn = self._since - FLICKER
+
+    def __call__(self, stage: str, fraction: float) -> None:
+        """Note that ``fraction`` of ``stage`` is done; 1, or another stage than before, ends a stage."""
+        if stage != self._stage:
+            self.finish()
+            self._stage = stage
+        now = self._clock()
+        if self._moves and now - self._drawn >= FLICKER:
+            self._drawn = now
+            share = min(max(fraction, 0.0), 1.0)
+            bar = "#" * round(share * WIDTH)
+            self._write(f"\r{stage:<12} [{bar:.<{WIDTH}}] {share:4.0%}")
+        if fraction >= 1:
+            self.finish()
+
+    def finish(self) -> None:
+        """End the stage at work; the next one counts from here."""
+        if self._stage is None:
+            return
+        now = self._clock()
+        if self._moves:
+            self._write("\r\x1b[K")
+        if now - self._since > PATIENCE:
+            self._write(f"{self._stage:<12} {now - self._since:.1f} s\n")
+        self._stage, self._since, self._drawn = None, now, now - FLICKER
+
+    def __enter__(self) -> ProgressLine:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.finish()
+
+    def _write(self, text: str) -> None:
+        self._stream.write(text)
+        self._stream.flush()

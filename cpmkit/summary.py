@@ -1,0 +1,58 @@
+"""A solution in plain values: what was solved, how, what it cost, and where it comes from."""
+
+from __future__ import annotations
+
+import platform
+from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING, Any
+
+from cpmkit.conditions import Condition
+
+if TYPE_CHECKING:
+    from cpmkit.scene import Scene
+    from cpmkit.solution import Solution
+
+
+def summarize(solution: Solution) -> dict[str, Any]:
+    """Return the summary that ``summary.json`` holds."""
+    band = solution.tables.layout.band
+    return {
+        "scene": _scene(solution.scene),
+        "discretization": {
+            "spacing": solution.spacing,
+            "degree": band.degree,
+            "order": solution.tables.layout.order,
+            "origin": solution.tables.layout.lattice.origin.tolist(),
+            "channels": solution.channels,
+        },
+        "report": solution.report.as_dict(),
+        "work": solution.work.as_dict(),
+        "seconds": dict(solution.seconds),
+        "warnings": list(solution.warnings),
+        "versions": {name: _version(name) for name in ("cpmkit", "numpy", "scipy")} | {"python": platform.python_version()},
+    }
+
+
+def _scene(scene: Scene) -> dict[str, Any]:
+    return {
+        "surface": type(scene.surface).__name__,
+        "dim": scene.surface.dim,
+        "manifold_dim": scene.surface.manifold_dim,
+        "problem": {"kind": scene.problem.kind, "c": scene.problem.c},
+        "boundaries": [
+            {side: _condition(boundary.condition(side)) for side in ("left", "right")} | {"name": boundary.name}  # type: ignore[arg-type]
+            for boundary in scene.boundaries
+        ],
+    }
+
+
+def _condition(condition: Condition) -> str:
+    data = condition.gamma
+    return f"{condition.kind} {'of position' if callable(data) else data}"
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "not installed"

@@ -1,0 +1,166 @@
+"""The eight kinds: keyword arguments are the keys of a scene file.
+
+Every kind takes three more keys: ``rotation`` (an angle in the plane, a rotation vector or a
+matrix), ``translation`` and ``scale``. They act after the others and about the origin:
+x becomes translation + scale * rotation @ x. Angles are in radians. What is not accepted raises
+:class:`~cpmkit.errors.InputError` with the key's name.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cpmkit.arrays import as_vector, positive
+from cpmkit.errors import InputError
+from cpmkit.protocols import Floats
+from cpmkit_analytic.curves import TURN, Arc, Circle, Point, Segment
+from cpmkit_analytic.frames import as_direction, as_position, plane_frame, space_frame
+from cpmkit_analytic.motion import Moved, place
+from cpmkit_analytic.surfaces import Cap, Cylinder, Sphere, Torus
+
+ORIGIN = (0.0, 0.0, 0.0)
+UP = (0.0, 0.0, 1.0)
+
+
+def point(*, at: Any, rotation: Any = None, translation: Any = None, scale: Any = 1.0) -> Moved:
+    """Return the point ``at``, 2 or 3 numbers."""
+    center = as_position(at, "at")
+    return place(Point(len(center)), center, np.eye(len(center))).moved(rotation, translation, scale)
+
+
+def segment(*, start: Any, end: Any, rotation: Any = None, translation: Any = None, scale: Any = 1.0) -> Moved:
+    """Return the segment from ``start`` (end 0) to ``end`` (end 1), each 2 or 3 numbers."""
+    origin = as_position(start, "start")
+    across = as_vector(end, len(origin), "end") - origin
+    if not across.any():
+        raise InputError(f"start and end must differ, got {start!r} twice.")
+    along = as_direction(across, len(origin), "end - start")
+    # x, y, z and y, z, x turn the same way, so this frame is right-handed with its first axis along
+    axes = plane_frame(along) if len(origin) == 2 else space_frame(along)[:, [2, 0, 1]]
+    shape = Segment(len(origin), float(across @ along))
+    return place(shape, origin, axes).moved(rotation, translation, scale)
+
+
+def circle(
+    *,
+    center: Any = None,
+    radius: Any = 1.0,
+    normal: Any = None,
+    rotation: Any = None,
+    translation: Any = None,
+    scale: Any = 1.0,
+) -> Moved:
+    """Return a circle: in the plane, or in space if ``normal`` or a ``center`` of 3 numbers is given.
+
+    It runs counterclockwise about ``normal``, which is (0, 0, 1) unless given.
+    """
+    middle, axes = _plane_of(center, normal, None)
+    shape = Circle(len(middle), positive(radius, "radius"))
+    return place(shape, middle, axes).moved(rotation, translation, scale)
+
+
+def arc(
+    *,
+    start: Any,
+    end: Any,
+    center: Any = None,
+    radius: Any = 1.0,
+    normal: Any = None,
+    x_axis: Any = None,
+    rotation: Any = None,
+    translation: Any = None,
+    scale: Any = 1.0,
+) -> Moved:
+    """Return the arc from the angle ``start`` (end 0) counterclockwise to the angle ``end`` (end 1).
+
+    Angles are counted about ``normal`` from the part of ``x_axis`` across it; unless given, that is the
+    coordinate axis farthest from the normal, the first of equals. Plane or space as for :func:`circle`.
+    """
+    middle, axes = _plane_of(center, normal, x_axis)
+    first, last = as_vector([start, end], 2, "[start, end]")
+    if not 0 < abs(last - first) < TURN:
+        raise InputError(
+            f"end must differ from start by less than a full turn and not be equal to it, got {start!r} and {end!r}; "
+            "analytic.circle is the full turn."
+        )
+    shape = Arc(len(middle), positive(radius, "radius"), start=float(first), sweep=float((last - first) % TURN))
+    return place(shape, middle, axes).moved(rotation, translation, scale)
+
+
+def sphere(
+    *, center: Any = ORIGIN, radius: Any = 1.0, rotation: Any = None, translation: Any = None, scale: Any = 1.0
+) -> Moved:
+    """Return a sphere; around a ``center`` of 2 numbers, the circle."""
+    middle, length = as_position(center, "center"), positive(radius, "radius")
+    shape = Circle(2, length) if len(middle) == 2 else Sphere(length)
+    return place(shape, middle, np.eye(len(middle))).moved(rotation, translation, scale)
+
+
+def cap(
+    *,
+    center: Any = ORIGIN,
+    radius: Any = 1.0,
+    axis: Any = UP,
+    height: Any = 0.0,
+    rotation: Any = None,
+    translation: Any = None,
+    scale: Any = 1.0,
+) -> Moved:
+    """Return the points x of a sphere with (x - center) . axis >= height, ``axis`` scaled to length one.
+
+    ``height`` is a length, 0 for the half sphere, and smaller than the radius in size. The rim is edge loop 0.
+    """
+    length, offset = positive(radius, "radius"), float(as_vector([height], 1, "height")[0])
+    if not abs(offset) < length:
+        raise InputError(f"height must lie between -radius and radius, got {height!r} with the radius {radius!r}.")
+    shape = Cap(length, height=offset)
+    return place(shape, as_vector(center, 3, "center"), space_frame(axis)).moved(rotation, translation, scale)
+
+
+def torus(
+    *,
+    center: Any = ORIGIN,
+    axis: Any = UP,
+    major: Any = 1.0,
+    minor: Any = 0.4,
+    rotation: Any = None,
+    translation: Any = None,
+    scale: Any = 1.0,
+) -> Moved:
+    """Return the points at the distance ``minor`` from a circle of radius ``major`` around ``axis``."""
+    shape = Torus(positive(major, "major"), positive(minor, "minor"))
+    if not shape.minor < shape.major:
+        raise InputError(f"minor must be smaller than major, got {minor!r} and {major!r}.")
+    return place(shape, as_vector(center, 3, "center"), space_frame(axis)).moved(rotation, translation, scale)
+
+
+def cylinder(
+    *,
+    center: Any = ORIGIN,
+    axis: Any = UP,
+    radius: Any = 1.0,
+    length: Any = 2.0,
+    rotation: Any = None,
+    translation: Any = None,
+    scale: Any = 1.0,
+) -> Moved:
+    """Return the open lateral surface of a cylinder, ``center`` in its middle.
+
+    Edge loop 0 is the rim at the end that ``axis`` points away from, 1 the rim that it points to.
+    """
+    shape = Cylinder(positive(radius, "radius"), positive(length, "length"))
+    return place(shape, as_vector(center, 3, "center"), space_frame(axis)).moved(rotation, translation, scale)
+
+
+def _plane_of(center: Any, normal: Any, x_axis: Any) -> tuple[Floats, Floats]:
+    """Return the centre and the frame of a plane curve: (2,) and (2, 2) in the plane, (3,) and (3, 3) in space."""
+    if center is None:
+        center = (0.0, 0.0) if normal is None else ORIGIN
+    middle = as_position(center, "center")
+    if len(middle) == 3:
+        return middle, space_frame(UP if normal is None else normal, x_axis, "normal")
+    if normal is not None:
+        raise InputError(f"normal belongs to a center of 3 numbers, got the center {center!r}.")
+    return middle, plane_frame(x_axis)

@@ -1,0 +1,152 @@
+"""A shape carried from its own frame into the world: one wrapper gives every kind its place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, cast
+
+import numpy as np
+
+from cpmkit.arrays import as_points, as_vector, positive
+from cpmkit.protocols import ClosestPoints, Floats, Ints
+from cpmkit_analytic.directions import norms
+from cpmkit_analytic.frames import as_rotation
+from cpmkit_analytic.shapes import HasShapeNormals, HasShapeTangents, Shape
+
+
+@dataclass(frozen=True, eq=False)
+class Moved:
+    """The points ``center + axes @ p`` for p on a canonical shape.
+
+    Distances are measured in the frame of the shape, after the centre has been taken off: they
+    keep their accuracy however far from zero the shape lies.
+
+    Attributes
+    ----------
+    shape : Shape
+        The shape in canonical position, at its final size.
+    center : (d,) float64
+        Where the origin of its frame lies.
+    axes : (d, d) float64
+        Proper rotation; its columns are the axes of the frame.
+    """
+
+    shape: Shape
+    center: Floats
+    axes: Floats
+
+    @property
+    def dim(self) -> int:
+        """Dimension of the space."""
+        return self.shape.dim
+
+    @property
+    def manifold_dim(self) -> int:
+        """Dimension of the shape."""
+        return self.shape.manifold_dim
+
+    @property
+    def exact(self) -> bool:
+        """True: closed forms are true nearest points."""
+        return True
+
+    @property
+    def bounds(self) -> Floats:
+        """(2, d) corners of the smallest box around the shape."""
+        return np.stack([self.center - self.shape.support(-self.axes), self.center + self.shape.support(self.axes)])
+
+    def closest_point(self, x: Floats, /) -> ClosestPoints:
+        """Return the closest points of ``x`` (n, d).
+
+        Raises
+        ------
+        InputError
+            If ``x`` holds NaN or infinity, or its shape is not (n, d).
+        """
+        q = self._to_shape(as_points(x, self.dim))
+        feet = self.shape.feet(q)
+        return ClosestPoints(self._to_world(feet.points), norms(q - feet.points), feet.edge, local=feet.local)
+
+    def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
+        """Return vertices (v, d) on the shape and cells (m, k) with edges of about ``spacing``."""
+        vertices, cells = self.shape.mesh(positive(spacing, "spacing"))
+        return self._to_world(vertices), cells
+
+    def translated(self, offset: Floats, /) -> Moved:
+        """Return the same shape moved by ``offset`` (d,); the centre alone is rounded, once."""
+        return replace(self, center=self.center + as_vector(offset, self.dim, "offset"))
+
+    def moved(self, rotation: Any = None, translation: Any = None, scale: Any = 1.0) -> Moved:
+        """Return ``translation + scale * rotation @ x`` for the points x of this source.
+
+        Parameters
+        ----------
+        rotation : (d, d) matrix, (3,) rotation vector, or angle in the plane, optional
+            Vectors and angles in radians.
+        translation : (d,) numbers, optional
+        scale : number above zero
+
+        Raises
+        ------
+        InputError
+            If the matrix is not a proper rotation, a length is wrong or the scale is not above zero.
+        """
+        factor = positive(scale, "scale")
+        turn = as_rotation(rotation, self.dim)
+        offset = as_vector(np.zeros(self.dim) if translation is None else translation, self.dim, "translation")
+        center = offset + factor * _rotate(turn, self.center[None])[0]
+        return replace(self, shape=self.shape.scaled(factor), center=center, axes=_rotate(turn, self.axes.T).T)
+
+    def _to_shape(self, x: Floats) -> Floats:
+        return _rotate(self.axes.T, x - self.center)
+
+    def _to_world(self, p: Floats) -> Floats:
+        return _rotate(self.axes, p) + self.center
+
+
+class MovedSurface(Moved):
+    """A moved hypersurface: it has an outside."""
+
+    def normals(self, feet: ClosestPoints, /) -> Floats:
+        """Return the outward unit normals (n, d); of a curve in the plane, those at the right hand of travel."""
+        shape = cast(HasShapeNormals, self.shape)
+        return _rotate(self.axes, shape.normals(self._to_shape(feet.points)))
+
+
+class MovedCurve(Moved):
+    """A moved curve: it is walked along."""
+
+    def tangents(self, feet: ClosestPoints, /) -> Floats:
+        """Return the unit tangents (n, d) in the direction of travel."""
+        shape = cast(HasShapeTangents, self.shape)
+        return _rotate(self.axes, shape.tangents(self._to_shape(feet.points)))
+
+
+class MovedPlaneCurve(MovedCurve, MovedSurface):
+    """A moved curve in the plane: both."""
+
+
+def place(shape: Shape, center: Floats, axes: Floats) -> Moved:
+    """Return the shape at its place, as a source that has the abilities of its dimension and no other."""
+    abilities = (shape.manifold_dim == 1, shape.manifold_dim == shape.dim - 1)
+    classes = {
+        (False, False): Moved,
+        (False, True): MovedSurface,
+        (True, False): MovedCurve,
+        (True, True): MovedPlaneCurve,
+    }
+    return classes[abilities](shape, center, axes)
+
+
+def _rotate(rotation: Floats, vectors: Floats) -> Floats:
+    """Return ``rotation @ v`` for the rows v of ``vectors``.
+
+    Written out by columns: the result of a row then never depends on the size of the batch, which
+    a matrix product does not promise.
+    """
+    if np.array_equal(rotation, np.eye(len(rotation))):
+        return vectors
+    rotated = vectors[:, :1] * rotation[:, 0]
+    for k in range(1, len(rotation)):
+        rotated += vectors[:, k : k + 1] * rotation[:, k]
+    return rotated

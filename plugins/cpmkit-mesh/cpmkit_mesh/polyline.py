@@ -1,0 +1,181 @@
+"""The kind ``mesh.polyline``: a chain of straight segments in the plane or in space."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cpmkit.arrays import as_points, as_vector
+from cpmkit.errors import InputError
+from cpmkit.protocols import ClosestPoints, Floats, Ints
+from cpmkit_mesh.reading import as_numbers, existing_file, one_row_each
+from cpmkit_mesh.tree import Tree, build_tree, nearest
+
+#: A foot that is nearer to a vertex than this share of its segment is at the vertex.
+AT_VERTEX = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Polyline:
+    """Segments between consecutive vertices; travelled in the order of the vertices.
+
+    Attributes
+    ----------
+    vertices : (k, d) float64
+        Without repeated neighbours; a closed polyline does not repeat its first vertex.
+    closed : bool
+        True where a segment leads from the last vertex to the first.
+    given : (k,) int64
+        Where each vertex stands among the points that the user gave.
+    value_count : int
+        How many points the user gave: the rows that :meth:`interpolate` expects.
+    """
+
+    vertices: Floats
+    closed: bool
+    given: Ints
+    value_count: int
+
+    manifold_dim = 1
+    exact = True
+
+    @property
+    def dim(self) -> int:
+        """Dimension of the space, 2 or 3."""
+        return self.vertices.shape[1]
+
+    @property
+    def bounds(self) -> Floats:
+        """(2, d) corners of the box that holds all vertices."""
+        return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])
+
+    def closest_point(self, x: Floats, /) -> ClosestPoints:
+        """Return the closest points of ``x`` (n, d).
+
+        ``element`` is the segment of the foot, ``local`` (n, 1) its share of the way along it, and
+        ``edge`` 0 at the start and 1 at the end of an open polyline.
+
+        Raises
+        ------
+        InputError
+            If ``x`` does not have shape (n, d) or is not finite.
+        """
+        found = nearest(self._tree, _in_space(as_points(x, self.dim)))
+        segment, t = self._tree.order[found.slot], found.local[:, :1]
+        edge = np.full(len(t), -1)
+        if not self.closed:
+            edge[(segment == 0) & (t[:, 0] <= 0.0)] = 0
+            edge[(segment == len(self._segments) - 1) & (t[:, 0] >= 1.0)] = 1
+        return ClosestPoints(np.ascontiguousarray(found.foot[:, : self.dim]), found.distance, edge, segment, t)
+
+    def tangents(self, feet: ClosestPoints, /) -> Floats:
+        """Return (n, d) unit tangents in the direction of travel; at a vertex the bisector of both segments'."""
+        segment, t = self._located(feet)
+        direction = self._directions[segment]
+        at_start, at_end = t <= AT_VERTEX, t >= 1.0 - AT_VERTEX
+        direction[at_start] = self._bisectors[segment[at_start]]
+        direction[at_end] = self._bisectors[self._segments[segment[at_end], 1]]
+        return direction
+
+    def interpolate(self, values: Floats, feet: ClosestPoints, /) -> Floats:
+        """Return ``values`` (value_count, ...), one row a given point, interpolated along the segments."""
+        segment, t = self._located(feet)
+        values = one_row_each(values, self.value_count, "points")
+        ends = self.given[self._segments[segment]]
+        t = t.reshape(-1, *(1,) * (values.ndim - 1))
+        return (1.0 - t) * values[ends[:, 0]] + t * values[ends[:, 1]]
+
+    def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:  # noqa: ARG002 - the polyline is its own mesh
+        """Return the polyline's own vertices (k, d) and segments (m, 2), whatever the spacing."""
+        return self.vertices, self._segments
+
+    def translated(self, offset: Floats, /) -> Polyline:
+        """Return the polyline moved by ``offset`` (d,)."""
+        return replace(self, vertices=self.vertices + as_vector(offset, self.dim, "offset"))
+
+    def _located(self, feet: ClosestPoints) -> tuple[Ints, Floats]:
+        if feet.element is None or feet.local is None:
+            raise InputError("feet must be records that this polyline answered: they lack element or local.")
+        return feet.element, feet.local[:, 0]
+
+    @cached_property
+    def _segments(self) -> Ints:
+        k = len(self.vertices)
+        start = np.arange(k if self.closed else k - 1)
+        return np.stack([start, (start + 1) % k], axis=1)
+
+    @cached_property
+    def _directions(self) -> Floats:
+        return _unit(self.vertices[self._segments[:, 1]] - self.vertices[self._segments[:, 0]])
+
+    @cached_property
+    def _bisectors(self) -> Floats:
+        """(k, d): the tangent at each vertex; where the polyline turns back on itself, that of its arrival."""
+        arriving, leaving = np.roll(self._directions, 1, axis=0), self._directions
+        if not self.closed:
+            arriving = np.concatenate([self._directions[:1], self._directions])
+            leaving = np.concatenate([self._directions, self._directions[-1:]])
+        both = arriving + leaving
+        turned_back = np.linalg.norm(both, axis=1) <= AT_VERTEX
+        return _unit(np.where(turned_back[:, None], arriving, both))
+
+    @cached_property
+    def _tree(self) -> Tree:
+        points = _in_space(self.vertices)
+        return build_tree(points[self._segments[:, [0, 1, 1]]])
+
+
+def polyline(*, points: Any = None, file: str | Path | None = None, closed: bool | None = None) -> Polyline:
+    """Return the polyline through ``points``, or through those in ``file``.
+
+    Parameters
+    ----------
+    points : (n, 2) or (n, 3) array
+        At least two that differ, in the direction of travel; repeated neighbours count once.
+    file : str or Path
+        A ``.npy`` file that holds such an array.
+    closed : bool, optional
+        True adds the segment from the last point to the first. By default a polyline is closed
+        if its last point equals its first.
+
+    Raises
+    ------
+    InputError
+        If both or neither of ``points`` and ``file`` are given, the file is missing or no array,
+        or the points are of another shape, not finite, or all the same.
+    """
+    if (points is None) == (file is None):
+        raise InputError("mesh.polyline takes either points or a file, got " + ("neither." if file is None else "both."))
+    array = as_numbers(points, "points") if file is None else _read_points(file)
+    if array.ndim != 2 or array.shape[1] not in (2, 3):
+        raise InputError(f"points must have shape (n, 2) or (n, 3), got {array.shape}.")
+    given = as_points(array, array.shape[1])
+    if len(given) < 2:
+        raise InputError(f"A polyline needs at least 2 points, got {len(given)}.")
+    kept = np.flatnonzero(np.r_[True, (given[1:] != given[:-1]).any(axis=1)])
+    returns = bool((given[kept[-1]] == given[kept[0]]).all())
+    if len(kept) == 1:
+        raise InputError(f"A polyline needs 2 points that differ, got {len(given)} times the same; use analytic.point.")
+    kept = kept[:-1] if returns and closed is not False else kept
+    return Polyline(given[kept], returns if closed is None else bool(closed), kept, len(given))
+
+
+def _read_points(file: str | Path) -> np.ndarray:
+    path = existing_file(file)
+    try:
+        return np.asarray(np.load(path, allow_pickle=False))
+    except (ValueError, EOFError, OSError) as error:
+        raise InputError(f"{path.name!r} is not a .npy file with an array of points: {error}") from error
+
+
+def _in_space(points: Floats) -> Floats:
+    """Return (n, 3) points, those of the plane with a third coordinate of zero."""
+    return points if points.shape[1] == 3 else np.hstack([points, np.zeros((len(points), 1))])
+
+
+def _unit(vectors: Floats) -> Floats:
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)

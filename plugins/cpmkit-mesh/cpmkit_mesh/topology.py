@@ -1,0 +1,141 @@
+"""How the triangles of a mesh hang together: neighbours, boundary loops, normals at corners."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cpmkit.protocols import Floats, Ints
+
+#: What stands in ``neighbours`` where more than two triangles meet, and the walk has no one way on.
+BLOCKED = -1
+#: Boundary edge k stands in ``neighbours`` as ``FIRST_BOUNDARY - k``.
+FIRST_BOUNDARY = -2
+
+#: A mean of unit normals this much shorter than their number has no direction.
+VANISHED = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Topology:
+    """Adjacency of the triangles of a mesh; edge e of a triangle lies opposite its corner e.
+
+    Attributes
+    ----------
+    neighbours : (m, 3) int64
+        The triangle across each edge; ``FIRST_BOUNDARY - k`` for boundary edge k; ``BLOCKED``
+        where three or more triangles share the edge.
+    boundary : (k, 2) int64
+        Start and end vertex of each boundary edge, as its triangle winds.
+    boundary_face, boundary_edge : (k,) int64
+        Triangle of each boundary edge, and which of its edges it is.
+    loop : (k,) int64
+        Number of the loop of each boundary edge, by decreasing length.
+    consistent : bool
+        True where triangles that share an edge wind alike.
+    """
+
+    neighbours: Ints
+    boundary: Ints
+    boundary_face: Ints
+    boundary_edge: Ints
+    loop: Ints
+    consistent: bool
+
+
+def topology(vertices: Floats, faces: Ints) -> Topology:
+    """Return the adjacency of ``faces`` (m, 3), none of which repeats a vertex."""
+    start, end = faces[:, [1, 2, 0]].ravel(), faces[:, [2, 0, 1]].ravel()
+    name = np.minimum(start, end) * len(vertices) + np.maximum(start, end)
+    order = np.argsort(name, kind="stable")
+    first = np.flatnonzero(np.r_[True, np.diff(name[order]) != 0])
+    uses = np.diff(np.r_[first, len(name)])
+    neighbours = np.full(3 * len(faces), BLOCKED)
+    one, other = order[first[uses == 2]], order[first[uses == 2] + 1]
+    neighbours[one], neighbours[other] = other // 3, one // 3
+    alone = np.sort(order[first[uses == 1]])
+    neighbours[alone] = FIRST_BOUNDARY - np.arange(len(alone))
+    boundary = np.stack([start[alone], end[alone]], axis=1)
+    return Topology(
+        neighbours.reshape(-1, 3),
+        boundary,
+        alone // 3,
+        alone % 3,
+        _loops(vertices, boundary),
+        not (start[one] == start[other]).any(),
+    )
+
+
+def _loops(vertices: Floats, boundary: Ints) -> Ints:
+    """Number the connected parts of the boundary by decreasing length."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    if not len(boundary):
+        return np.zeros(0, dtype=np.int64)
+    used, compact = np.unique(boundary, return_inverse=True)
+    compact = compact.reshape(-1, 2)
+    links = coo_array((np.ones(len(compact)), compact.T), shape=(len(used), len(used)))
+    part = connected_components(links, directed=False)[1][compact[:, 0]]
+    length = np.bincount(part, np.linalg.norm(vertices[boundary[:, 1]] - vertices[boundary[:, 0]], axis=1))
+    rank = np.empty(len(length), dtype=np.int64)
+    rank[np.argsort(-length, kind="stable")] = np.arange(len(length))
+    return rank[part]
+
+
+def face_normals(vertices: Floats, faces: Ints) -> Floats:
+    """Return (m, 3) unit normals by the winding of the faces; zero where a face has no area."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    return unit(np.cross(b - a, c - a))
+
+
+def corner_normals(vertices: Floats, faces: Ints, consistent: bool) -> Floats:
+    """Return (m, 3, 3) unit normals at the corners of each face, averaged around each vertex.
+
+    Where the winding of neighbours disagrees, the normals around a vertex are aligned before they
+    are averaged, and each face sees the mean with the sign of its own winding. A corner whose
+    mean vanishes takes the normal of its face.
+
+    Notes
+    -----
+    The weights are those of Max (1999), Weights for computing vertex normals from facet normals:
+    the sine of the angle at the corner over the product of the lengths of its edges. They are exact
+    on meshes inscribed in a sphere, where weights by angle or by area are of first order.
+    """
+    corner = faces.ravel()
+    own = np.repeat(face_normals(vertices, faces), 3, axis=0)
+    weights = _weights(vertices, faces).ravel()
+    if not consistent:
+        reference = np.zeros_like(vertices)
+        reference[corner[::-1]] = own[::-1]
+        weights = weights * _sign(np.einsum("ij,ij->i", own, reference[corner]))
+    total = np.stack([np.bincount(corner, weights * own[:, k], len(vertices)) for k in range(3)], axis=1)
+    vanished = np.linalg.norm(total, axis=1) <= VANISHED * np.bincount(corner, np.abs(weights), len(vertices))
+    total[vanished] = 0.0
+    normals = unit(total)[corner]
+    if not consistent:
+        normals = normals * _sign(np.einsum("ij,ij->i", own, normals))[:, None]
+    lost = ~normals.any(axis=1)
+    normals[lost] = own[lost]
+    normals[~normals.any(axis=1)] = (0.0, 0.0, 1.0)
+    return normals.reshape(-1, 3, 3)
+
+
+def _weights(vertices: Floats, faces: Ints) -> Floats:
+    """Return (m, 3) the weight of each face at each of its corners, relative to the mesh's largest edge."""
+    towards = vertices[faces[:, [1, 2, 0]]] - vertices[faces]
+    towards = towards / np.abs(towards).max()
+    back = -towards[:, [2, 0, 1]]
+    squares = np.einsum("fck,fck->fc", towards, towards)
+    return np.linalg.norm(np.cross(towards, back), axis=2) / (squares * squares[:, [2, 0, 1]])
+
+
+def _sign(values: Floats) -> Floats:
+    return np.where(values < 0.0, -1.0, 1.0)
+
+
+def unit(vectors: Floats) -> Floats:
+    """Return ``vectors`` (n, 3) at length one; those of length zero stay zero."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0.0)

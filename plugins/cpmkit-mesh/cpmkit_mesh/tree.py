@@ -1,0 +1,78 @@
+"""A tree over triangles or segments in space, asked for the nearest of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cpmkit.protocols import Floats, Ints
+from cpmkit_mesh.compilation import run_in_parcels
+
+#: Twice the area over the square of the longest edge, below which a triangle counts as a sliver.
+THIN = 1e-2
+
+
+@dataclass(frozen=True, eq=False)
+class Tree:
+    """Boxes around primitives, and the primitives in the order of the leaves.
+
+    Attributes
+    ----------
+    boxes : (nodes, 6) float64
+    nodes : (nodes, 2) int64
+    order : (m,) int64
+        The primitive that stands in each slot.
+    corners : (m, 3, 3) float64
+        Corners by slot; a segment repeats its second end.
+    shape : (m,) uint8
+        How each slot is measured: a triangle, a sliver, a segment.
+    """
+
+    boxes: Floats
+    nodes: Ints
+    order: Ints
+    corners: Floats
+    shape: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Nearest:
+    """For each query the slot of the nearest primitive, the foot's coordinates (n, 2) in it, the foot, the distance."""
+
+    slot: Ints
+    local: Floats
+    foot: Floats
+    distance: Floats
+
+
+def build_tree(corners: Floats) -> Tree:
+    """Return the tree over ``corners`` (m, 3, 3); a segment is a triangle whose last two corners agree."""
+    from cpmkit_mesh import tree_kernels
+
+    boxes, nodes, order = tree_kernels.build(corners.min(axis=1), corners.max(axis=1))
+    corners = corners[order]
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    edges = np.stack([first, second, second - first], axis=1)
+    longest = np.einsum("mik,mik->mi", edges, edges).max(axis=1)
+    thin = np.linalg.norm(np.cross(first, second), axis=1) < THIN * longest
+    segment = (corners[:, 1] == corners[:, 2]).all(axis=1)
+    shape = np.where(thin, tree_kernels.SLIVER, tree_kernels.TRIANGLE)
+    return Tree(boxes, nodes, order, corners, np.where(segment, tree_kernels.SEGMENT, shape).astype(np.uint8))
+
+
+def nearest(tree: Tree, x: Floats) -> Nearest:
+    """Return the nearest primitive of ``tree`` to each row of ``x`` (n, 3)."""
+    from cpmkit_mesh import tree_kernels
+
+    n = len(x)
+    found = Nearest(np.empty(n, dtype=np.int64), np.empty((n, 2)), np.empty((n, 3)), np.empty(n))
+
+    def answer(start: int, stop: int) -> None:
+        tree_kernels.nearest(
+            x, start, stop, tree.boxes, tree.nodes, tree.corners, tree.shape,
+            found.slot, found.local, found.foot, found.distance,
+        )  # fmt: skip
+
+    run_in_parcels(answer, n)
+    return found

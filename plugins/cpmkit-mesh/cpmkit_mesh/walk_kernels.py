@@ -1,0 +1,188 @@
+"""Compiled: from the nearest point of a mesh to the foot whose interpolated normal leads to the query.
+
+On a triangle with corners a, b, c and unit normals there, p and n mix both linearly, and a foot
+solves p(v, w) + h n(v, w) = x for v, w and the height h. Both mixes agree along shared edges, so
+where a solution lies outside of its triangle the search goes on across the edge that it violates. Past
+an edge of the mesh the foot slides along the boundary, in the same way one dimension lower.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit_mesh.compilation import compiled
+
+BLOCKED, FIRST_BOUNDARY = -1, -2
+#: Triangles that a walk may visit, and times that it may come back from the boundary.
+LONGEST_WALK = 64
+RETURNS = 3
+#: A coordinate this little below zero is rounding; a foot this many distances away is no foot.
+ROUNDING = 1e-12
+FARTHEST = 2.0
+
+
+@compiled
+def follow(x, start, stop, tiny, mesh, rim, slot, local, foot, distance, doubtful):  # type: ignore[no-untyped-def]
+    """Move the nearest points of ``x[start:stop]`` to the feet that interpolated normals lead to.
+
+    ``mesh`` holds corners and normals (m, 3, 3) and neighbours (m, 3) by slot. ``rim`` holds, for
+    each boundary edge, its ends, normals and tangents (k, 2, 3), the edge end that each end
+    touches (k, 2) as 2 edge + end or -1, and its triangle and edge in it (k, 2). Queries within ``tiny``
+    of the mesh keep their feet; so do those without a sound foot, marked ``doubtful``.
+    """
+    corners, normals, neighbours = mesh
+    for i in range(start, stop):
+        doubtful[i] = False
+        if distance[i] <= tiny:
+            continue
+        face, v, w, found = _walk(x[i], slot[i], local[i, 0], local[i, 1], corners, normals, neighbours, rim)
+        square = 0.0
+        for k in range(3):
+            square += (x[i, k] - _mix(corners, face, v, w, k)) ** 2
+        if found and square <= (FARTHEST * distance[i]) ** 2:
+            slot[i], local[i, 0], local[i, 1] = face, v, w
+            for k in range(3):
+                foot[i, k] = _mix(corners, face, v, w, k)
+        else:
+            doubtful[i] = True
+
+
+@compiled
+def _mix(corners, face, v, w, k):  # type: ignore[no-untyped-def]
+    a = corners[face, 0, k]
+    return a + (v * (corners[face, 1, k] - a) + w * (corners[face, 2, k] - a))
+
+
+@compiled
+def _walk(x, face, v, w, corners, normals, neighbours, rim):  # type: ignore[no-untyped-def]
+    """Return the triangle and coordinates of the foot, and whether there is one."""
+    height = _height(x, face, v, w, corners, normals)
+    returns = 0
+    for _ in range(LONGEST_WALK):
+        v, w, height = _solve(x, face, v, w, height, corners, normals)
+        u = 1.0 - v - w
+        if not (np.isfinite(u) and np.isfinite(height)):
+            return face, 0.0, 0.0, False
+        edge, least = (0, u) if u <= v and u <= w else ((1, v) if v <= w else (2, w))
+        if least >= -ROUNDING:
+            v, w = max(v, 0.0), max(w, 0.0)
+            total = max(u, 0.0) + v + w
+            return face, v / total, w / total, True
+        across = neighbours[face, edge]
+        if across == BLOCKED:
+            return face, 0.0, 0.0, False
+        if across >= 0:
+            face, v, w = across, 1.0 / 3.0, 1.0 / 3.0
+            continue
+        k, s, inside = _slide(x, FIRST_BOUNDARY - across, rim)
+        face, edge = rim[4][k]
+        v = 1.0 - s if edge == 0 else (s if edge == 2 else 0.0)
+        w = s if edge == 0 else (1.0 - s if edge == 1 else 0.0)
+        returns += 1
+        if not inside or returns == RETURNS:
+            return face, v, w, True
+        height = _height(x, face, v, w, corners, normals)
+    return face, 0.0, 0.0, False
+
+
+@compiled
+def _height(x, face, v, w, corners, normals):  # type: ignore[no-untyped-def]
+    along, square = 0.0, 0.0
+    for k in range(3):
+        n = _mix(normals, face, v, w, k)
+        along += (x[k] - _mix(corners, face, v, w, k)) * n
+        square += n * n
+    return along / square
+
+
+@compiled
+def _solve(x, face, v, w, h, corners, normals):  # type: ignore[no-untyped-def]
+    """Return v, w, h with p(v, w) + h n(v, w) = x by Newton's method, or where it leaves the triangle for good."""
+    ax, ay, az = corners[face, 0, 0], corners[face, 0, 1], corners[face, 0, 2]
+    bx, by, bz = corners[face, 1, 0] - ax, corners[face, 1, 1] - ay, corners[face, 1, 2] - az
+    cx, cy, cz = corners[face, 2, 0] - ax, corners[face, 2, 1] - ay, corners[face, 2, 2] - az
+    ax, ay, az = ax - x[0], ay - x[1], az - x[2]
+    nx, ny, nz = normals[face, 0, 0], normals[face, 0, 1], normals[face, 0, 2]
+    mx, my, mz = normals[face, 1, 0] - nx, normals[face, 1, 1] - ny, normals[face, 1, 2] - nz
+    kx, ky, kz = normals[face, 2, 0] - nx, normals[face, 2, 1] - ny, normals[face, 2, 2] - nz
+    for _ in range(12):
+        qx, qy, qz = nx + v * mx + w * kx, ny + v * my + w * ky, nz + v * mz + w * kz
+        fx, fy, fz = ax + v * bx + w * cx + h * qx, ay + v * by + w * cy + h * qy, az + v * bz + w * cz + h * qz
+        dx, dy, dz = bx + h * mx, by + h * my, bz + h * mz
+        ex, ey, ez = cx + h * kx, cy + h * ky, cz + h * kz
+        sx, sy, sz = ey * qz - ez * qy, ez * qx - ex * qz, ex * qy - ey * qx
+        tx, ty, tz = qy * dz - qz * dy, qz * dx - qx * dz, qx * dy - qy * dx
+        scale = 1.0 / (dx * sx + dy * sy + dz * sz)
+        dv = -(fx * sx + fy * sy + fz * sz) * scale
+        dw = -(fx * tx + fy * ty + fz * tz) * scale
+        rx, ry, rz = dy * ez - dz * ey, dz * ex - dx * ez, dx * ey - dy * ex
+        v, w, h = v + dv, w + dw, h - (fx * rx + fy * ry + fz * rz) * scale
+        moved = abs(dv) + abs(dw)
+        if not moved > 1e-8 or abs(v) + abs(w) > 8.0:
+            break
+    return v, w, h
+
+
+@compiled
+def _slide(x, k, rim):  # type: ignore[no-untyped-def]
+    """Return the boundary edge, the share s of it and whether ``x`` lies on the mesh's side of it there.
+
+    At s the query lies in the plane of the normal and the conormal; both are interpolated.
+    """
+    links = rim[3]
+    came = -1
+    for _ in range(LONGEST_WALK):
+        at_start, at_end = _ahead(x, k, 0.0, rim), _ahead(x, k, 1.0, rim)
+        if at_start > 0.0 and at_end < 0.0:
+            s = _between(x, k, at_start, at_end, rim)
+            return k, s, _outward(x, k, s, rim) < 0.0
+        end = 0 if at_start <= 0.0 else 1
+        link = links[k, end]
+        if link < 0 or end == came:
+            return k, float(end), False
+        k, came = link // 2, link % 2
+    return k, 0.5, False
+
+
+@compiled
+def _ahead(x, k, s, rim):  # type: ignore[no-untyped-def]
+    """Return how far ``x`` lies ahead of the point s of boundary edge k, along its tangent without its normal."""
+    ends, normals, tangents = rim[0], rim[1], rim[2]
+    xt, xn, nt, nn = 0.0, 0.0, 0.0, 0.0
+    for j in range(3):
+        q = x[j] - (ends[k, 0, j] + s * (ends[k, 1, j] - ends[k, 0, j]))
+        n = normals[k, 0, j] + s * (normals[k, 1, j] - normals[k, 0, j])
+        t = tangents[k, 0, j] + s * (tangents[k, 1, j] - tangents[k, 0, j])
+        xt, xn, nt, nn = xt + q * t, xn + q * n, nt + n * t, nn + n * n
+    return xt - xn * nt / nn
+
+
+@compiled
+def _between(x, k, at_start, at_end, rim):  # type: ignore[no-untyped-def]
+    """Return the zero of :func:`_ahead` by the Illinois variant of regula falsi."""
+    low, high, s = 0.0, 1.0, 0.5
+    for _ in range(60):
+        previous = s
+        s = (low * at_end - high * at_start) / (at_end - at_start)
+        value = _ahead(x, k, s, rim)
+        if value == 0.0 or abs(s - previous) <= 1e-15:
+            break
+        if value > 0.0:
+            low, at_start = s, value
+            at_end *= 0.5
+        else:
+            high, at_end = s, value
+            at_start *= 0.5
+    return min(max(s, 0.0), 1.0)
+
+
+@compiled
+def _outward(x, k, s, rim):  # type: ignore[no-untyped-def]
+    """Return how far ``x`` lies beyond boundary edge k at its point s, along tangent x normal."""
+    q, n, t = np.empty(3), np.empty(3), np.empty(3)
+    for j in range(3):
+        q[j] = x[j] - (rim[0][k, 0, j] + s * (rim[0][k, 1, j] - rim[0][k, 0, j]))
+        n[j] = rim[1][k, 0, j] + s * (rim[1][k, 1, j] - rim[1][k, 0, j])
+        t[j] = rim[2][k, 0, j] + s * (rim[2][k, 1, j] - rim[2][k, 0, j])
+    along = q[0] * (t[1] * n[2] - t[2] * n[1]) + q[1] * (t[2] * n[0] - t[0] * n[2])
+    return along + q[2] * (t[0] * n[1] - t[1] * n[0])

@@ -1,0 +1,34 @@
+"""Meshes made by code, for the tests alone."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def sphere(level: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the unit sphere as an octahedron whose triangles were quartered ``level`` times."""
+    points = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=float)
+    faces = np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]])
+    for _ in range(level):
+        edges = np.sort(faces[:, [1, 2, 2, 0, 0, 1]].reshape(-1, 2), axis=1)
+        ends, middle = np.unique(edges, axis=0, return_inverse=True)
+        middle = middle.reshape(-1, 3) + len(points)
+        points = np.concatenate([points, points[ends].sum(axis=1)])
+        points /= np.linalg.norm(points, axis=1, keepdims=True)
+        (a, b, c), (p, q, r) = faces.T, middle.T
+        faces = np.concatenate([np.stack(t, axis=1) for t in ((a, r, q), (r, b, p), (q, p, c), (p, q, r))])
+    return points, faces
+
+
+def cap(level: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the upper half of the unit sphere, open along the equator."""
+    points, faces = sphere(level)
+    return points, faces[(points[faces, 2] >= 0).all(axis=1)]
+
+
+def troublesome() -> tuple[np.ndarray, np.ndarray]:
+    """Return an open bowl and a closed ball, 500 across and far from zero, all corners split."""
+    bowl, ball = cap(3), sphere(2)
+    points = np.concatenate([bowl[0] * 250, ball[0] * 40 + [0, 0, -200]]) + [1000, 300, 0]
+    faces = np.concatenate([bowl[1], ball[1] + len(bowl[0])])
+    return points[faces].reshape(-1, 3), np.arange(3 * len(faces)).reshape(-1, 3)

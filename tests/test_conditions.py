@@ -1,0 +1,208 @@
+"""Each condition holds on the side it is given on, at edges and inside, with its order."""
+
+import numpy as np
+import pytest
+from bare import Bare
+from model_problems import max_error, on_circle, order_of, origins, rotation, sphere_points
+
+import cpmkit as ck
+
+SPACINGS = (0.1, 0.05, 0.025, 0.0125)
+THETA_C = 1.022 * np.pi
+
+
+def theta(x):
+    return np.arctan2(x[:, 1], x[:, 0])
+
+
+def arc_problem(edge):
+    """-u'' + u = f on an arc, u = sin 2 theta + cos(theta) / 2."""
+    scene = ck.Scene(
+        ck.source("analytic.arc", center=(0, 0), radius=1.0, start=0.3, end=2.7),
+        ck.ScreenedPoisson(lambda x: 5 * np.sin(2 * theta(x)) + np.cos(theta(x)), c=1.0),
+        edge=edge,
+    )
+    t = np.linspace(0.3, 2.7, 2000)
+    return scene, on_circle(t), np.sin(2 * t) + np.cos(t) / 2
+
+
+def slope(t):
+    return 2 * np.cos(2 * t) - np.sin(t) / 2
+
+
+def value(x):
+    return np.sin(2 * theta(x)) + np.cos(theta(x)) / 2
+
+
+EDGES = {
+    "Dirichlet": (ck.Dirichlet(value), 2.5e-4),
+    "Neumann": ({0: ck.Neumann(-slope(0.3)), 1: ck.Neumann(slope(2.7))}, 7e-5),
+    "mixed": ({0: ck.Dirichlet(float(np.sin(0.6) + np.cos(0.3) / 2)), 1: ck.Neumann(slope(2.7))}, 2.5e-4),
+}
+
+
+@pytest.mark.parametrize("name", EDGES)
+def test_ends_of_an_arc(name):
+    edge, bound = EDGES[name]
+    problem = arc_problem(edge)
+    errors = [max_error(*problem, h) for h in SPACINGS]
+    assert errors[-1] <= bound
+    assert order_of(SPACINGS, errors) >= 1.8
+    first = [max_error(*problem, h, order=1) for h in SPACINGS]
+    assert 0.8 <= order_of(SPACINGS, first) <= 1.6
+
+
+def circle_problem(left, right, extra=()):
+    """-u'' + u = f on the circle cut at theta_C, u = sin 2 s + cos(s) / 2 + 0.7 s, s travelled since the cut."""
+
+    def s(x):
+        return np.mod(theta(x) - THETA_C, 2 * np.pi)
+
+    scene = ck.Scene(
+        ck.source("analytic.circle", center=(0, 0)),
+        ck.ScreenedPoisson(lambda x: 5 * np.sin(2 * s(x)) + np.cos(s(x)) + 0.7 * s(x), c=1.0),
+        [
+            ck.Boundary(
+                "cut", ck.source("analytic.point", at=on_circle(np.array([THETA_C]))[0]), left=left, right=right
+            ),
+            *extra,
+        ],
+    )
+    t = np.linspace(1e-6, 2 * np.pi - 1e-6, 2000)
+    return scene, on_circle(THETA_C + t), np.sin(2 * t) + np.cos(t) / 2 + 0.7 * t
+
+
+# At s = 0 u = 0.5 and u' = 2.7; at s = 2 pi u = 0.5 + 1.4 pi and u' = 2.7. Outward is +s at the left side, -s at the right.
+AT_LEFT, AT_RIGHT, SLOPE = 0.5 + 1.4 * np.pi, 0.5, 2.7
+
+
+@pytest.mark.parametrize(
+    ("left", "right"),
+    [
+        (ck.Neumann(SLOPE), ck.Neumann(-SLOPE)),
+        (ck.Dirichlet(AT_LEFT), ck.Neumann(-SLOPE)),
+        (ck.Neumann(SLOPE), ck.Dirichlet(AT_RIGHT)),
+        (ck.Dirichlet(AT_LEFT), ck.Dirichlet(AT_RIGHT)),
+    ],
+    ids=["NN", "DN", "ND", "DD"],
+)
+def test_each_side_of_a_cut_keeps_its_own_condition(left, right):
+    problem = circle_problem(left, right)
+    errors = np.array([[max_error(*problem, h, origin=h * o) for o in origins(2)[:6]] for h in SPACINGS])
+    rms = np.sqrt(np.mean(errors**2, axis=1))
+    assert rms[-1] <= 2e-4
+    assert order_of(SPACINGS, rms) >= 1.8
+
+
+def test_zero_neumann_is_the_default_edge_at_both_orders():
+    t = np.linspace(0.3, 2.7, 1000)
+    k = np.pi / 2.4
+    exact = np.cos(k * (t - 0.3))
+    scene = ck.Scene(
+        ck.source("analytic.arc", center=(0, 0), radius=1.0, start=0.3, end=2.7),
+        ck.ScreenedPoisson(lambda x: (1 + k * k) * np.cos(k * (theta(x) - 0.3)), c=1.0),
+    )
+
+    def rms(order):
+        errors = [[max_error(scene, on_circle(t), exact, h, order=order, origin=h * o) for o in origins(2)] for h in SPACINGS]
+        return np.sqrt(np.mean(np.square(errors), axis=1))
+
+    assert order_of(SPACINGS, rms(2)) >= 1.8
+    assert 0.8 <= order_of(SPACINGS, rms(1)) <= 1.4
+
+
+def tilted_circle(height=0.2):
+    axis = rotation()[:, 2]
+    return ck.source("analytic.circle", center=height * axis, radius=np.sqrt(1 - height**2), normal=axis), axis
+
+
+def two_sided_sphere(surface, circle, axis, height=0.2):
+    """u = w on the left of a small circle, 3 - w / 2 on its right, w = axis . x, each harmonic of degree 1."""
+
+    def w(x):
+        return x @ axis
+
+    def u(x):
+        return np.where(w(x) > height, w(x), 3 - w(x) / 2)
+
+    scene = ck.Scene(
+        surface,
+        ck.Poisson(lambda x: np.where(w(x) > height, 2 * w(x), -w(x))),
+        [ck.Boundary("circle", circle, left=ck.Dirichlet(height), right=ck.Dirichlet(3 - height / 2), left_of=axis)],
+    )
+    points = sphere_points()
+    return scene, points, u(points)
+
+
+@pytest.mark.parametrize("bare_surface", [False, True], ids=["normals of the source", "normals by differences"])
+@pytest.mark.parametrize("bare_circle", [False, True], ids=["tangents of the source", "tangents by differences"])
+def test_a_jump_across_a_circle_on_the_sphere(bare_surface, bare_circle):
+    circle, axis = tilted_circle()
+    surface = ck.source("analytic.sphere")
+    problem = two_sided_sphere(
+        Bare(surface) if bare_surface else surface, Bare(circle) if bare_circle else circle, axis
+    )
+    if (
+        bare_circle and not bare_surface
+    ):  # nothing but the tangent's sign says which side is left, and the circle has none
+        assert min(max_error(*problem, 0.1), max_error(*swapped(problem), 0.1)) <= 1e-2
+        return
+    errors = [max_error(*problem, h) for h in (0.2, 0.1, 0.05)]
+    assert errors[-1] <= 2e-3
+    assert order_of((0.2, 0.1, 0.05), errors) >= 1.7
+
+
+def swapped(problem):
+    scene, points, exact = problem
+    boundary = scene.boundaries[0]
+    turned = ck.Boundary("circle", boundary.source, left=boundary.right, right=boundary.left)
+    return ck.Scene(scene.surface, scene.problem, [turned]), points, exact
+
+
+def test_a_wall_keeps_two_pieces_apart():
+    circle, axis = tilted_circle()
+    scene = ck.Scene(
+        ck.source("analytic.sphere"),
+        ck.ScreenedPoisson(lambda x: np.where(x @ axis > 0.2, 1.0, 5.0), c=2.0),
+        [ck.Boundary("wall", circle, both=ck.Neumann(0.0))],
+    )
+    points = sphere_points()
+    points = points[np.abs(points @ axis - 0.2) > 1e-6]
+    values = ck.solve(scene, 0.1).evaluate(points)
+    np.testing.assert_allclose(values, np.where(points @ axis > 0.2, 0.5, 2.5), rtol=1e-8)
+
+
+def test_two_cuts_three_spacings_apart_lose_nothing_and_nearer_ones_stay_local():
+    h = 0.0125
+
+    def errors(gap):
+        second = THETA_C + gap * h
+        cut = ck.source("analytic.point", at=on_circle(np.array([second]))[0])
+        extra = [
+            ck.Boundary(
+                "second", cut, left=ck.Dirichlet(lambda x: u_mid(x)), right=ck.Dirichlet(lambda x: 5 + u_mid(x))
+            )
+        ]
+        scene, points, exact = circle_problem(ck.Dirichlet(5 + AT_LEFT), ck.Dirichlet(AT_RIGHT), extra)
+        s = np.mod(theta(points) - THETA_C, 2 * np.pi)
+        inside = s < gap * h
+        lifted = ck.Scene(
+            scene.surface,
+            ck.ScreenedPoisson(
+                lambda x: scene.problem.f(x) + 5 * (np.mod(theta(x) - THETA_C, 2 * np.pi) > gap * h), c=1.0
+            ),
+            scene.boundaries,
+        )
+        difference = np.abs(ck.solve(lifted, h).evaluate(points) - exact - 5 * ~inside)
+        return difference[inside].max(), difference[~inside].max()
+
+    def u_mid(x):
+        s = np.mod(theta(x) - THETA_C, 2 * np.pi)
+        return np.sin(2 * s) + np.cos(s) / 2 + 0.7 * s
+
+    short, rest = errors(3.0)
+    assert short <= 2e-4
+    assert rest <= 2e-4
+    short, rest = errors(1.5)
+    assert short <= 0.1  # order 1 there
+    assert rest <= 2e-4

@@ -1,0 +1,52 @@
+"""What starts light stays light: nothing is imported before it is needed."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+HEAVY = ("scipy", "numba", "trimesh", "pyvista", "vtk", "vtkmodules", "matplotlib", "cpmkit_analytic", "cpmkit_mesh")
+COMMAND = """
+from click.testing import CliRunner
+from cpmkit.cli import main
+assert CliRunner().invoke(main, {}).exit_code == 0
+"""
+
+
+def imported_by(statement):
+    """Return the top-level modules that a fresh interpreter holds after ``statement``."""
+    code = (
+        f"{statement}\nimport json, sys\nprint(json.dumps(sorted({{name.partition('.')[0] for name in sys.modules}})))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return set(json.loads(done.stdout.splitlines()[-1]))
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "import cpmkit",
+        "import cpmkit.cli",
+        "import cpmkit.export, cpmkit.view, cpmkit.surface_mesh, cpmkit.doctor",
+        COMMAND.format(["--help"]),
+        COMMAND.format(["solve", "--help"]),
+        COMMAND.format(["plugins"]),
+        COMMAND.format(["plugins", "--json"]),
+    ],
+)
+def test_nothing_heavy_and_no_plugin_is_imported(statement):
+    assert imported_by(statement) & set(HEAVY) == set()
+
+
+@pytest.mark.parametrize("statement", ["import cpmkit", COMMAND.format(["--help"]), COMMAND.format(["plugins"])])
+def test_not_even_numpy_is_imported(statement):
+    assert "numpy" not in imported_by(statement)
+
+
+def test_every_public_name_exists():
+    import cpmkit
+
+    for name in cpmkit.__all__:
+        assert getattr(cpmkit, name) is not None
