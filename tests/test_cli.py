@@ -7,6 +7,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import click
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -222,3 +223,67 @@ def test_on_a_terminal_the_bar_moves_and_long_stages_stay():
     assert shown.replace("\r", "\n").count("band         3.0 s\n") == 1
     assert "solve        0." not in shown
     assert shown.endswith("\r\x1b[K")
+
+
+CIRCLE = """
+[surface]
+kind = "analytic.circle"
+center = [0, 0]
+radius = 1
+
+[[boundary]]
+name = "east"
+kind = "analytic.point"
+at = [1, 0]
+both = { dirichlet = 0 }
+
+[[boundary]]
+name = "west"
+kind = "analytic.point"
+at = [-1, 0]
+left = { dirichlet = 1 }
+right = { dirichlet = 2 }
+
+[problem]
+kind = "laplace"
+
+[discretization]
+spacing = 0.1
+
+[output]
+folder = "circle"
+files = ["u.npz", "u.vtp", "summary.json"]
+picture = { file = "circle.png", width = 64 }
+"""
+
+
+def test_a_real_scene_is_solved_from_file_to_files(run):
+    Path("scene.toml").write_text(CIRCLE)
+    result = run("solve", "scene.toml", "--json")
+    assert result.exit_code == 0, result.stderr
+    assert names("circle") == ["circle.png", "summary.json", "u.npz", "u.vtp"]
+    assert json.loads(result.stdout)["report"]["converged"]
+    with np.load("circle/u.npz") as saved:
+        x, y = saved["points"].T
+        u = saved["values"][:, 0]
+    # u is linear in the angle on either half circle: up to 1 where the circle comes from, to 2 where it goes.
+    angle = np.abs(np.arctan2(y, x)) / np.pi
+    inside = np.abs(y) > 1e-9
+    np.testing.assert_allclose(u[inside], (angle * np.where(y > 0, 1, 2))[inside], atol=0.02)
+    assert {round(value, 2) for value in u[x < -1 + 1e-9]} == {1, 2}
+
+
+def test_a_real_scene_is_explained(run):
+    Path("scene.toml").write_text(CIRCLE)
+    told = json.loads(run("explain", "scene.toml", "--json").stdout)
+    assert told["unknowns"] > 50
+    assert "ghosts" in run("explain", "scene.toml").stdout
+
+
+def test_a_real_scene_with_a_wrong_key_is_one_line(run):
+    Path("scene.toml").write_text(CIRCLE.replace("radius", "radios"))
+    result = run("solve", "scene.toml")
+    assert result.exit_code == 1
+    assert result.stderr.startswith("Error: ")
+    assert "'radios'" in result.stderr
+    assert result.stderr.count("\n") == 1

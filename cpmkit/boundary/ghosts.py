@@ -129,8 +129,9 @@ def _direction(seen: Frame, foot_point: Floats, spacing: float) -> Floats:
 def _mirror_beyond_another(index: int, sight: Sight, seen: Frame, foot_point: Floats, spacing: float) -> Bools:
     """Tell which ghosts have their mirror point beyond another boundary; those can only be of order 1.
 
-    Points on a surface do not count: the solution goes on around them (on the sphere, an arc and a point
-    at its end: error 6e-4 at spacing 0.05, and 3.6e-3 if they counted).
+    Points on a surface do not count: the solution goes on around them. Nor does a boundary that starts
+    where this one is met (on the sphere, an arc and a point at its end, spacing 0.05: error 6e-4, and
+    3.6e-3 if such ghosts were of order 1).
     """
     beyond = np.zeros(len(seen.rows), dtype=bool)
     others = [other for other, one in enumerate(sight.sighted) if other != index and one.has_sides]
@@ -145,6 +146,7 @@ def _mirror_beyond_another(index: int, sight: Sight, seen: Frame, foot_point: Fl
         at_foot = sight.sighted[other].frame(seen.foot[at_mirror.rows], 2 * reach, spacing)
         facing = at_mirror.take(at_foot.rows)
         opposite = np.sum(facing.director * at_foot.director, axis=1) < 0
+        opposite &= np.abs(at_foot.signed) > INSIDE * spacing  # where the boundaries meet, neither lies beyond the other
         beyond[facing.rows[opposite & ~facing.end & ~at_foot.end]] = True
     return beyond
 

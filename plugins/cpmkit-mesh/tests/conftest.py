@@ -1,11 +1,18 @@
-"""Meshes made by code, for the tests alone."""
+"""Meshes that the tests ask for: made by code, and real ones where their folder is known."""
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable
+from pathlib import Path
+
 import numpy as np
+import pytest
+
+Mesh = tuple[np.ndarray, np.ndarray]
 
 
-def sphere(level: int) -> tuple[np.ndarray, np.ndarray]:
+def _sphere(level: int) -> Mesh:
     """Return the unit sphere as an octahedron whose triangles were quartered ``level`` times."""
     points = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=float)
     faces = np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]])
@@ -20,15 +27,45 @@ def sphere(level: int) -> tuple[np.ndarray, np.ndarray]:
     return points, faces
 
 
-def cap(level: int) -> tuple[np.ndarray, np.ndarray]:
+def _cap(level: int) -> Mesh:
     """Return the upper half of the unit sphere, open along the equator."""
-    points, faces = sphere(level)
+    points, faces = _sphere(level)
     return points, faces[(points[faces, 2] >= 0).all(axis=1)]
 
 
-def troublesome() -> tuple[np.ndarray, np.ndarray]:
+def _troublesome() -> Mesh:
     """Return an open bowl and a closed ball, 500 across and far from zero, all corners split."""
-    bowl, ball = cap(3), sphere(2)
+    bowl, ball = _cap(3), _sphere(2)
     points = np.concatenate([bowl[0] * 250, ball[0] * 40 + [0, 0, -200]]) + [1000, 300, 0]
     faces = np.concatenate([bowl[1], ball[1] + len(bowl[0])])
     return points[faces].reshape(-1, 3), np.arange(3 * len(faces)).reshape(-1, 3)
+
+
+@pytest.fixture
+def sphere() -> Callable[[int], Mesh]:
+    return _sphere
+
+
+@pytest.fixture
+def cap() -> Callable[[int], Mesh]:
+    return _cap
+
+
+@pytest.fixture
+def troublesome() -> Mesh:
+    return _troublesome()
+
+
+@pytest.fixture
+def real_mesh() -> Callable[[str], Path]:
+    """Return a finder of real meshes; the test is skipped where CPMKIT_DATA names no folder."""
+
+    def find(name: str) -> Path:
+        folder = os.environ.get("CPMKIT_DATA")
+        if not folder:
+            pytest.skip(f"CPMKIT_DATA names no folder with {name}")
+        file = Path(folder) / name
+        assert file.is_file(), f"CPMKIT_DATA names {folder}, which lacks {name}"
+        return file
+
+    return find
