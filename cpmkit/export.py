@@ -120,7 +120,10 @@ _WRITERS: dict[str, Callable[[Solution, Path], None]] = {
 
 
 def _poly_data(mesh: DisplayMesh) -> Any:
-    import pyvista
+    try:
+        import pyvista
+    except ImportError as error:  # installed, but a library of the system is absent
+        raise MissingDependencyError(f"pyvista, which writes .vtp and .ply files, does not import: {error}.") from error
 
     corners = mesh.cells.shape[1]
     listed = np.insert(mesh.cells, 0, corners, axis=1).ravel()

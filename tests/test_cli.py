@@ -268,9 +268,9 @@ def test_a_real_scene_is_solved_from_file_to_files(run):
         u = saved["values"][:, 0]
     # u is linear in the angle on either half circle: up to 1 where the circle comes from, to 2 where it goes.
     angle = np.abs(np.arctan2(y, x)) / np.pi
-    inside = np.abs(y) > 1e-9
-    np.testing.assert_allclose(u[inside], (angle * np.where(y > 0, 1, 2))[inside], atol=0.02)
-    assert {round(value, 2) for value in u[x < -1 + 1e-9]} == {1, 2}
+    at_west = (x < 0) & (np.abs(y) < 1e-3)
+    np.testing.assert_allclose(u[~at_west], (angle * np.where(y > 0, 1, 2))[~at_west], atol=0.02)
+    np.testing.assert_allclose(np.sort(u[at_west]), [1, 2], atol=1e-3)
 
 
 def test_a_real_scene_is_explained(run):

@@ -149,7 +149,9 @@ def polyline(*, points: Any = None, file: str | Path | None = None, closed: bool
         or the points are of another shape, not finite, or all the same.
     """
     if (points is None) == (file is None):
-        raise InputError("mesh.polyline takes either points or a file, got " + ("neither." if file is None else "both."))
+        raise InputError(
+            "mesh.polyline takes either points or a file, got " + ("neither." if file is None else "both.")
+        )
     array = as_numbers(points, "points") if file is None else _read_points(file)
     if array.ndim != 2 or array.shape[1] not in (2, 3):
         raise InputError(f"points must have shape (n, 2) or (n, 3), got {array.shape}.")

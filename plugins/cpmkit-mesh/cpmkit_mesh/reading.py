@@ -80,7 +80,9 @@ def as_mesh(vertices: Any, faces: Any) -> tuple[Floats, Ints]:
     if points.ndim != 2 or points.shape[1:] != (3,) or not len(points):
         raise InputError(f"vertices must have shape (n, 3) with n > 0, got {points.shape}.")
     if triangles.ndim != 2 or triangles.shape[1:] != (3,) or not len(triangles):
-        raise InputError(f"faces must have shape (m, 3) with m > 0, got {triangles.shape}; cut polygons into triangles.")
+        raise InputError(
+            f"faces must have shape (m, 3) with m > 0, got {triangles.shape}; cut polygons into triangles."
+        )
     if not np.array_equal(triangles, np.floor(triangles)):
         raise InputError(f"faces must be whole numbers, indices of vertices, got {triangles.dtype}.")
     triangles = np.ascontiguousarray(triangles, dtype=np.int64)

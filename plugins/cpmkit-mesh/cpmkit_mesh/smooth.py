@@ -8,7 +8,8 @@ import numpy as np
 
 from cpmkit.protocols import Bools, Floats, Ints
 from cpmkit_mesh.compilation import run_in_parcels
-from cpmkit_mesh.topology import Topology, unit
+from cpmkit_mesh.normals import unit
+from cpmkit_mesh.topology import Topology
 from cpmkit_mesh.tree import Nearest, Tree
 
 #: Cosine of the turn of a boundary loop above which a vertex is a corner, not the sample of a smooth curve.

@@ -1,4 +1,4 @@
-"""How the triangles of a mesh hang together: neighbours, boundary loops, normals at corners."""
+"""How the triangles of a mesh hang together: neighbours and boundary loops."""
 
 from __future__ import annotations
 
@@ -12,9 +12,6 @@ from cpmkit.protocols import Floats, Ints
 BLOCKED = -1
 #: Boundary edge k stands in ``neighbours`` as ``FIRST_BOUNDARY - k``.
 FIRST_BOUNDARY = -2
-
-#: A mean of unit normals this much shorter than their number has no direction.
-VANISHED = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,60 +79,3 @@ def _loops(vertices: Floats, boundary: Ints) -> Ints:
     rank = np.empty(len(length), dtype=np.int64)
     rank[np.argsort(-length, kind="stable")] = np.arange(len(length))
     return rank[part]
-
-
-def face_normals(vertices: Floats, faces: Ints) -> Floats:
-    """Return (m, 3) unit normals by the winding of the faces; zero where a face has no area."""
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    return unit(np.cross(b - a, c - a))
-
-
-def corner_normals(vertices: Floats, faces: Ints, consistent: bool) -> Floats:
-    """Return (m, 3, 3) unit normals at the corners of each face, averaged around each vertex.
-
-    Where the winding of neighbours disagrees, the normals around a vertex are aligned before they
-    are averaged, and each face sees the mean with the sign of its own winding. A corner whose
-    mean vanishes takes the normal of its face.
-
-    Notes
-    -----
-    The weights are those of Max (1999), Weights for computing vertex normals from facet normals:
-    the sine of the angle at the corner over the product of the lengths of its edges. They are exact
-    on meshes inscribed in a sphere, where weights by angle or by area are of first order.
-    """
-    corner = faces.ravel()
-    own = np.repeat(face_normals(vertices, faces), 3, axis=0)
-    weights = _weights(vertices, faces).ravel()
-    if not consistent:
-        reference = np.zeros_like(vertices)
-        reference[corner[::-1]] = own[::-1]
-        weights = weights * _sign(np.einsum("ij,ij->i", own, reference[corner]))
-    total = np.stack([np.bincount(corner, weights * own[:, k], len(vertices)) for k in range(3)], axis=1)
-    vanished = np.linalg.norm(total, axis=1) <= VANISHED * np.bincount(corner, np.abs(weights), len(vertices))
-    total[vanished] = 0.0
-    normals = unit(total)[corner]
-    if not consistent:
-        normals = normals * _sign(np.einsum("ij,ij->i", own, normals))[:, None]
-    lost = ~normals.any(axis=1)
-    normals[lost] = own[lost]
-    normals[~normals.any(axis=1)] = (0.0, 0.0, 1.0)
-    return normals.reshape(-1, 3, 3)
-
-
-def _weights(vertices: Floats, faces: Ints) -> Floats:
-    """Return (m, 3) the weight of each face at each of its corners, relative to the mesh's largest edge."""
-    towards = vertices[faces[:, [1, 2, 0]]] - vertices[faces]
-    towards = towards / np.abs(towards).max()
-    back = -towards[:, [2, 0, 1]]
-    squares = np.einsum("fck,fck->fc", towards, towards)
-    return np.linalg.norm(np.cross(towards, back), axis=2) / (squares * squares[:, [2, 0, 1]])
-
-
-def _sign(values: Floats) -> Floats:
-    return np.where(values < 0.0, -1.0, 1.0)
-
-
-def unit(vectors: Floats) -> Floats:
-    """Return ``vectors`` (n, 3) at length one; those of length zero stay zero."""
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0.0)

@@ -12,9 +12,10 @@ import numpy as np
 from cpmkit.arrays import as_points, as_vector
 from cpmkit.errors import InputError
 from cpmkit.protocols import ClosestPoints, Floats, Ints
+from cpmkit_mesh.normals import corner_normals, unit
 from cpmkit_mesh.reading import as_mesh, one_row_each, read_mesh, weld
 from cpmkit_mesh.smooth import SmoothPart, follow_normals, smooth_part
-from cpmkit_mesh.topology import FIRST_BOUNDARY, Topology, corner_normals, topology, unit
+from cpmkit_mesh.topology import FIRST_BOUNDARY, Topology, topology
 from cpmkit_mesh.tree import Tree, build_tree, nearest
 
 #: A foot with a barycentric coordinate below this lies on the edge opposite that corner.
@@ -194,7 +195,7 @@ def triangles(
         faces=cells,
         smooth=closest == "smooth",
         adjacency=adjacency,
-        normals_at_corners=corner_normals(points, cells, adjacency.consistent),
+        normals_at_corners=corner_normals(points, cells, adjacency),
         given_faces=given_faces[apart],
         given_index=apart,
         value_count=len(given_vertices),

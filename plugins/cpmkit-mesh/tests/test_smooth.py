@@ -35,9 +35,13 @@ def test_feet_on_spheres_are_of_second_order_and_far_better_than_facets(sphere):
     x, direction = around(np.random.default_rng(1), 4000)
     errors = []
     for level in (2, 3, 4, 5):
-        smooth, faceted = (np.linalg.norm(mesh.closest_point(x).points - direction, axis=1) for mesh in pair(*sphere(level)))
+        smooth, faceted = (
+            np.linalg.norm(mesh.closest_point(x).points - direction, axis=1) for mesh in pair(*sphere(level))
+        )
         errors.append(np.sqrt((smooth**2).mean()))
-        tangential = np.linalg.norm(np.cross(smooth[:, None] * 0 + pair(*sphere(level))[0].closest_point(x).points, direction), axis=1)
+        tangential = np.linalg.norm(
+            np.cross(smooth[:, None] * 0 + pair(*sphere(level))[0].closest_point(x).points, direction), axis=1
+        )
         assert tangential.max() < 1e-12
         assert np.sqrt((faceted**2).mean()) > (1.2, 2, 4, 8)[level - 2] * errors[-1]
     order = np.log2(np.array(errors[:-1]) / errors[1:])

@@ -41,7 +41,7 @@ def soup(rng, count):
     thin = rng.random(count) < 0.2
     share = rng.uniform(0, 1, (thin.sum(), 1))
     flat = (1 - share) * corners[thin, 0] + share * corners[thin, 1]
-    height = 10.0 ** rng.uniform(-14, -1, (thin.sum(), 1))
+    height = 10.0 ** rng.uniform(-6, -1, (thin.sum(), 1))
     corners[thin, 2] = flat + height * (corners[thin, 2] - flat)
     return corners
 
@@ -86,6 +86,20 @@ def test_degenerate_triangles_count_as_the_segments_and_points_that_they_are(cor
     corners = np.array(corners, dtype=float)
     x = np.random.default_rng(3).uniform(-2, 4, (500, 3))
     np.testing.assert_allclose(nearest(build_tree(corners), x).distance, brute_force(x, corners), rtol=1e-13)
+
+
+@pytest.mark.parametrize("height", [1e-16, 1e-13, 1e-10, 1e-7])
+def test_slivers_lie_within_their_height_of_their_longest_edge(height):
+    rng = np.random.default_rng(6)
+    corners = rng.normal(size=(200, 3, 3))
+    share = rng.uniform(0, 1, (200, 1))
+    corners[:, 2] = (1 - share) * corners[:, 0] + share * corners[:, 1] + height * corners[:, 2]
+    for k in range(3):  # whichever corner comes first
+        x = np.concatenate([rng.uniform(-3, 3, (300, 3)), corners.mean(axis=1)])
+        distance = nearest(build_tree(np.roll(corners, k, axis=1)), x).distance
+        edges = nearest(build_tree(corners[:, [0, 1, 1]]), x).distance
+        np.testing.assert_allclose(distance, edges, atol=4 * height + 1e-15)
+        assert distance[300:].max() < 4e-15
 
 
 def test_sizes_that_grow_geometrically_do_not_overflow_the_stack():

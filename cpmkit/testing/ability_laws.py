@@ -1,0 +1,151 @@
+"""The laws of the optional abilities; a source without the ability keeps them all."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.protocols import (
+    Floats,
+    HasMesh,
+    HasNormals,
+    HasTangents,
+    HasTranslation,
+    HasValues,
+)
+from cpmkit.testing.law import law, require, require_rows, sure
+from cpmkit.testing.queries import ROUND_OFF, Subject, for_queries
+
+#: The step across or along the manifold that shows where a normal or tangent points, relative to the size.
+STEP = 1e-5
+
+
+@law
+def check_normals(about: Subject) -> None:
+    """Normals are of length one and at right angles to the manifold, with one sign on both sides of it.
+
+    A foot that is moved along its normal comes back. At a concave crease it cannot, so one of the
+    two sides is enough; and a crease may turn by more than a right angle, so signs are compared by
+    majority.
+    """
+    source = about.source
+    if not isinstance(source, HasNormals):
+        return
+
+    def hold(x: Floats) -> None:
+        feet = source.closest_point(x)
+        feet = feet.take(sure(feet))
+        normals = source.normals(feet)
+        _require_unit(normals, feet.points)
+        feet, normals = feet.take(feet.edge < 0), normals[feet.edge < 0]
+        step = STEP * about.size * normals
+        sides = [source.closest_point(np.ascontiguousarray(feet.points + s * step)) for s in (1.0, -1.0)]
+        slid = np.min([np.linalg.norm(side.points - feet.points, axis=1) for side in sides], axis=0)
+        allowed = 1e-3 * STEP * about.size + about.round_off(feet.points)
+        require_rows(slid <= allowed, feet.points, "Moved along its normal, the foot slides", slid)
+        above, below = (source.normals(side) for side in sides)
+        _require_agreement(above, below, feet.points, "The two sides have opposite normals")
+
+    for_queries(about, hold, within_radius=True)
+
+
+@law
+def check_tangents(about: Subject) -> None:
+    """Tangents are of length one, lie along the curve, and point the same way from one foot to the next."""
+    source = about.source
+    if not isinstance(source, HasTangents):
+        return
+
+    def hold(x: Floats) -> None:
+        feet = source.closest_point(x)
+        feet = feet.take(sure(feet))
+        _require_unit(source.tangents(feet), feet.points)
+        feet = feet.take(feet.edge < 0)
+        tangents = source.tangents(feet)
+        ahead = source.closest_point(np.ascontiguousarray(feet.points + STEP * about.size * tangents))
+        progress = np.einsum("nd,nd->n", ahead.points - feet.points, tangents) / (STEP * about.size)
+        # At a corner that turns by a the tangent is the bisector, and the foot advances by cos^2(a / 2).
+        require_rows(progress > 0.01, feet.points, "Moved along its tangent, the foot advances by the share", progress)
+        _require_agreement(source.tangents(ahead), tangents, feet.points, "Neighbours have opposite tangents")
+
+    for_queries(about, hold, within_radius=True)
+
+
+@law
+def check_values(about: Subject) -> None:
+    """Interpolated data keep constants and the number of channels."""
+    source = about.source
+    if not isinstance(source, HasValues):
+        return
+    values = np.tile([3.0, -1.0], (source.value_count, 1))
+
+    def hold(x: Floats) -> None:
+        read = source.interpolate(values, about.source.closest_point(x))
+        require(read.shape == (len(x), 2), f"Data of 2 channels at {len(x)} feet are read as {read.shape}.")
+        require_rows((np.abs(read - values[0]) <= ROUND_OFF).all(axis=1), x, "The constants 3, -1 are read as", read)
+
+    for_queries(about, hold, within_radius=True)
+
+
+@law
+def check_mesh(about: Subject) -> None:
+    """The vertices of a mesh lie on the manifold, and its cells name vertices that are there, each once a cell."""
+    source = about.source
+    if not isinstance(source, HasMesh):
+        return
+    for share in (0.5, 0.05):
+        vertices, cells = source.mesh(share * about.size)
+        require(vertices.dtype == np.float64 and cells.dtype == np.int64, f"It holds {vertices.dtype}, {cells.dtype}.")
+        require(vertices.ndim == 2 and vertices.shape[1] == about.source.dim, f"Vertices have shape {vertices.shape}.")
+        corners = (1, 2, 3) if about.source.manifold_dim is None else (about.source.manifold_dim + 1,)
+        require(cells.ndim == 2 and cells.shape[1] in corners and len(cells), f"Cells have shape {cells.shape}.")
+        require(cells.min() >= 0 and cells.max() < len(vertices), "A cell names a vertex that is not there.")
+        ordered = np.sort(cells, axis=1)
+        require((ordered[:, 1:] > ordered[:, :-1]).all(), "A cell names a vertex twice.")
+        off = about.source.closest_point(np.ascontiguousarray(vertices)).distance
+        require_rows(off <= about.round_off(vertices), vertices, "A vertex lies off the manifold by", off)
+
+
+@law
+def check_translation(about: Subject) -> None:
+    """A translated source answers as the source does, moved by the offset, and has the same abilities.
+
+    Feet are compared by where they lie and how far they are: at a tie rounding may choose another.
+    """
+    source = about.source
+    if not isinstance(source, HasTranslation):
+        return
+    offset = about.size * np.array([3.0, -50.0, 0.3])[: about.source.dim]
+    moved = source.translated(offset)
+    for ability in (HasNormals, HasTangents, HasValues, HasMesh, HasTranslation):
+        same = isinstance(moved, ability) == isinstance(source, ability)
+        require(same, f"Only one of the two has {ability.__name__}.")
+    apart = np.abs(moved.bounds - (about.source.bounds + offset)).max()
+    require(apart <= about.round_off(offset[None])[0], f"The bounds move by the offset and {apart}.")
+
+    def hold(x: Floats) -> None:
+        here, there = about.source.closest_point(x), moved.closest_point(x + offset)
+        allowed = 2 * about.round_off(np.abs(x) + np.abs(offset))
+        apart = np.abs(there.distance - here.distance)
+        require_rows(apart <= allowed, x, "distance changes in translation by", apart)
+        off = about.source.closest_point(np.ascontiguousarray(there.points - offset)).distance
+        require_rows(off <= allowed, x, "The translated foot lies off the translated manifold by", off)
+        apart = np.abs(np.linalg.norm(x + offset - there.points, axis=1) - np.linalg.norm(x - here.points, axis=1))
+        require_rows(apart <= allowed + about.case.turning_angle * here.distance, x, "|x - points| changes by", apart)
+
+    for_queries(about, hold, within_radius=not about.source.exact)
+
+
+LAWS = (check_normals, check_tangents, check_values, check_mesh, check_translation)
+
+
+def _require_unit(vectors: Floats, points: Floats) -> None:
+    require(vectors.shape == points.shape, f"There are {vectors.shape} vectors for {points.shape} feet.")
+    require(vectors.dtype == np.float64, f"Vectors are {vectors.dtype}, not float64.")
+    length = np.linalg.norm(vectors, axis=1)
+    require_rows(np.abs(length - 1) <= ROUND_OFF, points, "A vector has the length", length)
+
+
+def _require_agreement(first: Floats, second: Floats, points: Floats, message: str) -> None:
+    opposite = np.einsum("nd,nd->n", first, second) <= 0
+    if len(points) and opposite.mean() > 0.5:
+        require_rows(~opposite, points, message)

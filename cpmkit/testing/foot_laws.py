@@ -1,0 +1,133 @@
+"""The laws of feet: what closest points are against each other, against the query and against the manifold."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.protocols import Floats
+from cpmkit.testing.law import law, require_rows, sure
+from cpmkit.testing.queries import Subject, for_queries, symmetric_points
+
+
+@law
+def check_idempotence(about: Subject) -> None:
+    """The closest point of a foot is that foot, at no distance."""
+
+    def hold(x: Floats) -> None:
+        feet = about.source.closest_point(x)
+        feet = feet.take(sure(feet))
+        again = about.source.closest_point(np.ascontiguousarray(feet.points))
+        apart = np.linalg.norm(again.points - feet.points, axis=1)
+        round_off = about.round_off(feet.points)
+        require_rows(apart <= round_off, feet.points, "A foot moves when asked again, by", apart)
+        require_rows(again.distance <= round_off, feet.points, "A foot lies off the manifold by", again.distance)
+
+    for_queries(about, hold, within_radius=not about.source.exact)
+
+
+@law
+def check_lipschitz(about: Subject) -> None:
+    """Distances differ by no more than the queries are apart."""
+
+    def hold(x: Floats) -> None:
+        rng = np.random.default_rng(0)
+        steps = about.size * 10.0 ** rng.uniform(-6, 0, (len(x), 1)) * rng.normal(size=x.shape)
+        both = np.concatenate([x, x + steps])
+        distance = about.source.closest_point(both).distance
+        apart = np.linalg.norm(both[:, None] - both, axis=2)
+        round_off = about.round_off(both)
+        excess = np.abs(distance[:, None] - distance) - apart - round_off[:, None] - round_off
+        excess = excess.max(axis=1)
+        require_rows(excess <= 0, both, "distance grows faster than the query moves, by", excess)
+
+    for_queries(about, hold)
+
+
+@law
+def check_distance(about: Subject) -> None:
+    """``distance`` is not negative and never above |x - points|; of an exact source the two are equal."""
+
+    def hold(x: Floats) -> None:
+        feet = about.source.closest_point(x)
+        excess = feet.distance - np.linalg.norm(x - feet.points, axis=1)
+        require_rows(feet.distance >= 0, x, "distance is", feet.distance)
+        require_rows(excess <= about.round_off(x), x, "distance is above |x - points| by", excess)
+        if about.source.exact:
+            require_rows(-excess <= about.round_off(x), x, "distance is below |x - points| by", -excess)
+
+    for_queries(about, hold)
+
+
+@law
+def check_nearest(about: Subject) -> None:
+    """No point of the manifold is nearer than ``distance``: neither a sample nor the foot of another query."""
+    known = about.known_points()
+
+    def hold(x: Floats) -> None:
+        feet = about.source.closest_point(x)
+        others = feet.points if known is None else np.concatenate([feet.points, known])
+        nearest = np.linalg.norm(x[:, None] - others, axis=2).min(axis=1)
+        excess = feet.distance - nearest
+        require_rows(excess <= about.round_off(x), x, "A point of the manifold is nearer than distance, by", excess)
+
+    for_queries(about, hold)
+
+
+@law
+def check_foot(about: Subject) -> None:
+    """A foot of a source that is not exact lies within turning angle x distance of the exact foot.
+
+    The exact foot is not known, but its distance is: so |x - points| is at most
+    (1 + turning angle) x distance, and that is what is checked. A foot that slides along the
+    manifold by much less than the distance passes.
+    """
+
+    def hold(x: Floats) -> None:
+        feet = about.source.closest_point(x)
+        allowed = (1 + about.case.turning_angle) * feet.distance + about.round_off(x)
+        excess = np.linalg.norm(x - feet.points, axis=1) - allowed
+        require_rows((excess <= 0) | ~sure(feet), x, "|x - points| is too large by", excess)
+
+    if not about.source.exact:
+        for_queries(about, hold, within_radius=True)
+
+
+@law
+def check_degenerate(about: Subject) -> None:
+    """A query with many closest points gets one of them, never itself."""
+    x = symmetric_points(about)
+    feet = about.source.closest_point(x)
+    require_rows(np.isfinite(feet.points).all(axis=1), x, "The foot is", feet.points)
+    off = about.source.closest_point(np.ascontiguousarray(feet.points)).distance
+    require_rows(off <= about.round_off(x), x, "The foot lies off the manifold by", off)
+    for axis in range(about.source.dim):
+        step = 1e-3 * about.size * np.eye(about.source.dim)[axis]
+        beside = about.source.closest_point(x + step).distance
+        drop = beside - np.linalg.norm(step) - np.linalg.norm(x - feet.points, axis=1)
+        require_rows(drop <= about.round_off(x), x, "The foot is nearer than the manifold, by", drop)
+
+
+@law
+def check_bounds(about: Subject) -> None:
+    """The bounds hold every foot and every sample."""
+    lower, upper = about.source.bounds
+    known = about.known_points()
+
+    def hold(x: Floats) -> None:
+        points = about.source.closest_point(x).points
+        points = points if known is None else np.concatenate([points, known])
+        beyond = np.maximum(lower - points, points - upper).max(axis=1)
+        require_rows(beyond <= about.round_off(points), points, "A point of the manifold is outside by", beyond)
+
+    for_queries(about, hold)
+
+
+LAWS = (
+    check_idempotence,
+    check_lipschitz,
+    check_distance,
+    check_nearest,
+    check_foot,
+    check_degenerate,
+    check_bounds,
+)

@@ -1,0 +1,155 @@
+"""The laws of form: what every answer looks like, whatever the manifold."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.errors import InputError
+from cpmkit.protocols import ClosestPoints, ClosestPointSource, Floats
+from cpmkit.testing.law import law, require, require_rows
+from cpmkit.testing.queries import Subject, for_queries
+
+
+@law
+def check_statement(about: Subject) -> None:
+    """A source states its dimensions, finite ordered bounds and whether it is exact."""
+    source = about.source
+    require(isinstance(source, ClosestPointSource), "It lacks a member of ClosestPointSource.")
+    require(source.dim in (2, 3), f"dim is {source.dim!r}, not 2 or 3.")
+    allowed = (None, *range(source.dim + 1))
+    require(source.manifold_dim in allowed, f"manifold_dim is {source.manifold_dim!r}, not one of {allowed}.")
+    require(isinstance(source.exact, (bool, np.bool_)), f"exact is {source.exact!r}, not True or False.")
+    bounds = source.bounds
+    shape, kind = (2, source.dim), np.float64
+    require(bounds.shape == shape and bounds.dtype == kind, f"bounds are {bounds.dtype} {bounds.shape}, not float64.")
+    require(np.isfinite(bounds).all() and (bounds[0] <= bounds[1]).all(), f"bounds are {bounds.tolist()}.")
+
+
+@law
+def check_shapes(about: Subject) -> None:
+    """Every array of an answer has its length, its shape and its type."""
+
+    def hold(x: Floats) -> None:
+        _require_arrays(about.source.closest_point(x), x)
+
+    for_queries(about, hold)
+
+
+@law
+def check_empty(about: Subject) -> None:
+    """No queries get no answers, in arrays of the right shapes."""
+    x = np.empty((0, about.source.dim))
+    _require_arrays(about.source.closest_point(x), x)
+
+
+@law
+def check_input_untouched(about: Subject) -> None:
+    """The queries are not written to."""
+
+    def hold(x: Floats) -> None:
+        given = x.copy()
+        feet = about.source.closest_point(given)
+        require_rows((given == x).all(axis=1), x, "The query was changed", given)
+        require(not np.shares_memory(feet.points, given), "The answer shares memory with the queries.")
+
+    for_queries(about, hold)
+
+
+@law
+def check_batches(about: Subject) -> None:
+    """An answer does not depend on the queries that are asked with it."""
+
+    def hold(x: Floats) -> None:
+        whole = about.source.closest_point(x)
+        for parts in (np.array_split(x, 3), [x[i : i + 1] for i in range(min(3, len(x)))]):
+            pieces = [about.source.closest_point(np.ascontiguousarray(part)) for part in parts]
+            asked = np.concatenate(parts)
+            points = np.concatenate([piece.points for piece in pieces])
+            edge = np.concatenate([piece.edge for piece in pieces])
+            apart = np.linalg.norm(points - whole.points[: len(asked)], axis=1)
+            require_rows(apart <= about.round_off(asked), asked, "Asked in parts, the foot moves by", apart)
+            require_rows(edge == whole.edge[: len(asked)], asked, "Asked in parts, edge becomes", edge)
+
+    for_queries(about, hold)
+
+
+@law
+def check_finite(about: Subject) -> None:
+    """Finite queries get finite answers."""
+
+    def hold(x: Floats) -> None:
+        feet = about.source.closest_point(x)
+        require_rows(np.isfinite(feet.points).all(axis=1), x, "The foot is", feet.points)
+        require_rows(np.isfinite(feet.distance), x, "distance is", feet.distance)
+        if feet.local is not None:
+            require_rows(np.isfinite(feet.local).all(axis=1), x, "local is", feet.local)
+
+    for_queries(about, hold)
+
+
+@law
+def check_bad_input(about: Subject) -> None:
+    """NaN, infinity and wrong shapes are refused with InputError."""
+    dim = about.source.dim
+    for value in (np.nan, np.inf, -np.inf):
+        x = np.tile(about.centre, (3, 1))
+        x[1, dim - 1] = value
+        _require_refused(about.source, x, f"a coordinate {value}")
+    for shape in ((dim,), (4, dim + 1), (4, 1), (2, 2, dim)):
+        _require_refused(about.source, np.zeros(shape), f"the shape {shape}")
+
+
+@law
+def check_edge(about: Subject) -> None:
+    """``edge`` is -1 or the number of an edge: of a curve 0 or 1, of a point none."""
+    numbers: dict[int | None, int] = {0: -1, 1: 1}
+    last = numbers.get(about.source.manifold_dim)
+
+    def hold(x: Floats) -> None:
+        edge = about.source.closest_point(x).edge
+        require_rows(edge >= -1, x, "edge is", edge)
+        if last is not None:
+            require_rows(edge <= last, x, "edge is", edge)
+
+    for_queries(about, hold)
+
+
+LAWS = (
+    check_statement,
+    check_shapes,
+    check_empty,
+    check_input_untouched,
+    check_batches,
+    check_finite,
+    check_bad_input,
+    check_edge,
+)
+
+
+def _require_arrays(feet: ClosestPoints, x: Floats) -> None:
+    n, dim = x.shape
+    expected = {
+        "points": ((n, dim), np.float64),
+        "distance": ((n,), np.float64),
+        "edge": ((n,), np.int64),
+        "element": ((n,), np.int64),
+        "local": ((n, None), np.float64),
+        "doubtful": ((n,), np.bool_),
+    }
+    for name, (shape, kind) in expected.items():
+        array = getattr(feet, name)
+        if array is None and name in ("element", "local", "doubtful"):
+            continue
+        require(isinstance(array, np.ndarray), f"{name} is {type(array).__name__}, not an array.")
+        fits = array.ndim == len(shape) and all(w in (None, s) for w, s in zip(shape, array.shape, strict=True))
+        require(fits and array.dtype == kind, f"{name} is {array.dtype} {array.shape} for {n} queries in {dim}D.")
+
+
+def _require_refused(source: ClosestPointSource, x: Floats, what: str) -> None:
+    try:
+        source.closest_point(x)
+    except InputError:
+        return
+    except Exception as error:
+        raise AssertionError(f"Queries with {what} raise {type(error).__name__}, not InputError.") from error
+    raise AssertionError(f"Queries with {what} are accepted.")

@@ -1,0 +1,97 @@
+"""Sources on which ``cpmkit.testing`` checks the laws, with points on them from their parametrisations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from cpmkit.protocols import Floats
+from cpmkit.testing import ConformanceCase
+from cpmkit_analytic import factories
+from cpmkit_analytic.motion import Moved
+
+Draw = Callable[[np.random.Generator, int], Floats]
+
+TILT = {"rotation": [0.3, -1.1, 0.7], "translation": [4.0, -2.0, 7.0], "scale": 3.0}
+TURN = {"rotation": 0.9, "translation": [40.0, -20.0], "scale": 0.01}
+
+
+def conformance_cases() -> list[ConformanceCase]:
+    """Return cases in the plane and in space, in canonical position, moved, tiny and far from zero."""
+    everywhere, beyond = (0.0, 2 * np.pi), (0.7, 5.9)
+    return [
+        _case("point", "in the plane", {"at": [0.3, -2.0]}, _ring(0.0, everywhere, 2)),
+        _case("point", "at the origin of space", {"at": [0, 0, 0]}, _ring(0.0, everywhere, 3)),
+        _case("segment", "in the plane", {"start": [0, 0], "end": [2, 0], **TURN}, _line(2.0, 2)),
+        _case("segment", "in space", {"start": [0, 0, 0], "end": [0, 0, 2], **TILT}, _line(2.0, 3)),
+        _case("circle", "in the plane", {}, _ring(1.0, everywhere, 2)),
+        _case("circle", "far from zero", {"center": [1e9, 1e9]}, _ring(1.0, everywhere, 2)),
+        _case("circle", "in space", {"normal": [0, 0, 1], "radius": 0.5, **TILT}, _ring(0.5, everywhere, 3)),
+        _case("arc", "in the plane", {"start": 0.7, "end": 5.9, **TURN}, _ring(1.0, beyond, 2)),
+        _case("arc", "in space", {"start": 0.7, "end": 5.9, "normal": [0, 0, 1], **TILT}, _ring(1.0, beyond, 3)),
+        _case("sphere", "unit", {}, _sphere(1.0, -1.0)),
+        _case("sphere", "of a micrometre", {"scale": 1e-6}, _sphere(1.0, -1.0)),
+        _case("sphere", "in the plane", {"center": [0, 0], **TURN}, _ring(1.0, everywhere, 2)),
+        _case("cap", "small", {"height": 0.8}, _sphere(1.0, 0.8)),
+        _case("cap", "nearly closed", {"height": -0.9, **TILT}, _sphere(1.0, -0.9)),
+        _case("torus", "upright", {"major": 2.0, "minor": 0.5}, _torus(2.0, 0.5)),
+        _case("torus", "moved", {"minor": 0.9, **TILT}, _torus(1.0, 0.9)),
+        _case("cylinder", "upright", {"length": 3.0}, _cylinder(1.0, 3.0)),
+        _case("cylinder", "moved", {"radius": 2.0, "length": 0.5, **TILT}, _cylinder(2.0, 0.5)),
+    ]
+
+
+def _case(shape: str, name: str, keys: dict[str, object], draw: Draw) -> ConformanceCase:
+    """Return the case of a source whose keys other than the motion leave it in canonical position."""
+    factory: Callable[..., Moved] = getattr(factories, shape)
+
+    def make() -> Moved:
+        return factory(**keys)
+
+    def samples(rng: np.random.Generator, n: int) -> Floats:
+        moved, scale = make(), float(str(keys.get("scale", 1.0)))
+        points: Floats = moved.center + scale * draw(rng, n) @ moved.axes.T
+        return points
+
+    return ConformanceCase(f"analytic.{shape}", name, make, samples)
+
+
+def _line(length: float, dim: int) -> Draw:
+    return lambda rng, n: rng.uniform(0, length, (n, 1)) * np.eye(dim)[0]
+
+
+def _ring(radius: float, angles: tuple[float, float], dim: int) -> Draw:
+    def draw(rng: np.random.Generator, n: int) -> Floats:
+        angle = rng.uniform(*angles, n)
+        return radius * np.stack([np.cos(angle), np.sin(angle), np.zeros(n)][:dim], axis=1)
+
+    return draw
+
+
+def _sphere(radius: float, lowest: float) -> Draw:
+    """Draw from the part of a sphere above ``lowest``: heights are uniform (Archimedes)."""
+
+    def draw(rng: np.random.Generator, n: int) -> Floats:
+        z, angle = rng.uniform(lowest, radius, n), rng.uniform(0, 2 * np.pi, n)
+        around = np.sqrt(radius**2 - z**2)
+        return np.stack([around * np.cos(angle), around * np.sin(angle), z], axis=1)
+
+    return draw
+
+
+def _torus(major: float, minor: float) -> Draw:
+    def draw(rng: np.random.Generator, n: int) -> Floats:
+        u, v = rng.uniform(0, 2 * np.pi, (2, n))
+        around = major + minor * np.cos(v)
+        return np.stack([around * np.cos(u), around * np.sin(u), minor * np.sin(v)], axis=1)
+
+    return draw
+
+
+def _cylinder(radius: float, length: float) -> Draw:
+    def draw(rng: np.random.Generator, n: int) -> Floats:
+        angle, z = rng.uniform(0, 2 * np.pi, n), rng.uniform(-0.5 * length, 0.5 * length, n)
+        return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
+
+    return draw
