@@ -39,7 +39,7 @@ _PUBLIC = {
     "source": "plugins",
 }
 
-__all__ = sorted(_PUBLIC)  # noqa: PLE0605 - the table above is the one list of public names
+__all__ = sorted(_PUBLIC)
 
 
 def __getattr__(name: str) -> Any:

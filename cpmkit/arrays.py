@@ -26,7 +26,9 @@ def as_points(x: Any, dim: int, what: str = "points") -> Floats:
         raise InputError(f"{what} must have shape (n, {dim}), got {np.shape(x)}.")
     bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
     if len(bad):
-        raise InputError(f"{what} must be finite: {len(bad)} of {len(points)} rows hold NaN or infinity, first row {bad[0]}.")
+        raise InputError(
+            f"{what} must be finite: {len(bad)} of {len(points)} rows hold NaN or infinity, first row {bad[0]}."
+        )
     return points
 
 

@@ -29,6 +29,12 @@ class Dirichlet:
         (n,) or (n, channels).
     order : 1 or 2, optional
         Overrides the discretisation's order for this condition.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> evaluate_data(Dirichlet(lambda points: points[:, 0] ** 2).gamma, np.array([[3.0, 0.0]]), None, "g")
+    array([[9.]])
     """
 
     value: Data
@@ -118,13 +124,15 @@ def evaluate_data(data: Data, points: Floats, channels: int | None, what: str) -
             raise InputError(f"{what} has {values.shape[1]} channels where the scene has {channels}.")
         values = np.repeat(values, channels, axis=1)
     if not np.isfinite(values).all():
-        raise InputError(f"{what} must be finite, got NaN or infinity at {int((~np.isfinite(values)).any(axis=1).sum())} points.")
+        raise InputError(
+            f"{what} must be finite, got NaN or infinity at {int((~np.isfinite(values)).any(axis=1).sum())} points."
+        )
     return np.ascontiguousarray(values)
 
 
 def channel_count(data: Data, probe: Floats, what: str) -> int:
     """Return how many channels ``data`` has, asked at one point ``probe`` (1, d)."""
-    return evaluate_data(data, probe, None, what).shape[1]
+    return int(evaluate_data(data, probe, None, what).shape[1])
 
 
 def _number(data: Any, what: str) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from pathlib import Path
 from typing import Any
@@ -52,7 +53,11 @@ def find_file(name: str | Path, beside: Path | None = None) -> Path:
     fetched = _fetch(str(name)) if str(name) in KNOWN and os.environ.get("CPMKIT_FETCH") != "0" else None
     if fetched is not None:
         return fetched
-    hint = f"; {name} is one of the meshes at {ORIGIN}, download it into one of these folders" if str(name) in KNOWN else ""
+    hint = (
+        f"; {name} is one of the meshes at {ORIGIN}, download it into one of these folders"
+        if str(name) in KNOWN
+        else ""
+    )
     raise InputError(f"no file {str(name)!r}; looked in {', '.join(map(str, folders))}{hint}.")
 
 
@@ -62,6 +67,7 @@ def _fetch(name: str) -> Path | None:
         import pooch
     except ImportError:
         return None
+    logging.getLogger("pooch").setLevel(logging.WARNING)  # nothing is printed by the library
     path, checksum = KNOWN[name]
     base = os.environ.get("CPMKIT_ORIGIN", ORIGIN)
     try:
@@ -69,7 +75,9 @@ def _fetch(name: str) -> Path | None:
     except OSError:
         return None
     except ValueError as error:
-        raise InputError(f"the file fetched for {name!r} does not have the expected checksum; nothing was kept.") from error
+        raise InputError(
+            f"the file fetched for {name!r} does not have the expected checksum; nothing was kept."
+        ) from error
 
 
 def read_mesh(file: str | Path) -> tuple[Floats, Ints]:

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 from cpmkit import memory
 from cpmkit.boundary.edge import is_wall
 from cpmkit.conditions import Condition
-from cpmkit.errors import InputError
 from cpmkit.protocols import HasNormals, HasTangents
 from cpmkit.rehearsal import Counts, count, manifold_dim
-from cpmkit.resolution import suggest_spacing
+from cpmkit.resolution import needed_spacing
 from cpmkit.scene import Scene
 from cpmkit.solvers import choose_solver
 
@@ -88,24 +86,31 @@ def explain(
         As ``solve`` would.
     """
     del others  # tolerance and the like change nothing of what is built
-    if spacing is None:
-        raise InputError(f"spacing is needed, in the scene's unit of length; for this surface try spacing={suggest_spacing(scene):g}.")
-    counts, rehearsed = count(scene, spacing, degree=degree, order=order, origin=origin)
+    spacing = needed_spacing(scene, spacing)
+    counts = count(scene, spacing, degree=degree, order=order, origin=origin)
     memory.check_fits(counts["unknowns"], scene.surface.dim, manifold_dim(scene), degree, spacing)
     chosen = choose_solver(solver, counts["unknowns"], scene.surface.manifold_dim)
     needed = memory.peak_bytes(counts["rows"], counts["unknowns"], scene.surface.dim, degree, scene.channels, chosen)
-    parts = [*_surface_parts(scene, counts, degree), *_edge_parts(scene, counts, order), *_boundary_parts(scene, counts, order)]
-    parts.append(_solver_part(scene, counts, chosen, solver))
-    left_out = _left_out(scene, counts, order, [g.unknowns for g in rehearsed.ghosts])
+    parts = [
+        *_surface_parts(counts, degree),
+        *_edge_parts(scene, counts, order),
+        *_boundary_parts(scene, counts, order),
+    ]
+    parts.append(_solver_part(scene, chosen, solver))
+    left_out = _left_out(scene, counts, order)
     return Explanation(
         tuple(parts), tuple(left_out), counts["unknowns"], counts["queries"], int(needed), chosen, counts.exact
     )
 
 
-def _surface_parts(scene: Scene, counts: Counts, degree: int) -> list[Part]:
+def _surface_parts(counts: Counts, degree: int) -> list[Part]:
     outer = counts["nodes"] - counts["inner"]
     return [
-        Part("inner nodes", f"{counts['inner']:,}", f"unknowns: read by interpolation of degree {degree} at surface points"),
+        Part(
+            "inner nodes",
+            f"{counts['inner']:,}",
+            f"unknowns: read by interpolation of degree {degree} at surface points",
+        ),
         Part("outer nodes", f"{outer:,}", "difference neighbours of inner nodes; only E u is needed there"),
     ]
 
@@ -129,14 +134,16 @@ def _boundary_parts(scene: Scene, counts: Counts, order: int) -> list[Part]:
     return parts
 
 
-def _solver_part(scene: Scene, counts: Counts, chosen: str, asked: str) -> Part:
+def _solver_part(scene: Scene, chosen: str, asked: str) -> Part:
     channels = f"{scene.channels} channel{'s' if scene.channels > 1 else ''}"
     size = "few enough unknowns to factorise" if chosen == "direct" else "too many unknowns to factorise quickly"
     why = size if asked == "auto" else "as asked"
-    return Part(f"solver {chosen!r}", channels, f"{why}; -Lap u{f' + {scene.problem.c:g} u' if scene.problem.c else ''} = f")
+    return Part(
+        f"solver {chosen!r}", channels, f"{why}; -Lap u{f' + {scene.problem.c:g} u' if scene.problem.c else ''} = f"
+    )
 
 
-def _left_out(scene: Scene, counts: Counts, order: int, ghosts: Sequence[int]) -> list[str]:
+def _left_out(scene: Scene, counts: Counts, order: int) -> list[str]:
     left_out = []
     if not scene.boundaries:
         left_out.append("crossing tests and ghosts (no boundary)")
@@ -144,7 +151,7 @@ def _left_out(scene: Scene, counts: Counts, order: int, ghosts: Sequence[int]) -
         left_out.append("mirror points (order 1)")
     if not counts["past edge"]:
         left_out.append("edge rows (no node past an edge)")
-    if scene.boundaries and (isinstance(scene.surface, HasNormals) or isinstance(scene.surface, HasTangents)):
+    if scene.boundaries and (isinstance(scene.surface, (HasNormals, HasTangents))):
         left_out.append("normals by differences (the surface gives its own)")
     if scene.problem.kind == "laplace":
         left_out.append("right-hand side (Laplace)")

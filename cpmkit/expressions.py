@@ -93,7 +93,10 @@ class Expression:
             case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]) if name in FUNCTIONS:
                 return self._call(name, [self._value(argument, points) for argument in arguments])
         names = (*COORDINATES[: self.dim], *CONSTANTS, *FUNCTIONS)
-        raise SceneError(f"the formula {self.text!r} uses {ast.unparse(node)!r}; offered are + - * / ** % < > and {', '.join(names)}.")
+        raise SceneError(
+            f"the formula {self.text!r} uses {ast.unparse(node)!r}; offered are "
+            f"+ - * / ** % < > and {', '.join(names)}."
+        )
 
     def _call(self, name: str, values: list[Any]) -> Any:
         try:

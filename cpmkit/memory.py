@@ -29,7 +29,7 @@ def peak_bytes(rows: float, unknowns: float, dim: int, degree: int, channels: in
     solver : str
         ``direct`` assembles the matrix and factorises it.
     """
-    stencil = (degree + 1) ** dim
+    stencil: int = (degree + 1) ** dim
     tables = rows * (stencil * ENTRY + 10 * dim * 8) + unknowns * 2 * dim * (ENTRY + 4)
     if solver == "direct":
         # About 2.1 entries of A a stencil entry in the plane and 2.3 in space; SuperLU's fill was measured.
@@ -39,7 +39,10 @@ def peak_bytes(rows: float, unknowns: float, dim: int, degree: int, channels: in
 
 
 def bytes_per_unknown(dim: int, degree: int) -> float:
-    """Return the bytes that an unknown needs at the peak of an iterative solve; a band has about 1.3 to 1.5 rows of E each."""
+    """Return the bytes that an unknown needs at the peak of an iterative solve.
+
+    A band has about 1.3 rows of E an unknown in space, 1.5 in the plane.
+    """
     return peak_bytes(1.3 if dim == 3 else 1.5, 1.0, dim, degree, 1, "reference")
 
 

@@ -8,6 +8,7 @@ others (Krylov methods stagnate on purely algebraic ghost rows).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,6 +16,7 @@ import numpy as np
 from cpmkit.conditions import evaluate_data
 from cpmkit.discretization import Discretization
 from cpmkit.problems import Problem
+from cpmkit.products import ThreadedProduct
 from cpmkit.protocols import Floats
 
 if TYPE_CHECKING:
@@ -57,14 +59,26 @@ class LinearSystem:
 
     def apply(self, u: Floats) -> Floats:
         """Return A u for u of shape (n,) or (n, channels)."""
-        return np.asarray(self.diagonal * u - self.scale * (self.neighbours @ (self.extension @ u)))
+        image = self._neighbours @ (self._extension @ u)
+        image *= -self.scale
+        image += self.diagonal * u
+        return image
+
+    @cached_property
+    def _extension(self) -> ThreadedProduct:
+        return ThreadedProduct(self.extension)
+
+    @cached_property
+    def _neighbours(self) -> ThreadedProduct:
+        return ThreadedProduct(self.neighbours)
 
     def matrix(self) -> csr_array:
         """Return A as one sparse matrix."""
         from scipy.sparse import eye_array
 
         product = (self.neighbours @ self.extension) * self.scale
-        return (self.diagonal * eye_array(self.size) - product).tocsr()
+        matrix: csr_array = (self.diagonal * eye_array(self.size) - product).tocsr()
+        return matrix
 
 
 def assemble(tables: Discretization, problem: Problem) -> LinearSystem:

@@ -8,8 +8,6 @@ from pathlib import Path
 from cpmkit.arrays import as_vector
 from cpmkit.errors import SceneError
 
-SUFFIXES = (".vtp", ".ply", ".npz", ".json")
-
 
 @dataclass(frozen=True)
 class PictureRequest:
@@ -34,13 +32,15 @@ class PictureRequest:
     curves: bool = True
 
     def __post_init__(self) -> None:
-        if not isinstance(self.file, str) or not self.file.endswith(".png"):
-            raise SceneError(f"the picture's file must end in .png, got {self.file!r}.")
-        if isinstance(self.width, bool) or not isinstance(self.width, int) or not 16 <= self.width <= 10_000:
-            raise SceneError(f"the picture's width must be 16 to 10000 pixels, got {self.width!r}.")
+        if not isinstance(self.file, str):
+            raise SceneError(f"the picture's file must be the name of a PNG, got {self.file!r}.")
+        if isinstance(self.width, bool) or not isinstance(self.width, int):
+            raise SceneError(f"the picture's width must be a number of pixels, got {self.width!r}.")
         for name in ("view", "up"):
             if getattr(self, name) is not None:
-                object.__setattr__(self, name, tuple(as_vector(getattr(self, name), 3, f"{name} of the picture").tolist()))
+                object.__setattr__(
+                    self, name, tuple(as_vector(getattr(self, name), 3, f"{name} of the picture").tolist())
+                )
 
 
 @dataclass(frozen=True)
@@ -53,5 +53,5 @@ class OutputRequest:
 
     def __post_init__(self) -> None:
         for file in self.files:
-            if not isinstance(file, str) or not file.endswith(SUFFIXES):
-                raise SceneError(f"files of [output] must end in {', '.join(SUFFIXES)}, got {file!r}.")
+            if not isinstance(file, str):
+                raise SceneError(f"files of [output] must be names of files, got {file!r}.")

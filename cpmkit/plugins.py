@@ -76,7 +76,7 @@ def _unknown_kind(kind: str) -> str:
     listed = ", ".join(kinds) or "none"
     return (
         f"No plugin provides the kind {kind!r}. Installed: {listed}. "
-        f"`pip install ./plugins/cpmkit-{family}` in a clone of the repository adds the family {family!r} if it is there."
+        f"`pip install ./plugins/cpmkit-{family}` in a clone of the repository adds the family {family!r}."
     )
 
 
@@ -110,7 +110,9 @@ def factory(kind: str, hook: str = "cpmkit_sources") -> Callable[..., Any]:
     plugin = load(kind)
     offered: Mapping[str, Callable[..., Any]] = getattr(plugin, hook)() if hasattr(plugin, hook) else {}
     if kind not in offered:
-        raise PluginError(f"The plugin that declares {kind!r} offers it through no {hook}; it offers {sorted(offered)}.")
+        raise PluginError(
+            f"The plugin that declares {kind!r} offers it through no {hook}; it offers {sorted(offered)}."
+        )
     return offered[kind]
 
 
@@ -149,6 +151,15 @@ def source(kind: str, **keys: Any) -> ClosestPointSource:
         If no installed plugin offers the kind.
     InputError
         If a key is unknown, missing or holds what is not accepted.
+
+    Examples
+    --------
+    >>> sphere = source("analytic.sphere", radius=2.0)
+    >>> sphere.bounds.tolist()
+    [[-2.0, -2.0, -2.0], [2.0, 2.0, 2.0]]
+    >>> source("analytic.sphere", raduis=2.0)  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    cpmkit.errors.SceneError: The kind 'analytic.sphere' has the unknown key 'raduis'; accepted are center, ...
     """
     made: ClosestPointSource = call(factory(kind), f"The kind {kind!r}", keys)
     return made

@@ -33,14 +33,14 @@ class Counts:
         return round(self.values[name])
 
 
-def count(scene: Scene, spacing: float, **options: Any) -> tuple[Counts, Layout]:
-    """Return the counts of ``scene`` at ``spacing``, and the finest layout that was rehearsed."""
+def count(scene: Scene, spacing: float, **options: Any) -> Counts:
+    """Return the counts of ``scene`` at ``spacing``."""
     coarse = _rehearsal_spacing(scene, spacing, options.get("degree", 3))
     fine = lay_out(scene, coarse, **options)
     if coarse == spacing:
-        return Counts(_counts(fine), True), fine
+        return Counts(_counts(fine), True)
     coarser = lay_out(scene, 2 * coarse, **options)
-    return Counts(_extrapolate(_counts(fine), _counts(coarser), coarse, spacing, manifold_dim(scene)), False), fine
+    return Counts(_extrapolate(_counts(fine), _counts(coarser), coarse, spacing, manifold_dim(scene)), False)
 
 
 def manifold_dim(scene: Scene) -> int:
@@ -52,11 +52,8 @@ def _rehearsal_spacing(scene: Scene, spacing: float, degree: int) -> float:
     """Return the spacing times the smallest power of two whose layout is small."""
     lattice = scene.lattice(spacing)
     surface = localize(scene.surface, lattice.origin)
-    side = 1
-    for side, blocks in cell_levels(surface, spacing, base_offset(check_degree(degree))):
-        if len(blocks) > REHEARSED_CELLS:
-            break
-    return spacing * side
+    levels = cell_levels(surface, lattice.spacing, base_offset(check_degree(degree)))
+    return lattice.spacing * next(side for side, blocks in levels if side == 1 or len(blocks) > REHEARSED_CELLS)
 
 
 def _counts(layout: Layout) -> dict[str, float]:

@@ -4,12 +4,30 @@ from __future__ import annotations
 
 import numpy as np
 
+from cpmkit.arrays import positive
+from cpmkit.errors import InputError
 from cpmkit.grid.band import cell_levels
 from cpmkit.localized import localize
 from cpmkit.scene import Scene
 
 #: A suggested spacing gives about this many cells on the manifold, by its dimension.
 CELLS = {0: 1, 1: 200, 2: 10_000, 3: 60_000}
+
+
+def needed_spacing(scene: Scene, spacing: float | None) -> float:
+    """Return ``spacing`` if it is one.
+
+    Raises
+    ------
+    InputError
+        If there is none, with a suggestion, or it is not above zero.
+    """
+    if spacing is None:
+        raise InputError(
+            "spacing is needed, in the scene's unit of length; "
+            f"for this surface try spacing={suggest_spacing(scene):g}."
+        )
+    return positive(spacing, "spacing")
 
 
 def suggest_spacing(scene: Scene) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -39,6 +39,16 @@ class Boundary:
     ------
     SceneError
         If a condition is given on one side only, or on none.
+
+    Examples
+    --------
+    >>> import cpmkit as ck
+    >>> pin = ck.source("analytic.point", at=[1, 0])
+    >>> ck.Boundary("pin", pin, left=ck.Dirichlet(1), right=ck.Neumann(0)).condition("right").kind
+    'neumann'
+    >>> ck.Boundary("pin", pin, left=ck.Dirichlet(1))
+    Traceback (most recent call last):
+    cpmkit.errors.SceneError: boundary 'pin' has conditions on left; give `both`, or `left` and `right`.
     """
 
     name: str
@@ -52,14 +62,19 @@ class Boundary:
         given = [side for side in ("both", "left", "right") if getattr(self, side) is not None]
         if given not in (["both"], ["left", "right"]):
             raise SceneError(
-                f"boundary {self.name!r} has conditions on {' and '.join(given) or 'no side'}; give `both`, or `left` and `right`."
+                f"boundary {self.name!r} has conditions on {' and '.join(given) or 'no side'}; "
+                "give `both`, or `left` and `right`."
             )
         for side in given:
             if not isinstance(getattr(self, side), (Dirichlet, Neumann)):
-                raise SceneError(f"boundary {self.name!r}: `{side}` must be Dirichlet or Neumann, got {getattr(self, side)!r}.")
+                raise SceneError(
+                    f"boundary {self.name!r}: `{side}` must be Dirichlet or Neumann, got {getattr(self, side)!r}."
+                )
         check_source(self.source, f"boundary {self.name!r}")
         if self.left_of is not None:
-            object.__setattr__(self, "left_of", as_vector(self.left_of, self.source.dim, f"left_of of boundary {self.name!r}"))
+            object.__setattr__(
+                self, "left_of", as_vector(self.left_of, self.source.dim, f"left_of of boundary {self.name!r}")
+            )
 
     def condition(self, side: Side, /) -> Condition:
         """Return what holds on ``side``."""
@@ -88,17 +103,29 @@ class Scene:
     ------
     SceneError
         If names repeat, data disagree about the number of channels, or a part is not what it should be.
+
+    Examples
+    --------
+    A colour is one solve with three channels.
+
+    >>> import cpmkit as ck
+    >>> equator = ck.source("analytic.circle", normal=[0, 0, 1])
+    >>> colours = ck.Boundary("equator", equator, left=ck.Dirichlet([1, 0, 0]), right=ck.Dirichlet([0, 0, 1]))
+    >>> ck.Scene(ck.source("analytic.sphere"), ck.Laplace(), [colours]).channels
+    3
     """
 
     surface: ClosestPointSource
     problem: Problem
     boundaries: Sequence[BoundarySet] = ()
-    edge: Condition | Mapping[int, Condition] = Neumann(0.0)
+    edge: Condition | Mapping[int, Condition] = field(default_factory=Neumann)
 
     def __post_init__(self) -> None:
         check_source(self.surface, "the surface")
         if not isinstance(self.problem, (Laplace, Poisson, ScreenedPoisson)):
-            raise SceneError(f"the problem must be Laplace(), Poisson(f) or ScreenedPoisson(f, c), got {self.problem!r}.")
+            raise SceneError(
+                f"the problem must be Laplace(), Poisson(f) or ScreenedPoisson(f, c), got {self.problem!r}."
+            )
         object.__setattr__(self, "boundaries", tuple(self.boundaries))
         names = [boundary.name for boundary in self.boundaries]
         twice = sorted({name for name in names if names.count(name) > 1})
@@ -152,7 +179,8 @@ def check_source(source: Any, what: str) -> None:
     """
     if not isinstance(source, ClosestPointSource):
         raise InputError(
-            f"{what} must be a closest point source (dim, manifold_dim, bounds, exact, closest_point), got {type(source).__name__}."
+            f"{what} must be a closest point source (dim, manifold_dim, bounds, exact, closest_point), "
+            f"got {type(source).__name__}."
         )
     bounds = np.asarray(source.bounds, dtype=np.float64)
     if bounds.shape != (2, source.dim) or not np.isfinite(bounds).all():

@@ -20,7 +20,7 @@ from cpmkit.scene import Boundary, Scene
 
 TABLES = ("surface", "boundary", "problem", "discretization", "solver", "output")
 PROBLEMS = {"laplace": Laplace, "poisson": Poisson, "screened": ScreenedPoisson}
-CONDITIONS = {"dirichlet": Dirichlet, "neumann": Neumann}
+CONDITIONS: dict[str, Any] = {"dirichlet": Dirichlet, "neumann": Neumann}
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,9 @@ def load_scene(path: str | Path) -> SceneFile:
     """
     path = Path(path)
     if not path.is_file():
-        raise SceneError(f"no scene file {str(path)!r}; give the path of a TOML file, such as examples/01-first-curves.toml.")
+        raise SceneError(
+            f"no scene file {str(path)!r}; give the path of a TOML file, such as examples/01-first-curves.toml."
+        )
     try:
         tables = tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
@@ -97,7 +99,9 @@ def _options(tables: dict[str, Any]) -> tuple[float | None, dict[str, Any]]:
 def _source(table: dict[str, Any], folder: Path, where: str) -> ClosestPointSource:
     kind = table.pop("kind", None)
     if not isinstance(kind, str):
-        raise SceneError(f"{where} needs a kind, such as kind = 'analytic.sphere'; `cpmkit plugins` lists those installed.")
+        raise SceneError(
+            f"{where} needs a kind, such as kind = 'analytic.sphere'; `cpmkit plugins` lists those installed."
+        )
     if "file" in table:
         table["file"] = str(find_file(table["file"], folder))
     return source(kind, **table)
@@ -109,7 +113,8 @@ def _boundary(table: dict[str, Any], number: int, folder: Path) -> Boundary:
     sides = {key: table.pop(key) for key in ("both", "left", "right", "left_of") if key in table}
     made = _source(table, folder, where)
     conditions = {
-        key: value if key == "left_of" else _condition(value, made.dim, f"{key} of {where}") for key, value in sides.items()
+        key: value if key == "left_of" else _condition(value, made.dim, f"{key} of {where}")
+        for key, value in sides.items()
     }
     return Boundary(name, made, **conditions)
 
@@ -121,8 +126,11 @@ def _condition(table: Any, dim: int, where: str) -> Condition:
         raise SceneError(f"order of {where} must be 1 or 2, got {order!r}.")
     kinds = list(table)
     if len(kinds) != 1 or kinds[0] not in CONDITIONS:
-        raise SceneError(f"{where} must be one of {', '.join(f'{{ {kind} = ... }}' for kind in CONDITIONS)}, got {table!r}.")
-    return CONDITIONS[kinds[0]](_data(table[kinds[0]], dim, where), order=order)
+        raise SceneError(
+            f"{where} must be one of {', '.join(f'{{ {kind} = ... }}' for kind in CONDITIONS)}, got {table!r}."
+        )
+    made: Condition = CONDITIONS[kinds[0]](_data(table[kinds[0]], dim, where), order=order)
+    return made
 
 
 def _edge(table: Any, surface: dict[str, Any]) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +24,7 @@ from cpmkit.work import Work
 
 if TYPE_CHECKING:
     from cpmkit.surface_mesh import DisplayMesh
+    from cpmkit.view import Picture
 
 #: Points nearer to a boundary than this many spacings can be read from the side that the caller names.
 READ_FROM_SIDE = 1e-3
@@ -68,7 +70,7 @@ class Solution:
     @property
     def channels(self) -> int:
         """Number of right-hand sides that were solved together."""
-        return self.values.shape[1]
+        return int(self.values.shape[1])
 
     @property
     def radius(self) -> float:
@@ -123,14 +125,18 @@ class Solution:
 
         save(self, path)
 
-    def picture(self, path: str | Path, **options: Any) -> str:
-        """Draw the solution into the PNG ``path`` and return the name of the renderer that drew it."""
+    def picture(self, path: str | Path, **options: Any) -> Picture:
+        """Draw the solution into the PNG ``path``; see :func:`cpmkit.view.picture`."""
         from cpmkit.view import picture
 
         return picture(self, path, **options)
 
     def display_mesh(self) -> DisplayMesh:
         """Return a mesh of the manifold, cut along the boundaries, with the solution at its vertices."""
+        return self._display_mesh
+
+    @cached_property
+    def _display_mesh(self) -> DisplayMesh:
         from cpmkit.surface_mesh import display_mesh
 
         return display_mesh(self)
@@ -153,21 +159,23 @@ class Solution:
         }
 
     def __repr__(self) -> str:
-        return (
-            f"Solution of {self.scene.problem.kind} with {len(self.scene.boundaries)} boundaries\n"
-            f"  spacing {self.spacing:g}, degree {self.tables.layout.band.degree}, order {self.tables.layout.order}, channels {self.channels}\n"
-            f"  {self.work.unknowns} unknowns ({self.work.ghosts} ghosts), {self.work.closest_point_queries} closest point queries\n"
-            f"  {self.report.solver}: {self.report.reason}\n"
-            f"  {len(self.warnings)} warnings"
-        )
+        layout, work = self.tables.layout, self.work
+        lines = [
+            f"Solution of {self.scene.problem.kind} with {len(self.scene.boundaries)} boundaries",
+            f"spacing {self.spacing:g}, degree {layout.band.degree}, order {layout.order}, channels {self.channels}",
+            f"{work.unknowns} unknowns ({work.ghosts} ghosts), {work.closest_point_queries} closest point queries",
+            f"{self.report.solver}: {self.report.reason}",
+            f"{len(self.warnings)} warnings",
+        ]
+        return "\n  ".join(lines)
 
     def _project(self, local: Floats) -> Floats:
         feet = self.tables.layout.surface.closest_point(local)
         worst = float(feet.distance.max(initial=0.0))
         if worst > self.radius:
             raise InputError(
-                f"points must lie within the tube's radius {self.radius:.3g} of the manifold to be read, the farthest is "
-                f"{worst:.3g} away; take their closest points first."
+                f"points must lie within the tube's radius {self.radius:.3g} of the manifold to be read, "
+                f"the farthest is {worst:.3g} away; take their closest points first."
             )
         return feet.points
 
@@ -182,7 +190,9 @@ class Solution:
     def _index(self, name: str) -> int:
         names = [boundary.name for boundary in self.scene.boundaries]
         if name not in names:
-            raise InputError(f"no boundary has the name {name!r}; the scene has {', '.join(map(repr, names)) or 'none'}.")
+            raise InputError(
+                f"no boundary has the name {name!r}; the scene has {', '.join(map(repr, names)) or 'none'}."
+            )
         return names.index(name)
 
     def _sides(self, side: Side | Mapping[str, Side] | None) -> dict[int, Side]:
@@ -196,7 +206,9 @@ class Solution:
         for index, one in wanted.items():
             if one not in ("left", "right") or not sighted[index].has_sides:
                 name = self.scene.boundaries[index].name
-                raise InputError(f"side of {name!r} must be 'left' or 'right' of a boundary that has sides, got {one!r}.")
+                raise InputError(
+                    f"side of {name!r} must be 'left' or 'right' of a boundary that has sides, got {one!r}."
+                )
         return wanted
 
 

@@ -8,11 +8,10 @@ from typing import Any
 from cpmkit.arrays import positive
 from cpmkit.components import check_pinned
 from cpmkit.discretization import discretize
-from cpmkit.errors import InputError
 from cpmkit.layout import nothing
 from cpmkit.operators import assemble
 from cpmkit.protocols import Progress
-from cpmkit.resolution import suggest_spacing
+from cpmkit.resolution import needed_spacing
 from cpmkit.scene import Scene
 from cpmkit.solution import Solution
 from cpmkit.solvers import choose_solver, solve_system
@@ -63,9 +62,19 @@ def solve(
     ------
     CpmkitError
         One sentence: what was got, what is accepted, what to do.
+
+    Examples
+    --------
+    A circle, cut at one point. Left is where the curve comes from, so a quarter turn after the cut
+    u has risen by a quarter.
+
+    >>> import cpmkit as ck
+    >>> cut = ck.Boundary("cut", ck.source("analytic.point", at=[1, 0]), left=ck.Dirichlet(1), right=ck.Dirichlet(0))
+    >>> scene = ck.Scene(ck.source("analytic.circle"), ck.Laplace(), [cut])
+    >>> ck.solve(scene, spacing=0.05).evaluate([[0, 1], [-1, 0]]).round(3)
+    array([0.25, 0.5 ])
     """
-    if spacing is None:
-        raise InputError(f"spacing is needed, in the scene's unit of length; for this surface try spacing={suggest_spacing(scene):g}.")
+    spacing = needed_spacing(scene, spacing)
     positive(tolerance, "tolerance")
     clock = [time.perf_counter()]
     tables = discretize(scene, spacing, degree=degree, order=order, origin=origin, progress=progress)

@@ -29,7 +29,10 @@ def summarize(solution: Solution) -> dict[str, Any]:
         "work": solution.work.as_dict(),
         "seconds": dict(solution.seconds),
         "warnings": list(solution.warnings),
-        "versions": {name: _version(name) for name in ("cpmkit", "numpy", "scipy")} | {"python": platform.python_version()},
+        "versions": {
+            "python": platform.python_version(),
+            **{name: _version(name) for name in ("cpmkit", "numpy", "scipy")},
+        },
     }
 
 
@@ -40,7 +43,7 @@ def _scene(scene: Scene) -> dict[str, Any]:
         "manifold_dim": scene.surface.manifold_dim,
         "problem": {"kind": scene.problem.kind, "c": scene.problem.c},
         "boundaries": [
-            {side: _condition(boundary.condition(side)) for side in ("left", "right")} | {"name": boundary.name}  # type: ignore[arg-type]
+            {side: _condition(boundary.condition(side)) for side in ("left", "right")} | {"name": boundary.name}
             for boundary in scene.boundaries
         ],
     }

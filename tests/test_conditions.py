@@ -72,7 +72,7 @@ def circle_problem(left, right, extra=()):
     return scene, on_circle(THETA_C + t), np.sin(2 * t) + np.cos(t) / 2 + 0.7 * t
 
 
-# At s = 0 u = 0.5 and u' = 2.7; at s = 2 pi u = 0.5 + 1.4 pi and u' = 2.7. Outward is +s at the left side, -s at the right.
+# At s = 0 u = 0.5, at s = 2 pi u = 0.5 + 1.4 pi; u' = 2.7 at both. Outward is +s on the left, -s on the right.
 AT_LEFT, AT_RIGHT, SLOPE = 0.5 + 1.4 * np.pi, 0.5, 2.7
 
 
@@ -104,7 +104,9 @@ def test_zero_neumann_is_the_default_edge_at_both_orders():
     )
 
     def rms(order):
-        errors = [[max_error(scene, on_circle(t), exact, h, order=order, origin=h * o) for o in origins(2)] for h in SPACINGS]
+        errors = [
+            [max_error(scene, on_circle(t), exact, h, order=order, origin=h * o) for o in origins(2)] for h in SPACINGS
+        ]
         return np.sqrt(np.mean(np.square(errors), axis=1))
 
     assert order_of(SPACINGS, rms(2)) >= 1.8

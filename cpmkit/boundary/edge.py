@@ -56,7 +56,9 @@ def edge_condition(edge: Condition | Mapping[int, Condition], loop: int) -> Cond
     if not isinstance(edge, Mapping):
         return edge
     if loop not in edge:
-        raise SceneError(f"the surface has an edge loop {loop} for which `edge` gives no condition; it has {sorted(edge)}.")
+        raise SceneError(
+            f"the surface has an edge loop {loop} for which `edge` gives no condition; it has {sorted(edge)}."
+        )
     return edge[loop]
 
 

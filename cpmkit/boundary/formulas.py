@@ -30,7 +30,9 @@ def mirror_distance(condition: Condition, t: Floats, first_order: Bools, spacing
     return np.where(first_order, 0.0, distance)
 
 
-def coefficient_and_factor(condition: Condition, t: Floats, s: Floats, first_order: Bools, spacing: float) -> tuple[Floats, Floats]:
+def coefficient_and_factor(
+    condition: Condition, t: Floats, s: Floats, first_order: Bools, spacing: float
+) -> tuple[Floats, Floats]:
     """Return the coefficient of u(mirror) and the factor of gamma, each (n,).
 
     Parameters

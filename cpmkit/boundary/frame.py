@@ -80,7 +80,9 @@ def near(source: Localized, points: Floats, radius: float, spacing: float) -> tu
     side = BLOCK * spacing
     blocks, member = np.unique(np.floor(points / side).astype(np.int64), axis=0, return_inverse=True)
     reach = radius + 0.5 * np.sqrt(source.dim) * side
-    close = source.closest_point((blocks + 0.5) * side).distance <= reach * (1 + ON_BOUNDARY)
+    close = source.closest_point(np.asarray((blocks + 0.5) * side, dtype=np.float64)).distance <= reach * (
+        1 + ON_BOUNDARY
+    )
     rows = np.flatnonzero(close[member.ravel()])
     feet = source.closest_point(points[rows])
     kept = feet.distance <= radius

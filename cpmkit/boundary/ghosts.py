@@ -146,7 +146,9 @@ def _mirror_beyond_another(index: int, sight: Sight, seen: Frame, foot_point: Fl
         at_foot = sight.sighted[other].frame(seen.foot[at_mirror.rows], 2 * reach, spacing)
         facing = at_mirror.take(at_foot.rows)
         opposite = np.sum(facing.director * at_foot.director, axis=1) < 0
-        opposite &= np.abs(at_foot.signed) > INSIDE * spacing  # where the boundaries meet, neither lies beyond the other
+        opposite &= (
+            np.abs(at_foot.signed) > INSIDE * spacing
+        )  # where the boundaries meet, neither lies beyond the other
         beyond[facing.rows[opposite & ~facing.end & ~at_foot.end]] = True
     return beyond
 

@@ -50,7 +50,9 @@ def sight(boundary: BoundarySet, surface: Localized, lattice: Lattice, radius: f
 
 def _check_dimensions(name: str, source: Localized, surface: Localized) -> None:
     if source.dim != surface.dim:
-        raise SceneError(f"boundary {name!r} lies in {source.dim}D, the surface in {surface.dim}D; both must be the same.")
+        raise SceneError(
+            f"boundary {name!r} lies in {source.dim}D, the surface in {surface.dim}D; both must be the same."
+        )
     if source.manifold_dim is None or surface.manifold_dim is None or source.manifold_dim < surface.manifold_dim:
         return
     raise SceneError(
@@ -62,15 +64,15 @@ def _check_dimensions(name: str, source: Localized, surface: Localized) -> None:
 def _samples(source: Localized, spacing: float) -> Floats:
     """Return points (s, d) of the boundary, about a spacing apart."""
     cells = surface_cells(source, spacing, 3)
-    return source.closest_point((cells + 0.5) * spacing).points
+    return source.closest_point(np.asarray((cells + 0.5) * spacing, dtype=np.float64)).points
 
 
 def _check_distance(name: str, surface: Localized, samples: Floats, radius: float) -> None:
     distance = surface.closest_point(samples).distance.max()
     if distance > radius:
         raise SceneError(
-            f"boundary {name!r} is up to {distance:.3g} away from the surface, more than the tube's radius {radius:.3g}; "
-            "move it onto the surface, or check its unit of length."
+            f"boundary {name!r} is up to {distance:.3g} away from the surface, more than the tube's radius "
+            f"{radius:.3g}; move it onto the surface, or check its unit of length."
         )
 
 

@@ -24,14 +24,14 @@ def jacobian(source: Localized, points: Floats, step: float) -> Floats:
 
 
 def normals(surface: Localized, feet: ClosestPoints, step: float) -> Floats:
-    """Return unit normals (n, d) of a hypersurface at ``feet``; without a sign that means anything if the source has none."""
+    """Return unit normals (n, d) of a hypersurface at ``feet``; a source without its own gives them any sign."""
     if surface.has_normals:
         return surface.normals(feet)
     return np.linalg.eigh(jacobian(surface, feet.points, step))[1][:, :, 0]
 
 
 def tangents(curve: Localized, feet: ClosestPoints, step: float) -> Floats:
-    """Return unit tangents (n, d) of a curve at ``feet``; without a sign that means anything if the source has none."""
+    """Return unit tangents (n, d) of a curve at ``feet``; a source without its own gives them any sign."""
     if curve.has_tangents:
         return curve.tangents(feet)
     return np.linalg.eigh(jacobian(curve, feet.points, step))[1][:, :, -1]
@@ -52,21 +52,23 @@ def outward_conormals(surface: Localized, edge: ClosestPoints, step: float) -> F
         return _unit(project_tangent(surface, edge, lean, step))
     # Differences across the edge would bend T by O(h): it is extrapolated from two points inside.
     near, far = (surface.closest_point(y - distance * step * lean) for distance in (2, 4))
-    return _unit(2 * _unit(project_tangent(surface, near, lean, step)) - _unit(project_tangent(surface, far, lean, step)))
+    return _unit(
+        2 * _unit(project_tangent(surface, near, lean, step)) - _unit(project_tangent(surface, far, lean, step))
+    )
 
 
 def _unit(vectors: Floats) -> Floats:
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
 
 
 def project_tangent(surface: Localized, feet: ClosestPoints, vectors: Floats, step: float) -> Floats:
     """Return ``vectors`` (n, d) projected on the tangent space at ``feet``."""
     if surface.manifold_dim == 2 and surface.dim == 3:
         n = normals(surface, feet, step)
-        return vectors - np.sum(vectors * n, axis=1, keepdims=True) * n
+        return np.asarray(vectors - np.sum(vectors * n, axis=1, keepdims=True) * n)
     if surface.manifold_dim == 1:
         t = tangents(surface, feet, step)
-        return np.sum(vectors * t, axis=1, keepdims=True) * t
+        return np.asarray(np.sum(vectors * t, axis=1, keepdims=True) * t)
     values, axes = np.linalg.eigh(jacobian(surface, feet.points, step))
     kept = np.einsum("nij,ni->nj", axes, vectors) * (values > TANGENT)
-    return np.einsum("nij,nj->ni", axes, kept)
+    return np.asarray(np.einsum("nij,nj->ni", axes, kept))

@@ -51,12 +51,12 @@ class Band:
     @property
     def dim(self) -> int:
         """Dimension d of the space."""
-        return self.nodes.shape[1]
+        return int(self.nodes.shape[1])
 
     @property
     def positions(self) -> Floats:
         """(n, d) nodes in units of length, relative to the lattice's origin."""
-        return self.nodes * self.spacing
+        return np.asarray(self.nodes * self.spacing, dtype=np.float64)
 
     def find_inner(self, nodes: Ints) -> Ints:
         """Return the numbers of integer ``nodes`` (..., d) among the inner nodes, -1 where they are none."""
@@ -113,7 +113,7 @@ def surface_cells(source: Localized, spacing: float, degree: int) -> Ints:
     """
     manifold_dim = source.dim if source.manifold_dim is None else source.manifold_dim
     for side, blocks in cell_levels(source, spacing, base_offset(degree)):
-        # A block of a smooth m-dimensional piece has side^m cells at the end; each brings about 1.3 (p + 1)^(d - m) nodes.
+        # A block of an m-dimensional piece has side^m cells at the end; each brings about 1.3 (p + 1)^(d - m) nodes.
         unknowns = len(blocks) * float(side) ** manifold_dim * 1.3 * (degree + 1) ** (source.dim - manifold_dim)
         if side > 1:  # coarse blocks overstate the manifold by at most their own thickness
             unknowns /= 4
@@ -134,7 +134,9 @@ def build_band(source: Localized, spacing: float, degree: int) -> Band:
     """
     cells = surface_cells(source, spacing, degree)
     if not len(cells):
-        raise ResolutionError("The source has no point inside its own bounds: its closest points and bounds contradict each other.")
+        raise ResolutionError(
+            "The source has no point inside its own bounds: its closest points and bounds contradict each other."
+        )
     codes = Codes.around(cells, degree + 2)
     inner = np.sort(codes.encode(cells))
     for axis in range(source.dim):
@@ -142,4 +144,6 @@ def build_band(source: Localized, spacing: float, degree: int) -> Band:
     around = [codes.dilate(inner, axis, range(-1, 2)) for axis in range(source.dim)]
     outer = np.setdiff1d(np.unique(np.concatenate(around)), inner, assume_unique=True)
     nodes = codes.decode(np.concatenate([inner, outer]))
-    return Band(spacing, degree, nodes, len(inner), source.closest_point(nodes * spacing), codes)
+    return Band(
+        spacing, degree, nodes, len(inner), source.closest_point(np.asarray(nodes * spacing, dtype=np.float64)), codes
+    )

@@ -97,12 +97,16 @@ def extend(unknowns: Unknowns, points: Floats, view: View, coefficient: Floats |
 
 
 def stencil_nodes(band: Band, cells: Ints) -> Ints:
-    """Return the inner nodes (n, (p + 1)^d), int32, of the stencils of ``cells`` (n, d); each cell is looked up once."""
+    """Return the inner nodes (n, (p + 1)^d), int32, of the stencils of ``cells`` (n, d).
+
+    Each cell is looked up once, however many of the points lie in it.
+    """
     codes = band.codes.encode(cells)
     _, first, member = np.unique(codes, return_index=True, return_inverse=True)
     nodes = band.find_inner(cells[first][:, None] + tensor_offsets(band.degree, band.dim))
-    if np.any(nodes < 0):
-        lost = int(np.count_nonzero((nodes < 0).any(axis=1)[member]))
+    incomplete = np.asarray((nodes < 0).any(axis=1))
+    if incomplete.any():
+        lost = int(np.count_nonzero(incomplete[member.ravel()]))
         raise ResolutionError(
             f"{lost} interpolation stencils leave the band: the source's distances or bounds contradict its closest "
             "points; run `cpmkit.testing.run_laws` on it."

@@ -65,7 +65,9 @@ class Codes:
         lower = points.min(axis=0) - margin
         shape = points.max(axis=0) + margin + 1 - lower
         if np.prod(shape.astype(float)) > 2.0**62:
-            raise ResolutionError(f"The lattice of {shape.tolist()} nodes is too fine to be numbered; use a larger spacing.")
+            raise ResolutionError(
+                f"The lattice of {shape.tolist()} nodes is too fine to be numbered; use a larger spacing."
+            )
         return cls(lower, shape)
 
     @property
@@ -91,4 +93,6 @@ def find(sorted_codes: Ints, codes: Any) -> Ints:
     """Return the positions of ``codes`` in ``sorted_codes``, -1 where they are absent."""
     position = np.searchsorted(sorted_codes, codes)
     position[position == len(sorted_codes)] = 0
-    return np.where(sorted_codes[position] == codes, position, -1) if len(sorted_codes) else np.full(np.shape(codes), -1)
+    return (
+        np.where(sorted_codes[position] == codes, position, -1) if len(sorted_codes) else np.full(np.shape(codes), -1)
+    )

@@ -19,7 +19,9 @@ def check_degree(degree: int) -> int:
         If it is not 2 to 5. Degree 1 does not converge: its error stays of order one at every spacing.
     """
     if degree not in DEGREES or isinstance(degree, bool):
-        reason = " (degree 1 does not converge: the second differences of its error do not vanish)" if degree == 1 else ""
+        reason = (
+            " (degree 1 does not converge: the second differences of its error do not vanish)" if degree == 1 else ""
+        )
         raise InputError(f"degree must be one of 2, 3, 4, 5, got {degree!r}{reason}; 3 is the default.")
     return int(degree)
 

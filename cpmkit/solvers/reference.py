@@ -67,7 +67,9 @@ def _bicgstab(
     scaled = system.diagonal
     rho = _dot(shadow, residual)
     start = np.log(_norm(residual) / target).max()
-    for iteration in range(1, max_iterations + 1):
+    iteration = 0
+    while iteration < max_iterations:
+        iteration += 1
         image = system.apply(direction / scaled)
         alpha = _ratio(rho, _dot(shadow, image))
         half = residual - alpha * image
@@ -90,11 +92,11 @@ def _bicgstab(
 
 
 def _dot(a: Floats, b: Floats) -> Floats:
-    return np.einsum("nc,nc->c", a, b)
+    return np.asarray(np.einsum("nc,nc->c", a, b))
 
 
 def _norm(a: Floats) -> Floats:
-    return np.sqrt(_dot(a, a))
+    return np.asarray(np.sqrt(_dot(a, a)))
 
 
 def _ratio(a: Floats, b: Floats) -> Floats:

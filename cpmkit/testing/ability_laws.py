@@ -23,9 +23,9 @@ STEP = 1e-5
 def check_normals(about: Subject) -> None:
     """Normals are of length one and at right angles to the manifold, with one sign on both sides of it.
 
-    A foot that is moved along its normal comes back. At a concave crease it cannot, so one of the
-    two sides is enough; and a crease may turn by more than a right angle, so signs are compared by
-    majority.
+    A foot that is moved along its normal comes back, to the case's turning angle. At a concave crease
+    it cannot, so one of the two sides is enough; and a crease may turn by more than a right angle, so
+    signs are compared by majority.
     """
     source = about.source
     if not isinstance(source, HasNormals):
@@ -40,7 +40,7 @@ def check_normals(about: Subject) -> None:
         step = STEP * about.size * normals
         sides = [source.closest_point(np.ascontiguousarray(feet.points + s * step)) for s in (1.0, -1.0)]
         slid = np.min([np.linalg.norm(side.points - feet.points, axis=1) for side in sides], axis=0)
-        allowed = 1e-3 * STEP * about.size + about.round_off(feet.points)
+        allowed = (1e-3 + about.case.turning_angle) * STEP * about.size + about.round_off(feet.points)
         require_rows(slid <= allowed, feet.points, "Moved along its normal, the foot slides", slid)
         above, below = (source.normals(side) for side in sides)
         _require_agreement(above, below, feet.points, "The two sides have opposite normals")

@@ -31,8 +31,9 @@ class ConformanceCase:
         For a source that is not exact: the distance from the manifold up to which its feet are
         meant to be good. ``None``: anywhere.
     turning_angle : float
-        For a source that is not exact: the largest ratio of |points - exact foot| to the distance;
-        for a mesh the largest angle between neighbouring normals.
+        The angle in radians by which feet (of a source that is not exact) and normals (of any) may be
+        off: |points - exact foot| <= turning angle x distance. For a mesh the largest angle between
+        neighbouring normals; for a smooth manifold 0.
     """
 
     kind: str

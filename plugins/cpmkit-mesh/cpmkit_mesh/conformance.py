@@ -24,8 +24,8 @@ def cases() -> list[ConformanceCase]:
     meshes = {"closed": _torus(), "open": _cone(), "two components": _two_tori()}
     found = []
     for name, (points, faces) in meshes.items():
+        turn = turning_angle(triangles(vertices=points, faces=faces))
         for closest in ("faceted", "smooth"):
-            turn = turning_angle(triangles(vertices=points, faces=faces)) if closest == "smooth" else 0.0
             make = _bound(triangles, vertices=points, faces=faces, closest=closest)
             samples = _on_triangles(points, faces)
             found.append(ConformanceCase("mesh.triangles", f"{name}, {closest}", make, samples, 0.15, turn))

@@ -95,7 +95,7 @@ def _links(boundary: Ints) -> Ints:
 
 
 def _tangents(direction: Floats, links: Ints) -> Floats:
-    """Return (k, 2, 3) tangents at both ends of each boundary edge: the mean with its neighbour's, unless at a corner."""
+    """Return (k, 2, 3) tangents at both ends of each boundary edge: the mean of two edges, but at corners."""
     beyond = direction[links // 2]
     towards = np.where(links % 2 == np.array([1, 0]), 1.0, -1.0)
     beyond = beyond * towards[:, :, None]

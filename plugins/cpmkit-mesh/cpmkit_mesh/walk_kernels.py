@@ -73,6 +73,7 @@ def _walk(x, face, v, w, corners, normals, neighbours, rim):  # type: ignore[no-
             return face, 0.0, 0.0, False
         if across >= 0:
             face, v, w = across, 1.0 / 3.0, 1.0 / 3.0
+            height = _height(x, face, v, w, corners, normals)
             continue
         k, s, inside = _slide(x, FIRST_BOUNDARY - across, rim)
         face, edge = rim[4][k]

@@ -36,8 +36,9 @@ def _cap(level: int) -> Mesh:
 def _troublesome() -> Mesh:
     """Return an open bowl and a closed ball, 500 across and far from zero, all corners split."""
     bowl, ball = _cap(3), _sphere(2)
-    points = np.concatenate([bowl[0] * 250, ball[0] * 40 + [0, 0, -200]]) + [1000, 300, 0]
+    points = np.concatenate([bowl[0] * 250, ball[0] * 40 - [0, 0, 100]]) + np.array([1000.0, 300.0, 0.0])
     faces = np.concatenate([bowl[1], ball[1] + len(bowl[0])])
+    points = points.astype(np.float32).astype(float)  # what every format can hold
     return points[faces].reshape(-1, 3), np.arange(3 * len(faces)).reshape(-1, 3)
 
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from cpmkit_mesh.compilation import run_in_parcels, thread_count
 from cpmkit_mesh.tree import build_tree, nearest
 

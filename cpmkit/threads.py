@@ -1,0 +1,51 @@
+"""One pool of threads for the process, and work cut into parcels for it.
+
+Parcels are small and handed out as threads become free, because halves of equal size stall where
+another process holds one core. What runs in them releases the interpreter's lock: compiled kernels, and
+SciPy's sparse products.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+
+from cpmkit.errors import InputError
+
+
+def thread_count() -> int:
+    """Return how many threads work: ``CPMKIT_THREADS``, or the number of cores this process may use.
+
+    Raises
+    ------
+    InputError
+        If ``CPMKIT_THREADS`` is not a whole number above zero.
+    """
+    asked = os.environ.get("CPMKIT_THREADS")
+    if not asked:
+        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if not asked.isdigit() or int(asked) < 1:
+        raise InputError(f"CPMKIT_THREADS must be a whole number above zero, got {asked!r}.")
+    return int(asked)
+
+
+@cache
+def _pool(threads: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(threads, thread_name_prefix="cpmkit")
+
+
+def run_parcels(work: Callable[[int, int], object], count: int, size: int) -> None:
+    """Call ``work(start, stop)`` for the parcels of ``range(count)``, each of at most ``size``, on all threads.
+
+    An exception in a parcel is raised here.
+    """
+    starts = range(0, count, size)
+    threads = thread_count()
+    if threads == 1 or len(starts) < 2:
+        for start in starts:
+            work(start, min(start + size, count))
+        return
+    for done in _pool(threads).map(lambda start: work(start, min(start + size, count)), starts):
+        del done
