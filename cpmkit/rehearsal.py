@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.grid.band import cell_levels
+from cpmkit import memory
+from cpmkit.grid.band import cell_levels, nodes_of_blocks
 from cpmkit.grid.stencils import base_offset, check_degree
 from cpmkit.layout import Layout, lay_out
 from cpmkit.localized import localize
@@ -49,11 +50,20 @@ def manifold_dim(scene: Scene) -> int:
 
 
 def _rehearsal_spacing(scene: Scene, spacing: float, degree: int) -> float:
-    """Return the spacing times the smallest power of two whose layout is small."""
+    """Return the spacing times the smallest power of two whose layout is small.
+
+    Raises
+    ------
+    ResolutionError
+        If the spacing itself would need more memory than the machine has.
+    """
     lattice = scene.lattice(spacing)
     surface = localize(scene.surface, lattice.origin)
     levels = cell_levels(surface, lattice.spacing, base_offset(check_degree(degree)))
-    return lattice.spacing * next(side for side, blocks in levels if side == 1 or len(blocks) > REHEARSED_CELLS)
+    side, blocks = next((side, len(blocks)) for side, blocks in levels if side == 1 or len(blocks) > REHEARSED_CELLS)
+    m = manifold_dim(scene)
+    memory.check_fits(nodes_of_blocks(blocks, side, surface.dim, m, degree), surface.dim, m, degree, spacing)
+    return lattice.spacing * side
 
 
 def _counts(layout: Layout) -> dict[str, float]:

@@ -138,9 +138,9 @@ class Scene:
         """How many right-hand sides are solved together: the entries of the data, where they have more than one."""
         centre = np.mean(np.asarray(self.surface.bounds, dtype=np.float64), axis=0)
         probe = self.surface.closest_point(centre[None]).points
-        counts = {what: channel_count(data, probe, what) for what, data in self._data()}
-        most = max(counts.values(), default=1)
-        for what, count in counts.items():
+        counts = [(what, channel_count(data, probe, what)) for what, data in self._data()]
+        most = max((count for _, count in counts), default=1)
+        for what, count in counts:
             if count not in (1, most):
                 raise SceneError(f"{what} has {count} channels where others have {most}; give one value, or {most}.")
         return most

@@ -86,15 +86,14 @@ def _past_loop(
 ) -> Reading:
     foot, beyond = band.feet.points[rows], band.positions[rows] - band.feet.points[rows]
     if is_wall(condition):
-        points = foot if order == 1 else surface.closest_point(foot - beyond).points
+        points = foot if (condition.order or order) == 1 else surface.closest_point(foot - beyond).points
         return Reading(points, np.ones(len(rows)), np.zeros((len(rows), channels)))
     outward = outward_conormals(surface, band.feet.take(rows), 0.5 * band.spacing)
     t = np.maximum(np.sum(beyond * outward, axis=1), 0.0)
-    first = np.full(len(rows), (condition.order or order) == 1)
-    h = mirror_distance(condition, t, first, band.spacing)
-    shifted = foot - beyond - (h - t)[:, None] * outward
-    points = surface.closest_point(np.where(first[:, None], foot, shifted)).points
-    coefficient, factor = coefficient_and_factor(condition, t, 2 * t, first, band.spacing)
+    first = (condition.order or order) == 1
+    mirror = foot - beyond - (mirror_distance(condition, t, band.spacing) - t)[:, None] * outward
+    points = foot if first else surface.closest_point(mirror).points
+    coefficient, factor = coefficient_and_factor(condition, t, 2 * t, np.full(len(rows), first), band.spacing)
     gamma = evaluate_data(condition.gamma, lattice.to_scene(foot), channels, "the edge's condition")
     return Reading(points, coefficient, factor[:, None] * gamma)
 

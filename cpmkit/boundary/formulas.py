@@ -24,10 +24,9 @@ def is_dirichlet(condition: Condition) -> bool:
     return condition.alpha == 0.0
 
 
-def mirror_distance(condition: Condition, t: Floats, first_order: Bools, spacing: float) -> Floats:
-    """Return how far beyond the boundary a ghost at distance ``t`` (n,) reads; 0 at order 1."""
-    distance = np.maximum(t, 0.5 * spacing) if is_dirichlet(condition) else t
-    return np.where(first_order, 0.0, distance)
+def mirror_distance(condition: Condition, t: Floats, spacing: float) -> Floats:
+    """Return how far beyond the boundary a second-order ghost at distance ``t`` (n,) reads."""
+    return np.maximum(t, 0.5 * spacing) if is_dirichlet(condition) else t
 
 
 def coefficient_and_factor(

@@ -33,6 +33,8 @@ class Frame:
         Which points of the batch these are, ascending.
     foot : (k, d) float64
         y, the closest point on the boundary.
+    landing : (k, d) float64
+        cp_S(y): y itself, where the boundary lies on the manifold.
     end : (k,) bool
         True where y is an end of an open curve.
     distance : (k,) float64
@@ -47,6 +49,7 @@ class Frame:
 
     rows: Ints
     foot: Floats
+    landing: Floats
     end: Bools
     distance: Floats
     signed: Floats
@@ -124,11 +127,13 @@ class Sighted:
         if not self.has_sides:
             director = project_tangent(self.surface, on, away, 0.5 * spacing)
             nowhere = np.zeros(len(rows), dtype=bool)
-            return Frame(rows, feet.points, nowhere, distance, np.full(len(rows), np.nan), 0 * away, director)
+            unsigned = np.full(len(rows), np.nan)
+            return Frame(rows, feet.points, on.points, nowhere, distance, unsigned, 0 * away, director)
         axis, left = self._axis_and_left(on, feet, 0.5 * spacing)
         signed = np.sum(away * left, axis=1)
         signed = np.where(np.abs(signed) < ON_BOUNDARY * spacing, ON_BOUNDARY * spacing, signed)
-        return Frame(rows, feet.points, feet.edge >= 0, distance, signed, left, signed[:, None] * axis)
+        end, director = feet.edge >= 0, signed[:, None] * axis
+        return Frame(rows, feet.points, on.points, end, distance, signed, left, director)
 
     def _axis_and_left(self, on: ClosestPoints, feet: ClosestPoints, step: float) -> tuple[Floats, Floats]:
         """Return the vector that carries the sign of a director, and the conormal v, at feet on the boundary."""

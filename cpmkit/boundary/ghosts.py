@@ -86,24 +86,29 @@ def build_ghosts(index: int, sight: Sight, band: Band, lattice: Lattice, reading
     """
     seen, unknowns = _ghost_nodes(sight.sighted[index], sight.frames[index], band)
     foot_point = reading.points[seen.rows]
-    carries_left = seen.signed < 0
-    first = np.full(len(seen.rows), order == 1)
-    for side, members in (("left", carries_left), ("right", ~carries_left)):
-        own_order = sight.boundaries[index].condition(side).order  # type: ignore[arg-type]
-        first[members] = (own_order or order) == 1
-    first |= _mirror_beyond_another(index, sight, seen, foot_point, band.spacing)
-    mirrored, direction = _read_mirror(index, sight, lattice, seen, foot_point, first, reading.datum.shape[1])
+    direction = _direction(seen, foot_point, band.spacing)
+    sides = _sides(sight.boundaries[index], seen)
+    mirror, first = _mirrors(index, sight, seen, direction, sides, order, band.spacing)
+    coefficient, datum = _coefficients(
+        sight.boundaries[index], lattice, seen, foot_point, mirror, sides, first, reading
+    )
     past_edge = reading.take(seen.rows)
     composed = Reading(
-        mirrored.points,
-        past_edge.coefficient * mirrored.coefficient,
-        past_edge.coefficient[:, None] * mirrored.datum + past_edge.datum,
+        mirror, past_edge.coefficient * coefficient, past_edge.coefficient[:, None] * datum + past_edge.datum
     )
     numbers = np.full(len(band.nodes), -1)
     numbers[seen.rows] = np.arange(len(seen.rows))
-    frames = _ghost_frames(index, sight, seen, mirrored.points, band)
+    frames = _ghost_frames(index, sight, seen, mirror, band)
     inside = seen.foot + INSIDE * band.spacing * direction
-    return Ghosts(seen.rows, unknowns, numbers, seen.director, composed, frames, inside, carries_left, first)
+    return Ghosts(seen.rows, unknowns, numbers, seen.director, composed, frames, inside, seen.signed < 0, first)
+
+
+def _sides(boundary: BoundarySet, seen: Frame) -> list[tuple[Condition, Bools]]:
+    """Return each condition with the ghosts that carry it: a node on the right has a ghost of the left."""
+    left, right = boundary.condition("left"), boundary.condition("right")
+    if left is right:
+        return [(left, np.ones(len(seen.rows), dtype=bool))]
+    return [(left, seen.signed < 0), (right, seen.signed >= 0)]
 
 
 def _ghost_nodes(sighted: Sighted, seen: Frame, band: Band) -> tuple[Frame, int]:
@@ -126,24 +131,42 @@ def _direction(seen: Frame, foot_point: Floats, spacing: float) -> Floats:
     return np.where(touching[:, None], across, towards / length)
 
 
-def _mirror_beyond_another(index: int, sight: Sight, seen: Frame, foot_point: Floats, spacing: float) -> Bools:
-    """Tell which ghosts have their mirror point beyond another boundary; those can only be of order 1.
+def _mirrors(
+    index: int,
+    sight: Sight,
+    seen: Frame,
+    direction: Floats,
+    sides: list[tuple[Condition, Bools]],
+    order: int,
+    spacing: float,
+) -> tuple[Floats, Bools]:
+    """Return the points (g, d) that the ghosts read, and which ghosts are of order 1 and read on the boundary."""
+    first = np.empty(len(seen.rows), dtype=bool)
+    h = np.empty(len(seen.rows))
+    for condition, rows in sides:
+        first[rows] = (condition.order or order) == 1
+        h[rows] = mirror_distance(condition, seen.distance[rows], spacing)
+    mirror, second = seen.landing.copy(), np.flatnonzero(~first)
+    if len(second):
+        ahead = seen.foot[second] + h[second, None] * direction[second]
+        mirror[second] = sight.sighted[index].surface.closest_point(ahead).points
+        beyond = second[_beyond_another(index, sight, seen.foot[second], mirror[second], 2 * h.max(), spacing)]
+        first[beyond], mirror[beyond] = True, seen.landing[beyond]
+    return mirror, first
+
+
+def _beyond_another(index: int, sight: Sight, foot: Floats, mirror: Floats, reach: float, spacing: float) -> Bools:
+    """Tell which mirror points lie beyond another boundary than their own; such ghosts can only be of order 1.
 
     Points on a surface do not count: the solution goes on around them. Nor does a boundary that starts
     where this one is met (on the sphere, an arc and a point at its end, spacing 0.05: error 6e-4, and
     3.6e-3 if such ghosts were of order 1).
     """
-    beyond = np.zeros(len(seen.rows), dtype=bool)
+    beyond = np.zeros(len(foot), dtype=bool)
     others = [other for other, one in enumerate(sight.sighted) if other != index and one.has_sides]
-    if not others or not len(seen.rows):
-        return beyond
-    h = np.maximum(seen.distance, 0.5 * spacing)[:, None]
-    surface = sight.sighted[index].surface
-    mirror = surface.closest_point(seen.foot + h * _direction(seen, foot_point, spacing)).points
-    reach = 2 * float(h.max())
     for other in others:
         at_mirror = sight.sighted[other].frame(mirror, reach, spacing)
-        at_foot = sight.sighted[other].frame(seen.foot[at_mirror.rows], 2 * reach, spacing)
+        at_foot = sight.sighted[other].frame(foot[at_mirror.rows], 2 * reach, spacing)
         facing = at_mirror.take(at_foot.rows)
         opposite = np.sum(facing.director * at_foot.director, axis=1) < 0
         opposite &= (
@@ -153,27 +176,26 @@ def _mirror_beyond_another(index: int, sight: Sight, seen: Frame, foot_point: Fl
     return beyond
 
 
-def _read_mirror(
-    index: int, sight: Sight, lattice: Lattice, seen: Frame, foot_point: Floats, first: Bools, channels: int
-) -> tuple[Reading, Floats]:
-    """Return what the ghosts read, edges aside, and the unit directions into the sides that they carry."""
-    boundary, surface, spacing = sight.boundaries[index], sight.sighted[index].surface, lattice.spacing
-    direction = _direction(seen, foot_point, spacing)
-    g = len(seen.rows)
-    points, coefficient, datum = np.empty_like(foot_point), np.empty(g), np.empty((g, channels))
-    left = boundary.condition("left")
-    right = boundary.condition("right")
-    groups: list[tuple[Condition, Bools]] = (
-        [(left, np.ones(g, dtype=bool))] if left is right else [(left, seen.signed < 0), (right, seen.signed >= 0)]
-    )
-    for condition, rows in groups:
-        h = mirror_distance(condition, seen.distance[rows], first[rows], spacing)
-        points[rows] = surface.closest_point(seen.foot[rows] + h[:, None] * direction[rows]).points
-        s = np.linalg.norm(foot_point[rows] - points[rows], axis=1)
-        coefficient[rows], factor = coefficient_and_factor(condition, seen.distance[rows], s, first[rows], spacing)
+def _coefficients(
+    boundary: BoundarySet,
+    lattice: Lattice,
+    seen: Frame,
+    foot_point: Floats,
+    mirror: Floats,
+    sides: list[tuple[Condition, Bools]],
+    first: Bools,
+    reading: Reading,
+) -> tuple[Floats, Floats]:
+    """Return the coefficient (g,) and the datum (g, channels) of the ghosts' formula, edges aside."""
+    coefficient, datum = np.empty(len(seen.rows)), np.empty((len(seen.rows), reading.datum.shape[1]))
+    for condition, rows in sides:
+        s = np.linalg.norm(foot_point[rows] - mirror[rows], axis=1)
+        t = seen.distance[rows]
+        coefficient[rows], factor = coefficient_and_factor(condition, t, s, first[rows], lattice.spacing)
         where = lattice.to_scene(seen.foot[rows])
-        datum[rows] = factor[:, None] * evaluate_data(condition.gamma, where, channels, f"boundary {boundary.name!r}")
-    return Reading(points, coefficient, datum), direction
+        gamma = evaluate_data(condition.gamma, where, datum.shape[1], f"boundary {boundary.name!r}")
+        datum[rows] = factor[:, None] * gamma
+    return coefficient, datum
 
 
 def _ghost_frames(index: int, sight: Sight, seen: Frame, mirror: Floats, band: Band) -> list[Frame]:

@@ -21,6 +21,8 @@ from cpmkit.protocols import ClosestPoints, Floats, Ints
 
 #: Share of a cell's half diagonal by which a cell is kept although the surface seems to miss it: rounding.
 SLACK = 1e-6
+#: From so many blocks on, they tell how large the band will be.
+TELLING = 20_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,12 +115,20 @@ def surface_cells(source: Localized, spacing: float, degree: int) -> Ints:
     """
     manifold_dim = source.dim if source.manifold_dim is None else source.manifold_dim
     for side, blocks in cell_levels(source, spacing, base_offset(degree)):
-        # A block of an m-dimensional piece has side^m cells at the end; each brings about 1.3 (p + 1)^(d - m) nodes.
-        unknowns = len(blocks) * float(side) ** manifold_dim * 1.3 * (degree + 1) ** (source.dim - manifold_dim)
-        if side > 1:  # coarse blocks overstate the manifold by at most their own thickness
-            unknowns /= 4
-        memory.check_fits(unknowns, source.dim, manifold_dim, degree, spacing)
+        unknowns = nodes_of_blocks(len(blocks), side, source.dim, manifold_dim, degree)
+        if side == 1 or len(blocks) > TELLING:
+            # While blocks are coarse, thin parts look as thick as a block: only a clear excess is refused early.
+            memory.check_fits(unknowns if side == 1 else unknowns / 4, source.dim, manifold_dim, degree, spacing)
     return blocks
+
+
+def nodes_of_blocks(blocks: int, side: int, dim: int, manifold_dim: int, degree: int) -> float:
+    """Return about how many inner nodes a manifold has that meets so many blocks of a side in cells.
+
+    A block of an m-dimensional piece has side^m cells at the end, each with about 0.9 (p + 1)^(d - m) nodes
+    (measured on circle and sphere).
+    """
+    return float(blocks * float(side) ** manifold_dim * 0.9 * (degree + 1) ** (dim - manifold_dim))
 
 
 def build_band(source: Localized, spacing: float, degree: int) -> Band:
