@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import os
 from pathlib import Path
 from typing import Any
@@ -67,17 +66,26 @@ def _fetch(name: str) -> Path | None:
         import pooch
     except ImportError:
         return None
-    logging.getLogger("pooch").setLevel(logging.WARNING)  # nothing is printed by the library
+    pooch.get_logger().setLevel("WARNING")  # nothing is printed by the library
     path, checksum = KNOWN[name]
-    base = os.environ.get("CPMKIT_ORIGIN", ORIGIN)
+    url = f"{os.environ.get('CPMKIT_ORIGIN', ORIGIN)}/{path}"
     try:
-        return Path(pooch.retrieve(f"{base}/{path}", f"sha256:{checksum}", fname=name, path=cache_folder()))
+        kept = pooch.retrieve(url, f"sha256:{checksum}", fname=name, path=cache_folder(), downloader=_download)
+        return Path(kept)
     except OSError:
         return None
     except ValueError as error:
         raise InputError(
             f"the file fetched for {name!r} does not have the expected checksum; nothing was kept."
         ) from error
+
+
+def _download(url: str, output_file: Any, _: Any) -> None:
+    """Fetch ``url``, which may also begin with file://, into ``output_file``."""
+    from urllib.request import urlopen
+
+    with urlopen(url, timeout=30) as answer:
+        Path(output_file).write_bytes(answer.read())
 
 
 def read_mesh(file: str | Path) -> tuple[Floats, Ints]:

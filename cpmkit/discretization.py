@@ -14,8 +14,8 @@ from cpmkit.boundary.frame import Frame, stack
 from cpmkit.boundary.ghosts import Ghosts
 from cpmkit.grid.extension import Unknowns, extend
 from cpmkit.grid.stencils import cross_offsets
-from cpmkit.layout import Layout, lay_out, nothing
-from cpmkit.protocols import Floats, Ints, Progress
+from cpmkit.layout import Layout, lay_out
+from cpmkit.protocols import Floats, Ints, Progress, nothing
 from cpmkit.scene import Scene
 
 if TYPE_CHECKING:
@@ -71,13 +71,11 @@ def discretize(scene: Scene, spacing: float, *, progress: Progress = nothing, **
 
 def tabulate(layout: Layout, progress: Progress = nothing) -> Discretization:
     """Build E and N for a layout; no closest point is asked for."""
-    progress("tables", 0.0)
     ghosts = layout.ghosts
     unknowns = Unknowns(layout.band, ghosts)
     rows = _all_readings(layout.reading, ghosts)
     view = _all_views(layout.sight.frames, ghosts, len(layout.band.nodes))
-    extension = extend(unknowns, rows.points, view, rows.coefficient)
-    progress("tables", 0.7)
+    extension = extend(unknowns, rows.points, view, rows.coefficient, lambda stage, share: progress(stage, 0.8 * share))
     neighbours = _neighbours(unknowns, view)
     progress("tables", 1.0)
     return Discretization(layout, unknowns, extension, rows.datum, neighbours)

@@ -15,7 +15,7 @@ from cpmkit.grid.band import Band, build_band
 from cpmkit.grid.lattice import Lattice
 from cpmkit.grid.stencils import check_degree, reading_radius
 from cpmkit.localized import Localized, localize
-from cpmkit.protocols import Progress
+from cpmkit.protocols import Progress, nothing
 from cpmkit.scene import Scene
 
 
@@ -66,10 +66,6 @@ class Layout:
         return counted
 
 
-def nothing(stage: str, fraction: float) -> None:
-    """Report no progress."""
-
-
 def lay_out(
     scene: Scene, spacing: float, *, degree: int = 3, order: int = 2, origin: Any = None, progress: Progress = nothing
 ) -> Layout:
@@ -85,11 +81,8 @@ def lay_out(
         raise InputError(f"order must be 1 or 2, got {order!r}.")
     lattice = scene.lattice(spacing, origin)
     surface = localize(scene.surface, lattice.origin)
-    progress("band", 0.0)
-    band = build_band(surface, lattice.spacing, degree)
-    progress("band", 0.8)
+    band = build_band(surface, lattice.spacing, degree, progress)
     reading = read_past_edge(surface, band, lattice, scene.edge, order, scene.channels)
-    progress("band", 1.0)
     seen = _see_boundaries(scene, surface, band, lattice, reading)
     ghosts = []
     for index in range(len(scene.boundaries)):

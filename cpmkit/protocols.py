@@ -7,8 +7,8 @@ The laws that every source keeps are checked by :mod:`cpmkit.testing`.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
@@ -24,6 +24,10 @@ Side = Literal["left", "right"]
 
 #: Called with the name of a stage and the share of it that is done, from 0 to 1.
 Progress = Callable[[str, float], None]
+
+
+def nothing(stage: str, fraction: float) -> None:
+    """Report no progress."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +61,16 @@ class ClosestPoints:
 
     def __len__(self) -> int:
         return len(self.points)
+
+    @classmethod
+    def join(cls, parts: Sequence[ClosestPoints]) -> ClosestPoints:
+        """Return the records of several batches of one source, one after the other."""
+
+        def joined(name: str) -> Any:
+            values = [getattr(part, name) for part in parts]
+            return None if any(value is None for value in values) else np.concatenate(values)
+
+        return cls(*[joined(field.name) for field in fields(cls)])
 
     def take(self, index: NDArray[Any]) -> ClosestPoints:
         """Return the records at ``index`` (integers or a mask)."""

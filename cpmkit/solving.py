@@ -7,10 +7,10 @@ from typing import Any
 
 from cpmkit.arrays import positive
 from cpmkit.components import check_pinned
+from cpmkit.diagnosis import warnings_of
 from cpmkit.discretization import discretize
-from cpmkit.layout import nothing
 from cpmkit.operators import assemble
-from cpmkit.protocols import Progress
+from cpmkit.protocols import Progress, nothing
 from cpmkit.resolution import needed_spacing
 from cpmkit.scene import Scene
 from cpmkit.solution import Solution
@@ -85,4 +85,5 @@ def solve(
     values, report = solve_system(system, chosen, tolerance, progress, **solver_options)
     clock.append(time.perf_counter())
     seconds = {"build": clock[1] - clock[0], "solve": clock[2] - clock[1]}
-    return Solution(scene, tables, values, report, measure_work(tables, system, report), seconds)
+    work = measure_work(tables, system, report)
+    return Solution(scene, tables, values, report, work, seconds, warnings_of(tables.layout))

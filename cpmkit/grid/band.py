@@ -17,12 +17,14 @@ from cpmkit.errors import ResolutionError
 from cpmkit.grid.lattice import Codes, find
 from cpmkit.grid.stencils import base_offset, stencil_range
 from cpmkit.localized import Localized
-from cpmkit.protocols import ClosestPoints, Floats, Ints
+from cpmkit.protocols import ClosestPoints, Floats, Ints, Progress, nothing
 
 #: Share of a cell's half diagonal by which a cell is kept although the surface seems to miss it: rounding.
 SLACK = 1e-6
 #: From so many blocks on, they tell how large the band will be.
 TELLING = 20_000
+#: Nodes whose closest points are asked for at a time.
+PARCEL = 1 << 17
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +133,7 @@ def nodes_of_blocks(blocks: int, side: int, dim: int, manifold_dim: int, degree:
     return float(blocks * float(side) ** manifold_dim * 0.9 * (degree + 1) ** (dim - manifold_dim))
 
 
-def build_band(source: Localized, spacing: float, degree: int) -> Band:
+def build_band(source: Localized, spacing: float, degree: int, progress: Progress = nothing) -> Band:
     """Find the nodes of the band of ``source`` and their closest points.
 
     Every surface point's stencil is in the band, not only those of the nodes' own closest points,
@@ -142,6 +144,7 @@ def build_band(source: Localized, spacing: float, degree: int) -> Band:
     ResolutionError
         If the band would not fit into memory.
     """
+    progress("band", 0.0)
     cells = surface_cells(source, spacing, degree)
     if not len(cells):
         raise ResolutionError(
@@ -154,6 +157,14 @@ def build_band(source: Localized, spacing: float, degree: int) -> Band:
     around = [codes.dilate(inner, axis, range(-1, 2)) for axis in range(source.dim)]
     outer = np.setdiff1d(np.unique(np.concatenate(around)), inner, assume_unique=True)
     nodes = codes.decode(np.concatenate([inner, outer]))
-    return Band(
-        spacing, degree, nodes, len(inner), source.closest_point(np.asarray(nodes * spacing, dtype=np.float64)), codes
-    )
+    return Band(spacing, degree, nodes, len(inner), _feet(source, nodes, spacing, progress), codes)
+
+
+def _feet(source: Localized, nodes: Ints, spacing: float, progress: Progress) -> ClosestPoints:
+    """Return the closest points of all nodes, asked in parcels."""
+    parts = []
+    for start in range(0, len(nodes), PARCEL):
+        progress("band", start / len(nodes))
+        parts.append(source.closest_point(np.asarray(nodes[start : start + PARCEL] * spacing, dtype=np.float64)))
+    progress("band", 1.0)
+    return ClosestPoints.join(parts)

@@ -17,7 +17,7 @@ from cpmkit.boundary.crossing import View, visible_ghosts
 from cpmkit.errors import ResolutionError
 from cpmkit.grid.band import Band
 from cpmkit.grid.stencils import stencil_cells, tensor_offsets, tensor_weights
-from cpmkit.protocols import Floats, Ints
+from cpmkit.protocols import Floats, Ints, Progress, nothing
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -55,7 +55,13 @@ class Unknowns:
         return np.cumsum(counts)[:-1].astype(np.int64)
 
 
-def extend(unknowns: Unknowns, points: Floats, view: View, coefficient: Floats | None = None) -> csr_array:
+def extend(
+    unknowns: Unknowns,
+    points: Floats,
+    view: View,
+    coefficient: Floats | None = None,
+    progress: Progress = nothing,
+) -> csr_array:
     """Return the matrix that reads the unknowns at surface ``points``.
 
     Parameters
@@ -68,6 +74,8 @@ def extend(unknowns: Unknowns, points: Floats, view: View, coefficient: Floats |
         How each point sees the boundaries.
     coefficient : (n,) float64, optional
         Multiplies each row.
+    progress : callable, optional
+        Told the share of the stage "tables" that is done.
 
     Returns
     -------
@@ -90,6 +98,7 @@ def extend(unknowns: Unknowns, points: Floats, view: View, coefficient: Floats |
         columns[rows] = stencil_nodes(band, cells)
         weights[rows] = tensor_weights(fractions, band.degree)
         see_ghosts(unknowns, view.select(rows), columns[rows[0] : rows[-1] + 1])
+        progress("tables", (rows[-1] + 1) / n)
     if coefficient is not None:
         weights *= coefficient[:, None]
     starts = np.arange(n + 1, dtype=np.int32 if columns.size < 2**31 else np.int64) * width

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -42,7 +43,7 @@ def conformance_cases() -> list[ConformanceCase]:
     ]
 
 
-def _case(shape: str, name: str, keys: dict[str, object], draw: Draw) -> ConformanceCase:
+def _case(shape: str, name: str, keys: dict[str, Any], draw: Draw) -> ConformanceCase:
     """Return the case of a source whose keys other than the motion leave it in canonical position."""
     factory: Callable[..., Moved] = getattr(factories, shape)
 
@@ -50,7 +51,7 @@ def _case(shape: str, name: str, keys: dict[str, object], draw: Draw) -> Conform
         return factory(**keys)
 
     def samples(rng: np.random.Generator, n: int) -> Floats:
-        moved, scale = make(), float(str(keys.get("scale", 1.0)))
+        moved, scale = make(), keys.get("scale", 1.0)
         points: Floats = moved.center + scale * draw(rng, n) @ moved.axes.T
         return points
 

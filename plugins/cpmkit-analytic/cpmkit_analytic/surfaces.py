@@ -72,7 +72,7 @@ class Cap(Sphere):
     def mesh(self, spacing: float) -> tuple[Floats, Ints]:
         """Return rings of latitude from the pole to the rim."""
         angle = np.arctan2(self.rim_radius, self.height)
-        polar = np.linspace(0.0, angle, 1 + intervals(self.radius * angle, spacing))
+        polar = np.linspace(0.0, angle, 1 + intervals(self.radius * angle, spacing, least=2))
         around, up = self.radius * np.sin(polar), self.radius * np.cos(polar)
         around[-1], up[-1] = self.rim_radius, self.height
         return revolve(around, up, spacing)

@@ -1,0 +1,44 @@
+"""What a reader of a solution should know: where the scene leaves the method's safe range."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.layout import Layout
+
+#: A surface's search may doubt this share of the nodes before it is worth a warning.
+DOUBTFUL_SHARE = 1e-4
+
+
+def warnings_of(layout: Layout) -> tuple[str, ...]:
+    """Return one sentence for each thing found."""
+    return (*_doubtful(layout), *_boundaries(layout))
+
+
+def _doubtful(layout: Layout) -> list[str]:
+    doubtful = layout.band.feet.doubtful
+    if doubtful is None or np.mean(doubtful) <= DOUBTFUL_SHARE:
+        return []
+    return [
+        f"The surface could not vouch for the closest points of {int(doubtful.sum())} of {len(doubtful)} nodes "
+        f"({np.mean(doubtful):.2%}): at folds and creases narrower than the band the solution may be off; "
+        "a smaller spacing narrows the band."
+    ]
+
+
+def _boundaries(layout: Layout) -> list[str]:
+    found = []
+    for boundary, ghosts in zip(layout.sight.boundaries, layout.ghosts, strict=True):
+        if not ghosts.unknowns:
+            found.append(
+                f"Boundary {boundary.name!r} is too short for the spacing to see: it has no ghosts and no effect."
+            )
+            continue
+        asked = (boundary.condition("left").order or layout.order, boundary.condition("right").order or layout.order)
+        fallen = int(ghosts.first_order[: ghosts.unknowns].sum()) if asked == (2, 2) else 0
+        if fallen:
+            found.append(
+                f"{fallen} of {ghosts.unknowns} ghosts of boundary {boundary.name!r} are of first order, because their "
+                "mirror points lie beyond another boundary; boundaries at least three spacings apart avoid that."
+            )
+    return found
