@@ -1,7 +1,8 @@
 """Counting what a scene needs at a spacing, from rehearsals on coarser lattices.
 
-A count on an m-dimensional manifold grows like ``a / h^m + b / h^(m - 1)`` when the spacing h shrinks (the
-second term: edges, boundary curves, curvature). Two coarse layouts give a and b for every count.
+Nodes of an m-dimensional manifold grow like ``a / h^m + b / h^(m - 1)`` when the spacing h shrinks (the
+second term: edges, boundary curves, curvature), and two coarse layouts give a and b. Closest point
+queries are a sum of such terms and a constant, none of them negative, and three layouts give it.
 """
 
 from __future__ import annotations
@@ -21,6 +22,8 @@ from cpmkit.scene import Scene
 
 #: A rehearsal has at most about this many cells on the manifold.
 REHEARSED_CELLS = 12_000
+#: Name of the count of closest point queries, and beginning of its parts' names.
+QUERIES = "queries"
 
 
 @dataclass(frozen=True)
@@ -36,12 +39,23 @@ class Counts:
 
 def count(scene: Scene, spacing: float, **options: Any) -> Counts:
     """Return the counts of ``scene`` at ``spacing``."""
-    coarse = _rehearsal_spacing(scene, spacing, options.get("degree", 3))
-    fine = lay_out(scene, coarse, **options)
-    if coarse == spacing:
-        return Counts(_counts(fine), True)
-    coarser = lay_out(scene, 2 * coarse, **options)
-    return Counts(_extrapolate(_counts(fine), _counts(coarser), coarse, spacing, manifold_dim(scene)), False)
+    finest = _rehearsal_spacing(scene, spacing, options.get("degree", 3))
+    fine = _counts(lay_out(scene, finest, **options))
+    if finest == spacing:
+        return Counts(_summed(fine), True)
+    spacings = [finest, 2 * finest, 4 * finest]
+    rehearsed = [fine, *(_counts(lay_out(scene, coarse, **options)) for coarse in spacings[1:])]
+    m = manifold_dim(scene)
+    dims = {f"{QUERIES} surface": m}
+    dims |= {f"{QUERIES} {one.name}": one.source.manifold_dim or 1 for one in scene.boundaries}
+    told = {}
+    for name in fine:
+        counts = [one[name] for one in rehearsed]
+        if name.startswith(QUERIES):
+            told[name] = _sum_of_powers(spacings, counts, spacing, dims[name])
+        else:
+            told[name] = _leading_terms(spacings, counts, spacing, m)
+    return Counts(_summed(told), False)
 
 
 def manifold_dim(scene: Scene) -> int:
@@ -74,23 +88,34 @@ def _counts(layout: Layout) -> dict[str, float]:
         "rows": rows,
         "unknowns": layout.size,
         "past edge": int(np.count_nonzero(layout.band.feet.edge >= 0)),
-        "queries": sum(layout.queries.values()),
     }
     for number, ghosts in enumerate(layout.ghosts):
         counts[f"ghosts {number}"] = ghosts.unknowns
+    for name, queries in layout.queries.items():
+        counts[f"{QUERIES} {name}"] = queries
     return {name: float(value) for name, value in counts.items()}
 
 
-def _extrapolate(
-    fine: Mapping[str, float], coarse: Mapping[str, float], coarse_spacing: float, spacing: float, dim: int
-) -> dict[str, float]:
-    """Fit ``count h^m = a + b h`` to counts at ``coarse_spacing`` and twice that, and read it at ``spacing``."""
-    result = {}
-    for name, value in fine.items():
-        at_fine = value * coarse_spacing**dim
-        at_coarse = coarse[name] * (2 * coarse_spacing) ** dim
-        slope = (at_coarse - at_fine) / coarse_spacing
-        # A count that the coarse lattices blur (pieces in one band) may fit a line that dips too low.
-        line = max(at_fine + slope * (spacing - coarse_spacing), 0.0)
-        result[name] = line / spacing**dim
-    return result
+def _summed(counts: Mapping[str, float]) -> dict[str, float]:
+    """Return the counts with the queries of all sources as one."""
+    queries = sum(value for name, value in counts.items() if name.startswith(QUERIES))
+    return {**{name: value for name, value in counts.items() if not name.startswith(QUERIES)}, QUERIES: queries}
+
+
+def _leading_terms(spacings: list[float], counts: list[float], spacing: float, m: int) -> float:
+    """Fit ``count h^m = a + b h`` to the two finest counts, and read it at ``spacing``."""
+    fine, coarse = (count * h**m for count, h in zip(counts[:2], spacings[:2], strict=True))
+    slope = (coarse - fine) / (spacings[1] - spacings[0])
+    return float(max(fine + slope * (spacing - spacings[0]), 0.0) / spacing**m)
+
+
+def _sum_of_powers(spacings: list[float], counts: list[float], spacing: float, m: int) -> float:
+    """Fit ``count = a / h^m + ... + c``, no term negative, to all counts, and read it at ``spacing``."""
+    from scipy.optimize import nnls
+
+    if not all(counts):
+        return 0.0
+    powers = np.arange(m, -1, -1)
+    relative = np.array([[(spacing / h) ** p for p in powers] for h in spacings]) / np.array(counts)[:, None]
+    terms, _ = nnls(relative, np.ones(len(counts)))
+    return float(terms.sum())

@@ -20,7 +20,7 @@ from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 #: A point nearer to the boundary than this many spacings counts as left of it.
 ON_BOUNDARY = 1e-9
 #: Blocks of this many spacings are asked before the points in them are.
-BLOCK = 8
+BLOCK = 4
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,215 @@
+"""What the documentation shows runs, and its reference names everything that the code offers."""
+
+import doctest
+import importlib.util
+import inspect
+import os
+import pkgutil
+import re
+import subprocess
+import sys
+import tomllib
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import cpmkit
+from cpmkit import expressions, hookspecs, load_scene, plugins, scenefile
+from cpmkit.cli import main
+from cpmkit.errors import SceneError
+from cpmkit.outputrequest import PictureRequest
+from cpmkit.solvers import SOLVERS
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+MODULES = [name for _, name, _ in pkgutil.walk_packages(cpmkit.__path__, "cpmkit.") if not name.endswith("__main__")]
+SCENE = {"surface": 'kind = "analytic.circle"', "problem": 'kind = "laplace"'}
+
+
+def blocks(page, language):
+    """Return the fenced blocks of a page."""
+    return re.findall(rf"^```{language}\n(.*?)^```", (ROOT / page).read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+
+
+def from_docs(name):
+    """Return a module of the documentation's folder."""
+    spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_examples_in_docstrings(name):
+    assert doctest.testmod(import_module(name)).failed == 0
+
+
+def test_docstrings_hold_examples():
+    counts = [len(doctest.DocTestFinder(exclude_empty=True).find(import_module(name))) for name in MODULES]
+    assert sum(counts) >= 5
+
+
+@pytest.mark.parametrize(
+    "page",
+    ["docs/tutorial/first-solve.md", "docs/how-to/read-a-mesh.md", "docs/how-to/choose-a-spacing.md"],
+)
+def test_python_on_pages(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code = "\n".join(blocks(page, "python"))
+    assert code
+    exec(compile(code, page, "exec"), {})
+
+
+def test_python_in_the_readme(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    names = {}
+    exec("\n".join(blocks("README.md", "python")), names)
+    assert (tmp_path / "torus.png").stat().st_size > 10_000
+    assert abs(names["solution"].evaluate([[0, -1.45, 0.0]]) - [[1.0, 0.9, 0.2]]).max() < 0.02
+
+
+@pytest.mark.parametrize("page", ["docs/tutorial/first-solve.md", "docs/reference/scene-keys.md"])
+def test_scenes_on_pages(page, tmp_path):
+    from cpmkit import explain
+
+    for number, text in enumerate(blocks(page, "toml")):
+        file = tmp_path / f"{number}.toml"
+        file.write_text(text)
+        loaded = load_scene(file)
+        assert explain(loaded.scene, loaded.spacing, **loaded.options).unknowns > 0
+
+
+@pytest.fixture
+def shapes(tmp_path):
+    """Lay the plugin of the tutorial out as its reader does, installed; return its folder and an environment."""
+    for text in blocks("docs/tutorial/write-a-plugin.md", "python") + blocks("docs/tutorial/write-a-plugin.md", "toml"):
+        file = tmp_path / text.splitlines()[0].removeprefix("# ")
+        file.parent.mkdir(exist_ok=True)
+        file.write_text(text)
+    (tmp_path / "cpmkit_shapes" / "__init__.py").touch()
+    project = tomllib.loads((tmp_path / "pyproject.toml").read_text())["project"]
+    info = tmp_path / f"cpmkit_shapes-{project['version']}.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n")
+    points = [
+        f"[{group}]\n" + "".join(f"{kind} = {module}\n" for kind, module in kinds.items())
+        for group, kinds in project["entry-points"].items()
+    ]
+    (info / "entry_points.txt").write_text("\n".join(points))
+    return tmp_path, {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
+
+
+def run(shapes, *arguments):
+    folder, environment = shapes
+    done = subprocess.run(
+        [sys.executable, *arguments], cwd=folder, env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def test_the_plugin_of_the_tutorial_solves(shapes):
+    assert run(shapes, "try_capsule.py").split() == ["[1.", "0.]"]
+    cli = "from cpmkit.cli import main; main()"
+    assert "shapes.capsule    cpmkit-shapes 0.1.0" in run(shapes, "-c", cli, "plugins")
+    run(shapes, "-c", cli, "solve", "capsule.toml", "--quiet")
+    assert (shapes[0] / "capsule" / "summary.json").is_file()
+
+
+def test_the_plugin_of_the_tutorial_keeps_the_laws(shapes):
+    from cpmkit.testing import LAWS
+
+    told = run(shapes, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_capsule.py")
+    assert f"{2 * len(LAWS)} passed" in told
+    words = {20: "twenty", 21: "twenty-one", 22: "twenty-two", 23: "twenty-three", 24: "twenty-four"}
+    assert f"checked {words[len(LAWS)]} laws" in (DOCS / "tutorial" / "write-a-plugin.md").read_text()
+
+
+def documented(page):
+    text = (DOCS / "reference" / page).read_text(encoding="utf-8")
+    return set(re.findall(r"`([^`\n]+)`", re.sub(r"^```.*?^```", "", text, flags=re.MULTILINE | re.DOTALL)))
+
+
+def accepted(tmp_path, table, beside=""):
+    """Return the keys of a scene's table, as the message lists them that refuses an unknown one."""
+    tables = {**SCENE, table: f"{beside}\nnonsense = 1"}
+    file = tmp_path / "scene.toml"
+    file.write_text("".join(f"[{name}]\n{content}\n" for name, content in tables.items()))
+    with pytest.raises(SceneError, match="accepted are") as caught:
+        load_scene(file)
+    return set(str(caught.value).partition("accepted are ")[2].rstrip(".").split(", "))
+
+
+def test_every_table_of_a_scene_is_documented():
+    text = (DOCS / "reference" / "scene-keys.md").read_text()
+    for table in scenefile.TABLES:
+        assert f"## `[{table}]`" in text or f"## `[[{table}]]`" in text
+
+
+@pytest.mark.parametrize("table", ["discretization", "solver", "output"])
+def test_every_key_of_a_table_is_documented(table, tmp_path):
+    assert accepted(tmp_path, table) - documented("scene-keys.md") == set()
+
+
+@pytest.mark.parametrize("kind", scenefile.PROBLEMS)
+def test_every_key_of_a_problem_is_documented(kind, tmp_path):
+    keys = set(inspect.signature(scenefile.PROBLEMS[kind]).parameters)
+    assert {kind, *keys} - documented("scene-keys.md") == set()
+
+
+def test_every_condition_key_and_word_is_documented():
+    from cpmkit.export import _WRITERS
+
+    named = documented("scene-keys.md")
+    sides = {name for name in inspect.signature(cpmkit.Boundary).parameters if name != "source"}
+    assert {*sides, "kind", "edge", "order"} - named == set()
+    assert set(inspect.signature(PictureRequest).parameters) - named == set()
+    assert {"auto", *SOLVERS, *_WRITERS} - named == set()
+    assert {f"{{ {condition} = g }}" for condition in scenefile.CONDITIONS} - named == set()
+    assert {*expressions.COORDINATES, *expressions.CONSTANTS, *expressions.FUNCTIONS} - named == set()
+
+
+def test_every_installed_kind_and_key_is_documented():
+    page = from_docs("generated_pages").kinds_page()
+    for kind in plugins.installed_kinds():
+        section = page.partition(f"### `{kind.kind}`\n")[2].partition("\n##")[0]
+        for key in inspect.signature(plugins.factory(kind.kind)).parameters:
+            assert f"| `{key}` |" in section, (kind.kind, key)
+
+
+def test_every_command_is_documented():
+    page = from_docs("generated_pages").commands_page()
+    for name, command in main.commands.items():
+        section = page.partition(f"## `cpmkit {name}`\n")[2].partition("\n## ")[0]
+        for parameter in command.params:
+            assert parameter.opts[0] in section or parameter.human_readable_name.upper() in section
+
+
+def test_every_hook_is_documented():
+    text = (DOCS / "reference" / "hooks.md").read_text()
+    hooks = [name for name, value in vars(hookspecs).items() if hasattr(value, "cpmkit_spec")]
+    assert hooks
+    for hook in hooks:
+        assert f".. autofunction:: cpmkit.hookspecs.{hook}\n" in text
+    assert set(re.findall(r"cpmkit\.hookspecs\.(cpmkit_\w+)", text)) == set(hooks)
+
+
+def test_every_public_name_is_documented():
+    text = (DOCS / "reference" / "api.md").read_text()
+    for name in cpmkit.__all__:
+        assert re.search(rf"^\.\. auto\w+:: cpmkit\.{name}$", text, re.MULTILINE), name
+
+
+def test_drawings(tmp_path):
+    from matplotlib.image import imread
+
+    for file in from_docs("drawings").draw_all(tmp_path):
+        assert imread(file)[..., :3].std() > 0.05, file.name
+        assert any(file.name in page.read_text() for page in (DOCS / "explanation").glob("*.md")), file.name
+
+
+def test_links_between_pages_lead_somewhere():
+    for page in [ROOT / "README.md", *DOCS.rglob("*.md")]:
+        for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text()):
+            assert "generated/" in target or (page.parent / target).exists(), (page, target)
