@@ -7,16 +7,10 @@ import pytest
 from model_problems import circle_jump, rotation, sphere_poisson
 
 import cpmkit as ck
-from cpmkit import rehearsal
 
 
-@pytest.fixture
-def small_rehearsals(monkeypatch):
-    monkeypatch.setattr(rehearsal, "REHEARSED_CELLS", 3000)
-
-
-@pytest.mark.parametrize("spacing", [0.035, 0.02])
-def test_predictions_on_a_surface_with_curves(small_rehearsals, spacing):
+@pytest.mark.parametrize("spacing", [0.028, 0.02])
+def test_predictions_on_a_surface_with_curves(spacing):
     scene, _, _ = sphere_poisson([rotation()[:, 0], rotation()[:, 1]])
     told = ck.explain(scene, spacing)
     assert not told.exact
