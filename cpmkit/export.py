@@ -23,16 +23,16 @@ if TYPE_CHECKING:
 def save(solution: Solution, path: str | Path) -> None:
     """Write ``solution`` to ``path``, whole or not at all.
 
-    ========  ==================================================================================
+    ========= ==================================================================================
     suffix    contents
-    ========  ==================================================================================
+    ========= ==================================================================================
     ``.vtp``  the surface's mesh, cut along the boundaries, for ParaView: point data ``u`` and,
               where there are three channels, ``rgb``
     ``.ply``  the same mesh with a colour a vertex: the three channels, or the first in viridis
     ``.npz``  arrays ``points``, ``cells``, ``values``, ``original`` of that mesh, and the lattice
               and its unknowns under names that begin with ``lattice_``
     ``.json`` the summary: what was solved, what it cost, what it reached
-    ========  ==================================================================================
+    ========= ==================================================================================
 
     Raises
     ------

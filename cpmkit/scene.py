@@ -11,10 +11,13 @@ import numpy as np
 
 from cpmkit.arrays import as_vector, positive
 from cpmkit.conditions import Condition, Data, Dirichlet, Neumann, channel_count
-from cpmkit.errors import InputError, SceneError
+from cpmkit.errors import InputError, ResolutionError, SceneError
 from cpmkit.grid.lattice import Lattice
 from cpmkit.problems import Laplace, Poisson, Problem, ScreenedPoisson
 from cpmkit.protocols import BoundarySet, ClosestPointSource, Floats, Side
+
+#: The largest spacing, as a share of the manifold's largest side, at which the band still tells its parts apart.
+COARSEST = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,9 +165,17 @@ class Scene:
         ------
         InputError
             If the spacing is not above zero, or the origin is not d numbers.
+        ResolutionError
+            If the spacing is more than a quarter of the manifold's largest side.
         """
         positive(spacing, "spacing")
         bounds = np.asarray(self.surface.bounds, dtype=np.float64)
+        largest = float((bounds[1] - bounds[0]).max())
+        if spacing > COARSEST * largest > 0:
+            raise ResolutionError(
+                f"spacing={spacing:g} is too coarse for a manifold whose largest side is {largest:.3g}; "
+                f"use {COARSEST * largest:.3g} or less."
+            )
         centre: Floats = 0.5 * (bounds[0] + bounds[1])
         return Lattice(centre if origin is None else as_vector(origin, self.surface.dim, "origin"), float(spacing))
 

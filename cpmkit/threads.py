@@ -26,7 +26,7 @@ def thread_count() -> int:
     asked = os.environ.get("CPMKIT_THREADS")
     if not asked:
         return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    if not asked.isdigit() or int(asked) < 1:
+    if not asked.isdecimal() or int(asked) < 1:
         raise InputError(f"CPMKIT_THREADS must be a whole number above zero, got {asked!r}.")
     return int(asked)
 
@@ -34,6 +34,10 @@ def thread_count() -> int:
 @cache
 def _pool(threads: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(threads, thread_name_prefix="cpmkit")
+
+
+if hasattr(os, "register_at_fork"):  # a forked child inherits the pool but none of its threads
+    os.register_at_fork(after_in_child=_pool.cache_clear)
 
 
 def run_parcels(work: Callable[[int, int], object], count: int, size: int) -> None:

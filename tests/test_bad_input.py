@@ -52,6 +52,14 @@ def test_an_absurdly_small_spacing_is_refused_at_once():
         ck.solve(sphere_scene(), 1e-9)
 
 
+def test_a_spacing_that_is_coarser_than_the_surface():
+    for call in (ck.solve, ck.explain):
+        with pytest.raises(ck.ResolutionError) as error:
+            call(sphere_scene(), 0.6)
+        one_sentence(error, "spacing=0.6 is too coarse", "largest side is 2", "0.5 or less")
+    assert ck.solve(sphere_scene(), 0.5).report.converged
+
+
 @pytest.mark.parametrize("degree", [1, 6, 3.5])
 def test_a_degree_that_is_not_offered(degree):
     with pytest.raises(ck.InputError) as error:

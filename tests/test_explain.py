@@ -9,7 +9,7 @@ from model_problems import circle_jump, rotation, sphere_poisson
 import cpmkit as ck
 
 
-@pytest.mark.parametrize("spacing", [0.028, 0.02])
+@pytest.mark.parametrize("spacing", [0.02])
 def test_predictions_on_a_surface_with_curves(spacing):
     scene, _, _ = sphere_poisson([rotation()[:, 0], rotation()[:, 1]])
     told = ck.explain(scene, spacing)

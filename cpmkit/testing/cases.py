@@ -32,7 +32,7 @@ class ConformanceCase:
         meant to be good. ``None``: anywhere.
     turning_angle : float
         The angle in radians by which feet (of a source that is not exact) and normals (of any) may be
-        off: |points - exact foot| <= turning angle x distance. For a mesh the largest angle between
+        off: ``|points - exact foot|`` <= turning angle x distance. For a mesh the largest angle between
         neighbouring normals; for a smooth manifold 0.
     """
 

@@ -89,7 +89,7 @@ class Polyline:
         t = t.reshape(-1, *(1,) * (values.ndim - 1))
         return (1.0 - t) * values[ends[:, 0]] + t * values[ends[:, 1]]
 
-    def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:  # noqa: ARG002 - the polyline is its own mesh
+    def mesh(self, _spacing: float, /) -> tuple[Floats, Ints]:
         """Return the polyline's own vertices (k, d) and segments (m, 2), whatever the spacing."""
         return self.vertices, self._segments
 

@@ -10,7 +10,7 @@ from cpmkit.protocols import Bools, Floats, Ints
 from cpmkit_mesh.compilation import run_in_parcels
 from cpmkit_mesh.normals import unit
 from cpmkit_mesh.topology import Topology
-from cpmkit_mesh.tree import Nearest, Tree
+from cpmkit_mesh.tree import Nearest, Tree, as_frames
 
 #: Cosine of the turn of a boundary loop above which a vertex is a corner, not the sample of a smooth curve.
 CORNER = np.cos(np.deg2rad(45.0))
@@ -23,7 +23,7 @@ class SmoothPart:
     Attributes
     ----------
     normals : (m, 3, 3) float64
-        Unit normals at the corners.
+        The normal at the first corner and its changes towards the others.
     neighbours : (m, 3) int64
         As in :class:`Topology`, triangles by their slots.
     rim : five arrays
@@ -48,7 +48,7 @@ def smooth_part(vertices: Floats, adjacency: Topology, normals_at_corners: Float
     neighbours[inner] = slot[neighbours[inner]]
     extent = np.ptp(vertices, axis=0).max()
     return SmoothPart(
-        normals=normals_at_corners[order],
+        normals=as_frames(normals_at_corners[order]),
         neighbours=neighbours,
         rim=_rim(vertices, adjacency, normals_at_corners, slot),
         tiny=1e-13 * float(extent) + 4e-16 * float(np.abs(vertices).max()),
@@ -60,15 +60,9 @@ def follow_normals(tree: Tree, part: SmoothPart, x: Floats, found: Nearest) -> B
     from cpmkit_mesh import walk_kernels
 
     doubtful = np.empty(len(x), dtype=np.bool_)
-    mesh = (tree.corners, part.normals, part.neighbours)
-
-    def follow(start: int, stop: int) -> None:
-        walk_kernels.follow(
-            x, start, stop, part.tiny, mesh, part.rim,
-            found.slot, found.local, found.foot, found.distance, doubtful,
-        )  # fmt: skip
-
-    run_in_parcels(follow, len(x))
+    mesh = (tree.frames, part.normals, part.neighbours)
+    arrays = (part.tiny, mesh, part.rim, found.slot, found.local, found.foot, found.distance, doubtful)
+    run_in_parcels(lambda start, stop: walk_kernels.follow(x, start, stop, *arrays), len(x))
     return doubtful
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cpmkit.protocols import Floats, Ints
 from cpmkit_mesh.compilation import run_in_parcels
@@ -20,20 +21,20 @@ class Tree:
     Attributes
     ----------
     boxes : (nodes, 6) float64
-    nodes : (nodes, 2) int64
+    nodes : (nodes, 2) uint64
     order : (m,) int64
         The primitive that stands in each slot.
-    corners : (m, 3, 3) float64
-        Corners by slot; a segment repeats its second end.
+    frames : (m, 3, 3) float64
+        By slot, the first corner and the edges from it to the other two, equal for a segment.
     shape : (m,) uint8
         How each slot is measured: a triangle, a sliver, a segment.
     """
 
     boxes: Floats
-    nodes: Ints
+    nodes: NDArray[np.uint64]
     order: Ints
-    corners: Floats
-    shape: np.ndarray
+    frames: Floats
+    shape: NDArray[np.uint8]
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,14 +52,21 @@ def build_tree(corners: Floats) -> Tree:
     from cpmkit_mesh import tree_kernels
 
     boxes, nodes, order = tree_kernels.build(corners.min(axis=1), corners.max(axis=1))
-    corners = corners[order]
-    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    frames = as_frames(corners[order])
+    first, second = frames[:, 1], frames[:, 2]
     edges = np.stack([first, second, second - first], axis=1)
     longest = np.einsum("mik,mik->mi", edges, edges).max(axis=1)
     thin = np.linalg.norm(np.cross(first, second), axis=1) < THIN * longest
-    segment = (corners[:, 1] == corners[:, 2]).all(axis=1)
     shape = np.where(thin, tree_kernels.SLIVER, tree_kernels.TRIANGLE)
-    return Tree(boxes, nodes, order, corners, np.where(segment, tree_kernels.SEGMENT, shape).astype(np.uint8))
+    shape[(first == second).all(axis=1)] = tree_kernels.SEGMENT
+    return Tree(boxes, nodes, order, frames, shape.astype(np.uint8))
+
+
+def as_frames(at_corners: Floats) -> Floats:
+    """Return (m, 3, 3): of values at the corners of triangles, the first and the changes from it to the others."""
+    frames = at_corners - at_corners[:, :1]
+    frames[:, 0] = at_corners[:, 0]
+    return frames
 
 
 def nearest(tree: Tree, x: Floats) -> Nearest:
@@ -67,12 +75,6 @@ def nearest(tree: Tree, x: Floats) -> Nearest:
 
     n = len(x)
     found = Nearest(np.empty(n, dtype=np.int64), np.empty((n, 2)), np.empty((n, 3)), np.empty(n))
-
-    def answer(start: int, stop: int) -> None:
-        tree_kernels.nearest(
-            x, start, stop, tree.boxes, tree.nodes, tree.corners, tree.shape,
-            found.slot, found.local, found.foot, found.distance,
-        )  # fmt: skip
-
-    run_in_parcels(answer, n)
+    arrays = (tree.boxes, tree.nodes, tree.frames, tree.shape, found.slot, found.local, found.foot, found.distance)
+    run_in_parcels(lambda start, stop: tree_kernels.nearest(x, start, stop, *arrays), n)
     return found

@@ -83,7 +83,9 @@ class TriangleMesh:
         found = nearest(self._tree, x)
         doubtful = follow_normals(self._tree, self._smooth_part, x, found) if self.smooth else None
         face = self._tree.order[found.slot]
-        local = np.column_stack([1.0 - found.local.sum(axis=1), found.local])
+        local = np.empty((len(x), 3))
+        local[:, 1:] = found.local
+        local[:, 0] = 1.0 - local[:, 1] - local[:, 2]
         edge = self._edges(face, local)
         return ClosestPoints(found.foot, found.distance, edge, self.given_index[face], local, doubtful)
 
@@ -101,7 +103,7 @@ class TriangleMesh:
         values = one_row_each(values, self.value_count, "vertices")
         return np.einsum("nc,nc...->n...", local, values[self.given_faces[face]])
 
-    def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:  # noqa: ARG002 - the mesh is its own drawing
+    def mesh(self, _spacing: float, /) -> tuple[Floats, Ints]:
         """Return the mesh's own vertices (k, 3) and triangles (m, 3), whatever the spacing."""
         return self.vertices, self.faces
 

@@ -4,13 +4,14 @@ On a triangle with corners a, b, c and unit normals there, p and n mix both line
 solves p(v, w) + h n(v, w) = x for v, w and the height h. Both mixes agree along shared edges, so
 where a solution lies outside of its triangle the search goes on across the edge that it violates. Past
 an edge of the mesh the foot slides along the boundary, in the same way one dimension lower.
+Arguments carry no types: numba infers them.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from cpmkit_mesh.compilation import compiled
+from cpmkit_mesh.compilation import compiled, inlined
 
 BLOCKED, FIRST_BOUNDARY = -1, -2
 #: Triangles that a walk may visit, and times that it may come back from the boundary.
@@ -22,44 +23,44 @@ FARTHEST = 2.0
 
 
 @compiled
-def follow(x, start, stop, tiny, mesh, rim, slot, local, foot, distance, doubtful):  # type: ignore[no-untyped-def]
+def follow(x, start, stop, tiny, mesh, rim, slot, local, foot, distance, doubtful):
     """Move the nearest points of ``x[start:stop]`` to the feet that interpolated normals lead to.
 
-    ``mesh`` holds corners and normals (m, 3, 3) and neighbours (m, 3) by slot. ``rim`` holds, for
-    each boundary edge, its ends, normals and tangents (k, 2, 3), the edge end that each end
-    touches (k, 2) as 2 edge + end or -1, and its triangle and edge in it (k, 2). Queries within ``tiny``
-    of the mesh keep their feet; so do those without a sound foot, marked ``doubtful``.
+    ``mesh`` holds, by slot, corners and normals as frames (m, 3, 3): the first and the changes from it
+    to the others; and neighbours (m, 3). ``rim`` holds, for each boundary edge, its ends, normals and
+    tangents (k, 2, 3), the edge end that each end touches (k, 2) as 2 edge + end or -1, and its triangle
+    and edge in it (k, 2). Queries within ``tiny`` of the mesh keep their feet; so do those without a
+    sound foot, marked ``doubtful``.
     """
-    corners, normals, neighbours = mesh
+    frames, normals, neighbours = mesh
     for i in range(start, stop):
         doubtful[i] = False
         if distance[i] <= tiny:
             continue
-        face, v, w, found = _walk(x[i], slot[i], local[i, 0], local[i, 1], corners, normals, neighbours, rim)
+        face, v, w, found = _walk(x[i], slot[i], local[i, 0], local[i, 1], frames, normals, neighbours, rim)
         square = 0.0
         for k in range(3):
-            square += (x[i, k] - _mix(corners, face, v, w, k)) ** 2
+            square += (x[i, k] - _mix(frames, face, v, w, k)) ** 2
         if found and square <= (FARTHEST * distance[i]) ** 2:
             slot[i], local[i, 0], local[i, 1] = face, v, w
             for k in range(3):
-                foot[i, k] = _mix(corners, face, v, w, k)
+                foot[i, k] = _mix(frames, face, v, w, k)
         else:
             doubtful[i] = True
 
 
-@compiled
-def _mix(corners, face, v, w, k):  # type: ignore[no-untyped-def]
-    a = corners[face, 0, k]
-    return a + (v * (corners[face, 1, k] - a) + w * (corners[face, 2, k] - a))
+@inlined
+def _mix(frames, face, v, w, k):
+    return frames[face, 0, k] + (v * frames[face, 1, k] + w * frames[face, 2, k])
 
 
 @compiled
-def _walk(x, face, v, w, corners, normals, neighbours, rim):  # type: ignore[no-untyped-def]
+def _walk(x, face, v, w, frames, normals, neighbours, rim):
     """Return the triangle and coordinates of the foot, and whether there is one."""
-    height = _height(x, face, v, w, corners, normals)
+    height = _height(x, face, v, w, frames, normals)
     returns = 0
     for _ in range(LONGEST_WALK):
-        v, w, height = _solve(x, face, v, w, height, corners, normals)
+        v, w, height = _solve(x, face, v, w, height, frames, normals)
         u = 1.0 - v - w
         if not (np.isfinite(u) and np.isfinite(height)):
             return face, 0.0, 0.0, False
@@ -73,7 +74,7 @@ def _walk(x, face, v, w, corners, normals, neighbours, rim):  # type: ignore[no-
             return face, 0.0, 0.0, False
         if across >= 0:
             face, v, w = across, 1.0 / 3.0, 1.0 / 3.0
-            height = _height(x, face, v, w, corners, normals)
+            height = _height(x, face, v, w, frames, normals)
             continue
         k, s, inside = _slide(x, FIRST_BOUNDARY - across, rim)
         face, edge = rim[4][k]
@@ -82,30 +83,29 @@ def _walk(x, face, v, w, corners, normals, neighbours, rim):  # type: ignore[no-
         returns += 1
         if not inside or returns == RETURNS:
             return face, v, w, True
-        height = _height(x, face, v, w, corners, normals)
+        height = _height(x, face, v, w, frames, normals)
     return face, 0.0, 0.0, False
 
 
 @compiled
-def _height(x, face, v, w, corners, normals):  # type: ignore[no-untyped-def]
+def _height(x, face, v, w, frames, normals):
     along, square = 0.0, 0.0
     for k in range(3):
         n = _mix(normals, face, v, w, k)
-        along += (x[k] - _mix(corners, face, v, w, k)) * n
+        along += (x[k] - _mix(frames, face, v, w, k)) * n
         square += n * n
     return along / square
 
 
 @compiled
-def _solve(x, face, v, w, h, corners, normals):  # type: ignore[no-untyped-def]
+def _solve(x, face, v, w, h, frames, normals):
     """Return v, w, h with p(v, w) + h n(v, w) = x by Newton's method, or where it leaves the triangle for good."""
-    ax, ay, az = corners[face, 0, 0], corners[face, 0, 1], corners[face, 0, 2]
-    bx, by, bz = corners[face, 1, 0] - ax, corners[face, 1, 1] - ay, corners[face, 1, 2] - az
-    cx, cy, cz = corners[face, 2, 0] - ax, corners[face, 2, 1] - ay, corners[face, 2, 2] - az
-    ax, ay, az = ax - x[0], ay - x[1], az - x[2]
+    ax, ay, az = frames[face, 0, 0] - x[0], frames[face, 0, 1] - x[1], frames[face, 0, 2] - x[2]
+    bx, by, bz = frames[face, 1, 0], frames[face, 1, 1], frames[face, 1, 2]
+    cx, cy, cz = frames[face, 2, 0], frames[face, 2, 1], frames[face, 2, 2]
     nx, ny, nz = normals[face, 0, 0], normals[face, 0, 1], normals[face, 0, 2]
-    mx, my, mz = normals[face, 1, 0] - nx, normals[face, 1, 1] - ny, normals[face, 1, 2] - nz
-    kx, ky, kz = normals[face, 2, 0] - nx, normals[face, 2, 1] - ny, normals[face, 2, 2] - nz
+    mx, my, mz = normals[face, 1, 0], normals[face, 1, 1], normals[face, 1, 2]
+    kx, ky, kz = normals[face, 2, 0], normals[face, 2, 1], normals[face, 2, 2]
     for _ in range(12):
         qx, qy, qz = nx + v * mx + w * kx, ny + v * my + w * ky, nz + v * mz + w * kz
         fx, fy, fz = ax + v * bx + w * cx + h * qx, ay + v * by + w * cy + h * qy, az + v * bz + w * cz + h * qz
@@ -125,7 +125,7 @@ def _solve(x, face, v, w, h, corners, normals):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _slide(x, k, rim):  # type: ignore[no-untyped-def]
+def _slide(x, k, rim):
     """Return the boundary edge, the share s of it and whether ``x`` lies on the mesh's side of it there.
 
     At s the query lies in the plane of the normal and the conormal; both are interpolated.
@@ -146,7 +146,7 @@ def _slide(x, k, rim):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _ahead(x, k, s, rim):  # type: ignore[no-untyped-def]
+def _ahead(x, k, s, rim):
     """Return how far ``x`` lies ahead of the point s of boundary edge k, along its tangent without its normal."""
     ends, normals, tangents = rim[0], rim[1], rim[2]
     xt, xn, nt, nn = 0.0, 0.0, 0.0, 0.0
@@ -159,7 +159,7 @@ def _ahead(x, k, s, rim):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _between(x, k, at_start, at_end, rim):  # type: ignore[no-untyped-def]
+def _between(x, k, at_start, at_end, rim):
     """Return the zero of :func:`_ahead` by the Illinois variant of regula falsi."""
     low, high, s = 0.0, 1.0, 0.5
     for _ in range(60):
@@ -178,7 +178,7 @@ def _between(x, k, at_start, at_end, rim):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _outward(x, k, s, rim):  # type: ignore[no-untyped-def]
+def _outward(x, k, s, rim):
     """Return how far ``x`` lies beyond boundary edge k at its point s, along tangent x normal."""
     q, n, t = np.empty(3), np.empty(3), np.empty(3)
     for j in range(3):

@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
-from cpmkit_mesh.compilation import run_in_parcels, thread_count
+from cpmkit_mesh.compilation import run_in_parcels
 from cpmkit_mesh.tree import build_tree, nearest
+
+from cpmkit.threads import thread_count
 
 
 def on_segment(q, edge):
@@ -62,11 +64,12 @@ def test_distances_equal_those_of_all_triangles(scale, offset):
 
 def test_a_record_is_consistent_with_itself():
     rng = np.random.default_rng(2)
-    tree, x = build_tree(soup(rng, 500)), rng.uniform(-1.5, 1.5, (2000, 3))
+    corners, x = soup(rng, 500), rng.uniform(-1.5, 1.5, (2000, 3))
+    tree = build_tree(corners)
     found = nearest(tree, x)
     local = np.column_stack([1 - found.local.sum(axis=1), found.local])
     assert local.min() >= -1e-15
-    np.testing.assert_allclose(np.einsum("nc,nck->nk", local, tree.corners[found.slot]), found.foot, atol=1e-14)
+    np.testing.assert_allclose(np.einsum("nc,nck->nk", local, corners[tree.order[found.slot]]), found.foot, atol=1e-14)
     np.testing.assert_allclose(np.linalg.norm(x - found.foot, axis=1), found.distance, rtol=1e-15)
 
 
