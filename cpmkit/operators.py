@@ -59,10 +59,11 @@ class LinearSystem:
 
     def apply(self, u: Floats) -> Floats:
         """Return A u for u of shape (n,) or (n, channels)."""
-        image = self._neighbours @ (self._extension @ u)
-        image *= -self.scale
-        image += self.diagonal * u
-        return image
+
+        def finish(start: int, stop: int, rows: Floats) -> Floats:
+            return self.diagonal * u[start:stop] - self.scale * rows
+
+        return self._neighbours.product(self._extension @ u, finish)
 
     @cached_property
     def _extension(self) -> ThreadedProduct:

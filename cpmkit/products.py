@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -51,10 +52,14 @@ class ThreadedProduct:
 
     def __matmul__(self, x: Floats) -> Floats:
         """Return the product with ``x`` of shape (m,) or (m, k)."""
+        return self.product(x, lambda *block: block[-1])
+
+    def product(self, x: Floats, finish: Callable[[int, int, Floats], Floats]) -> Floats:
+        """Return ``finish(start, stop, rows)`` of each block of rows of the product, while it is in the cache."""
         result = np.empty((self.matrix.shape[0], *x.shape[1:]))
 
         def multiply(start: int, stop: int) -> None:
-            result[start:stop] = self.blocks[start // self.rows] @ x
+            result[start:stop] = finish(start, stop, self.blocks[start // self.rows] @ x)
 
         run_parcels(multiply, len(result), self.rows)
         return result
