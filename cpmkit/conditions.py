@@ -32,9 +32,14 @@ class Dirichlet:
 
     Examples
     --------
-    >>> import numpy as np
-    >>> evaluate_data(Dirichlet(lambda points: points[:, 0] ** 2).gamma, np.array([[3.0, 0.0]]), None, "g")
-    array([[9.]])
+    On a circle that nothing else touches, the value at one point is the value everywhere.
+
+    >>> import cpmkit as ck
+    >>> square = ck.Dirichlet(lambda points: points[:, 0] ** 2)
+    >>> pin = ck.Boundary("pin", ck.source("analytic.point", at=[0.6, 0.8]), both=square)
+    >>> scene = ck.Scene(ck.source("analytic.circle"), ck.Laplace(), [pin])
+    >>> ck.solve(scene, spacing=0.1).evaluate([[-1, 0]]).round(6)
+    array([0.36])
     """
 
     value: Data

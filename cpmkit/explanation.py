@@ -12,7 +12,7 @@ from cpmkit.protocols import HasNormals, HasTangents
 from cpmkit.rehearsal import Counts, count, manifold_dim
 from cpmkit.resolution import needed_spacing
 from cpmkit.scene import Scene
-from cpmkit.solvers import choose_solver
+from cpmkit.solvers import check_solver, choose_solver
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def explain(
     spacing = needed_spacing(scene, spacing)
     counts = count(scene, spacing, degree=degree, order=order, origin=origin)
     memory.check_fits(counts["unknowns"], scene.surface.dim, manifold_dim(scene), degree, spacing)
-    chosen = choose_solver(solver, counts["unknowns"], scene.surface.manifold_dim)
+    chosen = choose_solver(check_solver(solver), counts["unknowns"], scene.surface.manifold_dim)
     needed = memory.peak_bytes(counts["rows"], counts["unknowns"], scene.surface.dim, degree, scene.channels, chosen)
     parts = [
         *_surface_parts(counts, degree),

@@ -100,20 +100,31 @@ def load(kind: str) -> Any:
 
 
 def factory(kind: str, hook: str = "cpmkit_sources") -> Callable[..., Any]:
-    """Return the factory of ``kind`` that the plugin hands to ``hook``.
+    """Return the factory of ``kind`` that its plugin hands to ``hook``.
 
     Raises
     ------
     PluginError
         If the kind is unknown, or its plugin does not offer it through this hook.
     """
+    make = offered(kind, hook)
+    if make is None:
+        raise PluginError(f"The kind {kind!r} is not among what its plugin hands to the hook {hook}.")
+    return make
+
+
+def offered(kind: str, hook: str) -> Callable[..., Any] | None:
+    """Return the factory of ``kind`` that its plugin hands to ``hook``, None if it hands none.
+
+    Raises
+    ------
+    PluginError
+        If the kind is unknown.
+    """
     plugin = load(kind)
-    offered: Mapping[str, Callable[..., Any]] = getattr(plugin, hook)() if hasattr(plugin, hook) else {}
-    if kind not in offered:
-        raise PluginError(
-            f"The plugin that declares {kind!r} offers it through no {hook}; it offers {sorted(offered)}."
-        )
-    return offered[kind]
+    others = [other for other in manager().get_plugins() if other is not plugin]
+    answers: list[Mapping[str, Callable[..., Any]]] = manager().subset_hook_caller(hook, others)()
+    return next((answer[kind] for answer in answers if kind in answer), None)
 
 
 def call(make: Callable[..., Any], what: str, table: Mapping[str, Any]) -> Any:

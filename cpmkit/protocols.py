@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from cpmkit.conditions import Condition
+    from cpmkit.operators import LinearSystem
+    from cpmkit.solvers.report import SolveReport
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -175,6 +177,19 @@ class HasTranslation(Protocol):
 
     def translated(self, offset: Floats, /) -> ClosestPointSource:
         """Return the same source moved by ``offset`` (d,), with the same abilities."""
+
+
+class LinearSolver(Protocol):
+    """What solves a linear system; a plugin's factory in ``cpmkit_solvers`` returns one."""
+
+    def __call__(self, system: LinearSystem, tolerance: float, progress: Progress) -> tuple[Floats, SolveReport]:
+        """Return u (n, channels) and a report.
+
+        Raises
+        ------
+        ConvergenceError
+            If the residual, recomputed after the solve, is above ``tolerance``.
+        """
 
 
 @runtime_checkable

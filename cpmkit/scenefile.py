@@ -13,9 +13,9 @@ from cpmkit.data import find_file
 from cpmkit.errors import SceneError
 from cpmkit.expressions import Expression
 from cpmkit.outputrequest import OutputRequest, PictureRequest
-from cpmkit.plugins import call, source
+from cpmkit.plugins import call, offered, source
 from cpmkit.problems import Laplace, Poisson, Problem, ScreenedPoisson
-from cpmkit.protocols import ClosestPointSource
+from cpmkit.protocols import BoundarySet, ClosestPointSource
 from cpmkit.scene import Boundary, Scene
 
 TABLES = ("surface", "boundary", "problem", "discretization", "solver", "output")
@@ -78,7 +78,7 @@ def _scene_file(tables: dict[str, Any], path: Path) -> SceneFile:
     edge = _edge(surface_table.pop("edge", {"neumann": 0.0}), surface_table)
     surface = _source(surface_table, path.parent, "[surface]")
     boundaries = [
-        _boundary(_table(table, f"[[boundary]] {number}"), number, path.parent)
+        _boundary(_table(table, f"[[boundary]] {number}"), number, path.parent, surface.dim)
         for number, table in enumerate(_list(tables.get("boundary", []), "boundary"), 1)
     ]
     scene = Scene(surface, _problem(_table(tables["problem"], "[problem]"), surface.dim), boundaries, edge(surface.dim))
@@ -102,21 +102,27 @@ def _source(table: dict[str, Any], folder: Path, where: str) -> ClosestPointSour
         raise SceneError(
             f"{where} needs a kind, such as kind = 'analytic.sphere'; `cpmkit plugins` lists those installed."
         )
-    if "file" in table:
-        table["file"] = str(find_file(table["file"], folder))
-    return source(kind, **table)
+    return source(kind, **_with_file(table, folder))
 
 
-def _boundary(table: dict[str, Any], number: int, folder: Path) -> Boundary:
+def _with_file(table: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Return the table with the path of the file that it names."""
+    return {**table, "file": str(find_file(table["file"], folder))} if "file" in table else table
+
+
+def _boundary(table: dict[str, Any], number: int, folder: Path, dim: int) -> BoundarySet:
     name = table.pop("name", f"boundary {number}")
     where = f"[[boundary]] {name!r}"
     sides = {key: table.pop(key) for key in ("both", "left", "right", "left_of") if key in table}
-    made = _source(table, folder, where)
-    conditions = {
-        key: value if key == "left_of" else _condition(value, made.dim, f"{key} of {where}")
-        for key, value in sides.items()
+    conditions: dict[str, Any] = {
+        key: value if key == "left_of" else _condition(value, dim, f"{key} of {where}") for key, value in sides.items()
     }
-    return Boundary(name, made, **conditions)
+    make = offered(table["kind"], "cpmkit_boundaries") if isinstance(table.get("kind"), str) else None
+    if make is None:
+        return Boundary(name, _source(table, folder, where), **conditions)
+    del table["kind"]
+    made: BoundarySet = call(make, where, {"name": name, **_with_file(table, folder), **conditions})
+    return made
 
 
 def _condition(table: Any, dim: int, where: str) -> Condition:

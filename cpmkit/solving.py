@@ -14,7 +14,7 @@ from cpmkit.protocols import Progress, nothing
 from cpmkit.resolution import needed_spacing
 from cpmkit.scene import Scene
 from cpmkit.solution import Solution
-from cpmkit.solvers import choose_solver, solve_system
+from cpmkit.solvers import check_solver, choose_solver, make_solver
 from cpmkit.work import measure_work
 
 
@@ -46,7 +46,7 @@ def solve(
     origin : (d,) array, optional
         Position of a lattice node; by default the centre of the surface's bounds.
     solver : str
-        ``auto``, ``direct`` or ``reference``.
+        ``auto``, ``direct``, ``reference``, or the kind of a solver that a plugin offers.
     tolerance : float
         Relative residual, recomputed after the solve.
     progress : callable, optional
@@ -76,13 +76,14 @@ def solve(
     """
     spacing = needed_spacing(scene, spacing)
     positive(tolerance, "tolerance")
+    check_solver(solver)
     clock = [time.perf_counter()]
     tables = discretize(scene, spacing, degree=degree, order=order, origin=origin, progress=progress)
     check_pinned(tables, scene, scene.problem)
     system = assemble(tables, scene.problem)
     clock.append(time.perf_counter())
     chosen = choose_solver(solver, system.size, scene.surface.manifold_dim)
-    values, report = solve_system(system, chosen, tolerance, progress, **solver_options)
+    values, report = make_solver(chosen, solver_options)(system, tolerance, progress)
     clock.append(time.perf_counter())
     seconds = {"build": clock[1] - clock[0], "solve": clock[2] - clock[1]}
     work = measure_work(tables, system, report)
