@@ -8,6 +8,8 @@ from cpmkit.layout import Layout
 
 #: A surface's search may doubt this share of the nodes before it is worth a warning.
 DOUBTFUL_SHARE = 1e-4
+#: So may this share of a boundary's ghosts stand on another sheet.
+OFF_SHEET_SHARE = 1e-2
 
 
 def warnings_of(layout: Layout) -> tuple[str, ...]:
@@ -34,6 +36,12 @@ def _boundaries(layout: Layout) -> list[str]:
                 f"Boundary {boundary.name!r} is too short for the spacing to see: it has no ghosts and no effect."
             )
             continue
+        astray = int(ghosts.off_sheet[: ghosts.unknowns].sum())
+        if astray > OFF_SHEET_SHARE * ghosts.unknowns:
+            found.append(
+                f"{astray} of {ghosts.unknowns} ghosts of boundary {boundary.name!r} stand on another part of the surface "
+                "that lies within the band of this one: colours of one may show on the other; a smaller spacing parts them."
+            )
         asked = (boundary.condition("left").order or layout.order, boundary.condition("right").order or layout.order)
         fallen = int(ghosts.first_order[: ghosts.unknowns].sum()) if asked == (2, 2) else 0
         if fallen:

@@ -69,12 +69,16 @@ class Expression:
 
     def __call__(self, points: Floats) -> Floats:
         """Return the values (n,) at points (n, d)."""
-        try:
-            tree = ast.parse(self.text, mode="eval").body
-        except SyntaxError as error:
-            raise SceneError(f"the formula {self.text!r} does not parse: {error.msg}.") from error
+        tree = self.tree()
         with np.errstate(all="ignore"):
             return np.broadcast_to(np.asarray(self._value(tree, points), dtype=np.float64), (len(points),)).copy()
+
+    def tree(self) -> ast.expr:
+        """Return the formula as a syntax tree, from which derivatives can be built; it holds what is offered only."""
+        try:
+            return ast.parse(self.text, mode="eval").body
+        except SyntaxError as error:
+            raise SceneError(f"the formula {self.text!r} does not parse: {error.msg}.") from error
 
     def _value(self, node: ast.AST, points: Floats) -> Any:
         match node:

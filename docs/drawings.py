@@ -15,7 +15,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import cpmkit as ck
-from cpmkit.boundary.formulas import mirror_distance
 from cpmkit.boundary.frame import Frame
 
 LEFT, RIGHT, NOWHERE = np.array([0.85, 0.45, 0.20]), np.array([0.22, 0.47, 0.72]), np.array([0.80, 0.80, 0.80])
@@ -30,13 +29,12 @@ def draw_all(folder: Path) -> list[Path]:
     drawings: dict[str, Callable[[], Figure]] = {
         "left-and-right.png": left_and_right,
         "corner.png": corner,
-        "point-on-curve.svg": point_on_curve,
-        "ghost.svg": ghost,
+        "point-on-curve.png": point_on_curve,
+        "ghost.png": ghost,
     }
-    with mpl.rc_context({"svg.hashsalt": "cpmkit", "font.size": 11, "mathtext.fontset": "cm"}):
+    with mpl.rc_context({"font.size": 11, "mathtext.fontset": "cm"}):
         for name, draw in drawings.items():
-            metadata = {"Date": None} if name.endswith(".svg") else {}
-            draw().savefig(folder / name, dpi=110, bbox_inches="tight", metadata=metadata)
+            draw().savefig(folder / name, dpi=120, bbox_inches="tight")
     return [folder / name for name in drawings]
 
 
@@ -45,11 +43,12 @@ def left_and_right() -> Figure:
     circle = ck.source("analytic.circle", center=[0, 0, 0.35], radius=np.sqrt(1 - 0.35**2), normal=[0, 0, 1])
     arc = ck.source("analytic.arc", start=-2.3, end=-0.3, normal=[0, 0, 1], x_axis=[1, 0, 0])
     figure = Figure(figsize=(9, 4.6))
-    for number, (curve, title, angles) in enumerate(
-        ((circle, "a closed curve", (-1.9, -0.7)), (arc, "an open curve", (-1.6, -0.75))), 1
-    ):
+    panels = ((circle, "a closed curve", (-1.9, -0.7), -0.6), (arc, "an open curve", (-1.6, -0.75), -0.82))
+    for number, (curve, title, angles, below) in enumerate(panels, 1):
         axes = figure.add_subplot(1, 2, number)
         _sphere(axes, curve, angles)
+        axes.text(0.0, 0.45, "left", ha="center", color="white", weight="bold")
+        axes.text(0.0, below, "right", ha="center", color="white", weight="bold")
         axes.set_title(title)
     return figure
 
@@ -81,8 +80,6 @@ def _sphere(axes: Any, curve: ck.ClosestPointSource, angles: tuple[float, float]
     for at, t, n, v in zip(feet.points, tangent, normal, frame.left, strict=True):
         for vector, name in ((t, "$t$"), (n, "$n$"), (v, "$v$")):
             _arrow(axes, [at @ right, at @ above], [vector @ right, vector @ above], name, 0.4)
-    axes.text(0.0, 0.72, "left", ha="center", color="white", weight="bold")
-    axes.text(-0.15, -0.6, "right", ha="center", color="white", weight="bold")
     axes.set(xlim=(-1.1, 1.1), ylim=(-1.1, 1.15), aspect="equal")
     axes.axis("off")
 
@@ -104,9 +101,11 @@ def corner() -> Figure:
     feet = along.closest_point(at)
     frame = _frame(solution, feet.points)
     for foot, t, v in zip(feet.points, along.tangents(feet), frame.left, strict=True):
-        _arrow(axes, foot[:2], t[:2], "$t$", 0.3)
+        _arrow(axes, foot[:2], t[:2], "", 0.3)
         _arrow(axes, foot[:2], v[:2], "$v$", 0.3)
-    axes.text(-0.62, 0.2, "left", ha="center", color="white", weight="bold")
+        beside = foot + 0.3 * t - 0.09 * v
+        axes.text(*beside[:2], "$t$", ha="center", va="center", fontsize=14, color=INK)
+    axes.text(-0.72, 0.15, "left", ha="center", color="white", weight="bold")
     axes.text(0.62, -0.55, "right", ha="center", color="white", weight="bold")
     axes.axis("off")
     return figure
@@ -122,8 +121,7 @@ def point_on_curve() -> Figure:
     figure = Figure(figsize=(4.6, 4.6))
     axes = figure.add_subplot()
     colours = values[:, None] * LEFT + (1 - values[:, None]) * RIGHT
-    for segment, colour in zip(np.stack([points[:-1], points[1:]], axis=1), colours, strict=True):
-        axes.plot(*segment.T, color=colour, lw=7, solid_capstyle="butt")
+    axes.scatter(*middle.T, c=np.clip(colours, 0, 1), s=45, linewidths=0)
     for angle in (2.6, 4.0, 5.6):
         at = np.array([np.cos(angle), np.sin(angle)])
         _arrow(axes, 0.88 * at - 0.12 * np.array([-at[1], at[0]]), np.array([-at[1], at[0]]), "", 0.24)
@@ -155,24 +153,20 @@ def ghost() -> Figure:
         label = f"node with a ghost that carries the {name}"
         axes.plot(*own[side].T, "o", mfc="none", mec=colour, mew=1.8, ms=9, label=label)
 
-    chosen = int(np.argmin(np.linalg.norm(own - [0.85, 0.48], axis=1)))
+    chosen = int(np.argmin(np.linalg.norm(own - [0.9, 0.8], axis=1)))
     x, z = own[chosen], band.feet.points[ghosts.nodes[chosen]]
     seen = _frame(solution, z[None])
-    y, t = seen.foot[0], seen.distance
-    condition = solution.scene.boundaries[0].condition("right")
-    h = mirror_distance(condition, t, np.array([False]), solution.spacing)
-    mirror = layout.surface.closest_point(seen.foot + h[:, None] * (seen.foot - z) / t[:, None]).points[0]
-    if not np.allclose(mirror, ghosts.reading.points[chosen]):
-        raise AssertionError("the drawn mirror point is not the one that the ghost reads")
+    y, mirror = seen.foot[0], ghosts.reading.points[chosen]
     axes.plot(*np.stack([x, z]).T, "--", color=INK, lw=1)
     for point, name, offset in (
-        (x, "$x$: the ghost", (-12, -20)),
-        (z, "$z = cp_S(x)$", (14, -10)),
-        (y, "$y = cp_C(z)$", (14, 0)),
-        (mirror, "mirror", (14, 6)),
+        (x, "$x$, where the ghost stands", (14, -4)),
+        (z, "$z = cp_S(x)$", (-96, -14)),
+        (y, "$y = cp_C(z)$", (-100, -10)),
+        (mirror, "mirror", (-62, -10)),
     ):
         axes.plot(*point, "o", color=INK, ms=6, zorder=5)
-        axes.annotate(name, point, offset, textcoords="offset points", fontsize=12)
+        box = {"facecolor": "white", "edgecolor": "none", "pad": 1.5}
+        axes.annotate(name, point, offset, textcoords="offset points", fontsize=12, bbox=box)
     axes.set(xlim=(0.0, 1.5), ylim=(0.2, 1.3), aspect="equal")
     axes.legend(loc="upper right", frameon=False, fontsize=10)
     axes.axis("off")
@@ -212,7 +206,8 @@ def _camera() -> tuple[Any, Any, Any]:
 def _arrow(axes: Any, start: Any, direction: Any, name: str, length: float) -> None:
     end = np.asarray(start) + length * np.asarray(direction)
     axes.annotate("", end, start, arrowprops={"arrowstyle": "-|>", "color": INK, "lw": 1.8, "shrinkA": 0, "shrinkB": 0})
-    axes.text(*(end + 0.15 * length * np.asarray(direction)), name, ha="center", va="center", fontsize=14, color=INK)
+    beyond = np.asarray(direction) / max(float(np.linalg.norm(direction)), 0.1)
+    axes.text(*(end + 0.07 * beyond), name, ha="center", va="center", fontsize=14, color=INK)
 
 
 if __name__ == "__main__":

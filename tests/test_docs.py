@@ -176,10 +176,11 @@ def test_every_condition_key_and_word_is_documented():
 
 
 def test_every_installed_kind_and_key_is_documented():
-    page = from_docs("generated_pages").kinds_page()
+    pages = from_docs("generated_pages")
+    page = pages.kinds_page()
     for kind in plugins.installed_kinds():
         section = page.partition(f"### `{kind.kind}`\n")[2].partition("\n##")[0]
-        for key in inspect.signature(plugins.factory(kind.kind)).parameters:
+        for key in inspect.signature(pages.factory_of(kind.kind)).parameters:
             assert f"| `{key}` |" in section, (kind.kind, key)
 
 

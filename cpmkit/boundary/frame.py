@@ -2,7 +2,8 @@
 
 For a surface point z and a boundary C: y = cp_C(z), n the surface normal at y, t the direction of
 travel of C at y, v = n x t, which points to the left. The side of a point is decided here once, as the
-director D = ((z - y) . v) n, and used everywhere: two points are on opposite sides where D_i . D_j < 0.
+director D, and used everywhere: two points are on opposite sides where D_i . D_j < 0. D is (z - y) . v
+times n, which is local and does not see the sign of n; or times one fixed vector, where that sign is known.
 """
 
 from __future__ import annotations
@@ -21,6 +22,8 @@ from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 ON_BOUNDARY = 1e-9
 #: Blocks of this many spacings are asked before the points in them are.
 BLOCK = 4
+#: The direction of a director whose sign alone counts.
+FIRST_AXIS = np.array([1.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +48,8 @@ class Frame:
         v, the conormal that points to the left; zero where the boundary has no sides.
     director : (k, d) float64
         D; zero where nothing is crossed.
+    lift : (k,) float64
+        ``|(z - y) . n|``, how far the point lies off the tangent plane at y; zero where n is not asked for.
     """
 
     rows: Ints
@@ -55,6 +60,7 @@ class Frame:
     signed: Floats
     left: Floats
     director: Floats
+    lift: Floats
 
     def take(self, index: Ints | Bools) -> Frame:
         """Return the entries at ``index``, with their row numbers."""
@@ -127,16 +133,29 @@ class Sighted:
         if not self.has_sides:
             director = project_tangent(self.surface, on, away, 0.5 * spacing)
             nowhere = np.zeros(len(rows), dtype=bool)
-            unsigned = np.full(len(rows), np.nan)
-            return Frame(rows, feet.points, on.points, nowhere, distance, unsigned, 0 * away, director)
+            unsigned, flat = np.full(len(rows), np.nan), np.zeros(len(rows))
+            return Frame(rows, feet.points, on.points, nowhere, distance, unsigned, 0 * away, director, flat)
         axis, left = self._axis_and_left(on, feet, 0.5 * spacing)
         signed = np.sum(away * left, axis=1)
         signed = np.where(np.abs(signed) < ON_BOUNDARY * spacing, ON_BOUNDARY * spacing, signed)
-        end, director = feet.edge >= 0, signed[:, None] * axis
-        return Frame(rows, feet.points, on.points, end, distance, signed, left, director)
+        lift = np.abs(np.sum(away * axis, axis=1)) if self.surface.manifold_dim == 2 else np.zeros(len(rows))
+        end, director = feet.edge >= 0, signed[:, None] * (FIRST_AXIS[: self.surface.dim] if self.signs_known else axis)
+        return Frame(rows, feet.points, on.points, end, distance, signed, left, director, lift)
+
+    @property
+    def signs_known(self) -> bool:
+        """True where the source's own normals (a curve's own tangents) say everywhere which side is left.
+
+        Then the sign of (z - y) . v is the director, times one vector for all points. Differs from
+        King et al. (2024), section 4.2, and from D = ((z - y) . v) n, which compare vectors at two points:
+        where the normals there differ by more than a right angle (a tube two spacings thick, a steep ridge
+        under a curve) points of one side seem to face each other, and values bleed across the curve.
+        """
+        own = self.surface.has_tangents if self.surface.manifold_dim == 1 else self.surface.has_normals
+        return own and self.across is AS_GIVEN
 
     def _axis_and_left(self, on: ClosestPoints, feet: ClosestPoints, step: float) -> tuple[Floats, Floats]:
-        """Return the vector that carries the sign of a director, and the conormal v, at feet on the boundary."""
+        """Return n (the conormal again, where the surface is a curve) and the conormal v, at feet on the boundary."""
         if self.surface.manifold_dim == 1:
             left = -self.across.apply(on.points, tangents(self.surface, on, step))
             return left, left

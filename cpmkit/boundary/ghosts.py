@@ -25,6 +25,8 @@ from cpmkit.protocols import Bools, BoundarySet, Floats, Ints
 TOUCHING = 1e-3
 #: Data that jump across a boundary are read this share of the spacing inside the side they belong to.
 INSIDE = 1e-6
+#: A foot that is lifted off the tangent plane by more than this share of its distance lies on another sheet.
+OFF_SHEET = 0.75
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +47,8 @@ class Ghosts:
         What the ghosts read.
     frames : sequence of Frame
         How the ghosts' stencils see each boundary.
+    off_sheet : (g,) bool
+        True where the node's foot does not lie beside the boundary but above it: on another sheet.
     inside : (g, d) float64
         Points just inside the side that each ghost carries, where right-hand sides are read.
     carries_left : (g,) bool
@@ -59,6 +63,7 @@ class Ghosts:
     director: Floats
     reading: Reading
     frames: Sequence[Frame]
+    off_sheet: Bools
     inside: Floats
     carries_left: Bools
     first_order: Bools
@@ -100,7 +105,9 @@ def build_ghosts(index: int, sight: Sight, band: Band, lattice: Lattice, reading
     numbers[seen.rows] = np.arange(len(seen.rows))
     frames = _ghost_frames(index, sight, seen, mirror, band)
     inside = seen.foot + INSIDE * band.spacing * direction
-    return Ghosts(seen.rows, unknowns, numbers, seen.director, composed, frames, inside, seen.signed < 0, first)
+    off_sheet = seen.lift > OFF_SHEET * seen.distance + 0.5 * band.spacing
+    carries_left = seen.signed < 0
+    return Ghosts(seen.rows, unknowns, numbers, seen.director, composed, frames, off_sheet, inside, carries_left, first)
 
 
 def _sides(boundary: BoundarySet, seen: Frame) -> list[tuple[Condition, Bools]]:

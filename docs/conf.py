@@ -1,0 +1,39 @@
+"""Sphinx configuration. The drawings and the pages that can be read off the code are made here, at each build."""
+
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE))
+
+from drawings import draw_all  # noqa: E402 - found through the line above
+from generated_pages import write_all  # noqa: E402
+
+import cpmkit  # noqa: E402
+
+project = "cpmkit"
+author = "The cpmkit developers"
+copyright = author
+version = release = cpmkit.__version__
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.mathjax"]
+exclude_patterns = ["_build", "generated/*.md"]
+myst_enable_extensions = ["dollarmath", "colon_fence"]
+myst_heading_anchors = 3
+
+html_theme = "pydata_sphinx_theme"
+html_title = "cpmkit"
+html_show_sourcelink = False
+html_theme_options = {"show_prev_next": False, "secondary_sidebar_items": ["page-toc"]}
+
+autodoc_typehints = "none"  # types and shapes are in the docstrings' own words
+autodoc_member_order = "bysource"
+napoleon_google_docstring = False
+napoleon_use_param = False
+napoleon_use_rtype = False
+napoleon_use_ivar = True
+# "(n, d) float64" names no class: only names of this project are held to exist.
+nitpick_ignore_regex = [("py:.*", r"(?!cpmkit).*")]
+
+draw_all(HERE / "generated")
+write_all(HERE / "generated")

@@ -1,0 +1,70 @@
+"""Pages of the reference that are read off the code: the kinds with their keys, and the commands with their help."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from cpmkit import plugins
+from cpmkit.cli import main
+
+FACTORY_HOOKS = ("cpmkit_sources", "cpmkit_boundaries", "cpmkit_solvers", "cpmkit_backends")
+
+
+def write_all(folder: Path) -> list[Path]:
+    """Write every page into ``folder``, which is made if need be, and return the files."""
+    folder.mkdir(parents=True, exist_ok=True)
+    pages = {"kinds.md": kinds_page(), "cli.md": commands_page()}
+    for name, text in pages.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    return [folder / name for name in pages]
+
+
+def kinds_page() -> str:
+    """Return a section for each installed kind, under a heading for each distribution."""
+    parts, distribution = [], ""
+    for kind in plugins.installed_kinds():
+        if kind.distribution != distribution:
+            distribution = kind.distribution
+            parts.append(f"## {distribution}\n")
+        parts.append(_kind(kind.kind, factory_of(kind.kind)))
+    return "\n".join(parts)
+
+
+def factory_of(kind: str) -> Callable[..., Any]:
+    """Return the factory that an installed plugin offers for ``kind``, through whatever hook."""
+    made = [plugins.offered(kind, hook) for hook in FACTORY_HOOKS]
+    return next(factory for factory in made if factory is not None)
+
+
+def _kind(kind: str, factory: Callable[..., Any]) -> str:
+    rows = ["| key | if left out |", "|---|---|"]
+    for name, parameter in inspect.signature(factory).parameters.items():
+        rows.append(f"| `{name}` | {_default(parameter.default)} |")
+    name = f"{factory.__module__}.{factory.__qualname__}"
+    return "\n".join([f"### `{kind}`\n", *rows, "", "```{eval-rst}", f".. autofunction:: {name}", "```\n"])
+
+
+def _default(value: Any) -> str:
+    if value is inspect.Parameter.empty:
+        return "must be given"
+    if value is None:
+        return "none"
+    return f"`{list(value) if isinstance(value, tuple) else value!r}`"
+
+
+def commands_page() -> str:
+    """Return the help text of ``cpmkit`` and of each of its commands."""
+    context = click.Context(main, info_name="cpmkit", max_content_width=100)
+    parts = ["## `cpmkit`\n", _help(context)]
+    for name, command in main.commands.items():
+        parts += [f"## `cpmkit {name}`\n", _help(click.Context(command, parent=context, info_name=name))]
+    return "\n".join(parts)
+
+
+def _help(context: click.Context) -> str:
+    return f"```text\n{context.command.get_help(context)}\n```\n"
