@@ -5,16 +5,31 @@ from __future__ import annotations
 import numpy as np
 
 from cpmkit.layout import Layout
+from cpmkit.protocols import Side
 
 #: A surface's search may doubt this share of the nodes before it is worth a warning.
 DOUBTFUL_SHARE = 1e-4
+SIDES: tuple[Side, Side] = ("left", "right")
 #: So may this share of a boundary's ghosts stand on another sheet.
 OFF_SHEET_SHARE = 1e-2
 
 
 def warnings_of(layout: Layout) -> tuple[str, ...]:
     """Return one sentence for each thing found."""
-    return (*_doubtful(layout), *_boundaries(layout))
+    return (*_doubtful(layout), *_boundaries(layout), *_pins(layout))
+
+
+def _pins(layout: Layout) -> list[str]:
+    """Name points on a surface that hold a value beside other values: the continuous problem does not feel them."""
+    boundaries = layout.sight.boundaries
+    valued = [one for one in boundaries if any(one.condition(side).beta for side in SIDES)]
+    pins = [one.name for one in valued if one.source.manifold_dim == 0 and layout.surface.manifold_dim == 2]
+    if not pins or len(valued) < 2:
+        return []
+    return [
+        f"Boundary {', '.join(map(repr, pins))}: a point of a surface is too small for the equation to feel a value "
+        "there beside other conditions; what comes out depends on the spacing, use a small circle instead."
+    ]
 
 
 def _doubtful(layout: Layout) -> list[str]:
@@ -39,8 +54,9 @@ def _boundaries(layout: Layout) -> list[str]:
         astray = int(ghosts.off_sheet[: ghosts.unknowns].sum())
         if astray > OFF_SHEET_SHARE * ghosts.unknowns:
             found.append(
-                f"{astray} of {ghosts.unknowns} ghosts of boundary {boundary.name!r} stand on another part of the surface "
-                "that lies within the band of this one: colours of one may show on the other; a smaller spacing parts them."
+                f"{astray} of {ghosts.unknowns} ghosts of boundary {boundary.name!r} stand on another part of the "
+                "surface that lies within the band of this one: values of one may show on the other; a smaller "
+                "spacing parts them."
             )
         asked = (boundary.condition("left").order or layout.order, boundary.condition("right").order or layout.order)
         fallen = int(ghosts.first_order[: ghosts.unknowns].sum()) if asked == (2, 2) else 0

@@ -89,7 +89,7 @@ def explain(
     spacing = needed_spacing(scene, spacing)
     counts = count(scene, spacing, degree=degree, order=order, origin=origin)
     memory.check_fits(counts["unknowns"], scene.surface.dim, manifold_dim(scene), degree, spacing)
-    chosen = choose_solver(check_solver(solver), counts["unknowns"], scene.surface.manifold_dim)
+    chosen = choose_solver(check_solver(solver, {}), counts["unknowns"], scene.surface.manifold_dim)
     needed = memory.peak_bytes(counts["rows"], counts["unknowns"], scene.surface.dim, degree, scene.channels, chosen)
     parts = [
         *_surface_parts(counts, degree),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 
 from cpmkit.errors import ResolutionError
 
@@ -11,7 +12,9 @@ ENTRY = 12
 
 
 def machine_bytes() -> int:
-    """Return the physical memory of the machine in bytes."""
+    """Return the physical memory of the machine in bytes; a number that refuses nothing where the system tells none."""
+    if "SC_PHYS_PAGES" not in getattr(os, "sysconf_names", {}):
+        return sys.maxsize
     return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 
 

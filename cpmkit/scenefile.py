@@ -17,6 +17,7 @@ from cpmkit.plugins import call, offered, source
 from cpmkit.problems import Laplace, Poisson, Problem, ScreenedPoisson
 from cpmkit.protocols import BoundarySet, ClosestPointSource
 from cpmkit.scene import Boundary, Scene
+from cpmkit.solvers import ACCEPTED
 
 TABLES = ("surface", "boundary", "problem", "discretization", "solver", "output")
 PROBLEMS = {"laplace": Laplace, "poisson": Poisson, "screened": ScreenedPoisson}
@@ -90,7 +91,8 @@ def _options(tables: dict[str, Any]) -> tuple[float | None, dict[str, Any]]:
     grid = _table(tables.get("discretization", {}), "[discretization]")
     _check_keys(grid, ("spacing", "degree", "order", "origin"), "[discretization]")
     solver = _table(tables.get("solver", {}), "[solver]")
-    _check_keys(solver, ("kind", "tolerance", "max_iterations"), "[solver]")
+    if solver.get("kind", "auto") in ACCEPTED:  # a plugin's solver has keys of its own
+        _check_keys(solver, ("kind", "tolerance", *ACCEPTED[solver.get("kind", "auto")]), "[solver]")
     spacing = grid.pop("spacing", None)
     renamed = {("solver" if key == "kind" else key): value for key, value in solver.items()}
     return spacing, {**grid, **renamed}

@@ -76,7 +76,7 @@ def solve(
     """
     spacing = needed_spacing(scene, spacing)
     positive(tolerance, "tolerance")
-    check_solver(solver)
+    check_solver(solver, solver_options)
     clock = [time.perf_counter()]
     tables = discretize(scene, spacing, degree=degree, order=order, origin=origin, progress=progress)
     check_pinned(tables, scene, scene.problem)

@@ -1,4 +1,4 @@
-"""A triangle mesh stands for the smooth surface that it samples: second order, down to a floor that is second order too.
+"""A triangle mesh stands for the smooth surface that it samples: second order, down to a second-order floor.
 
 Row 20 of the acceptance table: u = z on a sphere given as a mesh, by -Lap u + u = 3 z.
 """

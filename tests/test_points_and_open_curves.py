@@ -74,3 +74,24 @@ def test_a_wall_that_runs_into_the_rim():
     errors = [max_error(scene, points, exact(points), h) for h in (0.2, 0.1, 0.05)]
     assert errors[-1] <= 5e-3
     assert order_of((0.2, 0.1, 0.05), errors) >= 1.7
+
+
+def test_a_point_above_which_nodes_stand_is_felt_like_any_other():
+    pin = ck.Boundary("pin", ck.source("analytic.point", at=(0, 0, -1)), both=ck.Dirichlet(u))
+    problem = poisson([pin])
+    errors = [max_error(*problem, h) for h in (0.2, 0.1, 0.05)]  # the lattice's node zero is the sphere's centre
+    assert errors[-1] <= 2e-3
+    assert order_of((0.2, 0.1, 0.05), errors) >= 1.7
+
+
+def test_a_point_beside_other_values_is_felt_and_warned_of():
+    ring = ck.Boundary(
+        "ring",
+        ck.source("analytic.circle", center=(0, 0, 0.6), radius=0.8, normal=(0, 0, 1)),
+        both=ck.Dirichlet(0.1),
+    )
+    pin = ck.Boundary("pin", ck.source("analytic.point", at=(0, 0, -1)), both=ck.Dirichlet(1.0))
+    solution = ck.solve(ck.Scene(ck.source("analytic.sphere"), ck.Laplace(), [ring, pin]), 0.1)
+    assert 0.7 < solution.evaluate([[0, 0, -1.0]])[0] < 1.1
+    assert solution.evaluate(sphere_points()).min() >= 0.1 - 1e-6
+    assert any("'pin'" in warning and "small circle" in warning for warning in solution.warnings)

@@ -131,7 +131,7 @@ class Sighted:
         distance = np.linalg.norm(away, axis=1)
         on = self.surface.closest_point(feet.points)
         if not self.has_sides:
-            director = project_tangent(self.surface, on, away, 0.5 * spacing)
+            director = self._from_point(on, away, spacing)
             nowhere = np.zeros(len(rows), dtype=bool)
             unsigned, flat = np.full(len(rows), np.nan), np.zeros(len(rows))
             return Frame(rows, feet.points, on.points, nowhere, distance, unsigned, 0 * away, director, flat)
@@ -141,6 +141,24 @@ class Sighted:
         lift = np.abs(np.sum(away * axis, axis=1)) if self.surface.manifold_dim == 2 else np.zeros(len(rows))
         end, director = feet.edge >= 0, signed[:, None] * (FIRST_AXIS[: self.surface.dim] if self.signs_known else axis)
         return Frame(rows, feet.points, on.points, end, distance, signed, left, director, lift)
+
+    def _from_point(self, on: ClosestPoints, away: Floats, spacing: float) -> Floats:
+        """Return directors T (z - y), seen from a point on a surface.
+
+        A foot on the point itself gets a tiny director along one tangent, chosen once, so that stencils
+        see the point there too. (Differs from "zero means no crossing": on a lattice with a node above the
+        point, a whole line of nodes then has its foot there and none of them would feel the condition; a pin
+        of 1 at the pole of a sphere, a ring of 0.1 elsewhere, read 0.06 at spacing 0.05 instead of 0.9.)
+        """
+        director = project_tangent(self.surface, on, away, 0.5 * spacing)
+        touching = np.linalg.norm(director, axis=1) < ON_BOUNDARY * spacing
+        for axis in np.eye(self.surface.dim):
+            tangent = project_tangent(
+                self.surface, on.take(touching), np.tile(axis, (touching.sum(), 1)), 0.5 * spacing
+            )
+            longer = np.linalg.norm(tangent, axis=1) > 0.5
+            director[np.flatnonzero(touching)[longer]] = ON_BOUNDARY * spacing * tangent[longer]
+        return director
 
     @property
     def signs_known(self) -> bool:

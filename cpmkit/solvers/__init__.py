@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
@@ -14,6 +15,8 @@ from cpmkit.solvers.reference import solve_reference
 #: Up to this many unknowns, by dimension of the manifold, a direct factorisation is the quicker one.
 DIRECT_UP_TO = {0: 10**6, 1: 100_000, 2: 6_000, 3: 3_000}
 SOLVERS = {"direct": solve_direct, "reference": solve_reference}
+#: Options of the built-in solvers.
+ACCEPTED = {"auto": ("max_iterations",), "direct": (), "reference": ("max_iterations",)}
 
 
 def choose_solver(name: str, unknowns: int, manifold_dim: int | None) -> str:
@@ -23,36 +26,39 @@ def choose_solver(name: str, unknowns: int, manifold_dim: int | None) -> str:
     return "direct" if unknowns <= DIRECT_UP_TO.get(3 if manifold_dim is None else manifold_dim, 0) else "reference"
 
 
-def check_solver(name: str) -> str:
-    """Return ``name`` if a solver has it.
+def check_solver(name: str, options: Mapping[str, Any]) -> str:
+    """Return ``name`` if a solver has it and takes the options; ``auto`` takes those of every built-in one.
 
     Raises
     ------
     InputError
-        If the name is neither auto, nor a built-in solver, nor a kind of an installed plugin.
+        If the name is neither auto, nor a built-in solver, nor a kind of an installed plugin, or an option is unknown.
     """
-    if name != "auto" and name not in SOLVERS and name not in [installed.kind for installed in installed_kinds()]:
-        raise InputError(f"solver must be auto, {', '.join(SOLVERS)}, or the kind of a solver's plugin, got {name!r}.")
+    if name not in ACCEPTED:
+        if name not in [installed.kind for installed in installed_kinds()]:
+            raise InputError(
+                f"solver must be auto, {', '.join(SOLVERS)}, or the kind of a solver's plugin, got {name!r}."
+            )
+        make_solver(name, options)
+        return name
+    unknown = [key for key in options if key not in ACCEPTED[name]]
+    if unknown:
+        accepted = ", ".join(ACCEPTED[name]) or "none"
+        raise InputError(f"the solver {name!r} has no option {unknown[0]!r}; accepted are {accepted}.")
     return name
 
 
-def make_solver(name: str, options: dict[str, Any]) -> LinearSolver:
+def make_solver(name: str, options: Mapping[str, Any]) -> LinearSolver:
     """Return the built-in solver ``name``, or the one that a plugin makes, with its options.
 
     Raises
     ------
-    InputError
-        If an option is not one of the solver's.
+    SceneError
+        If an option is not one of the plugin's solver.
     PluginError
         If ``name`` is the kind of something else.
     """
-    if name not in SOLVERS:
-        made: LinearSolver = call(factory(name, "cpmkit_solvers"), f"the solver {name!r}", options)
-        return made
-    accepted = {"reference": ("max_iterations",)}.get(name, ())
-    unknown = [key for key in options if key not in accepted]
-    if unknown:
-        raise InputError(
-            f"the solver {name!r} has no option {unknown[0]!r}; accepted are {', '.join(accepted) or 'none'}."
-        )
-    return partial(SOLVERS[name], **options)
+    if name in SOLVERS:
+        return partial(SOLVERS[name], **{key: value for key, value in options.items() if key in ACCEPTED[name]})
+    made: LinearSolver = call(factory(name, "cpmkit_solvers"), f"the solver {name!r}", options)
+    return made

@@ -89,14 +89,6 @@ class TriangleMesh:
         edge = self._edges(face, local)
         return ClosestPoints(found.foot, found.distance, edge, self.given_index[face], local, doubtful)
 
-    def normals(self, feet: ClosestPoints, /) -> Floats:
-        """Return (n, 3) unit normals at ``feet``, interpolated from the vertices; their sign is the faces' winding."""
-        face, local = self._located(feet)
-        mixed = np.einsum("nc,nck->nk", local, self.normals_at_corners[face])
-        vanished = np.linalg.norm(mixed, axis=1) <= ON_EDGE
-        mixed[vanished] = self.normals_at_corners[face[vanished], 0]
-        return unit(mixed)
-
     def interpolate(self, values: Floats, feet: ClosestPoints, /) -> Floats:
         """Return ``values`` (value_count, ...), one row a given vertex, interpolated linearly in each triangle."""
         face, local = self._located(feet)
@@ -153,6 +145,18 @@ class TriangleMesh:
         return smooth_part(self.vertices, self.adjacency, self.normals_at_corners, self._tree.order)
 
 
+class OrientedTriangleMesh(TriangleMesh):
+    """A mesh whose triangles are wound alike, so that its normals have one sign."""
+
+    def normals(self, feet: ClosestPoints, /) -> Floats:
+        """Return (n, 3) unit normals at ``feet``, interpolated from the vertices; their sign is the faces' winding."""
+        face, local = self._located(feet)
+        mixed = np.einsum("nc,nck->nk", local, self.normals_at_corners[face])
+        vanished = np.linalg.norm(mixed, axis=1) <= ON_EDGE
+        mixed[vanished] = self.normals_at_corners[face[vanished], 0]
+        return unit(mixed)
+
+
 def triangles(
     *, file: str | Path | None = None, vertices: Any = None, faces: Any = None, closest: str = "smooth"
 ) -> TriangleMesh:
@@ -192,7 +196,8 @@ def triangles(
         raise InputError(f"No triangle has three different corners, of {len(welded)}; use mesh.polyline for curves.")
     points, cells = given_vertices[used][first], welded[apart]
     adjacency = topology(points, cells)
-    return TriangleMesh(
+    oriented = OrientedTriangleMesh if adjacency.consistent else TriangleMesh
+    return oriented(
         vertices=points,
         faces=cells,
         smooth=closest == "smooth",
