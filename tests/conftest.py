@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -179,22 +178,12 @@ EXAMPLES = Path(__file__).parent.parent / "examples"
 
 
 @pytest.fixture
-def example() -> Callable[..., Path]:
-    """Return a finder of scene files in examples/, for scenes that need the named real meshes.
-
-    The test is skipped where a mesh cannot be found, and fails where CPMKIT_DATA is set and lacks it.
-    """
-    from cpmkit.data import find_file
-    from cpmkit.errors import InputError
+def example(real_mesh: Callable[[str], Path]) -> Callable[..., Path]:
+    """Return a finder of scene files in examples/, for scenes that need the named real meshes."""
 
     def find(name: str, *meshes: str) -> Path:
         for mesh in meshes:
-            try:
-                find_file(mesh, EXAMPLES)
-            except InputError as error:
-                if os.environ.get("CPMKIT_DATA"):
-                    raise
-                pytest.skip(str(error))
+            real_mesh(mesh)
         return EXAMPLES / name
 
     return find

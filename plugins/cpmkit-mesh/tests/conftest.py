@@ -1,10 +1,8 @@
-"""Meshes that the tests ask for: made by code, and real ones where their folder is known."""
+"""Meshes that the tests ask for, made by code."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -55,18 +53,3 @@ def cap() -> Callable[[int], Mesh]:
 @pytest.fixture
 def troublesome() -> Mesh:
     return _troublesome()
-
-
-@pytest.fixture
-def real_mesh() -> Callable[[str], Path]:
-    """Return a finder of real meshes; the test is skipped where CPMKIT_DATA names no folder."""
-
-    def find(name: str) -> Path:
-        folder = os.environ.get("CPMKIT_DATA")
-        if not folder:
-            pytest.skip(f"CPMKIT_DATA names no folder with {name}")
-        file = Path(folder) / name
-        assert file.is_file(), f"CPMKIT_DATA names {folder}, which lacks {name}"
-        return file
-
-    return find

@@ -1,0 +1,31 @@
+"""What all tests share: real meshes where they are to be had, and no downloads."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+os.environ.setdefault("CPMKIT_FETCH", "0")
+
+
+@pytest.fixture
+def real_mesh() -> Callable[[str], Path]:
+    """Return a finder of real meshes by file name.
+
+    The test is skipped where the mesh is not found, and fails where CPMKIT_DATA is set and lacks it.
+    """
+    from cpmkit.data import find_file
+    from cpmkit.errors import InputError
+
+    def find(name: str) -> Path:
+        try:
+            return find_file(name)
+        except InputError as error:
+            if os.environ.get("CPMKIT_DATA"):
+                raise
+            pytest.skip(str(error))
+
+    return find
