@@ -8,7 +8,10 @@ from typing import TYPE_CHECKING
 from cpmkit.hookspecs import hookimpl
 from cpmkit.protocols import ClosestPointSource
 from cpmkit_mesh.polyline import polyline
+from cpmkit_mesh.reading import read_mesh
 from cpmkit_mesh.triangles import triangles
+
+__all__ = ["cpmkit_conformance_cases", "cpmkit_sources", "read_mesh"]  # cpmkit.read_mesh calls the last
 
 if TYPE_CHECKING:
     from cpmkit.testing import ConformanceCase
