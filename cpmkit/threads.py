@@ -14,6 +14,9 @@ from functools import cache
 
 from cpmkit.errors import InputError
 
+#: Queries in a parcel: few enough that a busy core does not hold up the rest.
+PARCEL = 4096
+
 
 def thread_count() -> int:
     """Return how many threads work: ``CPMKIT_THREADS``, or the number of cores this process may use.
@@ -40,7 +43,7 @@ if hasattr(os, "register_at_fork"):  # a forked child inherits the pool but none
     os.register_at_fork(after_in_child=_pool.cache_clear)
 
 
-def run_parcels(work: Callable[[int, int], object], count: int, size: int) -> None:
+def run_parcels(work: Callable[[int, int], object], count: int, size: int = PARCEL) -> None:
     """Call ``work(start, stop)`` for the parcels of ``range(count)``, each of at most ``size``, on all threads.
 
     An exception in a parcel is raised here.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.protocols import Bools, Floats, Ints
-from cpmkit_mesh.compilation import run_in_parcels
+from cpmkit.threads import run_parcels
 from cpmkit_mesh.normals import unit
 from cpmkit_mesh.topology import Topology
 from cpmkit_mesh.tree import Nearest, Tree, as_frames
@@ -62,7 +62,7 @@ def follow_normals(tree: Tree, part: SmoothPart, x: Floats, found: Nearest) -> B
     doubtful = np.empty(len(x), dtype=np.bool_)
     mesh = (tree.frames, part.normals, part.neighbours)
     arrays = (part.tiny, mesh, part.rim, found.slot, found.local, found.foot, found.distance, doubtful)
-    run_in_parcels(lambda start, stop: walk_kernels.follow(x, start, stop, *arrays), len(x))
+    run_parcels(lambda start, stop: walk_kernels.follow(x, start, stop, *arrays), len(x))
     return doubtful
 
 

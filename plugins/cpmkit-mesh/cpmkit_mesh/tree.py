@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpmkit.protocols import Floats, Ints
-from cpmkit_mesh.compilation import run_in_parcels
+from cpmkit.threads import run_parcels
 
 #: Twice the area over the square of the longest edge, below which a triangle counts as a sliver.
 THIN = 1e-2
@@ -76,5 +76,5 @@ def nearest(tree: Tree, x: Floats) -> Nearest:
     n = len(x)
     found = Nearest(np.empty(n, dtype=np.int64), np.empty((n, 2)), np.empty((n, 3)), np.empty(n))
     arrays = (tree.boxes, tree.nodes, tree.frames, tree.shape, found.slot, found.local, found.foot, found.distance)
-    run_in_parcels(lambda start, stop: tree_kernels.nearest(x, start, stop, *arrays), n)
+    run_parcels(lambda start, stop: tree_kernels.nearest(x, start, stop, *arrays), n)
     return found

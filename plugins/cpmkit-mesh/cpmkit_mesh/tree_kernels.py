@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit_mesh.compilation import compiled, inlined
+from cpmkit.compilation import compiled, inlined
 
 BINS = 16
 LEAF = 4

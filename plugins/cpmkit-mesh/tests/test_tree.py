@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from cpmkit_mesh.compilation import run_in_parcels
 from cpmkit_mesh.tree import build_tree, nearest
 
-from cpmkit.threads import thread_count
+from cpmkit.threads import run_parcels, thread_count
 
 
 def on_segment(q, edge):
@@ -129,10 +128,10 @@ def test_parcels_cover_the_range_once_and_hand_on_errors(monkeypatch):
     def count(start, stop):
         seen[start:stop] += 1
 
-    run_in_parcels(count, len(seen))
+    run_parcels(count, len(seen))
     assert (seen == 1).all()
     with pytest.raises(ZeroDivisionError):
-        run_in_parcels(lambda start, stop: 1 // start, 10_000)
+        run_parcels(lambda start, stop: 1 // start, 10_000)
 
 
 @pytest.mark.parametrize("asked", ["0", "two", "-1", "1.5"])

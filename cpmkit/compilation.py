@@ -1,14 +1,9 @@
-"""The one way in which kernels are compiled and run."""
+"""The one way in which plugins compile kernels: numba, imported when the first kernel is made."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any, TypeVar
-
-from cpmkit.threads import run_parcels
-
-#: Queries handed to a thread at a time: small enough that a busy core does not hold up the rest.
-PARCEL = 4096
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -35,8 +30,3 @@ def inlined(function: Function) -> Function:
 
     part: Function = njit(nogil=True, error_model="numpy", forceinline=True)(function)
     return part
-
-
-def run_in_parcels(kernel: Callable[[int, int], Any], count: int) -> None:
-    """Call ``kernel(start, stop)`` for parcels that cover ``range(count)``, on the core's pool of threads."""
-    run_parcels(kernel, count, PARCEL)

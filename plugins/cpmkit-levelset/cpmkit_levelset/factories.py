@@ -1,0 +1,226 @@
+"""The seven kinds: keyword arguments are the keys of a scene file.
+
+All take ``trim``, a formula: of the level set the part with trim <= 0 is kept, and where it is cut is its edge; and
+``resolution``, how many cells the lattice has, along the longest side of the bounds, from which samples are taken: a
+part or a gap of the level set that is thinner than a cell may be overlooked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cpmkit.arrays import as_vector, positive
+from cpmkit.errors import InputError
+from cpmkit.protocols import Floats
+from cpmkit_levelset.fields import STEP, Field, FunctionField, check_gradient
+from cpmkit_levelset.formulas import formula_field
+from cpmkit_levelset.gridfield import NODES, GridField
+from cpmkit_levelset.levelset import LevelSet, level_set
+from cpmkit_levelset.manifold import norms
+
+#: Cells of the lattice of samples along the longest side of the bounds.
+RESOLUTION = 64
+
+
+def expression(*, phi: Any, bounds: Any, trim: Any = None, resolution: Any = RESOLUTION) -> LevelSet:
+    """Return the zero set of a formula.
+
+    Parameters
+    ----------
+    phi : str
+        In x, y and, in space, z. What has no second derivative (floor, minimum, comparisons, ...) is refused.
+    bounds : (2, d) numbers
+        The lower and upper corner of a box that holds the zero set.
+    trim : str, optional
+        Keeps the part with trim <= 0.
+    resolution : int
+        Cells of the lattice of samples along the longest side.
+
+    Raises
+    ------
+    SceneError
+        If a formula does not parse, or uses what is not offered.
+    InputError
+        If another key does not hold what is accepted, or there is no zero set inside the bounds.
+    """
+    box = as_box(bounds)
+    return _made(formula_field(phi, box.shape[1], "phi"), trim, box, resolution)
+
+
+def function(
+    *,
+    phi: Callable[[Floats], Any],
+    gradient: Callable[[Floats], Any],
+    bounds: Any,
+    hessian: Callable[[Floats], Any] | None = None,
+    trim: Any = None,
+    resolution: Any = RESOLUTION,
+) -> LevelSet:
+    """Return the zero set of a Python function.
+
+    Parameters
+    ----------
+    phi, gradient : callable
+        Of points (n, d): they return (n,) and (n, d). Feet are as good as the gradient is, so it must be exact.
+    bounds : (2, d) numbers
+    hessian : callable, optional
+        Returns (n, d, d). Without it, fourth-order central differences of the gradient are taken, which
+        cost 4 d calls of it for each of Newton's steps but no accuracy.
+    trim : str, optional
+    resolution : int
+
+    Raises
+    ------
+    InputError
+        If a function is none, returns another shape, or ``gradient`` is not the gradient of ``phi``; or as for
+        :func:`expression`.
+    """
+    box = as_box(bounds)
+    for name, given in (("phi", phi), ("gradient", gradient), ("hessian", hessian)):
+        if not (callable(given) or (name == "hessian" and given is None)):
+            raise InputError(
+                f"{name} of levelset.callable must be a function of points (n, d), got {given!r}; "
+                "levelset.expression takes formulas."
+            )
+    size = float(norms((box[1] - box[0])[None])[0])
+    field = FunctionField(box.shape[1], phi, gradient, hessian, STEP * size)
+    check_gradient(field, box)
+    return _made(field, trim, box, resolution)
+
+
+def grid(
+    *,
+    spacing: Any,
+    values: Any = None,
+    file: str | Path | None = None,
+    origin: Any = None,
+    trim: Any = None,
+    resolution: Any = RESOLUTION,
+) -> LevelSet:
+    """Return the zero set of a function that is given on a regular grid.
+
+    Parameters
+    ----------
+    spacing : number or d numbers
+        The distance of neighbouring grid points.
+    values : (n0, n1[, n2]) array
+        phi at origin + spacing * (i, j, k), for ``values[i, j, k]``; at least six along each axis.
+    file : str or Path
+        A ``.npy`` file with such an array, instead.
+    origin : (d,) numbers, optional
+        Zero unless given.
+    trim : str, optional
+    resolution : int
+
+    Raises
+    ------
+    InputError
+        If both or neither of values and file are given, the file cannot be read, or the array does not hold what
+        is accepted; or as for :func:`expression`.
+    """
+    if (values is None) == (file is None):
+        raise InputError(f"levelset.grid takes either values or a file, got {'neither' if file is None else 'both'}.")
+    samples = _as_grid(_read(file) if values is None else values)
+    d = samples.ndim
+    steps = np.full(d, positive(spacing, "spacing")) if np.ndim(spacing) == 0 else as_vector(spacing, d, "spacing")
+    if not (steps > 0).all():
+        raise InputError(f"spacing must be above zero, got {spacing!r}.")
+    field = GridField(samples, np.zeros(d) if origin is None else as_vector(origin, d, "origin"), steps)
+    return _made(field, trim, field.box, resolution)
+
+
+def dziuk(*, trim: Any = None, resolution: Any = RESOLUTION) -> LevelSet:
+    """Return (x - z^2)^2 + y^2 + z^2 = 1 (Dziuk, 1988)."""
+    phi, box = "(x - z**2)**2 + y**2 + z**2 - 1", [[-1.1, -1.1, -1.1], [1.35, 1.1, 1.1]]
+    return expression(phi=phi, bounds=box, trim=trim, resolution=resolution)
+
+
+def decotetrahedron(*, trim: Any = None, resolution: Any = RESOLUTION) -> LevelSet:
+    """Return the sum of (x_i - 2)^2 (x_i + 2)^2 - 10 x_i^2, with 3 (x^2 y^2 + x^2 z^2 + y^2 z^2) + 6 x y z, = -22.
+
+    Four lobes on a hollow body (King et al., 2024, section 6, after 3D-XplorMath); its size is about 6.
+    """
+    lobes = " + ".join(f"({c} - 2)**2*({c} + 2)**2 - 10*{c}**2" for c in "xyz")
+    phi = f"{lobes} + 3*(x**2*y**2 + x**2*z**2 + y**2*z**2) + 6*x*y*z + 22"
+    return expression(phi=phi, bounds=[[-4.0] * 3, [4.0] * 3], trim=trim, resolution=resolution)
+
+
+def tooth(*, trim: Any = None, resolution: Any = RESOLUTION) -> LevelSet:
+    """Return x^4 + y^4 + z^4 = x^2 + y^2 + z^2, without the point at the origin, which is no part of the surface."""
+    phi = "x**4 + y**4 + z**4 - (x**2 + y**2 + z**2)"
+    return expression(phi=phi, bounds=[[-1.25] * 3, [1.25] * 3], trim=trim, resolution=resolution)
+
+
+def goursat(*, a: Any = 0.0, b: Any = -5.0, c: Any = 11.8, trim: Any = None, resolution: Any = RESOLUTION) -> LevelSet:
+    """Return x^4 + y^4 + z^4 + a (x^2 + y^2 + z^2)^2 + b (x^2 + y^2 + z^2) + c = 0 (Goursat, 1887).
+
+    The defaults give the tangle cube. ``a`` must be above -1/3, where the surface is bounded.
+
+    Raises
+    ------
+    InputError
+        If the numbers give no bounded surface.
+    """
+    a, b, c = (float(number) for number in as_vector([a, b, c], 3, "[a, b, c]"))
+    lead = a + 1 / 3  # the quartic part on the unit sphere is least along the diagonals
+    root = b * b - 4 * lead * c if lead > 0 else -1.0
+    square = (np.sqrt(root) - b) / (2 * lead) if root >= 0 else -1.0
+    if square <= 0:
+        raise InputError(f"a={a:g}, b={b:g}, c={c:g} give no bounded surface; use a > -1/3, and b or c below zero.")
+    radius = 1.02 * float(np.sqrt(square))
+    sphere = "(x**2 + y**2 + z**2)"
+    phi = f"x**4 + y**4 + z**4 + ({a!r})*{sphere}**2 + ({b!r})*{sphere} + ({c!r})"
+    return expression(phi=phi, bounds=[[-radius] * 3, [radius] * 3], trim=trim, resolution=resolution)
+
+
+def as_box(bounds: Any) -> Floats:
+    """Return ``bounds`` as a (2, d) array of a lower and an upper corner.
+
+    Raises
+    ------
+    InputError
+        If they are anything else.
+    """
+    try:
+        box = np.array(bounds, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"bounds must be two corners of 2 or 3 numbers, got {bounds!r}.") from error
+    if box.shape not in ((2, 2), (2, 3)) or not np.isfinite(box).all():
+        raise InputError(f"bounds must be two corners of 2 or 3 finite numbers, got {bounds!r}.")
+    if not (box[0] < box[1]).all():
+        raise InputError(f"bounds must hold the lower corner, then one above it in each coordinate, got {bounds!r}.")
+    return box
+
+
+def _made(field: Field, trim: Any, box: Floats, resolution: Any) -> LevelSet:
+    cells = int(positive(resolution, "resolution"))
+    if cells != resolution or not 8 <= cells <= 512:
+        raise InputError(f"resolution must be a whole number from 8 to 512, got {resolution!r}.")
+    return level_set(field, None if trim is None else formula_field(trim, field.dim, "trim"), box, cells)
+
+
+def _read(file: Any) -> Any:
+    path = Path(file)
+    if not path.is_file():
+        raise InputError(f"There is no file {str(path)!r}; give the path of a .npy file.")
+    try:
+        return np.load(path, allow_pickle=False)
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path.name!r} is not a .npy file with an array of numbers: {error}") from error
+
+
+def _as_grid(values: Any) -> Floats:
+    try:
+        samples = np.ascontiguousarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"values must be an array of numbers, got {type(values).__name__}.") from error
+    if samples.ndim not in (2, 3) or min(samples.shape) < NODES:
+        raise InputError(f"values must have 2 or 3 axes with {NODES} grid points or more, got shape {samples.shape}.")
+    bad = int((~np.isfinite(samples)).sum())
+    if bad:
+        raise InputError(f"values must be finite: {bad} of {samples.size} are NaN or infinite.")
+    return samples

@@ -1,0 +1,120 @@
+"""A function of position with its first two derivatives: what a level set is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from cpmkit.errors import InputError
+from cpmkit.protocols import Floats
+
+#: Step of the central differences that replace a missing Hessian, relative to the size of the bounds.
+STEP = 1e-5
+
+
+class Field(Protocol):
+    """A function phi of points (n, d)."""
+
+    @property
+    def dim(self) -> int:
+        """Dimension of the space."""
+
+    def value(self, p: Floats) -> Floats:
+        """Return phi (n,)."""
+
+    def gradient(self, p: Floats) -> tuple[Floats, Floats]:
+        """Return phi (n,) and its gradient (n, d)."""
+
+    def jet(self, p: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return phi (n,), its gradient (n, d) and its Hessian (n, d, d)."""
+
+
+@dataclass(frozen=True)
+class FunctionField:
+    """Functions that the user wrote.
+
+    Attributes
+    ----------
+    dim : int
+    phi, phi_gradient : callable
+        Of points (n, d): they return (n,) and (n, d).
+    phi_hessian : callable or None
+        Returns (n, d, d). None: fourth-order central differences of the gradient; a Hessian off by 1e-9 costs
+        Newton's method nothing, and the foot is decided by the gradient alone.
+    step : float
+        Of these differences, a length.
+    """
+
+    dim: int
+    phi: Callable[[Floats], Any]
+    phi_gradient: Callable[[Floats], Any]
+    phi_hessian: Callable[[Floats], Any] | None
+    step: float
+
+    def value(self, p: Floats) -> Floats:
+        """Return phi (n,)."""
+        return _answer(self.phi, "phi", p, ())
+
+    def gradient(self, p: Floats) -> tuple[Floats, Floats]:
+        """Return phi (n,) and its gradient (n, d)."""
+        return self.value(p), _answer(self.phi_gradient, "gradient", p, (self.dim,))
+
+    def jet(self, p: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return phi (n,), its gradient (n, d) and its Hessian (n, d, d)."""
+        if self.phi_hessian is not None:
+            return *self.gradient(p), _answer(self.phi_hessian, "hessian", p, (self.dim, self.dim))
+        return *self.gradient(p), self._differences(p)
+
+    def _differences(self, p: Floats) -> Floats:
+        columns = []
+        for axis in np.eye(self.dim):
+            near, far = (
+                self.gradient(p + k * self.step * axis)[1] - self.gradient(p - k * self.step * axis)[1] for k in (1, 2)
+            )
+            columns.append((8 * near - far) / (12 * self.step))
+        hessian = np.stack(columns, axis=2)
+        symmetric: Floats = 0.5 * (hessian + hessian.transpose(0, 2, 1))
+        return symmetric
+
+
+def _answer(function: Callable[[Floats], Any], what: str, p: Floats, shape: tuple[int, ...]) -> Floats:
+    """Return what the user's function gives, as float64 of shape (n, *shape); it gets a copy of the points."""
+    try:
+        values = np.asarray(function(p.copy()), dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{what} must return numbers of shape {_letters(shape)}: {error}.") from error
+    if values.shape != (len(p), *shape):
+        raise InputError(
+            f"{what} must return shape {_letters(shape)} for points (n, {p.shape[1]}), "
+            f"got {values.shape} for {len(p)} points."
+        )
+    return values
+
+
+def _letters(shape: tuple[int, ...]) -> str:
+    return f"(n, {', '.join(map(str, shape))})" if shape else "(n,)"
+
+
+def check_gradient(field: FunctionField, box: Floats) -> None:
+    """Compare the user's gradient with differences of phi at some points of ``box`` (2, d).
+
+    Raises
+    ------
+    InputError
+        If they disagree by a thousandth at more than half of the points: it is not the gradient of phi.
+    """
+    p = np.random.default_rng(0).uniform(box[0], box[1], (64, field.dim))
+    given = field.gradient(p)[1]
+    steps = field.step * np.eye(field.dim)
+    differences = np.stack([(field.value(p + s) - field.value(p - s)) / (2 * field.step) for s in steps], axis=1)
+    with np.errstate(invalid="ignore"):
+        off = np.abs(given - differences).max(axis=1) > 1e-3 * np.abs(differences).max(axis=1)
+    if off.mean() > 0.5:
+        worst = int(np.flatnonzero(off)[0])
+        raise InputError(
+            f"gradient must be that of phi: at {p[worst].tolist()} it returns {given[worst].tolist()}, "
+            f"differences of phi give {differences[worst].tolist()}."
+        )

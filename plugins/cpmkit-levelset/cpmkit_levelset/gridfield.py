@@ -1,0 +1,111 @@
+"""A function sampled on a regular grid, interpolated by a polynomial of degree five in each coordinate.
+
+Each cell has its own polynomial, through the 6^d nearest grid points (Saye, 2014): it is continuous from cell to cell,
+and the level set is off by a fifth power of the spacing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cpmkit.protocols import Bools, Floats, Ints
+
+#: Grid points along each axis that a cell's polynomial runs through.
+NODES = 6
+#: Coefficients (power, node) of the six Lagrange polynomials in t - 5/2, for the nodes t = 0, ..., 5.
+LAGRANGE = np.linalg.inv(np.vander(np.arange(NODES) - 2.5, increasing=True))
+
+
+@dataclass(frozen=True, eq=False)
+class GridField:
+    """Values on a grid.
+
+    Attributes
+    ----------
+    values : (n0, n1[, n2]) float64
+    origin, spacing : (d,) float64
+        Where the first value lies, and how far its neighbours are.
+    """
+
+    values: Floats
+    origin: Floats
+    spacing: Floats
+
+    @property
+    def dim(self) -> int:
+        """Dimension of the space."""
+        return self.values.ndim
+
+    @property
+    def box(self) -> Floats:
+        """(2, d) the corners of the grid."""
+        return np.stack([self.origin, self.origin + self.spacing * (np.array(self.values.shape) - 1)])
+
+    def value(self, p: Floats) -> Floats:
+        """Return phi (n,); outside of the grid NaN."""
+        return self._derivatives(p, 0).reshape(len(p))
+
+    def gradient(self, p: Floats) -> tuple[Floats, Floats]:
+        """Return phi (n,) and its gradient (n, d)."""
+        table = self._derivatives(p, 1)
+        return _entry(table, (0,) * self.dim), self._first(table)
+
+    def jet(self, p: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return phi (n,), its gradient (n, d) and its Hessian (n, d, d)."""
+        table, d = self._derivatives(p, 2), self.dim
+        hessian = np.empty((len(p), d, d))
+        for i in range(d):
+            for j in range(d):
+                orders = tuple(int(k == i) + int(k == j) for k in range(d))
+                hessian[:, i, j] = _entry(table, orders) / (self.spacing[i] * self.spacing[j])
+        return _entry(table, (0,) * d), self._first(table), hessian
+
+    def _first(self, table: Floats) -> Floats:
+        units = [tuple(int(k == i) for k in range(self.dim)) for i in range(self.dim)]
+        gradient: Floats = np.stack([_entry(table, orders) for orders in units], axis=1) / self.spacing
+        return gradient
+
+    def _derivatives(self, p: Floats, most: int) -> Floats:
+        """Return (n, most + 1, ...): the derivatives of each order in each coordinate, in units of the grid."""
+        last = np.array(self.values.shape) - 1
+        q = (p - self.origin) / self.spacing
+        with np.errstate(invalid="ignore"):
+            outside: Bools = np.logical_not(((q >= -1e-9) & (q <= last + 1e-9)).all(axis=1))
+        q = np.where(outside[:, None], 0.0, q)
+        first = np.clip(np.floor(q).astype(np.int64) - 2, 0, last - (NODES - 1))
+        table = self._patches(first)
+        for axis in range(self.dim):
+            weights = _weights(q[:, axis] - first[:, axis] - 2.5, most)
+            table = np.einsum("ni...,nia->n...a", table, weights, optimize=False)
+        table[outside] = np.nan
+        return table
+
+    def _patches(self, first: Ints) -> Floats:
+        """Return (n, 6, 6[, 6]): the values that the polynomials run through, from the grid points ``first`` on."""
+        index = tuple(
+            first[:, axis].reshape(-1, *[1] * self.dim) + np.arange(NODES).reshape(-1, *[1] * (self.dim - 1 - axis))
+            for axis in range(self.dim)
+        )
+        patches: Floats = self.values[index]
+        return patches
+
+
+def _entry(table: Floats, orders: tuple[int, ...]) -> Floats:
+    """Return (n,): the derivative of these orders."""
+    entry: Floats = np.moveaxis(table, 0, -1)[orders]
+    return entry
+
+
+def _weights(t: Floats, most: int) -> Floats:
+    """Return (n, 6, most + 1): the Lagrange polynomials at ``t`` and their derivatives."""
+    weights = np.empty((len(t), NODES, most + 1))
+    coefficients = LAGRANGE
+    for order in range(most + 1):
+        total = np.zeros((len(t), NODES))
+        for row in coefficients[::-1]:
+            total = total * t[:, None] + row
+        weights[:, :, order] = total
+        coefficients = coefficients[1:] * np.arange(1, len(coefficients))[:, None]
+    return weights

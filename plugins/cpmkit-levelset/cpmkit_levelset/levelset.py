@@ -1,0 +1,217 @@
+"""The closest point source of a level set, whole or trimmed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from cpmkit.arrays import as_points, as_vector, positive
+from cpmkit.errors import InputError
+from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
+from cpmkit_levelset.fields import Field
+from cpmkit_levelset.manifold import ZeroSet, norms, unit
+from cpmkit_levelset.marching import marching_simplices
+from cpmkit_levelset.sampling import COVERING, in_chunks, sample_lattice, surface_samples, ways_out
+from cpmkit_levelset.search import Layer, layer, search
+
+#: Queries that are answered at a time: temporary arrays stay in the cache.
+PARCEL = 16384
+#: A foot closer than this to the edge, relative to the size, lies on it.
+ON_EDGE = 1e-11
+#: A mesh has at least this many cells along the longest side of the bounds.
+LEAST_CELLS = 16
+
+
+@dataclass(frozen=True, eq=False)
+class LevelSet:
+    """The points at which a field vanishes and changes sign, of these those with trim <= 0.
+
+    Attributes
+    ----------
+    field : Field
+    trim : Field or None
+    box : (2, d) float64
+        The corners of the box in which the zero set lies, as it was given.
+    surface : Layer
+        Samples of the zero set, and of what lies a little beyond its edge.
+    edge : Layer or None
+        Samples of the edge.
+    shift : (d,) float64
+        Added to every foot: how far the source was translated.
+    """
+
+    field: Field
+    trim: Field | None
+    box: Floats
+    surface: Layer
+    edge: Layer | None
+    shift: Floats
+
+    @property
+    def dim(self) -> int:
+        """Dimension of the space."""
+        return self.field.dim
+
+    @property
+    def manifold_dim(self) -> int:
+        """One less than that of the space."""
+        return self.dim - 1
+
+    @property
+    def exact(self) -> bool:
+        """True: feet are true nearest points, but for those that are ``doubtful``."""
+        return True
+
+    @property
+    def bounds(self) -> Floats:
+        """(2, d) corners of the box around the level set, a millionth of its size larger than the smallest."""
+        return self._extent + self.shift
+
+    def closest_point(self, x: Floats, /) -> ClosestPoints:
+        """Return the closest points of ``x`` (n, d).
+
+        ``edge`` is 0 where the foot lies on the edge of a trimmed surface; of a trimmed curve, 0 or 1, its ends by
+        increasing coordinates. Feet are ``doubtful`` where not every
+        sample that may lead to a nearer point could be tried, or Newton's method did not converge: they lie on the
+        surface, and nothing nearer was found.
+
+        Raises
+        ------
+        InputError
+            If ``x`` holds NaN or infinity, or its shape is not (n, d).
+        """
+        x = as_points(x, self.dim) - self.shift
+        points, distance = np.empty_like(x), np.empty(len(x))
+        edge, doubtful = np.full(len(x), -1), np.zeros(len(x), dtype=bool)
+        for start in range(0, len(x), PARCEL):
+            part = slice(start, start + PARCEL)
+            points[part], distance[part], edge[part], doubtful[part] = self._feet(x[part])
+        return ClosestPoints(points + self.shift, distance, edge, doubtful=doubtful)
+
+    def normals(self, feet: ClosestPoints, /) -> Floats:
+        """Return (n, d) unit normals at ``feet``: where phi grows."""
+        return unit(self.field.gradient(feet.points - self.shift)[1])
+
+    def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
+        """Return vertices (v, d) on the level set and cells (m, d), triangles or segments, of about ``spacing``.
+
+        Triangles are wound counterclockwise as seen from where phi grows; segments have that on their right.
+        """
+        coarsest = float((self.box[1] - self.box[0]).max()) / LEAST_CELLS
+        lattice = sample_lattice(self.field, self.box, min(positive(spacing, "spacing"), coarsest))
+        vertices, cells = marching_simplices(lattice)
+        if self.trim is not None:
+            cells = cells[(self.trim.value(vertices) <= 0)[cells].any(axis=1)]
+            used, cells = np.unique(cells, return_inverse=True)
+            vertices, cells = vertices[used], cells.reshape(-1, self.dim)
+        feet = self.closest_point(vertices + self.shift)
+        return feet.points, self._oriented(feet, cells)
+
+    def translated(self, offset: Floats, /) -> LevelSet:
+        """Return the same level set moved by ``offset`` (d,)."""
+        return replace(self, shift=self.shift + as_vector(offset, self.dim, "offset"))
+
+    def _feet(self, x: Floats) -> tuple[Floats, Floats, Ints, Bools]:
+        if self.edge is None:
+            found = search(self.surface, x)
+            return found.points, found.distance, np.full(len(x), -1), ~found.sure
+        rim = search(self.edge, x)
+        found = search(self.surface, x, rim.distance, self._inside)
+        on_rim = ~(found.distance < rim.distance)
+        # the edge is nowhere nearer than the foot on it less the covering radius: beyond that its doubts do not count
+        sure = found.sure & (rim.sure | (found.distance < rim.distance - self.edge.covering))
+        points = np.where(on_rim[:, None], rim.points, found.points)
+        distance = np.where(on_rim, rim.distance, found.distance)
+        return points, distance, np.where(on_rim, self._rim_number(rim.points), -1), ~sure
+
+    def _rim_number(self, points: Floats) -> Ints:
+        """Return (n,) 0 on the edge of a surface; of a curve the number of its end."""
+        if self.dim == 3 or self.edge is None:
+            return np.zeros(len(points), dtype=np.int64)
+        number: Ints = self.edge.tree.query(points)[1].astype(np.int64)
+        return number
+
+    def _inside(self, points: Floats) -> Bools:
+        """Return which points of the zero set belong to the piece and do not lie on its edge."""
+        assert self.trim is not None
+        value, gradient = self.trim.gradient(points)
+        inside: Bools = value < -ON_EDGE * self.surface.zero_set.size * norms(gradient)
+        return inside
+
+    def _oriented(self, feet: ClosestPoints, cells: Ints) -> Ints:
+        """Return ``cells`` without those of no area, in the order of vertices that the normals ask for."""
+        corners, normal = feet.points[cells], self.normals(feet)[cells].sum(axis=1)
+        sides = corners[:, 1:] - corners[:, :1]
+        if self.dim == 2:
+            right = np.stack([sides[:, 0, 1], -sides[:, 0, 0]], axis=1)
+        else:
+            right = np.cross(sides[:, 0], sides[:, 1])
+        flipped = (right * normal).sum(axis=1) < 0
+        cells = np.where(flipped[:, None], cells[:, ::-1], cells)
+        return cells[norms(right) > 0]
+
+    @cached_property
+    def _extent(self) -> Floats:
+        """The box around the feet of queries so far away that their feet are the extreme points."""
+        size, centre = self.surface.zero_set.size, self.box.mean(axis=0)
+        directions = np.concatenate([-np.eye(self.dim), np.eye(self.dim)])
+        extremes = self._feet(centre + 1e6 * size * directions)[0]
+        extent: Floats = np.stack([extremes.min(axis=0), extremes.max(axis=0)]) + 1e-6 * size * np.array(
+            [[-1.0], [1.0]]
+        )
+        return extent
+
+
+def level_set(field: Field, trim: Field | None, box: Floats, resolution: int) -> LevelSet:
+    """Return the level set of ``field`` in ``box`` (2, d), sampled with ``resolution`` cells along its longest side.
+
+    Raises
+    ------
+    InputError
+        If phi is not finite on the lattice of samples, has no zero set there, or one that runs out of the box; or if
+        ``trim`` leaves nothing of it.
+    """
+    size = float(norms((box[1] - box[0])[None])[0])
+    spacing = float((box[1] - box[0]).max()) / resolution
+    lattice = sample_lattice(field, box, spacing)
+    zero_set = ZeroSet((field,), size)
+    samples = surface_samples(zero_set, lattice)
+    kept = np.ones(lattice.values.size, dtype=bool) if trim is None else in_chunks(trim.value, lattice.nodes) <= 0
+    leaks = ways_out(lattice, kept)
+    if len(leaks):
+        raise InputError(
+            f"the zero set runs out of the bounds at {len(leaks)} lattice points, first near {leaks[0].tolist()}; "
+            "widen the bounds until they hold it, or cut it off inside of them with trim."
+        )
+    edge = None
+    if trim is not None:
+        samples, edge = _trimmed(field, trim, samples, size, spacing)
+    return LevelSet(field, trim, box, layer(zero_set, samples, COVERING * spacing), edge, np.zeros(field.dim))
+
+
+def _trimmed(field: Field, trim: Field, samples: Floats, size: float, spacing: float) -> tuple[Floats, Layer | None]:
+    """Return the samples that belong to the piece, or nearly so, and the layer of its edge, None if nothing is cut."""
+    inside = trim.value(samples) <= 0
+    if not inside.any():
+        raise InputError("trim leaves nothing of the zero set: it keeps the points where trim <= 0; change its sign.")
+    rim = ZeroSet((field, trim), size)
+    away = rim.distance_estimate(samples)
+    near = away <= 1.5 * spacing
+    points, found = rim.project(samples[near], 3 * spacing)
+    points = points[found]
+    if not len(points):
+        return samples[inside], None
+    if field.dim == 2:
+        points = _ends(points, size)
+    return samples[inside | (away <= COVERING * spacing)], layer(rim, points, COVERING * spacing)
+
+
+def _ends(points: Floats, size: float) -> Floats:
+    """Return the different ones of some points (n, 2), by increasing coordinates: the ends of a curve."""
+    ordered = points[np.lexsort(np.round(points.T[::-1] / (1e-6 * size)))]
+    ends: Floats = ordered[np.append(True, norms(np.diff(ordered, axis=0)) > 1e-6 * size)]
+    if len(ends) > 2:
+        raise InputError(f"trim cuts the curve at {len(ends)} points; a trimmed curve is one piece with two ends.")
+    return ends

@@ -1,0 +1,65 @@
+"""Where the values on a lattice change sign: each cell is cut into simplices, and each of them by a plane."""
+
+from __future__ import annotations
+
+from itertools import permutations
+
+import numpy as np
+
+from cpmkit.protocols import Floats, Ints
+from cpmkit_levelset.sampling import SampleLattice
+
+
+def marching_simplices(lattice: SampleLattice) -> tuple[Floats, Ints]:
+    """Return vertices (v, d) near the zero set, one a lattice edge that it crosses, and cells (m, d) between them.
+
+    A cell of the lattice is cut into d! simplices along its diagonal (Kuhn), so that the pieces of neighbours match.
+    """
+    positive = lattice.values > 0
+    corners = _mixed_cells(positive)
+    pairs = []
+    for path in permutations(range(positive.ndim)):
+        steps = np.zeros((positive.ndim + 1, positive.ndim), dtype=np.int64)
+        for k, axis in enumerate(path):
+            steps[k + 1 :, axis] += 1
+        nodes = np.ravel_multi_index(tuple((corners[:, None] + steps).transpose(2, 0, 1)), positive.shape)
+        pairs.append(_cut(nodes, positive.ravel()[nodes]))
+    edges = np.concatenate(pairs)
+    d = positive.ndim
+    crossed, cells = np.unique(np.sort(edges, axis=2).reshape(-1, 2), axis=0, return_inverse=True)
+    return _crossings(lattice, crossed), cells.reshape(-1, d).astype(np.int64)
+
+
+def _mixed_cells(positive: np.ndarray) -> Ints:
+    """Return (m, d) the first corners of the cells whose corners do not all have one sign."""
+    count = np.zeros([n - 1 for n in positive.shape], dtype=np.int8)
+    for corner in np.ndindex(*[2] * positive.ndim):
+        count += positive[tuple(slice(c, n - 1 + c) for c, n in zip(corner, positive.shape, strict=True))]
+    return np.argwhere((count > 0) & (count < 2**positive.ndim))
+
+
+def _cut(nodes: Ints, positive: np.ndarray) -> Ints:
+    """Return (m, d, 2): for each piece of the zero set in simplices (k, d + 1), the edges at which its corners lie."""
+    d = nodes.shape[1] - 1
+    order = np.argsort(positive, axis=1, kind="stable")
+    sorted_nodes = np.take_along_axis(nodes, order, axis=1)
+    negatives = d + 1 - positive.sum(axis=1)
+    pieces = []
+    for count, alone in ((1, 0), (d, d)):
+        some = sorted_nodes[negatives == count]
+        others = np.delete(some, alone, axis=1)
+        pieces.append(np.stack([np.broadcast_to(some[:, [alone]], others.shape), others], axis=2))
+    if d == 3:
+        a, b, c, e = sorted_nodes[negatives == 2].T
+        corners = [np.stack(pair, axis=1) for pair in ((a, c), (a, e), (b, e), (b, c))]
+        pieces += [np.stack([corners[i] for i in triangle], axis=1) for triangle in ((0, 1, 2), (0, 2, 3))]
+    return np.concatenate(pieces)
+
+
+def _crossings(lattice: SampleLattice, edges: Ints) -> Floats:
+    """Return (v, d) where the values at the ends of the edges (v, 2), interpolated linearly, vanish."""
+    ends = [np.stack(np.unravel_index(edges[:, k], lattice.values.shape), axis=1) for k in (0, 1)]
+    first, second = (lattice.values.ravel()[edges[:, k]] for k in (0, 1))
+    share = (first / (first - second))[:, None]
+    crossings: Floats = lattice.lower + lattice.spacing * ((1.0 - share) * ends[0] + share * ends[1])
+    return crossings

@@ -1,0 +1,223 @@
+"""The global part of the search: from which samples to descend, and when the nearest point is beyond doubt.
+
+Each point of the zero set has a sample within the covering radius r. Around a sample s the squared distance from a
+query x is, to second order, |x - s|^2 - 2 F u + u M u in tangential coordinates u, and its least value over |u| <= r
+bounds the distance to all points that have s as their sample. When a point has been found, only samples whose bound is
+below its distance can lead to a nearer one. These are tried, but for those whose model has its minimum where the search
+has been. A query is doubtful where not all could be tried, or where the surface bends too much for its samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit_levelset.descent import descend
+from cpmkit_levelset.manifold import ZeroSet, normal_basis, norms
+
+#: How many of the nearest samples are looked at: first by every query, then by those for which that was too few.
+TIERS = (12, 192)
+#: Descents from different samples, for one query and tier.
+DESCENTS = 10
+#: What a sample's model says is trusted to this share of the covering radius and of its curvature.
+SAME_BASIN, VARIATION, STATIONARY = 1.25, 0.1, 0.5
+#: Samples whose radius of curvature is below this many covering radii have no model to trust.
+ROUGH = 1.0
+#: A model's minimum is looked for up to this many covering radii from its sample.
+FARTHEST = 4.0
+
+Keep = Callable[[Floats], Bools]
+
+
+class Models(NamedTuple):
+    """What samples say of queries to second order.
+
+    Attributes
+    ----------
+    lowest : (n, k) float64
+        A lower bound of the squared distance to what the sample stands for, less the squared distance to the sample.
+    minimum : (n, k, d) float64
+        Where the model has its minimum; NaN where it has none.
+    promising : (n, k) bool
+        Whether what the sample stands for may hold a point from which the query is seen at a right angle.
+    """
+
+    lowest: Floats
+    minimum: Floats
+    promising: Bools
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """A zero set with samples on it.
+
+    Attributes
+    ----------
+    zero_set : ZeroSet
+    samples : (k, d) float64
+    tree : scipy.spatial.cKDTree
+        Of the samples.
+    tangents : (k, m, d) float64
+        Principal directions at the samples, of unit length.
+    bends : (k, m, d) float64
+        Their curvature vectors: along direction i, M is 1 - bends_i . (x - s).
+    covering : float
+        Each point of the zero set has a sample within this distance.
+    """
+
+    zero_set: ZeroSet
+    samples: Floats
+    tree: Any
+    tangents: Floats
+    bends: Floats
+    covering: float
+
+    @cached_property
+    def rough(self) -> Bools:
+        """(k,) at which samples the zero set bends too much for the models."""
+        bend = np.sqrt(_dots(self.bends, self.bends)).max(axis=1, initial=0.0)
+        rough: Bools = ~(bend * self.covering * ROUGH <= 1.0)
+        return rough
+
+    def models(self, x: Floats, gap: Floats, near: Ints) -> Models:
+        """Return what the samples ``near`` (n, k) say of the queries ``x`` (n, d), which are ``gap`` (n, k) away."""
+        across = x[:, None] - self.samples[near]
+        r, m = self.covering, self.tangents.shape[1]
+        lowest, minimum = np.zeros(near.shape), self.samples[near]
+        bends = np.sqrt(_dots(self.bends[near], self.bends[near])).max(axis=2, initial=0.0)
+        promising = np.ones(near.shape, dtype=bool)
+        for i in range(m):
+            tangent = self.tangents[near, i]
+            force, bending = _dots(tangent, across), 1.0 - _dots(self.bends[near, i], across)
+            size = np.abs(force)
+            with np.errstate(all="ignore"):
+                inside = size <= r * bending
+                u = force / bending
+                lowest += np.where(inside, -force * u, r * (r * bending - 2 * size))
+                u = np.where(bending > 0, np.clip(u, -FARTHEST * r, FARTHEST * r), np.nan)
+            promising &= size <= r * (np.maximum(bending, 0.0) + STATIONARY * (1.0 + gap * bends))
+            minimum = minimum + u[:, :, None] * tangent
+        return Models(lowest - 2 * m * VARIATION * r * r * gap * bends, minimum, promising)
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """The best points so far (n, d), their distances (n,), infinite for none, and which are beyond doubt (n,)."""
+
+    points: Floats
+    distance: Floats
+    sure: Bools
+
+
+def layer(zero_set: ZeroSet, samples: Floats, covering: float) -> Layer:
+    """Return the layer of a zero set with these samples, of which there is at least one."""
+    from scipy.spatial import cKDTree
+
+    tangents, bends = _principal(zero_set, samples)
+    return Layer(zero_set, samples, cKDTree(samples), tangents, bends, covering)
+
+
+def search(where: Layer, x: Floats, known: Floats | None = None, keep: Keep | None = None) -> Found:
+    """Return the nearest points of a layer for the queries ``x`` (n, d).
+
+    Parameters
+    ----------
+    where : Layer
+    x : (n, d) float64
+    known : (n,) float64, optional
+        Distances within which an answer is wanted; farther points are not looked for.
+    keep : callable, optional
+        Of points (n, d): which belong to the manifold, (n,). Others are passed over.
+    """
+    n, d = x.shape
+    distance = np.full(n, np.inf) if known is None else known.copy()
+    points, sure = np.full((n, d), np.nan), np.zeros(n, dtype=bool)
+    rows = np.arange(n)
+    for count in TIERS:
+        last = count >= len(where.samples)
+        before = Found(points[rows], distance[rows], sure[rows])
+        after = _descents(where, x[rows], before, min(count, len(where.samples)), keep)
+        points[rows], distance[rows], sure[rows] = after.points, after.distance, after.sure
+        rows = rows[~after.sure]
+        if last or not len(rows):
+            break
+    return Found(points, distance, sure)
+
+
+def _descents(where: Layer, x: Floats, before: Found, count: int, keep: Keep | None) -> Found:
+    """Descend, for each query, from those of its nearest ``count`` samples that may lead to a nearer point."""
+    gap, near = where.tree.query(x, np.arange(1, count + 1))
+    lowest, minimum, promising = where.models(x, gap, near)
+    points, best = before.points.copy(), before.distance.copy()
+    reach = SAME_BASIN * where.covering
+    untried = promising & ~(_close(minimum, points, reach) | _close(where.samples[near], points, reach))
+    untried[:, 0] |= np.isinf(best)  # some point must be found, whatever the models say
+    sure, failed = np.zeros(len(x), dtype=bool), np.zeros(len(x), dtype=bool)
+    active = np.arange(len(x))
+    for _ in range(DESCENTS + 1):
+        untried[active] &= _may_be_nearer(gap[active], lowest[active], best[active])
+        left = untried[active].any(axis=1)
+        sure[active[~left]] = True
+        active = active[left]
+        if not len(active):
+            break
+        pick = untried[active].argmax(axis=1)
+        untried[active, pick] = False
+        start = where.samples[near[active, pick]]
+        foot, converged = descend(where.zero_set, x[active], start, 2 * where.covering)
+        failed[active[~converged]] = True
+        untried[active] &= ~(_close(minimum[active], foot, reach) | _close(where.samples[near[active]], foot, reach))
+        distance = norms(x[active] - foot)
+        if keep is not None:
+            distance = np.where(keep(foot), distance, np.inf)
+        better = distance < best[active]
+        points[active[better]], best[active[better]] = foot[better], distance[better]
+    # the samples beyond the last may lead to a nearer point if the most that any of these promises would do it
+    more = _may_be_nearer(gap[:, -1], lowest.min(axis=1), best) & (count < len(where.samples))
+    return Found(points, best, sure & ~failed & ~more & ~where.rough[near[:, 0]])
+
+
+def _may_be_nearer(gap: Floats, lowest: Floats, best: Floats) -> Bools:
+    """Return where gap^2 + lowest <= best^2; ``best`` has one axis less than the others, or as many."""
+    best = best.reshape(best.shape + (1,) * (gap.ndim - best.ndim))
+    with np.errstate(all="ignore"):
+        # (gap - best) (gap + best), because the squares of far queries differ by less than they are rounded
+        return ~((gap - best) * (gap + best) + lowest > 0)
+
+
+def _close(many: Floats, points: Floats, reach: float) -> Bools:
+    """Return (n, k): which of ``many`` (n, k, d) lie within ``reach`` of ``points`` (n, d); beside NaN lies none."""
+    across = many - points[:, None]
+    return _dots(across, across) <= reach**2
+
+
+def _dots(a: Floats, b: Floats) -> Floats:
+    """Return inner products along the last axis."""
+    total = a[..., 0] * b[..., 0]
+    for k in range(1, a.shape[-1]):
+        total = total + a[..., k] * b[..., k]
+    return total
+
+
+def _principal(zero_set: ZeroSet, samples: Floats) -> tuple[Floats, Floats]:
+    """Return principal directions and their curvature vectors, each (k, m, d), at points of the zero set."""
+    normals = normal_basis([field.gradient(samples)[1] for field in zero_set.fields])
+    shapes = [zero_set.shape(samples + normal, samples) for normal in normals]
+    tangents = shapes[0].tangents
+    if tangents.shape[1] == 2:
+        bending = shapes[0].bending
+        angle = 0.5 * np.arctan2(2 * bending[:, 0, 1], bending[:, 0, 0] - bending[:, 1, 1])
+        cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
+        first, second = tangents[:, 0], tangents[:, 1]
+        tangents = np.stack([cosine * first + sine * second, cosine * second - sine * first], axis=1)
+    bends = np.zeros_like(tangents)
+    for normal, shape in zip(normals, shapes, strict=True):
+        along = np.einsum("nai,nbi->nab", tangents, shape.tangents, optimize=False)
+        bending = np.einsum("nab,nbc,nac->na", along, shape.bending, along, optimize=False)
+        bends -= bending[:, :, None] * normal[:, None]
+    return tangents, bends

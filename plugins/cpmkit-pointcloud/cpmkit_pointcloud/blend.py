@@ -1,0 +1,118 @@
+"""The surface that blended patches define: built once from the samples, asked by compiled kernels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.threads import run_parcels
+from cpmkit_pointcloud.patches import Patches, exponents
+
+#: Samples whose neighbours are collected at a time.
+SAMPLES = 4096
+#: Queries handed to a thread at a time.
+QUERIES = 2048
+#: A patch counts as far as about this many neighbours lie: fewer leave holes between random samples.
+REACHED = 20
+
+
+@dataclass(frozen=True, eq=False)
+class Blend:
+    """Samples with their patches, and for every sample those that may count at a point to which it is the nearest.
+
+    A patch i counts at y within its radius r_i. The sample nearest to y is then no farther from y than sample i,
+    so at most 2 r_i from sample i: those are all that need to know of it.
+
+    Attributes
+    ----------
+    points : (n, d) float64
+        The samples.
+    patches : Patches
+        With radii within which they count, and coefficients in their units.
+    starts : (n + 1,) int64
+    reaching : (starts[-1],) int32
+        The patches of sample j are ``reaching[starts[j]:starts[j + 1]]``.
+    """
+
+    points: Floats
+    patches: Patches
+    starts: Ints
+    reaching: NDArray[np.int32]
+
+    @cached_property
+    def arrays(self) -> tuple[Any, ...]:
+        """What the kernels read, all of it in space."""
+        patches = self.patches
+        frames = patches.frames
+        if self.points.shape[1] == 2:
+            frames = np.zeros((len(self.points), 3, 3))
+            frames[:, ::2, :2] = patches.frames
+            frames[:, 1, 2] = 1.0
+        samples = (_in_space(self.points), frames, patches.radii, patches.coefficients)
+        return (*samples, patches.degree, self.starts, self.reaching)
+
+
+def shrunk(patches: Patches, share: float) -> Patches:
+    """Return the same height fields, over a ``share`` of the radii in which they were fitted."""
+    total = np.sum(exponents(patches.degree), axis=1)
+    return replace(patches, radii=share * patches.radii, coefficients=patches.coefficients * share ** (total - 1.0))
+
+
+def blend(points: Floats, patches: Patches, normals: Floats | None) -> Blend:
+    """Find for every sample the patches that may count near it.
+
+    With ``normals``, patches whose normal points the other way do not count: they are of another sheet.
+    """
+    from scipy.spatial import cKDTree
+
+    tree = cKDTree(points)
+    samples, reaching = [], []
+    for start in range(0, len(points), SAMPLES):
+        rows = np.arange(start, min(start + SAMPLES, len(points)))
+        lists = tree.query_ball_point(points[rows], 2.0 * patches.radii[rows], return_sorted=False)
+        counts = np.fromiter((len(entry) for entry in lists), dtype=np.int64, count=len(rows))
+        samples.append(np.concatenate(lists).astype(np.int32))
+        reaching.append(np.repeat(rows.astype(np.int32), counts))
+    sample, patch = np.concatenate(samples), np.concatenate(reaching)
+    if normals is not None:
+        same = np.einsum("nd,nd->n", normals[sample], normals[patch]) > 0.0
+        sample, patch = sample[same], patch[same]
+    starts = np.concatenate([[0], np.cumsum(np.bincount(sample, minlength=len(points)))])
+    return Blend(points, patches, starts, patch[np.argsort(sample, kind="stable")])
+
+
+def project(surface: Blend, x: Floats, nearest: Ints, tiny: float, closed: bool) -> tuple[Floats, Ints, Ints, Bools]:
+    """Return the feet (n, d) of ``x``, the sample nearest to each foot, its edge, and which feet are doubtful."""
+    from cpmkit_pointcloud import kernels
+
+    n, dim = x.shape
+    foot, element, edge = np.empty((n, 3)), np.empty(n, dtype=np.int64), np.empty(n, dtype=np.int64)
+    doubtful = np.empty(n, dtype=np.bool_)
+    cloud, x = surface.arrays, _in_space(x)
+
+    def work(start: int, stop: int) -> None:
+        kernels.project(x, start, stop, nearest, cloud, tiny, closed, foot, element, edge, doubtful)
+
+    run_parcels(work, n, QUERIES)
+    return np.ascontiguousarray(foot[:, :dim]), element, edge, doubtful
+
+
+def surface_normals(surface: Blend, feet: Floats, element: Ints) -> Floats:
+    """Return (n, d) unit normals at ``feet``, on the side of the frame of ``element``."""
+    from cpmkit_pointcloud import kernels
+
+    n, dim = feet.shape
+    normal = np.empty((n, 3))
+    cloud, y = surface.arrays, _in_space(feet)
+    run_parcels(lambda start, stop: kernels.normals(y, start, stop, element, cloud, normal), n, QUERIES)
+    return np.ascontiguousarray(normal[:, :dim])
+
+
+def _in_space(points: Floats) -> Floats:
+    """Return (n, 3) points, those of the plane with a third coordinate of zero."""
+    return points if points.shape[1] == 3 else np.hstack([points, np.zeros((len(points), 1))])

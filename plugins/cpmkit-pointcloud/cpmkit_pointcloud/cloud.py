@@ -1,0 +1,245 @@
+"""A point cloud as a sample of a smooth surface (in space) or curve (in the plane)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cpmkit.arrays import as_points, as_vector
+from cpmkit.errors import InputError
+from cpmkit.protocols import ClosestPoints, Floats, Ints
+from cpmkit.threads import thread_count
+from cpmkit_pointcloud.blend import Blend, project, surface_normals
+from cpmkit_pointcloud.patches import curvatures
+from cpmkit_pointcloud.values import one_row_each, weights_at
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
+
+#: Neighbours that stray from their plane by more than this share of their spread are no piece of a smooth surface.
+THICK = 0.25
+#: Distances are exact up to this share of the smallest radius of curvature.
+TRUSTED = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class PointCloud:
+    """The smooth surface through (or, where there is noise, between) the samples.
+
+    Attributes
+    ----------
+    surface : Blend
+        The samples, each place once, and the patches that define the surface.
+    given : (k,) int64
+        The row of each sample among the user's points.
+    value_count : int
+        How many points the user gave: the rows that :meth:`interpolate` expects.
+    closed : bool
+        False where the surface has an edge.
+    """
+
+    surface: Blend
+    given: Ints
+    value_count: int
+    closed: bool
+
+    exact = False
+
+    @property
+    def points(self) -> Floats:
+        """(k, d) the samples, each place once."""
+        return self.surface.points
+
+    @property
+    def dim(self) -> int:
+        """Dimension of the space, 2 or 3."""
+        return self.points.shape[1]
+
+    @property
+    def manifold_dim(self) -> int:
+        """Dimension of the manifold: a curve in the plane, a surface in space."""
+        return self.dim - 1
+
+    @property
+    def bounds(self) -> Floats:
+        """(2, d) corners of the box that holds all samples and all feet."""
+        return np.stack([self.points.min(axis=0) - self.gap, self.points.max(axis=0) + self.gap])
+
+    @property
+    def duplicates(self) -> int:
+        """How many points were left out because an earlier one lies at the same place."""
+        return self.value_count - len(self.points)
+
+    @property
+    def lowered(self) -> int:
+        """How many samples have a patch of lower degree than asked, because their neighbours determine no more."""
+        patches = self.surface.patches
+        return int((patches.degrees < patches.degree).sum())
+
+    @property
+    def thick(self) -> int:
+        """How many samples have neighbours that lie on no smooth surface: other sheets, creases, noise, coarseness."""
+        return int((self.surface.patches.thickness > THICK).sum())
+
+    @cached_property
+    def gap(self) -> float:
+        """No foot is farther than this from its nearest sample: the largest radius within which a patch counts."""
+        return float(self.surface.patches.radii.max())
+
+    @cached_property
+    def trusted(self) -> float:
+        """Distance from the surface up to which ``distance`` is the distance of the foot.
+
+        Farther out the nearest foot may be another than the one that was found, and ``distance`` is a lower
+        bound: the distance to the samples less :attr:`gap`, but not less than this.
+        """
+        bend = float(curvatures(self.surface.patches).max())
+        extent = float(np.linalg.norm(np.ptp(self.points, axis=0)))
+        return min(extent, TRUSTED / bend) if bend > 0.0 else extent
+
+    def closest_point(self, x: Floats, /) -> ClosestPoints:
+        """Return the closest points of ``x`` (n, d) on the surface.
+
+        ``element`` is the sample nearest to the foot, by the user's numbers. Feet are ``doubtful`` where the
+        search did not converge, where they have left the samples behind (beyond the rim of an open cloud, in
+        holes), and where the samples around lie on no smooth surface.
+
+        Raises
+        ------
+        InputError
+            If ``x`` does not have shape (n, d) or is not finite.
+        """
+        x = as_points(x, self.dim)
+        to_samples, nearest = _ask(self._tree, x)
+        feet, sample, edge, doubtful = project(self.surface, x, nearest, self._tiny, self.closed)
+        doubtful |= self.surface.patches.thickness[sample] > THICK
+        to_feet = np.linalg.norm(x - feet, axis=1)
+        bound = np.maximum(to_samples - self.gap, 0.0)
+        distance = np.where(edge < 0, np.maximum(bound, np.minimum(to_feet, self.trusted)), bound)
+        return ClosestPoints(feet, distance, edge, self.given[sample], None, doubtful)
+
+    def interpolate(self, values: Floats, feet: ClosestPoints, /) -> Floats:
+        """Return ``values`` (value_count, ...), one row a given point, fitted linearly to the samples around each foot.
+
+        Of points at the same place the first one's data count.
+        """
+        values = one_row_each(values, self.value_count)
+        tangents = self.surface.patches.frames[self._samples(feet), :-1]
+        index, weights = weights_at(feet.points, self.points, self._tree, tangents)
+        return np.einsum("nk,nk...->n...", weights, values[self.given[index]])
+
+    def translated(self, offset: Floats, /) -> PointCloud:
+        """Return the cloud moved by ``offset`` (d,)."""
+        moved = replace(self.surface, points=self.points + as_vector(offset, self.dim, "offset"))
+        return replace(self, surface=moved)
+
+    def _samples(self, feet: ClosestPoints) -> Ints:
+        if feet.element is None:
+            raise InputError("feet must be records that this cloud answered: they lack element.")
+        return np.searchsorted(self.given, feet.element)
+
+    @property
+    def _tiny(self) -> float:
+        """Length of a last step of a search."""
+        return 1e-13 * float(np.ptp(self.points, axis=0).max()) + 1e-15 * float(np.abs(self.points).max())
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        return tree_of(self.points)
+
+
+@dataclass(frozen=True, eq=False)
+class OrientedPointCloud(PointCloud):
+    """A point cloud whose samples have normals with one sign all over the surface.
+
+    Attributes
+    ----------
+    sample_normals : (k, d) float64
+        Unit normals; only their side counts, directions are the fitted surface's.
+    """
+
+    sample_normals: Floats
+
+    def normals(self, feet: ClosestPoints, /) -> Floats:
+        """Return (n, d) unit normals of the surface at ``feet``, on the side of the given normals."""
+        sample = self._samples(feet)
+        normal = surface_normals(self.surface, feet.points, sample)
+        against = np.einsum("nd,nd->n", normal, self.sample_normals[sample]) < 0.0
+        return np.where(against[:, None], -normal, normal)
+
+
+@dataclass(frozen=True, eq=False)
+class NearestSamples:
+    """The samples themselves: every foot is one of them.
+
+    Attributes
+    ----------
+    points : (n, d) float64
+        As given.
+    """
+
+    points: Floats
+
+    exact = True
+
+    @property
+    def dim(self) -> int:
+        """Dimension of the space, 2 or 3."""
+        return self.points.shape[1]
+
+    @property
+    def manifold_dim(self) -> int:
+        """Dimension of the manifold that the samples stand for."""
+        return self.dim - 1
+
+    @property
+    def bounds(self) -> Floats:
+        """(2, d) corners of the box that holds all samples."""
+        return np.stack([self.points.min(axis=0), self.points.max(axis=0)])
+
+    @property
+    def value_count(self) -> int:
+        """How many points there are."""
+        return len(self.points)
+
+    def closest_point(self, x: Floats, /) -> ClosestPoints:
+        """Return the nearest samples of ``x`` (n, d); ``element`` is their row.
+
+        Raises
+        ------
+        InputError
+            If ``x`` does not have shape (n, d) or is not finite.
+        """
+        x = as_points(x, self.dim)
+        distance, nearest = _ask(self._tree, x)
+        return ClosestPoints(self.points[nearest], distance, np.full(len(x), -1), nearest)
+
+    def interpolate(self, values: Any, feet: ClosestPoints, /) -> Floats:
+        """Return the rows of ``values`` (value_count, ...) of the samples in ``feet``."""
+        if feet.element is None:
+            raise InputError("feet must be records that this cloud answered: they lack element.")
+        return one_row_each(values, self.value_count)[feet.element]
+
+    def translated(self, offset: Floats, /) -> NearestSamples:
+        """Return the cloud moved by ``offset`` (d,)."""
+        return NearestSamples(self.points + as_vector(offset, self.dim, "offset"))
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        return tree_of(self.points)
+
+
+def tree_of(points: Floats) -> cKDTree:
+    """Return a k-d tree of ``points``."""
+    from scipy.spatial import cKDTree
+
+    return cKDTree(points)
+
+
+def _ask(tree: cKDTree, x: Floats) -> tuple[Floats, Ints]:
+    """Return (n,) the distance to the nearest sample, and its row."""
+    distance, nearest = tree.query(x, workers=thread_count())
+    return distance, nearest.astype(np.int64)

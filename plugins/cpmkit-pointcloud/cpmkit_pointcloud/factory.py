@@ -1,0 +1,105 @@
+"""The kind ``pointcloud.points``: from the keys of a scene to a source."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cpmkit.errors import InputError
+from cpmkit.protocols import Floats
+from cpmkit_pointcloud.blend import REACHED, blend, shrunk
+from cpmkit_pointcloud.cloud import NearestSamples, OrientedPointCloud, PointCloud, tree_of
+from cpmkit_pointcloud.patches import exponents, fit_patches, neighbourhoods
+from cpmkit_pointcloud.reading import as_cloud, as_normals, first_of_each, read_points
+
+#: Neighbours of a fit, by the dimension of the space and the degree.
+NEIGHBOURS = {2: {1: 5, 2: 7, 3: 9, 4: 11}, 3: {1: 12, 2: 20, 3: 30, 4: 45}}
+
+
+def points(
+    *,
+    file: str | Path | None = None,
+    points: Any = None,
+    method: str = "mls",
+    degree: int = 2,
+    neighbours: int | None = None,
+    normals: Any = None,
+    closed: bool = True,
+) -> PointCloud | NearestSamples:
+    """Return the surface (in the plane: the curve) that a point cloud samples.
+
+    Parameters
+    ----------
+    file : str or Path
+        A PLY, XYZ, TXT, CSV, NPY or PCD file.
+    points : (n, 2) or (n, 3) array
+        Instead of a file.
+    method : "mls" or "nearest"
+        Moving least squares: polynomial patches fitted around every sample and blended into one smooth
+        surface. Or the nearest sample.
+    degree : 1 to 4
+        Of the patches. The error of a foot falls with the power degree + 1 of the distance between samples or faster.
+    neighbours : int, optional
+        How many samples a patch is fitted to, itself included; by default 12, 20, 30, 45 for the degrees
+        1 to 4, on curves 5, 7, 9, 11. More of them average noise better.
+    normals : file or (n, d) array, optional
+        One normal a point, all on the same side of the surface: with them samples of another sheet
+        close by are told apart, and the surface has a side.
+    closed : bool
+        False: the surface ends where the samples end, and its rim is edge 0.
+
+    Raises
+    ------
+    InputError
+        If both or neither of ``file`` and ``points`` are given, they hold no cloud, an option is none of those
+        accepted, or there are too few points.
+    MissingDependencyError
+        If a PCD file is given and Open3D is absent or cannot load.
+    """
+    if (file is None) == (points is None):
+        raise InputError(
+            f"pointcloud.points takes either points or a file, got {'neither' if file is None else 'both'}."
+        )
+    if method not in ("mls", "nearest"):
+        raise InputError(f"method must be 'mls' or 'nearest', got {method!r}.")
+    given = as_cloud(points if file is None else read_points(file))
+    if method == "nearest":
+        return NearestSamples(given)
+    given_normals = None
+    if normals is not None:
+        given_normals = as_normals(read_points(normals) if isinstance(normals, (str, Path)) else normals, given)
+    count = _neighbours(degree, neighbours, given.shape[1])
+    return _fitted(given, given_normals, degree, count, bool(closed))
+
+
+def _neighbours(degree: Any, neighbours: Any, dim: int) -> int:
+    """Return how many neighbours a fit uses, after a check of both options."""
+    if degree not in NEIGHBOURS[dim]:
+        raise InputError(f"degree must be 1, 2, 3 or 4, got {degree!r}.")
+    least = len(exponents(degree, dim - 1))
+    count = NEIGHBOURS[dim][degree] if neighbours is None else neighbours
+    if not isinstance(count, (int, np.integer)) or isinstance(count, bool) or count < least:
+        raise InputError(f"neighbours must be a whole number of at least {least} for degree {degree}, got {count!r}.")
+    return int(count)
+
+
+def _fitted(given: Floats, normals: Floats | None, degree: int, count: int, closed: bool) -> PointCloud:
+    first = first_of_each(given)
+    points, dim = given[first], given.shape[1]
+    if len(points) < dim + 1:
+        raise InputError(
+            f"A cloud in {dim}D needs at least {dim + 1} points that differ, got {len(points)}; use analytic.point "
+            "or method='nearest'."
+        )
+    normals = None if normals is None else normals[first]
+    count = min(count, len(points))
+    around = neighbourhoods(points, tree_of(points), count, normals)
+    patches = fit_patches(points, around, degree)
+    reached = NEIGHBOURS[2][4] if dim == 2 else REACHED
+    share = min(1.0, (reached / count) ** (1.0 / (dim - 1)))
+    surface = blend(points, shrunk(patches, share), normals)
+    if normals is None:
+        return PointCloud(surface, first, len(given), closed)
+    return OrientedPointCloud(surface, first, len(given), closed, normals)

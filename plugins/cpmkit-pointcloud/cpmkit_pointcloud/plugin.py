@@ -1,0 +1,27 @@
+"""What this distribution offers to cpmkit: the kind ``pointcloud.points``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from cpmkit.hookspecs import hookimpl
+from cpmkit.protocols import ClosestPointSource
+from cpmkit_pointcloud.factory import points
+
+if TYPE_CHECKING:
+    from cpmkit.testing import ConformanceCase
+
+
+@hookimpl
+def cpmkit_sources() -> Mapping[str, Callable[..., ClosestPointSource]]:
+    """Return the factory of the kind."""
+    return {"pointcloud.points": points}
+
+
+@hookimpl
+def cpmkit_conformance_cases() -> Sequence[ConformanceCase]:
+    """Return clouds on a sphere, a torus and a plane curve."""
+    from cpmkit_pointcloud.conformance import cases
+
+    return cases()

@@ -1,0 +1,130 @@
+"""Point clouds from files and arrays: read, and checked once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cpmkit.arrays import as_points
+from cpmkit.errors import InputError, MissingDependencyError
+from cpmkit.protocols import Floats, Ints
+
+TEXT = (".xyz", ".txt", ".csv")
+FORMATS = (".ply", *TEXT, ".npy", ".pcd")
+
+
+def read_points(path: str | Path) -> np.ndarray:
+    """Read one point a row.
+
+    Parameters
+    ----------
+    path : str or Path
+        A PLY file, of which the vertices are read; a text file (``.xyz``, ``.txt``, ``.csv``) with two or more
+        numbers a row, of which the first three (or two) are read; a ``.npy`` file; or a PCD file, for which
+        Open3D is needed.
+
+    Returns
+    -------
+    points : (n, 2) or (n, 3) array, as it stands in the file
+
+    Raises
+    ------
+    InputError
+        If the file is missing, is of another format, or does not parse.
+    MissingDependencyError
+        If it is a PCD file and Open3D is absent or cannot load.
+    """
+    file = Path(path)
+    if not file.is_file():
+        raise InputError(f"There is no file {str(file)!r}; give the path of an existing one.")
+    suffix = file.suffix.lower()
+    if suffix not in FORMATS:
+        raise InputError(f"{file.name!r} is not a point cloud that can be read; accepted are {', '.join(FORMATS)}.")
+    if suffix == ".pcd":
+        return _read_pcd(file)
+    try:
+        return _read_ply(file) if suffix == ".ply" else _read_rows(file, suffix)
+    except Exception as error:
+        raise InputError(f"{file.name!r} does not parse as {suffix[1:].upper()}: {error}") from error
+
+
+def _read_ply(file: Path) -> np.ndarray:
+    import trimesh
+
+    loaded = trimesh.load(file, process=False)
+    return np.asarray(loaded.vertices)
+
+
+def _read_rows(file: Path, suffix: str) -> np.ndarray:
+    if suffix == ".npy":
+        return np.asarray(np.load(file, allow_pickle=False))
+    rows = np.loadtxt(file, delimiter="," if suffix == ".csv" else None, ndmin=2)
+    return rows[:, :3]
+
+
+def _read_pcd(file: Path) -> np.ndarray:
+    try:
+        import open3d
+    except ModuleNotFoundError as error:
+        raise MissingDependencyError(
+            f"{file.name!r} is a PCD file, which only Open3D reads: pip install open3d, or save the cloud as PLY."
+        ) from error
+    except (ImportError, OSError) as error:
+        raise MissingDependencyError(_unloadable(str(error))) from error
+    points = np.asarray(open3d.io.read_point_cloud(str(file)).points)
+    if not len(points):
+        raise InputError(f"{file.name!r} does not parse as PCD, or holds no points.")
+    return points
+
+
+def _unloadable(message: str) -> str:
+    if "libusb" in message:
+        return (
+            "Open3D is installed but cannot load the system library libusb-1.0. "
+            "On Debian: apt-get install libusb-1.0-0."
+        )
+    return f"Open3D is installed but cannot load: {message}. Save the cloud as PLY, which needs no Open3D."
+
+
+def as_cloud(points: Any, what: str = "points") -> Floats:
+    """Return ``points`` as (n, 2) or (n, 3) float64 with at least one row.
+
+    Raises
+    ------
+    InputError
+        If they are of another shape or type, empty, or not finite.
+    """
+    try:
+        array = np.asarray(points)
+    except ValueError as error:
+        raise InputError(f"{what} must be an array of numbers in rows of equal length.") from error
+    if array.dtype.kind not in "iuf":
+        raise InputError(f"{what} must be an array of numbers, got {array.dtype}.")
+    if array.ndim != 2 or array.shape[1] not in (2, 3) or not len(array):
+        raise InputError(f"{what} must have shape (n, 2) or (n, 3) with n > 0, got {array.shape}.")
+    return as_points(array, array.shape[1], what)
+
+
+def as_normals(normals: Any, points: Floats) -> Floats:
+    """Return ``normals`` as (n, d) unit vectors, one for each of ``points``.
+
+    Raises
+    ------
+    InputError
+        If their shape is not that of the points, or one is zero or not finite.
+    """
+    vectors = as_cloud(normals, "normals")
+    if vectors.shape != points.shape:
+        raise InputError(f"normals must have the shape of the points {points.shape}, got {vectors.shape}.")
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    zero = np.flatnonzero(length == 0.0)
+    if len(zero):
+        raise InputError(f"normals must not be zero: {len(zero)} of {len(vectors)} are, first row {zero[0]}.")
+    return vectors / length
+
+
+def first_of_each(points: Floats) -> Ints:
+    """Return the rows (k,) of the first sample at each distinct place, in increasing order."""
+    return np.sort(np.unique(points, axis=0, return_index=True)[1])

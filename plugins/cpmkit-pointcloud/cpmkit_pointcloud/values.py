@@ -1,0 +1,52 @@
+"""Data given a sample, read between the samples."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cpmkit.errors import InputError
+from cpmkit.protocols import Floats, Ints
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
+
+#: Samples around a foot that its value is read from, by the dimension of the space.
+AROUND = {2: 5, 3: 12}
+#: Directions in which the samples spread less than this, relative to the widest, carry no slope.
+SPREAD = 1e-9
+
+
+def one_row_each(values: Any, count: int) -> Floats:
+    """Return ``values`` as float64 if they have one row for each of ``count`` points.
+
+    Raises
+    ------
+    InputError
+        If they have not.
+    """
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim == 0 or len(array) != count:
+        raise InputError(f"values must have one row for each of the {count} points, got shape {array.shape}.")
+    return array
+
+
+def weights_at(feet: Floats, points: Floats, tree: cKDTree, tangents: Floats) -> tuple[Ints, Floats]:
+    """Return the samples (n, k) around ``feet`` and the weights (n, k) by which their data are summed.
+
+    They are the weights of a linear function fitted to the samples around in the plane of ``tangents``
+    (n, d - 1, d), nearer samples counting more: constants and linear functions are read as they are.
+    """
+    n, dim = feet.shape
+    count = min(AROUND[dim], len(points))
+    index = tree.query(feet, k=count)[1].reshape(n, count)
+    offsets = points[index] - feet[:, None]
+    square = np.einsum("nkd,nkd->nk", offsets, offsets)
+    farthest = np.maximum(square.max(axis=1, keepdims=True), np.finfo(float).tiny)
+    weights = np.exp(-3.0 * square / farthest)
+    flat = np.einsum("nkd,ntd->nkt", offsets, tangents) / np.sqrt(farthest)[:, :, None]
+    design = np.concatenate([np.ones((n, count, 1)), flat], axis=2)
+    weighted = design * weights[:, :, None]
+    inverse = np.linalg.pinv(np.swapaxes(design, 1, 2) @ weighted, rcond=SPREAD, hermitian=True)
+    return index, np.einsum("nt,nkt->nk", inverse[:, 0], weighted)

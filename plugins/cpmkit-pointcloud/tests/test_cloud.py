@@ -1,0 +1,161 @@
+"""What a cloud says of itself: sheets, sides, data, doubts, and how far its distance can be trusted."""
+
+import numpy as np
+import pytest
+from cpmkit_pointcloud import points
+from cpmkit_pointcloud.conformance import ellipse, sphere, torus
+from model_problems import order_of
+
+from cpmkit.errors import InputError
+from cpmkit.protocols import HasNormals
+
+BALL = sphere(2000)
+
+
+def unit(x):
+    return x / np.linalg.norm(x, axis=1, keepdims=True)
+
+
+def test_mixed_sheets_are_doubtful_and_normals_tell_them_apart():
+    sheets = np.concatenate([BALL, 0.9 * BALL])
+    x = 1.01 * sphere(500)
+    mixed = points(points=sheets)
+    assert mixed.thick == len(sheets)
+    assert mixed.closest_point(x).doubtful.all()
+    apart = points(points=sheets, normals=np.concatenate([BALL, -BALL]))
+    assert apart.thick == 0
+    feet = apart.closest_point(x)
+    assert not feet.doubtful.any()
+    np.testing.assert_allclose(np.linalg.norm(feet.points, axis=1), 1.0, atol=1e-5)
+
+
+@pytest.mark.parametrize("flip", [1.0, -1.0])
+@pytest.mark.parametrize("cloud", [BALL, ellipse(100) / [1.0, 0.6]], ids=["sphere", "circle"])
+def test_normals_are_the_fitted_surfaces_on_the_side_of_the_given_ones(cloud, flip):
+    source = points(points=cloud, normals=flip * 7.0 * (cloud + 0.1))
+    feet = source.closest_point(1.02 * cloud[::7])
+    np.testing.assert_allclose(source.normals(feet), flip * feet.points, atol=1e-3)
+    assert not isinstance(points(points=cloud), HasNormals)
+
+
+@pytest.mark.parametrize("make", [sphere, lambda count: ellipse(count // 4)], ids=["sphere", "ellipse"])
+def test_data_are_read_at_second_order_between_the_samples(make):
+    errors = []
+    for count in (500, 2000, 8000):
+        cloud = make(count)
+        source, values = points(points=cloud), np.stack([cloud[:, 0] ** 2, np.full(len(cloud), 2.0)], axis=1)
+        feet = source.closest_point(np.ascontiguousarray(1.01 * cloud[:-1] + 0.003))
+        read = source.interpolate(values, feet)
+        np.testing.assert_allclose(read[:, 1], 2.0, atol=1e-12)
+        errors.append(np.abs(read[:, 0] - feet.points[:, 0] ** 2).max())
+    assert order_of([2, 1, 0.5], errors) >= 1.8 if make is sphere else order_of([4, 1, 0.25], errors) >= 1.8
+
+
+def test_data_keep_the_rows_of_the_users_points():
+    source = points(points=np.concatenate([BALL[:5], BALL]))
+    feet = source.closest_point(BALL[:1])
+    assert feet.element == 0
+    with pytest.raises(InputError, match="one row for each of the 2005 points"):
+        source.interpolate(np.zeros(2000), feet)
+
+
+def test_nearest_reads_the_samples_own_data():
+    source = points(points=BALL, method="nearest")
+    feet = source.closest_point(1.3 * BALL[::3])
+    np.testing.assert_array_equal(feet.element, np.arange(0, 2000, 3))
+    np.testing.assert_array_equal(source.interpolate(np.arange(2000.0), feet), feet.element)
+    np.testing.assert_allclose(feet.distance, 0.3, atol=1e-12)
+
+
+def test_distance_is_the_feets_own_up_to_the_trusted_one_and_a_lower_bound_beyond():
+    source = points(points=BALL)
+    assert 0.4 < source.trusted < 0.6
+    near = source.closest_point(np.ascontiguousarray(0.7 * BALL))
+    np.testing.assert_allclose(near.distance, np.linalg.norm(0.7 * BALL - near.points, axis=1), atol=1e-14)
+    far = source.closest_point(np.ascontiguousarray(3.0 * BALL))
+    assert (far.distance < 2.0 - 0.5 * source.gap).all()
+    assert (far.distance >= 2.0 - 1.1 * source.gap).all()
+
+
+def test_feet_beyond_the_rim_of_a_cloud_that_should_be_closed_are_doubtful():
+    source = points(points=BALL[BALL[:, 2] > 0.0])
+    x = 1.02 * sphere(3000)
+    feet = source.closest_point(x)
+    assert not feet.doubtful[x[:, 2] > 0.0].any()
+    assert feet.doubtful[(x[:, 2] < -0.1) & (x[:, 2] > -0.9)].all()
+
+
+@pytest.mark.parametrize("count", [1000, 4000])
+def test_an_open_cloud_ends_in_a_rim_one_sample_distance_outside(count):
+    apart = np.sqrt(4 * np.pi / (2 * count))
+    source = points(points=sphere(2 * count)[:count], closed=False)
+    x = 1.03 * sphere(2000)
+    feet = source.closest_point(x)
+    rim, z = feet.edge == 0, feet.points[:, 2]
+    assert not feet.doubtful[x[:, 2] > -0.9].any()
+    assert not rim[x[:, 2] > 0.0].any()
+    assert rim[x[:, 2] < -2 * apart].all()
+    assert (z[rim] < -0.5 * apart).all()
+    assert (z[rim] > -1.5 * apart).all()
+    near = rim & (x[:, 2] > -0.5)
+    slide = np.linalg.norm(unit(feet.points[near, :2]) - unit(x[near, :2]), axis=1)
+    assert slide.max() < 0.1
+    again = source.closest_point(feet.points)
+    np.testing.assert_allclose(again.points, feet.points, atol=1e-12)
+    np.testing.assert_array_equal(again.edge, feet.edge)
+
+
+def test_distance_to_an_open_cloud_is_never_above_the_true_one():
+    source = points(points=BALL[BALL[:, 2] > 0.0], closed=False)
+    x = np.random.default_rng(0).uniform(-1.5, 1.5, (1000, 3))
+    feet = source.closest_point(x)
+    nearest = np.linalg.norm(x[:, None] - feet.points, axis=2).min(axis=1)
+    assert (feet.distance <= nearest + 1e-12).all()
+
+
+def test_an_open_curve_ends_near_its_last_samples():
+    source = points(points=ellipse(200)[:101], closed=False)
+    feet = source.closest_point(np.array([[1.05, -0.2], [-1.05, -0.2], [0.1, 0.7]]))
+    np.testing.assert_array_equal(feet.edge, [0, 0, -1])
+    assert (np.abs(feet.points[:2, 1]) < 3 * 0.6 * np.pi / 100).all()
+    assert not feet.doubtful.any()
+
+
+def test_patches_that_the_neighbours_do_not_determine_are_of_lower_degree_and_counted():
+    t = np.linspace(0.0, 1.0, 200)
+    line = np.stack([t, np.zeros(200), np.zeros(200)], axis=1)
+    source = points(points=np.concatenate([line, sphere(500) + [5.0, 0, 0]]))
+    assert 190 <= source.lowered <= 200
+    feet = source.closest_point(np.array([[0.5, 0.0, 0.01]]))
+    assert np.isfinite(feet.points).all()
+    assert points(points=torus(500)).lowered == 0
+
+
+def test_a_cloud_of_few_points_is_a_plane():
+    source = points(points=[[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]])
+    feet = source.closest_point(np.array([[0.5, 0.5, 0.3]]))
+    np.testing.assert_allclose(feet.points, [[0.5, 0.5, 0.0]], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({}, "either points or a file, got neither"),
+        ({"points": BALL, "file": "a.ply"}, "got both"),
+        ({"points": BALL, "method": "best"}, "method must be 'mls' or 'nearest', got 'best'"),
+        ({"points": BALL, "degree": 5}, "degree must be 1, 2, 3 or 4, got 5"),
+        ({"points": BALL, "neighbours": 5}, "at least 6 for degree 2, got 5"),
+        ({"points": BALL, "neighbours": 20.5}, "a whole number"),
+        ({"points": BALL[:, :1]}, r"shape \(n, 2\) or \(n, 3\)"),
+        ({"points": BALL[:0]}, "n > 0"),
+        ({"points": [["a", "b"]]}, "array of numbers"),
+        ({"points": [[0.0, 1.0], [2.0]]}, "rows of equal length"),
+        ({"points": [[0.0, np.nan], [2.0, 1.0]]}, "points must be finite: 1 of 2"),
+        ({"points": np.zeros((30, 3))}, "at least 4 points that differ, got 1"),
+        ({"points": BALL, "normals": BALL[1:]}, "normals must have the shape of the points"),
+        ({"points": BALL, "normals": 0 * BALL}, "normals must not be zero: 2000 of 2000"),
+    ],
+)
+def test_bad_keys_are_answered_with_what_is_accepted(keys, message):
+    with pytest.raises(InputError, match=message):
+        points(**keys)
