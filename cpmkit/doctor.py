@@ -14,7 +14,10 @@ from cpmkit.errors import CpmkitError
 from cpmkit.plugins import installed_kinds
 
 #: Distributions whose versions matter, the required ones first.
-DISTRIBUTIONS = ("cpmkit", "numpy", "scipy", "pluggy", "click", "numba", "trimesh", "pyvista", "vtk", "matplotlib")
+DISTRIBUTIONS = (
+    *("cpmkit", "numpy", "scipy", "pluggy", "click"),
+    *("numba", "trimesh", "sympy", "scikit-fem", "pyvista", "vtk", "matplotlib"),
+)
 
 #: Variables that change what cpmkit does.
 VARIABLES = ("CPMKIT_DATA", "CPMKIT_CACHE", "CPMKIT_FETCH", "CPMKIT_THREADS", "VTK_DEFAULT_OPENGL_WINDOW")

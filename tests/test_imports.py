@@ -6,7 +6,10 @@ import sys
 
 import pytest
 
-HEAVY = ("scipy", "numba", "trimesh", "pyvista", "vtk", "vtkmodules", "matplotlib", "cpmkit_analytic", "cpmkit_mesh")
+from cpmkit.plugins import installed_kinds
+
+LIBRARIES = {"scipy", "numba", "trimesh", "pyvista", "vtk", "vtkmodules", "matplotlib", "sympy", "skfem", "open3d"}
+PLUGINS = {kind.module.partition(":")[0].partition(".")[0] for kind in installed_kinds()}
 COMMAND = """
 from click.testing import CliRunner
 from cpmkit.cli import main
@@ -37,12 +40,19 @@ def imported_by(statement):
     ],
 )
 def test_nothing_heavy_and_no_plugin_is_imported(statement):
-    assert imported_by(statement) & set(HEAVY) == set()
+    assert imported_by(statement) & (LIBRARIES | PLUGINS) == set()
 
 
 @pytest.mark.parametrize("statement", ["import cpmkit", COMMAND.format(["--help"]), COMMAND.format(["plugins"])])
 def test_not_even_numpy_is_imported(statement):
     assert "numpy" not in imported_by(statement)
+
+
+def test_a_kind_imports_its_own_plugin_and_no_other():
+    assert {"cpmkit_analytic", "cpmkit_mesh"} <= PLUGINS
+    held = imported_by("import cpmkit; cpmkit.source('analytic.torus')")
+    assert held & PLUGINS == {"cpmkit_analytic"}
+    assert held & LIBRARIES == set()
 
 
 def test_every_public_name_exists():
