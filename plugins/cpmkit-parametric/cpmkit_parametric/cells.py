@@ -1,0 +1,269 @@
+"""A tree of parameter cells that finds, for each query, every cell that may hold its closest point.
+
+A cell's image lies within ``deviation`` of a disc: centre, tangent plane, radius. The distance to the
+disc less the deviation bounds the distance to the cell from below, to second order in the cell's size, so
+that few cells survive next to the one that holds the foot, however the shape bends back on itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit_parametric.domain import Domain
+from cpmkit_parametric.maps import UnitMap
+
+#: Deviations are measured at samples; between them they may be larger.
+SAFETY = 1.5
+#: Rounding of the disc's distance, as a share of its radius.
+ROUND_OFF = 1e-6
+#: Cells are halved until nineteen in twenty deviate by less than this share of their radius.
+FLATNESS = {1: 0.04, 2: 0.08}
+MOST_CELLS = {1: 2**15, 2: 2**17}
+#: Starts of the descent for one query; more are found only where the distance is all but constant.
+MOST_STARTS = 8
+#: Pairs of a query and a cell that are held at a time.
+MOST_PAIRS = 1 << 21
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """The cells of one size.
+
+    Attributes
+    ----------
+    shape : tuple of int
+        Cells along each parameter; all arrays are in C order.
+    centres, tangents : (c, d), (c, m, d) float64
+        Image of the middle, and an orthonormal basis of the disc's plane (zero where it is degenerate).
+    radii, deviations : (c,) float64
+        Of the disc, and from it.
+    spans : (c, m, d) float64
+        Difference of the images of opposite ends.
+    """
+
+    shape: tuple[int, ...]
+    centres: Floats
+    tangents: Floats
+    radii: Floats
+    deviations: Floats
+    spans: Floats
+
+    def distances(self, x: Floats, cell: Ints) -> tuple[Floats, Floats]:
+        """Return the distances of queries (k, d) to the discs of cells (k,), and to their centres."""
+        apart = x - self.centres[cell]
+        squared = np.einsum("kd,kd->k", apart, apart)
+        along = np.zeros(len(x))
+        for axis in range(len(self.shape)):
+            along += np.einsum("kd,kd->k", apart, self.tangents[cell, axis]) ** 2
+        beyond = np.maximum(np.sqrt(along) - self.radii[cell], 0.0)
+        return np.sqrt(np.maximum(squared - along, 0.0) + beyond**2), np.sqrt(squared)
+
+
+@dataclass(frozen=True, eq=False)
+class Starts:
+    """Where descents start: one row a query and parameter neighbourhood in which it may have its foot.
+
+    Attributes
+    ----------
+    query : (k,) int64
+        Sorted; every query occurs.
+    parameters : (k, m) float64
+        Unit parameters.
+    """
+
+    query: Ints
+    parameters: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class CellTree:
+    """Levels from coarse to fine, each with half the cells' size in every parameter.
+
+    Attributes
+    ----------
+    levels : tuple of Level
+    neighbours : (c, k) int64
+        Of the finest cells.
+    ends : (c, m) float64
+        Of the finest cells: 0 or 1 where the cell touches that end of a bounded parameter, else NaN.
+    inverses : (c, d, m) float64
+        Of the finest cells' spans: from a displacement to cells.
+    """
+
+    levels: tuple[Level, ...]
+    neighbours: Ints
+    ends: Floats
+    inverses: Floats
+
+    @property
+    def finest(self) -> Level:
+        """The level on which a search ends."""
+        return self.levels[-1]
+
+    @cached_property
+    def neighbours_along(self) -> Ints:
+        """Return the neighbours that touch the same ends, the cell itself in place of others."""
+        touches = np.isfinite(self.ends)
+        same = (self.ends[self.neighbours] == self.ends[:, None]) | ~touches[:, None]
+        return np.where(same.all(axis=2), self.neighbours, np.arange(len(self.ends))[:, None])
+
+    def starts(self, x: Floats) -> Starts:
+        """Return the starts for queries (n, d): one in each valley of the distance, and one in each along the ends.
+
+        A valley inside and another along an end may be a cell apart.
+        """
+        found = self._surviving(x)
+        if found is None:  # too many pairs at a time
+            half = len(x) // 2
+            first, second = self.starts(x[:half]), self.starts(x[half:])
+            return Starts(
+                np.concatenate([first.query, second.query + half]),
+                np.concatenate([first.parameters, second.parameters]),
+            )
+        query, cell = _fewest(*_valleys(*found, self.neighbours))
+        inside = self._parameters(x[query], cell)
+        at_end = np.isfinite(self.ends[found[1]]).any(axis=1)
+        end_query, cell = _fewest(
+            *_valleys(found[0][at_end], found[1][at_end], found[2][at_end], self.neighbours_along)
+        )
+        along = self._parameters(x[end_query], cell)
+        along = np.where(np.isfinite(self.ends[cell]), self.ends[cell], along)
+        order = np.argsort(np.concatenate([query, end_query]), kind="stable")
+        return Starts(np.concatenate([query, end_query])[order], np.concatenate([inside, along])[order])
+
+    def _parameters(self, x: Floats, cell: Ints) -> Floats:
+        """Return the unit parameters (k, m) in finest cells whose disc's point is nearest."""
+        cells = np.stack(np.unravel_index(cell, self.finest.shape), axis=1)
+        offset = np.einsum("kd,kdm->km", x - self.finest.centres[cell], self.inverses[cell])
+        return np.asarray((cells + 0.5 + np.clip(offset, -0.5, 0.5)) / self.finest.shape)
+
+    def _surviving(self, x: Floats) -> tuple[Ints, Ints, Floats] | None:
+        """Return query, finest cell and distance to its disc for each pair that may be closest."""
+        top = int(np.prod(self.levels[0].shape))
+        query, cell = np.repeat(np.arange(len(x)), top), np.tile(np.arange(top), len(x))
+        nearest = np.full(len(x), np.inf)
+        for level in self.levels:
+            if len(query) > MOST_PAIRS and len(x) > 1:
+                return None
+            if level is not self.levels[0]:
+                query, cell = np.repeat(query, 2 ** len(level.shape)), _children(cell, level.shape)
+            to_disc, to_centre = level.distances(x[query], cell)
+            first = np.searchsorted(query, np.arange(len(x)))
+            nearest = np.minimum(nearest, np.minimum.reduceat(to_centre, first)) if len(x) else nearest
+            bound = to_disc - level.deviations[cell]
+            least = np.minimum.reduceat(bound, first) if len(x) else nearest
+            keep = (bound <= nearest[query] * (1 + 1e-12)) | (bound <= least[query])
+            query, cell, to_disc = query[keep], cell[keep], to_disc[keep]
+        return query, cell, to_disc
+
+
+def _valleys(query: Ints, cell: Ints, distance: Floats, neighbours: Ints) -> tuple[Ints, Ints, Floats]:
+    """Return the pairs of query and cell that no neighbouring cell of the same query is nearer than."""
+    code = query * len(neighbours) + cell
+    order = np.argsort(code)
+    code, query, cell, distance = code[order], query[order], cell[order], distance[order]
+    lowest = np.ones(len(code), dtype=np.bool_)
+    own = np.arange(len(code))
+    for column in neighbours.T:
+        wanted = query * len(neighbours) + column[cell]
+        place = np.minimum(np.searchsorted(code, wanted), len(code) - 1)
+        nearer = (distance[place] < distance) | ((distance[place] == distance) & (place < own))
+        lowest &= ~((code[place] == wanted) & nearer)
+    return query[lowest], cell[lowest], distance[lowest]
+
+
+def build_tree(map: UnitMap, domain: Domain) -> CellTree:
+    """Halve the cells until they are flat, and return all levels."""
+    shape = _top_shape(map)
+    m = map.count
+    doublings = 2 if m == 2 else 4
+    while True:
+        finest = tuple(n << doublings for n in shape)
+        points = _grid(map, finest)
+        level = _level(points, finest)
+        cells = int(np.prod(finest))
+        rough = level.deviations > FLATNESS[m] * SAFETY * level.radii
+        if np.mean(rough & (level.radii > 0)) < 0.05 or cells << m > MOST_CELLS[m]:
+            break
+        doublings += 1
+    levels = [_level(points, tuple(n << k for n in shape)) for k in range(doublings)]
+    inverses = np.linalg.pinv(level.spans.transpose(0, 2, 1), rcond=1e-6).transpose(0, 2, 1)
+    neighbours, ends = domain.neighbours(finest), domain.ends(finest)
+    return CellTree((*levels, level), neighbours, ends, np.ascontiguousarray(inverses))
+
+
+def _top_shape(map: UnitMap) -> tuple[int, ...]:
+    """Return the coarsest grid: cells of about the same length in both parameters."""
+    if map.count == 1:
+        return (8,)
+    s = np.linspace(0, 1, 33)
+    u, v = np.meshgrid(s, s, indexing="ij")
+    points = map.value(np.stack([u.ravel(), v.ravel()], axis=1)).reshape(33, 33, -1)
+    lengths = [np.linalg.norm(np.diff(points, axis=k), axis=-1).sum(axis=k).mean() for k in (0, 1)]
+    shortest = min(lengths) or 1.0
+    shares = [np.clip(length / shortest, 1, 16) for length in lengths]
+    return tuple(2 * 2 ** int(np.round(np.log2(share))) for share in shares)
+
+
+def _grid(map: UnitMap, shape: tuple[int, ...]) -> Floats:
+    """Return the images of the corners and middles of a grid of cells, (2 n + 1, ..., d)."""
+    axes = np.meshgrid(*[np.linspace(0, 1, 2 * n + 1) for n in shape], indexing="ij")
+    points = map.value(np.stack([axis.ravel() for axis in axes], axis=1))
+    return points.reshape(*axes[0].shape, -1)
+
+
+def _level(points: Floats, shape: tuple[int, ...]) -> Level:
+    """Return the cells of a grid from points on a finer one."""
+    steps = [(points.shape[k] - 1) // n for k, n in enumerate(shape)]
+    windows = [np.arange(n)[:, None] * step + np.arange(step + 1) for n, step in zip(shape, steps, strict=True)]
+    cells = int(np.prod(shape))
+    if len(shape) == 1:
+        patch = points[windows[0]]
+        spans = (patch[:, -1] - patch[:, 0])[:, None]
+        centres = patch[:, steps[0] // 2]
+    else:
+        patch = points[windows[0][:, None, :, None], windows[1][None, :, None, :]]
+        patch = patch.reshape(cells, steps[0] + 1, steps[1] + 1, -1)
+        i, j = steps[0] // 2, steps[1] // 2
+        spans = np.stack([patch[:, -1, j] - patch[:, 0, j], patch[:, i, -1] - patch[:, i, 0]], axis=1)
+        centres = patch[:, i, j]
+    tangents = _orthonormal(spans)
+    apart = patch.reshape(cells, -1, points.shape[-1]) - centres[:, None]
+    along = np.einsum("cpd,cmd->cpm", apart, tangents)
+    off = np.linalg.norm(apart - np.einsum("cpm,cmd->cpd", along, tangents), axis=2).max(axis=1)
+    radii = np.linalg.norm(along, axis=2).max(axis=1)
+    return Level(shape, np.ascontiguousarray(centres), tangents, radii, SAFETY * off + ROUND_OFF * radii, spans)
+
+
+def _orthonormal(spans: Floats) -> Floats:
+    """Return an orthonormal basis (c, m, d) of the spans, a zero vector where they are parallel or zero."""
+    basis = np.zeros_like(spans)
+    for k in range(spans.shape[1]):
+        rest = spans[:, k]
+        for j in range(k):
+            rest = rest - np.einsum("cd,cd->c", rest, basis[:, j])[:, None] * basis[:, j]
+        length = np.linalg.norm(rest, axis=1)
+        independent = length > 1e-6 * np.linalg.norm(spans, axis=(1, 2))
+        basis[:, k] = np.where(independent[:, None], rest / np.where(independent, length, 1.0)[:, None], 0.0)
+    return basis
+
+
+def _children(cell: Ints, shape: tuple[int, ...]) -> Ints:
+    """Return the 2^m cells on a grid of ``shape`` into which each cell of half the grid is halved."""
+    coarse = np.unravel_index(cell, tuple(n // 2 for n in shape))
+    offsets = np.stack(np.meshgrid(*[[0, 1]] * len(shape), indexing="ij"), axis=0).reshape(len(shape), -1)
+    fine = tuple((2 * index[:, None] + offset).ravel() for index, offset in zip(coarse, offsets, strict=True))
+    return np.asarray(np.ravel_multi_index(fine, shape), dtype=np.int64)
+
+
+def _fewest(query: Ints, cell: Ints, distance: Floats) -> tuple[Ints, Ints]:
+    """Return the nearest :data:`MOST_STARTS` pairs of each query, sorted by query."""
+    order = np.lexsort((distance, query))
+    query, cell = query[order], cell[order]
+    rank = np.arange(len(query)) - np.searchsorted(query, query)
+    few: Bools = rank < MOST_STARTS
+    return query[few], cell[few]

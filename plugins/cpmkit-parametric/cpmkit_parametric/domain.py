@@ -1,0 +1,172 @@
+"""The unit square of parameters: which ends are glued, which collapse to a point, and which are edges."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cpmkit.errors import InputError
+from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit_parametric.maps import UnitMap
+
+#: Glued ends must meet to this share of the size; a side shorter than it is a point.
+MEETING = 1e-9
+#: A parameter this close to a bound, as a share of the range, is at the bound: rounding.
+AT_BOUND = 1e-13
+SAMPLES = 65
+#: Least distance of a start from a pole, and the largest share of that distance that a step may take.
+OFF_POLE, TOWARDS_POLE = 1e-4, 0.9
+
+
+@dataclass(frozen=True, eq=False)
+class Domain:
+    """[0, 1]^m with some opposite ends glued.
+
+    Attributes
+    ----------
+    periodic : (m,) bool
+        Parameters whose ends are glued.
+    flip : bool
+        Once around the first parameter, the second comes back as one minus itself.
+    poles : (m, 2) bool, optional
+        Sides that the map sends to one point. A step never jumps onto one: there the other parameter
+        has no derivative, and a descent would rest where another direction leads on.
+    """
+
+    periodic: Bools
+    flip: bool = False
+    poles: Bools | None = None
+
+    def start(self, s: Floats) -> Floats:
+        """Return unit parameters (n, m) in the domain and off its poles."""
+        s = self.inside(s)
+        if self.poles is None:
+            return s
+        return np.clip(s, OFF_POLE * self.poles[:, 0], 1 - OFF_POLE * self.poles[:, 1])
+
+    def after(self, s: Floats, step: Floats) -> Floats:
+        """Return where a step from ``s`` leads: wrapped, cut at the bounds, and shortened towards poles."""
+        if self.poles is not None and self.poles.any():
+            down, up = np.where(self.poles, TOWARDS_POLE, np.inf).T
+            with np.errstate(invalid="ignore"):
+                step = np.maximum(step, np.where(np.isfinite(down), -down * s, -np.inf))
+                step = np.minimum(step, np.where(np.isfinite(up), up * (1 - s), np.inf))
+        return self.inside(s + step)
+
+    def inside(self, s: Floats) -> Floats:
+        """Return unit parameters (n, m), from anywhere, where the domain has them: wrapped, or cut at the bounds."""
+        wrapped = np.where(self.periodic, s - np.floor(s), np.clip(s, 0.0, 1.0))
+        if self.flip:
+            odd = np.floor(s[:, 0]) % 2 == 1
+            other = 1 - s[:, 1]
+            other = other - np.floor(other) if self.periodic[1] else np.clip(other, 0.0, 1.0)
+            wrapped[:, 1] = np.where(odd, other, wrapped[:, 1])
+        return wrapped
+
+    def snapped(self, s: Floats) -> Floats:
+        """Return unit parameters with those that rounding keeps off a bound put on it."""
+        s = np.where(~self.periodic & (s < AT_BOUND), 0.0, s)
+        return np.where(~self.periodic & (s > 1 - AT_BOUND), 1.0, s)
+
+    def neighbours(self, shape: tuple[int, ...]) -> Ints:
+        """Return the numbers (cells, 3^m - 1) of the cells around each cell of a grid; itself where there is none."""
+        cells = np.stack(np.unravel_index(np.arange(np.prod(shape)), shape), axis=1)
+        offsets = np.stack(np.meshgrid(*[[0, 1, -1]] * len(shape), indexing="ij"), axis=-1).reshape(-1, len(shape))[1:]
+        around = (cells[:, None] + offsets).reshape(-1, len(shape))
+        centres = (around + 0.5) / shape
+        found = np.floor(self.inside(centres) * shape).astype(np.int64)
+        beyond = ((around < 0) | (around >= shape)) & ~self.periodic
+        own = np.repeat(cells, len(offsets), axis=0)
+        found = np.where(beyond.any(axis=1)[:, None], own, np.minimum(found, np.array(shape) - 1))
+        return np.asarray(np.ravel_multi_index(tuple(found.T), shape).reshape(len(cells), -1), dtype=np.int64)
+
+    def ends(self, shape: tuple[int, ...]) -> Floats:
+        """Return (cells, m): 0 or 1 where a cell of a grid touches that end of a bounded parameter, else NaN."""
+        cells = np.stack(np.unravel_index(np.arange(np.prod(shape)), shape), axis=1)
+        ends = np.where(cells == 0, 0.0, np.where(cells == np.array(shape) - 1, 1.0, np.nan))
+        ends = np.where(self.periodic, np.nan, ends)
+        if self.poles is None:
+            return ends
+        pole = ((ends == 0) & self.poles[:, 0]) | ((ends == 1) & self.poles[:, 1])
+        return np.where(pole, np.nan, ends)
+
+
+def side_points(map: UnitMap, axis: int, end: float) -> Floats:
+    """Return points (k, d) along the side where the parameter ``axis`` is ``end``, 0 or 1."""
+    s = np.full((SAMPLES if map.count == 2 else 1, map.count), end)
+    if map.count == 2:
+        s[:, 1 - axis] = np.linspace(0, 1, SAMPLES)
+    return map.value(s)
+
+
+def check_glued(map: UnitMap, domain: Domain, names: str, size: float) -> None:
+    """Refuse ends that are said to be glued and do not meet.
+
+    Raises
+    ------
+    InputError
+        With the largest gap.
+    """
+    for axis in np.flatnonzero(domain.periodic):
+        start, end = side_points(map, int(axis), 0.0), side_points(map, int(axis), 1.0)
+        if domain.flip and axis == 0:
+            end = end[::-1]
+        gap = float(np.linalg.norm(start - end, axis=1).max())
+        if gap > MEETING * size:
+            how = "with the other parameter flipped" if domain.flip and axis == 0 else "as a periodic one must"
+            raise InputError(
+                f"The two ends of the range of {names[axis]} do not meet, {how}: they are up to {gap:.6g} apart; "
+                "correct the range or the formulas, or declare it bounded."
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Sides:
+    """What the ends of the parameters are.
+
+    Attributes
+    ----------
+    loops : (m, 2) int64
+        Number of the edge loop (or curve end) at the start and end of each parameter; -1: no edge.
+    collapsed : (m, 2) bool
+        Sides that the map sends to one point, like the poles of a sphere.
+    """
+
+    loops: Ints
+    collapsed: Bools
+
+    def edge(self, s: Floats) -> Ints:
+        """Return the edge (n,) on which unit parameters lie, -1 inside."""
+        edge = np.full(len(s), -1)
+        for axis in range(s.shape[1]):
+            for end in (0, 1):
+                at = s[:, axis] == end
+                edge[at] = np.maximum(edge[at], self.loops[axis, end])
+        return edge.astype(np.int64)
+
+    def at_pole(self, s: Floats) -> Bools:
+        """Return True (n,) for unit parameters on a collapsed side."""
+        pole = np.zeros(len(s), dtype=np.bool_)
+        for axis, end in np.argwhere(self.collapsed):
+            pole |= s[:, axis] == end
+        return pole
+
+
+def find_sides(map: UnitMap, domain: Domain, size: float) -> Sides:
+    """Number the edge loops by decreasing length; of a curve, its ends 0 and 1."""
+    if map.count == 1:
+        ends = np.array([[-1, -1]] if domain.periodic[0] else [[0, 1]], dtype=np.int64)
+        return Sides(ends, np.zeros((1, 2), dtype=np.bool_))
+    lengths = np.array([[_length(side_points(map, axis, end)) for end in (0.0, 1.0)] for axis in (0, 1)])
+    collapsed = (lengths <= MEETING * size) & ~domain.periodic[:, None]
+    open_sides = ~domain.periodic[:, None] & ~collapsed
+    loops = np.where(open_sides, 0, -1)
+    bounded = np.flatnonzero(~domain.periodic)
+    if len(bounded) == 1 and not domain.flip and open_sides[bounded[0]].all():
+        loops[bounded[0]] = [0, 1] if lengths[bounded[0], 0] >= lengths[bounded[0], 1] else [1, 0]
+    return Sides(loops.astype(np.int64), collapsed)
+
+
+def _length(points: Floats) -> float:
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())

@@ -1,0 +1,229 @@
+"""The two general kinds: keyword arguments are the keys of a scene file.
+
+Every kind takes ``translation`` besides, added after the map and without rounding its shape. Formulas use the
+functions of every formula in a scene file. What is not accepted raises :class:`~cpmkit.errors.InputError`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from cpmkit.arrays import as_vector
+from cpmkit.errors import InputError
+from cpmkit.protocols import Bools, Floats
+from cpmkit_parametric.cells import build_tree
+from cpmkit_parametric.differences import Differences
+from cpmkit_parametric.domain import Domain, check_glued, find_sides
+from cpmkit_parametric.formulas import parsed
+from cpmkit_parametric.maps import CallableMap, Map, UnitMap, as_columns, formula_map
+from cpmkit_parametric.sources import Curve, OrientedSurface, Parametric, PlaneCurve, Surface
+
+Formulas = Sequence[str] | Callable[..., Any]
+#: Given derivatives may differ from differences by this share of the largest.
+AGREEMENT = 1e-4
+
+
+def curve(
+    *, x: Formulas, range: Any, periodic: bool = False, derivatives: Any = None, translation: Any = None
+) -> Curve:
+    """Return the curve x(t), t in ``range``.
+
+    Parameters
+    ----------
+    x : 2 or 3 formulas in t, or callable
+        ``x(t)`` of an array (n,) returns (n, d).
+    range : two numbers
+        Or constant formulas, such as ``"2*pi"``.
+    periodic : bool
+        The ends are one point.
+    derivatives : callable, optional
+        ``derivatives(t)`` returns x' and x'', each (n, d), for a callable x. Without it they are differences.
+    translation : (d,) numbers, optional
+
+    Raises
+    ------
+    InputError
+        If a key is not accepted, the map is not finite or constant, or periodic ends do not meet.
+    """
+    glued = [as_flag(periodic, "periodic")]
+    made = build(_map(x, "t", (2, 3), [range], glued, derivatives), "t", glued, translation=translation)
+    assert isinstance(made, Curve)
+    return made
+
+
+def surface(
+    *,
+    x: Formulas,
+    u: Any,
+    v: Any,
+    periodic_u: bool = False,
+    periodic_v: bool = False,
+    glue_u: str = "straight",
+    derivatives: Any = None,
+    translation: Any = None,
+) -> Surface:
+    """Return the surface x(u, v).
+
+    Parameters
+    ----------
+    x : 3 formulas in u and v, or callable
+        ``x(u, v)`` of arrays (n,) returns (n, 3).
+    u, v : two numbers
+        The ranges, or constant formulas such as ``"2*pi"``.
+    periodic_u, periodic_v : bool
+        The two ends are one curve.
+    glue_u : "straight" or "flip"
+        Flip: the ends of a periodic u are glued with v running backwards, as in a Moebius strip. The surface
+        then has one side, and no normals.
+    derivatives : callable, optional
+        ``derivatives(u, v)`` returns x_u, x_v, x_uu, x_uv and x_vv, each (n, 3), for a callable x.
+    translation : (3,) numbers, optional
+
+    Raises
+    ------
+    InputError
+        If a key is not accepted, the map is not finite or constant, or periodic ends do not meet.
+    """
+    if glue_u not in ("straight", "flip") or (glue_u == "flip" and not periodic_u):
+        raise InputError(f"glue_u must be 'straight', or 'flip' with periodic_u = true, got {glue_u!r}.")
+    glued = [as_flag(periodic_u, "periodic_u"), as_flag(periodic_v, "periodic_v")]
+    made = build(_map(x, "uv", (3,), [u, v], glued, derivatives), "uv", glued, glue_u == "flip", translation)
+    assert isinstance(made, Surface)
+    return made
+
+
+def build(
+    map: UnitMap, names: str, periodic: Sequence[bool], flip: bool = False, translation: Any = None
+) -> Parametric:
+    """Return the source of a map; its class says which abilities it has."""
+    domain = Domain(np.array(periodic), flip)
+    size = _check_map(map)
+    check_glued(map, domain, names, size)
+    shift = as_vector(np.zeros(map.dim) if translation is None else translation, map.dim, "translation")
+    sides = find_sides(map, domain, size)
+    domain = replace(domain, poles=sides.collapsed)
+    kinds = {1: PlaneCurve if map.dim == 2 else Curve, 2: Surface if flip else OrientedSurface}
+    return kinds[map.count](map, domain, sides, build_tree(map, domain), size, shift)
+
+
+def _map(
+    x: Any, names: str, counts: tuple[int, ...], ranges: Sequence[Any], periodic: Sequence[bool], derivatives: Any
+) -> UnitMap:
+    """Return the map of formulas or of a callable on its range."""
+    wanted = " or ".join(map(str, counts))
+    lower, upper = np.array(
+        [as_range(r, n if names == "uv" else "range") for r, n in zip(ranges, names, strict=True)]
+    ).T
+    if callable(x):
+        return UnitMap(_callable_map(x, lower, upper, np.array(periodic), derivatives, counts), lower, upper)
+    if derivatives is not None:
+        raise InputError("derivatives belong to a callable x; formulas are differentiated by themselves.")
+    if isinstance(x, str) or not isinstance(x, Sequence) or len(x) not in counts or not _are_formulas(x):
+        raise InputError(f"x must be {wanted} formulas in {' and '.join(names)}, or a callable, got {x!r}.")
+    return UnitMap(formula_map([parsed(str(text), names) for text in x], names), lower, upper)
+
+
+def _are_formulas(x: Sequence[Any]) -> bool:
+    return all(isinstance(text, (str, int, float)) and not isinstance(text, bool) for text in x)
+
+
+def _callable_map(
+    x: Callable[..., Any], lower: Floats, upper: Floats, periodic: Bools, derivatives: Any, counts: tuple[int, ...]
+) -> Map:
+    probe = (lower + (upper - lower) * np.linspace(0.05, 0.95, 7)[:, None]).T
+    dim = as_columns(x(*probe), probe.shape[1], counts[0] if len(counts) == 1 else None, "x").shape[1]
+    if dim not in counts:
+        raise InputError(f"x must return 2 or 3 coordinates, got {dim}.")
+    differences = CallableMap(dim, len(lower), x, Differences(x, lower, upper, periodic))
+    if derivatives is None:
+        return differences
+    if not callable(derivatives):
+        raise InputError(f"derivatives must be a callable, got {derivatives!r}.")
+    given = CallableMap(dim, len(lower), x, derivatives)
+    _check_derivatives(given.jet(probe.T), differences.jet(probe.T), upper - lower)
+    return given
+
+
+def _check_derivatives(given: Any, found: Any, width: Floats) -> None:
+    scales = (width[:, None], (width[:, None] * width)[..., None])
+    for order, scale, a, b in zip(("first", "second"), scales, given[1:], found[1:], strict=True):
+        apart, largest = np.abs((a - b) * scale).max(), np.abs(b * scale).max()
+        if not apart <= AGREEMENT * largest:
+            raise InputError(
+                f"The {order} derivatives disagree with differences of x by {apart / (largest or 1.0):.2g} of the "
+                "largest; correct derivatives, or leave it out."
+            )
+
+
+def as_range(value: Any, what: str) -> tuple[float, float]:
+    """Return two different numbers, the smaller one first.
+
+    Raises
+    ------
+    InputError
+        If they are not.
+    """
+    if isinstance(value, str) or np.ndim(np.asarray(value, dtype=object)) != 1 or len(value) != 2:
+        raise InputError(f"{what} must be two numbers [start, end], got {value!r}.")
+    start, end = (as_number(entry, what) for entry in value)
+    if not (np.isfinite([start, end]).all() and start < end):
+        raise InputError(f"{what} must run from a smaller to a larger finite number, got {value!r}.")
+    return start, end
+
+
+def as_number(value: Any, what: str) -> float:
+    """Return a number, or the value of a constant formula such as ``"2*pi"``.
+
+    Raises
+    ------
+    InputError
+        If it is neither.
+    """
+    try:
+        return float(parsed(value, ()) if isinstance(value, str) else value)
+    except TypeError as error:
+        raise InputError(f"{what} must hold numbers or constant formulas, got {value!r}.") from error
+
+
+def as_flag(value: Any, what: str) -> bool:
+    """Return True or False.
+
+    Raises
+    ------
+    InputError
+        If it is neither.
+    """
+    if not isinstance(value, (bool, np.bool_)):
+        raise InputError(f"{what} must be true or false, got {value!r}.")
+    return bool(value)
+
+
+def _check_map(map: UnitMap) -> float:
+    """Return the diagonal of the image's box.
+
+    Raises
+    ------
+    InputError
+        If the map is not finite, or constant along a parameter.
+    """
+    count = {1: 513, 2: 65}[map.count]
+    s = np.stack(np.meshgrid(*[np.linspace(0, 1, count)] * map.count, indexing="ij"), axis=-1)
+    points = map.value(s.reshape(-1, map.count))
+    bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
+    if len(bad):
+        where = map.outer(s.reshape(-1, map.count)[bad[:1]])[0].tolist()
+        raise InputError(
+            f"x is not finite at {len(bad)} of {len(points)} parameters, first at {where}; choose a range where it is."
+        )
+    size = float(np.linalg.norm(np.ptp(points, axis=0)))
+    grid = points.reshape(*[count] * map.count, -1)
+    lengths = [np.linalg.norm(np.diff(grid, axis=k), axis=-1).sum(axis=k).max() for k in range(map.count)]
+    if min(lengths) <= 1e-12 * np.abs(points).max() or size == 0:
+        raise InputError(
+            "x is constant along a parameter: the image would have a lower dimension; correct the formulas."
+        )
+    return size

@@ -1,0 +1,197 @@
+"""Maps from parameters to space, with first and second derivatives, evaluated a batch at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from cpmkit.errors import InputError
+from cpmkit.protocols import Floats
+from cpmkit_parametric.formulas import NUMPY_STEPS
+
+#: Value (n, d), first derivatives (n, m, d) and second derivatives (n, m, m, d).
+Jet = tuple[Floats, Floats, Floats]
+
+
+class Map(Protocol):
+    """x(t) for t in ``count`` parameters, in ``dim`` coordinates."""
+
+    @property
+    def dim(self) -> int:
+        """Number d of coordinates."""
+
+    @property
+    def count(self) -> int:
+        """Number m of parameters."""
+
+    def value(self, t: Floats, /) -> Floats:
+        """Return the points (n, d) at parameters (n, m)."""
+
+    def jet(self, t: Floats, /) -> Jet:
+        """Return points, first and second derivatives."""
+
+
+@dataclass(frozen=True, eq=False)
+class FormulaMap:
+    """A map written as formulas; its derivatives are formulas too.
+
+    Attributes
+    ----------
+    dim, count : int
+        Number of coordinates and of parameters.
+    compute, compute_jet : callable
+        From the parameters' columns to the list of values; of values, first and (upper) second derivatives.
+    """
+
+    dim: int
+    count: int
+    compute: Callable[..., Sequence[Any]]
+    compute_jet: Callable[..., Sequence[Any]]
+
+    def value(self, t: Floats, /) -> Floats:
+        """Return the points (n, d) at parameters (n, m)."""
+        return self._table(self.compute, t)
+
+    def jet(self, t: Floats, /) -> Jet:
+        """Return points, first and second derivatives."""
+        table = self._table(self.compute_jet, t)
+        d, m = self.dim, self.count
+        p, J, upper = np.split(table, [d, d * (1 + m)], axis=1)
+        return p, J.reshape(len(t), m, d), symmetric(upper.reshape(len(t), m * (m + 1) // 2, d), m)
+
+    def _table(self, compute: Callable[..., Sequence[Any]], t: Floats) -> Floats:
+        with np.errstate(all="ignore"):
+            columns = compute(*t.T)
+            table = np.empty((len(t), len(columns)))
+            for k, column in enumerate(columns):
+                table[:, k] = np.nan if np.iscomplexobj(column) else column
+        return table
+
+
+def formula_map(x: Sequence[Any], names: Sequence[str]) -> FormulaMap:
+    """Return the map of SymPy expressions ``x`` (d of them) in the parameters ``names``."""
+    import sympy
+
+    symbols = [sympy.Symbol(name) for name in names]
+    first = [component.diff(s) for s in symbols for component in x]
+    pairs = [(a, b) for i, a in enumerate(symbols) for b in symbols[i:]]
+    second = [component.diff(a).diff(b) for a, b in pairs for component in x]
+
+    def compiled(expressions: Sequence[Any]) -> Callable[..., Sequence[Any]]:
+        function: Callable[..., Sequence[Any]] = sympy.lambdify(
+            symbols, expressions, modules=[dict(NUMPY_STEPS), "numpy"], cse=True
+        )
+        return function
+
+    return FormulaMap(len(x), len(names), compiled(x), compiled([*x, *first, *second]))
+
+
+def symmetric(upper: Floats, count: int) -> Floats:
+    """Return (n, m, m, d) from the upper triangle (n, m (m + 1) / 2, d), row by row."""
+    place = {1: [[0]], 2: [[0, 1], [1, 2]]}[count]
+    return np.ascontiguousarray(upper[:, place])
+
+
+@dataclass(frozen=True, eq=False)
+class CallableMap:
+    """A map given by a function of the parameters' columns, with derivatives given or by differences.
+
+    Attributes
+    ----------
+    dim, count : int
+        Number of coordinates and of parameters.
+    function : callable
+        ``function(t)`` or ``function(u, v)`` of arrays (n,) returns (n, d).
+    derivatives : callable
+        Returns (x', x'') at t, or (x_u, x_v, x_uu, x_uv, x_vv) at (u, v), each (n, d).
+    """
+
+    dim: int
+    count: int
+    function: Callable[..., Any]
+    derivatives: Callable[..., Sequence[Any]]
+
+    def value(self, t: Floats, /) -> Floats:
+        """Return the points (n, d) at parameters (n, m)."""
+        with np.errstate(all="ignore"):
+            return as_columns(self.function(*t.T), len(t), self.dim, "x")
+
+    def jet(self, t: Floats, /) -> Jet:
+        """Return points, first and second derivatives."""
+        wanted = self.count + self.count * (self.count + 1) // 2
+        with np.errstate(all="ignore"):
+            given = list(self.derivatives(*t.T))
+        if len(given) != wanted:
+            names = {2: "x', x''", 5: "x_u, x_v, x_uu, x_uv, x_vv"}[wanted]
+            raise InputError(f"derivatives must return the {wanted} arrays {names}, got {len(given)}.")
+        parts = [as_columns(part, len(t), self.dim, "derivatives") for part in given]
+        upper = np.stack(parts[self.count :], axis=1)
+        return self.value(t), np.stack(parts[: self.count], axis=1), symmetric(upper, self.count)
+
+
+def as_columns(values: Any, n: int, dim: int | None, what: str) -> Floats:
+    """Return what a callable returned as (n, d) float64.
+
+    Raises
+    ------
+    InputError
+        If its shape is another.
+    """
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{what} must return an array of numbers (n, d), got {type(values).__name__}.") from error
+    if array.ndim != 2 or len(array) != n or (dim is not None and array.shape[1] != dim):
+        raise InputError(f"{what} must return shape ({n}, {dim or 'd'}) for {n} parameters, got {array.shape}.")
+    return array
+
+
+@dataclass(frozen=True, eq=False)
+class UnitMap:
+    """A map restated on the parameters [0, 1]^m: every tolerance and step is then a share of the range.
+
+    Attributes
+    ----------
+    map : Map
+        In the user's parameters.
+    lower, upper : (m,) float64
+        The range.
+    """
+
+    map: Map
+    lower: Floats
+    upper: Floats
+
+    @property
+    def dim(self) -> int:
+        """Number d of coordinates."""
+        return self.map.dim
+
+    @property
+    def count(self) -> int:
+        """Number m of parameters."""
+        return self.map.count
+
+    def outer(self, s: Floats, /) -> Floats:
+        """Return the user's parameters (n, m) of unit parameters; a bound is met exactly."""
+        t = self.lower + (self.upper - self.lower) * s
+        return np.where(s == 0, self.lower, np.where(s == 1, self.upper, t))
+
+    def inner(self, t: Floats, /) -> Floats:
+        """Return the unit parameters (n, m) of the user's."""
+        return np.asarray((t - self.lower) / (self.upper - self.lower))
+
+    def value(self, s: Floats, /) -> Floats:
+        """Return the points (n, d) at unit parameters (n, m)."""
+        return self.map.value(self.outer(s))
+
+    def jet(self, s: Floats, /) -> Jet:
+        """Return points and derivatives by the unit parameters; those that are not finite become zero."""
+        p, J, H = self.map.jet(self.outer(s))
+        width = self.upper - self.lower
+        with np.errstate(all="ignore"):
+            J, H = J * width[:, None], H * (width[:, None] * width)[..., None]
+        return p, np.where(np.isfinite(J), J, 0.0), np.where(np.isfinite(H), H, 0.0)

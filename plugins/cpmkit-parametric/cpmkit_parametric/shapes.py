@@ -1,0 +1,146 @@
+"""Named curves and surfaces: the ones of the literature on the closest point method."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import gcd
+from typing import Any
+
+import numpy as np
+
+from cpmkit.arrays import as_vector, positive
+from cpmkit.errors import InputError
+from cpmkit_parametric.factories import as_flag, as_range, build, curve, surface
+from cpmkit_parametric.formulas import parsed
+from cpmkit_parametric.maps import Map, UnitMap, formula_map
+from cpmkit_parametric.sources import Curve, OrientedSurface, Surface
+
+TURN = [0.0, 2 * np.pi]
+
+
+def torus_knot(*, a: Any = 3, b: Any = 7, major: Any = 3.0, minor: Any = 1.0, translation: Any = None) -> Curve:
+    """Return the knot that winds ``a`` times about the axis and ``b`` times about the core of a torus.
+
+    King et al. (2024), equation of the torus knot, whose ``major`` is 3 and ``minor`` 1. The trefoil is a = 2, b = 3.
+    """
+    a, b = whole(a, "a"), whole(b, "b")
+    if gcd(a, b) != 1:
+        raise InputError(f"a and b must share no factor, or the knot is traced more than once; got {a} and {b}.")
+    R, r = positive(major, "major"), positive(minor, "minor")
+    if r >= R:
+        raise InputError(f"minor must be smaller than major, got {r:g} and {R:g}.")
+    v = f"({R!r} + {r!r}*cos({b}*t))"
+    return curve(
+        x=[f"{v}*cos({a}*t)", f"{v}*sin({a}*t)", f"{r!r}*sin({b}*t)"],
+        range=TURN,
+        periodic=True,
+        translation=translation,
+    )
+
+
+def helix(*, radius: Any = 1.0, pitch: Any = 1.0, turns: Any = 2.0, translation: Any = None) -> Curve:
+    """Return the helix about the z axis that starts at (radius, 0, 0) and rises by ``pitch`` a turn; t is the angle."""
+    rise = positive(pitch, "pitch") / (2 * np.pi)
+    r, end = positive(radius, "radius"), 2 * np.pi * positive(turns, "turns")
+    return curve(x=[f"{r!r}*cos(t)", f"{r!r}*sin(t)", f"{rise!r}*t"], range=[0.0, end], translation=translation)
+
+
+def planar_curve(*, a: Any = 3, b: Any = 4, c: Any = -0.5, translation: Any = None) -> Curve:
+    """Return the closed diffusion curve in the plane of King et al. (2024): (v cos t + c, v sin t + c)."""
+    a, b = whole(a, "a"), whole(b, "b")
+    shift = float(as_vector([c], 1, "c")[0])
+    v = f"(cos(t)*({(a + b) / 2!r} + sin({a}*t) + sin({b}*t)) + {(a + b) / 2!r})/{a + b}"
+    return curve(
+        x=[f"{v}*cos(t) + {shift!r}", f"{v}*sin(t) + {shift!r}"], range=TURN, periodic=True, translation=translation
+    )
+
+
+def revolution(
+    *, profile: Sequence[str], range: Any, periodic: bool = False, translation: Any = None
+) -> OrientedSurface:
+    """Return the surface that a profile sweeps about the z axis; u is the angle and v the profile's t.
+
+    Parameters
+    ----------
+    profile : 2 formulas in t
+        Distance from the axis, and height.
+    range : two numbers
+        Of t.
+    periodic : bool
+        The profile is closed, as a torus's.
+    translation : (3,) numbers, optional
+    """
+    import sympy
+
+    if isinstance(profile, str) or not isinstance(profile, Sequence) or len(profile) != 2:
+        raise InputError(f"profile must be 2 formulas in t, [distance from the axis, height], got {profile!r}.")
+    r, z = (str(formula) for formula in profile)
+    radius, height = parsed(r, ("t",)), parsed(z, ("t",))
+    start, end = as_range(range, "range")
+    _check_radius(formula_map([radius], ("t",)), start, end)
+    u = sympy.Symbol("u")
+    swept = formula_map([radius * sympy.cos(u), radius * sympy.sin(u), height], ("u", "t"))
+    glued = [True, as_flag(periodic, "periodic")]
+    unit = UnitMap(swept, np.array([0.0, start]), np.array([2 * np.pi, end]))
+    made = build(unit, "ut", glued, translation=translation)
+    assert isinstance(made, OrientedSurface)
+    return made
+
+
+def moebius(*, radius: Any = 1.0, half_width: Any = 0.35, translation: Any = None) -> Surface:
+    """Return the Moebius strip about a core circle; u is the angle, v from -half_width to half_width."""
+    R, w = positive(radius, "radius"), positive(half_width, "half_width")
+    if w >= R:
+        raise InputError(f"half_width must be smaller than radius, got {w:g} and {R:g}.")
+    around = f"({R!r} + v*cos(u/2))"
+    return surface(
+        x=[f"{around}*cos(u)", f"{around}*sin(u)", "v*sin(u/2)"],
+        u=TURN,
+        v=[-w, w],
+        periodic_u=True,
+        glue_u="flip",
+        translation=translation,
+    )
+
+
+def klein(*, radius: Any = 2.0, width: Any = 1.0, translation: Any = None) -> Surface:
+    """Return the figure-eight immersion of the Klein bottle: a figure eight of ``width`` that makes half a turn.
+
+    It crosses itself along the circle of ``radius``. Closest points know only the set of points in space, on
+    which the two sheets meet there.
+    """
+    R, w = positive(radius, "radius"), positive(width, "width")
+    if w >= R:
+        raise InputError(f"width must be smaller than radius, got {w:g} and {R:g}.")
+    around = f"({R!r} + {w!r}*(cos(u/2)*sin(v) - sin(u/2)*sin(2*v)))"
+    return surface(
+        x=[f"{around}*cos(u)", f"{around}*sin(u)", f"{w!r}*(sin(u/2)*sin(v) + cos(u/2)*sin(2*v))"],
+        u=TURN,
+        v=TURN,
+        periodic_u=True,
+        periodic_v=True,
+        glue_u="flip",
+        translation=translation,
+    )
+
+
+def whole(value: Any, what: str) -> int:
+    """Return a whole number above zero.
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
+        raise InputError(f"{what} must be a whole number above zero, got {value!r}.")
+    return int(value)
+
+
+def _check_radius(radius: Map, start: float, end: float) -> None:
+    at = radius.value(np.linspace(start, end, 513)[:, None])[:, 0]
+    if np.nanmin(at) < -1e-12 * np.nanmax(np.abs(at)):
+        raise InputError(
+            f"profile must keep a distance from the axis of at least zero, got {np.nanmin(at):.3g}; the two halves "
+            "of the surface would cross there."
+        )

@@ -1,0 +1,211 @@
+"""Parametric manifolds as closest point sources; a class for each set of abilities."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+
+from cpmkit.arrays import as_points, as_vector, positive
+from cpmkit.protocols import ClosestPoints, Floats, Ints
+from cpmkit_parametric.cells import CellTree
+from cpmkit_parametric.descent import descend
+from cpmkit_parametric.domain import Domain, Sides
+from cpmkit_parametric.maps import UnitMap
+from cpmkit_parametric.meshes import curve_mesh, surface_mesh
+
+#: Queries that are searched at a time.
+PARCEL = 1 << 14
+#: Step, as a share of the range, off a point at which the derivatives do not tell a direction.
+ASIDE = 1e-5
+#: Derivatives shorter than this share of the typical one tell no direction.
+VANISHING = 1e-10
+#: Feet closer than this share of the size are one point.
+COINCIDENT = 1e-12
+#: Unit parameters, and projections on tangent planes, that differ by more than this are two.
+DIFFERENT = 1e-6
+
+Own = TypeVar("Own", bound="Parametric")
+
+
+@dataclass(frozen=True, eq=False)
+class Parametric:
+    """The image of a map.
+
+    Attributes
+    ----------
+    map : UnitMap
+        From unit parameters to space.
+    domain : Domain
+        How the ends of the parameters are glued.
+    sides : Sides
+        Which ends are edges.
+    tree : CellTree
+        Where descents start.
+    size : float
+        Diagonal of the image's box.
+    shift : (d,) float64
+        Added to the map.
+    """
+
+    map: UnitMap
+    domain: Domain
+    sides: Sides
+    tree: CellTree
+    size: float
+    shift: Floats
+
+    @property
+    def dim(self) -> int:
+        """Dimension of the space."""
+        return self.map.dim
+
+    @property
+    def manifold_dim(self) -> int:
+        """1 a curve, 2 a surface."""
+        return self.map.count
+
+    @property
+    def exact(self) -> bool:
+        """True: the feet are nearest points."""
+        return True
+
+    @property
+    def bounds(self) -> Floats:
+        """(2, d) corners of a box around the image; it is wider than the image by a share of the finest cells' bend."""
+        level = self.tree.finest
+        reach = level.radii[:, None] * np.sqrt(np.einsum("cmd,cmd->cd", level.tangents, level.tangents))
+        reach += level.deviations[:, None]
+        return np.stack([(level.centres - reach).min(axis=0), (level.centres + reach).max(axis=0)]) + self.shift
+
+    def closest_point(self, x: Floats, /) -> ClosestPoints:
+        """Return the closest points of ``x`` (n, d); ``local`` holds the user's parameters (n, m).
+
+        Raises
+        ------
+        InputError
+            If ``x`` holds NaN or infinity, or its shape is not (n, d).
+        """
+        queries = as_points(x, self.dim) - self.shift
+        starts = range(0, max(len(queries), 1), PARCEL)
+        return ClosestPoints.join([self._search(queries[start : start + PARCEL]) for start in starts])
+
+    def translated(self: Own, offset: Floats, /) -> Own:
+        """Return the same image moved by ``offset`` (d,); the shift alone is rounded, once."""
+        return replace(self, shift=self.shift + as_vector(offset, self.dim, "offset"))
+
+    def _search(self, x: Floats) -> ClosestPoints:
+        """Descend from every start and keep the nearest end of each query."""
+        starts = self.tree.starts(x)
+        longest = 2.0 / np.array(self.tree.finest.shape)
+        ends = descend(self.map, self.domain, x[starts.query], starts.parameters, longest, self.size)
+        s = self.domain.snapped(ends.parameters)
+        points = self.map.value(s)
+        distance = np.linalg.norm(x[starts.query] - points, axis=1)
+        order = np.lexsort((distance, starts.query))
+        best = order[np.searchsorted(starts.query[order], np.arange(len(x)))] if len(x) else order
+        doubtful = ~ends.converged[best]
+        doubtful[self._crossings(starts.query, s, points, best)] = True
+        return ClosestPoints(
+            points[best] + self.shift,
+            distance[best],
+            self.sides.edge(s[best]),
+            local=self.map.outer(s[best]),
+            doubtful=doubtful,
+        )
+
+    def _crossings(self, query: Ints, s: Floats, points: Floats, best: Ints) -> Ints:
+        """Return the queries that have their foot where the image crosses itself: its sheet is not decided."""
+        other = best[query]
+        apart = np.abs(s - s[other])
+        apart = np.where(self.domain.periodic, np.minimum(apart, 1 - apart), apart)
+        coincide = np.linalg.norm(points - points[other], axis=1) <= COINCIDENT * self.size
+        rows = np.flatnonzero(coincide & (apart.max(axis=1) > DIFFERENT))
+        pole = self.sides.at_pole(s[rows]) | self.sides.at_pole(s[other[rows]])
+        rows = rows[~pole]
+        planes = [_projectors(self.map.jet(s[index])[1]) for index in (rows, other[rows])]
+        crossing = np.abs(planes[0] - planes[1]).max(axis=(1, 2), initial=0.0) > DIFFERENT
+        return np.asarray(query[rows[crossing]])
+
+    def _unit(self, feet: ClosestPoints) -> Floats:
+        """Return the unit parameters of records."""
+        assert feet.local is not None
+        return self.map.inner(feet.local)
+
+
+class Curve(Parametric):
+    """A curve: it is walked along."""
+
+    def tangents(self, feet: ClosestPoints, /) -> Floats:
+        """Return the unit tangents (n, d) in the direction of growing t; where x' is zero, along the chord."""
+        s = self._unit(feet)
+        along = self.map.jet(s)[1][:, 0]
+        resting = np.linalg.norm(along, axis=1) < VANISHING * self.size
+        if resting.any():
+            ahead, behind = (self.map.value(self.domain.inside(s[resting] + step)) for step in (ASIDE, -ASIDE))
+            along[resting] = ahead - behind
+        return _unit_vectors(along)
+
+    def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
+        """Return vertices (v, d) on the curve and segments (m, 2) of about ``spacing``."""
+        vertices, cells = curve_mesh(self.map, self.domain, positive(spacing, "spacing"))
+        return vertices + self.shift, cells
+
+
+class PlaneCurve(Curve):
+    """A curve in the plane: it has normals besides."""
+
+    def normals(self, feet: ClosestPoints, /) -> Floats:
+        """Return the unit normals (n, 2) at the right hand of travel: outside of a counterclockwise curve."""
+        tangents = self.tangents(feet)
+        return np.stack([tangents[:, 1], -tangents[:, 0]], axis=1)
+
+
+class Surface(Parametric):
+    """A surface that may have one side only: it gives no normals."""
+
+    def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
+        """Return vertices (v, 3) on the surface and triangles (m, 3) of about ``spacing``, closed where it is glued."""
+        vertices, cells = surface_mesh(self.map, self.domain, self.sides, positive(spacing, "spacing"))
+        return vertices + self.shift, cells
+
+
+class OrientedSurface(Surface):
+    """A surface with two sides."""
+
+    def normals(self, feet: ClosestPoints, /) -> Floats:
+        """Return the unit normals (n, 3) along x_u x x_v; at a pole, the mean around it."""
+        s = self._unit(feet)
+        normals = self._across(s)
+        poles = np.linalg.norm(normals, axis=1) < VANISHING * self.size**2
+        if poles.any():
+            normals[poles] = self._around(s[poles])
+        return _unit_vectors(normals)
+
+    def _across(self, s: Floats) -> Floats:
+        J = self.map.jet(s)[1]
+        return np.asarray(np.cross(J[:, 0], J[:, 1]))
+
+    def _around(self, s: Floats) -> Floats:
+        """Return the sum (k, 3) of x_u x x_v over parameters just aside of a pole, at the same turns everywhere."""
+        total = np.zeros((len(s), 3))
+        for axis in (0, 1):
+            if not self.sides.collapsed[axis].any():
+                continue
+            beside = np.clip(s, ASIDE, 1 - ASIDE)
+            for turn in np.arange(8) / 8:
+                beside[:, 1 - axis] = turn
+                at = self.sides.collapsed[axis][(s[:, axis] > 0.5).astype(int)]
+                total += np.where(at[:, None], self._across(beside), 0.0)
+        return np.where(np.any(total != 0, axis=1)[:, None], total, self._across(np.clip(s, ASIDE, 1 - ASIDE)))
+
+
+def _unit_vectors(vectors: Floats) -> Floats:
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.where(length > 0, vectors / np.where(length > 0, length, 1.0), np.eye(vectors.shape[1])[0])
+
+
+def _projectors(J: Floats) -> Floats:
+    """Return the projections (n, d, d) on the spans of derivatives (n, m, d)."""
+    return np.asarray(np.linalg.pinv(J) @ J)
