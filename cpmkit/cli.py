@@ -107,6 +107,13 @@ def main() -> None:
 @scene_argument
 @spacing_option
 @click.option(
+    "--backend",
+    default="cpm",
+    metavar="NAME",
+    help="What solves: cpm, the closest point method, or a back end of a plugin, such as fem. Of the file's "
+    "[discretization] and [solver], another back end takes the spacing and the tolerance.",
+)
+@click.option(
     "--output",
     type=click.Path(file_okay=False, path_type=Path),
     metavar="FOLDER",
@@ -114,7 +121,7 @@ def main() -> None:
 )
 @json_option
 @click.option("--quiet", is_flag=True, help="Show neither progress nor a summary; errors are still shown.")
-def solve(scene: Path, spacing: float | None, output: Path | None, as_json: bool, quiet: bool) -> None:
+def solve(scene: Path, spacing: float | None, backend: str, output: Path | None, as_json: bool, quiet: bool) -> None:
     """Solve a scene and write what it asks for: files, a picture, a summary.
 
     The output folder is made once the scene is solved, so a scene that fails leaves nothing behind.
@@ -126,14 +133,20 @@ def solve(scene: Path, spacing: float | None, output: Path | None, as_json: bool
 
     loaded = load_scene(scene)
     check_request(loaded.output, loaded.scene.surface)
+    options = loaded.options if backend == "cpm" else _options_of(backend, loaded.options)
     meter = nullcontext(_silent) if quiet else ProgressLine(sys.stderr)
     with meter as progress:
-        solution = solve_scene(loaded.scene, spacing=spacing or loaded.spacing, progress=progress, **loaded.options)
+        solution = solve_scene(loaded.scene, spacing=spacing or loaded.spacing, progress=progress, **options)
         summary = write_results(solution, loaded.output, output or loaded.output.folder, progress)
     if as_json:
         click.echo(json.dumps(summary, indent=2))
     elif not quiet:
         click.echo(_told(solution, summary))
+
+
+def _options_of(backend: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options for another back end: the file's others describe the lattice and its solver."""
+    return {"backend": backend, **{name: value for name, value in options.items() if name == "tolerance"}}
 
 
 def _silent(stage: str, fraction: float) -> None:
@@ -144,8 +157,9 @@ def _told(solution: Any, summary: Mapping[str, Any]) -> str:
     """Return the summary of a solve for people."""
     work, report, seconds = solution.work, solution.report, summary["seconds"]
     stages = ", ".join(f"{stage} {spent:.1f}" for stage, spent in seconds.items())
+    ghosts = f", of which ghosts {work.ghosts:,}" if hasattr(work, "ghosts") else ""
     lines = [
-        f"unknowns   {work.unknowns:,}, of which ghosts {work.ghosts:,}",
+        f"unknowns   {work.unknowns:,}{ghosts}",
         f"solver     {report.solver}: {report.reason}",
         f"seconds    {sum(seconds.values()):.1f} ({stages})",
     ]

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from cpmkit.conditions import Condition
     from cpmkit.operators import LinearSystem
+    from cpmkit.scene import Scene
     from cpmkit.solvers.report import SolveReport
 
 Floats = NDArray[np.float64]
@@ -189,6 +190,26 @@ class LinearSolver(Protocol):
         ------
         ConvergenceError
             If the residual, recomputed after the solve, is above ``tolerance``.
+        """
+
+
+class Backend(Protocol):
+    """Another way from a scene to its solution; a plugin's factory in ``cpmkit_backends`` returns one.
+
+    It may take further keyword arguments, which ``solve`` hands on.
+    """
+
+    def __call__(self, scene: Scene, spacing: float | None, *, tolerance: float, progress: Progress) -> Any:
+        """Return what reads like a :class:`~cpmkit.Solution`.
+
+        It has the attributes ``scene``, ``spacing``, ``channels``, ``values``, ``report``, ``work`` (with
+        ``unknowns`` and ``as_dict``), ``seconds`` and ``warnings``, and the methods ``evaluate``, ``save``,
+        ``picture``, ``display_mesh``, ``arrays`` and ``summary``. ``spacing`` is None where the caller gave none.
+
+        Raises
+        ------
+        CpmkitError
+            One sentence: what the back end cannot do, and which one can.
         """
 
 

@@ -21,8 +21,8 @@ PARCEL = 1 << 14
 ASIDE = 1e-5
 #: Derivatives shorter than this share of the typical one tell no direction.
 VANISHING = 1e-10
-#: Feet closer than this share of the size are one point.
-COINCIDENT = 1e-12
+#: Where two branches cross, feet closer than this share of the size leave it open on which one they are.
+COINCIDENT = 1e-4
 #: Unit parameters, and projections on tangent planes, that differ by more than this are two.
 DIFFERENT = 1e-6
 

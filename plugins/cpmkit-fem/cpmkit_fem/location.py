@@ -1,0 +1,95 @@
+"""The nearest point of a triangulation: exact, by the nearest centroids with a bound that says when to stop."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.protocols import Floats, Ints
+
+#: Centroids that are asked for at first; four times as many for the queries that these do not settle.
+FIRST = 8
+#: Pairs of a query and a triangle that are looked at together.
+PAIRS = 1 << 18
+
+
+def nearest_on_triangles(vertices: Floats, faces: Ints, queries: Floats) -> tuple[Ints, Floats]:
+    """Return the triangle (n,) that holds the nearest point of each query, and its barycentric coordinates (n, 3).
+
+    Triangles are taken by powers of two of their radius, for one large triangle would spoil the bound of all
+    small ones.
+    """
+    corners = vertices[faces]
+    radii = np.linalg.norm(corners - corners.mean(axis=1, keepdims=True), axis=2).max(axis=1)
+    octave = np.floor(np.log2(radii))
+    best, face, local = (
+        np.full(len(queries), np.inf),
+        np.zeros(len(queries), dtype=np.int64),
+        np.zeros((len(queries), 3)),
+    )
+    for size in np.unique(octave):
+        group = np.flatnonzero(octave == size)
+        member, weights, distance = _nearest_of_one_size(corners[group], radii[group].max(), queries, best)
+        nearer = distance < best
+        best, face = np.where(nearer, distance, best), np.where(nearer, group[member], face)
+        local = np.where(nearer[:, None], weights, local)
+    return face, local
+
+
+def _nearest_of_one_size(corners: Floats, radius: float, queries: Floats, bound: Floats) -> tuple[Ints, Floats, Floats]:
+    """Return the nearest of triangles (m, 3, d), barycentric coordinates and distances; of interest below ``bound``.
+
+    A triangle lies within ``radius`` of its centroid. So none past the k nearest centroids can be nearer
+    once the best distance is below the k-th centroid's less the radius.
+    """
+    from scipy.spatial import cKDTree
+
+    tree = cKDTree(corners.mean(axis=1))
+    member, weights = np.zeros(len(queries), dtype=np.int64), np.zeros((len(queries), 3))
+    distance = np.full(len(queries), np.inf)
+    rows, count = np.arange(len(queries)), min(FIRST, len(corners))
+    while len(rows):
+        unsettled = []
+        for part in np.array_split(rows, 1 + len(rows) * count // PAIRS):
+            far, near = map(np.asarray, tree.query(queries[part], k=np.arange(1, count + 1)))
+            candidates, lengths = _feet(corners[near], queries[part])
+            pick = np.arange(len(part)), np.argmin(lengths, axis=1)
+            member[part], weights[part], distance[part] = near[pick], candidates[pick], lengths[pick]
+            open_still = np.minimum(distance[part], bound[part]) > far[:, -1] - radius
+            unsettled.append(part[open_still & (count < len(corners))])
+        rows, count = np.concatenate(unsettled), min(4 * count, len(corners))
+    return member, weights, distance
+
+
+def _feet(corners: Floats, queries: Floats) -> tuple[Floats, Floats]:
+    """Return the barycentric coordinates (n, k, 3) of the nearest points of triangles (n, k, 3, d), and distances."""
+    candidates = [_in_plane(corners, queries), *(_on_side(corners, queries, side) for side in range(3))]
+    weights = np.stack(candidates)
+    points = np.einsum("snkc,nkcd->snkd", weights, corners)
+    distance = np.linalg.norm(points - queries[None, :, None, :], axis=3)
+    distance[0][(weights[0] < 0).any(axis=2)] = np.inf
+    first = np.argmin(distance, axis=0)
+    return (
+        np.take_along_axis(weights, first[None, ..., None], axis=0)[0],
+        np.take_along_axis(distance, first[None], axis=0)[0],
+    )
+
+
+def _in_plane(corners: Floats, queries: Floats) -> Floats:
+    """Return the barycentric coordinates of the projection on the triangle's plane."""
+    a, e, f = corners[..., 0, :], corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :]
+    d = queries[:, None, :] - a
+    ee, ef, ff, ed, fd = (np.sum(p * q, axis=-1) for p, q in ((e, e), (e, f), (f, f), (e, d), (f, d)))
+    determinant = ee * ff - ef * ef
+    safe = np.where(determinant > 0, determinant, 1.0)
+    v, w = (ff * ed - ef * fd) / safe, (ee * fd - ef * ed) / safe
+    return np.where((determinant > 0)[..., None], np.stack([1 - v - w, v, w], axis=-1), -1.0)
+
+
+def _on_side(corners: Floats, queries: Floats, side: int) -> Floats:
+    """Return the barycentric coordinates of the nearest point of one side."""
+    start, end = corners[..., side, :], corners[..., (side + 1) % 3, :]
+    along = end - start
+    t = np.clip(np.sum((queries[:, None, :] - start) * along, axis=-1) / np.sum(along**2, axis=-1), 0.0, 1.0)
+    weights = np.zeros((*t.shape, 3))
+    weights[..., side], weights[..., (side + 1) % 3] = 1 - t, t
+    return weights

@@ -1,0 +1,233 @@
+"""The back end is found by its name, refuses in one sentence what it cannot do, and stays lazy."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import cpmkit as ck
+from cpmkit.cli import main
+from cpmkit.testing import kinds_without_case
+
+SCENE = """
+[surface]
+kind = "analytic.sphere"
+
+[[boundary]]
+name = "equator"
+kind = "analytic.circle"
+normal = [0, 0, 1]
+both = { dirichlet = 0.0 }
+
+[problem]
+kind = "screened"
+f = "3*z"
+c = 1.0
+
+[discretization]
+spacing = 0.2
+degree = 2
+order = 1
+
+[solver]
+kind = "reference"
+tolerance = 1e-9
+max_iterations = 50
+
+[output]
+folder = "out"
+files = ["solution.vtp", "solution.ply", "solution.npz", "summary.json"]
+picture = { file = "picture.png", width = 100 }
+"""
+SPHERE = ck.source("analytic.sphere")
+EQUATOR = ck.source("analytic.circle", normal=[0, 0, 1])
+
+
+def solve(surface=SPHERE, problem=None, spacing=0.2, **conditions):
+    boundaries = [ck.Boundary("equator", EQUATOR, **conditions)] if conditions else []
+    return ck.solve(ck.Scene(surface, problem or ck.Laplace(), boundaries), spacing, backend="fem")
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch):
+    """Return a function that runs `cpmkit solve` on the scene, in a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scene.toml").write_text(SCENE)
+    return lambda *arguments: CliRunner().invoke(main, ["solve", "scene.toml", *arguments])
+
+
+def test_the_command_writes_what_the_scene_asks_for(run, tmp_path):
+    import pyvista
+
+    done = run("--backend", "fem")
+    assert done.exit_code == 0, done.output
+    assert "ghosts" not in done.output
+    assert "direct: relative residual" in done.output
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["discretization"]["backend"] == "fem"
+    assert summary["report"]["tolerance"] == 1e-9
+    saved = pyvista.read(tmp_path / "out" / "solution.vtp")
+    assert saved.n_points == summary["work"]["vertices"]
+    assert np.abs(saved["u"] - saved.points[:, 2]).max() < 0.05
+    with np.load(tmp_path / "out" / "solution.npz") as arrays:
+        np.testing.assert_allclose(arrays["values"][:, 0], saved["u"], rtol=1e-12)
+    assert {"picture.png", "solution.ply"} <= {file.name for file in (tmp_path / "out").iterdir()}
+
+
+def test_the_command_takes_another_spacing_and_prints_json(run):
+    coarse, fine = (
+        json.loads(run("--backend", "fem", "--json", "--spacing", h).stdout)["work"]["unknowns"] for h in ("0.2", "0.1")
+    )
+    assert 3 < fine / coarse < 5
+
+
+def test_the_command_names_an_unknown_back_end(run, tmp_path):
+    done = run("--backend", "fea")
+    assert done.exit_code == 1
+    assert "No plugin provides the kind 'fea'" in done.output
+    assert not (tmp_path / "out").exists()
+
+
+def test_names_of_back_ends():
+    scene = ck.Scene(SPHERE, ck.ScreenedPoisson(1.0))
+    with pytest.raises(ck.PluginError, match=r"kind 'fea'. Installed: .*\bfem\b.*pip install ./plugins/cpmkit-fea"):
+        ck.solve(scene, 0.2, backend="fea")
+    with pytest.raises(ck.PluginError, match=r"'mesh.triangles' is not among .* cpmkit_backends"):
+        ck.solve(scene, 0.2, backend="mesh.triangles")
+    with pytest.raises(ck.PluginError, match=r"'fem' is not among .* cpmkit_sources"):
+        ck.source("fem")
+    assert "fem" not in kinds_without_case()
+
+
+@pytest.mark.parametrize(
+    "option", [{"degree": 2}, {"order": 1}, {"origin": [0, 0, 0]}, {"solver": "direct"}, {"pace": 2}]
+)
+def test_options_of_the_lattice_are_refused(option):
+    scene = ck.Scene(SPHERE, ck.ScreenedPoisson(1.0))
+    with pytest.raises(
+        ck.SceneError, match=f"'fem' has the unknown key '{next(iter(option))}'; accepted are .*tolerance"
+    ):
+        ck.solve(scene, 0.2, backend="fem", **option)
+
+
+def test_progress_and_tolerance():
+    seen = []
+    scene = ck.Scene(SPHERE, ck.ScreenedPoisson(lambda x: x[:, 0]))
+    solution = ck.solve(
+        scene, 0.2, backend="fem", tolerance=1e-8, progress=lambda stage, share: seen.append((stage, share))
+    )
+    assert seen == [("build", 0.0), ("build", 1.0), ("solve", 0.0), ("solve", 1.0)]
+    assert solution.report.converged
+    assert solution.report.tolerance == 1e-8
+    with pytest.raises(ck.ConvergenceError, match="'direct' did not converge"):
+        ck.solve(scene, 0.2, backend="fem", tolerance=1e-300)
+    with pytest.raises(ck.InputError, match="tolerance must be"):
+        ck.solve(scene, 0.2, backend="fem", tolerance=0)
+
+
+def test_a_spacing_is_needed_where_there_is_no_mesh(octahedron):
+    with pytest.raises(ck.InputError, match="spacing is needed"):
+        solve(spacing=None, both=ck.Dirichlet(1.0))
+    with pytest.raises(ck.InputError, match="spacing must be"):
+        solve(spacing=-1, both=ck.Dirichlet(1.0))
+    vertices, faces = octahedron(2)
+    mesh = ck.source("mesh.triangles", vertices=vertices, faces=faces)
+    assert len(solve(mesh, spacing=None, both=ck.Dirichlet(1.0)).faces) == len(faces)
+
+
+@pytest.mark.parametrize(
+    ("left", "right"),
+    [(ck.Dirichlet(1), ck.Dirichlet(2)), (ck.Dirichlet(1), ck.Neumann()), (ck.Neumann(), ck.Neumann())],
+)
+def test_what_one_value_a_vertex_cannot_hold(left, right):
+    with pytest.raises(ck.SceneError, match=r"'equator' has .* same Dirichlet data on both sides; use backend='cpm'"):
+        solve(left=left, right=right)
+
+
+def test_equal_data_on_two_sides_are_one_condition():
+    two = solve(left=ck.Dirichlet(lambda x: x[:, 0]), right=ck.Dirichlet(lambda x: 1.0 * x[:, 0]))
+    np.testing.assert_array_equal(two.values, solve(both=ck.Dirichlet(lambda x: x[:, 0])).values)
+
+
+def test_the_nearer_boundary_wins_a_vertex(octahedron):
+    vertices, faces = octahedron(2)
+    mesh = ck.source("mesh.triangles", vertices=vertices, faces=faces)
+    pins = [
+        ck.Boundary(name, ck.source("analytic.point", at=at), both=ck.Dirichlet(value))
+        for name, at, value in (("off", [0.05, 0, 1], 2.0), ("on", [0, 0, 1], 1.0), ("past", [0.08, 0, 1], 3.0))
+    ]
+    for order in ([0, 1, 2], [2, 0, 1]):
+        solution = ck.solve(ck.Scene(mesh, ck.Laplace(), [pins[k] for k in order]), backend="fem")
+        np.testing.assert_allclose(solution.values, 1.0, rtol=1e-12)
+
+
+def test_a_piece_that_nothing_fixes(octahedron):
+    with pytest.raises(ck.SceneError, match="1 of the mesh's 1 pieces"):
+        solve(problem=ck.Poisson(lambda x: x[:, 0]))
+    vertices, faces = octahedron(2)
+    two = ck.source(
+        "mesh.triangles",
+        vertices=np.concatenate([vertices, vertices + [5, 0, 0]]),
+        faces=np.concatenate([faces, faces + len(vertices)]),
+    )
+    with pytest.raises(ck.SceneError, match=r"1 of the mesh's 2 pieces: the one near \(6, 0, 0\), 50% of the vertices"):
+        solve(two, both=ck.Dirichlet(1.0))
+    assert np.isfinite(solve(two, ck.ScreenedPoisson(1.0), both=ck.Dirichlet(1.0)).values).all()
+
+
+def test_surfaces_that_give_no_triangles():
+    circle = ck.source("analytic.circle")
+    with pytest.raises(ck.InputError, match="of manifold_dim 1 gives no triangles; use backend='cpm'"):
+        solve(circle, ck.ScreenedPoisson(1.0))
+    flat = ck.source(
+        "mesh.triangles", vertices=[[0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 1, 0]], faces=[[0, 1, 2], [0, 1, 3]]
+    )
+    with pytest.raises(ck.InputError, match="got 1 of 2 without"):
+        solve(flat, ck.ScreenedPoisson(1.0))
+
+
+def test_boundaries_off_the_mesh_and_everywhere(octahedron):
+    far = ck.Boundary("far", ck.source("analytic.point", at=[0, 0, 3]), both=ck.Dirichlet(1.0))
+    with pytest.raises(ck.SceneError, match="'far' is farther than an edge"):
+        ck.solve(ck.Scene(SPHERE, ck.Laplace(), [far]), 0.2, backend="fem")
+    triangle = ck.source("mesh.triangles", vertices=np.eye(3), faces=[[0, 1, 2]])
+    with pytest.raises(ck.ResolutionError, match="All 3 vertices"):
+        ck.solve(ck.Scene(triangle, ck.Laplace(), edge=ck.Dirichlet(1.0)), backend="fem")
+    with pytest.raises(ck.SceneError, match="edge loop 0"):
+        ck.solve(ck.Scene(triangle, ck.ScreenedPoisson(1.0), edge={3: ck.Neumann()}), backend="fem")
+
+
+def test_reading():
+    solution = solve(both=ck.Dirichlet(lambda x: x[:, 0]))
+    points = [[0, 0.6, 0.8], [1, 0, 0]]
+    assert solution.evaluate(points).shape == (2,)
+    for side in ("left", "right", {"equator": "left"}):
+        np.testing.assert_array_equal(solution.evaluate(points, side=side), solution.evaluate(points))
+    for side in ("above", {"rim": "left"}):
+        with pytest.raises(ck.InputError, match="side must be 'left' or 'right'"):
+            solution.evaluate(points, side=side)
+    with pytest.raises(ck.InputError, match="NaN or infinity"):
+        solution.evaluate([[np.nan, 0, 0]])
+    np.testing.assert_allclose(solution.evaluate(solution.vertices), solution.values[:, 0], atol=1e-13)
+    assert "FemSolution of laplace" in repr(solution)
+
+
+def test_scikit_fem_is_imported_by_its_own_solve_alone():
+    code = """
+import sys
+import cpmkit as ck
+from cpmkit import plugins
+for kind in plugins.installed_kinds():
+    plugins.load(kind.kind)
+scene = ck.Scene(ck.source("analytic.sphere"), ck.ScreenedPoisson(1.0))
+ck.solve(scene, 0.4)
+assert "cpmkit_fem" in sys.modules
+assert not any(name.partition(".")[0] == "skfem" for name in sys.modules)
+ck.solve(scene, 0.4, backend="fem")
+assert "skfem" in sys.modules
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
