@@ -9,14 +9,19 @@ from cpmkit.protocols import Side
 
 #: A surface's search may doubt this share of the nodes before it is worth a warning.
 DOUBTFUL_SHARE = 1e-4
+#: Sides of a boundary.
 SIDES: tuple[Side, Side] = ("left", "right")
+#: Closest points of neighbouring nodes that lie this many spacings apart have jumped from one part to another.
+JUMP = 2.0
+#: So many jumps are worth a warning; on real meshes 1 percent of them goes with errors of about 1 percent.
+JUMP_SHARE = 5e-3
 #: So may this share of a boundary's ghosts stand on another sheet.
 OFF_SHEET_SHARE = 1e-2
 
 
 def warnings_of(layout: Layout) -> tuple[str, ...]:
     """Return one sentence for each thing found."""
-    return (*_doubtful(layout), *_boundaries(layout), *_pins(layout))
+    return (*_doubtful(layout), *_sheets(layout), *_boundaries(layout), *_pins(layout))
 
 
 def _pins(layout: Layout) -> list[str]:
@@ -39,6 +44,33 @@ def _doubtful(layout: Layout) -> list[str]:
     return [
         f"The surface could not vouch for the closest points of {int(doubtful.sum())} of {len(doubtful)} nodes "
         f"({np.mean(doubtful):.2%}): at folds and creases narrower than the band the solution may be off; "
+        "a smaller spacing narrows the band."
+    ]
+
+
+def share_of_jumps(layout: Layout) -> float:
+    """Return the share of neighbouring inner nodes whose closest points lie more than two spacings apart.
+
+    On a surface that the band resolves there are none; near a medial axis inside the band there are.
+    """
+    band = layout.band
+    jumps = pairs = 0
+    for axis in np.eye(band.dim, dtype=np.int64):
+        nodes = np.arange(band.inner)
+        beside = band.find_inner(band.nodes[nodes] + axis)
+        nodes, beside = nodes[beside >= 0], beside[beside >= 0]
+        apart = np.linalg.norm(band.feet.points[nodes] - band.feet.points[beside], axis=1)
+        jumps, pairs = jumps + int(np.count_nonzero(apart > JUMP * band.spacing)), pairs + len(nodes)
+    return jumps / max(pairs, 1)
+
+
+def _sheets(layout: Layout) -> list[str]:
+    share = share_of_jumps(layout)
+    if share <= JUMP_SHARE:
+        return []
+    return [
+        f"The closest points of {share:.1%} of neighbouring nodes jump: there the surface bends more sharply, or two "
+        "parts of it come nearer to each other, than the band is wide, and the solution may be off by several percent; "
         "a smaller spacing narrows the band."
     ]
 

@@ -33,3 +33,17 @@ def test_a_ring_about_one_of_two_sheets_is_reported():
     assert any("'ring'" in warning and "another part of the surface" in warning for warning in warned)
     clean = ck.solve(rings_about_a_tube(0.4), 0.08, tolerance=1e-6).warnings
     assert not clean
+
+
+@pytest.mark.parametrize(
+    ("kind", "keys", "spacing", "warned"),
+    [
+        ("analytic.sphere", {}, 0.1, False),
+        ("analytic.torus", {"major": 1.0, "minor": 0.4}, 0.08, False),
+        ("analytic.cap", {"height": 0.3}, 0.08, False),
+        ("analytic.torus", {"major": 1.0, "minor": 0.1}, 0.05, True),
+    ],
+)
+def test_sheets_and_bends_inside_the_band_are_reported(kind, keys, spacing, warned):
+    scene = ck.Scene(ck.source(kind, **keys), ck.ScreenedPoisson(1.0))
+    assert any("neighbouring nodes jump" in text for text in ck.solve(scene, spacing).warnings) == warned
