@@ -131,11 +131,12 @@ def solve(scene: Path, spacing: float | None, backend: str, output: Path | None,
     from cpmkit.progress import ProgressLine
     from cpmkit.results import check_request, write_results
 
-    loaded = load_scene(scene)
-    check_request(loaded.output, loaded.scene.surface)
-    options = loaded.options if backend == "cpm" else _options_of(backend, loaded.options)
     meter = nullcontext(_silent) if quiet else ProgressLine(sys.stderr)
     with meter as progress:
+        progress("read", 0.0)
+        loaded = load_scene(scene)
+        check_request(loaded.output, loaded.scene.surface)
+        options = loaded.options if backend == "cpm" else _options_of(backend, loaded.options)
         solution = solve_scene(loaded.scene, spacing=spacing or loaded.spacing, progress=progress, **options)
         summary = write_results(solution, loaded.output, output or loaded.output.folder, progress)
     if as_json:
@@ -183,9 +184,14 @@ def explain(scene: Path, spacing: float | None, as_json: bool) -> None:
     """
     from cpmkit import explain as explain_scene
     from cpmkit import load_scene
+    from cpmkit.progress import ProgressLine
 
-    loaded = load_scene(scene)
-    explanation = explain_scene(loaded.scene, spacing=spacing or loaded.spacing, **loaded.options)
+    with ProgressLine(sys.stderr) as progress:
+        progress("read", 0.0)
+        loaded = load_scene(scene)
+        explanation = explain_scene(
+            loaded.scene, spacing=spacing or loaded.spacing, progress=progress, **loaded.options
+        )
     click.echo(json.dumps(explanation.as_dict(), indent=2) if as_json else str(explanation))
 
 

@@ -8,7 +8,7 @@ from typing import Any
 from cpmkit import memory
 from cpmkit.boundary.edge import is_wall
 from cpmkit.conditions import Condition
-from cpmkit.protocols import HasNormals, HasTangents
+from cpmkit.protocols import HasNormals, HasTangents, Progress, nothing
 from cpmkit.rehearsal import Counts, count, manifold_dim
 from cpmkit.resolution import needed_spacing
 from cpmkit.scene import Scene
@@ -74,6 +74,7 @@ def explain(
     order: int = 2,
     origin: Any = None,
     solver: str = "auto",
+    progress: Progress = nothing,
     **others: Any,
 ) -> Explanation:
     """Say what :func:`cpmkit.solve` with the same arguments will build, why, and at what cost.
@@ -87,7 +88,7 @@ def explain(
     """
     del others  # tolerance and the like change nothing of what is built
     spacing = needed_spacing(scene, spacing)
-    counts = count(scene, spacing, degree=degree, order=order, origin=origin)
+    counts = count(scene, spacing, progress, degree=degree, order=order, origin=origin)
     memory.check_fits(counts["unknowns"], scene.surface.dim, manifold_dim(scene), degree, spacing)
     chosen = choose_solver(check_solver(solver, {}), counts["unknowns"], scene.surface.manifold_dim)
     needed = memory.peak_bytes(counts["rows"], counts["unknowns"], scene.surface.dim, degree, scene.channels, chosen)

@@ -18,6 +18,7 @@ from cpmkit.grid.band import cell_levels, nodes_of_blocks
 from cpmkit.grid.stencils import base_offset, check_degree
 from cpmkit.layout import Layout, lay_out
 from cpmkit.localized import localize
+from cpmkit.protocols import Progress, nothing
 from cpmkit.scene import Scene
 
 #: A rehearsal has at most about this many cells on the manifold.
@@ -37,14 +38,18 @@ class Counts:
         return round(self.values[name])
 
 
-def count(scene: Scene, spacing: float, **options: Any) -> Counts:
-    """Return the counts of ``scene`` at ``spacing``."""
+def count(scene: Scene, spacing: float, progress: Progress = nothing, **options: Any) -> Counts:
+    """Return the counts of ``scene`` at ``spacing``; ``progress`` is told of the stage "rehearsal"."""
+    progress("rehearsal", 0.0)
     finest = _rehearsal_spacing(scene, spacing, options.get("degree", 3))
+    progress("rehearsal", 0.1)
     fine = _counts(lay_out(scene, finest, **options))
+    progress("rehearsal", 0.7 if finest != spacing else 1.0)
     if finest == spacing:
         return Counts(_summed(fine), True)
     spacings = [finest, 2 * finest, 4 * finest]
     rehearsed = [fine, *(_counts(lay_out(scene, coarse, **options)) for coarse in spacings[1:])]
+    progress("rehearsal", 1.0)
     m = manifold_dim(scene)
     dims = {f"{QUERIES} surface": m}
     dims |= {f"{QUERIES} {one.name}": one.source.manifold_dim or 1 for one in scene.boundaries}
