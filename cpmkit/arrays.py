@@ -64,3 +64,17 @@ def positive(x: Any, what: str) -> float:
     if not (np.isfinite(value) and value > 0):
         raise InputError(f"{what} must be a finite number above zero, got {x!r}.")
     return value
+
+
+def one_row_each(values: Any, count: int, what: str) -> Floats:
+    """Return ``values`` as float64 if they have one row for each of ``count`` things.
+
+    Raises
+    ------
+    InputError
+        If they have not.
+    """
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim == 0 or len(array) != count:
+        raise InputError(f"values must have one row for each of the {count} {what}, got shape {array.shape}.")
+    return array

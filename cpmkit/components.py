@@ -25,23 +25,13 @@ def components(tables: Discretization) -> tuple[int, Ints]:
     from scipy.sparse.csgraph import connected_components
 
     unknown_of_row = np.full(tables.extension.shape[0], -1)
-    rows = _unknown_rows(tables)
+    rows = tables.unknown_rows
     unknown_of_row[rows] = np.arange(len(rows))
     read = unknown_of_row[tables.neighbours.indices]
     reader = np.repeat(np.arange(len(rows)), np.diff(tables.neighbours.indptr))[read >= 0]
     graph = csr_array((np.ones(len(reader), dtype=np.int8), (reader, read[read >= 0])), shape=(len(rows), len(rows)))
     count, label = connected_components(graph, directed=False)
     return int(count), np.asarray(label, dtype=np.int64)
-
-
-def _unknown_rows(tables: Discretization) -> Ints:
-    """Return the row of E that belongs to each unknown."""
-    first = len(tables.layout.band.nodes)
-    rows = [np.arange(tables.layout.band.inner)]
-    for ghosts in tables.layout.ghosts:
-        rows.append(first + np.arange(ghosts.unknowns))
-        first += len(ghosts.nodes)
-    return np.concatenate(rows)
 
 
 def check_pinned(tables: Discretization, scene: Scene, problem: Problem) -> None:
@@ -65,7 +55,7 @@ def check_pinned(tables: Discretization, scene: Scene, problem: Problem) -> None
 
 def _spread(tables: Discretization, label: Ints, pinned: Bools) -> Bools:
     """Return which pieces are pinned, or read one that is: single nodes may hang together by interpolation alone."""
-    rows = _unknown_rows(tables)
+    rows = tables.unknown_rows
     while not pinned.all():
         members = np.flatnonzero(~pinned[label])
         reads = tables.extension[rows[members]]

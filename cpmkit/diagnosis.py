@@ -13,7 +13,8 @@ DOUBTFUL_SHARE = 1e-4
 SIDES: tuple[Side, Side] = ("left", "right")
 #: Closest points of neighbouring nodes that lie this many spacings apart have jumped from one part to another.
 JUMP = 2.0
-#: So many jumps are worth a warning; on real meshes 1 percent of them goes with errors of about 1 percent.
+#: So many jumps are worth a warning: Spot with 0.5 percent of them differs from finite elements by 2 percent of the
+#: range, with 1.1 percent by 18.
 JUMP_SHARE = 5e-3
 #: So may this share of a boundary's ghosts stand on another sheet.
 OFF_SHEET_SHARE = 1e-2

@@ -12,6 +12,7 @@ from cpmkit.boundary.crossing import View, visible_ghosts
 from cpmkit.boundary.edge import Reading
 from cpmkit.boundary.frame import Frame, stack
 from cpmkit.boundary.ghosts import Ghosts
+from cpmkit.grid.band import Band
 from cpmkit.grid.extension import Unknowns, extend
 from cpmkit.grid.stencils import cross_offsets
 from cpmkit.layout import Layout, lay_out
@@ -45,6 +46,11 @@ class Discretization:
     extension: csr_array
     datum: Floats
     neighbours: csr_array
+
+    @property
+    def unknown_rows(self) -> Ints:
+        """(unknowns,) the row of E that belongs to each unknown."""
+        return _unknown_rows(self.layout.band, self.layout.ghosts)
 
 
 def discretize(scene: Scene, spacing: float, *, progress: Progress = nothing, **options: Any) -> Discretization:
@@ -96,6 +102,13 @@ def _first_rows(nodes: int, ghosts: Sequence[Ghosts]) -> Ints:
     return np.cumsum([nodes] + [len(one.nodes) for one in ghosts]).astype(np.int64)
 
 
+def _unknown_rows(band: Band, ghosts: Sequence[Ghosts]) -> Ints:
+    """Return the row of E that belongs to each unknown: the inner nodes', then those of each boundary's ghosts."""
+    first = _first_rows(len(band.nodes), ghosts)
+    parts = [np.arange(band.inner), *(first[k] + np.arange(one.unknowns) for k, one in enumerate(ghosts))]
+    return np.concatenate(parts)
+
+
 def _all_views(frames: Sequence[Frame], ghosts: Sequence[Ghosts], nodes: int) -> View:
     """Return how all rows of E see the boundaries."""
     first = _first_rows(nodes, ghosts)
@@ -118,9 +131,7 @@ def _neighbours(unknowns: Unknowns, view: View) -> csr_array:
     band, ghosts = unknowns.band, unknowns.ghosts
     first = _first_rows(len(band.nodes), ghosts)
     centres = np.concatenate([np.arange(band.inner), *(one.nodes[: one.unknowns] for one in ghosts)])
-    rows = np.concatenate(
-        [np.arange(band.inner), *(first[k] + np.arange(one.unknowns) for k, one in enumerate(ghosts))]
-    )
+    rows = _unknown_rows(band, ghosts)
     nodes = band.find(band.nodes[centres][:, None] + cross_offsets(band.dim))
     label, number = visible_ghosts(
         view.select(rows), nodes, [one.numbers for one in ghosts], [one.director for one in ghosts]

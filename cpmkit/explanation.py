@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from cpmkit import memory
+from cpmkit.arrays import positive
 from cpmkit.boundary.edge import is_wall
 from cpmkit.conditions import Condition
 from cpmkit.protocols import HasNormals, HasTangents, Progress, nothing
@@ -74,23 +75,25 @@ def explain(
     order: int = 2,
     origin: Any = None,
     solver: str = "auto",
+    tolerance: float = 1e-10,
     progress: Progress = nothing,
-    **others: Any,
+    **solver_options: Any,
 ) -> Explanation:
     """Say what :func:`cpmkit.solve` with the same arguments will build, why, and at what cost.
 
-    Large scenes are rehearsed on two coarse lattices; nothing is built at the spacing itself.
+    Large scenes are rehearsed on three coarse lattices; nothing is built at the spacing itself.
 
     Raises
     ------
     InputError, SceneError, ResolutionError
         As ``solve`` would.
     """
-    del others  # tolerance and the like change nothing of what is built
+    positive(tolerance, "tolerance")  # nothing that is built depends on it
+    check_solver(solver, solver_options)
     spacing = needed_spacing(scene, spacing)
     counts = count(scene, spacing, progress, degree=degree, order=order, origin=origin)
     memory.check_fits(counts["unknowns"], scene.surface.dim, manifold_dim(scene), degree, spacing)
-    chosen = choose_solver(check_solver(solver, {}), counts["unknowns"], scene.surface.manifold_dim)
+    chosen = choose_solver(solver, counts["unknowns"], scene.surface.manifold_dim)
     needed = memory.peak_bytes(counts["rows"], counts["unknowns"], scene.surface.dim, degree, scene.channels, chosen)
     parts = [
         *_surface_parts(counts, degree),
@@ -119,8 +122,7 @@ def _surface_parts(counts: Counts, degree: int) -> list[Part]:
 def _edge_parts(scene: Scene, counts: Counts, order: int) -> list[Part]:
     if not counts["past edge"]:
         return []
-    edges = list(scene.edge.values()) if isinstance(scene.edge, dict) else [scene.edge]
-    kinds = ", ".join(sorted({_named(edge) for edge in edges if not callable(edge)}))  # type: ignore[arg-type]
+    kinds = ", ".join(sorted({_named(edge) for edge in scene.edge_conditions}))
     how = "read at the edge" if order == 1 else "read at a mirror point inside, second order"
     return [Part("nodes past the edge", f"{counts['past edge']:,}", f"the manifold is open; {kinds}, {how}")]
 

@@ -148,14 +148,18 @@ class Scene:
                 raise SceneError(f"{what} has {count} channels where others have {most}; give one value, or {most}.")
         return most
 
+    @property
+    def edge_conditions(self) -> list[Condition]:
+        """The condition of the edge, or those of all its loops."""
+        return list(self.edge.values()) if isinstance(self.edge, Mapping) else [self.edge]
+
     def _data(self) -> list[tuple[str, Data]]:
         conditions = [
             (f"boundary {boundary.name!r}", boundary.condition(side))
             for boundary in self.boundaries
             for side in ("left", "right")
         ]
-        edges = list(self.edge.values()) if isinstance(self.edge, Mapping) else [self.edge]
-        conditions += [("the edge's condition", edge) for edge in edges]
+        conditions += [("the edge's condition", edge) for edge in self.edge_conditions]
         return [(what, condition.gamma) for what, condition in conditions] + [("the right-hand side f", self.problem.f)]
 
     def lattice(self, spacing: float, origin: Any = None) -> Lattice:

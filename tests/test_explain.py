@@ -65,3 +65,10 @@ def test_order_one_makes_no_mirror_query():
 
     scene, _, _ = sphere_poisson([[1.0, 2.0, 3.0]])
     assert lay_out(scene, 0.1, order=1).queries["surface"] < lay_out(scene, 0.1).queries["surface"]
+
+
+def test_an_option_that_solve_would_refuse_is_refused():
+    scene, _, _ = circle_jump()
+    assert ck.explain(scene, 0.1, solver="reference", tolerance=1e-6, max_iterations=5).unknowns > 0
+    with pytest.raises(ck.InputError, match="no option 'degre'"):
+        ck.explain(scene, 0.1, degre=3)

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.arrays import as_points, as_vector
+from cpmkit.arrays import as_points, as_vector, one_row_each
 from cpmkit.errors import InputError
 from cpmkit.protocols import ClosestPoints, Floats, Ints
-from cpmkit_mesh.reading import as_numbers, existing_file, one_row_each
+from cpmkit_mesh.reading import as_numbers, existing_file
 from cpmkit_mesh.tree import Tree, build_tree, nearest
 
 #: A foot that is nearer to a vertex than this share of its segment is at the vertex.

@@ -101,20 +101,6 @@ def as_mesh(vertices: Any, faces: Any) -> tuple[Floats, Ints]:
     return points, triangles
 
 
-def one_row_each(values: Any, count: int, what: str) -> Floats:
-    """Return ``values`` as float64 if they have one row for each of ``count`` things.
-
-    Raises
-    ------
-    InputError
-        If they have not.
-    """
-    array = np.asarray(values, dtype=np.float64)
-    if array.ndim == 0 or len(array) != count:
-        raise InputError(f"values must have one row for each of the {count} {what}, got shape {array.shape}.")
-    return array
-
-
 def as_numbers(values: Any, what: str) -> np.ndarray:
     """Return ``values`` as an array of numbers.
 

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.arrays import as_points, as_vector
+from cpmkit.arrays import as_points, as_vector, one_row_each
 from cpmkit.errors import InputError
 from cpmkit.protocols import ClosestPoints, Floats, Ints
 from cpmkit_mesh.normals import corner_normals, unit
-from cpmkit_mesh.reading import as_mesh, one_row_each, read_mesh, weld
+from cpmkit_mesh.reading import as_mesh, read_mesh, weld
 from cpmkit_mesh.smooth import SmoothPart, follow_normals, smooth_part
 from cpmkit_mesh.topology import FIRST_BOUNDARY, Topology, topology
 from cpmkit_mesh.tree import Tree, build_tree, nearest

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.arrays import as_points, as_vector
+from cpmkit.arrays import as_points, as_vector, one_row_each
 from cpmkit.errors import InputError
 from cpmkit.protocols import ClosestPoints, Floats, Ints
 from cpmkit.threads import thread_count
 from cpmkit_pointcloud.blend import Blend, project, surface_normals
 from cpmkit_pointcloud.patches import curvatures
-from cpmkit_pointcloud.values import one_row_each, weights_at
+from cpmkit_pointcloud.values import weights_at
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -126,7 +126,7 @@ class PointCloud:
 
         Of points at the same place the first one's data count.
         """
-        values = one_row_each(values, self.value_count)
+        values = one_row_each(values, self.value_count, "points")
         tangents = self.surface.patches.frames[self._samples(feet), :-1]
         index, weights = weights_at(feet.points, self.points, self._tree, tangents)
         return np.einsum("nk,nk...->n...", weights, values[self.given[index]])
@@ -221,7 +221,7 @@ class NearestSamples:
         """Return the rows of ``values`` (value_count, ...) of the samples in ``feet``."""
         if feet.element is None:
             raise InputError("feet must be records that this cloud answered: they lack element.")
-        return one_row_each(values, self.value_count)[feet.element]
+        return one_row_each(values, self.value_count, "points")[feet.element]
 
     def translated(self, offset: Floats, /) -> NearestSamples:
         """Return the cloud moved by ``offset`` (d,)."""

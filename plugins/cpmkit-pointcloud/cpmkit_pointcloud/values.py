@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.errors import InputError
 from cpmkit.protocols import Floats, Ints
 
 if TYPE_CHECKING:
@@ -16,20 +15,6 @@ if TYPE_CHECKING:
 AROUND = {2: 5, 3: 12}
 #: Directions in which the samples spread less than this, relative to the widest, carry no slope.
 SPREAD = 1e-9
-
-
-def one_row_each(values: Any, count: int) -> Floats:
-    """Return ``values`` as float64 if they have one row for each of ``count`` points.
-
-    Raises
-    ------
-    InputError
-        If they have not.
-    """
-    array = np.asarray(values, dtype=np.float64)
-    if array.ndim == 0 or len(array) != count:
-        raise InputError(f"values must have one row for each of the {count} points, got shape {array.shape}.")
-    return array
 
 
 def weights_at(feet: Floats, points: Floats, tree: cKDTree, tangents: Floats) -> tuple[Ints, Floats]:
