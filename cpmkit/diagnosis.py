@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cpmkit.layout import Layout
-from cpmkit.protocols import Side
+from cpmkit.protocols import HasWarnings, Side
 
 #: A surface's search may doubt this share of the nodes before it is worth a warning.
 DOUBTFUL_SHARE = 1e-4
@@ -16,25 +16,41 @@ JUMP = 2.0
 #: So many jumps are worth a warning: Spot with 0.5 percent of them differs from finite elements by 2 percent of the
 #: range, with 1.1 percent by 18.
 JUMP_SHARE = 5e-3
+#: A boundary that lies more spacings off the surface than this was hardly meant to.
+FAR_OFF = 0.5
 #: So may this share of a boundary's ghosts stand on another sheet.
 OFF_SHEET_SHARE = 1e-2
 
 
 def warnings_of(layout: Layout) -> tuple[str, ...]:
     """Return one sentence for each thing found."""
-    return (*_doubtful(layout), *_sheets(layout), *_boundaries(layout), *_pins(layout))
+    surface = layout.surface.source
+    own = surface.warnings(layout.lattice.spacing) if isinstance(surface, HasWarnings) else ()
+    return (*own, *_doubtful(layout), *_sheets(layout), *_boundaries(layout), *_gaps(layout), *_pins(layout))
+
+
+def _gaps(layout: Layout) -> list[str]:
+    spacing = layout.lattice.spacing
+    return [
+        f"Boundary {boundary.name!r} lies up to {seen.gap:.3g} off the surface, {seen.gap / spacing:.2g} spacings; it "
+        "was snapped to the closest points."
+        for boundary, seen in zip(layout.sight.boundaries, layout.sight.sighted, strict=True)
+        if seen.gap > FAR_OFF * spacing
+    ]
 
 
 def _pins(layout: Layout) -> list[str]:
     """Name points on a surface that hold a value beside other values: the continuous problem does not feel them."""
     boundaries = layout.sight.boundaries
     valued = [one for one in boundaries if any(one.condition(side).beta for side in SIDES)]
-    pins = [one.name for one in valued if one.source.manifold_dim == 0 and layout.surface.manifold_dim == 2]
+    thin = {one.name for one, seen in zip(boundaries, layout.sight.sighted, strict=True) if not seen.has_sides}
+    pins = [one.name for one in valued if one.name in thin]
     if not pins or len(valued) < 2:
         return []
     return [
-        f"Boundary {', '.join(map(repr, pins))}: a point of a surface is too small for the equation to feel a value "
-        "there beside other conditions; what comes out depends on the spacing, use a small circle instead."
+        f"Boundary {', '.join(map(repr, pins))}: a point of a surface, or a point or curve of a solid, is too small "
+        "for the equation to feel a value there beside other conditions; what comes out depends on the spacing, use a "
+        "small circle or a thin tube instead."
     ]
 
 

@@ -5,15 +5,24 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import numpy as np
+
 from cpmkit import memory
 from cpmkit.arrays import positive
 from cpmkit.boundary.edge import is_wall
 from cpmkit.conditions import Condition
-from cpmkit.protocols import HasNormals, HasTangents, Progress, nothing
-from cpmkit.rehearsal import Counts, count, manifold_dim
+from cpmkit.localized import largest_dim
+from cpmkit.protocols import HasFloor, HasNormals, HasTangents, Progress, nothing
+from cpmkit.rehearsal import Counts, count
 from cpmkit.resolution import needed_spacing
 from cpmkit.scene import Scene
 from cpmkit.solvers import check_solver, choose_solver
+
+#: Boundaries that lie farther off the manifold than this share of the spacing are said to be snapped.
+TOLD_GAP = 1e-6
+#: Noise of closest points appears in the solution, as a share of its range, times this over the spacing (measured
+#: on a circle with a jump, noise of 1e-9 to 1e-4 of its radius, spacings of 0.1 to 0.003).
+NOISE_GROWS = 6.0
 
 
 @dataclass(frozen=True)
@@ -37,6 +46,10 @@ class Explanation:
         What the scene does not require and is therefore not built.
     unknowns, closest_point_queries, bytes : int
         Predicted to 10 percent, 10 percent and a factor of 2; ``bytes`` is the peak of tables and vectors.
+    floor : float
+        The error that the representation alone leaves, as a share of the solution's range, predicted to a factor
+        of 3: no spacing gets below it. For a mesh, a cloud or samples it is what they say of themselves; in any case
+        rounding and noise of closest points count, ``6 noise / spacing``.
     solver : str
         The solver that will be taken.
     exact : bool
@@ -48,6 +61,7 @@ class Explanation:
     unknowns: int
     closest_point_queries: int
     bytes: int
+    floor: float
     solver: str
     exact: bool
 
@@ -62,6 +76,7 @@ class Explanation:
         lines += ["", f"unknowns               {about}{self.unknowns:,}"]
         lines += [f"closest point queries  {about}{self.closest_point_queries:,}"]
         lines += [f"memory at the peak     about {self.bytes / 2**20:,.1f} MiB"]
+        lines.append(f"error of the source    about {self.floor:.0e} of the solution's range, at any spacing")
         if self.left_out:
             lines += ["", "not built: " + "; ".join(self.left_out)]
         return "\n".join(lines)
@@ -92,19 +107,34 @@ def explain(
     check_solver(solver, solver_options)
     spacing = needed_spacing(scene, spacing)
     counts = count(scene, spacing, progress, degree=degree, order=order, origin=origin)
-    memory.check_fits(counts["unknowns"], scene.surface.dim, manifold_dim(scene), degree, spacing)
-    chosen = choose_solver(solver, counts["unknowns"], scene.surface.manifold_dim)
+    memory.check_fits(counts["unknowns"], scene.surface.dim, largest_dim(scene.surface), degree, spacing)
+    chosen = choose_solver(solver, counts["unknowns"], largest_dim(scene.surface))
     needed = memory.peak_bytes(counts["rows"], counts["unknowns"], scene.surface.dim, degree, scene.channels, chosen)
     parts = [
         *_surface_parts(counts, degree),
         *_edge_parts(scene, counts, order),
-        *_boundary_parts(scene, counts, order),
+        *_boundary_parts(scene, counts, order, spacing),
     ]
     parts.append(_solver_part(scene, chosen, solver))
     left_out = _left_out(scene, counts, order)
     return Explanation(
-        tuple(parts), tuple(left_out), counts["unknowns"], counts["queries"], int(needed), chosen, counts.exact
+        tuple(parts),
+        tuple(left_out),
+        counts["unknowns"],
+        counts["queries"],
+        int(needed),
+        _floor(scene, counts, spacing),
+        chosen,
+        counts.exact,
     )
+
+
+def _floor(scene: Scene, counts: Counts, spacing: float) -> float:
+    """Return the share of the solution's range by which the representation alone may be off."""
+    bounds = np.asarray(scene.surface.bounds, dtype=np.float64)
+    noise = max(counts.noise, float(np.finfo(np.float64).eps * (bounds[1] - bounds[0]).max()))
+    own = scene.surface.floor(spacing) if isinstance(scene.surface, HasFloor) else 0.0
+    return max(own, NOISE_GROWS * noise / spacing)
 
 
 def _surface_parts(counts: Counts, degree: int) -> list[Part]:
@@ -127,12 +157,14 @@ def _edge_parts(scene: Scene, counts: Counts, order: int) -> list[Part]:
     return [Part("nodes past the edge", f"{counts['past edge']:,}", f"the manifold is open; {kinds}, {how}")]
 
 
-def _boundary_parts(scene: Scene, counts: Counts, order: int) -> list[Part]:
+def _boundary_parts(scene: Scene, counts: Counts, order: int, spacing: float) -> list[Part]:
     parts = []
     for number, boundary in enumerate(scene.boundaries):
         left, right = boundary.condition("left"), boundary.condition("right")
         sides = _named(left) if left is right else f"{_named(left)} left, {_named(right)} right"
         why = f"second unknowns that continue each side across it: {sides}, order {order}"
+        if counts.gaps[number] > TOLD_GAP * spacing:
+            why += f"; snapped by up to {counts.gaps[number]:.3g}"
         parts.append(Part(f"ghosts of {boundary.name!r}", f"{counts[f'ghosts {number}']:,}", why))
     return parts
 

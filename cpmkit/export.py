@@ -17,18 +17,19 @@ from cpmkit.surface_mesh import DisplayMesh, mesh_of
 from cpmkit.view.drawing import in_space, value_colours
 
 if TYPE_CHECKING:
-    from cpmkit.solution import Solution
+    from cpmkit.readable import ReadableSolution
 
 
-def save(solution: Solution, path: str | Path) -> None:
+def save(solution: ReadableSolution, path: str | Path) -> None:
     """Write ``solution`` to ``path``, whole or not at all.
 
     ========= ==================================================================================
     suffix    contents
     ========= ==================================================================================
-    ``.vtp``  the surface's mesh, cut along the boundaries, for ParaView: point data ``u`` and,
-              where there are three channels, ``rgb``
-    ``.ply``  the same mesh with a colour a vertex: the three channels, or the first in viridis
+    ``.vtp``  the surface's mesh, cut along the boundaries, for ParaView: triangles, lines and
+              points with point data ``u`` and, where there are three channels, ``rgb``
+    ``.ply``  its triangles and all its vertices, with a colour a vertex: the three channels, or
+              the first in viridis
     ``.npz``  arrays ``points``, ``cells``, ``values``, ``original`` of that mesh, and the lattice
               and its unknowns under names that begin with ``lattice_``
     ``.json`` the summary: what was solved, what it cost, what it reached
@@ -65,7 +66,7 @@ def check_file(path: str | Path, surface: ClosestPointSource) -> None:
     mesh_of(surface)
     if suffix == ".ply" and surface.manifold_dim == 1:
         raise InputError(
-            f"{path.name!r} would hold a curve, and PLY files hold triangles; accepted are .vtp, .npz, .json."
+            f"{path.name!r} would hold a curve, and PLY files hold no lines; accepted are .vtp, .npz, .json."
         )
     if find_spec("pyvista") is None:
         raise MissingDependencyError(f"{suffix} files are written by pyvista; `pip install '.[view]'` adds it.")
@@ -77,7 +78,7 @@ def write_summary(summary: Mapping[str, Any], path: str | Path) -> None:
         unfinished.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
 
 
-def _save_vtp(solution: Solution, path: Path) -> None:
+def _save_vtp(solution: ReadableSolution, path: Path) -> None:
     mesh = solution.display_mesh()
     data = _poly_data(mesh)
     data.point_data["u"] = mesh.values[:, 0] if solution.channels == 1 else mesh.values
@@ -88,13 +89,13 @@ def _save_vtp(solution: Solution, path: Path) -> None:
     data.save(path)
 
 
-def _save_ply(solution: Solution, path: Path) -> None:
+def _save_ply(solution: ReadableSolution, path: Path) -> None:
     mesh = solution.display_mesh()
     colours = mesh.values if solution.channels == 3 else value_colours(mesh.values[:, 0])[0]
     _poly_data(mesh).save(path, texture=_bytes(colours))
 
 
-def _save_npz(solution: Solution, path: Path) -> None:
+def _save_npz(solution: ReadableSolution, path: Path) -> None:
     arrays = {f"lattice_{name}": array for name, array in solution.arrays().items()}
     if isinstance(solution.scene.surface, HasMesh):
         mesh = solution.display_mesh()
@@ -107,11 +108,11 @@ def _save_npz(solution: Solution, path: Path) -> None:
     np.savez_compressed(path, **arrays)
 
 
-def _save_json(solution: Solution, path: Path) -> None:
+def _save_json(solution: ReadableSolution, path: Path) -> None:
     path.write_text(json.dumps(solution.summary(), indent=2) + "\n", encoding="utf-8")
 
 
-_WRITERS: dict[str, Callable[[Solution, Path], None]] = {
+_WRITERS: dict[str, Callable[[ReadableSolution, Path], None]] = {
     ".vtp": _save_vtp,
     ".ply": _save_ply,
     ".npz": _save_npz,
@@ -125,10 +126,11 @@ def _poly_data(mesh: DisplayMesh) -> Any:
     except ImportError as error:  # installed, but a library of the system is absent
         raise MissingDependencyError(f"pyvista, which writes .vtp and .ply files, does not import: {error}.") from error
 
-    corners = mesh.cells.shape[1]
-    listed = np.insert(mesh.cells, 0, corners, axis=1).ravel()
-    points = in_space(mesh.points)
-    return pyvista.PolyData(points, lines=listed) if corners == 2 else pyvista.PolyData(points, faces=listed)
+    parts = {"faces": mesh.triangles, "lines": mesh.segments, "verts": mesh.dots[:, None]}
+    listed: dict[str, Any] = {
+        name: np.insert(part, 0, part.shape[1], axis=1).ravel() for name, part in parts.items() if len(part)
+    }
+    return pyvista.PolyData(in_space(mesh.points), **listed)
 
 
 def _bytes(colours: Any) -> Any:

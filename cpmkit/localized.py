@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -11,9 +13,12 @@ from cpmkit.protocols import (
     ClosestPoints,
     ClosestPointSource,
     Floats,
+    HasLeft,
+    HasMembers,
     HasNormals,
     HasTangents,
     HasTranslation,
+    Ints,
 )
 
 
@@ -54,6 +59,37 @@ class Localized:
         """(2, d) bounds relative to the origin."""
         return np.asarray(self.source.bounds, dtype=np.float64) - self.shift
 
+    @cached_property
+    def members(self) -> tuple[Localized, ...]:
+        """The members of a union, seen from the same origin; the source itself where it is none."""
+        if not isinstance(self.source, HasMembers):
+            return (self,)
+        return tuple(Localized(member, self.shift, self.queries) for member in self.source.members)
+
+    @property
+    def largest_dim(self) -> int:
+        """The largest dimension of a member: counts of nodes grow with it."""
+        return largest_dim(self.source)
+
+    def dimensions_at(self, feet: ClosestPoints) -> Ints:
+        """Return the dimension (n,) of the manifold at ``feet``; of a mixed union, the member's."""
+        dims = np.array([self.dim if one.manifold_dim is None else one.manifold_dim for one in self.members])
+        return np.full(len(feet), dims[0]) if len(dims) == 1 else dims[feet.element]
+
+    def by_member(self, feet: ClosestPoints) -> Iterator[tuple[Localized, Ints, ClosestPoints]]:
+        """Yield each member that holds some of ``feet``, their rows, and the member's own records of them."""
+        if len(self.members) == 1:
+            yield self.members[0], np.arange(len(feet)), feet
+            return
+        for number in np.unique(feet.element):
+            rows = np.flatnonzero(feet.element == number)
+            yield self.members[number], rows, self.members[number].closest_point(feet.points[rows])
+
+    def knows_directions(self, dimension: int) -> bool:
+        """True if all members of this dimension give their own tangents (of a curve) or normals (of a surface)."""
+        asked = [member for member in self.members if member.manifold_dim == dimension]
+        return all(member.has_tangents if dimension == 1 else member.has_normals for member in asked)
+
     @property
     def has_normals(self) -> bool:
         """True if the source gives its own normals."""
@@ -63,6 +99,11 @@ class Localized:
     def has_tangents(self) -> bool:
         """True if the source gives its own tangents."""
         return isinstance(self.source, HasTangents)
+
+    @property
+    def has_left(self) -> bool:
+        """True if the source knows its left by itself."""
+        return isinstance(self.source, HasLeft)
 
     def closest_point(self, x: Floats) -> ClosestPoints:
         """Return the closest points of ``x`` (n, d), both relative to the origin."""
@@ -79,8 +120,19 @@ class Localized:
         assert isinstance(self.source, HasTangents)
         return self.source.tangents(self._moved(feet, self.shift))
 
+    def leftward(self, feet: ClosestPoints) -> Floats:
+        """Return the source's own leftward vectors (n, d) at ``feet``."""
+        assert isinstance(self.source, HasLeft)
+        return self.source.leftward(self._moved(feet, self.shift))
+
     def _moved(self, feet: ClosestPoints, offset: Floats) -> ClosestPoints:
         return replace(feet, points=feet.points + offset) if self.shift.any() else feet
+
+
+def largest_dim(source: ClosestPointSource) -> int:
+    """Return the largest dimension of a source's members; the space's where it is not known."""
+    members = source.members if isinstance(source, HasMembers) else [source]
+    return max(source.dim if member.manifold_dim is None else member.manifold_dim for member in members)
 
 
 def localize(source: ClosestPointSource, origin: Floats) -> Localized:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cpmkit.mesh_cells import edges_of, padded, renumbered, with_corners
 from cpmkit.protocols import Bools, ClosestPointSource, Floats, Ints
 
 #: A vertex nearer to a boundary than this share of the spacing lies on it.
@@ -21,7 +22,7 @@ class Pieces:
 
     attributes: Floats  # (v, d) or (v, 2 d)
     sides: Ints  # (v, boundaries): 1 left, -1 right, 0 not on that boundary
-    cells: Ints  # (m, k)
+    cells: Ints  # (m, k): triangles, segments and points, shorter rows end in -1
 
 
 def cut(pieces: Pieces, boundary: int, distance: Floats, dim: int, curve: ClosestPointSource, spacing: float) -> Pieces:
@@ -42,20 +43,28 @@ def cut(pieces: Pieces, boundary: int, distance: Floats, dim: int, curve: Closes
     spacing : float
         Of the solution, the unit of :data:`ON_CURVE`.
     """
-    count = len(distance)
-    sign = _signs(pieces.attributes[:, :dim], distance, curve, spacing)
-    edges, cell_edges = edges_of(pieces.cells, count)
-    crossed = _crossed(pieces.attributes[:, :dim], edges, distance, sign, curve)
-    split = _split_segments if pieces.cells.shape[1] == 2 else _split_triangles
-    cells, side = split(pieces.cells, cell_edges, sign, crossed)
-    # A split names the crossing of edge e as vertex count + e; only those that were used are made.
-    used = np.unique(cells[cells >= count]) - count
+    count, points = len(distance), pieces.attributes[:, :dim]
+    sign = _signs(points, distance, curve, spacing)
+    edges, cells, sides = np.zeros((0, 2), dtype=np.int64), [], []
+    for corners, split in ((3, _split_triangles), (2, _split_segments), (1, _keep_points)):
+        part = with_corners(pieces.cells, corners)
+        if not len(part):
+            continue
+        own, cell_edges = edges_of(part, count)
+        crossed = _crossed(points, own, distance, sign, curve)
+        # The crossing of edge e is called vertex count + e; only those that are used will be made.
+        after, side = split(part, count + len(edges) + cell_edges, crossed[cell_edges], sign)
+        edges = np.concatenate([edges, own])
+        cells.append(after)
+        sides.append(side)
+    after = padded(cells)
+    used = np.unique(after[after >= count]) - count
     number = np.zeros(count + len(edges), dtype=np.int64)
     number[:count] = np.arange(count)
     number[count + used] = count + np.arange(len(used))
     on = np.concatenate([sign == 0, np.ones(len(used), dtype=bool)])
-    with_crossings = _append_crossings(pieces, edges[used], distance, number[cells])
-    return _part(with_crossings, boundary, on, side)
+    with_crossings = _append_crossings(pieces, edges[used], distance, renumbered(after, number))
+    return _part(with_crossings, boundary, on, np.concatenate(sides))
 
 
 def _signs(points: Floats, distance: Floats, curve: ClosestPointSource, spacing: float) -> Floats:
@@ -68,15 +77,6 @@ def _signs(points: Floats, distance: Floats, curve: ClosestPointSource, spacing:
     zero = np.flatnonzero(np.abs(distance) < ON_CURVE * spacing)
     sign[zero] = np.where(_apart(points[zero], curve) < CROSSES * spacing, 0.0, np.nan)
     return sign
-
-
-def edges_of(cells: Ints, count: int) -> tuple[Ints, Ints]:
-    """Return the (e, 2) edges and, for each cell, its edges' numbers; edge k joins corners k and k + 1."""
-    corners = cells.shape[1]
-    ends = np.stack([cells, np.roll(cells, -1, axis=1)], axis=-1)[:, : corners if corners > 2 else 1]
-    low, high = ends.min(axis=-1), ends.max(axis=-1)
-    keys, cell_edges = np.unique(low * count + high, return_inverse=True)
-    return np.stack([keys // count, keys % count], axis=1), cell_edges.reshape(low.shape)
 
 
 def _crossed(points: Floats, edges: Ints, distance: Floats, sign: Floats, curve: ClosestPointSource) -> Bools:
@@ -108,11 +108,17 @@ def _apart(points: Floats, curve: ClosestPointSource) -> Floats:
     return apart
 
 
-def _split_segments(cells: Ints, cell_edges: Ints, sign: Floats, crossed: Bools) -> tuple[Ints, Floats]:
+def _keep_points(cells: Ints, crossings: Ints, crossing: Bools, sign: Floats) -> tuple[Ints, Floats]:
+    """Return the cells, which nothing can cut, and the side of each: 1 left, -1 right, 0 neither."""
+    del crossings, crossing
+    return cells, _side(cells, sign)
+
+
+def _split_segments(cells: Ints, crossings: Ints, crossing: Bools, sign: Floats) -> tuple[Ints, Floats]:
     """Return the cells after the cut and the side of each: 1 left, -1 right, 0 neither."""
-    cut = crossed[cell_edges[:, 0]]
+    cut = crossing[:, 0]
     a, b = cells[cut].T
-    p = len(sign) + cell_edges[cut, 0]
+    p = crossings[cut, 0]
     kept = cells[~cut]
     return (
         np.concatenate([kept, np.stack([a, p], axis=1), np.stack([p, b], axis=1)]),
@@ -120,21 +126,19 @@ def _split_segments(cells: Ints, cell_edges: Ints, sign: Floats, crossed: Bools)
     )
 
 
-def _split_triangles(cells: Ints, cell_edges: Ints, sign: Floats, crossed: Bools) -> tuple[Ints, Floats]:
+def _split_triangles(cells: Ints, crossings: Ints, crossing: Bools, sign: Floats) -> tuple[Ints, Floats]:
     """Return the cells after the cut and the side of each: 1 left, -1 right, 0 neither.
 
     A triangle is cut from edge to edge, or from a corner on the curve to the edge across. One
     that the curve enters and does not leave holds the curve's end and stays whole.
     """
-    crossing = crossed[cell_edges]
     count = crossing.sum(axis=1)
     two = count == 2
     across = (count == 1) & (sign[np.take_along_axis(cells, (crossing.argmax(axis=1)[:, None] + 2) % 3, 1)[:, 0]] == 0)
     kept = cells[~(two | across)]
 
     # The lone corner a comes first: it faces the one edge that is not crossed.
-    (a, b, c), (ab, _, ca) = rotated(cells[two], cell_edges[two], crossing[two].argmin(axis=1) + 2)
-    p, q = len(sign) + ab, len(sign) + ca
+    (a, b, c), (p, _, q) = rotated(cells[two], crossings[two], crossing[two].argmin(axis=1) + 2)
     parts = [(kept, _side(kept, sign))]
     parts += [
         (np.stack(corners, axis=1), s)
@@ -142,16 +146,15 @@ def _split_triangles(cells: Ints, cell_edges: Ints, sign: Floats, crossed: Bools
     ]
 
     # The corner a on the curve comes first: it faces the one edge that is crossed.
-    (a, b, c), (_, bc, _) = rotated(cells[across], cell_edges[across], crossing[across].argmax(axis=1) + 2)
-    p = len(sign) + bc
+    (a, b, c), (_, p, _) = rotated(cells[across], crossings[across], crossing[across].argmax(axis=1) + 2)
     parts += [(np.stack(corners, axis=1), s) for corners, s in [((a, b, p), sign[b]), ((a, p, c), sign[c])]]
     return np.concatenate([part for part, _ in parts]), np.concatenate([side for _, side in parts])
 
 
-def rotated(cells: Ints, cell_edges: Ints, first: Ints) -> tuple[Ints, Ints]:
-    """Return the corners and edges, each (3, m), of triangles turned so that corner ``first`` leads."""
+def rotated(cells: Ints, of_edges: Ints, first: Ints) -> tuple[Ints, Ints]:
+    """Return the corners and what belongs to the edges, each (3, m), of triangles turned so that ``first`` leads."""
     order = (first[:, None] + np.arange(3)) % 3
-    return np.take_along_axis(cells, order, 1).T, np.take_along_axis(cell_edges, order, 1).T
+    return np.take_along_axis(cells, order, 1).T, np.take_along_axis(of_edges, order, 1).T
 
 
 def _side(cells: Ints, sign: Floats) -> Floats:
@@ -184,5 +187,5 @@ def _part(pieces: Pieces, boundary: int, on: Bools, side: Floats) -> Pieces:
     return Pieces(
         np.concatenate([pieces.attributes, pieces.attributes[copied]]),
         np.concatenate([left, right]),
-        np.where((side < 0)[:, None], copy[pieces.cells], pieces.cells),
+        np.where((side < 0)[:, None], renumbered(pieces.cells, copy), pieces.cells),
     )

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
-from cpmkit.mesh_cut import edges_of, rotated
+from cpmkit.mesh_cells import edges_of, padded, with_corners
+from cpmkit.mesh_cut import rotated
 from cpmkit.protocols import Floats, Ints
 
 #: The corners of the pieces of a triangle (a, b, c) by the number of its long edges, among a, b, c (0 to 2)
@@ -25,7 +28,7 @@ def refine(attributes: Floats, cells: Ints, dim: int, longest: float) -> tuple[F
     attributes : (v, w) float64
         The first ``dim`` columns are positions; the middle of an edge has the mean of all columns.
     cells : (m, k) int64
-        Triangles or segments.
+        Triangles, segments and points; shorter rows end in -1.
     dim : int
         2 or 3.
     longest : float
@@ -36,6 +39,17 @@ def refine(attributes: Floats, cells: Ints, dim: int, longest: float) -> tuple[F
     attributes, cells
         The given vertices come first; neighbours share the middles of their edges.
     """
+    parts = []
+    for corners, halve in ((3, _halved_triangles), (2, _halved_segments)):
+        attributes, part = _refined(attributes, with_corners(cells, corners), halve, dim, longest)
+        parts.append(part)
+    return attributes, padded([*parts, with_corners(cells, 1)])
+
+
+def _refined(
+    attributes: Floats, cells: Ints, halve: Callable[[Ints, Ints], Ints], dim: int, longest: float
+) -> tuple[Floats, Ints]:
+    """Refine cells that all have the same number of corners."""
     while True:
         edges, cell_edges = edges_of(cells, len(attributes))
         a, b = edges.T
@@ -43,7 +57,6 @@ def refine(attributes: Floats, cells: Ints, dim: int, longest: float) -> tuple[F
         if not long.any():
             return attributes, cells
         middle = np.where(long, len(attributes) + np.cumsum(long) - 1, -1)
-        halve = _halved_segments if cells.shape[1] == 2 else _halved_triangles
         cells = halve(cells, middle[cell_edges])
         attributes = np.concatenate([attributes, (attributes[a[long]] + attributes[b[long]]) / 2])
 

@@ -146,6 +146,11 @@ def call(make: Callable[..., Any], what: str, table: Mapping[str, Any]) -> Any:
     return make(**table)
 
 
+def takes(make: Callable[..., Any], key: str) -> bool:
+    """Tell whether a factory accepts ``key``."""
+    return key in inspect.signature(make).parameters
+
+
 def source(kind: str, **keys: Any) -> ClosestPointSource:
     """Make a closest point source of an installed kind, e.g. ``source("analytic.sphere", radius=2)``.
 

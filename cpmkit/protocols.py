@@ -145,6 +145,14 @@ class HasTangents(Protocol):
 
 
 @runtime_checkable
+class HasLeft(Protocol):
+    """A curve in a surface, or a surface in a solid, that knows its left by itself: the cut by a function does."""
+
+    def leftward(self, feet: ClosestPoints, /) -> Floats:
+        """Return (n, d) unit vectors at ``feet`` that point to the left, across the curve and along the surface."""
+
+
+@runtime_checkable
 class HasValues(Protocol):
     """A source that carries data of its own: one row a vertex, a sample or a control point."""
 
@@ -163,7 +171,8 @@ class HasMesh(Protocol):
     def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
         """Return vertices (v, d) on the manifold and cells (m, k) of about the size ``spacing``.
 
-        ``k`` is 3 for triangles, 2 for segments, 1 for points.
+        ``k`` is 3 for triangles, 2 for segments, 1 for points. Of a mixed union it is the largest that
+        occurs, and rows of smaller cells end in -1.
         """
 
 
@@ -178,6 +187,31 @@ class HasTranslation(Protocol):
 
     def translated(self, offset: Floats, /) -> ClosestPointSource:
         """Return the same source moved by ``offset`` (d,), with the same abilities."""
+
+
+@runtime_checkable
+class HasMembers(Protocol):
+    """A union: ``element`` in its records is the number of the member that holds the foot."""
+
+    @property
+    def members(self) -> Sequence[ClosestPointSource]:
+        """The sources that it unites, none of them a union."""
+
+
+@runtime_checkable
+class HasWarnings(Protocol):
+    """A source that knows what about itself may spoil a solution: creases, merged or doubtful samples."""
+
+    def warnings(self, spacing: float, /) -> Sequence[str]:
+        """Return one sentence for each thing that a reader of a solution at ``spacing`` should know."""
+
+
+@runtime_checkable
+class HasFloor(Protocol):
+    """A source that stands for a smooth manifold only to some accuracy: a mesh, a cloud, samples on a grid."""
+
+    def floor(self, spacing: float, /) -> float:
+        """Return the error that the source alone leaves in a solution at ``spacing``, as a share of its range."""
 
 
 class LinearSolver(Protocol):

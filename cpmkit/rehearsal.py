@@ -17,22 +17,38 @@ from cpmkit import memory
 from cpmkit.grid.band import cell_levels, nodes_of_blocks
 from cpmkit.grid.stencils import base_offset, check_degree
 from cpmkit.layout import Layout, lay_out
-from cpmkit.localized import localize
+from cpmkit.localized import largest_dim, localize
 from cpmkit.protocols import Progress, nothing
 from cpmkit.scene import Scene
 
 #: A rehearsal has at most about this many cells on the manifold.
 REHEARSED_CELLS = 12_000
+#: So many feet are asked again.
+PROBED = 1000
 #: Name of the count of closest point queries, and beginning of its parts' names.
 QUERIES = "queries"
 
 
 @dataclass(frozen=True)
 class Counts:
-    """What a layout holds, by name; ``exact`` where it was laid out at the spacing itself."""
+    """What a layout holds.
+
+    Attributes
+    ----------
+    values : mapping
+        Counts by name.
+    exact : bool
+        True where it was laid out at the spacing itself.
+    gaps : tuple of float
+        By how much each boundary was snapped to the manifold.
+    noise : float
+        How far feet move when they are asked again, at most.
+    """
 
     values: Mapping[str, float]
     exact: bool
+    gaps: tuple[float, ...]
+    noise: float
 
     def __getitem__(self, name: str) -> int:
         return round(self.values[name])
@@ -43,14 +59,16 @@ def count(scene: Scene, spacing: float, progress: Progress = nothing, **options:
     progress("rehearsal", 0.0)
     finest = _rehearsal_spacing(scene, spacing, options.get("degree", 3))
     progress("rehearsal", 0.1)
-    fine = _counts(lay_out(scene, finest, **options))
+    layout = lay_out(scene, finest, **options)
+    fine = _counts(layout)
+    gaps, noise = tuple(one.gap for one in layout.sight.sighted), _noise(layout)
     progress("rehearsal", 0.7 if finest != spacing else 1.0)
     if finest == spacing:
-        return Counts(_summed(fine), True)
+        return Counts(_summed(fine), True, gaps, noise)
     spacings = [finest, 2 * finest, 4 * finest]
     rehearsed = [fine, *(_counts(lay_out(scene, coarse, **options)) for coarse in spacings[1:])]
     progress("rehearsal", 1.0)
-    m = manifold_dim(scene)
+    m = largest_dim(scene.surface)
     dims = {f"{QUERIES} surface": m}
     dims |= {f"{QUERIES} {one.name}": one.source.manifold_dim or 1 for one in scene.boundaries}
     told = {}
@@ -60,12 +78,7 @@ def count(scene: Scene, spacing: float, progress: Progress = nothing, **options:
             told[name] = _sum_of_powers(spacings, counts, spacing, dims[name])
         else:
             told[name] = _leading_terms(spacings, counts, spacing, m)
-    return Counts(_summed(told), False)
-
-
-def manifold_dim(scene: Scene) -> int:
-    """Return the dimension with which counts grow: the manifold's, or the space's where it is mixed."""
-    return scene.surface.dim if scene.surface.manifold_dim is None else scene.surface.manifold_dim
+    return Counts(_summed(told), False, gaps, noise)
 
 
 def _rehearsal_spacing(scene: Scene, spacing: float, degree: int) -> float:
@@ -80,9 +93,19 @@ def _rehearsal_spacing(scene: Scene, spacing: float, degree: int) -> float:
     surface = localize(scene.surface, lattice.origin)
     levels = cell_levels(surface, lattice.spacing, base_offset(check_degree(degree)))
     side, blocks = next((side, len(blocks)) for side, blocks in levels if side == 1 or len(blocks) > REHEARSED_CELLS)
-    m = manifold_dim(scene)
+    m = surface.largest_dim
     memory.check_fits(nodes_of_blocks(blocks, side, surface.dim, m, degree), surface.dim, m, degree, spacing)
     return lattice.spacing * side
+
+
+def _noise(layout: Layout) -> float:
+    """Return how far the feet of a few nodes move when their closest points are asked for."""
+    nodes = np.linspace(0, len(layout.band.nodes) - 1, PROBED).astype(np.int64)
+    feet = layout.band.feet.take(np.unique(nodes))
+    if feet.doubtful is not None:
+        feet = feet.take(~feet.doubtful)
+    again = layout.surface.closest_point(feet.points).points
+    return float(np.linalg.norm(again - feet.points, axis=1).max(initial=0.0))
 
 
 def _counts(layout: Layout) -> dict[str, float]:

@@ -34,8 +34,7 @@ def suggest_spacing(scene: Scene) -> float:
     """Return a spacing, rounded to two digits, at which the scene is quick to solve and its shape is seen."""
     surface = localize(scene.surface, np.zeros(scene.surface.dim))
     bounds = surface.bounds
-    manifold_dim = scene.surface.manifold_dim
-    manifold_dim = surface.dim if manifold_dim is None else manifold_dim
+    manifold_dim = surface.largest_dim
     size = float((bounds[1] - bounds[0]).max()) or 1.0
     trial = size / 16
     count = next(len(blocks) for side, blocks in cell_levels(surface, trial, 0.0) if side == 1)

@@ -14,7 +14,7 @@ from cpmkit.surface_mesh import mesh_of
 from cpmkit.view import check_picture, picture
 
 if TYPE_CHECKING:
-    from cpmkit.solution import Solution
+    from cpmkit.readable import ReadableSolution
 
 
 def check_request(request: OutputRequest, surface: ClosestPointSource) -> None:
@@ -32,7 +32,9 @@ def check_request(request: OutputRequest, surface: ClosestPointSource) -> None:
         mesh_of(surface)
 
 
-def write_results(solution: Solution, request: OutputRequest, folder: Path, progress: Progress) -> dict[str, Any]:
+def write_results(
+    solution: ReadableSolution, request: OutputRequest, folder: Path, progress: Progress
+) -> dict[str, Any]:
     """Write all that ``request`` asks for into ``folder``, made if need be; return the summary.
 
     The summary is the solution's, with the keys ``folder``, ``files``, ``picture`` (the file, its
@@ -64,7 +66,7 @@ def write_results(solution: Solution, request: OutputRequest, folder: Path, prog
     return summary
 
 
-def _draw(solution: Solution, asked: Any, folder: Path) -> dict[str, str]:
+def _draw(solution: ReadableSolution, asked: Any, folder: Path) -> dict[str, str]:
     drawn = picture(
         solution, _made(folder / asked.file), width=asked.width, view=asked.view, up=asked.up, curves=asked.curves
     )

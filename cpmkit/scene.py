@@ -36,7 +36,8 @@ class Boundary:
     both, left, right : Condition
         Either ``both``, or ``left`` and ``right``.
     left_of : (d,) array, optional
-        A point on the left, for a surface without normals of its own.
+        A point on the left, for a surface without normals of its own. Unless given, that of the source where
+        it names one.
 
     Raises
     ------
@@ -74,6 +75,8 @@ class Boundary:
                     f"boundary {self.name!r}: `{side}` must be Dirichlet or Neumann, got {getattr(self, side)!r}."
                 )
         check_source(self.source, f"boundary {self.name!r}")
+        if self.left_of is None:
+            object.__setattr__(self, "left_of", getattr(self.source, "left_of", None))
         if self.left_of is not None:
             object.__setattr__(
                 self, "left_of", as_vector(self.left_of, self.source.dim, f"left_of of boundary {self.name!r}")

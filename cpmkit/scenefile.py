@@ -13,7 +13,7 @@ from cpmkit.data import find_file
 from cpmkit.errors import SceneError
 from cpmkit.expressions import Expression
 from cpmkit.outputrequest import OutputRequest, PictureRequest
-from cpmkit.plugins import call, offered, source
+from cpmkit.plugins import call, factory, offered, source, takes
 from cpmkit.problems import Laplace, Poisson, Problem, ScreenedPoisson
 from cpmkit.protocols import BoundarySet, ClosestPointSource
 from cpmkit.scene import Boundary, Scene
@@ -79,7 +79,7 @@ def _scene_file(tables: dict[str, Any], path: Path) -> SceneFile:
     edge = _edge(surface_table.pop("edge", {"neumann": 0.0}), surface_table)
     surface = _source(surface_table, path.parent, "[surface]")
     boundaries = [
-        _boundary(_table(table, f"[[boundary]] {number}"), number, path.parent, surface.dim)
+        _boundary(_table(table, f"[[boundary]] {number}"), number, path.parent, surface)
         for number, table in enumerate(_list(tables.get("boundary", []), "boundary"), 1)
     ]
     scene = Scene(surface, _problem(_table(tables["problem"], "[problem]"), surface.dim), boundaries, edge(surface.dim))
@@ -98,32 +98,49 @@ def _options(tables: dict[str, Any]) -> tuple[float | None, dict[str, Any]]:
     return spacing, {**grid, **renamed}
 
 
-def _source(table: dict[str, Any], folder: Path, where: str) -> ClosestPointSource:
+def _source(
+    table: dict[str, Any], folder: Path, where: str, surface: ClosestPointSource | None = None
+) -> ClosestPointSource:
+    """Make the source that a table describes; a boundary's may ask for the ``surface`` that it lies on."""
     kind = table.pop("kind", None)
     if not isinstance(kind, str):
         raise SceneError(
             f"{where} needs a kind, such as kind = 'analytic.sphere'; `cpmkit plugins` lists those installed."
         )
-    return source(kind, **_with_file(table, folder))
+    keys = _keys(table, folder, where)
+    if surface is not None and not {"surface", "file"} & set(keys) and takes(factory(kind), "surface"):
+        keys["surface"] = surface
+    return source(kind, **keys)
 
 
-def _with_file(table: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Return the table with the path of the file that it names."""
-    return {**table, "file": str(find_file(table["file"], folder))} if "file" in table else table
+def _keys(table: dict[str, Any], folder: Path, where: str) -> dict[str, Any]:
+    """Return the table with the path of the file that it names, and with sources in place of the tables in it."""
+    keys = {key: _made(value, folder, f"{key} of {where}") for key, value in table.items()}
+    return {**keys, "file": str(find_file(keys["file"], folder))} if "file" in keys else keys
 
 
-def _boundary(table: dict[str, Any], number: int, folder: Path, dim: int) -> BoundarySet:
+def _made(value: Any, folder: Path, where: str) -> Any:
+    """Return the source that a table with a kind describes, a list with its tables made, anything else as it is."""
+    if isinstance(value, dict):
+        return _source(dict(value), folder, where)
+    if isinstance(value, list):
+        return [_made(entry, folder, f"entry {number} of {where}") for number, entry in enumerate(value, 1)]
+    return value
+
+
+def _boundary(table: dict[str, Any], number: int, folder: Path, surface: ClosestPointSource) -> BoundarySet:
     name = table.pop("name", f"boundary {number}")
     where = f"[[boundary]] {name!r}"
     sides = {key: table.pop(key) for key in ("both", "left", "right", "left_of") if key in table}
     conditions: dict[str, Any] = {
-        key: value if key == "left_of" else _condition(value, dim, f"{key} of {where}") for key, value in sides.items()
+        key: value if key == "left_of" else _condition(value, surface.dim, f"{key} of {where}")
+        for key, value in sides.items()
     }
     make = offered(table["kind"], "cpmkit_boundaries") if isinstance(table.get("kind"), str) else None
     if make is None:
-        return Boundary(name, _source(table, folder, where), **conditions)
+        return Boundary(name, _source(table, folder, where, surface), **conditions)
     del table["kind"]
-    made: BoundarySet = call(make, where, {"name": name, **_with_file(table, folder), **conditions})
+    made: BoundarySet = call(make, where, {"name": name, **_keys(table, folder, where), **conditions})
     return made
 
 

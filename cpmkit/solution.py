@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,13 +16,11 @@ from cpmkit.errors import InputError
 from cpmkit.grid.extension import extend
 from cpmkit.grid.stencils import reading_radius
 from cpmkit.protocols import Floats, Side
-from cpmkit.scene import Scene
-from cpmkit.solvers.report import SolveReport
+from cpmkit.readable import ReadableSolution
 from cpmkit.work import Work
 
 if TYPE_CHECKING:
     from cpmkit.surface_mesh import DisplayMesh
-    from cpmkit.view import Picture
 
 #: Points nearer to a boundary than this many spacings can be read from the side that the caller names.
 READ_FROM_SIDE = 1e-3
@@ -33,15 +29,13 @@ CHUNK = 1 << 18
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
-    """The solution of a scene.
+class Solution(ReadableSolution):
+    """The solution of a scene by the closest point method.
 
     Attributes
     ----------
     scene : Scene
         What was solved.
-    tables : Discretization
-        The band and its tables.
     values : (unknowns, channels) float64
         Values of the inner nodes and the ghosts.
     report : SolveReport
@@ -52,25 +46,17 @@ class Solution:
         Seconds of each stage; of this machine, on this day.
     warnings : tuple of str
         What a reader of the solution should know.
+    tables : Discretization
+        The band and its tables.
     """
 
-    scene: Scene
-    tables: Discretization
-    values: Floats
-    report: SolveReport
     work: Work
-    seconds: Mapping[str, float]
-    warnings: tuple[str, ...] = ()
+    tables: Discretization
 
     @property
     def spacing(self) -> float:
         """Spacing of the lattice, in the scene's unit."""
         return self.tables.layout.lattice.spacing
-
-    @property
-    def channels(self) -> int:
-        """Number of right-hand sides that were solved together."""
-        return int(self.values.shape[1])
 
     @property
     def radius(self) -> float:
@@ -119,33 +105,22 @@ class Solution:
         signed[seen.rows] = np.where(seen.end, np.nan, seen.signed)
         return signed
 
-    def save(self, path: str | Path) -> None:
-        """Write the solution to ``path``; the suffix decides: .vtp, .ply, .npz, or .json for the summary."""
-        from cpmkit.export import save
+    def discretization(self) -> dict[str, Any]:
+        """Return how the scene was discretised, as plain values."""
+        layout = self.tables.layout
+        sighted = zip(self.scene.boundaries, layout.sight.sighted, strict=True)
+        return {
+            "degree": layout.band.degree,
+            "order": layout.order,
+            "origin": layout.lattice.origin.tolist(),
+            "snapped_by": {boundary.name: one.gap for boundary, one in sighted},
+        }
 
-        save(self, path)
-
-    def picture(self, path: str | Path, **options: Any) -> Picture:
-        """Draw the solution into the PNG ``path``; see :func:`cpmkit.view.picture`."""
-        from cpmkit.view import picture
-
-        return picture(self, path, **options)
-
-    def display_mesh(self) -> DisplayMesh:
-        """Return a mesh of the manifold, cut along the boundaries, with the solution at its vertices."""
-        return self._display_mesh
-
-    @cached_property
-    def _display_mesh(self) -> DisplayMesh:
+    def make_display_mesh(self) -> DisplayMesh:
+        """Mesh the manifold, cut it along the boundaries, and evaluate the solution at the vertices."""
         from cpmkit.surface_mesh import display_mesh
 
         return display_mesh(self)
-
-    def summary(self) -> dict[str, Any]:
-        """Return what was solved, what it cost and what it reached, as plain values."""
-        from cpmkit.summary import summarize
-
-        return summarize(self)
 
     def arrays(self) -> dict[str, Any]:
         """Return the lattice, the nodes and the values as plain arrays."""

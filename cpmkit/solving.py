@@ -10,6 +10,7 @@ from cpmkit.arrays import positive
 from cpmkit.components import check_pinned
 from cpmkit.diagnosis import warnings_of
 from cpmkit.discretization import discretize
+from cpmkit.localized import largest_dim
 from cpmkit.operators import assemble
 from cpmkit.plugins import call, factory
 from cpmkit.protocols import Progress, nothing
@@ -92,12 +93,12 @@ def solve(
     check_pinned(tables, scene, scene.problem)
     system = assemble(tables, scene.problem)
     clock.append(time.perf_counter())
-    chosen = choose_solver(solver, system.size, scene.surface.manifold_dim)
+    chosen = choose_solver(solver, system.size, largest_dim(scene.surface))
     values, report = make_solver(chosen, solver_options)(system, tolerance, progress)
     clock.append(time.perf_counter())
     seconds = {"build": clock[1] - clock[0], "solve": clock[2] - clock[1]}
     work = measure_work(tables, system, report)
-    return Solution(scene, tables, values, report, work, seconds, warnings_of(tables.layout))
+    return Solution(scene, values, report, work, seconds, tables, warnings=warnings_of(tables.layout))
 
 
 def _given(**options: Any) -> dict[str, Any]:

@@ -9,21 +9,18 @@ from typing import TYPE_CHECKING, Any
 from cpmkit.conditions import Condition
 
 if TYPE_CHECKING:
+    from cpmkit.readable import ReadableSolution
     from cpmkit.scene import Scene
-    from cpmkit.solution import Solution
 
 
-def summarize(solution: Solution) -> dict[str, Any]:
+def summarize(solution: ReadableSolution) -> dict[str, Any]:
     """Return the summary that ``summary.json`` holds."""
-    band = solution.tables.layout.band
     return {
         "scene": _scene(solution.scene),
         "discretization": {
             "spacing": solution.spacing,
-            "degree": band.degree,
-            "order": solution.tables.layout.order,
-            "origin": solution.tables.layout.lattice.origin.tolist(),
             "channels": solution.channels,
+            **solution.discretization(),
         },
         "report": solution.report.as_dict(),
         "work": solution.work.as_dict(),
@@ -31,7 +28,7 @@ def summarize(solution: Solution) -> dict[str, Any]:
         "warnings": list(solution.warnings),
         "versions": {
             "python": platform.python_version(),
-            **{name: _version(name) for name in ("cpmkit", "numpy", "scipy")},
+            **{name: _version(name) for name in solution.libraries},
         },
     }
 

@@ -2,7 +2,8 @@
 
 Data differ on the two sides of a boundary, so a triangle that a boundary crosses cannot carry one
 value a vertex. Every such triangle is split along the curve, and the two sides get vertices of
-their own at the same place: the jump stays as sharp as the data.
+their own at the same place: the jump stays as sharp as the data. Segments are split alike; a point,
+of a cloud or of a union, shows the value of the side on which it lies.
 """
 
 from __future__ import annotations
@@ -14,15 +15,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cpmkit.errors import InputError
+from cpmkit.mesh_cells import with_corners
 from cpmkit.mesh_cut import Pieces, cut
 from cpmkit.mesh_refinement import refine
-from cpmkit.protocols import ClosestPointSource, Floats, HasMesh, Ints, Side
+from cpmkit.protocols import ClosestPointSource, Floats, HasMesh, HasNormals, Ints, Side
 
 if TYPE_CHECKING:
     from cpmkit.solution import Solution
 
 #: In spacings; longer edges are halved, for between its vertices a cell shows less than the solution knows.
 LONGEST_EDGE = 2.0
+
+#: Points of a cloud, itself included, whose plane gives the normal at one of them.
+AROUND = 9
 
 #: Rounds of projections that lead to the crossing of two curves.
 CROSSING_ROUNDS = 20
@@ -37,12 +42,12 @@ class DisplayMesh:
     points : (v, d) float64
         Vertices, in the scene's unit of length. A vertex on a boundary appears once a side.
     cells : (m, k) int64
-        ``k`` is 3 for triangles, 2 for the segments of a curve.
+        Triangles, segments of a curve, and points; rows with fewer corners than k end in -1.
     values : (v, channels) float64
         The solution at the vertices, each on the side that its cells lie on.
     normals : (v, 3) float64 or None
-        Unit normals of the uncut mesh, so that the cut does not show as a crease; ``None`` for
-        curves and in the plane.
+        Unit normals of the uncut mesh, so that the cut does not show as a crease; those of points have any
+        sign. Zero where there are none; ``None`` in the plane and where there are segments alone.
     original : int
         The first so many vertices are those of the surface's own mesh.
     """
@@ -52,6 +57,21 @@ class DisplayMesh:
     values: Floats
     normals: Floats | None
     original: int
+
+    @property
+    def triangles(self) -> Ints:
+        """(t, 3) the cells with three corners."""
+        return with_corners(self.cells, 3)
+
+    @property
+    def segments(self) -> Ints:
+        """(s, 2) the cells with two."""
+        return with_corners(self.cells, 2)
+
+    @property
+    def dots(self) -> Ints:
+        """(p,) the vertices that are cells of their own."""
+        return with_corners(self.cells, 1)[:, 0]
 
 
 def mesh_of(surface: ClosestPointSource) -> Callable[[float], tuple[Floats, Ints]]:
@@ -78,8 +98,9 @@ def display_mesh(solution: Solution) -> DisplayMesh:
     InputError
         If the surface has no mesh.
     """
-    points, cells = mesh_of(solution.scene.surface)(solution.spacing)
-    normals = vertex_normals(points, cells) if points.shape[1] == 3 and cells.shape[1] == 3 else None
+    surface = solution.scene.surface
+    points, cells = mesh_of(surface)(solution.spacing)
+    normals = _normals(surface, points, cells)
     attributes = points if normals is None else np.hstack([points, normals])
     dim, boundaries = points.shape[1], solution.scene.boundaries
     attributes, cells = refine(attributes, cells, dim, LONGEST_EDGE * solution.spacing)
@@ -97,6 +118,19 @@ def display_mesh(solution: Solution) -> DisplayMesh:
     )
 
 
+def _normals(surface: ClosestPointSource, points: Floats, cells: Ints) -> Floats | None:
+    """Return (v, 3) unit normals for shading, zero at vertices of segments; None where nothing is shaded."""
+    triangles, dots = with_corners(cells, 3), with_corners(cells, 1)[:, 0]
+    if points.shape[1] == 2 or not len(triangles) + len(dots):
+        return None
+    normals = vertex_normals(points, triangles)
+    if len(dots):
+        at = np.ascontiguousarray(points[dots])
+        own = surface.normals(surface.closest_point(at)) if isinstance(surface, HasNormals) else plane_normals(at)
+        normals[dots] = own
+    return normals
+
+
 def vertex_normals(points: Floats, triangles: Ints) -> Floats:
     """Return (v, 3) unit normals at the vertices: the mean of the triangles around, weighted by area."""
     a, b, c = (points[triangles[:, k]] for k in range(3))
@@ -106,6 +140,22 @@ def vertex_normals(points: Floats, triangles: Ints) -> Floats:
         weights = np.repeat(twice_area[:, axis], 3)
         total[:, axis] = np.bincount(triangles.ravel(), weights, minlength=len(points))
     return _unit(total)
+
+
+def plane_normals(points: Floats) -> Floats:
+    """Return (p, 3) unit normals, of any sign, of the planes in which the points around each lie.
+
+    Zero where points on a line, or too few of them, span no plane.
+    """
+    from scipy.spatial import cKDTree
+
+    if len(points) < 3:
+        return np.zeros_like(points)
+    around = points[cKDTree(points).query(points, k=min(AROUND, len(points)))[1]]
+    offsets = around - around.mean(axis=1, keepdims=True)
+    spread, axes = np.linalg.eigh(np.einsum("pki,pkj->pij", offsets, offsets))
+    normals: Floats = np.where(spread[:, 1:2] > 1e-9 * spread[:, 2:], axes[:, :, 0], 0.0)
+    return normals
 
 
 def _unit(vectors: Floats) -> Floats:

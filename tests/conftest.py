@@ -37,6 +37,14 @@ class MeshedSource:
         return SimpleNamespace(points=self.points[nearest])
 
 
+class MixedSource(MeshedSource):
+    """A source of triangles, segments and points: a cell with fewer corners ends in -1."""
+
+    @property
+    def manifold_dim(self) -> None:
+        return None
+
+
 @dataclass(frozen=True, eq=False)
 class Line:
     """Where ``normal . x = offset`` in the plane; left is where it is above."""
@@ -170,6 +178,34 @@ def square() -> Callable[..., ClosedFormSolution]:
         boundaries = {name: (line, distance or line.distance) for name, line in made.items()}
         powers = 10.0 ** np.arange(len(lines))
         return ClosedFormSolution(square_mesh(cells), boundaries, lambda _, signs: signs @ powers, 1 / cells)
+
+    return make
+
+
+@pytest.fixture
+def mixture() -> Callable[..., ClosedFormSolution]:
+    """Return a maker of solutions on triangles, segments and points in space, whose value is the side of x = 0.37."""
+
+    def make(channels: int = 1) -> ClosedFormSolution:
+        plane = square_mesh(6)
+        t = np.linspace(0.0, 1.0, 7)
+        line = np.stack([t, np.full(7, 0.5), np.full(7, 0.4)], axis=1)
+        cloud = np.random.default_rng(3).uniform(size=(200, 3)) * [1, 1, 0] + [0, 0, 0.8]
+        first = len(plane.points)
+        cells = [
+            plane.cells,
+            np.stack([np.arange(6), np.arange(1, 7), np.full(6, -1 - first)], axis=1) + first,
+            np.stack([np.arange(200) + first + 7, np.full(200, -1), np.full(200, -1)], axis=1),
+        ]
+        points = np.concatenate([np.pad(plane.points, ((0, 0), (0, 1))), line, cloud])
+        wall = Line([1, 0, 0], 0.37)
+        return ClosedFormSolution(
+            MixedSource(points, np.concatenate(cells)),
+            {"wall": (wall, wall.distance)},
+            lambda _, signs: np.repeat(signs, channels, axis=1),
+            1 / 6,
+            channels,
+        )
 
     return make
 

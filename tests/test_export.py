@@ -38,6 +38,33 @@ def test_a_curve_in_the_plane_is_saved_as_lines(square, tmp_path):
     assert pyvista.read(tmp_path / "curve.vtp").n_lines == 3
 
 
+def test_a_mixture_is_saved_as_triangles_lines_and_points(mixture, tmp_path):
+    solution = mixture()
+    save(solution, tmp_path / "mixture.vtp")
+    read, mesh = pyvista.read(tmp_path / "mixture.vtp"), display_mesh(solution)
+    np.testing.assert_array_equal(read.verts.reshape(-1, 2)[:, 1], mesh.dots)
+    np.testing.assert_array_equal(read.lines.reshape(-1, 3)[:, 1:], mesh.segments)
+    np.testing.assert_array_equal(read.faces.reshape(-1, 4)[:, 1:], mesh.triangles)
+    np.testing.assert_array_equal(read.point_data["u"], mesh.values[:, 0])
+    save(solution, tmp_path / "mixture.npz")
+    with np.load(tmp_path / "mixture.npz") as arrays:
+        np.testing.assert_array_equal(arrays["cells"], mesh.cells)
+    save(solution, tmp_path / "mixture.ply")
+    header = (tmp_path / "mixture.ply").read_bytes()[:400]
+    assert f"element vertex {len(mesh.points)}".encode() in header
+    assert f"element face {len(mesh.triangles)}".encode() in header
+
+
+@pytest.mark.parametrize("suffix", [".vtp", ".ply"])
+def test_a_cloud_is_saved_as_points(mixture, tmp_path, suffix):
+    solution = mixture(channels=3)
+    object.__setattr__(solution.surface, "cells", np.arange(50)[:, None])
+    save(solution, tmp_path / f"cloud{suffix}")
+    read = pyvista.read(tmp_path / f"cloud{suffix}")
+    np.testing.assert_allclose(read.points[:50], solution.surface.points[:50], atol=1e-7)
+    assert (read.n_lines, len(read.faces)) == (0, 0)
+
+
 @pytest.mark.parametrize("channels", [1, 3])
 def test_ply_holds_a_colour_a_vertex(torus, tmp_path, channels):
     solution = torus(0.3, channels)

@@ -58,6 +58,12 @@ class Circle:
         start = np.arange(count)
         return self.center + on_circle(2 * np.pi * start / count), np.stack([start, (start + 1) % count], axis=1)
 
+    def warnings(self, spacing: float) -> list[str]:
+        return [] if spacing < 1.0 else [f"At the spacing {spacing:.1f} a circle is a polygon."]
+
+    def floor(self, spacing: float) -> float:
+        return 1e-16
+
     def translated(self, offset: np.ndarray) -> Circle:
         return replace(self, center=self.center + offset)
 
@@ -206,6 +212,43 @@ class MeshWithoutWrap(Circle):
         return vertices, cells + 1
 
 
+class MeshOfTriangles(Circle):
+    def mesh(self, spacing):
+        vertices, cells = super().mesh(spacing)
+        return vertices, np.stack([cells[:, 0], cells[:, 1], (cells[:, 1] + 1) % len(vertices)], axis=1)
+
+
+class PaddedMesh(Circle):
+    def mesh(self, spacing):
+        vertices, cells = super().mesh(spacing)
+        return vertices, np.pad(cells, ((0, 0), (0, 1)), constant_values=-1)
+
+
+class WarnsOfNothing(Circle):
+    def warnings(self, spacing):
+        return [None]
+
+
+class WarnsInTwoSentences(Circle):
+    def warnings(self, spacing):
+        return ["It is coarse. Take a smaller spacing."]
+
+
+class WarnsWithoutEnd(Circle):
+    def warnings(self, spacing):
+        return ["It is coarse"]
+
+
+class FloorBelowZero(Circle):
+    def floor(self, spacing):
+        return -1e-3
+
+
+class FloorOfNothing(Circle):
+    def floor(self, spacing):
+        return float("nan") if spacing < 0.1 else 0.1
+
+
 class TranslatedTheOtherWay(Circle):
     def translated(self, offset):
         return replace(self, center=self.center - offset)
@@ -242,7 +285,9 @@ FAULTS = {
     "normals": [NormalsAlongTheCurve, NormalsTowardsTheQuery],
     "tangents": [LongTangents, TangentsAcrossTheCurve],
     "values": [ZeroData],
-    "mesh": [MeshOffTheCurve, MeshWithoutWrap],
+    "mesh": [MeshOffTheCurve, MeshWithoutWrap, MeshOfTriangles, PaddedMesh],
+    "warnings": [WarnsOfNothing, WarnsInTwoSentences, WarnsWithoutEnd],
+    "floor": [FloorBelowZero, FloorOfNothing],
     "translation": [TranslatedTheOtherWay, TranslationLosesAbilities],
 }
 
@@ -267,6 +312,38 @@ def test_each_law_catches_its_faults_and_names_them(law) -> None:
             law(case(fault))
         message = str(caught.value)
         assert message.startswith(f"test.circle ({fault.__name__}) breaks the law {law.__name__} (")
+
+
+@pytest.mark.parametrize(
+    ("cells", "manifold_dim", "fault"),
+    [
+        ([[0, 1, 2], [0, 1, -1], [3, -1, -1]], None, None),
+        ([[0, 1], [1, 2]], None, None),
+        ([[0, 1, 2]], 2, None),
+        ([[0], [1]], 1, None),
+        ([[0], [1]], 2, None),
+        ([[0, 1, 2], [0, 1, -1]], 2, "although the manifold has one dimension, 2"),
+        ([[0, 1]], 2, "Cells of a manifold of dimension 2 have 2 corners"),
+        ([[0, 1, -1], [3, -1, -1]], None, "No cell has 3 corners"),
+        ([[0, 1, 2], [0, -1, 1]], None, "goes on after -1"),
+        ([[0, 1, 2], [-1, -1, -1]], None, "has a negative corner, or none"),
+        ([[0, 1, 2], [0, 1, -2]], None, "has a negative corner, or none"),
+        ([[0, 1, 2], [0, 0, -1]], None, "names a vertex twice"),
+        ([[0, 1, 2], [0, 99, -1]], None, "names a vertex that is not there"),
+    ],
+)
+def test_rows_of_a_mesh_are_shorter_only_where_dimensions_are_mixed(cells, manifold_dim, fault) -> None:
+    class Meshed(Circle):
+        def mesh(self, spacing):
+            return super().mesh(1.0)[0], np.array(cells)
+
+    law = next(law for law in LAWS if law.__name__ == "check_mesh")
+    drawn = ConformanceCase("test.circle", "meshed", lambda: Meshed(manifold_dim=manifold_dim))
+    if fault is None:
+        law(drawn)
+        return
+    with pytest.raises(AssertionError, match=fault):
+        law(drawn)
 
 
 def test_a_foot_that_is_not_nearest_is_caught_without_samples() -> None:

@@ -7,9 +7,10 @@ import pytest
 from scipy.spatial import Delaunay
 
 from cpmkit.errors import InputError
+from cpmkit.mesh_cells import with_corners
 from cpmkit.mesh_cut import Pieces, cut
 from cpmkit.mesh_refinement import refine
-from cpmkit.surface_mesh import display_mesh
+from cpmkit.surface_mesh import display_mesh, plane_normals
 
 
 def areas(mesh):
@@ -119,6 +120,61 @@ def test_segments_are_cut_alike():
     assert np.ptp(ends, axis=1).sum() == pytest.approx(1)
     assert (after.sides[after.cells][ends.mean(axis=1) < 0.4] <= 0).all()
     np.testing.assert_allclose(after.attributes[5:], [[0.4, 0], [0.4, 0]], rtol=1e-14)
+
+
+def test_triangles_segments_and_points_are_cut_together(mixture):
+    solution = mixture()
+    mesh = display_mesh(solution)
+    assert mesh.cells.shape[1] == 3
+    assert mesh.original == len(solution.surface.points)
+    np.testing.assert_array_equal(mesh.points[: mesh.original], solution.surface.points)
+    for cells in (mesh.triangles, mesh.segments, mesh.dots[:, None]):
+        assert np.ptp(mesh.values[cells], axis=1).max() == 0
+        np.testing.assert_array_equal(mesh.values[cells[:, 0], 0], np.sign(mesh.points[cells][:, :, 0].mean(1) - 0.37))
+    a, b, c = (mesh.points[mesh.triangles[:, k]] for k in range(3))
+    assert (np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2).sum() == pytest.approx(1)
+    assert len(mesh.segments) == 7
+    ends = mesh.points[mesh.segments]
+    assert np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum() == pytest.approx(1)
+    assert len(mesh.dots) == 200
+
+
+def test_points_have_the_normals_of_the_plane_around_them_and_segments_have_none(mixture):
+    mesh = display_mesh(mixture())
+    np.testing.assert_allclose(np.abs(mesh.normals[mesh.dots]), np.tile([0, 0, 1], (200, 1)), atol=1e-12)
+    np.testing.assert_allclose(mesh.normals[mesh.triangles.ravel(), 2], 1)
+    assert not mesh.normals[mesh.segments].any()
+
+
+def test_the_normals_of_a_cloud_are_its_own_where_it_has_them():
+    points = np.random.default_rng(0).uniform(size=(50, 3))
+    source = SimpleNamespace(closest_point=lambda x: SimpleNamespace(points=x), normals=lambda feet: feet.points)
+    source.mesh = lambda spacing: (points, np.arange(50)[:, None])
+    solution = SimpleNamespace(
+        scene=SimpleNamespace(surface=source, boundaries=()),
+        spacing=0.1,
+        channels=1,
+        evaluate=lambda points, side=None: points[:, 0],
+    )
+    mesh = display_mesh(solution)
+    np.testing.assert_allclose(mesh.normals, points / np.linalg.norm(points, axis=1, keepdims=True))
+    np.testing.assert_array_equal(mesh.values[:, 0], points[:, 0])
+
+
+@pytest.mark.parametrize("points", [np.eye(3)[:2], np.linspace(0, 1, 20)[:, None] * [1.0, 2.0, 0.5]])
+def test_points_that_span_no_plane_have_no_normal(points):
+    assert not plane_normals(points).any()
+
+
+@pytest.mark.parametrize("longest", [0.5, 0.05])
+def test_every_sort_of_cell_is_refined_by_itself(mixture, longest):
+    source = mixture().surface
+    finer, cells = refine(source.points, source.cells, 3, longest)
+    np.testing.assert_array_equal(with_corners(cells, 1), with_corners(source.cells, 1))
+    ends = finer[with_corners(cells, 2)]
+    assert np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).max() <= longest
+    assert np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum() == pytest.approx(1)
+    assert len(with_corners(cells, 3)) > len(with_corners(source.cells, 3)) or longest == 0.5
 
 
 def test_turning_the_triangles_corners_changes_nothing(square):

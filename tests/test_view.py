@@ -10,6 +10,7 @@ import cpmkit.view
 from cpmkit.errors import InputError, MissingDependencyError
 from cpmkit.view import environment, picture, probe
 from cpmkit.view.camera import fit
+from cpmkit.view.drawing import _disc_radii, discs
 
 image = pytest.importorskip("matplotlib.image")
 
@@ -100,6 +101,58 @@ def test_the_plane_needs_no_opengl(square, tmp_path):
     pixels = image.imread(tmp_path / "square.png")
     left, right = near(pixels, [0.993, 0.906, 0.144], 0.02), near(pixels, [0.267, 0.005, 0.329], 0.02)
     assert left / right == pytest.approx(0.6 / 0.4, rel=0.05)
+
+
+@pytest.mark.parametrize("software", [False, True])
+def test_a_mixture_shows_each_of_its_parts(mixture, tmp_path, monkeypatch, software):
+    if software:
+        monkeypatch.setattr("cpmkit.view._opengl", lambda drawing, path: "not asked")
+    picture(mixture(), tmp_path / "mixture.png", width=400, view=(0, -1, 0.4))
+    pixels = image.imread(tmp_path / "mixture.png")[:, :340]
+    shown = np.flatnonzero((pixels[:, :, :3].min(axis=2) < 0.9).any(axis=1))
+    heights = 1 + np.flatnonzero(np.diff(shown) > 3)
+    assert len(heights) == 2  # the plane, the line and the cloud, one above the other, do not touch
+    rows = np.split(shown, heights)
+    assert len(rows[1]) < 10 < min(len(rows[0]), len(rows[2]))
+    for part in rows:
+        coloured = pixels[part][:, :, :3]
+        assert (coloured[:, :, 2] < 0.5 * coloured[:, :, 1]).any()  # yellow on the left of the wall
+        assert (coloured[:, :, 1] < 0.7 * coloured[:, :, 2]).any()  # violet on its right
+
+
+def even(count, spacing):
+    return spacing * np.stack(np.meshgrid(np.arange(count), np.arange(count), [0.0]), -1).reshape(-1, 3)
+
+
+@pytest.mark.parametrize("points", [even(20, 0.1), 2.0 * np.random.default_rng(0).uniform(size=(400, 3)) * [1, 1, 0]])
+def test_discs_leave_no_hole_in_a_cloud(points):
+    radii = _disc_radii(points, 0.1, 0.0, 1e-9)
+    inside = np.random.default_rng(1).uniform(0.2, 1.7, (4000, 2))
+    apart = np.linalg.norm(inside[:, None] - points[:, :2], axis=2)
+    assert (apart < np.cos(np.pi / 8) * radii).any(axis=1).mean() > 0.98
+    assert radii.max() < 0.4
+
+
+def test_points_that_are_no_cloud_are_small_discs():
+    lonely = np.array([[5.0, 0, 0], [0, 5, 0]])
+    radii = _disc_radii(np.concatenate([even(5, 0.1), lonely]), 0.1, 0.0, 0.01)
+    np.testing.assert_array_equal(radii[-2:], 0.01)
+    assert radii[:-2].min() > 0.05
+    np.testing.assert_array_equal(_disc_radii(lonely, 0.1, 0.0, 0.01), 0.01)
+
+
+def test_discs_lie_in_their_planes_and_face_the_viewer_where_they_have_none():
+    normals = np.concatenate([np.eye(3), -np.eye(3), np.zeros((1, 3)), [[0.6, 0.0, 0.8]]])
+    centres, radii = np.random.default_rng(2).normal(size=(8, 3)), np.linspace(0.1, 0.8, 8)
+    viewer = np.array([0.0, 0.6, 0.8])
+    vertices, triangles = discs(centres, normals, radii, viewer)
+    offsets = vertices.reshape(8, -1, 3) - centres[:, None]
+    np.testing.assert_allclose(np.linalg.norm(offsets, axis=2), np.repeat(radii[:, None], offsets.shape[1], axis=1))
+    normals[6] = viewer
+    np.testing.assert_allclose(np.einsum("pkd,pd->pk", offsets, normals), 0, atol=1e-15)
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    towards = np.einsum("td,td->t", np.cross(b - a, c - a), np.repeat(normals, len(triangles) // 8, axis=0))
+    assert towards.min() > 0
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,10 @@ from cpmkit.errors import SceneError
 from cpmkit.grid.band import Band
 from cpmkit.grid.lattice import Lattice
 from cpmkit.localized import Localized
-from cpmkit.protocols import Floats, Ints
+from cpmkit.protocols import ClosestPoints, Floats, Ints
+
+#: Nodes nearer to their foot than this share of the spacing do not tell the direction of the conormal.
+TOUCHING = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +91,7 @@ def _past_loop(
     if is_wall(condition):
         points = foot if (condition.order or order) == 1 else surface.closest_point(foot - beyond).points
         return Reading(points, np.ones(len(rows)), np.zeros((len(rows), channels)))
-    outward = outward_conormals(surface, band.feet.take(rows), 0.5 * band.spacing)
+    outward = _outward(surface, band.feet.take(rows), beyond, band.spacing)
     t = np.maximum(np.sum(beyond * outward, axis=1), 0.0)
     first = (condition.order or order) == 1
     mirror = foot - beyond - (mirror_distance(condition, t, band.spacing) - t)[:, None] * outward
@@ -96,6 +99,18 @@ def _past_loop(
     coefficient, factor = coefficient_and_factor(condition, t, 2 * t, np.full(len(rows), first), band.spacing)
     gamma = evaluate_data(condition.gamma, lattice.to_scene(foot), channels, "the edge's condition")
     return Reading(points, coefficient, factor[:, None] * gamma)
+
+
+def _outward(surface: Localized, edge: ClosestPoints, beyond: Floats, spacing: float) -> Floats:
+    """Return the outward conormals (n, d) at the feet of nodes past the edge, ``beyond`` them.
+
+    A node outside a solid lies straight above its foot: there the conormal is known to rounding.
+    """
+    outward = outward_conormals(surface, edge, 0.5 * spacing)
+    straight = surface.dimensions_at(edge) == surface.dim
+    straight &= np.linalg.norm(beyond, axis=1) > TOUCHING * spacing
+    outward[straight] = beyond[straight] / np.linalg.norm(beyond[straight], axis=1, keepdims=True)
+    return outward
 
 
 def is_wall(condition: Condition) -> bool:

@@ -1,7 +1,8 @@
 """Surface points as one boundary sees them: how far, and on which side.
 
-For a surface point z and a boundary C: y = cp_C(z), n the surface normal at y, t the direction of
-travel of C at y, v = n x t, which points to the left. The side of a point is decided here once, as the
+For a surface point z and a boundary C: y = cp_S(cp_C(z)), snapped to the surface, n its normal at y, t the direction of
+travel of C at y, v = n x t, which points to the left; in an area of the plane n is the third axis, and in a
+solid in space v is the normal of the surface C. The side of a point is decided here once, as the
 director D, and used everywhere: two points are on opposite sides where D_i . D_j < 0. D is (z - y) . v
 times n, which is local and does not see the sign of n; or times one fixed vector, where that sign is known.
 """
@@ -14,7 +15,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from cpmkit.boundary.orientation import AS_GIVEN, Orientation
-from cpmkit.boundary.tangent_space import normals, project_tangent, tangents
+from cpmkit.boundary.tangent_space import normals, outward_conormals, project_tangent, tangents
 from cpmkit.localized import Localized
 from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 
@@ -35,11 +36,9 @@ class Frame:
     rows : (k,) int64
         Which points of the batch these are, ascending.
     foot : (k, d) float64
-        y, the closest point on the boundary.
-    landing : (k, d) float64
-        cp_S(y): y itself, where the boundary lies on the manifold.
+        y, the closest point on the boundary, snapped to the manifold.
     end : (k,) bool
-        True where y is an end of an open curve.
+        True where y is an end of an open curve inside the manifold, not one on its rim.
     distance : (k,) float64
         ``|z - y|``.
     signed : (k,) float64
@@ -54,7 +53,6 @@ class Frame:
 
     rows: Ints
     foot: Floats
-    landing: Floats
     end: Bools
     distance: Floats
     signed: Floats
@@ -111,36 +109,54 @@ class Sighted:
     across : Orientation
         Signs of the surface's normals (of its tangents, where the surface is a curve) along the boundary.
     along : Orientation
-        Signs of the boundary's own tangents.
+        Signs of the boundary's own tangents; of its normals, where it is a surface.
+    dimension : int
+        Of the manifold along the boundary.
+    gap : float
+        How far the boundary is from the manifold at most, where it was sampled: by so much it is snapped.
     """
 
     source: Localized
     surface: Localized
-    across: Orientation = AS_GIVEN
-    along: Orientation = AS_GIVEN
+    across: Orientation
+    along: Orientation
+    dimension: int
+    gap: float
 
     @property
     def has_sides(self) -> bool:
-        """True where the boundary cuts the manifold in two locally: a point on a curve, a curve on a surface."""
-        return self.surface.manifold_dim is not None and self.source.manifold_dim == self.surface.manifold_dim - 1
+        """True where the boundary cuts the manifold in two locally: it has one dimension less."""
+        return self.source.manifold_dim == self.dimension - 1
 
     def frame(self, points: Floats, radius: float, spacing: float) -> Frame:
         """Return how the boundary sees those surface ``points`` (n, d) that lie within ``radius`` of it."""
-        rows, feet = near(self.source, points, radius, spacing)
-        away = points[rows] - feet.points
-        distance = np.linalg.norm(away, axis=1)
+        rows, feet = near(self.source, points, radius + self.gap, spacing)
         on = self.surface.closest_point(feet.points)
+        away = points[rows] - on.points
+        distance = np.linalg.norm(away, axis=1)
         if not self.has_sides:
             director = self._from_point(on, away, spacing)
             nowhere = np.zeros(len(rows), dtype=bool)
             unsigned, flat = np.full(len(rows), np.nan), np.zeros(len(rows))
-            return Frame(rows, feet.points, on.points, nowhere, distance, unsigned, 0 * away, director, flat)
+            return Frame(rows, on.points, nowhere, distance, unsigned, 0 * away, director, flat)
         axis, left = self._axis_and_left(on, feet, 0.5 * spacing)
         signed = np.sum(away * left, axis=1)
         signed = np.where(np.abs(signed) < ON_BOUNDARY * spacing, ON_BOUNDARY * spacing, signed)
-        lift = np.abs(np.sum(away * axis, axis=1)) if self.surface.manifold_dim == 2 else np.zeros(len(rows))
-        end, director = feet.edge >= 0, signed[:, None] * (FIRST_AXIS[: self.surface.dim] if self.signs_known else axis)
-        return Frame(rows, feet.points, on.points, end, distance, signed, left, director, lift)
+        on_surface = self.dimension == 2 and self.surface.dim == 3
+        lift = np.abs(np.sum(away * axis, axis=1)) if on_surface else np.zeros(len(rows))
+        director = signed[:, None] * (FIRST_AXIS[: self.surface.dim] if self.signs_known else axis)
+        return Frame(rows, on.points, self._open_ends(feet, on, spacing), distance, signed, left, director, lift)
+
+    def _open_ends(self, feet: ClosestPoints, on: ClosestPoints, spacing: float) -> Bools:
+        """Return which feet lie on an end of the boundary around which the solution goes on.
+
+        Where the manifold ends less than half a spacing farther on, the boundary meets its rim and parts it.
+        """
+        end = feet.edge >= 0
+        rows = np.flatnonzero(end)
+        ahead = outward_conormals(self.source, feet.take(rows), 0.5 * spacing)
+        end[rows] = self.surface.closest_point(on.points[rows] + 0.5 * spacing * ahead).edge < 0
+        return end
 
     def _from_point(self, on: ClosestPoints, away: Floats, spacing: float) -> Floats:
         """Return directors T (z - y), seen from a point on a surface.
@@ -169,14 +185,27 @@ class Sighted:
         where the normals there differ by more than a right angle (a tube two spacings thick, a steep ridge
         under a curve) points of one side seem to face each other, and values bleed across the curve.
         """
-        own = self.surface.has_tangents if self.surface.manifold_dim == 1 else self.surface.has_normals
-        return own and self.across is AS_GIVEN
+        if self.dimension == self.surface.dim or self.source.has_left:
+            return True
+        return self.surface.knows_directions(self.dimension) and self.across is AS_GIVEN
 
     def _axis_and_left(self, on: ClosestPoints, feet: ClosestPoints, step: float) -> tuple[Floats, Floats]:
-        """Return n (the conormal again, where the surface is a curve) and the conormal v, at feet on the boundary."""
-        if self.surface.manifold_dim == 1:
+        """Return n and the conormal v at feet on the boundary; where n is not needed, v again."""
+        if self.dimension == self.surface.dim:
+            left = self._left_in_solid(feet, step)
+            return left, left
+        if self.dimension == 1:
             left = -self.across.apply(on.points, tangents(self.surface, on, step))
             return left, left
         n = self.across.apply(on.points, normals(self.surface, on, step))
+        if self.source.has_left:
+            return n, self.source.leftward(feet)
         left = np.cross(n, self.along.apply(feet.points, tangents(self.source, feet, step)))
         return n, left / np.linalg.norm(left, axis=1, keepdims=True)
+
+    def _left_in_solid(self, feet: ClosestPoints, step: float) -> Floats:
+        """Return v at feet on a curve in an area of the plane, or on a surface in a solid in space."""
+        if self.surface.dim == 3:
+            return self.along.apply(feet.points, normals(self.source, feet, step))
+        tangent = self.along.apply(feet.points, tangents(self.source, feet, step))
+        return np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)

@@ -121,6 +121,7 @@ def _sides(boundary: BoundarySet, seen: Frame) -> list[tuple[Condition, Bools]]:
 def _ghost_nodes(sighted: Sighted, seen: Frame, band: Band) -> tuple[Frame, int]:
     """Return the frame of the nodes that have a ghost, unknowns first, and the number of unknowns."""
     reach = reading_radius(band.dim, band.degree) * band.spacing
+    reach += sighted.gap
     close, feet = near(sighted.source, band.positions[seen.rows], reach + band.spacing, band.spacing)
     kept = ~seen.end[close]
     close, distance = close[kept], feet.distance[kept]
@@ -153,12 +154,12 @@ def _mirrors(
     for condition, rows in sides:
         first[rows] = (condition.order or order) == 1
         h[rows] = mirror_distance(condition, seen.distance[rows], spacing)
-    mirror, second = seen.landing.copy(), np.flatnonzero(~first)
+    mirror, second = seen.foot.copy(), np.flatnonzero(~first)
     if len(second):
         ahead = seen.foot[second] + h[second, None] * direction[second]
         mirror[second] = sight.sighted[index].surface.closest_point(ahead).points
         beyond = second[_beyond_another(index, sight, seen.foot[second], mirror[second], 2 * h.max(), spacing)]
-        first[beyond], mirror[beyond] = True, seen.landing[beyond]
+        first[beyond], mirror[beyond] = True, seen.foot[beyond]
     return mirror, first
 
 

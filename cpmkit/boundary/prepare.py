@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from cpmkit.boundary.frame import Sighted
@@ -11,7 +13,7 @@ from cpmkit.errors import SceneError
 from cpmkit.grid.band import surface_cells
 from cpmkit.grid.lattice import Lattice
 from cpmkit.localized import Localized, localize
-from cpmkit.protocols import BoundarySet, Floats
+from cpmkit.protocols import BoundarySet, ClosestPoints, Floats
 
 
 def sight(boundary: BoundarySet, surface: Localized, lattice: Lattice, radius: float) -> Sighted:
@@ -34,59 +36,85 @@ def sight(boundary: BoundarySet, surface: Localized, lattice: Lattice, radius: f
         If the boundary is of the wrong dimension, too far from the surface, or asks for sides that it has not.
     """
     source = localize(boundary.source, lattice.origin)
-    _check_dimensions(boundary.name, source, surface)
-    samples = _samples(source, lattice.spacing)
-    _check_distance(boundary.name, surface, samples, radius)
-    sighted = Sighted(source, surface, AS_GIVEN, _along(source, samples, lattice.spacing, boundary.name))
+    samples = _samples(boundary.name, source, surface, lattice.spacing)
+    on = surface.closest_point(samples)
+    dimension = _dimension(boundary.name, source, surface, on)
+    along = _along(source, samples, lattice.spacing, boundary.name)
+    gap = _gap(boundary.name, on, radius)
+    sighted = Sighted(source, surface, AS_GIVEN, along, dimension, gap)
     one_condition = boundary.condition("left") is boundary.condition("right")
     if one_condition:
         return sighted
     if not sighted.has_sides:
-        raise SceneError(f"boundary {boundary.name!r} is a point on a surface and has no left and right; give `both`.")
-    across = _across(surface, samples, lattice.spacing, boundary.name)
-    sighted = Sighted(source, surface, across, sighted.along)
+        raise SceneError(
+            f"boundary {boundary.name!r} has dimension {source.manifold_dim} where the manifold has {dimension}, so it "
+            "has no left and right; give `both`."
+        )
+    across = _across(source, surface, on, dimension, lattice.spacing, boundary.name)
+    sighted = replace(sighted, across=across)
     return _turned(sighted, boundary, lattice) if across is not AS_GIVEN else sighted
 
 
-def _check_dimensions(name: str, source: Localized, surface: Localized) -> None:
+def _samples(name: str, source: Localized, surface: Localized, spacing: float) -> Floats:
+    """Return points (s, d) of the boundary, about a spacing apart."""
     if source.dim != surface.dim:
         raise SceneError(
             f"boundary {name!r} lies in {source.dim}D, the surface in {surface.dim}D; both must be the same."
         )
-    if source.manifold_dim is None or surface.manifold_dim is None or source.manifold_dim < surface.manifold_dim:
-        return
-    raise SceneError(
-        f"boundary {name!r} has dimension {source.manifold_dim}, the manifold {surface.manifold_dim}; "
-        "a boundary is a point on a curve, or a point or curve on a surface."
-    )
-
-
-def _samples(source: Localized, spacing: float) -> Floats:
-    """Return points (s, d) of the boundary, about a spacing apart."""
     cells = surface_cells(source, spacing, 3)
     return source.closest_point(np.asarray((cells + 0.5) * spacing, dtype=np.float64)).points
 
 
-def _check_distance(name: str, surface: Localized, samples: Floats, radius: float) -> None:
-    distance = surface.closest_point(samples).distance.max()
-    if distance > radius:
+def _dimension(name: str, source: Localized, surface: Localized, on: ClosestPoints) -> int:
+    """Return the dimension that the manifold has all along the boundary."""
+    if source.manifold_dim is None:
+        raise SceneError(f"boundary {name!r} is of mixed dimension; make a boundary of each of its dimensions.")
+    if any(member.manifold_dim is None for member in surface.members):
+        raise SceneError("boundaries need to know the manifold's dimension, got None; unite sources by `union`.")
+    found = np.unique(surface.dimensions_at(on))
+    if len(found) > 1:
         raise SceneError(
-            f"boundary {name!r} is up to {distance:.3g} away from the surface, more than the tube's radius "
+            f"boundary {name!r} runs over pieces of the dimensions {' and '.join(map(str, found))}; part it where "
+            "they meet."
+        )
+    if source.manifold_dim >= found[0]:
+        raise SceneError(
+            f"boundary {name!r} has dimension {source.manifold_dim}, the manifold {found[0]}; "
+            "a boundary is a point on a curve, a point or curve on a surface, or anything of those in a solid."
+        )
+    return int(found[0])
+
+
+def _gap(name: str, on: ClosestPoints, radius: float) -> float:
+    """Return how far the boundary is from the surface at most."""
+    gap = float(on.distance.max())
+    if gap > radius:
+        raise SceneError(
+            f"boundary {name!r} is up to {gap:.3g} away from the surface, more than the tube's radius "
             f"{radius:.3g}; move it onto the surface, or check its unit of length."
         )
+    return gap
 
 
 def _along(source: Localized, samples: Floats, spacing: float, name: str) -> Orientation:
-    if source.manifold_dim != 1 or source.has_tangents:
+    """Return signs for a boundary that does not orient itself: of a curve's tangents, or a surface's normals."""
+    if source.manifold_dim == 0 or source.knows_directions(source.manifold_dim or 0):
         return AS_GIVEN
-    return carry(samples, tangents(source, source.closest_point(samples), 0.5 * spacing), spacing, name)
+    ask = tangents if source.manifold_dim == 1 else normals
+    return carry(samples, ask(source, source.closest_point(samples), 0.5 * spacing), spacing, name)
 
 
-def _across(surface: Localized, samples: Floats, spacing: float, name: str) -> Orientation:
-    on = surface.closest_point(samples)
-    if surface.manifold_dim == 1:
-        return AS_GIVEN if surface.has_tangents else carry(samples, tangents(surface, on, 0.5 * spacing), spacing, name)
-    return AS_GIVEN if surface.has_normals else carry(samples, normals(surface, on, 0.5 * spacing), spacing, name)
+def _across(
+    source: Localized, surface: Localized, on: ClosestPoints, dimension: int, spacing: float, name: str
+) -> Orientation:
+    """Return signs for a manifold that does not orient itself, along the boundary.
+
+    A solid needs none, nor does a boundary that knows its left.
+    """
+    if dimension == surface.dim or source.has_left or surface.knows_directions(dimension):
+        return AS_GIVEN
+    ask = tangents if dimension == 1 else normals
+    return carry(on.points, ask(surface, on, 0.5 * spacing), spacing, name)
 
 
 def _turned(sighted: Sighted, boundary: BoundarySet, lattice: Lattice) -> Sighted:
@@ -96,4 +124,4 @@ def _turned(sighted: Sighted, boundary: BoundarySet, lattice: Lattice) -> Sighte
     point = sighted.surface.closest_point(lattice.to_local(np.atleast_2d(boundary.left_of))).points
     if sighted.frame(point, np.inf, lattice.spacing).signed[0] > 0:
         return sighted
-    return Sighted(sighted.source, sighted.surface, sighted.across.reversed(), sighted.along)
+    return replace(sighted, across=sighted.across.reversed())

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from cpmkit.localized import Localized
-from cpmkit.protocols import ClosestPoints, Floats
+from cpmkit.protocols import ClosestPoints, Floats, Ints
 
 #: An eigenvalue of the closest point map's Jacobian above this belongs to a tangent direction.
 TANGENT = 0.5
@@ -25,20 +27,52 @@ def jacobian(source: Localized, points: Floats, step: float) -> Floats:
 
 def normals(surface: Localized, feet: ClosestPoints, step: float) -> Floats:
     """Return unit normals (n, d) of a hypersurface at ``feet``; a source without its own gives them any sign."""
-    if surface.has_normals:
-        return surface.normals(feet)
-    return np.linalg.eigh(jacobian(surface, feet.points, step))[1][:, :, 0]
+
+    def of_member(member: Localized, own: ClosestPoints, _: Ints) -> Floats:
+        if member.has_normals:
+            return member.normals(own)
+        return np.linalg.eigh(jacobian(member, own.points, step))[1][:, :, 0]
+
+    return _by_member(surface, feet, of_member)
 
 
 def tangents(curve: Localized, feet: ClosestPoints, step: float) -> Floats:
     """Return unit tangents (n, d) of a curve at ``feet``; a source without its own gives them any sign."""
-    if curve.has_tangents:
-        return curve.tangents(feet)
-    return np.linalg.eigh(jacobian(curve, feet.points, step))[1][:, :, -1]
+
+    def of_member(member: Localized, own: ClosestPoints, _: Ints) -> Floats:
+        if member.has_tangents:
+            return member.tangents(own)
+        return np.linalg.eigh(jacobian(member, own.points, step))[1][:, :, -1]
+
+    return _by_member(curve, feet, of_member)
+
+
+def project_tangent(surface: Localized, feet: ClosestPoints, vectors: Floats, step: float) -> Floats:
+    """Return ``vectors`` (n, d) projected on the tangent space at ``feet``."""
+    return _by_member(surface, feet, lambda member, own, rows: _projected(member, own, vectors[rows], step))
+
+
+def _projected(surface: Localized, feet: ClosestPoints, vectors: Floats, step: float) -> Floats:
+    if surface.manifold_dim == surface.dim:
+        return vectors
+    if surface.manifold_dim == 2:
+        n = normals(surface, feet, step)
+        return np.asarray(vectors - np.sum(vectors * n, axis=1, keepdims=True) * n)
+    if surface.manifold_dim == 1:
+        t = tangents(surface, feet, step)
+        return np.asarray(np.sum(vectors * t, axis=1, keepdims=True) * t)
+    values, axes = np.linalg.eigh(jacobian(surface, feet.points, step))
+    kept = np.einsum("nij,ni->nj", axes, vectors) * (values > TANGENT)
+    return np.asarray(np.einsum("nij,nj->ni", axes, kept))
 
 
 def outward_conormals(surface: Localized, edge: ClosestPoints, step: float) -> Floats:
-    """Return the outward conormals (n, d) at feet ``edge`` on an open manifold's edge.
+    """Return the outward conormals (n, d) at feet ``edge`` on an open manifold's edge."""
+    return _by_member(surface, edge, lambda member, own, _: _outward(member, own, step))
+
+
+def _outward(surface: Localized, edge: ClosestPoints, step: float) -> Floats:
+    """Return the outward conormals of one member.
 
     ``b = -unit of T sum_k [cp(y + h e_k) + cp(y - h e_k) - 2 y]``, T the tangent projection: inside a
     manifold the closest points around y average to y, at an edge they lean inwards, and curvature adds a
@@ -61,14 +95,11 @@ def _unit(vectors: Floats) -> Floats:
     return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
 
 
-def project_tangent(surface: Localized, feet: ClosestPoints, vectors: Floats, step: float) -> Floats:
-    """Return ``vectors`` (n, d) projected on the tangent space at ``feet``."""
-    if surface.manifold_dim == 2 and surface.dim == 3:
-        n = normals(surface, feet, step)
-        return np.asarray(vectors - np.sum(vectors * n, axis=1, keepdims=True) * n)
-    if surface.manifold_dim == 1:
-        t = tangents(surface, feet, step)
-        return np.asarray(np.sum(vectors * t, axis=1, keepdims=True) * t)
-    values, axes = np.linalg.eigh(jacobian(surface, feet.points, step))
-    kept = np.einsum("nij,ni->nj", axes, vectors) * (values > TANGENT)
-    return np.asarray(np.einsum("nij,nj->ni", axes, kept))
+def _by_member(
+    surface: Localized, feet: ClosestPoints, ask: Callable[[Localized, ClosestPoints, Ints], Floats]
+) -> Floats:
+    """Ask the members of a union for vectors (n, d), each at its own feet: others near by do not disturb it."""
+    answers = np.empty_like(feet.points)
+    for member, rows, own in surface.by_member(feet):
+        answers[rows] = ask(member, own, rows)
+    return answers

@@ -115,7 +115,7 @@ def surface_cells(source: Localized, spacing: float, degree: int) -> Ints:
     ResolutionError
         If the band of these cells would not fit into the machine's memory, as soon as that shows.
     """
-    manifold_dim = source.dim if source.manifold_dim is None else source.manifold_dim
+    manifold_dim = source.largest_dim
     for side, blocks in cell_levels(source, spacing, base_offset(degree)):
         unknowns = nodes_of_blocks(len(blocks), side, source.dim, manifold_dim, degree)
         if side == 1 or len(blocks) > TELLING:

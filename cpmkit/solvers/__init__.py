@@ -19,11 +19,11 @@ SOLVERS = {"direct": solve_direct, "reference": solve_reference}
 ACCEPTED = {"auto": ("max_iterations",), "direct": (), "reference": ("max_iterations",)}
 
 
-def choose_solver(name: str, unknowns: int, manifold_dim: int | None) -> str:
+def choose_solver(name: str, unknowns: int, manifold_dim: int) -> str:
     """Return the solver that ``name`` means for this many unknowns; ``auto`` takes the quicker one."""
     if name != "auto":
         return name
-    return "direct" if unknowns <= DIRECT_UP_TO.get(3 if manifold_dim is None else manifold_dim, 0) else "reference"
+    return "direct" if unknowns <= DIRECT_UP_TO.get(manifold_dim, 0) else "reference"
 
 
 def check_solver(name: str, options: Mapping[str, Any]) -> str:

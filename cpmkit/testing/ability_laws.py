@@ -6,11 +6,14 @@ import numpy as np
 
 from cpmkit.protocols import (
     Floats,
+    HasFloor,
     HasMesh,
     HasNormals,
     HasTangents,
     HasTranslation,
     HasValues,
+    HasWarnings,
+    Ints,
 )
 from cpmkit.testing.law import law, require, require_rows, sure
 from cpmkit.testing.queries import ROUND_OFF, Subject, for_queries
@@ -88,7 +91,7 @@ def check_values(about: Subject) -> None:
 
 @law
 def check_mesh(about: Subject) -> None:
-    """The vertices of a mesh lie on the manifold, and its cells name vertices that are there, each once a cell."""
+    """The vertices of a mesh lie on the manifold, and its cells, as its dimension has them, name vertices once each."""
     source = about.source
     if not isinstance(source, HasMesh):
         return
@@ -96,13 +99,37 @@ def check_mesh(about: Subject) -> None:
         vertices, cells = source.mesh(share * about.size)
         require(vertices.dtype == np.float64 and cells.dtype == np.int64, f"It holds {vertices.dtype}, {cells.dtype}.")
         require(vertices.ndim == 2 and vertices.shape[1] == about.source.dim, f"Vertices have shape {vertices.shape}.")
-        corners = (1, 2, 3) if about.source.manifold_dim is None else (about.source.manifold_dim + 1,)
-        require(cells.ndim == 2 and cells.shape[1] in corners and len(cells), f"Cells have shape {cells.shape}.")
-        require(cells.min() >= 0 and cells.max() < len(vertices), "A cell names a vertex that is not there.")
+        require(cells.ndim == 2 and len(cells), f"Cells have shape {cells.shape}.")
+        _require_corners(cells, source.manifold_dim)
+        require(cells.max() < len(vertices), "A cell names a vertex that is not there.")
         ordered = np.sort(cells, axis=1)
-        require((ordered[:, 1:] > ordered[:, :-1]).all(), "A cell names a vertex twice.")
+        once = (ordered[:, 1:] > ordered[:, :-1]) | (ordered[:, 1:] < 0)
+        require(once.all(), "A cell names a vertex twice.")
         off = about.source.closest_point(np.ascontiguousarray(vertices)).distance
         require_rows(off <= about.round_off(vertices), vertices, "A vertex lies off the manifold by", off)
+
+
+@law
+def check_warnings(about: Subject) -> None:
+    """Each warning is one sentence: a string that ends with its only full stop."""
+    if not isinstance(about.source, HasWarnings):
+        return
+    for share in (0.5, 0.05):
+        for warning in about.source.warnings(share * about.size):
+            require(isinstance(warning, str), f"A warning is {warning!r}, not a string.")
+            whole = warning.endswith(".") and warning == warning.strip() and ". " not in warning
+            require(whole, f"The warning {warning!r} is not one sentence that ends with a full stop.")
+
+
+@law
+def check_floor(about: Subject) -> None:
+    """The floor of the error is a finite number, not negative."""
+    if not isinstance(about.source, HasFloor):
+        return
+    for share in (0.5, 0.05, 0.005):
+        floor = about.source.floor(share * about.size)
+        require(isinstance(floor, float), f"The floor is {floor!r}, not a float.")
+        require(np.isfinite(floor) and floor >= 0, f"The floor is {floor}.")
 
 
 @law
@@ -135,7 +162,26 @@ def check_translation(about: Subject) -> None:
     for_queries(about, hold, within_radius=not about.source.exact)
 
 
-LAWS = (check_normals, check_tangents, check_values, check_mesh, check_translation)
+LAWS = (check_normals, check_tangents, check_values, check_mesh, check_warnings, check_floor, check_translation)
+
+
+def _require_corners(cells: Ints, manifold_dim: int | None) -> None:
+    """Require triangles of surfaces and of what is seen of solids, segments of curves, or points, as of clouds.
+
+    Only a union of mixed dimension has rows that end in -1, and no more columns than its largest cells need.
+    """
+    require(1 <= cells.shape[1] <= 3, f"Cells have shape {cells.shape}.")
+    missing = cells < 0
+    require((cells >= -1).all() and not missing[:, 0].any(), "A cell has a negative corner, or none.")
+    if manifold_dim is None:
+        require(not missing.all(axis=0).any(), f"No cell has {cells.shape[1]} corners.")
+        require((missing[:, 1:] >= missing[:, :-1]).all(), "A row goes on after -1.")
+        return
+    require(not missing.any(), f"A cell ends in -1 although the manifold has one dimension, {manifold_dim}.")
+    corners = (1, min(manifold_dim + 1, 3))
+    require(
+        cells.shape[1] in corners, f"Cells of a manifold of dimension {manifold_dim} have {cells.shape[1]} corners."
+    )
 
 
 def _require_unit(vectors: Floats, points: Floats) -> None:

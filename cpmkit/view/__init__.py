@@ -21,7 +21,7 @@ from cpmkit.view.camera import fit
 from cpmkit.view.drawing import Drawing, draw
 
 if TYPE_CHECKING:
-    from cpmkit.solution import Solution
+    from cpmkit.readable import ReadableSolution
 
 #: Seconds after which a renderer that has not answered is given up.
 PATIENCE = 120.0
@@ -47,7 +47,7 @@ class Picture:
 
 
 def picture(
-    solution: Solution,
+    solution: ReadableSolution,
     path: str | Path,
     width: int = 1200,
     view: tuple[float, ...] | None = None,
@@ -61,7 +61,7 @@ def picture(
 
     Parameters
     ----------
-    solution : Solution
+    solution : ReadableSolution
         What to draw. Its surface must have a mesh; boundaries are drawn if theirs has one.
     path : str or Path
         Where the picture goes; must end in ``.png``.
@@ -119,7 +119,8 @@ def probe() -> str:
     camera = fit(points, 32)
     triangle = Drawing(
         points=points,
-        cells=np.array([[0, 1, 2]]),
+        triangles=np.array([[0, 1, 2]]),
+        segments=np.zeros((0, 2), dtype=np.int64),
         colours=np.zeros((3, 3)),
         normals=np.zeros((0, 3)),
         curve_points=np.zeros((0, 3)),

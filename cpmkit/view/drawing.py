@@ -15,7 +15,7 @@ from cpmkit.surface_mesh import DisplayMesh
 from cpmkit.view.camera import Camera, fit
 
 if TYPE_CHECKING:
-    from cpmkit.solution import Solution
+    from cpmkit.readable import ReadableSolution
 
 #: Share of its colour that a face keeps where no light falls; the light brings the rest.
 AMBIENT = 0.5
@@ -25,6 +25,13 @@ LIGHT = (-0.35, 0.5, 1.0)
 
 #: Radius of boundary curves, of pins and of a curve that is itself the surface; shares of the picture's half width.
 CURVE, PIN, STROKE = 0.0045, 0.012, 0.009
+
+#: A point of a cloud is drawn as a disc with so many corners. On a curve in the plane its radius is half the distance
+#: to the second neighbour, on a surface this share of that to the sixth: uneven clouds, too, are covered.
+CORNERS, NEIGHBOURS, OVERLAP = 8, {2: 2, 3: 6}, {2: 0.5, 3: 0.85}
+
+#: Points whose neighbours are farther away than so many spacings belong to no cloud.
+LONELY = 10.0
 
 #: Width of the colour bar's column as a share of the picture's.
 BAR = 0.12
@@ -38,10 +45,12 @@ class Drawing:
 
     Attributes
     ----------
-    points, cells, colours : (v, 3) float64, (m, k) int64, (v, 3) float64
-        The mesh and its colours from 0 to 1.
+    points, colours : (v, 3) float64
+        Vertices and their colours from 0 to 1.
+    triangles, segments : (t, 3) int64, (s, 2) int64
+        The cells. Points of the mesh are discs, made of triangles.
     normals : (v, 3) float64
-        Unit normals; no rows where the cells are segments or lie in a plane.
+        Unit normals, zero at the ends of segments; no rows where nothing is shaded.
     curve_points, curve_cells : (c, 3) float64, (s, 2) int64
         The boundary curves.
     pins : (p, 3) float64
@@ -55,7 +64,8 @@ class Drawing:
     """
 
     points: Floats
-    cells: Ints
+    triangles: Ints
+    segments: Ints
     colours: Floats
     normals: Floats
     curve_points: Floats
@@ -85,7 +95,7 @@ class Drawing:
 
 
 def draw(
-    solution: Solution,
+    solution: ReadableSolution,
     width: int,
     view: tuple[float, ...] | None,
     up: tuple[float, ...] | None,
@@ -100,11 +110,16 @@ def draw(
         view, up = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)
     model_width = width - round(BAR * width) if len(span) else width
     camera = fit(np.concatenate([points, curve_points, pins]), model_width, view, up)
+    normals = np.zeros((0, 3)) if mesh.normals is None else mesh.normals
+    facing = normals[mesh.dots] if len(normals) else np.zeros((len(mesh.dots), 3))
+    radii = _disc_radii(mesh.points[mesh.dots], solution.spacing, STROKE * camera.half[0], PIN * camera.half[0])
+    rims, fans = discs(points[mesh.dots], facing, radii, camera.axes[2])
     return Drawing(
-        points=points,
-        cells=mesh.cells,
-        colours=colours,
-        normals=np.zeros((0, 3)) if mesh.normals is None else mesh.normals,
+        points=np.concatenate([points, rims]),
+        triangles=np.concatenate([mesh.triangles, len(points) + fans]),
+        segments=mesh.segments,
+        colours=np.concatenate([colours, np.repeat(colours[mesh.dots], CORNERS, axis=0)]),
+        normals=np.concatenate([normals, np.repeat(facing, CORNERS, axis=0)]) if len(normals) else normals,
         curve_points=curve_points,
         curve_cells=curve_cells,
         pins=pins,
@@ -115,6 +130,51 @@ def draw(
         width=np.array(width),
         span=span,
     )
+
+
+def discs(centres: Floats, normals: Floats, radii: Floats, viewer: Floats) -> tuple[Floats, Ints]:
+    """Return discs as triangles.
+
+    Parameters
+    ----------
+    centres : (p, 3) float64
+    normals : (p, 3) float64
+        Of unit length and any sign; a disc with a normal of zero faces the viewer.
+    radii : (p,) float64
+    viewer : (3,) float64
+        Unit vector towards the viewer.
+
+    Returns
+    -------
+    vertices, triangles : (p * CORNERS, 3) float64, (p * (CORNERS - 2), 3) int64
+    """
+    normals = np.where(normals.any(axis=1, keepdims=True), normals, viewer)
+    first = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    second = np.cross(normals, first)
+    angle = 2 * np.pi * np.arange(CORNERS) / CORNERS
+    around = np.cos(angle)[:, None] * first[:, None] + np.sin(angle)[:, None] * second[:, None]
+    corner = np.arange(1, CORNERS - 1)
+    fan = np.stack([np.zeros_like(corner), corner, corner + 1], axis=1)
+    triangles = CORNERS * np.arange(len(centres))[:, None, None] + fan
+    return (centres[:, None] + radii[:, None, None] * around).reshape(-1, 3), triangles.reshape(-1, 3)
+
+
+def _disc_radii(points: Floats, spacing: float, least: float, alone: float) -> Floats:
+    """Return (p,) radii with which discs around points (p, d) of a surface, or curve in the plane, leave no hole.
+
+    No disc is smaller than ``least``; those that stand for points on no surface have the radius ``alone``.
+    """
+    from scipy.spatial import cKDTree
+
+    neighbours, share = NEIGHBOURS[points.shape[1]], OVERLAP[points.shape[1]]
+    if len(points) <= neighbours:
+        return np.full(len(points), alone)
+    reach = np.asarray(cKDTree(points).query(points, k=neighbours + 1)[0])[:, -1]
+    lonely = reach > LONELY * spacing
+    usual = np.median(reach[~lonely]) if not lonely.all() else 0.0
+    radii: Floats = np.where(lonely, alone, np.maximum(share * np.minimum(reach, 2 * usual), least))
+    return radii
 
 
 def in_space(points: Floats) -> Floats:

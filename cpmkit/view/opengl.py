@@ -30,7 +30,12 @@ def render(drawing: Drawing, path: Path) -> None:
     plotter.set_background("white")
     plotter.enable_anti_aliasing("ssaa")
     plotter.add_light(pyvista.Light(position=LIGHT, light_type="camera light"))
-    _add(plotter, _surface(drawing), scalars="rgb", rgb=True)
+    rgb = np.round(255 * drawing.colours).astype(np.uint8)
+    if len(drawing.triangles):
+        _add(plotter, _surface(drawing, rgb), scalars="rgb", rgb=True)
+    if len(drawing.segments):
+        strokes = _tubes(drawing.points, drawing.segments, STROKE * drawing.half[0], rgb)
+        _add(plotter, strokes, scalars="rgb", rgb=True)
     if len(drawing.curve_cells):
         _add(plotter, _tubes(drawing.curve_points, drawing.curve_cells, CURVE * drawing.half[0]), color=INK)
     if len(drawing.pins):
@@ -50,13 +55,10 @@ def _add(plotter: Any, mesh: Any, **how: Any) -> None:
     actor.prop.interpolation = "Phong"
 
 
-def _surface(drawing: Drawing) -> Any:
+def _surface(drawing: Drawing, rgb: Any) -> Any:
     import pyvista
 
-    rgb = np.round(255 * drawing.colours).astype(np.uint8)
-    if drawing.cells.shape[1] == 2:
-        return _tubes(drawing.points, drawing.cells, STROKE * drawing.half[0], rgb)
-    mesh = pyvista.PolyData(drawing.points, faces=np.insert(drawing.cells, 0, 3, axis=1).ravel())
+    mesh = pyvista.PolyData(drawing.points, faces=np.insert(drawing.triangles, 0, 3, axis=1).ravel())
     mesh.point_data["rgb"] = rgb
     if len(drawing.normals):
         mesh.point_data.active_normals = drawing.normals

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+#: Width of the lines along the edges of faces, in points; thinner ones let the background through between two faces.
+SEAM = 1.0
+
 #: Dots an inch of the figures; only the ratio to the size of the type matters.
 DPI = 100
 
@@ -28,7 +31,7 @@ def render(drawing: Drawing, path: Path) -> None:
 
     figure, axes = _page(drawing)
     shapes, colours = _shapes(drawing)
-    axes.add_collection(PolyCollection(shapes, facecolors=colours, edgecolors=colours, linewidths=0.5))
+    axes.add_collection(PolyCollection(shapes, facecolors=colours, edgecolors=colours, linewidths=SEAM, snap=False))
     figure.savefig(path, dpi=DPI, facecolor="white")
 
 
@@ -74,9 +77,9 @@ def _shapes(drawing: Drawing) -> tuple[list[Any], Floats]:
     """Return polygons in the camera's plane from back to front, and their colours."""
     place = drawing.camera.project(drawing.points)
     unit = drawing.half[0]
-    cells = place[drawing.cells]
-    faces, colours = [_ribbons(cells, STROKE * unit) if cells.shape[1] == 2 else cells], [_shaded(drawing)]
-    near = _typical_size(place, drawing.cells)  # lifts boundaries over the faces that they lie in
+    faces = [place[drawing.triangles], _ribbons(place[drawing.segments], STROKE * unit)]
+    colours = [_shaded(drawing), drawing.colours[drawing.segments].mean(axis=1)]
+    near = _typical_size(place, drawing)  # lifts boundaries over the faces that they lie in
     curve = drawing.camera.project(drawing.curve_points)[drawing.curve_cells]
     pins = _discs(drawing.camera.project(drawing.pins), PIN * unit)
     for shapes in (_ribbons(curve, CURVE * unit), pins):
@@ -89,12 +92,12 @@ def _shapes(drawing: Drawing) -> tuple[list[Any], Floats]:
 
 
 def _shaded(drawing: Drawing) -> Floats:
-    """Return (m, 3) colours of the cells under the light."""
-    colours: Floats = drawing.colours[drawing.cells].mean(axis=1)
+    """Return (t, 3) colours of the triangles under the light."""
+    colours: Floats = drawing.colours[drawing.triangles].mean(axis=1)
     if not len(drawing.normals):
         return colours
-    normal = drawing.normals[drawing.cells].mean(axis=1) @ drawing.axes.T
-    a, b, c = (drawing.points[drawing.cells[:, k]] for k in range(3))
+    normal = drawing.normals[drawing.triangles].mean(axis=1) @ drawing.axes.T
+    a, b, c = (drawing.points[drawing.triangles[:, k]] for k in range(3))
     away = np.cross(b - a, c - a) @ drawing.axes[2] < 0  # both sides of a face are lit
     normal = np.where(away[:, None], -normal, normal) / np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
     light = np.array(LIGHT) / np.linalg.norm(LIGHT)
@@ -119,7 +122,8 @@ def _discs(centres: Floats, radius: float) -> Floats:
     return centres[:, None] + circle
 
 
-def _typical_size(place: Floats, cells: Any) -> float:
-    if not len(cells):
+def _typical_size(place: Floats, drawing: Drawing) -> float:
+    ends = np.concatenate([drawing.triangles[:, :2], drawing.segments])
+    if not len(ends):
         return 0.0
-    return float(np.median(np.linalg.norm(place[cells[:, 1]] - place[cells[:, 0]], axis=1)))
+    return float(np.median(np.linalg.norm(place[ends[:, 1]] - place[ends[:, 0]], axis=1)))

@@ -39,6 +39,8 @@ def conformance_cases() -> list[ConformanceCase]:
         _case("torus", "upright", {"major": 2.0, "minor": 0.5}, _torus(2.0, 0.5)),
         _case("torus", "moved", {"minor": 0.9, **TILT}, _torus(1.0, 0.9)),
         _case("cylinder", "upright", {"length": 3.0}, _cylinder(1.0, 3.0)),
+        _case("box", "in the plane", {"lower": [-1, -2], "upper": [1, 2], **TURN}, _filled([1, 2])),
+        _case("box", "in space", {"lower": [-1, -2, -3], "upper": [1, 2, 3], **TILT}, _filled([1, 2, 3])),
         _case("cylinder", "moved", {"radius": 2.0, "length": 0.5, **TILT}, _cylinder(2.0, 0.5)),
     ]
 
@@ -60,6 +62,10 @@ def _case(shape: str, name: str, keys: dict[str, Any], draw: Draw) -> Conformanc
 
 def _line(length: float, dim: int) -> Draw:
     return lambda rng, n: rng.uniform(0, length, (n, 1)) * np.eye(dim)[0]
+
+
+def _filled(half: list[float]) -> Draw:
+    return lambda rng, n: rng.uniform(-1, 1, (n, len(half))) * half
 
 
 def _ring(radius: float, angles: tuple[float, float], dim: int) -> Draw:

@@ -1,4 +1,4 @@
-"""The eight kinds: keyword arguments are the keys of a scene file.
+"""The nine kinds: keyword arguments are the keys of a scene file.
 
 Every kind takes three more keys: ``rotation`` (an angle in the plane, a rotation vector or a
 matrix), ``translation`` and ``scale``. They act after the others and about the origin:
@@ -18,6 +18,7 @@ from cpmkit.protocols import Floats
 from cpmkit_analytic.curves import TURN, Arc, Circle, Point, Segment
 from cpmkit_analytic.frames import as_direction, as_position, plane_frame, space_frame
 from cpmkit_analytic.motion import Moved, place
+from cpmkit_analytic.solids import Box
 from cpmkit_analytic.surfaces import Cap, Cylinder, Sphere, Torus
 
 ORIGIN = (0.0, 0.0, 0.0)
@@ -152,6 +153,19 @@ def cylinder(
     """
     shape = Cylinder(positive(radius, "radius"), positive(length, "length"))
     return place(shape, as_vector(center, 3, "center"), space_frame(axis)).moved(rotation, translation, scale)
+
+
+def box(*, lower: Any, upper: Any, rotation: Any = None, translation: Any = None, scale: Any = 1.0) -> Moved:
+    """Return a full rectangle in the plane or cuboid in space, between the corners ``lower`` and ``upper``.
+
+    Its sides are the edges: 0 and 1 where x is least and greatest, 2 and 3 where y is, 4 and 5 where z is, before
+    any rotation. Beyond a corner or a cuboid's edge, a point belongs to the side that it is farthest out of.
+    """
+    low = as_position(lower, "lower")
+    high = as_vector(upper, len(low), "upper")
+    if not (high > low).all():
+        raise InputError(f"upper must be above lower in every coordinate, got {lower!r} and {upper!r}.")
+    return place(Box(0.5 * (high - low)), 0.5 * (low + high), np.eye(len(low))).moved(rotation, translation, scale)
 
 
 def _plane_of(center: Any, normal: Any, x_axis: Any) -> tuple[Floats, Floats]:

@@ -9,8 +9,8 @@ import numpy as np
 
 from cpmkit.arrays import as_points, as_vector, positive
 from cpmkit.protocols import ClosestPoints, Floats, Ints
+from cpmkit.rotation import as_rotation, rotate
 from cpmkit_analytic.directions import norms
-from cpmkit_analytic.frames import as_rotation
 from cpmkit_analytic.shapes import HasShapeNormals, HasShapeTangents, Shape
 
 
@@ -94,14 +94,14 @@ class Moved:
         factor = positive(scale, "scale")
         turn = as_rotation(rotation, self.dim)
         offset = as_vector(np.zeros(self.dim) if translation is None else translation, self.dim, "translation")
-        center = offset + factor * _rotate(turn, self.center[None])[0]
-        return replace(self, shape=self.shape.scaled(factor), center=center, axes=_rotate(turn, self.axes.T).T)
+        center = offset + factor * rotate(turn, self.center[None])[0]
+        return replace(self, shape=self.shape.scaled(factor), center=center, axes=rotate(turn, self.axes.T).T)
 
     def _to_shape(self, x: Floats) -> Floats:
-        return _rotate(self.axes.T, x - self.center)
+        return rotate(self.axes.T, x - self.center)
 
     def _to_world(self, p: Floats) -> Floats:
-        return _rotate(self.axes, p) + self.center
+        return rotate(self.axes, p) + self.center
 
 
 class MovedSurface(Moved):
@@ -110,7 +110,7 @@ class MovedSurface(Moved):
     def normals(self, feet: ClosestPoints, /) -> Floats:
         """Return the outward unit normals (n, d); of a curve in the plane, those at the right hand of travel."""
         shape = cast(HasShapeNormals, self.shape)
-        return _rotate(self.axes, shape.normals(self._to_shape(feet.points)))
+        return rotate(self.axes, shape.normals(self._to_shape(feet.points)))
 
 
 class MovedCurve(Moved):
@@ -119,7 +119,7 @@ class MovedCurve(Moved):
     def tangents(self, feet: ClosestPoints, /) -> Floats:
         """Return the unit tangents (n, d) in the direction of travel."""
         shape = cast(HasShapeTangents, self.shape)
-        return _rotate(self.axes, shape.tangents(self._to_shape(feet.points)))
+        return rotate(self.axes, shape.tangents(self._to_shape(feet.points)))
 
 
 class MovedPlaneCurve(MovedCurve, MovedSurface):
@@ -136,17 +136,3 @@ def place(shape: Shape, center: Floats, axes: Floats) -> Moved:
         (True, True): MovedPlaneCurve,
     }
     return classes[abilities](shape, center, axes)
-
-
-def _rotate(rotation: Floats, vectors: Floats) -> Floats:
-    """Return ``rotation @ v`` for the rows v of ``vectors``.
-
-    Written out by columns: the result of a row then never depends on the size of the batch, which
-    a matrix product does not promise.
-    """
-    if np.array_equal(rotation, np.eye(len(rotation))):
-        return vectors
-    rotated = vectors[:, :1] * rotation[:, 0]
-    for k in range(1, len(rotation)):
-        rotated += vectors[:, k : k + 1] * rotation[:, k]
-    return rotated

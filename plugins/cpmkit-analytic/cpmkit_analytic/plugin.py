@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @hookimpl
 def cpmkit_sources() -> Mapping[str, Callable[..., ClosestPointSource]]:
-    """Return the factories of the eight kinds."""
+    """Return the factories of the nine kinds."""
     return {
         "analytic.point": factories.point,
         "analytic.segment": factories.segment,
@@ -25,6 +25,7 @@ def cpmkit_sources() -> Mapping[str, Callable[..., ClosestPointSource]]:
         "analytic.cap": factories.cap,
         "analytic.torus": factories.torus,
         "analytic.cylinder": factories.cylinder,
+        "analytic.box": factories.box,
     }
 
 

@@ -7,9 +7,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from cpmkit_analytic import arc, cap, circle, cylinder, point, segment, sphere, torus
-from cpmkit_analytic.frames import as_rotation, space_frame
+from cpmkit_analytic.frames import space_frame
 
 from cpmkit.protocols import HasMesh, HasNormals, HasTangents, HasTranslation
+from cpmkit.rotation import as_rotation
 
 SPACE = [
     (point, {"at": [0.3, 0.2, -1.0]}),

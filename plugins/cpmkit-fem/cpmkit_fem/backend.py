@@ -69,4 +69,4 @@ def solve_fem(
     values[system.free], values[pins.vertices] = free, pins.values
     seconds = {"build": built - start, "solve": time.perf_counter() - built}
     work = FemWork(len(free), len(mesh.vertices), len(mesh.faces), system.matrix.nnz, report.operator_applications)
-    return FemSolution(scene, mesh.vertices, mesh.faces, values, report, work, seconds, pins.warnings)
+    return FemSolution(scene, values, report, work, seconds, mesh.vertices, mesh.faces, warnings=pins.warnings)

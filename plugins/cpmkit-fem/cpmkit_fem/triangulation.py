@@ -69,6 +69,10 @@ def triangulate(scene: Scene, spacing: float | None) -> Triangulation:
         )
     own = own_mesh(surface) if spacing is None else None
     vertices, faces = own or surface.mesh(needed_spacing(scene, spacing))
+    if faces.shape[1] != 3:
+        raise InputError(
+            f"backend='fem' needs triangles, and {type(surface).__name__} gives only points; use backend='cpm'."
+        )
     return _welded(np.asarray(vertices, dtype=np.float64), np.asarray(faces, dtype=np.int64))
 
 

@@ -147,6 +147,21 @@ def test_what_one_value_a_vertex_cannot_hold(left, right):
         solve(left=left, right=right)
 
 
+def test_a_cloud_has_no_triangles():
+    cloud = ck.source("pointcloud.points", points=np.random.default_rng(0).normal(size=(30, 3)), method="nearest")
+    with pytest.raises(ck.InputError, match=r"needs triangles, and NearestSamples gives only points; .*'cpm'"):
+        solve(cloud, both=ck.Dirichlet(1.0))
+
+
+def test_its_solution_is_summed_up_in_the_words_of_every_other():
+    scene = ck.Scene(SPHERE, ck.ScreenedPoisson(1.0), [ck.Boundary("equator", EQUATOR, both=ck.Dirichlet(2.0))])
+    own, other = ck.solve(scene, 0.3, backend="fem").summary(), ck.solve(scene, 0.3).summary()
+    assert own.keys() == other.keys()
+    assert own["scene"] == other["scene"]
+    assert own["discretization"].keys() == {"backend", "spacing", "degree", "channels"}
+    assert {"cpmkit-fem", "scikit-fem"} <= own["versions"].keys()
+
+
 def test_equal_data_on_two_sides_are_one_condition():
     two = solve(left=ck.Dirichlet(lambda x: x[:, 0]), right=ck.Dirichlet(lambda x: 1.0 * x[:, 0]))
     np.testing.assert_array_equal(two.values, solve(both=ck.Dirichlet(lambda x: x[:, 0])).values)

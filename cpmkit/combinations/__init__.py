@@ -1,0 +1,1 @@
+"""Sources made of other sources, whatever their kind: unions, motions, solids, cuts and trimmed pieces."""

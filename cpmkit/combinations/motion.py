@@ -1,0 +1,174 @@
+"""The kind ``moved``: any source turned, scaled and shifted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from cpmkit.arrays import as_points, as_vector, positive
+from cpmkit.combinations.abilities import floor_of, warnings_of, with_abilities
+from cpmkit.combinations.union import Union, union
+from cpmkit.protocols import (
+    ClosestPoints,
+    ClosestPointSource,
+    Floats,
+    HasMesh,
+    HasNormals,
+    HasTangents,
+    HasValues,
+    Ints,
+)
+from cpmkit.rotation import as_rotation, rotate
+from cpmkit.scene import check_source
+
+
+@dataclass(frozen=True, eq=False)
+class Moved:
+    """The points ``translation + scale * rotation @ p`` for p on another source.
+
+    Attributes
+    ----------
+    of : ClosestPointSource
+        What is moved.
+    rotation : (d, d) float64
+        Proper rotation.
+    translation : (d,) float64
+    scale : float
+        Above zero.
+    """
+
+    of: Any
+    rotation: Floats
+    translation: Floats
+    scale: float
+
+    @property
+    def dim(self) -> int:
+        """Dimension of the space."""
+        return int(self.of.dim)
+
+    @property
+    def manifold_dim(self) -> int | None:
+        """Dimension of what is moved."""
+        dimension: int | None = self.of.manifold_dim
+        return dimension
+
+    @property
+    def exact(self) -> bool:
+        """True where the feet of what is moved are true nearest points."""
+        return bool(self.of.exact)
+
+    @property
+    def bounds(self) -> Floats:
+        """(2, d) corners of the box around the moved box."""
+        corners = self._to_world(np.array(list(product(*np.asarray(self.of.bounds, dtype=np.float64).T))))
+        return np.stack([corners.min(axis=0), corners.max(axis=0)])
+
+    def closest_point(self, x: Floats, /) -> ClosestPoints:
+        """Return the closest points of ``x`` (n, d); ``edge``, ``element`` and ``local`` are those of what is moved.
+
+        Raises
+        ------
+        InputError
+            If ``x`` holds NaN or infinity, or its shape is not (n, d).
+        """
+        feet = self.of.closest_point(self._to_own(as_points(x, self.dim)))
+        return replace(feet, points=self._to_world(feet.points), distance=self.scale * feet.distance)
+
+    def translated(self, offset: Floats, /) -> Moved:
+        """Return the same source moved by ``offset`` (d,); the translation alone is rounded, once."""
+        return replace(self, translation=self.translation + as_vector(offset, self.dim, "offset"))
+
+    def warnings(self, spacing: float, /) -> Sequence[str]:
+        """Return what the source that is moved has to say at this spacing, in its own coordinates."""
+        return warnings_of(self.of, spacing / self.scale)
+
+    def floor(self, spacing: float, /) -> float:
+        """Return the error that the source alone leaves, as a share of the solution's range."""
+        return floor_of(self.of, spacing / self.scale)
+
+    def _to_own(self, x: Floats) -> Floats:
+        return np.ascontiguousarray(rotate(self.rotation.T, x - self.translation) / self.scale)
+
+    def _to_world(self, p: Floats) -> Floats:
+        return self.scale * rotate(self.rotation, p) + self.translation
+
+    def _own_record(self, feet: ClosestPoints) -> ClosestPoints:
+        return replace(feet, points=self._to_own(feet.points), distance=feet.distance / self.scale)
+
+
+class _WithNormals(Moved):
+    def normals(self, feet: ClosestPoints, /) -> Floats:
+        """Return the unit normals (n, d) of what is moved, turned with it."""
+        return rotate(self.rotation, self.of.normals(self._own_record(feet)))
+
+
+class _WithTangents(Moved):
+    def tangents(self, feet: ClosestPoints, /) -> Floats:
+        """Return the unit tangents (n, d) of what is moved, turned with it."""
+        return rotate(self.rotation, self.of.tangents(self._own_record(feet)))
+
+
+class _WithValues(Moved):
+    @property
+    def value_count(self) -> int:
+        """How many rows :meth:`interpolate` expects."""
+        return int(self.of.value_count)
+
+    def interpolate(self, values: Floats, feet: ClosestPoints, /) -> Floats:
+        """Return ``values`` (value_count, ...) interpolated at ``feet``."""
+        read: Floats = self.of.interpolate(values, self._own_record(feet))
+        return read
+
+
+class _WithMesh(Moved):
+    def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
+        """Return vertices (v, d) and cells (m, k) of about ``spacing``."""
+        vertices, cells = self.of.mesh(positive(spacing, "spacing") / self.scale)
+        return self._to_world(vertices), cells
+
+
+_MIXINS = {
+    HasNormals: _WithNormals,
+    HasTangents: _WithTangents,
+    HasValues: _WithValues,
+    HasMesh: _WithMesh,
+}
+
+
+def moved(*, of: ClosestPointSource, rotation: Any = None, translation: Any = None, scale: Any = 1.0) -> Any:
+    """Return ``translation + scale * rotation @ x`` for the points x of a source, with the abilities that it has.
+
+    Parameters
+    ----------
+    of : source
+        What is moved. The members of a union are moved one by one.
+    rotation : angle in the plane, (3,) rotation vector or (d, d) matrix, optional
+        Vectors and angles in radians.
+    translation : (d,) numbers, optional
+    scale : number above zero
+
+    Raises
+    ------
+    InputError
+        If ``of`` is no source, the matrix is not a proper rotation, a length is wrong or the scale is not above zero.
+
+    Examples
+    --------
+    >>> import cpmkit as ck
+    >>> ring = ck.source("moved", of=ck.source("analytic.circle"), scale=2.0, translation=[1.0, 0.0])
+    >>> ring.closest_point([[9.0, 0.0]]).points.tolist()
+    [[3.0, 0.0]]
+    """
+    check_source(of, "what is moved")
+    if isinstance(of, Union):
+        return union(
+            members=[moved(of=one, rotation=rotation, translation=translation, scale=scale) for one in of.members]
+        )
+    turn = as_rotation(rotation, of.dim)
+    offset = as_vector(np.zeros(of.dim) if translation is None else translation, of.dim, "translation")
+    return with_abilities(Moved, _MIXINS, of)(of, turn, offset, positive(scale, "scale"))

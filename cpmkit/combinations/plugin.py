@@ -1,0 +1,40 @@
+"""What the core itself hands to its hooks: the kinds that are made of other sources."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from cpmkit.combinations.cut import function_cut, plane_cut
+from cpmkit.combinations.motion import moved
+from cpmkit.combinations.points import points
+from cpmkit.combinations.solid import solid
+from cpmkit.combinations.trimmed import trimmed
+from cpmkit.combinations.union import union
+from cpmkit.hookspecs import hookimpl
+from cpmkit.protocols import ClosestPointSource
+
+if TYPE_CHECKING:
+    from cpmkit.testing import ConformanceCase
+
+
+@hookimpl
+def cpmkit_sources() -> Mapping[str, Callable[..., ClosestPointSource]]:
+    """Return the factories of the kinds."""
+    return {
+        "union": union,
+        "moved": moved,
+        "solid": solid,
+        "trimmed": trimmed,
+        "cut.plane": plane_cut,
+        "cut.function": function_cut,
+        "points": points,
+    }
+
+
+@hookimpl
+def cpmkit_conformance_cases() -> Sequence[ConformanceCase]:
+    """Return the cases; imported here because they need the test extra."""
+    from cpmkit.combinations import cases, cut_cases
+
+    return [*cases.conformance_cases(), *cut_cases.conformance_cases()]

@@ -1,0 +1,75 @@
+"""Boxes: rectangles in the plane and cuboids in space, with all that is inside."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from cpmkit.protocols import Floats, Ints
+from cpmkit_analytic.shapes import Feet
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """The points whose coordinate k is at most ``half[k]`` from zero.
+
+    Attributes
+    ----------
+    half : (d,) float64
+        Half the lengths of the sides.
+    """
+
+    half: Floats
+
+    @property
+    def dim(self) -> int:
+        """Dimension of the space."""
+        return len(self.half)
+
+    @property
+    def manifold_dim(self) -> int:
+        """The same."""
+        return len(self.half)
+
+    def feet(self, q: Floats) -> Feet:
+        """Return the closest points; ``edge`` names the side, 2 k or 2 k + 1, that is farthest away."""
+        beyond = np.abs(q) - self.half
+        axis = beyond.argmax(axis=1)
+        rows = np.arange(len(q))
+        face = 2 * axis + (q[rows, axis] > 0)
+        return Feet(np.clip(q, -self.half, self.half), np.where(beyond[rows, axis] > 0, face, -1))
+
+    def support(self, u: Floats) -> Floats:
+        """Return the largest ``u . p`` over the box."""
+        return np.asarray(np.abs(u) @ self.half)
+
+    def mesh(self, spacing: float) -> tuple[Floats, Ints]:
+        """Return triangles that fill the rectangle, or cover the cuboid."""
+        if self.dim == 2:
+            return _grid(self.half, spacing)
+        vertices, triangles, first = [], [], 0
+        for axis, sign in product(range(3), (-1, 1)):
+            u, v = (axis + 1) % 3, (axis + 2) % 3
+            flat, cells = _grid(self.half[[u, v]], spacing)
+            points = np.empty((len(flat), 3))
+            points[:, axis], points[:, u], points[:, v] = sign * self.half[axis], flat[:, 0], flat[:, 1]
+            vertices.append(points)
+            triangles.append((cells if sign > 0 else cells[:, ::-1]) + first)
+            first += len(points)
+        return np.concatenate(vertices), np.concatenate(triangles)
+
+    def scaled(self, factor: float) -> Box:
+        """Return the box ``factor`` times as large."""
+        return replace(self, half=factor * self.half)
+
+
+def _grid(half: Floats, spacing: float) -> tuple[Floats, Ints]:
+    """Return vertices (v, 2) and triangles (m, 3) of a rectangle around zero."""
+    counts = np.maximum(np.ceil(2 * half / spacing).astype(np.int64), 1) + 1
+    axes = [np.linspace(-h, h, n) for h, n in zip(half, counts, strict=True)]
+    vertices = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+    number = np.arange(len(vertices)).reshape(counts)
+    a, b, c, d = number[:-1, :-1].ravel(), number[1:, :-1].ravel(), number[1:, 1:].ravel(), number[:-1, 1:].ravel()
+    return vertices, np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
