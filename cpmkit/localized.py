@@ -81,6 +81,7 @@ class Localized:
         if len(self.members) == 1:
             yield self.members[0], np.arange(len(feet)), feet
             return
+        assert feet.element is not None
         for number in np.unique(feet.element):
             rows = np.flatnonzero(feet.element == number)
             yield self.members[number], rows, self.members[number].closest_point(feet.points[rows])

@@ -108,7 +108,7 @@ def _source(
             f"{where} needs a kind, such as kind = 'analytic.sphere'; `cpmkit plugins` lists those installed."
         )
     keys = _keys(table, folder, where)
-    if surface is not None and not {"surface", "file"} & set(keys) and takes(factory(kind), "surface"):
+    if surface is not None and not {"surface", "file", "vertices"} & set(keys) and takes(factory(kind), "surface"):
         keys["surface"] = surface
     return source(kind, **keys)
 

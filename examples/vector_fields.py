@@ -6,7 +6,7 @@ one Laplace problem with three channels shows the same.
 
     python examples/vector_fields.py revolution vectors-revolution.png
     python examples/vector_fields.py moebius vectors-moebius.png
-    python examples/vector_fields.py cloud vectors-cloud.png       (needs koala.obj: docs/how-to/read-a-mesh.md)
+    python examples/vector_fields.py cloud vectors-cloud.png       (needs spot.obj: docs/how-to/read-a-mesh.md)
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ class Design:
     scene: ck.Scene
     spacing: float
     view: tuple[float, float, float]
+    up: tuple[float, float, float] = (0.0, 0.0, 1.0)
 
 
 def along(curve, sign=1.0):
@@ -94,18 +95,16 @@ def moebius() -> Design:
 
 
 def cloud() -> Design:
-    """A koala that is known by points alone: the vertices of its mesh without the triangles."""
-    vertices, _ = ck.read_mesh("koala.obj")
+    """Spot the cow, known by points alone: the vertices of a mesh without its triangles."""
+    vertices, _ = ck.read_mesh("spot.obj")
     surface = ck.source("pointcloud.points", points=vertices)
-    lower, upper = np.asarray(surface.bounds)
-    middle = 0.5 * (lower + upper)
     boundaries = [
-        pin("front", surface, [middle[0], lower[1], middle[2]], np.array([0, 0, 1.0])),
-        pin("left", surface, [lower[0], middle[1], middle[2]], np.array([0, 1.0, 0.5])),
-        pin("right", surface, [upper[0], middle[1], middle[2]], np.array([0, -1.0, 0.5])),
-        pin("top", surface, [middle[0], middle[1], upper[2]], np.array([1.0, 0, 0])),
+        pin("nose", surface, [0.0, 0.3, -0.75], np.array([0.0, 1.0, 0.0])),
+        ring("flank", surface, [-0.5, 0.0, 0.3], 0.12),
+        pin("back", surface, [0.0, 0.4, 0.4], np.array([0.0, 0.0, 1.0])),
+        pin("leg", surface, [-0.35, -0.6, -0.1], np.array([0.0, -1.0, 0.0])),
     ]
-    return Design(ck.Scene(surface, ck.Laplace(), boundaries), 0.02 * size(surface), (0.4, -1.0, 0.4))
+    return Design(ck.Scene(surface, ck.Laplace(), boundaries), 0.03, (-1.0, 0.35, -0.6), (0.0, 1.0, 0.0))
 
 
 DESIGNS = {"revolution": revolution, "moebius": moebius, "cloud": cloud}
@@ -120,38 +119,51 @@ def field(solution, points):
 
 
 def spread(points, apart):
-    """Return the numbers of points that lie about ``apart`` from each other."""
-    cells = np.floor(points / apart).astype(np.int64)
-    return np.sort(np.unique(cells, axis=0, return_index=True)[1])
+    """Return the numbers of points of which no two are nearer than ``apart``."""
+    from scipy.spatial import cKDTree
+
+    near = cKDTree(points).query_ball_point(points, apart)
+    free, chosen = np.ones(len(points), dtype=bool), []
+    for number in np.random.default_rng(0).permutation(len(points)):
+        if free[number]:
+            chosen.append(number)
+            free[near[number]] = False
+    return np.array(chosen)
 
 
 def draw(design: Design, solution, path: str) -> None:
     """Draw the surface in grey, the given curves in red, and arrows."""
     import pyvista
 
-    surface = design.scene.surface
-    vertices, cells = surface.mesh(design.spacing)
-    chosen = spread(vertices, 0.04 * size(surface))
-    plotter = pyvista.Plotter(off_screen=True, window_size=(1200, 1000))
+    surface, ivory = design.scene.surface, (0.93, 0.92, 0.9)
+    vertices, cells = surface.mesh(0.5 * design.spacing)
+    plotter = pyvista.Plotter(off_screen=True, window_size=(900, 760))
     if cells.shape[1] == 3:
         mesh = pyvista.PolyData.from_regular_faces(vertices, cells)
-        plotter.add_mesh(mesh, color=(0.93, 0.92, 0.9), smooth_shading=True)
+        plotter.add_mesh(mesh, color=ivory, smooth_shading=True)
     else:
-        shown = pyvista.PolyData(vertices)
-        plotter.add_mesh(shown, color=(0.93, 0.92, 0.9), point_size=6, render_points_as_spheres=True)
-    lifted = vertices[chosen]
-    arrows = pyvista.PolyData(lifted)
+        ball = pyvista.Sphere(radius=0.55 * design.spacing, theta_resolution=12, phi_resolution=12)
+        balls = pyvista.PolyData(vertices).glyph(orient=False, scale=False, geom=ball)
+        plotter.add_mesh(balls, color=ivory, smooth_shading=True)
+    lifted = vertices[spread(vertices, 0.035 * size(surface))]
+    normals = normals_at(surface, lifted)
+    lift = 0.012 * size(surface) if cells.shape[1] == 3 else design.spacing
+    facing = np.sign(normals @ np.asarray(design.view))[:, None] * normals
+    arrows = pyvista.PolyData(lifted + lift * facing)
     arrows["field"] = field(solution, lifted)
     length = 0.035 * size(surface)
     glyphs = arrows.glyph(orient="field", scale=False, factor=length, geom=pyvista.Arrow(shaft_radius=0.06))
     plotter.add_mesh(glyphs, color=(0.10, 0.25, 0.55))
     for boundary in design.scene.boundaries:
         points, segments = boundary.source.mesh(0.3 * design.spacing)
-        line = pyvista.PolyData(points, lines=np.insert(segments, 0, 2, axis=1))
-        plotter.add_mesh(line.tube(radius=0.004 * size(surface)), color=(0.8, 0.15, 0.1))
+        on = surface.closest_point(points).points
+        facing = np.sign(normals_at(surface, on) @ np.asarray(design.view))[:, None] * normals_at(surface, on)
+        on = on + (0.0 if cells.shape[1] == 3 else 0.5 * design.spacing) * facing
+        line = pyvista.PolyData(on, lines=np.insert(segments, 0, 2, axis=1))
+        plotter.add_mesh(line.tube(radius=0.006 * size(surface)), color=(0.8, 0.15, 0.1))
     plotter.background_color = "white"
-    plotter.view_vector(design.view, viewup=(0, 0, 1))
-    plotter.camera.zoom(1.3)
+    plotter.view_vector(design.view, viewup=design.up)
+    plotter.camera.zoom(1.5)
     plotter.screenshot(path)
 
 

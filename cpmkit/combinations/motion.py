@@ -76,7 +76,7 @@ class Moved:
         InputError
             If ``x`` holds NaN or infinity, or its shape is not (n, d).
         """
-        feet = self.of.closest_point(self._to_own(as_points(x, self.dim)))
+        feet: ClosestPoints = self.of.closest_point(self._to_own(as_points(x, self.dim)))
         return replace(feet, points=self._to_world(feet.points), distance=self.scale * feet.distance)
 
     def translated(self, offset: Floats, /) -> Moved:

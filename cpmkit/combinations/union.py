@@ -12,6 +12,7 @@ from cpmkit.arrays import as_points, as_vector
 from cpmkit.combinations.abilities import floor_of, warnings_of, with_abilities
 from cpmkit.errors import InputError
 from cpmkit.protocols import (
+    Bools,
     ClosestPoints,
     ClosestPointSource,
     Floats,
@@ -89,11 +90,15 @@ class Union:
 
 def _of_member(number: int, feet: ClosestPoints) -> ClosestPoints:
     edge = np.where(feet.edge >= 0, feet.edge + EDGES * number, -1)
-    doubtful = np.zeros(len(feet), dtype=bool) if feet.doubtful is None else feet.doubtful
-    return ClosestPoints(feet.points, feet.distance, edge, np.full(len(feet), number), doubtful=doubtful)
+    return ClosestPoints(feet.points, feet.distance, edge, np.full(len(feet), number), doubtful=doubtful_of(feet))
 
 
-def _where(chosen: Any, a: ClosestPoints, b: ClosestPoints) -> ClosestPoints:
+def doubtful_of(feet: ClosestPoints) -> Bools:
+    """Return which feet (n,) the search could not vouch for; none where it says nothing."""
+    return np.zeros(len(feet), dtype=bool) if feet.doubtful is None else feet.doubtful
+
+
+def _where(chosen: Bools, a: ClosestPoints, b: ClosestPoints) -> ClosestPoints:
     assert a.element is not None
     assert b.element is not None
     return ClosestPoints(
@@ -101,7 +106,7 @@ def _where(chosen: Any, a: ClosestPoints, b: ClosestPoints) -> ClosestPoints:
         np.where(chosen, a.distance, b.distance),
         np.where(chosen, a.edge, b.edge),
         np.where(chosen, a.element, b.element),
-        doubtful=np.where(chosen, a.doubtful, b.doubtful),
+        doubtful=np.where(chosen, doubtful_of(a), doubtful_of(b)),
     )
 
 

@@ -1,8 +1,10 @@
-"""Triangle meshes and polylines as closest point sources, by a float64 tree of our own."""
+"""Triangle meshes, polylines and the curves of meshes as closest point sources, by a float64 tree of our own."""
 
 from cpmkit_mesh import plugin
+from cpmkit_mesh.factory import triangles
+from cpmkit_mesh.mesh_curves import edge_loop, feature_edges
 from cpmkit_mesh.polyline import Polyline, polyline
 from cpmkit_mesh.reading import read_mesh
-from cpmkit_mesh.triangles import TriangleMesh, triangles
+from cpmkit_mesh.triangles import TriangleMesh
 
-__all__ = ["Polyline", "TriangleMesh", "plugin", "polyline", "read_mesh", "triangles"]
+__all__ = ["Polyline", "TriangleMesh", "edge_loop", "feature_edges", "plugin", "polyline", "read_mesh", "triangles"]

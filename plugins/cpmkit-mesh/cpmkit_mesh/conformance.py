@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cpmkit.protocols import Floats, Ints
+from cpmkit_mesh.factory import triangles
+from cpmkit_mesh.mesh_curves import edge_loop, feature_edges
 from cpmkit_mesh.polyline import Polyline, polyline
-from cpmkit_mesh.triangles import TriangleMesh, triangles
+from cpmkit_mesh.triangles import TriangleMesh
 
 if TYPE_CHECKING:
     from cpmkit.testing import ConformanceCase
@@ -33,8 +35,35 @@ def cases() -> list[ConformanceCase]:
     curves = {"open in space": helix, "closed in space": _knot(), "open in the plane": helix[:, :2] * [1.0, 0.5]}
     for name, points in curves.items():
         make = _bound(polyline, points=points)
-        found.append(ConformanceCase("mesh.polyline", name, make, _on_segments(points), None, 0.0))
-    return found
+        segments = np.stack([points[:-1], points[1:]], axis=1)
+        found.append(ConformanceCase("mesh.polyline", name, make, _on_segments(segments), None, 0.0))
+    return [*found, *_mesh_curves()]
+
+
+def _mesh_curves() -> list[ConformanceCase]:
+    """Return cases of the curves that a mesh brings with it: closed ones, one that ends, some that meet."""
+    from cpmkit.testing import ConformanceCase
+
+    (cone, sides), (wedge, planes), (box, walls) = _cone(), _wedge(), _box()
+    ring = np.stack([np.arange(48), (np.arange(48) + 1) % 48], axis=1)
+    low, high = cone[ring], cone[ring + len(cone) - 48]
+    corners = np.argwhere(np.triu(np.linalg.norm(box[:, None] - box, axis=2).round(9) == 1.0))
+    both = np.concatenate([low, high])
+    curves = {
+        "mesh.edge_loop": {
+            "two loops": (edge_loop, both, {"vertices": cone, "faces": sides}),
+            "the shorter loop": (edge_loop, high, {"vertices": cone, "faces": sides, "loop": 1}),
+        },
+        "mesh.feature_edges": {
+            "one that ends": (feature_edges, wedge[None, [0, 2]], {"vertices": wedge, "faces": planes}),
+            "twelve that meet": (feature_edges, box[corners], {"vertices": box, "faces": walls}),
+        },
+    }
+    return [
+        ConformanceCase(kind, name, _bound(make, **keys), _on_segments(segments))
+        for kind, shapes in curves.items()
+        for name, (make, segments, keys) in shapes.items()
+    ]
 
 
 def turning_angle(mesh: TriangleMesh) -> float:
@@ -52,7 +81,7 @@ def turning_angle(mesh: TriangleMesh) -> float:
     return float(max(angles))
 
 
-def _bound(factory: Callable[..., TriangleMesh | Polyline], **keys: object) -> Callable[[], TriangleMesh | Polyline]:
+def _bound(factory: Callable[..., TriangleMesh | Polyline], **keys: Any) -> Callable[[], TriangleMesh | Polyline]:
     return lambda: factory(**keys)
 
 
@@ -85,6 +114,21 @@ def _two_tori() -> Mesh:
     return np.concatenate([points, points[:, [2, 0, 1]] + [3.0, 0, 0]]), np.concatenate([faces, faces + len(points)])
 
 
+def _wedge() -> Mesh:
+    """Return two planes that meet at a right angle along an edge of three vertices."""
+    x = np.array([0.0, 0.7, 1.5])
+    ridge, left, right = (np.stack([x, 0 * x + y, 0 * x + z], axis=1) for y, z in ((0, 0), (-1, -1), (1, -1)))
+    lower = np.array([[0, 3, 4], [0, 4, 1], [1, 4, 5], [1, 5, 2]])
+    return np.concatenate([ridge, left, right]), np.concatenate([lower, np.where(lower > 2, lower + 3, lower)[:, ::-1]])
+
+
+def _box() -> Mesh:
+    """Return the unit cube as twelve triangles wound outwards."""
+    corners = np.array([[i, j, k] for i in (0.0, 1.0) for j in (0.0, 1.0) for k in (0.0, 1.0)])
+    quads = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
+    return corners, np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+
+
 def _helix() -> Floats:
     t = np.linspace(0.0, 7.0, 41)
     return np.stack([np.cos(t), np.sin(1.3 * t), 0.2 * t], axis=1)
@@ -105,9 +149,9 @@ def _on_triangles(points: Floats, faces: Ints) -> Callable[[np.random.Generator,
     return samples
 
 
-def _on_segments(points: Floats) -> Callable[[np.random.Generator, int], Floats]:
+def _on_segments(segments: Floats) -> Callable[[np.random.Generator, int], Floats]:
     def samples(rng: np.random.Generator, n: int) -> Floats:
-        start, t = rng.integers(0, len(points) - 1, n), rng.uniform(size=(n, 1))
-        return (1.0 - t) * points[start] + t * points[start + 1]
+        at, t = rng.integers(0, len(segments), n), rng.uniform(size=(n, 1))
+        return (1.0 - t) * segments[at, 0] + t * segments[at, 1]
 
     return samples

@@ -1,4 +1,4 @@
-"""What this distribution offers to cpmkit: the kinds ``mesh.triangles`` and ``mesh.polyline``."""
+"""What this distribution offers to cpmkit: triangle meshes, polylines, and the curves that a mesh brings with it."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 from cpmkit.hookspecs import hookimpl
 from cpmkit.protocols import ClosestPointSource
+from cpmkit_mesh.factory import triangles
+from cpmkit_mesh.mesh_curves import edge_loop, feature_edges
 from cpmkit_mesh.polyline import polyline
 from cpmkit_mesh.reading import read_mesh
-from cpmkit_mesh.triangles import triangles
 
 __all__ = ["cpmkit_conformance_cases", "cpmkit_sources", "read_mesh"]  # cpmkit.read_mesh calls the last
 
@@ -19,13 +20,18 @@ if TYPE_CHECKING:
 
 @hookimpl
 def cpmkit_sources() -> Mapping[str, Callable[..., ClosestPointSource]]:
-    """Return the factories of the two kinds."""
-    return {"mesh.triangles": triangles, "mesh.polyline": polyline}
+    """Return the factories of the four kinds."""
+    return {
+        "mesh.triangles": triangles,
+        "mesh.polyline": polyline,
+        "mesh.edge_loop": edge_loop,
+        "mesh.feature_edges": feature_edges,
+    }
 
 
 @hookimpl
 def cpmkit_conformance_cases() -> Sequence[ConformanceCase]:
-    """Return closed, open and disconnected meshes, faceted and smooth, and polylines in 2D and 3D."""
+    """Return closed, open and disconnected meshes, faceted and smooth, polylines in 2D and 3D, edges and creases."""
     from cpmkit_mesh.conformance import cases
 
     return cases()

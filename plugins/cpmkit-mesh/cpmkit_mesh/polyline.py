@@ -1,4 +1,4 @@
-"""The kind ``mesh.polyline``: a chain of straight segments in the plane or in space."""
+"""The kind ``mesh.polyline``, and what all curves of straight segments are: one chain of them or several."""
 
 from __future__ import annotations
 
@@ -21,14 +21,17 @@ AT_VERTEX = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Polyline:
-    """Segments between consecutive vertices; travelled in the order of the vertices.
+    """Segments between consecutive vertices of one or several chains; travelled in the order of the vertices.
 
     Attributes
     ----------
     vertices : (k, d) float64
-        Without repeated neighbours; a closed polyline does not repeat its first vertex.
-    closed : bool
-        True where a segment leads from the last vertex to the first.
+        Those of one chain after those of another. Where chains meet each has a vertex of its own.
+    segments : (m, 2) int64
+        Vertices at the start and the end of each segment, which differ in place; a vertex starts at most one
+        segment and ends at most one.
+    ends : (k,) int64
+        What ``edge`` is at each vertex: 0 where an open chain starts, 1 where it ends, -1 elsewhere.
     given : (k,) int64
         Where each vertex stands among the points that the user gave.
     value_count : int
@@ -36,7 +39,8 @@ class Polyline:
     """
 
     vertices: Floats
-    closed: bool
+    segments: Ints
+    ends: Ints
     given: Ints
     value_count: int
 
@@ -49,6 +53,11 @@ class Polyline:
         return self.vertices.shape[1]
 
     @property
+    def closed(self) -> bool:
+        """True where no chain has an end."""
+        return bool((self.ends < 0).all())
+
+    @property
     def bounds(self) -> Floats:
         """(2, d) corners of the box that holds all vertices."""
         return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])
@@ -57,7 +66,7 @@ class Polyline:
         """Return the closest points of ``x`` (n, d).
 
         ``element`` is the segment of the foot, ``local`` (n, 1) its share of the way along it, and
-        ``edge`` 0 at the start and 1 at the end of an open polyline.
+        ``edge`` 0 at the start and 1 at the end of an open chain.
 
         Raises
         ------
@@ -66,10 +75,8 @@ class Polyline:
         """
         found = nearest(self._tree, _in_space(as_points(x, self.dim)))
         segment, t = self._tree.order[found.slot], found.local[:, :1]
-        edge = np.full(len(t), -1)
-        if not self.closed:
-            edge[(segment == 0) & (t[:, 0] <= 0.0)] = 0
-            edge[(segment == len(self._segments) - 1) & (t[:, 0] >= 1.0)] = 1
+        start, end = self.segments[segment].T
+        edge = np.where(t[:, 0] <= 0.0, self.ends[start], np.where(t[:, 0] >= 1.0, self.ends[end], -1))
         return ClosestPoints(np.ascontiguousarray(found.foot[:, : self.dim]), found.distance, edge, segment, t)
 
     def tangents(self, feet: ClosestPoints, /) -> Floats:
@@ -77,21 +84,21 @@ class Polyline:
         segment, t = self._located(feet)
         direction = self._directions[segment]
         at_start, at_end = t <= AT_VERTEX, t >= 1.0 - AT_VERTEX
-        direction[at_start] = self._bisectors[segment[at_start]]
-        direction[at_end] = self._bisectors[self._segments[segment[at_end], 1]]
+        direction[at_start] = self._bisectors[self.segments[segment[at_start], 0]]
+        direction[at_end] = self._bisectors[self.segments[segment[at_end], 1]]
         return direction
 
     def interpolate(self, values: Floats, feet: ClosestPoints, /) -> Floats:
         """Return ``values`` (value_count, ...), one row a given point, interpolated along the segments."""
         segment, t = self._located(feet)
         values = one_row_each(values, self.value_count, "points")
-        ends = self.given[self._segments[segment]]
+        ends = self.given[self.segments[segment]]
         t = t.reshape(-1, *(1,) * (values.ndim - 1))
         return (1.0 - t) * values[ends[:, 0]] + t * values[ends[:, 1]]
 
     def mesh(self, _spacing: float, /) -> tuple[Floats, Ints]:
         """Return the polyline's own vertices (k, d) and segments (m, 2), whatever the spacing."""
-        return self.vertices, self._segments
+        return self.vertices, self.segments
 
     def translated(self, offset: Floats, /) -> Polyline:
         """Return the polyline moved by ``offset`` (d,)."""
@@ -103,22 +110,16 @@ class Polyline:
         return feet.element, feet.local[:, 0]
 
     @cached_property
-    def _segments(self) -> Ints:
-        k = len(self.vertices)
-        start = np.arange(k if self.closed else k - 1)
-        return np.stack([start, (start + 1) % k], axis=1)
-
-    @cached_property
     def _directions(self) -> Floats:
-        return _unit(self.vertices[self._segments[:, 1]] - self.vertices[self._segments[:, 0]])
+        return _unit(self.vertices[self.segments[:, 1]] - self.vertices[self.segments[:, 0]])
 
     @cached_property
     def _bisectors(self) -> Floats:
         """(k, d): the tangent at each vertex; where the polyline turns back on itself, that of its arrival."""
-        arriving, leaving = np.roll(self._directions, 1, axis=0), self._directions
-        if not self.closed:
-            arriving = np.concatenate([self._directions[:1], self._directions])
-            leaving = np.concatenate([self._directions, self._directions[-1:]])
+        start, end = self.segments.T
+        arriving, leaving = np.zeros_like(self.vertices), np.zeros_like(self.vertices)
+        arriving[start], leaving[end] = self._directions, self._directions  # at an end, where only one of both is
+        arriving[end], leaving[start] = self._directions, self._directions
         both = arriving + leaving
         turned_back = np.linalg.norm(both, axis=1) <= AT_VERTEX
         return _unit(np.where(turned_back[:, None], arriving, both))
@@ -126,7 +127,7 @@ class Polyline:
     @cached_property
     def _tree(self) -> Tree:
         points = _in_space(self.vertices)
-        return build_tree(points[self._segments[:, [0, 1, 1]]])
+        return build_tree(points[self.segments[:, [0, 1, 1]]])
 
 
 def polyline(*, points: Any = None, file: str | Path | None = None, closed: bool | None = None) -> Polyline:
@@ -163,7 +164,16 @@ def polyline(*, points: Any = None, file: str | Path | None = None, closed: bool
     if len(kept) == 1:
         raise InputError(f"A polyline needs 2 points that differ, got {len(given)} times the same; use analytic.point.")
     kept = kept[:-1] if returns and closed is not False else kept
-    return Polyline(given[kept], returns if closed is None else bool(closed), kept, len(given))
+    return _one_chain(given, kept, returns if closed is None else bool(closed))
+
+
+def _one_chain(given: Floats, kept: Ints, closed: bool) -> Polyline:
+    k = len(kept)
+    start = np.arange(k if closed else k - 1)
+    ends = np.full(k, -1)
+    if not closed:
+        ends[[0, -1]] = 0, 1
+    return Polyline(given[kept], np.stack([start, (start + 1) % k], axis=1), ends, kept, len(given))
 
 
 def _read_points(file: str | Path) -> np.ndarray:

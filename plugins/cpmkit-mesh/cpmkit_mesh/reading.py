@@ -118,7 +118,7 @@ def as_numbers(values: Any, what: str) -> np.ndarray:
     return array
 
 
-def weld(points: Floats) -> tuple[Ints, Ints]:
+def weld(points: Floats | Ints) -> tuple[Ints, Ints]:
     """Find points at exactly the same place.
 
     Returns

@@ -78,3 +78,14 @@ def nearest(tree: Tree, x: Floats) -> Nearest:
     arrays = (tree.boxes, tree.nodes, tree.frames, tree.shape, found.slot, found.local, found.foot, found.distance)
     run_parcels(lambda start, stop: tree_kernels.nearest(x, start, stop, *arrays), n)
     return found
+
+
+def nearest_in(tree: Tree, x: Floats, slot: Ints) -> Nearest:
+    """Return the nearest points to ``x`` (n, 3) in the primitives of ``tree`` that ``slot`` (n,) names."""
+    from cpmkit_mesh import tree_kernels
+
+    n = len(x)
+    found = Nearest(slot, np.empty((n, 2)), np.empty((n, 3)), np.empty(n))
+    arrays = (tree.frames, tree.shape, found.slot, found.local, found.foot, found.distance)
+    run_parcels(lambda start, stop: tree_kernels.nearest_in(x, start, stop, *arrays), n)
+    return found

@@ -171,14 +171,27 @@ def nearest(x, start, stop, boxes, nodes, frames, shape, slot, local, foot, dist
                     if square < best:
                         best, best_slot, best_v, best_w = square, s, v, w
         slot[i] = best_slot
-        local[i, 0] = best_v
-        local[i, 1] = best_w
-        square = 0.0
-        for k in range(3):
-            edges = best_v * frames[best_slot, 1, k] + best_w * frames[best_slot, 2, k]
-            foot[i, k] = frames[best_slot, 0, k] + edges
-            square += (x[i, k] - foot[i, k]) ** 2
-        distance[i] = np.sqrt(square)
+        _write(x, i, best_slot, best_v, best_w, frames, local, foot, distance)
+
+
+@compiled
+def nearest_in(x, start, stop, frames, shape, slot, local, foot, distance):
+    """Answer as ``nearest`` does, from the primitives that ``slot`` (n,) names."""
+    for i in range(start, stop):
+        s = np.uint64(slot[i])
+        _, v, w = _measure(x[i, 0], x[i, 1], x[i, 2], frames, s, shape[s])
+        _write(x, i, s, v, w, frames, local, foot, distance)
+
+
+@inlined
+def _write(x, i, s, v, w, frames, local, foot, distance):
+    local[i, 0] = v
+    local[i, 1] = w
+    square = 0.0
+    for k in range(3):
+        foot[i, k] = frames[s, 0, k] + (v * frames[s, 1, k] + w * frames[s, 2, k])
+        square += (x[i, k] - foot[i, k]) ** 2
+    distance[i] = np.sqrt(square)
 
 
 @inlined

@@ -1,22 +1,23 @@
-"""The kind ``mesh.triangles``: a triangle mesh, as it stands or as a sample of a smooth surface."""
+"""A triangle mesh, as it stands or as a sample of a smooth surface."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from cpmkit.arrays import as_points, as_vector, one_row_each
 from cpmkit.errors import InputError
 from cpmkit.protocols import ClosestPoints, Floats, Ints
-from cpmkit_mesh.normals import corner_normals, unit
-from cpmkit_mesh.reading import as_mesh, read_mesh, weld
+from cpmkit_mesh.engines import Search, search_with
+from cpmkit_mesh.folds import Folds, folds
+from cpmkit_mesh.normals import unit
 from cpmkit_mesh.smooth import SmoothPart, follow_normals, smooth_part
-from cpmkit_mesh.topology import FIRST_BOUNDARY, Topology, topology
-from cpmkit_mesh.tree import Tree, build_tree, nearest
+from cpmkit_mesh.soundness import warnings_of
+from cpmkit_mesh.topology import FIRST_BOUNDARY, Topology
+from cpmkit_mesh.tree import Tree, build_tree
+from cpmkit_mesh.turning import floor_of, turning_angle
 
 #: A foot with a barycentric coordinate below this lies on the edge opposite that corner.
 ON_EDGE = 1e-12
@@ -41,6 +42,10 @@ class TriangleMesh:
         The number that each triangle has among the user's.
     value_count : int
         How many vertices the user gave: the rows that :meth:`interpolate` expects.
+    engine : "own", "fcl" or "open3d"
+        What finds the nearest triangle.
+    crease_angle : float
+        In degrees: edges at which the mesh turns by more are creases.
     """
 
     vertices: Floats
@@ -51,14 +56,16 @@ class TriangleMesh:
     given_faces: Ints
     given_index: Ints
     value_count: int
+    engine: str
+    crease_angle: float
 
     dim = 3
     manifold_dim = 2
 
     @property
     def exact(self) -> bool:
-        """True where feet are the nearest points of the triangles."""
-        return not self.smooth
+        """True where feet are the nearest points of the triangles; Open3D, in float32, does not always find those."""
+        return not self.smooth and self.engine != "open3d"
 
     @property
     def bounds(self) -> Floats:
@@ -80,7 +87,7 @@ class TriangleMesh:
             If ``x`` does not have shape (n, 3) or is not finite.
         """
         x = as_points(x, 3)
-        found = nearest(self._tree, x)
+        found = self._search(x)
         doubtful = follow_normals(self._tree, self._smooth_part, x, found) if self.smooth else None
         face = self._tree.order[found.slot]
         local = np.empty((len(x), 3))
@@ -102,6 +109,26 @@ class TriangleMesh:
     def translated(self, offset: Floats, /) -> TriangleMesh:
         """Return the mesh moved by ``offset`` (3,)."""
         return replace(self, vertices=self.vertices + as_vector(offset, 3, "offset"))
+
+    def warnings(self, spacing: float, /) -> tuple[str, ...]:
+        """Return a sentence about creases and one about edges of three or more triangles, where there are some."""
+        return warnings_of(self, spacing)
+
+    def floor(self, _spacing: float, /) -> float:
+        """Return the error that the mesh leaves in a solution at any spacing, as a share of its range."""
+        return floor_of(turning_angle(self.vertices, self.faces, self.normals_at_corners), self.smooth)
+
+    @cached_property
+    def folds(self) -> Folds:
+        """The edges at which two triangles meet, with their angles."""
+        return folds(self.vertices, self.faces, self.adjacency)
+
+    @cached_property
+    def given_vertices(self) -> Ints:
+        """(k,) the number that each vertex has among the user's; of several at one place that of an early triangle."""
+        numbers = np.empty(len(self.vertices), dtype=np.int64)
+        numbers[self.faces.ravel()[::-1]] = self.given_faces.ravel()[::-1]
+        return numbers
 
     def _located(self, feet: ClosestPoints) -> tuple[Ints, Floats]:
         if feet.element is None or feet.local is None:
@@ -141,6 +168,10 @@ class TriangleMesh:
         return build_tree(self.vertices[self.faces])
 
     @cached_property
+    def _search(self) -> Search:
+        return search_with(self.engine, self._tree)
+
+    @cached_property
     def _smooth_part(self) -> SmoothPart:
         return smooth_part(self.vertices, self.adjacency, self.normals_at_corners, self._tree.order)
 
@@ -155,55 +186,3 @@ class OrientedTriangleMesh(TriangleMesh):
         vanished = np.linalg.norm(mixed, axis=1) <= ON_EDGE
         mixed[vanished] = self.normals_at_corners[face[vanished], 0]
         return unit(mixed)
-
-
-def triangles(
-    *, file: str | Path | None = None, vertices: Any = None, faces: Any = None, closest: str = "smooth"
-) -> TriangleMesh:
-    """Return a triangle mesh from a file or from arrays.
-
-    Parameters
-    ----------
-    file : str or Path
-        An OBJ, PLY, STL or OFF file.
-    vertices : (n, 3) array
-        Vertices that lie at exactly the same place count as one.
-    faces : (m, 3) array
-        Indices of vertices. Triangles that repeat a vertex are left out.
-    closest : "smooth" or "faceted"
-        Whether feet follow interpolated vertex normals, as if the mesh sampled a smooth surface,
-        or are the nearest points of the triangles as they stand.
-
-    Raises
-    ------
-    InputError
-        If both or neither of file and arrays are given, the file cannot be read, the arrays are
-        empty, of another shape or not finite, a face names a vertex that is not there, no triangle
-        has three different corners, or ``closest`` is another word.
-    """
-    if closest not in ("smooth", "faceted"):
-        raise InputError(f"closest must be 'smooth' or 'faceted', got {closest!r}.")
-    if file is not None and (vertices is not None or faces is not None):
-        raise InputError("mesh.triangles takes either a file or vertices and faces, got both.")
-    if file is None and (vertices is None or faces is None):
-        raise InputError("mesh.triangles needs a file, or both vertices and faces.")
-    given_vertices, given_faces = as_mesh(vertices, faces) if file is None else read_mesh(file)
-    used, compact = np.unique(given_faces, return_inverse=True)
-    first, place = weld(given_vertices[used])
-    welded = place[compact.reshape(-1, 3)]
-    apart = np.flatnonzero((welded != np.roll(welded, 1, axis=1)).all(axis=1))
-    if not len(apart):
-        raise InputError(f"No triangle has three different corners, of {len(welded)}; use mesh.polyline for curves.")
-    points, cells = given_vertices[used][first], welded[apart]
-    adjacency = topology(points, cells)
-    oriented = OrientedTriangleMesh if adjacency.consistent else TriangleMesh
-    return oriented(
-        vertices=points,
-        faces=cells,
-        smooth=closest == "smooth",
-        adjacency=adjacency,
-        normals_at_corners=corner_normals(points, cells, adjacency),
-        given_faces=given_faces[apart],
-        given_index=apart,
-        value_count=len(given_vertices),
-    )

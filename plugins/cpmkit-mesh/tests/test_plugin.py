@@ -1,4 +1,4 @@
-"""The plugin is light to import, offers two kinds, and brings a case for each sort of shape."""
+"""The plugin is light to import, offers its kinds by name, and brings a case for each sort of shape."""
 
 import subprocess
 import sys

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.arrays import as_points, as_vector, one_row_each
+from cpmkit.arrays import as_points, as_vector, one_row_each, positive
 from cpmkit.errors import InputError
 from cpmkit.protocols import ClosestPoints, Floats, Ints
-from cpmkit.threads import thread_count
 from cpmkit_pointcloud.blend import Blend, project, surface_normals
+from cpmkit_pointcloud.floor import fitted_floor, slope_error
 from cpmkit_pointcloud.patches import curvatures
+from cpmkit_pointcloud.rim import open_samples
+from cpmkit_pointcloud.samples import as_cells, ask, thinned, tree_of
 from cpmkit_pointcloud.values import weights_at
 
 if TYPE_CHECKING:
@@ -21,6 +23,8 @@ if TYPE_CHECKING:
 
 #: Neighbours that stray from their plane by more than this share of their spread are no piece of a smooth surface.
 THICK = 0.25
+#: Lowered or thick samples are worth a warning from this share of all on, duplicates from the second one.
+SPOILING, REPEATED = 1e-3, 1e-2
 #: Distances are exact up to this share of the smallest radius of curvature.
 TRUSTED = 0.5
 
@@ -113,7 +117,7 @@ class PointCloud:
             If ``x`` does not have shape (n, d) or is not finite.
         """
         x = as_points(x, self.dim)
-        to_samples, nearest = _ask(self._tree, x)
+        to_samples, nearest = ask(self._tree, x)
         feet, sample, edge, doubtful = project(self.surface, x, nearest, self._tiny, self.closed)
         doubtful |= self.surface.patches.thickness[sample] > THICK
         to_feet = np.linalg.norm(x - feet, axis=1)
@@ -131,6 +135,48 @@ class PointCloud:
         index, weights = weights_at(feet.points, self.points, self._tree, tangents)
         return np.einsum("nk,nk...->n...", weights, values[self.given[index]])
 
+    def warnings(self, spacing: float, /) -> list[str]:
+        """Return a sentence for each sort of sample that may spoil a solution, whatever its spacing."""
+        del spacing
+        count, degree, found = len(self.points), self.surface.patches.degree, []
+        if self.duplicates > REPEATED * self.value_count:
+            found.append(
+                f"{self.duplicates} of {self.value_count} points of the cloud lie where an earlier one lies and were "
+                "left out, with their data."
+            )
+        if self.lowered > SPOILING * count:
+            found.append(
+                f"Around {self.lowered} of {count} samples of the cloud the neighbours determine no patch of degree "
+                f"{degree}, and the surface is less accurate there; more neighbours or a lower degree may help."
+            )
+        if self.thick > SPOILING * count:
+            found.append(
+                f"The neighbours of {self.thick} of {count} samples of the cloud lie on no smooth surface, and the "
+                "solution may be off there; where sheets are close give normals, where there is noise more neighbours, "
+                "at creases more samples."
+            )
+        ends, asked = self.open_samples
+        if self.closed and ends:
+            found.append(
+                f"At {ends} of {asked} samples of the cloud that were looked at the surface ends: if it is open, set "
+                "closed = false; if not, samples lack there."
+            )
+        return found
+
+    def floor(self, spacing: float, /) -> float:
+        """Return the error that the samples' distances and noise leave in a solution, as a share of its range."""
+        slope, width = self._slope
+        return fitted_floor(slope, width, positive(spacing, "spacing"), self.dim)
+
+    @cached_property
+    def open_samples(self) -> tuple[int, int]:
+        """Return at how many samples the surface ends, and how many were asked."""
+        return open_samples(self.surface, self._tree, self._tiny)
+
+    def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
+        """Return the feet (v, d) of the samples, thinned to about half of ``spacing``, as cells (v, 1)."""
+        return as_cells(self.closest_point(thinned(self.points, spacing)).points)
+
     def translated(self, offset: Floats, /) -> PointCloud:
         """Return the cloud moved by ``offset`` (d,)."""
         moved = replace(self.surface, points=self.points + as_vector(offset, self.dim, "offset"))
@@ -140,6 +186,15 @@ class PointCloud:
         if feet.element is None:
             raise InputError("feet must be records that this cloud answered: they lack element.")
         return np.searchsorted(self.given, feet.element)
+
+    @cached_property
+    def _slope(self) -> tuple[float, float]:
+        return slope_error(self.points, self.surface.patches, self._tree, self._sides)
+
+    @property
+    def _sides(self) -> Floats | None:
+        """Normals by which neighbours on another sheet are told apart."""
+        return None
 
     @property
     def _tiny(self) -> float:
@@ -163,83 +218,13 @@ class OrientedPointCloud(PointCloud):
 
     sample_normals: Floats
 
+    @property
+    def _sides(self) -> Floats:
+        return self.sample_normals
+
     def normals(self, feet: ClosestPoints, /) -> Floats:
         """Return (n, d) unit normals of the surface at ``feet``, on the side of the given normals."""
         sample = self._samples(feet)
         normal = surface_normals(self.surface, feet.points, sample)
         against = np.einsum("nd,nd->n", normal, self.sample_normals[sample]) < 0.0
         return np.where(against[:, None], -normal, normal)
-
-
-@dataclass(frozen=True, eq=False)
-class NearestSamples:
-    """The samples themselves: every foot is one of them.
-
-    Attributes
-    ----------
-    points : (n, d) float64
-        As given.
-    """
-
-    points: Floats
-
-    exact = True
-
-    @property
-    def dim(self) -> int:
-        """Dimension of the space, 2 or 3."""
-        return self.points.shape[1]
-
-    @property
-    def manifold_dim(self) -> int:
-        """Dimension of the manifold that the samples stand for."""
-        return self.dim - 1
-
-    @property
-    def bounds(self) -> Floats:
-        """(2, d) corners of the box that holds all samples."""
-        return np.stack([self.points.min(axis=0), self.points.max(axis=0)])
-
-    @property
-    def value_count(self) -> int:
-        """How many points there are."""
-        return len(self.points)
-
-    def closest_point(self, x: Floats, /) -> ClosestPoints:
-        """Return the nearest samples of ``x`` (n, d); ``element`` is their row.
-
-        Raises
-        ------
-        InputError
-            If ``x`` does not have shape (n, d) or is not finite.
-        """
-        x = as_points(x, self.dim)
-        distance, nearest = _ask(self._tree, x)
-        return ClosestPoints(self.points[nearest], distance, np.full(len(x), -1), nearest)
-
-    def interpolate(self, values: Any, feet: ClosestPoints, /) -> Floats:
-        """Return the rows of ``values`` (value_count, ...) of the samples in ``feet``."""
-        if feet.element is None:
-            raise InputError("feet must be records that this cloud answered: they lack element.")
-        return one_row_each(values, self.value_count, "points")[feet.element]
-
-    def translated(self, offset: Floats, /) -> NearestSamples:
-        """Return the cloud moved by ``offset`` (d,)."""
-        return NearestSamples(self.points + as_vector(offset, self.dim, "offset"))
-
-    @cached_property
-    def _tree(self) -> cKDTree:
-        return tree_of(self.points)
-
-
-def tree_of(points: Floats) -> cKDTree:
-    """Return a k-d tree of ``points``."""
-    from scipy.spatial import cKDTree
-
-    return cKDTree(points)
-
-
-def _ask(tree: cKDTree, x: Floats) -> tuple[Floats, Ints]:
-    """Return (n,) the distance to the nearest sample, and its row."""
-    distance, nearest = tree.query(x, workers=thread_count())
-    return distance, nearest.astype(np.int64)

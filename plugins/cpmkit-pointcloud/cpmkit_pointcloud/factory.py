@@ -10,10 +10,14 @@ import numpy as np
 from cpmkit.errors import InputError
 from cpmkit.protocols import Floats
 from cpmkit_pointcloud.blend import REACHED, blend, shrunk
-from cpmkit_pointcloud.cloud import NearestSamples, OrientedPointCloud, PointCloud, tree_of
+from cpmkit_pointcloud.cloud import OrientedPointCloud, PointCloud
+from cpmkit_pointcloud.nearest import NearestSamples
 from cpmkit_pointcloud.patches import exponents, fit_patches, neighbourhoods
 from cpmkit_pointcloud.reading import as_cloud, as_normals, first_of_each, read_points
+from cpmkit_pointcloud.samples import tree_of
 
+#: A cloud that ends at a larger share of its samples is open; at fewer it may only be sampled too thinly there.
+OPEN = 0.01
 #: Neighbours of a fit, by the dimension of the space and the degree.
 NEIGHBOURS = {2: {1: 5, 2: 7, 3: 9, 4: 11}, 3: {1: 12, 2: 20, 3: 30, 4: 45}}
 
@@ -54,7 +58,7 @@ def points(
     ------
     InputError
         If both or neither of ``file`` and ``points`` are given, they hold no cloud, an option is none of those
-        accepted, or there are too few points.
+        accepted, there are too few points, or the cloud is open and ``closed`` is not false.
     MissingDependencyError
         If a PCD file is given and Open3D is absent or cannot load.
     """
@@ -95,11 +99,26 @@ def _fitted(given: Floats, normals: Floats | None, degree: int, count: int, clos
         )
     normals = None if normals is None else normals[first]
     count = min(count, len(points))
-    around = neighbourhoods(points, tree_of(points), count, normals)
-    patches = fit_patches(points, around, degree)
+    rows = np.arange(len(points))
+    around = neighbourhoods(points, tree_of(points), count, normals, rows)
+    patches = fit_patches(points, around, degree, rows)
     reached = NEIGHBOURS[2][4] if dim == 2 else REACHED
     share = min(1.0, (reached / count) ** (1.0 / (dim - 1)))
     surface = blend(points, shrunk(patches, share), normals)
-    if normals is None:
-        return PointCloud(surface, first, len(given), closed)
-    return OrientedPointCloud(surface, first, len(given), closed, normals)
+    cloud = (
+        PointCloud(surface, first, len(given), closed)
+        if normals is None
+        else OrientedPointCloud(surface, first, len(given), closed, normals)
+    )
+    if closed:
+        _refuse_open(cloud)
+    return cloud
+
+
+def _refuse_open(cloud: PointCloud) -> None:
+    ends, asked = cloud.open_samples
+    if ends > OPEN * asked:
+        raise InputError(
+            f"The cloud is open: at {ends} of {asked} samples the surface ends; set closed = false, which gives it a "
+            "rim, or add the samples that lack."
+        )

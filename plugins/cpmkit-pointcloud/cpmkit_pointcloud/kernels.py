@@ -14,6 +14,8 @@ from cpmkit.compilation import compiled
 
 #: Rounds after which a search gives up.
 ROUNDS = 60
+#: Halvings of a step that left the reach of all patches.
+HALVINGS = 40
 #: Steps onto the surface after the search, at most, and the share of a search's last step at which they end.
 LANDINGS = 6
 ROUNDING = 1e-3
@@ -170,18 +172,21 @@ def _search(x, y, j, cloud, tiny):
     """
     radii = cloud[2]
     reach = np.sqrt((x - y) @ (x - y))
-    g, last = np.empty(3), y.copy()
+    g, last, last_sample = np.empty(3), y.copy(), j
     for _ in range(ROUNDS):
         f, g[0], g[1], g[2], _, _, _ = _blend(y, j, cloud)
         square = g @ g
         if square == 0.0:
-            while square == 0.0:
+            # Half way back again and again; in the end to the last place itself, and the sample that reached it.
+            for _ in range(HALVINGS):
                 y[:] = 0.5 * (y + last)
                 j = _nearest_sample(y, j, cloud)
                 f, g[0], g[1], g[2], _, _, _ = _blend(y, j, cloud)
-                square = g @ g
-            return j, False
-        last[:] = y
+                if g @ g > 0.0:
+                    return j, False
+            y[:] = last
+            return last_sample, False
+        last[:], last_sample = y, j
         step = _tangential(x, y, g, j, cloud) - (f / square) * g
         length = np.sqrt(step @ step)
         if length > STRIDE * radii[j]:

@@ -32,6 +32,8 @@ class Patches:
     ----------
     degree : int
         The highest degree.
+    neighbours : int
+        Samples that a patch was fitted to, its own included.
     frames : (n, d, d) float64
         Rows: the tangents, then the normal, of arbitrary sign.
     radii : (n,) float64
@@ -45,6 +47,7 @@ class Patches:
     """
 
     degree: int
+    neighbours: int
     frames: Floats
     radii: Floats
     coefficients: Floats
@@ -62,42 +65,54 @@ def curvatures(patches: Patches) -> Floats:
     return (np.abs(middle) + half) / patches.radii
 
 
+def patch_normals(patches: Patches) -> Floats:
+    """Return (n, d) unit normals of the patches at their samples, of any sign."""
+    columns = exponents(patches.degree)
+    first, second = (patches.coefficients[:, columns.index(term), None] for term in ((1, 0), (0, 1)))
+    frames = patches.frames
+    normals = frames[:, -1] - first * frames[:, 0] - (second * frames[:, 1] if frames.shape[1] == 3 else 0.0)
+    unit: Floats = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    return unit
+
+
 def exponents(degree: int, variables: int = 2) -> list[tuple[int, int]]:
     """Return the exponents (i, j) of the monomials a^i b^j up to ``degree``; with one variable, j is 0."""
     return [(i, j) for i in range(degree + 1) for j in range(degree + 1 - i if variables == 2 else 1)]
 
 
-def neighbourhoods(points: Floats, tree: cKDTree, count: int, normals: Floats | None) -> Ints:
-    """Return (n, count) each sample itself and its nearest neighbours.
+def neighbourhoods(points: Floats, tree: cKDTree, count: int, normals: Floats | None, rows: Ints) -> Ints:
+    """Return (m, count) the samples of ``rows`` (m,) themselves and their nearest neighbours.
 
     With ``normals``, neighbours whose normal points the other way are passed over: they lie on another sheet.
     Where too few are left, the sample stands in for those that lack.
     """
     wanted = count if normals is None else min(CANDIDATES * count, len(points))
-    found = np.empty((len(points), count), dtype=np.int64)
+    found = np.empty((len(rows), count), dtype=np.int64)
 
     def look(start: int, stop: int) -> None:
-        index = tree.query(points[start:stop], k=wanted)[1].reshape(stop - start, wanted)
+        own = rows[start:stop]
+        index = tree.query(points[own], k=wanted)[1].reshape(stop - start, wanted)
         if normals is not None:
-            same = np.einsum("nkd,nd->nk", normals[index], normals[start:stop]) > 0.0
+            same = np.einsum("nkd,nd->nk", normals[index], normals[own]) > 0.0
             order = np.argsort(~same, axis=1, kind="stable")[:, :count]
             index, same = np.take_along_axis(index, order, axis=1), np.take_along_axis(same, order, axis=1)
-            index = np.where(same, index, np.arange(start, stop)[:, None])
+            index = np.where(same, index, own[:, None])
         found[start:stop] = index
 
-    run_parcels(look, len(points), PARCEL)
+    run_parcels(look, len(rows), PARCEL)
     return found
 
 
-def fit_patches(points: Floats, neighbours: Ints, degree: int) -> Patches:
-    """Fit a patch to the neighbourhood of every sample.
+def fit_patches(points: Floats, neighbours: Ints, degree: int, rows: Ints) -> Patches:
+    """Fit a patch to the neighbourhood of each sample of ``rows`` (m,).
 
     Where the neighbours do not determine all coefficients, degree 1 is tried, and then degree 0: the plane of
     the neighbours through the sample.
     """
-    n, dim = points.shape
+    n, dim = len(rows), points.shape[1]
     fitted = Patches(
         degree,
+        neighbours.shape[1],
         np.empty((n, dim, dim)),
         np.empty(n),
         np.zeros((n, len(exponents(degree)))),
@@ -106,7 +121,7 @@ def fit_patches(points: Floats, neighbours: Ints, degree: int) -> Patches:
     )
 
     def fit(start: int, stop: int) -> None:
-        _fit(points[neighbours[start:stop]] - points[start:stop, None], degree, fitted, slice(start, stop))
+        _fit(points[neighbours[start:stop]] - points[rows[start:stop], None], degree, fitted, slice(start, stop))
 
     run_parcels(fit, n, PARCEL)
     return fitted

@@ -77,12 +77,23 @@ def test_distance_is_the_feets_own_up_to_the_trusted_one_and_a_lower_bound_beyon
     assert (far.distance >= 2.0 - 1.1 * source.gap).all()
 
 
-def test_feet_beyond_the_rim_of_a_cloud_that_should_be_closed_are_doubtful():
-    source = points(points=BALL[BALL[:, 2] > 0.0])
-    x = 1.02 * sphere(3000)
-    feet = source.closest_point(x)
-    assert not feet.doubtful[x[:, 2] > 0.0].any()
-    assert feet.doubtful[(x[:, 2] < -0.1) & (x[:, 2] > -0.9)].all()
+@pytest.mark.parametrize(
+    "cloud",
+    [sphere(20000)[:10000], BALL[BALL[:, 0] < 0.9], torus(4000)[torus(4000)[:, 0] > 0.0], ellipse(200)[:101]],
+    ids=["half", "hole", "random", "curve"],
+)
+def test_an_open_cloud_must_be_said_to_be_open(cloud):
+    with pytest.raises(InputError, match=r"The cloud is open: at \d+ of \d+ samples .* set closed = false"):
+        points(points=cloud)
+    assert points(points=cloud, closed=False).open_samples[0] > 0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_closed_cloud_is_not_taken_for_an_open_one_by_its_random_gaps(seed):
+    cloud = unit(np.random.default_rng(seed).normal(size=(3000, 3)))
+    hole = np.linalg.norm(cloud - cloud[0], axis=1) < 4 / np.sqrt(len(cloud))
+    for kept in (cloud, cloud[~hole], torus(2000, seed)):
+        assert points(points=kept).open_samples[0] == 0
 
 
 @pytest.mark.parametrize("count", [1000, 4000])
@@ -121,10 +132,33 @@ def test_an_open_curve_ends_near_its_last_samples():
     assert not feet.doubtful.any()
 
 
+def test_what_may_spoil_a_solution_is_said_in_sentences():
+    assert points(points=BALL).warnings(0.1) == []
+    sheets = np.concatenate([BALL, 0.9 * BALL, BALL[:100]])
+    repeated, thick = points(points=sheets).warnings(0.1)
+    assert "100 of 4100 points of the cloud lie where an earlier one lies" in repeated
+    assert "The neighbours of 4000 of 4000 samples of the cloud lie on no smooth surface" in thick
+    t = np.linspace(0.0, 1.0, 200)[:, None]
+    (lowered,) = points(points=np.concatenate([t * [1, 0, 0], BALL + [5.0, 0, 0]]), closed=False).warnings(0.1)
+    assert "samples of the cloud the neighbours determine no patch of degree 2" in lowered
+
+
+@pytest.mark.parametrize("options", [{}, {"normals": BALL}, {"method": "nearest"}])
+def test_a_cloud_is_drawn_by_some_of_its_points(options):
+    source = points(points=BALL, **options)
+    (few, cells), (all_of_them, _) = source.mesh(0.4), source.mesh(1e-3)
+    assert len(all_of_them) == len(BALL)
+    np.testing.assert_array_equal(cells[:, 0], np.arange(len(few)))
+    apart = np.linalg.norm(BALL[:, None] - few, axis=2).min(axis=1)
+    assert apart.max() < 0.2 * np.sqrt(3)
+    assert len(few) < 1.6 * 4 * np.pi / 0.2**2
+    np.testing.assert_allclose(np.linalg.norm(few, axis=1), 1.0, atol=1e-5)
+
+
 def test_patches_that_the_neighbours_do_not_determine_are_of_lower_degree_and_counted():
     t = np.linspace(0.0, 1.0, 200)
     line = np.stack([t, np.zeros(200), np.zeros(200)], axis=1)
-    source = points(points=np.concatenate([line, sphere(500) + [5.0, 0, 0]]))
+    source = points(points=np.concatenate([line, sphere(500) + [5.0, 0, 0]]), closed=False)
     assert 190 <= source.lowered <= 200
     feet = source.closest_point(np.array([[0.5, 0.0, 0.01]]))
     assert np.isfinite(feet.points).all()
@@ -132,7 +166,7 @@ def test_patches_that_the_neighbours_do_not_determine_are_of_lower_degree_and_co
 
 
 def test_a_cloud_of_few_points_is_a_plane():
-    source = points(points=[[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]])
+    source = points(points=[[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], closed=False)
     feet = source.closest_point(np.array([[0.5, 0.5, 0.3]]))
     np.testing.assert_allclose(feet.points, [[0.5, 0.5, 0.0]], atol=1e-12)
 

@@ -35,7 +35,7 @@ def test_a_cloud_survives_the_file(tmp_path, name):
 def test_further_columns_of_text_are_left_and_two_columns_are_the_plane(tmp_path):
     coloured = np.hstack([CLOUD, CLOUD])
     np.testing.assert_allclose(read_points(written(tmp_path, "a.xyz", coloured)), CLOUD)
-    assert points(file=written(tmp_path, "b.csv", CLOUD[:, :2])).dim == 2
+    assert points(file=written(tmp_path, "b.csv", CLOUD[:, :2]), method="nearest").dim == 2
 
 
 def test_normals_come_from_a_file_too(tmp_path):

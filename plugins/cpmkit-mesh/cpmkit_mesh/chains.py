@@ -1,0 +1,129 @@
+"""Edges of a mesh put in order: chains that end where other than two edges meet, and loops."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cpmkit.protocols import Bools, Floats, Ints
+
+
+@dataclass(frozen=True, eq=False)
+class Chains:
+    """Paths along edges, one after the other, the longest first.
+
+    Attributes
+    ----------
+    vertices : (k,) int64
+        The vertices along each chain; a vertex where several chains meet stands in each of them. A closed
+        chain does not repeat its first vertex.
+    chain : (k,) int64
+        The number of the chain, ascending.
+    closed : (c,) bool
+        True where a chain leads back to its first vertex.
+    """
+
+    vertices: Ints
+    chain: Ints
+    closed: Bools
+
+    def __len__(self) -> int:
+        return len(self.closed)
+
+    def take(self, number: int) -> Chains:
+        """Return chain ``number`` alone."""
+        vertices = self.vertices[self.chain == number]
+        return Chains(vertices, np.zeros(len(vertices), dtype=np.int64), self.closed[[number]])
+
+    def segments(self) -> Ints:
+        """Return (m, 2) the places in ``vertices`` that follow each other along a chain."""
+        first, last = _first_and_last(self.chain)
+        after = np.arange(len(self.vertices)) + 1
+        after[last] = first
+        leads_on = np.ones(len(self.vertices), dtype=bool)
+        leads_on[last[~self.closed]] = False
+        return np.stack([np.flatnonzero(leads_on), after[leads_on]], axis=1)
+
+    def ends(self) -> Ints:
+        """Return (k,) 0 where an open chain starts, 1 where it ends, -1 elsewhere."""
+        first, last = _first_and_last(self.chain)
+        ends = np.full(len(self.vertices), -1)
+        ends[first[~self.closed]], ends[last[~self.closed]] = 0, 1
+        return ends
+
+
+def in_chains(edges: Ints, positions: Floats) -> Chains:
+    """Return the chains that ``edges`` (m, 2) form, no edge given twice.
+
+    A chain is travelled the way in which most of its edges lead from their first vertex to their second.
+
+    Parameters
+    ----------
+    edges : (m, 2) int64
+        Vertices, numbers of rows of ``positions``.
+    positions : (n, d) float64
+        Tell which chain is the longest.
+    """
+    node, vertex = _cut(edges)
+    path, place, forward = _ordered(node, len(vertex))
+    length = np.bincount(path[node[:, 0]], np.linalg.norm(positions[edges[:, 1]] - positions[edges[:, 0]], axis=1))
+    agreement = np.bincount(path[node[:, 0]], forward)
+    place = np.where(agreement[path] < 0, -place, place)
+    rank = np.empty(len(length), dtype=np.int64)
+    rank[np.argsort(-length, kind="stable")] = np.arange(len(length))
+    order = np.lexsort((place, rank[path]))
+    chain, vertices = rank[path][order], vertex[order]
+    first, last = _first_and_last(chain)
+    closed = vertices[first] == vertices[last]
+    kept = np.ones(len(vertices), dtype=bool)
+    kept[last[closed]] = False
+    return Chains(vertices[kept], chain[kept], closed)
+
+
+def components(node: Ints, count: int) -> Ints:
+    """Return (count,) the number of the connected part of each node, joined by edges ``node`` (m, 2)."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    links = coo_array((np.ones(len(node)), node.T), shape=(count, count))
+    return connected_components(links, directed=False)[1].astype(np.int64)
+
+
+def _cut(edges: Ints) -> tuple[Ints, Ints]:
+    """Cut the graph into simple paths: return the nodes (m, 2) that edges join, and the vertex of each node.
+
+    A vertex is one node where two edges meet, one a edge where it is another number. A loop is cut at its
+    lowest vertex, between the end of one edge and the start of the other where they follow each other.
+    """
+    half = edges.T.ravel()  # the starts of all edges, then their ends
+    joined = np.bincount(half)[half] == 2
+    name = np.where(joined, half, half.max() + 1 + np.arange(len(half)))
+    used, node = np.unique(name, return_inverse=True)
+    part = components(node.reshape(2, -1).T, len(used))
+    is_loop = np.bincount(part[node[: len(edges)]]) == np.bincount(part)
+    cut = np.flatnonzero(is_loop[part[node]])
+    cut = cut[np.lexsort((-cut, half[cut], part[node[cut]]))]
+    cut = cut[np.unique(part[node[cut]], return_index=True)[1]]
+    node[cut] = len(used) + np.arange(len(cut))
+    vertex = np.empty(len(used) + len(cut), dtype=np.int64)
+    vertex[node] = half
+    return node.reshape(2, -1).T, vertex
+
+
+def _ordered(node: Ints, count: int) -> tuple[Ints, Ints, Ints]:
+    """Return each node's path and its place along it, and of each edge 1 or -1 as it leads onwards or back."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import dijkstra
+
+    path = components(node, count)
+    ends = np.flatnonzero(np.bincount(node.ravel(), minlength=count) == 1)
+    start = ends[np.unique(path[ends], return_index=True)[1]]
+    links = coo_array((np.ones(len(node)), node.T), shape=(count, count)).tocsr()
+    place = dijkstra(links, directed=False, indices=start, unweighted=True, min_only=True).astype(np.int64)
+    return path, place, place[node[:, 1]] - place[node[:, 0]]
+
+
+def _first_and_last(chain: Ints) -> tuple[Ints, Ints]:
+    first = np.flatnonzero(np.diff(chain, prepend=-1))
+    return first, np.r_[first[1:], len(chain)] - 1

@@ -1,0 +1,129 @@
+"""The kinds ``mesh.edge_loop`` and ``mesh.feature_edges``: curves that a mesh brings with it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cpmkit.errors import InputError
+from cpmkit_mesh.chains import Chains, in_chains
+from cpmkit_mesh.factory import triangles
+from cpmkit_mesh.folds import crowded_edges, in_degrees
+from cpmkit_mesh.polyline import Polyline
+from cpmkit_mesh.triangles import TriangleMesh
+
+
+def edge_loop(
+    *,
+    file: str | Path | None = None,
+    vertices: Any = None,
+    faces: Any = None,
+    surface: Any = None,
+    loop: int | None = None,
+) -> Polyline:
+    """Return where an open mesh ends: one loop of its edge, or all of them.
+
+    It is travelled so that the mesh is on the left of whoever walks along it with the head along the normals
+    of the faces (by their winding; where faces are wound against each other, by that of most of a loop's faces).
+
+    Parameters
+    ----------
+    file : str or Path
+        An OBJ, PLY, STL or OFF file.
+    vertices, faces : (n, 3) and (m, 3) arrays
+        Instead of a file.
+    surface : TriangleMesh
+        Instead of both, a source of the kind ``mesh.triangles``. A scene file's boundary takes the scene's
+        surface where it names no mesh.
+    loop : int, optional
+        Number of the loop, 0 the longest: what ``edge`` is in the records of ``mesh.triangles``. By default all.
+
+    Raises
+    ------
+    InputError
+        If none or several meshes are given, the mesh is closed, or it has no such loop.
+    """
+    mesh = _mesh("mesh.edge_loop", file, vertices, faces, surface)
+    boundary, number = mesh.adjacency.boundary, mesh.adjacency.loop
+    if not len(boundary):
+        raise InputError("mesh.edge_loop needs an open mesh; this one is closed and has no edge.")
+    if loop is not None:
+        boundary = boundary[number == _number(loop, "loop", int(number.max()) + 1)]
+    return _curve(mesh, in_chains(boundary, mesh.vertices))
+
+
+def feature_edges(
+    *,
+    file: str | Path | None = None,
+    vertices: Any = None,
+    faces: Any = None,
+    surface: Any = None,
+    angle: float = 40.0,
+    chain: int | None = None,
+) -> Polyline:
+    """Return the creases of a mesh, one chain of them or all, and with them edges that three or more triangles share.
+
+    Chains end where other than two such edges meet; a closed crease is one chain. They are travelled the way in
+    which most of their edges lead to the vertex of the higher number.
+
+    Parameters
+    ----------
+    file : str or Path
+        An OBJ, PLY, STL or OFF file.
+    vertices, faces : (n, 3) and (m, 3) arrays
+        Instead of a file.
+    surface : TriangleMesh
+        Instead of both, a source of the kind ``mesh.triangles``. A scene file's boundary takes the scene's
+        surface where it names no mesh.
+    angle : float
+        In degrees: edges at which the mesh turns by more are creases.
+    chain : int, optional
+        Number of the chain, 0 the longest. By default all.
+
+    Raises
+    ------
+    InputError
+        If none or several meshes are given, no edge is as sharp, or there is no such chain.
+    """
+    mesh = _mesh("mesh.feature_edges", file, vertices, faces, surface)
+    sharp = mesh.folds.ends[mesh.folds.angle > np.deg2rad(in_degrees(angle, "angle"))]
+    edges = np.concatenate([np.sort(sharp, axis=1), crowded_edges(mesh.faces, mesh.adjacency)])
+    if not len(edges):
+        largest = np.rad2deg(mesh.folds.angle.max(initial=0.0))
+        raise InputError(
+            f"mesh.feature_edges finds no edge that turns by more than {angle:g} degrees; the sharpest of this mesh "
+            f"turns by {largest:.3g}."
+        )
+    chains = in_chains(edges, mesh.vertices)
+    return _curve(mesh, chains if chain is None else chains.take(_number(chain, "chain", len(chains))))
+
+
+def _curve(mesh: TriangleMesh, chains: Chains) -> Polyline:
+    vertices = chains.vertices
+    return Polyline(
+        mesh.vertices[vertices], chains.segments(), chains.ends(), mesh.given_vertices[vertices], mesh.value_count
+    )
+
+
+def _mesh(kind: str, file: str | Path | None, vertices: Any, faces: Any, surface: Any) -> TriangleMesh:
+    arrays = vertices is not None or faces is not None
+    given = (file is not None) + arrays + (surface is not None)
+    if given != 1:
+        raise InputError(
+            f"{kind} takes one mesh, as a file, as vertices and faces or as a surface, got {given or 'none'}."
+        )
+    if surface is None:
+        return triangles(file=file, vertices=vertices, faces=faces, closest="faceted")
+    if not isinstance(surface, TriangleMesh):
+        raise InputError(
+            f"{kind} takes a surface of the kind mesh.triangles, got {type(surface).__name__}; name the file of a mesh."
+        )
+    return surface
+
+
+def _number(value: Any, what: str, count: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 0 <= value < count:
+        raise InputError(f"{what} must be a whole number from 0 to {count - 1}, the longest first, got {value!r}.")
+    return int(value)

@@ -1,0 +1,26 @@
+"""The angle by which a mesh turns from vertex to vertex, and the error that this leaves in a solution."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.protocols import Floats, Ints
+from cpmkit_mesh.normals import doubled_areas
+
+#: Largest error of a solution as a share of its range, over the turning angle's square (smooth) and over itself
+#: (faceted). u = z on spheres of 66 to 4,098 vertices at spacings 0.1 to 0.03: 0.07 to 0.08; 0.06 to 0.22.
+SMOOTH, FACETED = 0.075, 0.13
+
+
+def turning_angle(vertices: Floats, faces: Ints, normals_at_corners: Floats) -> float:
+    """Return the angle in radians between the normals at both ends of an edge, root mean square over the area."""
+    area = doubled_areas(vertices, faces)
+    beside = np.roll(normals_at_corners, 1, axis=1)
+    sine = np.linalg.norm(np.cross(normals_at_corners, beside), axis=2)
+    angle = np.arctan2(sine, np.einsum("fck,fck->fc", normals_at_corners, beside))
+    return float(np.sqrt(np.average((angle**2).mean(axis=1), weights=area))) if area.any() else 0.0
+
+
+def floor_of(turning_angle: float, smooth: bool) -> float:
+    """Return the error that a mesh leaves in a solution at any spacing, as a share of the solution's range."""
+    return min(1.0, SMOOTH * turning_angle**2 if smooth else FACETED * turning_angle)

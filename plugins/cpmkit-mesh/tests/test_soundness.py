@@ -1,0 +1,142 @@
+"""A mesh says what about it may spoil a solution, and how far from the smooth surface it leaves a solution."""
+
+import re
+
+import numpy as np
+import pytest
+from cpmkit_mesh import triangles
+
+import cpmkit as ck
+from cpmkit.errors import InputError
+from cpmkit.protocols import HasFloor, HasWarnings
+
+
+def ridge(degrees, edge, half=1.0):
+    """Return two squares that meet along one side, at which the surface turns by so many degrees."""
+    steps = round(half / edge)
+    s, y = np.linspace(-half, half, 2 * steps + 1), np.linspace(0, half, steps + 1)
+    lean = np.deg2rad(degrees) / 2
+    points = np.stack([np.tile(s * np.cos(lean), steps + 1), np.repeat(y, len(s))], axis=1)
+    points = np.column_stack([points, np.tile(-np.abs(s) * np.sin(lean), steps + 1)])
+    row, column = np.divmod(np.arange(2 * steps * steps), 2 * steps)
+    a = row * len(s) + column
+    b, c, d = a + 1, a + 1 + len(s), a + len(s)
+    return points, np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+
+
+def tee(per_side=4):
+    """Return three squares that share one side."""
+    points, faces = ridge(0.0, 1 / per_side)
+    third = np.flatnonzero(points[:, 0] >= 0)
+    rank = np.full(len(points), -1)
+    rank[third] = len(points) + np.arange(len(third))
+    upright = points[third][:, [2, 1, 0]]
+    return np.concatenate([points, upright]), np.concatenate([faces, rank[faces][(rank[faces] >= 0).all(axis=1)]])
+
+
+def warned(mesh, spacing, **keys):
+    return triangles(vertices=mesh[0], faces=mesh[1], **keys).warnings(spacing)
+
+
+def test_a_coarse_but_smooth_mesh_is_not_reported(sphere):
+    for level in (2, 3, 4):
+        for closest in ("smooth", "faceted"):
+            assert warned(sphere(level), 0.1, closest=closest) == ()
+
+
+@pytest.mark.parametrize("closest", ["smooth", "faceted"])
+@pytest.mark.parametrize("edge", [0.5, 0.05])
+def test_a_ridge_of_90_degrees_is_reported_with_its_place_and_angle(edge, closest):
+    (sentence,) = warned(ridge(90, edge), 0.1, closest=closest)
+    assert sentence.startswith(f"{round(1 / edge)} edges of the mesh turn by more than 40 degrees, the sharpest by 90 ")
+    assert "near (0, " in sentence
+    share = float(re.search(r"and (\d+)% of the surface lies within two spacings", sentence)[1])
+    assert share == pytest.approx(20, abs=2)
+    assert sentence.endswith(".")
+    assert sentence.count(". ") == 0
+
+
+def test_what_a_reader_can_do_depends_on_the_triangles_beside_the_crease():
+    """Triangles 0.05 wide round a right angle off over a radius of 0.032."""
+    assert "; below 0.021 most are rounded off." in warned(ridge(90, 0.05), 0.1)[0]
+    assert "are rounded off over the triangles beside them" in warned(ridge(90, 0.5), 0.1)[0]
+    assert "at any spacing" in warned(ridge(90, 0.05), 0.1, closest="faceted")[0]
+
+
+def test_mild_short_and_few_creases_are_not_reported():
+    assert warned(ridge(30, 0.1), 0.1) == ()
+    assert warned(ridge(60, 0.1), 0.1) == ()
+    assert warned(ridge(90, 0.1), 0.2) == ()  # five spacings long
+
+
+def test_the_angle_of_creases_is_the_users():
+    assert warned(ridge(90, 0.1), 0.1, crease_angle=100.0) == ()
+    assert "more than 60 degrees" in warned(ridge(90, 0.1), 0.1, crease_angle=60)[0]
+    with pytest.raises(InputError, match="crease_angle must be an angle between 0 and 180 degrees, got 200"):
+        triangles(vertices=np.eye(3), faces=[[0, 1, 2]], crease_angle=200)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e6])
+def test_creases_do_not_depend_on_units_or_winding(scale):
+    points, faces = ridge(90, 0.1)
+    turned = faces.copy()
+    turned[::3] = turned[::3, ::-1]
+    count = [
+        warned((points * s, cells), 0.1 * s)[0].split(" near")[0] for s in (1.0, scale) for cells in (faces, turned)
+    ]
+    assert len(set(count)) == 1
+
+
+def test_needles_do_not_look_like_creases():
+    """A triangle so flat that its normal is noise: six digits in a file make such of any sliver."""
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0.5, 0.5, 1e-7]])
+    mesh = triangles(vertices=points, faces=[[0, 1, 2], [1, 4, 2], [1, 3, 4], [4, 3, 2]])
+    assert mesh.folds.angle.max() < 1e-3
+
+
+def test_edges_at_which_three_triangles_meet_are_reported():
+    found = warned(tee(), 0.1, crease_angle=170)
+    assert len(found) == 1
+    assert found[0].startswith("4 edges of the mesh are shared by three or more triangles, the first near (0, ")
+    assert warned(tee(), 2.0, crease_angle=170) == ()
+
+
+def test_triangles_given_twice_count_once(sphere):
+    """A sheet that was stored with both windings is one sheet, not four triangles an edge."""
+    points, faces = sphere(2)
+    once = triangles(vertices=points, faces=faces)
+    twice = triangles(vertices=points, faces=np.concatenate([faces, faces[:, ::-1]]))
+    assert twice.warnings(0.1) == ()
+    x = np.random.default_rng(1).normal(size=(500, 3))
+    np.testing.assert_array_equal(twice.closest_point(x).points, once.closest_point(x).points)
+    np.testing.assert_array_equal(twice.closest_point(x).element, once.closest_point(x).element)
+
+
+@pytest.mark.parametrize(("level", "closest"), [(3, "smooth"), (4, "smooth"), (3, "faceted")])
+def test_the_floor_is_predicted_to_a_factor_of_three(sphere, level, closest):
+    """u = z on the unit sphere by -Lap u + u = 3 z, at a spacing where the mesh is what is left of the error."""
+    mesh = triangles(vertices=sphere(level)[0], faces=sphere(level)[1], closest=closest)
+    scene = ck.Scene(mesh, ck.ScreenedPoisson(lambda x: 3 * x[:, 2] / np.linalg.norm(x, axis=1), c=1.0))
+    points = sphere(4)[0]
+    share = np.abs(ck.solve(scene, 0.05).evaluate(points) - points[:, 2]).max() / 2.0
+    assert share / 3 < mesh.floor(0.05) < 3 * share
+
+
+def test_the_floor_falls_with_the_edges_and_does_not_depend_on_units_or_spacing(sphere):
+    floors = {
+        closest: [triangles(vertices=p, faces=f, closest=closest).floor(0.1) for p, f in map(sphere, (2, 3, 4))]
+        for closest in ("smooth", "faceted")
+    }
+    assert np.allclose(np.log2(np.divide(floors["smooth"][:-1], floors["smooth"][1:])), 2, atol=0.1)
+    assert np.allclose(np.log2(np.divide(floors["faceted"][:-1], floors["faceted"][1:])), 1, atol=0.1)
+    points, faces = sphere(3)
+    assert triangles(vertices=1e-6 * points, faces=faces).floor(1e-7) == pytest.approx(floors["smooth"][1])
+    flat = ridge(0, 0.1)
+    assert triangles(vertices=flat[0], faces=flat[1]).floor(0.1) == pytest.approx(0, abs=1e-12)
+
+
+def test_every_mesh_says_so(sphere):
+    for mesh in (sphere(1), tee()):
+        source = triangles(vertices=mesh[0], faces=mesh[1])
+        assert isinstance(source, HasWarnings)
+        assert isinstance(source, HasFloor)

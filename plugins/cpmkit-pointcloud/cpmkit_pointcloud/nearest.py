@@ -1,0 +1,87 @@
+"""Samples that are themselves the surface: every foot is one of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cpmkit.arrays import as_points, as_vector, one_row_each, positive
+from cpmkit.errors import InputError
+from cpmkit.protocols import ClosestPoints, Floats, Ints
+from cpmkit_pointcloud.floor import plain_floor
+from cpmkit_pointcloud.samples import as_cells, ask, thinned, tree_of
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
+
+
+@dataclass(frozen=True, eq=False)
+class NearestSamples:
+    """The samples themselves: every foot is one of them.
+
+    Attributes
+    ----------
+    points : (n, d) float64
+        As given.
+    """
+
+    points: Floats
+
+    exact = True
+
+    @property
+    def dim(self) -> int:
+        """Dimension of the space, 2 or 3."""
+        return self.points.shape[1]
+
+    @property
+    def manifold_dim(self) -> int:
+        """Dimension of the manifold that the samples stand for."""
+        return self.dim - 1
+
+    @property
+    def bounds(self) -> Floats:
+        """(2, d) corners of the box that holds all samples."""
+        return np.stack([self.points.min(axis=0), self.points.max(axis=0)])
+
+    @property
+    def value_count(self) -> int:
+        """How many points there are."""
+        return len(self.points)
+
+    def closest_point(self, x: Floats, /) -> ClosestPoints:
+        """Return the nearest samples of ``x`` (n, d); ``element`` is their row.
+
+        Raises
+        ------
+        InputError
+            If ``x`` does not have shape (n, d) or is not finite.
+        """
+        x = as_points(x, self.dim)
+        distance, nearest = ask(self._tree, x)
+        return ClosestPoints(self.points[nearest], distance, np.full(len(x), -1), nearest)
+
+    def interpolate(self, values: Any, feet: ClosestPoints, /) -> Floats:
+        """Return the rows of ``values`` (value_count, ...) of the samples in ``feet``."""
+        if feet.element is None:
+            raise InputError("feet must be records that this cloud answered: they lack element.")
+        return one_row_each(values, self.value_count, "points")[feet.element]
+
+    def floor(self, spacing: float, /) -> float:
+        """Return the error that the distances between samples leave in a solution, as a share of its range."""
+        return plain_floor(self.points, self._tree, positive(spacing, "spacing"))
+
+    def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
+        """Return the samples (v, d), thinned to about half of ``spacing``, as cells (v, 1)."""
+        return as_cells(thinned(self.points, spacing))
+
+    def translated(self, offset: Floats, /) -> NearestSamples:
+        """Return the cloud moved by ``offset`` (d,)."""
+        return NearestSamples(self.points + as_vector(offset, self.dim, "offset"))
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        return tree_of(self.points)

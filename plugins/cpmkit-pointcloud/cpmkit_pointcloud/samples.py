@@ -1,0 +1,41 @@
+"""Samples as such: a tree of them, the nearest one, and fewer of them for a picture."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cpmkit.arrays import positive
+from cpmkit.protocols import Floats, Ints
+from cpmkit.threads import thread_count
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
+
+
+def tree_of(points: Floats) -> cKDTree:
+    """Return a k-d tree of ``points``."""
+    from scipy.spatial import cKDTree
+
+    return cKDTree(points)
+
+
+def thinned(points: Floats, spacing: float) -> Floats:
+    """Return of each cube of side ``spacing`` / 2 the point nearest to its centre: drawn as discs, they overlap."""
+    place = (points - points.min(axis=0)) / (0.5 * positive(spacing, "spacing"))
+    cube = np.floor(place)
+    order = np.argsort(np.sum((place - cube - 0.5) ** 2, axis=1), kind="stable")
+    first = np.unique(cube[order], axis=0, return_index=True)[1]
+    return points[np.sort(order[first])]
+
+
+def as_cells(points: Floats) -> tuple[Floats, Ints]:
+    """Return ``points`` (v, d) as a mesh of points."""
+    return points, np.arange(len(points))[:, None]
+
+
+def ask(tree: cKDTree, x: Floats) -> tuple[Floats, Ints]:
+    """Return (n,) the distance to the nearest sample, and its row."""
+    distance, nearest = tree.query(x, workers=thread_count())
+    return distance, nearest.astype(np.int64)

@@ -1,0 +1,69 @@
+"""The floor that a cloud names is the error that it leaves in a solution, within a factor of three."""
+
+import numpy as np
+import pytest
+from cpmkit_pointcloud import points
+from cpmkit_pointcloud.conformance import sphere
+from model_problems import sphere_points, sphere_poisson
+
+import cpmkit as ck
+
+ORIGIN = [0.013, 0.021, -0.007]
+
+
+def random_sphere(count, noise=0.0):
+    rng = np.random.default_rng(11)
+    cloud = rng.normal(size=(count, 3))
+    return cloud / np.linalg.norm(cloud, axis=1, keepdims=True) + noise * rng.normal(size=cloud.shape)
+
+
+def left_by(cloud, spacing):
+    """The largest difference to the solution on the sphere itself on the same lattice, as a share of the range."""
+    height = ck.ScreenedPoisson(lambda x: 3 * x[:, 2] / np.linalg.norm(x, axis=1), c=1.0)
+    exact, found = (
+        ck.solve(ck.Scene(surface, height), spacing, origin=ORIGIN).evaluate(sphere_points())
+        for surface in (ck.source("analytic.sphere"), cloud)
+    )
+    return np.abs(found - exact).max() / np.ptp(exact)
+
+
+@pytest.mark.parametrize("spacing", [0.2, 0.1])
+@pytest.mark.parametrize(
+    ("count", "noise", "options"),
+    [
+        (2000, 0.0, {}),
+        (2000, 1e-3, {}),
+        (2000, 5e-3, {"degree": 3}),
+        (10000, 0.0, {"degree": 4}),
+        (10000, 1e-4, {"neighbours": 50}),
+        (10000, 1e-3, {}),
+        (10000, 0.0, {"method": "nearest"}),
+    ],
+)
+def test_the_floor_of_random_samples(count, noise, options, spacing):
+    cloud = points(points=random_sphere(count, noise), **options)
+    assert 1 / 3 < cloud.floor(spacing) / left_by(cloud, spacing) < 3
+
+
+def test_it_holds_for_conditions_on_a_curve_too():
+    scene, where, exact = sphere_poisson([[0.3, 0.5, 1.0]])
+    cloud = points(points=random_sphere(10000, 1e-3))
+    noisy = ck.Scene(cloud, scene.problem, scene.boundaries)
+    wrong = np.abs(ck.solve(noisy, 0.1).evaluate(where) - ck.solve(scene, 0.1).evaluate(where)).max() / np.ptp(exact)
+    assert 1 / 3 < cloud.floor(0.1) / wrong < 3
+
+
+def test_a_lattice_finer_than_the_neighbourhoods_follows_the_bumps():
+    cloud = points(points=random_sphere(2000, 1e-4))
+    floors = [cloud.floor(spacing) for spacing in (1.0, 0.2, 0.1, 0.05, 1e-6)]
+    assert floors == sorted(floors, reverse=True)
+    assert floors[2] / floors[3] == pytest.approx(4.0, rel=0.1)
+    assert 0.0 < floors[-1] < 1e-2 * floors[0]
+
+
+def test_the_floor_is_a_share_whatever_the_cloud():
+    assert points(points=[[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], closed=False).floor(0.1) == 0.0
+    assert points(points=[[0.0, 0.0]], method="nearest").floor(0.1) == 0.0
+    assert points(points=np.random.default_rng(0).uniform(size=(500, 3)), closed=False).floor(1e-3) <= 1.0
+    even = points(points=sphere(500))
+    assert even.floor(0.1) == pytest.approx(even.translated(np.array([5.0, 0, 0])).floor(0.1), rel=1e-6)
