@@ -234,11 +234,7 @@ class Backend(Protocol):
     """
 
     def __call__(self, scene: Scene, spacing: float | None, *, tolerance: float, progress: Progress) -> Any:
-        """Return what reads like a :class:`~cpmkit.Solution`.
-
-        It has the attributes ``scene``, ``spacing``, ``channels``, ``values``, ``report``, ``work`` (with
-        ``unknowns`` and ``as_dict``), ``seconds`` and ``warnings``, and the methods ``evaluate``, ``save``,
-        ``picture``, ``display_mesh``, ``arrays`` and ``summary``. ``spacing`` is None where the caller gave none.
+        """Return a :class:`~cpmkit.readable.ReadableSolution`; ``spacing`` is None where the caller gave none.
 
         Raises
         ------

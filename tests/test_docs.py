@@ -3,12 +3,8 @@
 import doctest
 import importlib.util
 import inspect
-import os
 import pkgutil
 import re
-import subprocess
-import sys
-import tomllib
 from importlib import import_module
 from pathlib import Path
 
@@ -54,7 +50,13 @@ def test_docstrings_hold_examples():
 
 @pytest.mark.parametrize(
     "page",
-    ["docs/tutorial/first-solve.md", "docs/how-to/read-a-mesh.md", "docs/how-to/choose-a-spacing.md"],
+    [
+        "docs/tutorial/first-solve.md",
+        "docs/how-to/read-a-mesh.md",
+        "docs/how-to/choose-a-spacing.md",
+        "docs/how-to/draw-a-boundary.md",
+        "docs/how-to/combine-sources.md",
+    ],
 )
 def test_python_on_pages(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -72,7 +74,9 @@ def test_python_in_the_readme(tmp_path, monkeypatch):
     assert abs(names["solution"].evaluate([[1, 0, 0.45]], side="left") - [[0.9, 0.2, 0.1]]).max() < 0.02
 
 
-@pytest.mark.parametrize("page", ["docs/tutorial/first-solve.md", "docs/reference/scene-keys.md"])
+@pytest.mark.parametrize(
+    "page", ["docs/tutorial/first-solve.md", "docs/reference/scene-keys.md", "docs/how-to/combine-sources.md"]
+)
 def test_scenes_on_pages(page, tmp_path):
     from cpmkit import explain
 
@@ -81,54 +85,6 @@ def test_scenes_on_pages(page, tmp_path):
         file.write_text(text)
         loaded = load_scene(file)
         assert explain(loaded.scene, loaded.spacing, **loaded.options).unknowns > 0
-
-
-@pytest.fixture
-def shapes(tmp_path):
-    """Lay the plugin of the tutorial out as its reader does, installed; return its folder and an environment."""
-    for text in blocks("docs/tutorial/write-a-plugin.md", "python") + blocks("docs/tutorial/write-a-plugin.md", "toml"):
-        file = tmp_path / text.splitlines()[0].removeprefix("# ")
-        file.parent.mkdir(exist_ok=True)
-        file.write_text(text)
-    (tmp_path / "cpmkit_shapes" / "__init__.py").touch()
-    project = tomllib.loads((tmp_path / "pyproject.toml").read_text())["project"]
-    info = tmp_path / f"cpmkit_shapes-{project['version']}.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n")
-    points = [
-        f"[{group}]\n" + "".join(f"{kind} = {module}\n" for kind, module in kinds.items())
-        for group, kinds in project["entry-points"].items()
-    ]
-    (info / "entry_points.txt").write_text("\n".join(points))
-    return tmp_path, {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
-
-
-def run(shapes, *arguments):
-    folder, environment = shapes
-    done = subprocess.run(
-        [sys.executable, *arguments], cwd=folder, env=environment, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
-
-
-def test_the_plugin_of_the_tutorial_solves(shapes):
-    assert run(shapes, "try_capsule.py").split() == ["[1.", "0.]"]
-    cli = "from cpmkit.cli import main; main()"
-    assert ["shapes.capsule", "cpmkit-shapes", "0.1.0"] in [
-        line.split() for line in run(shapes, "-c", cli, "plugins").splitlines()
-    ]
-    run(shapes, "-c", cli, "solve", "capsule.toml", "--quiet")
-    assert (shapes[0] / "capsule" / "summary.json").is_file()
-
-
-def test_the_plugin_of_the_tutorial_keeps_the_laws(shapes):
-    from cpmkit.testing import LAWS
-
-    told = run(shapes, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_capsule.py")
-    assert f"{2 * len(LAWS)} passed" in told
-    words = {20: "twenty", 21: "twenty-one", 22: "twenty-two", 23: "twenty-three", 24: "twenty-four"}
-    assert f"checked {words[len(LAWS)]} laws" in (DOCS / "tutorial" / "write-a-plugin.md").read_text()
 
 
 def documented(page):

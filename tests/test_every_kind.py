@@ -102,7 +102,7 @@ CUTS = {
     "solid": "hypot(x - 0.1, y) - 0.5",
     "analytic.box": "hypot(x - 0.1, y) - 0.5",
     "analytic.cylinder": "z - 0.21",
-    "parametric.moebius": "hypot(hypot(x - 1, y), z) - 0.2",
+    "parametric.moebius": "y - 0.1",
     "parametric.surface": "hypot(x - 0.1, y) - 0.6",
 }
 #: No manifolds to solve on; a polygon, whose corners leave an error at every spacing; and those that cross themselves.

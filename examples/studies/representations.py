@@ -243,9 +243,7 @@ def as_markdown(manifold: Manifold, tables: dict[str, list[Row]]) -> str:
     for problem, rows in tables.items():
         spacings = " | ".join(f"error at {h:g}" for h in manifold.spacings)
         lines += [f"**{manifold.name.capitalize()}: {problem}**", ""]
-        lines += [
-            f"| representation | closest points off by | {spacings} | order | differs from closed form | floor predicted |"
-        ]
+        lines += [f"| representation | feet off by | {spacings} | order | differs from closed form | floor predicted |"]
         lines += ["|---|---|" + "---|" * (len(manifold.spacings) + 3)]
         for row in rows:
             errors = " | ".join(f"{error:.1e}" for error in row.errors)

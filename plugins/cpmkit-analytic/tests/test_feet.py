@@ -26,7 +26,8 @@ def test_the_foot_is_as_near_as_the_nearest_of_many_samples(case):
     assert (distance <= nearest + 1e-12 * size).all()
     # A sample lies within about 0.05 size of every foot, so the nearest is farther by little.
     assert (nearest <= distance + 0.05 * size).all()
-    assert np.median(nearest - distance) < 2e-3 * size
+    # Samples lie farther apart in a solid than on a surface.
+    assert np.median(nearest - distance) < (2e-3 if source.manifold_dim < 3 else 6e-3) * size
 
 
 @pytest.mark.parametrize(

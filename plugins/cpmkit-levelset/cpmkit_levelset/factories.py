@@ -8,6 +8,7 @@ part or a gap of the level set that is thinner than a cell may be overlooked.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -130,7 +131,10 @@ def grid(
     if not (steps > 0).all():
         raise InputError(f"spacing must be above zero, got {spacing!r}.")
     field = GridField(samples, np.zeros(d) if origin is None else as_vector(origin, d, "origin"), steps)
-    return _made(field, trim, field.box, resolution)
+    made = _made(field, trim, field.box, resolution)
+    return replace(
+        made, slope_error=field.slope_error(made.surface.samples[:: max(len(made.surface.samples) // 2000, 1)])
+    )
 
 
 def dziuk(*, trim: Any = None, resolution: Any = RESOLUTION) -> LevelSet:

@@ -62,19 +62,35 @@ class GridField:
                 hessian[:, i, j] = _entry(table, orders) / (self.spacing[i] * self.spacing[j])
         return _entry(table, (0,) * d), self._first(table), hessian
 
+    def slope_error(self, p: Floats) -> float:
+        """Return by how much slopes at ``p`` (n, d) are off, as a share of them, root mean square.
+
+        It is told by how they differ between the polynomial of a cell and those of its neighbours.
+        """
+        slope = self.gradient(p)[1]
+        apart = [
+            np.sum((self._first(self._derivatives(p, 1, shift)) - slope) ** 2, axis=1)
+            for shift in np.eye(self.dim, dtype=np.int64)
+        ]
+        share = np.mean(apart, axis=0) / np.sum(slope**2, axis=1)
+        return float(np.sqrt(np.mean(share[np.isfinite(share)])))
+
     def _first(self, table: Floats) -> Floats:
         units = [tuple(int(k == i) for k in range(self.dim)) for i in range(self.dim)]
         gradient: Floats = np.stack([_entry(table, orders) for orders in units], axis=1) / self.spacing
         return gradient
 
-    def _derivatives(self, p: Floats, most: int) -> Floats:
-        """Return (n, most + 1, ...): the derivatives of each order in each coordinate, in units of the grid."""
+    def _derivatives(self, p: Floats, most: int, shift: Ints | int = 0) -> Floats:
+        """Return (n, most + 1, ...): the derivatives of each order in each coordinate, in units of the grid.
+
+        Those of the polynomial that belongs to the cell ``shift`` cells on.
+        """
         last = np.array(self.values.shape) - 1
         q = (p - self.origin) / self.spacing
         with np.errstate(invalid="ignore"):
             outside: Bools = np.logical_not(((q >= -1e-9) & (q <= last + 1e-9)).all(axis=1))
         q = np.where(outside[:, None], 0.0, q)
-        first = np.clip(np.floor(q).astype(np.int64) - 2, 0, last - (NODES - 1))
+        first = np.clip(np.floor(q).astype(np.int64) - 2 + shift, 0, last - (NODES - 1))
         table = self._patches(first)
         for axis in range(self.dim):
             weights = _weights(q[:, axis] - first[:, axis] - 2.5, most)

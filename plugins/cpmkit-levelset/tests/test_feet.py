@@ -151,3 +151,20 @@ def test_meshes_lie_on_the_surface_and_are_wound_by_its_normals(trim):
         assert len(vertices) - len(edges) // 2 + len(triangles) == 2
     else:
         assert (0.3 * vertices[:, 0] - vertices[:, 1]).max() <= 1e-12
+
+
+@pytest.mark.parametrize("count", [10, 14, 20, 28])
+def test_the_error_that_a_grid_leaves_is_predicted(count):
+    """Against the closed form on the same lattice, which has no such error; u = z has the range 2."""
+    axes = np.linspace(-1.43, 1.37, count)
+    x, y, z = np.meshgrid(axes, axes, axes, indexing="ij")
+    sampled = ck.source(
+        "levelset.grid", values=np.sqrt(x**2 + y**2 + z**2) - 1, spacing=axes[1] - axes[0], origin=[-1.43] * 3
+    )
+    closed = ck.source("analytic.sphere")
+    points = closed.closest_point(np.random.default_rng(0).normal(size=(3000, 3))).points
+    problem = ck.ScreenedPoisson(lambda p: 3 * p[:, 2])
+    scenes = [ck.Scene(one, problem) for one in (sampled, closed)]
+    here, exact = (ck.solve(scene, 0.1, origin=[0, 0, 0]).evaluate(points) for scene in scenes)
+    left = np.abs(here - exact).max() / 2
+    assert left / 3 < sampled.floor(0.1) < 3 * left

@@ -15,6 +15,9 @@ from cpmkit.protocols import ClosestPoints, Floats, Ints
 from cpmkit_mesh.reading import as_numbers, existing_file
 from cpmkit_mesh.tree import Tree, build_tree, nearest
 
+#: Error of a solution as a share of its range, over the angle by which a polygon turns at its corners (on circles of
+#: 16 to 64 corners: 0.13 to 0.5).
+CORNERS = 0.3
 #: A foot that is nearer to a vertex than this share of its segment is at the vertex.
 AT_VERTEX = 1e-9
 
@@ -95,6 +98,14 @@ class Polyline:
         ends = self.given[self.segments[segment]]
         t = t.reshape(-1, *(1,) * (values.ndim - 1))
         return (1.0 - t) * values[ends[:, 0]] + t * values[ends[:, 1]]
+
+    def floor(self, _spacing: float, /) -> float:
+        """Return the error that the corners leave in a solution on the polyline, as a share of its range."""
+        start, end = self.segments.T
+        along = np.concatenate([self._directions, self._directions])
+        cosine = np.einsum("nd,nd->n", along, self._bisectors[np.concatenate([start, end])])
+        turn = 2.0 * np.arccos(np.clip(cosine, -1.0, 1.0))
+        return min(1.0, CORNERS * float(np.sqrt(np.mean(turn**2))))
 
     def mesh(self, _spacing: float, /) -> tuple[Floats, Ints]:
         """Return the polyline's own vertices (k, d) and segments (m, 2), whatever the spacing."""

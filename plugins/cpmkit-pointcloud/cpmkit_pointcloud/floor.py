@@ -23,7 +23,7 @@ ASKED = 500
 #: 2.3, of odd ones, which share more with the next, 0.7 to 1.3; on random samples, with noise and without.
 DIFFERENCE = (1.75, 1.0)
 #: Error of a solution as a share of its range, over the slope's error, on curves and on surfaces; over its square.
-SHARE, STRETCH = {2: 3.5, 3: 0.5}, 1.5
+SHARE, STRETCH = {2: 3.5, 3: 0.6}, 1.5
 #: Of plain samples: the share over the distance to the nearest sample in spacings, and the largest that was seen.
 PLAIN, WORST = 0.8, 0.3
 #: Neighbours by which the density of plain samples is measured.

@@ -6,6 +6,7 @@ from cpmkit_pointcloud import points
 from cpmkit_pointcloud.conformance import ellipse, sphere, torus
 from model_problems import order_of
 
+import cpmkit as ck
 from cpmkit.errors import InputError
 from cpmkit.protocols import HasNormals
 
@@ -193,3 +194,13 @@ def test_a_cloud_of_few_points_is_a_plane():
 def test_bad_keys_are_answered_with_what_is_accepted(keys, message):
     with pytest.raises(InputError, match=message):
         points(**keys)
+
+
+def test_the_uneven_vertices_of_a_real_mesh_are_searched_to_an_end(real_mesh):
+    """On some of them a search left the reach of all patches, and looked for a way back for ever."""
+    vertices, _ = ck.read_mesh(real_mesh("koala.obj"))
+    cloud = points(points=vertices)
+    queries = np.ascontiguousarray(vertices[::50] + 0.1)
+    feet = cloud.closest_point(queries)
+    assert (feet.distance <= 0.1 * np.sqrt(3) + 1e-9).all()
+    assert any("the surface ends" in sentence for sentence in cloud.warnings(0.1))

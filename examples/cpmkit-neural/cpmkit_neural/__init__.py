@@ -1,0 +1,1 @@
+"""Surfaces that a small neural network holds: the points at which it is zero."""
