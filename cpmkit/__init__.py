@@ -25,6 +25,7 @@ _PUBLIC = {
     "PluginError": "errors",
     "Poisson": "problems",
     "ResolutionError": "errors",
+    "Robin": "conditions",
     "Scene": "scene",
     "SceneError": "errors",
     "ScreenedPoisson": "problems",

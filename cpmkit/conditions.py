@@ -86,7 +86,59 @@ class Neumann:
         return "neumann"
 
 
-Condition = Dirichlet | Neumann
+@dataclass(frozen=True, eq=False)
+class Robin:
+    """alpha du/db + beta u = gamma, b pointing out of the side on which the condition is given.
+
+    With alpha and beta of one sign the condition damps, and is well posed. With opposite signs it feeds; a spacing
+    too coarse for such a beta is refused.
+
+    Parameters
+    ----------
+    alpha, beta : float
+        Not zero.
+    gamma : number, sequence, or callable
+        As for :class:`Dirichlet`.
+    order : 1 or 2, optional
+        Overrides the discretisation's order for this condition.
+
+    Raises
+    ------
+    InputError
+        If alpha or beta is zero, for then the condition is of another kind, or not a finite number.
+
+    Examples
+    --------
+    >>> Robin(1.0, 3.0, 0.5).kind
+    'robin'
+    >>> Robin(0.0, 1.0)
+    Traceback (most recent call last):
+    cpmkit.errors.InputError: alpha of Robin must be a finite number other than zero, got 0.0; use Dirichlet.
+    """
+
+    alpha: float
+    beta: float
+    gamma: Data = 0.0
+    order: int | None = None
+
+    def __post_init__(self) -> None:
+        for name, other in (("alpha", "Dirichlet"), ("beta", "Neumann")):
+            given = getattr(self, name)
+            number = _number(given, f"{name} of Robin")
+            if not np.isfinite(number) or number == 0:
+                raise InputError(
+                    f"{name} of Robin must be a finite number other than zero, got {given!r}; use {other}."
+                )
+            object.__setattr__(self, name, number)
+
+    @property
+    def kind(self) -> str:
+        """Name of the kind in scene files."""
+        return "robin"
+
+
+Condition = Dirichlet | Neumann | Robin
+KINDS = (Dirichlet, Neumann, Robin)
 
 
 def evaluate_data(data: Data, points: Floats, channels: int | None, what: str) -> Floats:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.arrays import as_vector, positive
-from cpmkit.conditions import Condition, Data, Dirichlet, Neumann, channel_count
+from cpmkit.conditions import KINDS, Condition, Data, Neumann, channel_count
 from cpmkit.errors import InputError, ResolutionError, SceneError
 from cpmkit.grid.lattice import Lattice
 from cpmkit.problems import Laplace, Poisson, Problem, ScreenedPoisson
@@ -70,9 +70,10 @@ class Boundary:
                 "give `both`, or `left` and `right`."
             )
         for side in given:
-            if not isinstance(getattr(self, side), (Dirichlet, Neumann)):
+            if not isinstance(getattr(self, side), KINDS):
                 raise SceneError(
-                    f"boundary {self.name!r}: `{side}` must be Dirichlet or Neumann, got {getattr(self, side)!r}."
+                    f"boundary {self.name!r}: `{side}` must be Dirichlet, Neumann or Robin, got "
+                    f"{getattr(self, side)!r}."
                 )
         check_source(self.source, f"boundary {self.name!r}")
         if self.left_of is None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cpmkit.conditions import Condition, Data, Dirichlet, Neumann
+from cpmkit.conditions import Condition, Data, Dirichlet, Neumann, Robin
 from cpmkit.data import find_file
 from cpmkit.errors import SceneError
 from cpmkit.expressions import Expression
@@ -21,7 +21,7 @@ from cpmkit.solvers import ACCEPTED
 
 TABLES = ("surface", "boundary", "problem", "discretization", "solver", "output")
 PROBLEMS = {"laplace": Laplace, "poisson": Poisson, "screened": ScreenedPoisson}
-CONDITIONS: dict[str, Any] = {"dirichlet": Dirichlet, "neumann": Neumann}
+CONDITIONS: dict[str, Any] = {"dirichlet": Dirichlet, "neumann": Neumann, "robin": Robin}
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +154,12 @@ def _condition(table: Any, dim: int, where: str) -> Condition:
         raise SceneError(
             f"{where} must be one of {', '.join(f'{{ {kind} = ... }}' for kind in CONDITIONS)}, got {table!r}."
         )
-    made: Condition = CONDITIONS[kinds[0]](_data(table[kinds[0]], dim, where), order=order)
+    value = table[kinds[0]]
+    if kinds[0] == "robin":
+        if not isinstance(value, list) or len(value) != 3:
+            raise SceneError(f"robin of {where} must be [alpha, beta, gamma], got {value!r}.")
+        return Robin(value[0], value[1], _data(value[2], dim, where), order=order)
+    made: Condition = CONDITIONS[kinds[0]](_data(value, dim, where), order=order)
     return made
 
 

@@ -37,6 +37,13 @@ def value(x):
 EDGES = {
     "Dirichlet": (ck.Dirichlet(value), 2.5e-4),
     "Neumann": ({0: ck.Neumann(-slope(0.3)), 1: ck.Neumann(slope(2.7))}, 7e-5),
+    "Robin": (
+        {
+            0: ck.Robin(1.0, 3.0, -slope(0.3) + 3 * (np.sin(0.6) + np.cos(0.3) / 2)),
+            1: ck.Robin(2.0, 6.0, 2 * slope(2.7) + 6 * (np.sin(5.4) + np.cos(2.7) / 2)),
+        },
+        9e-5,
+    ),
     "mixed": ({0: ck.Dirichlet(float(np.sin(0.6) + np.cos(0.3) / 2)), 1: ck.Neumann(slope(2.7))}, 2.5e-4),
 }
 
@@ -83,8 +90,11 @@ AT_LEFT, AT_RIGHT, SLOPE = 0.5 + 1.4 * np.pi, 0.5, 2.7
         (ck.Dirichlet(AT_LEFT), ck.Neumann(-SLOPE)),
         (ck.Neumann(SLOPE), ck.Dirichlet(AT_RIGHT)),
         (ck.Dirichlet(AT_LEFT), ck.Dirichlet(AT_RIGHT)),
+        (ck.Robin(1, 3, SLOPE + 3 * AT_LEFT), ck.Robin(1, 3, -SLOPE + 3 * AT_RIGHT)),
+        (ck.Robin(1, 3, SLOPE + 3 * AT_LEFT), ck.Dirichlet(AT_RIGHT)),
+        (ck.Neumann(SLOPE), ck.Robin(0.5, 1.5, -0.5 * SLOPE + 1.5 * AT_RIGHT)),
     ],
-    ids=["NN", "DN", "ND", "DD"],
+    ids=["NN", "DN", "ND", "DD", "RR", "RD", "NR"],
 )
 def test_each_side_of_a_cut_keeps_its_own_condition(left, right):
     problem = circle_problem(left, right)
@@ -208,3 +218,65 @@ def test_two_cuts_three_spacings_apart_lose_nothing_and_nearer_ones_stay_local()
     short, rest = errors(1.5)
     assert short <= 0.1  # order 1 there
     assert rest <= 2e-4
+
+
+CAP_EDGES = {
+    # outward at the rim z = 0.35 of the cap: b = -(e_z - z x) / sqrt(1 - z^2)
+    "Dirichlet": (lambda value, flux: ck.Dirichlet(value), 1.2e-3),
+    "Neumann": (lambda value, flux: ck.Neumann(flux), 8e-4),
+    "Robin": (lambda value, flux: ck.Robin(1.0, 2.0, lambda x: flux(x) + 2 * value(x)), 8e-4),
+}
+
+
+@pytest.mark.parametrize("name", CAP_EDGES)
+def test_the_rim_of_a_cap(name):
+    """-Lap u + u = f with u = x z + y on the part z >= 0.35 of the unit sphere; a node at its centre.
+
+    The error depends on where the nodes lie, most at 0.2 (Neumann 0.003 to 0.008).
+    """
+    make, bound = CAP_EDGES[name]
+
+    def u(x):
+        return x[:, 0] * x[:, 2] + x[:, 1]
+
+    def flux(x):
+        z = x[:, 2]
+        across = (np.array([0, 0, -1.0]) + z[:, None] * x) / np.sqrt(np.maximum(1 - z * z, 1e-12))[:, None]
+        return across[:, 0] * z + across[:, 2] * x[:, 0] + across[:, 1]
+
+    scene = ck.Scene(
+        ck.source("analytic.cap", height=0.35),
+        ck.ScreenedPoisson(lambda x: 7 * x[:, 0] * x[:, 2] + 3 * x[:, 1], c=1.0),
+        edge=make(u, flux),
+    )
+    points = sphere_points(9000)
+    points = points[points[:, 2] >= 0.35]
+    spacings = (0.2, 0.1, 0.05)
+    errors = [max_error(scene, points, u(points), h, origin=[0, 0, 0]) for h in spacings]
+    assert errors[-1] <= bound
+    assert order_of(spacings, errors) >= 1.8
+
+
+def test_a_robin_condition_that_feeds_needs_a_fine_grid():
+    problem = arc_problem(ck.Robin(1.0, -9.0, 0.0))
+    with pytest.raises(ck.ResolutionError, match=r"too coarse for the Robin condition alpha=1, beta=-9.* use 0\.\d+"):
+        ck.solve(problem[0], 0.1)
+    ck.solve(problem[0], 0.01)
+
+
+@pytest.mark.parametrize(("alpha", "beta", "other"), [(0.0, 1.0, "Dirichlet"), (1.0, 0.0, "Neumann")])
+def test_a_robin_condition_of_another_kind_is_refused(alpha, beta, other):
+    with pytest.raises(ck.InputError, match=f"other than zero, got 0.0; use {other}"):
+        ck.Robin(alpha, beta)
+
+
+def test_robin_in_a_scene_file(tmp_path):
+    file = tmp_path / "scene.toml"
+    table = '[surface]\nkind = "analytic.arc"\nstart = 0\nend = 2\nedge = { robin = %s }\n[problem]\nkind = "laplace"'
+    file.write_text(table % '[1.0, 2.0, "x"]')
+    edge = ck.load_scene(file).scene.edge
+    assert (edge.alpha, edge.beta) == (1.0, 2.0)
+    assert edge.gamma(np.array([[0.5, 0.0]])) == 0.5
+    file.write_text(table % "2.0")
+    with pytest.raises(ck.SceneError, match=r"robin of edge must be \[alpha, beta, gamma\], got 2.0"):
+        ck.load_scene(file)

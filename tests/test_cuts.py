@@ -187,3 +187,14 @@ def test_a_cut_of_a_surface_without_an_orientation_ends_on_its_rim():
 def test_what_is_no_cut_is_refused(make, message):
     with pytest.raises(InputError, match=message):
         make()
+
+
+def test_a_cut_has_a_left_on_a_surface_with_one_side():
+    """A plane cuts the Moebius strip twice; each half keeps its constant, although no normal could say left."""
+    strip = ck.source("parametric.moebius")
+    plane = ck.source("cut.plane", surface=strip, point=[0, 0.01, 0], normal=[0, 1, 0])
+    cut = ck.Boundary("cut", plane, left=ck.Dirichlet(1), right=ck.Dirichlet(0))
+    solution = ck.solve(ck.Scene(strip, ck.Laplace(), [cut]), 0.1)
+    points = strip.mesh(0.1)[0]
+    away = np.abs(points[:, 1] - 0.01) > 1e-3
+    assert np.abs(solution.evaluate(points[away]) - (points[away, 1] > 0.01)).max() < 1e-9

@@ -16,6 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from cpmkit.conditions import Condition
+from cpmkit.errors import ResolutionError
 from cpmkit.protocols import Bools, Floats
 
 
@@ -51,5 +52,12 @@ def coefficient_and_factor(
         return -ratio, (1.0 + ratio) / beta
     first = alpha + beta * t
     second = alpha + 0.5 * beta * s
+    divisors = np.where(first_order, first, second) / alpha
+    if np.any(divisors <= 0):
+        room = spacing / (1.0 - float(divisors.min()))
+        raise ResolutionError(
+            f"spacing={spacing:g} is too coarse for the Robin condition alpha={alpha:g}, beta={beta:g}, which feeds "
+            f"the solution; use {room:.2g} or less."
+        )
     coefficient = np.where(first_order, alpha / first, (alpha - 0.5 * beta * s) / second)
     return coefficient, np.where(first_order, t / first, s / second)

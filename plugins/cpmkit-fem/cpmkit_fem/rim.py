@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.boundary.edge import edge_condition
-from cpmkit.conditions import Condition, Neumann, evaluate_data
+from cpmkit.conditions import Condition, Neumann, Robin, evaluate_data
+from cpmkit.errors import SceneError
 from cpmkit.protocols import Floats, Ints
 from cpmkit.scene import Scene
 from cpmkit_fem.triangulation import Triangulation
@@ -75,6 +76,8 @@ def inflow(scene: Scene, rim: Rim) -> Floats:
     """Return the integrals (v, channels) over the rim of the flux du/db times each hat function."""
     total = np.zeros((len(rim.vertices), scene.channels))
     for condition, chosen in rim.conditions(scene):
+        if isinstance(condition, Robin):
+            raise SceneError("backend='fem' takes Dirichlet and Neumann conditions, not Robin; use backend='cpm'.")
         if not isinstance(condition, Neumann):
             continue
         edges, sixth = rim.edges[chosen], rim.lengths[chosen][:, None] / 6
