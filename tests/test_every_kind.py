@@ -88,7 +88,7 @@ BENT = {
     "levelset.dziuk": (make("levelset.dziuk"), 0.1),
     "levelset.decotetrahedron": (make("levelset.decotetrahedron"), 0.2),
     "levelset.tooth": (make("levelset.tooth"), 0.1),
-    "levelset.goursat": (make("levelset.goursat"), 0.2),
+    "levelset.goursat": (make("levelset.goursat"), 0.16),
     "parametric.revolution": (
         make("parametric.revolution", profile=["1 + 0.3*cos(t)", "0.6*sin(t)"], range=TURN, periodic=True),
         0.1,
