@@ -78,8 +78,8 @@ class Localized:
 
     def by_member(self, feet: ClosestPoints) -> Iterator[tuple[Localized, Ints, ClosestPoints]]:
         """Yield each member that holds some of ``feet``, their rows, and the member's own records of them."""
-        if len(self.members) == 1:
-            yield self.members[0], np.arange(len(feet)), feet
+        if self.members[0] is self:
+            yield self, np.arange(len(feet)), feet
             return
         assert feet.element is not None
         for number in np.unique(feet.element):

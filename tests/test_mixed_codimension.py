@@ -105,3 +105,16 @@ def test_pieces_that_do_not_touch_are_solved_beside_each_other():
     assert np.abs(u - [1, 2, 3, 4]).max() < 1e-6
     with pytest.raises(SceneError, match="Nothing fixes the solution"):
         ck.solve(ck.Scene(apart, ck.Laplace(), cuts[:1]), 0.1)
+
+
+def test_a_union_of_one_is_that_one():
+    """Its records do not name the place on the member, which a mesh needs for its normals."""
+    vertices, faces = SPHERE.mesh(0.2)
+    alone = ck.source("mesh.triangles", vertices=vertices, faces=faces)
+    cut = latitude(0.3, "cut", left=ck.Dirichlet(1.0), right=ck.Dirichlet(2.0))
+    points = np.array([[1.0, 0, 0], [-1.0, 0, 0], [0.5, 0.8, 0.3]])
+    one, other = (
+        ck.solve(ck.Scene(surface, ck.ScreenedPoisson(1.0), [cut]), 0.15).evaluate(alone.closest_point(points).points)
+        for surface in (alone, ck.source("union", members=[alone]))
+    )
+    assert np.abs(one - other).max() < 1e-8
