@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from cpmkit.combinations import abilities
 from cpmkit.layout import Layout
-from cpmkit.protocols import HasWarnings, Side
+from cpmkit.protocols import Side
 
 #: A surface's search may doubt this share of the nodes before it is worth a warning.
 DOUBTFUL_SHARE = 1e-4
@@ -24,8 +25,7 @@ OFF_SHEET_SHARE = 1e-2
 
 def warnings_of(layout: Layout) -> tuple[str, ...]:
     """Return one sentence for each thing found."""
-    surface = layout.surface.source
-    own = surface.warnings(layout.lattice.spacing) if isinstance(surface, HasWarnings) else ()
+    own = abilities.warnings_of(layout.surface.source, layout.lattice.spacing)
     return (*own, *_doubtful(layout), *_sheets(layout), *_boundaries(layout), *_gaps(layout), *_pins(layout))
 
 

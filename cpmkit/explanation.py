@@ -10,9 +10,10 @@ import numpy as np
 from cpmkit import memory
 from cpmkit.arrays import positive
 from cpmkit.boundary.edge import is_wall
+from cpmkit.combinations.abilities import floor_of
 from cpmkit.conditions import Condition
 from cpmkit.localized import largest_dim
-from cpmkit.protocols import HasFloor, HasNormals, HasTangents, Progress, nothing
+from cpmkit.protocols import HasNormals, HasTangents, Progress, nothing
 from cpmkit.rehearsal import Counts, count
 from cpmkit.resolution import needed_spacing
 from cpmkit.scene import Scene
@@ -133,8 +134,7 @@ def _floor(scene: Scene, counts: Counts, spacing: float) -> float:
     """Return the share of the solution's range by which the representation alone may be off."""
     bounds = np.asarray(scene.surface.bounds, dtype=np.float64)
     noise = max(counts.noise, float(np.finfo(np.float64).eps * (bounds[1] - bounds[0]).max()))
-    own = scene.surface.floor(spacing) if isinstance(scene.surface, HasFloor) else 0.0
-    return max(own, NOISE_GROWS * noise / spacing)
+    return max(floor_of(scene.surface, spacing), NOISE_GROWS * noise / spacing)
 
 
 def _surface_parts(counts: Counts, degree: int) -> list[Part]:

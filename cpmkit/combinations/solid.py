@@ -23,6 +23,7 @@ from cpmkit.protocols import (
     HasTranslation,
     Ints,
 )
+from cpmkit.rectangle import rectangle
 from cpmkit.scene import check_source
 
 #: Points along each side of the box on which an open rim is looked for.
@@ -139,12 +140,7 @@ def filled(area: ClosestPointSource, spacing: float) -> tuple[Floats, Ints]:
     The triangles of a square lattice that have a corner inside; corners outside move onto the rim.
     """
     lower, upper = np.asarray(area.bounds, dtype=np.float64)
-    counts = np.maximum(np.ceil((upper - lower) / spacing).astype(np.int64), 1) + 1
-    axes = [np.linspace(lower[k], upper[k], counts[k]) for k in range(2)]
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
-    number = np.arange(len(points)).reshape(counts)
-    a, b, c, d = number[:-1, :-1].ravel(), number[1:, :-1].ravel(), number[1:, 1:].ravel(), number[:-1, 1:].ravel()
-    triangles = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    points, triangles = rectangle(lower, upper, spacing)
     feet = area.closest_point(points)
     triangles = triangles[(feet.edge < 0)[triangles].any(axis=1)]
     used, triangles = np.unique(triangles, return_inverse=True)

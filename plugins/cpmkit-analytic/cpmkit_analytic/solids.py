@@ -8,6 +8,7 @@ from itertools import product
 import numpy as np
 
 from cpmkit.protocols import Floats, Ints
+from cpmkit.rectangle import rectangle
 from cpmkit_analytic.shapes import Feet
 
 
@@ -48,11 +49,12 @@ class Box:
     def mesh(self, spacing: float) -> tuple[Floats, Ints]:
         """Return triangles that fill the rectangle, or cover the cuboid."""
         if self.dim == 2:
-            return _grid(self.half, spacing)
+            return rectangle(-self.half, self.half, spacing)
         vertices, triangles, first = [], [], 0
         for axis, sign in product(range(3), (-1, 1)):
             u, v = (axis + 1) % 3, (axis + 2) % 3
-            flat, cells = _grid(self.half[[u, v]], spacing)
+            half = self.half[[u, v]]
+            flat, cells = rectangle(-half, half, spacing)
             points = np.empty((len(flat), 3))
             points[:, axis], points[:, u], points[:, v] = sign * self.half[axis], flat[:, 0], flat[:, 1]
             vertices.append(points)
@@ -63,13 +65,3 @@ class Box:
     def scaled(self, factor: float) -> Box:
         """Return the box ``factor`` times as large."""
         return replace(self, half=factor * self.half)
-
-
-def _grid(half: Floats, spacing: float) -> tuple[Floats, Ints]:
-    """Return vertices (v, 2) and triangles (m, 3) of a rectangle around zero."""
-    counts = np.maximum(np.ceil(2 * half / spacing).astype(np.int64), 1) + 1
-    axes = [np.linspace(-h, h, n) for h, n in zip(half, counts, strict=True)]
-    vertices = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
-    number = np.arange(len(vertices)).reshape(counts)
-    a, b, c, d = number[:-1, :-1].ravel(), number[1:, :-1].ravel(), number[1:, 1:].ravel(), number[:-1, 1:].ravel()
-    return vertices, np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
