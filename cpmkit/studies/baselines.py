@@ -1,0 +1,164 @@
+"""Two older ways to hold Dirichlet data in a band, which studies compare with: they fix nodes instead of adding any.
+
+``nearest`` fixes the nodes nearest to the boundary (King et al. 2024, "A Nearest Point Approach for Dirichlet
+IBCs"), ``ball`` all nodes within the tube's radius of it (Auer, Macdonald, Treib, Schneider and Westermann 2012).
+Both are of first order, know no sides and hold no other condition.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from cpmkit.assembly import assemble
+from cpmkit.conditions import Dirichlet, evaluate_data
+from cpmkit.discretization import Discretization, discretize
+from cpmkit.errors import SceneError
+from cpmkit.grid.band import Band
+from cpmkit.localized import Localized, largest_dim, localize
+from cpmkit.operators import LinearSystem
+from cpmkit.protocols import Bools, BoundarySet, Floats, Progress, nothing
+from cpmkit.scene import Scene
+from cpmkit.solution import Solution
+from cpmkit.solvers import choose_solver, make_solver
+from cpmkit.work import measure_work
+
+#: Nodes this many spacings from a boundary are projected onto it, with this many points a side of their cells between.
+REACH, SAMPLES = 2.0, 4
+#: Nodes at just the radius of the tube are in it.
+SLACK = 1 + 1e-4
+
+
+def solve_by_fixed_nodes(
+    scene: Scene,
+    spacing: float,
+    *,
+    method: str,
+    degree: int = 3,
+    origin: Any = None,
+    solver: str = "auto",
+    tolerance: float = 1e-10,
+    progress: Progress = nothing,
+    **solver_options: Any,
+) -> Solution:
+    """Solve a scene whose boundaries hold one Dirichlet condition each, by fixing nodes near them.
+
+    Parameters
+    ----------
+    scene : Scene
+        Of a steady problem: one linear system.
+    method : str
+        ``nearest`` or ``ball``.
+    spacing, degree, origin, solver, tolerance, progress, **solver_options
+        As for :func:`cpmkit.solve`.
+
+    Returns
+    -------
+    Solution
+        Of the scene without its boundaries; the fixed nodes are among its values.
+
+    Raises
+    ------
+    SceneError
+        If the problem or a condition is of another kind, sides differ, or there is no boundary.
+    """
+    _check(scene, method)
+    clock = [time.perf_counter()]
+    bare = replace(scene, boundaries=())
+    tables = discretize(bare, spacing, degree=degree, origin=origin, progress=progress)
+    sources = [localize(boundary.source, tables.layout.lattice.origin) for boundary in scene.boundaries]
+    fixed, values = _fixed_nodes(scene, tables, sources, METHODS[method])
+    system = _without(assemble(tables, scene.problem), fixed, values)
+    clock.append(time.perf_counter())
+    chosen = choose_solver(solver, system.size, largest_dim(scene.surface))
+    values[~fixed], report = make_solver(chosen, solver_options)(system, tolerance, progress)
+    clock.append(time.perf_counter())
+    seconds = {"build": clock[1] - clock[0], "solve": clock[2] - clock[1]}
+    asked = {
+        boundary.name: source.queries["points"] for boundary, source in zip(scene.boundaries, sources, strict=True)
+    }
+    work = measure_work(tables, system, report)
+    work = replace(
+        work,
+        ghosts=0,
+        closest_point_queries=work.closest_point_queries + sum(asked.values()),
+        queries={**work.queries, **asked},
+    )
+    return Solution(bare, values, report, work, seconds, tables)
+
+
+def _check(scene: Scene, method: str) -> None:
+    if scene.problem.family != "steady":
+        raise SceneError(f"the method {method!r} solves one steady system, got {scene.problem.kind!r}; use 'cpm'.")
+    if not scene.boundaries:
+        raise SceneError(f"the method {method!r} differs from 'cpm' at boundaries only, and the scene has none.")
+    for boundary in scene.boundaries:
+        condition = boundary.condition("left")
+        if not isinstance(condition, Dirichlet) or condition is not boundary.condition("right"):
+            raise SceneError(
+                f"the method {method!r} holds one Dirichlet condition for both sides, and boundary {boundary.name!r} "
+                "has others; use the method 'cpm'."
+            )
+
+
+def _fixed_nodes(
+    scene: Scene, tables: Discretization, sources: list[Localized], choose: Callable[[Band, Localized, Floats], Bools]
+) -> tuple[Bools, Floats]:
+    """Return which inner nodes are fixed (n,), and values (n, channels): of several boundaries the nearest one's."""
+    layout = tables.layout
+    positions = layout.band.positions[: layout.band.inner]
+    values = np.zeros((len(positions), scene.channels))
+    nearest = np.full(len(positions), np.inf)
+    for boundary, source in zip(scene.boundaries, sources, strict=True):
+        feet = source.closest_point(positions)
+        taken = np.flatnonzero(choose(layout.band, source, feet.distance) & (feet.distance < nearest))
+        nearest[taken] = feet.distance[taken]
+        values[taken] = _values(boundary, layout.lattice.to_scene(feet.points[taken]), scene.channels)
+    return np.isfinite(nearest), values
+
+
+def _values(boundary: BoundarySet, points: Floats, channels: int) -> Floats:
+    return evaluate_data(boundary.condition("left").gamma, points, channels, f"boundary {boundary.name!r}")
+
+
+def _nearest(band: Band, source: Localized, distance: Floats) -> Bools:
+    """Return which inner nodes are the nearest one of some point of the boundary, of points close together."""
+    near = band.positions[: band.inner][distance <= REACH * band.spacing]
+    steps = (np.arange(SAMPLES) / SAMPLES - 0.5) * band.spacing
+    around = np.array(list(product(steps, repeat=band.dim)))
+    samples = source.closest_point((near[:, None] + around).reshape(-1, band.dim)).points
+    nodes = np.unique(np.rint(samples / band.spacing).astype(np.int64), axis=0)
+    numbers = band.find_inner(nodes)
+    chosen = np.zeros(band.inner, dtype=bool)
+    chosen[numbers[numbers >= 0]] = True
+    return chosen
+
+
+def _ball(band: Band, source: Localized, distance: Floats) -> Bools:
+    """Return which inner nodes lie within the radius of the paper's tube (its section on banding) of the boundary."""
+    del source
+    half = 0.5 * (band.degree + 1)
+    return np.asarray(distance <= SLACK * np.hypot(np.sqrt(band.dim - 1) * half, 1 + half) * band.spacing)
+
+
+METHODS: Mapping[str, Callable[[Band, Localized, Floats], Bools]] = {"nearest": _nearest, "ball": _ball}
+
+
+def _without(system: LinearSystem, fixed: Bools, values: Floats) -> LinearSystem:
+    """Return the system for the nodes that are not fixed; the fixed ones' values go to the right side."""
+    operator, free = system.operator, np.flatnonzero(~fixed)
+    known = operator.extension[:, np.flatnonzero(fixed)] @ values[fixed]
+    right_side = system.right_side + operator.scale * (operator.differences @ known)
+    diagonal = operator.diagonal
+    kept = replace(
+        operator,
+        extension=operator.extension[:, free],
+        differences=operator.differences[free],
+        diagonal=diagonal[free] if isinstance(diagonal, np.ndarray) else diagonal,
+    )
+    return LinearSystem(kept, right_side[free])

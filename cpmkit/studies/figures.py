@@ -1,0 +1,104 @@
+"""The figures of a study: error against spacing with fitted orders, and error against what it cost."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from textwrap import fill
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cpmkit.studies.series import Series
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+#: Okabe and Ito's colours, which the colour-blind tell apart; the yellow, too light for lines, is left out.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
+STYLES = ("-", "--", "-.", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (3, 1)))
+MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+GREY = "#777777"
+#: Of a line of the title.
+CHARACTERS = 68
+#: Slopes that are drawn for comparison.
+SLOPES = (1, 2)
+
+
+def convergence_figure(series: Sequence[Series], title: str) -> Figure:
+    """Return error against spacing, log-log, with the fitted order in the legend and slopes 1 and 2 dotted."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6.4, 5.4), layout="constrained")
+    axes = figure.add_subplot()
+    _slopes(axes, series)
+    for number, one in enumerate(series):
+        order = one.fitted_order
+        fitted = "" if order is None else f" (fitted order {order:.2f})"
+        _line(axes, number, one.spacings, one.errors, one.label + fitted)
+    axes.set(xlabel="spacing", ylabel="greatest error")
+    axes.set_title(fill(title, CHARACTERS), fontsize=11)
+    _spacing_ticks(axes, series)
+    axes.grid(alpha=0.25)
+    _legend(figure, columns=1)
+    return figure
+
+
+def work_figure(series: Sequence[Series], title: str) -> Figure:
+    """Return error against seconds of the processor and against unknowns, log-log, side by side."""
+    from matplotlib.figure import Figure
+    from matplotlib.ticker import NullFormatter
+
+    figure = Figure(figsize=(10, 4.8), layout="constrained")
+    for axes, quantity in zip(figure.subplots(1, 2, sharey=True), ("cpu_seconds", "unknowns"), strict=True):
+        for number, one in enumerate(series):
+            _line(axes, number, [getattr(entry, quantity) for entry in one.entries], one.errors, one.label)
+        axes.set(xlabel={"cpu_seconds": "CPU seconds"}.get(quantity, quantity))
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        axes.xaxis.set_minor_formatter(NullFormatter())
+        axes.grid(alpha=0.25)
+    figure.axes[0].set_ylabel("greatest error")
+    figure.suptitle(title)
+    _legend(figure, columns=3)
+    return figure
+
+
+def _line(axes: Any, number: int, x: Sequence[float], y: Sequence[float], label: str) -> None:
+    axes.plot(
+        x,
+        y,
+        color=COLOURS[number % len(COLOURS)],
+        linestyle=STYLES[number % len(STYLES)],
+        marker=MARKERS[number % len(MARKERS)],
+        label=label,
+    )
+
+
+def _slopes(axes: Any, series: Sequence[Series]) -> None:
+    """Draw dotted lines of slopes 1 and 2 through the geometric middle of the errors at the coarsest spacing."""
+    spacings = np.array(sorted({spacing for one in series for spacing in one.spacings}))
+    if len(spacings) == 1:
+        return
+    start = np.exp(np.mean([np.log(one.errors[0]) for one in series]))
+    for slope in SLOPES:
+        errors = start * (spacings / spacings[-1]) ** slope
+        axes.plot(spacings, errors, color=GREY, linestyle=":", linewidth=1.2)
+        axes.annotate(
+            f"slope {slope}", (spacings[0], errors[0]), (-4, 0), textcoords="offset points", color=GREY, ha="right",
+            va="center", fontsize=9,
+        )  # fmt: skip
+
+
+def _spacing_ticks(axes: Any, series: Sequence[Series]) -> None:
+    spacings = sorted({spacing for one in series for spacing in one.spacings})
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_xticks(spacings, [f"{spacing:g}" for spacing in spacings])
+    axes.minorticks_off()
+    axes.set_xlim(spacings[0] / 1.6, spacings[-1] * 1.15)
+
+
+def _legend(figure: Figure, columns: int) -> None:
+    """Draw the legend below the axes, where it hides no line."""
+    lines, labels = figure.axes[0].get_legend_handles_labels()
+    figure.legend(lines, labels, loc="outside lower center", ncols=columns, frameon=False, fontsize=9, handlelength=4)

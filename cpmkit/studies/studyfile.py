@@ -1,0 +1,158 @@
+"""Study files: TOML with the tables of a scene, [let], [exact] and [sweep]."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from cpmkit.data import find_file
+from cpmkit.errors import SceneError
+from cpmkit.expressions import Expression
+from cpmkit.plugins import call
+from cpmkit.scene import Scene
+from cpmkit.scenefile import read_options, read_scene
+from cpmkit.studies.formulas import expand, expand_all, expand_names
+from cpmkit.studies.sweep import Sweep
+
+TABLES = ("title", "surface", "boundary", "problem", "discretization", "solver", "let", "exact", "sweep")
+
+
+@dataclass(frozen=True, eq=False)
+class Exact:
+    """What is known of the solution.
+
+    Attributes
+    ----------
+    u : str
+        A formula in x, y, z and, where the problem has a time, t.
+    points : int
+        At how many points of the surface errors are measured.
+    """
+
+    u: str
+    points: int = 4000
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.u, str):
+            raise SceneError(f"u of [exact] must be a formula, got {self.u!r}.")
+        if type(self.points) is not int or self.points < 1:
+            raise SceneError(f"points of [exact] must be a whole number above zero, got {self.points!r}.")
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """A scene whose solution is known, and how it is to be solved over and over.
+
+    Attributes
+    ----------
+    name : str
+        That of the file, without its ending.
+    title : str
+        For the report.
+    folder : Path
+        Of the file: where files that it names are looked for first.
+    tables : mapping
+        Of the scene, with the formulas of [let] in place of their names.
+    exact : Exact
+        The solution.
+    sweep : Sweep
+        What is varied.
+    content : str
+        Tells whether a record belongs to this study: it changes with everything that a run's result depends on,
+        and not with the title or with what is swept over.
+    """
+
+    name: str
+    title: str
+    folder: Path
+    tables: Mapping[str, Any]
+    exact: Exact
+    sweep: Sweep
+    content: str
+
+    @cached_property
+    def scene(self) -> Scene:
+        """The scene, made at the first call; where the sweep ties the time step to the spacing, with that of one."""
+        tables = dict(self.tables)
+        if self.sweep.step_per_spacing is not None:
+            tables["problem"] = {"step": self.sweep.step_per_spacing * self.sweep.spacings[0], **tables["problem"]}
+        return read_scene(tables, self.folder)
+
+    @cached_property
+    def solution(self) -> Expression:
+        """The exact solution, a function of points and, where it has a t in it, of the time."""
+        return Expression(self.exact.u, self.scene.surface.dim)
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Keyword arguments of ``solve`` that all runs share."""
+        return read_options(self.tables)[1]
+
+
+def load_study(path: str | Path) -> Study:
+    """Read a study file; its scene is not made yet.
+
+    Raises
+    ------
+    SceneError
+        If the file is missing, does not parse, or holds a key or value that is not accepted.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise SceneError(f"no study file {str(path)!r}; give the path of a TOML file with the tables [exact], [sweep].")
+    try:
+        tables = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise SceneError(f"{path.name} is not TOML: {error}.") from error
+    try:
+        return _study(tables, path)
+    except SceneError as error:
+        raise SceneError(f"{path.name}: {error}") from error
+
+
+def _study(tables: dict[str, Any], path: Path) -> Study:
+    unknown = [key for key in tables if key not in TABLES]
+    if unknown:
+        raise SceneError(f"the study has the unknown key {unknown[0]!r}; accepted are {', '.join(TABLES)}.")
+    for needed in ("surface", "problem", "exact", "sweep"):
+        if not isinstance(tables.get(needed), dict):
+            raise SceneError(f"a study needs the table [{needed}].")
+    swept = [key for key in tables.get("discretization", {}) if key in ("spacing", "degree", "order")]
+    if swept:
+        raise SceneError(f"a study's {swept[0]} stands in [sweep], not in [discretization].")
+    known = expand_names(tables.get("let", {}))
+    scene = {
+        key: expand_all(value, known) for key, value in tables.items() if key not in ("title", "let", "exact", "sweep")
+    }
+    exact: Exact = call(Exact, "[exact]", tables["exact"])
+    exact = Exact(expand(exact.u, known), exact.points)
+    sweep: Sweep = call(Sweep, "[sweep]", tables["sweep"])
+    read_options(scene)
+    title = str(tables.get("title", path.stem))
+    return Study(path.stem, title, path.parent, scene, exact, sweep, _content(scene, exact, sweep, path.parent))
+
+
+def _content(scene: Mapping[str, Any], exact: Exact, sweep: Sweep, folder: Path) -> str:
+    """Return a short hash of everything that a run's result depends on beside its parameters."""
+    whole = [scene, exact.u, exact.points, sweep.step_per_spacing, [_digest(file, folder) for file in _files(scene)]]
+    return hashlib.sha256(json.dumps(whole, sort_keys=True, default=str).encode()).hexdigest()[:16]
+
+
+def _files(value: Any) -> list[str]:
+    """Return the files that tables name."""
+    if isinstance(value, list):
+        return [file for entry in value for file in _files(entry)]
+    if not isinstance(value, Mapping):
+        return []
+    own = [value["file"]] if isinstance(value.get("file"), str) else []
+    return own + [file for entry in value.values() for file in _files(entry)]
+
+
+def _digest(file: str, folder: Path) -> str:
+    return hashlib.sha256(Path(find_file(file, folder)).read_bytes()).hexdigest()
