@@ -119,9 +119,30 @@ def main() -> None:
     metavar="FOLDER",
     help="Where results go; overrides the file's folder, which counts from the working directory.",
 )
+@click.option(
+    "--checkpoint",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE",
+    help="Of a problem in time: an .npz file in which the state of the run is kept, every 100 steps.",
+)
+@click.option(
+    "--resume",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    metavar="FILE",
+    help="Go on from the checkpoint of an earlier run of the same scene.",
+)
 @json_option
 @click.option("--quiet", is_flag=True, help="Show neither progress nor a summary; errors are still shown.")
-def solve(scene: Path, spacing: float | None, backend: str, output: Path | None, as_json: bool, quiet: bool) -> None:
+def solve(
+    scene: Path,
+    spacing: float | None,
+    backend: str,
+    output: Path | None,
+    checkpoint: Path | None,
+    resume: Path | None,
+    as_json: bool,
+    quiet: bool,
+) -> None:
     """Solve a scene and write what it asks for: files, a picture, a summary.
 
     The output folder is made once the scene is solved, so a scene that fails leaves nothing behind.
@@ -137,6 +158,7 @@ def solve(scene: Path, spacing: float | None, backend: str, output: Path | None,
         loaded = load_scene(scene)
         check_request(loaded.output, loaded.scene.surface)
         options = loaded.options if backend == "cpm" else _options_of(backend, loaded.options)
+        options |= {key: file for key, file in (("checkpoint", checkpoint), ("resume", resume)) if file}
         solution = solve_scene(loaded.scene, spacing=spacing or loaded.spacing, progress=progress, **options)
         summary = write_results(solution, loaded.output, output or loaded.output.folder, progress)
     if as_json:
@@ -232,3 +254,62 @@ def doctor(ctx: click.Context, scene: Path | None, as_json: bool) -> None:
     click.echo(json.dumps(diagnosis.as_dict(), indent=2) if as_json else str(diagnosis))
     if diagnosis.scene:
         ctx.exit(1)
+
+
+@main.group()
+def study() -> None:
+    """Run a convergence study, and turn its records into tables and figures.
+
+    A study is a TOML file: a scene whose solution is known, and what is varied.
+    """
+
+
+@study.command("run")
+@click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="STUDY.toml")
+@click.option(
+    "--output",
+    type=click.Path(file_okay=False, path_type=Path),
+    metavar="FOLDER",
+    help="Where records go; the name of the study in the working directory if left out.",
+)
+@click.option("--cheap", is_flag=True, help="Only the study's cheap spacings.")
+@click.option("--quiet", is_flag=True, help="Show neither progress nor results; errors are still shown.")
+def run_study(file: Path, output: Path | None, cheap: bool, quiet: bool) -> None:
+    """Make the runs of a study that are not recorded yet.
+
+    One line is recorded for each run as soon as it is made, so a study that is stopped goes on where it was.
+    """
+    from cpmkit.progress import ProgressLine
+    from cpmkit.studies.running import run_study as run
+    from cpmkit.studies.running import unheard
+    from cpmkit.studies.studyfile import load_study
+    from cpmkit.studies.tables import told
+
+    meter = nullcontext(_silent) if quiet else ProgressLine(sys.stderr)
+    folder = output or Path(file.stem)
+    with meter as progress:
+        recorded = unheard if quiet else lambda record: click.echo(told(record), err=True)
+        outcome = run(load_study(file), folder, cheap=cheap, progress=progress, recorded=recorded)
+    if not quiet:
+        click.echo(f"runs       {outcome.made} made, {outcome.failed} with errors, {outcome.skipped} recorded before")
+        click.echo(f"written    {outcome.file}")
+
+
+@study.command("report")
+@click.argument("study", type=click.Path(exists=True, path_type=Path), metavar="STUDY.toml|FOLDER")
+def report_study(study: Path) -> None:
+    """Turn the records of a study into a page of tables and figures.
+
+    Given a study file, the records are looked for in the folder of its name in the working directory. The page
+    report.md and the figures are written beside them.
+    """
+    from cpmkit.studies.report import write_report
+    from cpmkit.studies.studyfile import load_study
+    from cpmkit.studies.tables import orders_table
+
+    report = write_report(study) if study.is_dir() else write_report(Path(study.stem), load_study(study).content)
+    click.echo(orders_table(report.series))
+    if report.failed:
+        click.echo(f"\n{report.failed} runs ended with errors, which {report.files[0]} shows.")
+    for file in report.files:
+        click.echo(f"written    {file}")

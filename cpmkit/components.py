@@ -6,71 +6,85 @@ import numpy as np
 
 from cpmkit.boundary.edge import edge_condition
 from cpmkit.discretization import Discretization
-from cpmkit.errors import SceneError
-from cpmkit.problems import Problem
-from cpmkit.protocols import Bools, Ints
+from cpmkit.protocols import Ints
 from cpmkit.scene import Scene
 
 #: A weight below this reads nothing.
 ROUNDING = 1e-12
+#: Rows of E that are looked through at a time.
+CHUNK = 1 << 17
+
+
+def unpinned(tables: Discretization, scene: Scene) -> tuple[int, Ints]:
+    """Return on how many pieces nothing fixes the solution, and which of them each unknown (n,) is on, -1 for none.
+
+    A factor c of u pins everything, a Dirichlet or Robin condition the piece that it bounds.
+    """
+    if scene.problem.terms().pins:
+        return 0, np.full(tables.unknowns.count, -1)
+    count, label = components(tables)
+    free = np.zeros(count, dtype=bool)
+    free[label[: tables.layout.band.inner]] = True  # a ghost without nodes around it lies past an open end
+    free[label[_pinning(tables, scene)]] = False
+    number = np.where(free, np.cumsum(free) - 1, -1)
+    return int(free.sum()), number[label]
 
 
 def components(tables: Discretization) -> tuple[int, Ints]:
-    """Return the number of pieces and the piece (unknowns,) of each unknown.
+    """Return the number of pieces and the piece (n,) of each unknown.
 
-    A flood fill over sides: a difference stencil joins its unknown to the neighbours that it reads, and
-    reads none across a boundary.
+    A flood fill over sides: a difference stencil joins its unknown to the neighbours that it reads, and reads none
+    across a boundary. What reads another piece by interpolation is joined to it too: nodes in a narrow wedge, the two
+    sides of a transmission, and pieces that meet where boundaries cross, because stencils there read a little of each.
     """
+    count, label = _joined_by_differences(tables, tables.unknowns.count)
+    if count == 1:
+        return count, label
+    count, merged = _connected(_reads_between(tables, count, label), count)
+    return count, merged[label]
+
+
+def node_pieces(tables: Discretization) -> Ints:
+    """Return the piece (inner,) of each inner node, as boundaries cut them apart that ghosts do not bridge."""
+    return _joined_by_differences(tables, tables.layout.band.inner)[1]
+
+
+def _joined_by_differences(tables: Discretization, count: int) -> tuple[int, Ints]:
+    """Return the components of the first ``count`` unknowns that difference stencils join."""
+    unknown_of_row = np.full(tables.extension.shape[0], -1)
+    unknown_of_row[tables.unknown_rows] = np.arange(len(tables.unknown_rows))
+    starts = tables.neighbours.indptr[: count + 1]
+    read = unknown_of_row[tables.neighbours.indices[: starts[-1]]]
+    reader = np.repeat(np.arange(count), np.diff(starts))
+    within = (read >= 0) & (read < count)
+    return _connected(np.stack([reader, read])[:, within], count)
+
+
+def _connected(pairs: Ints, count: int) -> tuple[int, Ints]:
+    """Return how many connected components ``count`` things have that ``pairs`` (2, k) join, and that of each."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
 
-    unknown_of_row = np.full(tables.extension.shape[0], -1)
-    rows = tables.unknown_rows
-    unknown_of_row[rows] = np.arange(len(rows))
-    read = unknown_of_row[tables.neighbours.indices]
-    reader = np.repeat(np.arange(len(rows)), np.diff(tables.neighbours.indptr))[read >= 0]
-    graph = csr_array((np.ones(len(reader), dtype=np.int8), (reader, read[read >= 0])), shape=(len(rows), len(rows)))
-    count, label = connected_components(graph, directed=False)
-    return int(count), np.asarray(label, dtype=np.int64)
+    graph = csr_array((np.ones(pairs.shape[1], dtype=np.int8), (pairs[0], pairs[1])), shape=(count, count))
+    found, label = connected_components(graph, directed=False)
+    return int(found), np.asarray(label, dtype=np.int64)
 
 
-def check_pinned(tables: Discretization, scene: Scene, problem: Problem) -> None:
-    """Refuse a problem whose solution is fixed only up to a constant on some piece.
+def _reads_between(tables: Discretization, count: int, label: Ints) -> Ints:
+    """Return the pairs (2, k) of different pieces of which one reads the other, through its neighbours' rows of E."""
+    from scipy.sparse import csr_array, vstack
 
-    Raises
-    ------
-    SceneError
-        Naming the piece by the boundaries that bound it and a point in it.
-    """
-    if problem.c > 0:
-        return
-    count, label = components(tables)
-    pinned = np.zeros(count, dtype=bool)
-    pinned[label[_pinning(tables, scene)]] = True
-    pinned = _spread(tables, label, pinned)
-    loose = [int(piece) for piece in np.flatnonzero(~pinned) if _has_nodes(tables, label == piece)]
-    if loose:
-        raise SceneError(_describe(tables, scene, label, loose))
-
-
-def _spread(tables: Discretization, label: Ints, pinned: Bools) -> Bools:
-    """Return which pieces are pinned, or read one that is: single nodes may hang together by interpolation alone."""
-    rows = tables.unknown_rows
-    while not pinned.all():
-        members = np.flatnonzero(~pinned[label])
-        reads = tables.extension[rows[members]]
-        reader = np.repeat(label[members], np.diff(reads.indptr))
-        counts = (np.abs(reads.data) > ROUNDING) & pinned[label[reads.indices]]
-        if not counts.any():
-            break
-        pinned = pinned.copy()
-        pinned[reader[counts]] = True
-    return pinned
-
-
-def _has_nodes(tables: Discretization, members: Bools) -> bool:
-    """Tell whether a piece holds nodes of its own, not only stray ghosts past an open end."""
-    return bool(members[: tables.layout.band.inner].any())
+    pieces = csr_array((np.ones(len(label)), (np.arange(len(label)), label)), shape=(len(label), count))
+    parts = []
+    for start in range(0, tables.extension.shape[0], CHUNK):
+        rows = abs(tables.extension[start : start + CHUNK])
+        rows.data[rows.data <= ROUNDING] = 0.0
+        parts.append(rows @ pieces)
+    stepped = abs(tables.neighbours) @ vstack(parts).tocsr()
+    stepped.eliminate_zeros()
+    reader = np.repeat(label, np.diff(stepped.indptr))
+    pairs = np.stack([reader, stepped.indices])
+    return np.unique(pairs[:, pairs[0] != pairs[1]], axis=1)
 
 
 def _pinning(tables: Discretization, scene: Scene) -> Ints:
@@ -87,27 +101,3 @@ def _pinning(tables: Discretization, scene: Scene) -> Ints:
         if edge_condition(scene.edge, int(loop)).beta != 0:
             found.append(np.flatnonzero(edge == loop))
     return np.concatenate(found) if found else np.zeros(0, dtype=np.int64)
-
-
-def _describe(tables: Discretization, scene: Scene, label: Ints, loose: list[int]) -> str:
-    inner = tables.layout.band.inner
-    members = label == loose[0]
-    nodes = np.flatnonzero(members[:inner])
-    share = len(nodes) / inner
-    near = tables.layout.lattice.to_scene(tables.layout.band.feet.points[nodes[:1]])[0]
-    walls, first = [], inner
-    for boundary, ghosts in zip(scene.boundaries, tables.layout.ghosts, strict=True):
-        carried = members[first : first + ghosts.unknowns]
-        walls += [
-            f"{boundary.name!r} ({side})"
-            for side, left in (("left", True), ("right", False))
-            if np.any(carried & (ghosts.carries_left[: ghosts.unknowns] == left))
-        ]
-        first += ghosts.unknowns
-    bounded = f", bounded by {', '.join(walls)}," if walls else ""
-    count = f"{len(loose)} pieces" if len(loose) > 1 else "a piece"
-    return (
-        f"Nothing fixes the solution on {count} of the manifold: the one near ({', '.join(f'{x:.4g}' for x in near)}), "
-        f"{share:.0%} of the band{bounded} has only Neumann conditions, so that any constant may be added; "
-        "give a Dirichlet condition there, or solve the screened problem."
-    )

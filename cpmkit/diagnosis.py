@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from cpmkit.boundary.encounters import DISTURBED
 from cpmkit.combinations import abilities
 from cpmkit.layout import Layout
 from cpmkit.protocols import Side
+from cpmkit.room import share_stretched
 
 #: A surface's search may doubt this share of the nodes before it is worth a warning.
 DOUBTFUL_SHARE = 1e-4
@@ -26,7 +28,30 @@ OFF_SHEET_SHARE = 1e-2
 def warnings_of(layout: Layout) -> tuple[str, ...]:
     """Return one sentence for each thing found."""
     own = abilities.warnings_of(layout.surface.source, layout.lattice.spacing)
-    return (*own, *_doubtful(layout), *_sheets(layout), *_boundaries(layout), *_gaps(layout), *_pins(layout))
+    found = [check(layout) for check in (_doubtful, _sheets, _boundaries, _encounters, _gaps, _pins)]
+    return (*own, *(text for texts in found for text in texts))
+
+
+def _encounters(layout: Layout) -> list[str]:
+    """Name crossings of different values, and strips too narrow for the grid."""
+    names, spacing = [boundary.name for boundary in layout.sight.boundaries], layout.lattice.spacing
+    found = []
+    if layout.crossings:
+        one = layout.crossings[0]
+        where = ", ".join(f"{x:.4g}" for x in one.point)
+        more = f" and {len(layout.crossings) - 1} more pairs" if len(layout.crossings) > 1 else ""
+        found.append(
+            f"Boundaries {names[one.first]!r} and {names[one.second]!r}{more} cross with different values in the "
+            f"sectors around, near ({where}): within {DISTURBED * spacing:.2g} of it the solution is off by up to "
+            f"their difference, {one.jump:.3g}; beyond twice that it is not disturbed."
+        )
+    found += [
+        f"Boundaries {names[one.first]!r} and {names[one.second]!r} run side by side, {one.width / spacing:.2g} "
+        f"spacings apart near ({', '.join(f'{x:.4g}' for x in one.point)}): the strip between them is filled by what "
+        f"they hold; a spacing of {one.width / 3:.2g} would resolve it."
+        for one in layout.strips
+    ]
+    return found
 
 
 def _gaps(layout: Layout) -> list[str]:
@@ -70,15 +95,7 @@ def share_of_jumps(layout: Layout) -> float:
 
     On a surface that the band resolves there are none; near a medial axis inside the band there are.
     """
-    band = layout.band
-    jumps = pairs = 0
-    for axis in np.eye(band.dim, dtype=np.int64):
-        nodes = np.arange(band.inner)
-        beside = band.find_inner(band.nodes[nodes] + axis)
-        nodes, beside = nodes[beside >= 0], beside[beside >= 0]
-        apart = np.linalg.norm(band.feet.points[nodes] - band.feet.points[beside], axis=1)
-        jumps, pairs = jumps + int(np.count_nonzero(apart > JUMP * band.spacing)), pairs + len(nodes)
-    return jumps / max(pairs, 1)
+    return share_stretched(layout.band, JUMP)
 
 
 def _sheets(layout: Layout) -> list[str]:
@@ -107,8 +124,8 @@ def _boundaries(layout: Layout) -> list[str]:
                 "surface that lies within the band of this one: values of one may show on the other; a smaller "
                 "spacing parts them."
             )
-        asked = (boundary.condition("left").order or layout.order, boundary.condition("right").order or layout.order)
-        fallen = int(ghosts.first_order[: ghosts.unknowns].sum()) if asked == (2, 2) else 0
+        asked = min(boundary.condition(side).order or layout.order for side in SIDES)
+        fallen = int(np.count_nonzero(ghosts.orders[: ghosts.unknowns] == 1)) if asked > 1 else 0
         if fallen:
             found.append(
                 f"{fallen} of {ghosts.unknowns} ghosts of boundary {boundary.name!r} are of first order, because their "

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cpmkit.boundary.crossing import View, visible_ghosts
-from cpmkit.boundary.edge import Reading
 from cpmkit.boundary.frame import Frame, stack
 from cpmkit.boundary.ghosts import Ghosts
+from cpmkit.boundary.reading import Datum, Reading, Term, sum_of_data
+from cpmkit.conditions import Data, evaluate_data
 from cpmkit.grid.band import Band
 from cpmkit.grid.extension import Unknowns, extend
-from cpmkit.grid.stencils import cross_offsets
+from cpmkit.grid.stencils import cross_offsets, cross_weights, difference_reach
 from cpmkit.layout import Layout, lay_out
 from cpmkit.protocols import Floats, Ints, Progress, nothing
 from cpmkit.scene import Scene
@@ -35,22 +37,83 @@ class Discretization:
         The band's inner nodes and the ghosts of each boundary.
     extension : csr_array (rows, unknowns)
         E: one row an outer node, then one a ghost.
-    datum : (rows, channels) float64
+    data : sequence of Datum
         What the boundary data add to E u.
     neighbours : csr_array (unknowns, rows)
-        N: ones at the difference neighbours of each unknown, so that L = (N - 2 d I) / spacing^2.
+        N: weights of the difference neighbours of each unknown, ones at second order, so that
+        L = (N - 2 d I) / spacing^2. All rows have equally many entries.
     """
 
     layout: Layout
     unknowns: Unknowns
     extension: csr_array
-    datum: Floats
+    data: Sequence[Datum]
     neighbours: csr_array
 
     @property
     def unknown_rows(self) -> Ints:
         """(unknowns,) the row of E that belongs to each unknown."""
         return _unknown_rows(self.layout.band, self.layout.ghosts)
+
+    def datum(self, time: float | None = None) -> Floats:
+        """Return what the boundary data add to E u at ``time``, (rows, channels)."""
+        return sum_of_data(self.data, self.extension.shape[0], self.layout.channels, time)
+
+    @cached_property
+    def sources(self) -> Reading:
+        """Where the unknowns read right-hand sides and initial data: nodes at their feet, ghosts on their side."""
+        nodes = self.layout.sources
+        inner = np.where(np.arange(len(nodes)) < self.layout.band.inner, np.arange(len(nodes)), -1)
+        readings, numbers, first = [nodes], [inner], self.layout.band.inner
+        for ghosts in self.layout.ghosts:
+            readings.append(ghosts.sources)
+            count = np.arange(len(ghosts.nodes))
+            numbers.append(np.where(count < ghosts.unknowns, count + first, -1))
+            first += ghosts.unknowns
+        kept = [number >= 0 for number in numbers]
+        return Reading(
+            np.concatenate([reading.points[keep] for reading, keep in zip(readings, kept, strict=True)]),
+            np.concatenate([reading.coefficient[keep] for reading, keep in zip(readings, kept, strict=True)]),
+            (),
+            [
+                _renumbered(term, number)
+                for reading, number in zip(readings, numbers, strict=True)
+                for term in reading.terms
+            ],
+        )
+
+    def read_sources(self, data: Data, what: str, time: float | None = None) -> Floats:
+        """Return ``data`` at the unknowns, (unknowns, channels), each read on the side that it carries."""
+        sources, lattice, channels = self.sources, self.layout.lattice, self.layout.channels
+        values = evaluate_data(data, lattice.to_scene(sources.points), channels, what, time)
+        if not sources.terms:
+            return values
+        values = sources.coefficient[:, None] * values
+        for term in sources.terms:
+            read = evaluate_data(data, lattice.to_scene(term.points), channels, what, time)
+            np.add.at(values, term.rows, term.coefficient[:, None] * read)
+        return values
+
+    def read_at_rows(self, data: Any, what: str, channels: int | None = 1) -> Floats:
+        """Return a coefficient (rows, channels) of the equation at all rows of E, ghosts on the side they carry."""
+        where = [self.layout.sources.points, *(ghosts.sources.points for ghosts in self.layout.ghosts)]
+        return evaluate_data(data, self.layout.lattice.to_scene(np.concatenate(where)), channels, what)
+
+    def read_in_place_of(self, data: Data) -> csr_array:
+        """Return the matrix (rows, unknowns) that reads u where E u + data has the boundary ``data``, factors alike."""
+        from scipy.sparse import csr_array
+
+        read = csr_array(self.extension.shape)
+        view = _all_views(self.layout.sight.frames, self.layout.ghosts, len(self.layout.band.nodes))
+        for datum in self.data:
+            if datum.data is not data:
+                continue
+            order = np.argsort(datum.rows)
+            rows, points = datum.rows[order], self.layout.lattice.to_local(datum.points[order])
+            place = csr_array((np.ones(len(rows)), (rows, np.arange(len(rows)))), shape=(read.shape[0], len(rows)))
+            read = read + place @ extend(self.unknowns, points, view.select(rows), datum.factor[order])
+        made: csr_array = read.tocsr()
+        return made
 
 
 def discretize(scene: Scene, spacing: float, *, progress: Progress = nothing, **options: Any) -> Discretization:
@@ -82,18 +145,46 @@ def tabulate(layout: Layout, progress: Progress = nothing) -> Discretization:
     rows = _all_readings(layout.reading, ghosts)
     view = _all_views(layout.sight.frames, ghosts, len(layout.band.nodes))
     extension = extend(unknowns, rows.points, view, rows.coefficient, lambda stage, share: progress(stage, 0.8 * share))
-    neighbours = _neighbours(unknowns, view)
+    if rows.terms:
+        extension = _with_terms(extension, unknowns, rows.terms)
+    neighbours = _neighbours(unknowns, view, difference_reach(layout.order))
     progress("tables", 1.0)
-    return Discretization(layout, unknowns, extension, rows.datum, neighbours)
+    return Discretization(layout, unknowns, extension, rows.data, neighbours)
+
+
+def _with_terms(extension: csr_array, unknowns: Unknowns, terms: Sequence[Term]) -> csr_array:
+    """Return E with further points read by some rows."""
+    from scipy.sparse import csr_array
+
+    for term in terms:
+        view = View(term.frames, np.full(len(term.points), term.own))
+        read = extend(unknowns, term.points, view, term.coefficient)
+        place = csr_array(
+            (np.ones(len(term.rows)), (term.rows, np.arange(len(term.rows)))),
+            shape=(extension.shape[0], len(term.rows)),
+        )
+        extension = extension + place @ read
+    extension.eliminate_zeros()
+    made: csr_array = extension.tocsr()
+    return made
+
+
+def _renumbered(term: Term, rows: Ints) -> Term:
+    """Return a term with row k of its batch called ``rows[k]``; -1 leaves it out. Its frames go."""
+    kept = rows[term.rows] >= 0
+    return Term(rows[term.rows[kept]], term.points[kept], term.coefficient[kept])
 
 
 def _all_readings(nodes: Reading, ghosts: Sequence[Ghosts]) -> Reading:
     """Return what all rows of E read: the band's nodes, then each boundary's ghosts."""
     parts = [nodes, *(one.reading for one in ghosts)]
+    numbers = np.split(np.arange(sum(map(len, parts))), np.cumsum([len(part) for part in parts])[:-1])
+    numbered = list(zip(parts, numbers, strict=True))
     return Reading(
         np.concatenate([part.points for part in parts]),
         np.concatenate([part.coefficient for part in parts]),
-        np.concatenate([part.datum for part in parts]),
+        [datum.renumbered(rows) for part, rows in numbered for datum in part.data],
+        [replace(term, rows=rows[term.rows]) for part, rows in numbered for term in part.terms],
     )
 
 
@@ -120,7 +211,7 @@ def _all_views(frames: Sequence[Frame], ghosts: Sequence[Ghosts], nodes: int) ->
     return View(stacked, own)
 
 
-def _neighbours(unknowns: Unknowns, view: View) -> csr_array:
+def _neighbours(unknowns: Unknowns, view: View, reach: int) -> csr_array:
     """Return N: which rows of E the difference stencil of each unknown reads.
 
     A neighbour across a boundary is read through its ghost. A ghost's neighbour on the ghost's own side is
@@ -132,10 +223,11 @@ def _neighbours(unknowns: Unknowns, view: View) -> csr_array:
     first = _first_rows(len(band.nodes), ghosts)
     centres = np.concatenate([np.arange(band.inner), *(one.nodes[: one.unknowns] for one in ghosts)])
     rows = _unknown_rows(band, ghosts)
-    nodes = band.find(band.nodes[centres][:, None] + cross_offsets(band.dim))
+    nodes = band.find(band.nodes[centres][:, None] + cross_offsets(band.dim, reach))
     label, number = visible_ghosts(
         view.select(rows), nodes, [one.numbers for one in ghosts], [one.director for one in ghosts]
     )
     columns = np.where(label >= 0, first[label] + number, nodes)
     starts = np.arange(len(rows) + 1) * columns.shape[1]
-    return csr_array((np.ones(columns.size), columns.ravel(), starts), shape=(len(rows), int(first[-1])))
+    weights = np.tile(cross_weights(band.dim, reach)[0], len(rows))
+    return csr_array((weights, columns.ravel(), starts), shape=(len(rows), int(first[-1])))

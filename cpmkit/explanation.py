@@ -109,7 +109,7 @@ def explain(
     spacing = needed_spacing(scene, spacing)
     counts = count(scene, spacing, progress, degree=degree, order=order, origin=origin)
     memory.check_fits(counts["unknowns"], scene.surface.dim, largest_dim(scene.surface), degree, spacing)
-    chosen = choose_solver(solver, counts["unknowns"], largest_dim(scene.surface))
+    chosen = choose_solver(solver, counts["unknowns"], largest_dim(scene.surface), scene.problem.factorise_up_to)
     needed = memory.peak_bytes(counts["rows"], counts["unknowns"], scene.surface.dim, degree, scene.channels, chosen)
     parts = [
         *_surface_parts(counts, degree),
@@ -173,9 +173,7 @@ def _solver_part(scene: Scene, chosen: str, asked: str) -> Part:
     channels = f"{scene.channels} channel{'s' if scene.channels > 1 else ''}"
     size = "few enough unknowns to factorise" if chosen == "direct" else "too many unknowns to factorise quickly"
     why = size if asked == "auto" else "as asked"
-    return Part(
-        f"solver {chosen!r}", channels, f"{why}; -Lap u{f' + {scene.problem.c:g} u' if scene.problem.c else ''} = f"
-    )
+    return Part(f"solver {chosen!r}", channels, f"{why}; {scene.problem}")
 
 
 def _left_out(scene: Scene, counts: Counts, order: int) -> list[str]:
@@ -194,4 +192,4 @@ def _left_out(scene: Scene, counts: Counts, order: int) -> list[str]:
 
 
 def _named(condition: Condition) -> str:
-    return "zero Neumann" if is_wall(condition) else condition.kind.capitalize()
+    return "zero Neumann" if is_wall(condition) else condition.kind.replace("_", " ").capitalize()

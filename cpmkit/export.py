@@ -19,6 +19,9 @@ from cpmkit.view.drawing import in_space, value_colours
 if TYPE_CHECKING:
     from cpmkit.readable import ReadableSolution
 
+#: Of the arrays in a .npz; :func:`cpmkit.load` reads no other.
+FORMAT = 1
+
 
 def save(solution: ReadableSolution, path: str | Path) -> None:
     """Write ``solution`` to ``path``, whole or not at all.
@@ -30,9 +33,12 @@ def save(solution: ReadableSolution, path: str | Path) -> None:
               points with point data ``u`` and, where there are three channels, ``rgb``
     ``.ply``  its triangles and all its vertices, with a colour a vertex: the three channels, or
               the first in viridis
-    ``.npz``  arrays ``points``, ``cells``, ``values``, ``original`` of that mesh, and the lattice
-              and its unknowns under names that begin with ``lattice_``
+    ``.npz``  arrays ``points``, ``cells``, ``values``, ``original`` of that mesh, the lattice and its
+              unknowns under names that begin with ``lattice_``, and ``summary`` and ``format``;
+              :func:`cpmkit.load` reads it
     ``.json`` the summary: what was solved, what it cost, what it reached
+    ``.pvd``  the frames of a problem in time, for ParaView: an index, and one ``.vtp`` a frame in a
+              folder beside it
     ========= ==================================================================================
 
     Raises
@@ -45,6 +51,10 @@ def save(solution: ReadableSolution, path: str | Path) -> None:
     """
     path = Path(path)
     check_file(path, solution.scene.surface)
+    if path.suffix.lower() == ".pvd":
+        from cpmkit.series import save_series
+
+        return save_series(solution, path)
     with written_whole(path) as unfinished:
         _WRITERS[path.suffix.lower()](solution, unfinished)
 
@@ -59,9 +69,9 @@ def check_file(path: str | Path, surface: ClosestPointSource) -> None:
     """
     path = Path(path)
     suffix = path.suffix.lower()
-    if suffix not in _WRITERS:
-        raise InputError(f"A solution cannot be saved as {path.name!r}; accepted are {', '.join(_WRITERS)}.")
-    if suffix not in (".vtp", ".ply"):
+    if suffix not in (*_WRITERS, ".pvd"):
+        raise InputError(f"A solution cannot be saved as {path.name!r}; accepted are {', '.join(_WRITERS)}, .pvd.")
+    if suffix not in (".vtp", ".ply", ".pvd"):
         return
     mesh_of(surface)
     if suffix == ".ply" and surface.manifold_dim == 1:
@@ -79,10 +89,14 @@ def write_summary(summary: Mapping[str, Any], path: str | Path) -> None:
 
 
 def _save_vtp(solution: ReadableSolution, path: Path) -> None:
-    mesh = solution.display_mesh()
-    data = _poly_data(mesh)
-    data.point_data["u"] = mesh.values[:, 0] if solution.channels == 1 else mesh.values
-    if solution.channels == 3:
+    write_vtp(solution.display_mesh(), path)
+
+
+def write_vtp(mesh: DisplayMesh, path: Path) -> None:
+    """Write a mesh with its values for ParaView."""
+    data, channels = _poly_data(mesh), mesh.values.shape[1]
+    data.point_data["u"] = mesh.values[:, 0] if channels == 1 else mesh.values
+    if channels == 3:
         data.point_data["rgb"] = _bytes(mesh.values)
     if mesh.normals is not None:
         data.point_data.active_normals = mesh.normals
@@ -97,6 +111,7 @@ def _save_ply(solution: ReadableSolution, path: Path) -> None:
 
 def _save_npz(solution: ReadableSolution, path: Path) -> None:
     arrays = {f"lattice_{name}": array for name, array in solution.arrays().items()}
+    arrays |= {"format": np.array(FORMAT), "summary": np.array(json.dumps(solution.summary()))}
     if isinstance(solution.scene.surface, HasMesh):
         mesh = solution.display_mesh()
         arrays |= {

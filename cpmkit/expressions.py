@@ -40,7 +40,7 @@ OPERATIONS: dict[type[ast.AST], Callable[..., Any]] = {
 
 @dataclass(frozen=True)
 class Expression:
-    """A function of position, written as a formula in x, y, z.
+    """A function of position, written as a formula in x, y, z, and of time where it has a t in it.
 
     Parameters
     ----------
@@ -65,13 +65,18 @@ class Expression:
     dim: int
 
     def __post_init__(self) -> None:
-        self(np.full((1, self.dim), 0.5))
+        self(np.full((1, self.dim), 0.5), t=0.5)
 
-    def __call__(self, points: Floats) -> Floats:
-        """Return the values (n,) at points (n, d)."""
+    def __call__(self, points: Floats, t: float | None = None) -> Floats:
+        """Return the values (n,) at points (n, d) and, where the formula has a t in it, the time ``t``."""
         tree = self.tree()
         with np.errstate(all="ignore"):
-            return np.broadcast_to(np.asarray(self._value(tree, points), dtype=np.float64), (len(points),)).copy()
+            return np.broadcast_to(np.asarray(self._value(tree, points, t), dtype=np.float64), (len(points),)).copy()
+
+    @property
+    def takes_time(self) -> bool:
+        """True where the formula has a t in it."""
+        return any(isinstance(node, ast.Name) and node.id == "t" for node in ast.walk(self.tree()))
 
     def tree(self) -> ast.expr:
         """Return the formula as a syntax tree, from which derivatives can be built; it holds what is offered only."""
@@ -80,23 +85,25 @@ class Expression:
         except SyntaxError as error:
             raise SceneError(f"the formula {self.text!r} does not parse: {error.msg}.") from error
 
-    def _value(self, node: ast.AST, points: Floats) -> Any:
+    def _value(self, node: ast.AST, points: Floats, t: float | None) -> Any:
         match node:
             case ast.Constant(value=int() | float() as number) if not isinstance(number, bool):
                 return float(number)
             case ast.Name(id=name) if name in COORDINATES[: self.dim]:
                 return points[:, COORDINATES.index(name)]
+            case ast.Name(id="t") if t is not None:
+                return t
             case ast.Name(id=name) if name in CONSTANTS:
                 return CONSTANTS[name]
             case ast.BinOp(left=left, op=op, right=right) if type(op) in OPERATIONS:
-                return OPERATIONS[type(op)](self._value(left, points), self._value(right, points))
+                return OPERATIONS[type(op)](self._value(left, points, t), self._value(right, points, t))
             case ast.UnaryOp(op=op, operand=operand) if type(op) in OPERATIONS:
-                return OPERATIONS[type(op)](self._value(operand, points))
+                return OPERATIONS[type(op)](self._value(operand, points, t))
             case ast.Compare(left=left, ops=[op], comparators=[right]) if type(op) in OPERATIONS:
-                return OPERATIONS[type(op)](self._value(left, points), self._value(right, points)) * 1.0
+                return OPERATIONS[type(op)](self._value(left, points, t), self._value(right, points, t)) * 1.0
             case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]) if name in FUNCTIONS:
-                return self._call(name, [self._value(argument, points) for argument in arguments])
-        names = (*COORDINATES[: self.dim], *CONSTANTS, *FUNCTIONS)
+                return self._call(name, [self._value(argument, points, t) for argument in arguments])
+        names = (*COORDINATES[: self.dim], "t", *CONSTANTS, *FUNCTIONS)
         raise SceneError(
             f"the formula {self.text!r} uses {ast.unparse(node)!r}; offered are "
             f"+ - * / ** % < > and {', '.join(names)}."

@@ -4,18 +4,24 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
-from cpmkit.boundary.edge import Reading, read_past_edge
+import numpy as np
+
+from cpmkit.boundary.crossing_ghosts import INSIDE
+from cpmkit.boundary.edge import read_past_edge
+from cpmkit.boundary.encounters import Crossing, Strip, encounters
 from cpmkit.boundary.ghosts import Ghosts, Sight, build_ghosts
 from cpmkit.boundary.prepare import sight
+from cpmkit.boundary.reading import Reading, Term
 from cpmkit.errors import InputError
 from cpmkit.grid.band import Band, build_band
 from cpmkit.grid.lattice import Lattice
-from cpmkit.grid.stencils import check_degree, reading_radius
+from cpmkit.grid.stencils import check_degree, difference_reach, reading_radius
 from cpmkit.localized import Localized, localize
 from cpmkit.protocols import Progress, nothing
+from cpmkit.room import check_room
 from cpmkit.scene import Scene
 
 
@@ -33,24 +39,31 @@ class Layout:
         Its nodes and their closest points.
     reading : Reading
         What each node of the band reads, the edge's conditions applied.
+    sources : Reading
+        Where each node reads right-hand sides.
     sight : Sight
         The boundaries, and how the band's nodes see them.
     ghosts : sequence of Ghosts
         One a boundary.
     channels : int
         Right-hand sides that are solved together.
+    crossings, strips : sequences of Crossing and Strip
+        Where boundaries cross with different data, or run side by side nearer than a spacing.
     order : int
-        Order of the ghosts, 1 or 2.
+        Order of the conditions, 1 to 4; at 4 the Laplacian is of fourth order too.
     """
 
     lattice: Lattice
     surface: Localized
     band: Band
     reading: Reading
+    sources: Reading
     sight: Sight
     ghosts: Sequence[Ghosts]
     channels: int
     order: int
+    crossings: Sequence[Crossing] = ()
+    strips: Sequence[Strip] = ()
 
     @property
     def size(self) -> int:
@@ -76,19 +89,51 @@ def lay_out(
     InputError, SceneError, ResolutionError
         If an argument, a boundary or the spacing does not fit.
     """
-    check_degree(degree)
-    if order not in (1, 2) or isinstance(order, bool):
-        raise InputError(f"order must be 1 or 2, got {order!r}.")
+    check_order(order, check_degree(degree))
     lattice = scene.lattice(spacing, origin)
     surface = localize(scene.surface, lattice.origin)
-    band = build_band(surface, lattice.spacing, degree, progress)
-    reading = read_past_edge(surface, band, lattice, scene.edge, order, scene.channels)
-    seen = _see_boundaries(scene, surface, band, lattice, reading)
+    band = build_band(surface, lattice.spacing, degree, progress, difference_reach(order))
+    if order == 4:
+        check_room(surface, band)
+    past = read_past_edge(surface, band, lattice, scene.edge, order)
+    seen = _see_boundaries(scene, surface, band, lattice, past.mirrored)
     ghosts = []
     for index in range(len(scene.boundaries)):
-        ghosts.append(build_ghosts(index, seen, band, lattice, reading, order))
+        ghosts.append(build_ghosts(index, seen, band, lattice, past.mirrored, order))
         progress("boundaries", (index + 1) / len(scene.boundaries))
-    return Layout(lattice, surface, band, reading, seen, ghosts, scene.channels, order)
+    reading = replace(past.reading, terms=[_located(term, seen, band) for term in past.reading.terms])
+    met = encounters(seen, lattice, scene.channels, scene.problem.start_time)
+    sources = _off_boundaries(past.sources, seen, band)
+    return Layout(lattice, surface, band, reading, sources, seen, ghosts, scene.channels, order, *met)
+
+
+def check_order(order: int, degree: int) -> None:
+    """Refuse an order that is not offered, or not with this degree.
+
+    Raises
+    ------
+    InputError
+        If the order is not 1 to 4, or is 4 with a degree below 4: interpolation would keep it at 2.
+    """
+    if order not in (1, 2, 3, 4) or isinstance(order, bool):
+        raise InputError(f"order must be 1, 2, 3 or 4, got {order!r}; 2 is the default.")
+    if order == 4 and degree < 4:
+        raise InputError(f"order=4 needs degree 4 or 5, got degree={degree}; interpolation would keep it at order 2.")
+
+
+def _located(term: Term, seen: Sight, band: Band) -> Term:
+    """Return a term of the band's nodes with how its points see the boundaries."""
+    radius = 2 * reading_radius(band.dim, band.degree) * band.spacing
+    return replace(term, frames=[one.frame(term.points, radius, band.spacing) for one in seen.sighted])
+
+
+def _off_boundaries(sources: Reading, seen: Sight, band: Band) -> Reading:
+    """Return where the nodes read right-hand sides, those on a boundary just inside the side that they count to."""
+    points = sources.points.copy()
+    for frame in seen.frames:
+        on = np.flatnonzero(np.abs(frame.signed) < INSIDE * band.spacing)
+        points[frame.rows[on]] += np.sign(frame.signed[on, None]) * INSIDE * band.spacing * frame.left[on]
+    return replace(sources, points=points)
 
 
 def _see_boundaries(scene: Scene, surface: Localized, band: Band, lattice: Lattice, reading: Reading) -> Sight:

@@ -23,6 +23,8 @@ class PictureRequest:
         The direction from the model towards the camera, and the one that points up in the picture.
     curves : bool
         Draw the boundaries.
+    frames : bool
+        Draw each frame too, of a problem in time, into files with numbers in their names.
     """
 
     file: str = "picture.png"
@@ -30,6 +32,7 @@ class PictureRequest:
     view: tuple[float, ...] | None = None
     up: tuple[float, ...] | None = None
     curves: bool = True
+    frames: bool = False
 
     def __post_init__(self) -> None:
         if not isinstance(self.file, str):
@@ -55,3 +58,9 @@ class OutputRequest:
         for file in self.files:
             if not isinstance(file, str):
                 raise SceneError(f"files of [output] must be names of files, got {file!r}.")
+
+    @property
+    def wants_frames(self) -> bool:
+        """True where the frames of a problem in time are written or drawn."""
+        drawn = self.picture is not None and self.picture.frames
+        return drawn or any(file.lower().endswith(".pvd") for file in self.files)

@@ -215,7 +215,11 @@ class HasFloor(Protocol):
 
 
 class LinearSolver(Protocol):
-    """What solves a linear system; a plugin's factory in ``cpmkit_solvers`` returns one."""
+    """What solves a linear system; a plugin's factory in ``cpmkit_solvers`` returns one.
+
+    Where constants are in the kernel, ``system.apply`` moves them away from it and ``system.matrix()`` is singular: a
+    solver that factorises takes ``system.operator.factors``. ``system.guess``, if not None, is where to start.
+    """
 
     def __call__(self, system: LinearSystem, tolerance: float, progress: Progress) -> tuple[Floats, SolveReport]:
         """Return u (n, channels) and a report.

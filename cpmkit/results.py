@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from cpmkit.errors import InputError
 from cpmkit.export import check_file, save, write_summary
-from cpmkit.outputrequest import OutputRequest
+from cpmkit.outputrequest import OutputRequest, PictureRequest
 from cpmkit.protocols import ClosestPointSource, Progress
+from cpmkit.series import draw_frames
 from cpmkit.surface_mesh import mesh_of
 from cpmkit.view import check_picture, picture
 
@@ -66,11 +67,15 @@ def write_results(
     return summary
 
 
-def _draw(solution: ReadableSolution, asked: Any, folder: Path) -> dict[str, str]:
-    drawn = picture(
-        solution, _made(folder / asked.file), width=asked.width, view=asked.view, up=asked.up, curves=asked.curves
-    )
-    return {"file": asked.file, "renderer": drawn.renderer, "reason": drawn.reason}
+def _draw(solution: ReadableSolution, asked: PictureRequest, folder: Path) -> dict[str, Any]:
+    file = _made(folder / asked.file)
+    options: dict[str, Any] = {"width": asked.width, "view": asked.view, "up": asked.up, "curves": asked.curves}
+    drawn = picture(solution, file, **options)
+    told = {"file": asked.file, "renderer": drawn.renderer, "reason": drawn.reason}
+    if not asked.frames:
+        return told
+    frames = draw_frames(solution, file, **options)
+    return {**told, "frames": [str(frame.file.relative_to(folder)) for frame in frames]}
 
 
 def _made(path: Path) -> Path:

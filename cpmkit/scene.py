@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from cpmkit.arrays import as_vector, positive
-from cpmkit.conditions import KINDS, Condition, Data, Neumann, channel_count
+from cpmkit.conditions import KINDS, Condition, Data, Neumann, Transmission, channel_count
 from cpmkit.errors import InputError, ResolutionError, SceneError
 from cpmkit.grid.lattice import Lattice
-from cpmkit.problems import Laplace, Poisson, Problem, ScreenedPoisson
+from cpmkit.problems import Equation
 from cpmkit.protocols import BoundarySet, ClosestPointSource, Floats, Side
 
 #: The largest spacing, as a share of the manifold's largest side, at which the band still tells its parts apart.
@@ -35,6 +35,8 @@ class Boundary:
         Where the boundary lies.
     both, left, right : Condition
         Either ``both``, or ``left`` and ``right``.
+    across : Transmission
+        Instead of these: both sides coupled.
     left_of : (d,) array, optional
         A point on the left, for a surface without normals of its own. Unless given, that of the source where
         it names one.
@@ -52,7 +54,7 @@ class Boundary:
     'neumann'
     >>> ck.Boundary("pin", pin, left=ck.Dirichlet(1))
     Traceback (most recent call last):
-    cpmkit.errors.SceneError: boundary 'pin' has conditions on left; give `both`, or `left` and `right`.
+    cpmkit.errors.SceneError: boundary 'pin' has conditions on left; give `both`, or `left` and `right`, or `across`.
     """
 
     name: str
@@ -61,19 +63,20 @@ class Boundary:
     left: Condition | None = None
     right: Condition | None = None
     left_of: Any = None
+    across: Transmission | None = None
 
     def __post_init__(self) -> None:
-        given = [side for side in ("both", "left", "right") if getattr(self, side) is not None]
-        if given not in (["both"], ["left", "right"]):
+        given = [side for side in ("both", "left", "right", "across") if getattr(self, side) is not None]
+        if given not in (["both"], ["left", "right"], ["across"]):
             raise SceneError(
                 f"boundary {self.name!r} has conditions on {' and '.join(given) or 'no side'}; "
-                "give `both`, or `left` and `right`."
+                "give `both`, or `left` and `right`, or `across`."
             )
         for side in given:
-            if not isinstance(getattr(self, side), KINDS):
+            accepted = (Transmission,) if side == "across" else KINDS
+            if not isinstance(getattr(self, side), accepted):
                 raise SceneError(
-                    f"boundary {self.name!r}: `{side}` must be Dirichlet, Neumann or Robin, got "
-                    f"{getattr(self, side)!r}."
+                    f"boundary {self.name!r}: `{side}` must be {_named(accepted)}, got {getattr(self, side)!r}."
                 )
         check_source(self.source, f"boundary {self.name!r}")
         if self.left_of is None:
@@ -85,7 +88,7 @@ class Boundary:
 
     def condition(self, side: Side, /) -> Condition:
         """Return what holds on ``side``."""
-        condition = self.both or (self.left if side == "left" else self.right)
+        condition = self.both or self.across or (self.left if side == "left" else self.right)
         assert condition is not None
         return condition
 
@@ -98,8 +101,8 @@ class Scene:
     ----------
     surface : ClosestPointSource
         The manifold.
-    problem : Problem
-        ``Laplace()``, ``Poisson(f)`` or ``ScreenedPoisson(f, c)``.
+    problem : Equation
+        Such as ``Laplace()``, ``Poisson(f)`` or ``ScreenedPoisson(f, c)``.
     boundaries : sequence of BoundarySet
         Points and curves inside the manifold, with conditions.
     edge : Condition or table
@@ -123,21 +126,22 @@ class Scene:
     """
 
     surface: ClosestPointSource
-    problem: Problem
+    problem: Equation
     boundaries: Sequence[BoundarySet] = ()
     edge: Condition | Mapping[int, Condition] = field(default_factory=Neumann)
 
     def __post_init__(self) -> None:
         check_source(self.surface, "the surface")
-        if not isinstance(self.problem, (Laplace, Poisson, ScreenedPoisson)):
+        if not isinstance(self.problem, Equation):
             raise SceneError(
-                f"the problem must be Laplace(), Poisson(f) or ScreenedPoisson(f, c), got {self.problem!r}."
+                f"the problem must be an equation, such as Laplace(), Poisson(f) or Heat(...), got {self.problem!r}."
             )
         object.__setattr__(self, "boundaries", tuple(self.boundaries))
         names = [boundary.name for boundary in self.boundaries]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise SceneError(f"{len(names)} boundaries share the name {twice[0]!r}; give each its own.")
+        self.problem.check_conditions(self._conditions())
         assert self.channels
 
     @cached_property
@@ -145,7 +149,7 @@ class Scene:
         """How many right-hand sides are solved together: the entries of the data, where they have more than one."""
         centre = np.mean(np.asarray(self.surface.bounds, dtype=np.float64), axis=0)
         probe = self.surface.closest_point(centre[None]).points
-        counts = [(what, channel_count(data, probe, what)) for what, data in self._data()]
+        counts = [(what, channel_count(data, probe, what, self.problem.start_time)) for what, data in self._data()]
         most = max((count for _, count in counts), default=1)
         for what, count in counts:
             if count not in (1, most):
@@ -157,14 +161,24 @@ class Scene:
         """The condition of the edge, or those of all its loops."""
         return list(self.edge.values()) if isinstance(self.edge, Mapping) else [self.edge]
 
-    def _data(self) -> list[tuple[str, Data]]:
+    def _conditions(self) -> list[tuple[str, Condition]]:
         conditions = [
             (f"boundary {boundary.name!r}", boundary.condition(side))
             for boundary in self.boundaries
             for side in ("left", "right")
         ]
-        conditions += [("the edge's condition", edge) for edge in self.edge_conditions]
-        return [(what, condition.gamma) for what, condition in conditions] + [("the right-hand side f", self.problem.f)]
+        return conditions + [("the edge's condition", edge) for edge in self.edge_conditions]
+
+    @property
+    def conditions(self) -> list[Condition]:
+        """All conditions, of both sides of each boundary and of the edge."""
+        inside = [boundary.condition(side) for boundary in self.boundaries for side in ("left", "right")]
+        return inside + self.edge_conditions
+
+    def _data(self) -> list[tuple[str, Data]]:
+        conditions = self._conditions()
+        fluxes = [(what, one.flux) for what, one in conditions if isinstance(one, Transmission)]
+        return [(what, one.gamma) for what, one in conditions] + fluxes + self.problem.data()
 
     def lattice(self, spacing: float, origin: Any = None) -> Lattice:
         """Return the lattice of this spacing; a node lies at ``origin``, by default the centre of the bounds.
@@ -186,6 +200,12 @@ class Scene:
             )
         centre: Floats = 0.5 * (bounds[0] + bounds[1])
         return Lattice(centre if origin is None else as_vector(origin, self.surface.dim, "origin"), float(spacing))
+
+
+def _named(kinds: Sequence[type]) -> str:
+    """Return the names of some classes for an error: "A, B or C"."""
+    names = [kind.__name__ for kind in kinds]
+    return " or ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
 def check_source(source: Any, what: str) -> None:

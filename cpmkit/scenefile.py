@@ -8,20 +8,51 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cpmkit.conditions import Condition, Data, Dirichlet, Neumann, Robin
+from cpmkit.compound_problems import Biharmonic, Eigen
+from cpmkit.conditions import (
+    Condition,
+    Data,
+    Dirichlet,
+    Neumann,
+    Robin,
+    SimplySupported,
+    Steklov,
+    Transmission,
+    evaluate_data,
+)
 from cpmkit.data import find_file
 from cpmkit.errors import SceneError
+from cpmkit.evolution import Evolution, Heat, Wave
 from cpmkit.expressions import Expression
 from cpmkit.outputrequest import OutputRequest, PictureRequest
 from cpmkit.plugins import call, factory, offered, source, takes
-from cpmkit.problems import Laplace, Poisson, Problem, ScreenedPoisson
+from cpmkit.problems import Elliptic, Equation, Field, Helmholtz, Laplace, Poisson, ScreenedPoisson
 from cpmkit.protocols import BoundarySet, ClosestPointSource
 from cpmkit.scene import Boundary, Scene
 from cpmkit.solvers import ACCEPTED
+from cpmkit.vertex_data import VertexData, with_vertex_data
 
 TABLES = ("surface", "boundary", "problem", "discretization", "solver", "output")
-PROBLEMS = {"laplace": Laplace, "poisson": Poisson, "screened": ScreenedPoisson}
-CONDITIONS: dict[str, Any] = {"dirichlet": Dirichlet, "neumann": Neumann, "robin": Robin}
+PROBLEMS = {
+    "laplace": Laplace,
+    "poisson": Poisson,
+    "screened": ScreenedPoisson,
+    "elliptic": Elliptic,
+    "helmholtz": Helmholtz,
+    "eigen": Eigen,
+    "biharmonic": Biharmonic,
+    "heat": Heat,
+    "wave": Wave,
+}
+#: Keys of [problem] that hold numbers or formulas; a velocity holds one a coordinate.
+FORMULAS = ("f", "c", "diffusivity", "kappa", "initial", "initial_rate")
+CONDITIONS: dict[str, Any] = {
+    "dirichlet": Dirichlet,
+    "neumann": Neumann,
+    "robin": Robin,
+    "steklov": Steklov,
+    "simply_supported": SimplySupported,
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,21 +104,55 @@ def load_scene(path: str | Path) -> SceneFile:
 
 def _scene_file(tables: dict[str, Any], path: Path) -> SceneFile:
     _check_keys(tables, TABLES, "the scene")
+    scene = read_scene(tables, path.parent)
+    spacing, options = read_options(tables)
+    output = _output(_table(tables.get("output", {}), "[output]"), path)
+    if output.wants_frames and not (isinstance(scene.problem, Evolution) and scene.problem.frame_times):
+        raise SceneError("[output] asks for frames, and [problem] gives none; add a key such as frames = 10 to heat.")
+    return SceneFile(scene, spacing, options, output)
+
+
+def read_scene(tables: Mapping[str, Any], folder: Path) -> Scene:
+    """Return the scene of the tables [surface], [[boundary]] and [problem]; others are left alone.
+
+    Parameters
+    ----------
+    tables : mapping
+        As TOML gives them; they are not changed.
+    folder : Path
+        Where files that they name are looked for first.
+
+    Raises
+    ------
+    SceneError
+        If a table is missing, or holds a key or value that is not accepted.
+    PluginError
+        If a kind is offered by no installed plugin.
+    """
     if "surface" not in tables or "problem" not in tables:
         raise SceneError("a scene needs the tables [surface] and [problem].")
     surface_table = _table(tables["surface"], "[surface]")
-    edge = _edge(surface_table.pop("edge", {"neumann": 0.0}), surface_table)
-    surface = _source(surface_table, path.parent, "[surface]")
+    edge_table = surface_table.pop("edge", {"neumann": 0.0})
+    edge_of = f"edge of {surface_table.get('kind', '[surface]')}"
+    surface = _source(surface_table, folder, "[surface]")
+    carriers = [("surface", surface)]
+    edge = _edge(with_vertex_data(edge_table, folder, carriers, edge_of), edge_of)
+    problem = with_vertex_data(_table(tables["problem"], "[problem]"), folder, carriers, "[problem]")
     boundaries = [
-        _boundary(_table(table, f"[[boundary]] {number}"), number, path.parent, surface)
+        _boundary(_table(table, f"[[boundary]] {number}"), number, folder, surface)
         for number, table in enumerate(_list(tables.get("boundary", []), "boundary"), 1)
     ]
-    scene = Scene(surface, _problem(_table(tables["problem"], "[problem]"), surface.dim), boundaries, edge(surface.dim))
-    spacing, options = _options(tables)
-    return SceneFile(scene, spacing, options, _output(_table(tables.get("output", {}), "[output]"), path))
+    return Scene(surface, _problem(problem, surface.dim), boundaries, edge(surface.dim))
 
 
-def _options(tables: dict[str, Any]) -> tuple[float | None, dict[str, Any]]:
+def read_options(tables: Mapping[str, Any]) -> tuple[float | None, dict[str, Any]]:
+    """Return the spacing, and further options of ``solve``, of the tables [discretization] and [solver].
+
+    Raises
+    ------
+    SceneError
+        If a key is not accepted.
+    """
     grid = _table(tables.get("discretization", {}), "[discretization]")
     _check_keys(grid, ("spacing", "degree", "order", "origin"), "[discretization]")
     solver = _table(tables.get("solver", {}), "[solver]")
@@ -131,25 +196,45 @@ def _made(value: Any, folder: Path, where: str) -> Any:
 def _boundary(table: dict[str, Any], number: int, folder: Path, surface: ClosestPointSource) -> BoundarySet:
     name = table.pop("name", f"boundary {number}")
     where = f"[[boundary]] {name!r}"
-    sides = {key: table.pop(key) for key in ("both", "left", "right", "left_of") if key in table}
-    conditions: dict[str, Any] = {
-        key: value if key == "left_of" else _condition(value, surface.dim, f"{key} of {where}")
-        for key, value in sides.items()
-    }
+    sides = {key: table.pop(key) for key in ("both", "left", "right", "left_of", "across") if key in table}
     make = offered(table["kind"], "cpmkit_boundaries") if isinstance(table.get("kind"), str) else None
+    own = _source(table, folder, where, surface) if make is None else None
+    carriers = [("surface", surface)] if own is None else [("boundary", own), ("surface", surface)]
+    conditions: dict[str, Any] = {
+        key: _side(key, value, surface.dim, f"{key} of {where}")
+        for key, value in with_vertex_data(sides, folder, carriers, where).items()
+    }
     if make is None:
-        return Boundary(name, _source(table, folder, where, surface), **conditions)
+        assert own is not None
+        return Boundary(name, own, **conditions)
     del table["kind"]
     made: BoundarySet = call(make, where, {"name": name, **_keys(table, folder, where), **conditions})
     return made
 
 
+def _side(key: str, value: Any, dim: int, where: str) -> Any:
+    """Return what a boundary's key for its sides holds: a point, a transmission, or a condition."""
+    if key == "left_of":
+        return value
+    if key != "across":
+        return _condition(value, dim, where)
+    table = _table(value, where)
+    for name in ("jump", "flux"):
+        if name in table:
+            table[name] = _data(table[name], dim, f"{name} of {where}")
+    return call(Transmission, where, table)
+
+
 def _condition(table: Any, dim: int, where: str) -> Condition:
     table = _table(table, where)
     order = table.pop("order", None)
-    if order not in (None, 1, 2):
-        raise SceneError(f"order of {where} must be 1 or 2, got {order!r}.")
+    if order not in (None, 1, 2, 3, 4):
+        raise SceneError(f"order of {where} must be 1, 2, 3 or 4, got {order!r}.")
     kinds = list(table)
+    if "clamped" in kinds:
+        raise SceneError(
+            f"{where} is clamped, which gives Lap u no condition of its own and is not offered; use simply_supported."
+        )
     if len(kinds) != 1 or kinds[0] not in CONDITIONS:
         raise SceneError(
             f"{where} must be one of {', '.join(f'{{ {kind} = ... }}' for kind in CONDITIONS)}, got {table!r}."
@@ -158,37 +243,62 @@ def _condition(table: Any, dim: int, where: str) -> Condition:
     if kinds[0] == "robin":
         if not isinstance(value, list) or len(value) != 3:
             raise SceneError(f"robin of {where} must be [alpha, beta, gamma], got {value!r}.")
-        return Robin(value[0], value[1], _data(value[2], dim, where), order=order)
+        beta: Any = _data(value[1], dim, where)
+        return Robin(value[0], beta, _data(value[2], dim, where), order=order)
+    if kinds[0] == "steklov":
+        if value is not True:
+            raise SceneError(f"steklov of {where} must be true, got {value!r}; it has no data.")
+        return Steklov(order=order)
+    if kinds[0] == "simply_supported":
+        if not isinstance(value, list) or len(value) != 2:
+            raise SceneError(f"simply_supported of {where} must be [u, Lap u], got {value!r}.")
+        return SimplySupported(_data(value[0], dim, where), _data(value[1], dim, where), order=order)
     made: Condition = CONDITIONS[kinds[0]](_data(value, dim, where), order=order)
     return made
 
 
-def _edge(table: Any, surface: dict[str, Any]) -> Any:
+def _edge(table: Any, where: str) -> Any:
     """Return a function of the dimension that makes the edge's condition, or one a loop number."""
-    table = _table(table, f"edge of {surface.get('kind', '[surface]')}")
+    table = _table(table, where)
     if table and all(key.isdigit() for key in table):
         return lambda dim: {int(key): _condition(value, dim, f"edge {key}") for key, value in table.items()}
     return lambda dim: _condition(table, dim, "edge")
 
 
-def _problem(table: dict[str, Any], dim: int) -> Problem:
+def _problem(table: dict[str, Any], dim: int) -> Equation:
     kind = table.pop("kind", None)
     if kind not in PROBLEMS:
         raise SceneError(f"the kind of [problem] must be one of {', '.join(PROBLEMS)}, got {kind!r}.")
-    if "f" in table:
-        table["f"] = _data(table["f"], dim, "f of [problem]")
-    made: Problem = call(PROBLEMS[kind], f"[problem] of kind {kind!r}", table)
+    for key in FORMULAS:
+        if key in table:
+            table[key] = _data(table[key], dim, f"{key} of [problem]")
+    if "velocity" in table:
+        table["velocity"] = _field(table["velocity"], dim)
+    made: Equation = call(PROBLEMS[kind], f"[problem] of kind {kind!r}", table)
     return made
 
 
+def _field(value: Any, dim: int) -> Field:
+    """Return a vector field from one number or formula a coordinate."""
+    if not isinstance(value, list) or len(value) != dim:
+        raise SceneError(f"velocity of [problem] must be a list of {dim} numbers or formulas, got {value!r}.")
+    entries = _data(value, dim, "velocity of [problem]")
+    return lambda points: evaluate_data(entries, points, dim, "velocity of [problem]")
+
+
 def _data(value: Any, dim: int, where: str) -> Data:
-    """Return numbers as they are, formulas as functions, and lists of both entry by entry."""
+    """Return numbers and per-vertex data as they are, formulas as functions, and lists of them entry by entry."""
     if isinstance(value, str):
         return Expression(value, dim)
+    if isinstance(value, VertexData):
+        return value
     if isinstance(value, list):
         return [_data(entry, dim, where) for entry in value]
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise SceneError(f"{where} must be a number, a formula, or a list with one of them a channel, got {value!r}.")
+        raise SceneError(
+            f"{where} must be a number, a formula, {{ values = 'FILE.npy' }}, or a list with one of them a channel, "
+            f"got {value!r}."
+        )
     return float(value)
 
 

@@ -15,8 +15,9 @@ from cpmkit.discretization import Discretization
 from cpmkit.errors import InputError
 from cpmkit.grid.extension import extend
 from cpmkit.grid.stencils import reading_radius
-from cpmkit.protocols import Floats, Side
+from cpmkit.protocols import ClosestPoints, Floats, Side
 from cpmkit.readable import ReadableSolution
+from cpmkit.reading.strips import fill_strips
 from cpmkit.work import Work
 
 if TYPE_CHECKING:
@@ -46,6 +47,9 @@ class Solution(ReadableSolution):
         Seconds of each stage; of this machine, on this day.
     warnings : tuple of str
         What a reader of the solution should know.
+    defects : tuple of Defect
+        One for each piece of the manifold on which the solution is fixed by its mean alone, which is zero: what of
+        the data has no solution there.
     tables : Discretization
         The band and its tables.
     """
@@ -84,13 +88,96 @@ class Solution(ReadableSolution):
         InputError
             If a point is not finite or too far away, or a side names no boundary that has sides.
         """
-        wanted = self._sides(side)
-        local = self.tables.layout.lattice.to_local(as_points(points, self.scene.surface.dim))
+        wanted = self.sides(side)
+        local = self.localized(points)
         values = np.empty((len(local), self.channels))
         for start in range(0, len(local), CHUNK):
             part = slice(start, start + CHUNK)
-            values[part] = self._read(self._project(local[part]), wanted)
+            values[part] = self._read(self.project(local[part]).points, wanted)
         return values[:, 0] if self.channels == 1 else values
+
+    def gradient(self, points: Any, side: Side | Mapping[str, Side] | None = None) -> Floats:
+        """Return the surface gradient of the solution at the points of the manifold nearest to ``points``.
+
+        Of second order, also on and beside boundaries and edges, where it is that of the point's own side. Where
+        two Dirichlet boundaries leave a strip of less than about seven spacings, it is of first order in the strip.
+
+        Parameters
+        ----------
+        points, side
+            As for :meth:`evaluate`.
+
+        Returns
+        -------
+        (n, d) or (n, channels, d) float64
+            Tangential vectors, in the unit of the solution over the unit of length.
+
+        Raises
+        ------
+        InputError
+            As :meth:`evaluate` does.
+
+        Examples
+        --------
+        >>> import cpmkit as ck
+        >>> pin = ck.source("analytic.point", at=[1, 0])
+        >>> cut = ck.Boundary("cut", pin, left=ck.Dirichlet(6), right=ck.Dirichlet(0))
+        >>> scene = ck.Scene(ck.source("analytic.circle"), ck.Laplace(), [cut])
+        >>> ck.solve(scene, spacing=0.02).gradient([[0, 1]]).round(2)  # 6 / (2 pi), the way the circle runs
+        array([[-0.95,  0.  ]])
+        """
+        from cpmkit.reading.gradients import surface_gradient
+
+        gradient = surface_gradient(self, self.localized(points), self.sides(side))
+        return gradient[:, 0] if self.channels == 1 else gradient
+
+    def flux(self, boundary: str | int, side: Side | None = None) -> float | Floats:
+        """Return what flows out of a side of a boundary: the integral of du/db over it.
+
+        b is the conormal out of that side: across the boundary to the right out of the left side and to the left
+        out of the right side, outwards at an edge. By the divergence theorem the fluxes out of a piece of the
+        manifold add up to the integral of Lap u over it.
+
+        Parameters
+        ----------
+        boundary : str or int
+            The name of a boundary; ``"edge"`` or the number of a loop for the edge of the manifold.
+        side : "left" or "right"
+            Of a boundary; an edge has none.
+
+        Returns
+        -------
+        float, or (channels,) float64 where there are several
+            Of a boundary that is a point, du/db there.
+
+        Raises
+        ------
+        InputError
+            If there is no such boundary or edge, the boundary has no sides (a point on a surface), or the surface
+            has no mesh whose rim could be followed.
+
+        Examples
+        --------
+        >>> import cpmkit as ck
+        >>> pin = ck.source("analytic.point", at=[1, 0])
+        >>> cut = ck.Boundary("cut", pin, left=ck.Dirichlet(6), right=ck.Dirichlet(0))
+        >>> scene = ck.Scene(ck.source("analytic.circle"), ck.Laplace(), [cut])
+        >>> solution = ck.solve(scene, spacing=0.02)
+        >>> round(solution.flux("cut", "left"), 2), round(solution.flux("cut", "right"), 2)
+        (0.95, -0.95)
+        """
+        from cpmkit.reading.fluxes import flux
+
+        return flux(self, boundary, side)
+
+    def flux_density(self, boundary: str, side: Side, points: Any) -> Floats:
+        """Return du/db, (n,) or (n, channels), at the points of a boundary nearest to ``points`` (n, d).
+
+        b points out of ``side``, as for :meth:`flux`.
+        """
+        from cpmkit.reading.fluxes import flux_density
+
+        return flux_density(self, boundary, side, points)
 
     def signed_distance(self, name: str, points: Any) -> Floats:
         """Return the distance (n,) of points of the manifold from boundary ``name``, positive on its left.
@@ -99,7 +186,7 @@ class Solution(ReadableSolution):
         if the boundary is a point on a surface.
         """
         index = self._index(name)
-        local = self._project(self.tables.layout.lattice.to_local(as_points(points, self.scene.surface.dim)))
+        local = self.project(self.localized(points)).points
         seen = self.tables.layout.sight.sighted[index].frame(local, 2 * self.radius, self.spacing)
         signed = np.full(len(local), np.nan)
         signed[seen.rows] = np.where(seen.end, np.nan, seen.signed)
@@ -130,6 +217,7 @@ class Solution(ReadableSolution):
             "degree": np.array(self.tables.layout.band.degree),
             "order": np.array(self.tables.layout.order),
             "nodes": self.tables.layout.band.nodes[: self.tables.layout.band.inner],
+            "ghosts": self.tables.unknowns.ghost_nodes,
             "unknowns": self.values,
         }
 
@@ -144,7 +232,14 @@ class Solution(ReadableSolution):
         ]
         return "\n  ".join(lines)
 
-    def _project(self, local: Floats) -> Floats:
+    def project(self, local: Floats) -> ClosestPoints:
+        """Return the feet of points (n, d) near the manifold, both relative to the lattice's origin.
+
+        Raises
+        ------
+        InputError
+            If a point is farther away than the tube's radius.
+        """
         feet = self.tables.layout.surface.closest_point(local)
         worst = float(feet.distance.max(initial=0.0))
         if worst > self.radius:
@@ -152,15 +247,29 @@ class Solution(ReadableSolution):
                 f"points must lie within the tube's radius {self.radius:.3g} of the manifold to be read, "
                 f"the farthest is {worst:.3g} away; take their closest points first."
             )
-        return feet.points
+        return feet
 
-    def _read(self, local: Floats, wanted: Mapping[int, Side]) -> Floats:
+    def boundary_frames(self, local: Floats, wanted: Mapping[int, Side]) -> list[Frame]:
+        """Return how each boundary sees points of the manifold; those on boundary k from the side ``wanted[k]``."""
         frames = []
         for index, sighted in enumerate(self.tables.layout.sight.sighted):
             seen = sighted.frame(local, 2 * self.radius, self.spacing)
             frames.append(_from_side(seen, wanted[index], self.spacing) if index in wanted else seen)
+        return frames
+
+    def localized(self, points: Any) -> Floats:
+        """Return points (n, d), checked, relative to the lattice's origin."""
+        return self.tables.layout.lattice.to_local(as_points(points, self.scene.surface.dim))
+
+    def _read(self, local: Floats, wanted: Mapping[int, Side]) -> Floats:
+        frames, layout = self.boundary_frames(local, wanted), self.tables.layout
         rows = extend(self.tables.unknowns, local, View.of_points(frames, len(local)))
-        return np.asarray(rows @ self.values)
+        values = np.asarray(rows @ self.values)
+        if layout.strips:
+            fill_strips(
+                values, local, layout.strips, self.scene.boundaries, frames, layout.lattice, getattr(self, "time", None)
+            )
+        return values
 
     def _index(self, name: str) -> int:
         names = [boundary.name for boundary in self.scene.boundaries]
@@ -170,7 +279,14 @@ class Solution(ReadableSolution):
             )
         return names.index(name)
 
-    def _sides(self, side: Side | Mapping[str, Side] | None) -> dict[int, Side]:
+    def sides(self, side: Side | Mapping[str, Side] | None) -> dict[int, Side]:
+        """Return the side that ``side`` asks for, by the boundary's number.
+
+        Raises
+        ------
+        InputError
+            If it names no boundary, or one without sides.
+        """
         sighted = self.tables.layout.sight.sighted
         if side is None:
             return {}

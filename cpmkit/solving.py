@@ -4,21 +4,32 @@ from __future__ import annotations
 
 import inspect
 import time
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 from cpmkit.arrays import positive
-from cpmkit.components import check_pinned
-from cpmkit.diagnosis import warnings_of
+from cpmkit.checkpoints import EVERY, check_checkpointing
+from cpmkit.conditions import NonlinearFlux
 from cpmkit.discretization import discretize
+from cpmkit.job import Job
 from cpmkit.localized import largest_dim
-from cpmkit.operators import assemble
+from cpmkit.nonlinear import solve_nonlinear
 from cpmkit.plugins import call, factory
 from cpmkit.protocols import Progress, nothing
 from cpmkit.resolution import needed_spacing
 from cpmkit.scene import Scene
 from cpmkit.solution import Solution
 from cpmkit.solvers import check_solver, choose_solver, make_solver
-from cpmkit.work import measure_work
+
+#: The module that solves each family of equations, by its function ``solve_job``.
+FAMILIES = {
+    "steady": "cpmkit.steady",
+    "time": "cpmkit.timestepping",
+    "eigen": "cpmkit.eigenproblem",
+    "biharmonic": "cpmkit.biharmonic",
+}
 
 
 def solve(
@@ -31,6 +42,9 @@ def solve(
     origin: Any = None,
     solver: str = "auto",
     tolerance: float = 1e-10,
+    checkpoint: str | Path | None = None,
+    checkpoint_every: int = EVERY,
+    resume: str | Path | None = None,
     progress: Progress = nothing,
     **solver_options: Any,
 ) -> Solution:
@@ -50,13 +64,23 @@ def solve(
     degree : int
         Degree of the interpolation, 2 to 5. 3 is right for most; 2 is quicker and irregular.
     order : int
-        Order of accuracy of the conditions at boundaries and edges, 1 or 2.
+        Order of accuracy of the conditions at boundaries and edges: 1, 2, or 3, which makes second order more
+        regular. 4 makes the Laplacian fourth order too, needs degree 4 or 5, and an exact, smooth source whose
+        curvature leaves room for a wider tube.
     origin : (d,) array, optional
         Position of a lattice node; by default the centre of the surface's bounds.
     solver : str
         ``auto``, ``direct``, ``reference``, or the kind of a solver that a plugin offers.
     tolerance : float
         Relative residual, recomputed after the solve.
+    checkpoint : path, optional
+        Of problems in time: an .npz file in which the state of the run is kept, written every ``checkpoint_every``
+        steps and at the end, each time whole.
+    checkpoint_every : int
+        Steps between two checkpoints.
+    resume : path, optional
+        A checkpoint of the same problem: the run goes on from there, and ends with the same values, bit by bit, as
+        without the interruption. A later ``until`` makes a run longer.
     progress : callable, optional
         ``progress(stage, fraction)``.
     **solver_options
@@ -83,22 +107,28 @@ def solve(
     array([0.25, 0.5 ])
     """
     if backend != "cpm":
-        given = _given(degree=degree, order=order, origin=origin, solver=solver)
+        given = _given(
+            degree=degree,
+            order=order,
+            origin=origin,
+            solver=solver,
+            checkpoint=checkpoint,
+            checkpoint_every=checkpoint_every,
+            resume=resume,
+        )
         return _solve_elsewhere(backend, scene, spacing, tolerance, progress, {**given, **solver_options})
     spacing = needed_spacing(scene, spacing)
     positive(tolerance, "tolerance")
     check_solver(solver, solver_options)
-    clock = [time.perf_counter()]
+    checkpointing = check_checkpointing(scene.problem, checkpoint, checkpoint_every, resume)
+    start = time.perf_counter()
     tables = discretize(scene, spacing, degree=degree, order=order, origin=origin, progress=progress)
-    check_pinned(tables, scene, scene.problem)
-    system = assemble(tables, scene.problem)
-    clock.append(time.perf_counter())
-    chosen = choose_solver(solver, system.size, largest_dim(scene.surface))
-    values, report = make_solver(chosen, solver_options)(system, tolerance, progress)
-    clock.append(time.perf_counter())
-    seconds = {"build": clock[1] - clock[0], "solve": clock[2] - clock[1]}
-    work = measure_work(tables, system, report)
-    return Solution(scene, values, report, work, seconds, tables, warnings=warnings_of(tables.layout))
+    chosen = choose_solver(solver, tables.unknowns.count, largest_dim(scene.surface), scene.problem.factorise_up_to)
+    job = Job(scene, tables, make_solver(chosen, solver_options), chosen, tolerance, progress, start, checkpointing)
+    solve_family: Callable[[Job], Solution] = import_module(FAMILIES[scene.problem.family]).solve_job
+    if any(isinstance(condition, NonlinearFlux) for condition in scene.conditions):
+        return solve_nonlinear(job, solve_family)
+    return solve_family(job)
 
 
 def _given(**options: Any) -> dict[str, Any]:

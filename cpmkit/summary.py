@@ -6,7 +6,7 @@ import platform
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
-from cpmkit.conditions import Condition
+from cpmkit.conditions import Condition, Steklov
 
 if TYPE_CHECKING:
     from cpmkit.readable import ReadableSolution
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 def summarize(solution: ReadableSolution) -> dict[str, Any]:
     """Return the summary that ``summary.json`` holds."""
     return {
-        "scene": _scene(solution.scene),
+        "scene": describe_scene(solution.scene),
         "discretization": {
             "spacing": solution.spacing,
             "channels": solution.channels,
@@ -26,6 +26,7 @@ def summarize(solution: ReadableSolution) -> dict[str, Any]:
         "work": solution.work.as_dict(),
         "seconds": dict(solution.seconds),
         "warnings": list(solution.warnings),
+        "defects": [defect.as_dict() for defect in solution.defects],
         "versions": {
             "python": platform.python_version(),
             **{name: _version(name) for name in solution.libraries},
@@ -33,12 +34,13 @@ def summarize(solution: ReadableSolution) -> dict[str, Any]:
     }
 
 
-def _scene(scene: Scene) -> dict[str, Any]:
+def describe_scene(scene: Scene) -> dict[str, Any]:
+    """Return what a scene holds, as plain values."""
     return {
         "surface": type(scene.surface).__name__,
         "dim": scene.surface.dim,
         "manifold_dim": scene.surface.manifold_dim,
-        "problem": {"kind": scene.problem.kind, "c": scene.problem.c},
+        "problem": {"kind": scene.problem.kind, "equation": str(scene.problem)},
         "boundaries": [
             {side: _condition(boundary.condition(side)) for side in ("left", "right")} | {"name": boundary.name}
             for boundary in scene.boundaries
@@ -48,6 +50,8 @@ def _scene(scene: Scene) -> dict[str, Any]:
 
 def _condition(condition: Condition) -> str:
     data = condition.gamma
+    if isinstance(condition, Steklov):
+        return condition.kind
     return f"{condition.kind} {'of position' if callable(data) else data}"
 
 

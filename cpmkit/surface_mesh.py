@@ -8,7 +8,7 @@ of a cloud or of a union, shows the value of the side on which it lies.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -21,6 +21,8 @@ from cpmkit.mesh_refinement import refine
 from cpmkit.protocols import ClosestPointSource, Floats, HasMesh, HasNormals, Ints, Side
 
 if TYPE_CHECKING:
+    from cpmkit.readable import ReadableSolution
+    from cpmkit.scene import Scene
     from cpmkit.solution import Solution
 
 #: In spacings; longer edges are halved, for between its vertices a cell shows less than the solution knows.
@@ -50,6 +52,9 @@ class DisplayMesh:
         sign. Zero where there are none; ``None`` in the plane and where there are segments alone.
     original : int
         The first so many vertices are those of the surface's own mesh.
+    sides : (v, boundaries) int64, optional
+        1 where a vertex lies on a boundary and has its left value, -1 where it has the right one, 0 off the
+        boundary. ``None`` where nothing was cut.
     """
 
     points: Floats
@@ -57,6 +62,7 @@ class DisplayMesh:
     values: Floats
     normals: Floats | None
     original: int
+    sides: Ints | None = None
 
     @property
     def triangles(self) -> Ints:
@@ -112,9 +118,10 @@ def display_mesh(solution: Solution) -> DisplayMesh:
     return DisplayMesh(
         points=cut_points,
         cells=pieces.cells,
-        values=_evaluate(solution, cut_points, pieces.sides),
+        values=evaluate_on_sides(solution, cut_points, pieces.sides),
         normals=None if normals is None else _unit(pieces.attributes[:, dim:]),
         original=len(points),
+        sides=pieces.sides,
     )
 
 
@@ -164,27 +171,35 @@ def _unit(vectors: Floats) -> Floats:
     return unit
 
 
-def _evaluate(solution: Solution, points: Floats, sides: Ints) -> Floats:
-    """Evaluate in one batch for each combination of sides that occurs."""
+def evaluate_on_sides(solution: ReadableSolution, points: Floats, sides: Ints) -> Floats:
+    """Return the solution (n, channels) at points, on boundaries from the sides (n, boundaries) given by 1 and -1."""
     values = np.empty((len(points), solution.channels))
     boundaries = solution.scene.boundaries
-    combinations, member = np.unique(sides, axis=0, return_inverse=True)
-    for index, combination in enumerate(combinations):
-        here = np.flatnonzero(member.ravel() == index)
-        on = [(boundary, code) for boundary, code in zip(boundaries, combination, strict=True) if code]
+    moved = moved_onto_boundaries(solution.scene, points, sides)
+    for combination, here in _by_sides(sides):
+        on = [(boundary, code) for boundary, code in zip(boundaries, combination, strict=False) if code]
         side: dict[str, Side] = {boundary.name: "left" if code > 0 else "right" for boundary, code in on}
-        exact = _onto([boundary.source for boundary, _ in on], points[here])
-        values[here] = solution.evaluate(exact, side=side or None).reshape(len(here), -1)
+        values[here] = solution.evaluate(moved[here], side=side or None).reshape(len(here), -1)
     return values
 
 
-def _onto(curves: Sequence[ClosestPointSource], points: Floats) -> Floats:
-    """Return ``points`` moved onto all of ``curves``: a solution has sides only there.
+def moved_onto_boundaries(scene: Scene, points: Floats, sides: Ints) -> Floats:
+    """Return ``points`` (n, d) moved onto those boundaries of which each has a side: a solution has sides only there.
 
     A cut is straight across a cell, so it misses a bent curve by a second-order distance. Where
     curves cross, projections in turn lead to the crossing.
     """
-    for _ in range(1 if len(curves) < 2 else CROSSING_ROUNDS):
-        for curve in curves:
-            points = curve.closest_point(points).points
-    return points
+    moved = np.array(points)
+    for combination, here in _by_sides(sides):
+        curves = [one.source for one, code in zip(scene.boundaries, combination, strict=False) if code]
+        for _ in range(1 if len(curves) < 2 else CROSSING_ROUNDS):
+            for curve in curves:
+                moved[here] = curve.closest_point(moved[here]).points
+    return moved
+
+
+def _by_sides(sides: Ints) -> Iterator[tuple[Ints, Ints]]:
+    """Yield each combination of sides that occurs, and the rows that have it."""
+    combinations, member = np.unique(sides, axis=0, return_inverse=True)
+    for index, combination in enumerate(combinations):
+        yield combination, np.flatnonzero(member.ravel() == index)

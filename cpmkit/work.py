@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+import numpy as np
+
 from cpmkit.discretization import Discretization
 from cpmkit.operators import LinearSystem
 from cpmkit.solvers.report import SolveReport
@@ -58,7 +60,9 @@ def measure_work(tables: Discretization, system: LinearSystem, report: SolveRepo
         unknowns=system.size,
         nodes=len(tables.layout.band.nodes),
         ghosts=system.size - tables.layout.band.inner,
-        first_order_ghosts=int(sum(ghosts.first_order[: ghosts.unknowns].sum() for ghosts in tables.layout.ghosts)),
+        first_order_ghosts=int(
+            sum(np.count_nonzero(ghosts.orders[: ghosts.unknowns] == 1) for ghosts in tables.layout.ghosts)
+        ),
         nonzeros=system.nonzeros,
         operator_applications=report.operator_applications if report else 0,
         closest_point_queries=sum(tables.layout.queries.values()),

@@ -69,11 +69,17 @@ def test_a_degree_that_is_not_offered(degree):
         one_sentence(error, "does not converge")
 
 
-@pytest.mark.parametrize("order", [0, 3, True, "2"])
+@pytest.mark.parametrize("order", [0, 5, True, "2"])
 def test_an_order_that_is_not_offered(order):
     with pytest.raises(ck.InputError) as error:
         ck.solve(sphere_scene(), 0.2, order=order)
-    one_sentence(error, "order must be 1 or 2")
+    one_sentence(error, "order must be 1, 2, 3 or 4")
+
+
+def test_fourth_order_with_too_low_a_degree():
+    with pytest.raises(ck.InputError) as error:
+        ck.solve(sphere_scene(), 0.1, order=4)
+    one_sentence(error, "order=4 needs degree 4 or 5, got degree=3")
 
 
 @pytest.mark.parametrize(
@@ -174,7 +180,7 @@ def test_what_is_no_source():
 
 
 def test_a_problem_that_is_none():
-    with pytest.raises(ck.SceneError, match=r"Laplace\(\), Poisson\(f\) or ScreenedPoisson"):
+    with pytest.raises(ck.SceneError, match=r"an equation, such as Laplace\(\)"):
         sphere_scene(problem="laplace")
 
 

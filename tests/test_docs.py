@@ -56,6 +56,10 @@ def test_docstrings_hold_examples():
         "docs/how-to/choose-a-spacing.md",
         "docs/how-to/draw-a-boundary.md",
         "docs/how-to/combine-sources.md",
+        "docs/how-to/choose-a-condition.md",
+        "docs/how-to/choose-an-equation.md",
+        "docs/how-to/run-in-time.md",
+        "docs/how-to/read-a-solution.md",
     ],
 )
 def test_python_on_pages(page, tmp_path, monkeypatch):

@@ -88,7 +88,7 @@ def test_npz_does_without_a_mesh(square, tmp_path):
     object.__setattr__(solution, "surface", object())
     save(solution, tmp_path / "raw.npz")
     with np.load(tmp_path / "raw.npz") as read:
-        assert set(read) == {"lattice_origin", "lattice_unknowns"}
+        assert set(read) == {"lattice_origin", "lattice_unknowns", "format", "summary"}
 
 
 def test_json_is_the_summary(square, tmp_path):

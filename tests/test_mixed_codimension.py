@@ -103,8 +103,8 @@ def test_pieces_that_do_not_touch_are_solved_beside_each_other():
     solution = ck.solve(ck.Scene(apart, ck.Laplace(), cuts), 0.1)
     u = solution.evaluate([[1.0, 0, 0], [-1.0, 0, 0], [4.0, 0, 0], [2.0, 0, 0]])
     assert np.abs(u - [1, 2, 3, 4]).max() < 1e-6
-    with pytest.raises(SceneError, match="Nothing fixes the solution"):
-        ck.solve(ck.Scene(apart, ck.Laplace(), cuts[:1]), 0.1)
+    (free,) = ck.solve(ck.Scene(apart, ck.Laplace(), cuts[:1]), 0.1).defects
+    assert free.near[0] > 1.5
 
 
 def test_a_union_of_one_is_that_one():

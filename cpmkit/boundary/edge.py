@@ -2,19 +2,29 @@
 
 A node whose foot lies on the edge reads the manifold at a mirror point inside, by the same formula as
 a ghost, with z = y the foot, ``t = (x - y) . b`` and ``s = 2 (x - y) . b``. Zero Neumann, the default,
-needs no conormal b: at order 2 the mirror ``cp_S(2 y - x)``, at order 1 the foot itself.
+needs no conormal b: at order 2 the mirror ``cp_S(2 y - x)``, at order 1 the foot itself. At order 3 and 4
+it continues a polynomial through points inside.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.boundary.formulas import coefficient_and_factor, mirror_distance
+from cpmkit.boundary.continuation import Continued, beyond_edge, continued, continued_sources, points_inwards
+from cpmkit.boundary.formulas import (
+    beta_at,
+    coefficient_and_factor,
+    is_dirichlet,
+    mirror_distance,
+    points_inside,
+    polynomial_weights,
+)
+from cpmkit.boundary.reading import Datum, Reading
 from cpmkit.boundary.tangent_space import outward_conormals
-from cpmkit.conditions import Condition, evaluate_data
+from cpmkit.conditions import Condition
 from cpmkit.errors import SceneError
 from cpmkit.grid.band import Band
 from cpmkit.grid.lattice import Lattice
@@ -23,29 +33,27 @@ from cpmkit.protocols import ClosestPoints, Floats, Ints
 
 #: Nodes nearer to their foot than this share of the spacing do not tell the direction of the conormal.
 TOUCHING = 1e-6
+#: Named in errors.
+WHAT = "the edge's condition"
 
 
 @dataclass(frozen=True, eq=False)
-class Reading:
-    """What extension rows read: ``value = coefficient * u(points) + datum``.
+class PastEdge:
+    """What the nodes of a band read, the edge's conditions applied, and where their right-hand sides are read.
 
     Attributes
     ----------
-    points : (n, d) float64
-        Points of the manifold, relative to the lattice's origin.
-    coefficient : (n,) float64
-        Factor of what is read.
-    datum : (n, channels) float64
-        What the boundary data add.
+    reading : Reading
+        Of each node.
+    mirrored : Reading
+        The same at order 2 at most, with one point a node: ghosts of nodes past the edge build on it.
+    sources : Reading
+        Where f is read for each node; only points, coefficients and terms count.
     """
 
-    points: Floats
-    coefficient: Floats
-    datum: Floats
-
-    def take(self, index: Ints) -> Reading:
-        """Return the readings at ``index``."""
-        return Reading(self.points[index], self.coefficient[index], self.datum[index])
+    reading: Reading
+    mirrored: Reading
+    sources: Reading
 
 
 def edge_condition(edge: Condition | Mapping[int, Condition], loop: int) -> Condition:
@@ -66,39 +74,72 @@ def edge_condition(edge: Condition | Mapping[int, Condition], loop: int) -> Cond
 
 
 def read_past_edge(
-    surface: Localized,
-    band: Band,
-    lattice: Lattice,
-    edge: Condition | Mapping[int, Condition],
-    order: int,
-    channels: int,
-) -> Reading:
+    surface: Localized, band: Band, lattice: Lattice, edge: Condition | Mapping[int, Condition], order: int
+) -> PastEdge:
     """Return what each node of the band reads, the edge's conditions applied to those past it."""
-    n = len(band.nodes)
-    points, coefficient, datum = band.feet.points.copy(), np.ones(n), np.zeros((n, channels))
-    for loop in np.unique(band.feet.edge[band.feet.edge >= 0]):
-        rows = np.flatnonzero(band.feet.edge == loop)
-        condition = edge_condition(edge, int(loop))
-        read = _past_loop(surface, band, lattice, condition, order, channels, rows)
-        points[rows], coefficient[rows], datum[rows] = read.points, read.coefficient, read.datum
-    return Reading(points, coefficient, datum)
+    loops = [
+        (np.flatnonzero(band.feet.edge == loop), edge_condition(edge, int(loop)))
+        for loop in np.unique(band.feet.edge[band.feet.edge >= 0])
+    ]
+    mirrored = _mirrored(surface, band, lattice, loops, order)
+    finer = [(rows, one, one.order or order) for rows, one in loops if (one.order or order) > 2]
+    parts = [_continue(surface, band, lattice, condition, asked, rows) for rows, condition, asked in finer]
+    sources = Reading(band.feet.points, np.ones(len(band.nodes)))
+    if not parts:
+        return PastEdge(mirrored, mirrored, sources)
+    return PastEdge(continued(mirrored, parts), mirrored, continued_sources(sources, parts))
 
 
-def _past_loop(
-    surface: Localized, band: Band, lattice: Lattice, condition: Condition, order: int, channels: int, rows: Ints
+def _mirrored(
+    surface: Localized, band: Band, lattice: Lattice, loops: Sequence[tuple[Ints, Condition]], order: int
 ) -> Reading:
+    """Return what all nodes read at order 1 or 2, one point each."""
+    points, coefficient = band.feet.points.copy(), np.ones(len(band.nodes))
+    data: list[Datum] = []
+    for rows, condition in loops:
+        read = _mirror(surface, band, lattice, condition, min(condition.order or order, 2), rows)
+        points[rows], coefficient[rows] = read.points, read.coefficient
+        data += [datum.renumbered(rows) for datum in read.data]
+    return Reading(points, coefficient, data)
+
+
+def _mirror(surface: Localized, band: Band, lattice: Lattice, condition: Condition, order: int, rows: Ints) -> Reading:
+    """Return what nodes past one loop read at order 1 or 2."""
     foot, beyond = band.feet.points[rows], band.positions[rows] - band.feet.points[rows]
     if is_wall(condition):
-        points = foot if (condition.order or order) == 1 else surface.closest_point(foot - beyond).points
-        return Reading(points, np.ones(len(rows)), np.zeros((len(rows), channels)))
+        points = foot if order == 1 else surface.closest_point(foot - beyond).points
+        return Reading(points, np.ones(len(rows)))
     outward = _outward(surface, band.feet.take(rows), beyond, band.spacing)
     t = np.maximum(np.sum(beyond * outward, axis=1), 0.0)
-    first = (condition.order or order) == 1
     mirror = foot - beyond - (mirror_distance(condition, t, band.spacing) - t)[:, None] * outward
-    points = foot if first else surface.closest_point(mirror).points
-    coefficient, factor = coefficient_and_factor(condition, t, 2 * t, np.full(len(rows), first), band.spacing)
-    gamma = evaluate_data(condition.gamma, lattice.to_scene(foot), channels, "the edge's condition")
-    return Reading(points, coefficient, factor[:, None] * gamma)
+    points = foot if order == 1 else surface.closest_point(mirror).points
+    where = lattice.to_scene(foot)
+    first = np.full(len(rows), order == 1)
+    beta = beta_at(condition, where, WHAT)
+    coefficient, factor = coefficient_and_factor(condition, beta, t, 2 * t, first, band.spacing)
+    return Reading(points, coefficient, [Datum(np.arange(len(rows)), factor, where, condition.gamma, WHAT)])
+
+
+def _continue(
+    surface: Localized, band: Band, lattice: Lattice, condition: Condition, order: int, rows: Ints
+) -> Continued:
+    """Return what the nodes ``rows`` past one loop read at order 3 or 4.
+
+    Where the points inside meet another edge the node is left out.
+    """
+    foot, offset = band.feet.points[rows], band.positions[rows] - band.feet.points[rows]
+    outward = _outward(surface, band.feet.take(rows), offset, band.spacing)
+    inside = points_inwards(surface, foot, -outward, points_inside(condition, order), band.spacing)
+    kept = np.flatnonzero(inside.sound)
+    inside, rows = inside.take(kept), rows[kept]
+    t = beyond_edge(offset[kept], outward[kept], inside.curvature)
+    where = lattice.to_scene(foot[kept])
+    weights, factor = polynomial_weights(
+        condition.alpha, beta_at(condition, where, WHAT), inside.positions, t, band.spacing
+    )
+    ahead, here = polynomial_weights(0.0, np.ones(len(rows)), inside.positions, t, band.spacing)
+    data = [Datum(rows, factor, where, condition.gamma, WHAT)]
+    return Continued(rows, inside.terms(rows, weights), [], data, here, inside.terms(rows, ahead))
 
 
 def _outward(surface: Localized, edge: ClosestPoints, beyond: Floats, spacing: float) -> Floats:
@@ -116,4 +157,6 @@ def _outward(surface: Localized, edge: ClosestPoints, beyond: Floats, spacing: f
 def is_wall(condition: Condition) -> bool:
     """Tell whether the condition is zero Neumann."""
     data = condition.gamma
-    return condition.beta == 0.0 and not callable(data) and not np.any(np.asarray(data, dtype=object))
+    if is_dirichlet(condition) or callable(condition.beta) or condition.beta != 0.0:
+        return False
+    return not callable(data) and not np.any(np.asarray(data, dtype=object))

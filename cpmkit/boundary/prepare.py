@@ -9,6 +9,7 @@ import numpy as np
 from cpmkit.boundary.frame import Sighted
 from cpmkit.boundary.orientation import AS_GIVEN, Orientation, carry
 from cpmkit.boundary.tangent_space import normals, tangents
+from cpmkit.conditions import Transmission
 from cpmkit.errors import SceneError
 from cpmkit.grid.band import surface_cells
 from cpmkit.grid.lattice import Lattice
@@ -43,16 +44,17 @@ def sight(boundary: BoundarySet, surface: Localized, lattice: Lattice, radius: f
     gap = _gap(boundary.name, on, radius)
     sighted = Sighted(source, surface, AS_GIVEN, along, dimension, gap)
     one_condition = boundary.condition("left") is boundary.condition("right")
-    if one_condition:
+    if one_condition and not isinstance(boundary.condition("left"), Transmission):
         return sighted
     if not sighted.has_sides:
         raise SceneError(
             f"boundary {boundary.name!r} has dimension {source.manifold_dim} where the manifold has {dimension}, so it "
-            "has no left and right; give `both`."
+            "has no left and right; give `both`, one of Dirichlet, Neumann or Robin."
         )
     across = _across(source, surface, on, dimension, lattice.spacing, boundary.name)
     sighted = replace(sighted, across=across)
-    return _turned(sighted, boundary, lattice) if across is not AS_GIVEN else sighted
+    given = across is AS_GIVEN and along is AS_GIVEN
+    return sighted if given else _turned(sighted, boundary, lattice)
 
 
 def _samples(name: str, source: Localized, surface: Localized, spacing: float) -> Floats:
@@ -118,10 +120,12 @@ def _across(
 
 
 def _turned(sighted: Sighted, boundary: BoundarySet, lattice: Lattice) -> Sighted:
-    """Return ``sighted`` with its sign chosen such that the boundary's ``left_of`` is on the left."""
+    """Return ``sighted`` with the sign that its sources leave open chosen such that ``left_of`` is on the left."""
     if boundary.left_of is None:
         return sighted
     point = sighted.surface.closest_point(lattice.to_local(np.atleast_2d(boundary.left_of))).points
     if sighted.frame(point, np.inf, lattice.spacing).signed[0] > 0:
         return sighted
-    return replace(sighted, across=sighted.across.reversed())
+    if sighted.across is not AS_GIVEN:
+        return replace(sighted, across=sighted.across.reversed())
+    return replace(sighted, along=sighted.along.reversed())

@@ -133,11 +133,13 @@ def nodes_of_blocks(blocks: int, side: int, dim: int, manifold_dim: int, degree:
     return float(blocks * float(side) ** manifold_dim * 0.9 * (degree + 1) ** (dim - manifold_dim))
 
 
-def build_band(source: Localized, spacing: float, degree: int, progress: Progress = nothing) -> Band:
+def build_band(
+    source: Localized, spacing: float, degree: int, progress: Progress = nothing, differences: int = 1
+) -> Band:
     """Find the nodes of the band of ``source`` and their closest points.
 
     Every surface point's stencil is in the band, not only those of the nodes' own closest points,
-    so that a solution can be read anywhere.
+    so that a solution can be read anywhere. Outer nodes reach ``differences`` nodes farther along each axis.
 
     Raises
     ------
@@ -150,11 +152,12 @@ def build_band(source: Localized, spacing: float, degree: int, progress: Progres
         raise ResolutionError(
             "The source has no point inside its own bounds: its closest points and bounds contradict each other."
         )
-    codes = Codes.around(cells, degree + 2)
+    codes = Codes.around(cells, degree + 1 + differences)
     inner = np.sort(codes.encode(cells))
     for axis in range(source.dim):
         inner = codes.dilate(inner, axis, stencil_range(degree))
-    around = [codes.dilate(inner, axis, range(-1, 2)) for axis in range(source.dim)]
+    reach = range(-differences, differences + 1)
+    around = [codes.dilate(inner, axis, reach) for axis in range(source.dim)]
     outer = np.setdiff1d(np.unique(np.concatenate(around)), inner, assume_unique=True)
     nodes = codes.decode(np.concatenate([inner, outer]))
     return Band(spacing, degree, nodes, len(inner), _feet(source, nodes, spacing, progress), codes)

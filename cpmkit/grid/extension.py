@@ -54,6 +54,15 @@ class Unknowns:
         counts = [self.band.inner] + [ghosts.unknowns for ghosts in self.ghosts]
         return np.cumsum(counts)[:-1].astype(np.int64)
 
+    @property
+    def ghost_nodes(self) -> Ints:
+        """(g, 2) the number of its boundary, and of its node in the band, of each ghost that is an unknown."""
+        parts = [
+            np.stack([np.full(ghosts.unknowns, index), ghosts.nodes[: ghosts.unknowns]], axis=1)
+            for index, ghosts in enumerate(self.ghosts)
+        ]
+        return np.concatenate([np.zeros((0, 2), dtype=np.int64), *parts])
+
 
 def extend(
     unknowns: Unknowns,

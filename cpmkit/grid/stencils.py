@@ -72,16 +72,58 @@ def tensor_weights(fractions: Floats, degree: int) -> Floats:
     return weights
 
 
+def lagrange_slopes(fractions: Floats, degree: int) -> Floats:
+    """Return the derivatives (n, d, degree + 1) of :func:`lagrange_weights` by the fractions, per cell."""
+    nodes = np.array(stencil_range(degree), dtype=np.float64) + base_offset(degree)
+    differences = fractions[..., None] - nodes
+    slopes = np.zeros_like(differences)
+    for k in range(degree + 1):
+        others = [j for j in range(degree + 1) if j != k]
+        for left_out in others:
+            slopes[..., k] += np.prod(differences[..., [j for j in others if j != left_out]], axis=-1)
+        slopes[..., k] /= np.prod(nodes[k] - nodes[others])
+    return slopes
+
+
+def tensor_slopes(fractions: Floats, degree: int) -> Floats:
+    """Return the derivatives (n, d, (degree + 1)^d) of :func:`tensor_weights` along each axis, per cell."""
+    lines, slopes = lagrange_weights(fractions, degree), lagrange_slopes(fractions, degree)
+    dim = lines.shape[1]
+    derivatives = np.empty((len(lines), dim, (degree + 1) ** dim))
+    for axis in range(dim):
+        factors = [slopes[:, k] if k == axis else lines[:, k] for k in range(dim)]
+        product = factors[0]
+        for factor in factors[1:]:
+            product = (product[:, :, None] * factor[:, None, :]).reshape(len(product), product.shape[1] * (degree + 1))
+        derivatives[:, axis] = product
+    return derivatives
+
+
 def tensor_offsets(degree: int, dim: int) -> Ints:
     """Return the offsets ((degree + 1)^d, d) of a stencil's nodes from its cell, last axis fastest."""
     lines = np.array(stencil_range(degree), dtype=np.int64)
     return np.stack(np.meshgrid(*[lines] * dim, indexing="ij"), axis=-1).reshape(-1, dim)
 
 
-def cross_offsets(dim: int) -> Ints:
-    """Return the offsets (2 d, d) of the difference neighbours of the second-order Laplacian."""
+def difference_reach(order: int) -> int:
+    """Return how many nodes along an axis the Laplacian reads on each side: two at order 4, else one."""
+    return 2 if order == 4 else 1
+
+
+def cross_offsets(dim: int, reach: int = 1) -> Ints:
+    """Return the offsets (2 d reach, d) of the difference neighbours: near ones first, all positive before negative."""
     unit = np.eye(dim, dtype=np.int64)
-    return np.concatenate([unit, -unit])
+    return np.concatenate([step * part for step in range(1, reach + 1) for part in (unit, -unit)])
+
+
+def cross_weights(dim: int, reach: int = 1) -> tuple[Floats, float]:
+    """Return the weights (2 d reach,) of the difference neighbours in ``spacing^2`` Lap, and that of the node itself.
+
+    ``1, -2, 1`` along each axis, or, of fourth order, ``-1/12, 4/3, -5/2, 4/3, -1/12``.
+    """
+    if reach == 1:
+        return np.ones(2 * dim), -2.0 * dim
+    return np.concatenate([np.full(2 * dim, 4 / 3), np.full(2 * dim, -1 / 12)]), -2.5 * dim
 
 
 def reading_radius(dim: int, degree: int) -> float:

@@ -19,11 +19,14 @@ SOLVERS = {"direct": solve_direct, "reference": solve_reference}
 ACCEPTED = {"auto": ("max_iterations",), "direct": (), "reference": ("max_iterations",)}
 
 
-def choose_solver(name: str, unknowns: int, manifold_dim: int) -> str:
-    """Return the solver that ``name`` means for this many unknowns; ``auto`` takes the quicker one."""
+def choose_solver(name: str, unknowns: int, manifold_dim: int, factor: float = 1.0) -> str:
+    """Return the solver that ``name`` means for this many unknowns; ``auto`` takes the quicker one.
+
+    A ``factor`` above one is for what an iterative solver does slowly or not at all.
+    """
     if name != "auto":
         return name
-    return "direct" if unknowns <= DIRECT_UP_TO.get(manifold_dim, 0) else "reference"
+    return "direct" if unknowns <= factor * DIRECT_UP_TO.get(manifold_dim, 0) else "reference"
 
 
 def check_solver(name: str, options: Mapping[str, Any]) -> str:

@@ -18,11 +18,9 @@ def solve_direct(system: LinearSystem, tolerance: float, progress: Progress) -> 
     ConvergenceError
         If the residual is above the tolerance.
     """
-    from scipy.sparse.linalg import splu
-
     progress("solve", 0.0)
     try:
-        factors = splu(system.matrix().tocsc())
+        factors = system.operator.factors
     except RuntimeError as error:
         raise SceneError(f"The linear system is singular ({error}): nothing fixes the solution somewhere.") from error
     u = factors.solve(system.right_side)

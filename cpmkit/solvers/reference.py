@@ -37,7 +37,7 @@ def solve_reference(
     """
     b = system.right_side
     size = np.linalg.norm(b, axis=0)
-    u = np.zeros_like(b)
+    u = np.zeros_like(b) if system.guess is None else system.guess.copy()
     iterations = products = 0
     for _ in range(RESTARTS):
         residual = b - system.apply(u)

@@ -27,7 +27,8 @@ class SolveReport:
     operator_applications : int
         Products with A, all channels together.
     residual : float
-        The largest ``|b - A u| / |b|`` of a channel, in the Euclidean norm, recomputed from u.
+        The largest ``|b - A u| / |b|`` of a channel, in the Euclidean norm, recomputed from u; A has its border, where
+        it needs one.
     tolerance : float
         What was asked for.
     reason : str

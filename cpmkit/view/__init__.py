@@ -53,6 +53,7 @@ def picture(
     view: tuple[float, ...] | None = None,
     up: tuple[float, ...] | None = None,
     curves: bool = True,
+    span: tuple[float, float] | None = None,
 ) -> Picture:
     """Draw a solution into a PNG file.
 
@@ -73,6 +74,8 @@ def picture(
         What points upwards in the picture; z unless given.
     curves : bool
         Whether boundaries are drawn, as dark lines and dots.
+    span : two numbers, optional
+        The values at the ends of the colour bar; the least and the greatest of the solution unless given.
 
     Raises
     ------
@@ -82,7 +85,7 @@ def picture(
         If matplotlib, which draws where OpenGL does not, is not installed.
     """
     path = check_picture(path, width)
-    drawing = draw(solution, width, view, up, curves)
+    drawing = draw(solution, width, view, up, curves, span)
     planar = "pictures in the plane need no OpenGL" if solution.scene.surface.dim == 2 else ""
     with written_whole(path) as unfinished:
         reason = planar or _opengl(drawing, unfinished)

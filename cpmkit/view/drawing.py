@@ -100,15 +100,16 @@ def draw(
     view: tuple[float, ...] | None,
     up: tuple[float, ...] | None,
     curves: bool,
+    span: tuple[float, float] | None = None,
 ) -> Drawing:
     """Return the drawing of a solution; arguments as for :func:`cpmkit.view.picture`."""
     mesh = solution.display_mesh()
     points = in_space(mesh.points)
-    colours, span = _colours(mesh)
+    colours, bar = _colours(mesh, span)
     curve_points, curve_cells, pins = _boundaries(solution.scene.boundaries if curves else (), solution.spacing)
     if mesh.points.shape[1] == 2:
         view, up = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)
-    model_width = width - round(BAR * width) if len(span) else width
+    model_width = width - round(BAR * width) if len(bar) else width
     camera = fit(np.concatenate([points, curve_points, pins]), model_width, view, up)
     normals = np.zeros((0, 3)) if mesh.normals is None else mesh.normals
     facing = normals[mesh.dots] if len(normals) else np.zeros((len(mesh.dots), 3))
@@ -128,7 +129,7 @@ def draw(
         half=camera.half,
         pixels=np.array(camera.pixels),
         width=np.array(width),
-        span=span,
+        span=bar,
     )
 
 
@@ -197,18 +198,18 @@ def viridis(share: Floats) -> Floats:
     return np.asarray(colormaps["viridis"](share), dtype=np.float64)[:, :3]
 
 
-def value_colours(values: Floats) -> tuple[Floats, Floats]:
-    """Return (v, 3) colours of (v,) values, and the least and the greatest value (2,)."""
-    span = np.array([values.min(), values.max()])
-    extent = span[1] - span[0]
-    share = (values - span[0]) / extent if extent > 0 else np.full(len(values), 0.5)
-    return viridis(share), span
+def value_colours(values: Floats, span: tuple[float, float] | None = None) -> tuple[Floats, Floats]:
+    """Return (v, 3) colours of (v,) values, and the values (2,) at the ends of the scale: ``span``, or the extremes."""
+    ends = np.array([values.min(), values.max()] if span is None else span)
+    extent = ends[1] - ends[0]
+    share = (values - ends[0]) / extent if extent > 0 else np.full(len(values), 0.5)
+    return viridis(share), ends
 
 
-def _colours(mesh: DisplayMesh) -> tuple[Floats, Floats]:
+def _colours(mesh: DisplayMesh, span: tuple[float, float] | None) -> tuple[Floats, Floats]:
     if mesh.values.shape[1] == 3:
         return np.clip(mesh.values, 0, 1), np.zeros(0)
-    return value_colours(mesh.values[:, 0])
+    return value_colours(mesh.values[:, 0], span)
 
 
 def _boundaries(boundaries: Iterable[BoundarySet], spacing: float) -> tuple[Floats, Ints, Floats]:

@@ -8,6 +8,8 @@ import numpy as np
 
 from cpmkit.arrays import positive
 from cpmkit.conditions import evaluate_data
+from cpmkit.errors import SceneError
+from cpmkit.problems import Equation
 from cpmkit.protocols import Backend, Progress, nothing
 from cpmkit.scene import Scene
 from cpmkit_fem.assembly import stiffness_and_mass
@@ -53,6 +55,7 @@ def solve_fem(
         One sentence: what was got, what is accepted, what to do.
     """
     positive(tolerance, "tolerance")
+    check_equation(scene.problem)
     start = time.perf_counter()
     progress("build", 0.0)
     mesh = triangulate(scene, spacing)
@@ -60,8 +63,9 @@ def solve_fem(
     pins = pin(scene, mesh, rim)
     check_fixed(scene, mesh, pins)
     stiffness, mass = stiffness_and_mass(mesh.vertices, mesh.faces)
-    f = evaluate_data(scene.problem.f, mesh.vertices, scene.channels, "the right-hand side f")
-    system = reduce((stiffness + scene.problem.c * mass).tocsr(), mass @ f + inflow(scene, rim), pins)
+    terms = scene.problem.terms()
+    f = evaluate_data(terms.f, mesh.vertices, scene.channels, "the right-hand side f")
+    system = reduce((stiffness + terms.c * mass).tocsr(), mass @ f + inflow(scene, rim), pins)
     progress("build", 1.0)
     built = time.perf_counter()
     free, report = solve_free(system, tolerance, progress)
@@ -70,3 +74,20 @@ def solve_fem(
     seconds = {"build": built - start, "solve": time.perf_counter() - built}
     work = FemWork(len(free), len(mesh.vertices), len(mesh.faces), system.matrix.nnz, report.operator_applications)
     return FemSolution(scene, values, report, work, seconds, mesh.vertices, mesh.faces, warnings=pins.warnings)
+
+
+def check_equation(problem: Equation) -> None:
+    """Refuse what this back end does not assemble.
+
+    Raises
+    ------
+    SceneError
+        If the equation is not ``-Lap u + c u = f`` with a constant c that is not below zero.
+    """
+    terms = problem.terms()
+    plain = not callable(terms.diffusivity) and terms.diffusivity == 1 and terms.velocity is None
+    if problem.family != "steady" or not plain or callable(terms.c) or terms.c < 0:
+        raise SceneError(
+            f"backend='fem' solves -Lap u + c u = f with a constant c, got the kind {problem.kind!r} ({problem}); use "
+            "backend='cpm'."
+        )

@@ -90,7 +90,7 @@ def check_fixed(scene: Scene, mesh: Triangulation, pins: Pins) -> None:
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
 
-    if scene.problem.c > 0:
+    if scene.problem.terms().pins:
         return
     edges, n = mesh.edges[0], len(mesh.vertices)
     graph = csr_array((np.ones(len(edges), dtype=np.int8), (edges[:, 0], edges[:, 1])), shape=(n, n))

@@ -1,0 +1,76 @@
+"""Ghosts that continue polynomials through points inside: of order 3 and 4, and those of transmission conditions."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.boundary.continuation import Continued, Inside, arc_length, points_inwards
+from cpmkit.boundary.crossing_ghosts import Crossing, beyond_another
+from cpmkit.boundary.formulas import beta_at, points_inside, polynomial_weights
+from cpmkit.boundary.reading import Datum
+from cpmkit.boundary.transmission import coupled_weights
+from cpmkit.conditions import Condition, Transmission
+from cpmkit.grid.lattice import Lattice
+from cpmkit.protocols import Bools, Floats, Ints
+
+
+def continue_ghosts(crossing: Crossing, lattice: Lattice, orders: Ints) -> tuple[list[Continued], Ints]:
+    """Return the ghosts that continue polynomials, and the orders (g,) of all, lower for those without room to do so.
+
+    Without room a ghost of order 3 or 4 becomes one of order 2, and a transmission's one of order 1.
+    """
+    parts, orders = [], orders.copy()
+    for condition, side in crossing.sides():
+        coupled = isinstance(condition, Transmission)
+        for order in (2, 3, 4) if coupled else (3, 4):
+            rows = side[orders[side] == order]
+            if not len(rows):
+                continue
+            count = points_inside(condition, order)
+            inside, sound = _points(crossing, rows, crossing.direction[rows], count, lattice.spacing)
+            if coupled:
+                behind, sound_behind = _points(crossing, rows, -crossing.direction[rows], count, lattice.spacing)
+                sound &= sound_behind
+            orders[rows[~sound]] = 1 if coupled else 2
+            if not sound.any():
+                continue
+            if isinstance(condition, Transmission):
+                parts.append(_couple(crossing, lattice, condition, rows[sound], inside.take(sound), behind.take(sound)))
+            else:
+                parts.append(_continue(crossing, lattice, condition, rows[sound], inside.take(sound)))
+    return parts, orders
+
+
+def _points(crossing: Crossing, rows: Ints, direction: Floats, count: int, spacing: float) -> tuple[Inside, Bools]:
+    """Return points behind the feet of the ghosts ``rows``, and for which nothing is in their way."""
+    foot = crossing.seen.foot[rows]
+    inside = points_inwards(crossing.sighted[crossing.index].surface, foot, direction, count, spacing)
+    reach = 2 * float(np.linalg.norm(inside.points - foot[:, None], axis=2).max())
+    blocked = beyond_another(crossing, rows, inside.points[:, -1], reach, spacing)
+    return inside, inside.sound & ~blocked & crossing.sighted[crossing.index].has_sides
+
+
+def _continue(crossing: Crossing, lattice: Lattice, condition: Condition, rows: Ints, inside: Inside) -> Continued:
+    where = lattice.to_scene(crossing.seen.foot[rows])
+    at = arc_length(crossing.seen.distance[rows], np.linalg.norm(inside.curvature, axis=1))
+    beta = beta_at(condition, where, crossing.what)
+    weights, factor = polynomial_weights(condition.alpha, beta, inside.positions, at, lattice.spacing)
+    ahead, here = polynomial_weights(0.0, np.ones(len(rows)), inside.positions, at, lattice.spacing)
+    data = [Datum(rows, factor, where, condition.gamma, crossing.what)]
+    return Continued(rows, inside.terms(rows, weights), [], data, here, inside.terms(rows, ahead))
+
+
+def _couple(
+    crossing: Crossing, lattice: Lattice, condition: Transmission, rows: Ints, inside: Inside, behind: Inside
+) -> Continued:
+    where, carries_left = lattice.to_scene(crossing.seen.foot[rows]), crossing.seen.signed[rows] < 0
+    at = arc_length(crossing.seen.distance[rows], np.linalg.norm(behind.curvature, axis=1))
+    own, carried, jump, flux = coupled_weights(
+        condition, behind.positions, inside.positions, at, carries_left, lattice.spacing
+    )
+    ahead, here = polynomial_weights(0.0, np.ones(len(rows)), inside.positions, at, lattice.spacing)
+    data = [
+        Datum(rows, jump, where, condition.jump, f"the jump of {crossing.what}"),
+        Datum(rows, flux, where, condition.flux, f"the flux of {crossing.what}"),
+    ]
+    return Continued(rows, inside.terms(rows, carried), behind.terms(rows, own), data, here, inside.terms(rows, ahead))

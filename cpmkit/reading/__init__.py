@@ -1,0 +1,1 @@
+"""What is read from a solution beside its values: integrals, gradients, fluxes."""

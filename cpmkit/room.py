@@ -1,0 +1,51 @@
+"""Whether a manifold has room for the wide tube of fourth order."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.errors import ResolutionError
+from cpmkit.grid.band import Band
+from cpmkit.localized import Localized
+
+#: Closest points of neighbouring nodes that lie this many spacings apart tell that the tube is as wide as the reach.
+STRETCH = 2.5
+#: Such a share of the neighbours may: rounding of a cap's corner.
+SHARE = 1e-3
+
+
+def check_room(surface: Localized, band: Band) -> None:
+    """Refuse fourth order where its tube does not fit.
+
+    Closest points of neighbouring nodes are apart by ``R / (R - distance)`` spacings where the manifold has the radius
+    of curvature R: they tell, without another query, how near the tube comes to where they are no longer smooth.
+
+    Raises
+    ------
+    ResolutionError
+        If the source is not exact, or the tube is too wide for it.
+    """
+    if not surface.source.exact:
+        raise ResolutionError(
+            "order=4 needs a source whose closest points are exact and smooth; this one stands for a smooth manifold "
+            "only to its own accuracy, use order=2."
+        )
+    share = share_stretched(band, STRETCH)
+    if share > SHARE:
+        raise ResolutionError(
+            "order=4 needs a tube that is narrower than the manifold's radius of curvature: at "
+            f"spacing={band.spacing:g} {share:.1%} of neighbouring nodes have closest points more than {STRETCH:g} "
+            "spacings apart; use a smaller spacing, or order=2."
+        )
+
+
+def share_stretched(band: Band, apart: float) -> float:
+    """Return the share of neighbouring inner nodes whose closest points lie more than ``apart`` spacings apart."""
+    wide = pairs = 0
+    for axis in np.eye(band.dim, dtype=np.int64):
+        nodes = np.arange(band.inner)
+        beside = band.find_inner(band.nodes[nodes] + axis)
+        nodes, beside = nodes[beside >= 0], beside[beside >= 0]
+        distance = np.linalg.norm(band.feet.points[nodes] - band.feet.points[beside], axis=1)
+        wide, pairs = wide + int(np.count_nonzero(distance > apart * band.spacing)), pairs + len(nodes)
+    return wide / max(pairs, 1)

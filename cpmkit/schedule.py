@@ -1,0 +1,57 @@
+"""The steps of a run in time: equal ones, and a shorter one before each frame and the end where they do not fit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+#: A last step shorter than this share of the others is rounding.
+ROUNDING = 1e-9
+#: Digits of the ratio of a shortened step to the others: equal ones are then equal as numbers, and share a system.
+DIGITS = 9
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step.
+
+    Attributes
+    ----------
+    start, end : float
+        Times.
+    length : float
+        ``end - start`` but for rounding; equal steps have equal lengths.
+    is_frame : bool
+        True where the solution at the end is kept.
+    """
+
+    start: float
+    end: float
+    length: float
+    is_frame: bool
+
+
+def schedule(until: float, step: float, frames: Sequence[float]) -> list[Step]:
+    """Return the steps from time 0 to ``until``, of which one ends at each time in ``frames``.
+
+    Examples
+    --------
+    >>> [(each.end, each.length) for each in schedule(1.0, 0.4, ())]
+    [(0.4, 0.4), (0.8, 0.4), (1.0, 0.2)]
+    """
+    steps: list[Step] = []
+    start = 0.0
+    for stop in sorted({*(time for time in frames if time > 0), until}):
+        steps += _between(start, stop, step, stop in frames)
+        start = stop
+    return steps
+
+
+def _between(start: float, stop: float, step: float, is_frame: bool) -> Iterator[Step]:
+    ratio = (stop - start) / step
+    whole = int(ratio + ROUNDING)
+    rest = round(ratio - whole, DIGITS)
+    lengths = [step] * whole + ([rest * step] if rest > ROUNDING else []) or [stop - start]
+    times = [start, *(start + number * step for number in range(1, len(lengths))), stop]
+    for number, length in enumerate(lengths):
+        yield Step(times[number], times[number + 1], length, is_frame and number == len(lengths) - 1)

@@ -1,0 +1,35 @@
+"""Steady problems: one linear system."""
+
+from __future__ import annotations
+
+import time
+
+from cpmkit.assembly import assemble
+from cpmkit.diagnosis import warnings_of
+from cpmkit.job import Job
+from cpmkit.null_space import find_border, settle
+from cpmkit.resonance import near_resonance, unresolved_waves
+from cpmkit.solution import Solution
+from cpmkit.work import measure_work
+
+
+def solve_job(job: Job) -> Solution:
+    """Assemble and solve the linear system of a steady problem.
+
+    Raises
+    ------
+    ResolutionError
+        If the spacing is too coarse for waves or a velocity.
+    ConvergenceError
+        If the solver does not reach the tolerance.
+    """
+    poor = unresolved_waves(job.tables.layout, job.scene.problem.terms())
+    system = assemble(job.tables, job.scene.problem, find_border(job.tables, job.scene))
+    built = time.perf_counter()
+    values, report = job.solver(system, job.tolerance, job.progress)
+    values, defects = settle(job.tables, job.scene, system, values)
+    poor += near_resonance(job, system, values)
+    seconds = {"build": built - job.started, "solve": time.perf_counter() - built}
+    work = measure_work(job.tables, system, report)
+    warnings = (*warnings_of(job.tables.layout), *poor, *(told for one in defects for told in one.warnings))
+    return Solution(job.scene, values, report, work, seconds, job.tables, warnings=warnings, defects=defects)

@@ -1,0 +1,203 @@
+"""Eigenvalues of -Lap are the exact ones to second order, none is missed or made up, and functions belong to them."""
+
+import json
+
+import numpy as np
+import pytest
+from model_problems import on_circle, order_of, origins, rotation, sphere_points
+
+import cpmkit as ck
+
+CIRCLE = ck.source("analytic.circle", center=(0, 0))
+SPHERE = ck.source("analytic.sphere")
+CUT = ck.source("analytic.point", at=on_circle(np.array([1.022 * np.pi]))[0])
+
+
+def great_circle(**sides):
+    circle = ck.source("analytic.circle", center=[0, 0, 0], radius=1.0, normal=rotation()[0])
+    return ck.Boundary("circle", circle, **sides)
+
+
+def errors_of(scene, exact, spacings, **options):
+    """The largest error of an eigenvalue, at each spacing."""
+    return [np.abs(ck.solve(scene, h, **options).eigenvalues - exact).max() for h in spacings]
+
+
+CURVES = {
+    "circle": (CIRCLE, [], ck.Neumann(), [0, 1, 1, 4, 4, 9, 9, 16, 16, 25, 25, 36]),
+    "cut, Dirichlet": (CIRCLE, [ck.Boundary("cut", CUT, both=ck.Dirichlet(0))], ck.Neumann(), np.arange(1, 8) ** 2 / 4),
+    "cut, Dirichlet and Neumann": (
+        CIRCLE,
+        [ck.Boundary("cut", CUT, left=ck.Dirichlet(0.0), right=ck.Neumann())],
+        ck.Neumann(),
+        np.arange(1, 12, 2) ** 2 / 16,
+    ),
+    "arc": (
+        ck.source("analytic.arc", center=(0, 0), start=0.3, end=2.7),
+        [],
+        {0: ck.Dirichlet(0), 1: ck.Neumann(0)},
+        (np.arange(1, 12, 2) * np.pi / 4.8) ** 2,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CURVES)
+def test_curves(name):
+    surface, boundaries, edge, exact = CURVES[name]
+    scene = ck.Scene(surface, ck.Eigen(count=len(exact)), boundaries, edge=edge)
+    spacings = (0.1, 0.05, 0.025)
+    errors = errors_of(scene, exact, spacings)
+    assert errors[-1] <= 2e-3 * exact[-1]
+    assert order_of(spacings, errors) >= 1.9
+
+
+def test_a_robin_condition_moves_eigenvalues():
+    """On a bar of length 1 with du/db + u = 0 at both ends, lambda = w^2 with tan(w) = 2 w / (w^2 - 1)."""
+    bar = ck.source("analytic.segment", start=[0, 0.3], end=[1, 0.3])
+    scene = ck.Scene(bar, ck.Eigen(count=3), edge=ck.Robin(1.0, 1.0, 0.0))
+    exact = np.array([1.30654237418881, 3.67319440630425, 6.58462004256417]) ** 2
+    spacings = (0.1, 0.05, 0.025)
+    errors = errors_of(scene, exact, spacings)
+    assert errors[-1] <= 1e-2 * exact[-1]
+    assert order_of(spacings, errors) >= 1.8
+
+
+def test_fourth_order():
+    spacings = (0.1, 0.05, 0.025)
+    errors = errors_of(ck.Scene(CIRCLE, ck.Eigen(count=7)), [0, 1, 1, 4, 4, 9, 9], spacings, order=4, degree=5)
+    assert errors[-1] <= 2e-5
+    assert order_of(spacings, errors) >= 3.7
+
+
+def test_rows_21_sphere():
+    exact = np.array([0, 2, 2, 2, 6, 6, 6, 6, 6, 12, 12, 12])
+    scene, spacings = ck.Scene(SPHERE, ck.Eigen(count=12)), (0.25, 0.2, 0.125)
+    found = [ck.solve(scene, h).eigenvalues for h in spacings]
+    assert np.abs(found[-1][1:4] - 2).max() <= 0.005 * 2
+    assert np.abs(found[-1][4:9] - 6).max() <= 0.01 * 6
+    for two in (1, 4):
+        assert order_of(spacings, [np.abs(one - exact)[two] for one in found]) >= 1.8
+
+
+@pytest.mark.parametrize(
+    ("edge", "exact", "share"),
+    [(ck.Neumann(), [0, 2, 2, 6, 6, 6], 0.006), (ck.Dirichlet(0), [2, 6, 6, 12, 12, 12], 0.006)],
+)
+def test_row_22_hemisphere(edge, exact, share):
+    spacings = (0.2, 0.125, 0.1)
+    scene = ck.Scene(ck.source("analytic.cap"), ck.Eigen(), edge=edge)
+    errors = [np.abs(ck.solve(scene, h).eigenvalues - exact) for h in spacings]
+    assert np.all(errors[1][1:] <= share * np.asarray(exact[1:]))
+    assert order_of(spacings, [error.max() for error in errors]) >= 1.8
+
+
+def test_a_sphere_cut_into_a_dirichlet_and_a_neumann_half():
+    scene = ck.Scene(SPHERE, ck.Eigen(count=9), [great_circle(left=ck.Dirichlet(0), right=ck.Neumann(0))])
+    spacings, exact = (0.25, 0.2, 0.14), np.array([0, 2, 2, 2, 6, 6, 6, 6, 6])
+    assert order_of(spacings, errors_of(scene, exact, spacings)) >= 1.8
+    solution = ck.solve(scene, 0.2)
+    height = sphere_points(200) @ rotation()[0]
+    constant = solution.evaluate(sphere_points(200))[:, 0]
+    assert np.abs(constant[height > 0.05]).max() <= 1e-10
+    assert np.ptp(constant[height < -0.05]) <= 1e-10
+
+
+def test_no_eigenvalue_is_missed_or_made_up_at_any_position_of_the_lattice():
+    exact = np.repeat([0, 2, 6, 12], [1, 3, 5, 7])
+    for origin in origins(3)[:4]:
+        solution = ck.solve(ck.Scene(SPHERE, ck.Eigen(count=16)), 0.25, origin=0.25 * origin)
+        assert np.abs(solution.eigenvalues - exact).max() <= 0.03 * 12
+        assert not solution.imaginary.any()
+
+
+def test_eigenfunctions_belong_to_their_values():
+    solution = ck.solve(ck.Scene(SPHERE, ck.Eigen(count=4)), 0.125)
+    points = sphere_points(400)
+    values = solution.evaluate(points)
+    assert solution.channels == 4
+    assert np.abs(values[:, 0] - 1).max() <= 1e-8
+    span = np.linalg.lstsq(points, values[:, 1:], rcond=None)[0]
+    assert np.abs(points @ span - values[:, 1:]).max() <= 2e-2
+    assert np.mean(values**2, axis=0) == pytest.approx(1.0, rel=2e-2)
+    assert np.abs(values[:, 1:].T @ values[:, 1:] / 400 - np.eye(3)).max() <= 2e-2
+
+
+def test_the_same_scene_gives_the_same_functions():
+    scene = ck.Scene(CIRCLE, ck.Eigen(count=5))
+    first, second = (ck.solve(scene, 0.1).values for _ in range(2))
+    assert np.array_equal(first, second)
+
+
+def test_each_pair_is_judged():
+    scene = ck.Scene(CIRCLE, ck.Eigen(count=5))
+    solution = ck.solve(scene, 0.1)
+    assert solution.report.residual == solution.residuals.max() <= 1e-10
+    with pytest.raises(ck.ConvergenceError, match=r"one more step of inverse iteration|relative residual"):
+        ck.solve(scene, 0.1, tolerance=1e-17)
+
+
+def test_those_near_a_number():
+    solution = ck.solve(ck.Scene(CIRCLE, ck.Eigen(count=4, near=12.0)), 0.05)
+    assert solution.eigenvalues == pytest.approx([9, 9, 16, 16], rel=2e-3)
+    at_one = ck.solve(ck.Scene(CIRCLE, ck.Eigen(count=3, near=1.0)), 0.05)
+    assert at_one.eigenvalues == pytest.approx([0, 1, 1], abs=1e-3)
+
+
+def test_the_iterative_solver_finds_the_same():
+    scene = ck.Scene(SPHERE, ck.Eigen(count=4))
+    found = [ck.solve(scene, 0.25, solver=solver).eigenvalues for solver in ("direct", "reference")]
+    assert found[0] == pytest.approx(found[1], abs=1e-7)
+
+
+def test_diffusivity_and_potential_take_part():
+    """-u'' + (4 cos 2 x - 2) u = lambda u is Mathieu's equation with q = 2; its first values are a0, b1, a1 less 2."""
+    scene = ck.Scene(CIRCLE, ck.Eigen(count=3, c=lambda x: 4 * (x[:, 0] ** 2 - x[:, 1] ** 2) - 2))
+    exact = np.array([-1.513956885056520, -1.390676501225319, 2.379199880488686]) - 2
+    spacings = (0.1, 0.05, 0.025)
+    errors = errors_of(scene, exact, spacings)
+    assert errors[-1] <= 2e-3
+    assert order_of(spacings, errors) >= 1.9
+    doubled = ck.solve(ck.Scene(CIRCLE, ck.Eigen(count=3, diffusivity=lambda x: 2 + 0 * x[:, 0])), 0.05)
+    assert doubled.eigenvalues == pytest.approx([0, 2, 2], abs=2e-3)
+
+
+def test_units_change_nothing():
+    values = []
+    for radius in (1e-6, 1.0, 1e6):
+        scene = ck.Scene(ck.source("analytic.circle", radius=radius), ck.Eigen(count=5))
+        values.append(ck.solve(scene, 0.1 * radius).eigenvalues * radius**2)
+    assert values[0] == pytest.approx(values[1], abs=1e-9)
+    assert values[2] == pytest.approx(values[1], abs=1e-9)
+
+
+def test_what_is_written(tmp_path):
+    solution = ck.solve(ck.Scene(CIRCLE, ck.Eigen(count=3)), 0.1)
+    solution.save(tmp_path / "modes.json")
+    told = json.loads((tmp_path / "modes.json").read_text())
+    assert told["eigenvalues"] == solution.eigenvalues.tolist()
+    assert told["scene"]["problem"]["equation"] == "-Lap u = lambda u"
+    solution.save(tmp_path / "modes.npz")
+    assert np.load(tmp_path / "modes.npz")["lattice_eigenvalues"].shape == (3,)
+    assert "eigenvalues" in repr(solution)
+
+
+@pytest.mark.parametrize("condition", [ck.Dirichlet(1.0), ck.Neumann(lambda x: x[:, 0]), ck.Robin(1.0, 1.0, [0, 2])])
+def test_data_that_are_not_zero_are_refused(condition):
+    with pytest.raises(ck.SceneError, match="'cut' has data where an eigenvalue problem takes zero"):
+        ck.Scene(CIRCLE, ck.Eigen(), [ck.Boundary("cut", CUT, left=ck.Dirichlet(0), right=condition)])
+
+
+@pytest.mark.parametrize("keys", [{"count": 0}, {"count": 2.0}, {"count": True}, {"near": np.nan}, {"diffusivity": -1}])
+def test_wrong_arguments_are_refused(keys):
+    with pytest.raises(ck.InputError, match=f"^{next(iter(keys))} of an eigenvalue problem"):
+        ck.Eigen(**keys)
+
+
+def test_more_eigenvalues_than_unknowns_are_refused():
+    with pytest.raises(ck.InputError, match="count=500 is too many"):
+        ck.solve(ck.Scene(CIRCLE, ck.Eigen(count=500)), 0.1)
+
+
+def test_another_back_end_refuses_it():
+    with pytest.raises(ck.SceneError, match="use backend='cpm'"):
+        ck.solve(ck.Scene(SPHERE, ck.Eigen()), 0.3, backend="fem")

@@ -1,0 +1,284 @@
+"""Variable diffusivity, advection, reaction and standing waves: second order beside every condition, limits told."""
+
+import numpy as np
+import pytest
+from model_problems import angle_after, max_error, on_circle, order_of, origins, rotation, sphere_points
+
+import cpmkit as ck
+
+THETA_C = 1.022 * np.pi
+SPACINGS = (0.1, 0.05, 0.025)
+CIRCLE = ck.source("analytic.circle", center=(0, 0))
+SPHERE = ck.source("analytic.sphere")
+
+
+def curve_terms(s):
+    """Right-hand side and coefficients of -(a u')' + w u' + c u = f for u = sin 2 s + cos(s) / 2 + 0.7 s."""
+
+    def f(x):
+        t = s(x)
+        a, da = 1.5 + np.sin(t), np.cos(t)
+        slope = 2 * np.cos(2 * t) - np.sin(t) / 2 + 0.7
+        bend = -4 * np.sin(2 * t) - np.cos(t) / 2
+        return -(a * bend + da * slope) + (1 + np.cos(t) / 2) * slope + (1 + np.sin(t) / 2) * value(t)
+
+    def velocity(x):
+        return (1 + np.cos(s(x)) / 2)[:, None] * np.stack([-x[:, 1], x[:, 0]], axis=1)
+
+    return ck.Elliptic(f, diffusivity=lambda x: 1.5 + np.sin(s(x)), velocity=velocity, c=lambda x: 1 + np.sin(s(x)) / 2)
+
+
+def value(t):
+    return np.sin(2 * t) + np.cos(t) / 2 + 0.7 * t
+
+
+def condition(kind, t, sign):
+    """The condition that u fulfils at t, with the conormal pointing along ``sign`` times the direction of travel."""
+    flux = float(sign * (2 * np.cos(2 * t) - np.sin(t) / 2 + 0.7))
+    made = {"D": ck.Dirichlet(float(value(t))), "N": ck.Neumann(flux), "R": ck.Robin(1.0, 2.0, flux + 2 * value(t))}
+    return made[kind]
+
+
+@pytest.mark.parametrize("kinds", ["DD", "NN", "RD", "DN"])
+def test_all_terms_on_a_circle_cut_at_a_point(kinds):
+    cut = ck.source("analytic.point", at=on_circle(np.array([THETA_C]))[0])
+    sides = {"left": condition(kinds[0], 2 * np.pi, 1), "right": condition(kinds[1], 0.0, -1)}
+    scene = ck.Scene(CIRCLE, curve_terms(angle_after(THETA_C, (0, 0))), [ck.Boundary("cut", cut, **sides)])
+    t = np.linspace(1e-6, 2 * np.pi - 1e-6, 2000)
+    problem = scene, on_circle(THETA_C + t), value(t)
+    errors = [np.sqrt(np.mean([max_error(*problem, h, origin=h * o) ** 2 for o in origins(2)[:6]])) for h in SPACINGS]
+    assert errors[-1] <= 1.2e-3
+    assert order_of(SPACINGS, errors) >= 1.8
+
+
+@pytest.mark.parametrize("kind", "DNR")
+def test_all_terms_on_an_arc(kind):
+    arc = ck.source("analytic.arc", center=(0, 0), radius=1.0, start=0.3, end=2.7)
+    edge = {0: condition(kind, 0.3, -1), 1: condition(kind, 2.7, 1)}
+    scene = ck.Scene(arc, curve_terms(lambda x: np.arctan2(x[:, 1], x[:, 0])), edge=edge)
+    t = np.linspace(0.3, 2.7, 2000)
+    spacings = (*SPACINGS, 0.0125)
+    errors = [max_error(scene, on_circle(t), value(t), h) for h in spacings]
+    assert errors[-1] <= 2.5e-4
+    assert order_of(spacings, errors) >= 1.8
+
+
+def u(x):
+    return x[:, 0] * x[:, 1] + x[:, 2]
+
+
+def tangential(gradient, x):
+    return gradient - x * np.sum(x * gradient, axis=1)[:, None]
+
+
+def slope(x):
+    return tangential(np.stack([x[:, 1], x[:, 0], np.ones(len(x))], axis=1), x)
+
+
+def surface_problem():
+    """All terms on the unit sphere, for u = x y + z, with a velocity that turns about an axis."""
+    axis = rotation()[2]
+
+    def a(x):
+        return 1.5 + 0.9 * x[:, 0] * x[:, 2]
+
+    def velocity(x):
+        return 2 * np.cross(axis, x)
+
+    def f(x):
+        zero = np.zeros(len(x))
+        of_a = 0.9 * np.stack([x[:, 2], zero, x[:, 0]], axis=1)
+        laplacian = -6 * x[:, 0] * x[:, 1] - 2 * x[:, 2]
+        carried = np.sum((velocity(x) - of_a) * slope(x), axis=1)
+        return -a(x) * laplacian + carried + (1 + x[:, 1] ** 2) * u(x)
+
+    return ck.Elliptic(f, diffusivity=a, velocity=velocity, c=lambda x: 1 + x[:, 1] ** 2)
+
+
+def surface_condition(kind, flux):
+    """The condition that u fulfils where ``flux`` is the slope along the conormal."""
+    made = {"D": ck.Dirichlet(u), "N": ck.Neumann(flux), "R": ck.Robin(1.0, 2.0, lambda x: flux(x) + 2 * u(x))}
+    return made[kind]
+
+
+@pytest.mark.parametrize("kinds", ["", "DD", "NN", "RD"])
+def test_all_terms_on_a_sphere(kinds):
+    normal = rotation()[0]  # of a great circle; its left is where this points
+    circle = ck.source("analytic.circle", center=[0, 0, 0], radius=1.0, normal=normal)
+    boundaries = []
+    if kinds:
+        left = surface_condition(kinds[0], lambda x: -slope(x) @ normal)
+        right = surface_condition(kinds[1], lambda x: slope(x) @ normal)
+        boundaries = [ck.Boundary("circle", circle, left=left, right=right)]
+    scene = ck.Scene(SPHERE, surface_problem(), boundaries)
+    spacings, points = (0.2, 0.1414, 0.1), sphere_points()
+    errors = [max_error(scene, points, u(points), h, solver="reference") for h in spacings]
+    assert errors[-1] <= 6e-3
+    assert order_of(spacings, errors) >= 1.8
+
+
+@pytest.mark.parametrize("kind", "DNR")
+def test_all_terms_on_a_cap(kind):
+    axis = rotation()[1]
+
+    def flux(x):
+        outward = x * (x @ axis)[:, None] - axis
+        return np.sum(slope(x) * outward, axis=1) / np.linalg.norm(outward, axis=1)
+
+    cap = ck.source("analytic.cap", axis=axis, height=0.35)
+    scene = ck.Scene(cap, surface_problem(), edge=surface_condition(kind, flux))
+    points = sphere_points()[sphere_points() @ axis > 0.35]
+    spacings = (0.2, 0.1, 0.05)
+    errors = [max_error(scene, points, u(points), h, solver="reference") for h in spacings]
+    assert errors[-1] <= 1.2e-3
+    assert order_of(spacings, errors) >= 1.8
+
+
+def test_channels_are_solved_together():
+    both = ck.Elliptic([lambda x: x[:, 0], 1.0], diffusivity=lambda x: 2 + x[:, 1], c=1.0)
+    one = ck.Elliptic(lambda x: x[:, 0], diffusivity=lambda x: 2 + x[:, 1], c=1.0)
+    points = on_circle(np.linspace(0, 6, 50))
+    found = ck.solve(ck.Scene(CIRCLE, both), 0.1).evaluate(points)
+    assert found[:, 0] == pytest.approx(ck.solve(ck.Scene(CIRCLE, one), 0.1).evaluate(points), abs=1e-12)
+    assert found[:, 1] == pytest.approx(1.0, abs=1e-10)
+
+
+def test_constants_stay_where_nothing_reacts():
+    scene = ck.Scene(CIRCLE, ck.Elliptic(3.0, diffusivity=lambda x: 2 + x[:, 1], c=3.0))
+    assert np.abs(ck.solve(scene, 0.1).evaluate([[1, 0], [0, -1]]) - 1).max() <= 1e-12
+
+
+def test_the_normal_part_of_a_velocity_carries_nothing():
+    def around(x):
+        return np.stack([-x[:, 1], x[:, 0]], axis=1)
+
+    points = on_circle(np.linspace(0, 6, 100))
+    found = [
+        ck.solve(ck.Scene(CIRCLE, ck.Elliptic(lambda x: x[:, 0], velocity=one, c=1.0)), 0.025).evaluate(points)
+        for one in (around, lambda x: around(x) + x)
+    ]
+    assert np.abs(found[0] - found[1]).max() <= 1e-3
+    assert np.abs(found[0]).max() >= 0.4
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ({"diffusivity": lambda x: x[:, 0]}, "diffusivity must be above zero"),
+        ({"diffusivity": lambda x: np.where(x[:, 0] > 0, np.nan, 1.0)}, "diffusivity must be finite"),
+        ({"diffusivity": lambda x: x}, "diffusivity has 2 channels"),
+        ({"velocity": lambda x: x[:, 0]}, r"velocity must be vectors of shape \(n, 2\)"),
+        ({"velocity": lambda x: np.full((len(x), 2), np.inf)}, "velocity must be finite"),
+        ({"c": lambda x: x[:-1, 0]}, "factor c must give shape"),
+    ],
+)
+def test_coefficients_that_are_none_are_refused(keys, words):
+    with pytest.raises(ck.InputError, match=words):
+        ck.solve(ck.Scene(CIRCLE, ck.Elliptic(1.0, **{"c": 1.0, **keys})), 0.1)
+
+
+def test_a_constant_diffusivity_must_be_above_zero():
+    with pytest.raises(ck.InputError, match="diffusivity of an elliptic problem"):
+        ck.Elliptic(diffusivity=0.0)
+
+
+def test_advection_that_outweighs_diffusion_is_refused_with_a_spacing_that_is_not():
+    def scene(speed):
+        turn = ck.Elliptic(1.0, velocity=lambda x: speed * np.stack([-x[:, 1], x[:, 0]], axis=1), c=1.0)
+        return ck.Scene(CIRCLE, turn)
+
+    with pytest.raises(ck.ResolutionError, match=r"use 0\.05 or less"):
+        ck.solve(scene(40.0), 0.1)
+    assert ck.solve(scene(39.0), 0.05).evaluate([[1, 0]]) == pytest.approx(1.0)
+
+
+def test_order_4_takes_constant_coefficients_alone():
+    with pytest.raises(ck.InputError, match="order=4 takes constant diffusivity"):
+        ck.solve(ck.Scene(CIRCLE, ck.Elliptic(1.0, diffusivity=lambda x: 2 + x[:, 0], c=1.0)), 0.05, order=4, degree=5)
+
+
+@pytest.mark.parametrize("wavenumber", [1.5, 3.3, 7.4])
+def test_standing_waves_on_a_circle(wavenumber):
+    def angle(x):
+        return np.arctan2(x[:, 1], x[:, 0])
+
+    def f(x):
+        return (4 - wavenumber**2) * np.sin(2 * angle(x)) + (9 - wavenumber**2) * np.cos(3 * angle(x)) / 2
+
+    t = np.linspace(0, 2 * np.pi, 999)
+    scene = ck.Scene(CIRCLE, ck.Helmholtz(f, wavenumber))
+    errors = [max_error(scene, on_circle(t), np.sin(2 * t) + np.cos(3 * t) / 2, h) for h in (0.08, 0.04, 0.02)]
+    assert order_of((0.08, 0.04, 0.02), errors) >= 1.9
+
+
+@pytest.mark.parametrize("cut", [False, True])
+def test_standing_waves_on_a_sphere(cut):
+    square = 4.0
+
+    def f(x):
+        return (6 - square) * x[:, 0] * x[:, 1] + (2 - square) * x[:, 2]
+
+    circle = ck.source("analytic.circle", center=[0, 0, 0], radius=1.0, normal=rotation()[0])
+    boundaries = [ck.Boundary("circle", circle, both=ck.Dirichlet(u))] if cut else []
+    scene = ck.Scene(SPHERE, ck.Helmholtz(f, 2.0), boundaries)
+    spacings = (0.2, 0.1414, 0.1)
+    errors = [max_error(scene, sphere_points(), u(sphere_points()), h, solver="reference") for h in spacings]
+    assert errors[-1] <= 8e-3
+    assert order_of(spacings, errors) >= 1.75
+
+
+def test_too_few_nodes_a_wavelength_are_told_and_far_too_few_refused():
+    told = ck.solve(ck.Scene(CIRCLE, ck.Helmholtz(1.0, 7.0)), 0.1).warnings
+    assert any("nodes a wavelength" in sentence and "use 0.086 or less" in sentence for sentence in told)
+    assert not ck.solve(ck.Scene(CIRCLE, ck.Helmholtz(1.0, 5.5)), 0.1).warnings
+    with pytest.raises(ck.ResolutionError, match=r"use 0\.055 or less"):
+        ck.solve(ck.Scene(CIRCLE, ck.Helmholtz(1.0, 11.0)), 0.1)
+
+
+@pytest.mark.parametrize(("square", "resonant"), [(2.001, True), (2.0, True), (2.06, False), (3.0, False)])
+def test_an_eigenvalue_within_the_error_of_the_scheme_is_told(square, resonant):
+    scene = ck.Scene(SPHERE, ck.Helmholtz(lambda x: x[:, 2], np.sqrt(square)))
+    told = [sentence for sentence in ck.solve(scene, 0.125).warnings if "eigenvalue" in sentence]
+    assert len(told) == resonant
+
+
+def test_a_resonance_that_a_boundary_drives_is_told():
+    cut = ck.source("analytic.point", at=[1, 0])
+    for wavenumber, resonant in ((0.5, True), (0.55, False)):
+        scene = ck.Scene(CIRCLE, ck.Helmholtz(0.0, wavenumber), [ck.Boundary("cut", cut, both=ck.Dirichlet(1.0))])
+        solution = ck.solve(scene, 0.05)
+        assert len(solution.warnings) == resonant
+        if not resonant:
+            assert solution.evaluate([[-1, 0]]) == pytest.approx(1 / np.cos(wavenumber * np.pi), rel=2e-3)
+
+
+def test_indefinite_systems_are_factorised_up_to_a_larger_size():
+    f = ck.Helmholtz(1.0, 2.0)
+    assert ck.explain(ck.Scene(SPHERE, f), 0.1).solver == "direct"
+    assert ck.explain(ck.Scene(SPHERE, ck.ScreenedPoisson(1.0)), 0.1).solver == "reference"
+
+
+def test_a_scene_file_holds_all_terms(tmp_path):
+    text = """
+    [surface]
+    kind = "analytic.sphere"
+    [problem]
+    kind = "elliptic"
+    f = "3*x*y"
+    c = "1 + z**2"
+    diffusivity = "1.5 + x*y/2"
+    velocity = ["-y", "x", 0]
+    [discretization]
+    spacing = 0.25
+    """
+    (tmp_path / "scene.toml").write_text(text)
+    loaded = ck.load_scene(tmp_path / "scene.toml")
+    same = ck.Elliptic(
+        lambda x: 3 * x[:, 0] * x[:, 1],
+        diffusivity=lambda x: 1.5 + x[:, 0] * x[:, 1] / 2,
+        velocity=lambda x: np.stack([-x[:, 1], x[:, 0], 0 * x[:, 0]], axis=1),
+        c=lambda x: 1 + x[:, 2] ** 2,
+    )
+    found = [ck.solve(one, 0.25).values for one in (loaded.scene, ck.Scene(SPHERE, same))]
+    assert np.abs(found[0] - found[1]).max() <= 1e-13
+    assert str(loaded.scene.problem) == "-div(a grad u) + v . grad u + c u = f"

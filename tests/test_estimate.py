@@ -1,0 +1,45 @@
+"""Solving again at twice the spacing tells the error."""
+
+import numpy as np
+import pytest
+from model_problems import circle_jump, origins, sphere_points
+
+import cpmkit as ck
+
+
+def test_effectivity_on_the_circle_with_a_jump():
+    """Estimate over true error, mean of eight positions of the lattice."""
+    scene, points, exact = circle_jump()
+    for h in (0.05, 0.025, 0.0125):
+        ratios = []
+        for origin in origins(2)[:8]:
+            estimate = ck.estimate_error(scene, h, origin=origin * h)
+            ratios.append(estimate.error[0] / np.abs(estimate.solution.evaluate(points) - exact).max())
+        assert 0.7 <= np.mean(ratios) <= 1.6
+
+
+def test_on_a_sphere_with_several_channels():
+    def u(x):
+        return np.stack([x[:, 0] * x[:, 1], 10 * x[:, 2]], axis=1)
+
+    scene = ck.Scene(ck.source("analytic.sphere"), ck.ScreenedPoisson(lambda x: u(x) * [7.0, 3.0], c=1.0))
+    estimate = ck.estimate_error(scene, 0.1)
+    true = np.abs(estimate.solution.evaluate(sphere_points()) - u(sphere_points())).max(axis=0)
+    assert np.all((estimate.error / true > 0.5) & (estimate.error / true < 2.0))
+    assert np.all(estimate.bound >= true)
+    assert "error about" in str(estimate)
+
+
+def test_at_fourth_order():
+    f = ck.ScreenedPoisson(lambda x: np.exp(x[:, 1]) * (1 + x[:, 1] - x[:, 0] ** 2), c=1.0)
+    scene = ck.Scene(ck.source("analytic.circle"), f)
+    t = np.linspace(0, 2 * np.pi, 500)
+    points = np.stack([np.cos(t), np.sin(t)], axis=1)
+    estimate = ck.estimate_error(scene, 0.025, order=4, degree=5)
+    true = np.abs(estimate.solution.evaluate(points) - np.exp(points[:, 1])).max()
+    assert 0.5 <= estimate.error[0] / true <= 2.0
+
+
+def test_a_spacing_too_coarse_to_be_doubled_is_refused():
+    with pytest.raises(ck.ResolutionError, match=r"spacing=0\.6 is too coarse"):
+        ck.estimate_error(ck.Scene(ck.source("analytic.sphere"), ck.ScreenedPoisson(1.0)), 0.3)

@@ -1,0 +1,191 @@
+"""Surface gradients and fluxes are of second order, up to boundaries and edges and on both of their sides."""
+
+import numpy as np
+import pytest
+from bare import Bare
+from model_problems import THETA_C, circle_jump, on_circle, order_of, origins, rotation, sphere_points
+
+import cpmkit as ck
+from cpmkit.grid.stencils import tensor_slopes, tensor_weights
+
+NORMAL, HEIGHT = rotation()[2], 0.3
+RADIUS = np.sqrt(1 - HEIGHT**2)
+LENGTH = 2 * np.pi * RADIUS
+SPACINGS = [0.2, 0.1, 0.05]
+POINTS = sphere_points(1500)
+
+
+def u(x):
+    return x[:, 0] * x[:, 1] + x[:, 2]
+
+
+def gradient_of_u(x):
+    ambient = np.stack([x[:, 1], x[:, 0], np.ones(len(x))], axis=1)
+    return ambient - np.sum(ambient * x, axis=1, keepdims=True) * x
+
+
+def two_sided(wrap=lambda source: source, **sides):
+    """u = w^2 above the plane w = n . x = HEIGHT, which is left, and 3 + w below."""
+    circle = wrap(ck.source("analytic.circle", center=HEIGHT * NORMAL, radius=RADIUS, normal=NORMAL))
+    f = ck.ScreenedPoisson(lambda x: np.where((w := x @ NORMAL) > HEIGHT, 7 * w**2 - 2, 3 * w + 3))
+    return ck.Scene(ck.source("analytic.sphere"), f, [ck.Boundary("circle", circle, **sides)])
+
+
+SIDES = {
+    "dirichlet": {"left": ck.Dirichlet(HEIGHT**2), "right": ck.Dirichlet(3 + HEIGHT)},
+    "neumann": {"left": ck.Neumann(-2 * HEIGHT * RADIUS), "right": ck.Neumann(RADIUS)},
+    "mixed": {"left": ck.Robin(1.0, 2.0, -2 * HEIGHT * RADIUS + 2 * HEIGHT**2), "right": ck.Dirichlet(3 + HEIGHT)},
+}
+
+
+@pytest.mark.parametrize("degree", [2, 3, 4, 5])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_slopes_are_the_derivatives_of_the_weights(dim, degree):
+    fractions, step = np.random.default_rng(0).uniform(size=(20, dim)), 1e-6
+    slopes = tensor_slopes(fractions, degree)
+    for axis, shift in enumerate(step * np.eye(dim)):
+        difference = tensor_weights(fractions + shift, degree) - tensor_weights(fractions - shift, degree)
+        np.testing.assert_allclose(slopes[:, axis], difference / (2 * step), atol=1e-7)
+    np.testing.assert_allclose(slopes.sum(axis=2), 0.0, atol=1e-13)
+
+
+def test_the_gradient_on_a_closed_surface_is_tangential_and_of_second_order():
+    scene = ck.Scene(ck.source("analytic.sphere"), ck.ScreenedPoisson(lambda x: 7 * x[:, 0] * x[:, 1] + 3 * x[:, 2]))
+    read = [ck.solve(scene, h).gradient(1.02 * POINTS) for h in SPACINGS]
+    errors = [np.abs(one - gradient_of_u(POINTS)).max() for one in read]
+    assert order_of(SPACINGS, errors) >= 1.9
+    assert errors[-1] < 1.5e-3
+    assert np.abs(np.sum(read[0] * POINTS, axis=1)).max() < 1e-12
+
+
+@pytest.mark.parametrize("edge", ["dirichlet", "neumann"])
+def test_the_gradient_is_of_second_order_up_to_a_rim(edge):
+    rim = np.linspace(0, 2 * np.pi, 200, endpoint=False)
+    rim = np.stack([RADIUS * np.cos(rim), RADIUS * np.sin(rim), np.full(200, HEIGHT)], axis=1)
+    conormal = (HEIGHT * rim - [0, 0, 1]) / RADIUS
+    conditions = {
+        "dirichlet": ck.Dirichlet(u),
+        "neumann": ck.Neumann(lambda x: np.sum(gradient_of_u(x) * (HEIGHT * x - [0, 0, 1]) / RADIUS, axis=1)),
+    }
+    f = ck.ScreenedPoisson(lambda x: 7 * x[:, 0] * x[:, 1] + 3 * x[:, 2])
+    scene = ck.Scene(ck.source("analytic.cap", height=HEIGHT), f, edge=conditions[edge])
+    points = np.concatenate([POINTS[POINTS[:, 2] > HEIGHT], rim])
+    solutions = [ck.solve(scene, h) for h in SPACINGS]
+    errors = [np.abs(one.gradient(points) - gradient_of_u(points)).max() for one in solutions]
+    assert order_of(SPACINGS, errors) >= 1.8
+    assert errors[-1] < 1.5e-2
+    exact = np.mean(np.sum(gradient_of_u(rim) * conormal, axis=1)) * LENGTH
+    fluxes = [abs(one.flux("edge") - exact) / LENGTH for one in solutions]
+    assert order_of(SPACINGS, fluxes) >= (1.8 if edge == "dirichlet" else 1.5)  # 2e-3 already at spacing 0.2
+    assert fluxes[-1] < 1e-2
+    assert solutions[0].flux(0) == solutions[0].flux("edge")
+
+
+@pytest.mark.parametrize("sides", SIDES)
+def test_gradients_and_fluxes_beside_a_boundary_belong_to_their_sides(sides):
+    scene, on = (
+        two_sided(**SIDES[sides]),
+        ck.source("analytic.circle", center=HEIGHT * NORMAL, radius=RADIUS, normal=NORMAL),
+    )
+    up = NORMAL - (POINTS @ NORMAL)[:, None] * POINTS
+    exact = np.where((POINTS @ NORMAL > HEIGHT)[:, None], 2 * (POINTS @ NORMAL)[:, None], 1.0) * up
+    errors, left, right, density = [], [], [], []
+    spacings = [0.15, 0.1, 0.05]  # at 0.2 there is no room beside the boundary, so that it is read plainly
+    for h in spacings:
+        solution = ck.solve(scene, h)
+        errors.append(np.abs(solution.gradient(POINTS) - exact).max())
+        left.append(abs(solution.flux("circle", "left") + 2 * HEIGHT * RADIUS * LENGTH) / LENGTH)
+        right.append(abs(solution.flux("circle", "right") - RADIUS * LENGTH) / LENGTH)
+        read = solution.flux_density("circle", "right", on.mesh(0.1)[0])
+        density.append(np.abs(read - RADIUS).max())
+    for values in (errors, left, right, density):
+        assert order_of(spacings, values) >= 1.8
+        assert values[-1] < 2.5e-2
+
+
+def test_the_flux_out_of_a_side_of_a_point_on_a_curve():
+    spacings = [0.05, 0.025, 0.0125]
+    scene, tangent = circle_jump()[0], np.array([-np.sin(THETA_C), np.cos(THETA_C)])
+    flux, slope = [], []
+    for h in spacings:
+        solutions = [ck.solve(scene, h, origin=shift * h) for shift in origins(2)[:8]]
+        flux.append(np.sqrt(np.mean([(one.flux("cut", "left") - 10 / np.pi) ** 2 for one in solutions])))
+        here = on_circle(np.array([THETA_C]))
+        slope.append(
+            np.sqrt(np.mean([(one.gradient(here, side="right")[0] @ tangent - 10 / np.pi) ** 2 for one in solutions]))
+        )
+    assert order_of(spacings, flux) >= 1.9
+    assert order_of(spacings, slope) >= 1.9
+    assert max(flux[-1], slope[-1]) < 5e-4
+
+
+def test_what_flows_out_of_the_rim_is_the_integral_of_the_laplacian():
+    disc, f, spacings = (
+        ck.source("solid", of=ck.source("analytic.circle")),
+        lambda x: 1 + x[:, 0] ** 2,
+        [0.1, 0.05, 0.025],
+    )
+    scene = ck.Scene(disc, ck.Poisson(f), edge=ck.Dirichlet(0.0))
+    gaps = []
+    for h in spacings:
+        solution = ck.solve(scene, h)
+        gaps.append(abs(solution.flux("edge") + solution.integrate(lambda x, _: f(x))))
+    assert order_of(spacings, gaps) >= 1.8
+    assert gaps[-1] < 0.01 * np.pi
+
+
+def test_what_flows_out_of_both_sides_of_a_curve_is_the_integral_over_both_pieces():
+    f = ck.Poisson(lambda x: 1 + x[:, 2] + x[:, 0] * x[:, 1])
+    circle = ck.source("analytic.circle", center=HEIGHT * NORMAL, radius=RADIUS, normal=NORMAL)
+    scene = ck.Scene(ck.source("analytic.sphere"), f, [ck.Boundary("circle", circle, both=ck.Dirichlet(0.0))])
+    solution = ck.solve(scene, 0.05)
+    out = solution.flux("circle", "left") + solution.flux("circle", "right")
+    assert out == pytest.approx(-4 * np.pi, rel=4e-3)
+
+
+def test_a_boundary_without_a_mesh_has_the_same_flux():
+    flipped = {"left": SIDES["dirichlet"]["right"], "right": SIDES["dirichlet"]["left"]}  # a bare curve has any sense
+    bare = ck.solve(two_sided(Bare, **flipped), 0.1)
+    assert bare.flux("circle", "left") == pytest.approx(RADIUS * LENGTH, rel=0.03)
+    assert bare.flux("circle", "left") == pytest.approx(
+        ck.solve(two_sided(**SIDES["dirichlet"]), 0.1).flux("circle", "right"), rel=1e-3
+    )
+
+
+def test_channels_have_gradients_and_fluxes_each():
+    sides = {"left": ck.Dirichlet([6.0, 12.0]), "right": ck.Dirichlet([0.0, 0.0])}
+    scene = ck.Scene(
+        ck.source("analytic.circle"),
+        ck.Laplace(),
+        [ck.Boundary("cut", ck.source("analytic.point", at=[1, 0]), **sides)],
+    )
+    solution = ck.solve(scene, 0.05)
+    slope = 6 / (2 * np.pi)
+    assert solution.gradient([[0, 1.0], [0, -1.0]]).shape == (2, 2, 2)
+    np.testing.assert_allclose(solution.gradient([[0, 1.0]])[0], [[-slope, 0], [-2 * slope, 0]], atol=2e-3)
+    np.testing.assert_allclose(solution.flux("cut", "left"), [slope, 2 * slope], rtol=5e-3)
+    assert solution.flux_density("cut", "right", [[1.0, 0.0]]).shape == (1, 2)
+    assert solution.gradient(np.zeros((0, 2))).shape == (0, 2, 2)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("circle",), "side of 'circle' must be 'left' or 'right': a flux is that out of one side"),
+        (("nose", "left"), "no boundary has the name 'nose'"),
+        (("edge",), "has no edge to ask for a flux; it is closed"),
+        (("edge", "left"), "the edge has one side only"),
+        (("circle", "up"), "must be 'left' or 'right'"),
+    ],
+)
+def test_fluxes_that_are_none(arguments, message):
+    solution = ck.solve(two_sided(**SIDES["dirichlet"]), 0.25)
+    with pytest.raises(ck.InputError, match=message):
+        solution.flux(*arguments)
+
+
+def test_a_point_on_a_surface_has_no_flux():
+    pin = ck.Boundary("pin", ck.source("analytic.point", at=[0, 0, 1.0]), both=ck.Dirichlet(1.0))
+    solution = ck.solve(ck.Scene(ck.source("analytic.sphere"), ck.ScreenedPoisson(0.0), [pin]), 0.2)
+    with pytest.raises(ck.InputError, match="side of 'pin' must be 'left' or 'right' of a boundary that has sides"):
+        solution.flux("pin", "left")
