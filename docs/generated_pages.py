@@ -61,9 +61,19 @@ def commands_page() -> str:
     """Return the help text of ``cpmkit`` and of each of its commands."""
     context = click.Context(main, info_name="cpmkit", max_content_width=100)
     parts = ["## `cpmkit`\n", _help(context)]
-    for name, command in main.commands.items():
-        parts += [f"## `cpmkit {name}`\n", _help(click.Context(command, parent=context, info_name=name))]
+    parts += _commands(main, context, "cpmkit")
     return "\n".join(parts)
+
+
+def _commands(group: click.Group, context: click.Context, path: str) -> list[str]:
+    """Return the help texts of a group's commands, and of theirs where they are groups."""
+    parts = []
+    for name, command in group.commands.items():
+        own = click.Context(command, parent=context, info_name=name)
+        parts += [f"## `{path} {name}`\n", _help(own)]
+        if isinstance(command, click.Group):
+            parts += _commands(command, own, f"{path} {name}")
+    return parts
 
 
 def _help(context: click.Context) -> str:
