@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.conditions import Data, evaluate_data
 from cpmkit.discretization import Discretization
 from cpmkit.errors import InputError, ResolutionError
 from cpmkit.grid.stencils import cross_offsets, cross_weights, difference_reach
 from cpmkit.operators import Border, LinearSystem, Operator
 from cpmkit.problems import Equation, Field, Terms
 from cpmkit.protocols import Floats
+from cpmkit.scene_data import Data, evaluate_data
 
 #: Central differences oscillate where advection over one spacing outweighs diffusion by more than this.
 CELL_PECLET = 2.0

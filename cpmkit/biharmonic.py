@@ -17,7 +17,6 @@ from cpmkit.assembly import build_operator
 from cpmkit.boundary.reading import sum_of_data
 from cpmkit.components import unpinned
 from cpmkit.compound_problems import Biharmonic
-from cpmkit.conditions import SupportData
 from cpmkit.diagnosis import warnings_of
 from cpmkit.discretization import Discretization
 from cpmkit.errors import ConvergenceError, InputError, SceneError
@@ -27,6 +26,7 @@ from cpmkit.problems import Terms
 from cpmkit.protocols import Floats, Side
 from cpmkit.solution import Solution
 from cpmkit.solvers.report import SolveReport
+from cpmkit.special_conditions import SupportData
 from cpmkit.work import measure_work
 
 if TYPE_CHECKING:

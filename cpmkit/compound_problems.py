@@ -9,9 +9,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from cpmkit.arrays import positive
-from cpmkit.conditions import Condition, Data, Dirichlet, Neumann, SimplySupported, Steklov, Transmission
+from cpmkit.conditions import Condition, Dirichlet, Neumann
 from cpmkit.errors import InputError, SceneError
 from cpmkit.problems import Equation, Terms
+from cpmkit.scene_data import Data
+from cpmkit.special_conditions import SimplySupported, Steklov, Transmission
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,7 +21,7 @@ class Eigen(Equation):
     """-div(a grad u) + c u = lambda u, with homogeneous conditions: the eigenvalues nearest to ``near``.
 
     Where a side or an edge has the condition :class:`cpmkit.Steklov`, the equation is ``-div(a grad u) + c u = 0`` and
-    lambda stands in that condition instead. The solution is a :class:`cpmkit.eigen_solution.EigenSolution`.
+    lambda stands in that condition instead. The solution is a :class:`cpmkit.eigen.solution.EigenSolution`.
 
     Parameters
     ----------

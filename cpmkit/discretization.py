@@ -13,13 +13,13 @@ from cpmkit.boundary.crossing import View, visible_ghosts
 from cpmkit.boundary.frame import Frame, stack
 from cpmkit.boundary.ghosts import Ghosts
 from cpmkit.boundary.reading import Datum, Reading, Term, sum_of_data
-from cpmkit.conditions import Data, evaluate_data
 from cpmkit.grid.band import Band
 from cpmkit.grid.extension import Unknowns, extend
 from cpmkit.grid.stencils import cross_offsets, cross_weights, difference_reach
 from cpmkit.layout import Layout, lay_out
 from cpmkit.protocols import Floats, Ints, Progress, nothing
 from cpmkit.scene import Scene
+from cpmkit.scene_data import Data, evaluate_data
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

@@ -52,7 +52,7 @@ def save(solution: ReadableSolution, path: str | Path) -> None:
     path = Path(path)
     check_file(path, solution.scene.surface)
     if path.suffix.lower() == ".pvd":
-        from cpmkit.series import save_series
+        from cpmkit.evolution.series import save_series
 
         return save_series(solution, path)
     with written_whole(path) as unfinished:

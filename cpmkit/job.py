@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from cpmkit.checkpoints import Checkpointing
 from cpmkit.discretization import Discretization
+from cpmkit.evolution.checkpoints import Checkpointing
 from cpmkit.protocols import LinearSolver, Progress
 from cpmkit.scene import Scene
 

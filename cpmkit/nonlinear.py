@@ -10,13 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.conditions import Condition, NonlinearFlux, Robin
+from cpmkit.conditions import Condition, Robin
 from cpmkit.discretization import Discretization, discretize
 from cpmkit.errors import ConvergenceError, InputError, SceneError
 from cpmkit.job import Job
 from cpmkit.protocols import Floats, Side
 from cpmkit.scene import Boundary, Scene
 from cpmkit.solution import Solution
+from cpmkit.special_conditions import NonlinearFlux
 
 #: At most this many steps.
 STEPS = 30

@@ -13,8 +13,10 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from cpmkit.arrays import positive
-from cpmkit.conditions import Condition, Data, SimplySupported, Steklov
+from cpmkit.conditions import Condition
 from cpmkit.errors import SceneError
+from cpmkit.scene_data import Data
+from cpmkit.special_conditions import SimplySupported, Steklov
 
 #: A vector field: a function of points (n, d) that returns (n, d).
 Field = Callable[..., Any]

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cpmkit.errors import InputError
+from cpmkit.evolution.series import draw_frames
 from cpmkit.export import check_file, save, write_summary
 from cpmkit.outputrequest import OutputRequest, PictureRequest
 from cpmkit.protocols import ClosestPointSource, Progress
-from cpmkit.series import draw_frames
 from cpmkit.surface_mesh import mesh_of
 from cpmkit.view import check_picture, picture
 

@@ -10,11 +10,13 @@ from typing import Any
 import numpy as np
 
 from cpmkit.arrays import as_vector, positive
-from cpmkit.conditions import KINDS, Condition, Data, Neumann, Transmission, channel_count
+from cpmkit.conditions import KINDS, Condition, Neumann
 from cpmkit.errors import InputError, ResolutionError, SceneError
 from cpmkit.grid.lattice import Lattice
 from cpmkit.problems import Equation
 from cpmkit.protocols import BoundarySet, ClosestPointSource, Floats, Side
+from cpmkit.scene_data import Data, channel_count
+from cpmkit.special_conditions import Transmission
 
 #: The largest spacing, as a share of the manifold's largest side, at which the band still tells its parts apart.
 COARSEST = 0.25

@@ -9,27 +9,19 @@ from pathlib import Path
 from typing import Any
 
 from cpmkit.compound_problems import Biharmonic, Eigen
-from cpmkit.conditions import (
-    Condition,
-    Data,
-    Dirichlet,
-    Neumann,
-    Robin,
-    SimplySupported,
-    Steklov,
-    Transmission,
-    evaluate_data,
-)
+from cpmkit.conditions import Condition, Dirichlet, Neumann, Robin
 from cpmkit.data import find_file
 from cpmkit.errors import SceneError
-from cpmkit.evolution import Evolution, Heat, Wave
+from cpmkit.evolution.equations import Evolution, Heat, Wave
 from cpmkit.expressions import Expression
 from cpmkit.outputrequest import OutputRequest, PictureRequest
 from cpmkit.plugins import call, factory, offered, source, takes
 from cpmkit.problems import Elliptic, Equation, Field, Helmholtz, Laplace, Poisson, ScreenedPoisson
 from cpmkit.protocols import BoundarySet, ClosestPointSource
 from cpmkit.scene import Boundary, Scene
+from cpmkit.scene_data import Data, evaluate_data
 from cpmkit.solvers import ACCEPTED
+from cpmkit.special_conditions import SimplySupported, Steklov, Transmission
 from cpmkit.vertex_data import VertexData, with_vertex_data
 
 TABLES = ("surface", "boundary", "problem", "discretization", "solver", "output")

@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from cpmkit.arrays import positive
-from cpmkit.checkpoints import EVERY, check_checkpointing
-from cpmkit.conditions import NonlinearFlux
 from cpmkit.discretization import discretize
+from cpmkit.evolution.checkpoints import EVERY, check_checkpointing
 from cpmkit.job import Job
 from cpmkit.localized import largest_dim
 from cpmkit.nonlinear import solve_nonlinear
@@ -22,12 +21,13 @@ from cpmkit.resolution import needed_spacing
 from cpmkit.scene import Scene
 from cpmkit.solution import Solution
 from cpmkit.solvers import check_solver, choose_solver, make_solver
+from cpmkit.special_conditions import NonlinearFlux
 
 #: The module that solves each family of equations, by its function ``solve_job``.
 FAMILIES = {
     "steady": "cpmkit.steady",
-    "time": "cpmkit.timestepping",
-    "eigen": "cpmkit.eigenproblem",
+    "time": "cpmkit.evolution.stepping",
+    "eigen": "cpmkit.eigen.solving",
     "biharmonic": "cpmkit.biharmonic",
 }
 

@@ -6,9 +6,9 @@ import time
 
 from cpmkit.assembly import assemble
 from cpmkit.diagnosis import warnings_of
+from cpmkit.eigen.resonance import near_resonance, unresolved_waves
 from cpmkit.job import Job
 from cpmkit.null_space import find_border, settle
-from cpmkit.resonance import near_resonance, unresolved_waves
 from cpmkit.solution import Solution
 from cpmkit.work import measure_work
 

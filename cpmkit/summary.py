@@ -6,7 +6,8 @@ import platform
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
-from cpmkit.conditions import Condition, Steklov
+from cpmkit.conditions import Condition
+from cpmkit.special_conditions import Steklov
 
 if TYPE_CHECKING:
     from cpmkit.readable import ReadableSolution

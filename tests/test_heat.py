@@ -8,8 +8,8 @@ import pytest
 from model_problems import angle_after, on_circle, order_of, sphere_points
 
 import cpmkit as ck
-from cpmkit.schedule import schedule
-from cpmkit.semidiscrete import SemiDiscrete, semidiscretize
+from cpmkit.evolution.schedule import schedule
+from cpmkit.evolution.semidiscrete import SemiDiscrete, semidiscretize
 
 THETA_C = 1.022 * np.pi
 SCHEMES = {"backward-euler": 1, "bdf2": 2, "crank-nicolson": 2}

@@ -11,8 +11,8 @@ from model_problems import on_circle
 import cpmkit as ck
 from cpmkit.cli import main
 from cpmkit.errors import SceneError
+from cpmkit.evolution.series import draw_frames
 from cpmkit.export import save
-from cpmkit.series import draw_frames
 
 POINTS = on_circle(np.linspace(0, 6, 50))
 
@@ -84,7 +84,7 @@ def test_a_series_that_fails_leaves_the_earlier_one(tmp_path, monkeypatch):
     def fail(mesh, path):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("cpmkit.series.write_vtp", fail)
+    monkeypatch.setattr("cpmkit.evolution.series.write_vtp", fail)
     with pytest.raises(ck.InputError, match=r"run_frames cannot be written: No space left on device\.$"):
         solution.save(tmp_path / "run.pvd")
     assert {file: file.read_bytes() for file in tmp_path.rglob("*.*") if file.is_file()} == before

@@ -145,7 +145,7 @@ def test_rough_data_stay_bounded(scheme, courant, degree, name):
 
 
 def test_without_damping_leapfrog_grows(monkeypatch):
-    monkeypatch.setattr("cpmkit.schemes.DAMPING", 0.0)
+    monkeypatch.setattr("cpmkit.evolution.schemes.DAMPING", 0.0)
     wave = ck.Wave(noise, until=60.0, step=0.05, scheme="leapfrog")
     solution = ck.solve(arc(wave, ck.Dirichlet(0.0)), 0.1, origin=[0.013, 0.021])
     assert np.abs(solution.values).max() > 1e3

@@ -9,9 +9,10 @@ from cpmkit.boundary.crossing_ghosts import Crossing, beyond_another
 from cpmkit.boundary.formulas import beta_at, points_inside, polynomial_weights
 from cpmkit.boundary.reading import Datum
 from cpmkit.boundary.transmission import coupled_weights
-from cpmkit.conditions import Condition, Transmission
+from cpmkit.conditions import Condition
 from cpmkit.grid.lattice import Lattice
 from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.special_conditions import Transmission
 
 
 def continue_ghosts(crossing: Crossing, lattice: Lattice, orders: Ints) -> tuple[list[Continued], Ints]:

@@ -9,9 +9,10 @@ import numpy as np
 
 from cpmkit.boundary.frame import Frame, Sighted
 from cpmkit.boundary.ghosts import Sight
-from cpmkit.conditions import Dirichlet, evaluate_data
+from cpmkit.conditions import Dirichlet
 from cpmkit.grid.lattice import Lattice
 from cpmkit.protocols import Bools, BoundarySet, Floats, Side
+from cpmkit.scene_data import evaluate_data
 
 #: Around a crossing of four different values the solution is off within so many spacings (by the jump; outside twice
 #: that it is of order 1 to 2).

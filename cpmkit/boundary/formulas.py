@@ -16,9 +16,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.conditions import Condition, evaluate_data
+from cpmkit.conditions import Condition
 from cpmkit.errors import ResolutionError
 from cpmkit.protocols import Bools, Floats
+from cpmkit.scene_data import evaluate_data
 
 
 def is_dirichlet(condition: Condition) -> bool:

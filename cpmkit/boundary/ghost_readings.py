@@ -14,9 +14,10 @@ from cpmkit.boundary.formulas import beta_at, coefficient_and_factor, mirror_dis
 from cpmkit.boundary.frame import Frame
 from cpmkit.boundary.reading import Datum, Reading, Term
 from cpmkit.boundary.transmission import transmission_weights
-from cpmkit.conditions import Condition, Transmission
+from cpmkit.conditions import Condition
 from cpmkit.grid.lattice import Lattice
 from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.special_conditions import Transmission
 
 
 @dataclass(frozen=True, eq=False)

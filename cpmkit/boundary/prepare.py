@@ -9,12 +9,12 @@ import numpy as np
 from cpmkit.boundary.frame import Sighted
 from cpmkit.boundary.orientation import AS_GIVEN, Orientation, carry
 from cpmkit.boundary.tangent_space import normals, tangents
-from cpmkit.conditions import Transmission
 from cpmkit.errors import SceneError
 from cpmkit.grid.band import surface_cells
 from cpmkit.grid.lattice import Lattice
 from cpmkit.localized import Localized, localize
 from cpmkit.protocols import BoundarySet, ClosestPoints, Floats
+from cpmkit.special_conditions import Transmission
 
 
 def sight(boundary: BoundarySet, surface: Localized, lattice: Lattice, radius: float) -> Sighted:

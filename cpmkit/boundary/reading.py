@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.conditions import Data, evaluate_data, takes_time
 from cpmkit.protocols import Floats, Ints
+from cpmkit.scene_data import Data, evaluate_data, takes_time
 
 if TYPE_CHECKING:
     from cpmkit.boundary.frame import Frame

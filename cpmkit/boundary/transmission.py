@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.conditions import Transmission
 from cpmkit.protocols import Bools, Floats
+from cpmkit.special_conditions import Transmission
 
 
 def transmission_weights(

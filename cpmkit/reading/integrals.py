@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.conditions import evaluate_data
 from cpmkit.errors import InputError
 from cpmkit.mesh_cells import with_corners
 from cpmkit.protocols import ClosestPointSource, Floats, HasMembers, Ints
 from cpmkit.reading.curved_cells import CurvedCells, find_edges, kept_near, middles_on
+from cpmkit.scene_data import evaluate_data
 from cpmkit.surface_mesh import DisplayMesh, evaluate_on_sides, moved_onto_boundaries
 
 if TYPE_CHECKING:

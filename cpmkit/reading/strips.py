@@ -8,9 +8,10 @@ import numpy as np
 
 from cpmkit.boundary.encounters import STRIP, Strip
 from cpmkit.boundary.frame import Frame
-from cpmkit.conditions import Dirichlet, evaluate_data
+from cpmkit.conditions import Dirichlet
 from cpmkit.grid.lattice import Lattice
 from cpmkit.protocols import Bools, BoundarySet, Floats, Side
+from cpmkit.scene_data import evaluate_data
 
 SIDES: tuple[Side, Side] = ("left", "right")
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.assembly import assemble
-from cpmkit.conditions import Dirichlet, evaluate_data
+from cpmkit.conditions import Dirichlet
 from cpmkit.discretization import Discretization, discretize
 from cpmkit.errors import SceneError
 from cpmkit.grid.band import Band
@@ -24,6 +24,7 @@ from cpmkit.localized import Localized, largest_dim, localize
 from cpmkit.operators import LinearSystem
 from cpmkit.protocols import Bools, BoundarySet, Floats, Progress, nothing
 from cpmkit.scene import Scene
+from cpmkit.scene_data import evaluate_data
 from cpmkit.solution import Solution
 from cpmkit.solvers import choose_solver, make_solver
 from cpmkit.work import measure_work

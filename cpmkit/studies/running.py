@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.conditions import evaluate_data
 from cpmkit.errors import ConvergenceError, InputError, ResolutionError, SceneError
 from cpmkit.protocols import Floats, Progress, nothing
 from cpmkit.readable import ReadableSolution
 from cpmkit.scene import Scene
+from cpmkit.scene_data import evaluate_data
 from cpmkit.solving import solve
 from cpmkit.studies.baselines import solve_by_fixed_nodes
 from cpmkit.studies.records import FILE, Record, append_record, drop_unfinished_line, of_content, read_records

@@ -7,11 +7,11 @@ import time
 import numpy as np
 
 from cpmkit.arrays import positive
-from cpmkit.conditions import evaluate_data
 from cpmkit.errors import SceneError
 from cpmkit.problems import Equation
 from cpmkit.protocols import Backend, Progress, nothing
 from cpmkit.scene import Scene
+from cpmkit.scene_data import evaluate_data
 from cpmkit_fem.assembly import stiffness_and_mass
 from cpmkit_fem.pins import pin
 from cpmkit_fem.rim import inflow, rim_of

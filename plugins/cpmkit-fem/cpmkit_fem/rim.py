@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.boundary.edge import edge_condition
-from cpmkit.conditions import Condition, Neumann, Robin, evaluate_data
+from cpmkit.conditions import Condition, Neumann, Robin
 from cpmkit.errors import SceneError
 from cpmkit.protocols import Floats, Ints
 from cpmkit.scene import Scene
+from cpmkit.scene_data import evaluate_data
 from cpmkit_fem.triangulation import Triangulation
 
 #: Loops are told apart from this share of an edge outside of it.

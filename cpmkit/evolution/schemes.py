@@ -9,7 +9,8 @@ Crank-Nicolson: ``(I + h/2 A) u1 = u0 + h/2 (-A u0 + b0 + b1)``;
 leapfrog, for u'' = -A u + b(t): ``v1 = v0 + h (-A u0 + b0)``, ``u1 = u0 + h v1``, the rate v half a step before u.
 
 Leapfrog is damped: ``v1 -= h eps A^2 v0``, with eps so small that the damping is of third order in the spacing, and so
-large that waves of a few spacings, which grow where A has complex eigenvalues (:mod:`cpmkit.stability`), decay.
+large that waves of a few spacings, which grow where A has complex eigenvalues (:mod:`cpmkit.evolution.stability`),
+decay.
 
 The implicit scheme for waves is BDF2 for u' = v, v' = -A u + b: ``(I + (g h)^2 A) u1 = ...``, v eliminated. Undamped
 implicit schemes (Newmark's average acceleration) are not offered, for the same reason.
@@ -22,10 +23,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cpmkit.evolution.schedule import Step
+from cpmkit.evolution.semidiscrete import SemiDiscrete
+from cpmkit.evolution.shifted import ShiftedSolver
 from cpmkit.protocols import Floats
-from cpmkit.schedule import Step
-from cpmkit.semidiscrete import SemiDiscrete
-from cpmkit.shifted import ShiftedSolver
 
 #: Moments that schemes look back on.
 REMEMBERED = 3

@@ -14,11 +14,11 @@ import numpy as np
 
 from cpmkit.components import unpinned
 from cpmkit.compound_problems import Eigen
-from cpmkit.conditions import eigenfunction
 from cpmkit.errors import SceneError
 from cpmkit.job import Job
 from cpmkit.operators import LinearSystem, Operator
 from cpmkit.protocols import Floats, nothing
+from cpmkit.special_conditions import eigenfunction
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

@@ -11,9 +11,9 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from cpmkit.errors import InputError
+from cpmkit.evolution.frames import EvolvedSolution
 from cpmkit.export import write_vtp
 from cpmkit.files import written_whole
-from cpmkit.frames import EvolvedSolution
 
 if TYPE_CHECKING:
     from cpmkit.readable import ReadableSolution

@@ -9,11 +9,11 @@ import numpy as np
 
 from cpmkit.assembly import build_operator
 from cpmkit.boundary.reading import Datum, sum_of_data
-from cpmkit.conditions import Data, takes_time
 from cpmkit.discretization import Discretization
-from cpmkit.evolution import Evolution
+from cpmkit.evolution.equations import Evolution
 from cpmkit.operators import Operator
 from cpmkit.protocols import Floats, Ints
+from cpmkit.scene_data import Data, takes_time
 
 F = "the right-hand side f"
 #: So often are ghosts read at the start: each reads a mirror point, near the boundary through other ghosts.

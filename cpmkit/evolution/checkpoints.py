@@ -13,14 +13,14 @@ from zipfile import BadZipFile
 import numpy as np
 
 from cpmkit.errors import InputError
-from cpmkit.evolution import Evolution
+from cpmkit.evolution.equations import Evolution
+from cpmkit.evolution.schedule import ROUNDING, Step
+from cpmkit.evolution.schemes import Moment
+from cpmkit.evolution.semidiscrete import SemiDiscrete
+from cpmkit.evolution.shifted import Tally
 from cpmkit.files import written_whole
 from cpmkit.problems import Equation
 from cpmkit.protocols import Bools, Floats
-from cpmkit.schedule import ROUNDING, Step
-from cpmkit.schemes import Moment
-from cpmkit.semidiscrete import SemiDiscrete
-from cpmkit.shifted import Tally
 
 #: Steps between two checkpoints unless asked otherwise.
 EVERY = 100

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.evolution import Evolution
+from cpmkit.evolution.equations import Evolution
 from cpmkit.solution import Solution
 from cpmkit.surface_mesh import DisplayMesh
 

@@ -16,9 +16,9 @@ from cpmkit.assembly import build_operator
 from cpmkit.compound_problems import Eigen
 from cpmkit.diagnosis import warnings_of
 from cpmkit.discretization import Discretization
-from cpmkit.eigen_solution import EigenSolution
+from cpmkit.eigen.inverse_iteration import Shifted, shifted
+from cpmkit.eigen.solution import EigenSolution
 from cpmkit.errors import ConvergenceError, InputError
-from cpmkit.inverse_iteration import Shifted, shifted
 from cpmkit.job import Job
 from cpmkit.operators import LinearSystem
 from cpmkit.protocols import Floats

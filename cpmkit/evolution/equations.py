@@ -1,8 +1,8 @@
 """Equations in time: heat and what is like it, and waves.
 
 ``heat`` u_t = div(kappa grad u) - v . grad u - c u + f, ``wave`` u_tt = speed^2 Lap u + f. Time begins at 0. How the
-steps go is in :mod:`cpmkit.schemes`; there is no explicit scheme for heat, whose step would have to be about the
-square of the spacing.
+steps go is in :mod:`cpmkit.evolution.schemes`; there is no explicit scheme for heat, whose step would have to be
+about the square of the spacing.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from typing import ClassVar
 import numpy as np
 
 from cpmkit.arrays import positive
-from cpmkit.conditions import Data, takes_time
 from cpmkit.errors import InputError
 from cpmkit.problems import Equation, Field, Terms
+from cpmkit.scene_data import Data, takes_time
 
 HEAT_SCHEMES = ("bdf2", "backward-euler", "crank-nicolson")
 WAVE_SCHEMES = ("leapfrog", "implicit")

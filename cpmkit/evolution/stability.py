@@ -3,7 +3,7 @@
 A has complex eigenvalues: their imaginary parts are a few percent of the largest eigenvalues for degrees 3 and 5, ten
 times as much for degrees 2 and 4 and for conditions of order 3 (measured on circles and arcs with all conditions). An
 undamped scheme lets such waves grow, by exp(0.01 to 0.05 speed t / spacing) for degree 3. Leapfrog is damped therefore
-(:func:`cpmkit.schemes.leapfrog`), and the implicit scheme damps waves that its step does not resolve.
+(:func:`cpmkit.evolution.schemes.leapfrog`), and the implicit scheme damps waves that its step does not resolve.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import math
 
 from cpmkit.discretization import Discretization
 from cpmkit.errors import InputError, ResolutionError
-from cpmkit.evolution import Wave
+from cpmkit.evolution.equations import Wave
 from cpmkit.scene import Scene
 
 #: Degrees with which leapfrog stays bounded.

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.evolution import Evolution, Wave
+from cpmkit.evolution.equations import Evolution, Wave
+from cpmkit.evolution.schemes import History
+from cpmkit.evolution.semidiscrete import SemiDiscrete
 from cpmkit.protocols import Floats
-from cpmkit.schemes import History
-from cpmkit.semidiscrete import SemiDiscrete
 
 #: Crank-Nicolson rings where its last step takes back more than this share of the one before, and both are more than
 #: the second share of the solution.

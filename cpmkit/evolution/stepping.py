@@ -9,16 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.checkpoints import RunPlan, RunState, read_checkpoint, write_checkpoint
 from cpmkit.diagnosis import warnings_of
 from cpmkit.errors import ConvergenceError, ResolutionError
-from cpmkit.evolution import Evolution, Heat, Wave
-from cpmkit.frames import EvolvedSolution
-from cpmkit.job import Job
-from cpmkit.operators import LinearSystem
-from cpmkit.run_diagnosis import run_warnings
-from cpmkit.schedule import Step, schedule
-from cpmkit.schemes import (
+from cpmkit.evolution.checkpoints import RunPlan, RunState, read_checkpoint, write_checkpoint
+from cpmkit.evolution.diagnosis import run_warnings
+from cpmkit.evolution.equations import Evolution, Heat, Wave
+from cpmkit.evolution.frames import EvolvedSolution
+from cpmkit.evolution.schedule import Step, schedule
+from cpmkit.evolution.schemes import (
     REMEMBERED,
     Moment,
     Scheme,
@@ -29,10 +27,12 @@ from cpmkit.schemes import (
     implicit_wave,
     leapfrog,
 )
-from cpmkit.semidiscrete import SemiDiscrete, semidiscretize
-from cpmkit.shifted import ShiftedSolver, Tally
+from cpmkit.evolution.semidiscrete import SemiDiscrete, semidiscretize
+from cpmkit.evolution.shifted import ShiftedSolver, Tally
+from cpmkit.evolution.stability import check_wave
+from cpmkit.job import Job
+from cpmkit.operators import LinearSystem
 from cpmkit.solvers.report import SolveReport
-from cpmkit.stability import check_wave
 from cpmkit.work import measure_work
 
 SCHEMES: dict[str, Scheme] = {

@@ -1,0 +1,1 @@
+"""Problems in time: equations, schemes, steps, frames and checkpoints."""

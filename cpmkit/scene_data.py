@@ -1,0 +1,102 @@
+"""Data of a scene: numbers, one a channel, or functions of position and, in problems with a time, of time."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from cpmkit.errors import CpmkitError, InputError
+from cpmkit.protocols import Floats
+
+#: A number, one entry a channel, or a callable of points (n, d) and, where it has a parameter ``t``, of the time.
+Data = float | list[Any] | tuple[Any, ...] | Floats | Callable[..., Any]
+
+
+def takes_time(data: Data) -> bool:
+    """Tell whether data, or one entry of them, is a callable with a parameter ``t``."""
+    if isinstance(data, (list, tuple)):
+        return any(takes_time(entry) for entry in data)
+    if not callable(data):
+        return False
+    told = getattr(data, "takes_time", None)
+    if isinstance(told, bool):
+        return told
+    try:
+        return "t" in inspect.signature(data).parameters
+    except (TypeError, ValueError):  # some built-in functions tell no signature
+        return False
+
+
+def evaluate_data(data: Data, points: Floats, channels: int | None, what: str, time: float | None = None) -> Floats:
+    """Return data at points as (n, channels).
+
+    Parameters
+    ----------
+    data : Data
+        A number, one entry a channel (numbers or callables), or a callable of the points.
+    points : (n, d) float64
+        Where the data are read, in the scene's coordinates.
+    channels : int or None
+        How many channels are wanted; a single number serves all of them. None: as many as the data have.
+    what : str
+        Named in the error.
+    time : float, optional
+        Given to callables with a parameter ``t``.
+
+    Raises
+    ------
+    InputError
+        If the number of channels differs, a callable returns another shape, a value is not finite, or a callable
+        asks for the time of a problem that has none.
+    """
+    n = len(points)
+    if callable(data):
+        if takes_time(data) and time is None:
+            raise InputError(f"{what} depends on t, and the problem has no time; use Heat or Wave.")
+        try:
+            values = np.asarray(data(points, t=time) if takes_time(data) else data(points), dtype=np.float64)
+        except CpmkitError:
+            raise
+        except (TypeError, ValueError) as error:
+            raise InputError(f"{what} must return numbers of shape ({n},) or ({n}, channels): {error}") from error
+        if values.ndim == 0:
+            values = np.broadcast_to(values, (n,))
+        values = values[:, None] if values.ndim == 1 else values
+    elif isinstance(data, (list, tuple, np.ndarray)) and np.ndim(np.asarray(data, dtype=object)) > 0:
+        parts = [evaluate_data(entry, points, 1, what, time) for entry in data]
+        values = np.concatenate(parts, axis=1) if parts else np.zeros((n, 0))
+    else:
+        values = np.full((n, 1), as_number(data, what))
+    if values.ndim != 2 or len(values) != n:
+        raise InputError(f"{what} must give shape ({n},) or ({n}, channels) at {n} points, got {values.shape}.")
+    if channels is not None and values.shape[1] != channels:
+        if values.shape[1] != 1:
+            raise InputError(f"{what} has {values.shape[1]} channels where the scene has {channels}.")
+        values = np.repeat(values, channels, axis=1)
+    if not np.isfinite(values).all():
+        raise InputError(
+            f"{what} must be finite, got NaN or infinity at {int((~np.isfinite(values)).any(axis=1).sum())} points."
+        )
+    return np.ascontiguousarray(values)
+
+
+def channel_count(data: Data, probe: Floats, what: str, time: float | None = None) -> int:
+    """Return how many channels ``data`` has, asked at one point ``probe`` (1, d) and at ``time``."""
+    return int(evaluate_data(data, probe, None, what, time).shape[1])
+
+
+def as_number(data: Any, what: str) -> float:
+    """Return ``data`` as a float.
+
+    Raises
+    ------
+    InputError
+        If it is not a number; ``what`` names it.
+    """
+    try:
+        return float(data)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{what} must be a number, one entry a channel, or a callable, got {data!r}.") from error
