@@ -30,6 +30,18 @@ def unpinned(tables: Discretization, scene: Scene) -> tuple[int, Ints]:
     return int(free.sum()), number[label]
 
 
+def free_of_conditions(tables: Discretization) -> tuple[int, Ints]:
+    """Return how many closed pieces no boundary or edge touches, and which each unknown (n,) is on, -1 for none."""
+    if any(ghosts.unknowns for ghosts in tables.layout.ghosts):
+        return 0, np.full(tables.unknowns.count, -1)
+    count, label = components(tables)
+    closed = np.ones(count, dtype=bool)
+    inner = tables.layout.band.inner
+    closed[label[:inner][tables.layout.band.feet.edge[:inner] >= 0]] = False
+    number = np.where(closed, np.cumsum(closed) - 1, -1)
+    return int(closed.sum()), number[label]
+
+
 def components(tables: Discretization) -> tuple[int, Ints]:
     """Return the number of pieces and the piece (n,) of each unknown.
 

@@ -19,6 +19,8 @@ JUMP = 2.0
 #: So many jumps are worth a warning: Spot with 0.5 percent of them differs from finite elements by 2 percent of the
 #: range, with 1.1 percent by 18.
 JUMP_SHARE = 5e-3
+#: So many stencils that still mix sheets are worth a warning.
+UNPARTED_SHARE = 5e-3
 #: A boundary that lies more spacings off the surface than this was hardly meant to.
 FAR_OFF = 0.5
 #: So may this share of a boundary's ghosts stand on another sheet.
@@ -99,6 +101,9 @@ def share_of_jumps(layout: Layout) -> float:
 
 
 def _sheets(layout: Layout) -> list[str]:
+    """Name sheets that are mixed: all of them where none were parted, else what parting left."""
+    if layout.band.sheets is not None:
+        return _unparted(layout)
     share = share_of_jumps(layout)
     if share <= JUMP_SHARE:
         return []
@@ -106,6 +111,18 @@ def _sheets(layout: Layout) -> list[str]:
         f"The closest points of {share:.1%} of neighbouring nodes jump: there the surface bends more sharply, or two "
         "parts of it come nearer to each other, than the band is wide, and the solution may be off by several percent; "
         "a smaller spacing narrows the band."
+    ]
+
+
+def _unparted(layout: Layout) -> list[str]:
+    assert layout.band.sheets is not None
+    left, rows = layout.band.sheets.unserved, len(layout.band.nodes)
+    if left <= UNPARTED_SHARE * rows:
+        return []
+    return [
+        f"Several sheets of the surface lie in one band and were parted, but {left / rows:.1%} of the stencils still "
+        "read nodes of a sheet that is not theirs: at creases, and where sheets are nearer than half a spacing; the "
+        "solution may be off by several percent there, a smaller spacing narrows the band."
     ]
 
 

@@ -14,7 +14,7 @@ from cpmkit.boundary.frame import Frame, stack
 from cpmkit.boundary.ghosts import Ghosts
 from cpmkit.boundary.reading import Datum, Reading, Term, sum_of_data
 from cpmkit.grid.band import Band
-from cpmkit.grid.extension import Unknowns, extend
+from cpmkit.grid.extension import Unknowns, extend, on_own_sheet
 from cpmkit.grid.stencils import cross_offsets, cross_weights, difference_reach
 from cpmkit.layout import Layout, lay_out
 from cpmkit.protocols import Floats, Ints, Progress, nothing
@@ -224,9 +224,11 @@ def _neighbours(unknowns: Unknowns, view: View, reach: int) -> csr_array:
     centres = np.concatenate([np.arange(band.inner), *(one.nodes[: one.unknowns] for one in ghosts)])
     rows = _unknown_rows(band, ghosts)
     nodes = band.find(band.nodes[centres][:, None] + cross_offsets(band.dim, reach))
-    label, number = visible_ghosts(
-        view.select(rows), nodes, [one.numbers for one in ghosts], [one.director for one in ghosts]
-    )
+    if band.sheets is not None:
+        feet, every = band.feet.points, np.ones(len(band.nodes), dtype=bool)
+        band.sheets.choose(feet[centres], band.sheets.normals[centres], nodes, feet, band.spacing, every)
+    seen = on_own_sheet(band, band.feet.points[centres], view.select(rows), nodes)
+    label, number = visible_ghosts(seen, nodes, [one.numbers for one in ghosts], [one.director for one in ghosts])
     columns = np.where(label >= 0, first[label] + number, nodes)
     starts = np.arange(len(rows) + 1) * columns.shape[1]
     weights = np.tile(cross_weights(band.dim, reach)[0], len(rows))

@@ -19,6 +19,7 @@ from cpmkit.errors import InputError
 from cpmkit.grid.band import Band, build_band
 from cpmkit.grid.lattice import Lattice
 from cpmkit.grid.stencils import check_degree, difference_reach, reading_radius
+from cpmkit.grid.twins import part_sheets
 from cpmkit.localized import Localized, localize
 from cpmkit.protocols import Progress, nothing
 from cpmkit.room import check_room
@@ -95,6 +96,8 @@ def lay_out(
     band = build_band(surface, lattice.spacing, degree, progress, difference_reach(order))
     if order == 4:
         check_room(surface, band)
+    else:
+        band = part_sheets(surface, band)
     past = read_past_edge(surface, band, lattice, scene.edge, order)
     seen = _see_boundaries(scene, surface, band, lattice, past.mirrored)
     ghosts = []
@@ -138,6 +141,6 @@ def _off_boundaries(sources: Reading, seen: Sight, band: Band) -> Reading:
 
 def _see_boundaries(scene: Scene, surface: Localized, band: Band, lattice: Lattice, reading: Reading) -> Sight:
     reach = reading_radius(band.dim, band.degree) * band.spacing
-    sighted = [sight(boundary, surface, lattice, reach) for boundary in scene.boundaries]
+    sighted = [replace(sight(boundary, surface, lattice, reach), sheets=band.sheets) for boundary in scene.boundaries]
     frames = [one.frame(reading.points, 2 * reach, band.spacing) for one in sighted]
     return Sight(scene.boundaries, sighted, frames)

@@ -8,7 +8,7 @@ balance, a constant on each piece, is left out of f and told.
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from cpmkit.mean_weights import end_weights, mean_weights
 from cpmkit.operators import Border, LinearSystem, Operator
 from cpmkit.protocols import Floats, Ints
 from cpmkit.scene import Scene
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 #: The weights of nodes past an end may take away this share of a piece's; a piece hardly wider than they reach is
 #: averaged over its own nodes alone.
@@ -105,11 +108,19 @@ def find_border(tables: Discretization, scene: Scene) -> Border | None:
     count, piece = unpinned(tables, scene)
     if not count:
         return None
+    mean, members, piece = means_over(tables, count, piece)
+    indicator = csr_array((np.ones(len(members)), (members, piece)), shape=(tables.unknowns.count, count))
+    return Border(indicator, mean)
+
+
+def means_over(tables: Discretization, count: int, piece: Ints) -> tuple[csr_array, Ints, Ints]:
+    """Return the means (count, n) over pieces, the unknowns on them, and their pieces; -1 is no ``piece`` (n,)."""
+    from scipy.sparse import csr_array
+
     members = np.flatnonzero(piece >= 0)
     piece = piece[members]
     weights = _weights(tables, count, members, piece)
-    indicator = csr_array((np.ones(len(members)), (members, piece)), shape=(tables.unknowns.count, count))
-    return Border(indicator, csr_array((weights, (piece, members)), shape=(count, tables.unknowns.count)))
+    return csr_array((weights, (piece, members)), shape=(count, tables.unknowns.count)), members, piece
 
 
 def _weights(tables: Discretization, count: int, members: Ints, piece: Ints) -> Floats:

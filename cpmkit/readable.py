@@ -14,6 +14,7 @@ from cpmkit.scene import Scene
 from cpmkit.solvers.report import SolveReport
 
 if TYPE_CHECKING:
+    from cpmkit.balance import Leak
     from cpmkit.null_space import Defect
     from cpmkit.reading.integrals import Integrand
     from cpmkit.surface_mesh import DisplayMesh
@@ -52,6 +53,8 @@ class ReadableSolution(ABC):
     defects : tuple of Defect
         One for each piece of the manifold on which the solution is fixed by its mean alone, which is zero: what of
         the data has no solution there.
+    leaks : tuple of Leak
+        One for each closed piece on which c times the mean of u was made the mean of f.
     """
 
     scene: Scene
@@ -61,6 +64,7 @@ class ReadableSolution(ABC):
     seconds: Mapping[str, float]
     warnings: tuple[str, ...] = field(default=(), kw_only=True)
     defects: tuple[Defect, ...] = field(default=(), kw_only=True)
+    leaks: tuple[Leak, ...] = field(default=(), kw_only=True)
 
     #: Distributions whose versions the summary names.
     libraries: ClassVar[tuple[str, ...]] = ("cpmkit", "numpy", "scipy")

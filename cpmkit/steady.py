@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 
 from cpmkit.assembly import assemble
+from cpmkit.balance import put_mean_right
 from cpmkit.diagnosis import warnings_of
 from cpmkit.eigen.resonance import near_resonance, unresolved_waves
 from cpmkit.job import Job
@@ -28,8 +29,12 @@ def solve_job(job: Job) -> Solution:
     built = time.perf_counter()
     values, report = job.solver(system, job.tolerance, job.progress)
     values, defects = settle(job.tables, job.scene, system, values)
+    values, leaks = put_mean_right(job.tables, job.scene, values)
     poor += near_resonance(job, system, values)
     seconds = {"build": built - job.started, "solve": time.perf_counter() - built}
     work = measure_work(job.tables, system, report)
-    warnings = (*warnings_of(job.tables.layout), *poor, *(told for one in defects for told in one.warnings))
-    return Solution(job.scene, values, report, work, seconds, job.tables, warnings=warnings, defects=defects)
+    told = [text for one in defects for text in one.warnings] + [text for one in leaks for text in one.warnings]
+    warnings = (*warnings_of(job.tables.layout), *poor, *told)
+    return Solution(
+        job.scene, values, report, work, seconds, job.tables, warnings=warnings, defects=defects, leaks=leaks
+    )

@@ -28,6 +28,7 @@ def summarize(solution: ReadableSolution) -> dict[str, Any]:
         "seconds": dict(solution.seconds),
         "warnings": list(solution.warnings),
         "defects": [defect.as_dict() for defect in solution.defects],
+        "leaks": [leak.as_dict() for leak in solution.leaks],
         "versions": {
             "python": platform.python_version(),
             **{name: _version(name) for name in solution.libraries},

@@ -22,7 +22,7 @@ def series_of(name, folder, cheap=True, **changes):
     return {(one.method, one.degree, one.order): one for one in gather(read_records(outcome.file))}
 
 
-@pytest.mark.parametrize("name", CURVES)
+@pytest.mark.parametrize("name", [CURVES[0], pytest.param(CURVES[1], marks=pytest.mark.slow)])
 def test_on_a_curve_second_order_wins_and_the_ball_is_worst(name, tmp_path):
     series = series_of(name, tmp_path)
     second, first = series["cpm", 3, 2], series["cpm", 3, 1]
@@ -62,7 +62,7 @@ def test_all_others_are_of_first_order(name, tmp_path):
     assert series["cpm", 3, 2].fitted_order >= 1.8
 
 
-@pytest.mark.parametrize("name", ["degrees-heat", "degrees-poisson"])
+@pytest.mark.parametrize("name", ["degrees-heat", pytest.param("degrees-poisson", marks=pytest.mark.slow)])
 def test_degree_2_needs_fewer_unknowns_and_is_not_far_behind(name, tmp_path):
     series = series_of(name, tmp_path)
     for order in (1, 2):

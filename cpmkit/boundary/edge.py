@@ -28,6 +28,7 @@ from cpmkit.conditions import Condition
 from cpmkit.errors import SceneError
 from cpmkit.grid.band import Band
 from cpmkit.grid.lattice import Lattice
+from cpmkit.grid.walking import walk
 from cpmkit.localized import Localized
 from cpmkit.protocols import ClosestPoints, Floats, Ints
 
@@ -107,17 +108,24 @@ def _mirror(surface: Localized, band: Band, lattice: Lattice, condition: Conditi
     """Return what nodes past one loop read at order 1 or 2."""
     foot, beyond = band.feet.points[rows], band.positions[rows] - band.feet.points[rows]
     if is_wall(condition):
-        points = foot if order == 1 else surface.closest_point(foot - beyond).points
+        points = foot if order == 1 else _reached(surface, band, rows, foot - beyond)
         return Reading(points, np.ones(len(rows)))
     outward = _outward(surface, band.feet.take(rows), beyond, band.spacing)
     t = np.maximum(np.sum(beyond * outward, axis=1), 0.0)
     mirror = foot - beyond - (mirror_distance(condition, t, band.spacing) - t)[:, None] * outward
-    points = foot if order == 1 else surface.closest_point(mirror).points
+    points = foot if order == 1 else _reached(surface, band, rows, mirror)
     where = lattice.to_scene(foot)
     first = np.full(len(rows), order == 1)
     beta = beta_at(condition, where, WHAT)
     coefficient, factor = coefficient_and_factor(condition, beta, t, 2 * t, first, band.spacing)
     return Reading(points, coefficient, [Datum(np.arange(len(rows)), factor, where, condition.gamma, WHAT)])
+
+
+def _reached(surface: Localized, band: Band, rows: Ints, goal: Floats) -> Floats:
+    """Return the points of the surface nearest to ``goal`` (n, d), on the nodes' own sheet where there are several."""
+    if band.sheets is None:
+        return surface.closest_point(goal).points
+    return walk(surface, goal, band.feet.take(rows), band.spacing).points
 
 
 def _continue(

@@ -16,6 +16,7 @@ import numpy as np
 
 from cpmkit.boundary.orientation import AS_GIVEN, Orientation
 from cpmkit.boundary.tangent_space import normals, outward_conormals, project_tangent, tangents
+from cpmkit.grid.sheets import Sheets, same_sheet
 from cpmkit.localized import Localized
 from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 
@@ -23,6 +24,11 @@ from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 ON_BOUNDARY = 1e-9
 #: Blocks of this many spacings are asked before the points in them are.
 BLOCK = 4
+#: A point that lies higher above its foot on a boundary than this share of its distance is on another sheet. Less would
+#: take points of a rough surface for that, and let values bleed across the boundary.
+STEEP = 0.5
+#: So many points of a boundary around a point are looked at for one on its sheet.
+BESIDE = 64
 #: The direction of a director whose sign alone counts.
 FIRST_AXIS = np.array([1.0, 0.0, 0.0])
 
@@ -49,6 +55,8 @@ class Frame:
         D; zero where nothing is crossed.
     lift : (k,) float64
         ``|(z - y) . n|``, how far the point lies off the tangent plane at y; zero where n is not asked for.
+    beside : (k,) bool
+        False where the band holds several sheets and the point lies on another than its foot.
     """
 
     rows: Ints
@@ -59,6 +67,7 @@ class Frame:
     left: Floats
     director: Floats
     lift: Floats
+    beside: Bools
 
     def take(self, index: Ints | Bools) -> Frame:
         """Return the entries at ``index``, with their row numbers."""
@@ -114,6 +123,8 @@ class Sighted:
         Of the manifold along the boundary.
     gap : float
         How far the boundary is from the manifold at most, where it was sampled: by so much it is snapped.
+    sheets : Sheets or None
+        Where the manifold has several sheets in one band: the boundary is seen on its own alone.
     """
 
     source: Localized
@@ -122,6 +133,7 @@ class Sighted:
     along: Orientation
     dimension: int
     gap: float
+    sheets: Sheets | None = None
 
     @property
     def has_sides(self) -> bool:
@@ -132,20 +144,46 @@ class Sighted:
         """Return how the boundary sees those surface ``points`` (n, d) that lie within ``radius`` of it."""
         rows, feet = near(self.source, points, radius + self.gap, spacing)
         on = self.surface.closest_point(feet.points)
+        beside = np.ones(len(rows), dtype=bool)
+        if self.sheets is not None and len(rows):
+            beside = self._on_sheet(self.sheets, points[rows], on, spacing)
         away = points[rows] - on.points
         distance = np.linalg.norm(away, axis=1)
         if not self.has_sides:
             director = self._from_point(on, away, spacing)
             nowhere = np.zeros(len(rows), dtype=bool)
             unsigned, flat = np.full(len(rows), np.nan), np.zeros(len(rows))
-            return Frame(rows, on.points, nowhere, distance, unsigned, 0 * away, director, flat)
+            return Frame(rows, on.points, nowhere, distance, unsigned, 0 * away, director, flat, beside)
         axis, left = self._axis_and_left(on, feet, 0.5 * spacing)
         signed = np.sum(away * left, axis=1)
         signed = np.where(np.abs(signed) < ON_BOUNDARY * spacing, ON_BOUNDARY * spacing, signed)
         on_surface = self.dimension == 2 and self.surface.dim == 3
         lift = np.abs(np.sum(away * axis, axis=1)) if on_surface else np.zeros(len(rows))
         director = signed[:, None] * (FIRST_AXIS[: self.surface.dim] if self.signs_known else axis)
-        return Frame(rows, on.points, self._open_ends(feet, on, spacing), distance, signed, left, director, lift)
+        end = self._open_ends(feet, on, spacing)
+        return Frame(rows, on.points, end, distance, signed, left, director, lift, beside)
+
+    def _on_sheet(self, sheets: Sheets, points: Floats, on: ClosestPoints, spacing: float) -> Bools:
+        """Return which points of the manifold lie on a sheet that the boundary runs on, near them.
+
+        A boundary around a thin part runs on both of its sheets, and the foot of a point may lie on the other.
+        """
+        from scipy.spatial import cKDTree
+
+        at = self.surface.closest_point(points)
+        n, other = (normals(self.surface, feet, 0.5 * spacing) for feet in (on, at))
+        own = same_sheet(on.points, n, at.points, other, spacing, sheets.signed, STEEP)
+        away = np.flatnonzero(~own)
+        if not len(away):
+            return own
+        _, first = np.unique(np.floor(on.points / spacing).astype(np.int64), axis=0, return_index=True)
+        near = cKDTree(on.points[first]).query(at.points[away], k=min(BESIDE, len(first)))[1].reshape(len(away), -1)
+        feet = first[near]
+        found = same_sheet(
+            on.points[feet], n[feet], at.points[away, None], other[away, None], spacing, sheets.signed, STEEP
+        )
+        own[away] = found.any(axis=1)
+        return own
 
     def _open_ends(self, feet: ClosestPoints, on: ClosestPoints, spacing: float) -> Bools:
         """Return which feet lie on an end of the boundary around which the solution goes on.

@@ -15,6 +15,7 @@ import numpy as np
 from cpmkit import memory
 from cpmkit.errors import ResolutionError
 from cpmkit.grid.lattice import Codes, find
+from cpmkit.grid.sheets import Sheets
 from cpmkit.grid.stencils import base_offset, stencil_range
 from cpmkit.localized import Localized
 from cpmkit.protocols import ClosestPoints, Floats, Ints, Progress, nothing
@@ -43,6 +44,10 @@ class Band:
         Of all nodes, relative to the lattice's origin.
     codes : Codes
         The numbering under which nodes are looked up.
+    own_inner, own_outer : int
+        How many of the inner and of the outer nodes come first in their part and are no twins; -1 for all.
+    sheets : Sheets or None
+        The twins, where several sheets share nodes of the band.
     """
 
     spacing: float
@@ -51,6 +56,9 @@ class Band:
     inner: int
     feet: ClosestPoints
     codes: Codes
+    own_inner: int = -1
+    own_outer: int = -1
+    sheets: Sheets | None = None
 
     @property
     def dim(self) -> int:
@@ -74,11 +82,12 @@ class Band:
 
     @cached_property
     def _inner_codes(self) -> Ints:
-        return self.codes.encode(self.nodes[: self.inner])
+        return self.codes.encode(self.nodes[: self.inner if self.sheets is None else self.own_inner])
 
     @cached_property
     def _outer_codes(self) -> Ints:
-        return self.codes.encode(self.nodes[self.inner :])
+        stop = len(self.nodes) if self.sheets is None else self.inner + self.own_outer
+        return self.codes.encode(self.nodes[self.inner : stop])
 
 
 def cell_levels(source: Localized, spacing: float, offset: float) -> Iterator[tuple[int, Ints]]:

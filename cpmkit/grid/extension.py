@@ -14,8 +14,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cpmkit.boundary.crossing import View, visible_ghosts
+from cpmkit.boundary.tangent_space import normals
 from cpmkit.errors import ResolutionError
 from cpmkit.grid.band import Band
+from cpmkit.grid.sheets import same_sheet
 from cpmkit.grid.stencils import stencil_cells, tensor_offsets, tensor_weights
 from cpmkit.protocols import Floats, Ints, Progress, nothing
 
@@ -106,7 +108,9 @@ def extend(
         cells, fractions = stencil_cells(points[rows], band.spacing, band.degree)
         columns[rows] = stencil_nodes(band, cells)
         weights[rows] = tensor_weights(fractions, band.degree)
-        see_ghosts(unknowns, view.select(rows), columns[rows[0] : rows[-1] + 1])
+        part = columns[rows[0] : rows[-1] + 1]
+        see_sheets(band, points[rows], part)
+        see_ghosts(unknowns, on_own_sheet(band, points[rows], view.select(rows), part), part)
         progress("tables", (rows[-1] + 1) / n)
     if coefficient is not None:
         weights *= coefficient[:, None]
@@ -130,6 +134,42 @@ def stencil_nodes(band: Band, cells: Ints) -> Ints:
             "points; run `cpmkit.testing.run_laws` on it."
         )
     return np.asarray(nodes.astype(np.int32)[member.ravel()])
+
+
+def see_sheets(band: Band, points: Floats, columns: Ints) -> None:
+    """Replace, in the stencils ``columns`` (n, s) of ``points`` (n, d), nodes of other sheets by their twins."""
+    if band.sheets is None:
+        return
+    touched = np.flatnonzero(band.sheets.counts(columns).any(axis=1))
+    if not len(touched):
+        return
+    source = band.sheets.source
+    feet = source.closest_point(points[touched])
+    own = columns[touched]
+    n = normals(source, feet, 0.5 * band.spacing)
+    band.sheets.choose(feet.points, n, own, band.feet.points, band.spacing, np.arange(len(band.nodes)) < band.inner)
+    columns[touched] = own
+
+
+def on_own_sheet(band: Band, points: Floats, view: View, columns: Ints) -> View:
+    """Return the view without the boundaries on other sheets than that of the stencils' points (n, d).
+
+    A stencil that still mixes sheets goes on seeing them: it would read values from across a boundary else.
+    """
+    if band.sheets is None:
+        return view
+    others = np.unique(np.concatenate([frame.rows[~frame.beside] for frame in view.frames] or [np.zeros(0, np.int64)]))
+    if not len(others):
+        return view
+    source, sheets = band.sheets.source, band.sheets
+    feet = source.closest_point(points[others])
+    n, sites = normals(source, feet, 0.5 * band.spacing), columns[others]
+    pure = same_sheet(
+        feet.points[:, None], n[:, None], band.feet.points[sites], sheets.normals[sites], band.spacing, sheets.signed
+    ).all(axis=1)
+    rows = np.zeros(len(points), dtype=bool)
+    rows[others[pure]] = True
+    return view.without(rows)
 
 
 def see_ghosts(unknowns: Unknowns, view: View, columns: Ints) -> None:

@@ -1,0 +1,125 @@
+"""Several sheets of a surface in one band: each is solved as if the others were not there."""
+
+import numpy as np
+import pytest
+from model_problems import max_error, on_circle, order_of
+
+import cpmkit as ck
+
+SPACINGS = (0.05, 0.025, 0.0125)
+
+
+def circles(gap):
+    """-Lap u + u = f on two concentric circles, sin 2t on the inner and 3 + cos 3t on the outer one."""
+    outer = 1 + gap
+    both = ck.source("union", members=[ck.source("analytic.circle"), ck.source("analytic.circle", radius=outer)])
+
+    def inside(x):
+        return np.hypot(x[:, 0], x[:, 1]) < 1 + gap / 2
+
+    def angle(x):
+        return np.arctan2(x[:, 1], x[:, 0])
+
+    def u(x):
+        return np.where(inside(x), np.sin(2 * angle(x)), 3 + np.cos(3 * angle(x)))
+
+    def f(x):
+        return np.where(inside(x), 5 * np.sin(2 * angle(x)), 3 + (1 + 9 / outer**2) * np.cos(3 * angle(x)))
+
+    t = np.linspace(0, 2 * np.pi, 1000)
+    points = np.concatenate([on_circle(t), on_circle(t, outer)])
+    return ck.Scene(both, ck.ScreenedPoisson(f, c=1.0)), points, u(points)
+
+
+@pytest.mark.parametrize("gap", [1, 2, 3, 5, 8, 10])
+def test_two_circles(gap):
+    """The outer one shrinks with the spacing; the order is that of the error on the inner one."""
+    errors = []
+    for h in SPACINGS:
+        scene, points, exact = circles(gap * h)
+        error = np.abs(ck.solve(scene, h).evaluate(points) - exact)
+        assert error.max() <= 3e-3 * (h / 0.05) ** 2 * 1.2
+        errors.append(error[:1000].max())
+    assert order_of(SPACINGS, errors) >= 1.8
+
+
+def spiral(gap, turns=3):
+    """-u'' + u = f along three turns of a spiral whose turns are ``gap`` apart; nothing flows through its ends."""
+    b, end = gap / (2 * np.pi), 2 * np.pi * turns
+    curve = ck.source("parametric.curve", x=[f"(1 + {b!r}*t)*cos(t)", f"(1 + {b!r}*t)*sin(t)"], range=[0, end])
+
+    def travelled(r):
+        return (r * np.sqrt(r * r + b * b) + b * b * np.arcsinh(r / b)) / (2 * b)
+
+    k = 6 * np.pi / (travelled(1 + b * end) - travelled(1.0))
+
+    def u(x):
+        return np.cos(k * (travelled(np.hypot(x[:, 0], x[:, 1])) - travelled(1.0)))
+
+    t = np.linspace(0, end, 3000)
+    points = np.stack([(1 + b * t) * np.cos(t), (1 + b * t) * np.sin(t)], axis=1)
+    return ck.Scene(curve, ck.ScreenedPoisson(lambda x: (1 + k * k) * u(x), c=1.0)), points, u(points)
+
+
+@pytest.mark.parametrize("gap", [1.5, 2, 4])
+def test_a_spiral(gap):
+    errors = [max_error(*spiral(gap * h), h) for h in SPACINGS]
+    assert errors[-1] <= 5e-5
+    assert order_of(SPACINGS, errors) >= 1.6
+
+
+def test_a_band_without_conflict_has_no_table():
+    """A torus with a curve: nothing is built, nothing is counted."""
+    circle = ck.source("analytic.circle", center=[0, 0, 0.45], normal=[0, 0, 1], radius=1.0)
+    torus = ck.source("analytic.torus", major=1.0, minor=0.45)
+    scene = ck.Scene(torus, ck.Laplace(), [ck.Boundary("top", circle, both=ck.Dirichlet(1.0))])
+    layout = ck.solve(scene, 0.1).tables.layout
+    assert layout.band.sheets is None
+    assert all(one.sheets is None for one in layout.sight.sighted)
+
+
+def test_a_cut_in_one_circle_is_not_seen_by_the_other():
+    """Jumping data on the inner circle, two spacings away from the outer one; each side keeps its own."""
+    for h in (0.05, 0.025):
+        scene, points, exact = circles(2 * h)
+        cut = ck.source("analytic.point", at=[np.cos(0.7), np.sin(0.7)])
+        at = np.sin(1.4)
+        boundary = ck.Boundary("cut", cut, left=ck.Dirichlet(at), right=ck.Dirichlet(at))
+        cut_scene = ck.Scene(scene.surface, scene.problem, [boundary])
+        assert max_error(cut_scene, points, exact, h) <= 4e-3 * (h / 0.05) ** 2
+        jump = ck.Boundary("cut", cut, left=ck.Dirichlet(at + 5), right=ck.Dirichlet(at - 5))
+        values = ck.solve(ck.Scene(scene.surface, scene.problem, [jump]), h).evaluate(points)
+        assert np.abs(values - exact)[1000:].max() <= 4e-3 * (h / 0.05) ** 2
+        assert np.abs(values - exact)[:1000].max() >= 4
+
+
+MESHES = {
+    # the spacing, the largest difference in percent that is accepted, and how much worse sheets that mix are
+    "fish.obj": (0.0156, 2.0, 4.0),
+    "spot.obj": (0.0193, 1.0, 2.0),
+    "koala.obj": (0.0167, 3.0, 2.0),
+}
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_real_meshes_against_finite_elements(name, real_mesh, monkeypatch):
+    """-Lap u + u = f in a box of side 1, at the vertices, rms in percent of the half range, mean removed."""
+    spacing, bound, worse = MESHES[name]
+    vertices, faces = ck.read_mesh(real_mesh(name))
+    vertices = (vertices - vertices.min(axis=0)) / np.ptp(vertices, axis=0).max()
+    mesh = ck.source("mesh.triangles", vertices=vertices, faces=faces)
+
+    def f(x):
+        return np.cos(6 * x[:, 0]) + np.sin(5 * x[:, 1] + 2 * x[:, 2]) + x[:, 2]
+
+    scene = ck.Scene(mesh, ck.ScreenedPoisson(f, c=1.0))
+    reference = ck.solve(scene, backend="fem", tolerance=1e-8).evaluate(vertices)
+
+    def difference():
+        values = ck.solve(scene, spacing, tolerance=1e-8).evaluate(vertices)
+        return 100 * np.std(values - reference) / (np.ptp(reference) / 2)
+
+    parted = difference()
+    monkeypatch.setattr("cpmkit.layout.part_sheets", lambda source, band: band)
+    assert parted <= bound
+    assert difference() >= worse * parted
