@@ -15,6 +15,7 @@ import click
 
 from cpmkit.errors import CpmkitError, PluginError
 from cpmkit.plugins import COMMANDS
+from cpmkit.studies.commands import study
 
 
 class CommandGroup(click.Group):
@@ -256,60 +257,4 @@ def doctor(ctx: click.Context, scene: Path | None, as_json: bool) -> None:
         ctx.exit(1)
 
 
-@main.group()
-def study() -> None:
-    """Run a convergence study, and turn its records into tables and figures.
-
-    A study is a TOML file: a scene whose solution is known, and what is varied.
-    """
-
-
-@study.command("run")
-@click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="STUDY.toml")
-@click.option(
-    "--output",
-    type=click.Path(file_okay=False, path_type=Path),
-    metavar="FOLDER",
-    help="Where records go; the name of the study in the working directory if left out.",
-)
-@click.option("--cheap", is_flag=True, help="Only the study's cheap spacings.")
-@click.option("--quiet", is_flag=True, help="Show neither progress nor results; errors are still shown.")
-def run_study(file: Path, output: Path | None, cheap: bool, quiet: bool) -> None:
-    """Make the runs of a study that are not recorded yet.
-
-    One line is recorded for each run as soon as it is made, so a study that is stopped goes on where it was.
-    """
-    from cpmkit.progress import ProgressLine
-    from cpmkit.studies.running import run_study as run
-    from cpmkit.studies.running import unheard
-    from cpmkit.studies.studyfile import load_study
-    from cpmkit.studies.tables import told
-
-    meter = nullcontext(_silent) if quiet else ProgressLine(sys.stderr)
-    folder = output or Path(file.stem)
-    with meter as progress:
-        recorded = unheard if quiet else lambda record: click.echo(told(record), err=True)
-        outcome = run(load_study(file), folder, cheap=cheap, progress=progress, recorded=recorded)
-    if not quiet:
-        click.echo(f"runs       {outcome.made} made, {outcome.failed} with errors, {outcome.skipped} recorded before")
-        click.echo(f"written    {outcome.file}")
-
-
-@study.command("report")
-@click.argument("study", type=click.Path(exists=True, path_type=Path), metavar="STUDY.toml|FOLDER")
-def report_study(study: Path) -> None:
-    """Turn the records of a study into a page of tables and figures.
-
-    Given a study file, the records are looked for in the folder of its name in the working directory. The page
-    report.md and the figures are written beside them.
-    """
-    from cpmkit.studies.report import write_report
-    from cpmkit.studies.studyfile import load_study
-    from cpmkit.studies.tables import orders_table
-
-    report = write_report(study) if study.is_dir() else write_report(Path(study.stem), load_study(study).content)
-    click.echo(orders_table(report.series))
-    if report.failed:
-        click.echo(f"\n{report.failed} runs ended with errors, which {report.files[0]} shows.")
-    for file in report.files:
-        click.echo(f"written    {file}")
+main.add_command(study)

@@ -26,7 +26,7 @@ class Dirichlet:
     value : number, sequence, or callable
         A number; one number (or callable) a channel; or a function of points (n, d) that returns
         (n,) or (n, channels).
-    order : 1 or 2, optional
+    order : 1 to 4, optional
         Overrides the discretisation's order for this condition.
 
     Examples
@@ -65,7 +65,7 @@ class Neumann:
     ----------
     flux : number, sequence, or callable
         As for :class:`Dirichlet`. Zero makes the boundary a wall that nothing crosses.
-    order : 1 or 2, optional
+    order : 1 to 4, optional
         Overrides the discretisation's order for this condition.
     """
 
@@ -100,7 +100,7 @@ class Robin:
         Not zero; a callable of points (n, d) returns (n,).
     gamma : number, sequence, or callable
         As for :class:`Dirichlet`.
-    order : 1 or 2, optional
+    order : 1 to 4, optional
         Overrides the discretisation's order for this condition.
 
     Raises

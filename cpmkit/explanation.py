@@ -138,15 +138,19 @@ def _floor(scene: Scene, counts: Counts, spacing: float) -> float:
 
 
 def _surface_parts(counts: Counts, degree: int) -> list[Part]:
-    outer = counts["nodes"] - counts["inner"]
-    return [
+    outer, twins = counts["nodes"] - counts["inner"], counts["twins"]
+    parts = [
         Part(
             "inner nodes",
-            f"{counts['inner']:,}",
+            f"{counts['inner'] - twins:,}",
             f"unknowns: read by interpolation of degree {degree} at surface points",
         ),
         Part("outer nodes", f"{outer:,}", "difference neighbours of inner nodes; only E u is needed there"),
     ]
+    if twins:
+        why = "further unknowns at nodes that several sheets of the surface share, one a sheet"
+        parts.insert(1, Part("twins", f"{twins:,}", why))
+    return parts
 
 
 def _edge_parts(scene: Scene, counts: Counts, order: int) -> list[Part]:

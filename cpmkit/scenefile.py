@@ -9,20 +9,18 @@ from pathlib import Path
 from typing import Any
 
 from cpmkit.compound_problems import Biharmonic, Eigen
-from cpmkit.conditions import Condition, Dirichlet, Neumann, Robin
+from cpmkit.condition_tables import as_table, read_data, read_edge, read_side
 from cpmkit.data import find_file
 from cpmkit.errors import SceneError
 from cpmkit.evolution.equations import Evolution, Heat, Wave
-from cpmkit.expressions import Expression
 from cpmkit.outputrequest import OutputRequest, PictureRequest
 from cpmkit.plugins import call, factory, offered, source, takes
 from cpmkit.problems import Elliptic, Equation, Field, Helmholtz, Laplace, Poisson, ScreenedPoisson
 from cpmkit.protocols import BoundarySet, ClosestPointSource
 from cpmkit.scene import Boundary, Scene
-from cpmkit.scene_data import Data, evaluate_data
+from cpmkit.scene_data import evaluate_data
 from cpmkit.solvers import ACCEPTED
-from cpmkit.special_conditions import SimplySupported, Steklov, Transmission
-from cpmkit.vertex_data import VertexData, with_vertex_data
+from cpmkit.vertex_data import with_vertex_data
 
 TABLES = ("surface", "boundary", "problem", "discretization", "solver", "output")
 PROBLEMS = {
@@ -38,13 +36,6 @@ PROBLEMS = {
 }
 #: Keys of [problem] that hold numbers or formulas; a velocity holds one a coordinate.
 FORMULAS = ("f", "c", "diffusivity", "kappa", "initial", "initial_rate")
-CONDITIONS: dict[str, Any] = {
-    "dirichlet": Dirichlet,
-    "neumann": Neumann,
-    "robin": Robin,
-    "steklov": Steklov,
-    "simply_supported": SimplySupported,
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +89,7 @@ def _scene_file(tables: dict[str, Any], path: Path) -> SceneFile:
     _check_keys(tables, TABLES, "the scene")
     scene = read_scene(tables, path.parent)
     spacing, options = read_options(tables)
-    output = _output(_table(tables.get("output", {}), "[output]"), path)
+    output = _output(as_table(tables.get("output", {}), "[output]"), path)
     if output.wants_frames and not (isinstance(scene.problem, Evolution) and scene.problem.frame_times):
         raise SceneError("[output] asks for frames, and [problem] gives none; add a key such as frames = 10 to heat.")
     return SceneFile(scene, spacing, options, output)
@@ -123,15 +114,15 @@ def read_scene(tables: Mapping[str, Any], folder: Path) -> Scene:
     """
     if "surface" not in tables or "problem" not in tables:
         raise SceneError("a scene needs the tables [surface] and [problem].")
-    surface_table = _table(tables["surface"], "[surface]")
+    surface_table = as_table(tables["surface"], "[surface]")
     edge_table = surface_table.pop("edge", {"neumann": 0.0})
     edge_of = f"edge of {surface_table.get('kind', '[surface]')}"
     surface = _source(surface_table, folder, "[surface]")
     carriers = [("surface", surface)]
-    edge = _edge(with_vertex_data(edge_table, folder, carriers, edge_of), edge_of)
-    problem = with_vertex_data(_table(tables["problem"], "[problem]"), folder, carriers, "[problem]")
+    edge = read_edge(with_vertex_data(edge_table, folder, carriers, edge_of), edge_of)
+    problem = with_vertex_data(as_table(tables["problem"], "[problem]"), folder, carriers, "[problem]")
     boundaries = [
-        _boundary(_table(table, f"[[boundary]] {number}"), number, folder, surface)
+        _boundary(as_table(table, f"[[boundary]] {number}"), number, folder, surface)
         for number, table in enumerate(_list(tables.get("boundary", []), "boundary"), 1)
     ]
     return Scene(surface, _problem(problem, surface.dim), boundaries, edge(surface.dim))
@@ -145,9 +136,9 @@ def read_options(tables: Mapping[str, Any]) -> tuple[float | None, dict[str, Any
     SceneError
         If a key is not accepted.
     """
-    grid = _table(tables.get("discretization", {}), "[discretization]")
+    grid = as_table(tables.get("discretization", {}), "[discretization]")
     _check_keys(grid, ("spacing", "degree", "order", "origin"), "[discretization]")
-    solver = _table(tables.get("solver", {}), "[solver]")
+    solver = as_table(tables.get("solver", {}), "[solver]")
     if solver.get("kind", "auto") in ACCEPTED:  # a plugin's solver has keys of its own
         _check_keys(solver, ("kind", "tolerance", *ACCEPTED[solver.get("kind", "auto")]), "[solver]")
     spacing = grid.pop("spacing", None)
@@ -193,7 +184,7 @@ def _boundary(table: dict[str, Any], number: int, folder: Path, surface: Closest
     own = _source(table, folder, where, surface) if make is None else None
     carriers = [("surface", surface)] if own is None else [("boundary", own), ("surface", surface)]
     conditions: dict[str, Any] = {
-        key: _side(key, value, surface.dim, f"{key} of {where}")
+        key: read_side(key, value, surface.dim, f"{key} of {where}")
         for key, value in with_vertex_data(sides, folder, carriers, where).items()
     }
     if make is None:
@@ -204,66 +195,13 @@ def _boundary(table: dict[str, Any], number: int, folder: Path, surface: Closest
     return made
 
 
-def _side(key: str, value: Any, dim: int, where: str) -> Any:
-    """Return what a boundary's key for its sides holds: a point, a transmission, or a condition."""
-    if key == "left_of":
-        return value
-    if key != "across":
-        return _condition(value, dim, where)
-    table = _table(value, where)
-    for name in ("jump", "flux"):
-        if name in table:
-            table[name] = _data(table[name], dim, f"{name} of {where}")
-    return call(Transmission, where, table)
-
-
-def _condition(table: Any, dim: int, where: str) -> Condition:
-    table = _table(table, where)
-    order = table.pop("order", None)
-    if order not in (None, 1, 2, 3, 4):
-        raise SceneError(f"order of {where} must be 1, 2, 3 or 4, got {order!r}.")
-    kinds = list(table)
-    if "clamped" in kinds:
-        raise SceneError(
-            f"{where} is clamped, which gives Lap u no condition of its own and is not offered; use simply_supported."
-        )
-    if len(kinds) != 1 or kinds[0] not in CONDITIONS:
-        raise SceneError(
-            f"{where} must be one of {', '.join(f'{{ {kind} = ... }}' for kind in CONDITIONS)}, got {table!r}."
-        )
-    value = table[kinds[0]]
-    if kinds[0] == "robin":
-        if not isinstance(value, list) or len(value) != 3:
-            raise SceneError(f"robin of {where} must be [alpha, beta, gamma], got {value!r}.")
-        beta: Any = _data(value[1], dim, where)
-        return Robin(value[0], beta, _data(value[2], dim, where), order=order)
-    if kinds[0] == "steklov":
-        if value is not True:
-            raise SceneError(f"steklov of {where} must be true, got {value!r}; it has no data.")
-        return Steklov(order=order)
-    if kinds[0] == "simply_supported":
-        if not isinstance(value, list) or len(value) != 2:
-            raise SceneError(f"simply_supported of {where} must be [u, Lap u], got {value!r}.")
-        return SimplySupported(_data(value[0], dim, where), _data(value[1], dim, where), order=order)
-    made: Condition = CONDITIONS[kinds[0]](_data(value, dim, where), order=order)
-    return made
-
-
-def _edge(table: Any, where: str) -> Any:
-    """Return a function of the dimension that makes the edge's condition, or one a loop number."""
-    table = _table(table, where)
-    if table and all(key.isdigit() for key in table):
-        return lambda dim: {int(key): _condition(value, dim, f"edge {key}") for key, value in table.items()}
-    return lambda dim: _condition(table, dim, "edge")
-
-
 def _problem(table: dict[str, Any], dim: int) -> Equation:
     kind = table.pop("kind", None)
     if kind not in PROBLEMS:
         raise SceneError(f"the kind of [problem] must be one of {', '.join(PROBLEMS)}, got {kind!r}.")
     for key in FORMULAS:
         if key in table:
-            table[key] = _data(table[key], dim, f"{key} of [problem]")
+            table[key] = read_data(table[key], dim, f"{key} of [problem]")
     if "velocity" in table:
         table["velocity"] = _field(table["velocity"], dim)
     made: Equation = call(PROBLEMS[kind], f"[problem] of kind {kind!r}", table)
@@ -274,31 +212,15 @@ def _field(value: Any, dim: int) -> Field:
     """Return a vector field from one number or formula a coordinate."""
     if not isinstance(value, list) or len(value) != dim:
         raise SceneError(f"velocity of [problem] must be a list of {dim} numbers or formulas, got {value!r}.")
-    entries = _data(value, dim, "velocity of [problem]")
+    entries = read_data(value, dim, "velocity of [problem]")
     return lambda points: evaluate_data(entries, points, dim, "velocity of [problem]")
-
-
-def _data(value: Any, dim: int, where: str) -> Data:
-    """Return numbers and per-vertex data as they are, formulas as functions, and lists of them entry by entry."""
-    if isinstance(value, str):
-        return Expression(value, dim)
-    if isinstance(value, VertexData):
-        return value
-    if isinstance(value, list):
-        return [_data(entry, dim, where) for entry in value]
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise SceneError(
-            f"{where} must be a number, a formula, {{ values = 'FILE.npy' }}, or a list with one of them a channel, "
-            f"got {value!r}."
-        )
-    return float(value)
 
 
 def _output(table: dict[str, Any], path: Path) -> OutputRequest:
     _check_keys(table, ("folder", "files", "picture"), "[output]")
     picture = table.get("picture")
     if picture is not None:
-        picture = _table({"file": picture} if isinstance(picture, str) else picture, "picture of [output]")
+        picture = as_table({"file": picture} if isinstance(picture, str) else picture, "picture of [output]")
         picture = call(PictureRequest, "picture of [output]", picture)
     return OutputRequest(Path(table.get("folder", path.stem)), tuple(table.get("files", ("summary.json",))), picture)
 
@@ -307,12 +229,6 @@ def _check_keys(table: Mapping[str, Any], accepted: tuple[str, ...], where: str)
     unknown = [key for key in table if key not in accepted]
     if unknown:
         raise SceneError(f"{where} has the unknown key {unknown[0]!r}; accepted are {', '.join(accepted)}.")
-
-
-def _table(value: Any, where: str) -> dict[str, Any]:
-    if not isinstance(value, dict):
-        raise SceneError(f"{where} must be a table, got {value!r}.")
-    return dict(value)
 
 
 def _list(value: Any, where: str) -> list[Any]:

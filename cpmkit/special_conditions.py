@@ -81,7 +81,7 @@ class Steklov:
 
     Parameters
     ----------
-    order : 1 or 2, optional
+    order : 1 to 4, optional
         Overrides the discretisation's order for this condition.
 
     Examples
@@ -129,7 +129,7 @@ class SimplySupported:
     ----------
     value, laplacian : number, sequence, or callable
         As for :class:`Dirichlet`.
-    order : 1 or 2, optional
+    order : 1 to 4, optional
         Overrides the discretisation's order for this condition.
 
     Examples

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import cpmkit
-from cpmkit import expressions, hookspecs, load_scene, plugins, scenefile
+from cpmkit import condition_tables, expressions, hookspecs, load_scene, plugins, scenefile
 from cpmkit.cli import main
 from cpmkit.errors import SceneError
 from cpmkit.outputrequest import PictureRequest
@@ -131,7 +131,7 @@ def test_every_condition_key_and_word_is_documented():
     assert {*sides, "kind", "edge", "order"} - named == set()
     assert set(inspect.signature(PictureRequest).parameters) - named == set()
     assert {"auto", *SOLVERS, *_WRITERS} - named == set()
-    for condition in scenefile.CONDITIONS:
+    for condition in condition_tables.CONDITIONS:
         assert any(name.startswith(f"{{ {condition} = ") for name in named), condition
     assert {*expressions.COORDINATES, *expressions.CONSTANTS, *expressions.FUNCTIONS} - named == set()
 

@@ -78,6 +78,16 @@ def test_a_band_without_conflict_has_no_table():
     assert all(one.sheets is None for one in layout.sight.sighted)
 
 
+def test_an_explanation_names_the_twins():
+    scene, _, _ = circles(0.05)
+    explanation = ck.explain(scene, 0.025)
+    band = ck.solve(scene, 0.025).tables.layout.band
+    (twins,) = [part for part in explanation.parts if part.name == "twins"]
+    assert int(twins.amount.replace(",", "")) == band.inner - band.own_inner > 100
+    assert explanation.unknowns == band.inner
+    assert "twins" not in str(ck.explain(circles(0.5)[0], 0.025))
+
+
 def test_a_cut_in_one_circle_is_not_seen_by_the_other():
     """Jumping data on the inner circle, two spacings away from the outer one; each side keeps its own."""
     for h in (0.05, 0.025):

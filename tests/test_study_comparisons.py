@@ -36,11 +36,11 @@ def test_on_a_curve_second_order_wins_and_the_ball_is_worst(name, tmp_path):
 
 def test_at_a_point_the_ball_is_worst(tmp_path):
     """At one position of the grid, where orders are erratic."""
-    series = series_of("compare-point", tmp_path, origins=1, methods=["cpm", "nearest", "ball"])
+    few = {"origins": 1, "methods": ["cpm", "nearest", "ball"], "spacings": [0.2, 0.14]}
+    series = series_of("compare-point", tmp_path, cheap=False, **few)
     ball = np.array(series["ball", 3, None].errors)
     for one in (series["cpm", 3, 1], series["cpm", 3, 2], series["nearest", 3, None]):
         assert all(3 * np.array(one.errors) < ball)
-    assert series["cpm", 3, 2].fitted_order >= 1.3
 
 
 @pytest.mark.slow

@@ -59,8 +59,7 @@ class Sites:
         """Return the table of twins, ``count`` of the sites being those of the band itself."""
         twins = np.arange(count, len(self))
         twins = twins[np.argsort(self.base[twins], kind="stable")]
-        first = np.searchsorted(self.base[twins], np.arange(len(self) + 1)) if len(twins) else np.zeros(len(self) + 1)
-        first = np.where(np.arange(len(self) + 1) > count, len(twins), first).astype(np.int64)
+        first = np.searchsorted(self.base[twins], np.arange(len(self) + 1)).astype(np.int64)
         return Sheets(source, has_signed_normals(source), self.normals, first, twins)
 
 
