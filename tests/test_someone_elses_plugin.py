@@ -36,7 +36,7 @@ right = { dirichlet = 0.0 }
 kind = "laplace"
 
 [discretization]
-spacing = 0.1
+spacing = 0.13
 
 [output]
 folder = "cow"

@@ -85,7 +85,7 @@ def test_the_table_of_back_ends_is_what_the_study_prints(backends, real_mesh):
     assert {line[0] for line in rows("backends.md")} == {"mesh", "spot", "fish", "nefertiti-lowres"}
 
 
-@pytest.mark.parametrize("name", ["revolution", "moebius"])
+@pytest.mark.parametrize("name", [pytest.param("revolution", marks=pytest.mark.slow), "moebius"])
 def test_vector_fields_are_tangent_and_keep_their_directions(name):
     fields = module(ROOT / "examples" / "vector_fields.py")
     design = fields.DESIGNS[name]()

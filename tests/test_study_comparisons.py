@@ -22,7 +22,16 @@ def series_of(name, folder, cheap=True, **changes):
     return {(one.method, one.degree, one.order): one for one in gather(read_records(outcome.file))}
 
 
-@pytest.mark.parametrize("name", [CURVES[0], pytest.param(CURVES[1], marks=pytest.mark.slow)])
+def test_on_a_curve_second_order_wins_at_coarse_spacings_too(tmp_path):
+    series = series_of(CURVES[0], tmp_path, cheap=False, spacings=[0.2, 0.14])
+    second, first = series["cpm", 3, 2], series["cpm", 3, 1]
+    nearest, ball = series["nearest", 3, None], series["ball", 3, None]
+    assert second.errors[-1] < min(first.errors[-1], nearest.errors[-1], series["fem", None, None].errors[-1])
+    assert all(np.array(ball.errors) > 3 * np.maximum(first.errors, nearest.errors))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CURVES)
 def test_on_a_curve_second_order_wins_and_the_ball_is_worst(name, tmp_path):
     series = series_of(name, tmp_path)
     second, first = series["cpm", 3, 2], series["cpm", 3, 1]
@@ -32,6 +41,18 @@ def test_on_a_curve_second_order_wins_and_the_ball_is_worst(name, tmp_path):
     assert 0.6 <= ball.fitted_order <= 1.4
     assert second.errors[-1] < 0.5 * min(first.errors[-1], nearest.errors[-1], fem.errors[-1])
     assert all(np.array(ball.errors) > 3 * np.maximum(first.errors, nearest.errors))
+
+
+def test_on_the_open_curve_orders_are_those_asked_for(tmp_path):
+    series = series_of("compare-open-curve", tmp_path, methods=["cpm"])
+    assert series["cpm", 3, 2].fitted_order >= 1.8
+    assert 0.85 <= series["cpm", 3, 1].fitted_order <= 1.3
+
+
+def test_degree_2_is_of_second_order_too_if_irregularly(tmp_path):
+    series = series_of("degrees-poisson", tmp_path, orders=[2])
+    assert series["cpm", 3, 2].fitted_order >= 1.8
+    assert series["cpm", 2, 2].fitted_order >= 1.3
 
 
 def test_at_a_point_the_ball_is_worst(tmp_path):

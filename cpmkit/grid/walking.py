@@ -13,7 +13,7 @@ STRIDE = 0.5
 #: At most so many steps; a node is within a stencil's reach of the foot that it is looked for from.
 STRIDES = 60
 #: A walk that moves less than this many spacings has arrived.
-ARRIVED = 1e-9
+ARRIVED = 1e-7
 
 
 def walk(source: Localized, goal: Floats, start: ClosestPoints, spacing: float) -> ClosestPoints:
