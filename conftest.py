@@ -9,6 +9,9 @@ from pathlib import Path
 import pytest
 
 os.environ.setdefault("CPMKIT_FETCH", "0")
+if "PYTEST_XDIST_WORKER" in os.environ:  # one process a core: threads would only get in each other's way
+    for name in ("CPMKIT_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
 
 
 @pytest.fixture

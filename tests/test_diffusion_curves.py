@@ -40,7 +40,7 @@ def assert_clean(checked):
     assert checked.excess <= 0.02 * checked.data_range
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", [pytest.param("02-nefertiti.toml", marks=pytest.mark.slow), "03-spot.toml"])
 def test_curves_keep_their_colours_apart(name, example, check_curves):
     mesh, spacing = SCENES[name]
     solution = solved(example(name, mesh), spacing)

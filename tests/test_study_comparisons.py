@@ -22,14 +22,6 @@ def series_of(name, folder, cheap=True, **changes):
     return {(one.method, one.degree, one.order): one for one in gather(read_records(outcome.file))}
 
 
-def test_on_a_curve_second_order_wins_at_coarse_spacings_too(tmp_path):
-    series = series_of(CURVES[0], tmp_path, cheap=False, spacings=[0.2, 0.14])
-    second, first = series["cpm", 3, 2], series["cpm", 3, 1]
-    nearest, ball = series["nearest", 3, None], series["ball", 3, None]
-    assert second.errors[-1] < min(first.errors[-1], nearest.errors[-1], series["fem", None, None].errors[-1])
-    assert all(np.array(ball.errors) > 3 * np.maximum(first.errors, nearest.errors))
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CURVES)
 def test_on_a_curve_second_order_wins_and_the_ball_is_worst(name, tmp_path):
@@ -43,8 +35,9 @@ def test_on_a_curve_second_order_wins_and_the_ball_is_worst(name, tmp_path):
     assert all(np.array(ball.errors) > 3 * np.maximum(first.errors, nearest.errors))
 
 
-def test_on_the_open_curve_orders_are_those_asked_for(tmp_path):
-    series = series_of("compare-open-curve", tmp_path, methods=["cpm"])
+def test_on_the_open_curve_orders_are_those_asked_for_and_the_ball_is_worst(tmp_path):
+    series = series_of("compare-open-curve", tmp_path, methods=["cpm", "ball"])
+    assert all(np.array(series["ball", 3, None].errors) > 3 * np.array(series["cpm", 3, 1].errors))
     assert series["cpm", 3, 2].fitted_order >= 1.8
     assert 0.85 <= series["cpm", 3, 1].fitted_order <= 1.3
 

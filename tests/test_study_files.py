@@ -63,7 +63,13 @@ def test_studies_load_and_their_solutions_hold_on_their_boundaries(file):
             assert np.allclose(condition.gamma(points, **time), study.solution(points, **time), atol=1e-12)
 
 
-@pytest.mark.parametrize("name", PANELS + INTERIOR)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.slow] if name == "interior-fluxes-sphere" else [])
+        for name in PANELS + INTERIOR
+    ],
+)
 def test_studies_show_first_and_second_order(name, tmp_path):
     fitted, series = orders(name, tmp_path)
     assert fitted["cpm", 3, 2] >= 1.8
