@@ -28,7 +28,7 @@ def assemble(tables: Discretization, problem: Equation, border: Border | None = 
 def right_side(tables: Discretization, operator: Operator, f: Data, time: float | None = None) -> Floats:
     """Return b (n, channels): f, and what the boundary data add at ``time``."""
     values = tables.read_sources(f, "the right-hand side f", time)
-    return np.asarray(values + operator.scale * (operator.differences @ tables.datum(time)))
+    return values + operator.spread(tables.datum(time))
 
 
 def build_operator(tables: Discretization, terms: Terms, border: Border | None = None) -> Operator:

@@ -15,6 +15,7 @@ import numpy as np
 from cpmkit.components import free_of_conditions
 from cpmkit.discretization import Discretization
 from cpmkit.null_space import means_over
+from cpmkit.operators import LinearSystem
 from cpmkit.protocols import Floats
 from cpmkit.scene import Scene
 
@@ -62,7 +63,9 @@ class Leak:
         ]
 
 
-def put_mean_right(tables: Discretization, scene: Scene, u: Floats) -> tuple[Floats, tuple[Leak, ...]]:
+def put_mean_right(
+    tables: Discretization, scene: Scene, system: LinearSystem, u: Floats
+) -> tuple[Floats, tuple[Leak, ...]]:
     """Return u (n, channels) shifted on each closed piece that no condition touches, and what leaked there.
 
     Nothing is done where c varies or is zero, where a velocity carries u along, and where c is so large that a leak
@@ -78,8 +81,7 @@ def put_mean_right(tables: Discretization, scene: Scene, u: Floats) -> tuple[Flo
     if not count:
         return u, ()
     mean, members, piece = means_over(tables, count, piece)
-    f = tables.read_sources(terms.f, "the right-hand side f")
-    imbalance = terms.c * (mean @ u) - mean @ f
+    imbalance = terms.c * (mean @ u) - mean @ system.right_side  # without conditions it is f
     u = u.copy()
     u[members] -= (imbalance / terms.c)[piece]
     leaks = []

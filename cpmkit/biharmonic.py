@@ -95,7 +95,6 @@ def solve_job(job: Job) -> BiharmonicSolution:
 
 def _right_sides(tables: Discretization, operator: Operator, problem: Biharmonic) -> tuple[Floats, Floats]:
     """Return r and q (n, channels): what the data of u add, and f with what those of v = -Lap u add."""
-    weights = operator.scale * operator.differences
     second = [
         replace(datum, data=datum.data.laplacian, factor=-datum.factor, what=f"the Laplacian of {datum.what}")
         for datum in tables.data
@@ -103,7 +102,7 @@ def _right_sides(tables: Discretization, operator: Operator, problem: Biharmonic
     ]
     rows, channels = tables.extension.shape[0], tables.layout.channels
     f = tables.read_sources(problem.f, "the right-hand side f")
-    return np.asarray(weights @ tables.datum()), np.asarray(f + weights @ sum_of_data(second, rows, channels))
+    return operator.spread(tables.datum()), f + operator.spread(sum_of_data(second, rows, channels))
 
 
 @dataclass(frozen=True, eq=False)

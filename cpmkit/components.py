@@ -6,7 +6,7 @@ import numpy as np
 
 from cpmkit.boundary.edge import edge_condition
 from cpmkit.discretization import Discretization
-from cpmkit.protocols import Ints
+from cpmkit.protocols import Bools, Ints
 from cpmkit.scene import Scene
 
 #: A weight below this reads nothing.
@@ -26,8 +26,7 @@ def unpinned(tables: Discretization, scene: Scene) -> tuple[int, Ints]:
     free = np.zeros(count, dtype=bool)
     free[label[: tables.layout.band.inner]] = True  # a ghost without nodes around it lies past an open end
     free[label[_pinning(tables, scene)]] = False
-    number = np.where(free, np.cumsum(free) - 1, -1)
-    return int(free.sum()), number[label]
+    return _numbered(free, label)
 
 
 def free_of_conditions(tables: Discretization) -> tuple[int, Ints]:
@@ -38,8 +37,13 @@ def free_of_conditions(tables: Discretization) -> tuple[int, Ints]:
     closed = np.ones(count, dtype=bool)
     inner = tables.layout.band.inner
     closed[label[:inner][tables.layout.band.feet.edge[:inner] >= 0]] = False
-    number = np.where(closed, np.cumsum(closed) - 1, -1)
-    return int(closed.sum()), number[label]
+    return _numbered(closed, label)
+
+
+def _numbered(chosen: Bools, label: Ints) -> tuple[int, Ints]:
+    """Return how many of the pieces are chosen, and the number among them of each unknown's, -1 for none."""
+    number = np.where(chosen, np.cumsum(chosen) - 1, -1)
+    return int(chosen.sum()), number[label]
 
 
 def components(tables: Discretization) -> tuple[int, Ints]:

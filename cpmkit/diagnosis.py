@@ -7,13 +7,11 @@ import numpy as np
 from cpmkit.boundary.encounters import DISTURBED
 from cpmkit.combinations import abilities
 from cpmkit.layout import Layout
-from cpmkit.protocols import Side
+from cpmkit.protocols import SIDES
 from cpmkit.room import share_stretched
 
 #: A surface's search may doubt this share of the nodes before it is worth a warning.
 DOUBTFUL_SHARE = 1e-4
-#: Sides of a boundary.
-SIDES: tuple[Side, Side] = ("left", "right")
 #: Closest points of neighbouring nodes that lie this many spacings apart have jumped from one part to another.
 JUMP = 2.0
 #: So many jumps are worth a warning: Spot with 0.5 percent of them differs from finite elements by 2 percent of the
@@ -116,7 +114,7 @@ def _sheets(layout: Layout) -> list[str]:
 
 def _unparted(layout: Layout) -> list[str]:
     assert layout.band.sheets is not None
-    left, rows = layout.band.sheets.unserved, len(layout.band.nodes)
+    left, rows = len(layout.band.sheets.mixed), len(layout.band.nodes)
     if left <= UNPARTED_SHARE * rows:
         return []
     return [

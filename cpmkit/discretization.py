@@ -128,7 +128,7 @@ def discretize(scene: Scene, spacing: float, *, progress: Progress = nothing, **
     progress : callable, optional
         Told the stage and the share of it that is done.
     **options
-        ``degree``, ``order`` and ``origin``, as for :func:`cpmkit.solve`.
+        ``degree``, ``order``, ``origin`` and ``sheets``, as for :func:`cpmkit.solve`.
 
     Raises
     ------

@@ -90,6 +90,7 @@ def explain(
     degree: int = 3,
     order: int = 2,
     origin: Any = None,
+    sheets: bool = True,
     solver: str = "auto",
     tolerance: float = 1e-10,
     progress: Progress = nothing,
@@ -107,7 +108,7 @@ def explain(
     positive(tolerance, "tolerance")  # nothing that is built depends on it
     check_solver(solver, solver_options)
     spacing = needed_spacing(scene, spacing)
-    counts = count(scene, spacing, progress, degree=degree, order=order, origin=origin)
+    counts = count(scene, spacing, progress, degree=degree, order=order, origin=origin, sheets=sheets)
     memory.check_fits(counts["unknowns"], scene.surface.dim, largest_dim(scene.surface), degree, spacing)
     chosen = choose_solver(solver, counts["unknowns"], largest_dim(scene.surface), scene.problem.factorise_up_to)
     needed = memory.peak_bytes(counts["rows"], counts["unknowns"], scene.surface.dim, degree, scene.channels, chosen)

@@ -11,7 +11,7 @@ import numpy as np
 
 from cpmkit.boundary.crossing_ghosts import INSIDE
 from cpmkit.boundary.edge import read_past_edge
-from cpmkit.boundary.encounters import Crossing, Strip, encounters
+from cpmkit.boundary.encounters import SectorJump, Strip, encounters
 from cpmkit.boundary.ghosts import Ghosts, Sight, build_ghosts
 from cpmkit.boundary.prepare import sight
 from cpmkit.boundary.reading import Reading, Term
@@ -48,10 +48,12 @@ class Layout:
         One a boundary.
     channels : int
         Right-hand sides that are solved together.
-    crossings, strips : sequences of Crossing and Strip
+    crossings, strips : sequences of SectorJump and Strip
         Where boundaries cross with different data, or run side by side nearer than a spacing.
     order : int
         Order of the conditions, 1 to 4; at 4 the Laplacian is of fourth order too.
+    parted : bool
+        False where sheets that share a band were not looked for.
     """
 
     lattice: Lattice
@@ -63,13 +65,25 @@ class Layout:
     ghosts: Sequence[Ghosts]
     channels: int
     order: int
-    crossings: Sequence[Crossing] = ()
+    crossings: Sequence[SectorJump] = ()
     strips: Sequence[Strip] = ()
+    parted: bool = True
 
     @property
     def size(self) -> int:
         """Number of unknowns: inner nodes and ghosts."""
         return self.band.inner + sum(ghosts.unknowns for ghosts in self.ghosts)
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Arguments of :func:`lay_out` that make the same layout of a like scene."""
+        return {
+            "spacing": self.lattice.spacing,
+            "origin": self.lattice.origin,
+            "degree": self.band.degree,
+            "order": self.order,
+            "sheets": self.parted,
+        }
 
     @property
     def queries(self) -> Counter[str]:
@@ -81,7 +95,14 @@ class Layout:
 
 
 def lay_out(
-    scene: Scene, spacing: float, *, degree: int = 3, order: int = 2, origin: Any = None, progress: Progress = nothing
+    scene: Scene,
+    spacing: float,
+    *,
+    degree: int = 3,
+    order: int = 2,
+    origin: Any = None,
+    sheets: bool = True,
+    progress: Progress = nothing,
 ) -> Layout:
     """Lay a scene out on a lattice; the parameters are those of :func:`cpmkit.solve`.
 
@@ -91,12 +112,14 @@ def lay_out(
         If an argument, a boundary or the spacing does not fit.
     """
     check_order(order, check_degree(degree))
+    if not isinstance(sheets, bool):
+        raise InputError(f"sheets must be true or false, got {sheets!r}; true parts sheets that share a band.")
     lattice = scene.lattice(spacing, origin)
     surface = localize(scene.surface, lattice.origin)
     band = build_band(surface, lattice.spacing, degree, progress, difference_reach(order))
     if order == 4:
         check_room(surface, band)
-    else:
+    elif sheets:
         band = part_sheets(surface, band)
     past = read_past_edge(surface, band, lattice, scene.edge, order)
     seen = _see_boundaries(scene, surface, band, lattice, past.mirrored)
@@ -107,7 +130,7 @@ def lay_out(
     reading = replace(past.reading, terms=[_located(term, seen, band) for term in past.reading.terms])
     met = encounters(seen, lattice, scene.channels, scene.problem.start_time)
     sources = _off_boundaries(past.sources, seen, band)
-    return Layout(lattice, surface, band, reading, sources, seen, ghosts, scene.channels, order, *met)
+    return Layout(lattice, surface, band, reading, sources, seen, ghosts, scene.channels, order, *met, sheets)
 
 
 def check_order(order: int, degree: int) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from cpmkit.discretization import Discretization, discretize
 from cpmkit.errors import InputError
 from cpmkit.export import FORMAT
-from cpmkit.protocols import Floats, Ints
+from cpmkit.protocols import SIDES, Floats, Ints
 from cpmkit.scene import Scene
 from cpmkit.solution import Solution
 from cpmkit.solvers.report import SolveReport
@@ -151,6 +151,7 @@ def _rebuilt(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any], 
         degree=int(lattice["degree"]),
         order=int(lattice["order"]),
         origin=lattice["origin"],
+        sheets=bool(lattice.get("sheets", True)),
     )
     if not _fits(tables, lattice):
         raise _of_another_scene(path)
@@ -171,10 +172,7 @@ def _of_another_scene(path: Path) -> InputError:
 
 def _conditions(scene: Mapping[str, Any]) -> Any:
     """Return the equation's kind, and the names of the boundaries with the kinds of their conditions."""
-    kinds = [
-        (one["name"], *(one[side].split()[0] for side in ("left", "right") if side in one))
-        for one in scene["boundaries"]
-    ]
+    kinds = [(one["name"], *(one[side].split()[0] for side in SIDES if side in one)) for one in scene["boundaries"]]
     return scene["problem"]["kind"], kinds
 
 

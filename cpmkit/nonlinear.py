@@ -14,7 +14,7 @@ from cpmkit.conditions import Condition, Robin
 from cpmkit.discretization import Discretization, discretize
 from cpmkit.errors import ConvergenceError, InputError, SceneError
 from cpmkit.job import Job
-from cpmkit.protocols import Floats, Side
+from cpmkit.protocols import SIDES, Floats, Side
 from cpmkit.scene import Boundary, Scene
 from cpmkit.solution import Solution
 from cpmkit.special_conditions import NonlinearFlux
@@ -27,7 +27,6 @@ CHANGE = 1e-8
 #: Step of the differences that replace a slope, as a share of the value.
 DIFFERENCE = 1e-6
 
-SIDES: tuple[Side, Side] = ("left", "right")
 #: What u is on a boundary, from the last step: a function of points.
 Read = Callable[[Floats], Floats]
 
@@ -94,14 +93,7 @@ def solve_nonlinear(job: Job, solve_linear: Callable[[Job], Solution]) -> Soluti
 
 def _tables(job: Job, scene: Scene) -> Discretization:
     """Return the tables of a linearised scene on the job's lattice."""
-    layout = job.tables.layout
-    return discretize(
-        scene,
-        layout.lattice.spacing,
-        degree=layout.band.degree,
-        order=layout.order,
-        origin=layout.lattice.origin,
-    )
+    return discretize(scene, **job.tables.layout.options)
 
 
 def linearized(scene: Scene, solution: Solution | None) -> Scene:

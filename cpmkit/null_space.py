@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.components import node_pieces, unpinned
-from cpmkit.diagnosis import SIDES
 from cpmkit.discretization import Discretization
 from cpmkit.layout import Layout
 from cpmkit.mean_weights import end_weights, mean_weights
@@ -189,8 +188,7 @@ def _count_parts(tables: Discretization, nodes: Ints) -> int:
 
 def _order(layout: Layout, scene: Scene) -> int:
     """Return the order of the error that the conditions leave, 1 or 2."""
-    conditions = [boundary.condition(side) for boundary in scene.boundaries for side in SIDES]
-    return min([2, layout.order, *(one.order for one in [*conditions, *scene.edge_conditions] if one.order)])
+    return min([2, layout.order, *(one.order for one in scene.conditions if one.order)])
 
 
 def _walls(tables: Discretization, scene: Scene, members: Ints) -> tuple[str, ...]:

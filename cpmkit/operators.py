@@ -118,6 +118,10 @@ class Operator:
     def _differences(self) -> ThreadedProduct:
         return ThreadedProduct(self.differences)
 
+    def spread(self, datum: Floats) -> Floats:
+        """Return what data (rows, channels), added to E u, add to b: ``scale W datum``."""
+        return np.asarray(self.scale * (self.differences @ datum))
+
     def matrix(self) -> csr_array:
         """Return A as one sparse matrix, without a border: singular where there is one."""
         from scipy.sparse import diags_array, eye_array

@@ -24,6 +24,8 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 Side = Literal["left", "right"]
+#: Both sides of a boundary.
+SIDES: tuple[Side, Side] = ("left", "right")
 
 #: Called with the name of a stage and the share of it that is done, from 0 to 1.
 Progress = Callable[[str, float], None]

@@ -14,7 +14,7 @@ from cpmkit.conditions import KINDS, Condition, Neumann
 from cpmkit.errors import InputError, ResolutionError, SceneError
 from cpmkit.grid.lattice import Lattice
 from cpmkit.problems import Equation
-from cpmkit.protocols import BoundarySet, ClosestPointSource, Floats, Side
+from cpmkit.protocols import SIDES, BoundarySet, ClosestPointSource, Floats, Side
 from cpmkit.scene_data import Data, channel_count
 from cpmkit.special_conditions import Transmission
 
@@ -165,17 +165,14 @@ class Scene:
 
     def _conditions(self) -> list[tuple[str, Condition]]:
         conditions = [
-            (f"boundary {boundary.name!r}", boundary.condition(side))
-            for boundary in self.boundaries
-            for side in ("left", "right")
+            (f"boundary {boundary.name!r}", boundary.condition(side)) for boundary in self.boundaries for side in SIDES
         ]
         return conditions + [("the edge's condition", edge) for edge in self.edge_conditions]
 
     @property
     def conditions(self) -> list[Condition]:
         """All conditions, of both sides of each boundary and of the edge."""
-        inside = [boundary.condition(side) for boundary in self.boundaries for side in ("left", "right")]
-        return inside + self.edge_conditions
+        return [condition for _, condition in self._conditions()]
 
     def _data(self) -> list[tuple[str, Data]]:
         conditions = self._conditions()

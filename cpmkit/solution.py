@@ -15,7 +15,7 @@ from cpmkit.discretization import Discretization
 from cpmkit.errors import InputError
 from cpmkit.grid.extension import extend
 from cpmkit.grid.stencils import reading_radius
-from cpmkit.protocols import ClosestPoints, Floats, Side
+from cpmkit.protocols import SIDES, ClosestPoints, Floats, Side
 from cpmkit.readable import ReadableSolution
 from cpmkit.reading.strips import fill_strips
 from cpmkit.work import Work
@@ -61,6 +61,11 @@ class Solution(ReadableSolution):
     def spacing(self) -> float:
         """Spacing of the lattice, in the scene's unit."""
         return self.tables.layout.lattice.spacing
+
+    @property
+    def data_time(self) -> float | None:
+        """At which data that depend on the time are read; None where nothing does."""
+        return None
 
     @property
     def radius(self) -> float:
@@ -212,10 +217,7 @@ class Solution(ReadableSolution):
     def arrays(self) -> dict[str, Any]:
         """Return the lattice, the nodes and the values as plain arrays."""
         return {
-            "origin": self.tables.layout.lattice.origin,
-            "spacing": np.array(self.spacing),
-            "degree": np.array(self.tables.layout.band.degree),
-            "order": np.array(self.tables.layout.order),
+            **{name: np.array(value) for name, value in self.tables.layout.options.items()},
             "nodes": self.tables.layout.band.nodes[: self.tables.layout.band.inner],
             "ghosts": self.tables.unknowns.ghost_nodes,
             "unknowns": self.values,
@@ -266,9 +268,7 @@ class Solution(ReadableSolution):
         rows = extend(self.tables.unknowns, local, View.of_points(frames, len(local)))
         values = np.asarray(rows @ self.values)
         if layout.strips:
-            fill_strips(
-                values, local, layout.strips, self.scene.boundaries, frames, layout.lattice, getattr(self, "time", None)
-            )
+            fill_strips(values, local, layout.strips, self.scene.boundaries, frames, layout.lattice, self.data_time)
         return values
 
     def _index(self, name: str) -> int:
@@ -295,7 +295,7 @@ class Solution(ReadableSolution):
         else:
             wanted = {index: side for index, one in enumerate(sighted) if one.has_sides}
         for index, one in wanted.items():
-            if one not in ("left", "right") or not sighted[index].has_sides:
+            if one not in SIDES or not sighted[index].has_sides:
                 name = self.scene.boundaries[index].name
                 raise InputError(
                     f"side of {name!r} must be 'left' or 'right' of a boundary that has sides, got {one!r}."

@@ -40,6 +40,7 @@ def solve(
     degree: int = 3,
     order: int = 2,
     origin: Any = None,
+    sheets: bool = True,
     solver: str = "auto",
     tolerance: float = 1e-10,
     checkpoint: str | Path | None = None,
@@ -59,8 +60,8 @@ def solve(
         error suggests one. Another back end may do without: ``fem`` solves on a mesh's own triangles.
     backend : str
         ``cpm``, or the name of a back end that a plugin offers, such as ``fem``. One of those takes
-        ``tolerance``, ``progress`` and options of its own; ``degree``, ``order``, ``origin`` and ``solver``
-        belong to ``cpm``. Its solution reads, saves and draws like the one described here.
+        ``tolerance``, ``progress`` and options of its own; ``degree``, ``order``, ``origin``,
+        ``sheets`` and ``solver`` belong to ``cpm``. Its solution reads, saves and draws like the one described here.
     degree : int
         Degree of the interpolation, 2 to 5. 3 is right for most; 2 is quicker and irregular.
     order : int
@@ -69,6 +70,9 @@ def solve(
         curvature leaves room for a wider tube.
     origin : (d,) array, optional
         Position of a lattice node; by default the centre of the surface's bounds.
+    sheets : bool
+        Whether a node that several sheets of the surface share gets an unknown for each. False is the plain method,
+        for comparisons: where sheets share a band it mixes them, and the solution is wrong there.
     solver : str
         ``auto``, ``direct``, ``reference``, or the kind of a solver that a plugin offers.
     tolerance : float
@@ -111,6 +115,7 @@ def solve(
             degree=degree,
             order=order,
             origin=origin,
+            sheets=sheets,
             solver=solver,
             checkpoint=checkpoint,
             checkpoint_every=checkpoint_every,
@@ -122,7 +127,7 @@ def solve(
     check_solver(solver, solver_options)
     checkpointing = check_checkpointing(scene.problem, checkpoint, checkpoint_every, resume)
     start = time.perf_counter()
-    tables = discretize(scene, spacing, degree=degree, order=order, origin=origin, progress=progress)
+    tables = discretize(scene, spacing, degree=degree, order=order, origin=origin, sheets=sheets, progress=progress)
     chosen = choose_solver(solver, tables.unknowns.count, largest_dim(scene.surface), scene.problem.factorise_up_to)
     job = Job(scene, tables, make_solver(chosen, solver_options), chosen, tolerance, progress, start, checkpointing)
     solve_family: Callable[[Job], Solution] = import_module(FAMILIES[scene.problem.family]).solve_job

@@ -29,7 +29,7 @@ def solve_job(job: Job) -> Solution:
     built = time.perf_counter()
     values, report = job.solver(system, job.tolerance, job.progress)
     values, defects = settle(job.tables, job.scene, system, values)
-    values, leaks = put_mean_right(job.tables, job.scene, values)
+    values, leaks = put_mean_right(job.tables, job.scene, system, values)
     poor += near_resonance(job, system, values)
     seconds = {"build": built - job.started, "solve": time.perf_counter() - built}
     work = measure_work(job.tables, system, report)

@@ -88,6 +88,17 @@ def test_an_explanation_names_the_twins():
     assert "twins" not in str(ck.explain(circles(0.5)[0], 0.025))
 
 
+def test_the_plain_method_mixes_sheets_and_can_be_asked_for(tmp_path):
+    scene, points, exact = circles(0.05)
+    plain = ck.solve(scene, 0.025, sheets=False)
+    assert np.abs(plain.evaluate(points) - exact).max() > 1
+    assert plain.tables.layout.band.sheets is None
+    plain.save(tmp_path / "plain.npz")
+    assert (ck.load(tmp_path / "plain.npz", scene).values == plain.values).all()
+    with pytest.raises(ck.InputError, match="sheets must be true or false"):
+        ck.solve(scene, 0.025, sheets="no")
+
+
 def test_a_cut_in_one_circle_is_not_seen_by_the_other():
     """Jumping data on the inner circle, two spacings away from the outer one; each side keeps its own."""
     for h in (0.05, 0.025):
@@ -112,7 +123,7 @@ MESHES = {
 
 
 @pytest.mark.parametrize("name", ["fish.obj", "spot.obj", pytest.param("koala.obj", marks=pytest.mark.slow)])
-def test_real_meshes_against_finite_elements(name, real_mesh, monkeypatch):
+def test_real_meshes_against_finite_elements(name, real_mesh):
     """-Lap u + u = f in a box of side 1, at the vertices, rms in percent of the half range, mean removed."""
     spacing, bound, worse = MESHES[name]
     vertices, faces = ck.read_mesh(real_mesh(name))
@@ -125,11 +136,10 @@ def test_real_meshes_against_finite_elements(name, real_mesh, monkeypatch):
     scene = ck.Scene(mesh, ck.ScreenedPoisson(f, c=1.0))
     reference = ck.solve(scene, backend="fem", tolerance=1e-8).evaluate(vertices)
 
-    def difference():
-        values = ck.solve(scene, spacing, tolerance=1e-8).evaluate(vertices)
+    def difference(sheets):
+        values = ck.solve(scene, spacing, sheets=sheets, tolerance=1e-8).evaluate(vertices)
         return 100 * np.std(values - reference) / (np.ptp(reference) / 2)
 
-    parted = difference()
-    monkeypatch.setattr("cpmkit.layout.part_sheets", lambda source, band: band)
+    parted = difference(True)
     assert parted <= bound
-    assert difference() >= worse * parted
+    assert difference(False) >= worse * parted

@@ -7,11 +7,12 @@ from itertools import combinations
 
 import numpy as np
 
+from cpmkit.boundary.crossing_ghosts import ALONGSIDE, INSIDE
 from cpmkit.boundary.frame import Frame, Sighted
 from cpmkit.boundary.ghosts import Sight
 from cpmkit.conditions import Dirichlet
 from cpmkit.grid.lattice import Lattice
-from cpmkit.protocols import Bools, BoundarySet, Floats, Side
+from cpmkit.protocols import SIDES, Bools, BoundarySet, Floats
 from cpmkit.scene_data import evaluate_data
 
 #: Around a crossing of four different values the solution is off within so many spacings (by the jump; outside twice
@@ -21,17 +22,12 @@ DISTURBED = 4.0
 LOOK = 4.0
 #: Boundaries nearer than this many spacings enclose a strip in which no stencil finds room.
 STRIP = 1.0
-#: Cosine of the angle up to which they run side by side.
-PARALLEL = 0.9
-#: Points nearer to the other boundary than this many spacings lie on neither side.
-INSIDE = 1e-6
 #: Data that differ by more than this share of their size are different.
 DIFFERENT = 1e-6
-SIDES: tuple[Side, Side] = ("left", "right")
 
 
 @dataclass(frozen=True, eq=False)
-class Crossing:
+class SectorJump:
     """Two boundaries that cross with different data in the sectors around.
 
     Attributes
@@ -72,9 +68,9 @@ class Strip:
 
 def encounters(
     sight: Sight, lattice: Lattice, channels: int, time: float | None = None
-) -> tuple[list[Crossing], list[Strip]]:
+) -> tuple[list[SectorJump], list[Strip]]:
     """Return the crossings with different data, and the strips, of all pairs of boundaries with sides."""
-    crossings: list[Crossing] = []
+    crossings: list[SectorJump] = []
     strips: list[Strip] = []
     with_sides = [number for number, one in enumerate(sight.sighted) if one.has_sides]
     thinned = {number: _thinned(sight.frames[number], lattice.spacing) for number in with_sides}
@@ -88,7 +84,7 @@ def encounters(
             point = lattice.to_scene(crossing[None])
             jump = _conflict(sight.boundaries[first], sight.boundaries[second], point, channels, time)
             if jump > 0:
-                crossings.append(Crossing(first, second, point[0], jump))
+                crossings.append(SectorJump(first, second, point[0], jump))
         beside = np.flatnonzero((distance < STRIP * lattice.spacing) & aligned)
         if len(beside):
             nearest = beside[distance[beside].argmin()]
@@ -110,7 +106,7 @@ def _feet_beside(other: Sighted, own: Frame, spacing: float) -> tuple[Floats, Fl
     if not inside.any():
         return None
     rows = seen.rows[inside]
-    aligned = np.abs(np.sum(own.left[rows] * seen.left[inside], axis=1)) > PARALLEL
+    aligned = np.abs(np.sum(own.left[rows] * seen.left[inside], axis=1)) > ALONGSIDE
     return own.foot[rows], seen.distance[inside], seen.signed[inside], aligned
 
 

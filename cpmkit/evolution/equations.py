@@ -186,8 +186,8 @@ class Wave(Evolution):
     f : number, sequence, or callable
         Source; a callable with a parameter ``t`` receives the time.
     scheme : str
-        ``leapfrog``, with interpolation of degree 3 alone and steps below a bound; ``implicit``, second-order
-        backward differences, with any degree and any step, damps waves that the step does not resolve.
+        ``leapfrog``, with interpolation of degree 3 or 5 and steps below a bound; ``implicit``, second-order
+        backward differences, with any degree and steps above a bound, damps waves that the step does not resolve.
     frames : int or sequence of float
         As for :class:`Heat`.
 

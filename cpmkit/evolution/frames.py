@@ -30,6 +30,11 @@ class EvolvedSolution(Solution):
     steps: int = field(kw_only=True)
     frames: tuple[EvolvedSolution, ...] = field(default=(), kw_only=True)
 
+    @property
+    def data_time(self) -> float:
+        """When the solution holds."""
+        return self.time
+
     def frame_meshes(self) -> list[DisplayMesh]:
         """Return the display mesh of each frame: one mesh, cut and read once, with the values of each."""
         together = np.concatenate([frame.values for frame in self.frames], axis=1)

@@ -57,7 +57,7 @@ class SemiDiscrete:
         if takes_time(self.f):
             b += self.tables.read_sources(self.f, F, time)
         if self.moving:
-            b += _spread(self.operator, self._moved(time))
+            b += self.operator.spread(self._moved(time))
         return b
 
     def derivative(self, u: Floats, time: float) -> Floats:
@@ -97,7 +97,7 @@ def semidiscretize(tables: Discretization, problem: Evolution) -> SemiDiscrete:
     operator = build_operator(tables, terms)
     still = [datum for datum in tables.data if not datum.takes_time]
     moving = [datum for datum in tables.data if datum.takes_time]
-    steady = _spread(operator, sum_of_data(still, tables.extension.shape[0], tables.layout.channels))
+    steady = operator.spread(sum_of_data(still, tables.extension.shape[0], tables.layout.channels))
     if not takes_time(terms.f):
         steady += tables.read_sources(terms.f, F, 0.0)
     return SemiDiscrete(tables, operator, terms.f, steady, moving)
@@ -108,8 +108,3 @@ def continued_unknowns(tables: Discretization) -> Ints:
     inner = tables.layout.band.inner
     past = np.flatnonzero(tables.layout.band.feet.edge[:inner] >= 0)
     return np.concatenate([past, np.arange(inner, tables.unknowns.count)])
-
-
-def _spread(operator: Operator, datum: Floats) -> Floats:
-    """Return what data (rows, channels) of E's rows add to b."""
-    return np.asarray(operator.scale * (operator.differences @ datum))

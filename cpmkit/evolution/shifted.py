@@ -30,14 +30,8 @@ class Tally:
     operator_applications: int = 0
     residual: float = 0.0
 
-    def add(self, report: SolveReport) -> None:
-        """Count one solve."""
-        self.iterations += report.iterations
-        self.operator_applications += report.operator_applications
-        self.residual = max(self.residual, report.residual)
-
-    def include(self, other: Tally) -> None:
-        """Count what an earlier part of the run did."""
+    def add(self, other: SolveReport | Tally) -> None:
+        """Count one solve, or what an earlier part of the run did."""
         self.iterations += other.iterations
         self.operator_applications += other.operator_applications
         self.residual = max(self.residual, other.residual)

@@ -36,7 +36,7 @@ def check_wave(scene: Scene, tables: Discretization, wave: Wave) -> None:
         If the step is too long for leapfrog, or too short for the implicit scheme.
     """
     layout = tables.layout
-    order = max([layout.order, *_orders(scene)])
+    order = max([layout.order, *(one.order for one in scene.conditions if one.order)])
     if order > 2:
         raise InputError(
             f"order={order} does not go with waves: such conditions give the operator complex eigenvalues, under which "
@@ -64,8 +64,3 @@ def _check_leapfrog(wave: Wave, degree: int, spacing: float, dim: int) -> None:
             f"step={wave.step:g} is too long for leapfrog at spacing={spacing:g}; use at most {longest:.3g}, or scheme "
             "'implicit'."
         )
-
-
-def _orders(scene: Scene) -> list[int]:
-    conditions = [boundary.condition(side) for boundary in scene.boundaries for side in ("left", "right")]
-    return [one.order for one in [*conditions, *scene.edge_conditions] if one.order is not None]

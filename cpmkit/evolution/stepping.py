@@ -82,7 +82,7 @@ def _run(job: Job, plan: RunPlan, solver: ShiftedSolver) -> RunState:
     state = RunState(0, (plan.start,), (plan.start.u,) if 0.0 in plan.evolution.frame_times else ())
     if asked.resume is not None:
         state, tally = read_checkpoint(asked.resume, plan)
-        solver.tally.include(tally)
+        solver.tally.add(tally)
     while state.done < total:
         state = _advanced(state, plan, solver, scheme)
         job.progress("steps", state.done / total)

@@ -65,8 +65,8 @@ class Sheets:
         ``twins[first[k]:first[k + 1]]`` are the twins of site k; a twin has none itself.
     twins : (t,) int64
         Numbers of sites.
-    unserved : int
-        Stencils that still read a node of another sheet, because no foot on their own was found for it.
+    mixed : (m,) int64
+        Sites whose stencils still read a node of another sheet, because no foot on their own was found for it.
     """
 
     source: Localized
@@ -74,7 +74,7 @@ class Sheets:
     normals: Floats
     first: Ints
     twins: Ints
-    unserved: int = 0
+    mixed: Ints
 
     def counts(self, sites: Ints) -> Ints:
         """Return how many twins each of ``sites`` (...) has."""

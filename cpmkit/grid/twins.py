@@ -60,7 +60,8 @@ class Sites:
         twins = np.arange(count, len(self))
         twins = twins[np.argsort(self.base[twins], kind="stable")]
         first = np.searchsorted(self.base[twins], np.arange(len(self) + 1)).astype(np.int64)
-        return Sheets(source, has_signed_normals(source), self.normals, first, twins)
+        nothing = np.zeros(0, dtype=np.int64)
+        return Sheets(source, has_signed_normals(source), self.normals, first, twins, nothing)
 
 
 def has_signed_normals(source: Localized) -> bool:
@@ -95,8 +96,7 @@ def part_sheets(source: Localized, band: Band) -> Band:
     if len(sites) == len(band.nodes):
         return band
     readers = np.concatenate([near, np.arange(len(band.nodes), len(sites))])
-    unserved = len(np.unique(_wanted(source, band, sites, readers).by))
-    return _with_twins(source, band, sites, unserved)
+    return _with_twins(source, band, sites, np.unique(_wanted(source, band, sites, readers).by))
 
 
 def conflicting(band: Band) -> Bools:
@@ -222,7 +222,7 @@ def _twins_at(source: Localized, band: Band, sites: Sites, nodes: Ints, by: Ints
     return Sites(nodes[own], feet, n[own], unknown[own])
 
 
-def _with_twins(source: Localized, band: Band, sites: Sites, unserved: int) -> Band:
+def _with_twins(source: Localized, band: Band, sites: Sites, mixed: Ints) -> Band:
     """Return the band with the twins among its sites: unknown ones after the inner nodes, others after the outer."""
     count = len(band.nodes)
     later = np.arange(count, len(sites))
@@ -245,5 +245,5 @@ def _with_twins(source: Localized, band: Band, sites: Sites, unserved: int) -> B
         band.codes,
         band.inner,
         count - band.inner,
-        Sheets(source, has_signed_normals(source), sites.normals[order], first.astype(np.int64), twins, unserved),
+        Sheets(source, has_signed_normals(source), sites.normals[order], first.astype(np.int64), twins, new[mixed]),
     )

@@ -21,7 +21,7 @@ from cpmkit.boundary.tangent_space import outward_conormals
 from cpmkit.conditions import Condition
 from cpmkit.grid.extension import stencil_nodes
 from cpmkit.grid.stencils import stencil_cells
-from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints, Side
+from cpmkit.protocols import SIDES, Bools, ClosestPoints, Floats, Ints, Side
 
 if TYPE_CHECKING:
     from cpmkit.solution import Solution
@@ -105,7 +105,7 @@ def _at_boundaries(solution: Solution, frames: Sequence[Frame]) -> list[Bends]:
     order = solution.tables.layout.order
     for boundary, seen in zip(solution.scene.boundaries, frames, strict=True):
         left = seen.signed >= 0
-        sides = [_bends(boundary.condition(side), order) for side in ("left", "right")]
+        sides = [_bends(boundary.condition(side), order) for side in SIDES]
         rows = np.flatnonzero(~np.isnan(seen.signed) & ~seen.end & np.where(left, *sides))
         inward = np.where(left, 1.0, -1.0)[rows, None] * seen.left[rows]
         found.append(Bends(seen.rows[rows], np.abs(seen.signed[rows]), inward))

@@ -10,10 +10,8 @@ from cpmkit.boundary.encounters import STRIP, Strip
 from cpmkit.boundary.frame import Frame
 from cpmkit.conditions import Dirichlet
 from cpmkit.grid.lattice import Lattice
-from cpmkit.protocols import Bools, BoundarySet, Floats, Side
+from cpmkit.protocols import SIDES, Bools, BoundarySet, Floats
 from cpmkit.scene_data import evaluate_data
-
-SIDES: tuple[Side, Side] = ("left", "right")
 
 
 def fill_strips(

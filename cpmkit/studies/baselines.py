@@ -154,7 +154,7 @@ def _without(system: LinearSystem, fixed: Bools, values: Floats) -> LinearSystem
     """Return the system for the nodes that are not fixed; the fixed ones' values go to the right side."""
     operator, free = system.operator, np.flatnonzero(~fixed)
     known = operator.extension[:, np.flatnonzero(fixed)] @ values[fixed]
-    right_side = system.right_side + operator.scale * (operator.differences @ known)
+    right_side = system.right_side + operator.spread(known)
     diagonal = operator.diagonal
     kept = replace(
         operator,
