@@ -1,8 +1,8 @@
-"""What the closest point operators let leak on a closed surface, and the mean put right.
+"""What the closest point operators let leak on a surface that nothing flows out of, and the mean put right.
 
-Integrated over a closed surface, -div(a grad u) vanishes, so c times the mean of u is the mean of f. The operators of
-the closest point method do not conserve: on meshes with creases and thin parts a small flux is lost or gained, and
-where c is small the mean of u is off by that flux over c.
+Integrated over a closed surface, or one between walls, -div(a grad u) vanishes, so c times the mean of u is the mean
+of f. The operators of the closest point method do not conserve: on meshes with creases and thin parts a small flux is
+lost or gained, and where c is small the mean of u is off by that flux over c.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.components import free_of_conditions
+from cpmkit.components import without_flux
 from cpmkit.discretization import Discretization
 from cpmkit.null_space import means_over
 from cpmkit.operators import LinearSystem
@@ -30,7 +30,7 @@ TOLD = 1e-2
 
 @dataclass(frozen=True)
 class Leak:
-    """How far c times the mean of u was from the mean of f on a closed piece, and what was done.
+    """How far c times the mean of u was from the mean of f on a piece that nothing flows out of, and what was done.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Leak:
             return []
         worst = max(self.imbalance, key=abs)
         return [
-            f"c times the mean of u missed the mean of f by {worst:.3g} on a closed piece of the surface, "
+            f"c times the mean of u missed the mean of f by {worst:.3g} on a piece that nothing flows out of, "
             f"{self.share:.1%} of the range of u: creases or thin parts that the spacing does not resolve let it leak; "
             "the mean was put right, the rest of the solution may be off by a few percent."
         ]
@@ -66,10 +66,10 @@ class Leak:
 def put_mean_right(
     tables: Discretization, scene: Scene, system: LinearSystem, u: Floats
 ) -> tuple[Floats, tuple[Leak, ...]]:
-    """Return u (n, channels) shifted on each closed piece that no condition touches, and what leaked there.
+    """Return u (n, channels) shifted on each piece that nothing flows out of, and what leaked there.
 
     Nothing is done where c varies or is zero, where a velocity carries u along, and where c is so large that a leak
-    shows near its place and not as a constant.
+    shows near its place and not as a constant; nor for small leaks of a piece with edges, where means are less exact.
     """
     terms, layout = scene.problem.terms(), tables.layout
     if callable(terms.c) or terms.c <= 0 or terms.velocity is not None:
@@ -77,17 +77,21 @@ def put_mean_right(
     size = float(np.ptp(layout.band.feet.points, axis=0).max())
     if terms.c * size**2 > SMALL:
         return u, ()
-    count, piece = free_of_conditions(tables)
+    count, piece = without_flux(tables, scene)
     if not count:
         return u, ()
     mean, members, piece = means_over(tables, count, piece)
     imbalance = terms.c * (mean @ u) - mean @ system.right_side  # without conditions it is f
-    u = u.copy()
-    u[members] -= (imbalance / terms.c)[piece]
-    leaks = []
+    open_pieces = np.unique(piece[layout.band.feet.edge[members] >= 0])
+    shift, leaks = np.zeros_like(imbalance), []
     for k in range(count):
-        span = np.ptp(u[members[piece == k]], axis=0)
-        span = np.maximum(span, CONSTANT * np.abs(u[members[piece == k]]).max(axis=0))
+        own = u[members[piece == k]]
+        span = np.maximum(np.ptp(own, axis=0), CONSTANT * np.abs(own).max(axis=0))
         share = float(np.max(np.abs(imbalance[k] / terms.c) / np.where(span > 0, span, np.inf)))
-        leaks.append(Leak(tuple(imbalance[k].tolist()), tuple((-imbalance[k] / terms.c).tolist()), share))
+        if k in open_pieces and share <= TOLD:
+            continue
+        shift[k] = -imbalance[k] / terms.c
+        leaks.append(Leak(tuple(imbalance[k].tolist()), tuple(shift[k].tolist()), share))
+    u = u.copy()
+    u[members] += shift[piece]
     return u, tuple(leaks)

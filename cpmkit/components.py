@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.boundary.edge import edge_condition
+from cpmkit.boundary.edge import edge_condition, is_wall
 from cpmkit.discretization import Discretization
 from cpmkit.protocols import Bools, Ints
 from cpmkit.scene import Scene
@@ -29,14 +29,20 @@ def unpinned(tables: Discretization, scene: Scene) -> tuple[int, Ints]:
     return _numbered(free, label)
 
 
-def free_of_conditions(tables: Discretization) -> tuple[int, Ints]:
-    """Return how many closed pieces no boundary or edge touches, and which each unknown (n,) is on, -1 for none."""
+def without_flux(tables: Discretization, scene: Scene) -> tuple[int, Ints]:
+    """Return how many pieces nothing flows out of, and which of them each unknown (n,) is on, -1 for none.
+
+    No boundary touches them, and their edges, if they have any, are walls.
+    """
     if any(ghosts.unknowns for ghosts in tables.layout.ghosts):
         return 0, np.full(tables.unknowns.count, -1)
     count, label = components(tables)
     closed = np.ones(count, dtype=bool)
     inner = tables.layout.band.inner
-    closed[label[:inner][tables.layout.band.feet.edge[:inner] >= 0]] = False
+    edge = tables.layout.band.feet.edge[:inner]
+    for loop in np.unique(edge[edge >= 0]):
+        if not is_wall(edge_condition(scene.edge, int(loop))):
+            closed[label[:inner][edge == loop]] = False
     return _numbered(closed, label)
 
 

@@ -9,6 +9,7 @@ from cpmkit.combinations import abilities
 from cpmkit.layout import Layout
 from cpmkit.protocols import SIDES
 from cpmkit.room import share_stretched
+from cpmkit.survey import remaining, surveyed
 
 #: A surface's search may doubt this share of the nodes before it is worth a warning.
 DOUBTFUL_SHARE = 1e-4
@@ -17,8 +18,6 @@ JUMP = 2.0
 #: So many jumps are worth a warning: Spot with 0.5 percent of them differs from finite elements by 2 percent of the
 #: range, with 1.1 percent by 18.
 JUMP_SHARE = 5e-3
-#: So many stencils that still mix sheets are worth a warning.
-UNPARTED_SHARE = 5e-3
 #: A boundary that lies more spacings off the surface than this was hardly meant to.
 FAR_OFF = 0.5
 #: So may this share of a boundary's ghosts stand on another sheet.
@@ -99,9 +98,9 @@ def share_of_jumps(layout: Layout) -> float:
 
 
 def _sheets(layout: Layout) -> list[str]:
-    """Name sheets that are mixed: all of them where none were parted, else what parting left."""
-    if layout.band.sheets is not None:
-        return _unparted(layout)
+    """Name what parting the sheets left; where it is not looked for, places where sheets or flanks may mix."""
+    if surveyed(layout):
+        return [one.sentence for one in remaining(layout)]
     share = share_of_jumps(layout)
     if share <= JUMP_SHARE:
         return []
@@ -109,18 +108,6 @@ def _sheets(layout: Layout) -> list[str]:
         f"The closest points of {share:.1%} of neighbouring nodes jump: there the surface bends more sharply, or two "
         "parts of it come nearer to each other, than the band is wide, and the solution may be off by several percent; "
         "a smaller spacing narrows the band."
-    ]
-
-
-def _unparted(layout: Layout) -> list[str]:
-    assert layout.band.sheets is not None
-    left, rows = len(layout.band.sheets.mixed), len(layout.band.nodes)
-    if left <= UNPARTED_SHARE * rows:
-        return []
-    return [
-        f"Several sheets of the surface lie in one band and were parted, but {left / rows:.1%} of the stencils still "
-        "read nodes of a sheet that is not theirs: at creases, and where sheets are nearer than half a spacing; the "
-        "solution may be off by several percent there, a smaller spacing narrows the band."
     ]
 
 

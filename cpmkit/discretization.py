@@ -14,7 +14,7 @@ from cpmkit.boundary.frame import Frame, stack
 from cpmkit.boundary.ghosts import Ghosts
 from cpmkit.boundary.reading import Datum, Reading, Term, sum_of_data
 from cpmkit.grid.band import Band
-from cpmkit.grid.extension import Unknowns, extend, on_own_sheet
+from cpmkit.grid.extension import Unknowns, extend
 from cpmkit.grid.stencils import cross_offsets, cross_weights, difference_reach
 from cpmkit.layout import Layout, lay_out
 from cpmkit.protocols import Floats, Ints, Progress, nothing
@@ -227,8 +227,8 @@ def _neighbours(unknowns: Unknowns, view: View, reach: int) -> csr_array:
     if band.sheets is not None:
         feet, every = band.feet.points, np.ones(len(band.nodes), dtype=bool)
         band.sheets.choose(feet[centres], band.sheets.normals[centres], nodes, feet, band.spacing, every)
-    seen = on_own_sheet(band, band.feet.points[centres], view.select(rows), nodes)
-    label, number = visible_ghosts(seen, nodes, [one.numbers for one in ghosts], [one.director for one in ghosts])
+    seen, directors = view.select(rows), [one.director for one in ghosts]
+    label, number = visible_ghosts(seen, nodes, [one.numbers for one in ghosts], directors)
     columns = np.where(label >= 0, first[label] + number, nodes)
     starts = np.arange(len(rows) + 1) * columns.shape[1]
     weights = np.tile(cross_weights(band.dim, reach)[0], len(rows))

@@ -12,9 +12,11 @@ from cpmkit.arrays import positive
 from cpmkit.boundary.edge import is_wall
 from cpmkit.combinations.abilities import floor_of
 from cpmkit.conditions import Condition
+from cpmkit.doubled import Cluster
 from cpmkit.localized import largest_dim
 from cpmkit.protocols import HasNormals, HasTangents, Progress, nothing
 from cpmkit.rehearsal import Counts, count
+from cpmkit.remains import Remainder
 from cpmkit.resolution import needed_spacing
 from cpmkit.scene import Scene
 from cpmkit.solvers import check_solver, choose_solver
@@ -24,6 +26,8 @@ TOLD_GAP = 1e-6
 #: Noise of closest points appears in the solution, as a share of its range, times this over the spacing (measured
 #: on a circle with a jump, noise of 1e-9 to 1e-4 of its radius, spacings of 0.1 to 0.003).
 NOISE_GROWS = 6.0
+#: So many clusters of twins are named.
+NAMED = 3
 
 
 @dataclass(frozen=True)
@@ -55,6 +59,10 @@ class Explanation:
         The solver that will be taken.
     exact : bool
         True where the counts come from a layout at the spacing itself.
+    doubled : tuple of Cluster
+        Where nodes are doubled because several sheets share them, the largest cluster first.
+    remains : tuple of Remainder
+        What parting the sheets leaves: creases, bends, sheets that are too near; the solution warns of the same.
     """
 
     parts: tuple[Part, ...]
@@ -65,6 +73,8 @@ class Explanation:
     floor: float
     solver: str
     exact: bool
+    doubled: tuple[Cluster, ...] = ()
+    remains: tuple[Remainder, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """Return the explanation as plain values."""
@@ -78,6 +88,12 @@ class Explanation:
         lines += [f"closest point queries  {about}{self.closest_point_queries:,}"]
         lines += [f"memory at the peak     about {self.bytes / 2**20:,.1f} MiB"]
         lines.append(f"error of the source    about {self.floor:.0e} of the solution's range, at any spacing")
+        if self.doubled:
+            rest = sum(one.twins for one in self.doubled[NAMED:])
+            named = [*map(str, self.doubled[:NAMED]), *([f"{rest:,} elsewhere"] if rest else [])]
+            lines += ["", f"twins{'' if self.exact else ' at a coarser spacing'}: " + "; ".join(named)]
+        if self.remains:
+            lines += ["", *(one.sentence for one in self.remains)]
         if self.left_out:
             lines += ["", "not built: " + "; ".join(self.left_out)]
         return "\n".join(lines)
@@ -128,6 +144,8 @@ def explain(
         _floor(scene, counts, spacing),
         chosen,
         counts.exact,
+        counts.doubled,
+        counts.remains,
     )
 
 

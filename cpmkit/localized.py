@@ -13,6 +13,7 @@ from cpmkit.protocols import (
     ClosestPoints,
     ClosestPointSource,
     Floats,
+    HasFeet,
     HasLeft,
     HasMembers,
     HasNormals,
@@ -102,6 +103,11 @@ class Localized:
         return isinstance(self.source, HasTangents)
 
     @property
+    def has_feet(self) -> bool:
+        """True if the source, and each member of a union, finds feet on other sheets than the nearest."""
+        return all(isinstance(member.source, HasFeet) for member in self.members)
+
+    @property
     def has_left(self) -> bool:
         """True if the source knows its left by itself."""
         return isinstance(self.source, HasLeft)
@@ -110,6 +116,16 @@ class Localized:
         """Return the closest points of ``x`` (n, d), both relative to the origin."""
         self.queries["points"] += len(x)
         return self._moved(self.source.closest_point(np.ascontiguousarray(x + self.shift)), -self.shift)
+
+    def feet(self, x: Floats, radius: float) -> tuple[Ints, ClosestPoints]:
+        """Return the rows (k,) of ``x`` (n, d), ascending, and their feet within ``radius``, the nearest first.
+
+        Counted as one query a row.
+        """
+        assert isinstance(self.source, HasFeet)
+        self.queries["points"] += len(x)
+        rows, feet = self.source.feet(np.ascontiguousarray(x + self.shift), radius)
+        return rows, self._moved(feet, -self.shift)
 
     def normals(self, feet: ClosestPoints) -> Floats:
         """Return the source's own normals (n, d) at ``feet``."""

@@ -147,6 +147,25 @@ class HasTangents(Protocol):
 
 
 @runtime_checkable
+class HasFeet(Protocol):
+    """A source that finds more than the closest point: a foot on each of several sheets that lie near a query."""
+
+    def feet(self, x: Floats, radius: float, /) -> tuple[Ints, ClosestPoints]:
+        """Return all feet of each row of ``x`` (n, d) within ``radius``.
+
+        A foot is a point of the manifold that no other in its surroundings is nearer than: a local minimum of the
+        distance. The first array (k,), ascending, holds the row of ``x`` of each foot. The feet of one row are
+        distinct and stand by their ``distance``; the first is what ``closest_point`` answers. Rows with no foot
+        within ``radius`` are left out.
+
+        Raises
+        ------
+        InputError
+            If ``x`` holds NaN or infinity, its shape is not (n, d), or ``radius`` is not a number above zero.
+        """
+
+
+@runtime_checkable
 class HasLeft(Protocol):
     """A curve in a surface, or a surface in a solid, that knows its left by itself: the cut by a function does."""
 

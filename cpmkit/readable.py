@@ -9,6 +9,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
+import numpy as np
+
 from cpmkit.protocols import Floats, Side
 from cpmkit.scene import Scene
 from cpmkit.solvers.report import SolveReport
@@ -145,6 +147,11 @@ class ReadableSolution(ABC):
         from cpmkit.view import picture
 
         return picture(self, path, **options)
+
+    @property
+    def doubled(self) -> Floats:
+        """(k, d) the feet of further unknowns at nodes that several sheets of the surface share; of a mesh none."""
+        return np.zeros((0, self.scene.surface.dim))
 
     def display_mesh(self) -> DisplayMesh:
         """Return a mesh of the manifold with the solution at its vertices, made at the first call."""

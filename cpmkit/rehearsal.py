@@ -14,12 +14,15 @@ from typing import Any
 import numpy as np
 
 from cpmkit import memory
+from cpmkit.doubled import Cluster, clusters_of_twins
 from cpmkit.grid.band import cell_levels, nodes_of_blocks
 from cpmkit.grid.stencils import base_offset, check_degree
 from cpmkit.layout import Layout, lay_out
 from cpmkit.localized import largest_dim, localize
 from cpmkit.protocols import Progress, nothing
+from cpmkit.remains import Remainder
 from cpmkit.scene import Scene
+from cpmkit.survey import remaining
 
 #: A rehearsal has at most about this many cells on the manifold.
 REHEARSED_CELLS = 12_000
@@ -43,12 +46,18 @@ class Counts:
         By how much each boundary was snapped to the manifold.
     noise : float
         How far feet move when they are asked again, at most.
+    doubled : tuple of Cluster
+        Where twins are; at a coarser spacing than asked for unless ``exact``.
+    remains : tuple of Remainder
+        What parting sheets leaves, as far as the layout shows it.
     """
 
     values: Mapping[str, float]
     exact: bool
     gaps: tuple[float, ...]
     noise: float
+    doubled: tuple[Cluster, ...] = ()
+    remains: tuple[Remainder, ...] = ()
 
     def __getitem__(self, name: str) -> int:
         return round(self.values[name])
@@ -61,10 +70,15 @@ def count(scene: Scene, spacing: float, progress: Progress = nothing, **options:
     progress("rehearsal", 0.1)
     layout = lay_out(scene, finest, **options)
     fine = _counts(layout)
-    gaps, noise = tuple(one.gap for one in layout.sight.sighted), _noise(layout)
+    seen = (
+        tuple(one.gap for one in layout.sight.sighted),
+        _noise(layout),
+        clusters_of_twins(layout),
+        remaining(layout, spacing if finest != spacing else None),
+    )
     progress("rehearsal", 0.7 if finest != spacing else 1.0)
     if finest == spacing:
-        return Counts(_summed(fine), True, gaps, noise)
+        return Counts(_summed(fine), True, *seen)
     spacings = [finest, 2 * finest, 4 * finest]
     rehearsed = [fine, *(_counts(lay_out(scene, coarse, **options)) for coarse in spacings[1:])]
     progress("rehearsal", 1.0)
@@ -78,7 +92,7 @@ def count(scene: Scene, spacing: float, progress: Progress = nothing, **options:
             told[name] = _sum_of_powers(spacings, counts, spacing, dims[name])
         else:
             told[name] = _leading_terms(spacings, counts, spacing, m)
-    return Counts(_summed(told), False, gaps, noise)
+    return Counts(_summed(told), False, *seen)
 
 
 def _rehearsal_spacing(scene: Scene, spacing: float, degree: int) -> float:

@@ -12,6 +12,7 @@ from cpmkit.arrays import as_points
 from cpmkit.boundary.crossing import View
 from cpmkit.boundary.frame import ON_BOUNDARY, Frame
 from cpmkit.discretization import Discretization
+from cpmkit.doubled import feet_of_twins
 from cpmkit.errors import InputError
 from cpmkit.grid.extension import extend
 from cpmkit.grid.stencils import reading_radius
@@ -222,6 +223,11 @@ class Solution(ReadableSolution):
             "ghosts": self.tables.unknowns.ghost_nodes,
             "unknowns": self.values,
         }
+
+    @property
+    def doubled(self) -> Floats:
+        """(k, d) the feet of further unknowns at nodes that several sheets of the surface share."""
+        return feet_of_twins(self.tables.layout)
 
     def __repr__(self) -> str:
         layout, work = self.tables.layout, self.work

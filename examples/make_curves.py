@@ -159,6 +159,13 @@ NEFERTITI = {
         closed=True,
         corners=32,
     ),
+    # Rings on the two faces of her right ear, opposite to each other: the shell between them is about 10 thick.
+    "ear-front": Through(
+        ((-80, 8, 54), (-77, 4, 57), (-73, 7, 59), (-72, 13, 59), (-75, 18, 58), (-79, 15, 54)), closed=True
+    ),
+    "ear-back": Through(
+        ((-74, 17, 46), (-71, 11, 45), (-73, 5, 46), (-78, 3, 47), (-80, 10, 47), (-79, 18, 47)), closed=True
+    ),
 }  # fmt: skip
 
 # y is up and the face looks along -z. Rings about the body run so that their left is towards the head.

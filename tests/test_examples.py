@@ -7,7 +7,12 @@ import pytest
 import cpmkit as ck
 
 SCENES = sorted(path.name for path in (Path(__file__).parent.parent / "examples").glob("*.toml"))
-MESHES = {"02-nefertiti.toml": ["nefertiti-lowres.obj"], "03-spot.toml": ["spot.obj"]}
+MESHES = {
+    "02-nefertiti.toml": ["nefertiti-lowres.obj"],
+    "03-spot.toml": ["spot.obj"],
+    "08-nefertitis-ear.toml": ["nefertiti-lowres.obj"],
+    "09-fish-fins.toml": ["fish.obj"],
+}
 
 
 def test_there_are_scenes():

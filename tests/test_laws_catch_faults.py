@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cpmkit import plugins
-from cpmkit.arrays import as_points
+from cpmkit.arrays import as_points, positive
 from cpmkit.protocols import ClosestPoints
 from cpmkit.testing import LAWS, ConformanceCase, installed_cases, kinds_without_case, parametrize_with_laws, run_laws
 
@@ -36,13 +36,18 @@ class Circle:
     def bounds(self) -> np.ndarray:
         return np.stack([self.center - 1.0, self.center + 1.0])
 
-    def feet(self, x: np.ndarray) -> np.ndarray:
+    def nearest(self, x: np.ndarray) -> np.ndarray:
         return self.center + directions(x - self.center)
 
     def closest_point(self, x: np.ndarray) -> ClosestPoints:
         x = as_points(x, 2)
-        points = self.feet(x)
+        points = self.nearest(x)
         return ClosestPoints(points, np.linalg.norm(x - points, axis=1), np.full(len(x), -1))
+
+    def feet(self, x: np.ndarray, radius: float) -> tuple[np.ndarray, ClosestPoints]:
+        found = self.closest_point(x)
+        rows = np.flatnonzero(found.distance <= positive(radius, "radius"))
+        return rows, found.take(rows)
 
     def normals(self, feet: ClosestPoints) -> np.ndarray:
         return directions(feet.points - self.center)
@@ -93,14 +98,14 @@ class Scribbler(Circle):
 
 
 class SortsItsBatch(Circle):
-    def feet(self, x):
-        return super().feet(x + 1e-8 * (x.mean(axis=0) if len(x) else 0))
+    def nearest(self, x):
+        return super().nearest(x + 1e-8 * (x.mean(axis=0) if len(x) else 0))
 
 
 class NaNAtTheCentre(Circle):
-    def feet(self, x):
+    def nearest(self, x):
         length = np.hypot(*(x - self.center).T)[:, None]
-        return np.where(length == 0, np.nan, super().feet(x))
+        return np.where(length == 0, np.nan, super().nearest(x))
 
 
 class AnswersNaN(Circle):
@@ -125,10 +130,10 @@ class TooManyEnds(Circle):
 class HalfWay(Circle):
     """Takes one step of Newton's method towards |x|^2 = 1 where it is near."""
 
-    def feet(self, x):
+    def nearest(self, x):
         y = x - self.center
         excess = (y**2).sum(axis=1)[:, None] - 1
-        return np.where(np.abs(excess) < 0.5, x - 0.5 * excess * y / np.maximum(1 + excess, 0.5), super().feet(x))
+        return np.where(np.abs(excess) < 0.5, x - 0.5 * excess * y / np.maximum(1 + excess, 0.5), super().nearest(x))
 
 
 class SquaredDistance(Circle):
@@ -144,7 +149,7 @@ class DistanceTooLarge(Circle):
 
 
 class Farthest(Circle):
-    def feet(self, x):
+    def nearest(self, x):
         y = x - self.center
         return self.center + directions(y) * np.where(np.hypot(*y.T)[:, None] < 0.3, -1.0, 1.0)
 
@@ -152,7 +157,7 @@ class Farthest(Circle):
 class SlidingFoot(Circle):
     """Claims feet within 0.1 x distance, and gives some twice as far away as the nearest."""
 
-    def feet(self, x):
+    def nearest(self, x):
         return self.center + directions((x - self.center) * [1.0, 3.0])
 
     def closest_point(self, x):
@@ -161,8 +166,8 @@ class SlidingFoot(Circle):
 
 
 class CentreIsItsOwnFoot(Circle):
-    def feet(self, x):
-        return np.where(np.hypot(*(x - self.center).T)[:, None] < 1e-6, x, super().feet(x))
+    def nearest(self, x):
+        return np.where(np.hypot(*(x - self.center).T)[:, None] < 1e-6, x, super().nearest(x))
 
 
 class SmallBounds(Circle):
@@ -222,6 +227,59 @@ class PaddedMesh(Circle):
     def mesh(self, spacing):
         vertices, cells = super().mesh(spacing)
         return vertices, np.pad(cells, ((0, 0), (0, 1)), constant_values=-1)
+
+
+class WithSecondFeet(Circle):
+    """Adds, for queries near the middle, another foot to each: of these ``second`` are the points."""
+
+    def feet(self, x, radius):
+        rows, found = super().feet(x, radius)
+        more = np.flatnonzero(np.isin(np.arange(len(x)), rows) & (np.hypot(*(x - self.center).T) < 0.5))
+        points = self.second(x[more])
+        further = ClosestPoints(points, np.linalg.norm(x[more] - points, axis=1), np.full(len(more), -1))
+        rows = np.concatenate([rows, more])
+        both = ClosestPoints.join([found, further])
+        order = np.lexsort((both.distance, rows))
+        keep = order[both.distance[order] <= radius]
+        return rows[keep], both.take(keep)
+
+
+class FeetTwice(WithSecondFeet):
+    def second(self, x):
+        return self.nearest(x)
+
+
+class FarthestFeetToo(WithSecondFeet):
+    def second(self, x):
+        return 2 * self.center - self.nearest(x)
+
+
+class FeetBeside(WithSecondFeet):
+    def second(self, x):
+        beside = self.nearest(x) - self.center
+        return self.center + directions(beside + 0.3 * beside[:, ::-1] * [-1.0, 1.0])
+
+
+class FeetOffTheCurve(WithSecondFeet):
+    def second(self, x):
+        return self.center + 1.01 * (self.nearest(x) - self.center)
+
+
+class AllFeetHaveRowZero(Circle):
+    def feet(self, x, radius):
+        rows, found = super().feet(x, radius)
+        return 0 * rows, found
+
+
+class FeetOfAnyRadius(Circle):
+    def feet(self, x, radius):
+        return super().feet(x, 1e3 * radius)
+
+
+class FeetOfNothing(Circle):
+    def feet(self, x, radius):
+        rows, found = super().feet(x, abs(radius) + 1e-9 if radius == radius else 1.0)
+        return rows, found
 
 
 class WarnsOfNothing(Circle):
@@ -288,6 +346,9 @@ FAULTS = {
     "mesh": [MeshOffTheCurve, MeshWithoutWrap, MeshOfTriangles, PaddedMesh],
     "warnings": [WarnsOfNothing, WarnsInTwoSentences, WarnsWithoutEnd],
     "floor": [FloorBelowZero, FloorOfNothing],
+    "feet": [FeetOffTheCurve, AllFeetHaveRowZero, FeetOfAnyRadius],
+    "sheets": [FeetTwice, FarthestFeetToo, FeetBeside],
+    "bad_radius": [FeetOfNothing],
     "translation": [TranslatedTheOtherWay, TranslationLosesAbilities],
 }
 
@@ -354,7 +415,7 @@ def test_a_foot_that_is_not_nearest_is_caught_without_samples() -> None:
 
 def test_another_error_says_under_which_law_and_case_it_was_raised() -> None:
     class Crashes(Circle):
-        def feet(self, x):
+        def nearest(self, x):
             raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError) as caught:

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
-from model_problems import max_error, on_circle, order_of
+from model_problems import max_error, on_circle, order_of, sphere_points
+from thin_ellipsoid import odd_solution
 
 import cpmkit as ck
+from cpmkit.view.drawing import draw
 
 SPACINGS = (0.05, 0.025, 0.0125)
 
@@ -68,6 +70,19 @@ def test_a_spiral(gap):
     assert order_of(SPACINGS, errors) >= 1.6
 
 
+def test_a_thin_smooth_ellipsoid():
+    """Of axes 1 : 1 : 0.1, its upper and lower half two to six spacings apart, with u odd from one to the other."""
+    scene, u = odd_solution(0.1)
+    points = sphere_points(2000) * [1, 1, 0.1]
+    spacings = (0.1, 0.07, 0.05)
+    errors = [max_error(scene, points, u(points), h) for h in spacings]
+    assert errors[-1] <= 4e-3
+    assert order_of(spacings, errors) >= 1.8
+    for h in spacings:
+        plain = ck.solve(scene, h, sheets=False).evaluate(points) - u(points)
+        assert np.abs(plain).max() >= 0.5
+
+
 def test_a_band_without_conflict_has_no_table():
     """A torus with a curve: nothing is built, nothing is counted."""
     circle = ck.source("analytic.circle", center=[0, 0, 0.45], normal=[0, 0, 1], radius=1.0)
@@ -86,6 +101,17 @@ def test_an_explanation_names_the_twins():
     assert int(twins.amount.replace(",", "")) == band.inner - band.own_inner > 100
     assert explanation.unknowns == band.inner
     assert "twins" not in str(ck.explain(circles(0.5)[0], 0.025))
+
+
+def test_a_picture_can_show_the_twins():
+    solution = ck.solve(circles(0.05)[0], 0.025)
+    band = solution.tables.layout.band
+    assert len(solution.doubled) == band.inner - band.own_inner > 100
+    on_either = np.abs(np.hypot(*solution.doubled.T)[:, None] - [1, 1.05]).min(axis=1)
+    assert on_either.max() <= 1e-12
+    shown, bare = (draw(solution, 400, None, None, True, twins=twins) for twins in (True, False))
+    assert len(shown.pins) == len(solution.doubled)
+    assert not len(bare.pins)
 
 
 def test_the_plain_method_mixes_sheets_and_can_be_asked_for(tmp_path):
@@ -112,34 +138,3 @@ def test_a_cut_in_one_circle_is_not_seen_by_the_other():
         values = ck.solve(ck.Scene(scene.surface, scene.problem, [jump]), h).evaluate(points)
         assert np.abs(values - exact)[1000:].max() <= 4e-3 * (h / 0.05) ** 2
         assert np.abs(values - exact)[:1000].max() >= 4
-
-
-MESHES = {
-    # the spacing, the largest difference in percent that is accepted, and how much worse sheets that mix are
-    "fish.obj": (0.0156, 2.0, 4.0),
-    "spot.obj": (0.0193, 1.0, 2.0),
-    "koala.obj": (0.0167, 3.0, 2.0),
-}
-
-
-@pytest.mark.parametrize("name", ["fish.obj", "spot.obj", pytest.param("koala.obj", marks=pytest.mark.slow)])
-def test_real_meshes_against_finite_elements(name, real_mesh):
-    """-Lap u + u = f in a box of side 1, at the vertices, rms in percent of the half range, mean removed."""
-    spacing, bound, worse = MESHES[name]
-    vertices, faces = ck.read_mesh(real_mesh(name))
-    vertices = (vertices - vertices.min(axis=0)) / np.ptp(vertices, axis=0).max()
-    mesh = ck.source("mesh.triangles", vertices=vertices, faces=faces)
-
-    def f(x):
-        return np.cos(6 * x[:, 0]) + np.sin(5 * x[:, 1] + 2 * x[:, 2]) + x[:, 2]
-
-    scene = ck.Scene(mesh, ck.ScreenedPoisson(f, c=1.0))
-    reference = ck.solve(scene, backend="fem", tolerance=1e-8).evaluate(vertices)
-
-    def difference(sheets):
-        values = ck.solve(scene, spacing, sheets=sheets, tolerance=1e-8).evaluate(vertices)
-        return 100 * np.std(values - reference) / (np.ptp(reference) / 2)
-
-    parted = difference(True)
-    assert parted <= bound
-    assert difference(False) >= worse * parted

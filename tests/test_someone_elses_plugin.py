@@ -21,14 +21,14 @@ SCENE = """
 [surface]
 kind = "neural.field"
 file = "spot.npz"
-resolution = 48
+resolution = 32
 
 [[boundary]]
 name = "waist"
 kind = "cut.plane"
 point = [0, 0, 0.2]
 normal = [0, 0.2, 1]
-resolution = 48
+resolution = 32
 left = { dirichlet = 1.0 }
 right = { dirichlet = 0.0 }
 
@@ -36,7 +36,7 @@ right = { dirichlet = 0.0 }
 kind = "laplace"
 
 [discretization]
-spacing = 0.13
+spacing = 0.16
 
 [output]
 folder = "cow"

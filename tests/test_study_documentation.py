@@ -8,10 +8,10 @@ import numpy as np
 
 from cpmkit.studies.records import read_records
 from cpmkit.studies.running import make_run, run_study
-from cpmkit.studies.sampling import sample_points
 from cpmkit.studies.series import gather
 from cpmkit.studies.studyfile import TABLES, Exact, load_study
 from cpmkit.studies.sweep import Sweep
+from cpmkit.studies.truth import truth_of
 
 ROOT = Path(__file__).parents[1]
 STUDIES = ROOT / "examples" / "studies"
@@ -45,5 +45,5 @@ def test_every_key_of_a_study_is_documented(tmp_path):
     assert {"title", *keys} - named == set()
     assert {f"[{table}]" for table in TABLES if table not in ("title", "boundary")} - named == set()
     study = load_study(STUDIES / "panel-a-circle-jump.toml")
-    record = make_run(study, study.sweep.runs()[0], sample_points(study.scene, 10))
+    record = make_run(study, study.sweep.runs()[0], truth_of(study))
     assert {*record, "error"} - named == set()

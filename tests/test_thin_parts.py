@@ -25,12 +25,12 @@ def test_rings_about_a_tube_that_is_two_or_four_spacings_thick(minor):
 
 
 def test_a_ring_about_one_of_two_sheets_is_reported():
-    """A torus with a hole that is narrower than two spacings: no stencil parts its inner sides."""
+    """A torus with a hole that is narrower than two spacings: not every stencil finds feet on its own side."""
     torus = ck.source("analytic.torus", major=1.0, minor=0.93)
     ring = ck.source("analytic.circle", center=(1.0, 0, 0), normal=(0, 1, 0), radius=0.93)
     scene = ck.Scene(torus, ck.Laplace(), [ck.Boundary("ring", ring, left=ck.Dirichlet(0.0), right=ck.Dirichlet(1.0))])
     warned = ck.solve(scene, 0.1, tolerance=1e-6).warnings
-    assert any("Several sheets" in warning for warning in warned)
+    assert any("stencils read nodes of a sheet that is not theirs" in warning for warning in warned)
     clean = ck.solve(rings_about_a_tube(0.4), 0.08, tolerance=1e-6).warnings
     assert not clean
 
@@ -47,4 +47,5 @@ def test_a_ring_about_one_of_two_sheets_is_reported():
 def test_sheets_and_bends_inside_the_band_are_reported(kind, keys, spacing, warned):
     scene = ck.Scene(ck.source(kind, **keys), ck.ScreenedPoisson(1.0))
     told = ck.solve(scene, spacing).warnings
-    assert any("neighbouring nodes jump" in text or "Several sheets" in text for text in told) == warned
+    assert any("bends more sharply than the band is wide" in text for text in told) == warned
+    assert warned or not told

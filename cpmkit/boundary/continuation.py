@@ -11,7 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cpmkit.boundary.own_sheet import nearest_from
 from cpmkit.boundary.reading import Datum, Reading, Term
+from cpmkit.grid.sheets import Sheets
 from cpmkit.localized import Localized
 from cpmkit.protocols import Bools, Floats, Ints
 
@@ -97,11 +99,14 @@ def continued_sources(plain: Reading, parts: Sequence[Continued]) -> Reading:
     return Reading(plain.points, coefficient, (), [term for part in parts for term in part.ahead])
 
 
-def points_inwards(surface: Localized, foot: Floats, inward: Floats, count: int, spacing: float) -> Inside:
+def points_inwards(
+    surface: Localized, foot: Floats, inward: Floats, count: int, spacing: float, sheets: Sheets | None
+) -> Inside:
     """Return ``count`` (2 or more) points behind each ``foot`` (n, d), in the unit directions ``inward`` (n, d)."""
     step = STEP * spacing
     ahead = foot[:, None] + step * np.arange(1, count + 1)[:, None] * inward[:, None]
-    feet = surface.closest_point(ahead.reshape(-1, foot.shape[1]))
+    start = np.repeat(foot, count, axis=0)
+    feet = nearest_from(surface, start, ahead.reshape(-1, foot.shape[1]), spacing, sheets)
     points = feet.points.reshape(ahead.shape)
     chords = np.linalg.norm(points - foot[:, None], axis=2)
     wanted = step * np.arange(1, count + 1)

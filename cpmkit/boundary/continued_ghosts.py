@@ -45,10 +45,11 @@ def continue_ghosts(crossing: Crossing, lattice: Lattice, orders: Ints) -> tuple
 def _points(crossing: Crossing, rows: Ints, direction: Floats, count: int, spacing: float) -> tuple[Inside, Bools]:
     """Return points behind the feet of the ghosts ``rows``, and for which nothing is in their way."""
     foot = crossing.seen.foot[rows]
-    inside = points_inwards(crossing.sighted[crossing.index].surface, foot, direction, count, spacing)
+    own = crossing.sighted[crossing.index]
+    inside = points_inwards(own.surface, foot, direction, count, spacing, own.sheets)
     reach = 2 * float(np.linalg.norm(inside.points - foot[:, None], axis=2).max())
     blocked = beyond_another(crossing, rows, inside.points[:, -1], reach, spacing)
-    return inside, inside.sound & ~blocked & crossing.sighted[crossing.index].has_sides
+    return inside, inside.sound & ~blocked & own.has_sides
 
 
 def _continue(crossing: Crossing, lattice: Lattice, condition: Condition, rows: Ints, inside: Inside) -> Continued:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.boundary.frame import Frame
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.protocols import Floats, Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,10 +43,6 @@ class View:
             inside = (place < len(rows)) & (rows[np.minimum(place, len(rows) - 1)] == frame.rows)
             frames.append(frame.take(inside).renumbered(place[inside]))
         return View(frames, self.own[rows])
-
-    def without(self, rows: Bools) -> View:
-        """Return the view with the boundaries on other sheets unseen by the stencils ``rows`` (n,)."""
-        return View([frame.take(frame.beside | ~rows[frame.rows]) for frame in self.frames], self.own)
 
 
 def visible_ghosts(view: View, nodes: Ints, numbers: Sequence[Ints], directors: Sequence[Floats]) -> tuple[Ints, Ints]:

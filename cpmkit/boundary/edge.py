@@ -137,7 +137,7 @@ def _continue(
     """
     foot, offset = band.feet.points[rows], band.positions[rows] - band.feet.points[rows]
     outward = _outward(surface, band.feet.take(rows), offset, band.spacing)
-    inside = points_inwards(surface, foot, -outward, points_inside(condition, order), band.spacing)
+    inside = points_inwards(surface, foot, -outward, points_inside(condition, order), band.spacing, band.sheets)
     kept = np.flatnonzero(inside.sound)
     inside, rows = inside.take(kept), rows[kept]
     t = beyond_edge(offset[kept], outward[kept], inside.curvature)

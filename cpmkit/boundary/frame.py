@@ -11,12 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 
 import numpy as np
 
 from cpmkit.boundary.orientation import AS_GIVEN, Orientation
+from cpmkit.boundary.own_sheet import BoundaryOnSheets, Placed
 from cpmkit.boundary.tangent_space import normals, outward_conormals, project_tangent, tangents
-from cpmkit.grid.sheets import Sheets, same_sheet
+from cpmkit.grid.sheets import Sheets
 from cpmkit.localized import Localized
 from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 
@@ -24,11 +26,8 @@ from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 ON_BOUNDARY = 1e-9
 #: Blocks of this many spacings are asked before the points in them are.
 BLOCK = 4
-#: A point that lies higher above its foot on a boundary than this share of its distance is on another sheet. Less would
-#: take points of a rough surface for that, and let values bleed across the boundary.
-STEEP = 0.5
-#: So many points of a boundary around a point are looked at for one on its sheet.
-BESIDE = 64
+#: Where a chord points less than this (cosine) to a side, the way along the surface tells which one it is.
+UNCLEAR = 0.5
 #: The direction of a director whose sign alone counts.
 FIRST_AXIS = np.array([1.0, 0.0, 0.0])
 
@@ -55,8 +54,6 @@ class Frame:
         D; zero where nothing is crossed.
     lift : (k,) float64
         ``|(z - y) . n|``, how far the point lies off the tangent plane at y; zero where n is not asked for.
-    beside : (k,) bool
-        False where the band holds several sheets and the point lies on another than its foot.
     """
 
     rows: Ints
@@ -67,7 +64,6 @@ class Frame:
     left: Floats
     director: Floats
     lift: Floats
-    beside: Bools
 
     def take(self, index: Ints | Bools) -> Frame:
         """Return the entries at ``index``, with their row numbers."""
@@ -123,6 +119,10 @@ class Sighted:
         Of the manifold along the boundary.
     gap : float
         How far the boundary is from the manifold at most, where it was sampled: by so much it is snapped.
+    samples : (s, d) float64
+        Points of the boundary, ``spacing`` apart or less.
+    spacing : float
+        Of the lattice.
     sheets : Sheets or None
         Where the manifold has several sheets in one band: the boundary is seen on its own alone.
     """
@@ -133,6 +133,8 @@ class Sighted:
     along: Orientation
     dimension: int
     gap: float
+    samples: Floats
+    spacing: float
     sheets: Sheets | None = None
 
     @property
@@ -140,50 +142,42 @@ class Sighted:
         """True where the boundary cuts the manifold in two locally: it has one dimension less."""
         return self.source.manifold_dim == self.dimension - 1
 
+    @cached_property
+    def on_sheets(self) -> BoundaryOnSheets | None:
+        """The boundary as each sheet sees it, where several share a band."""
+        if self.sheets is None:
+            return None
+        samples = Placed.on(self.surface, self.samples, self.spacing)
+        return BoundaryOnSheets(self.source, self.surface, samples, self.spacing, self.sheets.signed)
+
     def frame(self, points: Floats, radius: float, spacing: float) -> Frame:
-        """Return how the boundary sees those surface ``points`` (n, d) that lie within ``radius`` of it."""
+        """Return how the boundary sees those surface ``points`` (n, d) that lie within ``radius`` of it.
+
+        Where several sheets share a band, it sees those alone on whose sheet it runs, from its nearest part there.
+        """
         rows, feet = near(self.source, points, radius + self.gap, spacing)
+        way = None
+        if self.on_sheets is not None and len(rows):
+            feet, way, own = self.on_sheets.seen_from(points[rows], feet, radius + self.gap)
+            rows, feet, way = rows[own], feet.take(own), way[own]
         on = self.surface.closest_point(feet.points)
-        beside = np.ones(len(rows), dtype=bool)
-        if self.sheets is not None and len(rows):
-            beside = self._on_sheet(self.sheets, points[rows], on, spacing)
         away = points[rows] - on.points
         distance = np.linalg.norm(away, axis=1)
         if not self.has_sides:
             director = self._from_point(on, away, spacing)
             nowhere = np.zeros(len(rows), dtype=bool)
             unsigned, flat = np.full(len(rows), np.nan), np.zeros(len(rows))
-            return Frame(rows, on.points, nowhere, distance, unsigned, 0 * away, director, flat, beside)
+            return Frame(rows, on.points, nowhere, distance, unsigned, 0 * away, director, flat)
         axis, left = self._axis_and_left(on, feet, 0.5 * spacing)
         signed = np.sum(away * left, axis=1)
+        if way is not None:
+            signed = np.where(np.abs(signed) < UNCLEAR * distance, np.sum(way * left, axis=1), signed)
         signed = np.where(np.abs(signed) < ON_BOUNDARY * spacing, ON_BOUNDARY * spacing, signed)
         on_surface = self.dimension == 2 and self.surface.dim == 3
         lift = np.abs(np.sum(away * axis, axis=1)) if on_surface else np.zeros(len(rows))
         director = signed[:, None] * (FIRST_AXIS[: self.surface.dim] if self.signs_known else axis)
         end = self._open_ends(feet, on, spacing)
-        return Frame(rows, on.points, end, distance, signed, left, director, lift, beside)
-
-    def _on_sheet(self, sheets: Sheets, points: Floats, on: ClosestPoints, spacing: float) -> Bools:
-        """Return which points of the manifold lie on a sheet that the boundary runs on, near them.
-
-        A boundary around a thin part runs on both of its sheets, and the foot of a point may lie on the other.
-        """
-        from scipy.spatial import cKDTree
-
-        at = self.surface.closest_point(points)
-        n, other = (normals(self.surface, feet, 0.5 * spacing) for feet in (on, at))
-        own = same_sheet(on.points, n, at.points, other, spacing, sheets.signed, STEEP)
-        away = np.flatnonzero(~own)
-        if not len(away):
-            return own
-        _, first = np.unique(np.floor(on.points / spacing).astype(np.int64), axis=0, return_index=True)
-        near = cKDTree(on.points[first]).query(at.points[away], k=min(BESIDE, len(first)))[1].reshape(len(away), -1)
-        feet = first[near]
-        found = same_sheet(
-            on.points[feet], n[feet], at.points[away, None], other[away, None], spacing, sheets.signed, STEEP
-        )
-        own[away] = found.any(axis=1)
-        return own
+        return Frame(rows, on.points, end, distance, signed, left, director, lift)
 
     def _open_ends(self, feet: ClosestPoints, on: ClosestPoints, spacing: float) -> Bools:
         """Return which feet lie on an end of the boundary around which the solution goes on.

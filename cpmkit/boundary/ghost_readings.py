@@ -12,6 +12,7 @@ from cpmkit.boundary.continued_ghosts import continue_ghosts
 from cpmkit.boundary.crossing_ghosts import INSIDE, Crossing, beyond_another
 from cpmkit.boundary.formulas import beta_at, coefficient_and_factor, mirror_distance
 from cpmkit.boundary.frame import Frame
+from cpmkit.boundary.own_sheet import nearest_from
 from cpmkit.boundary.reading import Datum, Reading, Term
 from cpmkit.boundary.transmission import transmission_weights
 from cpmkit.conditions import Condition
@@ -110,7 +111,8 @@ def _mirrors(crossing: Crossing, orders: Ints, alone: Bools, spacing: float) -> 
     mirror, second = seen.foot.copy(), np.flatnonzero(alone & ((orders == 2) | coupled))
     if len(second):
         ahead = seen.foot[second] + h[second, None] * crossing.direction[second]
-        mirror[second] = crossing.sighted[crossing.index].surface.closest_point(ahead).points
+        own = crossing.sighted[crossing.index]
+        mirror[second] = nearest_from(own.surface, seen.foot[second], ahead, spacing, own.sheets).points
         if coupled:
             return mirror, orders
         beyond = second[beyond_another(crossing, second, mirror[second], 2 * float(h.max()), spacing)]

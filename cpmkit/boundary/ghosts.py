@@ -48,7 +48,8 @@ class Ghosts:
     frames : sequence of Frame
         How the ghosts' stencils see each boundary.
     off_sheet : (g,) bool
-        True where the node's foot does not lie beside the boundary but above it: on another sheet.
+        True where the node's foot does not lie beside the boundary but above it: on another sheet. Where sheets were
+        parted there are none.
     carries_left : (g,) bool
         True where the ghost carries the left side's solution.
     orders : (g,) int64
@@ -95,7 +96,8 @@ def build_ghosts(index: int, sight: Sight, band: Band, lattice: Lattice, mirrore
     made = ghost_reading(crossing, lattice, order, 2 * reading_radius(band.dim, band.degree) * band.spacing)
     numbers = np.full(len(band.nodes), -1)
     numbers[seen.rows] = np.arange(len(seen.rows))
-    off_sheet = seen.lift > OFF_SHEET * seen.distance + 0.5 * band.spacing
+    parted = sight.sighted[index].sheets is not None
+    off_sheet = (seen.lift > OFF_SHEET * seen.distance + 0.5 * band.spacing) & (not parted)
     return Ghosts(
         seen.rows,
         unknowns,

@@ -42,7 +42,7 @@ def sight(boundary: BoundarySet, surface: Localized, lattice: Lattice, radius: f
     dimension = _dimension(boundary.name, source, surface, on)
     along = _along(source, samples, lattice.spacing, boundary.name)
     gap = _gap(boundary.name, on, radius)
-    sighted = Sighted(source, surface, AS_GIVEN, along, dimension, gap)
+    sighted = Sighted(source, surface, AS_GIVEN, along, dimension, gap, samples, lattice.spacing)
     one_condition = boundary.condition("left") is boundary.condition("right")
     if one_condition and not isinstance(boundary.condition("left"), Transmission):
         return sighted

@@ -6,7 +6,9 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any, TypeVar
 
-from cpmkit.protocols import HasFloor, HasWarnings
+import numpy as np
+
+from cpmkit.protocols import ClosestPoints, ClosestPointSource, Floats, HasFeet, HasFloor, HasWarnings, Ints
 
 Base = TypeVar("Base")
 
@@ -42,6 +44,15 @@ def with_abilities(base: type[Base], mixins: Mapping[Any, type[Base]], *sources:
 @cache
 def _composed(bases: tuple[Any, ...]) -> Any:
     return type(bases[-1].__name__, bases, {"__module__": bases[-1].__module__, "__doc__": bases[-1].__doc__})
+
+
+def feet_of(source: ClosestPointSource, x: Floats, radius: float) -> tuple[Ints, ClosestPoints]:
+    """Return the rows (k,) of ``x`` and their feet within ``radius``; closest points where ``source`` has no others."""
+    if isinstance(source, HasFeet):
+        return source.feet(x, radius)
+    feet = source.closest_point(x)
+    rows = np.flatnonzero(feet.distance <= radius)
+    return rows, feet.take(rows)
 
 
 def warnings_of(source: object, spacing: float) -> Sequence[str]:

@@ -16,6 +16,7 @@ from cpmkit.protocols import (
     ClosestPoints,
     ClosestPointSource,
     Floats,
+    HasFeet,
     HasMesh,
     HasNormals,
     HasTangents,
@@ -76,8 +77,7 @@ class Moved:
         InputError
             If ``x`` holds NaN or infinity, or its shape is not (n, d).
         """
-        feet: ClosestPoints = self.of.closest_point(self._to_own(as_points(x, self.dim)))
-        return replace(feet, points=self._to_world(feet.points), distance=self.scale * feet.distance)
+        return self._world_record(self.of.closest_point(self._to_own(as_points(x, self.dim))))
 
     def translated(self, offset: Floats, /) -> Moved:
         """Return the same source moved by ``offset`` (d,); the translation alone is rounded, once."""
@@ -97,8 +97,19 @@ class Moved:
     def _to_world(self, p: Floats) -> Floats:
         return self.scale * rotate(self.rotation, p) + self.translation
 
+    def _world_record(self, feet: ClosestPoints) -> ClosestPoints:
+        return replace(feet, points=self._to_world(feet.points), distance=self.scale * feet.distance)
+
     def _own_record(self, feet: ClosestPoints) -> ClosestPoints:
         return replace(feet, points=self._to_own(feet.points), distance=feet.distance / self.scale)
+
+
+class _WithFeet(Moved):
+    def feet(self, x: Floats, radius: float, /) -> tuple[Ints, ClosestPoints]:
+        """Return the rows (k,) of ``x`` (n, d) and their feet within ``radius``, the nearest first."""
+        own = self._to_own(as_points(x, self.dim))
+        rows, feet = self.of.feet(own, positive(radius, "radius") / self.scale)
+        return rows, self._world_record(feet)
 
 
 class _WithNormals(Moved):
@@ -133,6 +144,7 @@ class _WithMesh(Moved):
 
 
 _MIXINS = {
+    HasFeet: _WithFeet,
     HasNormals: _WithNormals,
     HasTangents: _WithTangents,
     HasValues: _WithValues,

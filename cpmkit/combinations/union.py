@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.arrays import as_points, as_vector
-from cpmkit.combinations.abilities import floor_of, warnings_of, with_abilities
+from cpmkit.arrays import as_points, as_vector, positive
+from cpmkit.combinations.abilities import feet_of, floor_of, warnings_of, with_abilities
 from cpmkit.errors import InputError
 from cpmkit.protocols import (
     Bools,
@@ -110,6 +110,25 @@ def _where(chosen: Bools, a: ClosestPoints, b: ClosestPoints) -> ClosestPoints:
     )
 
 
+class _WithFeet(Union):
+    def feet(self, x: Floats, radius: float, /) -> tuple[Ints, ClosestPoints]:
+        """Return the rows (k,) of ``x`` (n, d) and the feet of all members within ``radius``, the nearest first.
+
+        A member that finds no further feet of its own gives its closest points.
+
+        Raises
+        ------
+        InputError
+            If ``x`` holds NaN or infinity, its shape is not (n, d), or ``radius`` is not a number above zero.
+        """
+        x, radius = as_points(x, self.dim), positive(radius, "radius")
+        found = [feet_of(member, x, radius) for member in self.members]
+        rows = np.concatenate([at for at, _ in found])
+        feet = ClosestPoints.join([_of_member(number, own) for number, (_, own) in enumerate(found)])
+        order = np.lexsort((feet.distance, rows))
+        return rows[order], feet.take(order)
+
+
 class _WithNormals(Union):
     def normals(self, feet: ClosestPoints, /) -> Floats:
         """Return the unit normals (n, d) of the members."""
@@ -142,7 +161,9 @@ class _WithTranslation(Union):
         return replace(self, members=tuple(member.translated(shift) for member in self.members))
 
 
+#: By what all members must be. Each has at least its closest point to give as a foot.
 _OF_ALL = {
+    ClosestPointSource: _WithFeet,
     HasNormals: _WithNormals,
     HasTangents: _WithTangents,
     HasMesh: _WithMesh,
@@ -166,8 +187,8 @@ def union(*, members: Sequence[ClosestPointSource]) -> Any:
 
     Where members of different dimensions meet, the solution is continuous and flows from one to the other. The
     equation there is what the grid makes of it, at the scale of a spacing: no condition at the joint is imposed.
-    A union has those abilities that all its members have; normals and tangents only where the members' dimensions
-    agree, for in a mixed union the solver asks the members.
+    A union has those abilities that all its members have; normals, tangents and further feet only where the members'
+    dimensions agree, for in a mixed union the solver asks the members.
 
     Parameters
     ----------
@@ -196,5 +217,6 @@ def union(*, members: Sequence[ClosestPointSource]) -> Any:
     if len(dims) > 1:
         raise InputError("All members must lie in the same space, got some in the plane and some in space.")
     mixed = len({member.manifold_dim for member in flat}) > 1
-    abilities = {key: mixin for key, mixin in _OF_ALL.items() if not (mixed and key in (HasNormals, HasTangents))}
+    alike = (ClosestPointSource, HasNormals, HasTangents)
+    abilities = {key: mixin for key, mixin in _OF_ALL.items() if not (mixed and key in alike)}
     return with_abilities(Union, abilities, *flat)(tuple(flat))

@@ -17,7 +17,6 @@ from cpmkit.boundary.crossing import View, visible_ghosts
 from cpmkit.boundary.tangent_space import normals
 from cpmkit.errors import ResolutionError
 from cpmkit.grid.band import Band
-from cpmkit.grid.sheets import same_sheet
 from cpmkit.grid.stencils import stencil_cells, tensor_offsets, tensor_weights
 from cpmkit.protocols import Floats, Ints, Progress, nothing
 
@@ -110,7 +109,7 @@ def extend(
         weights[rows] = tensor_weights(fractions, band.degree)
         part = columns[rows[0] : rows[-1] + 1]
         see_sheets(band, points[rows], part)
-        see_ghosts(unknowns, on_own_sheet(band, points[rows], view.select(rows), part), part)
+        see_ghosts(unknowns, view.select(rows), part)
         progress("tables", (rows[-1] + 1) / n)
     if coefficient is not None:
         weights *= coefficient[:, None]
@@ -149,27 +148,6 @@ def see_sheets(band: Band, points: Floats, columns: Ints) -> None:
     n = normals(source, feet, 0.5 * band.spacing)
     band.sheets.choose(feet.points, n, own, band.feet.points, band.spacing, np.arange(len(band.nodes)) < band.inner)
     columns[touched] = own
-
-
-def on_own_sheet(band: Band, points: Floats, view: View, columns: Ints) -> View:
-    """Return the view without the boundaries on other sheets than that of the stencils' points (n, d).
-
-    A stencil that still mixes sheets goes on seeing them: it would read values from across a boundary else.
-    """
-    if band.sheets is None:
-        return view
-    others = np.unique(np.concatenate([frame.rows[~frame.beside] for frame in view.frames] or [np.zeros(0, np.int64)]))
-    if not len(others):
-        return view
-    source, sheets = band.sheets.source, band.sheets
-    feet = source.closest_point(points[others])
-    n, sites = normals(source, feet, 0.5 * band.spacing), columns[others]
-    pure = same_sheet(
-        feet.points[:, None], n[:, None], band.feet.points[sites], sheets.normals[sites], band.spacing, sheets.signed
-    ).all(axis=1)
-    rows = np.zeros(len(points), dtype=bool)
-    rows[others[pure]] = True
-    return view.without(rows)
 
 
 def see_ghosts(unknowns: Unknowns, view: View, columns: Ints) -> None:

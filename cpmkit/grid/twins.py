@@ -1,6 +1,7 @@
 """Finding the twins of a band's nodes: where stencils reach another sheet than the one that they are centred on.
 
-Only closest points are asked for, and only near places where those of neighbouring nodes lie on different sheets.
+Only closest points and further feet are asked for, and only near places where closest points of neighbouring nodes lie
+on different sheets.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from cpmkit.grid.extension import stencil_nodes
 from cpmkit.grid.lattice import find
 from cpmkit.grid.sheets import Sheets, same_sheet
 from cpmkit.grid.stencils import cross_offsets, stencil_cells, tensor_offsets
-from cpmkit.grid.walking import walk
+from cpmkit.grid.walking import feet_from
 from cpmkit.localized import Localized
 from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 
@@ -211,15 +212,18 @@ def _served(source: Localized, band: Band, sites: Sites, twins: Sites, nodes: In
 def _twins_at(source: Localized, band: Band, sites: Sites, nodes: Ints, by: Ints, unknown: Bools) -> Sites:
     """Return new sites of ``nodes`` on the sheets of the sites ``by``, where there are any.
 
-    The foot is found by walking from theirs towards the node, along the sheet.
+    Of the feet that a node has, the nearest on the sheet is taken.
     """
-    feet = walk(source, band.positions[nodes], sites.feet.take(by), band.spacing)
+    rows, feet = feet_from(source, band.positions[nodes], sites.feet.take(by), band.spacing)
     y, n = feet.points, normals(source, feet, 0.5 * band.spacing)
     signed = has_signed_normals(source)
-    own = same_sheet(sites.feet.points[by], sites.normals[by], y, n, band.spacing, signed)
-    own &= np.linalg.norm(y - sites.feet.points[nodes], axis=1) > SAME * band.spacing
-    feet = replace(feet, distance=np.linalg.norm(band.positions[nodes] - y, axis=1)).take(own)
-    return Sites(nodes[own], feet, n[own], unknown[own])
+    own = same_sheet(sites.feet.points[by[rows]], sites.normals[by[rows]], y, n, band.spacing, signed)
+    own &= np.linalg.norm(y - sites.feet.points[nodes[rows]], axis=1) > SAME * band.spacing
+    chosen = np.flatnonzero(own)
+    chosen = chosen[np.unique(rows[chosen], return_index=True)[1]]
+    nodes, unknown, feet = nodes[rows[chosen]], unknown[rows[chosen]], feet.take(chosen)
+    feet = replace(feet, distance=np.linalg.norm(band.positions[nodes] - feet.points, axis=1))
+    return Sites(nodes, feet, n[chosen], unknown)
 
 
 def _with_twins(source: Localized, band: Band, sites: Sites, mixed: Ints) -> Band:

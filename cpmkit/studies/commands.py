@@ -13,7 +13,7 @@ import click
 def study() -> None:
     """Run a convergence study, and turn its records into tables and figures.
 
-    A study is a TOML file: a scene whose solution is known, and what is varied.
+    A study is a TOML file: a scene whose solution is known, or solved by other means, and what is varied.
     """
 
 
@@ -26,8 +26,16 @@ def study() -> None:
     help="Where records go; the name of the study in the working directory if left out.",
 )
 @click.option("--cheap", is_flag=True, help="Only the study's cheap spacings.")
+@click.option(
+    "--spacing",
+    "spacings",
+    type=float,
+    multiple=True,
+    metavar="H",
+    help="Only this one of the study's spacings; may be given several times.",
+)
 @click.option("--quiet", is_flag=True, help="Show neither progress nor results; errors are still shown.")
-def run_study(file: Path, output: Path | None, cheap: bool, quiet: bool) -> None:
+def run_study(file: Path, output: Path | None, cheap: bool, spacings: tuple[float, ...], quiet: bool) -> None:
     """Make the runs of a study that are not recorded yet.
 
     One line is recorded for each run as soon as it is made, so a study that is stopped goes on where it was.
@@ -43,27 +51,47 @@ def run_study(file: Path, output: Path | None, cheap: bool, quiet: bool) -> None
     folder = output or Path(file.stem)
     with meter as progress:
         recorded = unheard if quiet else lambda record: click.echo(told(record), err=True)
-        outcome = run(load_study(file), folder, cheap=cheap, progress=progress, recorded=recorded)
+        outcome = run(load_study(file), folder, cheap=cheap, spacings=spacings, progress=progress, recorded=recorded)
     if not quiet:
         click.echo(f"runs       {outcome.made} made, {outcome.failed} with errors, {outcome.skipped} recorded before")
         click.echo(f"written    {outcome.file}")
 
 
 @study.command("report")
-@click.argument("study", type=click.Path(exists=True, path_type=Path), metavar="STUDY.toml|FOLDER")
-def report_study(study: Path) -> None:
-    """Turn the records of a study into a page of tables and figures.
+@click.argument(
+    "studies",
+    type=click.Path(exists=True, path_type=Path),
+    nargs=-1,
+    required=True,
+    metavar="STUDY.toml|FOLDER...",
+)
+@click.option(
+    "--table",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE.md",
+    help="Also write the table that is printed to this file.",
+)
+def report_study(studies: tuple[Path, ...], table: Path | None) -> None:
+    """Turn the records of studies into pages of tables and figures.
 
     Given a study file, the records are looked for in the folder of its name in the working directory. The page
-    report.md and the figures are written beside them.
+    report.md and the figures are written beside them. Studies with a reference share one printed table.
     """
-    from cpmkit.studies.report import write_report
+    from cpmkit.files import written_whole
+    from cpmkit.studies.report import table_of, write_report
     from cpmkit.studies.studyfile import load_study
-    from cpmkit.studies.tables import orders_table
 
-    report = write_report(study) if study.is_dir() else write_report(Path(study.stem), load_study(study).content)
-    click.echo(orders_table(report.series))
-    if report.failed:
-        click.echo(f"\n{report.failed} runs ended with errors, which {report.files[0]} shows.")
-    for file in report.files:
-        click.echo(f"written    {file}")
+    reports = [
+        write_report(study) if study.is_dir() else write_report(Path(study.stem), load_study(study).content)
+        for study in studies
+    ]
+    text = table_of(reports)
+    click.echo(text)
+    if table is not None:
+        with written_whole(table) as file:
+            file.write_text(text + "\n", encoding="utf-8")
+    for report in reports:
+        if report.failed:
+            click.echo(f"\n{report.failed} runs ended with errors, which {report.files[0]} shows.")
+    for written in [file for report in reports for file in report.files] + [table] * (table is not None):
+        click.echo(f"written    {written}")

@@ -43,6 +43,24 @@ def convergence_figure(series: Sequence[Series], title: str) -> Figure:
     return figure
 
 
+def difference_figure(series: Sequence[Series], title: str) -> Figure:
+    """Return rms differences from a reference against spacing, log-log, with their mean kept in and with it removed."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10, 4.8), layout="constrained")
+    shown = {"rms_error": "mean kept", "rms_without_mean": "mean removed"}
+    for axes, (quantity, name) in zip(figure.subplots(1, 2, sharey=True), shown.items(), strict=True):
+        for number, one in enumerate(series):
+            _line(axes, number, one.spacings, [entry.percent(quantity) for entry in one.entries], one.label)
+        axes.set(xlabel="spacing", title=name)
+        _spacing_ticks(axes, series)
+        axes.grid(alpha=0.25)
+    figure.axes[0].set_ylabel(f"rms difference from {series[0].reference}, % of half the range")
+    figure.suptitle(title)
+    _legend(figure, columns=3)
+    return figure
+
+
 def work_figure(series: Sequence[Series], title: str) -> Figure:
     """Return error against seconds of the processor and against unknowns, log-log, side by side."""
     from matplotlib.figure import Figure

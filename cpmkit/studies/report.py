@@ -1,4 +1,4 @@
-"""From the records of a study to a page with tables and figures, written beside them."""
+"""From the records of studies to pages with tables and figures, written beside them, and to a table of them all."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from pathlib import Path
 
 from cpmkit.errors import InputError
 from cpmkit.files import written_whole
-from cpmkit.studies.figures import convergence_figure, work_figure
-from cpmkit.studies.records import FILE, of_content, read_records
+from cpmkit.studies.comparison import comparison_table, told_of_differences
+from cpmkit.studies.figures import convergence_figure, difference_figure, work_figure
+from cpmkit.studies.records import FILE, Record, of_content, read_records
 from cpmkit.studies.series import Series, gather
-from cpmkit.studies.tables import page
+from cpmkit.studies.tables import costs_table, named, orders_table, told_of_errors
 
 PAGE, CONVERGENCE, WORK = "report.md", "convergence.png", "work.png"
 DOTS_PER_INCH = 110
@@ -23,6 +24,8 @@ class Report:
 
     Attributes
     ----------
+    title : str
+        Of the study.
     series : sequence of Series
         Methods, degrees and orders.
     failed : int
@@ -31,9 +34,15 @@ class Report:
         The page and its figures.
     """
 
+    title: str
     series: Sequence[Series]
     failed: int
     files: Sequence[Path]
+
+    @property
+    def compares(self) -> bool:
+        """True where errors are differences from a reference."""
+        return self.series[0].reference is not None
 
 
 def write_report(folder: Path, content: str | None = None) -> Report:
@@ -59,13 +68,39 @@ def write_report(folder: Path, content: str | None = None) -> Report:
     series = gather(records)
     if not series:
         raise InputError(f"all {len(records)} runs of {folder / FILE} ended with errors, first {records[0]['error']!r}")
-    figures = {CONVERGENCE: convergence_figure(series, records[0]["title"])}
+    title, failed = records[0]["title"], sum("error" in record for record in records)
+    compares = series[0].reference is not None
+    figures = {CONVERGENCE: (difference_figure if compares else convergence_figure)(series, title)}
     if len({(one.method, one.degree) for one in series}) > 1:
-        figures[WORK] = work_figure(series, records[0]["title"])
+        figures[WORK] = work_figure(series, title)
     for name, figure in figures.items():
         with written_whole(folder / name) as file:
             figure.savefig(file, dpi=DOTS_PER_INCH)
+    report = Report(title, series, failed, [folder / PAGE, *(folder / name for name in figures)])
     with written_whole(folder / PAGE) as file:
-        file.write_text(page(records, series, list(figures), len(every) - len(records)), encoding="utf-8")
-    failed = sum("error" in record for record in records)
-    return Report(series, failed, [folder / PAGE, *(folder / name for name in figures)])
+        file.write_text(_page(report, records, list(figures), len(every) - len(records)), encoding="utf-8")
+    return report
+
+
+def table_of(reports: Sequence[Report]) -> str:
+    """Return the tables of one study or of several: studies with a reference share one, each other has its own."""
+    compared = [(report.title, report.series) for report in reports if report.compares]
+    tables = [comparison_table(compared)] if compared else []
+    for report in reports:
+        if not report.compares:
+            tables += [report.title] * (len(reports) > 1) + [orders_table(report.series)]
+    return "\n\n".join(tables)
+
+
+def _page(report: Report, records: Sequence[Record], figures: Sequence[str], left_out: int) -> str:
+    """Return the whole page: errors and orders, figures, costs, and the runs that ended with errors."""
+    told = told_of_differences(report.series) if report.compares else told_of_errors(records)
+    parts = [f"# {report.title}", table_of([report]), told]
+    parts += [f"![{report.title}]({figure})" for figure in figures]
+    parts += ["## What it cost", costs_table(report.series)]
+    failed = [record for record in records if "error" in record]
+    if failed:
+        parts += ["## Runs that ended with an error", "\n".join(f"- {named(one)}: {one['error']}" for one in failed)]
+    if left_out:
+        parts.append(f"{left_out} records belong to the study file as it was before, and are left out.")
+    return "\n\n".join(parts) + "\n"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
@@ -13,16 +13,16 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import ConvergenceError, InputError, ResolutionError, SceneError
-from cpmkit.protocols import Floats, Progress, nothing
+from cpmkit.protocols import Progress, nothing
 from cpmkit.readable import ReadableSolution
 from cpmkit.scene import Scene
-from cpmkit.scene_data import evaluate_data
+from cpmkit.solution import Solution
 from cpmkit.solving import solve
 from cpmkit.studies.baselines import solve_by_fixed_nodes
 from cpmkit.studies.records import FILE, Record, append_record, drop_unfinished_line, of_content, read_records
-from cpmkit.studies.sampling import sample_points
 from cpmkit.studies.studyfile import Study
 from cpmkit.studies.sweep import BASELINES, Run
+from cpmkit.studies.truth import Truth, truth_of
 
 #: What of a solve's work is recorded, where the method has it.
 WORK = ("unknowns", "nonzeros", "operator_applications", "closest_point_queries", "table_bytes")
@@ -60,6 +60,7 @@ def run_study(
     folder: Path,
     *,
     cheap: bool = False,
+    spacings: Sequence[float] = (),
     progress: Progress = nothing,
     recorded: Callable[[Record], None] = unheard,
 ) -> Outcome:
@@ -75,6 +76,8 @@ def run_study(
         Where the records are, made if need be.
     cheap : bool
         Only the study's cheap spacings.
+    spacings : sequence of float
+        Only these of the study's spacings; all if empty.
     progress : callable, optional
         Told the number of the run and the share of its stage.
     recorded : callable, optional
@@ -82,9 +85,12 @@ def run_study(
 
     Raises
     ------
+    InputError
+        If the study has none of the ``spacings``.
     CpmkitError
         If the study itself is wrong: its scene, its formulas or its options.
     """
+    runs = _chosen(study.sweep.runs(cheap), spacings)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -92,20 +98,30 @@ def run_study(
     file = folder / FILE
     drop_unfinished_line(file)
     done = {_run_of(record) for record in of_content(read_records(file), study.content)}
-    runs = study.sweep.runs(cheap)
     waiting = [run for run in runs if run not in done]
-    points = sample_points(study.scene, study.exact.points) if waiting else np.zeros((0, 0))
+    if not waiting:
+        return Outcome(0, len(runs), 0, file)
+    truth = truth_of(study)
     failed = 0
-    if waiting:
-        make_run(study, runs[0], points)  # what is compiled or read at the first run is no cost of any method
+    make_run(study, study.sweep.runs(cheap)[0], truth)  # what a first run compiles or reads is no cost of any method
     for number, run in enumerate(waiting, len(runs) - len(waiting) + 1):
         stage = f"run {number} of {len(runs)}"
-        record = make_run(study, run, points, partial(_share_of, progress, stage))
+        record = make_run(study, run, truth, partial(_share_of, progress, stage))
         append_record(file, record)
         progress(stage, 1.0)
         recorded(record)
         failed += "error" in record
     return Outcome(len(waiting), len(runs) - len(waiting), failed, file)
+
+
+def _chosen(runs: Sequence[Run], spacings: Sequence[float]) -> Sequence[Run]:
+    """Return the runs of ``spacings``, all if there are none."""
+    known = list(dict.fromkeys(run.spacing for run in runs))
+    unknown = [spacing for spacing in spacings if spacing not in known]
+    if unknown:
+        listed = ", ".join(f"{spacing:g}" for spacing in known)
+        raise InputError(f"the study has no spacing {unknown[0]:g}; it has {listed}.")
+    return [run for run in runs if run.spacing in spacings] if spacings else runs
 
 
 def _share_of(progress: Progress, run: str, stage: str, share: float) -> None:
@@ -118,9 +134,10 @@ def _run_of(record: Record) -> Run:
     return Run(**{field.name: record[field.name] for field in fields(Run)})
 
 
-def make_run(study: Study, run: Run, points: Floats, progress: Progress = nothing) -> Record:
-    """Solve once, and return the record: parameters, errors at ``points`` (n, d), work and seconds."""
-    record: Record = {"study": study.name, "title": study.title, "content": study.content, **run.as_dict()}
+def make_run(study: Study, run: Run, truth: Truth, progress: Progress = nothing) -> Record:
+    """Solve once, and return the record: parameters, errors, work and seconds."""
+    named = {"study": study.name, "title": study.title, "content": study.content}
+    record: Record = {**named, "reference": study.exact.reference, **run.as_dict()}
     scene = at_spacing(study.scene, study.sweep.step_per_spacing, run.spacing)
     start = time.process_time()
     try:
@@ -128,9 +145,7 @@ def make_run(study: Study, run: Run, points: Floats, progress: Progress = nothin
     except (ResolutionError, ConvergenceError) as error:
         return {**record, "error": f"{type(error).__name__}: {error}"}
     cpu_seconds = time.process_time() - start
-    exact = evaluate_data(study.solution, points, 1, "u of [exact]", end_of(scene))[:, 0]
-    measured = _measured(solution, solution.evaluate(points) - exact)
-    return {**record, **measured, "cpu_seconds": round(cpu_seconds, 4)}
+    return {**record, **_measured(solution, truth), "cpu_seconds": round(cpu_seconds, 4)}
 
 
 def _solve(scene: Scene, run: Run, options: dict[str, Any], progress: Progress) -> ReadableSolution:
@@ -142,21 +157,34 @@ def _solve(scene: Scene, run: Run, options: dict[str, Any], progress: Progress) 
     if run.method in BASELINES:
         return solve_by_fixed_nodes(scene, run.spacing, method=run.method, progress=progress, **placed)
     assert run.order is not None
-    return solve(scene, run.spacing, order=run.order, progress=progress, **placed)
+    return solve(scene, run.spacing, order=run.order, sheets=run.method != "plain", progress=progress, **placed)
 
 
-def _measured(solution: ReadableSolution, error: Floats) -> Record:
+def _measured(solution: ReadableSolution, truth: Truth) -> Record:
+    error = solution.evaluate(truth.points) - truth.values
     work = solution.work.as_dict()
     return {
         "max_error": float(np.abs(error).max()),
         "rms_error": float(np.sqrt(np.mean(error**2))),
+        "rms_without_mean": float(np.std(error)),
+        "half_range": truth.half_range,
         **{name: work.get(name) for name in WORK},
+        "twins": _twins(solution),
+        "leaks": [leak.as_dict() for leak in solution.leaks],
         "iterations": solution.report.iterations,
         "residual": solution.report.residual,
         "seconds": {stage: round(spent, 4) for stage, spent in solution.seconds.items()},
         "warnings": list(solution.warnings),
         "versions": solution.summary()["versions"],
     }
+
+
+def _twins(solution: ReadableSolution) -> int | None:
+    """Return how many unknowns are further ones of their node; None of what is solved without a grid."""
+    if not isinstance(solution, Solution):
+        return None
+    band = solution.tables.layout.band
+    return band.inner - band.own_inner if band.sheets else 0
 
 
 def at_spacing(scene: Scene, step_per_spacing: float | None, spacing: float) -> Scene:
@@ -174,8 +202,3 @@ def at_spacing(scene: Scene, step_per_spacing: float | None, spacing: float) -> 
         raise SceneError(f"step_per_spacing of [sweep] is for problems with a time step, not for {problem.kind!r}.")
     steps = math.ceil(problem.until / (step_per_spacing * spacing) - ROUNDING)
     return replace(scene, problem=replace(problem, step=problem.until / max(steps, 1)))
-
-
-def end_of(scene: Scene) -> float | None:
-    """Return the time at which the scene's solution is read, None where it has none."""
-    return getattr(scene.problem, "until", None)

@@ -1,12 +1,15 @@
-"""Points of any manifold at which errors are measured, without a mesh of it."""
+"""Points at which errors are measured: of any manifold, without a mesh of it, or the vertices of one that is a mesh."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.protocols import Floats
+from cpmkit.errors import SceneError
+from cpmkit.protocols import ClosestPointSource, Floats, HasMesh
 from cpmkit.scene import Scene
 
+#: In place of a number of points: the vertices of the mesh that the surface is.
+VERTICES = "vertices"
 SEED = 7
 #: Points nearer to a boundary than this share of the size are left out: data may jump there.
 CLEAR = 1e-6
@@ -14,16 +17,42 @@ CLEAR = 1e-6
 MARGIN = 0.1
 
 
-def sample_points(scene: Scene, count: int) -> Floats:
-    """Return up to ``count`` points (n, d) of the surface, none on a boundary, the same at every call.
+def sample_points(scene: Scene, wanted: int | str) -> Floats:
+    """Return points (n, d) of the surface, none on a boundary, the same at every call.
 
-    They are the closest points of points that lie evenly in a box around the surface.
+    Parameters
+    ----------
+    scene : Scene
+    wanted : int or "vertices"
+        Up to so many closest points of points that lie evenly in a box around the surface; or the vertices of a
+        surface that is a mesh.
+
+    Raises
+    ------
+    SceneError
+        If vertices are wanted of a surface that is no mesh.
     """
-    bounds = np.asarray(scene.surface.bounds, dtype=np.float64)
+    surface = scene.surface
+    bounds = np.asarray(surface.bounds, dtype=np.float64)
     size = float((bounds[1] - bounds[0]).max())
-    lower, upper = bounds[0] - MARGIN * size, bounds[1] + MARGIN * size
-    queries = np.random.default_rng(SEED).uniform(lower, upper, (count, scene.surface.dim))
-    points = scene.surface.closest_point(queries).points
+    if isinstance(wanted, str):
+        points = _vertices(surface, size)
+    else:
+        lower, upper = bounds[0] - MARGIN * size, bounds[1] + MARGIN * size
+        queries = np.random.default_rng(SEED).uniform(lower, upper, (wanted, surface.dim))
+        points = surface.closest_point(queries).points
     for boundary in scene.boundaries:
         points = points[boundary.source.closest_point(points).distance > CLEAR * size]
     return np.ascontiguousarray(points)
+
+
+def _vertices(surface: ClosestPointSource, size: float) -> Floats:
+    """Return the vertices (n, d) of a surface that answers each spacing with one and the same mesh: its own."""
+    if isinstance(surface, HasMesh):
+        (vertices, _), (finer, _) = surface.mesh(size / 4), surface.mesh(size / 8)
+        if np.array_equal(vertices, finer):
+            return vertices
+    raise SceneError(
+        f"points = {VERTICES!r} of [exact] needs a surface that is a mesh, such as mesh.triangles, got "
+        f"{type(surface).__name__}; give a number of points."
+    )

@@ -12,7 +12,13 @@ from cpmkit.studies.records import Record
 
 #: Fewer spacings give no order.
 FEWEST = 2
-NAMES = {"cpm": "closest point method", "nearest": "nearest point", "ball": "ball", "fem": "finite elements"}
+NAMES = {
+    "cpm": "closest point method",
+    "plain": "without sheets",
+    "nearest": "nearest point",
+    "ball": "ball",
+    "fem": "finite elements",
+}
 
 
 @dataclass(frozen=True)
@@ -24,18 +30,30 @@ class Entry:
     spacing : float
     error : float
         The largest at any sample point; of several origins the root mean square.
-    rms_error : float
-        The root mean square over the sample points, and over the origins.
-    unknowns, iterations, cpu_seconds : float
+    rms_error, rms_without_mean : float
+        The root mean square over the sample points, as it is and less the mean, and over the origins.
+    half_range : float
+        Half the range of the solution that is compared with.
+    shift : float
+        By how much the mean was put right at most; not a number where it was not looked at.
+    unknowns, twins, iterations, cpu_seconds : float
         Means over the origins.
     """
 
     spacing: float
     error: float
     rms_error: float
+    rms_without_mean: float
+    half_range: float
+    shift: float
     unknowns: float
+    twins: float
     iterations: float
     cpu_seconds: float
+
+    def percent(self, quantity: str) -> float:
+        """Return an error, or the shift, in percent of the half range."""
+        return float(100 * getattr(self, quantity) / self.half_range)
 
 
 @dataclass(frozen=True)
@@ -51,6 +69,8 @@ class Series:
         Names what distinguishes the series from the others.
     entries : sequence of Entry
         The coarsest first.
+    reference : str or None
+        The back end that errors are differences from; None where the solution is known.
     """
 
     method: str
@@ -58,6 +78,7 @@ class Series:
     order: int | None
     label: str
     entries: Sequence[Entry]
+    reference: str | None
 
     @property
     def spacings(self) -> list[float]:
@@ -92,23 +113,29 @@ def _series(key: tuple[Any, ...], keys: Sequence[tuple[Any, ...]], records: Sequ
     spacings = sorted({record["spacing"] for record in records}, reverse=True)
     entries = [_entry(spacing, [record for record in records if record["spacing"] == spacing]) for spacing in spacings]
     method, degree, order = key
-    return Series(method, degree, order, _label(key, keys), entries)
+    return Series(method, degree, order, _label(key, keys), entries, records[0].get("reference"))
 
 
 def _entry(spacing: float, records: Sequence[Record]) -> Entry:
     def of(name: str) -> Any:
-        return np.array([record[name] for record in records], dtype=np.float64)
+        return np.array([record.get(name) for record in records], dtype=np.float64)
 
-    unknowns, iterations, seconds = (float(of(name).mean()) for name in ("unknowns", "iterations", "cpu_seconds"))
-    rms = float(np.sqrt(np.mean(of("rms_error") ** 2)))
-    return Entry(spacing, float(np.sqrt(np.mean(of("max_error") ** 2))), rms, unknowns, iterations, seconds)
+    rms = {name: float(np.sqrt(np.mean(of(name) ** 2))) for name in ("max_error", "rms_error", "rms_without_mean")}
+    means = {name: float(of(name).mean()) for name in ("half_range", "unknowns", "twins", "iterations", "cpu_seconds")}
+    return Entry(spacing, error=rms.pop("max_error"), shift=_shift(records), **rms, **means)
+
+
+def _shift(records: Sequence[Record]) -> float:
+    shifts = [abs(value) for record in records for leak in record.get("leaks", ()) for value in leak["shift"]]
+    return max(shifts, default=float("nan"))
 
 
 def _label(key: tuple[Any, ...], keys: Sequence[tuple[Any, ...]]) -> str:
     """Return the method's name where methods differ, and degree and order where these do or nothing else does."""
     method, degree, order = key
-    degrees = {other[1] for other in keys if other[1] is not None}
-    parts = [NAMES.get(method, method)] if len({other[0] for other in keys}) > 1 else []
+    methods, degrees, orders = ({other[k] for other in keys if other[k] is not None} for k in range(3))
+    name = "with sheets" if method == "cpm" and "plain" in methods else NAMES.get(method, method)
+    parts = [name] if len(methods) > 1 else []
     parts += [f"degree {degree}"] if degree is not None and len(degrees) > 1 else []
-    parts += [f"order {order}"] if order is not None else []
-    return ", ".join(parts) or NAMES.get(method, method)
+    parts += [f"order {order}"] if order is not None and (len(orders) > 1 or not parts) else []
+    return ", ".join(parts) or name

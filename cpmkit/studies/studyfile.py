@@ -6,7 +6,7 @@ import hashlib
 import json
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -18,36 +18,54 @@ from cpmkit.plugins import call
 from cpmkit.scene import Scene
 from cpmkit.scenefile import read_options, read_scene
 from cpmkit.studies.formulas import expand, expand_all, expand_names
+from cpmkit.studies.sampling import VERTICES
 from cpmkit.studies.sweep import Sweep
 
+#: Keys of [discretization] that a study varies, and how its file says it.
+SWEPT = {
+    "spacing": "spacings of [sweep]",
+    "degree": "degrees of [sweep]",
+    "order": "orders of [sweep]",
+    "sheets": "methods of [sweep], as 'cpm' or 'plain'",
+}
 TABLES = ("title", "surface", "boundary", "problem", "discretization", "solver", "let", "exact", "sweep")
 
 
 @dataclass(frozen=True, eq=False)
 class Exact:
-    """What is known of the solution.
+    """What is known of the solution: a formula, or else who solves the scene for comparison.
 
     Attributes
     ----------
-    u : str
+    u : str or None
         A formula in x, y, z and, where the problem has a time, t.
-    points : int
-        At how many points of the surface errors are measured.
+    points : int or "vertices"
+        At how many points of the surface errors are measured; or at the vertices of a surface that is a mesh.
+    reference : str or None
+        A back end, such as ``fem``, whose solution is taken where no formula is known.
     """
 
-    u: str
-    points: int = 4000
+    u: str | None = None
+    points: int | str = 4000
+    reference: str | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.u, str):
-            raise SceneError(f"u of [exact] must be a formula, got {self.u!r}.")
-        if type(self.points) is not int or self.points < 1:
-            raise SceneError(f"points of [exact] must be a whole number above zero, got {self.points!r}.")
+        for key, what in (("u", "a formula"), ("reference", "the name of a back end such as 'fem'")):
+            value = getattr(self, key)
+            if value is not None and not isinstance(value, str):
+                raise SceneError(f"{key} of [exact] must be {what}, got {value!r}.")
+        if (self.u is None) == (self.reference is None):
+            got = "neither" if self.u is None else "both"
+            raise SceneError(f"[exact] takes either u, a formula, or reference, a back end such as 'fem'; got {got}.")
+        if self.points != VERTICES and (type(self.points) is not int or self.points < 1):
+            raise SceneError(
+                f"points of [exact] must be a whole number above zero, or {VERTICES!r} of a mesh, got {self.points!r}."
+            )
 
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """A scene whose solution is known, and how it is to be solved over and over.
+    """A scene whose solution is known, or solved by others, and how it is to be solved over and over.
 
     Attributes
     ----------
@@ -60,7 +78,7 @@ class Study:
     tables : mapping
         Of the scene, with the formulas of [let] in place of their names.
     exact : Exact
-        The solution.
+        The solution, or who is to give it.
     sweep : Sweep
         What is varied.
     content : str
@@ -85,9 +103,9 @@ class Study:
         return read_scene(tables, self.folder)
 
     @cached_property
-    def solution(self) -> Expression:
-        """The exact solution, a function of points and, where it has a t in it, of the time."""
-        return Expression(self.exact.u, self.scene.surface.dim)
+    def solution(self) -> Expression | None:
+        """The exact solution, a function of points and, where it has a t in it, of the time; None with a reference."""
+        return None if self.exact.u is None else Expression(self.exact.u, self.scene.surface.dim)
 
     @property
     def options(self) -> dict[str, Any]:
@@ -123,15 +141,15 @@ def _study(tables: dict[str, Any], path: Path) -> Study:
     for needed in ("surface", "problem", "exact", "sweep"):
         if not isinstance(tables.get(needed), dict):
             raise SceneError(f"a study needs the table [{needed}].")
-    swept = [key for key in tables.get("discretization", {}) if key in ("spacing", "degree", "order")]
+    swept = [key for key in tables.get("discretization", {}) if key in SWEPT]
     if swept:
-        raise SceneError(f"a study's {swept[0]} stands in [sweep], not in [discretization].")
+        raise SceneError(f"a study's {swept[0]} stands in {SWEPT[swept[0]]}, not in [discretization].")
     known = expand_names(tables.get("let", {}))
     scene = {
         key: expand_all(value, known) for key, value in tables.items() if key not in ("title", "let", "exact", "sweep")
     }
     exact: Exact = call(Exact, "[exact]", tables["exact"])
-    exact = Exact(expand(exact.u, known), exact.points)
+    exact = exact if exact.u is None else replace(exact, u=expand(exact.u, known))
     sweep: Sweep = call(Sweep, "[sweep]", tables["sweep"])
     read_options(scene)
     title = str(tables.get("title", path.stem))
@@ -140,7 +158,8 @@ def _study(tables: dict[str, Any], path: Path) -> Study:
 
 def _content(scene: Mapping[str, Any], exact: Exact, sweep: Sweep, folder: Path) -> str:
     """Return a short hash of everything that a run's result depends on beside its parameters."""
-    whole = [scene, exact.u, exact.points, sweep.step_per_spacing, [_digest(file, folder) for file in _files(scene)]]
+    solution = exact.u if exact.reference is None else {"reference": exact.reference}
+    whole = [scene, solution, exact.points, sweep.step_per_spacing, [_digest(file, folder) for file in _files(scene)]]
     return hashlib.sha256(json.dumps(whole, sort_keys=True, default=str).encode()).hexdigest()[:16]
 
 

@@ -13,6 +13,8 @@ from cpmkit.arrays import positive
 from cpmkit.errors import InputError, SceneError
 from cpmkit.protocols import Floats
 
+#: The closest point method, with sheets told apart and without.
+CLOSEST_POINTS = ("cpm", "plain")
 #: Methods that fix nodes: they have no order of their own.
 BASELINES = ("nearest", "ball")
 #: The seed of the random positions of the lattice.
@@ -36,7 +38,8 @@ class Sweep:
     origins : int
         At how many random positions of the lattice each run is made; 1 is the lattice's own position.
     methods : list of str
-        ``cpm``, ``nearest``, ``ball``, or the name of a plugin's back end.
+        ``cpm``, ``plain`` (which does not tell sheets apart), ``nearest``, ``ball``, or the name of a plugin's back
+        end.
     step_per_spacing : float, optional
         For problems with a time step: the longest one, as a multiple of the spacing.
     """
@@ -83,10 +86,10 @@ class Sweep:
 
     def _discretizations(self, method: str) -> Iterator[tuple[int | None, int | None, int | None]]:
         """Yield degree, order and number of the origin, None where a method has none."""
-        if method != "cpm" and method not in BASELINES:
+        if method not in (*CLOSEST_POINTS, *BASELINES):
             yield None, None, None
             return
-        orders = self.orders if method == "cpm" else [None]
+        orders = self.orders if method in CLOSEST_POINTS else [None]
         origins = range(self.origins) if self.origins > 1 else [None]
         yield from product(self.degrees, orders, origins)
 
@@ -98,7 +101,7 @@ class Run:
     Attributes
     ----------
     method : str
-        ``cpm``, a baseline or a back end.
+        ``cpm``, ``plain``, a baseline or a back end.
     spacing : float
         Of the lattice; of a back end whatever it makes of it.
     degree, order : int or None

@@ -5,11 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from cpmkit.testing import ability_laws, foot_laws, form_laws
+from cpmkit.testing import ability_laws, foot_laws, form_laws, further_feet_laws
 from cpmkit.testing.cases import ConformanceCase
 
 #: Every law: called with a case, it returns or raises an AssertionError.
-LAWS: tuple[Callable[[ConformanceCase], None], ...] = (*form_laws.LAWS, *foot_laws.LAWS, *ability_laws.LAWS)
+LAWS: tuple[Callable[[ConformanceCase], None], ...] = (
+    *form_laws.LAWS,
+    *foot_laws.LAWS,
+    *ability_laws.LAWS,
+    *further_feet_laws.LAWS,
+)
 
 
 def run_laws(case: ConformanceCase) -> None:

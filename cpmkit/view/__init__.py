@@ -54,6 +54,7 @@ def picture(
     up: tuple[float, ...] | None = None,
     curves: bool = True,
     span: tuple[float, float] | None = None,
+    twins: bool = False,
 ) -> Picture:
     """Draw a solution into a PNG file.
 
@@ -76,6 +77,8 @@ def picture(
         Whether boundaries are drawn, as dark lines and dots.
     span : two numbers, optional
         The values at the ends of the colour bar; the least and the greatest of the solution unless given.
+    twins : bool
+        Whether dots show where nodes are doubled, because several sheets of the surface share them.
 
     Raises
     ------
@@ -85,7 +88,7 @@ def picture(
         If matplotlib, which draws where OpenGL does not, is not installed.
     """
     path = check_picture(path, width)
-    drawing = draw(solution, width, view, up, curves, span)
+    drawing = draw(solution, width, view, up, curves, span, twins)
     planar = "pictures in the plane need no OpenGL" if solution.scene.surface.dim == 2 else ""
     with written_whole(path) as unfinished:
         reason = planar or _opengl(drawing, unfinished)

@@ -54,7 +54,7 @@ class Drawing:
     curve_points, curve_cells : (c, 3) float64, (s, 2) int64
         The boundary curves.
     pins : (p, 3) float64
-        The boundary points.
+        The boundary points, and where nodes are doubled.
     centre, axes, half, pixels : arrays
         The fields of :class:`~cpmkit.view.camera.Camera`, which shows the model.
     width : int64
@@ -101,12 +101,14 @@ def draw(
     up: tuple[float, ...] | None,
     curves: bool,
     span: tuple[float, float] | None = None,
+    twins: bool = False,
 ) -> Drawing:
     """Return the drawing of a solution; arguments as for :func:`cpmkit.view.picture`."""
     mesh = solution.display_mesh()
     points = in_space(mesh.points)
     colours, bar = _colours(mesh, span)
     curve_points, curve_cells, pins = _boundaries(solution.scene.boundaries if curves else (), solution.spacing)
+    pins = np.concatenate([pins, in_space(solution.doubled)]) if twins else pins
     if mesh.points.shape[1] == 2:
         view, up = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)
     model_width = width - round(BAR * width) if len(bar) else width

@@ -49,9 +49,9 @@ class Nearest:
 
 def build_tree(corners: Floats) -> Tree:
     """Return the tree over ``corners`` (m, 3, 3); a segment is a triangle whose last two corners agree."""
-    from cpmkit_mesh import tree_kernels
+    from cpmkit_mesh import building_kernels, tree_kernels
 
-    boxes, nodes, order = tree_kernels.build(corners.min(axis=1), corners.max(axis=1))
+    boxes, nodes, order = building_kernels.build(corners.min(axis=1), corners.max(axis=1))
     frames = as_frames(corners[order])
     first, second = frames[:, 1], frames[:, 2]
     edges = np.stack([first, second, second - first], axis=1)

@@ -1,8 +1,7 @@
-"""Compiled: a binary tree of boxes over triangles and segments, and the nearest of them to each query.
+"""Compiled: the nearest of a tree's triangles and segments to each query, and the local minima of the distance.
 
-The tree is split at the cheapest of 16 bins along each axis; a query walks it with a stack of its
-own, the nearer child first. Triangles stand in the order of the leaves, each as a corner and the
-two edges that leave it. Arguments carry no types: numba infers them.
+A query walks the tree with a stack of its own. Triangles stand in the order of the leaves, each as a
+corner and the two edges that leave it. Arguments carry no types: numba infers them.
 """
 
 from __future__ import annotations
@@ -10,122 +9,16 @@ from __future__ import annotations
 import numpy as np
 
 from cpmkit.compilation import compiled, inlined
-
-BINS = 16
-LEAF = 4
-#: Below this depth nodes are halved by number, which bounds the depth and with it the stacks.
-DEEP = 40
-STACK = 96
+from cpmkit_mesh.building_kernels import STACK
 
 #: How a primitive is measured: a triangle, a triangle too thin for plain formulas, a segment.
 TRIANGLE, SLIVER, SEGMENT = 0, 1, 2
-
-
-@compiled
-def build(lower, upper):
-    """Return the tree over primitives with the boxes ``lower``, ``upper`` (m, 3).
-
-    Returns ``boxes`` (nodes, 6); ``nodes`` (nodes, 2), unsigned so that no index is tested for its
-    sign: (0, first of two adjacent children), or for a leaf (how many primitives, first of them in
-    ``order``); and ``order`` (m,).
-    """
-    m = len(lower)
-    order = np.arange(m)
-    boxes = np.empty((2 * m, 6))
-    nodes = np.zeros((2 * m, 2), dtype=np.int64)
-    pending = np.empty((2 * STACK, 4), dtype=np.int64)
-    pending[0] = (0, 0, m, 0)
-    used, waiting = 1, 1
-    while waiting:
-        waiting -= 1
-        node, start, stop, depth = pending[waiting]
-        _bound(lower, upper, order, start, stop, boxes[node])
-        if stop - start <= LEAF:
-            nodes[node] = (stop - start, start)
-            continue
-        middle = _split(lower, upper, order, start, stop, depth)
-        nodes[node] = (0, used)
-        pending[waiting] = (used, start, middle, depth + 1)
-        pending[waiting + 1] = (used + 1, middle, stop, depth + 1)
-        waiting += 2
-        used += 2
-    return boxes[:used].copy(), nodes[:used].astype(np.uint64), order
-
-
-@compiled
-def _bound(lower, upper, order, start, stop, box):
-    box[:3] = np.inf
-    box[3:] = -np.inf
-    for i in range(start, stop):
-        for axis in range(3):
-            box[axis] = min(box[axis], lower[order[i], axis])
-            box[3 + axis] = max(box[3 + axis], upper[order[i], axis])
-
-
-@compiled
-def _split(lower, upper, order, start, stop, depth):
-    """Reorder ``order[start:stop]`` so that it splits well at the returned place."""
-    axis, place, least, scale, cost = -1, 0, 0.0, 0.0, np.inf
-    for k in range(3):
-        low, high = np.inf, -np.inf
-        for i in range(start, stop):
-            twice_centre = lower[order[i], k] + upper[order[i], k]
-            low, high = min(low, twice_centre), max(high, twice_centre)
-        if high > low:
-            per_width = BINS * (1 - 1e-12) / (high - low)
-            bin_here, cost_here = _best_bin(lower, upper, order, start, stop, k, low, per_width)
-            if cost_here < cost:
-                axis, place, least, scale, cost = k, bin_here, low, per_width, cost_here
-    half = (start + stop) // 2
-    if axis < 0:
-        return half
-    if depth >= DEEP:
-        part = order[start:stop].copy()
-        order[start:stop] = part[np.argsort(lower[part, axis] + upper[part, axis])]
-        return half
-    middle = start
-    for i in range(start, stop):
-        primitive = order[i]
-        if int((lower[primitive, axis] + upper[primitive, axis] - least) * scale) <= place:
-            order[i] = order[middle]
-            order[middle] = primitive
-            middle += 1
-    return middle if start < middle < stop else half
-
-
-@compiled
-def _best_bin(lower, upper, order, start, stop, axis, least, scale):
-    """Return the bin after which a cut along ``axis`` costs least, and the cost.
-
-    That is the box's extent times the number in it, summed over both sides. For rays the extent would be
-    the area; for queries nearby the sum of the sides does slightly better.
-    """
-    counts = np.zeros(BINS, dtype=np.int64)
-    box = np.empty((BINS, 6))
-    box[:, :3] = np.inf
-    box[:, 3:] = -np.inf
-    for i in range(start, stop):
-        primitive = order[i]
-        b = int((lower[primitive, axis] + upper[primitive, axis] - least) * scale)
-        counts[b] += 1
-        for k in range(3):
-            box[b, k] = min(box[b, k], lower[primitive, k])
-            box[b, 3 + k] = max(box[b, 3 + k], upper[primitive, k])
-    cost = np.zeros(BINS - 1)
-    for direction in range(2):
-        total = 0
-        grown = np.array([np.inf, np.inf, np.inf, -np.inf, -np.inf, -np.inf])
-        for step in range(BINS - 1):
-            b = step if direction == 0 else BINS - 1 - step
-            total += counts[b]
-            for k in range(3):
-                grown[k] = min(grown[k], box[b, k])
-                grown[3 + k] = max(grown[3 + k], box[b, 3 + k])
-            if total:
-                x, y, z = grown[3] - grown[0], grown[4] - grown[1], grown[5] - grown[2]
-                cost[b if direction == 0 else b - 1] += total * (x + y + z)
-    best = np.argmin(cost)
-    return best, cost[best]
+#: A foot with a barycentric coordinate below this lies on the edge opposite that corner.
+ON_EDGE = 1e-12
+#: What rounding may take from a square.
+ROUNDING = 1e-12
+#: Normals that miss the query by no more than this, of cosines, may miss it by the rounding of angles.
+SLACK = 1e-7
 
 
 @compiled
@@ -181,6 +74,116 @@ def nearest_in(x, start, stop, frames, shape, slot, local, foot, distance):
         s = np.uint64(slot[i])
         _, v, w = _measure(x[i, 0], x[i, 1], x[i, 2], frames, s, shape[s])
         _write(x, i, s, v, w, frames, local, foot, distance)
+
+
+@compiled
+def minima(x, start, stop, radius, boxes, nodes, frames, shape, patches, cones):
+    """Find the local minima, up to ``radius``, of the distance from ``x[start:stop]`` over the whole surface.
+
+    ``patches`` holds the vertices (m, 3) of each slot, and by vertex where its slots begin and which they are;
+    ``cones`` (nodes, 5) bound the normals in each box, and a box to which none of them leads is left out.
+    Returns for each minimum its row in ``x`` and its slot, in the order of rows; and how many were measured.
+    """
+    rows, slots = np.empty(64, dtype=np.int64), np.empty(64, dtype=np.int64)
+    waiting_node = np.empty(STACK, dtype=np.uint64)
+    count, measured, limit = 0, 0, radius * radius * (1.0 + ROUNDING)
+    for i in range(start, stop):
+        px, py, pz = x[i, 0], x[i, 1], x[i, 2]
+        waiting_node[0] = 0
+        waiting = 1
+        while waiting:
+            waiting -= 1
+            node = waiting_node[waiting]
+            if _box_square(px, py, pz, boxes, node) > limit or _turned_away(px, py, pz, boxes, cones, node):
+                continue
+            begin = nodes[node, 1]
+            if nodes[node, 0] == 0:
+                waiting_node[waiting], waiting_node[waiting + 1] = begin, begin + np.uint64(1)
+                waiting += 2
+                continue
+            for s in range(begin, begin + nodes[node, 0]):
+                square, v, w = _measure(px, py, pz, frames, s, shape[s])
+                measured += 1
+                if square > limit:
+                    continue
+                undercut, tried = _undercut(px, py, pz, frames, shape, patches, s, square, v, w)
+                measured += tried
+                if undercut:
+                    continue
+                if count == len(rows):
+                    rows, slots = np.concatenate((rows, rows)), np.concatenate((slots, slots))
+                rows[count], slots[count] = i, s
+                count += 1
+    return rows[:count], slots[:count], measured
+
+
+@inlined
+def _turned_away(px, py, pz, boxes, cones, node):
+    """Tell whether no point of the box sees the query along a normal in the node's cone (Johnson and Cohen 2001).
+
+    At a local minimum the way to the query is a normal there, or between those of the triangles around. From the
+    ball around the box it leads into a cone about the way from its centre, with the sine radius over distance.
+    """
+    dx = px - 0.5 * (boxes[node, 0] + boxes[node, 3])
+    dy = py - 0.5 * (boxes[node, 1] + boxes[node, 4])
+    dz = pz - 0.5 * (boxes[node, 2] + boxes[node, 5])
+    wx, wy, wz = boxes[node, 3] - boxes[node, 0], boxes[node, 4] - boxes[node, 1], boxes[node, 5] - boxes[node, 2]
+    ball, square = 0.25 * (wx * wx + wy * wy + wz * wz), dx * dx + dy * dy + dz * dz
+    if ball >= square:
+        return False
+    cosine = cones[node, 3] * np.sqrt(square - ball) - cones[node, 4] * np.sqrt(ball)
+    along = dx * cones[node, 0] + dy * cones[node, 1] + dz * cones[node, 2]
+    return cosine > 0.0 and abs(along) < cosine - SLACK * np.sqrt(square)
+
+
+@compiled
+def _undercut(px, py, pz, frames, shape, patches, s, square, v, w):
+    """Tell whether a triangle that shares the edge or corner of slot s on which its foot lies has a nearer one.
+
+    Triangles are convex, and so is the distance over each: where none of them has a nearer foot, this one is a
+    local minimum. Of equals the lowest slot counts as the nearest. Also returns how many were measured.
+    """
+    vertices, first, around = patches
+    corner, other, parts = -1, -1, 0
+    for k in range(3):
+        share = 1.0 - v - w if k == 0 else (v if k == 1 else w)
+        if share > ON_EDGE:
+            parts += 1
+            corner, other = vertices[s, k], corner
+    if parts == 3:
+        return False, 0
+    tried = 0
+    for place in range(first[corner], first[corner + 1]):
+        beside = around[place]
+        shares = vertices[beside, 0] == other or vertices[beside, 1] == other or vertices[beside, 2] == other
+        if beside == np.int64(s) or (parts == 2 and not shares):
+            continue
+        tried += 1
+        there, _, _ = _measure(px, py, pz, frames, np.uint64(beside), shape[beside])
+        if there < square or (there == square and beside < np.int64(s)):
+            return True, tried
+    return False, tried
+
+
+@compiled
+def distinct(rows, points, distance, near, tiny, kept):
+    """Mark in ``kept`` (k,) the first of the ``points`` (k, 3) of each of ``rows`` (k,), ascending, at each place.
+
+    Those nearer to each other than ``near`` times the distance, and ``tiny``, are one.
+    """
+    begin = 0
+    for i in range(len(rows)):
+        if rows[i] != rows[begin]:
+            begin = i
+        allowed = (near * distance[i] + tiny) ** 2
+        kept[i] = True
+        for j in range(begin, i):
+            square = 0.0
+            for k in range(3):
+                square += (points[i, k] - points[j, k]) ** 2
+            if kept[j] and square <= allowed:
+                kept[i] = False
+                break
 
 
 @inlined

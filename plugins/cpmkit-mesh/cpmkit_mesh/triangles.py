@@ -7,16 +7,17 @@ from functools import cached_property
 
 import numpy as np
 
-from cpmkit.arrays import as_points, as_vector, one_row_each
+from cpmkit.arrays import as_points, as_vector, one_row_each, positive
 from cpmkit.errors import InputError
-from cpmkit.protocols import ClosestPoints, Floats, Ints
+from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 from cpmkit_mesh.engines import Search, search_with
+from cpmkit_mesh.feet import Patches, distinct, local_minima, patches, with_nearest
 from cpmkit_mesh.folds import Folds, folds
 from cpmkit_mesh.normals import unit
 from cpmkit_mesh.smooth import SmoothPart, follow_normals, smooth_part
 from cpmkit_mesh.soundness import warnings_of
 from cpmkit_mesh.topology import FIRST_BOUNDARY, Topology
-from cpmkit_mesh.tree import Tree, build_tree
+from cpmkit_mesh.tree import Nearest, Tree, build_tree
 from cpmkit_mesh.turning import floor_of, turning_angle
 
 #: A foot with a barycentric coordinate below this lies on the edge opposite that corner.
@@ -88,13 +89,27 @@ class TriangleMesh:
         """
         x = as_points(x, 3)
         found = self._search(x)
-        doubtful = follow_normals(self._tree, self._smooth_part, x, found) if self.smooth else None
-        face = self._tree.order[found.slot]
-        local = np.empty((len(x), 3))
-        local[:, 1:] = found.local
-        local[:, 0] = 1.0 - local[:, 1] - local[:, 2]
-        edge = self._edges(face, local)
-        return ClosestPoints(found.foot, found.distance, edge, self.given_index[face], local, doubtful)
+        return self._records(found, self._made_smooth(x, found))
+
+    def feet(self, x: Floats, radius: float, /) -> tuple[Ints, ClosestPoints]:
+        """Return all feet of ``x`` (n, 3) within ``radius``: the rows (k,) of ``x``, and the feet, nearest first.
+
+        They are the local minima of the distance to the triangles, as many as there are sheets: on the hollow side of
+        a bend, where facets differ from the surface that they sample, now and then more. Those of a smooth mesh follow
+        its normals from there; where several arrive at the same place, one of them is kept, and one that arrives nearer
+        than it started is on another's sheet.
+
+        Raises
+        ------
+        InputError
+            If ``x`` does not have shape (n, 3) or is not finite, or ``radius`` is not a number above zero.
+        """
+        x, radius = as_points(x, 3), positive(radius, "radius")
+        minima = with_nearest(self._search(x), radius, local_minima(self._tree, self._patches, x, radius))
+        rows, found = minima.rows, minima.found
+        doubtful = self._made_smooth(x[rows], found)
+        kept = distinct(x, rows, found, float(np.ptp(self.bounds, axis=0).max()))
+        return rows[kept], self._records(found, doubtful).take(kept)
 
     def interpolate(self, values: Floats, feet: ClosestPoints, /) -> Floats:
         """Return ``values`` (value_count, ...), one row a given vertex, interpolated linearly in each triangle."""
@@ -129,6 +144,18 @@ class TriangleMesh:
         numbers = np.empty(len(self.vertices), dtype=np.int64)
         numbers[self.faces.ravel()[::-1]] = self.given_faces.ravel()[::-1]
         return numbers
+
+    def _made_smooth(self, x: Floats, found: Nearest) -> Bools | None:
+        """Move the nearest points in ``found`` along a smooth mesh; return (n,) the doubtful ones, None if faceted."""
+        return follow_normals(self._tree, self._smooth_part, x, found) if self.smooth else None
+
+    def _records(self, found: Nearest, doubtful: Bools | None) -> ClosestPoints:
+        face = self._tree.order[found.slot]
+        local = np.empty((len(face), 3))
+        local[:, 1:] = found.local
+        local[:, 0] = 1.0 - local[:, 1] - local[:, 2]
+        edge = self._edges(face, local)
+        return ClosestPoints(found.foot, found.distance, edge, self.given_index[face], local, doubtful)
 
     def _located(self, feet: ClosestPoints) -> tuple[Ints, Floats]:
         if feet.element is None or feet.local is None:
@@ -166,6 +193,10 @@ class TriangleMesh:
     @cached_property
     def _tree(self) -> Tree:
         return build_tree(self.vertices[self.faces])
+
+    @cached_property
+    def _patches(self) -> Patches:
+        return patches(self._tree, self.vertices, self.faces, self.adjacency)
 
     @cached_property
     def _search(self) -> Search:

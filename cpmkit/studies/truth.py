@@ -1,0 +1,62 @@
+"""What the runs of a study are measured against: a formula, or the solution of another back end, at points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cpmkit.errors import SceneError
+from cpmkit.protocols import Floats
+from cpmkit.scene import Scene
+from cpmkit.scene_data import evaluate_data
+from cpmkit.solving import solve
+from cpmkit.studies.sampling import sample_points
+from cpmkit.studies.studyfile import Study
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """What every run should give.
+
+    Attributes
+    ----------
+    points : (n, d) float64
+        Of the surface, none on a boundary.
+    values : (n,) float64
+        The solution there, at the end of the time where there is one.
+    """
+
+    points: Floats
+    values: Floats
+
+    @property
+    def half_range(self) -> float:
+        """Half the difference between the largest and the smallest value."""
+        return float(np.ptp(self.values) / 2)
+
+
+def truth_of(study: Study) -> Truth:
+    """Return what a study's runs are measured against; a reference is solved, once, at its own resolution.
+
+    Raises
+    ------
+    SceneError
+        If a reference is asked for a scene of several channels, or vertices are of a surface that is no mesh.
+    CpmkitError
+        If the formula has no value somewhere, or the reference cannot solve the scene.
+    """
+    scene = study.scene
+    points = sample_points(scene, study.exact.points)
+    if study.solution is not None:
+        return Truth(points, evaluate_data(study.solution, points, 1, "u of [exact]", end_of(scene))[:, 0])
+    if scene.channels != 1:
+        raise SceneError(f"a reference of [exact] compares one channel, and the scene has {scene.channels}.")
+    assert study.exact.reference is not None
+    common = {name: value for name, value in study.options.items() if name == "tolerance"}
+    return Truth(points, solve(scene, backend=study.exact.reference, **common).evaluate(points))
+
+
+def end_of(scene: Scene) -> float | None:
+    """Return the time at which the scene's solution is read, None where it has none."""
+    return getattr(scene.problem, "until", None)

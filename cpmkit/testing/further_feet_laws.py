@@ -1,0 +1,149 @@
+"""The laws of further feet, on every sheet near a query; a source without the ability keeps them all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from cpmkit.errors import InputError
+from cpmkit.protocols import ClosestPoints, ClosestPointSource, Floats, HasFeet, HasMembers, Ints
+from cpmkit.testing.law import law, require, require_rows, sure
+from cpmkit.testing.queries import Subject, for_queries
+
+#: The radii that are asked for, relative to the size.
+RADII = (0.2, 0.5)
+#: How far towards the query a foot is looked at from, relative to its distance.
+TOWARDS = 1e-3
+#: How far around a foot the manifold is looked at, relative to the size.
+AROUND = 1e-5
+
+
+@law
+def check_feet(about: Subject) -> None:
+    """Feet within a radius lie on the manifold at their distance, by rows and nearest first, the closest point first.
+
+    A larger radius adds feet and takes none away.
+    """
+    source = about.source
+    if not isinstance(source, HasFeet):
+        return
+    small, large = (share * about.size for share in RADII)
+
+    def hold(x: Floats) -> None:
+        closest = about.source.closest_point(x)
+        rows, feet = source.feet(x, large)
+        _require_order(about, x, rows, feet)
+        expected = np.flatnonzero(closest.distance <= large)
+        require(np.array_equal(np.unique(rows), expected), "Not those queries have feet whose closest point is near.")
+        require((feet.distance <= large).all(), "A foot lies beyond the radius.")
+        first = np.flatnonzero(np.diff(rows, prepend=-1))
+        apart = np.abs(_reach(x, rows, feet)[first] - np.linalg.norm(x - closest.points, axis=1)[rows[first]])
+        allowed = about.round_off(x)[rows]
+        require_rows(apart <= allowed[first], x[rows[first]], "The first foot is not the closest point, by", apart)
+        off = about.source.closest_point(np.ascontiguousarray(feet.points)).distance
+        require_rows(off <= about.round_off(feet.points), x[rows], "A foot lies off the manifold by", off)
+        excess = feet.distance - _reach(x, rows, feet)
+        require_rows(excess <= allowed, x[rows], "distance is above |x - points| by", excess)
+        if about.source.exact:
+            require_rows(-excess <= allowed, x[rows], "distance is below |x - points| by", -excess)
+        within = source.feet(x, small)[1]
+        same = np.array_equal(within.points, feet.points[feet.distance <= small])
+        require(same, "The feet within a small radius are not those that a large one finds there.")
+
+    for_queries(about, hold)
+
+
+@law
+def check_sheets(about: Subject) -> None:
+    """Feet of one query are distinct, each is the closest point of what lies a little towards the query, and a minimum.
+
+    So the way is normal to the manifold there, or between its normals at a crease, or past its edge. Of an exact source
+    points around a foot are farther. Of a union each member is looked at alone: where two touch, a foot on one may be
+    no local minimum beside the other.
+    """
+    source = about.source
+    if not isinstance(source, HasFeet):
+        return
+
+    def hold(x: Floats) -> None:
+        rows, feet = source.feet(x, RADII[1] * about.size)
+        for member, chosen in _by_member(about.source, feet):
+            _require_distinct(x, rows[chosen], feet.take(chosen), about)
+            chosen = chosen[sure(feet.take(chosen))]
+            points, way = feet.points[chosen], TOWARDS * (x[rows[chosen]] - feet.points[chosen])
+            seen = member.closest_point(np.ascontiguousarray(points + way)).points
+            slid = np.linalg.norm(seen - points, axis=1)
+            allowed = about.case.turning_angle * np.linalg.norm(way, axis=1) + about.round_off(points)
+            require_rows(slid <= allowed, x[rows[chosen]], "Seen from nearer, the foot slides", slid)
+            if member.exact:
+                _require_minima(member, x[rows[chosen]], points, about)
+
+    for_queries(about, hold, within_radius=not about.source.exact)
+
+
+@law
+def check_bad_radius(about: Subject) -> None:
+    """Feet are refused with InputError for wrong queries, as closest points are, and for a radius not above zero."""
+    source = about.source
+    if not isinstance(source, HasFeet):
+        return
+    good, dim = about.centre[None], about.source.dim
+    rows, feet = source.feet(np.empty((0, dim)), about.size)
+    require(len(rows) == len(feet) == 0, "No queries have feet.")
+    for x, radius in (
+        (good * np.nan, 1.0),
+        (np.zeros((4, dim + 1)), 1.0),
+        (good, 0.0),
+        (good, -1.0),
+        (good, float("nan")),
+    ):
+        try:
+            source.feet(x, radius)
+        except InputError:
+            continue
+        raise AssertionError(f"Queries of shape {x.shape} with a radius of {radius} are accepted.")
+
+
+LAWS = (check_feet, check_sheets, check_bad_radius)
+
+
+def _reach(x: Floats, rows: Ints, feet: ClosestPoints) -> Floats:
+    return np.asarray(np.linalg.norm(x[rows] - feet.points, axis=1))
+
+
+def _require_order(about: Subject, x: Floats, rows: Ints, feet: ClosestPoints) -> None:
+    require(rows.dtype == np.int64 and rows.shape == (len(feet),), f"{rows.dtype} {rows.shape} rows of {len(feet)}.")
+    step = np.diff(rows)
+    require((step >= 0).all(), "The rows do not ascend.")
+    back = -np.diff(feet.distance)[step == 0]
+    require_rows(back <= about.round_off(x)[rows[1:][step == 0]], x[rows[1:]][step == 0], "Feet come nearer, by", back)
+
+
+def _by_member(source: ClosestPointSource, feet: ClosestPoints) -> Iterator[tuple[ClosestPointSource, Ints]]:
+    """Yield each member of a union, or the source itself, with the numbers of its feet."""
+    if not isinstance(source, HasMembers):
+        yield source, np.arange(len(feet))
+        return
+    for number, member in enumerate(source.members):
+        yield member, np.flatnonzero(feet.element == number)
+
+
+def _require_distinct(x: Floats, rows: Ints, feet: ClosestPoints, about: Subject) -> None:
+    """Require that none of the feet of a row lies at the place of another: neighbours along each axis are compared."""
+    order = np.lexsort((*feet.points.T, rows))
+    ahead = np.roll(order, -1)
+    apart = np.linalg.norm(feet.points[ahead] - feet.points[order], axis=1)
+    twice = (rows[ahead] == rows[order]) & (ahead != order) & (apart <= about.round_off(feet.points[order]))
+    require_rows(~twice, x[rows[order]], "Two feet are apart by", apart)
+
+
+def _require_minima(source: ClosestPointSource, x: Floats, points: Floats, about: Subject) -> None:
+    """Require that points around each foot are not nearer to its query on both sides of it.
+
+    On one side they may be: beside the rim of a facet.
+    """
+    step = AROUND * about.size * np.random.default_rng(0).normal(size=points.shape)
+    both = [source.closest_point(np.ascontiguousarray(points + sign * step)).points for sign in (1.0, -1.0)]
+    gain = np.linalg.norm(x - points, axis=1) - np.max([np.linalg.norm(x - one, axis=1) for one in both], axis=0)
+    require_rows(gain <= about.round_off(x), x, "There are nearer points on both sides of a foot, by", gain)

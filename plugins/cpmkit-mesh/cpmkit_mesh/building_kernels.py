@@ -1,0 +1,154 @@
+"""Compiled: a binary tree of boxes over triangles and segments, split at the cheapest of 16 bins along each axis.
+
+Arguments carry no types: numba infers them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.compilation import compiled
+
+BINS = 16
+LEAF = 4
+#: Below this depth nodes are halved by number, which bounds the depth and with it the stacks.
+DEEP = 40
+STACK = 96
+
+
+@compiled
+def build(lower, upper):
+    """Return the tree over primitives with the boxes ``lower``, ``upper`` (m, 3).
+
+    Returns ``boxes`` (nodes, 6); ``nodes`` (nodes, 2), unsigned so that no index is tested for its
+    sign: (0, first of two adjacent children), or for a leaf (how many primitives, first of them in
+    ``order``); and ``order`` (m,).
+    """
+    m = len(lower)
+    order = np.arange(m)
+    boxes = np.empty((2 * m, 6))
+    nodes = np.zeros((2 * m, 2), dtype=np.int64)
+    pending = np.empty((2 * STACK, 4), dtype=np.int64)
+    pending[0] = (0, 0, m, 0)
+    used, waiting = 1, 1
+    while waiting:
+        waiting -= 1
+        node, start, stop, depth = pending[waiting]
+        _bound(lower, upper, order, start, stop, boxes[node])
+        if stop - start <= LEAF:
+            nodes[node] = (stop - start, start)
+            continue
+        middle = _split(lower, upper, order, start, stop, depth)
+        nodes[node] = (0, used)
+        pending[waiting] = (used, start, middle, depth + 1)
+        pending[waiting + 1] = (used + 1, middle, stop, depth + 1)
+        waiting += 2
+        used += 2
+    return boxes[:used].copy(), nodes[:used].astype(np.uint64), order
+
+
+@compiled
+def _bound(lower, upper, order, start, stop, box):
+    box[:3] = np.inf
+    box[3:] = -np.inf
+    for i in range(start, stop):
+        for axis in range(3):
+            box[axis] = min(box[axis], lower[order[i], axis])
+            box[3 + axis] = max(box[3 + axis], upper[order[i], axis])
+
+
+@compiled
+def _split(lower, upper, order, start, stop, depth):
+    """Reorder ``order[start:stop]`` so that it splits well at the returned place."""
+    axis, place, least, scale, cost = -1, 0, 0.0, 0.0, np.inf
+    for k in range(3):
+        low, high = np.inf, -np.inf
+        for i in range(start, stop):
+            twice_centre = lower[order[i], k] + upper[order[i], k]
+            low, high = min(low, twice_centre), max(high, twice_centre)
+        if high > low:
+            per_width = BINS * (1 - 1e-12) / (high - low)
+            bin_here, cost_here = _best_bin(lower, upper, order, start, stop, k, low, per_width)
+            if cost_here < cost:
+                axis, place, least, scale, cost = k, bin_here, low, per_width, cost_here
+    half = (start + stop) // 2
+    if axis < 0:
+        return half
+    if depth >= DEEP:
+        part = order[start:stop].copy()
+        order[start:stop] = part[np.argsort(lower[part, axis] + upper[part, axis])]
+        return half
+    middle = start
+    for i in range(start, stop):
+        primitive = order[i]
+        if int((lower[primitive, axis] + upper[primitive, axis] - least) * scale) <= place:
+            order[i] = order[middle]
+            order[middle] = primitive
+            middle += 1
+    return middle if start < middle < stop else half
+
+
+@compiled
+def _best_bin(lower, upper, order, start, stop, axis, least, scale):
+    """Return the bin after which a cut along ``axis`` costs least, and the cost.
+
+    That is the box's extent times the number in it, summed over both sides. For rays the extent would be
+    the area; for queries nearby the sum of the sides does slightly better.
+    """
+    counts = np.zeros(BINS, dtype=np.int64)
+    box = np.empty((BINS, 6))
+    box[:, :3] = np.inf
+    box[:, 3:] = -np.inf
+    for i in range(start, stop):
+        primitive = order[i]
+        b = int((lower[primitive, axis] + upper[primitive, axis] - least) * scale)
+        counts[b] += 1
+        for k in range(3):
+            box[b, k] = min(box[b, k], lower[primitive, k])
+            box[b, 3 + k] = max(box[b, 3 + k], upper[primitive, k])
+    cost = np.zeros(BINS - 1)
+    for direction in range(2):
+        total = 0
+        grown = np.array([np.inf, np.inf, np.inf, -np.inf, -np.inf, -np.inf])
+        for step in range(BINS - 1):
+            b = step if direction == 0 else BINS - 1 - step
+            total += counts[b]
+            for k in range(3):
+                grown[k] = min(grown[k], box[b, k])
+                grown[3 + k] = max(grown[3 + k], box[b, 3 + k])
+            if total:
+                x, y, z = grown[3] - grown[0], grown[4] - grown[1], grown[5] - grown[2]
+                cost[b if direction == 0 else b - 1] += total * (x + y + z)
+    best = np.argmin(cost)
+    return best, cost[best]
+
+
+@compiled
+def bound_normals(nodes, vertices, axes, angles):
+    """Return, for each node of a tree, the axis, cosine and sine (nodes, 5) of a cone around its surface's normals.
+
+    Those around each vertex lie within ``angles`` (k,) of ``axes`` (k, 3), and ``vertices`` (m, 3) are those of each
+    slot. Children stand after their parents, so the last node comes first. Cones of a right angle and more: cosine 0.
+    """
+    count = len(nodes)
+    axis, angle = np.zeros((count, 3)), np.zeros(count)
+    cones = np.zeros((count, 5))
+    for backwards in range(count):
+        node = count - 1 - backwards
+        size, begin = np.int64(nodes[node, 0]), np.int64(nodes[node, 1])
+        parts = vertices[begin : begin + size].copy().ravel() if size else np.arange(begin, begin + 2)
+        part_axes, part_angles = (axes, angles) if size else (axis, angle)
+        for part in parts:
+            axis[node] += part_axes[part]
+        length = np.sqrt(np.sum(axis[node] ** 2))
+        angle[node] = np.pi
+        if length > 0.0:
+            axis[node] /= length
+            angle[node] = 0.0
+            for part in parts:
+                turn = np.arccos(min(max(np.sum(axis[node] * part_axes[part]), -1.0), 1.0))
+                angle[node] = max(angle[node], turn + part_angles[part])
+        cones[node, :3] = axis[node]
+        if angle[node] < 0.5 * np.pi:
+            cones[node, 3], cones[node, 4] = np.cos(angle[node]), np.sin(angle[node])
+    return cones
