@@ -100,7 +100,7 @@ def continued_sources(plain: Reading, parts: Sequence[Continued]) -> Reading:
 
 
 def points_inwards(
-    surface: Localized, foot: Floats, inward: Floats, count: int, spacing: float, sheets: Sheets | None
+    surface: Localized, foot: Floats, inward: Floats, count: int, spacing: float, sheets: Sheets | None = None
 ) -> Inside:
     """Return ``count`` (2 or more) points behind each ``foot`` (n, d), in the unit directions ``inward`` (n, d)."""
     step = STEP * spacing

@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from cpmkit.boundary.orientation import AS_GIVEN, Orientation
-from cpmkit.boundary.own_sheet import BoundaryOnSheets, Placed
+from cpmkit.boundary.own_sheet import NEAR, BoundaryOnSheets, Placed
 from cpmkit.boundary.tangent_space import normals, outward_conormals, project_tangent, tangents
 from cpmkit.grid.sheets import Sheets
 from cpmkit.localized import Localized
@@ -26,7 +26,8 @@ from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 ON_BOUNDARY = 1e-9
 #: Blocks of this many spacings are asked before the points in them are.
 BLOCK = 4
-#: Where a chord points less than this (cosine) to a side, the way along the surface tells which one it is.
+#: Where several sheets share a band: if the chord from a boundary points to neither side by more than this (cosine),
+#: the way along the surface tells which one it is; if that does not either, points farther than ``NEAR`` have none.
 UNCLEAR = 0.5
 #: The direction of a director whose sign alone counts.
 FIRST_AXIS = np.array([1.0, 0.0, 0.0])
@@ -177,7 +178,10 @@ class Sighted:
         lift = np.abs(np.sum(away * axis, axis=1)) if on_surface else np.zeros(len(rows))
         director = signed[:, None] * (FIRST_AXIS[: self.surface.dim] if self.signs_known else axis)
         end = self._open_ends(feet, on, spacing)
-        return Frame(rows, on.points, end, distance, signed, left, director, lift)
+        frame = Frame(rows, on.points, end, distance, signed, left, director, lift)
+        if way is None:
+            return frame
+        return frame.take((np.abs(signed) >= UNCLEAR * distance) | (distance <= NEAR * spacing))
 
     def _open_ends(self, feet: ClosestPoints, on: ClosestPoints, spacing: float) -> Bools:
         """Return which feet lie on an end of the boundary around which the solution goes on.
