@@ -77,6 +77,12 @@ class ClosestPoints:
 
         return cls(*[joined(field.name) for field in fields(cls)])
 
+    def replaced(self, rows: Ints, new: ClosestPoints) -> ClosestPoints:
+        """Return the records with those at ``rows`` (k,) replaced by ``new``."""
+        order = np.arange(len(self))
+        order[rows] = len(self) + np.arange(len(rows))
+        return ClosestPoints.join([self, new]).take(order)
+
     def take(self, index: NDArray[Any]) -> ClosestPoints:
         """Return the records at ``index`` (integers or a mask)."""
 

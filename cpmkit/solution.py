@@ -188,8 +188,8 @@ class Solution(ReadableSolution):
     def signed_distance(self, name: str, points: Any) -> Floats:
         """Return the distance (n,) of points of the manifold from boundary ``name``, positive on its left.
 
-        NaN where the point has no side of it: past an open end, farther than twice the tube's radius, or
-        if the boundary is a point on a surface.
+        NaN where the point has no side of it: past an open end, farther than twice the tube's radius,
+        where the boundary has no part on the point's sheet, or if the boundary is a point on a surface.
         """
         index = self._index(name)
         local = self.project(self.localized(points)).points

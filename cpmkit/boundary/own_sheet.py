@@ -113,7 +113,7 @@ class BoundaryOnSheets:
         if not len(rows):
             return first, away, own
         feet, away[rows], own[rows] = self._from_samples(start.take(found), at.take(rows))
-        return _replaced(first, rows, feet), away, own
+        return first.replaced(rows, feet), away, own
 
     def _from_samples(self, start: ClosestPoints, at: Placed) -> tuple[ClosestPoints, Floats, Bools]:
         """Return the feet of points, walked to along the boundary from samples; the rest as :meth:`seen_from`.
@@ -126,7 +126,7 @@ class BoundaryOnSheets:
         samples = start.take(strayed)
         from_samples = Placed.on(self.surface, samples.points, self.spacing)
         away[strayed], own[strayed] = self._ways(from_samples, at.take(strayed))
-        return _replaced(feet, strayed, samples), away, own
+        return feet.replaced(strayed, samples), away, own
 
     def _ways(self, on: Placed, at: Placed) -> tuple[Floats, Bools]:
         """Return the vectors from the boundary's points ``on`` to points ``at``, and which of these are on their sheet.
@@ -207,17 +207,10 @@ def _walked(source: Localized, start: ClosestPoints, goal: Floats, spacing: floa
         moved = np.linalg.norm(taken, axis=1)
         whole = moved > 0.5 * STRIDE * spacing
         last[walking[whole]] = taken[whole] / moved[whole, None]
-        feet, walking = _replaced(feet, walking, reached), walking[moved > ARRIVED * spacing]
+        feet, walking = feet.replaced(walking, reached), walking[moved > ARRIVED * spacing]
         if not len(walking):
             break
     return _Walked(feet, last)
-
-
-def _replaced(feet: ClosestPoints, rows: Ints, new: ClosestPoints) -> ClosestPoints:
-    """Return the records with those of ``rows`` replaced."""
-    order = np.arange(len(feet))
-    order[rows] = len(feet) + np.arange(len(rows))
-    return ClosestPoints.join([feet, new]).take(order)
 
 
 def nearest_from(

@@ -108,8 +108,7 @@ def extend(
         columns[rows] = stencil_nodes(band, cells)
         weights[rows] = tensor_weights(fractions, band.degree)
         part = columns[rows[0] : rows[-1] + 1]
-        see_sheets(band, points[rows], part)
-        see_ghosts(unknowns, view.select(rows), part)
+        see(unknowns, points[rows], view.select(rows), part)
         progress("tables", (rows[-1] + 1) / n)
     if coefficient is not None:
         weights *= coefficient[:, None]
@@ -135,7 +134,16 @@ def stencil_nodes(band: Band, cells: Ints) -> Ints:
     return np.asarray(nodes.astype(np.int32)[member.ravel()])
 
 
-def see_sheets(band: Band, points: Floats, columns: Ints) -> None:
+def see(unknowns: Unknowns, points: Floats, view: View, columns: Ints) -> None:
+    """Choose, in the stencils ``columns`` (n, s) of surface ``points`` (n, d), the unknown that each sees in each node.
+
+    First that of its own sheet, then, where a boundary runs between, the ghost that continues its own side.
+    """
+    _see_sheets(unknowns.band, points, columns)
+    _see_ghosts(unknowns, view, columns)
+
+
+def _see_sheets(band: Band, points: Floats, columns: Ints) -> None:
     """Replace, in the stencils ``columns`` (n, s) of ``points`` (n, d), nodes of other sheets by their twins."""
     if band.sheets is None:
         return
@@ -150,7 +158,7 @@ def see_sheets(band: Band, points: Floats, columns: Ints) -> None:
     columns[touched] = own
 
 
-def see_ghosts(unknowns: Unknowns, view: View, columns: Ints) -> None:
+def _see_ghosts(unknowns: Unknowns, view: View, columns: Ints) -> None:
     """Replace, in the stencils ``columns`` (n, s), the nodes that lie across a boundary by their ghosts."""
     if not any(len(frame.rows) for frame in view.frames):
         return

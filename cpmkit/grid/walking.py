@@ -14,9 +14,9 @@ STRIDE = 0.5
 STRIDES = 60
 #: A walk that moves less than this many spacings has arrived.
 ARRIVED = 1e-7
-#: After so many steps, and so many again, a walk must have come nearer to its goal by a tenth, or it is given up:
-#: around a bend that is sharper than the goal is high there is no place to arrive at.
-CHECKED, NEARER = 4, 0.9
+#: After so many steps, and so many again, a walk to where there may be no foot must have come nearer, or it
+#: is given up: around a bend that is sharper than the goal is high there is no place to arrive at.
+CHECKED = 4
 #: A step is at most this many times the way ahead.
 LONGEST = 4.0
 
@@ -28,7 +28,7 @@ def feet_from(source: Localized, goal: Floats, start: ClosestPoints, spacing: fl
     walking along the sheet from there where it has none, and in the place of feet that it does not vouch for.
     """
     if not source.has_feet:
-        return np.arange(len(goal)), walk(source, goal, start, spacing)
+        return np.arange(len(goal)), walk(source, goal, start, spacing, give_up=True)
     reach = np.linalg.norm(goal - start.points, axis=1)
     rows, feet = source.feet(goal, float(reach.max()))
     near = feet.distance <= reach[rows]
@@ -42,13 +42,13 @@ def _without_doubt(
     """Return the feet with doubtful ones replaced by those that walking leads to."""
     assert feet.doubtful is not None
     unsure, sure = np.unique(rows[feet.doubtful]), ~feet.doubtful
-    walked = walk(source, goal[unsure], start.take(unsure), spacing)
+    walked = walk(source, goal[unsure], start.take(unsure), spacing, give_up=True)
     rows = np.concatenate([rows[sure], unsure])
     order = np.argsort(rows, kind="stable")
     return rows[order], ClosestPoints.join([feet.take(sure), walked]).take(order)
 
 
-def walk(source: Localized, goal: Floats, start: ClosestPoints, spacing: float) -> ClosestPoints:
+def walk(source: Localized, goal: Floats, start: ClosestPoints, spacing: float, give_up: bool = False) -> ClosestPoints:
     """Return the feet reached from ``start`` by walking along the surface until ``goal`` (n, d) lies straight above.
 
     A leap to the foot of the goal's projection could land on another sheet, and past an end of the surface it would.
@@ -69,9 +69,9 @@ def walk(source: Localized, goal: Floats, start: ClosestPoints, spacing: float) 
         step = np.minimum(steps, STRIDE * spacing / np.maximum(length, ARRIVED * spacing)) * ahead
         reached = source.closest_point(here.points + step)
         going = np.linalg.norm(reached.points - here.points, axis=1) > ARRIVED * spacing
-        feet = _replaced(feet, walking, reached)
-        if count % CHECKED == 0:
-            going &= length[:, 0] <= NEARER * checked[walking]
+        feet = feet.replaced(walking, reached)
+        if give_up and count % CHECKED == 0:
+            going &= length[:, 0] <= checked[walking]
             checked[walking] = length[:, 0]
         last = (here.points[going], ahead[going])
         walking = walking[going]
@@ -84,10 +84,3 @@ def _steps(walked: Floats, shrunk: Floats) -> Floats:
     """Return by what to multiply the way ahead (n, 1), after walking ``walked`` (n, d) has ``shrunk`` (n, d) it."""
     slope = np.sum(walked * shrunk, axis=1, keepdims=True) / np.sum(walked * walked, axis=1, keepdims=True)
     return np.asarray(1 / np.clip(slope, 1 / LONGEST, None))
-
-
-def _replaced(feet: ClosestPoints, rows: Ints, new: ClosestPoints) -> ClosestPoints:
-    """Return the records with those of ``rows`` replaced."""
-    order = np.arange(len(feet))
-    order[rows] = len(feet) + np.arange(len(rows))
-    return ClosestPoints.join([feet, new]).take(order)

@@ -16,7 +16,7 @@ import numpy as np
 from cpmkit.boundary.crossing import View
 from cpmkit.boundary.frame import Frame
 from cpmkit.boundary.tangent_space import project_tangent
-from cpmkit.grid.extension import Unknowns, see_ghosts, see_sheets, stencil_nodes
+from cpmkit.grid.extension import Unknowns, see, stencil_nodes
 from cpmkit.grid.stencils import stencil_cells, tensor_slopes
 from cpmkit.protocols import ClosestPoints, Floats, Ints, Side
 from cpmkit.reading import one_sided
@@ -76,8 +76,7 @@ def interpolant_gradient(unknowns: Unknowns, values: Floats, points: Floats, vie
     """Return the gradient (n, channels, d) of the interpolant of ``values`` (unknowns, channels) at ``points``."""
     cells, fractions = stencil_cells(points, unknowns.band.spacing, unknowns.band.degree)
     columns = stencil_nodes(unknowns.band, cells)
-    see_sheets(unknowns.band, points, columns)
-    see_ghosts(unknowns, view, columns)
+    see(unknowns, points, view, columns)
     slopes = tensor_slopes(fractions, unknowns.band.degree) / unknowns.band.spacing
     return np.asarray(np.einsum("nds,nsc->ncd", slopes, values[columns], optimize=True))
 

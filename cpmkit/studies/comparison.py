@@ -25,7 +25,8 @@ def comparison_table(studies: Sequence[tuple[str, Sequence[Series]]]) -> str:
     studies : sequence of (str, sequence of Series)
         The title of each study and its series.
     """
-    labels = list(dict.fromkeys(one.label for _, series in studies for one in series))
+    ordered = sorted((one for _, series in studies for one in series), key=lambda one: one.method != "cpm")
+    labels = list(dict.fromkeys(one.label for one in ordered))  # twins are those of the first
     columns = [f"{name}, {label}" for name in SHOWN.values() for label in labels]
     header = ["", "spacing", "unknowns", "twins", *columns]
     lines = [row(header), rule(1, len(header) - 1)]
