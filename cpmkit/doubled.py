@@ -37,9 +37,9 @@ class Cluster:
 def clusters_of_twins(layout: Layout) -> tuple[Cluster, ...]:
     """Return where the twins are that are unknowns, the largest cluster first; none where no sheets share the band."""
     band = layout.band
-    if band.sheets is None or band.own_inner == band.inner:
+    if band.first_twin == band.inner:
         return ()
-    nodes = band.nodes[band.own_inner : band.inner]
+    nodes = band.nodes[band.first_twin : band.inner]
     piece = _pieces(nodes // CELL)
     found = []
     for number in np.argsort(-np.bincount(piece), kind="stable"):
@@ -52,8 +52,7 @@ def clusters_of_twins(layout: Layout) -> tuple[Cluster, ...]:
 def feet_of_twins(layout: Layout) -> Floats:
     """Return the feet (k, d) of the twins that are unknowns, in the scene's coordinates."""
     band = layout.band
-    first = band.inner if band.sheets is None else band.own_inner
-    return layout.lattice.to_scene(band.feet.points[first : band.inner])
+    return layout.lattice.to_scene(band.feet.points[band.first_twin : band.inner])
 
 
 def _pieces(cells: Ints) -> Ints:

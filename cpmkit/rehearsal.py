@@ -126,7 +126,7 @@ def _counts(layout: Layout) -> dict[str, float]:
     rows = len(layout.band.nodes) + sum(len(ghosts.nodes) for ghosts in layout.ghosts)
     counts = {
         "inner": layout.band.inner,
-        "twins": layout.band.inner - layout.band.own_inner if layout.band.sheets else 0,
+        "twins": layout.band.inner - layout.band.first_twin,
         "nodes": len(layout.band.nodes),
         "rows": rows,
         "unknowns": layout.size,

@@ -41,11 +41,6 @@ def check_room(surface: Localized, band: Band) -> None:
 
 def share_stretched(band: Band, apart: float) -> float:
     """Return the share of neighbouring inner nodes whose closest points lie more than ``apart`` spacings apart."""
-    wide = pairs = 0
-    for axis in np.eye(band.dim, dtype=np.int64):
-        nodes = np.arange(band.inner)
-        beside = band.find_inner(band.nodes[nodes] + axis)
-        nodes, beside = nodes[beside >= 0], beside[beside >= 0]
-        distance = np.linalg.norm(band.feet.points[nodes] - band.feet.points[beside], axis=1)
-        wide, pairs = wide + int(np.count_nonzero(distance > apart * band.spacing)), pairs + len(nodes)
-    return wide / max(pairs, 1)
+    one, other = band.neighbours()
+    distance = np.linalg.norm(band.feet.points[one] - band.feet.points[other], axis=1)
+    return int(np.count_nonzero(distance > apart * band.spacing)) / max(len(one), 1)

@@ -93,7 +93,7 @@ class _Survey:
 
 def _survey(layout: Layout, spacing: float) -> _Survey:
     band, h = layout.band, layout.band.spacing
-    own = band.inner if band.sheets is None else band.own_inner
+    own = band.first_twin
     near = (directions(band).length[:own] <= NEAR * h) & (band.feet.edge[:own] < 0)
     turns = sharp_turns(band, 1 / (reach_of(band.dim, band.degree) * h))
     feet = band.feet.points[:own][near]

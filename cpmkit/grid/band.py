@@ -70,6 +70,21 @@ class Band:
         """(n, d) nodes in units of length, relative to the lattice's origin."""
         return np.asarray(self.nodes * self.spacing, dtype=np.float64)
 
+    @property
+    def first_twin(self) -> int:
+        """How many of the inner nodes are no twins; those from there up to ``inner`` are."""
+        return self.inner if self.sheets is None else self.own_inner
+
+    def neighbours(self) -> tuple[Ints, Ints]:
+        """Return the pairs (n,), (n,) of inner nodes that are neighbours along an axis; no twins."""
+        nodes = np.arange(self.first_twin)
+        pairs = []
+        for axis in np.eye(self.dim, dtype=np.int64):
+            beside = self.find_inner(self.nodes[nodes] + axis)
+            pairs.append(np.stack([nodes[beside >= 0], beside[beside >= 0]]))
+        one, other = np.concatenate(pairs, axis=1)
+        return one, other
+
     def find_inner(self, nodes: Ints) -> Ints:
         """Return the numbers of integer ``nodes`` (..., d) among the inner nodes, -1 where they are none."""
         return find(self._inner_codes, self.codes.encode(nodes))
@@ -82,7 +97,7 @@ class Band:
 
     @cached_property
     def _inner_codes(self) -> Ints:
-        return self.codes.encode(self.nodes[: self.inner if self.sheets is None else self.own_inner])
+        return self.codes.encode(self.nodes[: self.first_twin])
 
     @cached_property
     def _outer_codes(self) -> Ints:

@@ -10,7 +10,7 @@ from cpmkit.grid.band import Band
 from cpmkit.grid.extension import stencil_nodes
 from cpmkit.grid.sheets import same_sheet
 from cpmkit.grid.stencils import stencil_cells, tensor_weights
-from cpmkit.grid.turning import directions, neighbours
+from cpmkit.grid.turning import directions
 from cpmkit.protocols import Bools, Floats, Ints
 
 #: Feet of neighbouring nodes this many spacings above each other, where normals are parallel, lie on two sheets.
@@ -55,7 +55,7 @@ def unseen_gaps(band: Band, exact: bool) -> Gaps:
 
     ``exact`` says whether the surface's closest points are its nearest ones.
     """
-    away, (one, other) = directions(band), neighbours(band)
+    away, (one, other) = directions(band), band.neighbours()
     sound = away.sound[one] & away.sound[other]
     one, other = one[sound], other[sound]
     along = np.sum(away.unit[one] * away.unit[other], axis=1, keepdims=True)

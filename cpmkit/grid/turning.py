@@ -39,17 +39,6 @@ def reach_of(dim: int, degree: int) -> float:
     return float(np.sqrt((dim - 1) * half**2 + (1 + half) ** 2))
 
 
-def neighbours(band: Band) -> tuple[Ints, Ints]:
-    """Return the pairs (n,), (n,) of inner nodes that are neighbours along an axis; no twins."""
-    nodes = np.arange(band.inner if band.sheets is None else band.own_inner)
-    pairs = []
-    for axis in np.eye(band.dim, dtype=np.int64):
-        beside = band.find_inner(band.nodes[nodes] + axis)
-        pairs.append(np.stack([nodes[beside >= 0], beside[beside >= 0]]))
-    one, other = np.concatenate(pairs, axis=1)
-    return one, other
-
-
 @dataclass(frozen=True, eq=False)
 class Directions:
     """The way from feet to nodes.
@@ -106,7 +95,7 @@ class Turns:
 def sharp_turns(band: Band, sharper: float) -> Turns:
     """Return where the curvature of the surface is above ``sharper``, as neighbouring nodes of the band see it."""
     away = directions(band)
-    one, other = neighbours(band)
+    one, other = band.neighbours()
     sound = away.sound[one] & away.sound[other]
     one, other = one[sound], other[sound]
     before, after = away.unit[one], away.unit[other]

@@ -58,11 +58,15 @@ class Sites:
 
     def sheets(self, source: Localized, count: int) -> Sheets:
         """Return the table of twins, ``count`` of the sites being those of the band itself."""
-        twins = np.arange(count, len(self))
-        twins = twins[np.argsort(self.base[twins], kind="stable")]
-        first = np.searchsorted(self.base[twins], np.arange(len(self) + 1)).astype(np.int64)
+        first, twins = _by_site(self.base, np.arange(count, len(self)))
         nothing = np.zeros(0, dtype=np.int64)
         return Sheets(source, has_signed_normals(source), self.normals, first, twins, nothing)
+
+
+def _by_site(base: Ints, twins: Ints) -> tuple[Ints, Ints]:
+    """Return where each site's ``twins`` begin (m + 1,), and the twins in that order; their sites: ``base[twins]``."""
+    twins = twins[np.argsort(base[twins], kind="stable")]
+    return np.searchsorted(base[twins], np.arange(len(base) + 1)).astype(np.int64), twins
 
 
 def has_signed_normals(source: Localized) -> bool:
@@ -236,10 +240,7 @@ def _with_twins(source: Localized, band: Band, sites: Sites, mixed: Ints) -> Ban
     new = np.empty(len(sites), dtype=np.int64)
     new[order] = np.arange(len(sites))
     base = new[sites.base[order]]
-    is_twin = order >= count
-    twins = np.flatnonzero(is_twin)
-    twins = twins[np.argsort(base[twins], kind="stable")]
-    first = np.searchsorted(base[twins], np.arange(len(sites) + 1))
+    first, twins = _by_site(base, np.flatnonzero(order >= count))
     return Band(
         band.spacing,
         band.degree,
@@ -249,5 +250,5 @@ def _with_twins(source: Localized, band: Band, sites: Sites, mixed: Ints) -> Ban
         band.codes,
         band.inner,
         count - band.inner,
-        Sheets(source, has_signed_normals(source), sites.normals[order], first.astype(np.int64), twins, new[mixed]),
+        Sheets(source, has_signed_normals(source), sites.normals[order], first, twins, new[mixed]),
     )

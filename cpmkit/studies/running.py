@@ -184,7 +184,7 @@ def _twins(solution: ReadableSolution) -> int | None:
     if not isinstance(solution, Solution):
         return None
     band = solution.tables.layout.band
-    return band.inner - band.own_inner if band.sheets else 0
+    return band.inner - band.first_twin
 
 
 def at_spacing(scene: Scene, step_per_spacing: float | None, spacing: float) -> Scene:
