@@ -225,8 +225,8 @@ def _neighbours(unknowns: Unknowns, view: View, reach: int) -> csr_array:
     rows = _unknown_rows(band, ghosts)
     nodes = band.find(band.nodes[centres][:, None] + cross_offsets(band.dim, reach))
     if band.sheets is not None:
-        feet, every = band.feet.points, np.ones(len(band.nodes), dtype=bool)
-        band.sheets.choose(feet[centres], band.sheets.normals[centres], nodes, feet, band.spacing, every)
+        anchors, every = band.sheets.anchor[centres], np.ones(len(band.nodes), dtype=bool)
+        band.sheets.choose(band.feet.take(anchors), band.sheets.normals[anchors], nodes, every)
     seen, directors = view.select(rows), [one.director for one in ghosts]
     label, number = visible_ghosts(seen, nodes, [one.numbers for one in ghosts], directors)
     columns = np.where(label >= 0, first[label] + number, nodes)

@@ -14,7 +14,7 @@ from cpmkit.combinations.abilities import floor_of
 from cpmkit.conditions import Condition
 from cpmkit.doubled import Cluster
 from cpmkit.localized import largest_dim
-from cpmkit.protocols import HasNormals, HasTangents, Progress, nothing
+from cpmkit.protocols import HasNormals, HasTangents, Parting, Progress, nothing
 from cpmkit.rehearsal import Counts, count
 from cpmkit.remains import Remainder
 from cpmkit.resolution import needed_spacing
@@ -106,7 +106,7 @@ def explain(
     degree: int = 3,
     order: int = 2,
     origin: Any = None,
-    sheets: bool = True,
+    sheets: Parting = True,
     solver: str = "auto",
     tolerance: float = 1e-10,
     progress: Progress = nothing,

@@ -21,7 +21,7 @@ from cpmkit.grid.lattice import Lattice
 from cpmkit.grid.stencils import check_degree, difference_reach, reading_radius
 from cpmkit.grid.twins import part_sheets
 from cpmkit.localized import Localized, localize
-from cpmkit.protocols import Progress, nothing
+from cpmkit.protocols import Parting, Progress, nothing
 from cpmkit.room import check_room
 from cpmkit.scene import Scene
 
@@ -52,7 +52,7 @@ class Layout:
         Where boundaries cross with different data, or run side by side nearer than a spacing.
     order : int
         Order of the conditions, 1 to 4; at 4 the Laplacian is of fourth order too.
-    parted : bool
+    parted : bool or "unfolded"
         False where sheets that share a band were not looked for.
     """
 
@@ -67,7 +67,7 @@ class Layout:
     order: int
     crossings: Sequence[SectorJump] = ()
     strips: Sequence[Strip] = ()
-    parted: bool = True
+    parted: Parting = True
 
     @property
     def size(self) -> int:
@@ -101,7 +101,7 @@ def lay_out(
     degree: int = 3,
     order: int = 2,
     origin: Any = None,
-    sheets: bool = True,
+    sheets: Parting = True,
     progress: Progress = nothing,
 ) -> Layout:
     """Lay a scene out on a lattice; the parameters are those of :func:`cpmkit.solve`.
@@ -112,15 +112,14 @@ def lay_out(
         If an argument, a boundary or the spacing does not fit.
     """
     check_order(order, check_degree(degree))
-    if not isinstance(sheets, bool):
-        raise InputError(f"sheets must be true or false, got {sheets!r}; true parts sheets that share a band.")
+    check_parting(sheets, order)
     lattice = scene.lattice(spacing, origin)
     surface = localize(scene.surface, lattice.origin)
     band = build_band(surface, lattice.spacing, degree, progress, difference_reach(order))
     if order == 4:
         check_room(surface, band)
     elif sheets:
-        band = part_sheets(surface, band)
+        band = part_sheets(surface, band, sheets == "unfolded")
     past = read_past_edge(surface, band, lattice, scene.edge, order)
     seen = _see_boundaries(scene, surface, band, lattice, past.mirrored)
     ghosts = []
@@ -145,6 +144,23 @@ def check_order(order: int, degree: int) -> None:
         raise InputError(f"order must be 1, 2, 3 or 4, got {order!r}; 2 is the default.")
     if order == 4 and degree < 4:
         raise InputError(f"order=4 needs degree 4 or 5, got degree={degree}; interpolation would keep it at order 2.")
+
+
+def check_parting(sheets: Any, order: int) -> None:
+    """Refuse a value of ``sheets`` that is not offered, or not at this order.
+
+    Raises
+    ------
+    InputError
+        If it is neither true, false nor "unfolded", or is that at order 4: its tube has no room for sharp bends.
+    """
+    if not isinstance(sheets, bool) and sheets != "unfolded":
+        raise InputError(
+            f"sheets must be true, false or 'unfolded', got {sheets!r}; true parts sheets that share a band, "
+            "'unfolded' unfolds sharp bends, too."
+        )
+    if sheets == "unfolded" and order == 4:
+        raise InputError("order=4 unfolds nothing: it needs a tube in which no surface bends sharply; use order=2.")
 
 
 def _located(term: Term, seen: Sight, band: Band) -> Term:

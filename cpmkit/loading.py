@@ -151,7 +151,7 @@ def _rebuilt(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any], 
         degree=int(lattice["degree"]),
         order=int(lattice["order"]),
         origin=lattice["origin"],
-        sheets=bool(lattice.get("sheets", True)),
+        sheets=lattice["sheets"].item() if "sheets" in lattice else True,
     )
     if not _fits(tables, lattice):
         raise _of_another_scene(path)

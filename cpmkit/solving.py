@@ -16,7 +16,7 @@ from cpmkit.job import Job
 from cpmkit.localized import largest_dim
 from cpmkit.nonlinear import solve_nonlinear
 from cpmkit.plugins import call, factory
-from cpmkit.protocols import Progress, nothing
+from cpmkit.protocols import Parting, Progress, nothing
 from cpmkit.resolution import needed_spacing
 from cpmkit.scene import Scene
 from cpmkit.solution import Solution
@@ -40,7 +40,7 @@ def solve(
     degree: int = 3,
     order: int = 2,
     origin: Any = None,
-    sheets: bool = True,
+    sheets: Parting = True,
     solver: str = "auto",
     tolerance: float = 1e-10,
     checkpoint: str | Path | None = None,
@@ -70,9 +70,11 @@ def solve(
         curvature leaves room for a wider tube.
     origin : (d,) array, optional
         Position of a lattice node; by default the centre of the surface's bounds.
-    sheets : bool
-        Whether a node that several sheets of the surface share gets an unknown for each. False is the plain method,
-        for comparisons: where sheets share a band it mixes them, and the solution is wrong there.
+    sheets : bool or "unfolded"
+        Whether a node that several sheets of the surface share gets an unknown for each. With ``"unfolded"`` the
+        surface is unfolded, too, where it bends more sharply than a stencil is wide: further unknowns, for coarse
+        spacings. False is the plain method, for comparisons: where sheets share a band it mixes them, and the solution
+        is wrong there.
     solver : str
         ``auto``, ``direct``, ``reference``, or the kind of a solver that a plugin offers.
     tolerance : float

@@ -79,10 +79,12 @@ def gaps_of_mixed(band: Band) -> Gaps:
     sheets, rows, points = band.sheets, band.sheets.mixed, band.feet.points
     cells, fractions = stencil_cells(points[rows], band.spacing, band.degree)
     columns = stencil_nodes(band, cells).astype(np.int64)
-    y, n = points[rows], sheets.normals[rows]
-    sheets.choose(y, n, columns, points, band.spacing, np.arange(len(points)) < band.inner)
-    y, n, z, other = y[:, None], n[:, None], points[columns], sheets.normals[columns]
-    foreign = ~same_sheet(y, n, z, other, band.spacing, sheets.signed)
+    missed = sheets.choose(
+        band.feet.take(rows), sheets.normals[rows], columns, np.arange(len(points)) < band.inner, every=True
+    )
+    foreign = np.zeros(columns.shape, dtype=bool)
+    foreign[missed.row, missed.column] = True
+    y, n, z, other = points[rows][:, None], sheets.normals[rows][:, None], points[columns], sheets.normals[columns]
     parallel = np.abs(np.sum(n * other, axis=-1)) > PARALLEL
     height = np.where(foreign & parallel, np.abs(np.sum((z - y) * n, axis=-1)), np.inf)
     read = np.sum(np.abs(tensor_weights(fractions, band.degree)) * foreign, axis=1)

@@ -150,11 +150,10 @@ def _see_sheets(band: Band, points: Floats, columns: Ints) -> None:
     touched = np.flatnonzero(band.sheets.counts(columns).any(axis=1))
     if not len(touched):
         return
-    source = band.sheets.source
-    feet = source.closest_point(points[touched])
+    feet = band.sheets.source.closest_point(points[touched])
     own = columns[touched]
-    n = normals(source, feet, 0.5 * band.spacing)
-    band.sheets.choose(feet.points, n, own, band.feet.points, band.spacing, np.arange(len(band.nodes)) < band.inner)
+    n = normals(band.sheets.source, feet, 0.5 * band.spacing)
+    band.sheets.choose(feet, n, own, np.arange(len(band.nodes)) < band.inner)
     columns[touched] = own
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from cpmkit.boundary.tangent_space import jacobian, normals
 from cpmkit.grid.band import Band
-from cpmkit.grid.twins import has_signed_normals
+from cpmkit.grid.sheets import has_signed_normals
 from cpmkit.localized import Localized
 from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 

@@ -21,7 +21,7 @@ from cpmkit.solving import solve
 from cpmkit.studies.baselines import solve_by_fixed_nodes
 from cpmkit.studies.records import FILE, Record, append_record, drop_unfinished_line, of_content, read_records
 from cpmkit.studies.studyfile import Study
-from cpmkit.studies.sweep import BASELINES, Run
+from cpmkit.studies.sweep import BASELINES, CLOSEST_POINTS, Run
 from cpmkit.studies.truth import Truth, truth_of
 
 #: What of a solve's work is recorded, where the method has it.
@@ -157,7 +157,8 @@ def _solve(scene: Scene, run: Run, options: dict[str, Any], progress: Progress) 
     if run.method in BASELINES:
         return solve_by_fixed_nodes(scene, run.spacing, method=run.method, progress=progress, **placed)
     assert run.order is not None
-    return solve(scene, run.spacing, order=run.order, sheets=run.method != "plain", progress=progress, **placed)
+    sheets = CLOSEST_POINTS[run.method]
+    return solve(scene, run.spacing, order=run.order, sheets=sheets, progress=progress, **placed)
 
 
 def _measured(solution: ReadableSolution, truth: Truth) -> Record:

@@ -15,6 +15,7 @@ FEWEST = 2
 NAMES = {
     "cpm": "closest point method",
     "plain": "without sheets",
+    "unfolded": "unfolded",
     "nearest": "nearest point",
     "ball": "ball",
     "fem": "finite elements",
@@ -134,7 +135,7 @@ def _label(key: tuple[Any, ...], keys: Sequence[tuple[Any, ...]]) -> str:
     """Return the method's name where methods differ, and degree and order where these do or nothing else does."""
     method, degree, order = key
     methods, degrees, orders = ({other[k] for other in keys if other[k] is not None} for k in range(3))
-    name = "with sheets" if method == "cpm" and "plain" in methods else NAMES.get(method, method)
+    name = "with sheets" if method == "cpm" and methods & {"plain", "unfolded"} else NAMES.get(method, method)
     parts = [name] if len(methods) > 1 else []
     parts += [f"degree {degree}"] if degree is not None and len(degrees) > 1 else []
     parts += [f"order {order}"] if order is not None and (len(orders) > 1 or not parts) else []

@@ -26,7 +26,7 @@ SWEPT = {
     "spacing": "spacings of [sweep]",
     "degree": "degrees of [sweep]",
     "order": "orders of [sweep]",
-    "sheets": "methods of [sweep], as 'cpm' or 'plain'",
+    "sheets": "methods of [sweep], as 'cpm', 'plain' or 'unfolded'",
 }
 TABLES = ("title", "surface", "boundary", "problem", "discretization", "solver", "let", "exact", "sweep")
 

@@ -11,10 +11,10 @@ import numpy as np
 
 from cpmkit.arrays import positive
 from cpmkit.errors import InputError, SceneError
-from cpmkit.protocols import Floats
+from cpmkit.protocols import Floats, Parting
 
-#: The closest point method, with sheets told apart and without.
-CLOSEST_POINTS = ("cpm", "plain")
+#: The closest point method, and what it makes of sheets that share a band.
+CLOSEST_POINTS: dict[str, Parting] = {"cpm": True, "plain": False, "unfolded": "unfolded"}
 #: Methods that fix nodes: they have no order of their own.
 BASELINES = ("nearest", "ball")
 #: The seed of the random positions of the lattice.
@@ -38,8 +38,8 @@ class Sweep:
     origins : int
         At how many random positions of the lattice each run is made; 1 is the lattice's own position.
     methods : list of str
-        ``cpm``, ``plain`` (which does not tell sheets apart), ``nearest``, ``ball``, or the name of a plugin's back
-        end.
+        ``cpm``, ``plain`` (which does not tell sheets apart), ``unfolded`` (which unfolds sharp bends, too),
+        ``nearest``, ``ball``, or the name of a plugin's back end.
     step_per_spacing : float, optional
         For problems with a time step: the longest one, as a multiple of the spacing.
     """
