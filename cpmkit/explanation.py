@@ -168,6 +168,8 @@ def _surface_parts(counts: Counts, degree: int) -> list[Part]:
     ]
     if twins:
         why = "further unknowns at nodes that several sheets of the surface share, one a sheet"
+        if counts["unfolded"]:
+            why += f"; {counts['unfolded']:,} of them where the surface is unfolded around sharp bends"
         parts.insert(1, Part("twins", f"{twins:,}", why))
     return parts
 

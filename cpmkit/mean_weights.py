@@ -48,8 +48,7 @@ def _places(tables: Discretization) -> tuple[Floats, Floats]:
     past = _past_edge(tables, away)
     distance = np.sqrt(np.maximum(np.sum(away**2, axis=1) - past**2, 0.0))
     nodes = _bump(distance / reach, band.degree)
-    if band.sheets is not None:
-        nodes[band.sheets.rolled[:inner]] = 0.0  # the tube around the surface does not hold them
+    nodes[band.is_unfolded] = 0.0  # the tube around the surface does not hold them
     bumps, places = [nodes], [past / band.spacing]
     for frame, ghosts in zip(tables.layout.sight.frames, tables.layout.ghosts, strict=True):
         beyond = np.full(len(band.nodes), TAIL)

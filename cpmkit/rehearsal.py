@@ -127,6 +127,7 @@ def _counts(layout: Layout) -> dict[str, float]:
     counts = {
         "inner": layout.band.inner,
         "twins": layout.band.inner - layout.band.first_twin,
+        "unfolded": int(layout.band.is_unfolded.sum()),
         "nodes": len(layout.band.nodes),
         "rows": rows,
         "unknowns": layout.size,

@@ -51,3 +51,21 @@ def test_real_meshes(name, lowest):
         assert plain[0] <= -10  # of a positive operator
     else:
         assert off(plain, reference) >= worse
+
+
+LEVELS = {"fish": ("fish.obj", (0.0275, 0.0195, 0.0138)), "koala": ("koala.obj", (0.0292, 0.0208, 0.0146))}
+
+
+@pytest.mark.parametrize(
+    ("name", "level"),
+    [
+        pytest.param(name, level, marks=[pytest.mark.slow] * (level > 0))
+        for name, (_, spacings) in LEVELS.items()
+        for level in range(len(spacings))
+    ],
+)
+def test_unfolded_meshes_from_thirty_thousand_unknowns_down_to_seven(name, level, lowest):
+    """From 7,000 nodes on, which hold 9,100 unknowns on the fish and 10,500 on the koala, degree 2."""
+    mesh, spacings = LEVELS[name]
+    reference, solve = lowest(mesh)
+    assert off(solve(spacings[level], degree=2, sheets="unfolded"), reference) <= 0.1

@@ -207,6 +207,15 @@ def test_a_record_says_how_far_a_method_is_from_the_reference(made, folder):
     assert records[1]["rms_without_mean"] > 2 * records[0]["rms_without_mean"]
 
 
+def test_unfolding_is_a_method_of_studies(file):
+    file.write_text(PLATE.replace('["cpm", "plain"]', '["cpm", "unfolded"]'))
+    study = load_study(file)
+    measure = truth.truth_of(study)
+    parted, unfolded = gather([make_run(study, run, measure) for run in study.sweep.runs() if run.spacing == 0.2])
+    assert [parted.label, unfolded.label] == ["with sheets", "unfolded"]
+    assert unfolded.entries[0].twins > parted.entries[0].twins > 100
+
+
 def test_the_reference_is_solved_once_and_not_for_runs_that_are_recorded(made):
     _, (first, second), solved = made
     assert (first.made, first.skipped, second.made, second.skipped) == (2, 0, 0, 2)
@@ -292,7 +301,7 @@ def test_a_run_is_told_in_percent_of_the_half_range(folder):
         (
             "[sweep]",
             "[discretization]\nsheets = false\n[sweep]",
-            "sheets stands in methods of .sweep., as 'cpm' or 'plain'",
+            "sheets stands in methods of .sweep., as 'cpm', 'plain' or 'unfolded'",
         ),
     ],
 )

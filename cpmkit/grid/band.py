@@ -18,7 +18,7 @@ from cpmkit.grid.lattice import Codes, find
 from cpmkit.grid.sheets import Sheets
 from cpmkit.grid.stencils import base_offset, stencil_range
 from cpmkit.localized import Localized
-from cpmkit.protocols import ClosestPoints, Floats, Ints, Progress, nothing
+from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints, Progress, nothing
 
 #: Share of a cell's half diagonal by which a cell is kept although the surface seems to miss it: rounding.
 SLACK = 1e-6
@@ -74,6 +74,13 @@ class Band:
     def first_twin(self) -> int:
         """How many of the inner nodes are no twins; those from there up to ``inner`` are."""
         return self.inner if self.sheets is None else self.own_inner
+
+    @property
+    def is_unfolded(self) -> Bools:
+        """(inner,) which inner nodes are twins found by unfolding the surface."""
+        if self.sheets is None:
+            return np.zeros(self.inner, dtype=bool)
+        return np.asarray(self.sheets.anchor != np.arange(len(self.nodes)))[: self.inner]
 
     def neighbours(self) -> tuple[Ints, Ints]:
         """Return the pairs (n,), (n,) of inner nodes that are neighbours along an axis; no twins."""

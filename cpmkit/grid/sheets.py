@@ -119,11 +119,6 @@ class Sheets:
         """True where the surface's normals have a sign of their own."""
         return has_signed_normals(self.source)
 
-    @property
-    def rolled(self) -> Bools:
-        """(n,) which sites are twins found by unfolding."""
-        return np.asarray(self.anchor != np.arange(len(self.anchor)))
-
     def counts(self, sites: Ints) -> Ints:
         """Return how many twins each of ``sites`` (...) has."""
         return np.asarray(self.first[sites + 1] - self.first[sites])
