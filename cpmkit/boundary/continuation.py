@@ -11,8 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cpmkit.boundary.formulas import beta_at, polynomial_weights
 from cpmkit.boundary.own_sheet import nearest_from
 from cpmkit.boundary.reading import Datum, Reading, Term
+from cpmkit.conditions import Condition
 from cpmkit.grid.sheets import Sheets
 from cpmkit.localized import Localized
 from cpmkit.protocols import Bools, Floats, Ints
@@ -80,6 +82,20 @@ class Continued:
     data: list[Datum]
     here: Floats
     ahead: list[Term]
+
+
+def continue_rows(
+    condition: Condition, rows: Ints, where: Floats, what: str, inside: Inside, at: Floats, spacing: float
+) -> Continued:
+    """Return what rows at arc lengths ``at`` (k,) past a boundary read, of a condition that holds ``where`` (k, d).
+
+    ``what`` names the boundary in messages.
+    """
+    beta = beta_at(condition, where, what)
+    weights, factor = polynomial_weights(condition.alpha, beta, inside.positions, at, spacing)
+    ahead, here = polynomial_weights(0.0, np.ones(len(rows)), inside.positions, at, spacing)
+    data = [Datum(rows, factor, where, condition.gamma, what)]
+    return Continued(rows, inside.terms(rows, weights), [], data, here, inside.terms(rows, ahead))
 
 
 def continued(plain: Reading, parts: Sequence[Continued]) -> Reading:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.boundary.continuation import Continued, Inside, arc_length, points_inwards
+from cpmkit.boundary.continuation import Continued, Inside, arc_length, continue_rows, points_inwards
 from cpmkit.boundary.crossing_ghosts import Crossing, beyond_another
-from cpmkit.boundary.formulas import beta_at, points_inside, polynomial_weights
+from cpmkit.boundary.formulas import points_inside, polynomial_weights
 from cpmkit.boundary.reading import Datum
 from cpmkit.boundary.transmission import coupled_weights
 from cpmkit.conditions import Condition
@@ -55,11 +55,7 @@ def _points(crossing: Crossing, rows: Ints, direction: Floats, count: int, spaci
 def _continue(crossing: Crossing, lattice: Lattice, condition: Condition, rows: Ints, inside: Inside) -> Continued:
     where = lattice.to_scene(crossing.seen.foot[rows])
     at = arc_length(crossing.seen.distance[rows], np.linalg.norm(inside.curvature, axis=1))
-    beta = beta_at(condition, where, crossing.what)
-    weights, factor = polynomial_weights(condition.alpha, beta, inside.positions, at, lattice.spacing)
-    ahead, here = polynomial_weights(0.0, np.ones(len(rows)), inside.positions, at, lattice.spacing)
-    data = [Datum(rows, factor, where, condition.gamma, crossing.what)]
-    return Continued(rows, inside.terms(rows, weights), [], data, here, inside.terms(rows, ahead))
+    return continue_rows(condition, rows, where, crossing.what, inside, at, lattice.spacing)
 
 
 def _couple(

@@ -13,14 +13,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.boundary.continuation import Continued, beyond_edge, continued, continued_sources, points_inwards
+from cpmkit.boundary.continuation import (
+    Continued,
+    beyond_edge,
+    continue_rows,
+    continued,
+    continued_sources,
+    points_inwards,
+)
 from cpmkit.boundary.formulas import (
     beta_at,
     coefficient_and_factor,
     is_dirichlet,
     mirror_distance,
     points_inside,
-    polynomial_weights,
 )
 from cpmkit.boundary.reading import Datum, Reading
 from cpmkit.boundary.tangent_space import outward_conormals
@@ -141,13 +147,7 @@ def _continue(
     kept = np.flatnonzero(inside.sound)
     inside, rows = inside.take(kept), rows[kept]
     t = beyond_edge(offset[kept], outward[kept], inside.curvature)
-    where = lattice.to_scene(foot[kept])
-    weights, factor = polynomial_weights(
-        condition.alpha, beta_at(condition, where, WHAT), inside.positions, t, band.spacing
-    )
-    ahead, here = polynomial_weights(0.0, np.ones(len(rows)), inside.positions, t, band.spacing)
-    data = [Datum(rows, factor, where, condition.gamma, WHAT)]
-    return Continued(rows, inside.terms(rows, weights), [], data, here, inside.terms(rows, ahead))
+    return continue_rows(condition, rows, lattice.to_scene(foot[kept]), WHAT, inside, t, band.spacing)
 
 
 def _outward(surface: Localized, edge: ClosestPoints, beyond: Floats, spacing: float) -> Floats:
