@@ -100,7 +100,14 @@ def share_of_jumps(layout: Layout) -> float:
 def _sheets(layout: Layout) -> list[str]:
     """Name what parting the sheets left; where it is not looked for, places where sheets or flanks may mix."""
     if surveyed(layout):
-        return [one.sentence for one in remaining(layout)]
+        found = remaining(layout)
+        sentences = [one.sentence for one in found]
+        if layout.parted == "unfolded" and layout.surface.source.exact and any(one.kind == "crease" for one in found):
+            sentences.append(
+                "Unfolding goes astray at creases of exact closest points, whose nodes outside have their feet on the "
+                "crease itself; use closest points that are smooth, or sheets=True."
+            )
+        return sentences
     share = share_of_jumps(layout)
     if share <= JUMP_SHARE:
         return []

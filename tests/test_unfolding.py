@@ -8,6 +8,7 @@ from model_problems import order_of, sphere_points
 from scipy.integrate import quad
 from test_sheets import circles, spiral
 from thin_ellipsoid import odd_solution
+from trimesh.creation import box
 
 import cpmkit as ck
 from cpmkit.boundary.tangent_space import normals
@@ -151,6 +152,14 @@ def one(t):
 
 def squared(t):
     return np.cos(t) ** 2
+
+
+def test_creases_of_exact_closest_points_are_warned_of():
+    cube = ck.source("mesh.triangles", vertices=box().vertices, faces=box().faces, closest="faceted")
+    scene = ck.Scene(cube, ck.ScreenedPoisson(lambda x: x[:, 0], c=10.0))
+    warned = {sheets: ck.solve(scene, 0.1, sheets=sheets).warnings for sheets in (True, "unfolded")}
+    assert any("Unfolding goes astray at creases" in warning for warning in warned["unfolded"])
+    assert not any("Unfolding" in warning for warning in warned[True])
 
 
 def test_fourth_order_unfolds_nothing():
