@@ -63,7 +63,7 @@ def solution_off(name: str) -> tuple[ck.Scene, dict[str, Any], Callable[[Any], f
 
 
 def rows(name: str, spacing: float, made: tuple[ck.Scene, dict[str, Any], Callable[[Any], float]], count: int) -> None:
-    """Print one row a method: its size, its error at the lattice's own position, and at others the least and most."""
+    """Print one row a method: its size and error at the lattice's own position, rms and greatest error over several."""
     scene, options, measure = made
     for label, sheets in METHODS.items():
         found, size = [], ("", "")

@@ -36,10 +36,11 @@ MESHES = {
 #: that mix are at least.
 BOUNDS = {"fish": (2.0, 4.0), "spot": (1.0, 4.0), "koala": (3.0, 2.0), "nefertiti": (2.2, 0.9), "mountain": (6.0, 0.9)}
 SLOW = ("fish", "koala", "nefertiti", "mountain")
-#: What was asked of the table at some spacings: the rms difference less its mean, in percent. 0.7 was asked of Spot at
-#: 0.0033, and 0.1 of the koala at 0.0029, where hardly any node is shared: the plain method is as far off (0.92 on
-#: Spot), and what is left depends on f (0.4 to 1.2 on Spot at 0.0075).
-ASKED = {("Fish", 0.0156): 2.0, ("Nefertiti", 0.0031): 1.0}
+#: What was asked of the table at some spacings: the rms difference less its mean, in percent.
+ASKED = {("Fish", 0.0156): 2.0, ("Nefertiti", 0.0031): 1.0, ("Koala", 0.0029): 0.1, ("Spot", 0.0033): 0.7}
+#: Where it is not reached: hardly any node is shared there, the plain method is as far off (0.38 and 0.92), and what is
+#: left depends on f (0.4 to 1.2 on Spot at 0.0075).
+MISSED = (("Koala", 0.0029), ("Spot", 0.0033))
 #: Where sheets are known to be behind the plain method by more than a tenth at the grid's own position, and how far.
 #: Rms over six positions they are ahead: 1.7 beside 1.9.
 BEHIND = {("Koala", 0.0091): 1.45}
@@ -114,14 +115,24 @@ def test_the_second_rows_of_the_table_are_printed_again(name, real_mesh):
     check_row(name, *measured(name, 1))
 
 
-def test_the_table_holds_what_was_asked():
+@pytest.mark.parametrize(
+    "key",
+    [
+        pytest.param(key, marks=[pytest.mark.xfail(reason="not reached", strict=True)] * (key in MISSED))
+        for key in ASKED
+    ],
+)
+def test_the_table_holds_what_was_asked(key):
+    assert float(table()[key]["rms mean removed, with sheets"]) <= ASKED[key]
+
+
+def test_sheets_are_nowhere_far_behind_the_plain_method_in_the_table():
     rows = table()
     assert {title for title, _ in rows} == {title for _, title in MESHES.values()}
     for key, row in rows.items():
         parted, mixed = (
             float(row[f"rms mean removed, {label}"] or "inf") for label in ("with sheets", "without sheets")
         )
-        assert parted <= ASKED.get(key, np.inf)
         assert parted <= BEHIND.get(key, 1.1) * mixed
 
 

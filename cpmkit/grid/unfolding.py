@@ -72,7 +72,8 @@ def unfold(
 def _turned(ahead: Floats, normal: Floats, reached: Floats) -> tuple[Floats, Floats]:
     """Return directions and normals turned by the smallest rotation that takes these to the normals ``reached``."""
     along = np.sum(normal * reached, axis=1, keepdims=True)
-    turned = ahead - (normal + reached) * (np.sum(reached * ahead, axis=1, keepdims=True) / np.maximum(1 + along, 1e-3))
+    lean = np.sum(reached * ahead, axis=1, keepdims=True) / np.maximum(1 + along, 1 + OPPOSITE)
+    turned = ahead - (normal + reached) * lean
     turned -= np.sum(turned * reached, axis=1, keepdims=True) * reached
     length = np.linalg.norm(turned, axis=1, keepdims=True)
     sound = (length > STEEP) & (along > OPPOSITE)
