@@ -10,6 +10,7 @@ import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pluggy
@@ -159,14 +160,15 @@ def source(kind: str, **keys: Any) -> ClosestPointSource:
     kind : str
         A name that ``cpmkit plugins`` lists.
     **keys
-        The factory's keyword arguments, the same as a scene file's keys.
+        The factory's keyword arguments, the same as a scene file's keys. A ``file`` is looked for in the
+        working directory, in the folder that ``CPMKIT_DATA`` names and in the user's cache.
 
     Raises
     ------
     PluginError
         If no installed plugin offers the kind.
     InputError
-        If a key is unknown, missing or holds what is not accepted.
+        If a key is unknown, missing or holds what is not accepted, or a file is in none of these places.
 
     Examples
     --------
@@ -177,5 +179,10 @@ def source(kind: str, **keys: Any) -> ClosestPointSource:
     Traceback (most recent call last):
     cpmkit.errors.SceneError: The kind 'analytic.sphere' has the unknown key 'raduis'; accepted are center, ...
     """
-    made: ClosestPointSource = call(factory(kind), f"The kind {kind!r}", keys)
+    from cpmkit.data import find_file
+
+    make = factory(kind)
+    if isinstance(keys.get("file"), str | Path):
+        keys["file"] = str(find_file(keys["file"]))
+    made: ClosestPointSource = call(make, f"The kind {kind!r}", keys)
     return made

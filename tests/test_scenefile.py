@@ -113,6 +113,14 @@ def test_meshes_are_found_in_the_data_folder_and_the_cache(tmp_path, monkeypatch
     assert find_file("cache.obj", tmp_path) == tmp_path / "cache" / "cache.obj"
 
 
+def test_files_named_in_python_are_found_there_too(tmp_path, monkeypatch):
+    (tmp_path / "one.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    monkeypatch.setenv("CPMKIT_DATA", str(tmp_path))
+    assert ck.source("mesh.triangles", file="one.obj").bounds.tolist() == [[0, 0, 0], [1, 1, 0]]
+    with pytest.raises(ck.InputError, match=f"no file 'other.obj'; looked in .*{tmp_path}"):
+        ck.source("mesh.triangles", file="other.obj")
+
+
 def test_a_mesh_is_fetched_into_the_cache_and_its_checksum_verified(tmp_path, monkeypatch):
     import hashlib
 

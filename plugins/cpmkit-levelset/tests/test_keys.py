@@ -63,8 +63,8 @@ def test_functions(keys, message):
     ("keys", "message"),
     [
         ({}, "either values or a file, got neither"),
-        ({"values": np.zeros((8, 8)), "file": "a.npy"}, "got both"),
-        ({"file": "nowhere.npy"}, "There is no file 'nowhere.npy'"),
+        ({"values": np.zeros((8, 8)), "file": __file__}, "got both"),
+        ({"file": "nowhere.npy"}, "no file 'nowhere.npy'; looked in"),
         ({"values": np.zeros((4, 8))}, "6 grid points or more, got shape"),
         ({"values": np.zeros(8)}, "2 or 3 axes"),
         ({"values": [["a"] * 8] * 8}, "array of numbers"),

@@ -10,7 +10,7 @@ import numpy as np
 from cpmkit.arrays import positive
 from cpmkit.errors import InputError
 from cpmkit.protocols import Bools, Floats, Ints
-from cpmkit_mesh.normals import doubled_areas, face_normals
+from cpmkit_mesh.directions import doubled_areas, face_normals
 from cpmkit_mesh.topology import BLOCKED, Topology
 
 #: Triangles lower than this share of the mesh's size have no say: files of six digits do not hold their normal.

@@ -8,8 +8,8 @@ import numpy as np
 
 from cpmkit.protocols import Floats, Ints
 from cpmkit_mesh.chains import components
+from cpmkit_mesh.directions import doubled_areas
 from cpmkit_mesh.folds import Folds, crowded_edges
-from cpmkit_mesh.normals import doubled_areas
 from cpmkit_mesh.tree import build_tree, nearest
 
 if TYPE_CHECKING:

@@ -10,10 +10,10 @@ import numpy as np
 from cpmkit.arrays import as_points, as_vector, one_row_each, positive
 from cpmkit.errors import InputError
 from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
+from cpmkit_mesh.directions import unit
 from cpmkit_mesh.engines import Search, search_with
 from cpmkit_mesh.feet import Patches, distinct, local_minima, patches, with_nearest
 from cpmkit_mesh.folds import Folds, folds
-from cpmkit_mesh.normals import unit
 from cpmkit_mesh.smooth import SmoothPart, follow_normals, smooth_part
 from cpmkit_mesh.soundness import warnings_of
 from cpmkit_mesh.topology import FIRST_BOUNDARY, Topology

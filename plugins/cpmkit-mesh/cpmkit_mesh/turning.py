@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cpmkit.protocols import Floats, Ints
-from cpmkit_mesh.normals import doubled_areas
+from cpmkit_mesh.directions import doubled_areas
 
 #: Largest error of a solution as a share of its range, over the turning angle's square (smooth) and over itself
 #: (faceted). u = z on spheres of 66 to 4,098 vertices at spacings 0.1 to 0.03: 0.07 to 0.08; 0.06 to 0.22.
