@@ -40,7 +40,7 @@ def corner_normals(vertices: Floats, faces: Ints, adjacency: Topology) -> Floats
     if adjacency.consistent:
         if len(adjacency.boundary):
             normals = with_tilted_rim(vertices, faces, adjacency, normals)
-        normals = tilted_to_chords(vertices, faces, normals)
+        normals = tilted_to_chords(vertices, faces, adjacency, normals)
     normals = normals[corner]
     if not adjacency.consistent:
         normals = normals * _sign(np.einsum("ij,ij->i", own, normals))[:, None]
