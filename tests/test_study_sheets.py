@@ -38,8 +38,8 @@ BOUNDS = {"fish": (2.0, 4.0), "spot": (1.0, 4.0), "koala": (3.0, 2.0), "nefertit
 SLOW = ("fish", "koala", "nefertiti", "mountain")
 #: What was asked of the table at some spacings: the rms difference less its mean, in percent.
 ASKED = {("Fish", 0.0156): 2.0, ("Nefertiti", 0.0031): 1.0, ("Koala", 0.0029): 0.1, ("Spot", 0.0033): 0.7}
-#: Where it is not reached: hardly any node is shared there, and half of what is left comes from the 1.2 percent of the
-#: surface that bend by more than 60 degrees within two spacings.
+#: Where it is not reached: hardly any node is shared there, and a third of what is left comes from the 0.6 percent of
+#: the surface that turn by more than 45 degrees within two spacings.
 MISSED = (("Koala", 0.0029),)
 #: Where sheets are known to be behind the plain method by more than a tenth at the grid's own position, and how far.
 #: Rms over several positions they are not: 2.04 beside 2.06 over six, and 1.20 beside 1.40 over four.
