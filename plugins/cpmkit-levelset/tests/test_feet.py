@@ -153,7 +153,9 @@ def test_meshes_lie_on_the_surface_and_are_wound_by_its_normals(trim):
         assert (0.3 * vertices[:, 0] - vertices[:, 1]).max() <= 1e-12
 
 
-@pytest.mark.parametrize("count", [10, 14, 20, 28])
+@pytest.mark.parametrize(
+    "count", [10, pytest.param(14, marks=pytest.mark.slow), 20, pytest.param(28, marks=pytest.mark.slow)]
+)
 def test_the_error_that_a_grid_leaves_is_predicted(count, monkeypatch):
     """Against the closed form on the same lattice, which has no such error; u = z has the range 2.
 

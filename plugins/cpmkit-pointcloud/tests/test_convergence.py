@@ -24,7 +24,9 @@ def solved(surface, spacing):
     return np.abs(solution.evaluate(points) - points[:, 2]).max(), solution.work.unknowns
 
 
-@pytest.mark.parametrize("options", [{}, {"degree": 4}], ids=["degree 2", "degree 4"])
+@pytest.mark.parametrize(
+    "options", [{}, pytest.param({"degree": 4}, marks=pytest.mark.slow)], ids=["degree 2", "degree 4"]
+)
 def test_second_order_on_random_samples_of_a_sphere(options):
     cloud = np.random.default_rng(6).normal(size=(5000, 3))
     cloud /= np.linalg.norm(cloud, axis=1, keepdims=True)
