@@ -14,7 +14,7 @@ from cpmkit.protocols import Floats
 
 #: Nodes farther past an end than this many spacings weigh nothing.
 TAIL = 2.0
-#: Nothing is divided by a smaller distance past an end, in spacings.
+#: Nothing is divided by a smaller distance past or from an end, in spacings.
 SMALL = 1e-6
 
 
@@ -70,7 +70,8 @@ def _past_edge(tables: Discretization, away: Floats) -> Floats:
     rows = np.flatnonzero(band.feet.edge[: len(away)] >= 0)
     inwards = tables.layout.reading.points[rows] - band.feet.points[rows]
     length = np.linalg.norm(inwards, axis=1)
-    along = np.divide(-np.sum(away[rows] * inwards, axis=1), length, out=np.zeros(len(rows)), where=length > 0)
+    known = length > SMALL * band.spacing  # the mirror point of a node beside the end is the end itself, to rounding
+    along = np.divide(-np.sum(away[rows] * inwards, axis=1), length, out=np.zeros(len(rows)), where=known)
     past = np.zeros(len(away))
     past[rows] = np.maximum(2 * along - length, 0.0)
     return past

@@ -262,6 +262,28 @@ def test_means_over_the_band_are_means_over_the_surface(name):
         assert max(smooth) < 1e-5
 
 
+def test_means_hold_where_the_rim_lies_in_a_plane_of_the_lattice():
+    """There the mirror point of a node on the rim is its foot but for rounding, which has no direction."""
+    half, errors = ck.source("analytic.cap", height=0.0), []
+    for h in SPACINGS:
+        tables = discretize(ck.Scene(half, ck.Laplace()), h, origin=[0, 0, 0])
+        weights = mean_weights(tables)
+        z = tables.layout.lattice.to_scene(tables.sources.points)[:, 2]
+        errors.append(abs(weights @ z / weights.sum() - 0.5))
+    assert order_of(SPACINGS, errors) >= 1.8
+
+
+def test_a_mean_that_is_right_is_not_shifted():
+    def f(x):
+        z = x[:, 2]
+        bent = (1 - z**2) * np.pi**2 * np.cos(np.pi * z) - 2 * np.pi * z * np.sin(np.pi * z)
+        return bent + np.cos(np.pi * z) + 3 * x[:, 0]  # of u = cos(pi z) + x, which no flux leaves at z = 0
+
+    solution = ck.solve(ck.Scene(ck.source("analytic.cap", height=0.0), ck.ScreenedPoisson(f)), 0.05)
+    assert not solution.leaks
+    assert not solution.warnings
+
+
 def test_a_piece_narrower_than_the_stencil_has_a_mean():
     strip = [
         ck.Boundary(
