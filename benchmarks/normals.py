@@ -83,11 +83,10 @@ def cost_of_building(name: str) -> float:
 
 def differences(name: str, spacing: float, count: int) -> list[list[float]]:
     """Return the difference from finite elements at each position of the grid, for averages and for tilted normals."""
-    found = []
+    found, origins = [], positions(spacing, count)
     for context in KINDS.values():
         with context():
             scene, options, measure = solution_off(name)
-        origins = positions(spacing, count)
         found.append([measure(ck.solve(scene, spacing, origin=origin, **options)) for origin in origins])
     return found
 

@@ -89,15 +89,18 @@ def side_of(curve, points):
     return size - np.linalg.norm(points - centre, axis=1)
 
 
-def pinned(scene, vertices, faces, side):
-    """Linear elements on the triangles, with each side's colour at the ends of all edges that a curve cuts."""
+def pinned(scene, vertices, faces, sides):
+    """Linear elements on the triangles, with each side's colour at the ends of all edges that a curve cuts.
+
+    ``sides`` holds for each curve what is positive to its left, at the vertices.
+    """
     from scipy.sparse.linalg import splu
 
     laplacian = pytest.importorskip("potpourri3d").cotan_laplacian(vertices, faces)
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     values = np.full((len(vertices), 3), np.nan)
     for curve in scene.boundaries:
-        signed = side(curve, vertices)
+        signed = sides[curve.name]
         ends = np.unique(edges[np.prod(signed[edges], axis=1) < 0])
         left, right = (curve.condition(name).value for name in ("left", "right"))
         values[ends] = np.where(signed[ends, None] > 0, left, right)
@@ -114,7 +117,8 @@ def test_no_colour_crosses_the_fins_of_the_fish(example, real_mesh):
     vertices, faces = ck.read_mesh(real_mesh("fish.obj"))
     centres = {name: np.array(centre) for name, (centre, _) in RINGS.items()}
     radius = {name: size for name, (_, size) in RINGS.items()}
-    reference = pinned(wanted.scene, vertices, faces, side_of)
+    sides = {curve.name: side_of(curve, vertices) for curve in wanted.scene.boundaries}
+    reference = pinned(wanted.scene, vertices, faces, sides)
     clear = np.min([one.source.closest_point(vertices).distance for one in wanted.scene.boundaries], axis=0) > 0.1
     kept, mixed = (ck.solve(wanted.scene, 0.05, sheets=sheets, tolerance=1e-8) for sheets in (True, False))
     assert max(colour_errors(kept, vertices, centres, radius, 0.01).values()) <= 5e-3
@@ -137,14 +141,12 @@ def test_no_colour_crosses_the_ear_of_nefertiti(example, real_mesh):
     data = [curve.condition(side).value for curve in wanted.scene.boundaries for side in ("left", "right")]
     low, high = np.min(data, axis=0), np.max(data, axis=0)
     kept, mixed = (ck.solve(wanted.scene, wanted.spacing, sheets=sheets, tolerance=1e-8) for sheets in (True, False))
-
-    def side(curve, points):
-        """Beside the curve: on the ear's other face the sign means nothing."""
-        return np.where(
-            curve.source.closest_point(points).distance < 2, kept.signed_distance(curve.name, points), np.nan
-        )
-
-    reference = pinned(wanted.scene, vertices, faces, side)
+    # The sign of a distance means something beside its curve, and nothing on the ear's other face.
+    sides = {
+        curve.name: np.where(far < 2, kept.signed_distance(curve.name, vertices), np.nan)
+        for curve, far in zip(wanted.scene.boundaries, away, strict=True)
+    }
+    reference = pinned(wanted.scene, vertices, faces, sides)
     clear = away.min(axis=0) > 2
 
     def off(solution):

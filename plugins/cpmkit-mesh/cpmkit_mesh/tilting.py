@@ -57,14 +57,14 @@ def tilted_to_chords(vertices: Floats, faces: Ints, adjacency: Topology, normals
 def with_tilted_rim(vertices: Floats, faces: Ints, adjacency: Topology, normals: Floats) -> Floats:
     """Tilt the normals of rim vertices, whose triangles lie on one side and lean them to the inside.
 
-    They take the least tilt that fits the chords to inner neighbours, whose normals are sound, in the sense of least
+    The triangles are wound alike, so that each edge off the rim is met once in either direction. The normals take the least tilt that fits the chords to inner neighbours, whose normals are sound, in the sense of least
     squares.
     """
     on_rim = np.zeros(len(vertices), dtype=bool)
     on_rim[adjacency.boundary] = True
-    pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    pairs = np.unique(np.concatenate([pairs, pairs[:, ::-1]]), axis=0)
-    rim, inner = pairs[on_rim[pairs[:, 0]] & ~on_rim[pairs[:, 1]]].T
+    start, end = faces[:, [1, 2, 0]], faces[:, [2, 0, 1]]
+    outwards = on_rim[start] & ~on_rim[end]
+    rim, inner = start[outwards], end[outwards]
     edge = unit(vertices[inner] - vertices[rim])
     wanted = -np.einsum("ij,ij->i", edge, normals[rim] + normals[inner])
     at, place = np.unique(rim, return_inverse=True)
