@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from math import comb
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from cpmkit.boundary.edge import is_wall
 from cpmkit.combinations.abilities import floor_of
 from cpmkit.conditions import Condition
 from cpmkit.doubled import Cluster
+from cpmkit.flux_balance import check_balance
 from cpmkit.localized import largest_dim
 from cpmkit.protocols import HasNormals, HasTangents, Parting, Progress, nothing
 from cpmkit.rehearsal import Counts, count
@@ -107,6 +109,7 @@ def explain(
     order: int = 2,
     origin: Any = None,
     sheets: Parting = True,
+    balance: int = 0,
     solver: str = "auto",
     tolerance: float = 1e-10,
     progress: Progress = nothing,
@@ -123,6 +126,7 @@ def explain(
     """
     positive(tolerance, "tolerance")  # nothing that is built depends on it
     check_solver(solver, solver_options)
+    check_balance(scene, balance)
     spacing = needed_spacing(scene, spacing)
     counts = count(scene, spacing, progress, degree=degree, order=order, origin=origin, sheets=sheets)
     memory.check_fits(counts["unknowns"], scene.surface.dim, largest_dim(scene.surface), degree, spacing)
@@ -134,6 +138,9 @@ def explain(
         *_boundary_parts(scene, counts, order, spacing),
     ]
     parts.append(_solver_part(scene, chosen, solver))
+    if balance:
+        why = "u is put right, so that fluxes balance against them; closest points of a mesh's nodes come on top"
+        parts.append(Part("balance", f"{comb(balance + scene.surface.dim, balance)} polynomials", why))
     left_out = _left_out(scene, counts, order)
     return Explanation(
         tuple(parts),

@@ -32,6 +32,8 @@ class Job:
         ``time.perf_counter()`` when the solve began.
     checkpointing : Checkpointing
         Where the state of a run in time is written and read.
+    balance : int
+        Degree of the polynomials against which fluxes balance, 0 for none; of steady problems.
     """
 
     scene: Scene
@@ -42,3 +44,4 @@ class Job:
     progress: Progress
     started: float
     checkpointing: Checkpointing
+    balance: int

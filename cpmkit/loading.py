@@ -12,9 +12,12 @@ from typing import Any, NoReturn, TypeVar, overload
 
 import numpy as np
 
+from cpmkit.balance import Leak
 from cpmkit.discretization import Discretization, discretize
 from cpmkit.errors import InputError
 from cpmkit.export import FORMAT
+from cpmkit.flux_balance import Balance
+from cpmkit.null_space import Defect
 from cpmkit.protocols import SIDES, Floats, Ints
 from cpmkit.scene import Scene
 from cpmkit.solution import Solution
@@ -155,6 +158,7 @@ def _rebuilt(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any], 
     )
     if not _fits(tables, lattice):
         raise _of_another_scene(path)
+    balance = summary["discretization"].get("balance")
     return Solution(
         scene,
         lattice["unknowns"],
@@ -163,6 +167,9 @@ def _rebuilt(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any], 
         summary["seconds"],
         tables,
         warnings=tuple(summary["warnings"]),
+        defects=tuple(_record(Defect, one) for one in summary.get("defects", ())),
+        leaks=tuple(_record(Leak, one) for one in summary.get("leaks", ())),
+        balance=None if balance is None else _record(Balance, balance),
     )
 
 
@@ -187,5 +194,6 @@ def _fits(tables: Discretization, lattice: Mapping[str, Any]) -> bool:
 
 def _record(kind: type[Record], saved: Mapping[str, Any]) -> Record:
     """Return a record from its plain values; those that it does not have are left out."""
-    names = {field.name for field in fields(kind)}  # type: ignore[arg-type] # both kinds are dataclasses
-    return kind(**{name: value for name, value in saved.items() if name in names})
+    names = {field.name for field in fields(kind)}  # type: ignore[arg-type] # all kinds are dataclasses
+    values = {name: value for name, value in saved.items() if name in names}
+    return kind(**{name: tuple(value) if isinstance(value, list) else value for name, value in values.items()})

@@ -49,7 +49,8 @@ class SceneFile:
     spacing : float or None
         Of the lattice; None if the file gives none.
     options : dict
-        Further keyword arguments of ``solve``: degree, order, origin, sheets, solver, tolerance, max_iterations.
+        Further keyword arguments of ``solve``: degree, order, origin, sheets, balance, solver, tolerance,
+        max_iterations.
     output : OutputRequest
         What is written where.
     """
@@ -137,7 +138,7 @@ def read_options(tables: Mapping[str, Any]) -> tuple[float | None, dict[str, Any
         If a key is not accepted.
     """
     grid = as_table(tables.get("discretization", {}), "[discretization]")
-    _check_keys(grid, ("spacing", "degree", "order", "origin", "sheets"), "[discretization]")
+    _check_keys(grid, ("spacing", "degree", "order", "origin", "sheets", "balance"), "[discretization]")
     solver = as_table(tables.get("solver", {}), "[solver]")
     if solver.get("kind", "auto") in ACCEPTED:  # a plugin's solver has keys of its own
         _check_keys(solver, ("kind", "tolerance", *ACCEPTED[solver.get("kind", "auto")]), "[solver]")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from cpmkit.reading.strips import fill_strips
 from cpmkit.work import Work
 
 if TYPE_CHECKING:
+    from cpmkit.flux_balance import Balance
     from cpmkit.surface_mesh import DisplayMesh
 
 #: Points nearer to a boundary than this many spacings can be read from the side that the caller names.
@@ -53,10 +54,13 @@ class Solution(ReadableSolution):
         the data has no solution there.
     tables : Discretization
         The band and its tables.
+    balance : Balance or None
+        What balancing the fluxes did, where that was asked for.
     """
 
     work: Work
     tables: Discretization
+    balance: Balance | None = field(default=None, kw_only=True)
 
     @property
     def spacing(self) -> float:
@@ -207,6 +211,7 @@ class Solution(ReadableSolution):
             "order": layout.order,
             "origin": layout.lattice.origin.tolist(),
             "snapped_by": {boundary.name: one.gap for boundary, one in sighted},
+            "balance": None if self.balance is None else self.balance.as_dict(),
         }
 
     def make_display_mesh(self) -> DisplayMesh:

@@ -59,6 +59,16 @@ def test_what_was_loaded_can_be_saved_and_loaded_again(ring, tmp_path):
     np.testing.assert_array_equal(ck.load(tmp_path / "again.npz", file).evaluate(points), solution.evaluate(points))
 
 
+@pytest.mark.parametrize("problem", [ck.Poisson(lambda x: x[:, 0] + 1), ck.ScreenedPoisson(lambda x: x[:, 0] + 1)])
+def test_what_was_put_right_is_told_as_before(problem, tmp_path):
+    scene = ck.Scene(ck.source("analytic.sphere"), problem)
+    solution = ck.solve(scene, 0.2)
+    assert solution.defects or solution.leaks
+    solution.save(tmp_path / "ball.npz")
+    again = ck.load(tmp_path / "ball.npz", scene)
+    assert (again.defects, again.leaks) == (solution.defects, solution.leaks)
+
+
 def test_in_the_plane_with_a_jump_it_reads_as_before(tmp_path):
     scene = circle_jump(center=(1e3, -7.0))[0]
     solution = ck.solve(scene, 0.05)

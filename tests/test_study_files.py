@@ -1,5 +1,6 @@
 """The paper's convergence studies load, and their cheap variants show the orders that the paper claims."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -80,6 +81,23 @@ def test_studies_show_first_and_second_order(name, tmp_path):
     printed = in_documentation(name)
     for one in series.values():
         assert [printed[one.label][f"{h:g}"] for h in one.spacings] == pytest.approx(one.errors, rel=0.03)
+
+
+@pytest.mark.slow
+def test_balanced_fluxes_are_of_the_same_order_and_a_fraction_of_the_error(tmp_path):
+    _, series = orders("balanced-dziuk", tmp_path)
+    printed = in_documentation("balanced-dziuk")
+    for one in series.values():
+        assert [printed[one.label][f"{h:g}"] for h in one.spacings] == pytest.approx(one.errors, rel=0.03)
+    assert all(3 * np.array(series["balanced", 3, 2].errors) < series["cpm", 3, 2].errors)
+
+
+def test_balanced_fluxes_leave_a_fraction_of_the_error_at_one_position(tmp_path):
+    study = load_study(STUDIES / "balanced-dziuk.toml")
+    few = replace(study, sweep=replace(study.sweep, origins=1, spacings=[0.2, 0.1]))
+    plain, balanced = gather(read_records(run_study(few, tmp_path).file))
+    assert [plain.label, balanced.label] == ["closest point method", "balanced"]
+    assert all(2 * np.array([one.rms_error for one in balanced.entries]) < [one.rms_error for one in plain.entries])
 
 
 def in_documentation(name):

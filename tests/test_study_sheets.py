@@ -36,13 +36,16 @@ MESHES = {
 #: that mix are at least.
 BOUNDS = {"fish": (2.0, 4.0), "spot": (1.0, 4.0), "koala": (3.0, 2.0), "nefertiti": (2.2, 0.9), "mountain": (6.0, 0.9)}
 SLOW = ("fish", "koala", "nefertiti", "mountain")
-#: What was asked of the table at some spacings: the rms difference less its mean, in percent.
-ASKED = {("Fish", 0.0156): 2.0, ("Nefertiti", 0.0031): 1.0, ("Koala", 0.0029): 0.1, ("Spot", 0.0033): 0.7}
-#: Where it is not reached: hardly any node is shared there, and a third of what is left comes from the 0.6 percent of
-#: the surface that turn by more than 45 degrees within two spacings.
-MISSED = (("Koala", 0.0029),)
+#: What was asked of the table at some spacings: the rms difference less its mean, in percent, and who reaches it.
+ASKED = {
+    ("Fish", 0.0156): (2.0, ("with sheets", "balanced")),
+    ("Nefertiti", 0.0031): (1.0, ("with sheets", "balanced")),
+    ("Koala", 0.0029): (0.1, ("balanced",)),
+    ("Spot", 0.0033): (0.7, ("with sheets", "balanced")),
+}
 #: Where sheets are known to be behind the plain method by more than a tenth at the grid's own position, and how far.
-#: Rms over several positions they are not: 2.04 beside 2.06 over six, and 1.20 beside 1.40 over four.
+#: Rms over several positions they are not: 2.04 beside 2.06 over six, and 1.20 beside 1.40 over four. Balanced, they
+#: are ahead everywhere.
 BEHIND = {("Koala", 0.0091): 1.45, ("Nefertiti", 0.0056): 1.2}
 COLUMNS = (("rms mean kept", "rms_error"), ("rms mean removed", "rms_without_mean"), ("largest", "error"))
 
@@ -79,7 +82,7 @@ def table():
 
 
 def measured(name, which=0):
-    """Return the entries of both methods, with sheets and without, at one spacing of a mesh's study."""
+    """Return the entries at one spacing of a mesh's study: with sheets, without them, and balanced."""
     study = load_study(STUDIES / f"sheets-{name}.toml")
     lower, upper = study.scene.surface.bounds
     assert np.allclose(lower, 0, atol=1e-8)
@@ -89,11 +92,11 @@ def measured(name, which=0):
     return [series.entries[0] for series in gather([make_run(study, run, measure) for run in runs])]
 
 
-def check_row(name, parted, mixed):
+def check_row(name, parted, mixed, balanced):
     row = table()[MESHES[name][1], parted.spacing]
     assert row["unknowns"] == f"{parted.unknowns:,.0f}"
     assert row["twins"] == f"{parted.twins / parted.unknowns:.1%}"
-    for label, entry in (("with sheets", parted), ("without sheets", mixed)):
+    for label, entry in (("with sheets", parted), ("without sheets", mixed), ("balanced", balanced)):
         for column, quantity in COLUMNS:
             assert float(row[f"{column}, {label}"]) == pytest.approx(entry.percent(quantity), rel=0.02, abs=0.006)
 
@@ -101,11 +104,13 @@ def check_row(name, parted, mixed):
 @pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in BOUNDS])
 def test_sheets_bring_the_method_near_to_finite_elements_and_the_first_rows_are_printed_again(name, real_mesh):
     real_mesh(MESHES[name][0])
-    parted, mixed = measured(name)
+    entries = measured(name)
+    parted, mixed, balanced = (entry.percent("rms_without_mean") for entry in entries)
     bound, worse = BOUNDS[name]
-    assert parted.percent("rms_without_mean") <= bound
-    assert mixed.percent("rms_without_mean") >= worse * parted.percent("rms_without_mean")
-    check_row(name, parted, mixed)
+    assert parted <= bound
+    assert mixed >= worse * parted
+    assert balanced <= 0.55 * parted
+    check_row(name, *entries)
 
 
 @pytest.mark.slow
@@ -115,25 +120,23 @@ def test_the_second_rows_of_the_table_are_printed_again(name, real_mesh):
     check_row(name, *measured(name, 1))
 
 
-@pytest.mark.parametrize(
-    "key",
-    [
-        pytest.param(key, marks=[pytest.mark.xfail(reason="not reached", strict=True)] * (key in MISSED))
-        for key in ASKED
-    ],
-)
+@pytest.mark.parametrize("key", ASKED)
 def test_the_table_holds_what_was_asked(key):
-    assert float(table()[key]["rms mean removed, with sheets"]) <= ASKED[key]
+    bound, reached_by = ASKED[key]
+    assert all(float(table()[key][f"rms mean removed, {label}"]) <= bound for label in reached_by)
 
 
-def test_sheets_are_nowhere_far_behind_the_plain_method_in_the_table():
+def test_the_plain_method_is_nowhere_far_ahead_in_the_table():
     rows = table()
+    assert len(rows) == 20
     assert {title for title, _ in rows} == {title for _, title in MESHES.values()}
     for key, row in rows.items():
-        parted, mixed = (
-            float(row[f"rms mean removed, {label}"] or "inf") for label in ("with sheets", "without sheets")
+        parted, mixed, balanced = (
+            float(row[f"rms mean removed, {label}"]) for label in ("with sheets", "without sheets", "balanced")
         )
         assert parted <= BEHIND.get(key, 1.1) * mixed
+        assert balanced <= mixed
+        assert balanced <= 0.55 * parted
 
 
 @pytest.mark.parametrize("name", MESHES)

@@ -12,7 +12,7 @@ from cpmkit.mesh_cells import with_corners
 from cpmkit.protocols import ClosestPointSource, Floats, HasMembers, Ints
 from cpmkit.reading.curved_cells import CurvedCells, find_edges, kept_near, middles_on
 from cpmkit.scene_data import evaluate_data
-from cpmkit.surface_mesh import DisplayMesh, evaluate_on_sides, moved_onto_boundaries
+from cpmkit.surface_mesh import evaluate_on_sides, moved_onto_boundaries
 
 if TYPE_CHECKING:
     from cpmkit.readable import ReadableSolution
@@ -47,8 +47,7 @@ def _integrand(function: Integrand, points: Floats, values: Floats) -> Floats:
 
 def _dimension(surface: ClosestPointSource, dim: int | None) -> int:
     """Return the dimension over which is integrated; what lengths and areas would add up to is refused."""
-    members = surface.members if isinstance(surface, HasMembers) else [surface]
-    found = sorted({member.dim if member.manifold_dim is None else member.manifold_dim for member in members})
+    found = dimensions_of(surface)
     if dim is None and len(found) > 1:
         raise InputError(
             f"The manifold has parts of the dimensions {' and '.join(map(str, found))}, whose sizes do not add up; "
@@ -59,10 +58,16 @@ def _dimension(surface: ClosestPointSource, dim: int | None) -> int:
     return found[0] if dim is None else dim
 
 
+def dimensions_of(surface: ClosestPointSource) -> list[int]:
+    """Return the dimensions of a surface's members, the lowest first; that of a solid is the space's."""
+    members = surface.members if isinstance(surface, HasMembers) else [surface]
+    return sorted({member.dim if member.manifold_dim is None else member.manifold_dim for member in members})
+
+
 def _nodes_with_values(solution: ReadableSolution, dim: int) -> tuple[Floats, Floats, Ints]:
     """Return the nodes of curved cells on the manifold, the solution there, and the cells."""
     mesh, scene = solution.display_mesh(), solution.scene
-    corners = _cells(mesh, scene.surface, dim)
+    corners = cells_of_dimension(mesh.cells, scene.surface, dim)
     sides = mesh.sides if mesh.sides is not None else np.zeros((len(mesh.points), 0), dtype=np.int64)
     points = moved_onto_boundaries(scene, mesh.points, sides)
     points = scene.surface.closest_point(points).points
@@ -81,8 +86,8 @@ def _nodes_with_values(solution: ReadableSolution, dim: int) -> tuple[Floats, Fl
     return np.concatenate([points, middles]), values, np.hstack([corners, len(points) + edges.of_cells])
 
 
-def _cells(mesh: DisplayMesh, surface: ClosestPointSource, dim: int) -> Ints:
-    """Return the cells of one dimension.
+def cells_of_dimension(cells: Ints, surface: ClosestPointSource, dim: int) -> Ints:
+    """Return those of a surface's ``cells`` that have one dimension.
 
     Raises
     ------
@@ -90,7 +95,7 @@ def _cells(mesh: DisplayMesh, surface: ClosestPointSource, dim: int) -> Ints:
         If the mesh shows a part of this dimension by cells of another: a cloud by points, a solid by its skin.
     """
     members = surface.members if isinstance(surface, HasMembers) else [surface]
-    shown = {corners - 1 for corners in (1, 2, 3) if len(with_corners(mesh.cells, corners))}
+    shown = {corners - 1 for corners in (1, 2, 3) if len(with_corners(cells, corners))}
     whole = {member.manifold_dim for member in members}
     if dim not in shown or not shown <= whole:
         names = {0: "points", 1: "segments", 2: "triangles"}
@@ -99,4 +104,4 @@ def _cells(mesh: DisplayMesh, surface: ClosestPointSource, dim: int) -> Ints:
             f"manifold of dimension {dim} is integrated over; curves, surfaces and areas of the plane with a mesh that "
             "fills them are accepted."
         )
-    return with_corners(mesh.cells, dim + 1)
+    return with_corners(cells, dim + 1)

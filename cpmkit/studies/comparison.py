@@ -18,7 +18,7 @@ SHOWN = {
 
 
 def comparison_table(studies: Sequence[tuple[str, Sequence[Series]]]) -> str:
-    """Return differences from a reference, in percent of half its range, methods side by side.
+    """Return differences from a reference, in percent of half its range, methods side by side; no empty columns.
 
     Parameters
     ----------
@@ -27,15 +27,15 @@ def comparison_table(studies: Sequence[tuple[str, Sequence[Series]]]) -> str:
     """
     ordered = sorted((one for _, series in studies for one in series), key=lambda one: one.method != "cpm")
     labels = list(dict.fromkeys(one.label for one in ordered))  # twins are those of the first
-    columns = [f"{name}, {label}" for name in SHOWN.values() for label in labels]
-    header = ["", "spacing", "unknowns", "twins", *columns]
-    lines = [row(header), rule(1, len(header) - 1)]
+    rows = [["", "spacing", "unknowns", "twins", *(f"{name}, {label}" for name in SHOWN.values() for label in labels)]]
     for title, series in studies:
         found = {(one.label, entry.spacing): entry for one in series for entry in one.entries}
         for spacing in sorted({spacing for _, spacing in found}, reverse=True):
             entries = [found.get((label, spacing)) for label in labels]
-            lines.append(row([title, f"{spacing:g}", *_size(entries), *_differences(entries)]))
-    return "\n".join(lines)
+            rows.append([title, f"{spacing:g}", *_size(entries), *_differences(entries)])
+    filled = [k for k in range(len(rows[0])) if any(cells[k] for cells in rows[1:])]
+    header, *lines = [row([cells[k] for k in filled]) for cells in rows]
+    return "\n".join([header, rule(1, len(filled) - 1), *lines])
 
 
 def told_of_differences(series: Sequence[Series]) -> str:

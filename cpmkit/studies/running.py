@@ -157,8 +157,7 @@ def _solve(scene: Scene, run: Run, options: dict[str, Any], progress: Progress) 
     if run.method in BASELINES:
         return solve_by_fixed_nodes(scene, run.spacing, method=run.method, progress=progress, **placed)
     assert run.order is not None
-    sheets = CLOSEST_POINTS[run.method]
-    return solve(scene, run.spacing, order=run.order, sheets=sheets, progress=progress, **placed)
+    return solve(scene, run.spacing, order=run.order, progress=progress, **CLOSEST_POINTS[run.method], **placed)
 
 
 def _measured(solution: ReadableSolution, truth: Truth) -> Record:

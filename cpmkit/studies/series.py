@@ -16,6 +16,7 @@ NAMES = {
     "cpm": "closest point method",
     "plain": "without sheets",
     "unfolded": "unfolded",
+    "balanced": "balanced",
     "nearest": "nearest point",
     "ball": "ball",
     "fem": "finite elements",

@@ -27,6 +27,7 @@ SWEPT = {
     "degree": "degrees of [sweep]",
     "order": "orders of [sweep]",
     "sheets": "methods of [sweep], as 'cpm', 'plain' or 'unfolded'",
+    "balance": "methods of [sweep], as 'balanced'",
 }
 TABLES = ("title", "surface", "boundary", "problem", "discretization", "solver", "let", "exact", "sweep")
 

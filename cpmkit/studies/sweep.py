@@ -11,10 +11,15 @@ import numpy as np
 
 from cpmkit.arrays import positive
 from cpmkit.errors import InputError, SceneError
-from cpmkit.protocols import Floats, Parting
+from cpmkit.protocols import Floats
 
-#: The closest point method, and what it makes of sheets that share a band.
-CLOSEST_POINTS: dict[str, Parting] = {"cpm": True, "plain": False, "unfolded": "unfolded"}
+#: The closest point method, by what its options make of sheets that share a band, and of fluxes.
+CLOSEST_POINTS: dict[str, dict[str, Any]] = {
+    "cpm": {},
+    "plain": {"sheets": False},
+    "unfolded": {"sheets": "unfolded"},
+    "balanced": {"balance": 5},
+}
 #: Methods that fix nodes: they have no order of their own.
 BASELINES = ("nearest", "ball")
 #: The seed of the random positions of the lattice.
@@ -39,6 +44,7 @@ class Sweep:
         At how many random positions of the lattice each run is made; 1 is the lattice's own position.
     methods : list of str
         ``cpm``, ``plain`` (which does not tell sheets apart), ``unfolded`` (which unfolds sharp bends, too),
+        ``balanced`` (which balances fluxes against polynomials of degree 5),
         ``nearest``, ``ball``, or the name of a plugin's back end.
     step_per_spacing : float, optional
         For problems with a time step: the longest one, as a multiple of the spacing.

@@ -57,8 +57,8 @@ def tilted_to_chords(vertices: Floats, faces: Ints, adjacency: Topology, normals
 def with_tilted_rim(vertices: Floats, faces: Ints, adjacency: Topology, normals: Floats) -> Floats:
     """Tilt the normals of rim vertices, whose triangles lie on one side and lean them to the inside.
 
-    The triangles are wound alike, so that each edge off the rim is met once in either direction. The normals take the least tilt that fits the chords to inner neighbours, whose normals are sound, in the sense of least
-    squares.
+    The triangles are wound alike, so that each edge off the rim is met once in either direction. The normals take the
+    least tilt that fits the chords to inner neighbours, whose normals are sound, in the sense of least squares.
     """
     on_rim = np.zeros(len(vertices), dtype=bool)
     on_rim[adjacency.boundary] = True

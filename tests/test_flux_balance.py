@@ -1,0 +1,364 @@
+"""Fluxes that balance against polynomials leave a fraction of the error, of the same order."""
+
+import re
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from model_problems import on_circle, order_of, origins, sphere_points
+
+import cpmkit as ck
+from cpmkit.polynomials import Polynomials
+from cpmkit.reading.weak_form import curved_cells_of, weak_form
+
+SPHERE = ck.source("analytic.sphere")
+CIRCLE = ck.source("analytic.circle")
+TORUS = ck.source("analytic.torus", major=1.0, minor=0.4)
+SPACINGS = (0.2, 0.1, 0.05)
+
+
+@dataclass(frozen=True)
+class Known:
+    """A scene whose solution is known at points."""
+
+    scene: ck.Scene
+    points: Any
+    values: Any
+    spacings: tuple[float, ...] = SPACINGS
+
+    def errors(self, balance, count=1, **options):
+        """Rms errors at the spacings, also over ``count`` positions of the lattice; means apart where they are free."""
+        found = []
+        for h in self.spacings:
+            off = []
+            for shift in origins(self.points.shape[1])[:count]:
+                off.append(ck.solve(self.scene, h, balance=balance, origin=h * shift, **options).evaluate(self.points))
+            off = np.array(off).reshape(count, len(self.points), -1) - self.values.reshape(len(self.points), -1)
+            if self.scene.problem.kind == "poisson":
+                off -= off.mean(axis=1, keepdims=True)
+            found.append(np.sqrt(np.mean(off**2)))
+        return np.array(found)
+
+
+def u_sphere(x):
+    return np.exp(2 * x[:, 2]) + np.sin(3 * x[:, 0])
+
+
+def f_sphere(x):
+    """-Lap u + u; Lap g(z) = (1 - z^2) g'' - 2 z g' on the unit sphere."""
+    p, q = x[:, 2], x[:, 0]
+    lap = (4 * (1 - p**2) - 4 * p) * np.exp(2 * p) - 9 * (1 - q**2) * np.sin(3 * q) - 6 * q * np.cos(3 * q)
+    return u_sphere(x) - lap
+
+
+def on_sphere():
+    points = sphere_points()
+    return Known(ck.Scene(SPHERE, ck.ScreenedPoisson(f_sphere)), points, u_sphere(points))
+
+
+def on_torus():
+    """u = sin a cos 2b at the angles a around the axis and b around the tube."""
+
+    def angles(x):
+        return np.arctan2(x[:, 1], x[:, 0]), np.arctan2(x[:, 2], np.hypot(x[:, 0], x[:, 1]) - 1)
+
+    def u(x):
+        a, b = angles(x)
+        return np.sin(a) * np.cos(2 * b)
+
+    def f(x):
+        a, b = angles(x)
+        ring = 1 + 0.4 * np.cos(b)
+        along = -np.sin(a) * np.cos(2 * b) / ring**2
+        around = np.sin(a) * (-4 * np.cos(2 * b) / 0.4**2 + 2 * np.sin(b) * np.sin(2 * b) / (0.4 * ring))
+        return u(x) - along - around
+
+    a, b = np.random.default_rng(0).uniform(0, 2 * np.pi, (2, 3000))
+    ring = 1 + 0.4 * np.cos(b)
+    points = np.stack([ring * np.cos(a), ring * np.sin(a), 0.4 * np.sin(b)], axis=1)
+    return Known(ck.Scene(TORUS, ck.ScreenedPoisson(f)), points, u(points), (0.1, 0.07, 0.05))
+
+
+def on_half_sphere():
+    """Between walls: no flux of u = cos(pi z) + x crosses z = 0."""
+
+    def u(x):
+        return np.cos(np.pi * x[:, 2]) + x[:, 0]
+
+    def f(x):
+        z = x[:, 2]
+        bent = (1 - z**2) * np.pi**2 * np.cos(np.pi * z) - 2 * np.pi * z * np.sin(np.pi * z)
+        return bent + np.cos(np.pi * z) + 3 * x[:, 0]
+
+    points = sphere_points()
+    points = points[points[:, 2] > 0]
+    half = ck.source("analytic.cap", height=0.0)
+    return Known(ck.Scene(half, ck.ScreenedPoisson(f)), points, u(points))
+
+
+def on_two_spheres():
+    """Twice as much on the second."""
+    shift = np.array([3.0, 0, 0])
+
+    def both(function):
+        return lambda x: np.where(x[:, 0] < 1.5, function(x), 2 * function(x - shift))
+
+    union = ck.source("union", members=[SPHERE, ck.source("analytic.sphere", center=shift)])
+    points = np.concatenate([sphere_points(), sphere_points() + shift])
+    return Known(ck.Scene(union, ck.ScreenedPoisson(both(f_sphere))), points, both(u_sphere)(points), (0.2, 0.14, 0.1))
+
+
+def angle(x):
+    return np.arctan2(x[:, 1], x[:, 0])
+
+
+def u_circle(x):
+    return np.sin(4 * angle(x)) + np.exp(x[:, 0])
+
+
+def on_circle_with_coefficients():
+    """a = 2 + x, c = 1 + y^2, two channels of which one is half the other."""
+
+    def f(x):
+        t, grown = angle(x), np.exp(x[:, 0])
+        first = 4 * np.cos(4 * t) - x[:, 1] * grown
+        second = -16 * np.sin(4 * t) + (x[:, 1] ** 2 - x[:, 0]) * grown
+        value = -(2 + x[:, 0]) * second + x[:, 1] * first + (1 + x[:, 1] ** 2) * u_circle(x)
+        return np.stack([value, value / 2], axis=1)
+
+    problem = ck.Elliptic(f, diffusivity=lambda x: 2 + x[:, 0], c=lambda x: 1 + x[:, 1] ** 2)
+    points = on_circle(np.linspace(0, 2 * np.pi, 500, endpoint=False))
+    values = np.stack([u_circle(points), u_circle(points) / 2], axis=1)
+    return Known(ck.Scene(CIRCLE, problem), points, values, (0.1, 0.05, 0.025))
+
+
+def on_circle_up_to_a_constant():
+    def f(x):
+        return 16 * np.sin(4 * angle(x)) + np.exp(x[:, 0]) * (x[:, 0] - x[:, 1] ** 2)
+
+    points = on_circle(np.linspace(0, 2 * np.pi, 500, endpoint=False))
+    values = u_circle(points)
+    return Known(ck.Scene(CIRCLE, ck.Poisson(f)), points, values - values.mean(), (0.1, 0.05, 0.025))
+
+
+#: How much smaller the error is at least, of a problem over a count of positions of the lattice.
+GAINS = {
+    on_sphere: (8, 1),
+    on_torus: (10, 1),
+    on_half_sphere: (10, 1),
+    on_two_spheres: (10, 1),
+    on_circle_with_coefficients: (2.5, 4),
+    on_circle_up_to_a_constant: (2.5, 4),
+}
+
+
+@pytest.mark.parametrize(
+    "problem", [pytest.param(one, marks=[pytest.mark.slow] * (one is on_torus), id=one.__name__) for one in GAINS]
+)
+def test_balanced_fluxes_leave_a_fraction_of_the_error_and_keep_the_order(problem):
+    known, (gain, count) = problem(), GAINS[problem]
+    plain, balanced = known.errors(0, count), known.errors(5, count)
+    assert (balanced * gain <= plain).all(), plain / balanced
+    assert order_of(known.spacings, balanced) >= 1.8
+
+
+def test_the_fourth_order_stays():
+    known = on_circle_up_to_a_constant()
+    plain, balanced = (known.errors(degree, order=4, degree=5) for degree in (0, 5))
+    assert (balanced * 3 <= plain).all()
+    assert order_of(known.spacings, balanced) >= 3.5
+
+
+def test_higher_degrees_leave_less_and_say_how_far_u_was_off():
+    known = on_sphere()
+    errors = []
+    for degree, functions in ((0, 0), (2, 9), (4, 25), (7, 64)):  # on a sphere they are its harmonics: (degree + 1)^2
+        solution = ck.solve(known.scene, 0.1, balance=degree)
+        errors.append(np.sqrt(np.mean((solution.evaluate(known.points) - known.values) ** 2)))
+        if degree:
+            assert solution.balance.degree == degree
+            assert solution.balance.functions == functions
+            assert not solution.leaks
+            assert solution.work.closest_point_queries > ck.solve(known.scene, 0.1).work.closest_point_queries
+    assert all(after < 0.5 * before for before, after in pairwise(errors))
+    plain = ck.solve(known.scene, 0.1, balance=0)
+    assert plain.balance is None
+    off = np.sqrt(np.mean((plain.evaluate(known.points) - known.values) ** 2)) + abs(plain.leaks[0].shift[0])
+    assert 0.5 * off < solution.balance.moved[0] * np.ptp(known.values) < 1.1 * off
+
+
+def test_what_is_balanced_stays():
+    """The weak residual against every polynomial vanishes, to what interpolation makes of them."""
+    known = on_torus()
+    weak = weak_form_of(known.scene, 0.1)
+    polynomials = Polynomials(weak.nodes.min(axis=0), weak.nodes.max(axis=0), 5).at(weak.nodes)
+    f = weak.mass @ known.scene.problem.terms().f(weak.nodes)
+    plain, balanced = (
+        np.abs(polynomials.T @ (f - weak.form @ ck.solve(known.scene, 0.1, balance=degree).evaluate(weak.nodes))).max()
+        for degree in (0, 5)
+    )
+    assert balanced <= 0.02 * plain
+
+
+def weak_form_of(scene, spacing):
+    curved = curved_cells_of(scene.surface, 2 * spacing)
+    return weak_form(curved, np.ones(len(curved.nodes)), np.ones(len(curved.nodes)))
+
+
+def test_the_weak_form_is_of_fourth_order_on_a_sphere():
+    """int |grad z|^2 = 8 pi / 3 and int z^2 = 4 pi / 3, off by what quadratic cells leave."""
+    off = []
+    for h in SPACINGS:
+        curved = curved_cells_of(SPHERE, 2 * h)
+        none, every = np.zeros(len(curved.nodes)), np.ones(len(curved.nodes))
+        weak, z = weak_form(curved, every, none), curved.nodes[:, 2]
+        off.append((abs(z @ weak.form @ z - 8 * np.pi / 3), abs(z @ weak.mass @ z - 4 * np.pi / 3)))
+    slope, mass = np.transpose(off)
+    assert order_of(SPACINGS, slope) >= 3.5
+    assert order_of(SPACINGS, mass) >= 3.5
+    assert max(slope[-1], mass[-1]) < 1e-4
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_polynomials_are_summed_as_they_are(dim):
+    points, rng = np.random.default_rng(0).uniform(-1, 3, (200, dim)), np.random.default_rng(1)
+    polynomials = Polynomials(np.full(dim, -1.0), np.full(dim, 3.0), 4)
+    values = polynomials.at(points)
+    factors = rng.normal(size=(values.shape[1], 2))
+    assert (values[:, 0] == 1).all()
+    assert np.linalg.matrix_rank(values) == values.shape[1] == {2: 15, 3: 35}[dim]
+    assert polynomials.combined(factors, points) == pytest.approx(values @ factors, abs=1e-12)
+
+
+def test_a_flat_direction_is_no_harm():
+    """In the plane z = 0 every polynomial in z is a constant."""
+    circle = ck.source("analytic.circle", center=[0, 0, 0], radius=1.0, normal=[0, 0, 1])
+    scene = ck.Scene(circle, ck.ScreenedPoisson(lambda x: 10 * x[:, 0] * x[:, 1]))
+    solution = ck.solve(scene, 0.1, balance=3)
+    assert solution.balance.functions == 7
+    points = on_circle(np.linspace(0, 6, 50)) @ np.eye(2, 3)
+    assert solution.evaluate(points) == pytest.approx(2 * points[:, 0] * points[:, 1], abs=1e-3)
+
+
+def test_nothing_in_stays_nothing():
+    solution = ck.solve(ck.Scene(SPHERE, ck.Laplace()), 0.2, balance=3)
+    assert not solution.values.any()
+    assert solution.balance.moved == (0.0,)
+
+
+def test_an_open_edge_with_a_condition_is_left_alone_and_another_piece_is_not():
+    """A cap held at its rim beside a sphere: polynomials on the sphere alone."""
+    cap = ck.source("analytic.cap", height=0.3)
+    union = ck.source("union", members=[ck.source("analytic.sphere", center=[4, 0, 0]), cap])
+    scene = ck.Scene(union, ck.ScreenedPoisson(lambda x: x[:, 1]), edge=ck.Dirichlet(0.0))
+    plain, balanced = (ck.solve(scene, 0.1, balance=degree) for degree in (0, 3))
+    on_cap = sphere_points(500)
+    on_cap = on_cap[on_cap[:, 2] > 0.3]
+    assert balanced.evaluate(on_cap) == pytest.approx(plain.evaluate(on_cap), abs=1e-12)
+    there = sphere_points(500) + [4, 0, 0]
+    off = [np.abs(one.evaluate(there) - there[:, 1] / 3).max() for one in (plain, balanced)]
+    assert off[1] < 0.2 * off[0]
+
+
+POINT = ck.Boundary("pin", ck.source("analytic.point", at=[1, 0]), both=ck.Dirichlet(0.0))
+
+
+def screened(surface, c=1.0, **more):
+    return ck.Scene(surface, ck.ScreenedPoisson(lambda x: x[:, 0], c=c), **more)
+
+
+@pytest.mark.parametrize(
+    ("scene", "balance", "message"),
+    [
+        (screened(CIRCLE), 9, "a whole number from 0, which leaves .*, to 8, got 9"),
+        (screened(CIRCLE), 2.0, "a whole number .* got 2.0"),
+        (screened(CIRCLE), True, "a whole number .* got True"),
+        (ck.Scene(CIRCLE, ck.Eigen(count=2)), 3, "a problem of kind 'eigen', and is for steady ones"),
+        (ck.Scene(CIRCLE, ck.Helmholtz(1.0, wavenumber=0.5)), 3, "c = -0.25, and is for c of zero and above"),
+        (
+            ck.Scene(CIRCLE, ck.Elliptic(1.0, c=lambda x: 0.5 + x[:, 0])),
+            3,
+            "a c that falls to -0.5, and is for c of zero and above",
+        ),
+        (
+            ck.Scene(CIRCLE, ck.Elliptic(1.0, c=1.0, velocity=lambda x: x[:, ::-1] * [-1, 1])),
+            3,
+            "a problem with a velocity, and is for problems without",
+        ),
+        (screened(CIRCLE, boundaries=[POINT]), 3, "a scene with the boundaries 'pin', and is for scenes without"),
+        (
+            screened(ck.source("analytic.cap"), edge=ck.Dirichlet(0.0)),
+            3,
+            "a manifold with conditions on its edges, and is for pieces that are closed or end at walls",
+        ),
+    ],
+    ids=["too high", "a float", "a flag", "eigen", "waves", "c below zero", "velocity", "boundary", "edge"],
+)
+def test_what_is_not_balanced_is_refused_in_one_sentence(scene, balance, message):
+    with pytest.raises(ck.InputError, match=message) as caught:
+        ck.solve(scene, 0.2, balance=balance)
+    assert str(caught.value).count(".") <= 3
+
+
+def test_another_back_end_refuses_it():
+    mesh = ck.source("mesh.triangles", vertices=np.eye(3), faces=[[0, 1, 2]])
+    with pytest.raises(ck.CpmkitError, match="balance"):
+        ck.solve(screened(mesh), backend="fem", balance=3)
+
+
+def test_scene_files_explain_and_files_know_it(tmp_path):
+    (tmp_path / "ball.toml").write_text(
+        """
+[surface]
+kind = "analytic.sphere"
+[problem]
+kind = "screened"
+f = "x + z**2"
+[discretization]
+spacing = 0.2
+balance = 4
+"""
+    )
+    loaded = ck.load_scene(tmp_path / "ball.toml")
+    assert loaded.options == {"balance": 4}
+    (part,) = [one for one in ck.explain(loaded.scene, loaded.spacing, **loaded.options).parts if one.name == "balance"]
+    assert part.amount == "35 polynomials"
+    with pytest.raises(ck.InputError, match="whole number"):
+        ck.explain(loaded.scene, loaded.spacing, balance=-1)
+    solution = ck.solve(loaded.scene, loaded.spacing, **loaded.options)
+    told = solution.summary()["discretization"]["balance"]
+    assert (told["degree"], told["functions"]) == (4, 25)
+    assert "balance" in solution.seconds
+    solution.save(tmp_path / "ball.npz")
+    again = ck.load(tmp_path / "ball.npz", loaded.scene)
+    assert (again.evaluate(sphere_points(50)) == solution.evaluate(sphere_points(50))).all()
+    assert again.balance == solution.balance
+
+
+def test_cells_without_area_weigh_nothing():
+    from cpmkit.reading.curved_cells import CurvedCells
+
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [2, 0, 0]])
+    middles = np.array([[0.5, 0, 0], [0.5, 0.5, 0], [0, 0.5, 0], [1.5, 0, 0], [1, 0, 0]])
+    cells = np.array([[0, 1, 2, 4, 5, 6], [0, 1, 3, 4, 7, 8]])
+    nodes = np.concatenate([corners, middles])
+    weak = weak_form(CurvedCells(nodes, cells), np.ones(9), np.zeros(9))
+    assert np.isfinite(weak.form.data).all()
+    x = nodes[:, 0]
+    assert x @ weak.form @ x == pytest.approx(0.5)
+    assert x @ weak.mass @ x == pytest.approx(1 / 12)
+
+
+def test_python_on_its_page():
+    page = (Path(__file__).parents[1] / "docs" / "explanation" / "balance.md").read_text(encoding="utf-8")
+    names = {}
+    exec(re.search(r"^```python\n(.*?)^```", page, re.M | re.DOTALL)[1], names)
+    points = names["scene"].surface.mesh(0.3)[0]
+    fine = ck.solve(names["scene"], spacing=0.05, balance=5).evaluate(points)
+    plain = ck.solve(names["scene"], spacing=0.1, balance=0)
+    before = plain.evaluate(points) - sum(leak.shift[0] for leak in plain.leaks)
+    off = np.sqrt(np.mean((before - fine) ** 2)) / np.ptp(fine)
+    assert 0.7 * off < names["solution"].balance.moved[0] < 1.4 * off
