@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +19,7 @@ from cpmkit.protocols import BoundarySet, ClosestPointSource
 from cpmkit.scene import Boundary, Scene
 from cpmkit.scene_data import evaluate_data
 from cpmkit.solvers import ACCEPTED
+from cpmkit.tomlfile import made_from_toml
 from cpmkit.vertex_data import with_vertex_data
 
 TABLES = ("surface", "boundary", "problem", "discretization", "solver", "output")
@@ -71,19 +71,7 @@ def load_scene(path: str | Path) -> SceneFile:
     PluginError
         If a kind is offered by no installed plugin.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise SceneError(
-            f"no scene file {str(path)!r}; give the path of a TOML file, such as examples/01-first-curves.toml."
-        )
-    try:
-        tables = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise SceneError(f"{path.name} is not TOML: {error}.") from error
-    try:
-        return _scene_file(tables, path)
-    except SceneError as error:
-        raise SceneError(f"{path.name}: {error}") from error
+    return made_from_toml(path, _scene_file, "scene file", ", such as examples/01-first-curves.toml")
 
 
 def _scene_file(tables: dict[str, Any], path: Path) -> SceneFile:

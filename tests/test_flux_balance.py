@@ -1,148 +1,26 @@
 """Fluxes that balance against polynomials leave a fraction of the error, of the same order."""
 
 import re
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from model_problems import on_circle, order_of, origins, sphere_points
+from closed_problems import (
+    CIRCLE,
+    SPHERE,
+    on_circle_up_to_a_constant,
+    on_circle_with_coefficients,
+    on_half_sphere,
+    on_sphere,
+    on_torus,
+    on_two_spheres,
+)
+from model_problems import on_circle, order_of, sphere_points
 
 import cpmkit as ck
 from cpmkit.polynomials import Polynomials
 from cpmkit.reading.weak_form import curved_cells_of, weak_form
-
-SPHERE = ck.source("analytic.sphere")
-CIRCLE = ck.source("analytic.circle")
-TORUS = ck.source("analytic.torus", major=1.0, minor=0.4)
-SPACINGS = (0.2, 0.1, 0.05)
-
-
-@dataclass(frozen=True)
-class Known:
-    """A scene whose solution is known at points."""
-
-    scene: ck.Scene
-    points: Any
-    values: Any
-    spacings: tuple[float, ...] = SPACINGS
-
-    def errors(self, balance, count=1, **options):
-        """Rms errors at the spacings, also over ``count`` positions of the lattice; means apart where they are free."""
-        found = []
-        for h in self.spacings:
-            off = []
-            for shift in origins(self.points.shape[1])[:count]:
-                off.append(ck.solve(self.scene, h, balance=balance, origin=h * shift, **options).evaluate(self.points))
-            off = np.array(off).reshape(count, len(self.points), -1) - self.values.reshape(len(self.points), -1)
-            if self.scene.problem.kind == "poisson":
-                off -= off.mean(axis=1, keepdims=True)
-            found.append(np.sqrt(np.mean(off**2)))
-        return np.array(found)
-
-
-def u_sphere(x):
-    return np.exp(2 * x[:, 2]) + np.sin(3 * x[:, 0])
-
-
-def f_sphere(x):
-    """-Lap u + u; Lap g(z) = (1 - z^2) g'' - 2 z g' on the unit sphere."""
-    p, q = x[:, 2], x[:, 0]
-    lap = (4 * (1 - p**2) - 4 * p) * np.exp(2 * p) - 9 * (1 - q**2) * np.sin(3 * q) - 6 * q * np.cos(3 * q)
-    return u_sphere(x) - lap
-
-
-def on_sphere():
-    points = sphere_points()
-    return Known(ck.Scene(SPHERE, ck.ScreenedPoisson(f_sphere)), points, u_sphere(points))
-
-
-def on_torus():
-    """u = sin a cos 2b at the angles a around the axis and b around the tube."""
-
-    def angles(x):
-        return np.arctan2(x[:, 1], x[:, 0]), np.arctan2(x[:, 2], np.hypot(x[:, 0], x[:, 1]) - 1)
-
-    def u(x):
-        a, b = angles(x)
-        return np.sin(a) * np.cos(2 * b)
-
-    def f(x):
-        a, b = angles(x)
-        ring = 1 + 0.4 * np.cos(b)
-        along = -np.sin(a) * np.cos(2 * b) / ring**2
-        around = np.sin(a) * (-4 * np.cos(2 * b) / 0.4**2 + 2 * np.sin(b) * np.sin(2 * b) / (0.4 * ring))
-        return u(x) - along - around
-
-    a, b = np.random.default_rng(0).uniform(0, 2 * np.pi, (2, 3000))
-    ring = 1 + 0.4 * np.cos(b)
-    points = np.stack([ring * np.cos(a), ring * np.sin(a), 0.4 * np.sin(b)], axis=1)
-    return Known(ck.Scene(TORUS, ck.ScreenedPoisson(f)), points, u(points), (0.1, 0.07, 0.05))
-
-
-def on_half_sphere():
-    """Between walls: no flux of u = cos(pi z) + x crosses z = 0."""
-
-    def u(x):
-        return np.cos(np.pi * x[:, 2]) + x[:, 0]
-
-    def f(x):
-        z = x[:, 2]
-        bent = (1 - z**2) * np.pi**2 * np.cos(np.pi * z) - 2 * np.pi * z * np.sin(np.pi * z)
-        return bent + np.cos(np.pi * z) + 3 * x[:, 0]
-
-    points = sphere_points()
-    points = points[points[:, 2] > 0]
-    half = ck.source("analytic.cap", height=0.0)
-    return Known(ck.Scene(half, ck.ScreenedPoisson(f)), points, u(points))
-
-
-def on_two_spheres():
-    """Twice as much on the second."""
-    shift = np.array([3.0, 0, 0])
-
-    def both(function):
-        return lambda x: np.where(x[:, 0] < 1.5, function(x), 2 * function(x - shift))
-
-    union = ck.source("union", members=[SPHERE, ck.source("analytic.sphere", center=shift)])
-    points = np.concatenate([sphere_points(), sphere_points() + shift])
-    return Known(ck.Scene(union, ck.ScreenedPoisson(both(f_sphere))), points, both(u_sphere)(points), (0.2, 0.14, 0.1))
-
-
-def angle(x):
-    return np.arctan2(x[:, 1], x[:, 0])
-
-
-def u_circle(x):
-    return np.sin(4 * angle(x)) + np.exp(x[:, 0])
-
-
-def on_circle_with_coefficients():
-    """a = 2 + x, c = 1 + y^2, two channels of which one is half the other."""
-
-    def f(x):
-        t, grown = angle(x), np.exp(x[:, 0])
-        first = 4 * np.cos(4 * t) - x[:, 1] * grown
-        second = -16 * np.sin(4 * t) + (x[:, 1] ** 2 - x[:, 0]) * grown
-        value = -(2 + x[:, 0]) * second + x[:, 1] * first + (1 + x[:, 1] ** 2) * u_circle(x)
-        return np.stack([value, value / 2], axis=1)
-
-    problem = ck.Elliptic(f, diffusivity=lambda x: 2 + x[:, 0], c=lambda x: 1 + x[:, 1] ** 2)
-    points = on_circle(np.linspace(0, 2 * np.pi, 500, endpoint=False))
-    values = np.stack([u_circle(points), u_circle(points) / 2], axis=1)
-    return Known(ck.Scene(CIRCLE, problem), points, values, (0.1, 0.05, 0.025))
-
-
-def on_circle_up_to_a_constant():
-    def f(x):
-        return 16 * np.sin(4 * angle(x)) + np.exp(x[:, 0]) * (x[:, 0] - x[:, 1] ** 2)
-
-    points = on_circle(np.linspace(0, 2 * np.pi, 500, endpoint=False))
-    values = u_circle(points)
-    return Known(ck.Scene(CIRCLE, ck.Poisson(f)), points, values - values.mean(), (0.1, 0.05, 0.025))
-
 
 #: How much smaller the error is at least, of a problem over a count of positions of the lattice.
 GAINS = {
@@ -206,31 +84,6 @@ def test_what_is_balanced_stays():
 def weak_form_of(scene, spacing):
     curved = curved_cells_of(scene.surface, 2 * spacing)
     return weak_form(curved, np.ones(len(curved.nodes)), np.ones(len(curved.nodes)))
-
-
-def test_the_weak_form_is_of_fourth_order_on_a_sphere():
-    """int |grad z|^2 = 8 pi / 3 and int z^2 = 4 pi / 3, off by what quadratic cells leave."""
-    off = []
-    for h in SPACINGS:
-        curved = curved_cells_of(SPHERE, 2 * h)
-        none, every = np.zeros(len(curved.nodes)), np.ones(len(curved.nodes))
-        weak, z = weak_form(curved, every, none), curved.nodes[:, 2]
-        off.append((abs(z @ weak.form @ z - 8 * np.pi / 3), abs(z @ weak.mass @ z - 4 * np.pi / 3)))
-    slope, mass = np.transpose(off)
-    assert order_of(SPACINGS, slope) >= 3.5
-    assert order_of(SPACINGS, mass) >= 3.5
-    assert max(slope[-1], mass[-1]) < 1e-4
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-def test_polynomials_are_summed_as_they_are(dim):
-    points, rng = np.random.default_rng(0).uniform(-1, 3, (200, dim)), np.random.default_rng(1)
-    polynomials = Polynomials(np.full(dim, -1.0), np.full(dim, 3.0), 4)
-    values = polynomials.at(points)
-    factors = rng.normal(size=(values.shape[1], 2))
-    assert (values[:, 0] == 1).all()
-    assert np.linalg.matrix_rank(values) == values.shape[1] == {2: 15, 3: 35}[dim]
-    assert polynomials.combined(factors, points) == pytest.approx(values @ factors, abs=1e-12)
 
 
 def test_a_flat_direction_is_no_harm():
@@ -336,20 +189,6 @@ balance = 4
     again = ck.load(tmp_path / "ball.npz", loaded.scene)
     assert (again.evaluate(sphere_points(50)) == solution.evaluate(sphere_points(50))).all()
     assert again.balance == solution.balance
-
-
-def test_cells_without_area_weigh_nothing():
-    from cpmkit.reading.curved_cells import CurvedCells
-
-    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [2, 0, 0]])
-    middles = np.array([[0.5, 0, 0], [0.5, 0.5, 0], [0, 0.5, 0], [1.5, 0, 0], [1, 0, 0]])
-    cells = np.array([[0, 1, 2, 4, 5, 6], [0, 1, 3, 4, 7, 8]])
-    nodes = np.concatenate([corners, middles])
-    weak = weak_form(CurvedCells(nodes, cells), np.ones(9), np.zeros(9))
-    assert np.isfinite(weak.form.data).all()
-    x = nodes[:, 0]
-    assert x @ weak.form @ x == pytest.approx(0.5)
-    assert x @ weak.mass @ x == pytest.approx(1 / 12)
 
 
 def test_python_on_its_page():

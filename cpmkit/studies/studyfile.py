@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -20,6 +19,7 @@ from cpmkit.scenefile import read_options, read_scene
 from cpmkit.studies.formulas import expand, expand_all, expand_names
 from cpmkit.studies.sampling import VERTICES
 from cpmkit.studies.sweep import Sweep
+from cpmkit.tomlfile import made_from_toml
 
 #: Keys of [discretization] that a study varies, and how its file says it.
 SWEPT = {
@@ -122,17 +122,7 @@ def load_study(path: str | Path) -> Study:
     SceneError
         If the file is missing, does not parse, or holds a key or value that is not accepted.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise SceneError(f"no study file {str(path)!r}; give the path of a TOML file with the tables [exact], [sweep].")
-    try:
-        tables = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise SceneError(f"{path.name} is not TOML: {error}.") from error
-    try:
-        return _study(tables, path)
-    except SceneError as error:
-        raise SceneError(f"{path.name}: {error}") from error
+    return made_from_toml(path, _study, "study file", " with the tables [exact], [sweep]")
 
 
 def _study(tables: dict[str, Any], path: Path) -> Study:
