@@ -96,6 +96,23 @@ def test_a_flat_direction_is_no_harm():
     assert solution.evaluate(points) == pytest.approx(2 * points[:, 0] * points[:, 1], abs=1e-3)
 
 
+@pytest.mark.parametrize("scale", [1e-6, 1e6])
+def test_the_unit_of_length_does_not_matter(scale):
+    """Three radii away from the origin, beside a unit sphere there."""
+
+    def solved(radius):
+        centre = np.array([3 * radius, 0, 0])
+        sphere = ck.source("analytic.sphere", center=centre, radius=radius)
+        problem = ck.ScreenedPoisson(lambda x: np.sin(3 * (x - centre)[:, 2] / radius) / radius**2, c=radius**-2)
+        solution = ck.solve(ck.Scene(sphere, problem), 0.2 * radius, balance=5)
+        return solution.evaluate(centre + radius * sphere_points(200)), solution.balance
+
+    (unit, balance), (values, other) = solved(1.0), solved(scale)
+    assert values == pytest.approx(unit, abs=1e-7)
+    assert other.functions == balance.functions
+    assert other.moved == pytest.approx(balance.moved, rel=1e-5)
+
+
 def test_nothing_in_stays_nothing():
     solution = ck.solve(ck.Scene(SPHERE, ck.Laplace()), 0.2, balance=3)
     assert not solution.values.any()
