@@ -87,7 +87,7 @@ def check_balance(scene: Scene, degree: Any) -> None:
     if type(degree) is not int or not 0 <= degree <= HIGHEST:
         raise InputError(
             f"balance must be the degree of the polynomials against which fluxes balance, a whole number from 0, "
-            f"which leaves the solution as it is, to {HIGHEST}, got {degree!r}."
+            f"for the mean alone, to {HIGHEST}, got {degree!r}."
         )
     if degree == 0:
         return

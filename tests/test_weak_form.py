@@ -38,9 +38,10 @@ def test_polynomials_are_summed_as_they_are(dim):
     assert polynomials.combined(factors, points) == pytest.approx(values @ factors, abs=1e-12)
 
 
-def test_cells_without_area_weigh_nothing():
-    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [2, 0, 0]])
-    middles = np.array([[0.5, 0, 0], [0.5, 0.5, 0], [0, 0.5, 0], [1.5, 0, 0], [1, 0, 0]])
+@pytest.mark.parametrize("height", [0.0, 1e-13])
+def test_cells_without_area_weigh_nothing(height):
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [2, height, 0]])
+    middles = np.array([[0.5, 0, 0], [0.5, 0.5, 0], [0, 0.5, 0], [1.5, height / 2, 0], [1, height / 2, 0]])
     cells = np.array([[0, 1, 2, 4, 5, 6], [0, 1, 3, 4, 7, 8]])
     nodes = np.concatenate([corners, middles])
     weak = weak_form(CurvedCells(nodes, cells), np.ones(9), np.zeros(9))

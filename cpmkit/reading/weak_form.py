@@ -16,6 +16,8 @@ from cpmkit.surface_mesh import mesh_of
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
+#: A cell whose tangents span less than the root of this share of the area that they would at right angles has none.
+FLAT = 1e-20
 #: Cells whose matrices are made at a time.
 CHUNK = 1 << 14
 
@@ -79,13 +81,15 @@ def weak_form(curved: CurvedCells, diffusivity: Floats, c: Floats) -> WeakForm:
 def _inverse(gram: Floats) -> tuple[Floats, Floats]:
     """Return the determinants (m, q) of symmetric matrices (m, q, a, a), a of 1 or 2, and their inverses.
 
-    Those of cells without area are zero.
+    Both are zero where the determinant is rounding: the cell has no area.
     """
     cofactors = np.ones_like(gram)
     if gram.shape[-1] == 2:
         cofactors[..., 0, 0], cofactors[..., 1, 1] = gram[..., 1, 1], gram[..., 0, 0]
         cofactors[..., 0, 1] = cofactors[..., 1, 0] = -gram[..., 0, 1]
-    determinant = np.maximum(np.einsum("mqb,mqb->mq", gram[..., 0, :], cofactors[..., 0, :]), 0.0)
+    determinant = np.einsum("mqb,mqb->mq", gram[..., 0, :], cofactors[..., 0, :])
+    largest = np.prod(np.diagonal(gram, axis1=2, axis2=3), axis=2)
+    determinant = np.where(determinant > FLAT * largest, determinant, 0.0)
     return determinant, cofactors / np.where(determinant > 0, determinant, np.inf)[..., None, None]
 
 
