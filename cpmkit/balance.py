@@ -69,7 +69,8 @@ def put_mean_right(
     """Return u (n, channels) shifted on each piece that nothing flows out of, and what leaked there.
 
     Nothing is done where c varies or is zero, where a velocity carries u along, and where c is so large that a leak
-    shows near its place and not as a constant; nor for small leaks of a piece with edges, where means are less exact.
+    shows near its place and not as a constant; nor for small leaks of a piece with edges, where means are less exact,
+    or for any of it at order 1, where they are off by as much as u.
     """
     terms, layout = scene.problem.terms(), tables.layout
     if callable(terms.c) or terms.c <= 0 or terms.velocity is not None:
@@ -88,7 +89,7 @@ def put_mean_right(
         own = u[members[piece == k]]
         span = np.maximum(np.ptp(own, axis=0), CONSTANT * np.abs(own).max(axis=0))
         share = float(np.max(np.abs(imbalance[k] / terms.c) / np.where(span > 0, span, np.inf)))
-        if k in open_pieces and share <= TOLD:
+        if k in open_pieces and (share <= TOLD or layout.order == 1):
             continue
         shift[k] = -imbalance[k] / terms.c
         leaks.append(Leak(tuple(imbalance[k].tolist()), tuple(shift[k].tolist()), share))

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from cpmkit.balance import CONSTANT
 from cpmkit.components import without_flux
 from cpmkit.discretization import Discretization
 from cpmkit.errors import InputError
@@ -153,7 +154,7 @@ def balance_fluxes(solution: Solution, weak: WeakForm, degree: int) -> Solution:
         added[rows] = correction(weak.nodes[rows])
         functions += found
     weights = weak.mass.sum(axis=1)
-    span = np.ptp(u, axis=0)
+    span = np.maximum(np.ptp(u, axis=0), CONSTANT * np.abs(u).max(axis=0))
     rms = np.sqrt(weights @ added**2 / weights.sum())
     moved = np.divide(rms, span, out=np.zeros_like(rms), where=span > 0)
     balance = Balance(degree, functions, tuple(moved.tolist()))

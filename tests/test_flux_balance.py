@@ -50,6 +50,13 @@ def test_the_fourth_order_stays():
     assert order_of(known.spacings, balanced) >= 3.5
 
 
+def test_walls_of_first_order_cost_no_order():
+    known = on_half_sphere()
+    plain, balanced = (known.errors(degree, order=1) for degree in (0, 5))
+    assert order_of(known.spacings, plain) <= 1.3
+    assert order_of(known.spacings, balanced) >= 1.8
+
+
 def test_higher_degrees_leave_less_and_say_how_far_u_was_off():
     known = on_sphere()
     errors = []
@@ -111,6 +118,13 @@ def test_the_unit_of_length_does_not_matter(scale):
     assert values == pytest.approx(unit, abs=1e-7)
     assert other.functions == balance.functions
     assert other.moved == pytest.approx(balance.moved, rel=1e-5)
+
+
+def test_a_constant_is_not_told_to_have_moved():
+    solution = ck.solve(ck.Scene(SPHERE, ck.ScreenedPoisson(3.0)), 0.1, balance=5)
+    assert solution.evaluate(sphere_points(100)) == pytest.approx(3.0, rel=1e-6)
+    assert solution.balance.moved[0] < 0.05
+    assert not solution.warnings
 
 
 def test_nothing_in_stays_nothing():
