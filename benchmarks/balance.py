@@ -29,8 +29,8 @@ def differences(name: str, spacing: float, count: int) -> np.ndarray:
     found = []
     for origin in positions(spacing, count):
         solution = ck.solve(scene, spacing, origin=origin, **options)
-        weak = prepare_balance(scene, solution.tables)
-        balanced = [balance_fluxes(solution, weak, degree) for degree in DEGREES]
+        prepared = prepare_balance(scene, solution.tables)
+        balanced = [balance_fluxes(solution, prepared, degree) for degree in DEGREES]
         found.append([measure(one) for one in (solution, *balanced)])
     return np.array(found)
 

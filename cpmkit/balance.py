@@ -86,8 +86,7 @@ def put_mean_right(
     open_pieces = np.unique(piece[layout.band.feet.edge[members] >= 0])
     shift, leaks = np.zeros_like(imbalance), []
     for k in range(count):
-        own = u[members[piece == k]]
-        span = np.maximum(np.ptp(own, axis=0), CONSTANT * np.abs(own).max(axis=0))
+        span = span_of(u[members[piece == k]])
         share = float(np.max(np.abs(imbalance[k] / terms.c) / np.where(span > 0, span, np.inf)))
         if k in open_pieces and (share <= TOLD or layout.order == 1):
             continue
@@ -96,3 +95,9 @@ def put_mean_right(
     u = u.copy()
     u[members] += shift[piece]
     return u, tuple(leaks)
+
+
+def span_of(u: Floats) -> Floats:
+    """Return the range (channels,) of u (n, channels), and of a constant what rounding stays below."""
+    span: Floats = np.maximum(np.ptp(u, axis=0), CONSTANT * np.abs(u).max(axis=0))
+    return span

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.balance import CONSTANT
+from cpmkit.balance import span_of
 from cpmkit.components import without_flux
 from cpmkit.discretization import Discretization
 from cpmkit.errors import InputError
@@ -113,8 +113,27 @@ def _refused(got: str, accepted: str) -> InputError:
     return InputError(f"balance was asked for {got}, and is for {accepted}; leave it out.")
 
 
-def prepare_balance(scene: Scene, tables: Discretization) -> WeakForm:
-    """Return what the fluxes are integrated with.
+@dataclass(frozen=True, eq=False)
+class Balancing:
+    """What balancing fluxes starts from.
+
+    Attributes
+    ----------
+    weak : WeakForm
+        What they are integrated with.
+    count : int
+        How many pieces nothing flows out of.
+    piece : (n,) int64
+        Which of them each unknown is on, -1 for none.
+    """
+
+    weak: WeakForm
+    count: int
+    piece: Ints
+
+
+def prepare_balance(scene: Scene, tables: Discretization) -> Balancing:
+    """Return what balancing the fluxes starts from; all that may be refused is refused here.
 
     Raises
     ------
@@ -122,7 +141,8 @@ def prepare_balance(scene: Scene, tables: Discretization) -> WeakForm:
         If something flows out of every piece of the manifold, c is below zero somewhere, or the surface's mesh does
         not fill it.
     """
-    if not without_flux(tables, scene)[0]:
+    count, piece = without_flux(tables, scene)
+    if not count:
         raise _refused("a manifold with conditions on its edges", "pieces that are closed or end at walls")
     terms = scene.problem.terms()
     layout = tables.layout
@@ -131,15 +151,14 @@ def prepare_balance(scene: Scene, tables: Discretization) -> WeakForm:
     c = evaluate_data(terms.c, curved.nodes, 1, "the factor c")[:, 0]
     if c.min(initial=0.0) < 0:
         raise _refused(f"a c that falls to {c.min():.3g}", "c of zero and above")
-    return weak_form(curved, a, c)
+    return Balancing(weak_form(curved, a, c), count, piece)
 
 
-def balance_fluxes(solution: Solution, weak: WeakForm, degree: int) -> Solution:
+def balance_fluxes(solution: Solution, prepared: Balancing, degree: int) -> Solution:
     """Return the solution whose fluxes balance against all polynomials up to a degree, piece by piece."""
     start = time.perf_counter()
-    scene, tables = solution.scene, solution.tables
-    terms = scene.problem.terms()
-    count, piece = without_flux(tables, scene)
+    tables, terms = solution.tables, solution.scene.problem.terms()
+    weak, count, piece = prepared.weak, prepared.count, prepared.piece
     pieces = _pieces_of_nodes(solution, weak.nodes, count, piece)
     u = solution.evaluate(weak.nodes).reshape(len(weak.nodes), -1)
     missing = weak.mass @ evaluate_data(terms.f, weak.nodes, solution.channels, "the right-hand side f")
@@ -154,7 +173,7 @@ def balance_fluxes(solution: Solution, weak: WeakForm, degree: int) -> Solution:
         added[rows] = correction(weak.nodes[rows])
         functions += found
     weights = weak.mass.sum(axis=1)
-    span = np.maximum(np.ptp(u, axis=0), CONSTANT * np.abs(u).max(axis=0))
+    span = span_of(u)
     rms = np.sqrt(weights @ added**2 / weights.sum())
     moved = np.divide(rms, span, out=np.zeros_like(rms), where=span > 0)
     balance = Balance(degree, functions, tuple(moved.tolist()))
@@ -203,8 +222,9 @@ def _galerkin(
     change = np.eye(values.shape[1])
     if not pinned:
         weights = mass.sum(axis=0)
-        change[0] -= weights @ values / weights.sum()  # the first polynomial is 1
-        values = values @ change
+        means = weights @ values / weights.sum()
+        change[0] -= means  # the first polynomial is 1
+        values -= means
     squares, axes = np.linalg.eigh(values.T @ (mass @ values))
     kept = squares > DEPENDENT * squares[-1]
     combine = axes[:, kept] / np.sqrt(squares[kept])

@@ -26,13 +26,13 @@ def solve_job(job: Job) -> Solution:
         If the solver does not reach the tolerance.
     """
     poor = unresolved_waves(job.tables.layout, job.scene.problem.terms())
-    weak = prepare_balance(job.scene, job.tables) if job.balance else None
+    prepared = prepare_balance(job.scene, job.tables) if job.balance else None
     system = assemble(job.tables, job.scene.problem, find_border(job.tables, job.scene))
     built = time.perf_counter()
     values, report = job.solver(system, job.tolerance, job.progress)
     values, defects = settle(job.tables, job.scene, system, values)
     leaks: tuple[Leak, ...] = ()
-    if weak is None:
+    if prepared is None:
         values, leaks = put_mean_right(job.tables, job.scene, system, values)
     poor += near_resonance(job, system, values)
     seconds = {"build": built - job.started, "solve": time.perf_counter() - built}
@@ -42,4 +42,4 @@ def solve_job(job: Job) -> Solution:
     solution = Solution(
         job.scene, values, report, work, seconds, job.tables, warnings=warnings, defects=defects, leaks=leaks
     )
-    return solution if weak is None else balance_fluxes(solution, weak, job.balance)
+    return solution if prepared is None else balance_fluxes(solution, prepared, job.balance)
