@@ -84,7 +84,7 @@ def test_studies_show_first_and_second_order(name, tmp_path):
 
 
 @pytest.mark.slow
-def test_balanced_fluxes_are_of_the_same_order_and_a_fraction_of_the_error(tmp_path):
+def test_balanced_fluxes_leave_a_fraction_of_the_error_and_the_table_is_printed_again(tmp_path):
     _, series = orders("balanced-dziuk", tmp_path)
     printed = in_documentation("balanced-dziuk")
     for one in series.values():
