@@ -19,6 +19,7 @@ _PUBLIC = {
     "ClosestPointSource": "protocols",
     "ConvergenceError": "errors",
     "CpmkitError": "errors",
+    "CpmkitWarning": "errors",
     "Dirichlet": "conditions",
     "Eigen": "compound_problems",
     "EigenSolution": "eigen.solution",

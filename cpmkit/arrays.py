@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import InputError
+from cpmkit.errors import InputError, shown
 from cpmkit.protocols import Floats
 
 
@@ -20,7 +20,7 @@ def as_points(x: Any, dim: int, what: str = "points") -> Floats:
     """
     try:
         points = np.ascontiguousarray(x, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{what} must be numbers of shape (n, {dim}), got {type(x).__name__}.") from error
     if points.ndim != 2 or points.shape[1] != dim:
         raise InputError(f"{what} must have shape (n, {dim}), got {np.shape(x)}.")
@@ -42,28 +42,66 @@ def as_vector(x: Any, dim: int, what: str) -> Floats:
     """
     try:
         vector = np.array(x, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{what} must be {dim} numbers, got {x!r}.") from error
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"{what} must be {dim} numbers, got {shown(x)}.") from error
     if vector.shape != (dim,) or not np.isfinite(vector).all():
-        raise InputError(f"{what} must be {dim} finite numbers, got {x!r}.")
+        raise InputError(f"{what} must be {dim} finite numbers, got {shown(x)}.")
     return vector
 
 
-def positive(x: Any, what: str) -> float:
-    """Return ``x`` as a float if it is a finite number above zero.
+def number(x: Any, what: str) -> float:
+    """Return ``x`` as a float if it is a finite number; true, false and text are none.
 
     Raises
     ------
     InputError
         If it is not.
     """
-    try:
-        value = float(x)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{what} must be a number above zero, got {x!r}.") from error
-    if not (np.isfinite(value) and value > 0):
-        raise InputError(f"{what} must be a finite number above zero, got {x!r}.")
+    value = _as_float(x)
+    if not np.isfinite(value):
+        raise InputError(f"{what} must be a finite number, got {shown(x)}.")
     return value
+
+
+def positive(x: Any, what: str) -> float:
+    """Return ``x`` as a float if it is a finite number above zero; true and text are none.
+
+    Raises
+    ------
+    InputError
+        If it is not.
+    """
+    value = _as_float(x)
+    if not (np.isfinite(value) and value > 0):
+        raise InputError(f"{what} must be a finite number above zero, got {shown(x)}.")
+    return value
+
+
+def _as_float(x: Any) -> float:
+    """Return a real number, or an array that holds one, as a float; NaN for anything else."""
+    if isinstance(x, np.ndarray) and x.ndim == 0:
+        x = x[()]
+    if isinstance(x, bool) or not isinstance(x, (int, float, np.integer, np.floating)):
+        return np.nan
+    try:
+        return float(x)
+    except OverflowError:
+        return np.inf
+
+
+def whole(x: Any, what: str, least: int = 0, most: int | None = None) -> int:
+    """Return ``x`` as an int if it is a whole number from ``least`` to ``most``; true, text and 2.0 are none.
+
+    Raises
+    ------
+    InputError
+        If it is not.
+    """
+    accepted = isinstance(x, (int, np.integer)) and not isinstance(x, bool)
+    if not accepted or x < least or (most is not None and x > most):
+        bounds = f"of at least {least}" if most is None else f"from {least} to {most}"
+        raise InputError(f"{what} must be a whole number {bounds}, got {shown(x)}.")
+    return int(x)
 
 
 def one_row_each(values: Any, count: int, what: str) -> Floats:

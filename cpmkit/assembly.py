@@ -52,7 +52,7 @@ def build_operator(tables: Discretization, terms: Terms, border: Border | None =
         diagonal = c - a * scale * cross_weights(dim, reach)[1]
         constant = not callable(terms.c)
         return Operator(
-            tables.extension, tables.neighbours, float(diagonal[0, 0]) if constant else diagonal, a * scale, border
+            tables.extension, tables.differences, float(diagonal[0, 0]) if constant else diagonal, a * scale, border
         )
     if reach > 1:
         raise InputError("order=4 takes constant diffusivity and no velocity; use order 3 or less for the others.")
@@ -60,9 +60,7 @@ def build_operator(tables: Discretization, terms: Terms, border: Border | None =
     diagonal = c + scale * weights.sum(axis=1, keepdims=True)
     if terms.velocity is not None:
         weights = weights - _advective(tables, terms.velocity, weights)
-    differences = tables.neighbours.copy()
-    differences.data = np.ascontiguousarray(weights).ravel()
-    return Operator(tables.extension, differences, diagonal, scale, border)
+    return Operator(tables.extension, tables.weighted_differences(weights), diagonal, scale, border)
 
 
 def _coefficient(tables: Discretization, data: Data, what: str) -> Floats:
@@ -76,7 +74,7 @@ def _diffusive(tables: Discretization, diffusivity: Data) -> Floats:
     """Return the weights (n, 2 d) of the neighbours in ``spacing^2 div(a grad u)``: a at the midpoints."""
     a = _diffusivity(tables, diffusivity)
     here = a[tables.unknown_rows]
-    there = a[tables.neighbours.indices].reshape(len(here), -1)
+    there = a[tables.neighbours]
     return np.asarray(0.5 * (here[:, None] + there))
 
 

@@ -75,9 +75,8 @@ def _joined_by_differences(tables: Discretization, count: int) -> tuple[int, Int
     """Return the components of the first ``count`` unknowns that difference stencils join."""
     unknown_of_row = np.full(tables.extension.shape[0], -1)
     unknown_of_row[tables.unknown_rows] = np.arange(len(tables.unknown_rows))
-    starts = tables.neighbours.indptr[: count + 1]
-    read = unknown_of_row[tables.neighbours.indices[: starts[-1]]]
-    reader = np.repeat(np.arange(count), np.diff(starts))
+    read = unknown_of_row[tables.neighbours[:count]].ravel()
+    reader = np.repeat(np.arange(count), tables.neighbours.shape[1])
     within = (read >= 0) & (read < count)
     return _connected(np.stack([reader, read])[:, within], count)
 
@@ -99,10 +98,10 @@ def _reads_between(tables: Discretization, count: int, label: Ints) -> Ints:
     pieces = csr_array((np.ones(len(label)), (np.arange(len(label)), label)), shape=(len(label), count))
     parts = []
     for start in range(0, tables.extension.shape[0], CHUNK):
-        rows = abs(tables.extension[start : start + CHUNK])
+        rows = abs(tables.extension[start : start + CHUNK].copy())
         rows.data[rows.data <= ROUNDING] = 0.0
         parts.append(rows @ pieces)
-    stepped = abs(tables.neighbours) @ vstack(parts).tocsr()
+    stepped = tables.weighted_differences(np.ones(tables.neighbours.shape)) @ vstack(parts).tocsr()
     stepped.eliminate_zeros()
     reader = np.repeat(label, np.diff(stepped.indptr))
     pairs = np.stack([reader, stepped.indices])

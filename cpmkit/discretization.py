@@ -36,19 +36,36 @@ class Discretization:
     unknowns : Unknowns
         The band's inner nodes and the ghosts of each boundary.
     extension : csr_array (rows, unknowns)
-        E: one row an outer node, then one a ghost.
+        E: one row an outer node, then one a ghost. Its arrays are read-only: every operator shares them.
     data : sequence of Datum
         What the boundary data add to E u.
-    neighbours : csr_array (unknowns, rows)
-        N: weights of the difference neighbours of each unknown, ones at second order, so that
-        L = (N - 2 d I) / spacing^2. All rows have equally many entries.
+    neighbours : (unknowns, k) int, read-only
+        Rows of E that the difference stencil of each unknown reads, in the order of
+        :func:`cpmkit.grid.stencils.cross_offsets`.
     """
 
     layout: Layout
     unknowns: Unknowns
     extension: csr_array
     data: Sequence[Datum]
-    neighbours: csr_array
+    neighbours: Ints
+
+    @cached_property
+    def differences(self) -> csr_array:
+        """N (unknowns, rows): ones at second order, so that L = (N - 2 d I) / spacing^2. Read-only."""
+        reach = difference_reach(self.layout.order)
+        return self.weighted_differences(
+            np.tile(cross_weights(self.layout.lattice.dim, reach)[0], len(self.neighbours))
+        )
+
+    def weighted_differences(self, weights: Floats) -> csr_array:
+        """Return the matrix (unknowns, rows) with ``weights`` (unknowns, k) at the difference neighbours, read-only."""
+        from scipy.sparse import csr_array
+
+        count, width = self.neighbours.shape
+        columns, starts = self.neighbours.ravel(), np.arange(count + 1) * width
+        shape = (count, self.extension.shape[0])
+        return read_only(csr_array((np.ravel(weights), columns, starts), shape=shape))
 
     @property
     def unknown_rows(self) -> Ints:
@@ -148,8 +165,20 @@ def tabulate(layout: Layout, progress: Progress = nothing) -> Discretization:
     if rows.terms:
         extension = _with_terms(extension, unknowns, rows.terms)
     neighbours = _neighbours(unknowns, view, difference_reach(layout.order))
+    neighbours.flags.writeable = False
     progress("tables", 1.0)
-    return Discretization(layout, unknowns, extension, rows.data, neighbours)
+    return Discretization(layout, unknowns, read_only(extension), rows.data, neighbours)
+
+
+def read_only(matrix: csr_array) -> csr_array:
+    """Return ``matrix`` with arrays that nothing can write to.
+
+    SciPy sorts the indices of an operand in place where it needs them sorted (``abs`` does): what shares the arrays, or
+    knows the order of a row, is then wrong without a word.
+    """
+    for part in (matrix.data, matrix.indices, matrix.indptr):
+        part.flags.writeable = False
+    return matrix
 
 
 def _with_terms(extension: csr_array, unknowns: Unknowns, terms: Sequence[Term]) -> csr_array:
@@ -211,14 +240,12 @@ def _all_views(frames: Sequence[Frame], ghosts: Sequence[Ghosts], nodes: int) ->
     return View(stacked, own)
 
 
-def _neighbours(unknowns: Unknowns, view: View, reach: int) -> csr_array:
-    """Return N: which rows of E the difference stencil of each unknown reads.
+def _neighbours(unknowns: Unknowns, view: View, reach: int) -> Ints:
+    """Return which rows of E (unknowns, k) the difference stencil of each unknown reads.
 
     A neighbour across a boundary is read through its ghost. A ghost's neighbour on the ghost's own side is
     that neighbour's ghost; one on the side that it carries, or past an open end, is the node itself.
     """
-    from scipy.sparse import csr_array
-
     band, ghosts = unknowns.band, unknowns.ghosts
     first = _first_rows(len(band.nodes), ghosts)
     centres = np.concatenate([np.arange(band.inner), *(one.nodes[: one.unknowns] for one in ghosts)])
@@ -230,6 +257,5 @@ def _neighbours(unknowns: Unknowns, view: View, reach: int) -> csr_array:
     seen, directors = view.select(rows), [one.director for one in ghosts]
     label, number = visible_ghosts(seen, nodes, [one.numbers for one in ghosts], directors)
     columns = np.where(label >= 0, first[label] + number, nodes)
-    starts = np.arange(len(rows) + 1) * columns.shape[1]
-    weights = np.tile(cross_weights(band.dim, reach)[0], len(rows))
-    return csr_array((weights, columns.ravel(), starts), shape=(len(rows), int(first[-1])))
+    narrow = first[-1] <= np.iinfo(np.int32).max
+    return columns.astype(np.int32 if narrow else np.int64)

@@ -8,8 +8,19 @@ if TYPE_CHECKING:
     from cpmkit.solvers.report import SolveReport
 
 
+#: Characters of what was given that a message repeats.
+ECHO = 200
+
+
 class CpmkitError(Exception):
-    """Base of all errors that cpmkit raises on purpose."""
+    """Base of all errors that cpmkit raises on purpose; control characters in the message are written as escapes."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(printable(message))
+
+
+class CpmkitWarning(UserWarning):
+    """Category of the warnings that a solve gives beside its solution; filter them by it."""
 
 
 class InputError(CpmkitError, ValueError):
@@ -38,3 +49,23 @@ class ConvergenceError(CpmkitError, ArithmeticError):
     def __init__(self, message: str, report: SolveReport) -> None:
         super().__init__(message)
         self.report = report
+
+
+def printable(text: str) -> str:
+    """Return ``text`` with control characters, which could steer a terminal, written as escapes; newlines stay."""
+    return "".join(one if one.isprintable() or one == "\n" else ascii(one)[1:-1] for one in text)
+
+
+def shown(value: object) -> str:
+    """Return what was given as a message may repeat it: its repr, cut after 200 characters.
+
+    Examples
+    --------
+    >>> shown("abc"), len(shown("x" * 1000))
+    ("'abc'", 203)
+    """
+    try:
+        text = repr(value)
+    except (ValueError, RecursionError):  # an integer of thousands of digits, tables inside tables
+        text = f"a {type(value).__name__}"
+    return printable(text if len(text) <= ECHO else text[:ECHO] + "...")

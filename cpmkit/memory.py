@@ -18,6 +18,11 @@ def machine_bytes() -> int:
     return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 
 
+def available_bytes() -> int:
+    """Return the memory that this process may have in bytes."""
+    return machine_bytes()
+
+
 def peak_bytes(rows: float, unknowns: float, dim: int, degree: int, channels: int, solver: str) -> float:
     """Return the bytes of tables and vectors at the peak of a solve.
 

@@ -73,7 +73,7 @@ def measure_work(tables: Discretization, system: LinearSystem, report: SolveRepo
 
 def table_bytes(tables: Discretization) -> int:
     """Return the bytes of E, N, the nodes and their closest points."""
-    matrices = (tables.extension, tables.neighbours)
+    matrices = (tables.extension, tables.differences)
     stored = sum(part.nbytes for matrix in matrices for part in (matrix.data, matrix.indices, matrix.indptr))
     feet = tables.layout.band.feet
     return int(stored + tables.layout.band.nodes.nbytes + feet.points.nbytes + feet.distance.nbytes + feet.edge.nbytes)
