@@ -154,9 +154,9 @@ def test_a_jump_across_a_circle_on_the_sphere(bare_surface, bare_circle):
     problem = two_sided_sphere(
         Bare(surface) if bare_surface else surface, Bare(circle) if bare_circle else circle, axis
     )
-    errors = [max_error(*problem, h) for h in (0.2, 0.1, 0.05)]
+    errors = [max_error(*problem, h) for h in (0.2, 0.1, 0.067)]
     assert errors[-1] <= 2e-3
-    assert order_of((0.2, 0.1, 0.05), errors) >= 1.7
+    assert order_of((0.2, 0.1, 0.067), errors) >= 1.7
 
 
 def test_a_wall_keeps_two_pieces_apart():
@@ -239,7 +239,7 @@ def test_the_rim_of_a_cap(name):
     )
     points = sphere_points(9000)
     points = points[points[:, 2] >= 0.35]
-    spacings = (0.2, 0.1, 0.05)
+    spacings = (0.2, 0.1, 0.067)
     errors = [max_error(scene, points, u(points), h, origin=[0, 0, 0]) for h in spacings]
     assert errors[-1] <= bound
     assert order_of(spacings, errors) >= 1.8
@@ -283,7 +283,7 @@ def test_each_rim_of_a_tube_has_its_own_condition():
     for given, free in (("low", "high"), ("high", "low")):
         edge = {int(top[given]): ck.Dirichlet(u), int(top[free]): flux[free]}
         scene = ck.Scene(tube, ck.ScreenedPoisson(u, c=1.0), edge=edge)
-        spacings = (0.2, 0.1, 0.05)
+        spacings = (0.2, 0.1, 0.067)
         errors = [max_error(scene, points, u(points), h) for h in spacings]
         assert order_of(spacings, errors) >= 1.8
         first = [max_error(scene, points, u(points), h, order=1) for h in spacings]
@@ -323,7 +323,7 @@ def test_a_robin_factor_that_varies_along_the_boundary():
         left_of=axis,
     )
     scene = ck.Scene(ck.source("analytic.sphere"), ck.ScreenedPoisson(lambda x: 3 * u(x), c=1.0), [boundary])
-    spacings = (0.2, 0.1, 0.05)
+    spacings = (0.2, 0.1, 0.067)
     errors = [max_error(scene, sphere_points(), u(sphere_points()), h) for h in spacings]
     assert order_of(spacings, errors) >= 1.8
 
@@ -345,7 +345,7 @@ def test_right_hand_sides_that_jump_at_a_boundary_on_which_nodes_lie():
     """A circle in a plane of nodes: they count as left, and read what holds there."""
     axis = np.array([0.0, 0.0, 1.0])
     circle = ck.source("analytic.circle", normal=axis)
-    spacings = (0.2, 0.1, 0.05)
+    spacings = (0.2, 0.1, 0.067)
     problem = two_sided_sphere(ck.source("analytic.sphere"), circle, axis, height=0.0)
     upside_down = two_sided_sphere(
         ck.source("analytic.sphere"), ck.source("analytic.circle", normal=-axis), -axis, height=0.0

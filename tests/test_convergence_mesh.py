@@ -35,9 +35,9 @@ def error(rounds, spacing, closest="smooth"):
 
 def test_second_order_on_a_mesh_of_4098_vertices():
     assert len(octahedron(5)[0]) == 4098
-    errors = [error(5, h) for h in (0.2, 0.1, 0.05)]
+    errors = [error(5, h) for h in (0.2, 0.1, 0.067)]
     assert errors[-1] <= 6e-4
-    assert order_of((0.2, 0.1, 0.05), errors) >= 1.8
+    assert order_of((0.2, 0.1, 0.067), errors) >= 1.8
 
 
 def test_the_floor_of_a_coarse_mesh_falls_with_the_square_of_its_edges():

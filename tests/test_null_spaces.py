@@ -12,7 +12,7 @@ from cpmkit.discretization import discretize
 from cpmkit.mean_weights import mean_weights
 from cpmkit.null_space import find_border
 
-SPACINGS = (0.2, 0.1, 0.05)
+SPACINGS = (0.2, 0.1, 0.067)
 HEIGHT = 0.2
 SPHERE = ck.source("analytic.sphere")
 E1, E2, AXIS = rotation().T

@@ -25,17 +25,17 @@ def tilted_arc():
 
 def test_an_open_arc():
     problem = poisson([tilted_arc()])
-    errors = [max_error(*problem, h) for h in (0.2, 0.1, 0.05)]
+    errors = [max_error(*problem, h) for h in (0.2, 0.1, 0.067)]
     assert errors[-1] <= 1.5e-3
-    assert order_of((0.2, 0.1, 0.05), errors) >= 1.8
+    assert order_of((0.2, 0.1, 0.067), errors) >= 1.8
 
 
 def test_a_point():
     point = ck.source("analytic.point", at=rotation()[:, 0])
     problem = poisson([ck.Boundary("pin", point, both=ck.Dirichlet(u))])
-    errors = [max_error(*problem, h) for h in (0.2, 0.1, 0.05)]
+    errors = [max_error(*problem, h) for h in (0.2, 0.1, 0.067)]
     assert errors[-1] <= 1e-2
-    assert order_of((0.2, 0.1, 0.05), errors) >= 1.3
+    assert order_of((0.2, 0.1, 0.067), errors) >= 1.3
 
 
 def test_an_arc_and_a_point_at_its_end():
@@ -43,9 +43,9 @@ def test_an_arc_and_a_point_at_its_end():
     end = np.cos(2.0) * q[:, 1] + np.sin(2.0) * np.cross(q[:, 0], q[:, 1])
     pin = ck.Boundary("pin", ck.source("analytic.point", at=end), both=ck.Dirichlet(u))
     problem = poisson([tilted_arc(), pin])
-    errors = [max_error(*problem, h) for h in (0.2, 0.1, 0.05)]
+    errors = [max_error(*problem, h) for h in (0.2, 0.1, 0.067)]
     assert errors[-1] <= 1.5e-3
-    assert order_of((0.2, 0.1, 0.05), errors) >= 1.8
+    assert order_of((0.2, 0.1, 0.067), errors) >= 1.8
 
 
 def test_a_tiny_closed_curve():
@@ -71,17 +71,17 @@ def test_a_wall_that_runs_into_the_rim():
     scene = ck.Scene(cap, ck.Poisson(f), [ck.Boundary("half circle", half, both=ck.Dirichlet(exact))])
     points = sphere_points()
     points = points[points[:, 2] >= 0]
-    errors = [max_error(scene, points, exact(points), h) for h in (0.2, 0.1, 0.05)]
+    errors = [max_error(scene, points, exact(points), h) for h in (0.2, 0.1, 0.067)]
     assert errors[-1] <= 5e-3
-    assert order_of((0.2, 0.1, 0.05), errors) >= 1.7
+    assert order_of((0.2, 0.1, 0.067), errors) >= 1.7
 
 
 def test_a_point_above_which_nodes_stand_is_felt_like_any_other():
     pin = ck.Boundary("pin", ck.source("analytic.point", at=(0, 0, -1)), both=ck.Dirichlet(u))
     problem = poisson([pin])
-    errors = [max_error(*problem, h) for h in (0.2, 0.1, 0.05)]  # the lattice's node zero is the sphere's centre
+    errors = [max_error(*problem, h) for h in (0.2, 0.1, 0.067)]  # the lattice's node zero is the sphere's centre
     assert errors[-1] <= 2e-3
-    assert order_of((0.2, 0.1, 0.05), errors) >= 1.7
+    assert order_of((0.2, 0.1, 0.067), errors) >= 1.7
 
 
 def test_a_point_beside_other_values_is_felt_and_warned_of():

@@ -54,7 +54,7 @@ def test_outside_that_radius_the_sectors_do_not_suffer():
     angle = np.arctan2(np.abs(w[:, 1]), np.abs(w[:, 0]))  # 0 on the second circle, pi/2 on the first
     exact = on_second + (on_first - on_second) * 2 * angle / np.pi
     errors = []
-    spacings = (0.1, 0.05, 0.025)
+    spacings = (0.1, 0.067, 0.05)
     for h in spacings:
         solution, _ = crossing(values, h)
         away = np.sqrt(1 - w[:, 2] ** 2) > 8 * 0.1
