@@ -47,6 +47,20 @@ def read_array(path: Path, what: str = "an array of numbers") -> np.ndarray:
         raise InputError(f"{shown(path.name)} cannot be read: {error.strerror or error}.") from error
 
 
+def bytes_of(path: Path) -> bytes:
+    """Return what is in a file.
+
+    Raises
+    ------
+    InputError
+        If it is larger than the memory that is left.
+    OSError
+        If it cannot be read.
+    """
+    _check_size(path.stat().st_size, path.name)
+    return path.read_bytes()
+
+
 def read_arrays(path: Path, names: Iterable[str], what: str) -> dict[str, np.ndarray]:
     """Read those arrays of an ``.npz`` file whose names are in ``names``, or begin with one that ends in ``*``.
 

@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import InputError
+from cpmkit.array_files import bytes_of
+from cpmkit.errors import InputError, shown
 from cpmkit.protocols import Floats, Ints
+from cpmkit_mesh.polygons import Polygons, as_triangles
 
 FORMATS = (".obj", ".ply", ".stl", ".off")
 
@@ -31,7 +33,8 @@ def read_mesh(path: str | Path) -> tuple[Floats, Ints]:
     """Read a triangle mesh and weld vertices that lie at exactly the same place.
 
     Vertices keep the order of the file. Readers that split corners by their texture coordinates or
-    normals, and formats that store triangles one by one, would otherwise leave every edge open.
+    normals, and formats that store triangles one by one, would otherwise leave every edge open. A file is read as it
+    is written, or refused: every vertex, every face, and nothing from other files that it names.
 
     Parameters
     ----------
@@ -46,24 +49,41 @@ def read_mesh(path: str | Path) -> tuple[Floats, Ints]:
     Raises
     ------
     InputError
-        If the file is missing, is of another format, does not parse, or holds no triangle.
+        If the file is missing, is of another format, is damaged or cut off, or holds no face.
     """
     file = existing_file(path)
     if file.suffix.lower() not in FORMATS:
-        raise InputError(f"{file.name!r} is not a mesh file that can be read; accepted are {', '.join(FORMATS)}.")
-    import trimesh
-
+        raise InputError(f"{shown(file.name)} is not a mesh file that can be read; accepted are {', '.join(FORMATS)}.")
+    vertices, polygons = _parsed(file)
+    if not len(vertices) or not len(polygons.counts):
+        raise InputError(
+            f"{shown(file.name)} holds {len(vertices)} vertices and {len(polygons.counts)} faces; a surface needs some."
+        )
     try:
-        mesh = trimesh.load_mesh(file, process=False, maintain_order=True)
-        vertices = np.array(mesh.vertices, dtype=np.float64)
-        faces = np.array(mesh.faces, dtype=np.int64)
-    except Exception as error:
-        raise InputError(f"{file.name!r} does not parse as {file.suffix[1:].upper()}: {error}") from error
-    if not len(vertices) or not len(faces):
-        raise InputError(f"{file.name!r} holds {len(vertices)} vertices and {len(faces)} faces; a surface needs some.")
-    vertices, faces = as_mesh(vertices, faces)
+        vertices, faces = as_mesh(vertices, as_triangles(vertices, polygons))
+    except InputError as error:
+        raise InputError(f"{shown(file.name)}: {error}") from error
     first, place = weld(vertices)
     return vertices[first], place[faces]
+
+
+def _parsed(file: Path) -> tuple[Floats, Polygons]:
+    """Return the vertices (n, 3) and faces as the file has them."""
+    from cpmkit_mesh.obj import read_obj
+    from cpmkit_mesh.off import read_off
+    from cpmkit_mesh.ply import read_ply_mesh
+    from cpmkit_mesh.stl import read_stl
+
+    suffix = file.suffix.lower()
+    reader = {".obj": read_obj, ".ply": read_ply_mesh, ".stl": read_stl, ".off": read_off}[suffix]
+    try:
+        return reader(bytes_of(file))
+    except OSError as error:
+        raise InputError(f"{shown(file.name)} cannot be read: {error.strerror or error}.") from error
+    except MemoryError as error:
+        raise InputError(f"{shown(file.name)} does not fit into the memory that is left.") from error
+    except InputError as error:
+        raise InputError(f"{shown(file.name)} does not parse as {suffix[1:].upper()}: {error}") from error
 
 
 def as_mesh(vertices: Any, faces: Any) -> tuple[Floats, Ints]:

@@ -50,13 +50,14 @@ def test_polygons_are_cut_into_triangles(tmp_path, suffix):
     ("name", "content", "message"),
     [
         ("mesh.xyz", "", "accepted are .obj, .ply, .stl, .off"),
-        ("mesh.obj", "nothing of the kind\n", "holds 0 vertices and 0 faces"),
+        ("mesh.obj", "nothing of the kind\n", "line 1 begins with no word of the format"),
+        ("mesh.obj", "# nothing\n", "holds 0 vertices and 0 faces"),
         ("mesh.stl", "nothing of the kind\n", "mesh.stl"),
         ("mesh.ply", "nothing of the kind\n", "does not parse as PLY"),
         ("mesh.off", "nothing of the kind\n", "does not parse as OFF"),
         ("mesh.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "does not parse as OBJ"),
         ("mesh.obj", "v 0 0 0\nv 1 0 nan\nv 0 1 0\nf 1 2 3\n", "must be finite: 1 of 3"),
-        ("mesh.obj", "v 0 0 0\nv 1 0 0\n", "and 0 faces"),
+        ("mesh.obj", "v 0 0 0\nv 1 0 0\n", "holds 2 vertices and 0 faces"),
     ],
 )
 def test_files_that_hold_no_surface_are_named(tmp_path, name, content, message):

@@ -1,0 +1,219 @@
+"""PLY files: what they say of themselves is compared with what there is, and no file that they name is opened."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from cpmkit.errors import InputError, shown
+from cpmkit.protocols import Floats, Ints
+
+#: Types of properties, as NumPy names them.
+TYPES = {
+    "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4",
+    "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4",
+    "int64": "i8", "uint64": "u8", "float32": "f4", "float64": "f8",
+}  # fmt: skip
+FORMS = ("ascii", "binary_little_endian", "binary_big_endian")
+#: Entries that a list may have.
+MOST = 1 << 40
+#: What is said of a file that is too short.
+CUT_OFF = "it says that it has {count} rows of {name}, and ends before: it is cut off or damaged."
+#: Bytes in which a header must end.
+HEADER = 1 << 20
+
+
+@dataclass(frozen=True)
+class Property:
+    """A number, or a list of them: then ``length`` is the type of the list's length."""
+
+    name: str
+    type: str
+    length: str | None = None
+
+
+@dataclass(frozen=True)
+class Element:
+    """``count`` rows of the same properties."""
+
+    name: str
+    count: int
+    properties: list[Property] = field(default_factory=list)
+
+
+@dataclass(frozen=True, eq=False)
+class Lists:
+    """One list a row: their lengths (n,) and all entries, those of one row after those of another."""
+
+    counts: Ints
+    entries: np.ndarray
+
+
+#: The rows of an element: a column (n,) for each property.
+Table = dict[str, Any]
+
+
+def read_ply(data: bytes) -> dict[str, Table]:
+    """Return the tables of a PLY file, text or binary, by the names of its elements.
+
+    Raises
+    ------
+    InputError
+        If it is none, is cut off, goes on after its end, or holds something else than numbers.
+    """
+    form, elements, body = _header(data)
+    if form == "ascii":  # the same rows in binary, every number in eight bytes
+        body = _numbers(body).tobytes()
+        elements = [_of_doubles(element) for element in elements]
+    stream = _Stream(body, ">" if form == "binary_big_endian" else "<")
+    tables = {element.name: stream.table(element) for element in elements}
+    if stream.left:
+        raise InputError("it goes on after the last row that it announces.")
+    return tables
+
+
+def vertices_of(tables: dict[str, Table]) -> Floats:
+    """Return (n, 3) the vertices in the tables of a PLY file.
+
+    Raises
+    ------
+    InputError
+        If there are none, or they lack a coordinate.
+    """
+    columns = [tables.get("vertex", {}).get(axis) for axis in "xyz"]
+    if any(not isinstance(column, np.ndarray) for column in columns):
+        raise InputError("it has no element vertex with the properties x, y and z.")
+    return np.stack(columns, axis=1).astype(np.float64)  # type: ignore[arg-type]
+
+
+def _header(data: bytes) -> tuple[str, list[Element], bytes]:
+    if not data.removeprefix(b"\xef\xbb\xbf").startswith(b"ply"):
+        raise InputError("it does not begin with ply.")
+    end = data.find(b"end_header", 0, HEADER)
+    if end < 0:
+        raise InputError("its header has no end_header.")
+    form, elements = "", []
+    for line in data[:end].decode("ascii", errors="replace").splitlines()[1:]:
+        words = line.split()
+        if not words or words[0] in ("comment", "obj_info"):
+            continue
+        if words[0] == "format" and len(words) == 3 and words[1] in FORMS:
+            form = words[1]
+        elif words[0] == "element" and len(words) == 3 and words[2].isdecimal() and len(words[2]) < 16:
+            elements.append(Element(words[1], int(words[2])))
+        elif words[0] == "property" and elements and (found := _property(words)) is not None:
+            elements[-1].properties.append(found)
+        else:
+            raise InputError(f"line {data[: data.find(line.encode())].count(10) + 1} of its header is damaged.")
+    if not form:
+        raise InputError("its header names no format.")
+    if len({element.name for element in elements}) < len(elements):
+        raise InputError("its header names an element twice.")
+    after = end + len(b"end_header")
+    after += 2 if data[after : after + 2] == b"\r\n" else 1
+    return form, elements, data[after:]
+
+
+def _property(words: list[str]) -> Property | None:
+    if len(words) == 3 and words[1] in TYPES:
+        return Property(words[2], TYPES[words[1]])
+    if len(words) == 5 and words[1] == "list" and words[2] in TYPES and words[3] in TYPES:
+        return Property(words[4], TYPES[words[3]], TYPES[words[2]])
+    return None
+
+
+def _numbers(body: bytes) -> Floats:
+    words = body.split()
+    try:
+        if b"_" not in body:
+            return np.array([float(word) for word in words], dtype="<f8")
+    except ValueError:
+        pass
+    raise InputError("it holds something else than numbers after its header.")
+
+
+def _of_doubles(element: Element) -> Element:
+    doubles = [Property(one.name, "f8", one.length and "f8") for one in element.properties]
+    return Element(element.name, element.count, doubles)
+
+
+def _joined(element: Element, rows: list[list[np.ndarray]]) -> Table:
+    """Return the table of rows that were read one by one."""
+    table: Table = {}
+    for place, one in enumerate(element.properties):
+        parts = [row[place] for row in rows]
+        entries = np.concatenate(parts) if parts else np.zeros(0)
+        counts = np.array([len(part) for part in parts], dtype=np.int64)
+        table[one.name] = Lists(counts, entries) if one.length else entries
+    return table
+
+
+def _length(value: Any) -> int:
+    if not 0 <= value <= MOST or value != int(value):
+        raise InputError("it holds a list whose length is no whole number.")
+    return int(value)
+
+
+class _Stream:
+    """Rows of elements in bytes, read one after the other."""
+
+    def __init__(self, data: bytes, order: str) -> None:
+        self.data, self.order, self.place = data, order, 0
+
+    @property
+    def left(self) -> int:
+        """Bytes that are left."""
+        return len(self.data) - self.place
+
+    def table(self, element: Element) -> Table:
+        """Return the rows of the next element."""
+        if not element.properties:
+            return {}
+        if element.count > self.left:
+            raise InputError(CUT_OFF.format(count=element.count, name=shown(element.name)))
+        if element.count and (table := self._alike(element)) is not None:
+            return table
+        return _joined(element, [self._row(element) for _ in range(element.count)])
+
+    def _alike(self, element: Element) -> Table | None:
+        """Return the table where all rows have lists as long as the first's, None where they have not."""
+        start = self.place
+        first = self._row(element)
+        self.place = start
+        record = self._record(element, first)
+        if element.count * record.itemsize > self.left:
+            return None
+        rows = np.frombuffer(self.data, record, element.count, start)
+        table: Table = {}
+        for place, (one, part) in enumerate(zip(element.properties, first, strict=True)):
+            if one.length and (rows[f"{place}#"] != len(part)).any():
+                return None
+            entries = rows[str(place)].astype(one.type)
+            table[one.name] = Lists(np.full(element.count, len(part)), entries.reshape(-1)) if one.length else entries
+        self.place = start + element.count * record.itemsize
+        return table
+
+    def _record(self, element: Element, first: list[np.ndarray]) -> np.dtype[Any]:
+        """Return the type of a row whose lists are as long as those of the ``first``."""
+        fields: list[Any] = []
+        for place, (one, part) in enumerate(zip(element.properties, first, strict=True)):
+            if one.length:
+                fields.append((f"{place}#", self.order + one.length))
+            fields.append((str(place), self.order + one.type, *([(len(part),)] if one.length else [])))
+        return np.dtype(fields)
+
+    def _row(self, element: Element) -> list[np.ndarray]:
+        row = []
+        for one in element.properties:
+            count = _length(self._take(1, one.length, element)[0]) if one.length else 1
+            row.append(self._take(count, one.type, element))
+        return row
+
+    def _take(self, count: int, kind: str, element: Element) -> np.ndarray:
+        dtype = np.dtype(self.order + kind)
+        if count * dtype.itemsize > self.left:
+            raise InputError(CUT_OFF.format(count=element.count, name=shown(element.name)))
+        self.place += count * dtype.itemsize
+        return np.frombuffer(self.data, dtype, count, self.place - count * dtype.itemsize)
