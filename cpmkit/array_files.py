@@ -42,7 +42,7 @@ def read_array(path: Path, what: str = "an array of numbers") -> np.ndarray:
     try:
         with path.open("rb") as opened:
             left = path.stat().st_size
-            return _member(opened, left, path.name, what, NUMBERS)
+            return _member(opened, left, path.name, f"a .npy file with {what}", NUMBERS)
     except OSError as error:
         raise InputError(f"{shown(path.name)} cannot be read: {error.strerror or error}.") from error
 
@@ -107,7 +107,7 @@ def _member(opened: IO[bytes], length: int, name: str, what: str, kinds: str) ->
     try:
         shape, fortran, dtype, header = _header(opened)
     except DAMAGED as error:
-        raise InputError(f"{shown(name)} is not {what} in NumPy's .npy format, or its header is damaged.") from error
+        raise InputError(f"{shown(name)} is not {what}, or its header is damaged.") from error
     if dtype.kind not in kinds:
         raise InputError(f"{shown(name)} holds {shown(dtype.name)} where {what} was expected.")
     needed = prod(shape) * dtype.itemsize

@@ -9,6 +9,9 @@ import numpy as np
 from cpmkit.errors import InputError, shown
 from cpmkit.protocols import Floats
 
+#: Coordinates and lengths are at most this, and lengths at least one over this: fourth powers of them are numbers.
+LARGEST = 1e50
+
 
 def as_points(x: Any, dim: int, what: str = "points") -> Floats:
     """Return ``x`` as a C-contiguous (n, dim) float64 array of finite numbers.
@@ -30,6 +33,55 @@ def as_points(x: Any, dim: int, what: str = "points") -> Floats:
             f"{what} must be finite: {len(bad)} of {len(points)} rows hold NaN or infinity, first row {bad[0]}."
         )
     return points
+
+
+def as_positions(x: Any, dim: int, what: str = "points") -> Floats:
+    """Return ``x`` as :func:`as_points` does, if areas and volumes between such points can be computed.
+
+    Raises
+    ------
+    InputError
+        If they cannot, or ``x`` is not (n, dim) finite numbers.
+    """
+    points = as_points(x, dim, what)
+    check_size(points, what)
+    return points
+
+
+def check_size(points: Floats, what: str) -> None:
+    """Refuse ``points`` (n, d) whose coordinates are too large, or too close together, to compute with.
+
+    Raises
+    ------
+    InputError
+        If they are.
+    """
+    farthest = float(np.abs(points).max(initial=0.0))
+    if farthest > LARGEST:
+        raise InputError(
+            f"{what} must lie within {LARGEST:g} of zero, got {farthest:.3g}; choose a larger unit of length."
+        )
+    extent = float(np.ptp(points, axis=0).max()) if len(points) else 0.0
+    if 0.0 < extent < 1.0 / LARGEST:
+        raise InputError(
+            f"{what} must be at least {1.0 / LARGEST:g} across, got {extent:.3g}; choose a smaller unit of length."
+        )
+
+
+def length(x: Any, what: str) -> float:
+    """Return ``x`` as a float if it is a number above zero that lengths may have.
+
+    Raises
+    ------
+    InputError
+        If it is not.
+    """
+    value = positive(x, what)
+    if not 1.0 / LARGEST <= value <= LARGEST:
+        raise InputError(
+            f"{what} must be from {1.0 / LARGEST:g} to {LARGEST:g}, got {shown(x)}; choose another unit of length."
+        )
+    return value
 
 
 def as_vector(x: Any, dim: int, what: str) -> Floats:

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from cpmkit.errors import InputError
+from cpmkit.errors import ECHO, InputError, shown
 from cpmkit.protocols import Floats, Ints
 
 #: The public collection odedstein/meshes; a mesh is fetched from here only on request and only with the extra `data`.
@@ -26,8 +26,31 @@ KNOWN = {
 
 def cache_folder() -> Path:
     """Return the user's cache of meshes: ``CPMKIT_CACHE``, or a folder in the XDG cache."""
-    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    base = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
     return Path(os.environ.get("CPMKIT_CACHE") or Path(base) / "cpmkit")
+
+
+def existing_file(path: Any, what: str = "file") -> Path:
+    """Return ``path`` if it is the path of a file.
+
+    Raises
+    ------
+    InputError
+        If it is not; ``what`` names the key that gave it.
+    """
+    if not isinstance(path, (str, Path)):
+        raise InputError(f"{what} must be the path of a file, got {shown(path)}.")
+    if not _is_file(Path(path)):
+        raise InputError(f"There is no file {shown(str(path))}; give the path of an existing one.")
+    return Path(path)
+
+
+def _is_file(path: Path) -> bool:
+    """Return whether there is such a file; False where names are too long, or folders may not be searched."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
 
 
 def find_file(name: str | Path, beside: Path | None = None) -> Path:
@@ -40,14 +63,16 @@ def find_file(name: str | Path, beside: Path | None = None) -> Path:
     Raises
     ------
     InputError
-        If the file is in none of these places; the message lists them.
+        If ``name`` is no path, or the file is in none of these places; the message lists them.
     """
+    if not isinstance(name, (str, Path)) or not str(name):
+        raise InputError(f"file must be the name of a file, got {shown(name)}.")
     folders = [beside or Path.cwd()]
     if os.environ.get("CPMKIT_DATA"):
         folders.append(Path(os.environ["CPMKIT_DATA"]))
     folders.append(cache_folder())
     for folder in folders:
-        if (folder / name).is_file():
+        if _is_file(folder / name):
             return folder / name
     fetched = _fetch(str(name)) if str(name) in KNOWN and os.environ.get("CPMKIT_FETCH") != "0" else None
     if fetched is not None:
@@ -57,7 +82,18 @@ def find_file(name: str | Path, beside: Path | None = None) -> Path:
         if str(name) in KNOWN
         else ""
     )
-    raise InputError(f"no file {str(name)!r}; looked in {', '.join(map(str, folders))}{hint}.")
+    places = ", ".join(_described(folder) for folder in folders)
+    raise InputError(f"no file {shown(str(name))}; looked in {places}{hint}.")
+
+
+def _described(folder: Path) -> str:
+    """Return the name of a folder, and that it may not be searched where that is so."""
+    text = str(folder)
+    text = text if len(text) <= ECHO else text[:ECHO] + "..."
+    try:
+        return text if os.access(folder, os.X_OK) or not folder.is_dir() else f"{text} (which may not be searched)"
+    except (OSError, ValueError):
+        return text
 
 
 def _fetch(name: str) -> Path | None:

@@ -13,6 +13,8 @@ from cpmkit.protocols import Floats
 
 #: A number, one entry a channel, or a callable of points (n, d) and, where it has a parameter ``t``, of the time.
 Data = float | list[Any] | tuple[Any, ...] | Floats | Callable[..., Any]
+#: What data may be in size: sums of their squares are numbers.
+LARGEST = 1e100
 
 
 def takes_time(data: Data) -> bool:
@@ -79,6 +81,11 @@ def evaluate_data(data: Data, points: Floats, channels: int | None, what: str, t
     if not np.isfinite(values).all():
         raise InputError(
             f"{what} must be finite, got NaN or infinity at {int((~np.isfinite(values)).any(axis=1).sum())} points."
+        )
+    if np.abs(values).max(initial=0.0) > LARGEST:
+        raise InputError(
+            f"{what} must be at most {LARGEST:g} in size, for its squares are summed, got {np.abs(values).max():.3g}; "
+            "choose another unit."
         )
     return np.ascontiguousarray(values)
 

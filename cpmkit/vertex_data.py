@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from cpmkit.array_files import read_array
 from cpmkit.data import find_file
-from cpmkit.errors import InputError, SceneError
+from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.protocols import ClosestPointSource, Floats, HasValues
 
 
@@ -61,7 +62,7 @@ class VertexData:
 def _checked(values: Any, count: int) -> Floats:
     try:
         array = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"values must be numbers, one row a vertex, got {type(values).__name__}.") from error
     if array.ndim not in (1, 2) or len(array) != count or not array.size:
         raise InputError(
@@ -114,23 +115,16 @@ def _vertex_data(table: dict[str, Any], folder: Path, carriers: Sequence[Carrier
     if unknown or not isinstance(table["values"], str) or table.get("of", names[0]) not in names:
         raise SceneError(
             f"{where} must be {{ values = 'FILE.npy' }}, with of = {' or '.join(map(repr, names))} if need be, got "
-            f"{table!r}."
+            f"{shown(table)}."
         )
-    array = _read(find_file(table["values"], folder))
+    array = read_array(find_file(table["values"], folder), "an array of numbers")
     offered = [carrier for carrier in carriers if table.get("of", carrier[0]) == carrier[0]]
     counts = {name: source.value_count for name, source in offered if isinstance(source, HasValues)}
     fitting = [name for name, count in counts.items() if np.shape(array)[:1] == (count,)]
     if len(fitting) != 1:
-        rows = f"{table['values']!r} of {where} has the shape {array.shape}"
+        rows = f"{shown(table['values'])} of {where} has the shape {array.shape}"
         if fitting:
             raise SceneError(f"{rows}, which fits {' and '.join(fitting)}; add of = {fitting[0]!r} or another of them.")
         known = " and ".join(f"{name} has {count} vertices" for name, count in counts.items())
         raise SceneError(f"{rows}, where {known or f'{names[0]} carries no values'}; give one row a vertex.")
     return VertexData(dict(offered)[fitting[0]], array)
-
-
-def _read(path: Path) -> Any:
-    try:
-        return np.asarray(np.load(path, allow_pickle=False), dtype=np.float64)
-    except (ValueError, TypeError, EOFError, OSError) as error:
-        raise InputError(f"{path.name!r} is not a .npy file with an array of numbers: {error}.") from error

@@ -9,8 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.arrays import as_points, as_vector, one_row_each
-from cpmkit.errors import InputError
+from cpmkit.array_files import read_array
+from cpmkit.arrays import as_points, as_positions, as_vector, one_row_each
+from cpmkit.data import existing_file
+from cpmkit.errors import InputError, shown
 from cpmkit.protocols import ClosestPoints, Floats, Ints
 
 
@@ -105,24 +107,15 @@ def points(*, at: Any = None, file: str | Path | None = None) -> PointSet:
     """
     if (at is None) == (file is None):
         raise InputError("points takes either at or a file, got " + ("neither." if file is None else "both."))
-    array = _as_numbers(at) if file is None else _read(Path(file))
+    array = _as_numbers(at) if file is None else read_array(existing_file(file), "an array of points")
     array = array[None] if array.ndim == 1 else array
     if array.ndim != 2 or array.shape[1] not in (2, 3) or not len(array):
         raise InputError(f"at must be points of shape (n, 2) or (n, 3), at least one, got the shape {array.shape}.")
-    return PointSet(as_points(array, array.shape[1], "at").copy(), np.zeros(array.shape[1]))
+    return PointSet(as_positions(array, array.shape[1], "at").copy(), np.zeros(array.shape[1]))
 
 
 def _as_numbers(at: Any) -> Floats:
     try:
         return np.asarray(at, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"at must be points, n times 2 or 3 numbers, got {at!r}.") from error
-
-
-def _read(path: Path) -> Floats:
-    if not path.is_file():
-        raise InputError(f"There is no file {str(path)!r}; give the path of an existing one.")
-    try:
-        return np.asarray(np.load(path, allow_pickle=False), dtype=np.float64)
-    except (ValueError, TypeError, EOFError, OSError) as error:
-        raise InputError(f"{path.name!r} is not a .npy file with an array of points: {error}") from error
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"at must be points, n times 2 or 3 numbers, got {shown(at)}.") from error

@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from cpmkit import memory
+from cpmkit.arrays import check_size, length
 from cpmkit.errors import ResolutionError
 from cpmkit.grid.lattice import Codes, find
 from cpmkit.grid.sheets import Sheets
@@ -22,6 +23,8 @@ from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints, Progress, nothi
 
 #: Share of a cell's half diagonal by which a cell is kept although the surface seems to miss it: rounding.
 SLACK = 1e-6
+#: Cells along an axis that can be numbered.
+MOST = 2.0**40
 #: From so many blocks on, they tell how large the band will be.
 TELLING = 20_000
 #: Nodes whose closest points are asked for at a time.
@@ -119,7 +122,7 @@ def cell_levels(source: Localized, spacing: float, offset: float) -> Iterator[tu
     1-Lipschitz and never above the true one, no block that holds a point of the manifold is lost,
     whatever its number of pieces; at the last level, side 1, the blocks are cells.
     """
-    cells = np.floor(source.bounds / spacing + offset).astype(np.int64)
+    cells = _numbered(source.bounds, spacing, offset)
     extent = int((cells[1] - cells[0]).max()) + 1
     side = 1 << max(extent - 1, 0).bit_length()
     dim = source.dim
@@ -136,6 +139,30 @@ def cell_levels(source: Localized, spacing: float, offset: float) -> Iterator[tu
             return
         blocks = (2 * blocks[:, None] + children).reshape(-1, dim)
         side //= 2
+
+
+def _numbered(bounds: Floats, spacing: float, offset: float) -> Ints:
+    """Return (2, d) the first and the last cell of ``bounds`` along each axis.
+
+    Raises
+    ------
+    ResolutionError
+        If the bounds are no finite numbers, or there would be more cells than can be numbered.
+    InputError
+        If coordinates are too large or too close together to compute with.
+    """
+    if not np.isfinite(bounds).all() or (bounds[1] < bounds[0]).any():
+        raise ResolutionError("The bounds of the source must be finite, the lower corner first; its class is at fault.")
+    farthest = float(np.abs(bounds).max())
+    check_size(bounds, "coordinates relative to the lattice's origin")
+    length(spacing, "spacing")
+    if farthest > MOST * spacing:
+        raise ResolutionError(
+            f"spacing={spacing:g} is too small to number the nodes: the source reaches {farthest:.3g} from the "
+            f"lattice's origin, and a spacing of {farthest / MOST:.2g} or more could be numbered; a far larger one is "
+            "needed to fit into memory."
+        )
+    return np.floor(bounds / spacing + offset).astype(np.int64)
 
 
 def surface_cells(source: Localized, spacing: float, degree: int) -> Ints:

@@ -12,11 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.arrays import as_vector, positive
-from cpmkit.errors import InputError
+from cpmkit.arrays import as_vector
+from cpmkit.arrays import length as as_length
+from cpmkit.errors import InputError, shown
 from cpmkit.protocols import Floats
 from cpmkit_analytic.curves import TURN, Arc, Circle, Point, Segment
-from cpmkit_analytic.frames import as_direction, as_position, plane_frame, space_frame
+from cpmkit_analytic.frames import as_direction, as_place, as_position, plane_frame, space_frame
 from cpmkit_analytic.motion import Moved, place
 from cpmkit_analytic.solids import Box
 from cpmkit_analytic.surfaces import Cap, Cylinder, Sphere, Torus
@@ -34,9 +35,9 @@ def point(*, at: Any, rotation: Any = None, translation: Any = None, scale: Any 
 def segment(*, start: Any, end: Any, rotation: Any = None, translation: Any = None, scale: Any = 1.0) -> Moved:
     """Return the segment from ``start`` (end 0) to ``end`` (end 1), each 2 or 3 numbers."""
     origin = as_position(start, "start")
-    across = as_vector(end, len(origin), "end") - origin
+    across = as_place(end, len(origin), "end") - origin
     if not across.any():
-        raise InputError(f"start and end must differ, got {start!r} twice.")
+        raise InputError(f"start and end must differ, got {shown(start)} twice.")
     along = as_direction(across, len(origin), "end - start")
     # x, y, z and y, z, x turn the same way, so this frame is right-handed with its first axis along
     axes = plane_frame(along) if len(origin) == 2 else space_frame(along)[:, [2, 0, 1]]
@@ -58,7 +59,7 @@ def circle(
     It runs counterclockwise about ``normal``, which is (0, 0, 1) unless given.
     """
     middle, axes = _plane_of(center, normal, None)
-    shape = Circle(len(middle), positive(radius, "radius"))
+    shape = Circle(len(middle), as_length(radius, "radius"))
     return place(shape, middle, axes).moved(rotation, translation, scale)
 
 
@@ -83,10 +84,10 @@ def arc(
     first, last = as_vector([start, end], 2, "[start, end]")
     if not 0 < abs(last - first) < TURN:
         raise InputError(
-            f"end must differ from start by less than a full turn and not be equal to it, got {start!r} and {end!r}; "
-            "analytic.circle is the full turn."
+            f"end must differ from start by less than a full turn and not be equal to it, got {shown(start)} and "
+            f"{shown(end)}; analytic.circle is the full turn."
         )
-    shape = Arc(len(middle), positive(radius, "radius"), start=float(first), sweep=float((last - first) % TURN))
+    shape = Arc(len(middle), as_length(radius, "radius"), start=float(first), sweep=float((last - first) % TURN))
     return place(shape, middle, axes).moved(rotation, translation, scale)
 
 
@@ -94,7 +95,7 @@ def sphere(
     *, center: Any = ORIGIN, radius: Any = 1.0, rotation: Any = None, translation: Any = None, scale: Any = 1.0
 ) -> Moved:
     """Return a sphere; around a ``center`` of 2 numbers, the circle."""
-    middle, length = as_position(center, "center"), positive(radius, "radius")
+    middle, length = as_position(center, "center"), as_length(radius, "radius")
     shape = Circle(2, length) if len(middle) == 2 else Sphere(length)
     return place(shape, middle, np.eye(len(middle))).moved(rotation, translation, scale)
 
@@ -113,11 +114,13 @@ def cap(
 
     ``height`` is a length, 0 for the half sphere, and smaller than the radius in size. The rim is edge loop 0.
     """
-    length, offset = positive(radius, "radius"), float(as_vector([height], 1, "height")[0])
+    length, offset = as_length(radius, "radius"), float(as_vector([height], 1, "height")[0])
     if not abs(offset) < length:
-        raise InputError(f"height must lie between -radius and radius, got {height!r} with the radius {radius!r}.")
+        raise InputError(
+            f"height must lie between -radius and radius, got {shown(height)} with the radius {shown(radius)}."
+        )
     shape = Cap(length, height=offset)
-    return place(shape, as_vector(center, 3, "center"), space_frame(axis)).moved(rotation, translation, scale)
+    return place(shape, as_place(center, 3, "center"), space_frame(axis)).moved(rotation, translation, scale)
 
 
 def torus(
@@ -131,10 +134,10 @@ def torus(
     scale: Any = 1.0,
 ) -> Moved:
     """Return the points at the distance ``minor`` from a circle of radius ``major`` around ``axis``."""
-    shape = Torus(positive(major, "major"), positive(minor, "minor"))
+    shape = Torus(as_length(major, "major"), as_length(minor, "minor"))
     if not shape.minor < shape.major:
-        raise InputError(f"minor must be smaller than major, got {minor!r} and {major!r}.")
-    return place(shape, as_vector(center, 3, "center"), space_frame(axis)).moved(rotation, translation, scale)
+        raise InputError(f"minor must be smaller than major, got {shown(minor)} and {shown(major)}.")
+    return place(shape, as_place(center, 3, "center"), space_frame(axis)).moved(rotation, translation, scale)
 
 
 def cylinder(
@@ -151,8 +154,8 @@ def cylinder(
 
     Edge loop 0 is the rim at the end that ``axis`` points away from, 1 the rim that it points to.
     """
-    shape = Cylinder(positive(radius, "radius"), positive(length, "length"))
-    return place(shape, as_vector(center, 3, "center"), space_frame(axis)).moved(rotation, translation, scale)
+    shape = Cylinder(as_length(radius, "radius"), as_length(length, "length"))
+    return place(shape, as_place(center, 3, "center"), space_frame(axis)).moved(rotation, translation, scale)
 
 
 def box(*, lower: Any, upper: Any, rotation: Any = None, translation: Any = None, scale: Any = 1.0) -> Moved:
@@ -162,9 +165,9 @@ def box(*, lower: Any, upper: Any, rotation: Any = None, translation: Any = None
     any rotation. Beyond a corner or a cuboid's edge, a point belongs to the side that it is farthest out of.
     """
     low = as_position(lower, "lower")
-    high = as_vector(upper, len(low), "upper")
+    high = as_place(upper, len(low), "upper")
     if not (high > low).all():
-        raise InputError(f"upper must be above lower in every coordinate, got {lower!r} and {upper!r}.")
+        raise InputError(f"upper must be above lower in every coordinate, got {shown(lower)} and {shown(upper)}.")
     return place(Box(0.5 * (high - low)), 0.5 * (low + high), np.eye(len(low))).moved(rotation, translation, scale)
 
 
@@ -176,5 +179,5 @@ def _plane_of(center: Any, normal: Any, x_axis: Any) -> tuple[Floats, Floats]:
     if len(middle) == 3:
         return middle, space_frame(UP if normal is None else normal, x_axis, "normal")
     if normal is not None:
-        raise InputError(f"normal belongs to a center of 3 numbers, got the center {center!r}.")
+        raise InputError(f"normal belongs to a center of 3 numbers, got the center {shown(center)}.")
     return middle, plane_frame(x_axis)

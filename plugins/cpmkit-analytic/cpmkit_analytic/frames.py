@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.arrays import as_vector
-from cpmkit.errors import InputError
+from cpmkit.arrays import as_positions, as_vector
+from cpmkit.errors import InputError, shown
 from cpmkit.protocols import Floats
 
 
@@ -17,11 +17,26 @@ def as_position(x: Any, what: str) -> Floats:
     Raises
     ------
     InputError
-        If it is not 2 or 3 finite numbers.
+        If it is not 2 or 3 numbers, or distances between such points cannot be squared.
     """
-    if np.shape(x) not in ((2,), (3,)):
-        raise InputError(f"{what} must be 2 or 3 numbers, got {x!r}.")
-    return as_vector(x, len(x), what)
+    if (
+        not isinstance(x, (list, tuple, np.ndarray))
+        or np.ndim(x if isinstance(x, np.ndarray) else []) != 1
+        or len(x) not in (2, 3)
+    ):
+        raise InputError(f"{what} must be 2 or 3 numbers, got {shown(x)}.")
+    return as_place(x, len(x), what)
+
+
+def as_place(x: Any, dim: int, what: str) -> Floats:
+    """Return ``x`` as a (dim,) position.
+
+    Raises
+    ------
+    InputError
+        If it is not ``dim`` numbers, or distances between such points cannot be squared.
+    """
+    return as_positions(as_vector(x, dim, what)[None], dim, what)[0]
 
 
 def as_direction(x: Any, dim: int, what: str) -> Floats:
@@ -69,7 +84,7 @@ def space_frame(z_axis: Any, x_axis: Any = None, what: str = "axis") -> Floats:
     towards = np.eye(3)[np.argmin(np.abs(z))] if x_axis is None else as_direction(x_axis, 3, "x_axis")
     across = towards - (towards @ z) * z
     if np.linalg.norm(across) < 1e-9:
-        raise InputError(f"x_axis must not be parallel to the {what}, got {x_axis!r}.")
+        raise InputError(f"x_axis must not be parallel to the {what}, got {shown(x_axis)}.")
     x = across / np.linalg.norm(across)
     x = x - (x @ z) * z  # a second time: the first leaves round-off of its length before scaling
     x = x / np.linalg.norm(x)

@@ -7,7 +7,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from cpmkit.arrays import as_points, as_vector, positive
+from cpmkit.arrays import as_points, as_vector, length, positive
 from cpmkit.protocols import ClosestPoints, Floats, Ints
 from cpmkit.rotation import as_rotation, rotate
 from cpmkit_analytic.directions import norms
@@ -91,7 +91,7 @@ class Moved:
         InputError
             If the matrix is not a proper rotation, a length is wrong or the scale is not above zero.
         """
-        factor = positive(scale, "scale")
+        factor = length(scale, "scale")
         turn = as_rotation(rotation, self.dim)
         offset = as_vector(np.zeros(self.dim) if translation is None else translation, self.dim, "translation")
         center = offset + factor * rotate(turn, self.center[None])[0]

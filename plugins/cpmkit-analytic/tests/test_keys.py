@@ -19,7 +19,7 @@ BAD = [
     ("segment", {"start": [0, 0], "end": [0, 0, 1]}, "end must be 2 finite numbers"),
     ("circle", {"radius": 0}, "radius must be a finite number above zero"),
     ("circle", {"radius": -1.0}, "radius must be a finite number above zero"),
-    ("circle", {"radius": "big"}, "radius must be a number above zero"),
+    ("circle", {"radius": "big"}, "radius must be a finite number above zero"),
     ("circle", {"centre": [0, 0]}, "unknown key 'centre'"),
     ("circle", {"center": [0, 0], "normal": [0, 0, 1]}, "normal belongs to a center of 3 numbers"),
     ("circle", {"normal": [0, 0, 0]}, "normal must have a direction"),

@@ -14,7 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from cpmkit.array_files import read_array
 from cpmkit.arrays import as_vector, positive
+from cpmkit.data import existing_file
 from cpmkit.errors import InputError
 from cpmkit.protocols import Floats
 from cpmkit_levelset.fields import STEP, Field, FunctionField, check_gradient
@@ -125,9 +127,10 @@ def grid(
     """
     if (values is None) == (file is None):
         raise InputError(f"levelset.grid takes either values or a file, got {'neither' if file is None else 'both'}.")
-    samples = _as_grid(_read(file) if values is None else values)
+    samples = _as_grid(read_array(existing_file(file), "an array of numbers") if values is None else values)
     d = samples.ndim
-    steps = np.full(d, positive(spacing, "spacing")) if np.ndim(spacing) == 0 else as_vector(spacing, d, "spacing")
+    single = not isinstance(spacing, (list, tuple)) and np.ndim(spacing) == 0
+    steps = np.full(d, positive(spacing, "spacing")) if single else as_vector(spacing, d, "spacing")
     if not (steps > 0).all():
         raise InputError(f"spacing must be above zero, got {spacing!r}.")
     field = GridField(samples, np.zeros(d) if origin is None else as_vector(origin, d, "origin"), steps)
@@ -207,20 +210,10 @@ def _made(field: Field, trim: Any, box: Floats, resolution: Any) -> LevelSet:
     return level_set(field, None if trim is None else formula_field(trim, field.dim, "trim"), box, cells)
 
 
-def _read(file: Any) -> Any:
-    path = Path(file)
-    if not path.is_file():
-        raise InputError(f"There is no file {str(path)!r}; give the path of a .npy file.")
-    try:
-        return np.load(path, allow_pickle=False)
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path.name!r} is not a .npy file with an array of numbers: {error}") from error
-
-
 def _as_grid(values: Any) -> Floats:
     try:
         samples = np.ascontiguousarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"values must be an array of numbers, got {type(values).__name__}.") from error
     if samples.ndim not in (2, 3) or min(samples.shape) < NODES:
         raise InputError(f"values must have 2 or 3 axes with {NODES} grid points or more, got shape {samples.shape}.")

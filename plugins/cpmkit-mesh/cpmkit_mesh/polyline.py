@@ -9,10 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.arrays import as_points, as_vector, one_row_each
+from cpmkit.array_files import read_array
+from cpmkit.arrays import as_points, as_positions, as_vector, one_row_each
+from cpmkit.data import existing_file
 from cpmkit.errors import InputError
 from cpmkit.protocols import ClosestPoints, Floats, Ints
-from cpmkit_mesh.reading import as_numbers, existing_file
+from cpmkit_mesh.reading import as_numbers
 from cpmkit_mesh.tree import Tree, build_tree, nearest
 
 #: Error of a solution as a share of its range, over the angle by which a polygon turns at its corners (on circles of
@@ -164,10 +166,10 @@ def polyline(*, points: Any = None, file: str | Path | None = None, closed: bool
         raise InputError(
             "mesh.polyline takes either points or a file, got " + ("neither." if file is None else "both.")
         )
-    array = as_numbers(points, "points") if file is None else _read_points(file)
+    array = as_numbers(points, "points") if file is None else read_array(existing_file(file), "an array of points")
     if array.ndim != 2 or array.shape[1] not in (2, 3):
         raise InputError(f"points must have shape (n, 2) or (n, 3), got {array.shape}.")
-    given = as_points(array, array.shape[1])
+    given = as_positions(array, array.shape[1])
     if len(given) < 2:
         raise InputError(f"A polyline needs at least 2 points, got {len(given)}.")
     kept = np.flatnonzero(np.r_[True, (given[1:] != given[:-1]).any(axis=1)])
@@ -185,14 +187,6 @@ def _one_chain(given: Floats, kept: Ints, closed: bool) -> Polyline:
     if not closed:
         ends[[0, -1]] = 0, 1
     return Polyline(given[kept], np.stack([start, (start + 1) % k], axis=1), ends, kept, len(given))
-
-
-def _read_points(file: str | Path) -> np.ndarray:
-    path = existing_file(file)
-    try:
-        return np.asarray(np.load(path, allow_pickle=False))
-    except (ValueError, EOFError, OSError) as error:
-        raise InputError(f"{path.name!r} is not a .npy file with an array of points: {error}") from error
 
 
 def _in_space(points: Floats) -> Floats:

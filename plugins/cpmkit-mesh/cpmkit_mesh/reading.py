@@ -8,25 +8,13 @@ from typing import Any
 import numpy as np
 
 from cpmkit.array_files import bytes_of
+from cpmkit.arrays import check_size
+from cpmkit.data import existing_file
 from cpmkit.errors import InputError, shown
 from cpmkit.protocols import Floats, Ints
 from cpmkit_mesh.polygons import Polygons, as_triangles
 
 FORMATS = (".obj", ".ply", ".stl", ".off")
-
-
-def existing_file(path: str | Path) -> Path:
-    """Return ``path`` if it is a file.
-
-    Raises
-    ------
-    InputError
-        If it is not.
-    """
-    file = Path(path)
-    if not file.is_file():
-        raise InputError(f"There is no file {str(file)!r}; give the path of an existing one.")
-    return file
 
 
 def read_mesh(path: str | Path) -> tuple[Floats, Ints]:
@@ -118,6 +106,7 @@ def as_mesh(vertices: Any, faces: Any) -> tuple[Floats, Ints]:
         raise InputError(
             f"vertices must be finite: {len(bad)} of {len(points)} that faces use hold NaN or infinity, first {bad[0]}."
         )
+    check_size(points[triangles].reshape(-1, 3), "vertices")
     return points, triangles
 
 

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import re
+import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cpmkit.arrays import as_points
-from cpmkit.errors import InputError, MissingDependencyError
+from cpmkit.array_files import bytes_of, read_array
+from cpmkit.arrays import as_positions
+from cpmkit.data import existing_file
+from cpmkit.errors import InputError, MissingDependencyError, shown
+from cpmkit.ply_files import read_ply, vertices_of
 from cpmkit.protocols import Floats, Ints
 
 TEXT = (".xyz", ".txt", ".csv")
@@ -36,32 +41,47 @@ def read_points(path: str | Path) -> np.ndarray:
     MissingDependencyError
         If it is a PCD file and Open3D is absent or cannot load.
     """
-    file = Path(path)
-    if not file.is_file():
-        raise InputError(f"There is no file {str(file)!r}; give the path of an existing one.")
+    file = existing_file(path)
     suffix = file.suffix.lower()
     if suffix not in FORMATS:
-        raise InputError(f"{file.name!r} is not a point cloud that can be read; accepted are {', '.join(FORMATS)}.")
+        raise InputError(f"{shown(file.name)} is no point cloud that can be read; accepted are {', '.join(FORMATS)}.")
     if suffix == ".pcd":
         return _read_pcd(file)
     try:
-        return _read_ply(file) if suffix == ".ply" else _read_rows(file, suffix)
-    except Exception as error:
-        raise InputError(f"{file.name!r} does not parse as {suffix[1:].upper()}: {error}") from error
+        return _READERS.get(suffix, _read_rows)(file)
+    except OSError as error:
+        raise InputError(f"{shown(file.name)} cannot be read: {error.strerror or error}.") from error
+
+
+def _read_npy(file: Path) -> np.ndarray:
+    return read_array(file, "an array of points")
 
 
 def _read_ply(file: Path) -> np.ndarray:
-    import trimesh
+    try:
+        return vertices_of(read_ply(bytes_of(file)))
+    except InputError as error:
+        raise InputError(f"{shown(file.name)} does not parse as PLY: {error}") from error
 
-    loaded = trimesh.load(file, process=False)
-    return np.asarray(loaded.vertices)
+
+def _read_rows(file: Path) -> np.ndarray:
+    """Read rows of numbers; what is in a file of something else is not repeated."""
+    lines = bytes_of(file).decode("utf-8-sig", errors="replace").splitlines()
+    kind = file.suffix[1:].upper()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # of a file without rows: the shape tells
+            rows = np.loadtxt(lines, delimiter="," if kind == "CSV" else None, ndmin=2)
+    except ValueError as error:
+        row = re.search(r"row (\d+)", str(error))
+        place = f", and row {row[1]} does not" if row else ""
+        raise InputError(
+            f"{shown(file.name)} does not parse as {kind}: each row must hold as many numbers, two or more{place}."
+        ) from error
+    return np.asarray(rows[:, :3])
 
 
-def _read_rows(file: Path, suffix: str) -> np.ndarray:
-    if suffix == ".npy":
-        return np.asarray(np.load(file, allow_pickle=False))
-    rows = np.loadtxt(file, delimiter="," if suffix == ".csv" else None, ndmin=2)
-    return rows[:, :3]
+_READERS = {".ply": _read_ply, ".npy": _read_npy}
 
 
 def _read_pcd(file: Path) -> np.ndarray:
@@ -104,7 +124,7 @@ def as_cloud(points: Any, what: str = "points") -> Floats:
         raise InputError(f"{what} must be an array of numbers, got {array.dtype}.")
     if array.ndim != 2 or array.shape[1] not in (2, 3) or not len(array):
         raise InputError(f"{what} must have shape (n, 2) or (n, 3) with n > 0, got {array.shape}.")
-    return as_points(array, array.shape[1], what)
+    return as_positions(array, array.shape[1], what)
 
 
 def as_normals(normals: Any, points: Floats) -> Floats:

@@ -55,7 +55,7 @@ def test_the_vertices_of_a_mesh_are_a_cloud(tmp_path):
     [
         ("a.obj", "", "accepted are .ply, .xyz, .txt, .csv, .npy, .pcd"),
         ("a.ply", "nothing of the kind\n", "does not parse as PLY"),
-        ("a.npy", "nothing of the kind\n", "does not parse as NPY"),
+        ("a.npy", "nothing of the kind\n", "is not a .npy file with an array of points"),
         ("a.xyz", "1 2 3\nnothing\n", "does not parse as XYZ"),
         ("a.csv", "1,2,3\n1,2\n", "does not parse as CSV"),
         ("a.txt", "1 2 3\n1 2 nan\n", "points must be finite: 1 of 2"),
