@@ -16,7 +16,7 @@ from cpmkit.plugins import installed_kinds
 #: Distributions whose versions matter, the required ones first.
 DISTRIBUTIONS = (
     *("cpmkit", "numpy", "scipy", "pluggy", "click"),
-    *("numba", "trimesh", "sympy", "scikit-fem", "pyvista", "vtk", "matplotlib"),
+    *("numba", "trimesh", "scikit-fem", "pyvista", "vtk", "matplotlib"),
 )
 
 #: Variables that change what cpmkit does.

@@ -1,41 +1,14 @@
-"""Formulas in scene files: a closed list of names and operations, parsed into NumPy, never evaluated as Python."""
+"""Formulas of position and time in scene files, computed by NumPy and never evaluated as Python."""
 
 from __future__ import annotations
 
-import ast
-import operator
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
 
-import numpy as np
-
-from cpmkit.errors import SceneError
+from cpmkit.errors import SceneError, shown
+from cpmkit.formula_steps import Program, Steps, program
+from cpmkit.formula_trees import COORDINATES, formula_tree
 from cpmkit.protocols import Floats
-
-COORDINATES = ("x", "y", "z")
-CONSTANTS = {"pi": np.pi, "e": np.e}
-FUNCTIONS: dict[str, Callable[..., Any]] = {
-    name: getattr(np, name)
-    for name in (
-        "sin", "cos", "tan", "arcsin", "arccos", "arctan", "arctan2", "sinh", "cosh", "tanh",
-        "exp", "log", "sqrt", "abs", "sign", "floor", "minimum", "maximum", "hypot",
-    )
-}  # fmt: skip
-OPERATIONS: dict[type[ast.AST], Callable[..., Any]] = {
-    ast.Add: operator.add,
-    ast.Sub: operator.sub,
-    ast.Mult: operator.mul,
-    ast.Div: operator.truediv,
-    ast.Pow: operator.pow,
-    ast.Mod: operator.mod,
-    ast.USub: operator.neg,
-    ast.UAdd: operator.pos,
-    ast.Lt: operator.lt,
-    ast.LtE: operator.le,
-    ast.Gt: operator.gt,
-    ast.GtE: operator.ge,
-}
 
 
 @dataclass(frozen=True)
@@ -45,14 +18,15 @@ class Expression:
     Parameters
     ----------
     text : str
-        For example ``"0.5 + 0.5 * sin(x / 20)"``. ``^`` is not a power; write ``**``. A comparison is 1 or 0.
+        For example ``"0.5 + 0.5 * sin(x / 20)"``. ``^`` is not a power; write ``**``. A comparison is 1 or 0. What has
+        no value, such as ``1/0``, is infinite or NaN.
     dim : int
         2 or 3: which coordinates there are.
 
     Raises
     ------
     SceneError
-        If the text does not parse, or uses a name or an operation that is not offered.
+        If the text does not parse, is too long, or uses what is not offered.
 
     Examples
     --------
@@ -65,52 +39,28 @@ class Expression:
     dim: int
 
     def __post_init__(self) -> None:
-        self(np.full((1, self.dim), 0.5), t=0.5)
+        _ = self._program  # a formula that is refused is refused here
 
     def __call__(self, points: Floats, t: float | None = None) -> Floats:
-        """Return the values (n,) at points (n, d) and, where the formula has a t in it, the time ``t``."""
-        tree = self.tree()
-        with np.errstate(all="ignore"):
-            return np.broadcast_to(np.asarray(self._value(tree, points, t), dtype=np.float64), (len(points),)).copy()
+        """Return the values (n,) at points (n, d) and, where the formula has a t in it, the time ``t``.
+
+        Raises
+        ------
+        SceneError
+            If the formula has a t in it and no time is given.
+        """
+        if t is None and self.takes_time:
+            raise SceneError(f"the formula {shown(self.text)} depends on t, and there is no time here; leave t out.")
+        variables = {name: points[:, k] for k, name in enumerate(COORDINATES[: self.dim])}
+        values: Floats = self._program({**variables, "t": t}, len(points))[0]
+        return values
 
     @property
     def takes_time(self) -> bool:
         """True where the formula has a t in it."""
-        return any(isinstance(node, ast.Name) and node.id == "t" for node in ast.walk(self.tree()))
+        return "t" in self._program.variables
 
-    def tree(self) -> ast.expr:
-        """Return the formula as a syntax tree, from which derivatives can be built; it holds what is offered only."""
-        try:
-            return ast.parse(self.text, mode="eval").body
-        except SyntaxError as error:
-            raise SceneError(f"the formula {self.text!r} does not parse: {error.msg}.") from error
-
-    def _value(self, node: ast.AST, points: Floats, t: float | None) -> Any:
-        match node:
-            case ast.Constant(value=int() | float() as number) if not isinstance(number, bool):
-                return float(number)
-            case ast.Name(id=name) if name in COORDINATES[: self.dim]:
-                return points[:, COORDINATES.index(name)]
-            case ast.Name(id="t") if t is not None:
-                return t
-            case ast.Name(id=name) if name in CONSTANTS:
-                return CONSTANTS[name]
-            case ast.BinOp(left=left, op=op, right=right) if type(op) in OPERATIONS:
-                return OPERATIONS[type(op)](self._value(left, points, t), self._value(right, points, t))
-            case ast.UnaryOp(op=op, operand=operand) if type(op) in OPERATIONS:
-                return OPERATIONS[type(op)](self._value(operand, points, t))
-            case ast.Compare(left=left, ops=[op], comparators=[right]) if type(op) in OPERATIONS:
-                return OPERATIONS[type(op)](self._value(left, points, t), self._value(right, points, t)) * 1.0
-            case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]) if name in FUNCTIONS:
-                return self._call(name, [self._value(argument, points, t) for argument in arguments])
-        names = (*COORDINATES[: self.dim], "t", *CONSTANTS, *FUNCTIONS)
-        raise SceneError(
-            f"the formula {self.text!r} uses {ast.unparse(node)!r}; offered are "
-            f"+ - * / ** % < > and {', '.join(names)}."
-        )
-
-    def _call(self, name: str, values: list[Any]) -> Any:
-        try:
-            return FUNCTIONS[name](*values)
-        except (TypeError, ValueError) as error:
-            raise SceneError(f"the formula {self.text!r} calls {name} with {len(values)} arguments.") from error
+    @cached_property
+    def _program(self) -> Program:
+        steps = Steps()
+        return program(steps, [steps.add_tree(formula_tree(self.text, (*COORDINATES[: self.dim], "t")))])

@@ -4,39 +4,47 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Mapping
+from keyword import iskeyword
 from typing import Any
+from unicodedata import normalize
 
-from cpmkit.errors import SceneError
-from cpmkit.expressions import CONSTANTS, COORDINATES, FUNCTIONS
+from cpmkit.errors import SceneError, shown
+from cpmkit.formula_trees import CONSTANTS, COORDINATES, FUNCTIONS, LONGEST, formula_tree, parse
 
 TAKEN = {*COORDINATES, *CONSTANTS, *FUNCTIONS, "t"}
+#: The variables of formulas anywhere in a scene: of position and time, and of parametric curves and surfaces.
+VARIABLES = (*COORDINATES, "t", "u", "v")
 #: Values of these keys are names or files, never formulas.
-NO_FORMULAS = ("kind", "name", "file", "scheme", "start")
-#: A formula that would become longer than this many characters is refused: each name may double it.
-LONGEST = 20_000
+NO_FORMULAS = ("kind", "name", "file", "values", "of", "closest", "scheme", "start")
 
 
-def expand_names(table: Mapping[str, Any]) -> dict[str, str]:
+def expand_names(table: Any) -> dict[str, str]:
     """Return the formulas of a table [let], each with those before it in place of their names.
 
     Raises
     ------
     SceneError
-        If a name is taken or no name, a value is no formula, or a formula becomes too long.
+        If it is no table, a name is taken or no name, a value is no formula, or a formula becomes too long.
 
     Examples
     --------
     >>> expand_names({"r": "x + y", "double": "2*r"})
-    {'r': 'x + y', 'double': '2 * (x + y)'}
+    {'r': 'x + y', 'double': '2*(x + y)'}
     """
+    if not isinstance(table, dict):
+        raise SceneError(f"[let] must be a table of names and formulas, got {shown(table)}.")
     known: dict[str, str] = {}
     for name, formula in table.items():
-        if not name.isidentifier() or name in TAKEN:
-            raise SceneError(f"the name {name!r} of [let] is taken or no name; use letters, digits and underscores.")
+        if not name.isidentifier() or iskeyword(name) or normalize("NFKC", name) != name or name in TAKEN:
+            raise SceneError(
+                f"the name {shown(name)} of [let] is taken or no name; use letters, digits and underscores."
+            )
         text = str(formula) if isinstance(formula, (int, float)) and not isinstance(formula, bool) else formula
         if not isinstance(text, str):
-            raise SceneError(f"{name} of [let] must be a formula or a number, got {formula!r}.")
+            raise SceneError(f"{name} of [let] must be a formula or a number, got {shown(formula)}.")
+        parse(text, f"{name} of [let]")
         known[name] = expand(text, known)
+        formula_tree(known[name], VARIABLES, f"{name} of [let]")
     return known
 
 
@@ -46,20 +54,24 @@ def expand(formula: str, known: Mapping[str, str]) -> str:
     Raises
     ------
     SceneError
-        If it becomes too long.
+        If it becomes too long: each name may double it.
     """
     try:
-        tree = ast.parse(formula, mode="eval")
-    except SyntaxError:
+        tree = parse(formula)
+    except SceneError:  # told where the formula is read, with the key's name; or it is no formula at all
         return formula
-    if not {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)} & known.keys():
-        return formula
-    text = ast.unparse(_Substitution(known).visit(tree))
-    if len(text) > LONGEST:
+    names = [node for node in ast.walk(tree) if isinstance(node, ast.Name) and node.id in known]
+    length = len(formula) + sum(len(known[node.id]) for node in names)
+    if length > LONGEST:
         raise SceneError(
-            f"the formula {formula!r} becomes longer than {LONGEST} characters with the names of [let]; use fewer."
+            f"the formula {shown(formula)} becomes {length} characters long with the names of [let]; at most {LONGEST} "
+            "are accepted, use fewer."
         )
-    return text
+    lines = [line.encode() for line in formula.strip().split("\n")]  # columns are counted in bytes
+    for node in sorted(names, key=lambda node: (node.lineno, node.col_offset), reverse=True):
+        line, begin, end = lines[node.lineno - 1], node.col_offset, node.end_col_offset
+        lines[node.lineno - 1] = line[:begin] + f"({known[node.id]})".encode() + line[end:]
+    return b"\n".join(lines).decode() if names else formula
 
 
 def expand_all(value: Any, known: Mapping[str, str]) -> Any:
@@ -71,15 +83,3 @@ def expand_all(value: Any, known: Mapping[str, str]) -> Any:
     if isinstance(value, dict):
         return {key: entry if key in NO_FORMULAS else expand_all(entry, known) for key, entry in value.items()}
     return value
-
-
-class _Substitution(ast.NodeTransformer):
-    """Replaces names by the formulas that they stand for."""
-
-    def __init__(self, known: Mapping[str, str]) -> None:
-        self._known = known
-
-    def visit_Name(self, node: ast.Name) -> ast.expr:
-        """Return the formula in place of its name; functions are names too, and are never replaced."""
-        formula = self._known.get(node.id)
-        return node if formula is None else ast.parse(formula, mode="eval").body

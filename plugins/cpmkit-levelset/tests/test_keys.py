@@ -20,7 +20,7 @@ def squares(p):
         ({"phi": f"({BALL})**2", "bounds": BOX}, "no zero set in the bounds"),
         ({"phi": "log(x) + y + z", "bounds": BOX}, "phi must be finite in the bounds"),
         ({"phi": "x + y + z", "bounds": BOX}, "runs out of the bounds at .* widen the bounds"),
-        ({"phi": "q**2 - 1", "bounds": BOX}, "the formula .* uses 'q'"),
+        ({"phi": "q**2 - 1", "bounds": BOX}, "phi .* uses 'q'"),
         ({"phi": "x**2 + y**2 + z**2 - 1", "bounds": [[-2, -2], [2, 2]]}, "uses 'z'"),
         ({"phi": "minimum(x, y) + z", "bounds": BOX}, "'minimum.*' in|phi uses 'minimum.*no second derivative"),
         ({"phi": "x % 1 - y", "bounds": BOX}, "phi uses 'x % 1'"),

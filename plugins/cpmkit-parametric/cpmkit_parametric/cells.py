@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
+from cpmkit.errors import InputError
 from cpmkit.protocols import Bools, Floats, Ints
 from cpmkit_parametric.domain import Domain
 from cpmkit_parametric.maps import UnitMap
@@ -23,6 +24,8 @@ ROUND_OFF = 1e-6
 #: Cells are halved until nineteen in twenty deviate by less than this share of their radius.
 FLATNESS = {1: 0.04, 2: 0.08}
 MOST_CELLS = {1: 2**15, 2: 2**17}
+#: In a cell that does not wind, no point moves faster than this times the span of the cell.
+FASTEST = 3.0
 #: Starts of the descent for one query; more are found only where the distance is all but constant.
 MOST_STARTS = 8
 #: Pairs of a query and a cell that are held at a time.
@@ -177,7 +180,13 @@ def _valleys(query: Ints, cell: Ints, distance: Floats, neighbours: Ints) -> tup
 
 
 def build_tree(map: UnitMap, domain: Domain) -> CellTree:
-    """Halve the cells until they are flat, and return all levels."""
+    """Halve the cells until they are flat, and return all levels.
+
+    Raises
+    ------
+    InputError
+        If half of the smallest cells are not flat: the map winds more often than they resolve.
+    """
     shape = _top_shape(map)
     m = map.count
     doublings = 2 if m == 2 else 4
@@ -186,14 +195,36 @@ def build_tree(map: UnitMap, domain: Domain) -> CellTree:
         points = _grid(map, finest)
         level = _level(points, finest)
         cells = int(np.prod(finest))
-        rough = level.deviations > FLATNESS[m] * SAFETY * level.radii
-        if np.mean(rough & (level.radii > 0)) < 0.05 or cells << m > MOST_CELLS[m]:
+        rough = (level.deviations > FLATNESS[m] * SAFETY * level.radii) & (level.radii > 0)
+        winding = _winding(map, level)
+        if cells << m > MOST_CELLS[m] or (np.mean(rough) < 0.05 and np.mean(winding) < 0.02):
             break
         doublings += 1
+    if np.mean(rough | winding) > 0.5:
+        raise InputError(
+            f"x winds or bends more often than {cells} cells resolve; use a shorter range, or fewer windings in it."
+        )
     levels = [_level(points, tuple(n << k for n in shape)) for k in range(doublings)]
     inverses = np.linalg.pinv(level.spans.transpose(0, 2, 1), rcond=1e-6).transpose(0, 2, 1)
     neighbours, ends = domain.neighbours(finest), domain.ends(finest)
     return CellTree((*levels, level), neighbours, ends, np.ascontiguousarray(inverses))
+
+
+def _winding(map: UnitMap, level: Level) -> Bools:
+    """Tell of which cells a random point lies off the disc, or moves much faster than from end to end of the cell.
+
+    Samples at equal distances alone miss what winds in step with them, and a helix looks straight from afar.
+    """
+    own = np.arange(len(level.radii))
+    inside = np.stack(np.unravel_index(own, level.shape), axis=1) + np.random.default_rng(0).uniform(
+        0, 0.99, (len(own), len(level.shape))
+    )
+    points = map.value(inside / level.shape)
+    winding = level.distances(points, own)[0] > level.deviations
+    for axis, step in enumerate(1e-3 * np.eye(len(level.shape))):
+        speed = np.linalg.norm(map.value((inside + step) / level.shape) - points, axis=1) / 1e-3
+        winding |= speed > FASTEST * np.linalg.norm(level.spans[:, axis], axis=1)
+    return winding
 
 
 def _top_shape(map: UnitMap) -> tuple[int, ...]:

@@ -13,13 +13,14 @@ from typing import Any
 import numpy as np
 
 from cpmkit.arrays import as_vector
-from cpmkit.errors import InputError
+from cpmkit.errors import InputError, shown
+from cpmkit.formula_trees import formula_tree
 from cpmkit.protocols import Bools, Floats
 from cpmkit_parametric.cells import build_tree
 from cpmkit_parametric.differences import Differences
 from cpmkit_parametric.domain import Domain, check_glued, find_sides
-from cpmkit_parametric.formulas import parsed
-from cpmkit_parametric.maps import CallableMap, Map, UnitMap, as_columns, formula_map
+from cpmkit_parametric.formulas import constant, formula_map
+from cpmkit_parametric.maps import CallableMap, Map, UnitMap, as_columns
 from cpmkit_parametric.sources import Curve, OrientedSurface, Parametric, PlaneCurve, Surface
 
 Formulas = Sequence[str] | Callable[..., Any]
@@ -89,7 +90,7 @@ def surface(
         If a key is not accepted, the map is not finite or constant, or periodic ends do not meet.
     """
     if glue_u not in ("straight", "flip") or (glue_u == "flip" and not periodic_u):
-        raise InputError(f"glue_u must be 'straight', or 'flip' with periodic_u = true, got {glue_u!r}.")
+        raise InputError(f"glue_u must be 'straight', or 'flip' with periodic_u = true, got {shown(glue_u)}.")
     glued = [as_flag(periodic_u, "periodic_u"), as_flag(periodic_v, "periodic_v")]
     made = build(_map(x, "uv", (3,), [u, v], glued, derivatives), "uv", glued, glue_u == "flip", translation)
     assert isinstance(made, Surface)
@@ -123,8 +124,8 @@ def _map(
     if derivatives is not None:
         raise InputError("derivatives belong to a callable x; formulas are differentiated by themselves.")
     if isinstance(x, str) or not isinstance(x, Sequence) or len(x) not in counts or not _are_formulas(x):
-        raise InputError(f"x must be {wanted} formulas in {' and '.join(names)}, or a callable, got {x!r}.")
-    return UnitMap(formula_map([parsed(str(text), names) for text in x], names), lower, upper)
+        raise InputError(f"x must be {wanted} formulas in {' and '.join(names)}, or a callable, got {shown(x)}.")
+    return UnitMap(formula_map([formula_tree(str(text), tuple(names)) for text in x], names), lower, upper)
 
 
 def _are_formulas(x: Sequence[Any]) -> bool:
@@ -142,7 +143,7 @@ def _callable_map(
     if derivatives is None:
         return differences
     if not callable(derivatives):
-        raise InputError(f"derivatives must be a callable, got {derivatives!r}.")
+        raise InputError(f"derivatives must be a callable, got {shown(derivatives)}.")
     given = CallableMap(dim, len(lower), x, derivatives)
     _check_derivatives(given.jet(probe.T), differences.jet(probe.T), upper - lower)
     return given
@@ -168,10 +169,10 @@ def as_range(value: Any, what: str) -> tuple[float, float]:
         If they are not.
     """
     if isinstance(value, str) or np.ndim(np.asarray(value, dtype=object)) != 1 or len(value) != 2:
-        raise InputError(f"{what} must be two numbers [start, end], got {value!r}.")
+        raise InputError(f"{what} must be two numbers [start, end], got {shown(value)}.")
     start, end = (as_number(entry, what) for entry in value)
     if not (np.isfinite([start, end]).all() and start < end):
-        raise InputError(f"{what} must run from a smaller to a larger finite number, got {value!r}.")
+        raise InputError(f"{what} must run from a smaller to a larger finite number, got {shown(value)}.")
     return start, end
 
 
@@ -183,10 +184,17 @@ def as_number(value: Any, what: str) -> float:
     InputError
         If it is neither.
     """
+    if isinstance(value, str):
+        found = constant(value, what)
+        if not np.isfinite(found):
+            raise InputError(f"{what} must hold finite numbers, got {shown(value)}, which is {found:g}.")
+        return found
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
+        raise InputError(f"{what} must hold numbers or constant formulas, got {shown(value)}.")
     try:
-        return float(parsed(value, ()) if isinstance(value, str) else value)
-    except TypeError as error:
-        raise InputError(f"{what} must hold numbers or constant formulas, got {value!r}.") from error
+        return float(value)
+    except OverflowError:
+        return np.inf
 
 
 def as_flag(value: Any, what: str) -> bool:
@@ -198,7 +206,7 @@ def as_flag(value: Any, what: str) -> bool:
         If it is neither.
     """
     if not isinstance(value, (bool, np.bool_)):
-        raise InputError(f"{what} must be true or false, got {value!r}.")
+        raise InputError(f"{what} must be true or false, got {shown(value)}.")
     return bool(value)
 
 

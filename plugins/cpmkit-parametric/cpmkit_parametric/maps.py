@@ -10,10 +10,7 @@ import numpy as np
 
 from cpmkit.errors import InputError
 from cpmkit.protocols import Floats
-from cpmkit_parametric.formulas import NUMPY_STEPS
-
-#: Value (n, d), first derivatives (n, m, d) and second derivatives (n, m, m, d).
-Jet = tuple[Floats, Floats, Floats]
+from cpmkit_parametric.formulas import Jet, symmetric
 
 
 class Map(Protocol):
@@ -32,67 +29,6 @@ class Map(Protocol):
 
     def jet(self, t: Floats, /) -> Jet:
         """Return points, first and second derivatives."""
-
-
-@dataclass(frozen=True, eq=False)
-class FormulaMap:
-    """A map written as formulas; its derivatives are formulas too.
-
-    Attributes
-    ----------
-    dim, count : int
-        Number of coordinates and of parameters.
-    compute, compute_jet : callable
-        From the parameters' columns to the list of values; of values, first and (upper) second derivatives.
-    """
-
-    dim: int
-    count: int
-    compute: Callable[..., Sequence[Any]]
-    compute_jet: Callable[..., Sequence[Any]]
-
-    def value(self, t: Floats, /) -> Floats:
-        """Return the points (n, d) at parameters (n, m)."""
-        return self._table(self.compute, t)
-
-    def jet(self, t: Floats, /) -> Jet:
-        """Return points, first and second derivatives."""
-        table = self._table(self.compute_jet, t)
-        d, m = self.dim, self.count
-        p, J, upper = np.split(table, [d, d * (1 + m)], axis=1)
-        return p, J.reshape(len(t), m, d), symmetric(upper.reshape(len(t), m * (m + 1) // 2, d), m)
-
-    def _table(self, compute: Callable[..., Sequence[Any]], t: Floats) -> Floats:
-        with np.errstate(all="ignore"):
-            columns = compute(*t.T)
-            table = np.empty((len(t), len(columns)))
-            for k, column in enumerate(columns):
-                table[:, k] = np.nan if np.iscomplexobj(column) else column
-        return table
-
-
-def formula_map(x: Sequence[Any], names: Sequence[str]) -> FormulaMap:
-    """Return the map of SymPy expressions ``x`` (d of them) in the parameters ``names``."""
-    import sympy
-
-    symbols = [sympy.Symbol(name) for name in names]
-    first = [component.diff(s) for s in symbols for component in x]
-    pairs = [(a, b) for i, a in enumerate(symbols) for b in symbols[i:]]
-    second = [component.diff(a).diff(b) for a, b in pairs for component in x]
-
-    def compiled(expressions: Sequence[Any]) -> Callable[..., Sequence[Any]]:
-        function: Callable[..., Sequence[Any]] = sympy.lambdify(
-            symbols, expressions, modules=[dict(NUMPY_STEPS), "numpy"], cse=True
-        )
-        return function
-
-    return FormulaMap(len(x), len(names), compiled(x), compiled([*x, *first, *second]))
-
-
-def symmetric(upper: Floats, count: int) -> Floats:
-    """Return (n, m, m, d) from the upper triangle (n, m (m + 1) / 2, d), row by row."""
-    place = {1: [[0]], 2: [[0, 1], [1, 2]]}[count]
-    return np.ascontiguousarray(upper[:, place])
 
 
 @dataclass(frozen=True, eq=False)

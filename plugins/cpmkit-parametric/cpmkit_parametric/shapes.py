@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Sequence
 from math import gcd
 from typing import Any
 
 import numpy as np
 
-from cpmkit.arrays import as_vector, positive
-from cpmkit.errors import InputError
+from cpmkit.arrays import as_vector, positive, whole
+from cpmkit.errors import InputError, shown
+from cpmkit.formula_trees import formula_tree
 from cpmkit_parametric.factories import as_flag, as_range, build, curve, surface
-from cpmkit_parametric.formulas import parsed
-from cpmkit_parametric.maps import Map, UnitMap, formula_map
+from cpmkit_parametric.formulas import formula_map
+from cpmkit_parametric.maps import Map, UnitMap
 from cpmkit_parametric.sources import Curve, OrientedSurface, Surface
 
 TURN = [0.0, 2 * np.pi]
+#: Of knots and planar curves: with more, the cells of :mod:`cpmkit_parametric.cells` do not resolve them.
+MOST_WINDINGS = 1000
 
 
 def torus_knot(*, a: Any = 3, b: Any = 7, major: Any = 3.0, minor: Any = 1.0, translation: Any = None) -> Curve:
@@ -23,7 +27,7 @@ def torus_knot(*, a: Any = 3, b: Any = 7, major: Any = 3.0, minor: Any = 1.0, tr
 
     King et al. (2024), equation of the torus knot, whose ``major`` is 3 and ``minor`` 1. The trefoil is a = 2, b = 3.
     """
-    a, b = whole(a, "a"), whole(b, "b")
+    a, b = whole(a, "a", 1, MOST_WINDINGS), whole(b, "b", 1, MOST_WINDINGS)
     if gcd(a, b) != 1:
         raise InputError(f"a and b must share no factor, or the knot is traced more than once; got {a} and {b}.")
     R, r = positive(major, "major"), positive(minor, "minor")
@@ -47,7 +51,7 @@ def helix(*, radius: Any = 1.0, pitch: Any = 1.0, turns: Any = 2.0, translation:
 
 def planar_curve(*, a: Any = 3, b: Any = 4, c: Any = -0.5, translation: Any = None) -> Curve:
     """Return the closed diffusion curve in the plane of King et al. (2024): (v cos t + c, v sin t + c)."""
-    a, b = whole(a, "a"), whole(b, "b")
+    a, b = whole(a, "a", 1, MOST_WINDINGS), whole(b, "b", 1, MOST_WINDINGS)
     shift = float(as_vector([c], 1, "c")[0])
     v = f"(cos(t)*({(a + b) / 2!r} + sin({a}*t) + sin({b}*t)) + {(a + b) / 2!r})/{a + b}"
     return curve(
@@ -70,16 +74,12 @@ def revolution(
         The profile is closed, as a torus's.
     translation : (3,) numbers, optional
     """
-    import sympy
-
     if isinstance(profile, str) or not isinstance(profile, Sequence) or len(profile) != 2:
-        raise InputError(f"profile must be 2 formulas in t, [distance from the axis, height], got {profile!r}.")
-    r, z = (str(formula) for formula in profile)
-    radius, height = parsed(r, ("t",)), parsed(z, ("t",))
+        raise InputError(f"profile must be 2 formulas in t, [distance from the axis, height], got {shown(profile)}.")
+    radius, height = (formula_tree(str(formula), ("t",), "profile") for formula in profile)
     start, end = as_range(range, "range")
     _check_radius(formula_map([radius], ("t",)), start, end)
-    u = sympy.Symbol("u")
-    swept = formula_map([radius * sympy.cos(u), radius * sympy.sin(u), height], ("u", "t"))
+    swept = formula_map([_times(radius, "cos(u)"), _times(radius, "sin(u)"), height], ("u", "t"))
     glued = [True, as_flag(periodic, "periodic")]
     unit = UnitMap(swept, np.array([0.0, start]), np.array([2 * np.pi, end]))
     made = build(unit, "ut", glued, translation=translation)
@@ -124,17 +124,8 @@ def klein(*, radius: Any = 2.0, width: Any = 1.0, translation: Any = None) -> Su
     )
 
 
-def whole(value: Any, what: str) -> int:
-    """Return a whole number above zero.
-
-    Raises
-    ------
-    InputError
-        If it is none.
-    """
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
-        raise InputError(f"{what} must be a whole number above zero, got {value!r}.")
-    return int(value)
+def _times(tree: ast.expr, factor: str) -> ast.expr:
+    return ast.BinOp(tree, ast.Mult(), formula_tree(factor, ("u",)))
 
 
 def _check_radius(radius: Map, start: float, end: float) -> None:
