@@ -4,70 +4,14 @@ from __future__ import annotations
 
 import json
 import math
-import sys
-from collections.abc import Mapping
-from contextlib import nullcontext
-from importlib.metadata import EntryPoint, entry_points
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import click
 
-from cpmkit.errors import CpmkitError, PluginError
-from cpmkit.plugins import COMMANDS
+from cpmkit.command_group import CommandGroup, told_progress, traceback_option
 from cpmkit.studies.commands import study
-
-
-class CommandGroup(click.Group):
-    """The built-in commands in their own order, then those of plugins, which are imported when called.
-
-    An error that cpmkit raises on purpose ends the process with its one sentence and exit code 1;
-    any other is a defect and shows its traceback.
-    """
-
-    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 - click's signature
-        """Return all names, importing nothing."""
-        return [*self.commands, *(name for name in _offered() if name not in self.commands)]
-
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Return a command; a plugin's is imported here."""
-        built_in = super().get_command(ctx, cmd_name)
-        point = _offered().get(cmd_name)
-        return built_in if built_in or point is None else _load(point)
-
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """List the commands; of a plugin's, which is not imported for this, only where it comes from."""
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, command.get_short_help_str(200)) for name, command in self.commands.items()])
-        plugged = [(name, _origin(_offered()[name])) for name in self.list_commands(ctx) if name not in self.commands]
-        if plugged:
-            with formatter.section("Commands of plugins"):
-                formatter.write_dl(plugged)
-
-    def invoke(self, ctx: click.Context) -> Any:
-        """Run a command."""
-        try:
-            return super().invoke(ctx)
-        except CpmkitError as error:
-            raise click.ClickException(str(error)) from error
-
-
-def _offered() -> Mapping[str, EntryPoint]:
-    return {point.name: point for point in sorted(entry_points(group=COMMANDS), key=lambda point: point.name)}
-
-
-def _origin(point: EntryPoint) -> str:
-    return f"from {point.dist.name} {point.dist.version}" if point.dist else f"from {point.value}"
-
-
-def _load(point: EntryPoint) -> click.Command:
-    try:
-        command = point.load()
-    except Exception as error:
-        raise PluginError(f"The command {point.name!r} ({_origin(point)}) does not import: {error}") from error
-    if not isinstance(command, click.Command):
-        raise PluginError(f"The command {point.name!r} ({_origin(point)}) is {command!r}, not a click command.")
-    return command
 
 
 def _finite(ctx: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
@@ -93,6 +37,7 @@ json_option = click.option(
 
 @click.group(cls=CommandGroup, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="cpmkit")
+@traceback_option
 def main() -> None:
     """Solve PDEs on curves and surfaces by the closest point method.
 
@@ -100,7 +45,8 @@ def main() -> None:
     and a grid spacing. Start with `cpmkit explain SCENE.toml`, which says what would be built and at
     what cost, then `cpmkit solve SCENE.toml`.
 
-    Exit codes: 0 done; 1 the scene or its solution failed; 2 the command line is wrong.
+    Exit codes: 0 done; 1 the scene or its solution failed; 2 the command line is wrong; 3 a bug in cpmkit or
+    in a plugin; 130 interrupted.
     """
 
 
@@ -133,7 +79,10 @@ def main() -> None:
     help="Go on from the checkpoint of an earlier run of the same scene.",
 )
 @json_option
-@click.option("--quiet", is_flag=True, help="Show neither progress nor a summary; errors are still shown.")
+@click.option(
+    "--quiet", is_flag=True, help="Show neither progress nor a summary; warnings and errors go to standard error."
+)
+@traceback_option
 def solve(
     scene: Path,
     spacing: float | None,
@@ -146,35 +95,45 @@ def solve(
 ) -> None:
     """Solve a scene and write what it asks for: files, a picture, a summary.
 
-    The output folder is made once the scene is solved, so a scene that fails leaves nothing behind.
+    The output folder is made once the scene is solved, so a scene that fails leaves nothing behind. Results of
+    the same names that are there already are replaced, each by a whole file.
     """
     from cpmkit import load_scene
     from cpmkit import solve as solve_scene
-    from cpmkit.progress import ProgressLine
     from cpmkit.results import check_request, write_results
+    from cpmkit.telling import overheard
 
-    meter = nullcontext(_silent) if quiet else ProgressLine(sys.stderr)
-    with meter as progress:
-        progress("read", 0.0)
-        loaded = load_scene(scene)
-        check_request(loaded.output, loaded.scene.surface)
-        options = loaded.options if backend == "cpm" else _options_of(backend, loaded.options)
-        options |= {key: file for key, file in (("checkpoint", checkpoint), ("resume", resume)) if file}
-        solution = solve_scene(loaded.scene, spacing=spacing or loaded.spacing, progress=progress, **options)
-        summary = write_results(solution, loaded.output, output or loaded.output.folder, progress)
+    with overheard() as heard, told_progress(scene, quiet) as progress:
+        try:
+            loaded = load_scene(scene)
+            folder = output or loaded.output.folder
+            check_request(loaded.output, loaded.scene.surface, folder)
+            options = loaded.options if backend == "cpm" else _options_of(backend, loaded.options)
+            options |= {key: file for key, file in (("checkpoint", checkpoint), ("resume", resume)) if file}
+            solution = solve_scene(loaded.scene, spacing=spacing or loaded.spacing, progress=progress, **options)
+        except Exception:
+            _warn(heard, err=True)
+            raise
+        warnings = list(dict.fromkeys([*heard, *solution.warnings]))
+        written = write_results(solution, loaded.output, folder, progress, warnings)
     if as_json:
-        click.echo(json.dumps(summary, indent=2))
-    elif not quiet:
-        click.echo(_told(solution, summary))
+        click.echo(json.dumps(written.summary, indent=2))
+    elif quiet:
+        _warn(warnings, err=True)
+    else:
+        click.echo(_told(solution, written.summary))
+        _warn(warnings)
+    written.check()
+
+
+def _warn(sentences: Iterable[str], err: bool = False) -> None:
+    for sentence in sentences:
+        click.echo(f"warning    {sentence}", err=err)
 
 
 def _options_of(backend: str, options: Mapping[str, Any]) -> dict[str, Any]:
     """Return the options for another back end: the file's others describe the lattice and its solver."""
     return {"backend": backend, **{name: value for name, value in options.items() if name == "tolerance"}}
-
-
-def _silent(stage: str, fraction: float) -> None:
-    del stage, fraction
 
 
 def _told(solution: Any, summary: Mapping[str, Any]) -> str:
@@ -187,7 +146,6 @@ def _told(solution: Any, summary: Mapping[str, Any]) -> str:
         f"solver     {report.solver}: {report.reason}",
         f"seconds    {sum(seconds.values()):.1f} ({stages})",
     ]
-    lines += [f"warning    {warning}" for warning in solution.warnings]
     lines += [f"written    {Path(summary['folder'], file)}" for file in summary["files"]]
     if summary["picture"]:
         drawn = summary["picture"]
@@ -200,6 +158,7 @@ def _told(solution: Any, summary: Mapping[str, Any]) -> str:
 @scene_argument
 @spacing_option
 @json_option
+@traceback_option
 def explain(scene: Path, spacing: float | None, as_json: bool) -> None:
     """Say what solving a scene would build, why, and at what cost.
 
@@ -207,19 +166,24 @@ def explain(scene: Path, spacing: float | None, as_json: bool) -> None:
     """
     from cpmkit import explain as explain_scene
     from cpmkit import load_scene
-    from cpmkit.progress import ProgressLine
+    from cpmkit.telling import overheard
 
-    with ProgressLine(sys.stderr) as progress:
-        progress("read", 0.0)
-        loaded = load_scene(scene)
-        explanation = explain_scene(
-            loaded.scene, spacing=spacing or loaded.spacing, progress=progress, **loaded.options
-        )
+    with overheard() as heard, told_progress(scene) as progress:
+        try:
+            loaded = load_scene(scene)
+            explanation = explain_scene(
+                loaded.scene, spacing=spacing or loaded.spacing, progress=progress, **loaded.options
+            )
+        except Exception:
+            _warn(heard, err=True)
+            raise
     click.echo(json.dumps(explanation.as_dict(), indent=2) if as_json else str(explanation))
+    _warn(heard, err=as_json)
 
 
 @main.command()
 @json_option
+@traceback_option
 def plugins(as_json: bool) -> None:
     """List the kinds of surfaces and curves that scenes can name.
 
@@ -243,6 +207,7 @@ def plugins(as_json: bool) -> None:
 @main.command()
 @click.argument("scene", required=False, type=click.Path(path_type=Path), metavar="[SCENE.toml]")
 @json_option
+@traceback_option
 @click.pass_context
 def doctor(ctx: click.Context, scene: Path | None, as_json: bool) -> None:
     """Report what is installed, whether pictures can be drawn, and whether a scene loads.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -14,6 +15,8 @@ def compiled(function: Function) -> Function:
     Kernels that call each other live in one file: the kept code is renewed when its own file
     changes, not when another one does.
     """
+    # Else numba takes the folder from a file .numba_config.yaml in the working directory, and runs what lies there.
+    os.environ.setdefault("NUMBA_CACHE_DIR", "")
     from numba import njit
 
     options = {"nogil": True, "error_model": "numpy"}

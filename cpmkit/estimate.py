@@ -12,6 +12,7 @@ from cpmkit.protocols import Floats
 from cpmkit.scene import Scene
 from cpmkit.solution import Solution
 from cpmkit.solving import solve
+from cpmkit.telling import overheard, tell
 
 #: At about so many feet of nodes the two solutions are compared.
 COMPARED = 4000
@@ -88,8 +89,10 @@ def estimate_error(scene: Scene, spacing: float, *, order: int = 2, **options: A
     >>> bool(0.3 < estimate.error[0] / abs(estimate.solution.evaluate([[1, 0]])[0] - 1) < 3)
     True
     """
-    solution = solve(scene, spacing, order=order, **options)
-    coarse = solve(scene, 2 * spacing, order=order, **options)
+    with overheard():
+        solution = solve(scene, spacing, order=order, **options)
+        coarse = solve(scene, 2 * spacing, order=order, **options)
+    tell(solution.warnings)
     layout = solution.tables.layout
     inside = np.flatnonzero(layout.band.feet.edge[: layout.band.inner] < 0)
     chosen = inside[np.linspace(0, len(inside) - 1, min(COMPARED, len(inside))).astype(np.int64)]

@@ -14,8 +14,9 @@ from cpmkit.boundary.edge import is_wall
 from cpmkit.combinations.abilities import floor_of
 from cpmkit.conditions import Condition
 from cpmkit.doubled import Cluster
+from cpmkit.fitting import check_fits, memory_ran_out
 from cpmkit.flux_balance import check_balance
-from cpmkit.localized import largest_dim
+from cpmkit.localized import largest_dim, localize
 from cpmkit.protocols import HasNormals, HasTangents, Parting, Progress, nothing
 from cpmkit.rehearsal import Counts, count
 from cpmkit.remains import Remainder
@@ -128,8 +129,11 @@ def explain(
     check_solver(solver, solver_options)
     check_balance(scene, balance)
     spacing = needed_spacing(scene, spacing)
-    counts = count(scene, spacing, progress, degree=degree, order=order, origin=origin, sheets=sheets)
-    memory.check_fits(counts["unknowns"], scene.surface.dim, largest_dim(scene.surface), degree, spacing)
+    try:
+        counts = count(scene, spacing, progress, degree=degree, order=order, origin=origin, sheets=sheets)
+    except MemoryError as error:
+        raise memory_ran_out(scene, spacing, degree, solver, error) from error
+    check_fits(localize(scene.surface, np.zeros(scene.surface.dim)), counts["unknowns"], spacing, degree)
     chosen = choose_solver(solver, counts["unknowns"], largest_dim(scene.surface), scene.problem.factorise_up_to)
     needed = memory.peak_bytes(counts["rows"], counts["unknowns"], scene.surface.dim, degree, scene.channels, chosen)
     parts = [

@@ -78,7 +78,7 @@ def check_file(path: str | Path, surface: ClosestPointSource) -> None:
         raise InputError(
             f"{path.name!r} would hold a curve, and PLY files hold no lines; accepted are .vtp, .npz, .json."
         )
-    if find_spec("pyvista") is None:
+    if suffix != ".ply" and find_spec("pyvista") is None:
         raise MissingDependencyError(f"{suffix} files are written by pyvista; `pip install '.[view]'` adds it.")
 
 
@@ -100,13 +100,39 @@ def write_vtp(mesh: DisplayMesh, path: Path) -> None:
         data.point_data["rgb"] = _bytes(mesh.values)
     if mesh.normals is not None:
         data.point_data.active_normals = mesh.normals
-    data.save(path)
+    path.write_bytes(_vtp(data))
+
+
+def _vtp(data: Any) -> bytes:
+    """Return the bytes of a .vtp file. VTK does not write it: on a full disk it leaves half a file and says nothing."""
+    from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
+
+    writer = vtkXMLPolyDataWriter()
+    writer.SetInputData(data)
+    writer.SetDataModeToBinary()
+    writer.WriteToOutputStringOn()
+    writer.Write()
+    return str(writer.GetOutputString()).encode()
 
 
 def _save_ply(solution: ReadableSolution, path: Path) -> None:
     mesh = solution.display_mesh()
     colours = mesh.values if solution.channels == 3 else value_colours(mesh.values[:, 0])[0]
-    _poly_data(mesh).save(path, texture=_bytes(colours))
+    points = np.zeros(len(mesh.points), dtype=[("xyz", "<f4", 3), ("rgb", "u1", 3)])
+    points["xyz"], points["rgb"] = in_space(mesh.points), _bytes(colours)
+    faces = np.zeros(len(mesh.triangles), dtype=[("corners", "u1"), ("vertices", "<i4", 3)])
+    faces["corners"], faces["vertices"] = 3, mesh.triangles
+    path.write_bytes(_ply_header(len(points), len(faces)) + points.tobytes() + faces.tobytes())
+
+
+def _ply_header(points: int, faces: int) -> bytes:
+    lines = [
+        *("ply", "format binary_little_endian 1.0", f"element vertex {points}"),
+        *(f"property float {name}" for name in "xyz"),
+        *(f"property uchar {name}" for name in ("red", "green", "blue")),
+        *(f"element face {faces}", "property list uchar int vertex_indices", "end_header"),
+    ]
+    return "".join(f"{line}\n" for line in lines).encode()
 
 
 def _save_npz(solution: ReadableSolution, path: Path) -> None:
@@ -139,7 +165,7 @@ def _poly_data(mesh: DisplayMesh) -> Any:
     try:
         import pyvista
     except ImportError as error:  # installed, but a library of the system is absent
-        raise MissingDependencyError(f"pyvista, which writes .vtp and .ply files, does not import: {error}.") from error
+        raise MissingDependencyError(f"pyvista, which writes .vtp files, does not import: {error}.") from error
 
     parts = {"faces": mesh.triangles, "lines": mesh.segments, "verts": mesh.dots[:, None]}
     listed: dict[str, Any] = {

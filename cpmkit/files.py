@@ -3,29 +3,118 @@
 from __future__ import annotations
 
 import os
+import re
+import shutil
+import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from cpmkit.errors import InputError
+from cpmkit.errors import InputError, shown
+
+#: Bytes of a folder's name, and of a file's: what is unfinished and the frames of a series have longer names.
+LONGEST_FOLDER, LONGEST_NAME = 255, 200
+#: Bytes of a path with all its folders.
+LONGEST_PATH = 4000
 
 
 @contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
-    """Yield a name beside ``path`` to write to; on leaving, the file takes its own name.
+    """Yield a name beside ``path`` to write to; on leaving, the file is on the disk and takes its own name.
 
-    If the block raises, ``path`` is left as it was and the unfinished file is removed.
+    If the block raises, ``path`` is left as it was and the unfinished file is removed. What earlier processes left
+    unfinished of this file, because they were killed, is removed too.
 
     Raises
     ------
     InputError
         If the file cannot be written.
     """
-    unfinished = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    check_name(path)
+    unfinished = unfinished_name(path)
     try:
+        remove_leftovers(path)
         yield unfinished
+        with unfinished.open("rb+") as written:
+            os.fsync(written.fileno())  # else a machine that goes down may leave an empty file of the final name
         os.replace(unfinished, path)
     except OSError as error:
         raise InputError(f"{path} cannot be written: {error.strerror or error}.") from error
     finally:
-        unfinished.unlink(missing_ok=True)
+        with suppress(OSError):
+            unfinished.unlink(missing_ok=True)
+
+
+def unfinished_name(path: Path) -> Path:
+    """Return the name that ``path``, a file or a folder, has in this process until it is finished."""
+    return path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+
+
+def remove_leftovers(path: Path) -> None:
+    """Remove what processes that no longer run left unfinished of ``path``."""
+    named = re.compile(re.escape(f".{path.stem}.") + r"(\d{1,10})" + re.escape(path.suffix))
+    for found in path.parent.iterdir():
+        match = named.fullmatch(found.name)
+        if match and not _runs(int(match[1])):
+            with suppress(OSError):
+                shutil.rmtree(found) if found.is_dir() and not found.is_symlink() else found.unlink()
+
+
+def _runs(process: int) -> bool:
+    """Return whether a process of this number runs; True where that cannot be asked."""
+    if os.name == "nt":  # there `os.kill` would end it
+        return True
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:
+        return True
+    return True
+
+
+def check_place(path: Path) -> None:
+    """Check that a file ``path`` can be written, its folders made if need be; nothing stays behind.
+
+    Raises
+    ------
+    InputError
+        If its name or that of a folder is none, a folder is a file or the other way round, or nothing can be written
+        there.
+    """
+    check_name(path)
+    try:
+        if path.is_dir():
+            raise InputError(f"{path} cannot be written: it is a folder.")
+        folder = next(parent for parent in path.absolute().parents if os.path.lexists(parent))
+        if not folder.is_dir():
+            raise InputError(f"The folder {path.parent} cannot be made: {folder} is a file.")
+        with tempfile.TemporaryFile(dir=folder) as tried:
+            tried.write(b"cpmkit")
+    except OSError as error:
+        raise InputError(f"{path} cannot be written: {error.strerror or error}.") from error
+
+
+def check_name(path: Path) -> None:
+    """Check the names of a file and of its folders.
+
+    Raises
+    ------
+    InputError
+        If one is too long, or the file system's encoding lacks its characters.
+    """
+    if "\0" in str(path):
+        raise InputError(f"{shown(str(path))} is no name of a file: it holds the character NUL.")
+    try:
+        lengths = [len(os.fsencode(part)) for part in path.parts]
+    except UnicodeEncodeError as error:
+        raise InputError(
+            f"{shown(str(path))} cannot be written in the encoding of file names here, {error.encoding}; "
+            "set the environment variable PYTHONUTF8=1, or LC_ALL=C.UTF-8."
+        ) from error
+    limits = [*(LONGEST_FOLDER for _ in lengths[1:]), LONGEST_NAME]
+    for part, length, limit in zip(path.parts, lengths, limits, strict=False):
+        if length > limit:
+            raise InputError(f"The name {shown(part)} has {length} bytes; accepted are {limit} at most.")
+    if sum(lengths) + len(lengths) > LONGEST_PATH:
+        raise InputError(f"The path {shown(str(path))} is too long; accepted are {LONGEST_PATH} bytes at most.")

@@ -1,14 +1,31 @@
-"""How much memory a band needs, and how much the machine has."""
+"""How much memory a solve needs, and how much this process may have."""
 
 from __future__ import annotations
 
 import os
 import sys
-
-from cpmkit.errors import ResolutionError
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
 
 #: Bytes of one entry of a sparse matrix: a float64 and an int32 index.
 ENTRY = 12
+#: Where the kernel shows control groups.
+GROUPS = Path("/sys/fs/cgroup")
+OWN_GROUPS = Path("/proc/self/cgroup")
+#: Limits that ``ulimit`` sets: their names, its option, and the row of /proc/self/status that counts against each.
+ULIMITS = (("RLIMIT_AS", "-v", "VmSize"), ("RLIMIT_DATA", "-d", "VmData"))
+
+
+@dataclass(frozen=True)
+class Limit:
+    """Memory that this process may have, and how a sentence says who sets that limit."""
+
+    bytes: int
+    says: str
+
+    def __str__(self) -> str:
+        return f"{self.says} {self.bytes / 2**30:.3g} GiB"
 
 
 def machine_bytes() -> int:
@@ -18,9 +35,65 @@ def machine_bytes() -> int:
     return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 
 
+def memory_limit() -> Limit:
+    """Return the tightest limit: of the machine, the control groups (containers), or ``ulimit``."""
+    limits = [Limit(machine_bytes(), "this machine has"), *_group_limits(), *_process_limits()]
+    return min(limits, key=lambda limit: limit.bytes)
+
+
 def available_bytes() -> int:
     """Return the memory that this process may have in bytes."""
-    return machine_bytes()
+    return memory_limit().bytes
+
+
+def _process_limits() -> Iterator[Limit]:
+    """Yield what ``ulimit`` leaves to this process beside what it has already."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return
+    for name, option, row in ULIMITS:
+        soft, _ = resource.getrlimit(getattr(resource, name, resource.RLIMIT_DATA))
+        if soft != resource.RLIM_INFINITY:
+            yield Limit(max(soft - _in_use(row), 0), f"`ulimit {option}` leaves this process")
+
+
+def _in_use(row: str) -> int:
+    """Return a row of /proc/self/status in bytes, 0 where there is none."""
+    try:
+        lines = Path("/proc/self/status").read_text(encoding="ascii", errors="replace").splitlines()
+    except OSError:
+        return 0
+    return next((int(line.split()[1]) * 1024 for line in lines if line.startswith(f"{row}:")), 0)
+
+
+def _group_limits() -> Iterator[Limit]:
+    """Yield the limits of this process's control groups, version 1 and 2, and of those that they are in."""
+    try:
+        lines = OWN_GROUPS.read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        return
+    for number, controllers, path in (line.split(":", 2) for line in lines if line.count(":") >= 2):
+        if number == "0" and not controllers:
+            roots, file = [GROUPS, GROUPS / "unified"], "memory.max"
+        elif "memory" in controllers.split(","):
+            roots, file = [GROUPS / "memory"], "memory.limit_in_bytes"
+        else:
+            continue
+        inner = Path(path.lstrip("/"))
+        for folder in (root / part for root in roots for part in (inner, *inner.parents)):
+            limit = _number_in(folder / file)
+            if limit is not None:
+                yield Limit(limit, "the control group of this process (its container) has")
+
+
+def _number_in(file: Path) -> int | None:
+    """Return the number that a file holds, None where there is none: ``max``."""
+    try:
+        text = file.read_text(encoding="ascii", errors="replace").strip()
+    except OSError:
+        return None
+    return int(text) if text.isdecimal() else None
 
 
 def peak_bytes(rows: float, unknowns: float, dim: int, degree: int, channels: int, solver: str) -> float:
@@ -46,26 +119,9 @@ def peak_bytes(rows: float, unknowns: float, dim: int, degree: int, channels: in
     return tables + unknowns * channels * 8 * 12
 
 
-def bytes_per_unknown(dim: int, degree: int) -> float:
-    """Return the bytes that an unknown needs at the peak of an iterative solve.
+def bytes_per_unknown(dim: int, degree: int, solver: str = "reference") -> float:
+    """Return the bytes that an unknown needs at the peak of a solve of one channel.
 
     A band has about 1.3 rows of E an unknown in space, 1.5 in the plane.
     """
-    return peak_bytes(1.3 if dim == 3 else 1.5, 1.0, dim, degree, 1, "reference")
-
-
-def check_fits(unknowns: float, dim: int, manifold_dim: int, degree: int, spacing: float) -> None:
-    """Refuse a band that the machine's memory cannot hold.
-
-    Raises
-    ------
-    ResolutionError
-        With the spacing that would fit.
-    """
-    needed, available = unknowns * bytes_per_unknown(dim, degree), machine_bytes()
-    if needed > available:
-        fits = spacing * (needed / (0.8 * available)) ** (1 / max(manifold_dim, 1))
-        raise ResolutionError(
-            f"spacing={spacing:g} needs about {unknowns:.2g} unknowns and {needed / 2**30:.3g} GiB, this machine has "
-            f"{available / 2**30:.3g} GiB; spacing={fits:.2g} or more would fit."
-        )
+    return peak_bytes(1.3 if dim == 3 else 1.5, 1.0, dim, degree, 1, solver)

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit import memory
 from cpmkit.doubled import Cluster, clusters_of_twins
+from cpmkit.fitting import check_fits
 from cpmkit.grid.band import cell_levels, nodes_of_blocks
 from cpmkit.grid.stencils import base_offset, check_degree
 from cpmkit.layout import Layout, lay_out
@@ -108,7 +108,8 @@ def _rehearsal_spacing(scene: Scene, spacing: float, degree: int) -> float:
     levels = cell_levels(surface, lattice.spacing, base_offset(check_degree(degree)))
     side, blocks = next((side, len(blocks)) for side, blocks in levels if side == 1 or len(blocks) > REHEARSED_CELLS)
     m = surface.largest_dim
-    memory.check_fits(nodes_of_blocks(blocks, side, surface.dim, m, degree), surface.dim, m, degree, spacing)
+    unknowns = nodes_of_blocks(blocks, side, surface.dim, m, degree)
+    check_fits(surface, unknowns, spacing, degree, excess=1.0 if side == 1 else 4.0)
     return lattice.spacing * side
 
 

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cpmkit.errors import InputError
+from cpmkit.errors import CpmkitError, InputError
 from cpmkit.evolution.series import draw_frames
 from cpmkit.export import check_file, save, write_summary
+from cpmkit.files import check_place
 from cpmkit.outputrequest import OutputRequest, PictureRequest
 from cpmkit.protocols import ClosestPointSource, Progress
 from cpmkit.surface_mesh import mesh_of
@@ -18,53 +22,118 @@ if TYPE_CHECKING:
     from cpmkit.readable import ReadableSolution
 
 
-def check_request(request: OutputRequest, surface: ClosestPointSource) -> None:
-    """Check, before anything is solved, that everything asked for can be written.
+@dataclass(frozen=True)
+class Written:
+    """What became of the results.
+
+    Attributes
+    ----------
+    summary : dict
+        Of the solution, with the keys ``folder``, ``files`` (those that are written), ``unwritten`` (why others are
+        not), ``picture`` (the file, its renderer and why it was not another), and the seconds that writing took.
+    failures : mapping
+        What was raised for each file that could not be written.
+    """
+
+    summary: dict[str, Any]
+    failures: Mapping[str, Exception]
+
+    def check(self) -> None:
+        """Raise if a file could not be written.
+
+        Raises
+        ------
+        InputError
+            With the files that are not there, why, and those that are. A defect of cpmkit is raised as it is.
+        """
+        for error in self.failures.values():
+            if not isinstance(error, (CpmkitError, MemoryError)):
+                raise error
+        if self.failures:
+            missing = "; ".join(sentence.removesuffix(".") for sentence in self.summary["unwritten"].values())
+            there = [*self.summary["files"], *([self.summary["picture"]["file"]] if self.summary["picture"] else [])]
+            told = f"written into {self.summary['folder']} were {', '.join(there)}" if there else "nothing was written"
+            raise InputError(f"{missing}; {told}.")
+
+
+def check_request(request: OutputRequest, surface: ClosestPointSource, folder: Path) -> None:
+    """Check, before anything is solved, that everything asked for can be written into ``folder``.
 
     Raises
     ------
     InputError, MissingDependencyError
-        If a file or the picture cannot be made of a solution on ``surface`` here.
+        If a file or the picture cannot be made of a solution on ``surface`` here, or not be written there.
     """
     for file in request.files:
         check_file(file, surface)
-    if request.picture is not None:
-        check_picture(request.picture.file, request.picture.width)
+    asked = request.picture
+    if asked is not None:
+        check_picture(asked.file, asked.width, asked.view, asked.up)
         mesh_of(surface)
+    for file in (*request.files, *([] if asked is None else [asked.file])):
+        check_place(folder / file)
 
 
 def write_results(
-    solution: ReadableSolution, request: OutputRequest, folder: Path, progress: Progress
-) -> dict[str, Any]:
-    """Write all that ``request`` asks for into ``folder``, made if need be; return the summary.
+    solution: ReadableSolution,
+    request: OutputRequest,
+    folder: Path,
+    progress: Progress,
+    warnings: Sequence[str] | None = None,
+) -> Written:
+    """Write all that ``request`` asks for into ``folder``, made if need be; what is there already is replaced.
 
-    The summary is the solution's, with the keys ``folder``, ``files``, ``picture`` (the file, its
-    renderer and why it was not another) and the seconds that writing took.
-
-    Raises
-    ------
-    InputError
-        If the folder cannot be made, or a file cannot be written. Every file there is whole.
+    A file that cannot be written keeps none of the others from being written, the summary last. Every file there is
+    whole. ``warnings`` take the place of the solution's in the summary.
     """
     summaries = [file for file in request.files if file.endswith(".json")]
     others = [file for file in request.files if file not in summaries]
-    written: dict[str, Any] = {"folder": str(folder), "files": list(request.files), "picture": None}
+    failures: dict[str, Exception] = {}
     seconds = dict(solution.seconds)
+    drawn = None
 
     start = time.perf_counter()
     for index, file in enumerate(others):
         progress("write", index / len(others))
-        save(solution, _made(folder / file))
+        with _noted(failures, file):
+            save(solution, _made(folder / file))
         seconds["write"] = time.perf_counter() - start
     if request.picture is not None:
         progress("picture", 0.0)
         start = time.perf_counter()
-        written["picture"] = _draw(solution, request.picture, folder)
+        with _noted(failures, request.picture.file):
+            drawn = _draw(solution, request.picture, folder)
         seconds["picture"] = time.perf_counter() - start
-    summary = {**solution.summary(), **written, "seconds": seconds}
+    summary = {
+        **solution.summary(),
+        **({} if warnings is None else {"warnings": list(warnings)}),
+        "folder": str(folder),
+        "files": [file for file in request.files if file not in failures],
+        "unwritten": {file: _sentence(folder / file, error) for file, error in failures.items()},
+        "picture": drawn,
+        "seconds": seconds,
+    }
     for file in summaries:
-        write_summary(summary, _made(folder / file))
-    return summary
+        with _noted(failures, file):
+            write_summary(summary, _made(folder / file))
+    lost = {file: _sentence(folder / file, error) for file, error in failures.items()}
+    files = [file for file in summary["files"] if file not in failures]
+    return Written({**summary, "files": files, "unwritten": lost}, failures)
+
+
+@contextmanager
+def _noted(failures: dict[str, Exception], file: str) -> Iterator[None]:
+    """Note what is raised in the block; a solution that took hours is not lost because one of its files is."""
+    try:
+        yield
+    except Exception as error:
+        failures[file] = error
+
+
+def _sentence(file: Path, error: Exception) -> str:
+    if isinstance(error, MemoryError):
+        return f"{file} cannot be written: memory ran out."
+    return str(error) if isinstance(error, CpmkitError) else f"{file} cannot be written: {type(error).__name__}."
 
 
 def _draw(solution: ReadableSolution, asked: PictureRequest, folder: Path) -> dict[str, Any]:
@@ -83,5 +152,5 @@ def _made(path: Path) -> Path:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"The folder {path.parent} cannot be made: {error.strerror}.") from error
+        raise InputError(f"The folder {path.parent} cannot be made: {error.strerror or error}.") from error
     return path

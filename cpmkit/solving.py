@@ -12,6 +12,8 @@ from typing import Any
 from cpmkit.arrays import positive
 from cpmkit.discretization import discretize
 from cpmkit.evolution.checkpoints import EVERY, check_checkpointing
+from cpmkit.files import check_place
+from cpmkit.fitting import memory_ran_out
 from cpmkit.flux_balance import check_balance
 from cpmkit.job import Job
 from cpmkit.localized import largest_dim
@@ -23,6 +25,7 @@ from cpmkit.scene import Scene
 from cpmkit.solution import Solution
 from cpmkit.solvers import check_solver, choose_solver, make_solver
 from cpmkit.special_conditions import NonlinearFlux
+from cpmkit.telling import tell
 
 #: The module that solves each family of equations, by its function ``solve_job``.
 FAMILIES = {
@@ -107,6 +110,11 @@ def solve(
     CpmkitError
         One sentence: what was got, what is accepted, what to do.
 
+    Warns
+    -----
+    CpmkitWarning
+        Each of the solution's ``warnings``, once.
+
     Examples
     --------
     A circle, cut at one point. Left is where the curve comes from, so a quarter turn after the cut
@@ -118,29 +126,44 @@ def solve(
     >>> ck.solve(scene, spacing=0.05).evaluate([[0, 1], [-1, 0]]).round(3)
     array([0.25, 0.5 ])
     """
-    if backend != "cpm":
-        given = _given(
-            degree=degree,
-            order=order,
-            origin=origin,
-            sheets=sheets,
-            balance=balance,
-            solver=solver,
-            checkpoint=checkpoint,
-            checkpoint_every=checkpoint_every,
-            resume=resume,
-        )
-        return _solve_elsewhere(backend, scene, spacing, tolerance, progress, {**given, **solver_options})
+    grid = {"degree": degree, "order": order, "origin": origin, "sheets": sheets}
+    run = {"checkpoint": checkpoint, "checkpoint_every": checkpoint_every, "resume": resume}
+    how = {**grid, **run, "balance": balance, "solver": solver}
+    try:
+        if backend == "cpm":
+            solution = _solve_here(scene, spacing, grid, how, tolerance, progress, solver_options)
+        else:
+            options = {**_given(**how), **solver_options}
+            solution = _solve_elsewhere(backend, scene, spacing, tolerance, progress, options)
+    except MemoryError as error:
+        raise memory_ran_out(scene, spacing, degree, solver, error) from error
+    tell(solution.warnings)
+    return solution
+
+
+def _solve_here(
+    scene: Scene,
+    spacing: float | None,
+    grid: dict[str, Any],
+    how: dict[str, Any],
+    tolerance: float,
+    progress: Progress,
+    solver_options: dict[str, Any],
+) -> Solution:
+    """Solve by the closest point method."""
     spacing = needed_spacing(scene, spacing)
     positive(tolerance, "tolerance")
-    check_solver(solver, solver_options)
-    check_balance(scene, balance)
-    checkpointing = check_checkpointing(scene.problem, checkpoint, checkpoint_every, resume)
+    check_solver(how["solver"], solver_options)
+    check_balance(scene, how["balance"])
+    checkpointing = check_checkpointing(scene.problem, how["checkpoint"], how["checkpoint_every"], how["resume"])
+    if checkpointing.write is not None:
+        check_place(checkpointing.write)
     start = time.perf_counter()
-    tables = discretize(scene, spacing, degree=degree, order=order, origin=origin, sheets=sheets, progress=progress)
-    chosen = choose_solver(solver, tables.unknowns.count, largest_dim(scene.surface), scene.problem.factorise_up_to)
+    tables = discretize(scene, spacing, progress=progress, **grid)
+    dim = largest_dim(scene.surface)
+    chosen = choose_solver(how["solver"], tables.unknowns.count, dim, scene.problem.factorise_up_to)
     made = make_solver(chosen, solver_options)
-    job = Job(scene, tables, made, chosen, tolerance, progress, start, checkpointing, balance)
+    job = Job(scene, tables, made, chosen, tolerance, progress, start, checkpointing, how["balance"])
     solve_family: Callable[[Job], Solution] = import_module(FAMILIES[scene.problem.family]).solve_job
     if any(isinstance(condition, NonlinearFlux) for condition in scene.conditions):
         return solve_nonlinear(job, solve_family)

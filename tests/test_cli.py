@@ -12,9 +12,10 @@ import pytest
 from click.testing import CliRunner
 
 import cpmkit
-from cpmkit import cli
+from cpmkit import cli, command_group
 from cpmkit.errors import SceneError
 from cpmkit.outputrequest import OutputRequest, PictureRequest
+from cpmkit.plugins import COMMANDS
 from cpmkit.progress import ProgressLine
 
 
@@ -114,13 +115,8 @@ def test_what_cannot_be_written_is_refused_before_solving(run, solved):
 def test_a_folder_that_cannot_be_made_is_one_line(run, solved):
     Path("results").write_text("a file")
     result = run("solve", "scene.toml")
-    assert (result.exit_code, result.stderr) == (1, "Error: The folder results cannot be made: File exists.\n")
-
-
-def test_a_defect_shows_its_traceback(run, solved):
-    solved["error"] = ZeroDivisionError("a defect")
-    result = run("solve", "scene.toml")
-    assert isinstance(result.exception, ZeroDivisionError)
+    assert result.exit_code == 1
+    assert result.stderr == f"Error: The folder results cannot be made: {Path('results').absolute()} is a file.\n"
 
 
 @pytest.mark.parametrize(
@@ -171,11 +167,11 @@ def test_plugins_lists_kinds_with_their_distributions(run):
 def plugged(monkeypatch):
     """Offer the commands `greet`, `broken` and `number` as plugins do."""
     points = [
-        EntryPoint("greet", f"{__name__}_commands:greet", cli.COMMANDS),
-        EntryPoint("broken", "cpmkit_absent:command", cli.COMMANDS),
-        EntryPoint("number", "math:pi", cli.COMMANDS),
+        EntryPoint("greet", f"{__name__}_commands:greet", COMMANDS),
+        EntryPoint("broken", "cpmkit_absent:command", COMMANDS),
+        EntryPoint("number", "math:pi", COMMANDS),
     ]
-    monkeypatch.setattr(cli, "entry_points", lambda group: points)
+    monkeypatch.setattr(command_group, "entry_points", lambda group: points)
     greet = click.Command("greet", callback=lambda: click.echo("good day"))
     monkeypatch.setitem(__import__("sys").modules, f"{__name__}_commands", SimpleNamespace(greet=greet))
 

@@ -180,7 +180,7 @@ def test_egl_is_chosen_where_there_is_no_display_and_no_choice():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"width": 2}, "width must be 16 to 16384 pixels, got 2"),
+        ({"width": 2}, "width in pixels must be a whole number from 16 to 16384, got 2"),
         ({"view": (0, 0, 0)}, "view must be a direction"),
         ({"view": (0, 1, 0), "up": (0, -2, 0)}, "view and up must not be parallel"),
     ],

@@ -13,7 +13,7 @@ import numpy as np
 from cpmkit.errors import InputError
 from cpmkit.evolution.frames import EvolvedSolution
 from cpmkit.export import write_vtp
-from cpmkit.files import written_whole
+from cpmkit.files import remove_leftovers, unfinished_name, written_whole
 
 if TYPE_CHECKING:
     from cpmkit.readable import ReadableSolution
@@ -53,9 +53,10 @@ def save_series(solution: ReadableSolution, path: Path) -> None:
     frames = frames_of(solution, path.name)
     assert isinstance(solution, EvolvedSolution)
     folder = path.with_name(path.stem + SUFFIX)
-    unfinished = path.with_name(f".{folder.name}.{os.getpid()}")
+    unfinished = unfinished_name(folder)
     names = [_numbered(Path("frame.vtp"), number, len(frames)).name for number in range(len(frames))]
     try:
+        remove_leftovers(folder)
         unfinished.mkdir()
         for name, mesh in zip(names, solution.frame_meshes(), strict=True):
             write_vtp(mesh, unfinished / name)

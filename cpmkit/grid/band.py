@@ -12,9 +12,9 @@ from functools import cached_property
 
 import numpy as np
 
-from cpmkit import memory
 from cpmkit.arrays import check_size, length
 from cpmkit.errors import ResolutionError
+from cpmkit.fitting import check_fits
 from cpmkit.grid.lattice import Codes, find
 from cpmkit.grid.sheets import Sheets
 from cpmkit.grid.stencils import base_offset, stencil_range
@@ -115,7 +115,7 @@ class Band:
         return self.codes.encode(self.nodes[self.inner : stop])
 
 
-def cell_levels(source: Localized, spacing: float, offset: float) -> Iterator[tuple[int, Ints]]:
+def cell_levels(source: Localized, spacing: float, offset: float | Floats) -> Iterator[tuple[int, Ints]]:
     """Yield, from coarse to fine, the side in cells and the indices (k, d) of all blocks that the manifold may meet.
 
     A block is kept if the distance at its centre is at most half its diagonal. As distance is
@@ -178,7 +178,7 @@ def surface_cells(source: Localized, spacing: float, degree: int) -> Ints:
         unknowns = nodes_of_blocks(len(blocks), side, source.dim, manifold_dim, degree)
         if side == 1 or len(blocks) > TELLING:
             # While blocks are coarse, thin parts look as thick as a block: only a clear excess is refused early.
-            memory.check_fits(unknowns if side == 1 else unknowns / 4, source.dim, manifold_dim, degree, spacing)
+            check_fits(source, unknowns, spacing, degree, excess=1.0 if side == 1 else 4.0)
     return blocks
 
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import sys
-from contextlib import nullcontext
 from pathlib import Path
 
 import click
+
+from cpmkit.command_group import told_progress, traceback_option
 
 
 @click.group()
@@ -35,21 +35,19 @@ def study() -> None:
     help="Only this one of the study's spacings; may be given several times.",
 )
 @click.option("--quiet", is_flag=True, help="Show neither progress nor results; errors are still shown.")
+@traceback_option
 def run_study(file: Path, output: Path | None, cheap: bool, spacings: tuple[float, ...], quiet: bool) -> None:
     """Make the runs of a study that are not recorded yet.
 
     One line is recorded for each run as soon as it is made, so a study that is stopped goes on where it was.
     """
-    from cpmkit.progress import ProgressLine
-    from cpmkit.protocols import nothing
     from cpmkit.studies.running import run_study as run
     from cpmkit.studies.running import unheard
     from cpmkit.studies.studyfile import load_study
     from cpmkit.studies.tables import told
 
-    meter = nullcontext(nothing) if quiet else ProgressLine(sys.stderr)
     folder = output or Path(file.stem)
-    with meter as progress:
+    with told_progress(file, quiet) as progress:
         recorded = unheard if quiet else lambda record: click.echo(told(record), err=True)
         outcome = run(load_study(file), folder, cheap=cheap, spacings=spacings, progress=progress, recorded=recorded)
     if not quiet:
@@ -71,6 +69,7 @@ def run_study(file: Path, output: Path | None, cheap: bool, spacings: tuple[floa
     metavar="FILE.md",
     help="Also write the table that is printed to this file.",
 )
+@traceback_option
 def report_study(studies: tuple[Path, ...], table: Path | None) -> None:
     """Turn the records of studies into pages of tables and figures.
 

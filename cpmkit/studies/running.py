@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import ConvergenceError, InputError, ResolutionError, SceneError
+from cpmkit.files import check_place
 from cpmkit.protocols import Progress, nothing
 from cpmkit.readable import ReadableSolution
 from cpmkit.scene import Scene
@@ -23,6 +24,7 @@ from cpmkit.studies.records import FILE, Record, append_record, drop_unfinished_
 from cpmkit.studies.studyfile import Study
 from cpmkit.studies.sweep import BASELINES, CLOSEST_POINTS, Run
 from cpmkit.studies.truth import Truth, truth_of
+from cpmkit.telling import overheard
 
 #: What of a solve's work is recorded, where the method has it.
 WORK = ("unknowns", "nonzeros", "operator_applications", "closest_point_queries", "table_bytes")
@@ -91,11 +93,8 @@ def run_study(
         If the study itself is wrong: its scene, its formulas or its options.
     """
     runs = _chosen(study.sweep.runs(cheap), spacings)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"The folder {folder} cannot be made: {error.strerror}.") from error
     file = folder / FILE
+    check_place(file)
     drop_unfinished_line(file)
     done = {_run_of(record) for record in of_content(read_records(file), study.content)}
     waiting = [run for run in runs if run not in done]
@@ -107,6 +106,7 @@ def run_study(
     for number, run in enumerate(waiting, len(runs) - len(waiting) + 1):
         stage = f"run {number} of {len(runs)}"
         record = make_run(study, run, truth, partial(_share_of, progress, stage))
+        folder.mkdir(parents=True, exist_ok=True)  # not before: a study that fails at once leaves nothing behind
         append_record(file, record)
         progress(stage, 1.0)
         recorded(record)
@@ -141,7 +141,8 @@ def make_run(study: Study, run: Run, truth: Truth, progress: Progress = nothing)
     scene = at_spacing(study.scene, study.sweep.step_per_spacing, run.spacing)
     start = time.process_time()
     try:
-        solution = _solve(scene, run, study.options, progress)
+        with overheard():  # they are recorded
+            solution = _solve(scene, run, study.options, progress)
     except (ResolutionError, ConvergenceError) as error:
         return {**record, "error": f"{type(error).__name__}: {error}"}
     cpu_seconds = time.process_time() - start

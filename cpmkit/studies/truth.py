@@ -13,6 +13,7 @@ from cpmkit.scene_data import evaluate_data
 from cpmkit.solving import solve
 from cpmkit.studies.sampling import sample_points
 from cpmkit.studies.studyfile import Study
+from cpmkit.telling import overheard
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +55,9 @@ def truth_of(study: Study) -> Truth:
         raise SceneError(f"a reference of [exact] compares one channel, and the scene has {scene.channels}.")
     assert study.exact.reference is not None
     common = {name: value for name, value in study.options.items() if name == "tolerance"}
-    return Truth(points, solve(scene, backend=study.exact.reference, **common).evaluate(points))
+    with overheard():
+        solution = solve(scene, backend=study.exact.reference, **common)
+    return Truth(points, solution.evaluate(points))
 
 
 def end_of(scene: Scene) -> float | None:

@@ -15,9 +15,10 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from cpmkit.errors import InputError, MissingDependencyError
+from cpmkit.arrays import whole
+from cpmkit.errors import InputError, MissingDependencyError, shown
 from cpmkit.files import written_whole
-from cpmkit.view.camera import fit
+from cpmkit.view.camera import axes_of, fit
 from cpmkit.view.drawing import Drawing, draw
 
 if TYPE_CHECKING:
@@ -87,7 +88,7 @@ def picture(
     MissingDependencyError
         If matplotlib, which draws where OpenGL does not, is not installed.
     """
-    path = check_picture(path, width)
+    path = check_picture(path, width, view, up)
     drawing = draw(solution, width, view, up, curves, span, twins)
     planar = "pictures in the plane need no OpenGL" if solution.scene.surface.dim == 2 else ""
     with written_whole(path) as unfinished:
@@ -99,21 +100,26 @@ def picture(
     return Picture(path, "matplotlib" if reason else "opengl", reason)
 
 
-def check_picture(path: str | Path, width: int = 1200) -> Path:
+def check_picture(
+    path: str | Path,
+    width: int = 1200,
+    view: tuple[float, ...] | None = None,
+    up: tuple[float, ...] | None = None,
+) -> Path:
     """Return ``path`` if a picture can be drawn into such a file here.
 
     Raises
     ------
     InputError
-        If it does not end in ``.png``, or ``width`` is not a number of pixels.
+        If it does not end in ``.png``, ``width`` is not a number of pixels, or ``view`` and ``up`` are no camera's.
     MissingDependencyError
         If matplotlib is not installed.
     """
     path = Path(path)
     if path.suffix.lower() != ".png":
-        raise InputError(f"A picture must be a .png file, got {path.name!r}.")
-    if not 16 <= width <= 16384:
-        raise InputError(f"width must be 16 to 16384 pixels, got {width!r}.")
+        raise InputError(f"A picture must be a .png file, got {shown(path.name)}.")
+    whole(width, "width in pixels", 16, 16384)
+    axes_of(view, up)
     if find_spec("matplotlib") is None:
         raise MissingDependencyError("Pictures need matplotlib and pyvista; `pip install '.[view]'` adds them.")
     return path
@@ -160,7 +166,8 @@ def _opengl(drawing: Drawing, path: Path) -> str:
     with tempfile.TemporaryDirectory() as folder:
         order, answer = Path(folder, "drawing.npz"), Path(folder, "picture.png")
         drawing.save(order)
-        command = [sys.executable, "-m", "cpmkit.view.opengl", str(order), str(answer)]
+        # -P: else `-m` would put the working directory first, and a numpy.py that lies there would be run
+        command = [sys.executable, "-P", "-m", "cpmkit.view.opengl", str(order), str(answer)]
         try:
             done = subprocess.run(
                 command, capture_output=True, text=True, timeout=PATIENCE, env=environment(os.environ), check=False

@@ -72,7 +72,7 @@ def fit(
     InputError
         If ``view`` or ``up`` is not three numbers, or the two are parallel.
     """
-    axes = _axes(as_vector(VIEW if view is None else view, 3, "view"), up)
+    axes = axes_of(view, up)
     seen = points @ axes.T
     low, high = seen.min(axis=0), seen.max(axis=0)
     extent = (high - low) / 2
@@ -84,8 +84,15 @@ def fit(
     return Camera((low + high) / 2 @ axes, axes, np.array([half_width, half_height]), (width, height))
 
 
-def _axes(toward: Floats, up: tuple[float, ...] | None) -> Floats:
-    toward = _unit(toward, "view")
+def axes_of(view: tuple[float, ...] | None, up: tuple[float, ...] | None) -> Floats:
+    """Return the axes (3, 3) of a camera: rows to the right, up, and towards the viewer.
+
+    Raises
+    ------
+    InputError
+        As :func:`fit` does.
+    """
+    toward = _unit(as_vector(VIEW if view is None else view, 3, "view"), "view")
     upward = _unit(as_vector(UP if up is None else up, 3, "up"), "up")
     if up is None and abs(toward @ upward) > 0.999:
         upward = np.array([0.0, 1.0, 0.0])  # seen from above or below
@@ -97,7 +104,8 @@ def _axes(toward: Floats, up: tuple[float, ...] | None) -> Floats:
 
 
 def _unit(vector: Floats, what: str) -> Floats:
-    length = np.linalg.norm(vector)
-    if length == 0:
+    largest = np.abs(vector).max()
+    if largest == 0:
         raise InputError(f"{what} must be a direction, got three zeros.")
-    return np.asarray(vector / length, dtype=np.float64)
+    scaled = vector / largest
+    return np.asarray(scaled / np.linalg.norm(scaled), dtype=np.float64)

@@ -1,0 +1,148 @@
+"""How commands are found, how each tells what it is at, and how each ends that does not end well."""
+
+from __future__ import annotations
+
+import errno
+import sys
+import traceback
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, nullcontext
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import Any
+
+import click
+
+from cpmkit.errors import CpmkitError, PluginError, shown
+from cpmkit.plugins import COMMANDS
+
+#: Keys of what a command leaves in its context: the file it works on, the stage it is at, whether to show tracebacks.
+FILE, STAGE, TRACEBACK = "cpmkit.file", "cpmkit.stage", "cpmkit.traceback"
+#: Exit code where the user interrupted the run: 128 and the number of the signal, as shells have it.
+INTERRUPTED = 130
+
+
+class Defect(click.ClickException):
+    """An error that nobody raised on purpose."""
+
+    exit_code = 3
+
+
+class CommandGroup(click.Group):
+    """The built-in commands in their own order, then those of plugins, which are imported when called.
+
+    However a command ends, one sentence says so: with exit code 1 for an error that cpmkit raises on purpose, or where
+    memory or the system fails; with 3 for any other, which is a defect; with 130 for an interruption.
+    """
+
+    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 - click's signature
+        """Return all names, importing nothing."""
+        return [*self.commands, *(name for name in _offered() if name not in self.commands)]
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Return a command; a plugin's is imported here."""
+        built_in = super().get_command(ctx, cmd_name)
+        point = _offered().get(cmd_name)
+        return built_in if built_in or point is None else _load(point)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the commands; of a plugin's, which is not imported for this, only where it comes from."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, command.get_short_help_str(200)) for name, command in self.commands.items()])
+        plugged = [(name, _origin(_offered()[name])) for name in self.list_commands(ctx) if name not in self.commands]
+        if plugged:
+            with formatter.section("Commands of plugins"):
+                formatter.write_dl(plugged)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run a command."""
+        try:
+            return super().invoke(ctx)
+        except (click.ClickException, click.exceptions.Exit, click.Abort):
+            raise
+        except KeyboardInterrupt as error:
+            click.echo(f"\nInterrupted{_during(ctx)}.", err=True)
+            raise click.exceptions.Exit(INTERRUPTED) from error
+        except Exception as error:
+            if isinstance(error, OSError) and error.errno == errno.EPIPE:  # nobody reads on; click ends quietly
+                raise
+            if ctx.meta.get(TRACEBACK):
+                click.echo(traceback.format_exc(), err=True)
+            raise _told(ctx, error) from error
+
+
+def _told(ctx: click.Context, error: Exception) -> click.ClickException:
+    """Return the sentence for an error."""
+    if isinstance(error, CpmkitError):
+        return click.ClickException(str(error))
+    if isinstance(error, MemoryError):
+        from cpmkit.memory import memory_limit
+
+        return click.ClickException(f"Memory ran out{_during(ctx)}: {memory_limit()}; a larger spacing needs less.")
+    if isinstance(error, OSError) and error.strerror:
+        name = f": {shown(error.filename)}" if error.filename else ""
+        return click.ClickException(f"The system refused{_during(ctx)}: {error.strerror}{name}.")
+    what = f"{type(error).__name__}: {shown(str(error))}" if str(error) else type(error).__name__
+    return Defect(
+        f"{what}{_during(ctx)}. This is a bug in cpmkit or in a plugin; the option --traceback shows where it arose, "
+        "for a report."
+    )
+
+
+def _during(ctx: click.Context) -> str:
+    stage, file = ctx.meta.get(STAGE), ctx.meta.get(FILE)
+    return (f" during the stage {stage!r}" if stage else "") + (f" of {file}" if file else "")
+
+
+def _note_traceback(ctx: click.Context, parameter: click.Parameter, value: bool) -> None:
+    del parameter
+    if value:
+        ctx.meta[TRACEBACK] = True
+
+
+def traceback_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Let a command take ``--traceback``."""
+    add = click.option(
+        "--traceback",
+        is_flag=True,
+        expose_value=False,
+        callback=_note_traceback,
+        help="After an error also show where in the code it arose.",
+    )
+    return add(command)
+
+
+@contextmanager
+def told_progress(file: Path, quiet: bool = False) -> Iterator[Callable[[str, float], None]]:
+    """Yield a callback for the progress of work on ``file``: shown unless ``quiet``, and remembered for errors."""
+    from cpmkit.progress import ProgressLine
+    from cpmkit.protocols import nothing
+
+    meta = click.get_current_context().meta
+    meta[FILE] = file
+    with nullcontext(nothing) if quiet else ProgressLine(sys.stderr) as show:
+
+        def progress(stage: str, fraction: float) -> None:
+            meta[STAGE] = stage
+            show(stage, fraction)
+
+        progress("read", 0.0)
+        yield progress
+
+
+def _offered() -> Mapping[str, EntryPoint]:
+    return {point.name: point for point in sorted(entry_points(group=COMMANDS), key=lambda point: point.name)}
+
+
+def _origin(point: EntryPoint) -> str:
+    return f"from {point.dist.name} {point.dist.version}" if point.dist else f"from {point.value}"
+
+
+def _load(point: EntryPoint) -> click.Command:
+    try:
+        command = point.load()
+    except Exception as error:
+        raise PluginError(f"The command {point.name!r} ({_origin(point)}) does not import: {error}") from error
+    if not isinstance(command, click.Command):
+        raise PluginError(f"The command {point.name!r} ({_origin(point)}) is {command!r}, not a click command.")
+    return command
