@@ -14,6 +14,7 @@ from typing import Any
 import click
 
 from cpmkit.errors import CpmkitError, PluginError, shown
+from cpmkit.memory import memory_limit, ran_out
 from cpmkit.plugins import COMMANDS
 
 #: Keys of what a command leaves in its context: the file it works on, the stage it is at, whether to show tracebacks.
@@ -75,9 +76,7 @@ def _told(ctx: click.Context, error: Exception) -> click.ClickException:
     """Return the sentence for an error."""
     if isinstance(error, CpmkitError):
         return click.ClickException(str(error))
-    if isinstance(error, MemoryError):
-        from cpmkit.memory import memory_limit
-
+    if ran_out(error):
         return click.ClickException(f"Memory ran out{_during(ctx)}: {memory_limit()}; a larger spacing needs less.")
     if isinstance(error, OSError) and error.strerror:
         name = f": {shown(error.filename)}" if error.filename else ""

@@ -131,10 +131,13 @@ def explain(
     spacing = needed_spacing(scene, spacing)
     try:
         counts = count(scene, spacing, progress, degree=degree, order=order, origin=origin, sheets=sheets)
-    except MemoryError as error:
-        raise memory_ran_out(scene, spacing, degree, solver, error) from error
-    check_fits(localize(scene.surface, np.zeros(scene.surface.dim)), counts["unknowns"], spacing, degree)
+    except Exception as error:
+        if memory.ran_out(error):
+            raise memory_ran_out(scene, spacing, degree, solver, error) from error
+        raise
     chosen = choose_solver(solver, counts["unknowns"], largest_dim(scene.surface), scene.problem.factorise_up_to)
+    surface = localize(scene.surface, np.zeros(scene.surface.dim))
+    check_fits(surface, counts["unknowns"], spacing, degree, chosen)
     needed = memory.peak_bytes(counts["rows"], counts["unknowns"], scene.surface.dim, degree, scene.channels, chosen)
     parts = [
         *_surface_parts(counts, degree),

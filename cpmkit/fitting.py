@@ -25,7 +25,14 @@ SPARE = 0.2
 COARSER = 1.5
 
 
-def check_fits(source: Localized, unknowns: float, spacing: float, degree: int, excess: float = 1.0) -> None:
+def check_fits(
+    source: Localized,
+    unknowns: float,
+    spacing: float,
+    degree: int,
+    solver: str = "reference",
+    excess: float = 1.0,
+) -> None:
     """Refuse a band that the memory of this process cannot hold.
 
     Parameters
@@ -36,6 +43,8 @@ def check_fits(source: Localized, unknowns: float, spacing: float, degree: int, 
         That the band has, about.
     spacing, degree : float, int
         Of the lattice and the interpolation.
+    solver : str
+        That will be taken.
     excess : float
         How many times too large the band must be: more than 1 while ``unknowns`` is a rough number.
 
@@ -44,12 +53,13 @@ def check_fits(source: Localized, unknowns: float, spacing: float, degree: int, 
     ResolutionError
         With the spacing that would fit.
     """
-    needed, limit = unknowns * memory.bytes_per_unknown(source.dim, degree), memory.memory_limit()
+    needed, limit = unknowns * memory.bytes_per_unknown(source.dim, degree, solver), memory.memory_limit()
     if needed > excess * limit.bytes:
-        fits = fitting_spacing(source, degree, limit.bytes)
+        fits = fitting_spacing(source, degree, limit.bytes, solver)
         raise ResolutionError(
-            f"spacing={spacing:g} needs about {unknowns:.2g} unknowns and {needed / 2**30:.3g} GiB, and {limit}; "
-            f"spacing={fits:g} or more would fit."
+            f"spacing={spacing:g} needs about {unknowns:.2g} unknowns and {needed / 2**30:.3g} GiB"
+            f"{' with the solver ' + repr(solver) if solver != 'reference' else ''}, and {limit}; "
+            f"spacing={fits:g} or more would fit{_other(solver)}."
         )
 
 
@@ -96,11 +106,14 @@ def memory_ran_out(scene: Scene, spacing: float | None, degree: int, solver: str
         needed, fits, chosen = _needed(scene, spacing, degree, solver, limit)
     except (MemoryError, ValueError, ArithmeticError):
         needed, fits, chosen = "", 0.0, solver
-    other = ", or solver='reference'" if chosen == "direct" else ""
     fits = max(fits, _rounded_up(COARSER * spacing))
     return ResolutionError(
-        f"Memory ran out at spacing={spacing:g}: {needed}{limit}; try spacing={fits:g} or more{other}."
+        f"Memory ran out at spacing={spacing:g}: {needed}{limit}; try spacing={fits:g} or more{_other(chosen)}."
     )
+
+
+def _other(solver: str) -> str:
+    return ", or solver='reference'" if solver == "direct" else ""
 
 
 def _needed(scene: Scene, spacing: float, degree: int, solver: str, limit: memory.Limit) -> tuple[str, float, str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 from collections.abc import Iterator
@@ -15,6 +16,11 @@ GROUPS = Path("/sys/fs/cgroup")
 OWN_GROUPS = Path("/proc/self/cgroup")
 #: Limits that ``ulimit`` sets: their names, its option, and the row of /proc/self/status that counts against each.
 ULIMITS = (("RLIMIT_AS", "-v", "VmSize"), ("RLIMIT_DATA", "-d", "VmData"))
+#: What errors of other types say where memory ran out.
+SIGNS = {
+    ImportError: ("failed to map segment", "Cannot allocate memory"),
+    RuntimeError: ("can't start new thread",),
+}
 
 
 @dataclass(frozen=True)
@@ -44,6 +50,13 @@ def memory_limit() -> Limit:
 def available_bytes() -> int:
     """Return the memory that this process may have in bytes."""
     return memory_limit().bytes
+
+
+def ran_out(error: BaseException) -> bool:
+    """Return whether an error says that memory ran out: an allocation, a thread, or a library that found no room."""
+    if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
+        return True
+    return any(sign in str(error) for sign in SIGNS[type(error)]) if type(error) in SIGNS else False
 
 
 def _process_limits() -> Iterator[Limit]:

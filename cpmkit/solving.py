@@ -9,14 +9,17 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from cpmkit.arrays import positive
 from cpmkit.discretization import discretize
 from cpmkit.evolution.checkpoints import EVERY, check_checkpointing
 from cpmkit.files import check_place
-from cpmkit.fitting import memory_ran_out
+from cpmkit.fitting import check_fits, memory_ran_out
 from cpmkit.flux_balance import check_balance
 from cpmkit.job import Job
-from cpmkit.localized import largest_dim
+from cpmkit.localized import largest_dim, localize
+from cpmkit.memory import ran_out
 from cpmkit.nonlinear import solve_nonlinear
 from cpmkit.plugins import call, factory
 from cpmkit.protocols import Parting, Progress, nothing
@@ -135,8 +138,10 @@ def solve(
         else:
             options = {**_given(**how), **solver_options}
             solution = _solve_elsewhere(backend, scene, spacing, tolerance, progress, options)
-    except MemoryError as error:
-        raise memory_ran_out(scene, spacing, degree, solver, error) from error
+    except Exception as error:
+        if ran_out(error):
+            raise memory_ran_out(scene, spacing, degree, solver, error) from error
+        raise
     tell(solution.warnings)
     return solution
 
@@ -160,8 +165,10 @@ def _solve_here(
         check_place(checkpointing.write)
     start = time.perf_counter()
     tables = discretize(scene, spacing, progress=progress, **grid)
-    dim = largest_dim(scene.surface)
-    chosen = choose_solver(how["solver"], tables.unknowns.count, dim, scene.problem.factorise_up_to)
+    dim, unknowns = largest_dim(scene.surface), tables.unknowns.count
+    chosen = choose_solver(how["solver"], unknowns, dim, scene.problem.factorise_up_to)
+    if chosen == "direct":  # what others need was checked before the tables were made
+        check_fits(localize(scene.surface, np.zeros(scene.surface.dim)), unknowns, spacing, grid["degree"], chosen)
     made = make_solver(chosen, solver_options)
     job = Job(scene, tables, made, chosen, tolerance, progress, start, checkpointing, how["balance"])
     solve_family: Callable[[Job], Solution] = import_module(FAMILIES[scene.problem.family]).solve_job
