@@ -5,7 +5,8 @@ from __future__ import annotations
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import partial
 from math import prod
 from pathlib import Path
 from typing import IO, Any
@@ -61,10 +62,17 @@ def bytes_of(path: Path) -> bytes:
     return path.read_bytes()
 
 
-def read_arrays(path: Path, names: Iterable[str], what: str) -> dict[str, np.ndarray]:
+def _any(*_: object) -> None:
+    """Accept any shape and type."""
+
+
+def read_arrays(
+    path: Path, names: Iterable[str], what: str, check: Callable[[str, tuple[int, ...], np.dtype[Any]], None] = _any
+) -> dict[str, np.ndarray]:
     """Read those arrays of an ``.npz`` file whose names are in ``names``, or begin with one that ends in ``*``.
 
-    Others are not looked at. ``what`` says what the file should be, such as "a solution that was saved".
+    Others are not looked at. ``what`` says what the file should be, such as "a solution that was saved". ``check`` is
+    told the name, shape and type that each array's header says, before the array itself is read, and may raise.
 
     Raises
     ------
@@ -79,8 +87,9 @@ def read_arrays(path: Path, names: Iterable[str], what: str) -> dict[str, np.nda
             _check_size(sum(one.file_size for one in members), path.name)
             read = {}
             for one in members:
+                name = one.filename.removesuffix(".npy")
                 with archive.open(one) as opened:
-                    read[one.filename.removesuffix(".npy")] = _member(opened, one.file_size, path.name, what, READ)
+                    read[name] = _member(opened, one.file_size, path.name, what, READ, partial(check, name))
             return read
     except OSError as error:
         raise InputError(f"{shown(path.name)} cannot be read: {error.strerror or error}.") from error
@@ -102,7 +111,9 @@ def _check_size(needed: int, name: str) -> None:
         )
 
 
-def _member(opened: IO[bytes], length: int, name: str, what: str, kinds: str) -> np.ndarray:
+def _member(
+    opened: IO[bytes], length: int, name: str, what: str, kinds: str, check: Callable[..., None] = _any
+) -> np.ndarray:
     """Read one array whose bytes, header included, are ``length``."""
     try:
         shape, fortran, dtype, header = _header(opened)
@@ -110,6 +121,7 @@ def _member(opened: IO[bytes], length: int, name: str, what: str, kinds: str) ->
         raise InputError(f"{shown(name)} is not {what}, or its header is damaged.") from error
     if dtype.kind not in kinds:
         raise InputError(f"{shown(name)} holds {shown(dtype.name)} where {what} was expected.")
+    check(shape, dtype)
     needed = prod(shape) * dtype.itemsize
     if needed > length - header:
         raise InputError(f"{shown(name)} says that it holds {shape} numbers and ends before: it is damaged.")

@@ -2,30 +2,25 @@
 
 from __future__ import annotations
 
-import json
-import zipfile
-import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar, overload
+from typing import Any, NoReturn, overload
 
 import numpy as np
 
 from cpmkit.balance import Leak
 from cpmkit.discretization import Discretization, discretize
-from cpmkit.errors import InputError
-from cpmkit.export import FORMAT
+from cpmkit.errors import InputError, shown
 from cpmkit.flux_balance import Balance
 from cpmkit.null_space import Defect
-from cpmkit.protocols import SIDES, Floats, Ints
+from cpmkit.plain_values import made
+from cpmkit.protocols import Floats, Ints
+from cpmkit.saved_solutions import check_same_scene, of_another_scene, read_solution
 from cpmkit.scene import Scene
 from cpmkit.solution import Solution
 from cpmkit.solvers.report import SolveReport
-from cpmkit.summary import describe_scene
 from cpmkit.work import Work
-
-Record = TypeVar("Record")
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +38,7 @@ class SavedSolution:
     summary : mapping
         What was solved, what it cost and what it reached.
     arrays : mapping
-        All arrays of the file, such as ``lattice_frames`` and ``lattice_frame_times`` of a problem in time.
+        The arrays of the file, such as ``lattice_frames`` and ``lattice_frame_times`` of a problem in time.
     """
 
     points: Floats
@@ -71,8 +66,8 @@ def load(path: str | Path, scene: Scene | str | Path | None = None) -> Solution 
     scene : Scene or path, optional
         The scene that was solved, or the scene file it came from. Its tables are built again, as long as that
         takes, and filled with the saved values: the solution reads as it did, to the last bit. That the scene is the
-        one that was solved is checked by its nodes, its ghosts, and the names and kinds of its conditions;
-        the data of conditions and right-hand sides are not saved and not compared.
+        one that was solved is checked by its nodes, its ghosts, its equation with the numbers in it, and its
+        conditions, on the edge too, with theirs; functions are not saved and not compared.
 
     Returns
     -------
@@ -83,8 +78,8 @@ def load(path: str | Path, scene: Scene | str | Path | None = None) -> Solution 
     Raises
     ------
     InputError
-        If the file is missing, is not whole, was not written by cpmkit or by a later format of it, or belongs to
-        another scene.
+        If the file is missing, is not whole, was not written by cpmkit or by a later format of it, holds what does
+        not belong in it, or belongs to another scene.
 
     Examples
     --------
@@ -98,56 +93,35 @@ def load(path: str | Path, scene: Scene | str | Path | None = None) -> Solution 
     True
     """
     path = Path(path)
-    arrays = _read(path)
-    summary = json.loads(str(arrays["summary"]))
-    if scene is None:
-        return _light(arrays, summary)
-    if not isinstance(scene, Scene):
+    arrays, summary = read_solution(path)
+    if scene is not None and not isinstance(scene, Scene):
         from cpmkit.scenefile import load_scene
 
         scene = load_scene(scene).scene
-    return _rebuilt(path, arrays, summary, scene)
+    return _light(path, arrays, summary) if scene is None else _rebuilt(path, arrays, summary, scene)
 
 
-def _read(path: Path) -> dict[str, Any]:
-    """Return all arrays of a file that cpmkit wrote."""
-    if not path.is_file():
-        raise InputError(f"There is no file {str(path)!r}; give the path of a solution that was saved as .npz.")
-    try:
-        # Opened here, for np.load leaves a file open that it finds broken.
-        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-    except (ValueError, TypeError, OSError, EOFError, zipfile.BadZipFile, zlib.error) as error:
-        raise InputError(
-            f"{path.name!r} is not a whole .npz file; give one that the method save of a solution wrote."
-        ) from error
-    if "format" not in arrays or "summary" not in arrays:
-        raise InputError(f"{path.name!r} is no solution; give a file that the method save of a solution wrote.")
-    if arrays["format"] != FORMAT:
-        raise InputError(
-            f"{path.name!r} is of format {arrays['format']}, and this cpmkit reads format {FORMAT}; solve the "
-            "scene again, or read the file with the version that its summary names."
-        )
-    return arrays
-
-
-def _light(arrays: Mapping[str, Any], summary: Mapping[str, Any]) -> SavedSolution:
-    channels = int(summary.get("discretization", {}).get("channels", 1))
-    none = (np.zeros((0, 0)), np.zeros((0, 0), dtype=np.int64), np.zeros((0, channels)))
-    points, cells, values = (
-        arrays.get(name, empty) for name, empty in zip(("points", "cells", "values"), none, strict=True)
-    )
-    return SavedSolution(points, cells, values, summary, arrays)
+def _light(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any]) -> SavedSolution:
+    mesh = {name: arrays[name] for name in ("points", "cells", "values") if name in arrays}
+    if not mesh:
+        none = np.zeros((0, 0))
+        channels = summary["discretization"].get("channels", 1)
+        return SavedSolution(none, none.astype(np.int64), np.zeros((0, channels)), summary, arrays)
+    if len(mesh) < 3 or np.any((mesh["cells"] < -1) | (mesh["cells"] >= len(mesh["points"]))):
+        raise InputError(f"{shown(path.name)} holds half a mesh: points, cells and values belong together.")
+    return SavedSolution(mesh["points"], mesh["cells"], mesh["values"], summary, arrays)
 
 
 def _rebuilt(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any], scene: Scene) -> Solution:
     lattice = {name.removeprefix("lattice_"): array for name, array in arrays.items() if name.startswith("lattice_")}
-    if "nodes" not in lattice:
-        raise InputError(f"{path.name!r} holds a solution of another back end than 'cpm'; load it without a scene.")
-    if lattice["origin"].shape != (scene.surface.dim,) or _conditions(summary["scene"]) != _conditions(
-        describe_scene(scene)
-    ):
-        raise _of_another_scene(path)
+    if not lattice:
+        raise InputError(
+            f"{shown(path.name)} holds a solution of another back end than 'cpm'; load it without a scene."
+        )
+    where = f"the summary of {shown(path.name)}"
+    check_same_scene(path, summary["scene"], scene)
+    if lattice["origin"].shape != (scene.surface.dim,):
+        raise of_another_scene(path, f"it lies in {len(lattice['origin'])} dimensions")
     tables = discretize(
         scene,
         float(lattice["spacing"]),
@@ -156,44 +130,28 @@ def _rebuilt(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any], 
         origin=lattice["origin"],
         sheets=lattice["sheets"].item() if "sheets" in lattice else True,
     )
-    if not _fits(tables, lattice):
-        raise _of_another_scene(path)
+    if not _fits(tables, lattice, scene):
+        raise of_another_scene(path, "its nodes are others")
     balance = summary["discretization"].get("balance")
     return Solution(
         scene,
         lattice["unknowns"],
-        _record(SolveReport, summary["report"]),
-        _record(Work, summary["work"]),
+        made(SolveReport, summary["report"], f"report in {where}"),
+        made(Work, summary["work"], f"work in {where}"),
         summary["seconds"],
         tables,
         warnings=tuple(summary["warnings"]),
-        defects=tuple(_record(Defect, one) for one in summary.get("defects", ())),
-        leaks=tuple(_record(Leak, one) for one in summary.get("leaks", ())),
-        balance=None if balance is None else _record(Balance, balance),
+        defects=tuple(made(Defect, one, f"a defect in {where}") for one in summary.get("defects", ())),
+        leaks=tuple(made(Leak, one, f"a leak in {where}") for one in summary.get("leaks", ())),
+        balance=None if balance is None else made(Balance, balance, f"balance in {where}"),
     )
 
 
-def _of_another_scene(path: Path) -> InputError:
-    return InputError(f"{path.name!r} was saved from another scene than the one given; give the scene that was solved.")
-
-
-def _conditions(scene: Mapping[str, Any]) -> Any:
-    """Return the equation's kind, and the names of the boundaries with the kinds of their conditions."""
-    kinds = [(one["name"], *(one[side].split()[0] for side in SIDES if side in one)) for one in scene["boundaries"]]
-    return scene["problem"]["kind"], kinds
-
-
-def _fits(tables: Discretization, lattice: Mapping[str, Any]) -> bool:
+def _fits(tables: Discretization, lattice: Mapping[str, Any], scene: Scene) -> bool:
     band, unknowns = tables.layout.band, lattice["unknowns"]
+    channels = getattr(scene.problem, "count", tables.layout.channels)
     return bool(
         np.array_equal(band.nodes[: band.inner], lattice["nodes"])
         and np.array_equal(tables.unknowns.ghost_nodes, lattice["ghosts"])
-        and len(unknowns) == tables.unknowns.count
+        and unknowns.shape == (tables.unknowns.count, channels)
     )
-
-
-def _record(kind: type[Record], saved: Mapping[str, Any]) -> Record:
-    """Return a record from its plain values; those that it does not have are left out."""
-    names = {field.name for field in fields(kind)}  # type: ignore[arg-type] # all kinds are dataclasses
-    values = {name: value for name, value in saved.items() if name in names}
-    return kind(**{name: tuple(value) if isinstance(value, list) else value for name, value in values.items()})

@@ -176,7 +176,7 @@ def test_the_checkpoint_of_another_run_is_refused(tmp_path):
         with pytest.raises(ck.InputError, match=rf"run\.npz is of another run: {told}"):
             ck.solve(other, spacing, resume=file)
     file.write_text("nothing")
-    with pytest.raises(ck.InputError, match="is not a checkpoint of a run in time"):
+    with pytest.raises(ck.InputError, match=r"'run\.npz' is damaged or not a checkpoint of a run in time"):
         ck.solve(scene(heat()), 0.1, resume=file)
 
 

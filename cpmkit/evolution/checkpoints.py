@@ -2,30 +2,49 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
-from collections.abc import Sequence
+import os
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 
-from cpmkit.errors import InputError
+from cpmkit.arrays import whole
+from cpmkit.errors import InputError, shown
 from cpmkit.evolution.equations import Evolution
-from cpmkit.evolution.schedule import ROUNDING, Step
-from cpmkit.evolution.schemes import Moment
-from cpmkit.evolution.semidiscrete import SemiDiscrete
+from cpmkit.evolution.run import RunPlan, RunState, describe_run, digest_arrays, digest_run
+from cpmkit.evolution.schedule import ROUNDING
+from cpmkit.evolution.schemes import REMEMBERED, Moment
 from cpmkit.evolution.shifted import Tally
 from cpmkit.files import written_whole
+from cpmkit.plain_values import made
 from cpmkit.problems import Equation
-from cpmkit.protocols import Bools, Floats
+from cpmkit.protocols import Floats
+from cpmkit.saved_arrays import SavedArray, read_json_table, read_saved
 
 #: Steps between two checkpoints unless asked otherwise.
 EVERY = 100
 #: Arrays of a moment.
 MOMENT = ("u", "rate", "acceleration")
+#: What a checkpoint holds. ``digest`` tells the run, ``contents`` all other arrays: no bit of the state may differ.
+TABLE = (
+    SavedArray("run", "U"),
+    SavedArray("tally", "U"),
+    SavedArray("digest", "U"),
+    SavedArray("contents", "U"),
+    SavedArray("ends", "f", ("steps",)),
+    SavedArray("kept", "b", ("steps",)),
+    SavedArray("lengths", "f", ("moments",)),
+    SavedArray("frames", "f", ("frames", "unknowns", "channels")),
+    *(
+        SavedArray(f"{name}_{k}", "f", ("unknowns", "channels"), needed=False)
+        for name in MOMENT
+        for k in range(REMEMBERED)
+    ),
+)
+WHAT = "a checkpoint of a run in time"
 
 
 @dataclass(frozen=True)
@@ -47,47 +66,6 @@ class Checkpointing:
     resume: Path | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class RunPlan:
-    """What makes a run what it is.
-
-    Attributes
-    ----------
-    problem : SemiDiscrete
-        A and b(t).
-    evolution : Evolution
-        The equation, its scheme and its step.
-    steps : sequence of Step
-        From the start to the end.
-    start : Moment
-        The unknowns at time 0.
-    """
-
-    problem: SemiDiscrete
-    evolution: Evolution
-    steps: Sequence[Step]
-    start: Moment
-
-
-@dataclass(frozen=True, eq=False)
-class RunState:
-    """Where a run is.
-
-    Attributes
-    ----------
-    done : int
-        Steps taken.
-    history : tuple of Moment
-        The last moments, the latest last.
-    frames : tuple of (n, channels) float64
-        Values of the frames so far.
-    """
-
-    done: int
-    history: tuple[Moment, ...]
-    frames: tuple[Floats, ...]
-
-
 def check_checkpointing(
     problem: Equation, write: str | Path | None, every: int, resume: str | Path | None
 ) -> Checkpointing:
@@ -98,18 +76,28 @@ def check_checkpointing(
     InputError
         If the problem has no time, ``every`` is no number of steps, or a file cannot be what is asked of it.
     """
-    asked = Checkpointing(Path(write) if write else None, every, Path(resume) if resume else None)
     if (write or resume) and not isinstance(problem, Evolution):
         raise InputError(
             f"checkpoint and resume are for problems in time, not for {problem.kind!r}; leave them out, or use Heat."
         )
-    if isinstance(every, bool) or not isinstance(every, int) or every < 1:
-        raise InputError(f"checkpoint_every must be a number of steps, at least 1, got {every!r}.")
+    asked = Checkpointing(_path(write, "checkpoint"), whole(every, "checkpoint_every", 1), _path(resume, "resume"))
     if asked.write is not None and (asked.write.suffix != ".npz" or not asked.write.parent.is_dir()):
-        raise InputError(f"a checkpoint must be an .npz file in a folder that exists, got {str(asked.write)!r}.")
+        raise InputError(f"a checkpoint must be an .npz file in a folder that exists, got {shown(str(asked.write))}.")
     if asked.resume is not None and not asked.resume.is_file():
-        raise InputError(f"no checkpoint {str(asked.resume)!r}; give the file that an earlier run wrote.")
+        raise InputError(f"no checkpoint {shown(str(asked.resume))}; give the file that an earlier run wrote.")
     return asked
+
+
+def _path(given: Any, what: str) -> Path | None:
+    """Return what names a file as a path; None where nothing is asked for."""
+    if given is None or given == "":
+        return None
+    try:
+        path = Path(given)
+        os.path.lexists(os.fsencode(path))
+    except (TypeError, ValueError, OSError) as error:
+        raise InputError(f"{what} must be the path of an .npz file, got {shown(given)}.") from error
+    return path
 
 
 def write_checkpoint(path: Path, plan: RunPlan, state: RunState, tally: Tally) -> None:
@@ -130,10 +118,11 @@ def write_checkpoint(path: Path, plan: RunPlan, state: RunState, tally: Tally) -
     arrays["lengths"] = np.array([moment.length for moment in state.history])
     arrays["ends"] = np.array([step.end for step in done])
     arrays["kept"] = np.array([step.is_frame for step in done])
-    arrays["frames"] = np.array(state.frames)
+    arrays["frames"] = np.stack(state.frames) if state.frames else np.zeros((0, *plan.start.u.shape))
     arrays["tally"] = np.array(json.dumps(asdict(tally)))
-    arrays["run"] = np.array(json.dumps(_described(plan)))
-    arrays["digest"] = np.array(_digest(plan, done[-1].end))
+    arrays["run"] = np.array(json.dumps(describe_run(plan)))
+    arrays["digest"] = np.array(digest_run(plan, done[-1].end))
+    arrays["contents"] = np.array(digest_arrays(arrays))
     with written_whole(path) as unfinished:
         np.savez(unfinished, **arrays)
 
@@ -144,61 +133,57 @@ def read_checkpoint(path: Path, plan: RunPlan) -> tuple[RunState, Tally]:
     Raises
     ------
     InputError
-        If it is no checkpoint, or one of another run: scene, spacing, scheme, step and frames so far must agree.
+        If it is no checkpoint, is damaged or was altered, or is one of another run: scene, spacing, scheme, step and
+        frames so far must agree.
     """
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays: dict[str, Any] = dict(file)
-        run, ends, kept = json.loads(str(arrays["run"])), arrays["ends"], arrays["kept"]
-        tally = Tally(**json.loads(str(arrays["tally"])))
-        history = tuple(
-            Moment(arrays[f"u_{k}"], arrays.get(f"rate_{k}"), float(length), arrays.get(f"acceleration_{k}"))
-            for k, length in enumerate(arrays["lengths"])
-        )
-        frames, digest = tuple(arrays["frames"]), str(arrays["digest"])
-    except (OSError, BadZipFile, KeyError, ValueError, TypeError) as error:
-        raise InputError(f"{path} is not a checkpoint of a run in time: {error}.") from error
-    _check_same(path, plan, run, ends, kept, digest)
-    return RunState(len(ends), history, frames), tally
+    (text,) = read_saved(path, TABLE[:1], WHAT).values()
+    _check_description(path, plan, read_json_table(text, path, "run"))
+    unknowns, channels = plan.start.u.shape
+    arrays = read_saved(path, TABLE, WHAT, {"unknowns": unknowns, "channels": channels})
+    contents = str(arrays.pop("contents"))
+    _check_steps(path, plan, arrays)
+    if contents != digest_arrays(arrays):
+        raise InputError(f"{shown(path.name)} is not as it was written: its arrays do not match their digest.")
+    if str(arrays["digest"]) != digest_run(plan, float(arrays["ends"][-1])):
+        raise InputError(f"{_differs(path)}: the scene, its data or the versions of the libraries are not the same.")
+    tally = made(Tally, read_json_table(arrays["tally"], path, "tally"), f"the tally of {shown(path.name)}")
+    history = tuple(
+        Moment(arrays[f"u_{k}"], arrays.get(f"rate_{k}"), float(length), arrays.get(f"acceleration_{k}"))
+        for k, length in enumerate(arrays["lengths"])
+    )
+    return RunState(len(arrays["ends"]), history, tuple(arrays["frames"])), tally
 
 
-def _check_same(path: Path, plan: RunPlan, run: dict[str, Any], ends: Floats, kept: Bools, digest: str) -> None:
+def _differs(path: Path) -> str:
+    return f"The checkpoint {path} is of another run"
+
+
+def _check_description(path: Path, plan: RunPlan, run: Mapping[str, Any]) -> None:
     """Refuse the checkpoint of another run, and say what differs."""
-    differs = f"The checkpoint {path} is of another run"
-    for key, value in _described(plan).items():
+    for key, value in describe_run(plan).items():
         if run.get(key) != value:
-            raise InputError(f"{differs}: its {key} is {run.get(key)!r}, and here it is {value!r}.")
+            raise InputError(f"{_differs(path)}: its {key} is {shown(run.get(key))}, and here it is {value!r}.")
+
+
+def _check_steps(path: Path, plan: RunPlan, arrays: Mapping[str, np.ndarray]) -> None:
+    """Refuse steps that are not those of this run, and a state that is not what they lead to."""
+    ends, kept = arrays["ends"], arrays["kept"]
     done = plan.steps[: len(ends)]
-    same = len(done) == len(ends) and np.array_equal(kept, [step.is_frame for step in done])
-    if not same or np.abs(ends - [step.end for step in done]).max() > ROUNDING * plan.evolution.step:
-        raise InputError(f"{differs}: its {len(ends)} steps and their frames are not those of this one.")
-    if digest != _digest(plan, float(ends[-1])):
-        raise InputError(f"{differs}: the scene, its data or the versions of the libraries are not the same.")
+    same = len(done) == len(ends) > 0 and np.array_equal(kept, [step.is_frame for step in done])
+    if not same or not _same_times(ends, [step.end for step in done], plan):
+        raise InputError(f"{_differs(path)}: its {len(ends)} steps and their frames are not those of this one.")
+    lengths = [0.0, *(step.length for step in done)][-REMEMBERED:]
+    moments = range(len(lengths))
+    frames = int(np.count_nonzero(kept)) + (0.0 in plan.evolution.frame_times)
+    needed = [f"{name}_{k}" for name in ("u", "rate")[: 1 if plan.start.rate is None else 2] for k in moments]
+    lacking = [name for name in needed if name not in arrays]
+    if lacking or len(arrays["frames"]) != frames or not _same_times(arrays["lengths"], lengths, plan):
+        raise InputError(
+            f"{shown(path.name)} is damaged: after {len(done)} steps it should hold {len(lengths)} moments with their "
+            f"lengths and {frames} frames, and it holds {len(arrays['lengths'])} and {len(arrays['frames'])}"
+            f"{f', without {lacking[0]}' if lacking else ''}."
+        )
 
 
-def _described(plan: RunPlan) -> dict[str, Any]:
-    """Return what makes a run what it is, as far as it fits a sentence; ``until`` may differ."""
-    layout, evolution = plan.problem.tables.layout, plan.evolution
-    return {
-        "kind": evolution.kind,
-        "scheme": evolution.scheme,
-        "start": getattr(evolution, "start", ""),
-        "step": evolution.step,
-        "spacing": layout.lattice.spacing,
-        "degree": layout.band.degree,
-        "order": layout.order,
-        "number of unknowns": plan.problem.operator.size,
-        "number of channels": layout.channels,
-    }
-
-
-def _digest(plan: RunPlan, time: float) -> str:
-    """Return a digest of the tables, of the start, and of the data at the start and at ``time``."""
-    problem, start = plan.problem, plan.start
-    E, W = problem.operator.extension, problem.operator.differences
-    tables = [problem.tables.layout.band.nodes, E.data, E.indices, W.data, W.indices, problem.operator.diagonal]
-    data = [start.u, *([] if start.rate is None else [start.rate]), problem.forcing(0.0), problem.forcing(time)]
-    digest = hashlib.blake2b(digest_size=16)
-    for array in [*tables, *data]:
-        digest.update(np.ascontiguousarray(array).data)
-    return digest.hexdigest()
+def _same_times(given: Floats, expected: Sequence[float], plan: RunPlan) -> bool:
+    return len(given) == len(expected) and bool(np.abs(given - expected).max() <= ROUNDING * plan.evolution.step)

@@ -11,10 +11,11 @@ import numpy as np
 
 from cpmkit.diagnosis import warnings_of
 from cpmkit.errors import ConvergenceError, ResolutionError
-from cpmkit.evolution.checkpoints import RunPlan, RunState, read_checkpoint, write_checkpoint
+from cpmkit.evolution.checkpoints import read_checkpoint, write_checkpoint
 from cpmkit.evolution.diagnosis import run_warnings
 from cpmkit.evolution.equations import Evolution, Heat, Wave
 from cpmkit.evolution.frames import EvolvedSolution
+from cpmkit.evolution.run import RunPlan, RunState
 from cpmkit.evolution.schedule import Step, schedule
 from cpmkit.evolution.schemes import (
     REMEMBERED,

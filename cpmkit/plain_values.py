@@ -1,0 +1,144 @@
+"""Plain values that come from files: each is checked for its type and its range before anything uses it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, dataclass, fields
+from types import NoneType, UnionType
+from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
+
+from cpmkit.errors import InputError, shown
+
+Made = TypeVar("Made")
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What a value may be.
+
+    Attributes
+    ----------
+    words : str
+        For errors: "a whole number of at least 0".
+    accepts : callable
+        Tells whether a value is one.
+    """
+
+    words: str
+    accepts: Callable[[Any], bool]
+
+
+def number(least: float = -math.inf, most: float = math.inf) -> Kind:
+    """Return the kind of finite numbers from ``least`` to ``most``; true and false are none."""
+
+    def accepts(value: Any) -> bool:
+        try:
+            return _is_number(value) and math.isfinite(value) and least <= value <= most
+        except OverflowError:  # a whole number of hundreds of digits
+            return False
+
+    return Kind(f"a finite number{_range(least, most)}", accepts)
+
+
+def whole(least: float = -math.inf, most: float = math.inf) -> Kind:
+    """Return the kind of whole numbers from ``least`` to ``most``."""
+    return Kind(
+        f"a whole number{_range(least, most)}",
+        lambda value: isinstance(value, int) and not isinstance(value, bool) and least <= value <= most,
+    )
+
+
+TEXT = Kind("text", lambda value: isinstance(value, str))
+FLAG = Kind("true or false", lambda value: isinstance(value, bool))
+ANYTHING = Kind("anything", lambda _: True)
+
+
+def or_none(kind: Kind) -> Kind:
+    """Return the kind of values that are of ``kind`` or null."""
+    return Kind(f"{kind.words}, or null", lambda value: value is None or kind.accepts(value))
+
+
+def list_of(kind: Kind) -> Kind:
+    """Return the kind of lists whose entries are of ``kind``."""
+    return Kind(
+        f"a list with {kind.words} each", lambda value: isinstance(value, list) and all(map(kind.accepts, value))
+    )
+
+
+def table_of(kind: Kind) -> Kind:
+    """Return the kind of tables whose values are of ``kind``."""
+    return Kind(
+        f"a table with {kind.words} each",
+        lambda value: isinstance(value, Mapping) and all(map(kind.accepts, value.values())),
+    )
+
+
+def check_fields(
+    table: Any, needed: Mapping[str, Kind], where: str, optional: Mapping[str, Kind] | None = None
+) -> Mapping[str, Any]:
+    """Return ``table`` if it is one, has what is ``needed``, and all of that and of ``optional`` is of its kind.
+
+    Raises
+    ------
+    InputError
+        Naming ``where`` and the first field that is missing or not of its kind.
+    """
+    if not isinstance(table, Mapping):
+        raise InputError(f"{where} must be a table, got {shown(table)}.")
+    for name, kind in {**needed, **(optional or {})}.items():
+        if name not in table and name in needed:
+            raise InputError(f"{where} lacks {name}, {kind.words}.")
+        if name in table and not kind.accepts(table[name]):
+            raise InputError(f"{name} of {where} must be {kind.words}, got {shown(table[name])}.")
+    return table
+
+
+def made(record: type[Made], saved: Any, where: str) -> Made:
+    """Return a dataclass of plain fields from the table that it was saved as; keys that it does not know are left out.
+
+    Raises
+    ------
+    InputError
+        If a field without a default is missing, or one is not of the type that the class says; counts are not below
+        zero.
+    """
+    hints = get_type_hints(record)
+    kinds = {field.name: _kind(hints[field.name]) for field in fields(record)}  # type: ignore[arg-type] # a dataclass
+    free = {
+        field.name
+        for field in fields(record)  # type: ignore[arg-type]
+        if not field.init or field.default is not MISSING or field.default_factory is not MISSING
+    }
+    check_fields(
+        saved,
+        {name: kind for name, kind in kinds.items() if name not in free},
+        where,
+        {name: kind for name, kind in kinds.items() if name in free},
+    )
+    values = {name: saved[name] for name in kinds if name in saved}
+    return record(**{name: tuple(value) if isinstance(value, list) else value for name, value in values.items()})
+
+
+def _kind(hint: Any) -> Kind:
+    """Return the kind of values that an annotation stands for."""
+    plain = {str: TEXT, bool: FLAG, int: whole(0), float: number()}
+    if hint in plain:
+        return plain[hint]
+    arguments = [_kind(one) for one in get_args(hint) if one not in (NoneType, Ellipsis)]
+    if get_origin(hint) is tuple:
+        return list_of(arguments[0])
+    if get_origin(hint) in (Union, UnionType) and len(arguments) == 1:
+        return or_none(arguments[0])
+    if get_origin(hint) is not None and issubclass(get_origin(hint), Mapping):
+        return table_of(arguments[-1])
+    raise TypeError(f"{hint} is not the type of a plain value")
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _range(least: float, most: float) -> str:
+    low = f" of at least {least:g}" if math.isfinite(least) else ""
+    return f"{low}{' and' if low and math.isfinite(most) else ''}{f' at most {most:g}' if math.isfinite(most) else ''}"
