@@ -98,17 +98,15 @@ def load(path: str | Path, scene: Scene | str | Path | None = None) -> Solution 
         from cpmkit.scenefile import load_scene
 
         scene = load_scene(scene).scene
-    return _light(path, arrays, summary) if scene is None else _rebuilt(path, arrays, summary, scene)
+    return _light(arrays, summary) if scene is None else _rebuilt(path, arrays, summary, scene)
 
 
-def _light(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any]) -> SavedSolution:
+def _light(arrays: Mapping[str, Any], summary: Mapping[str, Any]) -> SavedSolution:
     mesh = {name: arrays[name] for name in ("points", "cells", "values") if name in arrays}
     if not mesh:
         none = np.zeros((0, 0))
         channels = summary["discretization"].get("channels", 1)
         return SavedSolution(none, none.astype(np.int64), np.zeros((0, channels)), summary, arrays)
-    if len(mesh) < 3 or np.any((mesh["cells"] < -1) | (mesh["cells"] >= len(mesh["points"]))):
-        raise InputError(f"{shown(path.name)} holds half a mesh: points, cells and values belong together.")
     return SavedSolution(mesh["points"], mesh["cells"], mesh["values"], summary, arrays)
 
 

@@ -8,6 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from cpmkit.errors import InputError, shown
 from cpmkit.export import FORMAT
 from cpmkit.plain_values import ANYTHING, TEXT, Kind, check_fields, list_of, number, table_of, whole
@@ -84,6 +86,7 @@ def read_solution(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
         )
     on_lattice = bool(read_saved(path, [replace(row, needed=False) for row in LATTICE if not row.shape], WHAT))
     arrays = read_saved(path, (*FORMATS, *MESH, *(LATTICE if on_lattice else ())), WHAT)
+    _check_mesh(path, arrays)
     summary = read_json_table(arrays["summary"], path, "summary")
     where = f"the summary of {shown(path.name)}"
     check_fields(summary, SUMMARY, where)
@@ -92,6 +95,13 @@ def read_solution(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
         check_fields(summary, REBUILT, where, LISTED)
         check_fields(summary["scene"], SCENE, f"scene in {where}")
     return arrays, summary
+
+
+def _check_mesh(path: Path, arrays: Mapping[str, Any]) -> None:
+    """Refuse half of a display mesh, and cells of vertices that it has not."""
+    mesh = [arrays[name] for name in ("points", "values", "cells") if name in arrays]
+    if mesh and (len(mesh) < 3 or np.any((mesh[-1] < -1) | (mesh[-1] >= len(mesh[0])))):
+        raise InputError(f"{shown(path.name)} holds half a mesh: points, cells and values belong together.")
 
 
 def of_another_scene(path: Path, differs: str) -> InputError:

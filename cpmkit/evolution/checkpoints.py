@@ -94,7 +94,9 @@ def _path(given: Any, what: str) -> Path | None:
         return None
     try:
         path = Path(given)
-        os.path.lexists(os.fsencode(path))
+        os.lstat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        return Path(given)
     except (TypeError, ValueError, OSError) as error:
         raise InputError(f"{what} must be the path of an .npz file, got {shown(given)}.") from error
     return path
