@@ -88,7 +88,7 @@ def check_fields(
         raise InputError(f"{where} must be a table, got {shown(table)}.")
     for name, kind in {**needed, **(optional or {})}.items():
         if name not in table and name in needed:
-            raise InputError(f"{where} lacks {name}, {kind.words}.")
+            raise InputError(f"{where} lacks {name!r}, which must be {kind.words}.")
         if name in table and not kind.accepts(table[name]):
             raise InputError(f"{name} of {where} must be {kind.words}, got {shown(table[name])}.")
     return table

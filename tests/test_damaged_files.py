@@ -129,19 +129,27 @@ def summaries(solution):
     summary = json.loads(str(solution["summary"]))
     for text in ("", "[]", "3", "null", "nonsense", "[" * 100_000):
         yield text, "a summary that is not", "a summary that is not"
-    yield "{}", "lacks discretization", "lacks discretization"
+    yield "{}", "lacks 'discretization'", "lacks 'discretization'"
     for key in ("report", "work", "seconds", "warnings", "scene"):
-        yield json.dumps({one: value for one, value in summary.items() if one != key}), f"lacks {key}", f"lacks {key}"
+        yield (
+            json.dumps({one: value for one, value in summary.items() if one != key}),
+            f"lacks {key!r}",
+            f"lacks {key!r}",
+        )
         told = f"{key} of the summary of 'saved.npz' must be"
         yield json.dumps(summary | {key: 3}), told, told
     yield json.dumps(summary | {"discretization": {"channels": "a"}}), "channels of", "channels of"
-    yield json.dumps(summary | {"report": {}}), None, "report in the summary of 'saved.npz' lacks solver, text"
+    yield (
+        json.dumps(summary | {"report": {}}),
+        None,
+        "report in the summary of 'saved.npz' lacks 'solver', which must be text",
+    )
     yield (
         json.dumps(summary | {"work": summary["work"] | {"nodes": -1}}),
         None,
         "nodes of work in .* at least 0, got -1",
     )
-    yield json.dumps(summary | {"leaks": [{"share": 1.0}]}), None, "a leak in .* lacks imbalance"
+    yield json.dumps(summary | {"leaks": [{"share": 1.0}]}), None, "a leak in .* lacks 'imbalance'"
     yield json.dumps(summary | {"scene": {"problem": 3, "boundaries": []}}), "problem of scene", "problem of scene"
 
 

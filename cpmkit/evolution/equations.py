@@ -13,8 +13,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from cpmkit.arrays import positive
-from cpmkit.errors import InputError
+from cpmkit.arrays import number, positive, whole
+from cpmkit.errors import InputError, shown
 from cpmkit.problems import Equation, Field, Terms
 from cpmkit.scene_data import Data, takes_time
 
@@ -23,6 +23,8 @@ WAVE_SCHEMES = ("leapfrog", "implicit")
 STARTS = ("smooth", "plain")
 #: More steps than this are a mistake in the unit of time.
 MOST_STEPS = 10_000_000
+#: More frames than this, each a whole solution, are a mistake.
+MOST_FRAMES = 100_000
 
 
 class Evolution(Equation):
@@ -55,7 +57,7 @@ class Evolution(Equation):
     @property
     def frame_times(self) -> tuple[float, ...]:
         """Times of the frames, rising."""
-        if isinstance(self.frames, int):
+        if isinstance(self.frames, (int, np.integer)):
             return tuple(np.linspace(0.0, self.until, self.frames + 1).tolist()) if self.frames else ()
         return tuple(sorted({float(time) for time in self.frames}))
 
@@ -79,17 +81,19 @@ class Evolution(Equation):
 
 
 def _check_frames(frames: int | Sequence[float], until: float, kind: str) -> None:
-    accepted = f"frames of {kind} must be a number of equal parts of the time or a list of times from 0 to {until:g}"
-    if isinstance(frames, int):
-        if isinstance(frames, bool) or frames < 0:
-            raise InputError(f"{accepted}, got {frames!r}.")
-        return
+    accepted = (
+        f"frames of {kind} must be a number of equal parts of the time or a list of times from 0 to {until:g}, "
+        f"at most {MOST_FRAMES} of them"
+    )
     try:
-        times = np.asarray(frames, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{accepted}, got {frames!r}.") from error
-    if times.ndim != 1 or not np.all((times >= 0) & (times <= until)):
-        raise InputError(f"{accepted}, got {frames!r}.")
+        if isinstance(frames, (int, np.integer)):
+            whole(frames, "frames", 0, MOST_FRAMES)
+            return
+        times = [number(time, "a frame") for time in frames]
+    except (TypeError, InputError) as error:
+        raise InputError(f"{accepted}, got {shown(frames)}.") from error
+    if len(times) > MOST_FRAMES or not all(0 <= time <= until for time in times):
+        raise InputError(f"{accepted}, got {shown(frames)}.")
 
 
 @dataclass(frozen=True, eq=False)

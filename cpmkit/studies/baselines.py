@@ -68,7 +68,7 @@ def solve_by_fixed_nodes(
     SceneError
         If the problem or a condition is of another kind, sides differ, or there is no boundary.
     """
-    _check(scene, method)
+    check_fixable(scene, method)
     clock = [time.perf_counter()]
     bare = replace(scene, boundaries=())
     tables = discretize(bare, spacing, degree=degree, origin=origin, progress=progress)
@@ -93,7 +93,14 @@ def solve_by_fixed_nodes(
     return Solution(bare, values, report, work, seconds, tables)
 
 
-def _check(scene: Scene, method: str) -> None:
+def check_fixable(scene: Scene, method: str) -> None:
+    """Refuse a scene that cannot be solved by fixing nodes.
+
+    Raises
+    ------
+    SceneError
+        If the problem or a condition is of another kind, sides differ, or there is no boundary.
+    """
     if scene.problem.family != "steady":
         raise SceneError(f"the method {method!r} solves one steady system, got {scene.problem.kind!r}; use 'cpm'.")
     if not scene.boundaries:

@@ -36,7 +36,7 @@ def convergence_figure(series: Sequence[Series], title: str) -> Figure:
         fitted = "" if order is None else f" (fitted order {order:.2f})"
         _line(axes, number, one.spacings, one.errors, one.label + fitted)
     axes.set(xlabel="spacing", ylabel="greatest error")
-    axes.set_title(fill(title, CHARACTERS), fontsize=11)
+    axes.set_title(_plain(fill(title, CHARACTERS)), fontsize=11)
     _spacing_ticks(axes, series)
     axes.grid(alpha=0.25)
     _legend(figure, columns=1)
@@ -55,8 +55,8 @@ def difference_figure(series: Sequence[Series], title: str) -> Figure:
         axes.set(xlabel="spacing", title=name)
         _spacing_ticks(axes, series)
         axes.grid(alpha=0.25)
-    figure.axes[0].set_ylabel(f"rms difference from {series[0].reference}, % of half the range")
-    figure.suptitle(title)
+    figure.axes[0].set_ylabel(_plain(f"rms difference from {series[0].reference}, % of half the range"))
+    figure.suptitle(_plain(fill(title, 2 * CHARACTERS)))
     _legend(figure, columns=3)
     return figure
 
@@ -76,9 +76,14 @@ def work_figure(series: Sequence[Series], title: str) -> Figure:
         axes.xaxis.set_minor_formatter(NullFormatter())
         axes.grid(alpha=0.25)
     figure.axes[0].set_ylabel("greatest error")
-    figure.suptitle(title)
+    figure.suptitle(_plain(fill(title, 2 * CHARACTERS)))
     _legend(figure, columns=3)
     return figure
+
+
+def _plain(text: str) -> str:
+    """Return text whose dollar signs are no mathematics."""
+    return text.replace("$", r"\$")
 
 
 def _line(axes: Any, number: int, x: Sequence[float], y: Sequence[float], label: str) -> None:
@@ -88,16 +93,17 @@ def _line(axes: Any, number: int, x: Sequence[float], y: Sequence[float], label:
         color=COLOURS[number % len(COLOURS)],
         linestyle=STYLES[number % len(STYLES)],
         marker=MARKERS[number % len(MARKERS)],
-        label=label,
+        label=_plain(label),
     )
 
 
 def _slopes(axes: Any, series: Sequence[Series]) -> None:
     """Draw dotted lines of slopes 1 and 2 through the geometric middle of the errors at the coarsest spacing."""
     spacings = np.array(sorted({spacing for one in series for spacing in one.spacings}))
-    if len(spacings) == 1:
+    coarsest = [one.errors[0] for one in series if one.errors[0] > 0]
+    if len(spacings) == 1 or not coarsest:
         return
-    start = np.exp(np.mean([np.log(one.errors[0]) for one in series]))
+    start = np.exp(np.mean(np.log(coarsest)))
     for slope in SLOPES:
         errors = start * (spacings / spacings[-1]) ** slope
         axes.plot(spacings, errors, color=GREY, linestyle=":", linewidth=1.2)

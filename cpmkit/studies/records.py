@@ -9,9 +9,45 @@ from pathlib import Path
 from typing import Any
 
 from cpmkit.errors import InputError
+from cpmkit.plain_values import TEXT, Kind, check_fields, list_of, number, or_none, table_of, whole
 
 Record = dict[str, Any]
 FILE = "records.jsonl"
+#: Numbers of a record are smaller: figures can show no larger ones, and no counter runs so far.
+LARGEST = 1e100
+COUNT, SIZE = whole(0, LARGEST), number(0, LARGEST)
+#: What tells a run, in every record.
+RUN = {
+    "title": TEXT,
+    "content": TEXT,
+    "method": TEXT,
+    "spacing": number(1 / LARGEST, LARGEST),
+    "degree": or_none(whole(1, 100)),
+    "order": or_none(whole(1, 100)),
+    "origin": or_none(COUNT),
+}
+#: What was measured, unless the run ended with an error.
+MEASURED = {
+    "max_error": SIZE,
+    "rms_error": SIZE,
+    "unknowns": whole(1, LARGEST),
+    "iterations": COUNT,
+    "cpu_seconds": SIZE,
+}
+LEAK = Kind(
+    "a table with the list of numbers shift",
+    lambda one: isinstance(one, Mapping) and list_of(number(-LARGEST, LARGEST)).accepts(one.get("shift")),
+)
+OPTIONAL = {
+    "study": TEXT,
+    "reference": or_none(TEXT),
+    "error": TEXT,
+    "rms_without_mean": SIZE,
+    "half_range": SIZE,
+    "twins": or_none(COUNT),
+    "leaks": list_of(LEAK),
+    "seconds": table_of(SIZE),
+}
 
 
 def read_records(file: Path) -> list[Record]:
@@ -20,44 +56,75 @@ def read_records(file: Path) -> list[Record]:
     Raises
     ------
     InputError
-        If a line within the file is not a JSON object.
+        If the file cannot be read, or a line within it is not a record; the line and what is wrong in it are named.
     """
-    if not file.is_file():
-        return []
-    *lines, _ = file.read_bytes().split(b"\n")
-    records = []
-    for number, line in enumerate(lines, 1):
-        try:
-            record = json.loads(line)
-        except ValueError:
-            record = None
-        if not isinstance(record, dict):
-            raise InputError(f"line {number} of {file} is not a JSON object; remove that line, its run is made again.")
-        records.append(record)
-    return records
+    *lines, _ = _content(file).split(b"\n")
+    return [_record(line, f"line {count} of {file}") for count, line in enumerate(lines, 1)]
+
+
+def _record(line: bytes, where: str) -> Record:
+    """Return the record that a line holds."""
+    try:
+        record = json.loads(line)
+    except (ValueError, RecursionError):
+        record = None
+    if not isinstance(record, dict):
+        raise InputError(f"{where} is not a JSON object; remove that line, its run is made again.")
+    try:
+        check_fields(record, RUN | ({} if "error" in record else MEASURED), where, OPTIONAL)
+    except InputError as error:
+        raise InputError(f"{str(error).removesuffix('.')}; remove that line, its run is made again.") from error
+    return record
 
 
 def append_record(file: Path, record: Mapping[str, Any]) -> None:
-    """Append one line, written at once; whatever interrupts this, the lines before it stay whole."""
+    """Append one line, written at once; whatever interrupts this, the lines before it stay whole.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written, or not to the line's end.
+    """
     line = json.dumps(record, allow_nan=False, default=float).encode() + b"\n"
-    handle = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)
     try:
-        os.write(handle, line)
-        os.fsync(handle)
-    finally:
-        os.close(handle)
+        handle = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)
+        try:
+            written = os.write(handle, line)
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+    except OSError as error:
+        raise InputError(f"{file} cannot be written: {error.strerror or error}.") from error
+    if written < len(line):
+        raise InputError(f"{file} cannot be written to its end: the disk is full.")
 
 
 def drop_unfinished_line(file: Path) -> None:
-    """Cut off a last line that an interrupted write left without its end."""
-    if not file.is_file():
-        return
-    content = file.read_bytes()
-    whole = content.rfind(b"\n") + 1
-    if whole < len(content):
-        os.truncate(file, whole)
+    """Cut off a last line that an interrupted write left without its end.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    content = _content(file)
+    whole_lines = content.rfind(b"\n") + 1
+    if whole_lines < len(content):
+        try:
+            os.truncate(file, whole_lines)
+        except OSError as error:
+            raise InputError(f"{file} cannot be written: {error.strerror or error}.") from error
+
+
+def _content(file: Path) -> bytes:
+    try:
+        return file.read_bytes()
+    except FileNotFoundError:
+        return b""
+    except (OSError, ValueError) as error:
+        raise InputError(f"{file} cannot be read: {getattr(error, 'strerror', None) or error}.") from error
 
 
 def of_content(records: Sequence[Record], content: str) -> list[Record]:
     """Return the records that belong to a study of this content."""
-    return [record for record in records if record.get("content") == content]
+    return [record for record in records if record["content"] == content]

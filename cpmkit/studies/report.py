@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from cpmkit.errors import InputError
+from cpmkit.errors import InputError, printable
 from cpmkit.files import written_whole
 from cpmkit.studies.comparison import comparison_table, told_of_differences
 from cpmkit.studies.figures import convergence_figure, difference_figure, work_figure
@@ -67,8 +67,10 @@ def write_report(folder: Path, content: str | None = None) -> Report:
         raise InputError(f"{folder / FILE} holds {reason}; run `cpmkit study run` first.")
     series = gather(records)
     if not series:
-        raise InputError(f"all {len(records)} runs of {folder / FILE} ended with errors, first {records[0]['error']!r}")
-    title, failed = records[0]["title"], sum("error" in record for record in records)
+        raise InputError(
+            f"all {len(records)} runs of {folder / FILE} ended with errors, first {records[0]['error']!r}."
+        )
+    title, failed = _one_line(records[0]["title"]), sum("error" in record for record in records)
     compares = series[0].reference is not None
     figures = {CONVERGENCE: (difference_figure if compares else convergence_figure)(series, title)}
     if len({(one.method, one.degree) for one in series}) > 1:
@@ -80,6 +82,11 @@ def write_report(folder: Path, content: str | None = None) -> Report:
     with written_whole(folder / PAGE) as file:
         file.write_text(_page(report, records, list(figures), len(every) - len(records)), encoding="utf-8")
     return report
+
+
+def _one_line(text: str) -> str:
+    """Return what a record tells without control characters, and with bars that do not end a table's cell."""
+    return printable(" ".join(text.split())).replace("|", r"\|")
 
 
 def table_of(reports: Sequence[Report]) -> str:
@@ -100,7 +107,10 @@ def _page(report: Report, records: Sequence[Record], figures: Sequence[str], lef
     parts += ["## What it cost", costs_table(report.series)]
     failed = [record for record in records if "error" in record]
     if failed:
-        parts += ["## Runs that ended with an error", "\n".join(f"- {named(one)}: {one['error']}" for one in failed)]
+        parts += [
+            "## Runs that ended with an error",
+            "\n".join(f"- {named(one)}: {_one_line(one['error'])}" for one in failed),
+        ]
     if left_out:
         parts.append(f"{left_out} records belong to the study file as it was before, and are left out.")
     return "\n\n".join(parts) + "\n"

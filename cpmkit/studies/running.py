@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import ConvergenceError, InputError, ResolutionError, SceneError
+from cpmkit.errors import ConvergenceError, InputError, ResolutionError
 from cpmkit.files import check_place
 from cpmkit.protocols import Progress, nothing
 from cpmkit.readable import ReadableSolution
@@ -20,7 +19,16 @@ from cpmkit.scene import Scene
 from cpmkit.solution import Solution
 from cpmkit.solving import solve
 from cpmkit.studies.baselines import solve_by_fixed_nodes
-from cpmkit.studies.records import FILE, Record, append_record, drop_unfinished_line, of_content, read_records
+from cpmkit.studies.checking import at_spacing, check_study
+from cpmkit.studies.records import (
+    FILE,
+    LARGEST,
+    Record,
+    append_record,
+    drop_unfinished_line,
+    of_content,
+    read_records,
+)
 from cpmkit.studies.studyfile import Study
 from cpmkit.studies.sweep import BASELINES, CLOSEST_POINTS, Run
 from cpmkit.studies.truth import Truth, truth_of
@@ -28,8 +36,6 @@ from cpmkit.telling import overheard
 
 #: What of a solve's work is recorded, where the method has it.
 WORK = ("unknowns", "nonzeros", "operator_applications", "closest_point_queries", "table_bytes")
-#: A last time step shorter than this share of the others is rounding.
-ROUNDING = 1e-9
 #: A run whose last stage is over still has to be measured and recorded.
 UNFINISHED = 0.99
 
@@ -100,6 +106,11 @@ def run_study(
     waiting = [run for run in runs if run not in done]
     if not waiting:
         return Outcome(0, len(runs), 0, file)
+    check_study(study)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"The folder {folder} cannot be made: {error.strerror}.") from error
     truth = truth_of(study)
     failed = 0
     make_run(study, study.sweep.runs(cheap)[0], truth)  # what a first run compiles or reads is no cost of any method
@@ -146,7 +157,13 @@ def make_run(study: Study, run: Run, truth: Truth, progress: Progress = nothing)
     except (ResolutionError, ConvergenceError) as error:
         return {**record, "error": f"{type(error).__name__}: {error}"}
     cpu_seconds = time.process_time() - start
-    return {**record, **_measured(solution, truth), "cpu_seconds": round(cpu_seconds, 4)}
+    measured = _measured(solution, truth)
+    if not 0 <= measured["max_error"] < LARGEST:
+        return {
+            **record,
+            "error": f"ResolutionError: the solution is off by {measured['max_error']:g}, beyond all use.",
+        }
+    return {**record, **measured, "cpu_seconds": round(cpu_seconds, 4)}
 
 
 def _solve(scene: Scene, run: Run, options: dict[str, Any], progress: Progress) -> ReadableSolution:
@@ -186,20 +203,3 @@ def _twins(solution: ReadableSolution) -> int | None:
         return None
     band = solution.tables.layout.band
     return band.inner - band.first_twin
-
-
-def at_spacing(scene: Scene, step_per_spacing: float | None, spacing: float) -> Scene:
-    """Return the scene with its time step tied to the spacing: equal steps, none longer than the ratio allows.
-
-    Raises
-    ------
-    SceneError
-        If the scene's problem has no time step.
-    """
-    if step_per_spacing is None:
-        return scene
-    problem: Any = scene.problem
-    if not {"step", "until"} <= {field.name for field in fields(problem)}:
-        raise SceneError(f"step_per_spacing of [sweep] is for problems with a time step, not for {problem.kind!r}.")
-    steps = math.ceil(problem.until / (step_per_spacing * spacing) - ROUNDING)
-    return replace(scene, problem=replace(problem, step=problem.until / max(steps, 1)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,6 +13,8 @@ from cpmkit.studies.records import Record
 
 #: Fewer spacings give no order.
 FEWEST = 2
+#: Spacings nearer to one another than this share are one.
+CLOSE = 1e-9
 NAMES = {
     "cpm": "closest point method",
     "plain": "without sheets",
@@ -54,8 +57,8 @@ class Entry:
     cpu_seconds: float
 
     def percent(self, quantity: str) -> float:
-        """Return an error, or the shift, in percent of the half range."""
-        return float(100 * getattr(self, quantity) / self.half_range)
+        """Return an error, or the shift, in percent of the half range; not a number where that is zero."""
+        return 100 * float(getattr(self, quantity)) / self.half_range if self.half_range > 0 else math.nan
 
 
 @dataclass(frozen=True)
@@ -94,10 +97,13 @@ class Series:
 
     @property
     def fitted_order(self) -> float | None:
-        """Least-squares slope of log(error) over log(spacing); None of less than two spacings."""
+        """Least-squares slope of log(error) over log(spacing); None of less than two spacings that differ."""
         if len(self.entries) < FEWEST or min(self.errors) <= 0:
             return None
-        return float(np.polyfit(np.log(self.spacings), np.log(self.errors), 1)[0])
+        across = np.log(self.spacings) - np.mean(np.log(self.spacings))
+        if np.ptp(across) < CLOSE:
+            return None
+        return float(across @ np.log(self.errors) / (across @ across))
 
 
 def gather(records: Sequence[Record]) -> list[Series]:

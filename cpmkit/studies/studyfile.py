@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from cpmkit.condition_tables import as_table
 from cpmkit.data import find_file
-from cpmkit.errors import SceneError
+from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.expressions import Expression
 from cpmkit.plugins import call
 from cpmkit.scene import Scene
@@ -29,6 +31,10 @@ SWEPT = {
     "sheets": "methods of [sweep], as 'cpm', 'plain' or 'unfolded'",
     "balance": "methods of [sweep], as 'balanced'",
 }
+#: Characters of a title.
+LONGEST_TITLE = 300
+#: More sample points than this are a mistake.
+MOST_POINTS = 1_000_000
 TABLES = ("title", "surface", "boundary", "problem", "discretization", "solver", "let", "exact", "sweep")
 
 
@@ -54,13 +60,14 @@ class Exact:
         for key, what in (("u", "a formula"), ("reference", "the name of a back end such as 'fem'")):
             value = getattr(self, key)
             if value is not None and not isinstance(value, str):
-                raise SceneError(f"{key} of [exact] must be {what}, got {value!r}.")
+                raise SceneError(f"{key} of [exact] must be {what}, got {shown(value)}.")
         if (self.u is None) == (self.reference is None):
             got = "neither" if self.u is None else "both"
             raise SceneError(f"[exact] takes either u, a formula, or reference, a back end such as 'fem'; got {got}.")
-        if self.points != VERTICES and (type(self.points) is not int or self.points < 1):
+        if self.points != VERTICES and (type(self.points) is not int or not 0 < self.points <= MOST_POINTS):
             raise SceneError(
-                f"points of [exact] must be a whole number above zero, or {VERTICES!r} of a mesh, got {self.points!r}."
+                f"points of [exact] must be a whole number above zero, or {VERTICES!r} of a mesh, got "
+                f"{shown(self.points)}; at most {MOST_POINTS} points are accepted."
             )
 
 
@@ -128,14 +135,17 @@ def load_study(path: str | Path) -> Study:
 def _study(tables: dict[str, Any], path: Path) -> Study:
     unknown = [key for key in tables if key not in TABLES]
     if unknown:
-        raise SceneError(f"the study has the unknown key {unknown[0]!r}; accepted are {', '.join(TABLES)}.")
+        raise SceneError(f"the study has the unknown key {shown(unknown[0])}; accepted are {', '.join(TABLES)}.")
     for needed in ("surface", "problem", "exact", "sweep"):
         if not isinstance(tables.get(needed), dict):
             raise SceneError(f"a study needs the table [{needed}].")
-    swept = [key for key in tables.get("discretization", {}) if key in SWEPT]
+    title = tables.get("title", path.stem)
+    if not isinstance(title, str) or len(title) > LONGEST_TITLE:
+        raise SceneError(f"title must be text of at most {LONGEST_TITLE} characters, got {shown(title)}.")
+    swept = [key for key in as_table(tables.get("discretization", {}), "[discretization]") if key in SWEPT]
     if swept:
         raise SceneError(f"a study's {swept[0]} stands in {SWEPT[swept[0]]}, not in [discretization].")
-    known = expand_names(tables.get("let", {}))
+    known = expand_names(as_table(tables.get("let", {}), "[let]"))
     scene = {
         key: expand_all(value, known) for key, value in tables.items() if key not in ("title", "let", "exact", "sweep")
     }
@@ -143,26 +153,36 @@ def _study(tables: dict[str, Any], path: Path) -> Study:
     exact = exact if exact.u is None else replace(exact, u=expand(exact.u, known))
     sweep: Sweep = call(Sweep, "[sweep]", tables["sweep"])
     read_options(scene)
-    title = str(tables.get("title", path.stem))
     return Study(path.stem, title, path.parent, scene, exact, sweep, _content(scene, exact, sweep, path.parent))
 
 
 def _content(scene: Mapping[str, Any], exact: Exact, sweep: Sweep, folder: Path) -> str:
     """Return a short hash of everything that a run's result depends on beside its parameters."""
     solution = exact.u if exact.reference is None else {"reference": exact.reference}
-    whole = [scene, solution, exact.points, sweep.step_per_spacing, [_digest(file, folder) for file in _files(scene)]]
+    digests = [_digest(file) for file in _files(scene, folder)]
+    whole = [scene, solution, exact.points, sweep.step_per_spacing, digests]
     return hashlib.sha256(json.dumps(whole, sort_keys=True, default=str).encode()).hexdigest()[:16]
 
 
-def _files(value: Any) -> list[str]:
-    """Return the files that tables name."""
-    if isinstance(value, list):
-        return [file for entry in value for file in _files(entry)]
-    if not isinstance(value, Mapping):
-        return []
-    own = [value["file"]] if isinstance(value.get("file"), str) else []
-    return own + [file for entry in value.values() for file in _files(entry)]
+def _files(value: Any, folder: Path) -> Iterator[Path]:
+    """Yield the files that tables name, under whatever key: kinds of plugins have keys of their own.
+
+    A formula or a name that happens to be the name of a file counts too: then a run may be made once more than needed.
+    """
+    if isinstance(value, str):
+        with suppress(InputError, OSError, ValueError):  # no file, or nothing that could be one's name
+            yield find_file(value, folder)
+    elif isinstance(value, list):
+        for entry in value:
+            yield from _files(entry, folder)
+    elif isinstance(value, Mapping):
+        for _, entry in sorted(value.items(), key=lambda item: item[0] != "file"):
+            yield from _files(entry, folder)
 
 
-def _digest(file: str, folder: Path) -> str:
-    return hashlib.sha256(Path(find_file(file, folder)).read_bytes()).hexdigest()
+def _digest(file: Path) -> str:
+    try:
+        with file.open("rb") as opened:
+            return hashlib.file_digest(opened, "sha256").hexdigest()
+    except OSError as error:
+        raise SceneError(f"the file {shown(str(file))} cannot be read: {error.strerror or error}.") from error

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from itertools import product
+from math import prod
 from typing import Any
 
 import numpy as np
 
 from cpmkit.arrays import positive
-from cpmkit.errors import InputError, SceneError
+from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.protocols import Floats
 
 #: The closest point method, by what its options make of sheets that share a band, and of fluxes.
@@ -22,6 +23,10 @@ CLOSEST_POINTS: dict[str, dict[str, Any]] = {
 }
 #: Methods that fix nodes: they have no order of their own.
 BASELINES = ("nearest", "ball")
+#: More positions of the lattice, or runs in all, are a mistake.
+MOST_ORIGINS, MOST_RUNS = 10_000, 100_000
+#: The lowest degree of interpolation that a fourth order keeps.
+FOURTH = 4
 #: The seed of the random positions of the lattice.
 SEED = 1
 
@@ -62,16 +67,24 @@ class Sweep:
         for key in ("spacings", "cheap", "degrees", "orders", "methods"):
             value = getattr(self, key)
             if value is not None and (not isinstance(value, (list, tuple)) or not value):
-                raise SceneError(f"{key} of [sweep] must be a list with at least one entry, got {value!r}.")
-        if type(self.origins) is not int or self.origins < 1:
-            raise SceneError(f"origins of [sweep] must be a whole number above zero, got {self.origins!r}.")
+                raise SceneError(f"{key} of [sweep] must be a list with at least one entry, got {shown(value)}.")
+        if type(self.origins) is not int or not 0 < self.origins <= MOST_ORIGINS:
+            raise SceneError(
+                f"origins of [sweep] must be a whole number above zero, {MOST_ORIGINS} at most, got "
+                f"{shown(self.origins)}."
+            )
         for key, accepted in (("degrees", (2, 3, 4, 5)), ("orders", (1, 2, 3, 4))):
             wrong = [value for value in getattr(self, key) if type(value) is not int or value not in accepted]
             if wrong:
-                raise SceneError(f"{key} of [sweep] must be among {', '.join(map(str, accepted))}, got {wrong[0]!r}.")
+                raise SceneError(
+                    f"{key} of [sweep] must be among {', '.join(map(str, accepted))}, got {shown(wrong[0])}."
+                )
+        low = min(self.degrees)
+        if 4 in self.orders and low < FOURTH:
+            raise SceneError(f"order 4 needs degrees of 4 or 5, and degrees of [sweep] has {low}; make two studies.")
         wrong_methods = [method for method in self.methods if not isinstance(method, str)]
         if wrong_methods:
-            raise SceneError(f"methods of [sweep] must be names such as 'cpm', got {wrong_methods[0]!r}.")
+            raise SceneError(f"methods of [sweep] must be names such as 'cpm', got {shown(wrong_methods[0])}.")
         try:
             for value in [*self.spacings, *(self.cheap or [])]:
                 positive(value, "each spacing of [sweep]")
@@ -79,16 +92,21 @@ class Sweep:
                 positive(self.step_per_spacing, "step_per_spacing of [sweep]")
         except InputError as error:
             raise SceneError(str(error)) from error
+        lists = (self.spacings, self.degrees, self.orders, self.methods)
+        count = prod(len(one) for one in lists) * self.origins
+        if count > MOST_RUNS:
+            raise SceneError(f"[sweep] makes {count} runs, at most {MOST_RUNS} are accepted; leave some values out.")
 
     def runs(self, cheap: bool = False) -> list[Run]:
-        """Return the runs, those of coarse spacings first."""
+        """Return the runs, spacing by spacing; none twice."""
         spacings = (self.cheap or self.spacings[:-1] or self.spacings) if cheap else self.spacings
-        return [
+        every = (
             Run(method, float(spacing), degree, order, origin)
             for spacing in spacings
             for method in self.methods
             for degree, order, origin in self._discretizations(method)
-        ]
+        )
+        return list(dict.fromkeys(every))
 
     def _discretizations(self, method: str) -> Iterator[tuple[int | None, int | None, int | None]]:
         """Yield degree, order and number of the origin, None where a method has none."""

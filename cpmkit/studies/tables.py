@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from cpmkit.errors import printable
 from cpmkit.studies.records import Record
 from cpmkit.studies.series import Series
 
@@ -43,18 +44,20 @@ def costs_table(series: Sequence[Series]) -> str:
 def told(record: Record) -> str:
     """Return one line on a run."""
     if "error" in record:
-        return f"{named(record)}: {record['error']}"
+        return f"{named(record)}: {printable(record['error'])}"
     cost = f"{record['unknowns']:,} unknowns, {sum(record['seconds'].values()):.1f} s"
     if record["reference"] is None:
         return f"{named(record)}: greatest error {record['max_error']:.2e}, {cost}"
+    if record["half_range"] == 0:
+        return f"{named(record)}: rms difference {record['rms_error']:.2e} from a constant, {cost}"
     rms = 100 * record["rms_error"] / record["half_range"]
     return f"{named(record)}: rms difference {rms:.2f} % of half the range, {cost}"
 
 
 def named(record: Record) -> str:
     """Return which run a record is of."""
-    keys = ("degree", "order", "spacing", "origin")
-    return ", ".join([record["method"], *(f"{key} {record[key]}" for key in keys if record[key] is not None)])
+    told = (f"{key} {record[key]}" for key in ("degree", "order", "spacing", "origin") if record[key] is not None)
+    return ", ".join([printable(record["method"]), *told])
 
 
 def row(cells: Sequence[str]) -> str:

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.errors import SceneError
 from cpmkit.protocols import Floats
-from cpmkit.scene import Scene
 from cpmkit.scene_data import evaluate_data
 from cpmkit.solving import solve
+from cpmkit.studies.checking import check_comparable, end_of
 from cpmkit.studies.sampling import sample_points
 from cpmkit.studies.studyfile import Study
 from cpmkit.telling import overheard
@@ -43,23 +42,17 @@ def truth_of(study: Study) -> Truth:
     Raises
     ------
     SceneError
-        If a reference is asked for a scene of several channels, or vertices are of a surface that is no mesh.
+        If the scene has several channels or seeks eigenvalues, or vertices are of a surface that is no mesh.
     CpmkitError
         If the formula has no value somewhere, or the reference cannot solve the scene.
     """
     scene = study.scene
+    check_comparable(scene)
     points = sample_points(scene, study.exact.points)
     if study.solution is not None:
         return Truth(points, evaluate_data(study.solution, points, 1, "u of [exact]", end_of(scene))[:, 0])
-    if scene.channels != 1:
-        raise SceneError(f"a reference of [exact] compares one channel, and the scene has {scene.channels}.")
     assert study.exact.reference is not None
     common = {name: value for name, value in study.options.items() if name == "tolerance"}
     with overheard():
         solution = solve(scene, backend=study.exact.reference, **common)
     return Truth(points, solution.evaluate(points))
-
-
-def end_of(scene: Scene) -> float | None:
-    """Return the time at which the scene's solution is read, None where it has none."""
-    return getattr(scene.problem, "until", None)

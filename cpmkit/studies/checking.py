@@ -1,0 +1,75 @@
+"""What is wrong with a study is told before anything is solved; and the time step that its sweep gives a scene."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields, replace
+from typing import Any
+
+from cpmkit.errors import SceneError
+from cpmkit.plugins import factory
+from cpmkit.scene import Scene
+from cpmkit.studies.baselines import check_fixable
+from cpmkit.studies.studyfile import Study
+from cpmkit.studies.sweep import BASELINES, CLOSEST_POINTS
+
+#: A last time step shorter than this share of the others is rounding.
+ROUNDING = 1e-9
+
+
+def check_study(study: Study) -> None:
+    """Refuse, before anything is solved, what no run of a study could be made with.
+
+    Raises
+    ------
+    SceneError
+        If the scene, the formula or what is varied is wrong, or the scene's solution is not one function.
+    PluginError
+        If a method or the reference is no method of studies and offered by no plugin.
+    """
+    check_comparable(study.scene)
+    at_spacing(study.scene, study.sweep.step_per_spacing, study.sweep.spacings[0])
+    if study.solution is not None and study.solution.takes_time and end_of(study.scene) is None:
+        raise SceneError(f"u of [exact] depends on t, and the problem {study.scene.problem.kind!r} has no time.")
+    for method in study.sweep.methods:
+        if method in BASELINES:
+            check_fixable(study.scene, method)
+    others = [method for method in study.sweep.methods if method not in (*CLOSEST_POINTS, *BASELINES)]
+    for backend in [*others, *([] if study.exact.reference is None else [study.exact.reference])]:
+        factory(backend, "cpmkit_backends")
+
+
+def check_comparable(scene: Scene) -> None:
+    """Refuse scenes whose solution is not one function.
+
+    Raises
+    ------
+    SceneError
+        If it has several channels, or eigenfunctions, of which any multiple is one.
+    """
+    if scene.problem.family == "eigen":
+        raise SceneError("a study compares one function, and an eigenvalue problem has many; solve it without [exact].")
+    if scene.channels != 1:
+        raise SceneError(f"a study compares one channel, and the scene has {scene.channels}; make a study of each.")
+
+
+def at_spacing(scene: Scene, step_per_spacing: float | None, spacing: float) -> Scene:
+    """Return the scene with its time step tied to the spacing: equal steps, none longer than the ratio allows.
+
+    Raises
+    ------
+    SceneError
+        If the scene's problem has no time step.
+    """
+    if step_per_spacing is None:
+        return scene
+    problem: Any = scene.problem
+    if not {"step", "until"} <= {field.name for field in fields(problem)}:
+        raise SceneError(f"step_per_spacing of [sweep] is for problems with a time step, not for {problem.kind!r}.")
+    steps = math.ceil(problem.until / (step_per_spacing * spacing) - ROUNDING)
+    return replace(scene, problem=replace(problem, step=problem.until / max(steps, 1)))
+
+
+def end_of(scene: Scene) -> float | None:
+    """Return the time at which the scene's solution is read, None where it has none."""
+    return getattr(scene.problem, "until", None)
