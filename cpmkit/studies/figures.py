@@ -71,8 +71,7 @@ def work_figure(series: Sequence[Series], title: str) -> Figure:
         for number, one in enumerate(series):
             _line(axes, number, [getattr(entry, quantity) for entry in one.entries], one.errors, one.label)
         axes.set(xlabel={"cpu_seconds": "CPU seconds"}.get(quantity, quantity))
-        axes.set_xscale("log")
-        axes.set_yscale("log")
+        _log_scales(axes)
         axes.xaxis.set_minor_formatter(NullFormatter())
         axes.grid(alpha=0.25)
     figure.axes[0].set_ylabel("greatest error")
@@ -115,11 +114,17 @@ def _slopes(axes: Any, series: Sequence[Series]) -> None:
 
 def _spacing_ticks(axes: Any, series: Sequence[Series]) -> None:
     spacings = sorted({spacing for one in series for spacing in one.spacings})
-    axes.set_xscale("log")
-    axes.set_yscale("log")
+    _log_scales(axes)
     axes.set_xticks(spacings, [f"{spacing:g}" for spacing in spacings])
     axes.minorticks_off()
     axes.set_xlim(spacings[0] / 1.6, spacings[-1] * 1.15)
+
+
+def _log_scales(axes: Any) -> None:
+    """Make the axes logarithmic that have anything above zero on them."""
+    for name, change in (("x", axes.set_xscale), ("y", axes.set_yscale)):
+        if any(np.any(np.asarray(getattr(line, f"get_{name}data")()) > 0) for line in axes.lines):
+            change("log")
 
 
 def _legend(figure: Figure, columns: int) -> None:

@@ -157,7 +157,8 @@ def make_run(study: Study, run: Run, truth: Truth, progress: Progress = nothing)
     except (ResolutionError, ConvergenceError) as error:
         return {**record, "error": f"{type(error).__name__}: {error}"}
     cpu_seconds = time.process_time() - start
-    measured = _measured(solution, truth)
+    with np.errstate(over="ignore"):
+        measured = _measured(solution, truth)
     if not 0 <= measured["max_error"] < LARGEST:
         return {
             **record,

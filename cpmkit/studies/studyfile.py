@@ -31,6 +31,8 @@ SWEPT = {
     "sheets": "methods of [sweep], as 'cpm', 'plain' or 'unfolded'",
     "balance": "methods of [sweep], as 'balanced'",
 }
+#: Kinds of problems with a time step.
+TIMED = ("heat", "wave")
 #: Characters of a title.
 LONGEST_TITLE = 300
 #: More sample points than this are a mistake.
@@ -107,6 +109,12 @@ class Study:
         """The scene, made at the first call; where the sweep ties the time step to the spacing, with that of one."""
         tables = dict(self.tables)
         if self.sweep.step_per_spacing is not None:
+            kind = tables["problem"].get("kind")
+            if kind not in TIMED:
+                raise SceneError(
+                    f"step_per_spacing of [sweep] is for problems with a time step, {' and '.join(TIMED)}, not for "
+                    f"{shown(kind)}."
+                )
             tables["problem"] = {"step": self.sweep.step_per_spacing * self.sweep.spacings[0], **tables["problem"]}
         return read_scene(tables, self.folder)
 
