@@ -8,10 +8,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from cpmkit.arrays import positive
+from cpmkit.arrays import number, positive, whole
 from cpmkit.conditions import Condition, Dirichlet, Neumann
-from cpmkit.errors import InputError, SceneError
-from cpmkit.problems import Equation, Terms
+from cpmkit.errors import SceneError
+from cpmkit.problems import Equation, Terms, check_factor
 from cpmkit.scene_data import Data
 from cpmkit.special_conditions import SimplySupported, Steklov, Transmission
 
@@ -59,12 +59,12 @@ class Eigen(Equation):
     factorise_up_to: ClassVar[float] = 8.0
 
     def __post_init__(self) -> None:
-        if isinstance(self.count, bool) or not isinstance(self.count, int) or self.count < 1:
-            raise InputError(f"count of an eigenvalue problem must be a whole number above zero, got {self.count!r}.")
-        if self.near is not None and not (isinstance(self.near, (int, float)) and np.isfinite(self.near)):
-            raise InputError(f"near of an eigenvalue problem must be a finite number, got {self.near!r}.")
+        whole(self.count, "count of an eigenvalue problem", 1)
+        if self.near is not None:
+            number(self.near, "near of an eigenvalue problem")
         if not callable(self.diffusivity):
             positive(self.diffusivity, "diffusivity of an eigenvalue problem")
+        check_factor(self.c, "c of an eigenvalue problem")
 
     def terms(self) -> Terms:
         """Return the terms of the left side."""
@@ -125,7 +125,7 @@ class Biharmonic(Equation):
     factorise_up_to: ClassVar[float] = 0.2
 
     def __post_init__(self) -> None:
-        if self.c != 0:
+        if number(self.c, "c of a biharmonic problem") != 0:
             positive(self.c, "c of a biharmonic problem, where it is not zero,")
 
     def terms(self) -> Terms:

@@ -10,10 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-
-from cpmkit.errors import InputError
-from cpmkit.scene_data import Data, as_number, takes_time
+from cpmkit.errors import InputError, shown
+from cpmkit.scene_data import Data, as_number, check_order, takes_time
 from cpmkit.special_conditions import NonlinearFlux, SimplySupported, Steklov, Transmission
 
 
@@ -46,6 +44,9 @@ class Dirichlet:
     alpha: float = field(default=0.0, init=False)
     beta: float = field(default=1.0, init=False)
 
+    def __post_init__(self) -> None:
+        check_order(self.order, "Dirichlet")
+
     @property
     def gamma(self) -> Data:
         """Right side of the condition."""
@@ -73,6 +74,9 @@ class Neumann:
     order: int | None = None
     alpha: float = field(default=1.0, init=False)
     beta: float = field(default=0.0, init=False)
+
+    def __post_init__(self) -> None:
+        check_order(self.order, "Neumann")
 
     @property
     def gamma(self) -> Data:
@@ -123,14 +127,18 @@ class Robin:
     order: int | None = None
 
     def __post_init__(self) -> None:
+        check_order(self.order, "Robin")
         for name, other in (("alpha", "Dirichlet"), ("beta", "Neumann")):
             given = getattr(self, name)
             if name == "beta" and callable(given) and not takes_time(given):
                 continue
-            number = as_number(given, f"{name} of Robin")
-            if not np.isfinite(number) or number == 0:
+            try:
+                number = as_number(given, f"{name} of Robin")
+            except InputError:
+                number = 0.0
+            if number == 0:
                 raise InputError(
-                    f"{name} of Robin must be a finite number other than zero, got {given!r}; use {other}."
+                    f"{name} of Robin must be a finite number other than zero, got {shown(given)}; use {other}."
                 )
             object.__setattr__(self, name, number)
 

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from cpmkit import memory
-from cpmkit.arrays import positive
 from cpmkit.boundary.edge import is_wall
 from cpmkit.combinations.abilities import floor_of
 from cpmkit.conditions import Condition
@@ -22,7 +21,7 @@ from cpmkit.rehearsal import Counts, count
 from cpmkit.remains import Remainder
 from cpmkit.resolution import needed_spacing
 from cpmkit.scene import Scene
-from cpmkit.solvers import check_solver, choose_solver
+from cpmkit.solvers import check_solver, check_tolerance, choose_solver
 
 #: Boundaries that lie farther off the manifold than this share of the spacing are said to be snapped.
 TOLD_GAP = 1e-6
@@ -125,7 +124,7 @@ def explain(
     InputError, SceneError, ResolutionError
         As ``solve`` would.
     """
-    positive(tolerance, "tolerance")  # nothing that is built depends on it
+    check_tolerance(tolerance)  # nothing that is built depends on it
     check_solver(solver, solver_options)
     check_balance(scene, balance)
     spacing = needed_spacing(scene, spacing)

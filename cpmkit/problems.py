@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from cpmkit.arrays import positive
+from cpmkit.arrays import number, positive
 from cpmkit.conditions import Condition
 from cpmkit.errors import SceneError
 from cpmkit.scene_data import Data
@@ -56,6 +56,18 @@ class Terms:
     def pins(self) -> bool:
         """True where c alone fixes the solution; a callable c is taken to."""
         return callable(self.c) or self.c != 0
+
+
+def check_factor(c: Data, what: str) -> None:
+    """Refuse a factor of u that is neither a finite number nor a function of points.
+
+    Raises
+    ------
+    InputError
+        Naming ``what``.
+    """
+    if not callable(c):
+        number(c, what)
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,7 +193,7 @@ class Elliptic(Equation):
     Raises
     ------
     InputError
-        If a constant diffusivity is not above zero.
+        If a constant diffusivity is not above zero, or c neither a finite number nor a function.
 
     Examples
     --------
@@ -204,6 +216,7 @@ class Elliptic(Equation):
     def __post_init__(self) -> None:
         if not callable(self.diffusivity):
             positive(self.diffusivity, "diffusivity of an elliptic problem")
+        check_factor(self.c, "c of an elliptic problem")
 
     def terms(self) -> Terms:
         """Return the terms of the equation."""

@@ -8,17 +8,22 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import CpmkitError, InputError
+from cpmkit.arrays import number, whole
+from cpmkit.errors import CpmkitError, InputError, shown
 from cpmkit.protocols import Floats
 
-#: A number, one entry a channel, or a callable of points (n, d) and, where it has a parameter ``t``, of the time.
+#: A number, one entry a channel, or a callable of points (n, d) and, where it has a parameter ``t`` without a default,
+#: of the time.
 Data = float | list[Any] | tuple[Any, ...] | Floats | Callable[..., Any]
 #: What data may be in size: sums of their squares are numbers.
 LARGEST = 1e100
 
 
 def takes_time(data: Data) -> bool:
-    """Tell whether data, or one entry of them, is a callable with a parameter ``t``."""
+    """Tell whether data, or one entry of them, is a callable with a parameter ``t`` that has no default.
+
+    A default is a value that the caller bound (``lambda x, t=thickness: ...``), not a place for the time.
+    """
     if isinstance(data, (list, tuple)):
         return any(takes_time(entry) for entry in data)
     if not callable(data):
@@ -27,9 +32,10 @@ def takes_time(data: Data) -> bool:
     if isinstance(told, bool):
         return told
     try:
-        return "t" in inspect.signature(data).parameters
+        asked = inspect.signature(data).parameters.get("t")
     except (TypeError, ValueError):  # some built-in functions tell no signature
         return False
+    return asked is not None and asked.default is asked.empty and asked.kind is not asked.VAR_POSITIONAL
 
 
 def evaluate_data(data: Data, points: Floats, channels: int | None, what: str, time: float | None = None) -> Floats:
@@ -46,7 +52,7 @@ def evaluate_data(data: Data, points: Floats, channels: int | None, what: str, t
     what : str
         Named in the error.
     time : float, optional
-        Given to callables with a parameter ``t``.
+        Given to callables with a parameter ``t`` that has no default.
 
     Raises
     ------
@@ -59,11 +65,13 @@ def evaluate_data(data: Data, points: Floats, channels: int | None, what: str, t
         if takes_time(data) and time is None:
             raise InputError(f"{what} depends on t, and the problem has no time; use Heat or Wave.")
         try:
-            values = np.asarray(data(points, t=time) if takes_time(data) else data(points), dtype=np.float64)
+            values = _as_floats(data(points, t=time) if takes_time(data) else data(points))
         except CpmkitError:
             raise
         except (TypeError, ValueError) as error:
-            raise InputError(f"{what} must return numbers of shape ({n},) or ({n}, channels): {error}") from error
+            raise InputError(
+                f"{what} must return numbers of shape ({n},) or ({n}, channels): {shown(str(error))}."
+            ) from error
         if values.ndim == 0:
             values = np.broadcast_to(values, (n,))
         values = values[:, None] if values.ndim == 1 else values
@@ -95,15 +103,43 @@ def channel_count(data: Data, probe: Floats, what: str, time: float | None = Non
     return int(evaluate_data(data, probe, None, what, time).shape[1])
 
 
+def _as_floats(values: Any) -> Floats:
+    """Return what a callable gave as float64; truth values count as 1 and 0.
+
+    Raises
+    ------
+    TypeError
+        If they are text, or complex.
+    """
+    made = np.asarray(values)
+    if made.dtype.kind not in "biufO":
+        raise TypeError(f"got an array of {made.dtype}")
+    return np.asarray(made, dtype=np.float64)
+
+
 def as_number(data: Any, what: str) -> float:
-    """Return ``data`` as a float.
+    """Return ``data`` as a float if it is a finite number; true, false and text are none.
 
     Raises
     ------
     InputError
-        If it is not a number; ``what`` names it.
+        If it is not; ``what`` names it.
     """
     try:
-        return float(data)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{what} must be a number, one entry a channel, or a callable, got {data!r}.") from error
+        return number(data, what)
+    except InputError as error:
+        raise InputError(
+            f"{what} must be a finite number, one entry a channel, or a callable, got {shown(data)}."
+        ) from error
+
+
+def check_order(order: Any, what: str) -> None:
+    """Refuse an order of a condition that is not offered; None leaves it to the discretisation.
+
+    Raises
+    ------
+    InputError
+        If it is neither None nor a whole number from 1 to 4.
+    """
+    if order is not None:
+        whole(order, f"order of {what}", 1, 4)

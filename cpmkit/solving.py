@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.arrays import positive
 from cpmkit.discretization import discretize
 from cpmkit.evolution.checkpoints import EVERY, check_checkpointing
 from cpmkit.files import check_place
@@ -26,7 +25,7 @@ from cpmkit.protocols import Parting, Progress, nothing
 from cpmkit.resolution import needed_spacing
 from cpmkit.scene import Scene
 from cpmkit.solution import Solution
-from cpmkit.solvers import check_solver, choose_solver, make_solver
+from cpmkit.solvers import check_solver, check_tolerance, choose_solver, make_solver
 from cpmkit.special_conditions import NonlinearFlux
 from cpmkit.telling import tell
 
@@ -132,6 +131,7 @@ def solve(
     grid = {"degree": degree, "order": order, "origin": origin, "sheets": sheets}
     run = {"checkpoint": checkpoint, "checkpoint_every": checkpoint_every, "resume": resume}
     how = {**grid, **run, "balance": balance, "solver": solver}
+    tolerance = check_tolerance(tolerance)
     try:
         if backend == "cpm":
             solution = _solve_here(scene, spacing, grid, how, tolerance, progress, solver_options)
@@ -157,7 +157,6 @@ def _solve_here(
 ) -> Solution:
     """Solve by the closest point method."""
     spacing = needed_spacing(scene, spacing)
-    positive(tolerance, "tolerance")
     check_solver(how["solver"], solver_options)
     check_balance(scene, how["balance"])
     checkpointing = check_checkpointing(scene.problem, how["checkpoint"], how["checkpoint_every"], how["resume"])

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.arrays import positive
-from cpmkit.errors import InputError
+from cpmkit.arrays import number, positive
+from cpmkit.errors import InputError, shown
 from cpmkit.protocols import Floats
-from cpmkit.scene_data import Data, evaluate_data
+from cpmkit.scene_data import Data, check_order, evaluate_data
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +56,7 @@ class Transmission:
     def __post_init__(self) -> None:
         positive(self.left, "left, a conductivity of Transmission,")
         positive(self.right, "right, a conductivity of Transmission,")
-        if self.resistance != 0:
+        if number(self.resistance, "resistance of Transmission") != 0:
             positive(self.resistance, "resistance of Transmission, where it is not zero,")
 
     @property
@@ -97,6 +97,9 @@ class Steklov:
     order: int | None = None
     alpha: float = field(default=1.0, init=False)
     beta: float = field(default=0.0, init=False)
+
+    def __post_init__(self) -> None:
+        check_order(self.order, "Steklov")
 
     @property
     def gamma(self) -> Data:
@@ -143,6 +146,9 @@ class SimplySupported:
     order: int | None = None
     alpha: float = field(default=0.0, init=False)
     beta: float = field(default=1.0, init=False)
+
+    def __post_init__(self) -> None:
+        check_order(self.order, "SimplySupported")
 
     @property
     def gamma(self) -> Data:
@@ -200,7 +206,9 @@ class NonlinearFlux:
         for name, optional in (("flux", False), ("slope", True)):
             given = getattr(self, name)
             if not callable(given) and not (optional and given is None):
-                raise InputError(f"{name} of NonlinearFlux must be a function of the values of u, got {given!r}.")
+                raise InputError(f"{name} of NonlinearFlux must be a function of the values of u, got {shown(given)}.")
+        check_order(self.order, "NonlinearFlux")
+        object.__setattr__(self, "guess", number(self.guess, "guess of NonlinearFlux"))
 
     @property
     def gamma(self) -> Data:

@@ -15,7 +15,7 @@ import numpy as np
 
 from cpmkit.arrays import number, positive, whole
 from cpmkit.errors import InputError, shown
-from cpmkit.problems import Equation, Field, Terms
+from cpmkit.problems import Equation, Field, Terms, check_factor
 from cpmkit.scene_data import Data, takes_time
 
 HEAT_SCHEMES = ("bdf2", "backward-euler", "crank-nicolson")
@@ -70,7 +70,7 @@ class Evolution(Equation):
                 f"steps; at most {MOST_STEPS} are accepted, use a longer step."
             )
         if self.scheme not in schemes:
-            raise InputError(f"scheme of {self.kind} must be {' or '.join(schemes)}, got {self.scheme!r}.")
+            raise InputError(f"scheme of {self.kind} must be {' or '.join(schemes)}, got {shown(self.scheme)}.")
         for name, given in coefficients.items():
             if callable(given) and takes_time(given):
                 raise InputError(
@@ -109,7 +109,7 @@ class Heat(Evolution):
     step : float
         Time step; the last one before a frame and before the end is shortened.
     f : number, sequence, or callable
-        Source; a callable with a parameter ``t`` receives the time.
+        Source; a callable with a parameter ``t`` that has no default receives the time.
     kappa : number or callable
         Conductivity, above zero; a callable of points (n, d) returns (n,).
     velocity : callable, optional
@@ -156,8 +156,9 @@ class Heat(Evolution):
         self._check(HEAT_SCHEMES, {"kappa": self.kappa, "velocity": self.velocity, "c": self.c})
         if not callable(self.kappa):
             positive(self.kappa, "kappa of heat")
+        check_factor(self.c, "c of heat")
         if self.start not in STARTS:
-            raise InputError(f"start of heat must be {' or '.join(STARTS)}, got {self.start!r}.")
+            raise InputError(f"start of heat must be {' or '.join(STARTS)}, got {shown(self.start)}.")
 
     def terms(self) -> Terms:
         """Return the terms of the spatial part."""
@@ -188,7 +189,7 @@ class Wave(Evolution):
     speed : float
         Of the waves, above zero.
     f : number, sequence, or callable
-        Source; a callable with a parameter ``t`` receives the time.
+        Source; a callable with a parameter ``t`` that has no default receives the time.
     scheme : str
         ``leapfrog``, with interpolation of degree 3 or 5 and steps below a bound; ``implicit``, second-order
         backward differences, with any degree and steps above a bound, damps waves that the step does not resolve.

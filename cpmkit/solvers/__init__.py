@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
-from cpmkit.errors import InputError
+from cpmkit.arrays import positive, whole
+from cpmkit.errors import InputError, shown
 from cpmkit.plugins import call, factory, installed_kinds
 from cpmkit.protocols import LinearSolver
 from cpmkit.solvers.direct import solve_direct
@@ -35,12 +36,13 @@ def check_solver(name: str, options: Mapping[str, Any]) -> str:
     Raises
     ------
     InputError
-        If the name is neither auto, nor a built-in solver, nor a kind of an installed plugin, or an option is unknown.
+        If the name is neither auto, nor a built-in solver, nor a kind of an installed plugin, or an option is unknown
+        or not what is accepted.
     """
     if name not in ACCEPTED:
         if name not in [installed.kind for installed in installed_kinds()]:
             raise InputError(
-                f"solver must be auto, {', '.join(SOLVERS)}, or the kind of a solver's plugin, got {name!r}."
+                f"solver must be auto, {', '.join(SOLVERS)}, or the kind of a solver's plugin, got {shown(name)}."
             )
         make_solver(name, options)
         return name
@@ -48,7 +50,23 @@ def check_solver(name: str, options: Mapping[str, Any]) -> str:
     if unknown:
         accepted = ", ".join(ACCEPTED[name]) or "none"
         raise InputError(f"the solver {name!r} has no option {unknown[0]!r}; accepted are {accepted}.")
+    if "max_iterations" in options:
+        whole(options["max_iterations"], f"max_iterations of the solver {name!r}", 1)
     return name
+
+
+def check_tolerance(tolerance: Any) -> float:
+    """Return the relative residual that is asked for, if it is above zero and below one.
+
+    Raises
+    ------
+    InputError
+        If it is not: at 1, u = 0 fulfils it, and nothing would be solved.
+    """
+    value = positive(tolerance, "tolerance")
+    if value >= 1:
+        raise InputError(f"tolerance must be below 1, got {value:g}: u = 0 has a relative residual of 1; use 1e-10.")
+    return value
 
 
 def make_solver(name: str, options: Mapping[str, Any]) -> LinearSolver:
