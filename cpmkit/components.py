@@ -5,9 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from cpmkit.boundary.edge import edge_condition, is_wall
+from cpmkit.boundary.formulas import beta_at
+from cpmkit.conditions import Condition
 from cpmkit.discretization import Discretization
-from cpmkit.protocols import Bools, Ints
+from cpmkit.protocols import SIDES, Bools, Floats, Ints
 from cpmkit.scene import Scene
+from cpmkit.special_conditions import NonlinearFlux
 
 #: A weight below this reads nothing.
 ROUNDING = 1e-12
@@ -18,14 +21,17 @@ CHUNK = 1 << 17
 def unpinned(tables: Discretization, scene: Scene) -> tuple[int, Ints]:
     """Return on how many pieces nothing fixes the solution, and which of them each unknown (n,) is on, -1 for none.
 
-    A factor c of u pins everything, a Dirichlet or Robin condition the piece that it bounds.
+    A factor c of u pins the pieces on which it is not zero, a Dirichlet or Robin condition the piece that it bounds.
     """
-    if scene.problem.terms().pins:
+    c = scene.problem.terms().c
+    if not callable(c) and c != 0:
         return 0, np.full(tables.unknowns.count, -1)
     count, label = components(tables)
     free = np.zeros(count, dtype=bool)
     free[label[: tables.layout.band.inner]] = True  # a ghost without nodes around it lies past an open end
     free[label[_pinning(tables, scene)]] = False
+    if callable(c):
+        free[label[tables.read_at_rows(c, "the factor c")[tables.unknown_rows, 0] != 0]] = False
     return _numbered(free, label)
 
 
@@ -110,15 +116,23 @@ def _reads_between(tables: Discretization, count: int, label: Ints) -> Ints:
 
 def _pinning(tables: Discretization, scene: Scene) -> Ints:
     """Return the unknowns whose extension involves the value itself: Dirichlet or Robin ghosts and edge nodes."""
-    found = []
-    first = tables.layout.band.inner
-    for boundary, ghosts in zip(scene.boundaries, tables.layout.ghosts, strict=True):
+    found, layout = [], tables.layout
+    first, to_scene = layout.band.inner, layout.lattice.to_scene
+    for boundary, seen, ghosts in zip(scene.boundaries, layout.sight.frames, layout.ghosts, strict=True):
+        foot = to_scene(seen.foot[np.searchsorted(seen.rows, ghosts.nodes[: ghosts.unknowns])])
         left = ghosts.carries_left[: ghosts.unknowns]
-        fixes = np.where(left, boundary.condition("left").beta != 0, boundary.condition("right").beta != 0)
+        fixes = np.where(left, *(_fixes(boundary.condition(side), foot) for side in SIDES))
         found.append(first + np.flatnonzero(fixes))
         first += ghosts.unknowns
-    edge = tables.layout.band.feet.edge[: tables.layout.band.inner]
+    edge = layout.band.feet.edge[: layout.band.inner]
     for loop in np.unique(edge[edge >= 0]):
-        if edge_condition(scene.edge, int(loop)).beta != 0:
-            found.append(np.flatnonzero(edge == loop))
+        rows = np.flatnonzero(edge == loop)
+        found.append(rows[_fixes(edge_condition(scene.edge, int(loop)), to_scene(layout.band.feet.points[rows]))])
     return np.concatenate(found) if found else np.zeros(0, dtype=np.int64)
+
+
+def _fixes(condition: Condition, points: Floats) -> Bools:
+    """Tell at which ``points`` (n, d) of a boundary a condition involves the value itself, (n,)."""
+    if isinstance(condition, NonlinearFlux):
+        return np.ones(len(points), dtype=bool)
+    return np.asarray(beta_at(condition, points, "a condition") != 0)

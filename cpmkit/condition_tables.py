@@ -28,7 +28,7 @@ def read_side(key: str, value: Any, dim: int, where: str) -> Any:
     if key != "across":
         return read_condition(value, dim, where)
     table = as_table(value, where)
-    for name in ("jump", "flux"):
+    for name in ("jump", "flux", "left", "right"):
         if name in table:
             table[name] = read_data(table[name], dim, f"{name} of {where}")
     return call(Transmission, where, table)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.boundary.crossing import View, visible_ghosts
+from cpmkit.boundary.effect import check_effect
 from cpmkit.boundary.frame import Frame, stack
 from cpmkit.boundary.ghosts import Ghosts
 from cpmkit.boundary.reading import Datum, Reading, Term, sum_of_data
@@ -152,7 +153,9 @@ def discretize(scene: Scene, spacing: float, *, progress: Progress = nothing, **
     InputError, SceneError, ResolutionError
         If an argument, a boundary or the spacing does not fit.
     """
-    return tabulate(lay_out(scene, spacing, progress=progress, **options), progress)
+    layout = lay_out(scene, spacing, progress=progress, **options)
+    check_effect(scene, layout)
+    return tabulate(layout, progress)
 
 
 def tabulate(layout: Layout, progress: Progress = nothing) -> Discretization:

@@ -182,4 +182,4 @@ def _see_boundaries(scene: Scene, surface: Localized, band: Band, lattice: Latti
     reach = reading_radius(band.dim, band.degree) * band.spacing
     sighted = [replace(sight(boundary, surface, lattice, reach), sheets=band.sheets) for boundary in scene.boundaries]
     frames = [one.frame(reading.points, 2 * reach, band.spacing) for one in sighted]
-    return Sight(scene.boundaries, sighted, frames)
+    return Sight(scene.boundaries, sighted, frames, scene.problem.terms().diffusivity)

@@ -54,7 +54,7 @@ class Terms:
 
     @property
     def pins(self) -> bool:
-        """True where c alone fixes the solution; a callable c is taken to."""
+        """True where c alone may fix the solution: a callable c fixes it on the pieces where it is not zero."""
         return callable(self.c) or self.c != 0
 
 

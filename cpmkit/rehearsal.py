@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from cpmkit.boundary.effect import check_effect
 from cpmkit.doubled import Cluster, clusters_of_twins
 from cpmkit.fitting import check_fits
 from cpmkit.grid.band import cell_levels, nodes_of_blocks
@@ -78,6 +79,7 @@ def count(scene: Scene, spacing: float, progress: Progress = nothing, **options:
     )
     progress("rehearsal", 0.7 if finest != spacing else 1.0)
     if finest == spacing:
+        check_effect(scene, layout)
         return Counts(_summed(fine), True, *seen)
     spacings = [finest, 2 * finest, 4 * finest]
     rehearsed = [fine, *(_counts(lay_out(scene, coarse, **options)) for coarse in spacings[1:])]

@@ -11,7 +11,7 @@ import numpy as np
 from cpmkit.arrays import number, positive
 from cpmkit.errors import InputError, shown
 from cpmkit.protocols import Floats
-from cpmkit.scene_data import Data, check_order, evaluate_data
+from cpmkit.scene_data import Data, check_order, evaluate_data, takes_time
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,8 +28,8 @@ class Transmission:
         As for :class:`Dirichlet`.
     flux : number, sequence, or callable
         As for :class:`Dirichlet`.
-    left, right : float
-        Conductivities, above zero: the diffusivity of the problem on each side.
+    left, right : number or callable, optional
+        Conductivities, above zero. Unless given, the problem's diffusivity on each side; what is given must be that.
     resistance : float
         Of the contact, not below zero.
 
@@ -40,22 +40,24 @@ class Transmission:
 
     Examples
     --------
-    >>> Transmission(left=1.0, right=5.0).kind
+    >>> Transmission(jump=1.0, resistance=0.5).kind
     'transmission'
     """
 
     jump: Data = 0.0
     flux: Data = 0.0
-    left: float = 1.0
-    right: float = 1.0
+    left: Data | None = None
+    right: Data | None = None
     resistance: float = 0.0
     order: None = field(default=None, init=False)
     alpha: float = field(default=1.0, init=False)
     beta: float = field(default=0.0, init=False)
 
     def __post_init__(self) -> None:
-        positive(self.left, "left, a conductivity of Transmission,")
-        positive(self.right, "right, a conductivity of Transmission,")
+        for side in ("left", "right"):
+            given = getattr(self, side)
+            if given is not None and (not callable(given) or takes_time(given)):
+                positive(given, f"{side}, a conductivity of Transmission,")
         if number(self.resistance, "resistance of Transmission") != 0:
             positive(self.resistance, "resistance of Transmission, where it is not zero,")
 

@@ -172,5 +172,5 @@ def test_in_a_scene_file(tmp_path):
         'across = { jump = "x", left = 2.0, resistance = 0.5 }\n[problem]\nkind = "elliptic"\nc = 1.0\n'
     )
     across = ck.load_scene(file).scene.boundaries[0].across
-    assert (across.left, across.right, across.resistance) == (2.0, 1.0, 0.5)
+    assert (across.left, across.right, across.resistance) == (2.0, None, 0.5)
     assert across.jump(np.array([[1.0, 0.0]])) == 1.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from cpmkit.boundary.conductivities import conductivities
 from cpmkit.boundary.continuation import Continued, Inside, arc_length, continue_rows, points_inwards
 from cpmkit.boundary.crossing_ghosts import Crossing, beyond_another
 from cpmkit.boundary.formulas import points_inside, polynomial_weights
@@ -61,10 +62,12 @@ def _continue(crossing: Crossing, lattice: Lattice, condition: Condition, rows: 
 def _couple(
     crossing: Crossing, lattice: Lattice, condition: Transmission, rows: Ints, inside: Inside, behind: Inside
 ) -> Continued:
-    where, carries_left = lattice.to_scene(crossing.seen.foot[rows]), crossing.seen.signed[rows] < 0
-    at = arc_length(crossing.seen.distance[rows], np.linalg.norm(behind.curvature, axis=1))
+    seen = crossing.seen.take(rows)
+    where, carries_left = lattice.to_scene(seen.foot), seen.signed < 0
+    materials = conductivities(condition, crossing.diffusivity, seen, carries_left, lattice)
+    at = arc_length(seen.distance, np.linalg.norm(behind.curvature, axis=1))
     own, carried, jump, flux = coupled_weights(
-        condition, behind.positions, inside.positions, at, carries_left, lattice.spacing
+        condition, materials, behind.positions, inside.positions, at, carries_left, lattice.spacing
     )
     ahead, here = polynomial_weights(0.0, np.ones(len(rows)), inside.positions, at, lattice.spacing)
     data = [

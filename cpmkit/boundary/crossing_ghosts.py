@@ -11,6 +11,7 @@ from cpmkit.boundary.formulas import is_dirichlet
 from cpmkit.boundary.frame import Frame, Sighted
 from cpmkit.conditions import Condition
 from cpmkit.protocols import Bools, BoundarySet, Floats, Ints
+from cpmkit.scene_data import Data
 
 #: Data that jump across a boundary are read this share of the spacing inside the side they belong to.
 INSIDE = 1e-6
@@ -34,6 +35,8 @@ class Crossing:
         Those feet.
     direction : (g, d) float64
         Unit vectors from them towards the boundary and on.
+    diffusivity : Data
+        Of the problem: the conductivities of a transmission.
     """
 
     index: int
@@ -42,6 +45,7 @@ class Crossing:
     seen: Frame
     foot_point: Floats
     direction: Floats
+    diffusivity: Data = 1.0
 
     @property
     def what(self) -> str:

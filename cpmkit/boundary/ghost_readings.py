@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cpmkit.boundary.conductivities import conductivities
 from cpmkit.boundary.continuation import continued, continued_sources
 from cpmkit.boundary.continued_ghosts import continue_ghosts
 from cpmkit.boundary.crossing_ghosts import INSIDE, Crossing, beyond_another
@@ -91,7 +92,10 @@ def _transmitted(
     """Return the coefficients (k,) of u(mirror), the data, and the term that reads where the ghosts stand."""
     where = lattice.to_scene(crossing.seen.foot[rows])
     s = np.linalg.norm(crossing.foot_point[rows] - mirror[rows], axis=1)
-    own, carried, jump, flux = transmission_weights(condition, s, crossing.seen.signed[rows] < 0)
+    seen = crossing.seen.take(rows)
+    carries_left = seen.signed < 0
+    materials = conductivities(condition, crossing.diffusivity, seen, carries_left, lattice)
+    own, carried, jump, flux = transmission_weights(condition, *materials, s, carries_left)
     data = [
         Datum(rows, jump, where, condition.jump, f"the jump of {crossing.what}"),
         Datum(rows, flux, where, condition.flux, f"the flux of {crossing.what}"),

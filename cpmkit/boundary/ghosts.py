@@ -20,6 +20,7 @@ from cpmkit.grid.band import Band
 from cpmkit.grid.lattice import Lattice
 from cpmkit.grid.stencils import difference_reach, reading_radius
 from cpmkit.protocols import Bools, BoundarySet, Floats, Ints
+from cpmkit.scene_data import Data
 
 #: Below this share of the spacing, the direction from a ghost to the boundary is taken from the conormal.
 TOUCHING = 1e-3
@@ -75,11 +76,12 @@ class Ghosts:
 
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """All boundaries of a scene, and how the band's nodes see them."""
+    """All boundaries of a scene, how the band's nodes see them, and the problem's diffusivity."""
 
     boundaries: Sequence[BoundarySet]
     sighted: Sequence[Sighted]
     frames: Sequence[Frame]
+    diffusivity: Data = 1.0
 
 
 def build_ghosts(index: int, sight: Sight, band: Band, lattice: Lattice, mirrored: Reading, order: int) -> Ghosts:
@@ -90,9 +92,8 @@ def build_ghosts(index: int, sight: Sight, band: Band, lattice: Lattice, mirrore
     """
     seen, unknowns = _ghost_nodes(sight.sighted[index], sight.frames[index], band, difference_reach(order))
     foot_point = mirrored.points[seen.rows]
-    crossing = Crossing(
-        index, sight.boundaries, sight.sighted, seen, foot_point, _direction(seen, foot_point, band.spacing)
-    )
+    direction = _direction(seen, foot_point, band.spacing)
+    crossing = Crossing(index, sight.boundaries, sight.sighted, seen, foot_point, direction, sight.diffusivity)
     made = ghost_reading(crossing, lattice, order, 2 * reading_radius(band.dim, band.degree) * band.spacing)
     numbers = np.full(len(band.nodes), -1)
     numbers[seen.rows] = np.arange(len(seen.rows))

@@ -13,16 +13,15 @@ from cpmkit.special_conditions import Transmission
 
 
 def transmission_weights(
-    condition: Transmission, s: Floats, carries_left: Bools
+    condition: Transmission, k_own: Floats, k_carried: Floats, s: Floats, carries_left: Bools
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Return how ghosts of order 1 read: the factors (n,) of u where they stand, of u(mirror), jump and flux.
 
+    ``k_own`` and ``k_carried`` (n,) are the conductivities on the sides where they stand and that they carry.
     Means and differences of the four values at a ghost and its mirror point, a distance s apart, two of them ghosts,
     replace values and slopes. Where the second derivatives on the two sides differ, the ghosts are off by ``s^2``,
     and the flux by one order less.
     """
-    k_own = np.where(carries_left, condition.right, condition.left)
-    k_carried = np.where(carries_left, condition.left, condition.right)
     contact = 2 * condition.resistance * k_own * k_carried
     if condition.resistance == 0:
         divisor, own, mirror, flux = k_own + k_carried, 2 * k_own, k_carried - k_own, s
@@ -35,7 +34,13 @@ def transmission_weights(
 
 
 def coupled_weights(
-    condition: Transmission, own: Floats, carried: Floats, at: Floats, carries_left: Bools, spacing: float
+    condition: Transmission,
+    conductivities: tuple[Floats, Floats],
+    own: Floats,
+    carried: Floats,
+    at: Floats,
+    carries_left: Bools,
+    spacing: float,
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Return how ghosts read: weights (n, k) on their own side, and beyond, and the factors (n,) of jump and flux.
 
@@ -44,7 +49,9 @@ def coupled_weights(
     Parameters
     ----------
     condition : Transmission
-        With its conductivities and resistance.
+        With its resistance.
+    conductivities : two (n,) float64
+        On the ghost's own side, and on the side that it carries.
     own, carried : (n, k) float64
         Arc lengths from the boundary to the points on the ghost's own side, and on the side that it carries.
     at : (n,) float64
@@ -56,8 +63,7 @@ def coupled_weights(
     """
     n, k = own.shape
     powers, size = np.arange(k + 1), k + 1
-    k_own = np.where(carries_left, condition.right, condition.left)
-    k_carried = np.where(carries_left, condition.left, condition.right)
+    k_own, k_carried = conductivities
     system = np.zeros((n, 2 * size, 2 * size))
     system[:, :k, :size] = (own / spacing)[:, :, None] ** powers
     system[:, k : 2 * k, size:] = (-carried / spacing)[:, :, None] ** powers
