@@ -13,7 +13,7 @@ from cpmkit.conditions import Condition, Dirichlet, Neumann
 from cpmkit.errors import SceneError
 from cpmkit.problems import Equation, Terms, check_factor
 from cpmkit.scene_data import Data
-from cpmkit.special_conditions import SimplySupported, Steklov, Transmission
+from cpmkit.special_conditions import NonlinearFlux, SimplySupported, Steklov, Transmission
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +80,8 @@ class Eigen(Equation):
                 raise SceneError(
                     f"{what} is simply supported, which only a biharmonic problem takes; use Dirichlet(0)."
                 )
+            if isinstance(condition, NonlinearFlux):
+                raise SceneError(f"{what} has a nonlinear flux, which needs a steady equation; use Robin instead.")
             data = [condition.gamma, condition.flux] if isinstance(condition, Transmission) else [condition.gamma]
             if not isinstance(condition, Steklov) and any(_may_differ_from_zero(datum) for datum in data):
                 raise SceneError(

@@ -119,19 +119,27 @@ class Discretization:
 
     def read_in_place_of(self, data: Data) -> csr_array:
         """Return the matrix (rows, unknowns) that reads u where E u + data has the boundary ``data``, factors alike."""
-        from scipy.sparse import csr_array
+        from scipy.sparse import csr_array, diags_array
 
         read = csr_array(self.extension.shape)
-        view = _all_views(self.layout.sight.frames, self.layout.ghosts, len(self.layout.band.nodes))
         for datum in self.data:
-            if datum.data is not data:
-                continue
-            order = np.argsort(datum.rows)
-            rows, points = datum.rows[order], self.layout.lattice.to_local(datum.points[order])
-            place = csr_array((np.ones(len(rows)), (rows, np.arange(len(rows)))), shape=(read.shape[0], len(rows)))
-            read = read + place @ extend(self.unknowns, points, view.select(rows), datum.factor[order])
+            if datum.data is data:
+                factor = np.zeros(read.shape[0])
+                factor[datum.rows] = datum.factor
+                read = read + diags_array(factor) @ self.read_at_datum(datum)
         made: csr_array = read.tocsr()
         return made
+
+    def read_at_datum(self, datum: Datum) -> csr_array:
+        """Return the matrix (rows, unknowns) that reads u at a datum's points, in its rows, from their sides."""
+        from scipy.sparse import csr_array
+
+        view = _all_views(self.layout.sight.frames, self.layout.ghosts, len(self.layout.band.nodes))
+        order = np.argsort(datum.rows)
+        rows, points = datum.rows[order], self.layout.lattice.to_local(datum.points[order])
+        place = csr_array((np.ones(len(rows)), (rows, np.arange(len(rows)))), shape=(len(view.own), len(rows)))
+        read: csr_array = (place @ extend(self.unknowns, points, view.select(rows))).tocsr()
+        return read
 
 
 def discretize(scene: Scene, spacing: float, *, progress: Progress = nothing, **options: Any) -> Discretization:

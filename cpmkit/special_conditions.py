@@ -164,6 +164,15 @@ class SimplySupported:
 
 
 @dataclass(frozen=True, eq=False)
+class FluxData:
+    """Marks the data of one :class:`NonlinearFlux`: j(u), which is no datum and counts as zero."""
+
+    def __call__(self, points: Floats) -> Floats:
+        """Return zeros (n,)."""
+        return np.zeros(len(points))
+
+
+@dataclass(frozen=True, eq=False)
 class NonlinearFlux:
     """du/db = j(u), b pointing out of the side on which the condition is given: radiation, a reaction at the wall.
 
@@ -203,6 +212,7 @@ class NonlinearFlux:
     order: int | None = None
     alpha: float = field(default=1.0, init=False)
     beta: float = field(default=0.0, init=False)
+    gamma: Data = field(default_factory=FluxData, init=False, repr=False)
 
     def __post_init__(self) -> None:
         for name, optional in (("flux", False), ("slope", True)):
@@ -211,11 +221,6 @@ class NonlinearFlux:
                 raise InputError(f"{name} of NonlinearFlux must be a function of the values of u, got {shown(given)}.")
         check_order(self.order, "NonlinearFlux")
         object.__setattr__(self, "guess", number(self.guess, "guess of NonlinearFlux"))
-
-    @property
-    def gamma(self) -> Data:
-        """Right side of the condition before the first step."""
-        return 0.0
 
     @property
     def kind(self) -> str:

@@ -76,7 +76,7 @@ def test_what_does_not_settle_raises():
     """du/db = u^2 + 1 on an arc has no solution that stays finite."""
     arc = ck.source("analytic.arc", start=0.0, end=2.0)
     scene = ck.Scene(arc, ck.Laplace(), edge={0: ck.Dirichlet(0.0), 1: ck.NonlinearFlux(lambda u: u**2 + 1)})
-    with pytest.raises(ck.CpmkitError, match=r"did not settle|too coarse for the Robin condition"):
+    with pytest.raises(ck.CpmkitError, match=r"did not settle|too coarse for the nonlinear flux"):
         ck.solve(scene, 0.02)
 
 
@@ -94,3 +94,61 @@ def test_a_flux_of_the_wrong_shape_is_refused():
         ck.solve(ck.Scene(arc, ck.Laplace(), edge=edge), 0.1)
     with pytest.raises(ck.InputError, match="flux of NonlinearFlux must be a function"):
         ck.NonlinearFlux(2.0)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_a_linear_flux_at_the_ends_of_an_arc_is_robin(order):
+    arc = ck.source("analytic.arc", start=0.3, end=2.7)
+
+    def solved(condition):
+        scene = ck.Scene(arc, ck.Poisson(lambda x: x[:, 0]), edge={0: condition, 1: ck.Dirichlet(1.0)})
+        return ck.solve(scene, 0.05, order=order).evaluate(on_circle(np.linspace(0.3, 2.7, 50)))
+
+    robin = solved(ck.Robin(1.0, 2.0, 3.0))
+    tolerance = 1e-7 if order <= 2 else 1e-4  # where a ghost reads several points, u is interpolated at the end
+    np.testing.assert_allclose(solved(ck.NonlinearFlux(lambda u: 3 - 2 * u)), robin, atol=tolerance)
+
+
+def test_newton_asks_for_no_closest_point_again():
+    """Queries do not depend on the number of steps: those of the same scene with a Neumann condition."""
+    arc = ck.source("analytic.arc", start=0.3, end=2.7)
+
+    def solved(condition):
+        return ck.solve(ck.Scene(arc, ck.ScreenedPoisson(1.0), edge={0: condition, 1: ck.Dirichlet(1.0)}), 0.05)
+
+    once = solved(ck.Neumann(1.0)).work
+    for flux in (lambda u: 1 - u, lambda u: 1 - u**3, lambda u: np.exp(-3 * u)):
+        solution = solved(ck.NonlinearFlux(flux))
+        assert solution.report.iterations == 0
+        assert "settled in" in solution.report.reason
+        assert solution.work.closest_point_queries == once.closest_point_queries
+        assert dict(solution.work.queries) == dict(once.queries)
+
+
+def test_one_flux_on_both_sides_of_a_boundary():
+    """A cut through a circle that loses heat on both sides, as Robin conditions do."""
+    cut = ck.source("analytic.point", at=[1, 0])
+
+    def solved(condition):
+        scene = ck.Scene(ck.source("analytic.circle"), ck.Poisson(1.0), [ck.Boundary("cut", cut, both=condition)])
+        return ck.solve(scene, 0.05).evaluate(on_circle(np.linspace(0.1, 6.1, 50)))
+
+    np.testing.assert_allclose(solved(ck.NonlinearFlux(lambda u: -2 * u)), solved(ck.Robin(1.0, 2.0)), atol=1e-7)
+
+
+def test_a_flux_at_a_point_of_a_surface_is_taken_or_refused_as_robin_is():
+    pin = ck.source("analytic.point", at=[0, 0, 1])
+
+    def answer(condition):
+        scene = ck.Scene(ck.source("analytic.sphere"), ck.Poisson(0.0), [ck.Boundary("pin", pin, both=condition)])
+        try:
+            return ck.solve(scene, 0.2).values
+        except ck.CpmkitError as error:
+            return str(error).replace("Robin", "").replace("NonlinearFlux", "")
+
+    robin, flux = answer(ck.Robin(1.0, 2.0)), answer(ck.NonlinearFlux(lambda u: -2 * u))
+    if isinstance(robin, str):
+        assert isinstance(flux, str)
+        assert "give `both`" not in flux
+    else:
+        np.testing.assert_allclose(flux, robin, atol=1e-7)
