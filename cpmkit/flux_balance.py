@@ -168,7 +168,7 @@ def balance_fluxes(solution: Solution, prepared: Balancing, degree: int) -> Solu
         rows, unknowns = np.flatnonzero(pieces == k), piece == k
         if not len(rows):  # of a piece so small that its mesh misses it
             continue
-        correction, found = _galerkin(weak, missing, rows, degree, terms.pins)
+        correction, found = _galerkin(weak, missing, rows, degree, terms.fixes(weak.nodes[rows]))
         values[unknowns] += tables.read_sources(correction, "what balances the fluxes")[unknowns]
         added[rows] = correction(weak.nodes[rows])
         functions += found

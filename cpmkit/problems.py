@@ -12,10 +12,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+import numpy as np
+
 from cpmkit.arrays import number, positive
 from cpmkit.conditions import Condition
 from cpmkit.errors import SceneError
-from cpmkit.scene_data import Data
+from cpmkit.protocols import Floats
+from cpmkit.scene_data import Data, evaluate_data
 from cpmkit.special_conditions import SimplySupported, Steklov
 
 #: A vector field: a function of points (n, d) that returns (n, d).
@@ -56,6 +59,10 @@ class Terms:
     def pins(self) -> bool:
         """True where c alone may fix the solution: a callable c fixes it on the pieces where it is not zero."""
         return callable(self.c) or self.c != 0
+
+    def fixes(self, points: Floats) -> bool:
+        """Tell whether c alone fixes the solution on a piece of the manifold that has ``points`` (n, d) on it."""
+        return self.pins and bool(np.any(evaluate_data(self.c, points, 1, "the factor c")))
 
 
 def check_factor(c: Data, what: str) -> None:

@@ -232,3 +232,19 @@ def test_python_on_its_page():
     before = plain.evaluate(points) - sum(leak.shift[0] for leak in plain.leaks)
     off = np.sqrt(np.mean((before - fine) ** 2)) / np.ptp(fine)
     assert 0.7 * off < names["solution"].balance.moved[0] < 1.4 * off
+
+
+@pytest.mark.parametrize("c", [0.0, lambda x: 0 * x[:, 0]])
+def test_where_a_constant_is_free_the_mean_of_u_stays(c):
+    """On a circle off the origin, whose coordinates have means: what balances the fluxes has none."""
+    center = np.array([3.0, 2.0])
+
+    def f(x):
+        z = (x - center) @ [1, 1j]
+        return ((z + z**2) * np.exp(z)).real
+
+    scene = ck.Scene(ck.source("analytic.circle", center=center), ck.Elliptic(f, c=c))
+    x = center + on_circle(np.arange(720) * np.pi / 360)
+    plain, balanced = (ck.solve(scene, 0.1, balance=degree).evaluate(x) for degree in (0, 5))
+    assert np.abs(balanced - plain).max() >= 1e-4
+    assert abs(np.mean(balanced - plain)) <= 1e-8

@@ -75,6 +75,14 @@ def test_a_circle_of_two_materials(k_a, k_b, resistance):
     assert order_of(spacings, errors) >= 1.8
 
 
+@pytest.mark.parametrize(("k_a", "k_b", "resistance"), [(1.0, 1.0, 0.7), (3.0, 1.0, 2.0), (1.0, 5.0, 0.0)])
+def test_a_circle_of_two_materials_at_order_one(k_a, k_b, resistance):
+    spacings = (0.1, 0.05, 0.025)
+    errors = [max_error(*circle_problem(k_a, k_b, resistance), h, order=1) for h in spacings]
+    assert order_of(spacings, errors) >= 0.8
+    assert errors[-1] <= 1e-2
+
+
 def sphere_problem(k_left=4.0, k_right=1.0, height=0.2):
     """-div(k grad u) = f, u = w on the left of a small circle and 2 - 3 w on its right, w = axis . x."""
     axis = rotation()[:, 2]
