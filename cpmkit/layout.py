@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from cpmkit.boundary.crossing_ghosts import INSIDE
-from cpmkit.boundary.edge import read_past_edge
+from cpmkit.boundary.edge import PastEdge, read_at_feet, read_past_edge
 from cpmkit.boundary.encounters import SectorJump, Strip, encounters
 from cpmkit.boundary.ghosts import Ghosts, Sight, build_ghosts
+from cpmkit.boundary.past_rim import kept_apart
 from cpmkit.boundary.prepare import sight
 from cpmkit.boundary.reading import Reading, Term
 from cpmkit.errors import InputError
@@ -24,6 +25,7 @@ from cpmkit.localized import Localized, localize
 from cpmkit.protocols import Parting, Progress, nothing
 from cpmkit.room import check_room
 from cpmkit.scene import Scene
+from cpmkit.special_conditions import Transmission
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +123,7 @@ def lay_out(
     elif sheets:
         band = part_sheets(surface, band, sheets == "unfolded")
     past = read_past_edge(surface, band, lattice, scene.edge, order)
-    seen = _see_boundaries(scene, surface, band, lattice, past.mirrored)
+    seen, past = _see_boundaries(scene, surface, band, lattice, past)
     ghosts = []
     for index in range(len(scene.boundaries)):
         ghosts.append(build_ghosts(index, seen, band, lattice, past.mirrored, order))
@@ -178,8 +180,18 @@ def _off_boundaries(sources: Reading, seen: Sight, band: Band) -> Reading:
     return replace(sources, points=points)
 
 
-def _see_boundaries(scene: Scene, surface: Localized, band: Band, lattice: Lattice, reading: Reading) -> Sight:
+def _see_boundaries(
+    scene: Scene, surface: Localized, band: Band, lattice: Lattice, past: PastEdge
+) -> tuple[Sight, PastEdge]:
+    """Return how the nodes see the boundaries, and what they read where one keeps them from their mirror points."""
     reach = reading_radius(band.dim, band.degree) * band.spacing
     sighted = [replace(sight(boundary, surface, lattice, reach), sheets=band.sheets) for boundary in scene.boundaries]
-    frames = [one.frame(reading.points, 2 * reach, band.spacing) for one in sighted]
-    return Sight(scene.boundaries, sighted, frames, scene.problem.terms().diffusivity)
+    uncoupled = [
+        one
+        for one, boundary in zip(sighted, scene.boundaries, strict=True)
+        if not isinstance(boundary.condition("left"), Transmission)
+    ]
+    behind = kept_apart(uncoupled, band, past.mirrored, 2 * reach)
+    past = read_at_feet(surface, band, lattice, scene.edge, past, behind)
+    frames = [one.frame(past.mirrored.points, 2 * reach, band.spacing) for one in sighted]
+    return Sight(scene.boundaries, sighted, frames, behind, scene.problem.terms().diffusivity), past

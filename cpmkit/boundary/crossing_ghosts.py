@@ -35,6 +35,8 @@ class Crossing:
         Those feet.
     direction : (g, d) float64
         Unit vectors from them towards the boundary and on.
+    apart : (g,) bool
+        True for nodes past an edge from which the boundary keeps what it carries; they have their place for a foot.
     diffusivity : Data
         Of the problem: the conductivities of a transmission.
     """
@@ -45,6 +47,7 @@ class Crossing:
     seen: Frame
     foot_point: Floats
     direction: Floats
+    apart: Bools
     diffusivity: Data = 1.0
 
     @property

@@ -28,6 +28,7 @@ from cpmkit.boundary.formulas import (
     mirror_distance,
     points_inside,
 )
+from cpmkit.boundary.past_rim import replaced
 from cpmkit.boundary.reading import Datum, Reading
 from cpmkit.boundary.tangent_space import outward_conormals
 from cpmkit.conditions import Condition
@@ -84,10 +85,7 @@ def read_past_edge(
     surface: Localized, band: Band, lattice: Lattice, edge: Condition | Mapping[int, Condition], order: int
 ) -> PastEdge:
     """Return what each node of the band reads, the edge's conditions applied to those past it."""
-    loops = [
-        (np.flatnonzero(band.feet.edge == loop), edge_condition(edge, int(loop)))
-        for loop in np.unique(band.feet.edge[band.feet.edge >= 0])
-    ]
+    loops = _loops(band, edge)
     mirrored = _mirrored(surface, band, lattice, loops, order)
     finer = [(rows, one, one.order or order) for rows, one in loops if (one.order or order) > 2]
     parts = [_continue(surface, band, lattice, condition, asked, rows) for rows, condition, asked in finer]
@@ -97,14 +95,40 @@ def read_past_edge(
     return PastEdge(continued(mirrored, parts), mirrored, continued_sources(sources, parts))
 
 
+def read_at_feet(
+    surface: Localized,
+    band: Band,
+    lattice: Lattice,
+    edge: Condition | Mapping[int, Condition],
+    past: PastEdge,
+    rows: Ints,
+) -> PastEdge:
+    """Return ``past`` with the nodes ``rows`` past the edge of first order: they read their feet."""
+    if not len(rows):
+        return past
+    at_feet = _mirrored(surface, band, lattice, _loops(band, edge, rows), 1, most=1)
+    sources = Reading(band.feet.points, np.ones(len(band.nodes)))
+    reading, mirrored = (replaced(one, rows, at_feet) for one in (past.reading, past.mirrored))
+    return PastEdge(reading, mirrored, replaced(past.sources, rows, sources))
+
+
+def _loops(
+    band: Band, edge: Condition | Mapping[int, Condition], rows: Ints | None = None
+) -> list[tuple[Ints, Condition]]:
+    """Return the nodes past each edge loop, of ``rows`` or all, with its condition."""
+    rows = np.arange(len(band.nodes)) if rows is None else rows
+    loop_of = band.feet.edge[rows]
+    return [(rows[loop_of == loop], edge_condition(edge, int(loop))) for loop in np.unique(loop_of[loop_of >= 0])]
+
+
 def _mirrored(
-    surface: Localized, band: Band, lattice: Lattice, loops: Sequence[tuple[Ints, Condition]], order: int
+    surface: Localized, band: Band, lattice: Lattice, loops: Sequence[tuple[Ints, Condition]], order: int, most: int = 2
 ) -> Reading:
-    """Return what all nodes read at order 1 or 2, one point each."""
+    """Return what all nodes read at order 1 or 2, ``most``, one point each."""
     points, coefficient = band.feet.points.copy(), np.ones(len(band.nodes))
     data: list[Datum] = []
     for rows, condition in loops:
-        read = _mirror(surface, band, lattice, condition, min(condition.order or order, 2), rows)
+        read = _mirror(surface, band, lattice, condition, min(condition.order or order, most), rows)
         points[rows], coefficient[rows] = read.points, read.coefficient
         data += [datum.renumbered(rows) for datum in read.data]
     return Reading(points, coefficient, data)

@@ -38,6 +38,7 @@ def ghost_reading(crossing: Crossing, lattice: Lattice, order: int, radius: floa
     asked = np.empty(count, dtype=np.int64)
     for condition, rows in crossing.sides():
         asked[rows] = condition.order or order
+    asked[crossing.apart] = np.minimum(asked[crossing.apart], 2)
     parts, orders = continue_ghosts(crossing, lattice, asked)
     alone = np.ones(count, dtype=bool)
     for part in parts:

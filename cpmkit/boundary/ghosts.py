@@ -15,12 +15,14 @@ import numpy as np
 from cpmkit.boundary.crossing_ghosts import Crossing
 from cpmkit.boundary.frame import Frame, Sighted, near
 from cpmkit.boundary.ghost_readings import ghost_reading
+from cpmkit.boundary.past_rim import straight_ahead
 from cpmkit.boundary.reading import Reading
 from cpmkit.grid.band import Band
 from cpmkit.grid.lattice import Lattice
 from cpmkit.grid.stencils import difference_reach, reading_radius
 from cpmkit.protocols import Bools, BoundarySet, Floats, Ints
 from cpmkit.scene_data import Data
+from cpmkit.special_conditions import Transmission
 
 #: Below this share of the spacing, the direction from a ghost to the boundary is taken from the conormal.
 TOUCHING = 1e-3
@@ -76,11 +78,26 @@ class Ghosts:
 
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """All boundaries of a scene, how the band's nodes see them, and the problem's diffusivity."""
+    """All boundaries of a scene, and how the band's nodes see them.
+
+    Attributes
+    ----------
+    boundaries : sequence of BoundarySet
+        As the scene gives them.
+    sighted : sequence of Sighted
+        Their sources with signs.
+    frames : sequence of Frame
+        How the band's nodes see each boundary.
+    behind : (k,) int64
+        The nodes past an edge that read their feet, because their mirror points lie beyond a boundary.
+    diffusivity : Data
+        Of the problem.
+    """
 
     boundaries: Sequence[BoundarySet]
     sighted: Sequence[Sighted]
     frames: Sequence[Frame]
+    behind: Ints
     diffusivity: Data = 1.0
 
 
@@ -91,9 +108,12 @@ def build_ghosts(index: int, sight: Sight, band: Band, lattice: Lattice, mirrore
     point nearest to its foot is no open end. ``mirrored`` is what the band's nodes read, one point each.
     """
     seen, unknowns = _ghost_nodes(sight.sighted[index], sight.frames[index], band, difference_reach(order))
-    foot_point = mirrored.points[seen.rows]
+    own = sight.sighted[index]
+    coupled = isinstance(sight.boundaries[index].condition("left"), Transmission)
+    seen, places, apart = straight_ahead(own, band, seen, sight.behind, coupled)
+    foot_point = np.where(apart[:, None], places, mirrored.points[seen.rows])
     direction = _direction(seen, foot_point, band.spacing)
-    crossing = Crossing(index, sight.boundaries, sight.sighted, seen, foot_point, direction, sight.diffusivity)
+    crossing = Crossing(index, sight.boundaries, sight.sighted, seen, foot_point, direction, apart, sight.diffusivity)
     made = ghost_reading(crossing, lattice, order, 2 * reading_radius(band.dim, band.degree) * band.spacing)
     numbers = np.full(len(band.nodes), -1)
     numbers[seen.rows] = np.arange(len(seen.rows))
@@ -104,7 +124,7 @@ def build_ghosts(index: int, sight: Sight, band: Band, lattice: Lattice, mirrore
         unknowns,
         numbers,
         seen.director,
-        _past_edge(made.reading, mirrored, seen.rows),
+        _past_edge(made.reading, mirrored, seen.rows, apart),
         made.sources,
         made.frames,
         off_sheet,
@@ -113,11 +133,14 @@ def build_ghosts(index: int, sight: Sight, band: Band, lattice: Lattice, mirrore
     )
 
 
-def _past_edge(reading: Reading, mirrored: Reading, nodes: Ints) -> Reading:
-    """Return the ghosts' reading where their nodes stand past an edge: the edge's formula of the ghost's."""
-    coefficient = mirrored.coefficient[nodes]
+def _past_edge(reading: Reading, mirrored: Reading, nodes: Ints, apart: Bools) -> Reading:
+    """Return the ghosts' reading where their nodes stand past an edge: the edge's formula of the ghost's.
+
+    Not of those that continue what lies behind their boundary, ``apart`` from the edge.
+    """
+    coefficient = np.where(apart, 1.0, mirrored.coefficient[nodes])
     place = np.full(len(mirrored), -1)
-    place[nodes] = np.arange(len(nodes))
+    place[nodes] = np.where(apart, -1, np.arange(len(nodes)))
     data = [datum.scaled(coefficient) for datum in reading.data]
     data += [datum.renumbered(place) for datum in mirrored.data]
     terms = [replace(term, coefficient=term.coefficient * coefficient[term.rows]) for term in reading.terms]
