@@ -141,7 +141,7 @@ def cell_levels(source: Localized, spacing: float, offset: float | Floats) -> It
         side //= 2
 
 
-def _numbered(bounds: Floats, spacing: float, offset: float) -> Ints:
+def _numbered(bounds: Floats, spacing: float, offset: float | Floats) -> Ints:
     """Return (2, d) the first and the last cell of ``bounds`` along each axis.
 
     Raises
