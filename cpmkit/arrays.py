@@ -25,6 +25,8 @@ def as_points(x: Any, dim: int, what: str = "points") -> Floats:
         points = np.ascontiguousarray(x, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{what} must be numbers of shape (n, {dim}), got {type(x).__name__}.") from error
+    if _holds_no_numbers(x):
+        raise InputError(f"{what} must be numbers of shape (n, {dim}), got {shown(x)}.")
     if points.ndim != 2 or points.shape[1] != dim:
         raise InputError(f"{what} must have shape (n, {dim}), got {np.shape(x)}.")
     bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
@@ -96,9 +98,20 @@ def as_vector(x: Any, dim: int, what: str) -> Floats:
         vector = np.array(x, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{what} must be {dim} numbers, got {shown(x)}.") from error
+    if _holds_no_numbers(x):
+        raise InputError(f"{what} must be {dim} numbers, got {shown(x)}.")
     if vector.shape != (dim,) or not np.isfinite(vector).all():
         raise InputError(f"{what} must be {dim} finite numbers, got {shown(x)}.")
     return vector
+
+
+def _holds_no_numbers(x: Any) -> bool:
+    """Tell whether what NumPy would make numbers of is, or holds, text or true and false."""
+    if isinstance(x, np.ndarray):
+        return x.dtype.kind not in "iuf"
+    rows = x if isinstance(x, (list, tuple)) else ()
+    entries = [entry for row in rows for entry in (row if isinstance(row, (list, tuple)) else [row])]
+    return any(isinstance(entry, (bool, np.bool_, str, bytes)) for entry in entries)
 
 
 def number(x: Any, what: str) -> float:

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
+from cpmkit.arrays import number, whole
 from cpmkit.conditions import Condition, Dirichlet, Neumann, Robin
-from cpmkit.errors import SceneError
+from cpmkit.errors import SceneError, shown
 from cpmkit.expressions import Expression
 from cpmkit.plugins import call
 from cpmkit.scene_data import Data
 from cpmkit.special_conditions import SimplySupported, Steklov, Transmission
+from cpmkit.suggestions import did_you_mean
 from cpmkit.vertex_data import VertexData
 
+#: The number of a rim.
+LOOP = re.compile(r"[0-9]{1,6}")
 CONDITIONS: dict[str, Any] = {
     "dirichlet": Dirichlet,
     "neumann": Neumann,
@@ -44,30 +49,33 @@ def read_condition(table: Any, dim: int, where: str) -> Condition:
     """
     table = as_table(table, where)
     order = table.pop("order", None)
-    if order not in (None, 1, 2, 3, 4):
-        raise SceneError(f"order of {where} must be 1, 2, 3 or 4, got {order!r}.")
+    if order is not None:
+        whole(order, f"order of {where}", 1, 4)
     kinds = list(table)
     if "clamped" in kinds:
         raise SceneError(
             f"{where} is clamped, which gives Lap u no condition of its own and is not offered; use simply_supported."
         )
     if len(kinds) != 1 or kinds[0] not in CONDITIONS:
+        near = did_you_mean(kinds[0], CONDITIONS) if len(kinds) == 1 else ""
         raise SceneError(
-            f"{where} must be one of {', '.join(f'{{ {kind} = ... }}' for kind in CONDITIONS)}, got {table!r}."
+            f"{where} must be one of {', '.join(f'{{ {kind} = ... }}' for kind in CONDITIONS)}, got "
+            f"{shown(table)}{near}."
         )
     value = table[kinds[0]]
     if kinds[0] == "robin":
         if not isinstance(value, list) or len(value) != 3:
-            raise SceneError(f"robin of {where} must be [alpha, beta, gamma], got {value!r}.")
+            raise SceneError(f"robin of {where} must be [alpha, beta, gamma], got {shown(value)}.")
         beta: Any = read_data(value[1], dim, where)
-        return Robin(value[0], beta, read_data(value[2], dim, where), order=order)
+        alpha = number(value[0], f"alpha of {where}")
+        return Robin(alpha, beta, read_data(value[2], dim, where), order=order)
     if kinds[0] == "steklov":
         if value is not True:
-            raise SceneError(f"steklov of {where} must be true, got {value!r}; it has no data.")
+            raise SceneError(f"steklov of {where} must be true, got {shown(value)}; it has no data.")
         return Steklov(order=order)
     if kinds[0] == "simply_supported":
         if not isinstance(value, list) or len(value) != 2:
-            raise SceneError(f"simply_supported of {where} must be [u, Lap u], got {value!r}.")
+            raise SceneError(f"simply_supported of {where} must be [u, Lap u], got {shown(value)}.")
         return SimplySupported(read_data(value[0], dim, where), read_data(value[1], dim, where), order=order)
     made: Condition = CONDITIONS[kinds[0]](read_data(value, dim, where), order=order)
     return made
@@ -76,7 +84,7 @@ def read_condition(table: Any, dim: int, where: str) -> Condition:
 def read_edge(table: Any, where: str) -> Any:
     """Return a function of the dimension that makes the edge's condition, or one a loop number."""
     table = as_table(table, where)
-    if table and all(key.isdigit() for key in table):
+    if table and all(LOOP.fullmatch(key) for key in table):
         return lambda dim: {int(key): read_condition(value, dim, f"edge {key}") for key, value in table.items()}
     return lambda dim: read_condition(table, dim, "edge")
 
@@ -92,13 +100,13 @@ def read_data(value: Any, dim: int, where: str) -> Data:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise SceneError(
             f"{where} must be a number, a formula, {{ values = 'FILE.npy' }}, or a list with one of them a channel, "
-            f"got {value!r}."
+            f"got {shown(value)}."
         )
-    return float(value)
+    return number(value, where)
 
 
 def as_table(value: Any, where: str) -> dict[str, Any]:
     """Return a copy of ``value`` if it is a table; ``where`` names it in the error."""
     if not isinstance(value, dict):
-        raise SceneError(f"{where} must be a table, got {value!r}.")
+        raise SceneError(f"{where} must be a table, got {shown(value)}.")
     return dict(value)

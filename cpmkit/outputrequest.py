@@ -1,12 +1,20 @@
-"""What a scene file asks to be written."""
+"""What a scene file asks to be written: inside one folder, which is inside the working directory."""
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath, PureWindowsPath
 
-from cpmkit.arrays import as_vector
-from cpmkit.errors import SceneError
+from cpmkit.arrays import as_vector, whole
+from cpmkit.errors import SceneError, shown
+
+#: Bytes of a file's name that every usual file system takes; what is written first has a longer name for a while.
+LONGEST_NAME = 200
+#: Bytes of a file's name with its folders.
+LONGEST_PATH = 1000
+#: Pixels of a picture's width.
+WIDTHS = (16, 16_384)
 
 
 @dataclass(frozen=True)
@@ -35,10 +43,8 @@ class PictureRequest:
     frames: bool = False
 
     def __post_init__(self) -> None:
-        if not isinstance(self.file, str):
-            raise SceneError(f"the picture's file must be the name of a PNG, got {self.file!r}.")
-        if isinstance(self.width, bool) or not isinstance(self.width, int):
-            raise SceneError(f"the picture's width must be a number of pixels, got {self.width!r}.")
+        check_name(self.file, "file of the picture")
+        whole(self.width, "the picture's width in pixels", *WIDTHS)
         for name in ("view", "up"):
             if getattr(self, name) is not None:
                 object.__setattr__(
@@ -48,7 +54,13 @@ class PictureRequest:
 
 @dataclass(frozen=True)
 class OutputRequest:
-    """Where results go: a folder relative to the working directory, files in it, and a picture."""
+    """Where results go: a folder relative to the working directory, files in it, and a picture.
+
+    Raises
+    ------
+    SceneError
+        If a name is no relative path, leads out of the folder, or is longer than file systems take.
+    """
 
     folder: Path
     files: tuple[str, ...]
@@ -56,11 +68,58 @@ class OutputRequest:
 
     def __post_init__(self) -> None:
         for file in self.files:
-            if not isinstance(file, str):
-                raise SceneError(f"files of [output] must be names of files, got {file!r}.")
+            check_name(file, "a file of [output]")
 
     @property
     def wants_frames(self) -> bool:
         """True where the frames of a problem in time are written or drawn."""
         drawn = self.picture is not None and self.picture.frames
         return drawn or any(file.lower().endswith(".pvd") for file in self.files)
+
+
+def check_name(name: object, what: str) -> str:
+    """Return the name of a file, perhaps in folders of its own, that stays inside the folder it is put in.
+
+    Raises
+    ------
+    SceneError
+        If it is no text, absolute, has a ``..`` in it, or a part longer than file systems take.
+    """
+    if not isinstance(name, str) or not name.strip(" ./\\"):
+        raise SceneError(f"{what} must be a name such as 'summary.json', got {shown(name)}.")
+    parts = {*PurePosixPath(name).parts, *PureWindowsPath(name).parts}  # what leads out on either leads out on both
+    if name.startswith("/") or PureWindowsPath(name).anchor or ".." in parts:
+        inside = "the working directory" if what.startswith("folder") else "the output folder"
+        remedy = "; leave it out and give --output, which takes any folder" if what.startswith("folder") else ""
+        raise SceneError(f"{what} must be a relative path inside {inside}, got {shown(name)}{remedy}.")
+    try:
+        lengths = [len(part.encode()) for part in PurePosixPath(name).parts]
+    except UnicodeEncodeError as error:
+        raise SceneError(f"{what} must be a name that UTF-8 can hold, got {shown(name)}.") from error
+    if "\0" in name or max(lengths) > LONGEST_NAME or sum(lengths) > LONGEST_PATH:
+        raise SceneError(
+            f"{what} must be a name of at most {LONGEST_NAME} bytes, with folders {LONGEST_PATH}, and without NUL, got "
+            f"{shown(name)}."
+        )
+    return name
+
+
+def output_folder(name: object) -> Path:
+    """Return the folder that a scene file names: one inside the working directory, which links do not lead out of.
+
+    Raises
+    ------
+    SceneError
+        If it is anything else.
+    """
+    folder = Path(name if name == "." else check_name(name, "folder of [output]"))
+    try:
+        inside = Path(os.path.realpath(folder)).is_relative_to(os.path.realpath("."))
+    except OSError as error:  # the working directory is gone
+        raise SceneError(f"folder of [output], {shown(name)}, cannot be found: {error.strerror}.") from error
+    if not inside:
+        raise SceneError(
+            f"folder of [output] must be inside the working directory, and {shown(name)} is a link that leads out of "
+            "it; leave the key out, and give --output on the command line, which takes any folder."
+        )
+    return folder

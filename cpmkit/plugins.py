@@ -7,7 +7,7 @@ registered with pluggy when the kind is asked for, and no other plugin is.
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -16,7 +16,9 @@ from typing import TYPE_CHECKING, Any
 import pluggy
 
 from cpmkit import hookspecs
-from cpmkit.errors import PluginError, SceneError
+from cpmkit.errors import PluginError, SceneError, shown
+from cpmkit.key_types import check_types
+from cpmkit.suggestions import did_you_mean
 
 if TYPE_CHECKING:
     from cpmkit.protocols import ClosestPointSource
@@ -70,15 +72,19 @@ def _entry_point(kind: str) -> EntryPoint:
 
 def _unknown_kind(kind: str) -> str:
     kinds = [installed.kind for installed in installed_kinds()]
+    missing = f"No plugin provides the kind {shown(kind)}"
+    last_words = {name.rpartition(".")[2]: name for name in kinds}
+    meant = did_you_mean(kind, kinds) or did_you_mean(kind, last_words)
+    if "." not in kind and meant:
+        word = meant.split("'")[1]
+        return f"{missing}; did you mean {last_words.get(word, word)!r}? `cpmkit plugins` lists those installed."
     family = kind.partition(".")[0]
     near = [name for name in kinds if name.startswith(family + ".")]
     if near:
-        return f"No plugin provides the kind {kind!r}. Kinds of the family {family!r}: {', '.join(near)}."
+        return f"{missing}{meant}. Kinds of the family {family!r}: {', '.join(near)}."
     listed = ", ".join(kinds) or "none"
-    return (
-        f"No plugin provides the kind {kind!r}. Installed: {listed}. "
-        f"`pip install ./plugins/cpmkit-{family}` in a clone of the repository adds the family {family!r}."
-    )
+    advice = f"`pip install ./plugins/cpmkit-{family}` in a clone of the repository adds the family {family!r}."
+    return f"{missing}{meant}. Installed: {listed}. {advice if len(family) < 30 else ''}".rstrip()
 
 
 def load(kind: str) -> Any:
@@ -134,17 +140,37 @@ def call(make: Callable[..., Any], what: str, table: Mapping[str, Any]) -> Any:
     Raises
     ------
     SceneError
-        If a key is unknown or a required one is missing.
+        If a key is unknown, a required one is missing, or a value is not of the plain type that it declares.
     """
-    signature = inspect.signature(make)
-    accepted = {name: p for name, p in signature.parameters.items() if p.kind is not p.VAR_KEYWORD}
-    unknown = sorted(set(table) - set(accepted))
-    if unknown:
-        raise SceneError(f"{what} has the unknown key {unknown[0]!r}; accepted are {', '.join(accepted)}.")
+    check_keys(make, what, table)
+    accepted = _accepted(make)
     missing = [name for name, p in accepted.items() if p.default is p.empty and name not in table]
     if missing:
         raise SceneError(f"{what} lacks the key {missing[0]!r}; accepted are {', '.join(accepted)}.")
+    check_types(make, what, table)
     return make(**table)
+
+
+def check_keys(make: Callable[..., Any], what: str, keys: Iterable[str], also: Sequence[str] = ()) -> None:
+    """Refuse ``keys`` that a factory does not take; those of ``also`` are taken by whoever calls it.
+
+    Raises
+    ------
+    SceneError
+        Naming the first, those accepted, and the one that may be meant.
+    """
+    accepted = (*also, *_accepted(make))
+    unknown = sorted(set(keys) - set(accepted))
+    if unknown:
+        raise SceneError(
+            f"{what} has the unknown key {shown(unknown[0])}{did_you_mean(unknown[0], accepted)}; "
+            + (f"accepted are {', '.join(accepted)}." if accepted else "it takes none.")
+        )
+
+
+def _accepted(make: Callable[..., Any]) -> dict[str, inspect.Parameter]:
+    parameters = inspect.signature(make).parameters
+    return {name: p for name, p in parameters.items() if p.kind is not p.VAR_KEYWORD}
 
 
 def takes(make: Callable[..., Any], key: str) -> bool:

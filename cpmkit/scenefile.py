@@ -10,15 +10,17 @@ from typing import Any
 from cpmkit.compound_problems import Biharmonic, Eigen
 from cpmkit.condition_tables import as_table, read_data, read_edge, read_side
 from cpmkit.data import find_file
-from cpmkit.errors import SceneError
+from cpmkit.errors import SceneError, shown
 from cpmkit.evolution.equations import Evolution, Heat, Wave
-from cpmkit.outputrequest import OutputRequest, PictureRequest
-from cpmkit.plugins import call, factory, offered, source, takes
+from cpmkit.key_types import check_types
+from cpmkit.outputrequest import OutputRequest, PictureRequest, output_folder
+from cpmkit.plugins import call, check_keys, factory, offered, source, takes
 from cpmkit.problems import Elliptic, Equation, Field, Helmholtz, Laplace, Poisson, ScreenedPoisson
 from cpmkit.protocols import BoundarySet, ClosestPointSource
 from cpmkit.scene import Boundary, Scene
 from cpmkit.scene_data import evaluate_data
 from cpmkit.solvers import ACCEPTED
+from cpmkit.suggestions import did_you_mean
 from cpmkit.tomlfile import made_from_toml
 from cpmkit.vertex_data import with_vertex_data
 
@@ -34,6 +36,10 @@ PROBLEMS = {
     "heat": Heat,
     "wave": Wave,
 }
+#: Keys of a boundary beside those of its kind.
+SIDE_KEYS = ("both", "left", "right", "left_of", "across")
+#: Characters of a boundary's name.
+LONGEST_NAME = 100
 #: Keys of [problem] that hold numbers or formulas; a velocity holds one a coordinate.
 FORMULAS = ("f", "c", "diffusivity", "kappa", "initial", "initial_rate")
 
@@ -123,16 +129,29 @@ def read_options(tables: Mapping[str, Any]) -> tuple[float | None, dict[str, Any
     Raises
     ------
     SceneError
-        If a key is not accepted.
+        If a key or the type of its value is not accepted.
     """
     grid = as_table(tables.get("discretization", {}), "[discretization]")
     _check_keys(grid, ("spacing", "degree", "order", "origin", "sheets", "balance"), "[discretization]")
     solver = as_table(tables.get("solver", {}), "[solver]")
-    if solver.get("kind", "auto") in ACCEPTED:  # a plugin's solver has keys of its own
-        _check_keys(solver, ("kind", "tolerance", *ACCEPTED[solver.get("kind", "auto")]), "[solver]")
+    kind = solver.get("kind", "auto")
+    if not isinstance(kind, str):
+        raise SceneError(f"kind of [solver] must be a name such as 'direct', got {shown(kind)}.")
+    if kind in ACCEPTED:  # a plugin's solver has keys of its own
+        _check_keys(solver, ("kind", "tolerance", *ACCEPTED[kind]), "[solver]")
+    check_types(_grid_types, "[discretization]", grid)
+    check_types(_solver_types, "[solver]", solver)
     spacing = grid.pop("spacing", None)
     renamed = {("solver" if key == "kind" else key): value for key, value in solver.items()}
     return spacing, {**grid, **renamed}
+
+
+def _grid_types(spacing: float, degree: int, order: int, sheets: bool | str, balance: int) -> None:
+    """Declare the types of the keys of [discretization]."""
+
+
+def _solver_types(tolerance: float, max_iterations: int) -> None:
+    """Declare the types of the keys of [solver]."""
 
 
 def _source(
@@ -144,6 +163,7 @@ def _source(
         raise SceneError(
             f"{where} needs a kind, such as kind = 'analytic.sphere'; `cpmkit plugins` lists those installed."
         )
+    check_keys(factory(kind), f"{where} of kind {kind!r}", table, () if surface is None else SIDE_KEYS)
     keys = _keys(table, folder, where)
     if surface is not None and not {"surface", "file", "vertices"} & set(keys) and takes(factory(kind), "surface"):
         keys["surface"] = surface
@@ -166,9 +186,9 @@ def _made(value: Any, folder: Path, where: str) -> Any:
 
 
 def _boundary(table: dict[str, Any], number: int, folder: Path, surface: ClosestPointSource) -> BoundarySet:
-    name = table.pop("name", f"boundary {number}")
+    name = _name(table.pop("name", f"boundary {number}"), number)
     where = f"[[boundary]] {name!r}"
-    sides = {key: table.pop(key) for key in ("both", "left", "right", "left_of", "across") if key in table}
+    sides = {key: table.pop(key) for key in SIDE_KEYS if key in table}
     make = offered(table["kind"], "cpmkit_boundaries") if isinstance(table.get("kind"), str) else None
     own = _source(table, folder, where, surface) if make is None else None
     carriers = [("surface", surface)] if own is None else [("boundary", own), ("surface", surface)]
@@ -184,10 +204,20 @@ def _boundary(table: dict[str, Any], number: int, folder: Path, surface: Closest
     return made
 
 
+def _name(name: Any, number: int) -> str:
+    if not isinstance(name, str) or not name.strip() or not name.isprintable() or len(name) > LONGEST_NAME:
+        raise SceneError(
+            f"name of [[boundary]] {number} must be one line of at most {LONGEST_NAME} characters, got {shown(name)}."
+        )
+    return name
+
+
 def _problem(table: dict[str, Any], dim: int) -> Equation:
     kind = table.pop("kind", None)
-    if kind not in PROBLEMS:
-        raise SceneError(f"the kind of [problem] must be one of {', '.join(PROBLEMS)}, got {kind!r}.")
+    if not isinstance(kind, str) or kind not in PROBLEMS:
+        near = did_you_mean(kind, PROBLEMS)
+        raise SceneError(f"the kind of [problem] must be one of {', '.join(PROBLEMS)}, got {shown(kind)}{near}.")
+    check_keys(PROBLEMS[kind], f"[problem] of kind {kind!r}", table)
     for key in FORMULAS:
         if key in table:
             table[key] = read_data(table[key], dim, f"{key} of [problem]")
@@ -200,24 +230,29 @@ def _problem(table: dict[str, Any], dim: int) -> Equation:
 def _field(value: Any, dim: int) -> Field:
     """Return a vector field from one number or formula a coordinate."""
     if not isinstance(value, list) or len(value) != dim:
-        raise SceneError(f"velocity of [problem] must be a list of {dim} numbers or formulas, got {value!r}.")
+        raise SceneError(f"velocity of [problem] must be a list of {dim} numbers or formulas, got {shown(value)}.")
     entries = read_data(value, dim, "velocity of [problem]")
     return lambda points: evaluate_data(entries, points, dim, "velocity of [problem]")
 
 
 def _output(table: dict[str, Any], path: Path) -> OutputRequest:
     _check_keys(table, ("folder", "files", "picture"), "[output]")
-    picture = table.get("picture")
+    picture, files = table.get("picture"), table.get("files", ["summary.json"])
     if picture is not None:
         picture = as_table({"file": picture} if isinstance(picture, str) else picture, "picture of [output]")
         picture = call(PictureRequest, "picture of [output]", picture)
-    return OutputRequest(Path(table.get("folder", path.stem)), tuple(table.get("files", ("summary.json",))), picture)
+    if not isinstance(files, list):
+        raise SceneError(f"files of [output] must be a list of names, such as ['summary.json'], got {shown(files)}.")
+    return OutputRequest(output_folder(table.get("folder", path.stem)), tuple(files), picture)
 
 
 def _check_keys(table: Mapping[str, Any], accepted: tuple[str, ...], where: str) -> None:
     unknown = [key for key in table if key not in accepted]
     if unknown:
-        raise SceneError(f"{where} has the unknown key {unknown[0]!r}; accepted are {', '.join(accepted)}.")
+        raise SceneError(
+            f"{where} has the unknown key {shown(unknown[0])}{did_you_mean(unknown[0], accepted)}; "
+            f"accepted are {', '.join(accepted)}."
+        )
 
 
 def _list(value: Any, where: str) -> list[Any]:

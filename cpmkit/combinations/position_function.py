@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.arrays import as_vector
-from cpmkit.errors import InputError
+from cpmkit.errors import InputError, shown
 from cpmkit.expressions import Expression
 from cpmkit.protocols import Floats
 
@@ -104,7 +104,7 @@ def plane_distance(point: Any, normal: Any, dim: int) -> PlaneDistance:
     """
     at, direction = as_vector(point, dim, "point"), as_vector(normal, dim, "normal")
     if not direction.any():
-        raise InputError(f"normal must not be zero, got {normal!r}.")
+        raise InputError(f"normal must not be zero, got {shown(normal)}.")
     direction = direction / np.abs(direction).max()
     return PlaneDistance(at, direction / np.linalg.norm(direction))
 
@@ -118,8 +118,13 @@ def position_function(function: Any, dim: int, what: str) -> Callable[[Floats], 
         If it is neither.
     """
     if isinstance(function, str):
-        return Expression(function, dim)
+        formula = Expression(function, dim)
+        if formula.takes_time:
+            raise InputError(f"{what} must not depend on t, got {shown(function)}.")
+        return formula
     if isinstance(function, bool) or not callable(function):
-        raise InputError(f"{what} must be a formula in x, y, z or a function of points (n, {dim}), got {function!r}.")
+        raise InputError(
+            f"{what} must be a formula in x, y, z or a function of points (n, {dim}), got {shown(function)}."
+        )
     checked: Callable[[Floats], Any] = function
     return checked

@@ -40,7 +40,7 @@ BAD = [
     ("curve", {**CIRCLE, "x": ["sqrt(-1)", "t"]}, "x is not finite at"),
     ("curve", {**CIRCLE, "x": ["1", "2"]}, "x is constant along a parameter"),
     ("curve", {**CIRCLE, "range": [0, "pi"], "periodic": True}, "do not meet, as a periodic one must: .* 2 apart"),
-    ("curve", {**CIRCLE, "periodic": "yes"}, "periodic must be true or false"),
+    ("curve", {**CIRCLE, "periodic": "yes"}, "periodic of the kind .parametric.curve. must be true or false"),
     ("curve", {**CIRCLE, "derivatives": line}, "derivatives belong to a callable x"),
     ("curve", {"x": line, "range": [0, 1], "derivatives": 3}, "derivatives must be a callable"),
     ("curve", {"x": line, "range": [0, 1], "derivatives": lambda t: [line(t)]}, "must return the 2 arrays"),
