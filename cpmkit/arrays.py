@@ -108,7 +108,7 @@ def as_vector(x: Any, dim: int, what: str) -> Floats:
 def _holds_no_numbers(x: Any) -> bool:
     """Tell whether what NumPy would make numbers of is, or holds, text or true and false."""
     if isinstance(x, np.ndarray):
-        return x.dtype.kind not in "iuf"
+        return x.dtype.kind in "bUSmM"
     rows = x if isinstance(x, (list, tuple)) else ()
     entries = [entry for row in rows for entry in (row if isinstance(row, (list, tuple)) else [row])]
     return any(isinstance(entry, (bool, np.bool_, str, bytes)) for entry in entries)

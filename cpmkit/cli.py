@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
 from collections.abc import Iterable, Mapping
@@ -48,6 +49,9 @@ def main() -> None:
     Exit codes: 0 done; 1 the scene or its solution failed; 2 the command line is wrong; 3 a bug in cpmkit or
     in a plugin; 130 interrupted.
     """
+    for stream in (sys.stdout, sys.stderr):  # names may hold what the terminal's encoding does not
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 @main.command()

@@ -92,7 +92,10 @@ def read_edge(table: Any, where: str) -> Any:
 def read_data(value: Any, dim: int, where: str) -> Data:
     """Return numbers and per-vertex data as they are, formulas as functions, and lists of them entry by entry."""
     if isinstance(value, str):
-        return Expression(value, dim)
+        try:
+            return Expression(value, dim)
+        except SceneError as error:
+            raise SceneError(f"{where}: {error}") from error
     if isinstance(value, VertexData):
         return value
     if isinstance(value, list):

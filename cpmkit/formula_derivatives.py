@@ -15,7 +15,7 @@ from cpmkit.formula_steps import Program, Steps, program
 from cpmkit.protocols import Floats
 
 #: Formulas that need more steps with their derivatives are refused: each step is taken at every point.
-MOST_STEPS = 30_000
+MOST_STEPS = 12_000
 
 
 @dataclass(frozen=True, eq=False)

@@ -86,7 +86,7 @@ def check_name(name: object, what: str) -> str:
         If it is no text, absolute, has a ``..`` in it, or a part longer than file systems take.
     """
     if not isinstance(name, str) or not name.strip(" ./\\"):
-        raise SceneError(f"{what} must be a name such as 'summary.json', got {shown(name)}.")
+        raise SceneError(f"{what} must be a name, got {shown(name)}.")
     parts = {*PurePosixPath(name).parts, *PureWindowsPath(name).parts}  # what leads out on either leads out on both
     if name.startswith("/") or PureWindowsPath(name).anchor or ".." in parts:
         inside = "the working directory" if what.startswith("folder") else "the output folder"

@@ -42,6 +42,8 @@ SIDE_KEYS = ("both", "left", "right", "left_of", "across")
 LONGEST_NAME = 100
 #: Keys of [problem] that hold numbers or formulas; a velocity holds one a coordinate.
 FORMULAS = ("f", "c", "diffusivity", "kappa", "initial", "initial_rate")
+#: Of these the keys that hold one for all channels.
+COEFFICIENTS = ("c", "diffusivity", "kappa")
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,6 +174,8 @@ def _source(
 
 def _keys(table: dict[str, Any], folder: Path, where: str) -> dict[str, Any]:
     """Return the table with the path of the file that it names, and with sources in place of the tables in it."""
+    if "file" in table and not isinstance(table["file"], str):
+        raise SceneError(f"file of {where} must be the name of a file, got {shown(table['file'])}.")
     keys = {key: _made(value, folder, f"{key} of {where}") for key, value in table.items()}
     return {**keys, "file": str(find_file(keys["file"], folder))} if "file" in keys else keys
 
@@ -218,7 +222,10 @@ def _problem(table: dict[str, Any], dim: int) -> Equation:
         near = did_you_mean(kind, PROBLEMS)
         raise SceneError(f"the kind of [problem] must be one of {', '.join(PROBLEMS)}, got {shown(kind)}{near}.")
     check_keys(PROBLEMS[kind], f"[problem] of kind {kind!r}", table)
+    check_types(PROBLEMS[kind], f"[problem] of kind {kind!r}", table)
     for key in FORMULAS:
+        if key in COEFFICIENTS and isinstance(table.get(key), list):
+            raise SceneError(f"{key} of [problem] must be one number or formula, got {shown(table[key])}.")
         if key in table:
             table[key] = read_data(table[key], dim, f"{key} of [problem]")
     if "velocity" in table:
@@ -243,7 +250,8 @@ def _output(table: dict[str, Any], path: Path) -> OutputRequest:
         picture = call(PictureRequest, "picture of [output]", picture)
     if not isinstance(files, list):
         raise SceneError(f"files of [output] must be a list of names, such as ['summary.json'], got {shown(files)}.")
-    return OutputRequest(output_folder(table.get("folder", path.stem)), tuple(files), picture)
+    folder = output_folder(table["folder"]) if "folder" in table else Path(path.stem)
+    return OutputRequest(folder, tuple(files), picture)
 
 
 def _check_keys(table: Mapping[str, Any], accepted: tuple[str, ...], where: str) -> None:

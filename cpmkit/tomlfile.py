@@ -75,7 +75,7 @@ def _check_values(tables: dict[str, Any]) -> None:
     while waiting:
         where, value, depth = waiting.pop()
         if depth > DEEPEST:
-            raise SceneError(f"{shown(where)} nests more than {DEEPEST} tables or lists in each other.")
+            raise SceneError(f"{where} nests more than {DEEPEST} tables or lists in each other.")
         if isinstance(value, int) and not -HIGHEST <= value < HIGHEST:
             raise SceneError(f"{where} is a whole number beyond 9.2e18; write it with an exponent, such as 1e20.")
         if isinstance(value, str):

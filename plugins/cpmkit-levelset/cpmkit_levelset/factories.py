@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from cpmkit.array_files import read_array
-from cpmkit.arrays import as_vector, positive
+from cpmkit.arrays import as_vector, positive, whole
 from cpmkit.data import existing_file
-from cpmkit.errors import InputError
+from cpmkit.errors import InputError, shown
 from cpmkit.protocols import Floats
 from cpmkit_levelset.fields import STEP, Field, FunctionField, check_gradient
 from cpmkit_levelset.formulas import formula_field
@@ -86,7 +86,7 @@ def function(
     for name, given in (("phi", phi), ("gradient", gradient), ("hessian", hessian)):
         if not (callable(given) or (name == "hessian" and given is None)):
             raise InputError(
-                f"{name} of levelset.callable must be a function of points (n, d), got {given!r}; "
+                f"{name} of levelset.callable must be a function of points (n, d), got {shown(given)}; "
                 "levelset.expression takes formulas."
             )
     size = float(norms((box[1] - box[0])[None])[0])
@@ -132,7 +132,7 @@ def grid(
     single = not isinstance(spacing, (list, tuple)) and np.ndim(spacing) == 0
     steps = np.full(d, positive(spacing, "spacing")) if single else as_vector(spacing, d, "spacing")
     if not (steps > 0).all():
-        raise InputError(f"spacing must be above zero, got {spacing!r}.")
+        raise InputError(f"spacing must be above zero, got {shown(spacing)}.")
     field = GridField(samples, np.zeros(d) if origin is None else as_vector(origin, d, "origin"), steps)
     made = _made(field, trim, field.box, resolution)
     return replace(
@@ -193,20 +193,20 @@ def as_box(bounds: Any) -> Floats:
         If they are anything else.
     """
     try:
-        box = np.array(bounds, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"bounds must be two corners of 2 or 3 numbers, got {bounds!r}.") from error
-    if box.shape not in ((2, 2), (2, 3)) or not np.isfinite(box).all():
-        raise InputError(f"bounds must be two corners of 2 or 3 finite numbers, got {bounds!r}.")
+        lower, upper = bounds
+        dim = 2 if len(lower) == 2 else 3
+        box = np.stack([as_vector(corner, dim, "a corner") for corner in (lower, upper)])
+    except (TypeError, ValueError) as error:  # InputError is a ValueError
+        raise InputError(f"bounds must be two corners of 2 or 3 finite numbers, got {shown(bounds)}.") from error
     if not (box[0] < box[1]).all():
-        raise InputError(f"bounds must hold the lower corner, then one above it in each coordinate, got {bounds!r}.")
+        raise InputError(
+            f"bounds must hold the lower corner, then one above it in each coordinate, got {shown(bounds)}."
+        )
     return box
 
 
 def _made(field: Field, trim: Any, box: Floats, resolution: Any) -> LevelSet:
-    cells = int(positive(resolution, "resolution"))
-    if cells != resolution or not 8 <= cells <= 512:
-        raise InputError(f"resolution must be a whole number from 8 to 512, got {resolution!r}.")
+    cells = whole(resolution, "resolution", 8, 512)
     return level_set(field, None if trim is None else formula_field(trim, field.dim, "trim"), box, cells)
 
 
