@@ -96,7 +96,7 @@ def test_a_boundary_of_a_plugin_in_a_scene_file(good, tmp_path):
     np.testing.assert_allclose(ck.solve(scene, 0.1).evaluate([[-1.0, 0.0]]), np.cos(1.0), rtol=1e-9)
     path.write_text(path.read_text().replace("angle", "angel"))
     with pytest.raises(
-        ck.SceneError, match="'cut' has the unknown key 'angel' .did you mean 'angle'.*; accepted are name, angle, both"
+        ck.SceneError, match=r"'cut' has the unknown key 'angel'.*'angle'.*; accepted are name, angle, both"
     ):
         ck.load_scene(path)
 
