@@ -128,11 +128,12 @@ def explain(
     check_solver(solver, solver_options)
     check_balance(scene, balance)
     spacing = needed_spacing(scene, spacing)
+    limit = memory.memory_limit()
     try:
         counts = count(scene, spacing, progress, degree=degree, order=order, origin=origin, sheets=sheets)
     except Exception as error:
         if memory.ran_out(error):
-            raise memory_ran_out(scene, spacing, degree, solver, error) from error
+            raise memory_ran_out(scene, spacing, degree, solver, error, limit) from error
         raise
     chosen = choose_solver(solver, counts["unknowns"], largest_dim(scene.surface), scene.problem.factorise_up_to)
     surface = localize(scene.surface, np.zeros(scene.surface.dim))

@@ -24,7 +24,7 @@ FORMAT = 1
 
 
 def save(solution: ReadableSolution, path: str | Path) -> None:
-    """Write ``solution`` to ``path``, whole or not at all.
+    """Write ``solution`` to ``path``, whole or not at all; a file that is there already is replaced.
 
     ========= ==================================================================================
     suffix    contents

@@ -93,22 +93,24 @@ def _rounded_up(value: float) -> float:
     return float(f"{math.ceil(value / unit * (1 - 1e-9)) * unit:.2g}")
 
 
-def memory_ran_out(scene: Scene, spacing: float | None, degree: int, solver: str, error: BaseException) -> Exception:
-    """Return what to raise in place of a MemoryError: what is needed, what there is, and a spacing that would fit.
+def memory_ran_out(
+    scene: Scene, spacing: float | None, degree: int, solver: str, error: BaseException, limit: memory.Limit
+) -> ResolutionError:
+    """Return what to raise in place of an error: what is needed, what there was, and a spacing that would fit.
 
-    The tables that the error's traceback holds are let go first.
+    The tables that the error's traceback holds are let go first. ``limit`` is that of before the work.
     """
     traceback.clear_frames(error.__traceback__)
-    limit = memory.memory_limit()
     if spacing is None:
-        return ResolutionError(f"Memory ran out: {limit}; a coarser mesh, or a larger spacing, needs less.")
+        return ResolutionError(f"Memory ran out, and {limit}; a coarser mesh, or a larger spacing, needs less.")
     try:
         needed, fits, chosen = _needed(scene, spacing, degree, solver, limit)
     except (MemoryError, ValueError, ArithmeticError):
         needed, fits, chosen = "", 0.0, solver
     fits = max(fits, _rounded_up(COARSER * spacing))
     return ResolutionError(
-        f"Memory ran out at spacing={spacing:g}: {needed}{limit}; try spacing={fits:g} or more{_other(chosen)}."
+        f"Memory ran out at spacing={spacing:g}: {needed}{limit}, libraries included; "
+        f"try spacing={fits:g} or more{_other(chosen)}."
     )
 
 

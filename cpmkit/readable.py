@@ -137,7 +137,10 @@ class ReadableSolution(ABC):
         return mean(self, function, dim)
 
     def save(self, path: str | Path) -> None:
-        """Write the solution to ``path``; the suffix decides: .vtp, .ply, .npz, or .json for the summary."""
+        """Write the solution to ``path``; the suffix decides: .vtp, .ply, .npz, or .json for the summary.
+
+        A file that is there already is replaced, by a whole one or not at all.
+        """
         from cpmkit.export import save
 
         save(self, path)

@@ -18,7 +18,7 @@ from cpmkit.fitting import check_fits, memory_ran_out
 from cpmkit.flux_balance import check_balance
 from cpmkit.job import Job
 from cpmkit.localized import largest_dim, localize
-from cpmkit.memory import ran_out
+from cpmkit.memory import memory_limit, ran_out
 from cpmkit.nonlinear import solve_nonlinear
 from cpmkit.plugins import call, factory
 from cpmkit.protocols import Parting, Progress, nothing
@@ -132,6 +132,7 @@ def solve(
     run = {"checkpoint": checkpoint, "checkpoint_every": checkpoint_every, "resume": resume}
     how = {**grid, **run, "balance": balance, "solver": solver}
     tolerance = check_tolerance(tolerance)
+    limit = memory_limit()
     try:
         if backend == "cpm":
             solution = _solve_here(scene, spacing, grid, how, tolerance, progress, solver_options)
@@ -140,7 +141,7 @@ def solve(
             solution = _solve_elsewhere(backend, scene, spacing, tolerance, progress, options)
     except Exception as error:
         if ran_out(error):
-            raise memory_ran_out(scene, spacing, degree, solver, error) from error
+            raise memory_ran_out(scene, spacing, degree, solver, error, limit) from error
         raise
     tell(solution.warnings)
     return solution

@@ -1,0 +1,132 @@
+"""What can be known before a solve is told before it: where results cannot go, and what no camera can show."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from cpmkit.errors import InputError
+from cpmkit.files import check_place, written_whole
+from cpmkit.outputrequest import OutputRequest, PictureRequest
+from cpmkit.results import check_request
+
+CIRCLE = """
+[surface]
+kind = "analytic.circle"
+[problem]
+kind = "screened"
+f = 1.0
+[discretization]
+spacing = 0.2
+"""
+
+
+@pytest.fixture
+def asked(torus, tmp_path, monkeypatch):
+    """Return a function that checks a request for results of the torus in the folder ``results``."""
+    monkeypatch.chdir(tmp_path)
+
+    def check(files=("summary.json",), picture=None, folder="results"):
+        check_request(OutputRequest(Path(folder), files, picture), torus(0.5).surface, Path(folder))
+
+    return check
+
+
+def test_a_folder_that_can_be_made_is_not_made_yet(asked):
+    asked(folder="deep/within")
+    assert os.listdir() == []
+
+
+def test_a_folder_that_is_there_stays_as_it_is(asked):
+    os.mkdir("results")
+    asked()
+    assert os.listdir("results") == []
+
+
+@pytest.mark.parametrize("folder", ["taken", "taken/deeper/still"])
+def test_a_folder_that_is_a_file_or_below_one(asked, folder):
+    Path("taken").write_text("")
+    with pytest.raises(InputError, match=r"The folder taken.* cannot be made: .*/taken is a file\.$"):
+        asked(folder=folder)
+
+
+def test_a_file_that_is_a_folder(asked):
+    os.makedirs("results/summary.json")
+    with pytest.raises(InputError, match=r"summary\.json cannot be written: it is a folder\.$"):
+        asked()
+
+
+@pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="needs a place where even root cannot write")
+def test_a_place_where_nothing_can_be_written(asked):
+    with pytest.raises(InputError, match=r"^/proc/results/summary\.json cannot be written: .*\.$"):
+        asked(folder="/proc/results")
+
+
+def test_a_read_only_folder_is_told_by_what_the_system_says(asked, monkeypatch):
+    def refuse(dir):
+        raise OSError(30, os.strerror(30))
+
+    monkeypatch.setattr("tempfile.TemporaryFile", refuse)
+    with pytest.raises(InputError, match=r"cannot be written: Read-only file system\.$"):
+        asked()
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("u" * 300 + ".npz", r"^The name 'u+\.\.\. has 304 bytes; accepted are 200 at most\.$"),
+        ("é" * 110 + ".npz", "has 224 bytes"),
+        ("u\0.npz", "holds the character NUL"),
+        ("/".join(["u" * 50] * 100) + ".npz", "4000 bytes at most"),
+    ],
+)
+def test_a_name_that_no_file_can_have(asked, name, message):
+    with pytest.raises(InputError, match=message):
+        asked((name,))
+    with pytest.raises(InputError, match=message), written_whole(Path(name)):
+        pass
+
+
+def test_the_longest_name_that_is_accepted_can_be_written(tmp_path):
+    path = tmp_path / ("u" * 196 + ".npz")
+    check_place(path)
+    with written_whole(path) as unfinished:
+        unfinished.write_text("u")
+    assert path.read_text() == "u"
+
+
+@pytest.mark.parametrize(
+    ("picture", "message"),
+    [
+        ({"view": (0, 0, 0)}, "view must be a direction, got three zeros"),
+        ({"up": (0, 0, 0)}, "up must be a direction"),
+        ({"view": (0, 0, 2), "up": (0, 0, -1)}, "view and up must not be parallel"),
+        ({"file": "torus.jpg"}, r"must be a \.png file"),
+    ],
+)
+def test_a_picture_that_no_camera_can_show(asked, picture, message):
+    with pytest.raises(InputError, match=message):
+        asked(picture=PictureRequest(**picture))
+
+
+def test_a_view_of_any_length_is_a_direction(asked):
+    asked(picture=PictureRequest(view=(1e-200, 2e-200, 0), up=(0, 0, 1e200)))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere file names have encodings of their own")
+@pytest.mark.parametrize(("folder", "code"), [("", 0), ("größe", 1)])
+def test_names_of_files_in_a_locale_without_their_characters(tmp_path, folder, code):
+    output = f'[output]\nfolder = "{folder}"\nfiles = ["u.json"]\n' if folder else '[output]\nfiles = ["u.vtp"]\n'
+    (tmp_path / "széne.toml").write_text(CIRCLE + output, encoding="utf-8")
+    run = "import sys; from cpmkit.cli import main; main(['solve', sys.argv[1]])"
+    command = [sys.executable, "-c", run, "széne.toml"]
+    posix = {**os.environ, "LC_ALL": "C", "PYTHONUTF8": "0", "CPMKIT_THREADS": "1"}
+    done = subprocess.run(command, capture_output=True, cwd=tmp_path, env=posix, check=False)
+    assert done.returncode == code, done.stderr
+    if folder:
+        assert b"set the environment variable PYTHONUTF8=1" in done.stderr
+        assert done.stderr.count(b"\n") == 1
+    else:
+        assert (tmp_path / "széne" / "u.vtp").read_bytes().rstrip().endswith(b"</VTKFile>")

@@ -1,0 +1,185 @@
+"""Whatever happens while results are written, each file is whole, and what is there is told."""
+
+import json
+import os
+import random
+import resource
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cpmkit import results
+from cpmkit.errors import InputError
+from cpmkit.export import save
+from cpmkit.files import unfinished_name, written_whole
+from cpmkit.outputrequest import OutputRequest
+from cpmkit.protocols import nothing
+
+#: Writes a letter 60,000 times into a file, in three pieces, again and again.
+WRITER = """
+import sys, time
+from pathlib import Path
+from cpmkit.files import written_whole
+path, letter = Path(sys.argv[1]), sys.argv[2].encode()
+while True:
+    with written_whole(path) as unfinished, unfinished.open("wb") as opened:
+        for _ in range(3):
+            opened.write(20_000 * letter)
+            opened.flush()
+            time.sleep(0.002)
+"""
+
+
+@contextmanager
+def writing(path, letter):
+    """Run a process that writes, from when its first file is there; at the end it is killed."""
+    process = subprocess.Popen([sys.executable, "-c", WRITER, str(path), letter], stderr=subprocess.DEVNULL)
+    try:
+        end = time.monotonic() + 20
+        while not path.exists() and time.monotonic() < end:
+            time.sleep(0.005)
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+def is_whole(path):
+    content = path.read_bytes()
+    return len(content) == 60_000 and len(set(content)) == 1
+
+
+def leftovers(path):
+    return [found for found in path.parent.iterdir() if found.name.startswith(".")]
+
+
+def test_a_run_killed_at_any_moment_leaves_whole_files_and_the_next_one_clears_up(tmp_path):
+    path, moments, left = tmp_path / "run.npz", random.Random(1), 0
+    for _ in range(5):
+        with writing(path, "a") as process:
+            time.sleep(moments.uniform(0.0, 0.02))
+            process.send_signal(signal.SIGKILL)
+            process.wait()
+            assert is_whole(path)
+        left = max(left, len(leftovers(path)))
+        path.unlink()
+    assert left == 1  # each run removed what the one before it had left
+    with written_whole(path) as unfinished:
+        unfinished.write_bytes(b"whole")
+    assert os.listdir(tmp_path) == ["run.npz"]
+
+
+def test_two_runs_in_one_folder_write_whole_files(tmp_path):
+    path, seen = tmp_path / "u.vtp", set()
+    with writing(path, "a"), writing(path, "b"):
+        end = time.monotonic() + 10
+        while len(seen) < 2 and time.monotonic() < end:
+            assert is_whole(path)
+            seen |= {*path.read_bytes()[:1]}
+            assert len(leftovers(path)) <= 2
+    assert seen == {*b"ab"}
+
+
+def test_only_what_dead_processes_left_of_this_file_is_removed(tmp_path):
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    kept = [f".u.{os.getppid()}.npz", f".v.{dead.pid}.npz", f".u.{dead.pid}.vtp", f".u.x{dead.pid}.npz", ".u.npz"]
+    for name in (*kept, f".u.{dead.pid}.npz", ".u.9999999999.npz"):
+        (tmp_path / name).write_text("")
+    with written_whole(tmp_path / "u.npz") as unfinished:
+        unfinished.write_text("u")
+    assert sorted(os.listdir(tmp_path)) == sorted([*kept, "u.npz"])
+
+
+def test_a_file_is_on_the_disk_before_it_takes_its_name(tmp_path, monkeypatch):
+    """Else a machine that goes down leaves an empty checkpoint."""
+    done, sync, replace = [], os.fsync, os.replace
+    monkeypatch.setattr(os, "fsync", lambda handle: (done.append("sync"), sync(handle)))
+    monkeypatch.setattr(os, "replace", lambda *names: (done.append("replace"), replace(*names)))
+    with written_whole(tmp_path / "u.npz") as unfinished:
+        unfinished.write_text("u")
+    assert done == ["sync", "replace"]
+
+
+@contextmanager
+def full_disk(size):
+    """Let no file of this process grow beyond ``size`` bytes."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.mark.parametrize("name", ["u.vtp", "u.ply", "u.npz"])
+def test_a_full_disk_is_told_and_the_earlier_file_stays(torus, tmp_path, name):
+    pytest.importorskip("pyvista")
+    solution = torus(0.3)
+    save(solution, tmp_path / name)
+    earlier = (tmp_path / name).read_bytes()
+    with full_disk(len(earlier) // 2), pytest.raises(InputError, match=rf"{name} cannot be written: File too large\.$"):
+        save(solution, tmp_path / name)
+    assert os.listdir(tmp_path) == [name]
+    assert (tmp_path / name).read_bytes() == earlier
+
+
+@pytest.mark.parametrize("raised", [OSError(28, os.strerror(28)), MemoryError(), ZeroDivisionError("a defect")])
+def test_a_file_that_fails_keeps_no_other_from_being_written(square, tmp_path, monkeypatch, raised):
+    def fail(solution, path):
+        if path.name == "lost.npz":
+            with written_whole(path):
+                raise raised
+        save(solution, path)
+
+    monkeypatch.setattr(results, "save", fail)
+    request = OutputRequest(tmp_path / "r", ("lost.npz", "u.npz", "summary.json"), None)
+    written = results.write_results(square(3), request, tmp_path / "r", nothing)
+    assert sorted(os.listdir(tmp_path / "r")) == ["summary.json", "u.npz"]
+    assert written.summary["files"] == ["u.npz", "summary.json"]
+    assert list(written.summary["unwritten"]) == ["lost.npz"]
+    assert json.loads((tmp_path / "r" / "summary.json").read_text()) == written.summary
+    if isinstance(raised, ZeroDivisionError):
+        with pytest.raises(ZeroDivisionError):
+            written.check()
+        return
+    with pytest.raises(InputError) as told:
+        written.check()
+    said = "memory ran out" if isinstance(raised, MemoryError) else "No space left on device"
+    assert str(told.value) == (
+        f"{tmp_path / 'r' / 'lost.npz'} cannot be written: {said}; "
+        f"written into {tmp_path / 'r'} were u.npz, summary.json."
+    )
+
+
+def test_an_unfinished_series_of_a_killed_run_is_removed(tmp_path):
+    from cpmkit.files import remove_leftovers
+
+    folder = tmp_path / "u_frames"
+    left = tmp_path / ".u_frames.9999999999"
+    left.mkdir()
+    (left / "frame-0000.vtp").write_text("half")
+    mine = unfinished_name(folder)
+    mine.mkdir()
+    remove_leftovers(folder)
+    assert os.listdir(tmp_path) == [mine.name]
+
+
+def test_two_solves_into_one_folder_leave_whole_results(tmp_path):
+    (tmp_path / "circle.toml").write_text(
+        '[surface]\nkind = "analytic.circle"\n[problem]\nkind = "screened"\nf = "x"\n[discretization]\nspacing = 0.1\n'
+        '[output]\nfolder = "shared"\nfiles = ["u.npz", "summary.json"]\n'
+    )
+    command = [sys.executable, "-c", "from cpmkit.cli import main; main(['solve', 'circle.toml', '--quiet'])"]
+    runs = [subprocess.Popen(command, cwd=tmp_path) for _ in range(2)]
+    assert [run.wait() for run in runs] == [0, 0]
+    assert sorted(os.listdir(tmp_path / "shared")) == ["summary.json", "u.npz"]
+    json.loads(Path(tmp_path, "shared", "summary.json").read_text())
+    with np.load(tmp_path / "shared" / "u.npz") as read:
+        assert np.isfinite(read["values"]).all()
