@@ -119,7 +119,8 @@ def told_progress(file: Path, quiet: bool = False) -> Iterator[Callable[[str, fl
 
     meta = click.get_current_context().meta
     meta[FILE] = file
-    with nullcontext(nothing) if quiet else ProgressLine(sys.stderr) as show:
+    closed = sys.stderr is None  # by the shell's 2>&-
+    with nullcontext(nothing) if quiet or closed else ProgressLine(sys.stderr) as show:
 
         def progress(stage: str, fraction: float) -> None:
             meta[STAGE] = stage

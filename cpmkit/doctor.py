@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from cpmkit.errors import CpmkitError
+from cpmkit.memory import memory_limit
 from cpmkit.plugins import installed_kinds
 
 #: Distributions whose versions matter, the required ones first.
@@ -37,6 +38,8 @@ class Diagnosis:
         Installed kinds and the distribution of each, with its version.
     processors : int
         Processors that this process may use.
+    memory : str
+        How much memory this process may have, and who sets that limit.
     variables : mapping
         Environment variables that are set and change what cpmkit does.
     opengl : str
@@ -51,6 +54,7 @@ class Diagnosis:
     versions: Mapping[str, str | None]
     kinds: Mapping[str, str]
     processors: int
+    memory: str
     variables: Mapping[str, str]
     opengl: str
     scene: str | None
@@ -61,7 +65,7 @@ class Diagnosis:
         return asdict(self)
 
     def __str__(self) -> str:
-        rows = [("system", self.system), ("processors", str(self.processors))]
+        rows = [("system", self.system), ("processors", str(self.processors)), ("memory", self.memory)]
         rows += [(name, found or "not installed") for name, found in self.versions.items()]
         rows += [(name, value) for name, value in self.variables.items()]
         rows += [("kinds", ""), *((f"  {kind}", distribution) for kind, distribution in self.kinds.items())]
@@ -88,6 +92,7 @@ def diagnose(scene: str | Path | None = None) -> Diagnosis:
         versions=versions,
         kinds=kinds,
         processors=_processors(),
+        memory=str(memory_limit()),
         variables={name: os.environ[name] for name in VARIABLES if name in os.environ},
         opengl=opengl,
         scene=None if scene is None else _loading(scene),

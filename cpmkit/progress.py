@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from typing import TextIO
 
 #: A stage that is over sooner than this many seconds leaves no trace.
@@ -69,5 +70,6 @@ class ProgressLine:
         self.finish()
 
     def _write(self, text: str) -> None:
-        self._stream.write(text)
-        self._stream.flush()
+        with suppress(OSError):  # nobody reads, or the disk is full: that ends no solve
+            self._stream.write(text)
+            self._stream.flush()

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cpmkit.errors import CpmkitError, InputError
-from cpmkit.evolution.series import draw_frames
+from cpmkit.evolution.series import draw_frames, frames_folder
 from cpmkit.export import check_file, save, write_summary
 from cpmkit.files import check_place
 from cpmkit.outputrequest import OutputRequest, PictureRequest
@@ -72,6 +72,8 @@ def check_request(request: OutputRequest, surface: ClosestPointSource, folder: P
         mesh_of(surface)
     for file in (*request.files, *([] if asked is None else [asked.file])):
         check_place(folder / file)
+        if file.lower().endswith(".pvd"):
+            check_place(frames_folder(folder / file) / "frame.vtp")
 
 
 def write_results(

@@ -22,6 +22,7 @@ def test_what_is_installed_is_reported(monkeypatch):
     assert found.versions["numpy"]
     assert found.kinds["analytic.circle"].startswith("cpmkit-analytic ")
     assert found.processors >= 1
+    assert found.memory.endswith(" GiB")
     assert found.variables["CPMKIT_DATA"] == "/somewhere"
     assert (found.opengl, found.scene) == ("", None)
     for said in ("numpy", "analytic.circle", "/somewhere", "OpenGL"):

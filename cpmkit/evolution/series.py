@@ -52,7 +52,7 @@ def save_series(solution: ReadableSolution, path: Path) -> None:
     """
     frames = frames_of(solution, path.name)
     assert isinstance(solution, EvolvedSolution)
-    folder = path.with_name(path.stem + SUFFIX)
+    folder = frames_folder(path)
     unfinished = unfinished_name(folder)
     names = [_numbered(Path("frame.vtp"), number, len(frames)).name for number in range(len(frames))]
     try:
@@ -70,7 +70,13 @@ def save_series(solution: ReadableSolution, path: Path) -> None:
     finally:
         shutil.rmtree(unfinished, ignore_errors=True)
     with written_whole(path) as index:
-        index.write_text(_index([frame.time for frame in frames], [f"{folder.name}/{name}" for name in names]))
+        text = _index([frame.time for frame in frames], [f"{folder.name}/{name}" for name in names])
+        index.write_text(text, encoding="utf-8", errors="surrogateescape")
+
+
+def frames_folder(path: Path) -> Path:
+    """Return the folder beside the index ``path`` that holds the frames."""
+    return path.with_name(path.stem + SUFFIX)
 
 
 def draw_frames(solution: ReadableSolution, path: Path, **options: Any) -> list[Picture]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 from collections.abc import Mapping, Sequence
@@ -83,20 +84,16 @@ def append_record(file: Path, record: Mapping[str, Any]) -> None:
     Raises
     ------
     InputError
-        If the file cannot be written, or not to the line's end.
+        If it cannot be written.
     """
     line = json.dumps(record, allow_nan=False, default=float).encode() + b"\n"
     try:
-        handle = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)
-        try:
-            written = os.write(handle, line)
-            os.fsync(handle)
-        finally:
-            os.close(handle)
+        with file.open("ab", buffering=0) as opened:
+            if opened.write(line) < len(line):  # a full disk takes a part, and refuses from then on
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            os.fsync(opened.fileno())
     except OSError as error:
         raise InputError(f"{file} cannot be written: {error.strerror or error}.") from error
-    if written < len(line):
-        raise InputError(f"{file} cannot be written to its end: the disk is full.")
 
 
 def drop_unfinished_line(file: Path) -> None:

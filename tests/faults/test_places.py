@@ -58,6 +58,13 @@ def test_a_file_that_is_a_folder(asked):
         asked()
 
 
+def test_a_series_whose_folder_is_a_file(asked):
+    os.mkdir("results")
+    Path("results/run_frames").write_text("")
+    with pytest.raises(InputError, match=r"run_frames cannot be made: .*run_frames is a file\.$"):
+        asked(("run.pvd",))
+
+
 @pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="needs a place where even root cannot write")
 def test_a_place_where_nothing_can_be_written(asked):
     with pytest.raises(InputError, match=r"^/proc/results/summary\.json cannot be written: .*\.$"):

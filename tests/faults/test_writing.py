@@ -1,5 +1,6 @@
 """Whatever happens while results are written, each file is whole, and what is there is told."""
 
+import io
 import json
 import os
 import random
@@ -19,7 +20,9 @@ from cpmkit.errors import InputError
 from cpmkit.export import save
 from cpmkit.files import unfinished_name, written_whole
 from cpmkit.outputrequest import OutputRequest
+from cpmkit.progress import ProgressLine
 from cpmkit.protocols import nothing
+from cpmkit.studies.records import append_record, drop_unfinished_line, read_records
 
 #: Writes a letter 60,000 times into a file, in three pieces, again and again.
 WRITER = """
@@ -183,3 +186,25 @@ def test_two_solves_into_one_folder_leave_whole_results(tmp_path):
     json.loads(Path(tmp_path, "shared", "summary.json").read_text())
     with np.load(tmp_path / "shared" / "u.npz") as read:
         assert np.isfinite(read["values"]).all()
+
+
+def test_a_record_that_does_not_fit_on_the_disk_is_told_and_the_lines_before_it_stay(tmp_path):
+    file = tmp_path / "records.jsonl"
+    append_record(file, {"run": 1})
+    whole = file.read_bytes()
+    with full_disk(len(whole) + 5), pytest.raises(InputError, match=r"records\.jsonl cannot be written: .*\.$"):
+        append_record(file, {"run": 2})
+    assert read_records(file) == [{"run": 1}]
+    drop_unfinished_line(file)
+    assert file.read_bytes() == whole
+
+
+def test_progress_that_nobody_takes_ends_no_solve():
+    class Full(io.StringIO):
+        def write(self, text):
+            raise OSError(28, os.strerror(28))
+
+    times = iter([0.0, 0.0, 5.0, 5.0, 5.0])
+    with ProgressLine(Full(), lambda: next(times)) as progress:
+        progress("band", 0.0)
+        progress("band", 1.0)
