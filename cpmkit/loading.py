@@ -22,6 +22,9 @@ from cpmkit.solution import Solution
 from cpmkit.solvers.report import SolveReport
 from cpmkit.work import Work
 
+#: No inner node of a band is farther from the bounds of the surface than so many spacings.
+REACH = 12
+
 
 @dataclass(frozen=True, eq=False)
 class SavedSolution:
@@ -120,6 +123,8 @@ def _rebuilt(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any], 
     check_same_scene(path, summary["scene"], scene)
     if lattice["origin"].shape != (scene.surface.dim,):
         raise of_another_scene(path, f"it lies in {len(lattice['origin'])} dimensions")
+    if not _is_near(lattice, scene):
+        raise of_another_scene(path, "its nodes are elsewhere")
     tables = discretize(
         scene,
         float(lattice["spacing"]),
@@ -143,6 +148,14 @@ def _rebuilt(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any], 
         leaks=tuple(made(Leak, one, f"a leak in {where}") for one in summary.get("leaks", ())),
         balance=None if balance is None else made(Balance, balance, f"balance in {where}"),
     )
+
+
+def _is_near(lattice: Mapping[str, Any], scene: Scene) -> bool:
+    """Tell, before anything is built, whether the nodes lie around the scene's surface."""
+    bounds, spacing = np.asarray(scene.surface.bounds, dtype=np.float64), lattice["spacing"]
+    with np.errstate(over="ignore", invalid="ignore"):
+        nodes = lattice["origin"] + spacing * lattice["nodes"]
+    return bool(spacing > 0 and len(nodes) and np.all(np.abs(nodes - np.clip(nodes, *bounds)) <= REACH * spacing))
 
 
 def _fits(tables: Discretization, lattice: Mapping[str, Any], scene: Scene) -> bool:

@@ -177,6 +177,8 @@ def test_arrays_of_a_solution_that_do_not_fit_are_refused(files, tmp_path):
         ({"lattice_nodes": solution["lattice_nodes"].astype(float)}, "holds lattice_nodes as float64"),
         ({"lattice_unknowns": None}, "lacks the array 'lattice_unknowns'"),
         ({"lattice_origin": np.zeros(3)}, "where .* belong"),
+        ({"lattice_origin": np.array([1e300, 0])}, "another scene than the one given: its nodes are elsewhere"),
+        ({"lattice_spacing": np.array(-0.2)}, "another scene than the one given: its nodes are elsewhere"),
         ({"lattice_frames": np.zeros((2, 3, 1))}, "holds lattice_"),
     ]
     for changes, told in wrong:
