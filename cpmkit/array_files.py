@@ -6,7 +6,6 @@ import tokenize
 import zipfile
 import zlib
 from collections.abc import Callable, Iterable
-from functools import partial
 from math import prod
 from pathlib import Path
 from typing import IO, Any
@@ -72,7 +71,7 @@ def read_arrays(
     """Read those arrays of an ``.npz`` file whose names are in ``names``, or begin with one that ends in ``*``.
 
     Others are not looked at. ``what`` says what the file should be, such as "a solution that was saved". ``check`` is
-    told the name, shape and type that each array's header says, before the array itself is read, and may raise.
+    told the name, shape and type that each array's header says, before any array itself is read, and may raise.
 
     Raises
     ------
@@ -85,11 +84,15 @@ def read_arrays(
         with zipfile.ZipFile(path) as archive:
             members = [one for one in archive.infolist() if _is_wanted(one.filename.removesuffix(".npy"), wanted)]
             _check_size(sum(one.file_size for one in members), path.name)
+            for one in members:
+                with archive.open(one) as opened:
+                    shape, _, dtype, _ = _header(opened)
+                    check(one.filename.removesuffix(".npy"), shape, dtype)
             read = {}
             for one in members:
                 name = one.filename.removesuffix(".npy")
                 with archive.open(one) as opened:
-                    read[name] = _member(opened, one.file_size, path.name, what, READ, partial(check, name))
+                    read[name] = _member(opened, one.file_size, path.name, what, READ)
             return read
     except OSError as error:
         raise InputError(f"{shown(path.name)} cannot be read: {error.strerror or error}.") from error
@@ -111,9 +114,7 @@ def _check_size(needed: int, name: str) -> None:
         )
 
 
-def _member(
-    opened: IO[bytes], length: int, name: str, what: str, kinds: str, check: Callable[..., None] = _any
-) -> np.ndarray:
+def _member(opened: IO[bytes], length: int, name: str, what: str, kinds: str) -> np.ndarray:
     """Read one array whose bytes, header included, are ``length``."""
     try:
         shape, fortran, dtype, header = _header(opened)
@@ -121,7 +122,6 @@ def _member(
         raise InputError(f"{shown(name)} is not {what}, or its header is damaged.") from error
     if dtype.kind not in kinds:
         raise InputError(f"{shown(name)} holds {shown(dtype.name)} where {what} was expected.")
-    check(shape, dtype)
     needed = prod(shape) * dtype.itemsize
     if needed > length - header:
         raise InputError(f"{shown(name)} says that it holds {shape} numbers and ends before: it is damaged.")

@@ -95,7 +95,10 @@ def load(path: str | Path, scene: Scene | str | Path | None = None) -> Solution 
     >>> bool(again.evaluate([[0.6, 0.8]]) == solution.evaluate([[0.6, 0.8]]))
     True
     """
-    path = Path(path)
+    try:
+        path = Path(path)
+    except TypeError as error:
+        raise InputError(f"cpmkit.load reads a file, and needs its path, got {shown(path)}.") from error
     arrays, summary = read_solution(path)
     if scene is not None and not isinstance(scene, Scene):
         from cpmkit.scenefile import load_scene

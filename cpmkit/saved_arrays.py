@@ -15,6 +15,8 @@ from cpmkit.errors import InputError, shown
 
 #: What arrays of each kind of NumPy type are made on reading.
 MADE = {"b": np.bool_, "i": np.int64, "f": np.float64, "U": np.str_}
+#: Bytes of a text.
+MOST_TEXT = 1 << 26
 NAMES = {"b": "truth values", "i": "whole numbers", "f": "numbers", "U": "text"}
 
 
@@ -60,6 +62,8 @@ def read_saved(
         fits = len(shape) == len(expected) and all(
             isinstance(size, str) or size == given for size, given in zip(expected, shape, strict=True)
         )
+        if dtype.kind == "U" and dtype.itemsize > MOST_TEXT:
+            raise InputError(f"{shown(path.name)} holds {dtype.itemsize} bytes of text as {name}; it is damaged.")
         if not fits or dtype.kind not in row.kinds:
             kinds = " or ".join(NAMES[kind] for kind in row.kinds)
             raise InputError(

@@ -115,13 +115,19 @@ def test_arrays_that_nobody_asked_for_are_not_read(name, files, tmp_path, monkey
 
 def test_a_known_array_of_another_size_is_refused_before_it_is_read(files, tmp_path, monkeypatch):
     path = tmp_path / "large.npz"
-    arrays = files["heat"] | {"u_2": np.zeros((2_000_000, 1))}
-    np.savez_compressed(path, **arrays)
-    read = []
-    monkeypatch.setattr(np, "frombuffer", lambda buffer, *_, **__: read.append(len(buffer)) or np.zeros(1))
-    with pytest.raises(ck.CpmkitError):
+    large = np.zeros((2_000_000, 1))
+    np.savez_compressed(path, u_2=large, **{name: array for name, array in files["heat"].items() if name != "u_2"})
+    read, frombuffer = [], np.frombuffer
+    monkeypatch.setattr(np, "frombuffer", lambda buffer, **keys: read.append(len(buffer)) or frombuffer(buffer, **keys))
+    with pytest.raises(ck.InputError, match=r"holds u_2 as float64 of shape \(2000000, 1\)"):
         ck.solve(SCENE, 0.2, resume=path)
-    assert max(read, default=0) < 100_000
+    np.savez_compressed(path, values=large, **{k: one for k, one in files["solution"].items() if k != "values"})
+    with pytest.raises(ck.InputError, match=r"of shape \(\d+, 2\), where numbers of shape \(2000000, 2\) belong"):
+        ck.load(path)
+    np.savez_compressed(path, summary=np.zeros((), dtype="U20000000"), format=np.array(1))
+    with pytest.raises(ck.InputError, match="holds 80000000 bytes of text as summary"):
+        ck.load(path)
+    assert 0 < max(read) < 100_000
 
 
 def summaries(solution):
@@ -195,3 +201,5 @@ def test_paths_that_name_no_file_are_refused(tmp_path):
     for given in ("\0", "a" * 300 + ".npz", tmp_path):
         with pytest.raises(ck.InputError, match="There is no file"):
             ck.load(given)
+    with pytest.raises(ck.InputError, match="needs its path, got 3"):
+        ck.load(3)

@@ -92,8 +92,8 @@ class Sweep:
                 positive(self.step_per_spacing, "step_per_spacing of [sweep]")
         except InputError as error:
             raise SceneError(str(error)) from error
-        lists = (self.spacings, self.degrees, self.orders, self.methods)
-        count = prod(len(one) for one in lists) * self.origins
+        most = max(len(self.spacings), len(self.cheap or []))
+        count = most * prod(len(one) for one in (self.degrees, self.orders, self.methods)) * self.origins
         if count > MOST_RUNS:
             raise SceneError(f"[sweep] makes {count} runs, at most {MOST_RUNS} are accepted; leave some values out.")
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cpmkit.errors import SceneError
 from cpmkit.protocols import Floats
 from cpmkit.scene_data import evaluate_data
 from cpmkit.solving import solve
@@ -49,6 +50,10 @@ def truth_of(study: Study) -> Truth:
     scene = study.scene
     check_comparable(scene)
     points = sample_points(scene, study.exact.points)
+    if not len(points):
+        raise SceneError(
+            f"none of the points of [exact], {study.exact.points!r}, lies off the boundaries; ask for more."
+        )
     if study.solution is not None:
         return Truth(points, evaluate_data(study.solution, points, 1, "u of [exact]", end_of(scene))[:, 0])
     assert study.exact.reference is not None
