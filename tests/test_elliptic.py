@@ -134,6 +134,22 @@ def test_all_terms_on_a_cap(kind):
     assert order_of(spacings, errors) >= 1.8
 
 
+def test_a_velocity_with_a_free_constant_on_a_sphere_that_a_curve_cuts():
+    """-Lap u + v . grad u = f with u = x, v = 2 e_z x p, and no c: the pieces are looked for, and the tables stay."""
+    ring = ck.source("analytic.circle", center=[0, 0, 0.3], radius=np.sqrt(1 - 0.09), normal=[0, 0, 1])
+    known = ck.Boundary("ring", ring, both=ck.Dirichlet(lambda x: x[:, 0]))
+    spacings, points = (0.2, 0.14, 0.1), sphere_points()
+    for c in (0.0, lambda x: 0 * x[:, 0]):
+        problem = ck.Elliptic(
+            lambda x: 2 * x[:, 0] - 2 * x[:, 1],
+            velocity=lambda x: 2 * np.stack([-x[:, 1], x[:, 0], 0 * x[:, 2]], axis=1),
+            c=c,
+        )
+        errors = [max_error(ck.Scene(SPHERE, problem, [known]), points, points[:, 0], h) for h in spacings]
+        assert errors[-1] <= 3e-3
+        assert order_of(spacings, errors) >= 1.8
+
+
 def test_channels_are_solved_together():
     both = ck.Elliptic([lambda x: x[:, 0], 1.0], diffusivity=lambda x: 2 + x[:, 1], c=1.0)
     one = ck.Elliptic(lambda x: x[:, 0], diffusivity=lambda x: 2 + x[:, 1], c=1.0)
