@@ -8,9 +8,10 @@ from cpmkit.boundary.edge import edge_condition, is_wall
 from cpmkit.boundary.formulas import beta_at
 from cpmkit.conditions import Condition
 from cpmkit.discretization import Discretization
+from cpmkit.layout import Layout
 from cpmkit.protocols import SIDES, Bools, Floats, Ints
 from cpmkit.scene import Scene
-from cpmkit.special_conditions import NonlinearFlux
+from cpmkit.special_conditions import NonlinearFlux, Transmission
 
 #: A weight below this reads nothing.
 ROUNDING = 1e-12
@@ -73,8 +74,27 @@ def components(tables: Discretization) -> tuple[int, Ints]:
 
 
 def node_pieces(tables: Discretization) -> Ints:
-    """Return the piece (inner,) of each inner node, as boundaries cut them apart that ghosts do not bridge."""
-    return _joined_by_differences(tables, tables.layout.band.inner)[1]
+    """Return the piece (inner,) of each inner node, as boundaries cut them apart that ghosts do not bridge.
+
+    A transmission cuts nothing apart: what flows out of one side of it flows into the other.
+    """
+    count, label = _joined_by_differences(tables, tables.layout.band.inner)
+    pairs = _across_transmissions(tables.layout)
+    return label if not pairs.size else _connected(label[pairs], count)[1][label]
+
+
+def _across_transmissions(layout: Layout) -> Ints:
+    """Return the pairs (2, k) of neighbouring inner nodes with a transmission, and no other boundary, between them."""
+    sides = np.zeros((len(layout.ghosts), len(layout.band.nodes)))
+    for index, (seen, ghosts) in enumerate(zip(layout.sight.frames, layout.ghosts, strict=True)):
+        sides[index, seen.rows] = np.nan_to_num(np.sign(seen.signed)) * (ghosts.numbers[seen.rows] >= 0)
+    coupled = [isinstance(boundary.condition("left"), Transmission) for boundary in layout.sight.boundaries]
+    if not any(coupled):
+        return np.zeros((2, 0), dtype=np.int64)
+    one, other = layout.band.neighbours()
+    crossed = sides[:, one] * sides[:, other] < 0
+    chosen = crossed[coupled].any(axis=0) & ~crossed[~np.array(coupled)].any(axis=0)
+    return np.stack([one[chosen], other[chosen]])
 
 
 def _joined_by_differences(tables: Discretization, count: int) -> tuple[int, Ints]:

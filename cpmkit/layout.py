@@ -23,7 +23,7 @@ from cpmkit.grid.stencils import check_degree, difference_reach, reading_radius
 from cpmkit.grid.twins import part_sheets
 from cpmkit.localized import Localized, localize
 from cpmkit.protocols import Parting, Progress, nothing
-from cpmkit.room import check_room
+from cpmkit.room import check_one_sheet, check_room
 from cpmkit.scene import Scene
 from cpmkit.special_conditions import Transmission
 
@@ -120,6 +120,8 @@ def lay_out(
     band = build_band(surface, lattice.spacing, degree, progress, difference_reach(order))
     if order == 4:
         check_room(surface, band)
+        if sheets:
+            check_one_sheet(surface, band, lattice)
     elif sheets:
         band = part_sheets(surface, band, sheets == "unfolded")
     past = read_past_edge(surface, band, lattice, scene.edge, order)

@@ -6,6 +6,8 @@ import numpy as np
 
 from cpmkit.errors import ResolutionError
 from cpmkit.grid.band import Band
+from cpmkit.grid.lattice import Lattice
+from cpmkit.grid.twins import part_sheets
 from cpmkit.localized import Localized
 
 #: Closest points of neighbouring nodes that lie this many spacings apart tell that the tube is as wide as the reach.
@@ -36,6 +38,23 @@ def check_room(surface: Localized, band: Band) -> None:
             "order=4 needs a tube that is narrower than the manifold's radius of curvature: at "
             f"spacing={band.spacing:g} {share:.1%} of neighbouring nodes have closest points more than {STRETCH:g} "
             "spacings apart; use a smaller spacing, or order=2."
+        )
+
+
+def check_one_sheet(surface: Localized, band: Band, lattice: Lattice) -> None:
+    """Refuse fourth order where several sheets share the band, which it does not part.
+
+    Raises
+    ------
+    ResolutionError
+        Naming a place.
+    """
+    parted = part_sheets(surface, band)
+    if parted is not band:
+        foot = ", ".join(f"{x:.3g}" for x in lattice.to_scene(parted.feet.points[[parted.first_twin]])[0])
+        raise ResolutionError(
+            f"order=4 parts no sheets, and at spacing={band.spacing:g} several of the manifold share its tube, near "
+            f"({foot}); use a smaller spacing, or order=2."
         )
 
 

@@ -182,3 +182,15 @@ def test_in_a_scene_file(tmp_path):
     across = ck.load_scene(file).scene.boundaries[0].across
     assert (across.left, across.right, across.resistance) == (2.0, None, 0.5)
     assert across.jump(np.array([[1.0, 0.0]])) == 1.0
+
+
+def test_two_seams_cut_nothing_apart():
+    """One constant is free on the circle, and no crossing is told of: the two halves hang together at both seams."""
+    seams = [
+        ck.Boundary(name, ck.source("analytic.point", at=at), across=ck.Transmission(resistance=0.5))
+        for name, at in (("east", [1, 0]), ("west", [-1, 0]))
+    ]
+    solution = ck.solve(ck.Scene(ck.source("analytic.circle"), ck.Poisson(lambda x: x[:, 1]), seams), 0.1)
+    (defect,) = solution.defects
+    assert defect.parts == 1
+    assert solution.warnings == ()
