@@ -7,6 +7,7 @@ import numpy as np
 from cpmkit.boundary.encounters import DISTURBED
 from cpmkit.combinations import abilities
 from cpmkit.layout import Layout
+from cpmkit.meetings import meetings
 from cpmkit.protocols import SIDES
 from cpmkit.room import share_stretched
 from cpmkit.survey import remaining, surveyed
@@ -27,7 +28,7 @@ OFF_SHEET_SHARE = 1e-2
 def warnings_of(layout: Layout) -> tuple[str, ...]:
     """Return one sentence for each thing found."""
     own = abilities.warnings_of(layout.surface.source, layout.lattice.spacing)
-    found = [check(layout) for check in (_doubtful, _sheets, _boundaries, _encounters, _gaps, _pins)]
+    found = [check(layout) for check in (_doubtful, _sheets, _boundaries, _encounters, _gaps, _pins, meetings)]
     return (*own, *(text for texts in found for text in texts))
 
 
@@ -49,6 +50,13 @@ def _encounters(layout: Layout) -> list[str]:
         f"spacings apart near ({', '.join(f'{x:.4g}' for x in one.point)}): the strip between them is filled by what "
         f"they hold; a spacing of {one.width / 3:.2g} would resolve it."
         for one in layout.strips
+        if not one.coincide
+    ]
+    found += [
+        f"Boundaries {names[one.first]!r} and {names[one.second]!r} lie at the same place, near "
+        f"({', '.join(f'{x:.4g}' for x in one.point)}), and hold the same; one of them is enough."
+        for one in layout.strips
+        if one.coincide
     ]
     return found
 
@@ -121,11 +129,6 @@ def _sheets(layout: Layout) -> list[str]:
 def _boundaries(layout: Layout) -> list[str]:
     found = []
     for boundary, ghosts in zip(layout.sight.boundaries, layout.ghosts, strict=True):
-        if not ghosts.unknowns:
-            found.append(
-                f"Boundary {boundary.name!r} is too short for the spacing to see: it has no ghosts and no effect."
-            )
-            continue
         astray = int(ghosts.off_sheet[: ghosts.unknowns].sum())
         if astray > OFF_SHEET_SHARE * ghosts.unknowns:
             found.append(
@@ -138,6 +141,6 @@ def _boundaries(layout: Layout) -> list[str]:
         if fallen:
             found.append(
                 f"{fallen} of {ghosts.unknowns} ghosts of boundary {boundary.name!r} are of first order, because their "
-                "mirror points lie beyond another boundary; boundaries at least three spacings apart avoid that."
+                "mirror points lie beyond another boundary or past a rim; three spacings between them avoid that."
             )
     return found

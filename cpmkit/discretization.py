@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.boundary.crossing import View, visible_ghosts
-from cpmkit.boundary.effect import check_effect
+from cpmkit.boundary.effect import check_given
 from cpmkit.boundary.frame import Frame, stack
 from cpmkit.boundary.ghosts import Ghosts
 from cpmkit.boundary.reading import Datum, Reading, Term, sum_of_data
@@ -19,6 +19,7 @@ from cpmkit.grid.extension import Unknowns, extend
 from cpmkit.grid.stencils import cross_offsets, cross_weights, difference_reach
 from cpmkit.layout import Layout, lay_out
 from cpmkit.protocols import Floats, Ints, Progress, nothing
+from cpmkit.refusals import check_effect, check_layout
 from cpmkit.scene import Scene
 from cpmkit.scene_data import Data, evaluate_data
 
@@ -162,8 +163,11 @@ def discretize(scene: Scene, spacing: float, *, progress: Progress = nothing, **
         If an argument, a boundary or the spacing does not fit.
     """
     layout = lay_out(scene, spacing, progress=progress, **options)
-    check_effect(scene, layout)
-    return tabulate(layout, progress)
+    check_given(scene, layout)
+    check_layout(layout, scene)
+    tables = tabulate(layout, progress)
+    check_effect(layout, tables.extension, tables.neighbours)
+    return tables
 
 
 def tabulate(layout: Layout, progress: Progress = nothing) -> Discretization:

@@ -65,6 +65,8 @@ class Explanation:
         Where nodes are doubled because several sheets share them, the largest cluster first.
     remains : tuple of Remainder
         What parting the sheets leaves: creases, bends, sheets that are too near; the solution warns of the same.
+    told : tuple of str
+        Sentences on rims that face each other, boundaries beside rims, open ends and branches of curves.
     """
 
     parts: tuple[Part, ...]
@@ -77,6 +79,7 @@ class Explanation:
     exact: bool
     doubled: tuple[Cluster, ...] = ()
     remains: tuple[Remainder, ...] = ()
+    told: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """Return the explanation as plain values."""
@@ -94,8 +97,8 @@ class Explanation:
             rest = sum(one.twins for one in self.doubled[NAMED:])
             named = [*map(str, self.doubled[:NAMED]), *([f"{rest:,} elsewhere"] if rest else [])]
             lines += ["", f"twins{'' if self.exact else ' at a coarser spacing'}: " + "; ".join(named)]
-        if self.remains:
-            lines += ["", *(one.sentence for one in self.remains)]
+        if self.remains or self.told:
+            lines += ["", *(one.sentence for one in self.remains), *self.told]
         if self.left_out:
             lines += ["", "not built: " + "; ".join(self.left_out)]
         return "\n".join(lines)
@@ -160,6 +163,7 @@ def explain(
         counts.exact,
         counts.doubled,
         counts.remains,
+        counts.told,
     )
 
 

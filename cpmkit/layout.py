@@ -9,13 +9,17 @@ from typing import Any
 
 import numpy as np
 
+from cpmkit.boundary.beside_rims import RimStrip, beside_rims
 from cpmkit.boundary.crossing_ghosts import INSIDE
 from cpmkit.boundary.edge import PastEdge, read_at_feet, read_past_edge
 from cpmkit.boundary.encounters import SectorJump, Strip, encounters
+from cpmkit.boundary.facing_rims import FacingRims, facing_rims
 from cpmkit.boundary.ghosts import Ghosts, Sight, build_ghosts
+from cpmkit.boundary.junctions import Junction, junctions
 from cpmkit.boundary.past_rim import kept_apart
 from cpmkit.boundary.prepare import sight
 from cpmkit.boundary.reading import Reading, Term
+from cpmkit.boundary.tips import Blur, blurs
 from cpmkit.errors import InputError
 from cpmkit.grid.band import Band, build_band
 from cpmkit.grid.lattice import Lattice
@@ -54,6 +58,14 @@ class Layout:
         Where boundaries cross with different data, or run side by side nearer than a spacing.
     order : int
         Order of the conditions, 1 to 4; at 4 the Laplacian is of fourth order too.
+    rim_strips : sequence of RimStrip
+        Boundaries beside a rim or on it.
+    facing : sequence of FacingRims
+        The narrowest gap between rims.
+    blurs : sequence of Blur
+        Where the sides of a boundary are not told apart.
+    junctions : sequence of Junction
+        Where three curves or more meet.
     parted : bool or "unfolded"
         False where sheets that share a band were not looked for.
     """
@@ -69,6 +81,10 @@ class Layout:
     order: int
     crossings: Sequence[SectorJump] = ()
     strips: Sequence[Strip] = ()
+    rim_strips: Sequence[RimStrip] = ()
+    facing: Sequence[FacingRims] = ()
+    blurs: Sequence[Blur] = ()
+    junctions: Sequence[Junction] = ()
     parted: Parting = True
 
     @property
@@ -131,9 +147,27 @@ def lay_out(
         ghosts.append(build_ghosts(index, seen, band, lattice, past.mirrored, order))
         progress("boundaries", (index + 1) / len(scene.boundaries))
     reading = replace(past.reading, terms=[_located(term, seen, band) for term in past.reading.terms])
-    met = encounters(seen, lattice, scene.channels, scene.problem.start_time)
     sources = _off_boundaries(past.sources, seen, band)
-    return Layout(lattice, surface, band, reading, sources, seen, ghosts, scene.channels, order, *met, sheets)
+    laid = Layout(lattice, surface, band, reading, sources, seen, ghosts, scene.channels, order, parted=sheets)
+    return _looked_over(laid, scene.problem.start_time)
+
+
+def _looked_over(layout: Layout, time: float | None) -> Layout:
+    """Return the layout with what its boundaries, rims and curves do to each other."""
+    seen, lattice, band = layout.sight, layout.lattice, layout.band
+    crossings, strips = encounters(seen, lattice, layout.channels, time)
+    beside = beside_rims(seen.sighted, layout.surface, band)
+    facing = facing_rims(layout.surface, band)
+    branches = junctions(layout.surface, band)
+    return replace(
+        layout,
+        crossings=crossings,
+        strips=strips,
+        rim_strips=[replace(one, points=lattice.to_scene(one.points)) for one in beside],
+        facing=[replace(one, point=lattice.to_scene(one.point[None])[0]) for one in facing],
+        blurs=blurs(seen, band, lattice, layout.channels, time),
+        junctions=[replace(one, point=lattice.to_scene(one.point[None])[0]) for one in branches],
+    )
 
 
 def check_order(order: int, degree: int) -> None:

@@ -13,14 +13,16 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.boundary.effect import check_effect
+from cpmkit.boundary.effect import check_given
 from cpmkit.doubled import Cluster, clusters_of_twins
 from cpmkit.fitting import check_fits
 from cpmkit.grid.band import cell_levels, nodes_of_blocks
 from cpmkit.grid.stencils import base_offset, check_degree
 from cpmkit.layout import Layout, lay_out
 from cpmkit.localized import largest_dim, localize
+from cpmkit.meetings import meetings
 from cpmkit.protocols import Progress, nothing
+from cpmkit.refusals import check_layout
 from cpmkit.remains import Remainder
 from cpmkit.scene import Scene
 from cpmkit.survey import remaining
@@ -51,6 +53,8 @@ class Counts:
         Where twins are; at a coarser spacing than asked for unless ``exact``.
     remains : tuple of Remainder
         What parting sheets leaves, as far as the layout shows it.
+    told : tuple of str
+        Sentences on rims, ends and branches, as far as the layout shows them.
     """
 
     values: Mapping[str, float]
@@ -59,6 +63,7 @@ class Counts:
     noise: float
     doubled: tuple[Cluster, ...] = ()
     remains: tuple[Remainder, ...] = ()
+    told: tuple[str, ...] = ()
 
     def __getitem__(self, name: str) -> int:
         return round(self.values[name])
@@ -70,16 +75,19 @@ def count(scene: Scene, spacing: float, progress: Progress = nothing, **options:
     finest = _rehearsal_spacing(scene, spacing, options.get("degree", 3))
     progress("rehearsal", 0.1)
     layout = lay_out(scene, finest, **options)
+    if finest == spacing:
+        check_layout(layout, scene)
     fine = _counts(layout)
     seen = (
         tuple(one.gap for one in layout.sight.sighted),
         _noise(layout),
         clusters_of_twins(layout),
         remaining(layout, spacing if finest != spacing else None),
+        tuple(meetings(layout, spacing)),
     )
     progress("rehearsal", 0.7 if finest != spacing else 1.0)
     if finest == spacing:
-        check_effect(scene, layout)
+        check_given(scene, layout)
         return Counts(_summed(fine), True, *seen)
     spacings = [finest, 2 * finest, 4 * finest]
     rehearsed = [fine, *(_counts(lay_out(scene, coarse, **options)) for coarse in spacings[1:])]

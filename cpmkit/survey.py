@@ -170,7 +170,8 @@ def _mixtures(seen: _Survey, explained: Floats) -> list[Remainder]:
         reach = reach_of(seen.band.dim, seen.band.degree) * h
         gaps = gaps.take(_nearest(explained, gaps.places)[0] > reach)
     close = gaps.narrower(PARTED * seen.spacing)
-    unseen = unseen_gaps(seen.band, seen.layout.surface.source.exact).narrower(PARTED * seen.spacing)
+    surface = seen.layout.surface
+    unseen = unseen_gaps(seen.band, surface.source.exact, len(surface.members) > 1).narrower(PARTED * seen.spacing)
     lost = gaps.take(gaps.width >= PARTED * h)
     found = []
     width, places = np.concatenate([close.width, unseen.width]), np.concatenate([close.places, unseen.places])

@@ -1,4 +1,4 @@
-"""Derivatives of formulas are right to rounding, of what has kinks between the kinks, and cost in proportion to length."""
+"""Derivatives of formulas are right to rounding, of what has kinks between the kinks; cost grows with length."""
 
 import time
 

@@ -25,7 +25,7 @@ SPACE = 3
 PAST = 0.05
 
 
-def check_effect(scene: Scene, layout: Layout) -> None:
+def check_given(scene: Scene, layout: Layout) -> None:
     """Refuse what a scene gives and the layout does not use; no closest point is asked for unless something is refused.
 
     Raises

@@ -12,7 +12,7 @@ from cpmkit.boundary.frame import Frame, Sighted
 from cpmkit.boundary.ghosts import Sight
 from cpmkit.conditions import Dirichlet
 from cpmkit.grid.lattice import Lattice
-from cpmkit.protocols import SIDES, Bools, BoundarySet, Floats
+from cpmkit.protocols import SIDES, BoundarySet, Floats
 from cpmkit.scene_data import evaluate_data
 
 #: Around a crossing of four different values the solution is off within so many spacings (by the jump; outside twice
@@ -22,6 +22,8 @@ DISTURBED = 4.0
 LOOK = 4.0
 #: Boundaries nearer than this many spacings enclose a strip in which no stencil finds room.
 STRIP = 1.0
+#: Boundaries nearer than this many spacings, at so many places of curves, are at the same place.
+SAME_PLACE, ALONG = 1e-3, 3
 #: Data that differ by more than this share of their size are different.
 DIFFERENT = 1e-6
 
@@ -58,12 +60,18 @@ class Strip:
         Where they are nearest, in the scene's coordinates.
     width : float
         Their least distance.
+    coincide : bool
+        True where they are at the same place.
+    reversed : bool
+        True where the left of one is on the right of the other.
     """
 
     first: int
     second: int
     point: Floats
     width: float
+    coincide: bool = False
+    reversed: bool = False
 
 
 def encounters(
@@ -78,7 +86,8 @@ def encounters(
         met = _feet_beside(sight.sighted[second], thinned[first], lattice.spacing)
         if met is None:
             continue
-        feet, distance, signed, aligned = met
+        feet, distance, signed, along = met
+        aligned = np.abs(along) > ALONGSIDE
         crossing = _crossing_point(feet, signed, lattice.spacing)
         if crossing is not None:
             point = lattice.to_scene(crossing[None])
@@ -89,7 +98,9 @@ def encounters(
         if len(beside):
             nearest = beside[distance[beside].argmin()]
             point = lattice.to_scene(feet[nearest][None])[0]
-            strips.append(Strip(first, second, point, float(distance[nearest])))
+            same = np.count_nonzero(aligned & (distance < SAME_PLACE * lattice.spacing))
+            coincide = bool(same >= min(ALONG, len(distance)))
+            strips.append(Strip(first, second, point, float(distance[nearest]), coincide, bool(along[nearest] < 0)))
     return crossings, strips
 
 
@@ -99,15 +110,15 @@ def _thinned(frame: Frame, spacing: float) -> Frame:
     return frame.take(np.sort(first))
 
 
-def _feet_beside(other: Sighted, own: Frame, spacing: float) -> tuple[Floats, Floats, Floats, Bools] | None:
-    """Return points of one boundary near another: feet (k, d), distance, signed distance, and whether aligned."""
+def _feet_beside(other: Sighted, own: Frame, spacing: float) -> tuple[Floats, Floats, Floats, Floats] | None:
+    """Return points of one boundary near another: feet (k, d), distance, signed distance, cosine of the conormals."""
     seen = other.frame(own.foot, LOOK * spacing, spacing)
     inside = ~seen.end & ~own.end[seen.rows]
     if not inside.any():
         return None
     rows = seen.rows[inside]
-    aligned = np.abs(np.sum(own.left[rows] * seen.left[inside], axis=1)) > ALONGSIDE
-    return own.foot[rows], seen.distance[inside], seen.signed[inside], aligned
+    along = np.sum(own.left[rows] * seen.left[inside], axis=1)
+    return own.foot[rows], seen.distance[inside], seen.signed[inside], along
 
 
 def _crossing_point(feet: Floats, signed: Floats, spacing: float) -> Floats | None:
