@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 
 from cpmkit.arrays import as_vector, positive
+from cpmkit.boundary.alike import alike
+from cpmkit.boundary.left import Left, find_left
 from cpmkit.conditions import KINDS, Condition, Neumann
 from cpmkit.errors import InputError, ResolutionError, SceneError
 from cpmkit.grid.lattice import Lattice
@@ -80,6 +82,8 @@ class Boundary:
                 raise SceneError(
                     f"boundary {self.name!r}: `{side}` must be {_named(accepted)}, got {getattr(self, side)!r}."
                 )
+        if alike(self.left, self.right):  # equal data on both sides need no left
+            object.__setattr__(self, "right", self.left)
         check_source(self.source, f"boundary {self.name!r}")
         if self.left_of is None:
             object.__setattr__(self, "left_of", getattr(self.source, "left_of", None))
@@ -162,6 +166,20 @@ class Scene:
     def edge_conditions(self) -> list[Condition]:
         """The condition of the edge, or those of all its loops."""
         return list(self.edge.values()) if isinstance(self.edge, Mapping) else [self.edge]
+
+    def left(self, boundary: BoundarySet, dimension: int) -> Left:
+        """Return what tells the left of one of the boundaries, where the manifold has ``dimension``.
+
+        It is found once: all spacings, lattices and levels share it.
+        """
+        key = (id(boundary), dimension)  # the scene keeps its boundaries alive
+        if key not in self._lefts:
+            self._lefts[key] = find_left(boundary, self.surface, dimension)
+        return self._lefts[key]
+
+    @cached_property
+    def _lefts(self) -> dict[tuple[int, int], Left]:
+        return {}
 
     def _conditions(self) -> list[tuple[str, Condition]]:
         conditions = [

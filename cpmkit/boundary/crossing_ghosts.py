@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cpmkit.boundary.alike import alike
 from cpmkit.boundary.formulas import is_dirichlet
 from cpmkit.boundary.frame import Frame, Sighted
 from cpmkit.conditions import Condition
@@ -59,7 +60,7 @@ class Crossing:
         """Return each condition with the ghosts that carry it: a node on the right has a ghost of the left."""
         boundary, seen = self.boundaries[self.index], self.seen
         left, right = boundary.condition("left"), boundary.condition("right")
-        if left is right:
+        if alike(left, right):
             return [(left, np.arange(len(seen.rows)))]
         return [(left, np.flatnonzero(seen.signed < 0)), (right, np.flatnonzero(seen.signed >= 0))]
 
@@ -78,7 +79,7 @@ class Crossing:
 
 def _holds_one_value(boundary: BoundarySet) -> bool:
     """Tell whether the solution is continuous across a boundary because both sides hold the same value there."""
-    return boundary.condition("left") is boundary.condition("right") and is_dirichlet(boundary.condition("left"))
+    return is_dirichlet(boundary.condition("left")) and alike(boundary.condition("left"), boundary.condition("right"))
 
 
 def beyond_another(crossing: Crossing, rows: Ints, points: Floats, reach: float, spacing: float) -> Bools:

@@ -4,7 +4,7 @@ For a surface point z and a boundary C: y = cp_S(cp_C(z)), snapped to the surfac
 travel of C at y, v = n x t, which points to the left; in an area of the plane n is the third axis, and in a
 solid in space v is the normal of the surface C. The side of a point is decided here once, as the
 director D, and used everywhere: two points are on opposite sides where D_i . D_j < 0. D is (z - y) . v
-times n, which is local and does not see the sign of n; or times one fixed vector, where that sign is known.
+times one fixed vector, or times n, which is local and does not see the sign of n, where that comes back reversed.
 """
 
 from __future__ import annotations
@@ -15,9 +15,10 @@ from functools import cached_property
 
 import numpy as np
 
-from cpmkit.boundary.orientation import AS_GIVEN, Orientation
+from cpmkit.boundary.conormal import axis_and_left
+from cpmkit.boundary.left import Left
 from cpmkit.boundary.own_sheet import NEAR, BoundaryOnSheets, Placed
-from cpmkit.boundary.tangent_space import normals, outward_conormals, project_tangent, tangents
+from cpmkit.boundary.tangent_space import outward_conormals, project_tangent
 from cpmkit.grid.sheets import Sheets
 from cpmkit.localized import Localized
 from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
@@ -112,10 +113,8 @@ class Sighted:
         Where the boundary lies, relative to the lattice's origin.
     surface : Localized
         The manifold it lies in.
-    across : Orientation
-        Signs of the surface's normals (of its tangents, where the surface is a curve) along the boundary.
-    along : Orientation
-        Signs of the boundary's own tangents; of its normals, where it is a surface.
+    named : Left
+        What tells its left, relative to the lattice's origin.
     dimension : int
         Of the manifold along the boundary.
     gap : float
@@ -130,8 +129,7 @@ class Sighted:
 
     source: Localized
     surface: Localized
-    across: Orientation
-    along: Orientation
+    named: Left
     dimension: int
     gap: float
     samples: Floats
@@ -142,6 +140,11 @@ class Sighted:
     def has_sides(self) -> bool:
         """True where the boundary cuts the manifold in two locally: it has one dimension less."""
         return self.source.manifold_dim == self.dimension - 1
+
+    @property
+    def has_left(self) -> bool:
+        """True where the boundary has sides, and which of them is left is the same all along it."""
+        return self.has_sides and self.named.known
 
     @cached_property
     def on_sheets(self) -> BoundaryOnSheets | None:
@@ -169,14 +172,14 @@ class Sighted:
             nowhere = np.zeros(len(rows), dtype=bool)
             unsigned, flat = np.full(len(rows), np.nan), np.zeros(len(rows))
             return Frame(rows, on.points, nowhere, distance, unsigned, 0 * away, director, flat)
-        axis, left = self._axis_and_left(on, feet, 0.5 * spacing)
+        axis, left = axis_and_left(self.source, self.surface, self.named.signs, on, feet, 0.5 * spacing)
         signed = np.sum(away * left, axis=1)
         if way is not None:
             signed = np.where(np.abs(signed) < UNCLEAR * distance, np.sum(way * left, axis=1), signed)
         signed = np.where(np.abs(signed) < ON_BOUNDARY * spacing, ON_BOUNDARY * spacing, signed)
         on_surface = self.dimension == 2 and self.surface.dim == 3
         lift = np.abs(np.sum(away * axis, axis=1)) if on_surface else np.zeros(len(rows))
-        director = signed[:, None] * (FIRST_AXIS[: self.surface.dim] if self.signs_known else axis)
+        director = signed[:, None] * self._director_axis(axis, left)
         end = self._open_ends(feet, on, spacing)
         frame = Frame(rows, on.points, end, distance, signed, left, director, lift)
         if way is None:
@@ -212,36 +215,16 @@ class Sighted:
             director[np.flatnonzero(touching)[longer]] = ON_BOUNDARY * spacing * tangent[longer]
         return director
 
-    @property
-    def signs_known(self) -> bool:
-        """True where the source's own normals (a curve's own tangents) say everywhere which side is left.
+    def _director_axis(self, axis: Floats, left: Floats) -> Floats:
+        """Return the vectors, (d,) or (n, d), whose multiples by (z - y) . v are the directors.
 
-        Then the sign of (z - y) . v is the director, times one vector for all points. Differs from
-        King et al. (2024), section 4.2, and from D = ((z - y) . v) n, which compare vectors at two points:
-        where the normals there differ by more than a right angle (a tube two spacings thick, a steep ridge
-        under a curve) points of one side seem to face each other, and values bleed across the curve.
+        Where signs agree all along the boundary, the sign of (z - y) . v is the director, times one vector for all
+        points. Differs from King et al. (2024), section 4.2, and from D = ((z - y) . v) n, which compare vectors at two
+        points: where the normals there differ by more than a right angle (a tube two spacings thick, a steep ridge
+        under a curve, a bare sphere at a spacing of a fifth of its radius) points of one side seem to face each other,
+        and values bleed across the curve. Where the normal comes back reversed, that is D; where the direction of
+        travel does, D = ((z - y) . v) v, which sees the sign of neither.
         """
-        if self.dimension == self.surface.dim or self.source.has_left:
-            return True
-        return self.surface.knows_directions(self.dimension) and self.across is AS_GIVEN
-
-    def _axis_and_left(self, on: ClosestPoints, feet: ClosestPoints, step: float) -> tuple[Floats, Floats]:
-        """Return n and the conormal v at feet on the boundary; where n is not needed, v again."""
-        if self.dimension == self.surface.dim:
-            left = self._left_in_solid(feet, step)
-            return left, left
-        if self.dimension == 1:
-            left = -self.across.apply(on.points, tangents(self.surface, on, step))
-            return left, left
-        n = self.across.apply(on.points, normals(self.surface, on, step))
-        if self.source.has_left:
-            return n, self.source.leftward(feet)
-        left = np.cross(n, self.along.apply(feet.points, tangents(self.source, feet, step)))
-        return n, left / np.linalg.norm(left, axis=1, keepdims=True)
-
-    def _left_in_solid(self, feet: ClosestPoints, step: float) -> Floats:
-        """Return v at feet on a curve in an area of the plane, or on a surface in a solid in space."""
-        if self.surface.dim == 3:
-            return self.along.apply(feet.points, normals(self.source, feet, step))
-        tangent = self.along.apply(feet.points, tangents(self.source, feet, step))
-        return np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
+        if self.named.known:
+            return FIRST_AXIS[: self.surface.dim]
+        return axis if self.named.travels else left

@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import SceneError
-from cpmkit.protocols import Floats, Ints
+from cpmkit.protocols import Bools, Floats, Ints
+
+#: Samples within so many times their spacing may be neighbours.
+REACH = 2.5
+#: Neighbours on a curve lie ahead or behind: the least cosine between the chord and the tangents at both.
+AHEAD = 0.25
+#: The chord of two points nearer than this share of the spacing tells nothing.
+SHORT = 0.02
+#: Neighbours whose directions agree by less than this (cosine, after the turn on the way) are not sure of each other.
+SURE = 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,74 +31,160 @@ class Orientation:
         Samples of the boundary; None where the source's own signs are used as they are.
     directions : (s, d) float64 or None
         Directions at the samples, neighbours agreeing.
+    spacing : float
+        Distance of the samples.
+    travel : bool
+        True where the directions are tangents of a curve, False where they are normals.
     """
 
     points: Floats | None = None
     directions: Floats | None = None
+    spacing: float = 0.0
+    travel: bool = False
 
     def apply(self, points: Floats, directions: Floats) -> Floats:
         """Return ``directions`` (n, d) at ``points`` (n, d) with the sign of the nearest sample."""
         if self.points is None or self.directions is None:
             return directions
-        from scipy.spatial import cKDTree
-
-        nearest = cKDTree(self.points).query(points)[1]
-        agree = np.sum(directions * self.directions[nearest], axis=1) >= 0
+        nearest = self._tree.query(points)[1]
+        chord = points - self.points[nearest]
+        carried = transported(self.directions[nearest], chord, SHORT * self.spacing, self.travel)
+        agree = np.sum(directions * carried, axis=1) >= 0
         return np.where(agree[:, None], directions, -directions)
 
-    def reversed(self) -> Orientation:
-        """Return the opposite signs."""
-        return Orientation(self.points, None if self.directions is None else -self.directions)
+    def moved(self, offset: Floats) -> Orientation:
+        """Return the same signs along the boundary moved by ``offset`` (d,)."""
+        return self if self.points is None else replace(self, points=self.points + offset)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Orientation]) -> Orientation:
+        """Return the signs along several parts of a boundary as one; all parts are sampled."""
+        points, directions = ([getattr(part, name) for part in parts] for name in ("points", "directions"))
+        spacing = min(part.spacing for part in parts)
+        return cls(np.concatenate(points), np.concatenate(directions), spacing, parts[0].travel)
+
+    @cached_property
+    def _tree(self) -> Any:
+        from scipy.spatial import cKDTree
+
+        return cKDTree(self.points)
 
 
 #: The signs that the source gives.
 AS_GIVEN = Orientation()
 
 
-def carry(points: Floats, directions: Floats, spacing: float, name: str) -> Orientation:
-    """Return signs for ``directions`` (s, d) at samples ``points`` such that neighbouring samples agree.
+def transported(directions: Floats, chords: Floats, short: float, travel: bool) -> Floats:
+    """Return ``directions`` (n, d) carried over ``chords`` (n, d), turned as a circular arc with that chord turns them.
 
-    The sign of each connected piece is chosen so that the largest component of its first sample is
-    positive.
-
-    Raises
-    ------
-    SceneError
-        If the direction comes back reversed along the boundary: it then has no left.
+    That is their mirror image in the plane across the chord; of a tangent the opposite. It is right to third order
+    on a smooth curve or surface, and right to the sign at a corner or crease of up to 150 degrees, where the two
+    directions themselves may point apart.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import breadth_first_order, connected_components
+    length = np.linalg.norm(chords, axis=1, keepdims=True)
+    unit = chords / np.where(length > 0, length, 1.0)
+    mirrored = directions - 2 * np.sum(directions * unit, axis=1, keepdims=True) * unit
+    return np.where(length <= short, directions, -mirrored if travel else mirrored)
+
+
+def neighbours(points: Floats, spacing: float, tangents: Floats | None) -> Ints:
+    """Return the pairs (k, 2) of samples that follow each other; on a curve, with ``tangents`` of any sign."""
     from scipy.spatial import cKDTree
 
-    pairs = cKDTree(points).query_pairs(2.5 * spacing, output_type="ndarray").astype(np.int64)
-    signs = np.sign(np.sum(directions[pairs[:, 0]] * directions[pairs[:, 1]], axis=1))
-    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points), len(points))).tocsr()
-    count, label = connected_components(graph, directed=False)
-    sign = np.ones(len(points))
-    for piece in range(count):
-        members = np.flatnonzero(label == piece)
-        _, parent = breadth_first_order(graph, members[0], directed=False)
-        sign[members] = _signs_from_root(directions, members, np.asarray(parent, dtype=np.int64))
-        first = directions[members[0]]
-        if sign[members[0]] * first[np.argmax(np.abs(first))] < 0:
-            sign[members] *= -1
-    if np.any(sign[pairs[:, 0]] * sign[pairs[:, 1]] * signs < 0):
-        raise SceneError(
-            f"boundary {name!r} has no left side: the surface's normal comes back reversed along it; "
-            "give one condition for both sides."
-        )
-    return Orientation(points, directions * sign[:, None])
+    pairs: Ints = cKDTree(points).query_pairs(REACH * spacing, output_type="ndarray").astype(np.int64)
+    if tangents is None or not len(pairs):
+        return pairs
+    chord = points[pairs[:, 1]] - points[pairs[:, 0]]
+    length = np.linalg.norm(chord, axis=1)
+    ahead = [np.abs(np.sum(chord * tangents[pairs[:, end]], axis=1)) >= AHEAD * length for end in (0, 1)]
+    return np.asarray(pairs[ahead[0] & ahead[1]])
 
 
-def _signs_from_root(directions: Floats, members: Ints, parent: Ints) -> Floats:
-    """Return each member's sign relative to the root of a spanning tree, by doubling steps towards the root."""
-    place = np.full(len(directions), -1)
+@dataclass(frozen=True, eq=False)
+class Carried:
+    """Directions whose signs were carried from sample to sample.
+
+    Attributes
+    ----------
+    directions : (s, d) float64
+    piece : (s,) int64
+        The connected piece of each sample; between pieces nothing is carried.
+    sure : bool
+        True where all neighbours that signs were carried between agree well: denser samples would change nothing.
+    consistent : bool
+        False where the direction comes back reversed on some way round.
+    """
+
+    directions: Floats
+    piece: Ints
+    sure: bool
+    consistent: bool
+
+
+def carry(points: Floats, directions: Floats, pairs: Ints, spacing: float, travel: bool) -> Carried:
+    """Give ``directions`` (s, d) at samples ``points`` signs that agree, over the surest of the ``pairs`` first."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
+
+    count = len(points)
+    first, second = pairs.T
+    moved = transported(directions[first], points[second] - points[first], SHORT * spacing, travel)
+    agreement = np.sum(moved * directions[second], axis=1)
+    weight = 1.001 - np.minimum(np.abs(agreement), 1.0)  # zero would be no link
+    tree = minimum_spanning_tree(csr_array((weight, (first, second)), shape=(count, count)))
+    pieces, piece = connected_components(tree, directed=False)
+    sign = np.ones(count)
+    for number in range(pieces):
+        members = np.flatnonzero(piece == number)
+        _, parent = breadth_first_order(tree, members[0], directed=False)
+        above = np.where(parent[members] < 0, members, parent[members]).astype(np.int64)
+        over = transported(directions[above], points[members] - points[above], SHORT * spacing, travel)
+        agrees = (np.sum(over * directions[members], axis=1) >= 0) | (above == members)
+        sign[members] = _signs_from_root(agrees, members, above)
+    clear = np.abs(agreement) >= SURE
+    consistent = not np.any((sign[first] * sign[second] * agreement < 0) & clear)
+    sure = bool(1.001 - tree.data.max(initial=0.0) >= SURE)
+    return Carried(directions * sign[:, None], np.asarray(piece, dtype=np.int64), sure, consistent)
+
+
+def _signs_from_root(agrees: Bools, members: Ints, above: Ints) -> Floats:
+    """Return each member's sign relative to the root of a spanning tree, by doubling steps towards the root.
+
+    ``agrees`` (m,) tells which of the ``members`` (m,) have the sign of those ``above`` them, the root of itself.
+    """
+    place = np.empty(int(members.max()) + 1, dtype=np.int64)
     place[members] = np.arange(len(members))
-    up = np.where(parent[members] < 0, np.arange(len(members)), place[np.maximum(parent[members], 0)])
-    agrees = np.sum(directions[members] * directions[members][up], axis=1) >= 0
-    sign = np.where(agrees, 1.0, -1.0)
+    sign, up = np.where(agrees, 1.0, -1.0), place[above]
     while True:
         further = up[up]
         if np.array_equal(further, up):
             return sign
         sign, up = sign * sign[up], further
+
+
+def by_rule(points: Floats, directions: Floats, centre: Floats, travel: bool) -> float:
+    """Return the sign that a rule gives to ``directions`` (s, d) of one piece, whatever the lattice.
+
+    Normals point away from ``centre`` (d,), tangents run counter-clockwise about the axis that has the largest share;
+    where that is undecided, the largest component of their mean, or else of the first, is positive.
+    """
+    away = points - centre
+    moments = [directions.mean(axis=0), directions[np.lexsort(points.T)[0]]]
+    if travel:
+        turning = np.cross(away, directions) if points.shape[1] == 3 else away[:, :1] * directions[:, 1:]
+        if points.shape[1] == 2:
+            turning = turning - away[:, 1:] * directions[:, :1]
+        moments.insert(1, turning.mean(axis=0) / _size(away))
+    else:
+        moments.insert(0, np.array([np.sum(away * directions, axis=1).mean() / _size(away)]))
+    decided = next((moment for moment in moments if np.abs(moment).max() > 0.05), moments[-1])
+    return -1.0 if decided[np.argmax(np.abs(decided))] < 0 else 1.0
+
+
+def _size(away: Floats) -> float:
+    return float(np.linalg.norm(away, axis=1).max()) or 1.0
+
+
+def piece_masks(piece: Ints) -> list[Bools]:
+    """Return which samples belong to each piece."""
+    return [piece == number for number in range(int(piece.max(initial=-1)) + 1)]

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
 
 import numpy as np
 
+from cpmkit.boundary.alike import alike, sides_differ
 from cpmkit.boundary.frame import Sighted
-from cpmkit.boundary.orientation import AS_GIVEN, Orientation, carry
-from cpmkit.boundary.tangent_space import normals, tangents
+from cpmkit.boundary.left import Left
 from cpmkit.errors import SceneError
 from cpmkit.grid.band import surface_cells
 from cpmkit.grid.lattice import Lattice
@@ -17,7 +17,13 @@ from cpmkit.protocols import BoundarySet, ClosestPoints, Floats
 from cpmkit.special_conditions import Transmission
 
 
-def sight(boundary: BoundarySet, surface: Localized, lattice: Lattice, radius: float) -> Sighted:
+def sight(
+    boundary: BoundarySet,
+    surface: Localized,
+    lattice: Lattice,
+    radius: float,
+    find_left: Callable[[BoundarySet, int], Left],
+) -> Sighted:
     """Return ``boundary`` as the lattice sees it.
 
     Parameters
@@ -30,6 +36,8 @@ def sight(boundary: BoundarySet, surface: Localized, lattice: Lattice, radius: f
         Its origin and spacing.
     radius : float
         How far the boundary may be from the surface: the radius of the tube.
+    find_left : callable
+        Of a boundary and the manifold's dimension there; :meth:`cpmkit.Scene.left` keeps what it found.
 
     Raises
     ------
@@ -40,21 +48,51 @@ def sight(boundary: BoundarySet, surface: Localized, lattice: Lattice, radius: f
     samples = _samples(boundary.name, source, surface, lattice.spacing)
     on = surface.closest_point(samples)
     dimension = _dimension(boundary.name, source, surface, on)
-    along = _along(source, samples, lattice.spacing, boundary.name)
     gap = _gap(boundary.name, on, radius)
-    sighted = Sighted(source, surface, AS_GIVEN, along, dimension, gap, samples, lattice.spacing)
-    one_condition = boundary.condition("left") is boundary.condition("right")
-    if one_condition and not isinstance(boundary.condition("left"), Transmission):
-        return sighted
-    if not sighted.has_sides:
+    left = find_left(boundary, dimension)
+    surface.queries["points"] += left.queries[0]
+    source.queries["points"] += left.queries[1]
+    sighted = Sighted(source, surface, left.seen_from(lattice.origin), dimension, gap, samples, lattice.spacing)
+    _check_sides(boundary, sighted)
+    return sighted
+
+
+def _check_sides(boundary: BoundarySet, sighted: Sighted) -> None:
+    """Refuse conditions that differ between sides that the boundary does not have, or that chance would name."""
+    on_left, on_right = boundary.condition("left"), boundary.condition("right")
+    if not sighted.has_sides and not (alike(on_left, on_right) and not isinstance(on_left, Transmission)):
         raise SceneError(
-            f"boundary {boundary.name!r} has dimension {source.manifold_dim} where the manifold has {dimension}, so it "
-            "has no left and right; give `both`, one of Dirichlet, Neumann or Robin."
+            f"boundary {boundary.name!r} has dimension {sighted.source.manifold_dim} where the manifold has "
+            f"{sighted.dimension}, so it has no left and right; give `both`, one of Dirichlet, Neumann or Robin."
         )
-    across = _across(source, surface, on, dimension, lattice.spacing, boundary.name)
-    sighted = replace(sighted, across=across)
-    given = across is AS_GIVEN and along is AS_GIVEN
-    return sighted if given else _turned(sighted, boundary, lattice)
+    if not sighted.has_sides:
+        return
+    if not sighted.named.known and (isinstance(on_left, Transmission) or not alike(on_left, on_right)):
+        raise SceneError(
+            f"boundary {boundary.name!r} has no left side: the surface's normal or the boundary's direction comes back "
+            "reversed along it; give one condition for both sides."
+        )
+    if sighted.named.beside is not None and sides_differ(on_left, on_right):
+        one, other = (_shown_point(point) for point in sighted.named.beside)
+        raise SceneError(
+            f"boundary {boundary.name!r} has unlike conditions on its sides, and nothing says which side is left: "
+            f"{_missing(sighted)}; give left_of, a point on the left, here {one} for one side or {other} for the other."
+        )
+
+
+def _shown_point(point: Floats) -> str:
+    return str([float(f"{x:.4g}") for x in point])
+
+
+def _missing(sighted: Sighted) -> str:
+    """Say which directions the sources of a boundary and its surface do not give."""
+    source, surface, dimension = sighted.source, sighted.surface, sighted.dimension
+    missing = []
+    if dimension < surface.dim and not surface.knows_directions(dimension):
+        missing.append(f"the manifold has no {'tangents' if dimension == 1 else 'normals'} of its own")
+    if source.manifold_dim and not source.knows_directions(source.manifold_dim):
+        missing.append(f"the boundary has no {'tangents' if source.manifold_dim == 1 else 'normals'} of its own")
+    return " and ".join(missing)
 
 
 def _samples(name: str, source: Localized, surface: Localized, spacing: float) -> Floats:
@@ -96,36 +134,3 @@ def _gap(name: str, on: ClosestPoints, radius: float) -> float:
             f"{radius:.3g}; move it onto the surface, or check its unit of length."
         )
     return gap
-
-
-def _along(source: Localized, samples: Floats, spacing: float, name: str) -> Orientation:
-    """Return signs for a boundary that does not orient itself: of a curve's tangents, or a surface's normals."""
-    if source.manifold_dim == 0 or source.knows_directions(source.manifold_dim or 0):
-        return AS_GIVEN
-    ask = tangents if source.manifold_dim == 1 else normals
-    return carry(samples, ask(source, source.closest_point(samples), 0.5 * spacing), spacing, name)
-
-
-def _across(
-    source: Localized, surface: Localized, on: ClosestPoints, dimension: int, spacing: float, name: str
-) -> Orientation:
-    """Return signs for a manifold that does not orient itself, along the boundary.
-
-    A solid needs none, nor does a boundary that knows its left.
-    """
-    if dimension == surface.dim or source.has_left or surface.knows_directions(dimension):
-        return AS_GIVEN
-    ask = tangents if dimension == 1 else normals
-    return carry(on.points, ask(surface, on, 0.5 * spacing), spacing, name)
-
-
-def _turned(sighted: Sighted, boundary: BoundarySet, lattice: Lattice) -> Sighted:
-    """Return ``sighted`` with the sign that its sources leave open chosen such that ``left_of`` is on the left."""
-    if boundary.left_of is None:
-        return sighted
-    point = sighted.surface.closest_point(lattice.to_local(np.atleast_2d(boundary.left_of))).points
-    if sighted.frame(point, np.inf, lattice.spacing).signed[0] > 0:
-        return sighted
-    if sighted.across is not AS_GIVEN:
-        return replace(sighted, across=sighted.across.reversed())
-    return replace(sighted, along=sighted.along.reversed())

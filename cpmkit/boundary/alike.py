@@ -1,0 +1,42 @@
+"""Whether two conditions say the same: a boundary with the same on both sides needs no left."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from cpmkit.special_conditions import Transmission
+
+
+def alike(first: Any, second: Any) -> bool:
+    """Tell whether two conditions are of one kind with equal numbers, equal formulas or the same callables."""
+    if first is second:
+        return True
+    if type(first) is not type(second):
+        return False
+    return all(_equal(getattr(first, field.name), getattr(second, field.name)) for field in fields(first))
+
+
+def sides_differ(left: Any, right: Any) -> bool:
+    """Tell whether it matters which side of a boundary is called left.
+
+    Where both hold one condition it does not, nor across a contact that is the same from both sides. A condition that
+    is a step of another's solution counts as that.
+    """
+    if isinstance(left, Transmission):
+        return not (left.left == left.right and _equal(left.jump, 0.0))
+    return not alike(getattr(left, "stands_for", left), getattr(right, "stands_for", right))
+
+
+def _equal(first: Any, second: Any) -> bool:
+    if first is second:
+        return True
+    if callable(first) or callable(second):
+        return callable(first) and callable(second) and bool(first == second)
+    if isinstance(first, (list, tuple)) and isinstance(second, (list, tuple)):
+        return len(first) == len(second) and all(map(_equal, first, second))
+    if first is None or second is None:
+        return False
+    return np.array_equal(np.asarray(first), np.asarray(second))

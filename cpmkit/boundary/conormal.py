@@ -1,0 +1,52 @@
+"""The normal of a manifold and the conormal to the left, at feet on a boundary."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.boundary.orientation import Orientation
+from cpmkit.boundary.tangent_space import normals, tangents
+from cpmkit.localized import Localized
+from cpmkit.protocols import ClosestPoints, Floats
+
+
+def axis_and_left(
+    source: Localized,
+    surface: Localized,
+    signs: tuple[Orientation, Orientation],
+    on: ClosestPoints,
+    feet: ClosestPoints,
+    step: float,
+) -> tuple[Floats, Floats]:
+    """Return n (n, d) and the conormal v (n, d) that points to the left; where n is not needed, v again.
+
+    Parameters
+    ----------
+    source, surface : Localized
+        The boundary, of one dimension less than the manifold there, and the manifold.
+    signs : pair of Orientation
+        Across: of the manifold's normals, of its tangents where it is a curve. Along: of the boundary's own tangents,
+        of its normals where it is a surface.
+    on, feet : ClosestPoints
+        The manifold's and the boundary's own records of the feet.
+    step : float
+        Of differences.
+    """
+    across, along = signs
+    dimension = (source.manifold_dim or 0) + 1
+    if dimension == 2 and surface.dim == 3:
+        n = across.apply(on.points, normals(surface, on, step))
+        if source.has_left:
+            return n, source.leftward(feet)
+        left = np.cross(n, along.apply(feet.points, tangents(source, feet, step)))
+        return n, left / np.linalg.norm(left, axis=1, keepdims=True)
+    if source.has_left:
+        left = source.leftward(feet)
+    elif dimension == 1:
+        left = -across.apply(on.points, tangents(surface, on, step))
+    elif dimension == 3:
+        left = along.apply(feet.points, normals(source, feet, step))
+    else:
+        tangent = along.apply(feet.points, tangents(source, feet, step))
+        left = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
+    return left, left
