@@ -208,6 +208,8 @@ def _boundary_parts(scene: Scene, counts: Counts, order: int, spacing: float) ->
         why = f"second unknowns that continue each side across it: {sides}, order {order}"
         if counts.gaps[number] > TOLD_GAP * spacing:
             why += f"; snapped by up to {counts.gaps[number]:.3g}"
+        if counts.lefts[number]:
+            why += f"; {counts.lefts[number]}"
         parts.append(Part(f"ghosts of {boundary.name!r}", f"{counts[f'ghosts {number}']:,}", why))
     return parts
 

@@ -47,6 +47,8 @@ class Counts:
         True where it was laid out at the spacing itself.
     gaps : tuple of float
         By how much each boundary was snapped to the manifold.
+    lefts : tuple of str
+        What names the left of each boundary, where its sources do not; else empty.
     noise : float
         How far feet move when they are asked again, at most.
     doubled : tuple of Cluster
@@ -60,6 +62,7 @@ class Counts:
     values: Mapping[str, float]
     exact: bool
     gaps: tuple[float, ...]
+    lefts: tuple[str, ...]
     noise: float
     doubled: tuple[Cluster, ...] = ()
     remains: tuple[Remainder, ...] = ()
@@ -80,6 +83,7 @@ def count(scene: Scene, spacing: float, progress: Progress = nothing, **options:
     fine = _counts(layout)
     seen = (
         tuple(one.gap for one in layout.sight.sighted),
+        tuple(one.left_told for one in layout.sight.sighted),
         _noise(layout),
         clusters_of_twins(layout),
         remaining(layout, spacing if finest != spacing else None),

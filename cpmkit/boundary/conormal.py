@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cpmkit.boundary.orientation import Orientation
-from cpmkit.boundary.tangent_space import normals, tangents
+from cpmkit.boundary.tangent_space import normals, tangents, tangents_and_corners
 from cpmkit.localized import Localized
 from cpmkit.protocols import ClosestPoints, Floats
 
@@ -38,7 +38,7 @@ def axis_and_left(
         n = across.apply(on.points, normals(surface, on, step))
         if source.has_left:
             return n, source.leftward(feet)
-        left = np.cross(n, along.apply(feet.points, tangents(source, feet, step)))
+        left = np.cross(n, _travel(source, along, feet, step))
         return n, left / np.linalg.norm(left, axis=1, keepdims=True)
     if source.has_left:
         left = source.leftward(feet)
@@ -47,6 +47,15 @@ def axis_and_left(
     elif dimension == 3:
         left = along.apply(feet.points, normals(source, feet, step))
     else:
-        tangent = along.apply(feet.points, tangents(source, feet, step))
+        tangent = _travel(source, along, feet, step)
         left = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
     return left, left
+
+
+def _travel(source: Localized, along: Orientation, feet: ClosestPoints, step: float) -> Floats:
+    """Return the direction of travel (n, d) at feet on a curve; at a corner about the bisector of both directions."""
+    directions, corner = tangents_and_corners(source, feet, step)
+    directions = along.apply(feet.points, directions)
+    if along.points is not None and corner.any():
+        directions[corner] = along.mean(feet.points[corner])
+    return directions

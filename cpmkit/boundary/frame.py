@@ -33,6 +33,15 @@ UNCLEAR = 0.5
 #: The direction of a director whose sign alone counts.
 FIRST_AXIS = np.array([1.0, 0.0, 0.0])
 
+#: Of a surface and of a curve, in words.
+_DIRECTIONS = ("normals", "tangents")
+#: What names the left of a boundary, in words.
+_NAMED = {
+    "left_of": "left is named by left_of",
+    "rule": "left is named by a rule alone",
+    "nothing": "it has no left, their sign comes back reversed",
+}
+
 
 @dataclass(frozen=True, eq=False)
 class Frame:
@@ -145,6 +154,23 @@ class Sighted:
     def has_left(self) -> bool:
         """True where the boundary has sides, and which of them is left is the same all along it."""
         return self.has_sides and self.named.known
+
+    @property
+    def missing(self) -> str:
+        """The directions that the boundary and the manifold do not give, in words; empty where they give all."""
+        source, surface, missing = self.source, self.surface, []
+        if self.dimension < surface.dim and not surface.knows_directions(self.dimension):
+            missing.append(f"the manifold has no {_DIRECTIONS[self.dimension == 1]} of its own")
+        if source.manifold_dim and not source.knows_directions(source.manifold_dim):
+            missing.append(f"the boundary has no {_DIRECTIONS[source.manifold_dim == 1]} of its own")
+        return " and ".join(missing)
+
+    @property
+    def left_told(self) -> str:
+        """What names the left, and what is taken by differences; empty where the sources know it by themselves."""
+        if not self.has_sides or self.named.named_by == "source":
+            return ""
+        return f"{self.missing}: taken by differences, {_NAMED[self.named.named_by]}"
 
     @cached_property
     def on_sheets(self) -> BoundaryOnSheets | None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from cpmkit.boundary.conormal import axis_and_left
 from cpmkit.boundary.orientation import AS_GIVEN, Carried, Orientation, by_rule, carry, neighbours, piece_masks
-from cpmkit.boundary.tangent_space import normals, tangents
+from cpmkit.boundary.tangent_space import normals, tangents, tangents_and_corners
 from cpmkit.grid.band import cell_levels
 from cpmkit.localized import Localized, localize
 from cpmkit.protocols import Bools, BoundarySet, ClosestPoints, ClosestPointSource, Floats, HasMembers, Ints
@@ -138,7 +138,8 @@ class _Part:
     @classmethod
     def of(cls, source: Localized, surface: Localized, dimension: int) -> _Part:
         """Return it sampled densely enough, signs carried."""
-        for samples, spacing in _samplings(source, surface):
+        for found, spacing in _samplings(source, surface):
+            samples = _off_corners(source, found, 0.5 * spacing)
             on = surface.closest_point(samples.points)
             part, sure = cls._sampled(source, surface, dimension, samples, on, spacing)
             if sure:
@@ -253,6 +254,14 @@ def _samplings(source: Localized, surface: Localized) -> Iterator[tuple[ClosestP
         points = source.closest_point(np.asarray(cells * spacing, dtype=np.float64)).points
         _, kept = np.unique(np.round(points / (THINNED * spacing)), axis=0, return_index=True)
         yield source.closest_point(points[np.sort(kept)]), spacing
+
+
+def _off_corners(source: Localized, samples: ClosestPoints, step: float) -> ClosestPoints:
+    """Return the samples at which a curve has a direction; all, where it has none anywhere."""
+    if source.manifold_dim != 1 or source.has_tangents:
+        return samples
+    corner = tangents_and_corners(source, samples, step)[1]
+    return samples if corner.all() else samples.take(~corner)
 
 
 def _own_directions(surface: Localized, on: ClosestPoints, dimension: int) -> Bools:

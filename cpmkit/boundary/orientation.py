@@ -19,6 +19,10 @@ AHEAD = 0.25
 SHORT = 0.02
 #: Neighbours whose directions agree by less than this (cosine, after the turn on the way) are not sure of each other.
 SURE = 0.7
+#: Nor are those to which the chord between them leans more differently than this (cosine): a corner lies between them.
+LEVEL = 0.2
+#: Of so many samples around a point the one whose direction agrees best gives it the sign.
+ASKED = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,14 +47,25 @@ class Orientation:
     travel: bool = False
 
     def apply(self, points: Floats, directions: Floats) -> Floats:
-        """Return ``directions`` (n, d) at ``points`` (n, d) with the sign of the nearest sample."""
-        if self.points is None or self.directions is None:
+        """Return ``directions`` (n, d) at ``points`` (n, d) with the sign of the sample near by that agrees best."""
+        if self.points is None or self.directions is None or not len(points):
             return directions
-        nearest = self._tree.query(points)[1]
-        chord = points - self.points[nearest]
-        carried = transported(self.directions[nearest], chord, SHORT * self.spacing, self.travel)
-        agree = np.sum(directions * carried, axis=1) >= 0
-        return np.where(agree[:, None], directions, -directions)
+        count = min(ASKED, len(self.points))
+        near = np.reshape(self._tree.query(points, count)[1], (len(points), count))
+        chords = points[:, None] - self.points[near]
+        agreement: Floats = agreements(
+            self.directions[near], directions[:, None], chords, SHORT * self.spacing, self.travel
+        )
+        best = np.take_along_axis(agreement, np.abs(agreement).argmax(axis=1)[:, None], 1)
+        return np.asarray(np.where(best >= 0, directions, -directions))
+
+    def mean(self, points: Floats) -> Floats:
+        """Return the mean direction (n, d) of the samples nearest to ``points`` (n, d), of length one."""
+        assert self.directions is not None
+        count = min(ASKED, len(self.directions))
+        near = np.reshape(self._tree.query(points, count)[1], (len(points), count))
+        mean = self.directions[near].sum(axis=1)
+        return np.asarray(mean / np.linalg.norm(mean, axis=1, keepdims=True))
 
     def moved(self, offset: Floats) -> Orientation:
         """Return the same signs along the boundary moved by ``offset`` (d,)."""
@@ -74,17 +89,18 @@ class Orientation:
 AS_GIVEN = Orientation()
 
 
-def transported(directions: Floats, chords: Floats, short: float, travel: bool) -> Floats:
-    """Return ``directions`` (n, d) carried over ``chords`` (n, d), turned as a circular arc with that chord turns them.
+def agreements(first: Floats, second: Floats, chords: Floats, short: float, travel: bool) -> Floats:
+    """Return the cosine (...,) of the directions ``second`` with ``first`` carried over the chords, all (..., d).
 
-    That is their mirror image in the plane across the chord; of a tangent the opposite. It is right to third order
-    on a smooth curve or surface, and right to the sign at a corner or crease of up to 150 degrees, where the two
-    directions themselves may point apart.
+    A direction is turned as a circular arc with that chord turns it: to its mirror image in the plane across the
+    chord, or, of a tangent, the opposite of that. On a smooth curve or surface that is right to third order, and where
+    both lie equally far from a corner it is right there, too, though the two directions themselves point apart.
     """
-    length = np.linalg.norm(chords, axis=1, keepdims=True)
+    length = np.linalg.norm(chords, axis=-1, keepdims=True)
     unit = chords / np.where(length > 0, length, 1.0)
-    mirrored = directions - 2 * np.sum(directions * unit, axis=1, keepdims=True) * unit
-    return np.where(length <= short, directions, -mirrored if travel else mirrored)
+    plain = np.sum(first * second, axis=-1)
+    mirrored = plain - 2 * np.sum(first * unit, axis=-1) * np.sum(second * unit, axis=-1)
+    return np.asarray(np.where(length[..., 0] <= short, plain, -mirrored if travel else mirrored))
 
 
 def neighbours(points: Floats, spacing: float, tangents: Floats | None) -> Ints:
@@ -126,11 +142,13 @@ def carry(points: Floats, directions: Floats, pairs: Ints, spacing: float, trave
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
 
-    count = len(points)
-    first, second = pairs.T
-    moved = transported(directions[first], points[second] - points[first], SHORT * spacing, travel)
-    agreement = np.sum(moved * directions[second], axis=1)
-    weight = 1.001 - np.minimum(np.abs(agreement), 1.0)  # zero would be no link
+    count, (first, second) = len(points), pairs.T
+    chord = points[second] - points[first]
+    agreement = agreements(directions[first], directions[second], chord, SHORT * spacing, travel)
+    leaning = [np.abs(np.sum(chord * directions[end], axis=1)) for end in (first, second)]
+    length = np.maximum(np.linalg.norm(chord, axis=1), SHORT * spacing)
+    uneven = np.abs(leaning[0] - leaning[1]) / length
+    weight = 1.001 - np.minimum(np.abs(agreement), 1.0) + uneven  # zero would be no link
     tree = minimum_spanning_tree(csr_array((weight, (first, second)), shape=(count, count)))
     pieces, piece = connected_components(tree, directed=False)
     sign = np.ones(count)
@@ -138,12 +156,12 @@ def carry(points: Floats, directions: Floats, pairs: Ints, spacing: float, trave
         members = np.flatnonzero(piece == number)
         _, parent = breadth_first_order(tree, members[0], directed=False)
         above = np.where(parent[members] < 0, members, parent[members]).astype(np.int64)
-        over = transported(directions[above], points[members] - points[above], SHORT * spacing, travel)
-        agrees = (np.sum(over * directions[members], axis=1) >= 0) | (above == members)
-        sign[members] = _signs_from_root(agrees, members, above)
-    clear = np.abs(agreement) >= SURE
+        way = points[members] - points[above]
+        over = agreements(directions[above], directions[members], way, SHORT * spacing, travel)
+        sign[members] = _signs_from_root((over >= 0) | (above == members), members, above)
+    clear = (np.abs(agreement) >= SURE) & (uneven <= LEVEL)
     consistent = not np.any((sign[first] * sign[second] * agreement < 0) & clear)
-    sure = bool(1.001 - tree.data.max(initial=0.0) >= SURE)
+    sure = bool(tree.data.max(initial=0.0) <= 1.001 - SURE)
     return Carried(directions * sign[:, None], np.asarray(piece, dtype=np.int64), sure, consistent)
 
 

@@ -69,30 +69,20 @@ def _check_sides(boundary: BoundarySet, sighted: Sighted) -> None:
         return
     if not sighted.named.known and (isinstance(on_left, Transmission) or not alike(on_left, on_right)):
         raise SceneError(
-            f"boundary {boundary.name!r} has no left side: the surface's normal or the boundary's direction comes back "
-            "reversed along it; give one condition for both sides."
+            f"boundary {boundary.name!r} has no left side: the "
+            f"{'boundary' if not sighted.named.travels else 'manifold'}'s own direction comes back reversed along it; "
+            "give one condition for both sides."
         )
     if sighted.named.beside is not None and sides_differ(on_left, on_right):
         one, other = (_shown_point(point) for point in sighted.named.beside)
         raise SceneError(
             f"boundary {boundary.name!r} has unlike conditions on its sides, and nothing says which side is left: "
-            f"{_missing(sighted)}; give left_of, a point on the left, here {one} for one side or {other} for the other."
+            f"{sighted.missing}; give left_of, a point on the left, here {one} for one side or {other} for the other."
         )
 
 
 def _shown_point(point: Floats) -> str:
     return str([float(f"{x:.4g}") for x in point])
-
-
-def _missing(sighted: Sighted) -> str:
-    """Say which directions the sources of a boundary and its surface do not give."""
-    source, surface, dimension = sighted.source, sighted.surface, sighted.dimension
-    missing = []
-    if dimension < surface.dim and not surface.knows_directions(dimension):
-        missing.append(f"the manifold has no {'tangents' if dimension == 1 else 'normals'} of its own")
-    if source.manifold_dim and not source.knows_directions(source.manifold_dim):
-        missing.append(f"the boundary has no {'tangents' if source.manifold_dim == 1 else 'normals'} of its own")
-    return " and ".join(missing)
 
 
 def _samples(name: str, source: Localized, surface: Localized, spacing: float) -> Floats:

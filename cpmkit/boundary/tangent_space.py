@@ -7,10 +7,12 @@ from collections.abc import Callable
 import numpy as np
 
 from cpmkit.localized import Localized
-from cpmkit.protocols import ClosestPoints, Floats, Ints
+from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 
 #: An eigenvalue of the closest point map's Jacobian above this belongs to a tangent direction.
 TANGENT = 0.5
+#: Where that of a curve's direction is not above the next by so much, the curve has a corner there.
+STRAIGHT = 0.7
 
 
 def jacobian(source: Localized, points: Floats, step: float) -> Floats:
@@ -38,13 +40,21 @@ def normals(surface: Localized, feet: ClosestPoints, step: float) -> Floats:
 
 def tangents(curve: Localized, feet: ClosestPoints, step: float) -> Floats:
     """Return unit tangents (n, d) of a curve at ``feet``; a source without its own gives them any sign."""
+    return tangents_and_corners(curve, feet, step)[0]
 
-    def of_member(member: Localized, own: ClosestPoints, _: Ints) -> Floats:
+
+def tangents_and_corners(curve: Localized, feet: ClosestPoints, step: float) -> tuple[Floats, Bools]:
+    """Return the same, and where (n,) a source without tangents of its own has a corner, and thus no direction."""
+    corner = np.zeros(len(feet), dtype=bool)
+
+    def of_member(member: Localized, own: ClosestPoints, rows: Ints) -> Floats:
         if member.has_tangents:
             return member.tangents(own)
-        return np.linalg.eigh(jacobian(member, own.points, step))[1][:, :, -1]
+        values, axes = np.linalg.eigh(jacobian(member, own.points, step))
+        corner[rows] = values[:, -1] - values[:, -2] < STRAIGHT
+        return np.asarray(axes[:, :, -1])
 
-    return _by_member(curve, feet, of_member)
+    return _by_member(curve, feet, of_member), corner
 
 
 def project_tangent(surface: Localized, feet: ClosestPoints, vectors: Floats, step: float) -> Floats:
