@@ -109,8 +109,8 @@ class Localized:
 
     @property
     def has_left(self) -> bool:
-        """True if the source knows its left by itself."""
-        return isinstance(self.source, HasLeft)
+        """True if the source, and each member of a union, knows its left by itself."""
+        return all(isinstance(member.source, HasLeft) for member in self.members)
 
     def closest_point(self, x: Floats) -> ClosestPoints:
         """Return the closest points of ``x`` (n, d), both relative to the origin."""

@@ -182,6 +182,15 @@ class HasLeft(Protocol):
 
 
 @runtime_checkable
+class NamesLeft(Protocol):
+    """A boundary's source that names a point on its left, for surfaces that have no normals of their own."""
+
+    @property
+    def left_of(self) -> Floats | None:
+        """(d,) the point; None where there is none after all."""
+
+
+@runtime_checkable
 class HasValues(Protocol):
     """A source that carries data of its own: one row a vertex, a sample or a control point."""
 
@@ -228,6 +237,15 @@ class HasMembers(Protocol):
 
 
 @runtime_checkable
+class HasManyEdges(Protocol):
+    """A source whose numbers of edges may be 1000 or more."""
+
+    @property
+    def edge_limit(self) -> int:
+        """A multiple of 1000 that all numbers in ``edge`` are below: a union numbers the next member's on from it."""
+
+
+@runtime_checkable
 class HasWarnings(Protocol):
     """A source that knows what about itself may spoil a solution: creases, merged or doubtful samples."""
 
@@ -241,6 +259,23 @@ class HasFloor(Protocol):
 
     def floor(self, spacing: float, /) -> float:
         """Return the error that the source alone leaves in a solution at ``spacing``, as a share of its range."""
+
+
+#: What a source may do beyond answering; each combination says in its table of abilities what becomes of each.
+OPTIONAL_ABILITIES: tuple[type, ...] = (
+    HasNormals,
+    HasTangents,
+    HasFeet,
+    HasLeft,
+    NamesLeft,
+    HasValues,
+    HasMesh,
+    HasTranslation,
+    HasMembers,
+    HasManyEdges,
+    HasWarnings,
+    HasFloor,
+)
 
 
 class LinearSolver(Protocol):

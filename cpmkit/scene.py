@@ -16,7 +16,7 @@ from cpmkit.conditions import KINDS, Condition, Neumann
 from cpmkit.errors import InputError, ResolutionError, SceneError
 from cpmkit.grid.lattice import Lattice
 from cpmkit.problems import Equation
-from cpmkit.protocols import SIDES, BoundarySet, ClosestPointSource, Floats, Side
+from cpmkit.protocols import SIDES, BoundarySet, ClosestPointSource, Floats, NamesLeft, Side
 from cpmkit.scene_data import Data, channel_count
 from cpmkit.special_conditions import Transmission
 
@@ -86,7 +86,7 @@ class Boundary:
             object.__setattr__(self, "right", self.left)
         check_source(self.source, f"boundary {self.name!r}")
         if self.left_of is None:
-            object.__setattr__(self, "left_of", getattr(self.source, "left_of", None))
+            object.__setattr__(self, "left_of", self.source.left_of if isinstance(self.source, NamesLeft) else None)
         if self.left_of is not None:
             object.__setattr__(
                 self, "left_of", as_vector(self.left_of, self.source.dim, f"left_of of boundary {self.name!r}")

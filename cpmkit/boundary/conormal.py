@@ -34,22 +34,24 @@ def axis_and_left(
     """
     across, along = signs
     dimension = (source.manifold_dim or 0) + 1
+    axis = None
     if dimension == 2 and surface.dim == 3:
-        n = across.apply(on.points, normals(surface, on, step))
-        if source.has_left:
-            return n, source.leftward(feet)
-        left = np.cross(n, _travel(source, along, feet, step))
-        return n, left / np.linalg.norm(left, axis=1, keepdims=True)
-    if source.has_left:
-        left = source.leftward(feet)
-    elif dimension == 1:
-        left = -across.apply(on.points, tangents(surface, on, step))
-    elif dimension == 3:
-        left = along.apply(feet.points, normals(source, feet, step))
-    else:
-        tangent = _travel(source, along, feet, step)
-        left = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
-    return left, left
+        axis = across.apply(on.points, normals(surface, on, step))
+    left = np.empty_like(on.points)
+    for member, rows, own in source.by_member(feet):
+        if member.has_left:
+            left[rows] = member.leftward(own)
+        elif dimension == 1:
+            left[rows] = -across.apply(on.points[rows], tangents(surface, on.take(rows), step))
+        elif dimension == 3:
+            left[rows] = along.apply(own.points, normals(member, own, step))
+        elif axis is None:
+            tangent = _travel(member, along, own, step)
+            left[rows] = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
+        else:
+            across_it = np.cross(axis[rows], _travel(member, along, own, step))
+            left[rows] = across_it / np.linalg.norm(across_it, axis=1, keepdims=True)
+    return (left if axis is None else axis), left
 
 
 def _travel(source: Localized, along: Orientation, feet: ClosestPoints, step: float) -> Floats:

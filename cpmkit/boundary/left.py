@@ -13,7 +13,7 @@ from cpmkit.boundary.orientation import AS_GIVEN, Carried, Orientation, by_rule,
 from cpmkit.boundary.tangent_space import normals, tangents, tangents_and_corners
 from cpmkit.grid.band import cell_levels
 from cpmkit.localized import Localized, localize
-from cpmkit.protocols import Bools, BoundarySet, ClosestPoints, ClosestPointSource, Floats, HasMembers, Ints
+from cpmkit.protocols import Bools, BoundarySet, ClosestPoints, ClosestPointSource, Floats, HasMembers, Ints, NamesLeft
 
 #: Samples along the largest side of a boundary, by its dimension: more are taken until neighbours agree.
 SAMPLES = {0: (32,), 1: (32, 64, 128, 256, 512), 2: (16, 32, 64)}
@@ -90,9 +90,10 @@ def find_left(boundary: BoundarySet, surface: ClosestPointSource, dimension: int
     travel = source.manifold_dim == 0 or source.knows_directions(source.manifold_dim)
     if source.has_left or (travel and (dimension == source.dim or manifold.knows_directions(dimension))):
         return Left(AS_GIVEN, AS_GIVEN, "source", True, origin)
-    parts = [_Part.of(member, manifold, dimension) for member in source.members]
+    lacking = [number for number, member in enumerate(source.members) if not member.has_left]
+    parts = [_Part.of(source.members[number], manifold, dimension) for number in lacking]
     named: set[NamedBy] = {"source"}
-    points = _left_points(boundary)
+    points = [_left_points(boundary)[number] for number in lacking]
     for number, (part, given) in enumerate(zip(parts, points, strict=True)):
         if part.consistent:
             parts[number], by = part.turned(None if given is None else given - origin)
@@ -113,7 +114,7 @@ def _left_points(boundary: BoundarySet) -> list[Floats | None]:
     members = source.members if isinstance(source, HasMembers) else [source]
     if boundary.left_of is not None:
         return [np.asarray(boundary.left_of, dtype=np.float64)] * len(members)
-    points = [getattr(member, "left_of", None) for member in members]
+    points = [member.left_of if isinstance(member, NamesLeft) else None for member in members]
     return [None if point is None else np.asarray(point, dtype=np.float64) for point in points]
 
 

@@ -10,18 +10,25 @@ from typing import Any
 import numpy as np
 
 from cpmkit.arrays import as_points, as_vector, positive
-from cpmkit.combinations.abilities import floor_of, warnings_of, with_abilities
+from cpmkit.combinations.abilities import edge_limit_of, floor_of, warnings_of, with_abilities
 from cpmkit.combinations.union import Union, union
 from cpmkit.protocols import (
     ClosestPoints,
     ClosestPointSource,
     Floats,
     HasFeet,
+    HasFloor,
+    HasLeft,
+    HasManyEdges,
+    HasMembers,
     HasMesh,
     HasNormals,
     HasTangents,
+    HasTranslation,
     HasValues,
+    HasWarnings,
     Ints,
+    NamesLeft,
 )
 from cpmkit.rotation import as_rotation, rotate
 from cpmkit.scene import check_source
@@ -124,6 +131,35 @@ class _WithTangents(Moved):
         return rotate(self.rotation, self.of.tangents(self._own_record(feet)))
 
 
+class _WithLeft(Moved):
+    def leftward(self, feet: ClosestPoints, /) -> Floats:
+        """Return the unit vectors (n, d) to the left of what is moved, turned with it."""
+        return rotate(self.rotation, self.of.leftward(self._own_record(feet)))
+
+
+class _NamingLeft(Moved):
+    @property
+    def left_of(self) -> Floats | None:
+        """(d,) the point on the left that what is moved names, moved with it."""
+        point = self.of.left_of
+        return None if point is None else self._to_world(as_vector(point, self.dim, "left_of")[None])[0]
+
+
+class _WithMembers(Moved):
+    @property
+    def members(self) -> Sequence[Any]:
+        """The members, each moved."""
+        parts = {"rotation": self.rotation, "translation": self.translation, "scale": self.scale}
+        return [moved(of=member, **parts) for member in self.of.members]
+
+
+class _WithManyEdges(Moved):
+    @property
+    def edge_limit(self) -> int:
+        """What all numbers of edges are below."""
+        return edge_limit_of(self.of)
+
+
 class _WithValues(Moved):
     @property
     def value_count(self) -> int:
@@ -143,12 +179,20 @@ class _WithMesh(Moved):
         return self._to_world(vertices), cells
 
 
-_MIXINS = {
+#: What is made of each ability of what is moved. (A union is taken apart before: its members are moved.)
+PASSING = {
     HasFeet: _WithFeet,
     HasNormals: _WithNormals,
     HasTangents: _WithTangents,
+    HasLeft: _WithLeft,
+    NamesLeft: _NamingLeft,
     HasValues: _WithValues,
     HasMesh: _WithMesh,
+    HasMembers: _WithMembers,
+    HasManyEdges: _WithManyEdges,
+    HasTranslation: True,
+    HasWarnings: True,
+    HasFloor: True,
 }
 
 
@@ -183,4 +227,4 @@ def moved(*, of: ClosestPointSource, rotation: Any = None, translation: Any = No
         )
     turn = as_rotation(rotation, of.dim)
     offset = as_vector(np.zeros(of.dim) if translation is None else translation, of.dim, "translation")
-    return with_abilities(Moved, _MIXINS, of)(of, turn, offset, positive(scale, "scale"))
+    return with_abilities(Moved, PASSING, of)(of, turn, offset, positive(scale, "scale"))

@@ -9,19 +9,27 @@ from typing import Any
 import numpy as np
 
 from cpmkit.arrays import as_points, positive
-from cpmkit.combinations.abilities import floor_of, warnings_of, with_abilities
-from cpmkit.combinations.union import EDGES, Union
+from cpmkit.combinations.abilities import EDGES, floor_of, warnings_of, with_abilities
+from cpmkit.combinations.union import Union
 from cpmkit.errors import InputError
 from cpmkit.protocols import (
     Bools,
     ClosestPoints,
     ClosestPointSource,
     Floats,
+    HasFeet,
+    HasFloor,
+    HasLeft,
+    HasManyEdges,
+    HasMembers,
     HasMesh,
     HasNormals,
     HasTangents,
     HasTranslation,
+    HasValues,
+    HasWarnings,
     Ints,
+    NamesLeft,
 )
 from cpmkit.rectangle import rectangle
 from cpmkit.scene import check_source
@@ -97,6 +105,11 @@ class Solid:
             odd ^= outward * height(part, part.closest_point(x), x) <= 0
         return self.of.closest_point(x), odd
 
+    @property
+    def edge_limit(self) -> int:
+        """What all numbers of edges are below."""
+        return EDGES * (len(self.of.members) if isinstance(self.of, Union) else 1)
+
     def warnings(self, spacing: float, /) -> Sequence[str]:
         """Return what the hypersurface has to say at this spacing."""
         return warnings_of(self.of, spacing)
@@ -119,6 +132,24 @@ class _WithTranslation(Solid):
     def translated(self, offset: Floats, /) -> Solid:
         """Return the solid moved by ``offset`` (d,)."""
         return type(self)(self.of.translated(offset), self.outward)
+
+
+_FILLS = "a solid fills space: it has no direction of its own and is nowhere a boundary"
+#: What is made of each ability of the hypersurface.
+PASSING = {
+    HasMesh: _WithMesh,
+    HasTranslation: _WithTranslation,
+    HasManyEdges: True,
+    HasWarnings: True,
+    HasFloor: True,
+    HasNormals: _FILLS,
+    HasTangents: _FILLS,
+    HasLeft: _FILLS,
+    NamesLeft: _FILLS,
+    HasFeet: "a point inside is its own and only foot: a solid has no sheets",
+    HasMembers: "what several members enclose is one solid, holes and all",
+    HasValues: "data of the hypersurface say nothing about the points inside",
+}
 
 
 def height(hypersurface: Any, feet: ClosestPoints, x: Floats) -> Floats:
@@ -175,8 +206,9 @@ def solid(*, of: ClosestPointSource) -> Any:
     check_source(of, "what encloses the solid")
     parts = of.members if isinstance(of, Union) else [of]
     outward = tuple(_outward(part) for part in parts)
-    base = _WithMesh if of.dim == 2 else with_abilities(Solid, {HasMesh: _WithMesh}, of)
-    return with_abilities(base, {HasTranslation: _WithTranslation}, of)(of, outward)
+    base = _WithMesh if of.dim == 2 else Solid  # in the plane the inside is meshed, whatever the curve can do
+    passing = {ability: how for ability, how in PASSING.items() if how is not base}
+    return with_abilities(base, passing, of)(of, outward)
 
 
 def _outward(part: ClosestPointSource) -> float:

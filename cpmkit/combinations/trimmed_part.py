@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.arrays import as_points, as_vector, positive
-from cpmkit.combinations.abilities import floor_of, warnings_of
+from cpmkit.combinations.abilities import EDGES, edge_limit_of, floor_of, warnings_of
 from cpmkit.combinations.clipping import clipped
 from cpmkit.combinations.descent import descend
 from cpmkit.combinations.position_function import PositionFunction
@@ -20,12 +20,19 @@ from cpmkit.protocols import (
     Bools,
     ClosestPoints,
     Floats,
+    HasFeet,
+    HasFloor,
+    HasLeft,
+    HasManyEdges,
+    HasMembers,
     HasMesh,
     HasNormals,
     HasTangents,
     HasTranslation,
     HasValues,
+    HasWarnings,
     Ints,
+    NamesLeft,
 )
 
 #: Descents from samples, for a query whose closest point on the whole is cut away.
@@ -205,6 +212,31 @@ class _WithTangents(Trimmed):
         return tangents
 
 
+class _WithLeft(Trimmed):
+    def leftward(self, feet: ClosestPoints, /) -> Floats:
+        """Return the unit vectors (n, d) to the left of the whole."""
+        left: Floats = self.of.leftward(feet)
+        return left
+
+
+class _NamingLeft(Trimmed):
+    @property
+    def left_of(self) -> Floats | None:
+        """(d,) the point on the left that the whole names; None where what it is left of is cut away."""
+        point = self.of.left_of
+        if point is None:
+            return None
+        foot = self.of.closest_point(as_vector(point, self.dim, "left_of")[None]).points
+        return as_vector(point, self.dim, "left_of") if self._inside(foot)[0] else None
+
+
+class _WithManyEdges(Trimmed):
+    @property
+    def edge_limit(self) -> int:
+        """What all numbers of edges are below: those of the whole come after the rim's."""
+        return edge_limit_of(self.of) + EDGES
+
+
 class _WithValues(Trimmed):
     @property
     def value_count(self) -> int:
@@ -239,8 +271,15 @@ class _WithTranslation(Trimmed):
         )
 
 
-#: What is added for each ability of the whole.
-ABILITIES = {
+#: What is made of each ability of the whole.
+PASSING = {
+    HasFeet: "where a foot of the whole is cut away the nearest may lie on the edge; other sheets are found by walking",
+    HasMembers: "the part answers as one: where its edge lies depends on the whole",
+    HasLeft: _WithLeft,
+    NamesLeft: _NamingLeft,
+    HasManyEdges: _WithManyEdges,
+    HasWarnings: True,
+    HasFloor: True,
     HasNormals: _WithNormals,
     HasTangents: _WithTangents,
     HasValues: _WithValues,

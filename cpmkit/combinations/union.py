@@ -4,28 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from cpmkit.arrays import as_points, as_vector, positive
-from cpmkit.combinations.abilities import feet_of, floor_of, warnings_of, with_abilities
+from cpmkit.combinations.abilities import edge_limit_of, feet_of, floor_of, warnings_of, with_abilities
 from cpmkit.errors import InputError
 from cpmkit.protocols import (
     Bools,
     ClosestPoints,
     ClosestPointSource,
     Floats,
+    HasFeet,
+    HasFloor,
+    HasLeft,
+    HasManyEdges,
+    HasMembers,
     HasMesh,
     HasNormals,
     HasTangents,
     HasTranslation,
+    HasValues,
+    HasWarnings,
     Ints,
+    NamesLeft,
 )
 from cpmkit.scene import check_source
-
-#: Edge k of member m has the number EDGES * m + k.
-EDGES = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,19 +71,40 @@ class Union:
     def closest_point(self, x: Floats, /) -> ClosestPoints:
         """Return the closest points of ``x`` (n, d).
 
-        ``element`` is the number of the member that answers, and ``edge`` that of its edge plus 1000 times it.
+        ``element`` is the number of the member that answers, and ``edge`` that of its edge on the member plus
+        ``first_edges`` of it: 1000 a member before it, more for one that is itself made of several.
 
         Raises
         ------
         InputError
-            If ``x`` holds NaN or infinity, or its shape is not (n, d).
+            If ``x`` holds NaN or infinity, its shape is not (n, d), or a member numbers an edge beyond its limit.
         """
         x = as_points(x, self.dim)
-        best = _of_member(0, self.members[0].closest_point(x))
+        best = self._of_member(0, self.members[0].closest_point(x))
         for number, member in enumerate(self.members[1:], 1):
-            found = _of_member(number, member.closest_point(x))
+            found = self._of_member(number, member.closest_point(x))
             best = _where(found.distance < best.distance, found, best)
         return best
+
+    @cached_property
+    def first_edges(self) -> tuple[int, ...]:
+        """What is added to the numbers of each member's edges; at last the limit of all."""
+        return tuple(np.cumsum([0] + [edge_limit_of(member) for member in self.members]).tolist())
+
+    @property
+    def edge_limit(self) -> int:
+        """What all numbers of edges are below."""
+        return self.first_edges[-1]
+
+    def _of_member(self, number: int, feet: ClosestPoints) -> ClosestPoints:
+        first, limit = self.first_edges[number : number + 2]
+        edge = np.where(feet.edge >= 0, feet.edge + first, -1)
+        if edge.max(initial=-1) >= limit:
+            raise InputError(
+                f"member {number} of a union numbers an edge {int(feet.edge.max())}, and there is room below "
+                f"{limit - first} before the next member's; a source with more edges says so by edge_limit."
+            )
+        return ClosestPoints(feet.points, feet.distance, edge, np.full(len(feet), number), doubtful=doubtful_of(feet))
 
     def warnings(self, spacing: float, /) -> Sequence[str]:
         """Return what the members have to say at this spacing."""
@@ -86,11 +113,6 @@ class Union:
     def floor(self, spacing: float, /) -> float:
         """Return the largest of the members' floors."""
         return max(floor_of(member, spacing) for member in self.members)
-
-
-def _of_member(number: int, feet: ClosestPoints) -> ClosestPoints:
-    edge = np.where(feet.edge >= 0, feet.edge + EDGES * number, -1)
-    return ClosestPoints(feet.points, feet.distance, edge, np.full(len(feet), number), doubtful=doubtful_of(feet))
 
 
 def doubtful_of(feet: ClosestPoints) -> Bools:
@@ -124,7 +146,7 @@ class _WithFeet(Union):
         x, radius = as_points(x, self.dim), positive(radius, "radius")
         found = [feet_of(member, x, radius) for member in self.members]
         rows = np.concatenate([at for at, _ in found])
-        feet = ClosestPoints.join([_of_member(number, own) for number, (_, own) in enumerate(found)])
+        feet = ClosestPoints.join([self._of_member(number, own) for number, (_, own) in enumerate(found)])
         order = np.lexsort((feet.distance, rows))
         return rows[order], feet.take(order)
 
@@ -139,6 +161,12 @@ class _WithTangents(Union):
     def tangents(self, feet: ClosestPoints, /) -> Floats:
         """Return the unit tangents (n, d) of the members."""
         return _by_member(self.members, feet, lambda member, own: member.tangents(own))
+
+
+class _WithLeft(Union):
+    def leftward(self, feet: ClosestPoints, /) -> Floats:
+        """Return the unit vectors (n, d) to the left of the members."""
+        return _by_member(self.members, feet, lambda member, own: member.leftward(own))
 
 
 class _WithMesh(Union):
@@ -161,14 +189,23 @@ class _WithTranslation(Union):
         return replace(self, members=tuple(member.translated(shift) for member in self.members))
 
 
-#: By what all members must be. Each has at least its closest point to give as a foot.
-_OF_ALL = {
-    ClosestPointSource: _WithFeet,
+#: What is made of each ability that all members have. Each has at least its closest point to give as a foot.
+PASSING = {
+    HasFeet: _WithFeet,
     HasNormals: _WithNormals,
     HasTangents: _WithTangents,
+    HasLeft: _WithLeft,
     HasMesh: _WithMesh,
     HasTranslation: _WithTranslation,
+    HasMembers: True,
+    HasManyEdges: True,
+    HasWarnings: True,
+    HasFloor: True,
+    NamesLeft: "one point cannot be left of all members: the solver asks each for its own",
+    HasValues: "nothing says which member's rows come first; give data as functions of position",
 }
+#: Of members of different dimensions these are left out: the solver asks the members.
+_ALIKE = (HasFeet, HasNormals, HasTangents, HasLeft)
 
 
 def _by_member(members: Sequence[Any], feet: ClosestPoints, ask: Callable[[Any, ClosestPoints], Floats]) -> Floats:
@@ -212,11 +249,11 @@ def union(*, members: Sequence[ClosestPointSource]) -> Any:
     flat: list[Any] = []
     for number, member in enumerate(members):
         check_source(member, f"member {number}")
-        flat += member.members if isinstance(member, Union) else [member]
+        flat += member.members if isinstance(member, HasMembers) else [member]
     dims = sorted({member.dim for member in flat})
     if len(dims) > 1:
         raise InputError("All members must lie in the same space, got some in the plane and some in space.")
     mixed = len({member.manifold_dim for member in flat}) > 1
-    alike = (ClosestPointSource, HasNormals, HasTangents)
-    abilities = {key: mixin for key, mixin in _OF_ALL.items() if not (mixed and key in alike)}
-    return with_abilities(Union, abilities, *flat)(tuple(flat))
+    base, left_out = (Union, _ALIKE) if mixed else (_WithFeet, (HasFeet,))
+    passing = {ability: how for ability, how in PASSING.items() if ability not in left_out}
+    return with_abilities(base, passing, *flat)(tuple(flat))
