@@ -22,12 +22,11 @@ def alike(first: Any, second: Any) -> bool:
 def sides_differ(left: Any, right: Any) -> bool:
     """Tell whether it matters which side of a boundary is called left.
 
-    Where both hold one condition it does not, nor across a contact that is the same from both sides. A condition that
-    is a step of another's solution counts as that.
+    Where both hold one condition it does not, nor across a contact that is the same from both sides.
     """
     if isinstance(left, Transmission):
         return not (left.left == left.right and _equal(left.jump, 0.0))
-    return not alike(getattr(left, "stands_for", left), getattr(right, "stands_for", right))
+    return not alike(left, right)
 
 
 def _equal(first: Any, second: Any) -> bool:
