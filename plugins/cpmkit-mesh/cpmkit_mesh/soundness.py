@@ -1,4 +1,4 @@
-"""What about a mesh may spoil a solution on it: creases, and edges at which more than two sheets meet."""
+"""What about a mesh may spoil a solution on it: pieces that meet, creases, edges at which more than two sheets meet."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from cpmkit.protocols import Floats, Ints
 from cpmkit_mesh.chains import components
 from cpmkit_mesh.directions import doubled_areas
 from cpmkit_mesh.folds import Folds, crowded_edges
+from cpmkit_mesh.pieces import closest_meeting, pieces
+from cpmkit_mesh.repair import place
 from cpmkit_mesh.tree import build_tree, nearest
 
 if TYPE_CHECKING:
@@ -31,11 +33,29 @@ BESIDE, ASKED = 2.0, 4096
 #: angle, is so many spacings. Tubes of 4 to 12 sides, perimeter 2 pi, triangles 0.06 and 0.2 wide, u - u'' = 2 cos s:
 #: error (rms) 0.03 to 0.28 for radii of 0.4 to 1.2 spacings, 0.005 to 0.04 for 1.5 to 5.
 ROUNDED = 1.5
+#: Pieces that come within so many spacings of each other meet.
+MEETING = 0.5
 
 
 def warnings_of(mesh: TriangleMesh, spacing: float) -> tuple[str, ...]:
-    """Return one sentence for each thing found."""
-    return (*_creases(mesh, spacing), *_crowded(mesh, spacing))
+    """Return one sentence for each thing found, places in the user's coordinates."""
+    return (*mesh.notes, *_pieces(mesh, spacing), *_creases(mesh, spacing), *_crowded(mesh, spacing))
+
+
+def _pieces(mesh: TriangleMesh, spacing: float) -> list[str]:
+    piece = pieces(mesh.faces, mesh.adjacency)
+    count = int(piece.max()) + 1
+    if count == 1:
+        return []
+    meeting = closest_meeting(mesh.vertices, mesh.faces, piece, MEETING * spacing)
+    if meeting is None:
+        return [f"The mesh has {count} pieces that share no edge; each is solved by itself."]
+    return [
+        f"The mesh has {count} pieces that share no edge, and some meet or pass through each other: near "
+        f"{place(meeting.place - mesh.shift)} two are {meeting.distance / spacing:.1g} spacings apart; closest points "
+        "mix them there, and the solution may be off by tens of percent nearby; join them into one, or solve on them "
+        "one by one."
+    ]
 
 
 def _creases(mesh: TriangleMesh, spacing: float) -> list[str]:
@@ -48,7 +68,7 @@ def _creases(mesh: TriangleMesh, spacing: float) -> list[str]:
     beside = _share_beside(mesh, creases, areas, BESIDE * spacing)
     return [
         f"{len(creases.angle)} edges of the mesh turn by more than {mesh.crease_angle:g} degrees, the sharpest by "
-        f"{np.rad2deg(creases.angle[sharpest]):.0f} near {_place(mesh, creases.ends[sharpest])}, and "
+        f"{np.rad2deg(creases.angle[sharpest]):.0f} near {_near(mesh, creases.ends[sharpest])}, and "
         f"{beside:.0%} of the surface lies within two spacings of them: " + _consequence(mesh.smooth, creases, spacing)
     ]
 
@@ -93,10 +113,10 @@ def _crowded(mesh: TriangleMesh, spacing: float) -> list[str]:
         return []
     return [
         f"{len(crowded)} edges of the mesh are shared by three or more triangles, the first near "
-        f"{_place(mesh, crowded[0])}: there the surface branches, which closest points do not see, and the solution "
+        f"{_near(mesh, crowded[0])}: there the surface branches, which closest points do not see, and the solution "
         "may be off by tens of percent nearby; part the sheets, or solve on them one by one."
     ]
 
 
-def _place(mesh: TriangleMesh, ends: Ints) -> str:
-    return "(" + ", ".join(f"{x:.4g}" for x in mesh.vertices[ends].mean(axis=0)) + ")"
+def _near(mesh: TriangleMesh, ends: Ints) -> str:
+    return place(mesh.vertices[ends].mean(axis=0) - mesh.shift)

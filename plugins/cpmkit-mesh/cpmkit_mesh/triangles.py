@@ -38,15 +38,21 @@ class TriangleMesh:
     adjacency : Topology
     normals_at_corners : (m, 3, 3) float64
     given_faces : (m, 3) int64
-        The same triangles by the numbers that the user's vertices have.
+        The same triangles by the numbers that the user's vertices have, in the same order.
     given_index : (m,) int64
         The number that each triangle has among the user's.
+    turned : (m,) bool
+        Which of the triangles are wound otherwise than the user's.
     value_count : int
         How many vertices the user gave: the rows that :meth:`interpolate` expects.
     engine : "own", "fcl" or "open3d"
         What finds the nearest triangle.
     crease_angle : float
         In degrees: edges at which the mesh turns by more are creases.
+    notes : tuple of str
+        Sentences on what of the user's mesh was changed.
+    shift : (3,) float64
+        How far the mesh was moved from where the user gave it.
     """
 
     vertices: Floats
@@ -56,9 +62,12 @@ class TriangleMesh:
     normals_at_corners: Floats
     given_faces: Ints
     given_index: Ints
+    turned: Bools
     value_count: int
     engine: str
     crease_angle: float
+    notes: tuple[str, ...]
+    shift: Floats
 
     dim = 3
     manifold_dim = 2
@@ -123,10 +132,11 @@ class TriangleMesh:
 
     def translated(self, offset: Floats, /) -> TriangleMesh:
         """Return the mesh moved by ``offset`` (3,)."""
-        return replace(self, vertices=self.vertices + as_vector(offset, 3, "offset"))
+        offset = as_vector(offset, 3, "offset")
+        return replace(self, vertices=self.vertices + offset, shift=self.shift + offset)
 
     def warnings(self, spacing: float, /) -> tuple[str, ...]:
-        """Return a sentence about creases and one about edges of three or more triangles, where there are some."""
+        """Return a sentence for each thing that was changed in the mesh, or may spoil a solution on it."""
         return warnings_of(self, spacing)
 
     def floor(self, _spacing: float, /) -> float:
@@ -155,12 +165,19 @@ class TriangleMesh:
         local[:, 1:] = found.local
         local[:, 0] = 1.0 - local[:, 1] - local[:, 2]
         edge = self._edges(face, local)
-        return ClosestPoints(found.foot, found.distance, edge, self.given_index[face], local, doubtful)
+        return ClosestPoints(
+            found.foot, found.distance, edge, self.given_index[face], self._as_given(face, local), doubtful
+        )
 
     def _located(self, feet: ClosestPoints) -> tuple[Ints, Floats]:
         if feet.element is None or feet.local is None:
             raise InputError("feet must be records that this mesh answered: they lack element or local.")
-        return np.searchsorted(self.given_index, feet.element), feet.local
+        face = np.searchsorted(self.given_index, feet.element)
+        return face, self._as_given(face, feet.local)
+
+    def _as_given(self, face: Ints, local: Floats) -> Floats:
+        """Return coordinates in triangles as the user's winding has them from those of the mesh's own, and back."""
+        return np.where(self.turned[face, None], local[:, [0, 2, 1]], local) if self.turned.any() else local
 
     def _edges(self, face: Ints, local: Floats) -> Ints:
         """Return (n,) the boundary loop on which each foot lies, -1 for none."""

@@ -189,7 +189,7 @@ def test_a_scene_file_takes_the_scenes_own_surface(tmp_path):
         (edge_loop, {"mesh": annulus, "loop": True}, "got True"),
         (feature_edges, {"mesh": block, "chain": 12}, "chain must be a whole number from 0 to 11"),
         (feature_edges, {"mesh": block, "angle": 180}, "between 0 and 180"),
-        (feature_edges, {"mesh": block, "angle": "sharp"}, "angle must be a number above zero"),
+        (feature_edges, {"mesh": block, "angle": "sharp"}, "angle must be a finite number above zero"),
         (feature_edges, {}, "mesh.feature_edges takes one mesh"),
     ],
 )

@@ -179,16 +179,3 @@ def test_a_translated_mesh_answers_translated(sphere, closest, offset):
     feet, moved = mesh.closest_point(x), there.closest_point(x + offset)
     np.testing.assert_allclose(moved.points - offset, feet.points, atol=1e-6)
     np.testing.assert_allclose(there.normals(moved), mesh.normals(feet), atol=1e-9)
-
-
-def test_only_a_mesh_wound_alike_has_normals(sphere):
-    """Normals of one sign are what HasNormals promises; without them the core finds its own, without a sign."""
-    points, faces = sphere(2)
-    turned = faces.copy()
-    turned[::3] = turned[::3, ::-1]
-    assert isinstance(triangles(vertices=points, faces=faces), HasNormals)
-    mixed = triangles(vertices=points, faces=turned)
-    assert not isinstance(mixed, HasNormals)
-    queries = np.random.default_rng(0).normal(size=(200, 3))
-    even = triangles(vertices=points, faces=faces).closest_point(queries)
-    np.testing.assert_allclose(mixed.closest_point(queries).points, even.points, atol=1e-12)

@@ -1,0 +1,63 @@
+"""Vertices on the rims of a mesh that are the same but for rounding, made one."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.protocols import Floats, Ints
+from cpmkit_mesh.chains import components
+from cpmkit_mesh.topology import topology
+
+#: Two vertices are one if they are as near as this share of the shortest edge at them, whatever the size of the mesh.
+OF_EDGE = 1e-6
+#: So are two that single precision does not tell apart: as near as this share of the mesh's size,
+SINGLE = 5e-7
+#: unless that is more than this share of the shortest edge at them.
+AT_MOST = 1e-3
+#: Neighbours of each that are looked at.
+NEIGHBOURS = 8
+
+
+def merge_rims(points: Floats, faces: Ints) -> Ints:
+    """Return (n,) the vertex that stands for each one: the first of those that are one, elsewhere itself.
+
+    Only vertices at which the mesh ends are looked at: those of triangles that were stored one by one in single
+    precision, or of a seam that was torn by rounding. Ends of an edge are never one: it is longer by far.
+    """
+    from scipy.spatial import cKDTree
+
+    same = np.arange(len(points))
+    rim = np.unique(topology(points, faces).boundary)
+    if len(rim) < 2:
+        return same
+    reach = _reach(points, faces, rim)
+    distance, other = cKDTree(points[rim]).query(
+        points[rim], k=min(NEIGHBOURS, len(rim)), distance_upper_bound=float(reach.max()) or np.inf
+    )
+    one = np.repeat(np.arange(len(rim)), distance.shape[1])
+    distance, other = distance.ravel(), other.ravel()
+    found = other < len(rim)
+    one, other, distance = one[found], other[found], distance[found]
+    near = (one != other) & (distance <= np.minimum(reach[one], reach[other]))
+    if not near.any():
+        return same
+    part = components(np.stack([one[near], other[near]], axis=1), len(rim))
+    first = np.unique(part, return_index=True)[1]
+    same[rim] = rim[first[part]]
+    return same
+
+
+def _reach(points: Floats, faces: Ints, rim: Ints) -> Floats:
+    """Return (k,) how near another vertex must be to each of ``rim`` to be the same."""
+    start, end = faces.ravel(), faces[:, [1, 2, 0]].ravel()
+    on_rim = np.zeros(len(points), dtype=bool)
+    on_rim[rim] = True
+    asked = on_rim[start] | on_rim[end]
+    start, end = start[asked], end[asked]
+    length = np.linalg.norm(points[end] - points[start], axis=1)
+    shortest = np.full(len(points), np.inf)
+    np.minimum.at(shortest, start, length)
+    np.minimum.at(shortest, end, length)
+    size = float(np.ptp(points, axis=0).max())
+    reach: Floats = np.minimum(AT_MOST * shortest, np.maximum(OF_EDGE * shortest, SINGLE * size))[rim]
+    return reach
