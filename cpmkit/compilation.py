@@ -3,10 +3,20 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Callable
+from functools import cache
 from typing import Any, TypeVar
 
+from cpmkit.errors import CpmkitWarning
+
 Function = TypeVar("Function", bound=Callable[..., Any])
+
+#: Told where compiled kernels cannot be kept.
+NOT_KEPT = (
+    "There is no folder in which compiled kernels can be kept, so that each run compiles them anew, which takes some "
+    "twenty seconds; name one that may be written to in the environment variable NUMBA_CACHE_DIR."
+)
 
 
 def compiled(function: Function) -> Function:
@@ -23,8 +33,14 @@ def compiled(function: Function) -> Function:
     try:
         kernel: Function = njit(cache=True, **options)(function)
     except RuntimeError:  # numba found no folder that it may write to: compile once a process instead
+        _tell_once()
         kernel = njit(**options)(function)
     return kernel
+
+
+@cache
+def _tell_once() -> None:
+    warnings.warn(NOT_KEPT, CpmkitWarning, stacklevel=2)
 
 
 def inlined(function: Function) -> Function:

@@ -28,8 +28,9 @@ OFF_SHEET_SHARE = 1e-2
 def warnings_of(layout: Layout) -> tuple[str, ...]:
     """Return one sentence for each thing found."""
     own = abilities.warnings_of(layout.surface.source, layout.lattice.spacing)
+    far = layout.lattice.lost_digits(layout.surface.bounds, not layout.surface.shift.any())
     found = [check(layout) for check in (_doubtful, _sheets, _boundaries, _encounters, _gaps, _pins, meetings)]
-    return (*own, *(text for texts in found for text in texts))
+    return (*own, *far, *(text for texts in found for text in texts))
 
 
 def _encounters(layout: Layout) -> list[str]:

@@ -16,7 +16,7 @@ CORPUS = Path(__file__).with_name("fuzz") / "corpus"
 _NO_CHECKS = (HealthCheck.too_slow, HealthCheck.function_scoped_fixture, HealthCheck.data_too_large)
 
 #: Runs always: a few examples, the same in every run.
-short = settings(max_examples=40, derandomize=True, deadline=None, database=None, suppress_health_check=_NO_CHECKS)
+short = settings(max_examples=25, derandomize=True, deadline=None, database=None, suppress_health_check=_NO_CHECKS)
 
 
 def long(test: Callable[..., Any]) -> Callable[..., Any]:

@@ -1,6 +1,7 @@
 """A mesh file is read as it is written, or refused in a sentence that does not repeat what is in it."""
 
 import os
+import signal
 import struct
 
 import numpy as np
@@ -112,6 +113,16 @@ def test_polygons_that_are_not_convex_do_not_fold_over(tmp_path):
         read_mesh(written(tmp_path, "b.off", f"OFF\n7 1 0\n{comb}7 0 1 2 3 4 5 6\n"))
 
 
+@pytest.fixture
+def ten_seconds():
+    """Fail, not wait for ever."""
+    signal.signal(signal.SIGALRM, signal.default_int_handler)
+    signal.alarm(10)
+    yield
+    signal.alarm(0)
+
+
+@pytest.mark.usefixtures("ten_seconds")
 @pytest.mark.parametrize("suffix", ["obj", "ply"])
 def test_files_that_a_mesh_names_are_not_opened(tmp_path, suffix):
     """A named pipe that nobody writes to: whoever opens it waits for ever."""

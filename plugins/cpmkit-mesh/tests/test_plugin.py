@@ -33,7 +33,7 @@ def test_every_kind_has_cases_whose_samples_lie_on_it():
         assert source.closest_point(case.samples(np.random.default_rng(1), 200)).distance.max() < 1e-14
 
 
-def test_kernels_run_without_a_folder_to_keep_them_in(tmp_path):
+def test_kernels_run_without_a_folder_to_keep_them_in_and_say_so_once(tmp_path):
     """Where numba may write nowhere, kernels are compiled once a process."""
     code = """
 import numba.core.caching
@@ -41,6 +41,11 @@ numba.core.caching.CacheImpl._locator_classes = []
 from cpmkit.compilation import compiled
 def double(x):
     return 2 * x
+def treble(x):
+    return 3 * x
 assert compiled(double)(3) == 6
+assert compiled(treble)(3) == 9
 """
-    subprocess.run([sys.executable, "-c", code], check=True, cwd=tmp_path)
+    run = subprocess.run([sys.executable, "-c", code], check=True, cwd=tmp_path, capture_output=True, text=True)
+    assert run.stderr.count("CpmkitWarning: There is no folder in which compiled kernels can be kept") == 1
+    assert "NUMBA_CACHE_DIR" in run.stderr
