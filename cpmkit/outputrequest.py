@@ -43,7 +43,7 @@ class PictureRequest:
     frames: bool = False
 
     def __post_init__(self) -> None:
-        check_name(self.file, "file of the picture")
+        relative_name(self.file, "file of the picture")
         whole(self.width, "the picture's width in pixels", *WIDTHS)
         for name in ("view", "up"):
             if getattr(self, name) is not None:
@@ -68,7 +68,7 @@ class OutputRequest:
 
     def __post_init__(self) -> None:
         for file in self.files:
-            check_name(file, "a file of [output]")
+            relative_name(file, "a file of [output]")
 
     @property
     def wants_frames(self) -> bool:
@@ -77,7 +77,7 @@ class OutputRequest:
         return drawn or any(file.lower().endswith(".pvd") for file in self.files)
 
 
-def check_name(name: object, what: str) -> str:
+def relative_name(name: object, what: str) -> str:
     """Return the name of a file, perhaps in folders of its own, that stays inside the folder it is put in.
 
     Raises
@@ -105,21 +105,30 @@ def check_name(name: object, what: str) -> str:
 
 
 def output_folder(name: object) -> Path:
-    """Return the folder that a scene file names: one inside the working directory, which links do not lead out of.
+    """Return the folder that a scene file names: a relative path inside the working directory.
 
     Raises
     ------
     SceneError
         If it is anything else.
     """
-    folder = Path(name if name == "." else check_name(name, "folder of [output]"))
+    return Path(name if name == "." else relative_name(name, "folder of [output]"))
+
+
+def check_links(path: Path, folder: Path, what: str) -> None:
+    """Refuse a path in a folder that links lead out of it.
+
+    Raises
+    ------
+    SceneError
+        Naming both; ``what`` says what the path is.
+    """
     try:
-        inside = Path(os.path.realpath(folder)).is_relative_to(os.path.realpath("."))
+        inside = Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder))
     except OSError as error:  # the working directory is gone
-        raise SceneError(f"folder of [output], {shown(name)}, cannot be found: {error.strerror}.") from error
+        raise SceneError(f"{what}, {shown(str(path))}, cannot be found: {error.strerror}.") from error
     if not inside:
         raise SceneError(
-            f"folder of [output] must be inside the working directory, and {shown(name)} is a link that leads out of "
-            "it; leave the key out, and give --output on the command line, which takes any folder."
+            f"{what} must be inside {shown(str(folder))}, and a link leads {shown(str(path))} out of it; remove the "
+            "link, or give --output, which takes any folder."
         )
-    return folder

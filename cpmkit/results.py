@@ -13,7 +13,7 @@ from cpmkit.errors import CpmkitError, InputError
 from cpmkit.evolution.series import draw_frames, frames_folder
 from cpmkit.export import check_file, save, write_summary
 from cpmkit.files import check_place
-from cpmkit.outputrequest import OutputRequest, PictureRequest
+from cpmkit.outputrequest import OutputRequest, PictureRequest, check_links
 from cpmkit.protocols import ClosestPointSource, Progress
 from cpmkit.surface_mesh import mesh_of
 from cpmkit.view import check_picture, picture
@@ -71,6 +71,7 @@ def check_request(request: OutputRequest, surface: ClosestPointSource, folder: P
         check_picture(asked.file, asked.width, asked.view, asked.up)
         mesh_of(surface)
     for file in (*request.files, *([] if asked is None else [asked.file])):
+        check_links((folder / file).parent, folder, f"the folder of {file!r}")
         check_place(folder / file)
         if file.lower().endswith(".pvd"):
             check_place(frames_folder(folder / file) / "frame.vtp")

@@ -13,7 +13,7 @@ from cpmkit.data import find_file
 from cpmkit.errors import SceneError, shown
 from cpmkit.evolution.equations import Evolution, Heat, Wave
 from cpmkit.key_types import check_types
-from cpmkit.outputrequest import OutputRequest, PictureRequest, output_folder
+from cpmkit.outputrequest import OutputRequest, PictureRequest, check_links, output_folder
 from cpmkit.plugins import call, check_keys, factory, offered, source, takes
 from cpmkit.problems import Elliptic, Equation, Field, Helmholtz, Laplace, Poisson, ScreenedPoisson
 from cpmkit.protocols import BoundarySet, ClosestPointSource
@@ -251,6 +251,7 @@ def _output(table: dict[str, Any], path: Path) -> OutputRequest:
     if not isinstance(files, list):
         raise SceneError(f"files of [output] must be a list of names, such as ['summary.json'], got {shown(files)}.")
     folder = output_folder(table["folder"]) if "folder" in table else Path(path.stem)
+    check_links(folder, Path.cwd(), "folder of [output]")
     return OutputRequest(folder, tuple(files), picture)
 
 

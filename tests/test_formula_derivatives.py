@@ -1,4 +1,4 @@
-"""Derivatives of formulas are right to rounding, of what has kinks between the kinks; cost grows with length."""
+"""Derivatives of formulas are right to rounding, of what has kinks between the kinks, and are found soon."""
 
 import time
 
