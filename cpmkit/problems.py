@@ -259,4 +259,4 @@ class Helmholtz(Equation):
 
     def terms(self) -> Terms:
         """Return the terms of the equation."""
-        return Terms(self.f, -(float(self.wavenumber) ** 2))
+        return Terms(self.f, -(float(self.wavenumber) * float(self.wavenumber)))

@@ -228,7 +228,7 @@ class Wave(Evolution):
 
     def terms(self) -> Terms:
         """Return the terms of the spatial part."""
-        return Terms(self.f, diffusivity=self.speed**2)
+        return Terms(self.f, diffusivity=self.speed * self.speed)
 
     def data(self) -> list[tuple[str, Data]]:
         """Return what has channels, by the names that errors use."""
