@@ -26,7 +26,7 @@ def saved(one, folder):
 
 
 ROBIN = {"both": ck.Robin(1.0, 2.0, 3.0)}
-PARTED = {"across": ck.Transmission(jump=1.0, left=1.0, right=2.0)}
+PARTED = {"across": ck.Transmission(jump=1.0, resistance=0.5)}
 OTHERS = {
     "kind of the edge": (
         scene(),
@@ -53,10 +53,10 @@ OTHERS = {
         scene(cut={"both": ck.Robin(1.0, 2.5, 3.0)}),
         "beta=2.0 .*beta=2.5",
     ),
-    "conductivity": (
+    "resistance of a contact": (
         scene(cut=PARTED),
-        scene(cut={"across": ck.Transmission(jump=1.0, left=1.0, right=3.0)}),
-        "right=2.0 .*right=3.0",
+        scene(cut={"across": ck.Transmission(jump=1.0, resistance=0.6)}),
+        "resistance=0.5.*resistance=0.6",
     ),
     "order of a condition": (scene(), scene(cut={"both": ck.Dirichlet(0.5, order=1)}), "value=0.5 order=1"),
     "number and function": (scene(), scene(edge=ck.Dirichlet(lambda x: x[:, 0])), "'dirichlet of position'"),

@@ -206,16 +206,18 @@ def test_a_wrong_study_file_is_answered_in_one_sentence(file, old, new, message)
 
 def test_names_of_formulas_are_put_in_place():
     known = expand_names({"r": "sqrt(x**2 + y**2)", "half": 0.5, "s": "half*r"})
-    assert known["s"] == "0.5 * sqrt(x ** 2 + y ** 2)"
+    assert known["s"] == "(0.5)*(sqrt(x**2 + y**2))"
     assert expand("2 - s", {"s": "x - y"}) == "2 - (x - y)"
     assert expand("no formula at all", known) == "no formula at all"
     table = {"kind": "s", "both": {"dirichlet": ["s", 1.0]}, "at": [1, 2]}
-    assert expand_all(table, {"s": "x"}) == {"kind": "s", "both": {"dirichlet": ["x", 1.0]}, "at": [1, 2]}
+    assert expand_all(table, {"s": "x"}) == {"kind": "s", "both": {"dirichlet": ["(x)", 1.0]}, "at": [1, 2]}
+    parts = {"of": [{"kind": "s", "phi": "s"}], "values": "s", "file": ["s"]}
+    assert expand_all(parts, {"s": "x"}) == {"of": [{"kind": "s", "phi": "(x)"}], "values": "s", "file": ["s"]}
 
 
 def test_names_that_double_a_formula_again_and_again_are_refused():
     names = {f"a{k}": f"a{k - 1} * a{k - 1}" if k else "x + 1" for k in range(40)}
-    with pytest.raises(SceneError, match="longer than"):
+    with pytest.raises(SceneError, match="at most 4000 are accepted"):
         expand_names(names)
 
 

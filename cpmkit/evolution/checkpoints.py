@@ -18,7 +18,7 @@ from cpmkit.evolution.run import RunPlan, RunState, describe_run, digest_arrays,
 from cpmkit.evolution.schedule import ROUNDING
 from cpmkit.evolution.schemes import REMEMBERED, Moment
 from cpmkit.evolution.shifted import Tally
-from cpmkit.files import written_whole
+from cpmkit.files import check_name, written_whole
 from cpmkit.plain_values import made
 from cpmkit.problems import Equation
 from cpmkit.protocols import Floats
@@ -92,14 +92,10 @@ def _path(given: Any, what: str) -> Path | None:
     """Return what names a file as a path; None where nothing is asked for."""
     if given is None or given == "":
         return None
-    try:
-        path = Path(given)
-        os.lstat(path)
-    except (FileNotFoundError, NotADirectoryError):
-        return Path(given)
-    except (TypeError, ValueError, OSError) as error:
-        raise InputError(f"{what} must be the path of an .npz file, got {shown(given)}.") from error
-    return path
+    if not isinstance(given, (str, os.PathLike)):
+        raise InputError(f"{what} must be the path of an .npz file, got {shown(given)}.")
+    check_name(Path(given))
+    return Path(given)
 
 
 def write_checkpoint(path: Path, plan: RunPlan, state: RunState, tally: Tally) -> None:

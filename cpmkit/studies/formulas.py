@@ -81,5 +81,15 @@ def expand_all(value: Any, known: Mapping[str, str]) -> Any:
     if isinstance(value, list):
         return [expand_all(entry, known) for entry in value]
     if isinstance(value, dict):
-        return {key: entry if key in NO_FORMULAS else expand_all(entry, known) for key, entry in value.items()}
+        return {
+            key: _tables_in(entry, known) if key in NO_FORMULAS else expand_all(entry, known)
+            for key, entry in value.items()
+        }
     return value
+
+
+def _tables_in(value: Any, known: Mapping[str, str]) -> Any:
+    """Return names and files as they are; in tables among them, such as the sources of a union, formulas expanded."""
+    if isinstance(value, list):
+        return [_tables_in(entry, known) for entry in value]
+    return expand_all(value, known) if isinstance(value, dict) else value
