@@ -46,6 +46,14 @@ def test_frames_are_the_solutions_of_shorter_runs():
     assert solution.arrays()["frames"].shape == (4, *solution.values.shape)
 
 
+def test_more_frames_than_fit_the_memory_are_refused_before_the_first_step(monkeypatch):
+    monkeypatch.setattr("cpmkit.evolution.frames.available_bytes", lambda: 1_000_000)
+    steps = []
+    with pytest.raises(ck.ResolutionError, match=r"1001 frames of \d+ unknowns need .* GiB are available; ask for \d+"):
+        ck.solve(scene(heat(frames=1000)), 0.1, progress=lambda stage, share: steps.append(stage))
+    assert "steps" not in steps
+
+
 def test_a_list_of_times_and_no_frames():
     assert [frame.time for frame in ck.solve(scene(heat(frames=[0.37, 0.11])), 0.1).frames] == [0.11, 0.37]
     assert ck.solve(scene(heat()), 0.1).frames == ()

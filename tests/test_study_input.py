@@ -191,6 +191,12 @@ def test_what_no_run_could_be_made_with_is_refused_before_anything_is_solved(
     assert not (tmp_path / "out").exists()
 
 
+def test_a_study_that_fails_at_once_leaves_no_folder(tmp_path):
+    with pytest.raises(InputError, match="u of .exact. must be finite"):
+        run_study(study(tmp_path, TEXT.replace('u = "x + y"', 'u = "log(x - 9)"')), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
 def test_no_run_is_made_twice():
     sweep = Sweep([0.2, 0.2, 0.1], degrees=[3, 3], methods=["cpm", "cpm"])
     assert len(sweep.runs()) == 2

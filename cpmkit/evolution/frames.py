@@ -7,9 +7,30 @@ from typing import Any
 
 import numpy as np
 
+from cpmkit.errors import ResolutionError
 from cpmkit.evolution.equations import Evolution
+from cpmkit.memory import available_bytes
 from cpmkit.solution import Solution
 from cpmkit.surface_mesh import DisplayMesh
+
+#: Bytes of a value, and how often frames are in memory while they are saved.
+BYTES, COPIES = 8, 2
+
+
+def check_frames_fit(frames: int, unknowns: int, channels: int) -> None:
+    """Refuse, before the first step, more frames than the memory that is left would hold.
+
+    Raises
+    ------
+    ResolutionError
+        With the number of frames that would fit.
+    """
+    each, available = COPIES * BYTES * unknowns * channels, available_bytes()
+    if frames * each > available:
+        raise ResolutionError(
+            f"{frames} frames of {unknowns} unknowns need {frames * each / 2**30:.3g} GiB, and "
+            f"{available / 2**30:.3g} GiB are available; ask for {available // (2 * each)} frames or less."
+        )
 
 
 @dataclass(frozen=True, eq=False)

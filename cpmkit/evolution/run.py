@@ -92,5 +92,5 @@ def digest_arrays(arrays: Mapping[str, np.ndarray]) -> str:
         array = np.asarray(arrays[name])
         text = array.dtype.kind == "U"
         digest.update(f"{name} {'text' if text else array.dtype.str} {array.shape};".encode())
-        digest.update(str(array).encode() if text else np.ascontiguousarray(array).tobytes())
+        digest.update(str(array).encode() if text else np.ascontiguousarray(array).data)
     return digest.hexdigest()

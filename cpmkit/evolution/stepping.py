@@ -14,7 +14,7 @@ from cpmkit.errors import ConvergenceError, ResolutionError
 from cpmkit.evolution.checkpoints import read_checkpoint, write_checkpoint
 from cpmkit.evolution.diagnosis import run_warnings
 from cpmkit.evolution.equations import Evolution, Heat, Wave
-from cpmkit.evolution.frames import EvolvedSolution
+from cpmkit.evolution.frames import EvolvedSolution, check_frames_fit
 from cpmkit.evolution.run import RunPlan, RunState
 from cpmkit.evolution.schedule import Step, schedule
 from cpmkit.evolution.schemes import (
@@ -61,6 +61,7 @@ def solve_job(job: Job) -> EvolvedSolution:
     problem = semidiscretize(job.tables, evolution)
     if isinstance(evolution, Wave):
         check_wave(job.scene, job.tables, evolution)
+    check_frames_fit(len(evolution.frame_times), job.tables.unknowns.count, job.tables.layout.channels)
     steps = schedule(evolution.until, evolution.step, evolution.frame_times)
     plan = RunPlan(problem, evolution, steps, _start(problem, evolution, steps[0]))
     solver = ShiftedSolver(problem.operator, job.solver, job.tolerance)

@@ -107,10 +107,6 @@ def run_study(
     if not waiting:
         return Outcome(0, len(runs), 0, file)
     check_study(study)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"The folder {folder} cannot be made: {error.strerror}.") from error
     truth = truth_of(study)
     failed = 0
     make_run(study, study.sweep.runs(cheap)[0], truth)  # what a first run compiles or reads is no cost of any method
