@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
+from cpmkit.boundary.ghosts import Ghosts
+from cpmkit.boundary.reading import Reading
 from cpmkit.discretization import Discretization
 from cpmkit.errors import InputError, ResolutionError
 from cpmkit.grid.stencils import cross_offsets, cross_weights, difference_reach
@@ -92,16 +96,33 @@ def _diffusivity(tables: Discretization, data: Data) -> Floats:
             raise InputError(f"the diffusivity must be above zero, got {a.min():g}.")
         return np.asarray(np.log(a))
 
-    parts = []
-    pairs = [(layout.reading, layout.sources), *((ghosts.reading, ghosts.sources) for ghosts in layout.ghosts)]
-    for reading, sources in pairs:
-        near = np.linalg.norm(reading.points - sources.points, axis=1, keepdims=True) < NEAR * layout.lattice.spacing
-        here, mirror = log_at(sources.points), log_at(np.where(near, sources.points, reading.points))
-        log = np.where(sources.coefficient == 1, 2 * here - mirror, sources.coefficient * here)
-        for term in sources.terms:
-            np.add.at(log, term.rows, term.coefficient * log_at(term.points))
-        parts.append(np.exp(log))
-    return np.concatenate(parts)
+    reading, sources = layout.reading, layout.sources
+    near = np.linalg.norm(reading.points - sources.points, axis=1, keepdims=True) < NEAR * layout.lattice.spacing
+    here, mirror = log_at(sources.points), log_at(np.where(near, sources.points, reading.points))
+    log = np.where(sources.coefficient == 1, 2 * here - mirror, sources.coefficient * here)
+    return np.concatenate([np.exp(_with_terms(log, sources, log_at)), *(_of_ghosts(g, log_at) for g in layout.ghosts)])
+
+
+def _of_ghosts(ghosts: Ghosts, log_at: Callable[[Floats], Floats]) -> Floats:
+    """Return a (g,) at ghosts, continued along the line through the boundary and their mirror point.
+
+    Where that lies nearer to the boundary than what is read within the side, it may be on either: the line goes there.
+    """
+    first = log_at(ghosts.sources.points)
+    here = _with_terms(ghosts.sources.coefficient * first, ghosts.sources, log_at)
+    near, far = np.flatnonzero(ghosts.behind < 1), np.flatnonzero(ghosts.behind >= 1)
+    log = here.copy()
+    log[near] -= ghosts.behind[near] * (first - here)[near]
+    log[far] += here[far] - log_at(ghosts.reading.points[far])
+    return np.exp(log)
+
+
+def _with_terms(values: Floats, reading: Reading, log_at: Callable[[Floats], Floats]) -> Floats:
+    """Return ``values`` (n,) and what the terms of a reading add."""
+    total = values.copy()
+    for term in reading.terms:
+        np.add.at(total, term.rows, term.coefficient * log_at(term.points))
+    return total
 
 
 def _advective(tables: Discretization, velocity: Field, diffusive: Floats) -> Floats:

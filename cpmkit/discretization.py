@@ -115,8 +115,10 @@ class Discretization:
 
     def read_at_rows(self, data: Any, what: str, channels: int | None = 1) -> Floats:
         """Return a coefficient (rows, channels) of the equation at all rows of E, ghosts on the side they carry."""
-        where = [self.layout.sources.points, *(ghosts.sources.points for ghosts in self.layout.ghosts)]
-        return evaluate_data(data, self.layout.lattice.to_scene(np.concatenate(where)), channels, what)
+        lattice, parts = self.layout.lattice, []
+        for sources in (self.layout.sources, *(ghosts.sources for ghosts in self.layout.ghosts)):
+            parts.append(evaluate_data(data, lattice.to_scene(sources.points), channels, what))
+        return np.concatenate(parts)
 
     def read_in_place_of(self, data: Data) -> csr_array:
         """Return the matrix (rows, unknowns) that reads u where E u + data has the boundary ``data``, factors alike."""

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from cpmkit.boundary.beside_rims import RimStrip, beside_rims
-from cpmkit.boundary.crossing_ghosts import INSIDE
 from cpmkit.boundary.edge import PastEdge, read_at_feet, read_past_edge
 from cpmkit.boundary.encounters import SectorJump, Strip, encounters
 from cpmkit.boundary.facing_rims import FacingRims, facing_rims
@@ -19,6 +18,7 @@ from cpmkit.boundary.junctions import Junction, junctions
 from cpmkit.boundary.past_rim import kept_apart
 from cpmkit.boundary.prepare import sight
 from cpmkit.boundary.reading import Reading, Term
+from cpmkit.boundary.side_readings import DOUBTFUL, node_sources
 from cpmkit.boundary.tips import Blur, blurs
 from cpmkit.errors import InputError
 from cpmkit.grid.band import Band, build_band
@@ -26,7 +26,7 @@ from cpmkit.grid.lattice import Lattice
 from cpmkit.grid.stencils import check_degree, difference_reach, reading_radius
 from cpmkit.grid.twins import part_sheets
 from cpmkit.localized import Localized, localize
-from cpmkit.protocols import Parting, Progress, nothing
+from cpmkit.protocols import Ints, Parting, Progress, nothing
 from cpmkit.room import check_one_sheet, check_room
 from cpmkit.scene import Scene
 from cpmkit.special_conditions import Transmission
@@ -147,7 +147,7 @@ def lay_out(
         ghosts.append(build_ghosts(index, seen, band, lattice, past.mirrored, order))
         progress("boundaries", (index + 1) / len(scene.boundaries))
     reading = replace(past.reading, terms=[_located(term, seen, band) for term in past.reading.terms])
-    sources = _off_boundaries(past.sources, seen, band)
+    sources = _off_boundaries(past, seen, band, order)
     laid = Layout(lattice, surface, band, reading, sources, seen, ghosts, scene.channels, order, parted=sheets)
     return _looked_over(laid, scene.problem.start_time)
 
@@ -207,13 +207,26 @@ def _located(term: Term, seen: Sight, band: Band) -> Term:
     return replace(term, frames=[one.frame(term.points, radius, band.spacing) for one in seen.sighted])
 
 
-def _off_boundaries(sources: Reading, seen: Sight, band: Band) -> Reading:
-    """Return where the nodes read right-hand sides, those on a boundary just inside the side that they count to."""
-    points = sources.points.copy()
-    for frame in seen.frames:
-        on = np.flatnonzero(np.abs(frame.signed) < INSIDE * band.spacing)
-        points[frame.rows[on]] += np.sign(frame.signed[on, None]) * INSIDE * band.spacing * frame.left[on]
-    return replace(sources, points=points)
+def _off_boundaries(past: PastEdge, seen: Sight, band: Band, order: int) -> Reading:
+    """Return where the nodes read right-hand sides, those nearly on a boundary inside the side that they count to."""
+    sources = past.sources
+    for number, frame in enumerate(seen.frames):
+        close = (np.abs(frame.signed) < DOUBTFUL * band.spacing) & ~frame.end & (band.feet.edge[frame.rows] < 0)
+        if close.any():
+            own = frame.take(close)
+            others = [one for other, one in enumerate(seen.sighted) if other != number]
+            read = node_sources(sources.points[own.rows], seen.sighted[number], others, own, order)
+            sources = _with_rows(sources, own.rows, read)
+    return sources
+
+
+def _with_rows(reading: Reading, rows: Ints, other: Reading) -> Reading:
+    """Return a reading with ``rows`` read as the other says, whose rows count those."""
+    points, coefficient = reading.points.copy(), reading.coefficient.copy()
+    points[rows], coefficient[rows] = other.points, other.coefficient
+    return Reading(
+        points, coefficient, (), [*reading.terms, *(replace(term, rows=rows[term.rows]) for term in other.terms)]
+    )
 
 
 def _see_boundaries(

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 #: A curve is seen at a spacing of this share of its extent.
 SEEN = 0.25
+#: Entries of tables that are looked through at a time.
+CHUNK = 1 << 17
 
 
 def check_layout(layout: Layout, scene: Scene) -> None:
@@ -54,10 +56,11 @@ def check_effect(layout: Layout, extension: csr_array, neighbours: Ints) -> None
         If there is one.
     """
     nodes, inner = len(layout.band.nodes), layout.band.inner
-    read = np.zeros(extension.shape[1], dtype=bool)
-    read[extension.indices[: extension.indptr[nodes]]] = True
-    stepped = np.zeros(extension.shape[0], dtype=bool)
-    stepped[neighbours[:inner]] = True
+    read, stepped = np.zeros(extension.shape[1], dtype=bool), np.zeros(extension.shape[0], dtype=bool)
+    for start in range(0, extension.indptr[nodes], CHUNK):
+        read[extension.indices[start : min(start + CHUNK, extension.indptr[nodes])]] = True
+    for start in range(0, inner, CHUNK):
+        stepped[neighbours[start : min(start + CHUNK, inner)]] = True
     repeated = {one.second for one in layout.strips if one.coincide}
     repeated |= {one.boundary for one in layout.rim_strips if one.on_rim}
     column, row = inner, nodes

@@ -7,7 +7,7 @@ kappa is shorter than it by ``kappa^2 s^3 / 24``: of third order, so it is corre
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -109,10 +109,11 @@ def continued(plain: Reading, parts: Sequence[Continued]) -> Reading:
 
 def continued_sources(plain: Reading, parts: Sequence[Continued]) -> Reading:
     """Return where right-hand sides are read, those of rows that continue polynomials continued too."""
-    coefficient = plain.coefficient.copy()
+    here = np.ones(len(plain))
     for part in parts:
-        coefficient[part.rows] = part.here
-    return Reading(plain.points, coefficient, (), [term for part in parts for term in part.ahead])
+        here[part.rows] = part.here
+    terms = [replace(term, coefficient=term.coefficient * here[term.rows]) for term in plain.terms]
+    return Reading(plain.points, plain.coefficient * here, (), terms + [term for part in parts for term in part.ahead])
 
 
 def points_inwards(

@@ -10,11 +10,12 @@ import numpy as np
 from cpmkit.boundary.conductivities import conductivities
 from cpmkit.boundary.continuation import continued, continued_sources
 from cpmkit.boundary.continued_ghosts import continue_ghosts
-from cpmkit.boundary.crossing_ghosts import INSIDE, Crossing, beyond_another
+from cpmkit.boundary.crossing_ghosts import Crossing, beyond_another
 from cpmkit.boundary.formulas import beta_at, coefficient_and_factor, mirror_distance
 from cpmkit.boundary.frame import Frame
 from cpmkit.boundary.own_sheet import nearest_from
 from cpmkit.boundary.reading import Datum, Reading, Term
+from cpmkit.boundary.side_readings import WITHIN, read_within
 from cpmkit.boundary.transmission import transmission_weights
 from cpmkit.conditions import Condition
 from cpmkit.grid.lattice import Lattice
@@ -24,12 +25,16 @@ from cpmkit.special_conditions import Transmission
 
 @dataclass(frozen=True, eq=False)
 class GhostReading:
-    """What ghosts read, where their right-hand sides are read, how they see the boundaries, and their orders."""
+    """What ghosts read, where their right-hand sides are read, how they see the boundaries, and their orders.
+
+    ``behind`` (g,) is how far behind the boundary those read that read at one point, over where data are; NaN else.
+    """
 
     reading: Reading
     sources: Reading
     frames: Sequence[Frame]
     orders: Ints
+    behind: Floats
 
 
 def ghost_reading(crossing: Crossing, lattice: Lattice, order: int, radius: float) -> GhostReading:
@@ -52,9 +57,11 @@ def ghost_reading(crossing: Crossing, lattice: Lattice, order: int, radius: floa
         return replace(term, own=crossing.index, frames=frames)
 
     terms = [located(term, False) for term in reading.terms] + [located(term, True) for term in own_terms]
-    inside = Reading(crossing.seen.foot + INSIDE * spacing * crossing.direction, np.ones(count))
+    inside = read_within(crossing, spacing, order)
     frames = crossing.frames(np.arange(count), reading.points, radius, spacing)
-    return GhostReading(replace(reading, terms=terms), continued_sources(inside, parts), frames, orders)
+    behind = np.linalg.norm(reading.points - crossing.seen.foot, axis=1) / (WITHIN * spacing)
+    behind[~alone] = np.nan
+    return GhostReading(replace(reading, terms=terms), continued_sources(inside, parts), frames, orders, behind)
 
 
 def _plain(crossing: Crossing, lattice: Lattice, alone: Bools, orders: Ints) -> tuple[Reading, list[Term], Ints]:

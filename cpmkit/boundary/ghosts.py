@@ -57,6 +57,8 @@ class Ghosts:
         True where the ghost carries the left side's solution.
     orders : (g,) int64
         Order of each ghost.
+    behind : (g,) float64
+        How far behind the boundary those read that read at one point, over where their right-hand sides are; NaN else.
     """
 
     nodes: Ints
@@ -69,6 +71,7 @@ class Ghosts:
     off_sheet: Bools
     carries_left: Bools
     orders: Ints
+    behind: Floats
 
     @cached_property
     def unknown_numbers(self) -> Ints:
@@ -130,6 +133,7 @@ def build_ghosts(index: int, sight: Sight, band: Band, lattice: Lattice, mirrore
         off_sheet,
         seen.signed < 0,
         made.orders,
+        made.behind,
     )
 
 
