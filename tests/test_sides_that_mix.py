@@ -1,0 +1,100 @@
+"""Boundaries at one place, fluxes at points, open ends, sharp tips, short rings and branches are told or refused."""
+
+import numpy as np
+import pytest
+
+import cpmkit as ck
+
+SPHERE = ck.source("analytic.sphere")
+ONE, ZERO = ck.Dirichlet(1.0), ck.Dirichlet(0.0)
+
+
+def ring(height=0.3, direction=(0, 0, 1)):
+    radius = np.sqrt(1 - height**2)
+    return ck.source("analytic.circle", center=[0, 0, height], radius=radius, normal=list(direction))
+
+
+def solved(boundaries, surface=SPHERE, spacing=0.2, problem=None):
+    return ck.solve(ck.Scene(surface, problem or ck.Laplace(), boundaries), spacing)
+
+
+def test_two_boundaries_at_one_place_with_different_values_contradict_each_other():
+    twice = [ck.Boundary("a", ring(), both=ck.Dirichlet(1.0)), ck.Boundary("b", ring(), both=ck.Dirichlet(5.0))]
+    with pytest.raises(ck.SceneError, match=r"'a' and 'b' lie at the same place, near \(.*, 0.3\), and hold different"):
+        solved(twice)
+    point = ck.source("analytic.point", at=[0, 1])
+    with pytest.raises(ck.SceneError, match="at the same place, near"):
+        solved(
+            [ck.Boundary("a", point, both=ONE), ck.Boundary("b", point, both=ZERO)], ck.source("analytic.circle"), 0.1
+        )
+
+
+@pytest.mark.parametrize("reverse", [False, True])
+def test_two_at_one_place_that_agree_are_told_and_solved(reverse):
+    one = ck.Boundary("a", ring(), left=ONE, right=ZERO)
+    left, right = (ck.Dirichlet(0.0), ck.Dirichlet(1.0)) if reverse else (ck.Dirichlet(1.0), ck.Dirichlet(0.0))
+    other = ck.Boundary("b", ring(direction=(0, 0, -1 if reverse else 1)), left=left, right=right)
+    solution = solved([one, other])
+    assert any("hold the same; one of them is enough" in text for text in solution.warnings)
+    np.testing.assert_allclose(solution.evaluate([[0, 0, 1], [0, 0, -1]]), [1.0, 0.0], atol=1e-9)
+
+
+@pytest.mark.parametrize("condition", [ck.Neumann(1.0), ck.Robin(1.0, 2.0, 3.0)])
+def test_a_flux_at_a_point_of_a_surface_is_refused(condition):
+    point = ck.Boundary("well", ck.source("analytic.point", at=[0, 0, 1]), both=condition)
+    with pytest.raises(ck.SceneError, match=r"boundary 'well': a .* condition at a point.*let f be a narrow bump"):
+        solved([point], problem=ck.ScreenedPoisson(1.0))
+
+
+def arc(stop):
+    return ck.source("analytic.arc", center=[0, 0, 0.3], radius=np.sqrt(0.91), start=0, end=stop, normal=[0, 0, 1])
+
+
+def ends(solution):
+    return [text for text in solution.warnings if "with different values on its sides" in text]
+
+
+def test_open_ends_with_different_values_are_told_with_their_place():
+    (told,) = ends(solved([ck.Boundary("open", arc(2.0), left=ONE, right=ZERO)]))
+    assert "'open' ends near (" in told
+    assert "and at its other end" in told
+    assert not ends(solved([ck.Boundary("open", arc(2.0), both=ONE)]))
+    assert not ends(solved([ck.Boundary("closed", ring(), left=ONE, right=ZERO)]))
+
+
+def lens(height):
+    x = np.linspace(-0.6, 0.6, 300)
+    upper = np.stack([x, height * (0.36 - x**2)], axis=1)
+    return ck.source("mesh.polyline", points=np.concatenate([upper, upper[::-1] * [1, -1]]), closed=True)
+
+
+def test_flanks_of_a_tip_that_face_each_other_are_told_and_those_of_a_blunt_one_not():
+    square = ck.source("analytic.box", lower=[-1, -1], upper=[1, 1])
+    for height, told in ((0.25, 1), (2.0, 0)):
+        solution = solved([ck.Boundary("lens", lens(height), left=ONE, right=ZERO)], square, 0.1)
+        assert len([text for text in solution.warnings if "'lens' comes back to itself near" in text]) == told
+
+
+@pytest.mark.parametrize(("spacing", "told"), [(0.1, 1), (0.08, 0)])
+def test_a_short_ring_around_a_limb_is_told(spacing, told):
+    torus = ck.source("analytic.torus", major=1.0, minor=0.15)
+    around = ck.source("analytic.circle", center=[1, 0, 0], radius=0.15, normal=[0, 1, 0])
+    solution = solved([ck.Boundary("ring", around, left=ONE, right=ZERO)], torus, spacing)
+    found = [text for text in solution.warnings if "'ring' is a closed curve of 9.4 spacings around a limb" in text]
+    assert len(found) == told
+
+
+def test_a_small_loop_on_a_flat_place_is_no_ring():
+    loop = ck.source("analytic.circle", center=[0, 0, np.sqrt(0.96)], radius=0.2, normal=[0, 0, 1])
+    solution = solved([ck.Boundary("loop", loop, left=ONE, right=ZERO)])
+    assert not [text for text in solution.warnings if "limb" in text]
+
+
+def test_three_curves_that_meet_are_told_and_two_are_not():
+    circle, spoke = ck.source("analytic.circle"), ck.source("analytic.segment", start=[1, 0], end=[2, 0])
+    longer = ck.source("analytic.segment", start=[2, 0], end=[2, 1])
+    branches = ck.source("union", members=[circle, spoke])
+    corner = ck.source("union", members=[spoke, longer])
+    told = ck.explain(ck.Scene(branches, ck.ScreenedPoisson(1.0)), 0.1).told
+    assert len([text for text in told if "3 curves meet at (1, 0), where no law holds" in text]) == 1
+    assert not ck.explain(ck.Scene(corner, ck.ScreenedPoisson(1.0)), 0.1).told
