@@ -14,8 +14,8 @@ from pairs.measure import error_of
 import cpmkit as ck
 
 #: The error of a case is at most this many times this power of the spacing.
-BOUNDS = {1: 1.0, 2: 0.7, 4: 10.0}
-#: Ghosts without room for a polynomial are of second order.
+BOUNDS = {1: 1.0, 2: 1.0, 4: 10.0}
+#: There ghosts without room for a polynomial are of second order, and those whose mirror is beyond another, of first.
 NO_ROOM = "several boundaries in one stencil"
 #: Pairs that are refused, and the error's words.
 REFUSED = {frozenset(("sheets", "order 4")): "order=4 parts no sheets"}
@@ -30,10 +30,11 @@ def made_of(names):
 
 
 def bound_of(case, names):
-    """The largest error that is right: order 3 is second order, more regular, and so is what has no room."""
-    order = case.options.get("order", 2)
-    power = min(order, 2) if order < 4 or NO_ROOM in names else 4
-    return BOUNDS[power] * case.spacing**power * (2 if NO_ROOM in names else 1)
+    """The largest error that is right: order 3 is second order, more regular, and so is what has no room for more."""
+    power = {1: 1, 4: 4}.get(case.options.get("order", 2), 2)
+    if NO_ROOM in names:
+        power = min(power, 1 if case.solid else 2)
+    return BOUNDS[power] * case.spacing**power
 
 
 MEETING = [pair for pair in combinations(FEATURES, 2) if frozenset(pair) not in CANNOT_MEET]

@@ -13,8 +13,10 @@ CUT, TRIM = 0.3, -0.6
 #: A circle in a disc, and an open curve.
 RING_CENTER, RING_RADIUS = np.array([0.2, -0.2]), 0.3
 TIPS = ((-0.5, 0.45), (0.4, 0.6))
-#: So much more u is inside the ring, and where p_x is above the cut.
-JUMP = 1.0
+#: So much more u is inside the ring, and where p_x is above the cut; and within further boundaries.
+JUMP, LIFT = 1.0, -2.0
+#: How far beside the others further boundaries are, in spacings; on circles counter-clockwise.
+BESIDE = 2.2
 RESISTANCE = 0.5
 TURN = 0.4
 SHIFT = np.array([0.3, -0.2])
@@ -105,10 +107,25 @@ class Case:
             return cut & (np.linalg.norm(x - RING_CENTER, axis=1) < RING_RADIUS)
         return cut & (self.relative(x)[0][:, 0] > CUT)
 
+    def lifted(self, x):
+        """Tell which points lie within the further boundaries."""
+        if not self.crowded or self.inside == "nothing":
+            return np.zeros(len(x), dtype=bool)
+        cut = np.array([one.cut for one in self.parts])[self.part_of(x)]
+        if self.solid:
+            return cut & (np.linalg.norm(x - RING_CENTER, axis=1) < RING_RADIUS + BESIDE * self.spacing)
+        p, radius, _ = self.relative(x)
+        turned = np.arctan2(p[:, 1], p[:, 0]) - BESIDE * self.spacing / radius
+        return cut & (radius * np.cos(turned) > CUT)
+
+    def constants(self, x):
+        """What u has in addition to what is smooth."""
+        return self.relative(x)[2] + JUMP * self.raised(x) + LIFT * self.lifted(x)
+
     def u(self, x):
         """The exact solution at time 0."""
-        p, _, more = self.relative(x)
-        return p[:, 0] + p[:, 1] / 2 + 0.3 * p[:, 0] * p[:, 1] + more + JUMP * self.raised(x)
+        p = self.relative(x)[0]
+        return p[:, 0] + p[:, 1] / 2 + 0.3 * p[:, 0] * p[:, 1] + self.constants(x)
 
     def slope(self, x, direction):
         """The derivative of u along unit vectors (n, 2) tangential to the manifold."""

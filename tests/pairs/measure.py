@@ -3,8 +3,8 @@
 import numpy as np
 
 import cpmkit as ck
-from pairs.case import CUT, RING_CENTER, RING_RADIUS
-from pairs.scene import BESIDE, scene_of
+from pairs.case import BESIDE, RING_CENTER, RING_RADIUS
+from pairs.scene import scene_of
 
 #: Points nearer than this to a boundary may lie on either side of it.
 CLEAR = 2e-3
@@ -24,8 +24,8 @@ def points_of(case):
         found.append(np.asarray(part.center) + radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1))
     x = np.concatenate(found)
     x = x[case.keeps(x)]
-    beside = [case.raised(x + CLEAR * step) for step in np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])]
-    return x[np.all(beside, axis=0) | ~np.any(beside, axis=0)]
+    beside = [case.constants(x + CLEAR * step) for step in np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])]
+    return x[np.ptp(beside, axis=0) == 0]
 
 
 def pieces_of(case, x):
@@ -44,17 +44,12 @@ def pieces_of(case, x):
 
 def _pieces_of_curves(case, x, number):
     """Points follow each other along the curves, from the angle -pi on, where closed curves go on."""
-    p, radius, _ = case.relative(x)
-    angle = np.arctan2(p[:, 1], p[:, 0])
-    key = 10 * number if case.inside == "transmission" else 10 * number + case.raised(x)
-    if case.crowded:
-        cut = np.arccos(CUT / radius)
-        key = key + 2 * (angle > cut + BESIDE * case.spacing) + 4 * (angle > BESIDE * case.spacing - cut)
+    key = 10 * number + 2 * case.lifted(x) + (case.inside != "transmission") * case.raised(x)
     ends = np.linalg.norm(np.diff(x, axis=0, prepend=x[:1]), axis=1) > GAP
     piece = np.cumsum((np.diff(key, prepend=key[0]) != 0) | ends)
     for one in np.unique(number):
         rows = np.flatnonzero(number == one)
-        if np.linalg.norm(x[rows[0]] - x[rows[-1]]) < GAP and key[rows[0]] % 2 == key[rows[-1]] % 2:
+        if np.linalg.norm(x[rows[0]] - x[rows[-1]]) < GAP and key[rows[0]] == key[rows[-1]]:
             piece[piece == piece[rows[-1]]] = piece[rows[0]]
     return piece
 

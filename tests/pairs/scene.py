@@ -4,10 +4,7 @@ import numpy as np
 from bare import Bare
 
 import cpmkit as ck
-from pairs.case import CUT, RESISTANCE, RING_CENTER, RING_RADIUS, ROTATION, SHIFT, TIPS, TRIM
-
-#: How far beside the others further boundaries are, in spacings.
-BESIDE = 2.2
+from pairs.case import BESIDE, CUT, RESISTANCE, RING_CENTER, RING_RADIUS, ROTATION, SHIFT, TIPS, TRIM
 
 
 def scene_of(case):
@@ -73,7 +70,7 @@ def boundaries_of(case):
     if case.tips:
         open_curve = ck.source("analytic.segment", start=TIPS[0], end=TIPS[1])
         along = np.subtract(TIPS[1], TIPS[0]) / np.linalg.norm(np.subtract(TIPS[1], TIPS[0]))
-        found.append(_with_values(case, "open", open_curve, np.array([-along[1], along[0]])))
+        found.append(_through(case, "open", open_curve, np.array([-along[1], along[0]])))
     return found
 
 
@@ -88,7 +85,8 @@ def _ring(case):
 
     found = [_boundary(case, "ring", circle(RING_RADIUS), left, RING_CENTER)]
     if case.crowded:
-        found.append(_with_values(case, "second ring", circle(RING_RADIUS + BESIDE * case.spacing), left))
+        second = circle(RING_RADIUS + BESIDE * case.spacing)
+        found.append(_boundary(case, "second ring", second, left, RING_CENTER, "values"))
     return found
 
 
@@ -110,24 +108,24 @@ def _cuts(case):
             source = ck.source("analytic.point", at=at(angle))
             found.append(_boundary(case, name, source, left, at(angle - 0.1)))
             if case.crowded:
-                beside = ck.source("analytic.point", at=at(angle + BESIDE * case.spacing))
-                found.append(_with_values(case, f"beside {name}", beside, left))
+                further = angle + BESIDE * case.spacing / part.radius
+                beside = ck.source("analytic.point", at=at(further))
+                found.append(_boundary(case, f"beside {name}", beside, left, at(further - 0.1), "values"))
     return found
 
 
-def _with_values(case, name, source, left):
-    """A boundary across which u is continuous: values on both sides, or fluxes where a constant is free."""
+def _through(case, name, source, left):
+    """A boundary across which u is smooth: values on both sides, or fluxes where a constant is free."""
     if not case.free:
         return ck.Boundary(name, _moved(case, source), both=ck.Dirichlet(datum(case, case.u)))
-    along = left if callable(left) else lambda x: np.tile(left, (len(x), 1))
     sides = {
-        side: ck.Neumann(datum(case, lambda x, sign=sign: sign * case.slope(x, along(x))))
+        side: ck.Neumann(datum(case, lambda x, sign=sign: sign * case.slope(x, np.tile(left, (len(x), 1)))))
         for side, sign in (("left", -1), ("right", 1))
     }
     return ck.Boundary(name, _moved(case, source), **sides)
 
 
-def _boundary(case, name, source, left, left_of):
+def _boundary(case, name, source, left, left_of, holds=None):
     def near(sign):
         return lambda x: case.u(x + sign * 1e-4 * left(x)) - sign * 1e-4 * case.slope(x, left(x))
 
@@ -136,10 +134,13 @@ def _boundary(case, name, source, left, left_of):
 
     hint = {"left_of": case.to_world(np.atleast_2d(left_of))[0]} if case.bare else {}
     moved = _moved(case, source)
-    if case.inside == "transmission":
+    holds = holds or case.inside
+    if holds == "transmission":
         jump = datum(case, lambda x: near(1)(x) - near(-1)(x) - RESISTANCE * slope(x))
         return ck.Boundary(name, moved, across=ck.Transmission(jump, resistance=RESISTANCE), **hint)
     right = ck.Neumann(datum(case, slope))
+    if holds == "values" and not case.free:
+        right = ck.Dirichlet(datum(case, near(-1)))
     if case.free:
         return ck.Boundary(name, moved, left=ck.Neumann(datum(case, lambda x: -slope(x))), right=right, **hint)
     return ck.Boundary(name, moved, left=ck.Dirichlet(datum(case, near(1))), right=right, **hint)
