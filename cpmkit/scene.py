@@ -13,7 +13,7 @@ from cpmkit.arrays import as_vector, positive
 from cpmkit.boundary.alike import alike
 from cpmkit.boundary.left import Left, find_left
 from cpmkit.conditions import KINDS, Condition, Neumann
-from cpmkit.errors import InputError, ResolutionError, SceneError
+from cpmkit.errors import InputError, ResolutionError, SceneError, shown
 from cpmkit.grid.lattice import Lattice
 from cpmkit.problems import Equation
 from cpmkit.protocols import SIDES, BoundarySet, ClosestPointSource, Floats, NamesLeft, Side
@@ -142,6 +142,11 @@ class Scene:
             raise SceneError(
                 f"the problem must be an equation, such as Laplace(), Poisson(f) or Heat(...), got {self.problem!r}."
             )
+        for one in self.edge_conditions:
+            if not isinstance(one, KINDS):
+                raise SceneError(
+                    f"`edge` must be {_named(KINDS)}, or a table with one of them for each loop, got {shown(one)}."
+                )
         object.__setattr__(self, "boundaries", tuple(self.boundaries))
         names = [boundary.name for boundary in self.boundaries]
         twice = sorted({name for name in names if names.count(name) > 1})

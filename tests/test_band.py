@@ -7,6 +7,7 @@ from model_problems import sphere_points
 
 import cpmkit as ck
 from cpmkit.grid.band import build_band
+from cpmkit.grid.lattice import Codes
 from cpmkit.grid.stencils import cross_offsets, reading_radius, stencil_cells, tensor_offsets
 from cpmkit.localized import localize
 from cpmkit.protocols import ClosestPoints
@@ -70,3 +71,11 @@ def test_pieces_far_apart_are_all_found():
 def test_a_source_without_abilities_gives_the_same_band():
     bare = build_band(localize(Bare(ck.source("analytic.sphere")), np.zeros(3)), 0.1, 3)
     np.testing.assert_array_equal(bare.nodes, sphere_band(0.1).nodes)
+
+
+def test_a_point_outside_the_numbered_box_has_no_code():
+    """Its number would be that of another point: (0, 3) is numbered as (1, 0) is, in a box of 2 by 3."""
+    codes = Codes.around(np.array([[0, 0], [1, 2]]), 0)
+    inside = np.array([[0, 0], [1, 0], [1, 2]])
+    np.testing.assert_array_equal(codes.decode(codes.encode(inside)), inside)
+    np.testing.assert_array_equal(codes.encode(np.array([[0, 3], [-1, 5], [2, 0], [0, -1]])), -1)

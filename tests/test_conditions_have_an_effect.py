@@ -51,6 +51,12 @@ def test_a_surface_without_a_mesh_tells_both_ways_out():
         ck.solve(ck.Scene(Bare(CIRCLE), ck.ScreenedPoisson(1.0), edge=ck.Dirichlet(1.0)), 0.1)
 
 
+@pytest.mark.parametrize("edge", [5.0, None, {0: 5.0}, [ck.Neumann()], ck.Transmission()])
+def test_what_is_no_condition_of_an_edge_is_refused(edge):
+    with pytest.raises(ck.SceneError, match=r"`edge` must be Dirichlet, .* or a table with one of them for each loop"):
+        ck.Scene(ARC, ck.Laplace(), edge=edge)
+
+
 @pytest.mark.parametrize("sides", [("both",), ("left", "right")])
 def test_a_beta_that_vanishes_everywhere_is_refused(sides):
     robin = ck.Robin(1.0, nothing, 1.0)

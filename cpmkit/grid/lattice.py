@@ -97,8 +97,10 @@ class Codes:
         return np.append(np.cumprod(self.shape[:0:-1])[::-1], 1).astype(np.int64)
 
     def encode(self, points: Ints) -> Ints:
-        """Return the codes (...,) of integer points (..., d) inside the box."""
-        return np.asarray((points - self.lower) @ self.strides, dtype=np.int64)
+        """Return the codes (...,) of integer points (..., d), -1 of those outside the box, where another's would be."""
+        place = points - self.lower
+        inside = ((place >= 0) & (place < self.shape)).all(axis=-1)
+        return np.asarray(np.where(inside, place @ self.strides, -1), dtype=np.int64)
 
     def decode(self, codes: Ints) -> Ints:
         """Return the integer points (n, d) of codes (n,)."""
