@@ -1,4 +1,4 @@
-"""A boundary beside a rim holds, however near it is; on the rim it is the edge's business, and a curve unseen is none."""
+"""A boundary beside a rim holds, however near it is; on the rim the edge rules, and a curve unseen is none."""
 
 import numpy as np
 import pytest
@@ -44,7 +44,7 @@ def test_on_the_rim_another_value_is_refused_and_the_same_is_not():
 
 
 def test_coupled_sides_beside_a_rim_need_a_finer_spacing():
-    with pytest.raises(ck.ResolutionError, match="whose sides are coupled.*0.05 from the manifold's rim; use 0.017"):
+    with pytest.raises(ck.ResolutionError, match=r"whose sides are coupled.*0.05 from the manifold's rim; use 0.017"):
         cut_segment(0.05, across=ck.Transmission(jump=1.0))
 
 

@@ -51,7 +51,7 @@ def slit_sphere(gap):
 
 
 def test_a_slit_in_a_surface():
-    with pytest.raises(ck.ResolutionError, match="too coarse for the gap of 0.2 between rims"):
+    with pytest.raises(ck.ResolutionError, match=r"too coarse for the gap of 0.2 between rims"):
         ck.solve(ck.Scene(slit_sphere(0.2), ck.ScreenedPoisson(1.0)), 0.2)
     solution = ck.solve(ck.Scene(slit_sphere(0.5), ck.ScreenedPoisson(1.0)), 0.2)
     assert "a gap of 0.5, 2.5 spacings" in gaps(solution.warnings)[0]

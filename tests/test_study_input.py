@@ -192,7 +192,7 @@ def test_what_no_run_could_be_made_with_is_refused_before_anything_is_solved(
 
 
 def test_a_study_that_fails_at_once_leaves_no_folder(tmp_path):
-    with pytest.raises(InputError, match="u of .exact. must be finite"):
+    with pytest.raises(InputError, match=r"u of .exact. must be finite"):
         run_study(study(tmp_path, TEXT.replace('u = "x + y"', 'u = "log(x - 9)"')), tmp_path / "out")
     assert not (tmp_path / "out").exists()
 

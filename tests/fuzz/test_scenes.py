@@ -44,7 +44,8 @@ ODD = [
     True, False, 0, -1, 3, 2**62, 2**70, -0.0, 0.5, 1e300, -1e-300, float("nan"), float("inf"), "", "x", "1/0", "t",
     "a.b", "../x", "/x", "summary.json", "analytic.circle", "shpere", "heat", "²", "é" * 50, "y" * 300, "a\nb",
     "\x1b[31m", "\x00", [], [[]], [1], [0, 1], [1, [2]], ["x", 0], [True, 0], [[0, 0], [1, 1]], {}, {"0": 1},
-    {"kind": "analytic.point"}, {"values": "a.npy"}, {"dirichlet": 1}, {"robin": [1, 2]}, {"jump": 1}, [{"kind": "analytic.circle"}, 3],
+    {"kind": "analytic.point"}, {"values": "a.npy"}, {"dirichlet": 1}, {"robin": [1, 2]}, {"jump": 1},
+    [{"kind": "analytic.circle"}, 3],
 ]  # fmt: skip
 values = st.sampled_from(ODD) | st.integers() | st.floats() | st.text(max_size=12) | st.lists(st.floats(), max_size=3)
 names = st.sampled_from([*SCENE, *HEAT, "edge", "lefft", "both", "across", "of", "file", "values", "²", "left_of", "é"])
