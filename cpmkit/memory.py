@@ -124,7 +124,7 @@ def peak_bytes(rows: float, unknowns: float, dim: int, degree: int, channels: in
         ``direct`` assembles the matrix and factorises it.
     """
     stencil: int = (degree + 1) ** dim
-    tables = rows * (stencil * ENTRY + 10 * dim * 8) + unknowns * 2 * dim * (ENTRY + 4)
+    tables = rows * (stencil * ENTRY + 10 * dim * 8) + unknowns * 2 * dim * (ENTRY + 8)
     if solver == "direct":
         # About 2.1 entries of A a stencil entry in the plane and 2.3 in space; SuperLU's fill was measured.
         fill = 14 if dim == 2 else 60

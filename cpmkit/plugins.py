@@ -203,7 +203,7 @@ def source(kind: str, **keys: Any) -> ClosestPointSource:
     [[-2.0, -2.0, -2.0], [2.0, 2.0, 2.0]]
     >>> source("analytic.sphere", raduis=2.0)  # doctest: +ELLIPSIS
     Traceback (most recent call last):
-    cpmkit.errors.SceneError: The kind 'analytic.sphere' has the unknown key 'raduis'; accepted are center, ...
+    cpmkit.errors.SceneError: The kind 'analytic.sphere' has the unknown key 'raduis' (did you mean 'radius'?); ...
     """
     from cpmkit.data import find_file
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.discretization import Discretization
+from cpmkit.memory import ENTRY
 from cpmkit.operators import LinearSystem
 from cpmkit.solvers.report import SolveReport
 
@@ -72,8 +73,9 @@ def measure_work(tables: Discretization, system: LinearSystem, report: SolveRepo
 
 
 def table_bytes(tables: Discretization) -> int:
-    """Return the bytes of E, N, the nodes and their closest points."""
-    matrices = (tables.extension, tables.differences)
-    stored = sum(part.nbytes for matrix in matrices for part in (matrix.data, matrix.indices, matrix.indptr))
+    """Return the bytes of E, the neighbours and their weights, the nodes and their closest points."""
+    matrix = tables.extension
+    stored = sum(part.nbytes for part in (matrix.data, matrix.indices, matrix.indptr))
+    stored += tables.neighbours.nbytes + tables.neighbours.size * ENTRY
     feet = tables.layout.band.feet
     return int(stored + tables.layout.band.nodes.nbytes + feet.points.nbytes + feet.distance.nbytes + feet.edge.nbytes)

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import cpmkit
-from cpmkit import condition_tables, expressions, hookspecs, load_scene, plugins, scenefile
+from cpmkit import condition_tables, formula_trees, hookspecs, load_scene, plugins, scenefile
 from cpmkit.cli import main
 from cpmkit.errors import SceneError
 from cpmkit.outputrequest import PictureRequest
@@ -133,7 +133,7 @@ def test_every_condition_key_and_word_is_documented():
     assert {"auto", *SOLVERS, *_WRITERS} - named == set()
     for condition in condition_tables.CONDITIONS:
         assert any(name.startswith(f"{{ {condition} = ") for name in named), condition
-    assert {*expressions.COORDINATES, *expressions.CONSTANTS, *expressions.FUNCTIONS} - named == set()
+    assert {*formula_trees.COORDINATES, *formula_trees.CONSTANTS, *formula_trees.FUNCTIONS} - named == set()
 
 
 def test_every_installed_kind_and_key_is_documented():
