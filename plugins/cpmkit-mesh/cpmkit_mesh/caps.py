@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit_mesh.reading import distinct_faces
 from cpmkit_mesh.topology import topology
 
 #: A triangle is a cap if it is lower than this share of its longest edge,
@@ -49,8 +50,10 @@ def without_caps(points: Floats, faces: Ints) -> tuple[Ints, Ints]:
         free = _free(caps, across, len(cells))
         flipped = free & (across >= 0)
         _cut_neighbours(corners, cells, caps[flipped], across[flipped], apex[caps[flipped]])
-        kept = np.ones(len(cells), dtype=bool)
-        kept[caps[free & (across < 0)]] = False
+        left = np.ones(len(cells), dtype=bool)
+        left[caps[free & (across < 0)]] = False
+        rows, corners = rows[left], corners[left]
+        kept = distinct_faces(faces.ravel()[corners])  # of caps beside each other both may become the same
         rows, corners = rows[kept], corners[kept]
     return rows, corners
 

@@ -148,3 +148,9 @@ def weld(points: Floats | Ints) -> tuple[Ints, Ints]:
     place = np.empty(len(points), dtype=np.int64)
     place[order] = rank[group]
     return np.sort(leader), place
+
+
+def distinct_faces(faces: Ints) -> Ints:
+    """Return the rows of ``faces`` (m, 3) that name three vertices, and no earlier one names the same, ascending."""
+    apart = np.flatnonzero((faces != np.roll(faces, 1, axis=1)).all(axis=1))
+    return apart[weld(np.sort(faces[apart], axis=1))[0]] if len(apart) else apart

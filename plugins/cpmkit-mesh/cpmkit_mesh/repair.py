@@ -12,7 +12,7 @@ from cpmkit.protocols import Bools, Floats, Ints
 from cpmkit_mesh.caps import caps_of, without_caps
 from cpmkit_mesh.directions import doubled_areas
 from cpmkit_mesh.merging import merge_rims
-from cpmkit_mesh.reading import weld
+from cpmkit_mesh.reading import distinct_faces, weld
 from cpmkit_mesh.topology import Topology, topology
 from cpmkit_mesh.winding import against_the_others
 
@@ -58,11 +58,11 @@ def repaired(given_vertices: Floats, given_faces: Ints) -> Repaired:
         If no face has three different corners, or none has an area.
     """
     points, faces = _welded(given_vertices, given_faces)
-    rows = _distinct(faces)
+    rows = distinct_faces(faces)
     if not len(rows):
         raise InputError(f"No triangle has three different corners, of {len(faces)}; use mesh.polyline for curves.")
     same = merge_rims(points, faces[rows])
-    rows = rows[_distinct(same[faces[rows]])]
+    rows = rows[distinct_faces(same[faces[rows]])]
     left_out = len(faces) - len(rows)
     cells, named = same[faces[rows]], given_faces[rows]
     caps = cells[caps_of(points, cells)[0]]
@@ -90,12 +90,6 @@ def _welded(vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
     used, compact = np.unique(faces, return_inverse=True)
     first, place = weld(vertices[used])
     return vertices[used][first], place[compact.reshape(-1, 3)]
-
-
-def _distinct(faces: Ints) -> Ints:
-    """Return the rows of ``faces`` (m, 3) that name three vertices, and no earlier one names the same, ascending."""
-    apart = np.flatnonzero((faces != np.roll(faces, 1, axis=1)).all(axis=1))
-    return apart[weld(np.sort(faces[apart], axis=1))[0]] if len(apart) else apart
 
 
 def _turned(faces: Ints, turned: Bools) -> Ints:

@@ -25,7 +25,7 @@ def read_stl(data: bytes) -> tuple[Floats, Polygons]:
         If it is none, is cut off, or a line is damaged.
     """
     claimed = int.from_bytes(data[80:HEAD], "little") if len(data) >= HEAD else -1
-    if len(data) == HEAD + claimed * RECORD.itemsize:
+    if claimed >= 0 and len(data) == HEAD + claimed * RECORD.itemsize:
         corners = np.frombuffer(data, RECORD, offset=HEAD)["corners"].reshape(-1, 3).astype(np.float64)
     elif data.lstrip()[:5].lower() == b"solid":
         corners = _read_text(data)

@@ -66,6 +66,9 @@ def test_a_triangle_without_area_inside_leaves_no_gap(turned):
 def test_a_mesh_without_area_is_refused(vertices):
     with pytest.raises(InputError, match="No triangle of 1 has an area"):
         triangles(vertices=vertices, faces=[[0, 1, 2]])
+    along = [[0, -k, 0] for k in (0, 3, 1, 2)]
+    with pytest.raises(InputError, match="No triangle of 3 has an area"):
+        triangles(vertices=along, faces=[[0, 1, 2], [0, 1, 3], [0, 2, 3]])
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-16, 1e-10, 1e-7])
