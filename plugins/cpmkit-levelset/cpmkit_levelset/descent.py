@@ -50,7 +50,7 @@ def descend(zero_set: ZeroSet, x: Floats, start: Floats, stride: float) -> tuple
     for _ in range(ITERATIONS):
         step = newton_step(zero_set.shape(x[rows], y[rows]))
         length = norms(step)
-        shortened = step * np.minimum(1.0, stride / np.maximum(length, 1e-300))[:, None]
+        shortened = step * np.divide(stride, length, out=np.ones_like(length), where=length > stride)[:, None]
         y[rows], moved = _downhill(zero_set, x[rows], y[rows], shortened, stride)
         # where steps are short and no longer shrink, rounding or a kink between cells of a grid keeps them up
         stuck = (length <= LOOSE * zero_set.size) & (length > 0.5 * last[rows])
