@@ -8,6 +8,7 @@ from pathlib import Path, PurePosixPath, PureWindowsPath
 
 from cpmkit.arrays import as_vector, whole
 from cpmkit.errors import SceneError, shown
+from cpmkit.files import check_name
 
 #: Bytes of a file's name that every usual file system takes; what is written first has a longer name for a while.
 LONGEST_NAME = 200
@@ -120,9 +121,10 @@ def check_links(path: Path, folder: Path, what: str) -> None:
 
     Raises
     ------
-    SceneError
-        Naming both; ``what`` says what the path is.
+    InputError
+        Naming both; ``what`` says what the path is. Or if file systems here cannot hold its name.
     """
+    check_name(path)
     try:
         inside = Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder))
     except OSError as error:  # the working directory is gone

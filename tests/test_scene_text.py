@@ -161,13 +161,19 @@ def test_links_lead_no_results_out(tmp_path, monkeypatch):
     assert [file.name for file in (outside / "given").iterdir()] == ["summary.json"]
 
 
-def test_names_that_the_terminal_cannot_show_are_written_as_escapes(tmp_path):
-    file = written(tmp_path, boundary='name = "naïve"\nboth = { dirichlet = 1 }')
-    file = file.rename(tmp_path / "scène.toml")
+def test_where_all_is_ascii_names_that_it_cannot_hold_are_escaped_or_told(tmp_path):
     environment = {**os.environ, "LC_ALL": "C", "PYTHONUTF8": "0"}
-    cpmkit = [sys.executable, "-c", "from cpmkit.cli import main; main()"]
-    for command in (["solve"], ["explain"]):
-        call = [*cpmkit, *command, file.name]
-        done = subprocess.run(call, cwd=tmp_path, env=environment, capture_output=True, check=False)
-        assert done.returncode == 0, done.stderr
+
+    def called(command):
+        code = [sys.executable, "-c", "from cpmkit.cli import main; main()", command, "scène.toml"]
+        return subprocess.run(code, cwd=tmp_path, env=environment, capture_output=True, check=False)
+
+    file = written(tmp_path, boundary='name = "naïve"\nboth = { dirichlet = 1 }')
+    file.rename(tmp_path / "scène.toml")
+    done = called("solve")
+    assert done.returncode == 0, done.stderr
     assert (tmp_path / "scène" / "summary.json").is_file()
+    written(tmp_path, output='folder = "é"').rename(tmp_path / "scène.toml")
+    done = called("solve")
+    assert done.returncode == 1, done.stderr
+    assert b"in the encoding of file names here, ascii" in done.stderr

@@ -24,6 +24,8 @@ from cpmkit_analytic.surfaces import Cap, Cylinder, Sphere, Torus
 
 ORIGIN = (0.0, 0.0, 0.0)
 UP = (0.0, 0.0, 1.0)
+#: Ends of an arc that are nearer, as a share of a turn, are one point.
+ROUNDING = 1e-12
 
 
 def point(*, at: Any, rotation: Any = None, translation: Any = None, scale: Any = 1.0) -> Moved:
@@ -82,12 +84,13 @@ def arc(
     """
     middle, axes = _plane_of(center, normal, x_axis)
     first, last = as_vector([start, end], 2, "[start, end]")
-    if not 0 < abs(last - first) < TURN:
+    sweep = float((last - first) % TURN)
+    if not (abs(last - first) < TURN and ROUNDING < sweep / TURN < 1 - ROUNDING):
         raise InputError(
             f"end must differ from start by less than a full turn and not be equal to it, got {shown(start)} and "
             f"{shown(end)}; analytic.circle is the full turn."
         )
-    shape = Arc(len(middle), as_length(radius, "radius"), start=float(first), sweep=float((last - first) % TURN))
+    shape = Arc(len(middle), as_length(radius, "radius"), start=float(first), sweep=sweep)
     return place(shape, middle, axes).moved(rotation, translation, scale)
 
 

@@ -26,6 +26,7 @@ BAD = [
     ("circle", {"normal": [0, 1]}, "normal must be 3 finite numbers"),
     ("arc", {"start": 1.0, "end": 1.0}, "less than a full turn"),
     ("arc", {"start": 0.0, "end": 7.0}, "less than a full turn"),
+    ("arc", {"start": 0.0, "end": -1e-300}, "less than a full turn"),
     ("arc", {"start": 0.0, "end": np.inf}, "finite numbers"),
     (
         "arc",
