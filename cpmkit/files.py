@@ -105,16 +105,28 @@ def check_name(path: Path) -> None:
     """
     if "\0" in str(path):
         raise InputError(f"{shown(str(path))} is no name of a file: it holds the character NUL.")
-    try:
-        lengths = [len(os.fsencode(part)) for part in path.parts]
-    except UnicodeEncodeError as error:
-        raise InputError(
-            f"{shown(str(path))} cannot be written in the encoding of file names here, {error.encoding}; "
-            "set the environment variable PYTHONUTF8=1, or LC_ALL=C.UTF-8."
-        ) from error
+    check_encoding(path)
+    lengths = [len(os.fsencode(part)) for part in path.parts]
     limits = [*(LONGEST_FOLDER for _ in lengths[1:]), LONGEST_NAME]
     for part, length, limit in zip(path.parts, lengths, limits, strict=False):
         if length > limit:
             raise InputError(f"The name {shown(part)} has {length} bytes; accepted are {limit} at most.")
     if sum(lengths) + len(lengths) > LONGEST_PATH:
         raise InputError(f"The path {shown(str(path))} is too long; accepted are {LONGEST_PATH} bytes at most.")
+
+
+def check_encoding(path: Path) -> None:
+    """Check that the encoding of file names has the characters of ``path``.
+
+    Raises
+    ------
+    InputError
+        If it lacks some; with what to set.
+    """
+    try:
+        os.fsencode(path)
+    except UnicodeEncodeError as error:
+        raise InputError(
+            f"{shown(str(path))} cannot be written in the encoding of file names here, {error.encoding}; "
+            "set the environment variable PYTHONUTF8=1, or LC_ALL=C.UTF-8."
+        ) from error

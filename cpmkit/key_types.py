@@ -6,8 +6,6 @@ from collections.abc import Callable, Mapping
 from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
-import numpy as np
-
 from cpmkit.errors import SceneError, shown
 
 #: How messages name the types that are checked; a parameter with any other is left to its factory.
@@ -45,6 +43,8 @@ def _plain(hint: Any) -> tuple[type, ...]:
 
 
 def _is(value: Any, kind: type) -> bool:
+    import numpy as np  # not above: a list of the commands needs none of it
+
     if isinstance(value, (bool, np.bool_)):
         return kind is bool
     if kind is float:

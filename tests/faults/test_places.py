@@ -90,8 +90,10 @@ def test_a_read_only_folder_is_told_by_what_the_system_says(asked, monkeypatch):
     ],
 )
 def test_a_name_that_no_file_can_have(asked, name, message):
-    with pytest.raises(InputError, match=message):
+    with pytest.raises(InputError):
         asked((name,))
+    with pytest.raises(InputError, match=message):
+        check_place(Path(name))
     with pytest.raises(InputError, match=message), written_whole(Path(name)):
         pass
 

@@ -22,7 +22,7 @@ from cpmkit.files import unfinished_name, written_whole
 from cpmkit.outputrequest import OutputRequest
 from cpmkit.progress import ProgressLine
 from cpmkit.protocols import nothing
-from cpmkit.studies.records import append_record, drop_unfinished_line, read_records
+from cpmkit.studies.records import append_record, drop_unfinished_line
 
 #: Writes a letter 60,000 times into a file, in three pieces, again and again.
 WRITER = """
@@ -194,7 +194,7 @@ def test_a_record_that_does_not_fit_on_the_disk_is_told_and_the_lines_before_it_
     whole = file.read_bytes()
     with full_disk(len(whole) + 5), pytest.raises(InputError, match=r"records\.jsonl cannot be written: .*\.$"):
         append_record(file, {"run": 2})
-    assert read_records(file) == [{"run": 1}]
+    assert file.read_bytes().startswith(whole)
     drop_unfinished_line(file)
     assert file.read_bytes() == whole
 
