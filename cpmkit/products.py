@@ -46,8 +46,11 @@ class ThreadedProduct:
         for start in range(0, matrix.shape[0], self.rows):
             pointers = matrix.indptr[start : start + self.rows + 1]
             entries = slice(pointers[0], pointers[-1])
-            parts = (matrix.data[entries], matrix.indices[entries], pointers - pointers[0])
-            blocks.append(csr_array(parts, shape=(len(pointers) - 1, matrix.shape[1])))
+            block = csr_array((len(pointers) - 1, matrix.shape[1]), dtype=matrix.dtype)
+            # Set one by one: given at once, SciPy copies parts of larger arrays, and there are two matrices in memory.
+            block.data, block.indices = matrix.data[entries], matrix.indices[entries]
+            block.indptr = pointers - pointers[0]
+            blocks.append(block)
         return blocks
 
     def __matmul__(self, x: Floats) -> Floats:
