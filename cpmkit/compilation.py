@@ -25,17 +25,22 @@ def compiled(function: Function) -> Function:
     Kernels that call each other live in one file: the kept code is renewed when its own file
     changes, not when another one does.
     """
-    # Else numba takes the folder from a file .numba_config.yaml in the working directory, and runs what lies there.
-    os.environ.setdefault("NUMBA_CACHE_DIR", "")
-    from numba import njit
-
-    options = {"nogil": True, "error_model": "numpy"}
+    njit, options = _njit(), {"nogil": True, "error_model": "numpy"}
     try:
         kernel: Function = njit(cache=True, **options)(function)
     except RuntimeError:  # numba found no folder that it may write to: compile once a process instead
         _tell_once()
         kernel = njit(**options)(function)
     return kernel
+
+
+def _njit() -> Any:
+    """Return numba's decorator; kernels are kept in no folder that a file in the working directory names."""
+    # Numba reads .numba_config.yaml there, and runs the compiled code in the folder that it names.
+    os.environ.setdefault("NUMBA_CACHE_DIR", "")
+    from numba import njit
+
+    return njit
 
 
 @cache
@@ -45,7 +50,5 @@ def _tell_once() -> None:
 
 def inlined(function: Function) -> Function:
     """Return ``function`` compiled into each kernel that calls it: a call costs as much as a small body."""
-    from numba import njit
-
-    part: Function = njit(nogil=True, error_model="numpy", forceinline=True)(function)
+    part: Function = _njit()(nogil=True, error_model="numpy", forceinline=True)(function)
     return part

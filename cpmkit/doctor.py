@@ -13,6 +13,7 @@ from typing import Any
 from cpmkit.errors import CpmkitError
 from cpmkit.memory import memory_limit
 from cpmkit.plugins import installed_kinds
+from cpmkit.telling import overheard
 
 #: Distributions whose versions matter, the required ones first.
 DISTRIBUTIONS = (
@@ -47,7 +48,7 @@ class Diagnosis:
     scene : str or None
         What keeps the scene from loading, empty where it loads; ``None`` if none was given.
     advice : tuple of str
-        What to do, most useful first.
+        What a scene warns of as it is read, and what to do, most useful first.
     """
 
     system: str
@@ -87,6 +88,8 @@ def diagnose(scene: str | Path | None = None) -> Diagnosis:
     versions = {name: _version(name) for name in DISTRIBUTIONS}
     kinds = {kind.kind: f"{kind.distribution} {kind.version}" for kind in installed_kinds()}
     opengl = probe()
+    with overheard() as heard:
+        problem = None if scene is None else _loading(scene)
     return Diagnosis(
         system=f"Python {platform.python_version()}, {platform.platform()}",
         versions=versions,
@@ -95,8 +98,8 @@ def diagnose(scene: str | Path | None = None) -> Diagnosis:
         memory=str(memory_limit()),
         variables={name: os.environ[name] for name in VARIABLES if name in os.environ},
         opengl=opengl,
-        scene=None if scene is None else _loading(scene),
-        advice=tuple(_advice(versions, kinds, opengl)),
+        scene=problem,
+        advice=(*heard, *_advice(versions, kinds, opengl)),
     )
 
 

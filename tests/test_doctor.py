@@ -1,12 +1,14 @@
 """The doctor reports what is there, says what to do about what is not, and imports no plugin for it."""
 
 import json
+import warnings
 
 import pytest
 
 from cpmkit import doctor
 from cpmkit.cli import main
 from cpmkit.doctor import diagnose
+from cpmkit.errors import CpmkitWarning
 
 runner = pytest.importorskip("click.testing").CliRunner()
 
@@ -71,3 +73,11 @@ def test_the_probe_answers_with_a_reason_or_draws(monkeypatch):
     monkeypatch.setenv("VTK_DEFAULT_OPENGL_WINDOW", "vtkOSOpenGLRenderWindow")
     found = diagnose()
     assert found.opengl == "" or "the OpenGL process" in found.opengl or "pyvista" in found.opengl
+
+
+def test_what_a_scene_warns_of_is_among_the_advice(tmp_path, monkeypatch):
+    def load_scene(path):
+        warnings.warn("A triangle is dropped.", CpmkitWarning, stacklevel=1)
+
+    monkeypatch.setattr("cpmkit.scenefile.load_scene", load_scene)
+    assert diagnose(tmp_path / "scene.toml").advice[0] == "A triangle is dropped."
