@@ -128,7 +128,7 @@ kind = "laplace"
         ("[exact]", "let = [1]\n[exact]", r"\[let\] must be a table, got \[1\]"),
         ("[exact]", "title = 3\n[exact]", "title must be text of at most 300 characters, got 3"),
         ("points = 50", "points = 10000000000", "at most 1000000 points are accepted"),
-        ("points = 50", "points = true", "points of .exact. must be a whole number above zero"),
+        ("points = 50", "points = true", "points of .exact. must be a whole number or text, got True"),
         (
             "[0.2, 0.1]",
             "[0.2, 0.1]\norigins = 1000000000",
@@ -138,10 +138,10 @@ kind = "laplace"
         ("[0.2, 0.1]", "[0.2, 0.1]\norigins = 10000\ndegrees = [2, 3, 4]\norders = [1, 2]", "makes 120000 runs"),
         ("[0.2, 0.1]", "[0.2, 0.1]\norders = [4]", "order 4 needs degrees of 4 or 5, and degrees of .sweep. has 3"),
         ("[0.2, 0.1]", "[0.2, 0.1]\ndegrees = [true]", "degrees of .sweep. must be among"),
-        ("[0.2, 0.1]", "[0.2, 0.1]\nstep_per_spacing = true", "step_per_spacing of .sweep. must be a finite number"),
+        ("[0.2, 0.1]", "[0.2, 0.1]\nstep_per_spacing = true", "step_per_spacing of .sweep. must be a number, got True"),
         ("[0.2, 0.1]", '["0.1"]', "each spacing of .sweep. must be a finite number above zero, got '0.1'"),
         ("[0.2, 0.1]", "[true]", "each spacing of .sweep. must be a finite number above zero, got True"),
-        ("[0.2, 0.1]", f"[1{'0' * 400}]", "each spacing of .sweep. must be a finite number above zero"),
+        ("[0.2, 0.1]", f"[1{'0' * 400}]", "an entry of the key 'spacings' is a whole number beyond"),
     ],
 )
 def test_a_table_of_another_type_or_beyond_all_bounds_is_refused(old, new, message, tmp_path):

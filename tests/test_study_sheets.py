@@ -306,7 +306,7 @@ def test_a_run_is_told_in_percent_of_the_half_range(folder):
     [
         ('reference = "fem"', "", "takes either u, a formula, or reference, .*; got neither"),
         ('reference = "fem"', 'reference = "fem"\nu = "x"', "takes either u, a formula, or reference, .*; got both"),
-        ('reference = "fem"', "reference = 3", "reference of .exact. must be the name of a back end"),
+        ('reference = "fem"', "reference = 3", "reference of .exact. must be text, got 3"),
         (
             'points = "vertices"',
             'points = "corners"',
