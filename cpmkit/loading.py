@@ -24,6 +24,8 @@ from cpmkit.work import Work
 
 #: No inner node of a band is farther from the bounds of the surface than so many spacings.
 REACH = 12
+#: Share of the ghosts that may stand on their boundary.
+TIES = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,8 +71,8 @@ def load(path: str | Path, scene: Scene | str | Path | None = None) -> Solution 
     scene : Scene or path, optional
         The scene that was solved, or the scene file it came from. Its tables are built again, as long as that
         takes, and filled with the saved values: the solution reads as it did, to the last bit. That the scene is the
-        one that was solved is checked by its nodes, its ghosts, its equation with the numbers in it, and its
-        conditions, on the edge too, with theirs; functions are not saved and not compared.
+        one that was solved is checked by its nodes, by its ghosts with their sides, and by its equation and its
+        conditions, on the edge too, with the numbers in them; functions are not saved and not compared.
 
     Returns
     -------
@@ -138,6 +140,8 @@ def _rebuilt(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any], 
     )
     if not _fits(tables, lattice, scene):
         raise of_another_scene(path, "its nodes are others")
+    if not _sides_agree(tables, lattice):
+        raise of_another_scene(path, "left and right of its boundaries are others")
     balance = summary["discretization"].get("balance")
     return Solution(
         scene,
@@ -151,6 +155,12 @@ def _rebuilt(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any], 
         leaks=tuple(made(Leak, one, f"a leak in {where}") for one in summary.get("leaks", ())),
         balance=None if balance is None else made(Balance, balance, f"balance in {where}"),
     )
+
+
+def _sides_agree(tables: Discretization, lattice: Mapping[str, Any]) -> bool:
+    """Tell whether the ghosts carry the sides that were saved; a node on a boundary may be on either by rounding."""
+    left = tables.unknowns.ghost_sides
+    return "left" not in lattice or int(np.count_nonzero(left != lattice["left"])) <= TIES * len(left)
 
 
 def _is_near(lattice: Mapping[str, Any], scene: Scene) -> bool:

@@ -38,6 +38,7 @@ LATTICE = (
     SavedArray("lattice_sheets", "bU", needed=False),
     SavedArray("lattice_nodes", "i", ("inner", "dim")),
     SavedArray("lattice_ghosts", "i", ("ghosts", 2)),
+    SavedArray("lattice_left", "b", ("ghosts",), needed=False),
     SavedArray("lattice_unknowns", "f", ("unknowns", "channels")),
     SavedArray("lattice_time", "f", needed=False),
     SavedArray("lattice_frame_times", "f", ("frames",), needed=False),

@@ -226,6 +226,7 @@ class Solution(ReadableSolution):
             **{name: np.array(value) for name, value in self.tables.layout.options.items()},
             "nodes": self.tables.layout.band.nodes[: self.tables.layout.band.inner],
             "ghosts": self.tables.unknowns.ghost_nodes,
+            "left": self.tables.unknowns.ghost_sides,
             "unknowns": self.values,
         }
 

@@ -18,7 +18,7 @@ from cpmkit.boundary.tangent_space import normals
 from cpmkit.errors import ResolutionError
 from cpmkit.grid.band import Band
 from cpmkit.grid.stencils import stencil_cells, tensor_offsets, tensor_weights
-from cpmkit.protocols import Floats, Ints, Progress, nothing
+from cpmkit.protocols import Bools, Floats, Ints, Progress, nothing
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -63,6 +63,11 @@ class Unknowns:
             for index, ghosts in enumerate(self.ghosts)
         ]
         return np.concatenate([np.zeros((0, 2), dtype=np.int64), *parts])
+
+    @property
+    def ghost_sides(self) -> Bools:
+        """(g,) whether each ghost that is an unknown carries the left of its boundary."""
+        return np.concatenate([np.zeros(0, bool), *(one.carries_left[: one.unknowns] for one in self.ghosts)])
 
 
 def extend(
