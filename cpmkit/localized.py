@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
+from cpmkit.answers import check_answer
 from cpmkit.protocols import (
     ClosestPoints,
     ClosestPointSource,
@@ -39,11 +40,14 @@ class Localized:
         Added to queries and taken from answers; zero where the source was translated.
     queries : Counter
         ``queries["points"]`` counts the closest point queries made so far.
+    origin : (d,) float64, optional
+        Where zero lies in the scene, for messages; ``shift`` unless given.
     """
 
     source: ClosestPointSource
     shift: Floats
     queries: Counter[str] = field(default_factory=Counter)
+    origin: Floats | None = None
 
     @property
     def dim(self) -> int:
@@ -65,7 +69,7 @@ class Localized:
         """The members of a union, seen from the same origin; the source itself where it is none."""
         if not isinstance(self.source, HasMembers):
             return (self,)
-        return tuple(Localized(member, self.shift, self.queries) for member in self.source.members)
+        return tuple(Localized(member, self.shift, self.queries, self.origin) for member in self.source.members)
 
     @property
     def largest_dim(self) -> int:
@@ -113,9 +117,17 @@ class Localized:
         return all(isinstance(member.source, HasLeft) for member in self.members)
 
     def closest_point(self, x: Floats) -> ClosestPoints:
-        """Return the closest points of ``x`` (n, d), both relative to the origin."""
+        """Return the closest points of ``x`` (n, d), both relative to the origin.
+
+        Raises
+        ------
+        InputError
+            If the answer is not what a source has to give: the source is at fault, not what is computed from it.
+        """
         self.queries["points"] += len(x)
-        return self._moved(self.source.closest_point(np.ascontiguousarray(x + self.shift)), -self.shift)
+        answer = self.source.closest_point(np.ascontiguousarray(x + self.shift))
+        check_answer(answer, x, self.source, self.shift if self.origin is None else self.origin)
+        return self._moved(answer, -self.shift)
 
     def feet(self, x: Floats, radius: float) -> tuple[Ints, ClosestPoints]:
         """Return the rows (k,) of ``x`` (n, d), ascending, and their feet within ``radius``, the nearest first.
@@ -125,6 +137,7 @@ class Localized:
         assert isinstance(self.source, HasFeet)
         self.queries["points"] += len(x)
         rows, feet = self.source.feet(np.ascontiguousarray(x + self.shift), radius)
+        check_answer(feet, x[rows], self.source, self.shift if self.origin is None else self.origin)
         return rows, self._moved(feet, -self.shift)
 
     def normals(self, feet: ClosestPoints) -> Floats:
@@ -155,5 +168,5 @@ def largest_dim(source: ClosestPointSource) -> int:
 def localize(source: ClosestPointSource, origin: Floats) -> Localized:
     """Return ``source`` as seen from ``origin`` (d,)."""
     if origin.any() and isinstance(source, HasTranslation):
-        return Localized(source.translated(-origin), np.zeros_like(origin))
+        return Localized(source.translated(-origin), np.zeros_like(origin), origin=np.array(origin))
     return Localized(source, np.array(origin))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from cpmkit.boundary.left import Left, find_left
 from cpmkit.conditions import KINDS, Condition, Neumann
 from cpmkit.errors import InputError, ResolutionError, SceneError, shown
 from cpmkit.grid.lattice import Lattice
+from cpmkit.localized import Localized
 from cpmkit.problems import Equation
 from cpmkit.protocols import SIDES, BoundarySet, ClosestPointSource, Floats, NamesLeft, Side
 from cpmkit.scene_data import Data, channel_count
@@ -22,6 +24,8 @@ from cpmkit.special_conditions import Transmission
 
 #: The largest spacing, as a share of the manifold's largest side, at which the band still tells its parts apart.
 COARSEST = 0.25
+#: Where data of the equation and of the edge are asked; numbers from zero are boundaries.
+SURFACE, EDGE = -1, -2
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,15 +156,22 @@ class Scene:
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise SceneError(f"{len(names)} boundaries share the name {twice[0]!r}; give each its own.")
+        for boundary in self.boundaries:
+            if boundary.source.dim != self.surface.dim:
+                raise SceneError(
+                    f"boundary {boundary.name!r} lies in {boundary.source.dim}D, the surface in {self.surface.dim}D; "
+                    "both must be the same."
+                )
         self.problem.check_conditions(self._conditions())
         assert self.channels
 
     @cached_property
     def channels(self) -> int:
         """How many right-hand sides are solved together: the entries of the data, where they have more than one."""
-        centre = np.mean(np.asarray(self.surface.bounds, dtype=np.float64), axis=0)
-        probe = self.surface.closest_point(centre[None]).points
-        counts = [(what, channel_count(data, probe, what, self.problem.start_time)) for what, data in self._data()]
+        counts = [
+            (what, channel_count(data, self._place(place), what, self.problem.start_time))
+            for what, data, place in self._data()
+        ]
         most = max((count for _, count in counts), default=1)
         for what, count in counts:
             if count not in (1, most):
@@ -197,10 +208,34 @@ class Scene:
         """All conditions, of both sides of each boundary and of the edge."""
         return [condition for _, condition in self._conditions()]
 
-    def _data(self) -> list[tuple[str, Data]]:
-        conditions = self._conditions()
-        fluxes = [(what, one.flux) for what, one in conditions if isinstance(one, Transmission)]
-        return [(what, one.gamma) for what, one in conditions] + fluxes + self.problem.data()
+    def _data(self) -> list[tuple[str, Data, int]]:
+        """Return all data, what they are, and the place at which they can be asked, a number for :meth:`_place`."""
+        places = [number for number, _ in enumerate(self.boundaries) for _ in SIDES]
+        places += [EDGE] * len(self.edge_conditions)
+        found: list[tuple[str, Data, int]] = []
+        for (what, one), place in zip(self._conditions(), places, strict=True):
+            found.append((what, one.gamma, place))
+            if isinstance(one, Transmission):
+                found.append((what, one.flux, place))
+        return found + [(what, data, SURFACE) for what, data in self.problem.data()]
+
+    def _place(self, number: int) -> Floats:
+        """Return a point (1, d) of a boundary, by its number, of the manifold's edge or of the manifold.
+
+        Data may be undefined elsewhere. An edge that is not seen from the corners of the bounds is asked for inside.
+        """
+        if number not in self._places:
+            source = self.boundaries[number].source if number >= 0 else self.surface
+            bounds = np.asarray(source.bounds, dtype=np.float64)
+            centre = bounds.mean(axis=0)
+            asked = centre[None] if number != EDGE else np.array([*product(*bounds.T), centre])
+            seen = Localized(source, np.zeros(source.dim)).closest_point(asked)
+            self._places[number] = seen.points[np.argmax(seen.edge >= 0)][None] if number == EDGE else seen.points
+        return self._places[number]
+
+    @cached_property
+    def _places(self) -> dict[int, Floats]:
+        return {}
 
     def lattice(self, spacing: float, origin: Any = None) -> Lattice:
         """Return the lattice of this spacing; a node lies at ``origin``, by default the centre of the bounds.

@@ -324,7 +324,31 @@ class TranslationLosesAbilities(Circle):
         return Bare()
 
 
+class LeftAlongTheCurve(Circle):
+    def leftward(self, feet):
+        return self.tangents(feet)
+
+
+class PointOnTheRight(Circle):
+    left_of = np.array([1e3, 0.0])
+
+    def leftward(self, feet):
+        return -self.normals(feet)
+
+
+class ThousandthEdge(Circle):
+    def closest_point(self, x):
+        feet = super().closest_point(x)
+        return replace(feet, edge=np.full(len(feet), 1000))
+
+
+class OddLimit(Circle):
+    edge_limit = 1001
+
+
 FAULTS = {
+    "left": [LeftAlongTheCurve, PointOnTheRight],
+    "edge_limit": [ThousandthEdge, OddLimit],
     "statement": [FlatBounds],
     "shapes": [SinglePrecision],
     "empty": [NothingForNothing],

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from cpmkit.protocols import (
+    OPTIONAL_ABILITIES,
     Floats,
-    HasFeet,
     HasFloor,
     HasMesh,
     HasNormals,
@@ -144,7 +144,7 @@ def check_translation(about: Subject) -> None:
         return
     offset = about.size * np.array([3.0, -50.0, 0.3])[: about.source.dim]
     moved = source.translated(offset)
-    for ability in (HasFeet, HasNormals, HasTangents, HasValues, HasMesh, HasTranslation):
+    for ability in OPTIONAL_ABILITIES:
         same = isinstance(moved, ability) == isinstance(source, ability)
         require(same, f"Only one of the two has {ability.__name__}.")
     apart = np.abs(moved.bounds - (about.source.bounds + offset)).max()
