@@ -32,7 +32,7 @@ def scene(surface, *boundaries):
 
 def signed(of, point, spacing, origin=0.0):
     """Return the signed distance, left positive, of a point from a scene's first boundary on some lattice."""
-    lattice = Lattice(np.full(of.surface.dim, origin), spacing)
+    lattice = Lattice(np.broadcast_to(origin, of.surface.dim) * 1.0, spacing)
     seen = sight(of.boundaries[0], localize(of.surface, lattice.origin), lattice, spacing, of.left)
     return seen.frame(lattice.to_local(np.atleast_2d(point)), np.inf, spacing).signed[0]
 
@@ -73,6 +73,24 @@ def test_unlike_sides_need_someone_who_says_which_is_left(surface, bare_curve):
 
 def _points_in(message):
     return [np.array([float(x) for x in found.split(",")]) for found in re.findall(r"\[([^\]]*)\]", message)]
+
+
+def test_a_point_on_the_left_that_the_sources_have_on_the_right_is_refused():
+    assert signed(scene(SPHERE, unlike(circle(0.3), left_of=TOP)), TOP, 0.2) > 0
+    with pytest.raises(ck.SceneError, match="on its right, as the surface's own normal"):
+        signed(scene(SPHERE, unlike(circle(0.3), left_of=BOTTOM)), TOP, 0.2)
+    with pytest.raises(ck.SceneError, match="is on neither side of some piece of it"):
+        signed(scene(Bare(SPHERE), unlike(circle(0.3), left_of=[np.sqrt(0.91), 0, 0.3])), TOP, 0.2)
+
+
+def test_the_two_points_of_the_refusal_serve_far_from_zero():
+    place = np.array([1e6, -3e5, 2e6])
+    surface, curve = (ck.source("moved", of=one, translation=place, scale=1e-2) for one in (SPHERE, circle(0.3)))
+    with pytest.raises(ck.SceneError, match="give left_of") as told:
+        signed(scene(Bare(surface), unlike(curve)), place, 1e-3, place)
+    one, other = _points_in(str(told.value))
+    chosen = scene(Bare(surface), unlike(curve, left_of=one))
+    assert signed(chosen, one, 1e-3, place) > 0 > signed(chosen, other, 1e-3, place)
 
 
 def test_what_a_rule_names_is_told_before_anything_is_built():

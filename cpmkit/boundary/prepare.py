@@ -9,7 +9,7 @@ import numpy as np
 from cpmkit.boundary.alike import alike, sides_differ
 from cpmkit.boundary.frame import Sighted
 from cpmkit.boundary.left import Left
-from cpmkit.errors import SceneError
+from cpmkit.errors import SceneError, shown
 from cpmkit.grid.band import surface_cells
 from cpmkit.grid.lattice import Lattice
 from cpmkit.localized import Localized, localize
@@ -73,16 +73,31 @@ def _check_sides(boundary: BoundarySet, sighted: Sighted) -> None:
             f"{'boundary' if not sighted.named.travels else 'manifold'}'s own direction comes back reversed along it; "
             "give one condition for both sides."
         )
-    if sighted.named.beside is not None and sides_differ(on_left, on_right):
-        one, other = (_shown_point(point) for point in sighted.named.beside)
+    if not sides_differ(on_left, on_right):
+        return
+    if sighted.named.contradicted:
         raise SceneError(
-            f"boundary {boundary.name!r} has unlike conditions on its sides, and nothing says which side is left: "
+            f"boundary {boundary.name!r} has left_of={shown(boundary.left_of)} on its right, as the surface's "
+            "own normal and the boundary's own direction have it; leave left_of out, or exchange the conditions."
+        )
+    if sighted.named.beside is not None:
+        apart = float(np.linalg.norm(np.subtract(*sighted.named.beside)))
+        one, other = (_shown_point(point, 0.01 * apart) for point in sighted.named.beside)
+        raise SceneError(
+            f"boundary {boundary.name!r} has unlike conditions on its sides, and {_silent(boundary)}: "
             f"{sighted.missing}; give left_of, a point on the left, here {one} for one side or {other} for the other."
         )
 
 
-def _shown_point(point: Floats) -> str:
-    return str([float(f"{x:.4g}") for x in point])
+def _silent(boundary: BoundarySet) -> str:
+    if boundary.left_of is None:
+        return "nothing says which side is left"
+    return f"left_of={shown(boundary.left_of)} is on neither side of some piece of it"
+
+
+def _shown_point(point: Floats, accuracy: float) -> str:
+    """Return a point in as many digits as the accuracy needs, however far from zero it lies."""
+    return str(np.round(point, max(0, 1 - int(np.floor(np.log10(accuracy))))).tolist())
 
 
 def _samples(name: str, source: Localized, surface: Localized, spacing: float) -> Floats:
