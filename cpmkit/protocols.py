@@ -325,7 +325,7 @@ class BoundarySet(Protocol):
 
     @property
     def left_of(self) -> Floats | None:
-        """(d,) a point that is on the left, for sources without a normal of their own."""
+        """(d,) a point that is on the left of each piece, for sources without normals or tangents of their own."""
 
     def condition(self, side: Side, /) -> Condition:
         """Return what holds on ``side``."""

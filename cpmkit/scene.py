@@ -46,8 +46,8 @@ class Boundary:
     across : Transmission
         Instead of these: both sides coupled.
     left_of : (d,) array, optional
-        A point on the left, for a surface without normals of its own. Unless given, that of the source where
-        it names one.
+        A point on the left, needed where the conditions differ and the surface has no normals of its own, or the
+        boundary no direction. Unless given, that of the source where it names one.
 
     Raises
     ------
