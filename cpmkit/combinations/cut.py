@@ -35,8 +35,8 @@ def plane_cut(
     surface : source
         A surface, whose intersection is a curve, or a curve, whose intersection is a set of points.
     point, normal : (d,) numbers
-        A point of the plane, and the direction across it, of any length. The left of the intersection is where the
-        normal points.
+        A point of the plane, and the direction across it, of any length. The left of a curve is where the
+        normal points; that of points on a curve is where the curve comes from.
     resolution : int, optional
         Samples along the largest side of the surface, 128 unless given (1024 on a curve). Pieces of the cut smaller
         than a few samples may be missed, and parts nearer than that refused.
@@ -68,7 +68,8 @@ def function_cut(*, surface: ClosestPointSource, phi: Any, resolution: int | Non
         A surface, whose intersection is a curve, or a curve, whose intersection is a set of points.
     phi : str or callable
         A formula in x, y, z, or a function of points (n, d) that returns (n,); defined in space a little around
-        the surface, smooth where it vanishes. The left of the intersection is where it is positive.
+        the surface, smooth where it vanishes. The left of a curve is where it is positive; that of points on a
+        curve is where the curve comes from.
     resolution : int, optional
         As for :func:`plane_cut`.
 
