@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.boundary.crossing import View, visible_ghosts
-from cpmkit.boundary.effect import check_given
 from cpmkit.boundary.frame import Frame, stack
 from cpmkit.boundary.ghosts import Ghosts
 from cpmkit.boundary.reading import Datum, Reading, Term, sum_of_data
@@ -165,7 +164,6 @@ def discretize(scene: Scene, spacing: float, *, progress: Progress = nothing, **
         If an argument, a boundary or the spacing does not fit.
     """
     layout = lay_out(scene, spacing, progress=progress, **options)
-    check_given(scene, layout)
     check_layout(layout, scene)
     tables = tabulate(layout, progress)
     check_effect(layout, tables.extension, tables.neighbours)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cpmkit.boundary.edge import edge_condition
+from cpmkit.boundary.effect import check_given
 from cpmkit.boundary.encounters import DIFFERENT, Strip
 from cpmkit.boundary.facing_rims import BRIDGED, WIDE
 from cpmkit.conditions import Condition
@@ -33,10 +34,13 @@ def check_layout(layout: Layout, scene: Scene) -> None:
     Raises
     ------
     SceneError
-        If two boundaries at one place hold different conditions, a boundary on a rim another than the edge, or a flux
-        is given where nothing can flow.
+        If two boundaries at one place hold different conditions, a boundary on a rim another than the edge, a flux is
+        given where nothing can flow, a condition on an edge that is not there, or conductivities that are not those of
+        the problem.
     ResolutionError
-        If the spacing does not see a boundary, or a gap.
+        If the spacing does not see a boundary, an edge, or a gap.
+    InputError
+        If the beta of a Robin condition vanishes.
     """
     _check_fluxes_at_points(layout)
     _check_same_place(layout, scene)
@@ -45,6 +49,7 @@ def check_layout(layout: Layout, scene: Scene) -> None:
     for number, ghosts in enumerate(layout.ghosts):
         if not ghosts.unknowns:
             raise ResolutionError(_without_effect(layout, number))
+    check_given(scene, layout)
 
 
 def check_effect(layout: Layout, extension: csr_array, neighbours: Ints) -> None:

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.boundary.effect import check_given
 from cpmkit.doubled import Cluster, clusters_of_twins
 from cpmkit.fitting import check_fits
 from cpmkit.grid.band import cell_levels, nodes_of_blocks
@@ -91,7 +90,6 @@ def count(scene: Scene, spacing: float, progress: Progress = nothing, **options:
     )
     progress("rehearsal", 0.7 if finest != spacing else 1.0)
     if finest == spacing:
-        check_given(scene, layout)
         return Counts(_summed(fine), True, *seen)
     spacings = [finest, 2 * finest, 4 * finest]
     rehearsed = [fine, *(_counts(lay_out(scene, coarse, **options)) for coarse in spacings[1:])]
