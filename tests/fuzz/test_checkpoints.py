@@ -132,8 +132,9 @@ def alter(data: st.DataObject, written: dict[str, bytes], folder: Path) -> None:
             del arrays[key]
     if "contents" in arrays and data.draw(st.booleans()):
         rest = {key: array for key, array in arrays.items() if key != "contents"}
-        finite = all(np.abs(one).max(initial=0) < 100 for one in rest.values() if one.dtype.kind == "f")
-        arrays["contents"] = np.array(digest_arrays(rest)) if finite else arrays["contents"]
+        numbers = [one for one in rest.values() if one.dtype.kind not in "bU"]
+        if all(one.dtype.kind in "if" and np.abs(one).max(initial=0) < 100 for one in numbers):
+            arrays["contents"] = np.array(digest_arrays(rest))
     np.savez(folder / "file.npz", **arrays)
     read(folder / "file.npz", name)
 
