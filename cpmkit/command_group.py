@@ -90,7 +90,9 @@ def _told(ctx: click.Context, error: Exception) -> click.ClickException:
 
 def _during(ctx: click.Context) -> str:
     stage, file = ctx.meta.get(STAGE), ctx.meta.get(FILE)
-    return (f" during the stage {stage!r}" if stage else "") + (f" of {file}" if file else "")
+    if stage:
+        return f" during the stage {stage!r}" + (f" of {file}" if file else "")
+    return f" for {file}" if file else ""
 
 
 def _note_traceback(ctx: click.Context, parameter: click.Parameter, value: bool) -> None:
@@ -128,6 +130,7 @@ def told_progress(file: Path, quiet: bool = False) -> Iterator[Callable[[str, fl
 
         progress("read", 0.0)
         yield progress
+        del meta[STAGE]  # what fails from here on belongs to none
 
 
 def _offered() -> Mapping[str, EntryPoint]:

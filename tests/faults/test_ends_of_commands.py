@@ -91,6 +91,18 @@ def test_what_the_system_refuses_is_no_defect(failing):
     one_line(result.stderr, "the stage 'band' of scene.toml: No space left on device: 'scratch'.")
 
 
+def test_a_standard_output_that_takes_nothing_belongs_to_no_stage(run, monkeypatch):
+    def echo(text, err=False):
+        if not err:
+            raise OSError(28, os.strerror(28))
+
+    monkeypatch.setattr(cli.click, "echo", echo)
+    result = run("solve", "scene.toml")
+    assert result.exit_code == 1
+    assert Path("scene/summary.json").exists()
+    assert result.stderr == "Error: The system refused for scene.toml: No space left on device.\n"
+
+
 def test_an_interruption_is_one(failing):
     result = failing(KeyboardInterrupt())
     assert (result.exit_code, result.stdout) == (130, "")
