@@ -1,6 +1,7 @@
 """Whatever stands where a file is due, one sentence answers; and what is in a file of another sort is not repeated."""
 
 import os
+import signal
 import struct
 
 import numpy as np
@@ -66,11 +67,15 @@ def test_a_cloud_that_is_none_is_not_repeated(tmp_path, suffix):
 
 
 def test_a_cloud_in_a_ply_file_opens_no_picture(tmp_path):
+    """A named pipe that nobody writes to: whoever opens it waits for ever, here ten seconds."""
+    signal.signal(signal.SIGALRM, signal.default_int_handler)
+    signal.alarm(10)
     os.mkfifo(tmp_path / "pipe.png")
     head = "ply\nformat ascii 1.0\ncomment TextureFile pipe.png\nelement vertex 3\n"
     head += "property float x\nproperty float y\nproperty float z\nend_header\n"
     (tmp_path / "a.ply").write_text(head + "0 0 0\n1 0 0\n0 1 0\n")
     assert ck.source("pointcloud.points", file=tmp_path / "a.ply", method="nearest").value_count == 3
+    signal.alarm(0)
 
 
 @pytest.mark.parametrize("file", [3, True, ["a"], None, 2.5, "a" * 300, "a\0b", "", "a/" * 3000])

@@ -62,12 +62,14 @@ def repaired(given_vertices: Floats, given_faces: Ints) -> Repaired:
     if not len(rows):
         raise InputError(f"No triangle has three different corners, of {len(faces)}; use mesh.polyline for curves.")
     same = merge_rims(points, faces[rows])
-    rows = rows[distinct_faces(same[faces[rows]])]
+    if (same != np.arange(len(same))).any():
+        rows = rows[distinct_faces(same[faces[rows]])]
     left_out = len(faces) - len(rows)
     cells, named = same[faces[rows]], given_faces[rows]
     caps = cells[caps_of(points, cells)[0]]
-    kept, corners = without_caps(points, cells)
-    rows, cells, named = rows[kept], cells.ravel()[corners], named.ravel()[corners]
+    if len(caps):
+        kept, corners = without_caps(points, cells)
+        rows, cells, named = rows[kept], cells.ravel()[corners], named.ravel()[corners]
     if not _has_area(points, cells):
         raise InputError(f"No triangle of {len(faces)} has an area; use mesh.polyline for curves.")
     against, one_sided = against_the_others(cells, topology(points, cells))
