@@ -8,7 +8,7 @@ import pytest
 
 from cpmkit.plugins import installed_kinds
 
-LIBRARIES = {"scipy", "numba", "trimesh", "pyvista", "vtk", "vtkmodules", "matplotlib", "sympy", "skfem", "open3d"}
+LIBRARIES = {"scipy", "numba", "trimesh", "pyvista", "vtk", "vtkmodules", "matplotlib", "skfem", "open3d"}
 PLUGINS = {kind.module.partition(":")[0].partition(".")[0] for kind in installed_kinds()} - {"cpmkit"}
 COMMAND = """
 from click.testing import CliRunner
