@@ -27,7 +27,7 @@ def check_answer(answer: Any, x: Floats, source: Any, origin: Floats) -> None:
     InputError
         If the answer is of another type or shape, or a foot or distance is not finite.
     """
-    name = type(source).__name__
+    name = _name(source)
     if not isinstance(answer, ClosestPoints):
         raise InputError(
             f"closest_point of {name} must return ClosestPoints(points, distance, edge), got {type(answer).__name__}."
@@ -48,3 +48,9 @@ def check_answer(answer: Any, x: Floats, source: Any, origin: Floats) -> None:
             f"{np.asarray(answer.points)[first].tolist()} at distance {float(answer.distance[first]):g} for the query "
             f"{(x[first] + origin).tolist()} and for {int(bad.sum())} of {len(x)} queries."
         )
+
+
+def _name(source: Any) -> str:
+    """Return the name of a source's class, and of what it combines: a combination answers what that does."""
+    inner = getattr(source, "of", None)
+    return type(source).__name__ + (f" of {_name(inner)}" if hasattr(inner, "closest_point") else "")

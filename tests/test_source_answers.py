@@ -53,10 +53,8 @@ def test_a_source_that_answers_wrongly_is_blamed_when_the_scene_is_made(fault, p
 def test_a_source_that_is_undefined_somewhere_is_named_with_the_place():
     """It was the right-hand side that had to be finite."""
     source = ck.source("moved", of=Faulty(SPHERE, nan_inside), translation=[100.0, 0.0, 0.0])
-    assert SPHERE.closest_point(np.zeros((1, 3))).points.shape == (1, 3)
-    with pytest.raises(
-        ck.InputError, match=r"must return finite points and distances, got \[nan, nan, nan\].*\[(9|10)\d\."
-    ):
+    message = r"of Moved of Faulty must return finite points and distances, got \[nan, nan, nan\].*\[100\.0, 0\.0"
+    with pytest.raises(ck.InputError, match=message):
         ck.solve(ck.Scene(source, ck.ScreenedPoisson(lambda x: x[:, 1], c=1.0)), 0.25)
 
 
