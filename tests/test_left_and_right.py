@@ -177,6 +177,18 @@ def test_the_two_sides_of_a_curve_without_a_left_cannot_be_asked_for():
         solution.evaluate([[1.0, 0.0, 0.0]], side={"core": "left"})
 
 
+def test_a_boundary_that_branches_takes_one_condition():
+    """Where two lines cross no direction of travel can be carried on; u = x y vanishes on both."""
+    lines = [
+        ck.source("analytic.segment", start=start, end=end) for start, end in (([-1, 0], [1, 0]), ([0, -1], [0, 1]))
+    ]
+    axes = ck.Boundary("axes", Bare(ck.source("union", members=lines)), both=ck.Dirichlet(0.0))
+    area = ck.source("analytic.box", lower=[-1, -1], upper=[1, 1])
+    given = ck.Scene(area, ck.Laplace(), [axes], edge=ck.Dirichlet(lambda x: x[:, 0] * x[:, 1]))
+    points = np.random.default_rng(0).uniform(-0.95, 0.95, (200, 2))
+    assert ck.solve(given, 0.1).evaluate(points) == pytest.approx(points[:, 0] * points[:, 1], abs=2e-4)
+
+
 def test_equal_data_on_the_sides_of_a_point_on_a_surface_are_those_of_both():
     pin = ck.source("analytic.point", at=TOP)
     f = ck.ScreenedPoisson(1.0)
