@@ -33,9 +33,17 @@ def _equal(first: Any, second: Any) -> bool:
     if first is second:
         return True
     if callable(first) or callable(second):
-        return callable(first) and callable(second) and bool(first == second)
+        return callable(first) and callable(second) and _same_function(first, second)
     if isinstance(first, (list, tuple)) and isinstance(second, (list, tuple)):
         return len(first) == len(second) and all(map(_equal, first, second))
     if first is None or second is None:
         return False
     return np.array_equal(np.asarray(first), np.asarray(second))
+
+
+def _same_function(first: Any, second: Any) -> bool:
+    """Tell whether two callables are equal: formulas are by their text, a bound method by its object."""
+    try:
+        return bool(first == second)
+    except ValueError:  # some class compares arrays entry by entry
+        return False
