@@ -1,4 +1,4 @@
-"""A boundary beside a rim holds, however near it is; on the rim the edge rules, and a curve unseen is none."""
+"""A boundary beside a rim holds, however near; on the rim it is the edge that holds, and a curve unseen is refused."""
 
 import numpy as np
 import pytest
