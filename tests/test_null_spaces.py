@@ -148,8 +148,12 @@ def test_parts_that_meet_where_walls_cross_match_there():
 
 @pytest.mark.parametrize("boundaries", [[], wall(ck.Neumann(down), ck.Neumann(up))], ids=["closed", "two pieces"])
 def test_a_free_constant_costs_no_iterations(boundaries):
+    """Summed over two spacings: counts of BiCGSTAB jump by a fifth with the last digits of f."""
     free, screened = (
-        ck.solve(ck.Scene(SPHERE, problem, boundaries), 0.1, solver="reference").report.iterations
+        sum(
+            ck.solve(ck.Scene(SPHERE, problem, boundaries), h, solver="reference").report.iterations
+            for h in (0.1, 0.12)
+        )
         for problem in (ck.Poisson(f), ck.ScreenedPoisson(f))
     )
     assert free <= 1.3 * screened
