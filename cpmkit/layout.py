@@ -20,7 +20,7 @@ from cpmkit.boundary.prepare import sight
 from cpmkit.boundary.reading import Reading, Term
 from cpmkit.boundary.side_readings import DOUBTFUL, node_sources
 from cpmkit.boundary.tips import Blur, blurs
-from cpmkit.errors import InputError
+from cpmkit.errors import InputError, shown
 from cpmkit.grid.band import Band, build_band
 from cpmkit.grid.lattice import Lattice
 from cpmkit.grid.stencils import check_degree, difference_reach, reading_radius
@@ -178,8 +178,8 @@ def check_order(order: int, degree: int) -> None:
     InputError
         If the order is not 1 to 4, or is 4 with a degree below 4: interpolation would keep it at 2.
     """
-    if order not in (1, 2, 3, 4) or isinstance(order, bool):
-        raise InputError(f"order must be 1, 2, 3 or 4, got {order!r}; 2 is the default.")
+    if not isinstance(order, (int, np.integer)) or order not in (1, 2, 3, 4) or isinstance(order, bool):
+        raise InputError(f"order must be 1, 2, 3 or 4, got {shown(order)}; 2 is the default.")
     if order == 4 and degree < 4:
         raise InputError(f"order=4 needs degree 4 or 5, got degree={degree}; interpolation would keep it at order 2.")
 

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cpmkit.boundary.reading import Datum
+from cpmkit.conditions import Neumann
 from cpmkit.discretization import Discretization, read_only
 from cpmkit.errors import InputError, ResolutionError
 from cpmkit.protocols import Floats
-from cpmkit.scene import Scene
+from cpmkit.scene import Boundary, Scene
 from cpmkit.special_conditions import NonlinearFlux
 
 if TYPE_CHECKING:
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 
 #: Step of the differences that replace a slope, as a share of the value.
 DIFFERENCE = 1e-6
+#: A flux that changes with u by less than this, over the distance that its factor is, fixes no constant.
+STILL = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +55,14 @@ class Flow:
     def read(self, values: Floats) -> Floats:
         """Return u (k,) where the datum is read, from the ``values`` (unknowns, 1)."""
         return np.asarray((self.reads @ values)[self.datum.rows, 0])
+
+    def grows(self, seen: Floats) -> bool:
+        """Tell whether the flux changes with u, beyond rounding, where u is ``seen``."""
+        return bool(np.any(np.abs(self.datum.factor * self.slope(seen)) > STILL))
+
+    def slope(self, seen: Floats) -> Floats:
+        """Return j' (k,) where u is ``seen``."""
+        return _slope(self.condition, seen, self.datum.points)
 
 
 def flows_of(scene: Scene, tables: Discretization) -> list[Flow]:
@@ -101,7 +112,7 @@ def linearized(tables: Discretization, flows: Sequence[Flow], seen: Sequence[Flo
     extension = tables.extension
     for flow, v in zip(flows, seen, strict=True):
         datum, points = flow.datum, flow.datum.points
-        slope = _slope(flow.condition, v, points)
+        slope = flow.slope(v)
         factor = datum.factor / _divisor(flow, slope, tables.layout.lattice.spacing)
         grown = np.zeros(extension.shape[0])
         grown[datum.rows] = factor * slope
@@ -109,6 +120,31 @@ def linearized(tables: Discretization, flows: Sequence[Flow], seen: Sequence[Flo
         flux = _flux(flow.condition.flux, v, points) - slope * v
         data.append(replace(datum, factor=factor, data=Known(flux)))
     return replace(tables, extension=read_only(extension), data=data)
+
+
+def linearized_scene(scene: Scene, flows: Sequence[Flow], seen: Sequence[Floats]) -> Scene:
+    """Return the scene with Neumann conditions in place of fluxes that do not change with u at what is ``seen``.
+
+    They fix no constant. The others stay, and fix it as the Robin conditions do that they are in the tables.
+    """
+    grows = {id(flow.condition) for flow, v in zip(flows, seen, strict=True) if flow.grows(v)}
+
+    def still(condition: Any) -> Any:
+        if not isinstance(condition, NonlinearFlux) or id(condition) in grows:
+            return condition
+        return Neumann(condition.gamma, order=condition.order)
+
+    if all(id(flow.condition) in grows for flow in flows):
+        return scene
+    boundaries = [
+        replace(one, **{side: still(getattr(one, side)) for side in ("both", "left", "right")})
+        if isinstance(one, Boundary)
+        else one
+        for one in scene.boundaries
+    ]
+    edge = scene.edge
+    edge = {loop: still(one) for loop, one in edge.items()} if isinstance(edge, Mapping) else still(edge)
+    return replace(scene, boundaries=boundaries, edge=edge)
 
 
 def _divisor(flow: Flow, slope: Floats, spacing: float) -> Floats:

@@ -15,7 +15,7 @@ import numpy as np
 
 from cpmkit.errors import ConvergenceError, SceneError
 from cpmkit.job import Job
-from cpmkit.linearized import flows_of, linearized
+from cpmkit.linearized import flows_of, linearized, linearized_scene
 from cpmkit.solution import Solution
 
 #: At most this many steps.
@@ -38,7 +38,7 @@ def solve_nonlinear(job: Job, solve_linear: Callable[[Job], Solution]) -> Soluti
     Raises
     ------
     SceneError
-        If the equation is not steady or the scene has several channels.
+        If the equation is not steady, the scene has several channels, or a flux fixes no constant that is free.
     ResolutionError
         If a flux grows with u more strongly than the spacing can follow.
     ConvergenceError
@@ -53,7 +53,10 @@ def solve_nonlinear(job: Job, solve_linear: Callable[[Job], Solution]) -> Soluti
     seen = [np.full(len(flow.datum.rows), flow.condition.guess) for flow in flows]
     applications = iterations = 0
     for step in range(1, STEPS + 1):
-        solution = solve_linear(replace(job, tables=linearized(job.tables, flows, seen)))
+        linear = linearized_scene(scene, flows, seen)
+        solution = solve_linear(replace(job, scene=linear, tables=linearized(job.tables, flows, seen)))
+        if linear is not scene:
+            _check_balance(solution)
         applications += solution.report.operator_applications
         iterations += solution.report.iterations
         before, seen = seen, [flow.read(solution.values) for flow in flows]
@@ -68,9 +71,26 @@ def solve_nonlinear(job: Job, solve_linear: Callable[[Job], Solution]) -> Soluti
             )
             work = replace(solution.work, operator_applications=applications)
             seconds = {**solution.seconds, "solve": time.perf_counter() - job.started - solution.seconds["build"]}
-            return replace(solution, tables=job.tables, report=report, work=work, seconds=seconds)
+            return replace(solution, scene=scene, tables=job.tables, report=report, work=work, seconds=seconds)
     raise ConvergenceError(
         f"Newton's method did not settle in {STEPS} steps: u still changes by {change:.2g} on the boundaries; give a "
         "guess nearer to the solution, or check that the flux does not grow with u.",
         solution.report,
     )
+
+
+def _check_balance(solution: Solution) -> None:
+    """Refuse to go on from a solution whose data were changed because a flux fixed no constant.
+
+    Raises
+    ------
+    SceneError
+        Naming a point of the piece.
+    """
+    for defect in solution.defects:
+        if defect.relative > defect.explained:
+            near = ", ".join(f"{x:.4g}" for x in defect.near)
+            raise SceneError(
+                f"Nothing fixes the solution near ({near}): the nonlinear flux does not change with u at the values "
+                "that Newton's method has, and the data do not balance without it; give another guess, or use Neumann."
+            )

@@ -152,3 +152,17 @@ def test_a_flux_at_a_point_of_a_surface_is_taken_or_refused_as_robin_is():
         assert "give `both`" not in flux
     else:
         np.testing.assert_allclose(flux, robin, atol=1e-7)
+
+
+@pytest.mark.parametrize("solver", ["direct", "reference"])
+def test_a_flux_that_does_not_change_with_u_fixes_no_constant(solver):
+    """It is a Neumann condition; where the data do not balance, as from a guess at which it is flat, it is refused."""
+    arc, x = ck.source("analytic.arc", start=0.3, end=2.7), on_circle(np.linspace(0.3, 2.7, 50))
+
+    def solved(condition):
+        return ck.solve(ck.Scene(arc, ck.Poisson(1.0), edge=condition), 0.1, solver=solver).evaluate(x)
+
+    np.testing.assert_allclose(solved(ck.NonlinearFlux(lambda u: 0 * u - 1.2)), solved(ck.Neumann(-1.2)), atol=1e-7)
+    assert solved(ck.NonlinearFlux(lambda u: -(u**3))).min() > 1.0
+    with pytest.raises(ck.SceneError, match=r"does not change with u at the values .*; give another guess"):
+        solved(ck.NonlinearFlux(lambda u: -(u**3), guess=0.0))

@@ -104,3 +104,10 @@ def test_a_guess_is_put_right_where_the_right_side_is_zero():
     assert report.converged
     assert np.abs(u[:, 0]).max() > 0.1
     np.testing.assert_array_equal(u[:, 1], 0.0)
+
+
+@pytest.mark.parametrize("wrong", [3.0, "3", None, [3], True])
+def test_a_degree_and_an_order_are_whole_numbers(wrong):
+    for option in ("degree", "order"):
+        with pytest.raises(ck.InputError, match=f"{option} must be .* got "):
+            ck.solve(EASY, 0.2, **{option: wrong})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.errors import InputError
+from cpmkit.errors import InputError, shown
 from cpmkit.protocols import Floats, Ints
 
 DEGREES = (2, 3, 4, 5)
@@ -18,11 +18,11 @@ def check_degree(degree: int) -> int:
     InputError
         If it is not 2 to 5. Degree 1 does not converge: its error stays of order one at every spacing.
     """
-    if degree not in DEGREES or isinstance(degree, bool):
+    if not isinstance(degree, (int, np.integer)) or degree not in DEGREES or isinstance(degree, bool):
         reason = (
             " (degree 1 does not converge: the second differences of its error do not vanish)" if degree == 1 else ""
         )
-        raise InputError(f"degree must be one of 2, 3, 4, 5, got {degree!r}{reason}; 3 is the default.")
+        raise InputError(f"degree must be one of 2, 3, 4, 5, got {shown(degree)}{reason}; 3 is the default.")
     return int(degree)
 
 
