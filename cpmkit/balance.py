@@ -59,7 +59,7 @@ class Leak:
         return [
             f"c times the mean of u missed the mean of f by {worst:.3g} on a piece that nothing flows out of, "
             f"{self.share:.1%} of the range of u: creases or thin parts that the spacing does not resolve let it leak; "
-            "the mean was put right, the rest of the solution may be off by a few percent."
+            f"the mean was put right, the rest of the solution may be off by up to {self.share:.1%} of its range."
         ]
 
 

@@ -29,6 +29,7 @@ from cpmkit.reading.weak_form import WeakForm, curved_cells_of, weak_form
 from cpmkit.scene import Scene
 from cpmkit.scene_data import evaluate_data
 from cpmkit.solution import Solution
+from cpmkit.survey import remaining
 
 #: 165 polynomials in space; higher ones see what a spacing does not resolve.
 HIGHEST = 8
@@ -39,6 +40,9 @@ DEPENDENT = 1e-10
 LONGEST_EDGE = {False: 2.0, True: 1.0}
 #: A solution that was moved by more than this share of its range is told.
 TOLD = 0.05
+#: A correction that moves u by so many times the error that was foretold, and by more than this share of its range, is
+#: none.
+FORETOLD, FAR = 3.0, 0.2
 #: A node is on the piece that makes up more than this of what it reads.
 MOSTLY = 0.5
 
@@ -154,8 +158,12 @@ def prepare_balance(scene: Scene, tables: Discretization) -> Balancing:
     return Balancing(weak_form(curved, a, c), count, piece)
 
 
-def balance_fluxes(solution: Solution, prepared: Balancing, degree: int) -> Solution:
-    """Return the solution whose fluxes balance against all polynomials up to a degree, piece by piece."""
+def balance_fluxes(solution: Solution, prepared: Balancing, degree: int, plain: Solution) -> Solution:
+    """Return the solution whose fluxes balance against all polynomials up to a degree, piece by piece.
+
+    Where that would move u by more than can be explained, ``plain``, whose mean was put right, is returned with a
+    warning.
+    """
     start = time.perf_counter()
     tables, terms = solution.tables, solution.scene.problem.terms()
     weak, count, piece = prepared.weak, prepared.count, prepared.piece
@@ -176,6 +184,10 @@ def balance_fluxes(solution: Solution, prepared: Balancing, degree: int) -> Solu
     span = span_of(u)
     rms = np.sqrt(weights @ added**2 / weights.sum())
     moved = np.divide(rms, span, out=np.zeros_like(rms), where=span > 0)
+    if (largest := float(moved.max())) > FAR:
+        foretold = max([*(one.error for one in remaining(tables.layout)), *(leak.share for leak in plain.leaks), 0.0])
+        if largest > FORETOLD * foretold:
+            return replace(plain, warnings=(*plain.warnings, _not_applied(degree, largest, foretold)))
     balance = Balance(degree, functions, tuple(moved.tolist()))
     queries = solution.work.closest_point_queries + 2 * len(u)  # when the nodes were made, and when they were read
     return replace(
@@ -185,6 +197,14 @@ def balance_fluxes(solution: Solution, prepared: Balancing, degree: int) -> Solu
         work=replace(solution.work, closest_point_queries=queries),
         seconds={**solution.seconds, "balance": time.perf_counter() - start},
         warnings=(*solution.warnings, *balance.warnings),
+    )
+
+
+def _not_applied(degree: int, moved: float, foretold: float) -> str:
+    return (
+        f"Balancing the fluxes against polynomials of degree {degree} was left out: it would move u by {moved:.1%} of "
+        f"its range, and what the spacing does not resolve explains {foretold:.1%}; the integrals over the surface's "
+        "mesh do not fit its closest points."
     )
 
 

@@ -21,12 +21,13 @@ class Remainder:
 
     Attributes
     ----------
-    kind : "crease", "bend", "sheets" or "lost"
-        Lost are nodes for which no foot on the stencil's sheet was found.
+    kind : "crease", "bend", "limbs", "sheets" or "lost"
+        Limbs are parts side by side, across a valley; lost are nodes for which no foot on the stencil's sheet was
+        found.
     share : float
         Of the surface.
     typical, worst : float
-        Angles in degrees of creases, radii of bends, distances between sheets; 0 for what is lost.
+        Angles in degrees of creases, radii of bends, distances between limbs and sheets; 0 for what is lost.
     error : float
         To be expected, as a share of the range of the solution.
     cure : float or None
@@ -50,9 +51,13 @@ class Remainder:
     @property
     def name(self) -> str:
         """What it is called in an explanation."""
-        return {"crease": "creases", "bend": "sharp bends", "sheets": "close sheets", "lost": "feet not found"}[
-            self.kind
-        ]
+        return {
+            "crease": "creases",
+            "bend": "sharp bends",
+            "limbs": "limbs side by side",
+            "sheets": "close sheets",
+            "lost": "feet not found",
+        }[self.kind]
 
     @property
     def sentence(self) -> str:
@@ -70,6 +75,13 @@ class Remainder:
                 f"{self.share:.1%} of the surface bends more sharply than the band is wide, with a radius of "
                 f"{self.typical:.3g} typically, of {self.worst:.3g} at the sharpest {where}; expect an error of "
                 f"{harm}; a spacing of {self.cure:.2g} resolves most of it."
+            )
+        if self.kind == "limbs":
+            return (
+                f"Limbs side by side read each other across the valley between them, {self.worst:.3g} wide where it is "
+                f"worst {where}, {self.typical:.3g} typically, on {self.share:.1%} of the surface: values of one show "
+                f"on the other, an error of about {self.error:.1%} of the solution's range where they differ; a "
+                f'spacing of {self.cure:.2g} parts them, and so may sheets="unfolded".'
             )
         if self.kind == "sheets":
             return (

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 from cpmkit.assembly import assemble
-from cpmkit.balance import Leak, put_mean_right
+from cpmkit.balance import put_mean_right
+from cpmkit.definiteness import check_definite
 from cpmkit.diagnosis import warnings_of
 from cpmkit.eigen.resonance import near_resonance, unresolved_waves
 from cpmkit.flux_balance import balance_fluxes, prepare_balance
@@ -21,25 +23,25 @@ def solve_job(job: Job) -> Solution:
     Raises
     ------
     ResolutionError
-        If the spacing is too coarse for waves or a velocity.
+        If the spacing is too coarse for waves or a velocity, or for limbs side by side, which give the operator an
+        eigenvalue of the wrong sign.
     ConvergenceError
         If the solver does not reach the tolerance.
     """
     poor = unresolved_waves(job.tables.layout, job.scene.problem.terms())
     prepared = prepare_balance(job.scene, job.tables) if job.balance else None
     system = assemble(job.tables, job.scene.problem, find_border(job.tables, job.scene))
+    looked = check_definite(job.tables, job.scene, system.operator)
     built = time.perf_counter()
     values, report = job.solver(system, job.tolerance, job.progress)
+    report = replace(report, operator_applications=report.operator_applications + looked)
     values, defects = settle(job.tables, job.scene, system, values)
-    leaks: tuple[Leak, ...] = ()
-    if prepared is None:
-        values, leaks = put_mean_right(job.tables, job.scene, system, values)
-    poor += near_resonance(job, system, values)
+    even, leaks = put_mean_right(job.tables, job.scene, system, values)
+    poor += near_resonance(job, system, even)
     seconds = {"build": built - job.started, "solve": time.perf_counter() - built}
     work = measure_work(job.tables, system, report)
-    told = [text for one in defects for text in one.warnings] + [text for one in leaks for text in one.warnings]
-    warnings = (*warnings_of(job.tables.layout), *poor, *told)
-    solution = Solution(
-        job.scene, values, report, work, seconds, job.tables, warnings=warnings, defects=defects, leaks=leaks
-    )
-    return solution if prepared is None else balance_fluxes(solution, prepared, job.balance)
+    told = (*warnings_of(job.tables.layout), *poor, *(text for one in defects for text in one.warnings))
+    raw = Solution(job.scene, values, report, work, seconds, job.tables, warnings=told, defects=defects)
+    told = (*told, *(text for one in leaks for text in one.warnings))
+    solution = replace(raw, values=even, warnings=told, leaks=leaks)
+    return solution if prepared is None else balance_fluxes(raw, prepared, job.balance, solution)

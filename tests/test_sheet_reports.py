@@ -140,7 +140,6 @@ def test_two_sheets_nearer_than_half_a_spacing_are_reported_and_the_cure_parts_t
         ("analytic.torus", {"major": 1.0, "minor": 0.4}, 0.1),
         ("analytic.cap", {"height": 0.3}, 0.1),
         ("analytic.cylinder", {}, 0.1),
-        ("levelset.dziuk", {}, 0.1),
         pytest.param("levelset.dziuk", {}, 0.05, marks=pytest.mark.slow),
     ],
 )

@@ -147,8 +147,10 @@ def test_rough_data_stay_bounded(scheme, courant, degree, name):
 def test_without_damping_leapfrog_grows(monkeypatch):
     monkeypatch.setattr("cpmkit.evolution.schemes.DAMPING", 0.0)
     wave = ck.Wave(noise, until=60.0, step=0.05, scheme="leapfrog")
+    with pytest.raises(ck.ResolutionError, match="The solution grows without a cause: at time"):
+        ck.solve(arc(wave, ck.Dirichlet(0.0)), 0.1, origin=[0.013, 0.021])
+    wave = ck.Wave(noise, until=3.0, step=0.05, scheme="leapfrog")
     solution = ck.solve(arc(wave, ck.Dirichlet(0.0)), 0.1, origin=[0.013, 0.021])
-    assert np.abs(solution.values).max() > 1e3
     assert any("waves of two spacings" in told for told in solution.warnings)
 
 

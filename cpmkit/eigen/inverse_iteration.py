@@ -41,6 +41,8 @@ class Shifted:
         B; None where it is the identity.
     shift : float
         sigma.
+    unit : float
+        An eigenvalue of a manifold of this size.
     products : int
         Products with the operator so far.
     solves : int
@@ -51,6 +53,7 @@ class Shifted:
     operator: Operator
     mass: csr_array | None
     shift: float
+    unit: float
     products: int = 0
     solves: int = 0
 
@@ -75,11 +78,13 @@ def shifted(job: Job, problem: Eigen, operator: Operator) -> Shifted:
         shift = (problem.near or 0.0) - beside / length
         mass = (operator.scale * (operator.differences @ reads)).tocsr()
         _check_reached(job, mass)
-        return Shifted(job, replace(operator, extension=(operator.extension + shift * reads).tocsr()), mass, shift)
+        return Shifted(
+            job, replace(operator, extension=(operator.extension + shift * reads).tocsr()), mass, shift, 1 / length
+        )
     unit = float(tables.read_at_rows(problem.diffusivity, "the diffusivity").mean()) / length**2
     near = float(tables.read_at_rows(problem.c, "the factor c").min()) if problem.near is None else problem.near
     shift = near - beside * unit
-    return Shifted(job, replace(operator, diagonal=operator.diagonal - shift), None, shift)
+    return Shifted(job, replace(operator, diagonal=operator.diagonal - shift), None, shift, unit)
 
 
 def _check_reached(job: Job, mass: csr_array) -> None:

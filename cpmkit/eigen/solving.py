@@ -14,11 +14,12 @@ import numpy as np
 
 from cpmkit.assembly import build_operator
 from cpmkit.compound_problems import Eigen
+from cpmkit.definiteness import check_definite, cure_of, has_sign, is_suspect, told_of
 from cpmkit.diagnosis import warnings_of
 from cpmkit.discretization import Discretization
 from cpmkit.eigen.inverse_iteration import Shifted, shifted
 from cpmkit.eigen.solution import EigenSolution
-from cpmkit.errors import ConvergenceError, InputError
+from cpmkit.errors import ConvergenceError, InputError, ResolutionError
 from cpmkit.job import Job
 from cpmkit.operators import LinearSystem
 from cpmkit.protocols import Floats
@@ -31,6 +32,8 @@ SPARE = 6
 COMPLEX = 1e-8
 #: Eigenvalues that differ by less than this share of the tolerance are one.
 SAME = 0.1
+#: An eigenvalue below zero is one of the wrong sign if it is farther from it than this share of ``unit``.
+WRONG = 0.2
 #: Values are of the greatest size down to this share of it.
 NEARLY = 1 - 1e-3
 
@@ -44,6 +47,8 @@ def solve_job(job: Job) -> EigenSolution:
         If the band has fewer unknowns than eigenvalues are asked for.
     SceneError
         If a Steklov problem has a piece on which nothing holds but Neumann conditions.
+    ResolutionError
+        If there is an eigenvalue of the wrong sign.
     ConvergenceError
         If a linear solve, the iteration, or the residual of a pair misses the tolerance.
     """
@@ -51,8 +56,11 @@ def solve_job(job: Job) -> EigenSolution:
     assert isinstance(problem, Eigen)
     operator = build_operator(tables, problem.terms())
     stepped = shifted(job, problem, operator)
+    stepped.products += check_definite(tables, job.scene, operator)
     built = time.perf_counter()
-    modes = _modes(problem, stepped, *_iterate(problem, stepped))
+    values, vectors = _iterate(problem, stepped)
+    _check_signs(stepped, values)
+    modes = _modes(problem, stepped, values, vectors)
     report = _judge(stepped, float(modes.residuals.max()))
     work = measure_work(tables, LinearSystem(operator, modes.functions), report)
     return EigenSolution(
@@ -89,7 +97,7 @@ def _iterate(problem: Eigen, stepped: Shifted) -> tuple[Any, Any]:
     except ArpackNoConvergence as error:
         reason = f"Arnoldi's iteration found {len(error.eigenvalues)} of {wanted} eigenvalues"
         raise ConvergenceError(
-            f"The eigenvalues did not converge: {reason}; ask for fewer, or for a larger tolerance.",
+            f"The eigenvalues did not converge: {reason}; ask for fewer, or for a larger tolerance{_hint(job)}.",
             SolveReport(job.solver_name, False, stepped.solves, stepped.products, np.inf, job.tolerance, reason),
         ) from error
     return stepped.shift + 1 / theta, vectors
@@ -168,8 +176,33 @@ def _judge(stepped: Shifted, residual: float) -> SolveReport:
         job.solver_name, residual <= job.tolerance, stepped.solves, stepped.products, residual, job.tolerance, reason
     )
     if not report.converged:
-        raise ConvergenceError(f"The eigenvalues did not converge: {reason}; ask for a larger tolerance.", report)
+        raise ConvergenceError(
+            f"The eigenvalues did not converge: {reason}; ask for a larger tolerance{_hint(job)}.", report
+        )
     return report
+
+
+def _hint(job: Job) -> str:
+    """Return what to do where the grid is at fault."""
+    if not is_suspect(job.tables.layout):
+        return ""
+    return (
+        ", or, as parts of the surface that are side by side read each other, a spacing of "
+        f"{cure_of(job.tables.layout):.2g}"
+    )
+
+
+def _check_signs(stepped: Shifted, values: Any) -> None:
+    """Refuse eigenvalues below zero where the continuous problem has none.
+
+    Raises
+    ------
+    ResolutionError
+        If there is one.
+    """
+    job, least = stepped.job, float(np.min(values.real))
+    if stepped.mass is None and has_sign(job.scene) and least < -WRONG * abs(stepped.unit):
+        raise ResolutionError(told_of(job.tables, job.scene, least))
 
 
 def _complex_pairs(modes: Modes, shift: float) -> list[str]:

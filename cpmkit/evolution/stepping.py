@@ -9,9 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from cpmkit.definiteness import check_definite
 from cpmkit.diagnosis import warnings_of
 from cpmkit.errors import ConvergenceError, ResolutionError
 from cpmkit.evolution.checkpoints import read_checkpoint, write_checkpoint
+from cpmkit.evolution.conservation import Growth, growth_of, heat_drift
 from cpmkit.evolution.diagnosis import run_warnings
 from cpmkit.evolution.equations import Evolution, Heat, Wave
 from cpmkit.evolution.frames import EvolvedSolution, check_frames_fit
@@ -51,7 +53,8 @@ def solve_job(job: Job) -> EvolvedSolution:
     Raises
     ------
     ResolutionError, SceneError
-        If the scheme would not be stable.
+        If the scheme would not be stable, or limbs side by side give the operator an eigenvalue of the wrong sign, or
+        the solution grows although nothing makes it.
     ConvergenceError
         If a step does not reach the tolerance; the message tells the time.
     InputError
@@ -65,6 +68,7 @@ def solve_job(job: Job) -> EvolvedSolution:
     steps = schedule(evolution.until, evolution.step, evolution.frame_times)
     plan = RunPlan(problem, evolution, steps, _start(problem, evolution, steps[0]))
     solver = ShiftedSolver(problem.operator, job.solver, job.tolerance)
+    solver.tally.operator_applications += check_definite(job.tables, job.scene, problem.operator)
     built = time.perf_counter()
     state = _run(job, plan, solver)
     seconds = {"build": built - job.started, "solve": time.perf_counter() - built}
@@ -81,12 +85,13 @@ def _start(problem: SemiDiscrete, evolution: Heat | Wave, first: Step) -> Moment
 def _run(job: Job, plan: RunPlan, solver: ShiftedSolver) -> RunState:
     """Take all steps, from the start or from a checkpoint."""
     asked, total, scheme = job.checkpointing, len(plan.steps), scheme_of(plan.evolution)
+    growth = growth_of(plan.problem, job.scene, plan.start)
     state = RunState(0, (plan.start,), (plan.start.u,) if 0.0 in plan.evolution.frame_times else ())
     if asked.resume is not None:
         state, tally = read_checkpoint(asked.resume, plan)
         solver.tally.add(tally)
     while state.done < total:
-        state = _advanced(state, plan, solver, scheme)
+        state = _advanced(state, plan, solver, scheme, growth)
         job.progress("steps", state.done / total)
         if asked.write is not None and (state.done % asked.every == 0 or state.done == total):
             write_checkpoint(asked.write, plan, state, solver.tally)
@@ -99,7 +104,7 @@ def scheme_of(evolution: Evolution) -> Scheme:
     return crank_nicolson if plain and evolution.scheme == "crank-nicolson" else SCHEMES[evolution.scheme]
 
 
-def _advanced(state: RunState, plan: RunPlan, solver: ShiftedSolver, scheme: Scheme) -> RunState:
+def _advanced(state: RunState, plan: RunPlan, solver: ShiftedSolver, scheme: Scheme, growth: Growth | None) -> RunState:
     """Return the state one step later."""
     step = plan.steps[state.done]
     try:
@@ -112,6 +117,8 @@ def _advanced(state: RunState, plan: RunPlan, solver: ShiftedSolver, scheme: Sch
             f"The solution ceased to be finite at time {step.end:g}, step {state.done + 1} of {len(plan.steps)}; use a "
             "shorter step, or another scheme."
         )
+    if growth is not None:
+        growth.check(moment.u, step.end)
     history = (*state.history, moment)[-REMEMBERED:]
     return RunState(state.done + 1, history, (*state.frames, moment.u) if step.is_frame else state.frames)
 
@@ -121,7 +128,8 @@ def _solution(job: Job, plan: RunPlan, state: RunState, tally: Tally, seconds: M
     values, total = state.history[-1].u, len(plan.steps)
     report = _report(job, tally, total)
     work = measure_work(job.tables, LinearSystem(plan.problem.operator, values), report)
-    warnings = (*warnings_of(job.tables.layout), *run_warnings(plan.problem, plan.evolution, state.history))
+    told = heat_drift(plan.problem, job.scene, plan.start.u, values)
+    warnings = (*warnings_of(job.tables.layout), *run_warnings(plan.problem, plan.evolution, state.history), *told)
     last = EvolvedSolution(
         job.scene, values, report, work, seconds, job.tables, warnings=warnings, time=plan.steps[-1].end, steps=total
     )
