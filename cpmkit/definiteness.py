@@ -43,7 +43,7 @@ def check_definite(tables: Discretization, scene: Scene, operator: Operator) -> 
     ResolutionError
         If there is one; it names a spacing that is expected to do.
     """
-    if not has_sign(scene) or not is_suspect(tables.layout):
+    if not has_sign(tables, scene) or not is_suspect(tables.layout):
         return 0
     c = scene.problem.terms().c
     lift = 0.0 if callable(c) else float(c)
@@ -53,10 +53,10 @@ def check_definite(tables: Discretization, scene: Scene, operator: Operator) -> 
     return products
 
 
-def has_sign(scene: Scene) -> bool:
+def has_sign(tables: Discretization, scene: Scene) -> bool:
     """Tell whether the continuous operator surely has no eigenvalue below zero."""
     terms = scene.problem.terms()
-    if terms.velocity is not None or not (callable(terms.c) or terms.c >= 0):
+    if terms.velocity is not None or float(tables.read_at_rows(terms.c, "the factor c").min(initial=0.0)) < 0:
         return False
     plain = all(one.kind in ("dirichlet", "neumann", "robin") for one in scene.conditions)
     return plain and all(not callable(one.beta) and one.alpha * one.beta >= 0 for one in scene.conditions)

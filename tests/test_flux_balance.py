@@ -248,3 +248,19 @@ def test_where_a_constant_is_free_the_mean_of_u_stays(c):
     plain, balanced = (ck.solve(scene, 0.1, balance=degree).evaluate(x) for degree in (0, 5))
     assert np.abs(balanced - plain).max() >= 1e-4
     assert abs(np.mean(balanced - plain)) <= 1e-8
+
+
+def test_a_correction_larger_than_what_can_be_explained_is_left_out(monkeypatch):
+    """A weak form that does not fit the closest points moves u far; then the solution with its mean right remains."""
+    import cpmkit.flux_balance as balancing
+
+    known = on_sphere()
+    plain = ck.solve(known.scene, 0.2)
+    right = balancing.weak_form
+    monkeypatch.setattr(balancing, "weak_form", lambda curved, a, c: right(curved, 0.1 * a, c))
+    solution = ck.solve(known.scene, 0.2, balance=5)
+    assert solution.balance is None
+    assert (solution.values == plain.values).all()
+    assert re.search(
+        r"Balancing .* degree 5 was left out: it would move u by \d+\.\d% of its range", solution.warnings[-1]
+    )

@@ -107,7 +107,7 @@ def test_arnoldi_finds_the_lowest_eigenvalue_only_where_there_is_one():
 
 
 def test_a_rim_as_sharp_as_the_grid_and_the_dziuk_surface_are_told():
-    """A plate with a rim sharper than the spacing, and a surface whose smallest radius is the spacing, off by 1.7 percent."""
+    """A plate with a rim sharper than the spacing, and a surface whose smallest radius is that: 1.7 percent off."""
     plate = ck.source(
         "levelset.expression", phi="(x**2 + y**2)**4 + (z/0.2)**8 - 1", bounds=[[-1.2, -1.2, -0.4], [1.2, 1.2, 0.4]]
     )

@@ -201,7 +201,7 @@ def _check_signs(stepped: Shifted, values: Any) -> None:
         If there is one.
     """
     job, least = stepped.job, float(np.min(values.real))
-    if stepped.mass is None and has_sign(job.scene) and least < -WRONG * abs(stepped.unit):
+    if stepped.mass is None and has_sign(job.tables, job.scene) and least < -WRONG * abs(stepped.unit):
         raise ResolutionError(told_of(job.tables, job.scene, least))
 
 

@@ -87,7 +87,12 @@ class Growth:
 def growth_of(problem: SemiDiscrete, scene: Scene, start: Moment) -> Growth | None:
     """Return the bound of a run, None where there is none: data that depend on time, or an operator without a sign."""
     evolution = scene.problem
-    if problem.moving or takes_time(problem.f) or not has_sign(scene) or not isinstance(evolution, Evolution):
+    if (
+        problem.moving
+        or takes_time(problem.f)
+        or not has_sign(problem.tables, scene)
+        or not isinstance(evolution, Evolution)
+    ):
         return None
     size, forced = float(np.linalg.norm(start.u)), float(np.linalg.norm(problem.steady))
     if isinstance(evolution, Wave):
