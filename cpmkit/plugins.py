@@ -164,7 +164,7 @@ def check_keys(make: Callable[..., Any], what: str, keys: Iterable[str], also: S
     if unknown:
         raise SceneError(
             f"{what} has the unknown key {shown(unknown[0])}{did_you_mean(unknown[0], accepted)}; "
-            + (f"accepted are {', '.join(accepted)}." if accepted else "it takes none.")
+            + (f"accepted are {', '.join(accepted)}." if accepted else "it takes no further keys.")
         )
 
 

@@ -74,7 +74,7 @@ REFUSED = [
     ("problem", 'kind = ["laplace"]', "the kind of .problem. must be one of"),
     ("problem", 'kind = { a = "laplace" }', "the kind of .problem. must be one of"),
     ("problem", 'kind = "laplase"', r"did you mean 'laplace'\?"),
-    ("problem", 'kind = "laplace"\nf = 1', "unknown key 'f'; it takes none"),
+    ("problem", 'kind = "laplace"\nf = 1', "unknown key 'f'; it takes no further keys"),
     ("problem", 'kind = "screened"\nf = 1\nc = "1"', "c of .* must be a number, got '1'"),
     ("problem", 'kind = "elliptic"\nc = [1, 2]', "c of .problem. must be one number or formula"),
     ("problem", 'kind = "eigen"\ncount = 3.0', "count of .* must be a whole number, got 3.0"),
