@@ -34,7 +34,7 @@ BRIDGED = 1.5
 STRETCH = 6.0
 #: The share of the difference of the values on both sides that leaks at most across two spacings; half of it for each
 #: further one (a slit in a sphere: 0.45 at 2, 0.11 at 4, 0.055 at 5 spacings; in the plane a tenth of that).
-LEAK = 0.4
+LEAK = 0.45
 #: A gap of so many spacings leaks next to nothing: the spacing that would do is this share of it.
 WIDE = 6.0
 
