@@ -5,6 +5,7 @@ import pytest
 
 import cpmkit as ck
 from cpmkit.assembly import build_operator
+from cpmkit.balance import Leak
 from cpmkit.definiteness import lowest_eigenvalue
 from cpmkit.layout import lay_out
 from cpmkit.protocols import ClosestPoints
@@ -142,3 +143,8 @@ def test_heat_that_leaks_is_told_and_heat_that_stays_is_not():
     for f in (0.0, 2.0):
         heat = ck.Heat(lambda x: np.exp(x[:, 2]), until=0.5, step=0.1, f=f)
         assert not ck.solve(ck.Scene(ck.source("analytic.sphere"), heat), 0.2).warnings
+
+
+def test_a_mean_that_was_far_off_says_by_how_much_the_rest_may_be_off():
+    (told,) = Leak((0.3,), (-0.3,), 1.1).warnings
+    assert "the rest of the solution may be off by up to 110.0% of its range" in told
