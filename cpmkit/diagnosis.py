@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
+
 import numpy as np
 
 from cpmkit.boundary.encounters import DISTURBED
@@ -25,12 +28,17 @@ FAR_OFF = 0.5
 OFF_SHEET_SHARE = 1e-2
 
 
-def warnings_of(layout: Layout) -> tuple[str, ...]:
-    """Return one sentence for each thing found."""
+def warnings_of(layout: Layout, missed: float = 0.0) -> tuple[str, ...]:
+    """Return one sentence for each thing found.
+
+    ``missed`` is the share of its range by which a solution's mean was off: where bends, creases and limbs are to be
+    expected to cost less, they are told to cost that (of 28 solutions on real meshes the larger of the two was within
+    three times of the largest error 23 times, that of the bends alone 15).
+    """
     own = abilities.warnings_of(layout.surface.source, layout.lattice.spacing)
     far = layout.lattice.lost_digits(layout.surface.bounds, not layout.surface.shift.any())
-    found = [check(layout) for check in (_doubtful, _sheets, _boundaries, _encounters, _gaps, _pins, meetings)]
-    return (*own, *far, *(text for texts in found for text in texts))
+    checks = (_doubtful, partial(_sheets, missed=missed), _boundaries, _encounters, _gaps, _pins, meetings)
+    return (*own, *far, *(text for check in checks for text in check(layout)))
 
 
 def _encounters(layout: Layout) -> list[str]:
@@ -106,11 +114,11 @@ def share_of_jumps(layout: Layout) -> float:
     return share_stretched(layout.band, JUMP)
 
 
-def _sheets(layout: Layout) -> list[str]:
+def _sheets(layout: Layout, missed: float) -> list[str]:
     """Name what parting the sheets left; where it is not looked for, places where sheets or flanks may mix."""
     if surveyed(layout):
         found = remaining(layout)
-        sentences = [one.sentence for one in found]
+        sentences = [replace(one, error=max(one.error, min(missed, 1.0))).sentence for one in found]
         if layout.parted == "unfolded" and layout.surface.source.exact and any(one.kind == "crease" for one in found):
             sentences.append(
                 "Unfolding goes astray at creases of exact closest points, whose nodes outside have their feet on the "

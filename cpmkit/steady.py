@@ -40,7 +40,8 @@ def solve_job(job: Job) -> Solution:
     poor += near_resonance(job, system, even)
     seconds = {"build": built - job.started, "solve": time.perf_counter() - built}
     work = measure_work(job.tables, system, report)
-    told = (*warnings_of(job.tables.layout), *poor, *(text for one in defects for text in one.warnings))
+    found = warnings_of(job.tables.layout, max((one.share for one in leaks), default=0.0))
+    told = (*found, *poor, *(text for one in defects for text in one.warnings))
     raw = Solution(job.scene, values, report, work, seconds, job.tables, warnings=told, defects=defects)
     told = (*told, *(text for one in leaks for text in one.warnings))
     solution = replace(raw, values=even, warnings=told, leaks=leaks)

@@ -148,3 +148,15 @@ def test_heat_that_leaks_is_told_and_heat_that_stays_is_not():
 def test_a_mean_that_was_far_off_says_by_how_much_the_rest_may_be_off():
     (told,) = Leak((0.3,), (-0.3,), 1.1).warnings
     assert "the rest of the solution may be off by up to 110.0% of its range" in told
+
+
+def test_the_error_foretold_is_the_larger_of_what_bends_cost_and_what_the_mean_missed():
+    plate = ck.source(
+        "levelset.expression", phi="(x**2 + y**2)**4 + (z/0.1)**8 - 1", bounds=[[-1.2, -1.2, -0.4], [1.2, 1.2, 0.4]]
+    )
+    solution = ck.solve(ck.Scene(plate, ck.ScreenedPoisson(lambda x: 1.0 * (x[:, 2] > 0), c=0.01)), 0.2)
+    (bend,) = [one for one in remaining(solution.tables.layout) if one.kind == "bend"]
+    (leak,) = solution.leaks
+    assert leak.share > bend.error
+    (told,) = [text for text in solution.warnings if "bends more sharply" in text]
+    assert f"expect an error of about {min(leak.share, 1.0):.1%}" in told
