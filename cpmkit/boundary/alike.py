@@ -16,7 +16,7 @@ def alike(first: Any, second: Any) -> bool:
         return True
     if type(first) is not type(second):
         return False
-    return all(_equal(getattr(first, field.name), getattr(second, field.name)) for field in fields(first))
+    return all(_equal(getattr(first, field.name), getattr(second, field.name)) for field in fields(first) if field.init)
 
 
 def sides_differ(left: Any, right: Any) -> bool:

@@ -197,11 +197,24 @@ def test_surfaces_that_give_no_triangles():
     circle = ck.source("analytic.circle")
     with pytest.raises(ck.InputError, match="of manifold_dim 1 gives no triangles; use backend='cpm'"):
         solve(circle, ck.ScreenedPoisson(1.0))
-    flat = ck.source(
-        "mesh.triangles", vertices=[[0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 1, 0]], faces=[[0, 1, 2], [0, 1, 3]]
-    )
+
+
+class Flattened:
+    """The unit sphere, drawn with a triangle whose corners lie on a line."""
+
+    dim, manifold_dim, exact, bounds = 3, 2, True, SPHERE.bounds
+
+    def closest_point(self, x):
+        return SPHERE.closest_point(x)
+
+    def mesh(self, spacing):
+        del spacing
+        return np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2], [0, 1, 3]])
+
+
+def test_triangles_without_area_are_refused():
     with pytest.raises(ck.InputError, match="got 1 of 2 without"):
-        solve(flat, ck.ScreenedPoisson(1.0))
+        solve(Flattened(), ck.ScreenedPoisson(1.0))
 
 
 def test_boundaries_off_the_mesh_and_everywhere(octahedron):
