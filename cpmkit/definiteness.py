@@ -14,7 +14,7 @@ import numpy as np
 
 from cpmkit.diagnosis import JUMP_SHARE, share_of_jumps
 from cpmkit.discretization import Discretization
-from cpmkit.errors import ResolutionError
+from cpmkit.errors import ResolutionError, place
 from cpmkit.layout import Layout
 from cpmkit.operators import Operator
 from cpmkit.protocols import Floats
@@ -111,7 +111,7 @@ def told_of(tables: Discretization, scene: Scene, value: float) -> str:
     """Return what an eigenvalue of the wrong sign means, and what to do."""
     layout = tables.layout
     limbs = limbs_of(layout) if surveyed(layout) else None
-    where = f" near ({', '.join(f'{x:.4g}' for x in limbs.place)})" if limbs is not None else ""
+    where = f" near {place(limbs.place)}" if limbs is not None else ""
     hint = "" if layout.parted == "unfolded" else ', or sheets="unfolded"'
     return (
         f"spacing={layout.lattice.spacing:g} is too coarse for this surface{where}: parts of it that are two spacings "

@@ -9,6 +9,7 @@ import numpy as np
 
 from cpmkit.boundary.encounters import DISTURBED
 from cpmkit.combinations import abilities
+from cpmkit.errors import place
 from cpmkit.layout import Layout
 from cpmkit.meetings import meetings
 from cpmkit.protocols import SIDES
@@ -47,23 +48,23 @@ def _encounters(layout: Layout) -> list[str]:
     found = []
     if layout.crossings:
         one = layout.crossings[0]
-        where = ", ".join(f"{x:.4g}" for x in one.point)
+        where = place(one.point)
         more = f" and {len(layout.crossings) - 1} more pairs" if len(layout.crossings) > 1 else ""
         found.append(
             f"Boundaries {names[one.first]!r} and {names[one.second]!r}{more} cross with different values in the "
-            f"sectors around, near ({where}): within {DISTURBED * spacing:.2g} of it the solution is off by up to "
+            f"sectors around, near {where}: within {DISTURBED * spacing:.2g} of it the solution is off by up to "
             f"their difference, {one.jump:.3g}; beyond twice that it is not disturbed."
         )
     found += [
         f"Boundaries {names[one.first]!r} and {names[one.second]!r} run side by side, {one.width / spacing:.2g} "
-        f"spacings apart near ({', '.join(f'{x:.4g}' for x in one.point)}): the strip between them is filled by what "
+        f"spacings apart near {place(one.point)}: the strip between them is filled by what "
         f"they hold; a spacing of {one.width / 3:.2g} would resolve it."
         for one in layout.strips
         if not one.coincide
     ]
     found += [
         f"Boundaries {names[one.first]!r} and {names[one.second]!r} lie at the same place, near "
-        f"({', '.join(f'{x:.4g}' for x in one.point)}), and hold the same; one of them is enough."
+        f"{place(one.point)}, and hold the same; one of them is enough."
         for one in layout.strips
         if one.coincide
     ]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -69,3 +71,19 @@ def shown(value: object) -> str:
     except (ValueError, RecursionError):  # an integer of thousands of digits, tables inside tables
         text = f"a {type(value).__name__}"
     return printable(text if len(text) <= ECHO else text[:ECHO] + "...")
+
+
+def place(point: Iterable[float]) -> str:
+    """Return a point as a message names it: all coordinates to the fourth digit of the largest.
+
+    Examples
+    --------
+    >>> place([1.0052, 7.1e-06]), place([100.0, 100.5, 0.25])
+    ('(1.005, 0)', '(100, 100.5, 0.2)')
+    """
+    numbers = [float(x) for x in point]
+    largest = max(map(abs, numbers), default=0.0)
+    if not 0.0 < largest < math.inf:
+        return f"({', '.join(f'{x:g}' for x in numbers)})"
+    digits = 3 - math.floor(math.log10(largest))
+    return f"({', '.join(f'{round(x, digits) + 0.0:.4g}' for x in numbers)})"

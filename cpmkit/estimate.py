@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.combinations.abilities import floor_of
+from cpmkit.errors import place
 from cpmkit.protocols import Floats
 from cpmkit.scene import Scene
 from cpmkit.solution import Solution
@@ -51,7 +52,7 @@ class ErrorEstimate:
         told = ", ".join(f"{error:.2g}" for error in self.error)
         return (
             f"error about {told} at spacing {self.solution.spacing:g}, at most {float(self.bound.max()):.2g}, "
-            f"largest near ({', '.join(f'{x:.4g}' for x in self.at)})"
+            f"largest near {place(self.at)}"
         )
 
 

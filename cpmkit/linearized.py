@@ -12,7 +12,7 @@ import numpy as np
 from cpmkit.boundary.reading import Datum
 from cpmkit.conditions import Neumann
 from cpmkit.discretization import Discretization, read_only
-from cpmkit.errors import InputError, ResolutionError
+from cpmkit.errors import InputError, ResolutionError, place
 from cpmkit.protocols import Floats
 from cpmkit.scene import Boundary, Scene
 from cpmkit.special_conditions import NonlinearFlux
@@ -158,9 +158,9 @@ def _divisor(flow: Flow, slope: Floats, spacing: float) -> Floats:
     grows = flow.half * flow.datum.factor * slope
     worst = int(grows.argmax()) if len(grows) else -1
     if worst >= 0 and grows[worst] >= 1:
-        place = ", ".join(f"{x:.4g}" for x in flow.datum.points[worst])
+        where = place(flow.datum.points[worst])
         raise ResolutionError(
-            f"spacing={spacing:g} is too coarse for the nonlinear flux of {flow.datum.what}, which near ({place}) "
+            f"spacing={spacing:g} is too coarse for the nonlinear flux of {flow.datum.what}, which near {where} "
             f"grows by {slope[worst]:.3g} for each unit of u and feeds the solution; use "
             f"{spacing / grows[worst]:.2g} or less, or a guess nearer to the solution."
         )

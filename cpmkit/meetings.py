@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from cpmkit.boundary.facing_rims import BRIDGED, WIDE
 from cpmkit.boundary.tips import sentences
+from cpmkit.errors import place
 from cpmkit.layout import Layout
-from cpmkit.protocols import Floats
 
 
 def meetings(layout: Layout, spacing: float | None = None) -> list[str]:
@@ -18,11 +18,6 @@ def meetings(layout: Layout, spacing: float | None = None) -> list[str]:
         *sentences(layout.blurs, names, h),
         *_branches(layout),
     ]
-
-
-def place(point: Floats) -> str:
-    """Return a point (d,) as messages name it."""
-    return f"({', '.join(f'{x:.4g}' for x in point)})"
 
 
 def _facing(layout: Layout, spacing: float) -> list[str]:

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cpmkit.errors import ConvergenceError, SceneError
+from cpmkit.errors import ConvergenceError, SceneError, place
 from cpmkit.job import Job
 from cpmkit.linearized import flows_of, linearized, linearized_scene
 from cpmkit.solution import Solution
@@ -89,8 +89,8 @@ def _check_balance(solution: Solution) -> None:
     """
     for defect in solution.defects:
         if defect.relative > defect.explained:
-            near = ", ".join(f"{x:.4g}" for x in defect.near)
+            near = place(defect.near)
             raise SceneError(
-                f"Nothing fixes the solution near ({near}): the nonlinear flux does not change with u at the values "
+                f"Nothing fixes the solution near {near}: the nonlinear flux does not change with u at the values "
                 "that Newton's method has, and the data do not balance without it; give another guess, or use Neumann."
             )

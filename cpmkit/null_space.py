@@ -14,6 +14,7 @@ import numpy as np
 
 from cpmkit.components import node_pieces, unpinned
 from cpmkit.discretization import Discretization
+from cpmkit.errors import place
 from cpmkit.layout import Layout
 from cpmkit.mean_weights import end_weights, mean_weights
 from cpmkit.operators import Border, LinearSystem, Operator
@@ -82,7 +83,7 @@ class Defect:
     def warnings(self) -> list[str]:
         """What a reader of the solution should know, in sentences."""
         walls = f", bounded by {', '.join(self.bounded_by)}" if self.bounded_by else ""
-        where = f"near ({', '.join(f'{x:.4g}' for x in self.near)}), {self.share:.0%} of the band{walls}"
+        where = f"near {place(self.near)}, {self.share:.0%} of the band{walls}"
         told = []
         if self.relative > self.explained:
             worst = self.value[self._shares.index(self.relative)]

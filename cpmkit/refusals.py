@@ -11,9 +11,8 @@ from cpmkit.boundary.effect import check_given
 from cpmkit.boundary.encounters import DIFFERENT, Strip
 from cpmkit.boundary.facing_rims import BRIDGED, WIDE
 from cpmkit.conditions import Condition
-from cpmkit.errors import ResolutionError, SceneError
+from cpmkit.errors import ResolutionError, SceneError, place
 from cpmkit.layout import Layout
-from cpmkit.meetings import place
 from cpmkit.protocols import SIDES, Floats, Ints
 from cpmkit.scene import Scene
 from cpmkit.scene_data import evaluate_data

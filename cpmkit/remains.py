@@ -9,6 +9,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from cpmkit.errors import place
+
 #: What is expected to cost this share of the range of a solution is told: the fish, the koala, Spot and Nefertiti at
 #: 7,000 to 30,000 unknowns, which differ from finite elements by 0.8 to 2.4 percent, and the Dziuk surface at a spacing
 #: of twice its smallest radius, but not at one of that radius.
@@ -62,7 +64,7 @@ class Remainder:
     @property
     def sentence(self) -> str:
         """What a reader of the solution should know."""
-        where = f"near ({', '.join(f'{x:.4g}' for x in self.place)})"
+        where = f"near {place(self.place)}"
         harm = f"about {self.error:.1%} of the solution's range, where it flows across"
         if self.kind == "crease":
             return (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cpmkit.boundary.frame import Frame
-from cpmkit.errors import InputError, SceneError
+from cpmkit.errors import InputError, SceneError, place
 from cpmkit.grid.lattice import Lattice
 from cpmkit.protocols import Bools, Floats
 from cpmkit.scene_data import Data, evaluate_data
@@ -51,9 +51,9 @@ def check_conductivities(what: str, condition: Transmission, diffusivity: Data, 
         if np.mean(off > ALIKE) <= ASTRAY:
             continue
         worst = int(off.argmax())
-        place = ", ".join(f"{x:.4g}" for x in lattice.to_scene(seen.foot[[worst]])[0])
+        where = place(lattice.to_scene(seen.foot[[worst]])[0])
         raise SceneError(
-            f"{what} gives the conductivity {wanted[worst]:.4g} on its {side} near ({place}), where the problem's "
+            f"{what} gives the conductivity {wanted[worst]:.4g} on its {side} near {where}, where the problem's "
             f"diffusivity is {near[-1][worst]:.4g}; leave `{side}` out, or give the problem that diffusivity."
         )
 

@@ -11,7 +11,7 @@ from cpmkit.boundary.conductivities import check_conductivities
 from cpmkit.boundary.edge import WHAT, edge_condition, is_wall
 from cpmkit.boundary.formulas import beta_at
 from cpmkit.conditions import Condition, Robin
-from cpmkit.errors import InputError, ResolutionError, SceneError
+from cpmkit.errors import InputError, ResolutionError, SceneError, place
 from cpmkit.layout import Layout
 from cpmkit.mesh_cells import with_corners
 from cpmkit.protocols import SIDES, ClosestPointSource, Floats, HasMesh
@@ -65,9 +65,9 @@ def _check_edges(scene: Scene, layout: Layout) -> None:
             "out, or use a smaller spacing if the edge is shorter than a few of these."
         )
     if missing[0] in known or (known and not isinstance(scene.edge, Mapping)):
-        place = ", ".join(f"{x:.4g}" for x in known.get(missing[0], next(iter(known.values()))))
+        where = place(known.get(missing[0], next(iter(known.values()))))
         raise ResolutionError(
-            f"{given}, an edge too short for spacing={spacing:g}: near ({place}) no node lies past it, and the "
+            f"{given}, an edge too short for spacing={spacing:g}: near {where} no node lies past it, and the "
             "condition would have no effect; use a smaller spacing, or leave it out."
         )
     raise SceneError(f"{given}, which the manifold has not: {told}; leave it out, or correct the number.")

@@ -9,6 +9,7 @@ import numpy as np
 
 from cpmkit.boundary.ghosts import Sight
 from cpmkit.conditions import Dirichlet
+from cpmkit.errors import place
 from cpmkit.grid.band import Band
 from cpmkit.grid.lattice import Lattice
 from cpmkit.protocols import BoundarySet, Floats
@@ -132,7 +133,7 @@ def sentences(found: Sequence[Blur], names: Sequence[str], spacing: float) -> li
 
 
 def _sentence(one: Blur, name: str, spacing: float) -> str:
-    where = f"near ({', '.join(f'{x:.4g}' for x in one.point)})"
+    where = f"near {place(one.point)}"
     if one.kind == "tip":
         more = f" and at {one.more} more ends" if one.more > 1 else " and at its other end" if one.more else ""
         return (

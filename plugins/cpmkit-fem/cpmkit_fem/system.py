@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.errors import ResolutionError, SceneError
+from cpmkit.errors import ResolutionError, SceneError, place
 from cpmkit.protocols import Floats, Ints, Progress
 from cpmkit.scene import Scene
 from cpmkit.solvers.report import SolveReport, judge
@@ -98,9 +98,9 @@ def check_fixed(scene: Scene, mesh: Triangulation, pins: Pins) -> None:
     loose = np.setdiff1d(np.arange(count), piece[pins.vertices])
     if len(loose):
         members = np.flatnonzero(piece == loose[0])
-        near = ", ".join(f"{x:.4g}" for x in mesh.vertices[members[0]])
+        near = place(mesh.vertices[members[0]])
         raise SceneError(
-            f"Nothing fixes the solution on {len(loose)} of the mesh's {count} pieces: the one near ({near}), "
+            f"Nothing fixes the solution on {len(loose)} of the mesh's {count} pieces: the one near {near}, "
             f"{len(members) / n:.0%} of the vertices, has only Neumann conditions, so that any constant may be added; "
             "give a Dirichlet condition there, or solve the screened problem."
         )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.errors import InputError
+from cpmkit.errors import InputError, place
 from cpmkit.protocols import Bools, Floats, Ints
 from cpmkit_mesh.caps import caps_of, without_caps
 from cpmkit_mesh.directions import doubled_areas
@@ -156,8 +156,3 @@ def _note_one_sided(points: Floats, faces: Ints, one_sided: Bools) -> Iterator[s
             "one side only, as a Moebius strip: it has no normals of its own, and what is left of a curve is carried "
             "along it from where it starts."
         )
-
-
-def place(point: Floats) -> str:
-    """Return the coordinates of ``point`` (3,) as a sentence gives them."""
-    return "(" + ", ".join(f"{x:.4g}" for x in point) + ")"

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cpmkit.errors import place
 from cpmkit.protocols import Floats, Ints
 from cpmkit_mesh.chains import components
 from cpmkit_mesh.directions import doubled_areas
 from cpmkit_mesh.folds import Folds, crowded_edges
 from cpmkit_mesh.pieces import closest_meeting, pieces
-from cpmkit_mesh.repair import place
 from cpmkit_mesh.tree import build_tree, nearest
 
 if TYPE_CHECKING:
