@@ -15,7 +15,7 @@ from cpmkit.formula_steps import Program, Steps, program
 from cpmkit.protocols import Floats
 
 #: Formulas that need more steps with their derivatives are refused: each step is taken at every point.
-MOST_STEPS = 12_000
+MOST_STEPS = 4_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ def formula_jets(trees: Sequence[ast.expr], names: Sequence[str], what: str) -> 
     if needed > MOST_STEPS:
         raise SceneError(
             f"{what} takes {needed} operations with its first two derivatives; at most {MOST_STEPS} are accepted, "
-            "use a shorter formula."
+            "use a shorter formula, or give a function from Python."
         )
     return FormulaJets(tuple(names), (programs[0], programs[1], programs[2]))
 

@@ -1,7 +1,5 @@
 """Derivatives of formulas are right to rounding, of what has kinks between the kinks, and are found soon."""
 
-import time
-
 import numpy as np
 import pytest
 
@@ -62,14 +60,28 @@ def test_what_is_not_chosen_plays_no_part():
     np.testing.assert_array_equal(rows[:, 0], [0.1, 1, 0, 0, 0, 0, 0, 0, 0, 0])
 
 
-def test_long_and_nested_formulas_take_time_in_proportion():
-    terms = "+".join(f"0.01*sin({k}*x)*cos({k}*y)" for k in range(1, 201))
-    nested = "sin(" * 90 + "x*y" + ")" * 90
-    start = time.process_time()
-    for text in (terms, nested, "0.001*(x/3)**(10**9) + (1/3)**(10**9)", "x**9**9**9"):
-        jets(text).rows(2, POINTS)
-    assert time.process_time() - start < 5.0  # seconds
-    assert len(jets(nested).programs[2].instructions) < 2000
+def operations(text):
+    return len(jets(text).programs[2].instructions)
+
+
+@pytest.mark.parametrize(
+    "written",
+    [
+        lambda n: "+".join(f"0.01*sin({k}*x)*cos({k}*y)" for k in range(1, n + 1)),
+        lambda n: "sin(" * n + "x*y" + ")" * n,
+    ],
+    ids=["long", "nested"],
+)
+def test_long_and_nested_formulas_take_operations_in_proportion(written):
+    few, twice, most = (operations(written(n)) for n in (20, 40, 80))
+    assert twice <= 2.05 * few
+    assert most <= 2.05 * twice
+    assert np.isfinite(jets(written(80)).rows(2, POINTS)).all()
+
+
+def test_powers_of_any_size_take_one_operation():
+    for text in ("0.001*(x/3)**(10**9) + (1/3)**(10**9)", "x**9**9**9"):
+        assert operations(text) < 60
 
 
 def test_too_many_operations_are_refused():
