@@ -43,14 +43,20 @@ def check_definite(tables: Discretization, scene: Scene, operator: Operator) -> 
     ResolutionError
         If there is one; it names a spacing that is expected to do.
     """
+    wrong, products = wrong_sign(tables, scene, operator)
+    if wrong:
+        raise ResolutionError(wrong)
+    return products
+
+
+def wrong_sign(tables: Discretization, scene: Scene, operator: Operator) -> tuple[str, int]:
+    """Return what an eigenvalue of the wrong sign means, empty if none was found, and the products that it took."""
     if not has_sign(tables, scene) or not is_suspect(tables.layout):
-        return 0
+        return "", 0
     c = scene.problem.terms().c
     lift = 0.0 if callable(c) else float(c)
     value, products = lowest_eigenvalue(operator, -_allowed(tables, scene, lift) + lift)
-    if value is not None:
-        raise ResolutionError(told_of(tables, scene, value - lift))
-    return products
+    return "" if value is None else told_of(tables, scene, value - lift), products
 
 
 def has_sign(tables: Discretization, scene: Scene) -> bool:

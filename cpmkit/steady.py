@@ -7,9 +7,10 @@ from dataclasses import replace
 
 from cpmkit.assembly import assemble
 from cpmkit.balance import put_mean_right
-from cpmkit.definiteness import check_definite
+from cpmkit.definiteness import wrong_sign
 from cpmkit.diagnosis import warnings_of
 from cpmkit.eigen.resonance import near_resonance, unresolved_waves
+from cpmkit.errors import ResolutionError
 from cpmkit.flux_balance import balance_fluxes, prepare_balance
 from cpmkit.job import Job
 from cpmkit.null_space import find_border, settle
@@ -24,14 +25,16 @@ def solve_job(job: Job) -> Solution:
     ------
     ResolutionError
         If the spacing is too coarse for waves or a velocity, or for limbs side by side, which give the operator an
-        eigenvalue of the wrong sign.
+        eigenvalue of the wrong sign. Of the plain method, which is there to be compared with, that is told only.
     ConvergenceError
         If the solver does not reach the tolerance.
     """
     poor = unresolved_waves(job.tables.layout, job.scene.problem.terms())
     prepared = prepare_balance(job.scene, job.tables) if job.balance else None
     system = assemble(job.tables, job.scene.problem, find_border(job.tables, job.scene))
-    looked = check_definite(job.tables, job.scene, system.operator)
+    wrong, looked = wrong_sign(job.tables, job.scene, system.operator)
+    if wrong and job.tables.layout.parted:
+        raise ResolutionError(wrong)
     built = time.perf_counter()
     values, report = job.solver(system, job.tolerance, job.progress)
     report = replace(report, operator_applications=report.operator_applications + looked)
@@ -41,7 +44,7 @@ def solve_job(job: Job) -> Solution:
     seconds = {"build": built - job.started, "solve": time.perf_counter() - built}
     work = measure_work(job.tables, system, report)
     found = warnings_of(job.tables.layout, max((one.share for one in leaks), default=0.0))
-    told = (*found, *poor, *(text for one in defects for text in one.warnings))
+    told = (*found, *([wrong] if wrong else []), *poor, *(text for one in defects for text in one.warnings))
     raw = Solution(job.scene, values, report, work, seconds, job.tables, warnings=told, defects=defects)
     told = (*told, *(text for one in leaks for text in one.warnings))
     solution = replace(raw, values=even, warnings=told, leaks=leaks)

@@ -160,3 +160,16 @@ def test_the_error_foretold_is_the_larger_of_what_bends_cost_and_what_the_mean_m
     assert leak.share > bend.error
     (told,) = [text for text in solution.warnings if "bends more sharply" in text]
     assert f"expect an error of about {min(leak.share, 1.0):.1%}" in told
+
+
+def test_of_the_plain_method_a_wrong_sign_is_told_in_steady_problems_and_refused_in_time(monkeypatch):
+    """It is there to be compared with; runs in time would explode."""
+    import cpmkit.definiteness as looking
+
+    monkeypatch.setattr(looking, "lowest_eigenvalue", lambda *_: (-0.5, 20))
+    screened, heat = ck.ScreenedPoisson(one_and_nothing, c=0.01), ck.Heat(one_and_nothing, until=1.0, step=0.5)
+    solution = ck.solve(two(3, 1, screened), 1.0, sheets=False)
+    assert any("eigenvalue of the wrong sign, -0.5" in text for text in solution.warnings)
+    for problem, sheets in ((screened, True), (heat, True), (heat, False)):
+        with pytest.raises(ck.ResolutionError, match="eigenvalue of the wrong sign"):
+            ck.solve(two(3, 1, problem), 1.0, sheets=sheets)
