@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from cpmkit.boundary.tips import Blur, blurs
 from cpmkit.errors import InputError, shown
 from cpmkit.grid.band import Band, build_band
 from cpmkit.grid.lattice import Lattice
+from cpmkit.grid.limbs import Limbs, limbs_side_by_side
 from cpmkit.grid.stencils import check_degree, difference_reach, reading_radius
 from cpmkit.grid.twins import part_sheets
 from cpmkit.localized import Localized, localize
@@ -86,6 +88,11 @@ class Layout:
     blurs: Sequence[Blur] = ()
     junctions: Sequence[Junction] = ()
     parted: Parting = True
+
+    @cached_property
+    def limbs(self) -> Limbs:
+        """Stencils that read another limb beside their own; looked for once, for checks, warnings and balancing ask."""
+        return limbs_side_by_side(self.surface, self.band)
 
     @property
     def size(self) -> int:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cpmkit.boundary.alike import alike
 from cpmkit.boundary.edge import edge_condition
 from cpmkit.boundary.effect import check_given
 from cpmkit.boundary.encounters import DIFFERENT, Strip
@@ -119,7 +120,7 @@ def _contradict(layout: Layout, strip: Strip, time: float | None) -> bool:
 
 def _alike(one: Condition, other: Condition, points: Floats, channels: int, time: float | None) -> bool:
     """Tell whether two conditions hold the same at ``points`` (k, d) of the scene."""
-    if one is other:
+    if alike(one, other):
         return True
     if type(one) is not type(other) or isinstance(one, Transmission) or one.alpha != other.alpha:
         return False

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.grid.limbs import limbs_side_by_side
 from cpmkit.layout import Layout
 from cpmkit.remains import WORTH, Remainder
 
@@ -17,7 +16,7 @@ PARTED = 3.5
 
 def limbs_of(layout: Layout) -> Remainder | None:
     """Return what limbs side by side cost, None where they are too far apart to be worth telling."""
-    limbs = limbs_side_by_side(layout.surface, layout.band)
+    limbs = layout.limbs
     error = min(1.0, READ * float(limbs.read.max(initial=0.0)))
     if error < WORTH:
         return None

@@ -8,14 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.boundary.crossing_ghosts import ALONGSIDE
+from cpmkit.boundary.encounters import STRIP
 from cpmkit.boundary.frame import Sighted
 from cpmkit.boundary.tangent_space import outward_conormals
 from cpmkit.grid.band import Band
 from cpmkit.localized import Localized
 from cpmkit.protocols import Floats, Ints
 
-#: A boundary nearer to a rim than this many spacings encloses a strip with it in which no stencil finds room.
-STRIP = 1.0
 #: One nearer than this many spacings lies on it.
 ON_RIM = 1e-3
 #: So many samples of a curve lie on a rim only where it runs along it; a curve that ends there has one or two.

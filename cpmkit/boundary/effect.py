@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from cpmkit.arrays import whole
+from cpmkit.boundary.alike import alike
 from cpmkit.boundary.conductivities import check_conductivities
 from cpmkit.boundary.edge import WHAT, edge_condition, is_wall
 from cpmkit.boundary.formulas import beta_at
@@ -96,7 +97,7 @@ def _places(scene: Scene, layout: Layout) -> Iterator[tuple[str, Condition, Floa
     to_scene, feet = layout.lattice.to_scene, layout.band.feet
     for boundary, seen, ghosts in zip(scene.boundaries, layout.sight.frames, layout.ghosts, strict=True):
         foot = seen.foot[np.searchsorted(seen.rows, ghosts.nodes)]
-        if boundary.condition("left") is boundary.condition("right"):
+        if alike(boundary.condition("left"), boundary.condition("right")):
             yield f"boundary {boundary.name!r}", boundary.condition("left"), to_scene(foot)
             continue
         for side in SIDES:

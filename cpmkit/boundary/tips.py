@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cpmkit.boundary.alike import alike
+from cpmkit.boundary.encounters import DIFFERENT
 from cpmkit.boundary.ghosts import Sight
 from cpmkit.conditions import Dirichlet
 from cpmkit.errors import place
@@ -15,8 +17,6 @@ from cpmkit.grid.lattice import Lattice
 from cpmkit.protocols import BoundarySet, Floats
 from cpmkit.scene_data import evaluate_data
 
-#: Data that differ by more than this share of their size are different.
-DIFFERENT = 1e-6
 #: An end this many spacings from another boundary is closed by it.
 CLOSED = 0.5
 #: Conormals at the feet of neighbouring nodes of one side face each other below this cosine: the angle is below 45
@@ -61,7 +61,7 @@ def blurs(sight: Sight, band: Band, lattice: Lattice, channels: int, time: float
     """Return where the sides of boundaries with unlike sides are not told apart."""
     found: list[Blur] = []
     for number, (boundary, one) in enumerate(zip(sight.boundaries, sight.sighted, strict=True)):
-        if one.has_sides and one.dimension > 1 and boundary.condition("left") is not boundary.condition("right"):
+        if one.has_sides and one.dimension > 1 and not alike(boundary.condition("left"), boundary.condition("right")):
             found += _tips(number, boundary, sight, lattice, channels, time)
             found += _flanks(number, sight, band, lattice)
             found += _ring(number, sight, lattice)
