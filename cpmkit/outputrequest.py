@@ -8,10 +8,8 @@ from pathlib import Path, PurePosixPath, PureWindowsPath
 
 from cpmkit.arrays import as_vector, whole
 from cpmkit.errors import SceneError, shown
-from cpmkit.files import check_name
+from cpmkit.files import LONGEST_NAME, check_name
 
-#: Bytes of a file's name that every usual file system takes; what is written first has a longer name for a while.
-LONGEST_NAME = 200
 #: Bytes of a file's name with its folders.
 LONGEST_PATH = 1000
 #: Pixels of a picture's width.
