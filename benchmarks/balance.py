@@ -16,7 +16,7 @@ import numpy as np
 from unfolding import positions, solution_off
 
 import cpmkit as ck
-from cpmkit.flux_balance import balance_fluxes, prepare_balance
+from cpmkit.forms.collocation.conservation.flux_balance import balance_fluxes, prepare_balance
 
 SPACINGS = {"fish": 0.0156, "koala": 0.0167, "nefertiti": 0.0177, "spot": 0.0193}
 DEGREES = (1, 2, 3, 4, 5, 6, 8)

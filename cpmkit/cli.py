@@ -105,8 +105,8 @@ def solve(
     """
     from cpmkit import load_scene
     from cpmkit import solve as solve_scene
-    from cpmkit.results import check_request, write_results
-    from cpmkit.telling import overheard
+    from cpmkit.runtime.telling import overheard
+    from cpmkit.saving.results import check_request, write_results
 
     with overheard() as heard, told_progress(scene, quiet) as progress:
         try:
@@ -171,7 +171,7 @@ def explain(scene: Path, spacing: float | None, as_json: bool) -> None:
     """
     from cpmkit import explain as explain_scene
     from cpmkit import load_scene
-    from cpmkit.telling import overheard
+    from cpmkit.runtime.telling import overheard
 
     with overheard() as heard, told_progress(scene) as progress:
         try:

@@ -14,8 +14,8 @@ from typing import Any
 import click
 
 from cpmkit.errors import CpmkitError, PluginError, shown
-from cpmkit.memory import memory_limit, ran_out
 from cpmkit.plugins import COMMANDS
+from cpmkit.runtime.memory import memory_limit, ran_out
 
 #: Keys of what a command leaves in its context: the file it works on, the stage it is at, whether to show tracebacks.
 FILE, STAGE, TRACEBACK = "cpmkit.file", "cpmkit.stage", "cpmkit.traceback"
@@ -116,8 +116,8 @@ def traceback_option(command: Callable[..., Any]) -> Callable[..., Any]:
 @contextmanager
 def told_progress(file: Path, quiet: bool = False) -> Iterator[Callable[[str, float], None]]:
     """Yield a callback for the progress of work on ``file``: shown unless ``quiet``, and remembered for errors."""
-    from cpmkit.progress import ProgressLine
     from cpmkit.protocols import nothing
+    from cpmkit.runtime.progress import ProgressLine
 
     meta = click.get_current_context().meta
     meta[FILE] = file

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from cpmkit.errors import CpmkitError
-from cpmkit.memory import memory_limit
 from cpmkit.plugins import installed_kinds
-from cpmkit.telling import overheard
+from cpmkit.runtime.memory import memory_limit
+from cpmkit.runtime.telling import overheard
 
 #: Distributions whose versions matter, the required ones first.
 DISTRIBUTIONS = (
@@ -117,7 +117,7 @@ def _processors() -> int:
 
 
 def _loading(scene: str | Path) -> str:
-    from cpmkit.scenefile import load_scene
+    from cpmkit.scenefile.reading import load_scene
 
     try:
         load_scene(scene)

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from cpmkit.solvers.report import SolveReport
+    from cpmkit.linear.report import SolveReport
 
 
 #: Characters of what was given that a message repeats.

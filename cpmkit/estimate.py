@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.combinations.abilities import floor_of
 from cpmkit.errors import place
+from cpmkit.manifold.abilities import floor_of
 from cpmkit.protocols import Floats
-from cpmkit.scene import Scene
-from cpmkit.solution import Solution
+from cpmkit.runtime.telling import overheard, tell
+from cpmkit.scene.scene import Scene
+from cpmkit.solution.solution import Solution
 from cpmkit.solving import solve
-from cpmkit.telling import overheard, tell
 
 #: At about so many feet of nodes the two solutions are compared.
 COMPARED = 4000

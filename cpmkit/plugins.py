@@ -17,11 +17,12 @@ import pluggy
 
 from cpmkit import hookspecs
 from cpmkit.errors import PluginError, SceneError, shown
-from cpmkit.key_types import check_types
-from cpmkit.suggestions import did_you_mean
+from cpmkit.files.data_files import find_file
+from cpmkit.runtime.key_types import check_types
+from cpmkit.runtime.suggestions import did_you_mean
 
 if TYPE_CHECKING:
-    from cpmkit.protocols import ClosestPointSource
+    from cpmkit.protocols import ClosestPointSource, Floats, Ints
 
 KINDS = "cpmkit.kinds"
 COMMANDS = "cpmkit.commands"
@@ -205,10 +206,33 @@ def source(kind: str, **keys: Any) -> ClosestPointSource:
     Traceback (most recent call last):
     cpmkit.errors.SceneError: The kind 'analytic.sphere' has the unknown key 'raduis' (did you mean 'radius'?); ...
     """
-    from cpmkit.data import find_file
-
     make = factory(kind)
     if isinstance(keys.get("file"), str | Path):
         keys["file"] = str(find_file(keys["file"]))
     made: ClosestPointSource = call(make, f"The kind {kind!r}", keys)
     return made
+
+
+def read_mesh(file: str | Path) -> tuple[Floats, Ints]:
+    """Read a triangle mesh: OBJ, PLY, STL or OFF.
+
+    Parameters
+    ----------
+    file : path
+        Found as :func:`cpmkit.files.data_files.find_file` says.
+
+    Returns
+    -------
+    vertices : (n, 3) float64
+        In the file's order, exact duplicates merged.
+    faces : (m, 3) int64
+
+    Raises
+    ------
+    InputError
+        If the file is missing, empty or unreadable.
+    PluginError
+        If the mesh plugin is not installed.
+    """
+    mesh: tuple[Any, Any] = load("mesh.triangles").read_mesh(find_file(file))
+    return mesh

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from cpmkit.conditions import Condition
-    from cpmkit.operators import LinearSystem
-    from cpmkit.scene import Scene
-    from cpmkit.solvers.report import SolveReport
+    from cpmkit.linear.operators import LinearSystem
+    from cpmkit.linear.report import SolveReport
+    from cpmkit.scene.conditions import Condition
+    from cpmkit.scene.scene import Scene
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -302,7 +302,7 @@ class Backend(Protocol):
     """
 
     def __call__(self, scene: Scene, spacing: float | None, *, tolerance: float, progress: Progress) -> Any:
-        """Return a :class:`~cpmkit.readable.ReadableSolution`; ``spacing`` is None where the caller gave none.
+        """Return a :class:`~cpmkit.solution.abstract.ReadableSolution`; ``spacing`` is None where the caller gave none.
 
         Raises
         ------

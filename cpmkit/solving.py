@@ -11,30 +11,31 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.discretization import discretize
-from cpmkit.evolution.checkpoints import EVERY, check_checkpointing
-from cpmkit.files import check_place
-from cpmkit.fitting import check_fits, memory_ran_out
-from cpmkit.flux_balance import check_balance
-from cpmkit.job import Job
-from cpmkit.localized import largest_dim, localize
-from cpmkit.memory import memory_limit, ran_out
-from cpmkit.nonlinear import solve_nonlinear
+from cpmkit.families.evolution.checkpoints import EVERY, check_checkpointing
+from cpmkit.families.job import Job
+from cpmkit.families.nonlinear import solve_nonlinear
+from cpmkit.files.whole_files import check_place
+from cpmkit.forecast.resolution import needed_spacing
+from cpmkit.forecast.running_out import memory_ran_out
+from cpmkit.forms.collocation.conservation.flux_balance import check_balance
+from cpmkit.forms.collocation.discretization import discretize
+from cpmkit.grid.fitting import check_fits
+from cpmkit.linear.choice import check_solver, check_tolerance, choose_solver, make_solver
+from cpmkit.manifold.localized import largest_dim, localize
 from cpmkit.plugins import call, factory
 from cpmkit.protocols import Parting, Progress, nothing
-from cpmkit.resolution import needed_spacing
-from cpmkit.scene import Scene
-from cpmkit.solution import Solution
-from cpmkit.solvers import check_solver, check_tolerance, choose_solver, make_solver
-from cpmkit.special_conditions import NonlinearFlux
-from cpmkit.telling import tell
+from cpmkit.runtime.memory import memory_limit, ran_out
+from cpmkit.runtime.telling import tell
+from cpmkit.scene.scene import Scene
+from cpmkit.scene.special_conditions import NonlinearFlux
+from cpmkit.solution.solution import Solution
 
 #: The module that solves each family of equations, by its function ``solve_job``.
 FAMILIES = {
-    "steady": "cpmkit.steady",
-    "time": "cpmkit.evolution.stepping",
-    "eigen": "cpmkit.eigen.solving",
-    "biharmonic": "cpmkit.biharmonic",
+    "steady": "cpmkit.families.steady",
+    "time": "cpmkit.families.evolution.stepping",
+    "eigen": "cpmkit.families.eigen.solving",
+    "biharmonic": "cpmkit.families.biharmonic",
 }
 
 

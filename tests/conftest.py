@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cpmkit.surface_mesh import DisplayMesh, display_mesh
+from cpmkit.meshes.display_mesh import DisplayMesh, display_mesh
 
 
 @dataclass(frozen=True, eq=False)

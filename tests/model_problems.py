@@ -76,3 +76,18 @@ def sphere_poisson(normals):
 
 def max_error(scene, points, exact, spacing, **options):
     return float(np.abs(ck.solve(scene, spacing, **options).evaluate(points) - exact).max())
+
+
+def octahedron(rounds):
+    """The unit sphere as an octahedron whose triangles were cut in four so many times."""
+    vertices = np.concatenate([np.eye(3), -np.eye(3)])
+    faces = np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]])
+    for _ in range(rounds):
+        edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+        unique, number = np.unique(edges, axis=0, return_inverse=True)
+        middle = len(vertices) + number.reshape(-1, 3)
+        vertices = np.concatenate([vertices, vertices[unique].mean(axis=1)])
+        (a, b, c), (ab, bc, ca) = faces.T, middle.T
+        corners = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+        faces = np.concatenate([np.stack(part, axis=1) for part in corners])
+    return vertices / np.linalg.norm(vertices, axis=1, keepdims=True), faces

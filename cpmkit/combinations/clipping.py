@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cpmkit.mesh_cells import edges_of
+from cpmkit.meshes.cells import edges_of
 from cpmkit.protocols import Bools, Floats, Ints
 
 

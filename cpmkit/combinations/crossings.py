@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cpmkit.boundary.tangent_space import outward_conormals
 from cpmkit.combinations.level_cut import STEP, LevelCut
 from cpmkit.errors import InputError
 from cpmkit.grid.band import cell_levels
+from cpmkit.manifold.tangent_space import outward_conormals
 from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 
 #: Blocks of so many samples a side are the first that are passed over where the function is far from zero.

@@ -8,12 +8,12 @@ from functools import cached_property
 
 import numpy as np
 
-from cpmkit.arrays import as_points, as_vector, positive
 from cpmkit.combinations.cubics import Cubics
 from cpmkit.combinations.tracing import Knots
 from cpmkit.combinations.vectors import dots, norms, unit
 from cpmkit.errors import InputError
 from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
+from cpmkit.runtime.arrays import as_points, as_vector, positive
 
 #: How far from the curve, relative to the largest side of its bounds, :attr:`TracedCurve.left_of` lies.
 BESIDE = 1e-3

@@ -13,9 +13,9 @@ from cpmkit.combinations.points import PointSet
 from cpmkit.combinations.position_function import PositionFunction, plane_distance, position_function
 from cpmkit.combinations.tracing import trace
 from cpmkit.errors import InputError
-from cpmkit.localized import localize
+from cpmkit.manifold.answers import check_source
+from cpmkit.manifold.localized import localize
 from cpmkit.protocols import ClosestPointSource
-from cpmkit.scene import check_source
 
 #: Samples along the largest side of a surface, and of a curve, unless ``resolution`` says otherwise.
 SURFACE_RESOLUTION, CURVE_RESOLUTION = 128, 1024

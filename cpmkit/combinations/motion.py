@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.arrays import as_points, as_vector, positive
-from cpmkit.combinations.abilities import edge_limit_of, floor_of, warnings_of, with_abilities
+from cpmkit.combinations.rotation import as_rotation, rotate
 from cpmkit.combinations.union import Union, union
+from cpmkit.manifold.abilities import edge_limit_of, floor_of, warnings_of, with_abilities
+from cpmkit.manifold.answers import check_source
 from cpmkit.protocols import (
     ClosestPoints,
     ClosestPointSource,
@@ -30,8 +31,7 @@ from cpmkit.protocols import (
     Ints,
     NamesLeft,
 )
-from cpmkit.rotation import as_rotation, rotate
-from cpmkit.scene import check_source
+from cpmkit.runtime.arrays import as_points, as_vector, positive
 
 
 @dataclass(frozen=True, eq=False)

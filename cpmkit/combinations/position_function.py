@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.arrays import as_vector
 from cpmkit.errors import InputError, shown
-from cpmkit.expressions import Expression
+from cpmkit.formulas.expressions import Expression
 from cpmkit.protocols import Floats
+from cpmkit.runtime.arrays import as_vector
 
 
 @dataclass(frozen=True, eq=False)

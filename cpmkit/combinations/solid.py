@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.arrays import as_points, positive
-from cpmkit.combinations.abilities import EDGES, floor_of, warnings_of, with_abilities
+from cpmkit.combinations.rectangle import rectangle
 from cpmkit.combinations.union import Union
 from cpmkit.errors import InputError
+from cpmkit.manifold.abilities import EDGES, floor_of, warnings_of, with_abilities
+from cpmkit.manifold.answers import check_source
 from cpmkit.protocols import (
     Bools,
     ClosestPoints,
@@ -31,8 +32,7 @@ from cpmkit.protocols import (
     Ints,
     NamesLeft,
 )
-from cpmkit.rectangle import rectangle
-from cpmkit.scene import check_source
+from cpmkit.runtime.arrays import as_points, positive
 
 #: Points along each side of the box on which an open rim is looked for.
 PROBES = 24

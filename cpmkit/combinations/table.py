@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from cpmkit.combinations import motion, solid, trimmed_part, union
-from cpmkit.combinations.abilities import Passing
+from cpmkit.manifold.abilities import Passing
 
 #: By kind, then by protocol: the class that passes the ability on, True where the combination has it in any case, or
 #: the reason why it has not.

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.combinations.abilities import with_abilities
 from cpmkit.combinations.cut import check_cuttable, cut_of, level_cut
 from cpmkit.combinations.level_cut import STEP, LevelCut
 from cpmkit.combinations.points import PointSet
@@ -15,6 +14,7 @@ from cpmkit.combinations.rim import CurveRim, Rim, point_rim
 from cpmkit.combinations.trimmed_part import PASSING, Trimmed
 from cpmkit.combinations.vectors import norms
 from cpmkit.grid.band import cell_levels
+from cpmkit.manifold.abilities import with_abilities
 from cpmkit.protocols import ClosestPoints, ClosestPointSource
 
 #: A foot closer to the edge than this, relative to the size, or than four times the edge's deviation, lies on it.

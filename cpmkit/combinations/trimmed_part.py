@@ -9,13 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.arrays import as_points, as_vector, positive
-from cpmkit.combinations.abilities import EDGES, edge_limit_of, floor_of, warnings_of
 from cpmkit.combinations.clipping import clipped
 from cpmkit.combinations.descent import descend
 from cpmkit.combinations.position_function import PositionFunction
 from cpmkit.combinations.rim import Rim
 from cpmkit.combinations.vectors import dots, norms
+from cpmkit.manifold.abilities import EDGES, edge_limit_of, floor_of, warnings_of
 from cpmkit.protocols import (
     Bools,
     ClosestPoints,
@@ -34,6 +33,7 @@ from cpmkit.protocols import (
     Ints,
     NamesLeft,
 )
+from cpmkit.runtime.arrays import as_points, as_vector, positive
 
 #: Descents from samples, for a query whose closest point on the whole is cut away.
 DESCENTS = 3

@@ -9,17 +9,20 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.arrays import check_size, length
 from cpmkit.errors import ResolutionError
-from cpmkit.fitting import check_fits
+from cpmkit.grid.fitting import check_fits
 from cpmkit.grid.lattice import Codes, find
-from cpmkit.grid.sheets import Sheets
 from cpmkit.grid.stencils import base_offset, stencil_range
-from cpmkit.localized import Localized
+from cpmkit.manifold.localized import Localized
 from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints, Progress, nothing
+from cpmkit.runtime.arrays import check_size, length
+
+if TYPE_CHECKING:
+    from cpmkit.forms.collocation.sheets.sheets import Sheets
 
 #: Share of a cell's half diagonal by which a cell is kept although the surface seems to miss it: rounding.
 SLACK = 1e-6

@@ -15,19 +15,19 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.assembly import assemble
-from cpmkit.conditions import Dirichlet
-from cpmkit.discretization import Discretization, discretize
 from cpmkit.errors import SceneError
+from cpmkit.forms.collocation.assembly import assemble
+from cpmkit.forms.collocation.discretization import Discretization, discretize
 from cpmkit.grid.band import Band
-from cpmkit.localized import Localized, largest_dim, localize
-from cpmkit.operators import LinearSystem
+from cpmkit.linear.choice import choose_solver, make_solver
+from cpmkit.linear.operators import LinearSystem
+from cpmkit.manifold.localized import Localized, largest_dim, localize
 from cpmkit.protocols import Bools, BoundarySet, Floats, Progress, nothing
-from cpmkit.scene import Scene
-from cpmkit.scene_data import evaluate_data
-from cpmkit.solution import Solution
-from cpmkit.solvers import choose_solver, make_solver
-from cpmkit.work import measure_work
+from cpmkit.scene.conditions import Dirichlet
+from cpmkit.scene.data import evaluate_data
+from cpmkit.scene.scene import Scene
+from cpmkit.solution.solution import Solution
+from cpmkit.solution.work import measure_work
 
 #: Nodes this many spacings from a boundary are projected onto it, with this many points a side of their cells between.
 REACH, SAMPLES = 2.0, 4

@@ -8,7 +8,7 @@ from typing import Any
 
 from cpmkit.errors import SceneError
 from cpmkit.plugins import factory
-from cpmkit.scene import Scene
+from cpmkit.scene.scene import Scene
 from cpmkit.studies.baselines import check_fixable
 from cpmkit.studies.studyfile import Study
 from cpmkit.studies.sweep import BASELINES, CLOSEST_POINTS

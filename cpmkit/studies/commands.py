@@ -76,7 +76,7 @@ def report_study(studies: tuple[Path, ...], table: Path | None) -> None:
     Given a study file, the records are looked for in the folder of its name in the working directory. The page
     report.md and the figures are written beside them. Studies with a reference share one printed table.
     """
-    from cpmkit.files import written_whole
+    from cpmkit.files.whole_files import written_whole
     from cpmkit.studies.report import table_of, write_report
     from cpmkit.studies.studyfile import load_study
 

@@ -9,7 +9,7 @@ from typing import Any
 from unicodedata import normalize
 
 from cpmkit.errors import SceneError, shown
-from cpmkit.formula_trees import CONSTANTS, COORDINATES, FUNCTIONS, LONGEST, formula_tree, parse
+from cpmkit.formulas.trees import CONSTANTS, COORDINATES, FUNCTIONS, LONGEST, formula_tree, parse
 
 TAKEN = {*COORDINATES, *CONSTANTS, *FUNCTIONS, "t"}
 #: The variables of formulas anywhere in a scene: of position and time, and of parametric curves and surfaces.

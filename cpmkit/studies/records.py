@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from cpmkit.errors import InputError
-from cpmkit.plain_values import TEXT, Kind, check_fields, list_of, number, or_none, table_of, whole
+from cpmkit.files.plain_values import TEXT, Kind, check_fields, list_of, number, or_none, table_of, whole
 
 Record = dict[str, Any]
 FILE = "records.jsonl"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cpmkit.errors import InputError, printable
-from cpmkit.files import written_whole
+from cpmkit.files.whole_files import written_whole
 from cpmkit.studies.comparison import comparison_table, told_of_differences
 from cpmkit.studies.figures import convergence_figure, difference_figure, work_figure
 from cpmkit.studies.records import FILE, Record, of_content, read_records

@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import ConvergenceError, InputError, ResolutionError
-from cpmkit.files import check_place
+from cpmkit.files.whole_files import check_place
 from cpmkit.protocols import Progress, nothing
-from cpmkit.readable import ReadableSolution
-from cpmkit.scene import Scene
-from cpmkit.solution import Solution
+from cpmkit.runtime.telling import overheard
+from cpmkit.scene.scene import Scene
+from cpmkit.solution.abstract import ReadableSolution
+from cpmkit.solution.solution import Solution
 from cpmkit.solving import solve
 from cpmkit.studies.baselines import solve_by_fixed_nodes
 from cpmkit.studies.checking import at_spacing, check_study
@@ -32,7 +33,6 @@ from cpmkit.studies.records import (
 from cpmkit.studies.studyfile import Study
 from cpmkit.studies.sweep import BASELINES, CLOSEST_POINTS, Run
 from cpmkit.studies.truth import Truth, truth_of
-from cpmkit.telling import overheard
 
 #: What of a solve's work is recorded, where the method has it.
 WORK = ("unknowns", "nonzeros", "operator_applications", "closest_point_queries", "table_bytes")

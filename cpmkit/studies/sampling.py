@@ -6,7 +6,7 @@ import numpy as np
 
 from cpmkit.errors import SceneError
 from cpmkit.protocols import ClosestPointSource, Floats, HasMesh
-from cpmkit.scene import Scene
+from cpmkit.scene.scene import Scene
 
 #: In place of a number of points: the vertices of the mesh that the surface is.
 VERTICES = "vertices"

@@ -11,17 +11,17 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from cpmkit.condition_tables import as_table
-from cpmkit.data import find_file
 from cpmkit.errors import InputError, SceneError, shown
-from cpmkit.expressions import Expression
+from cpmkit.files.data_files import find_file
+from cpmkit.files.toml_files import made_from_toml
+from cpmkit.formulas.expressions import Expression
 from cpmkit.plugins import call
-from cpmkit.scene import Scene
-from cpmkit.scenefile import read_options, read_scene
+from cpmkit.scene.scene import Scene
+from cpmkit.scenefile.condition_tables import as_table
+from cpmkit.scenefile.reading import read_options, read_scene
 from cpmkit.studies.formulas import expand, expand_all, expand_names
 from cpmkit.studies.sampling import VERTICES
 from cpmkit.studies.sweep import Sweep
-from cpmkit.tomlfile import made_from_toml
 
 #: Keys of [discretization] that a study varies, and how its file says it.
 SWEPT = {

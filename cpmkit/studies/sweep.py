@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.arrays import positive
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.protocols import Floats
+from cpmkit.runtime.arrays import positive
 
 #: The closest point method, by what its options make of sheets that share a band, and of fluxes.
 CLOSEST_POINTS: dict[str, dict[str, Any]] = {

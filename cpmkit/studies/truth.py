@@ -8,12 +8,12 @@ import numpy as np
 
 from cpmkit.errors import SceneError
 from cpmkit.protocols import Floats
-from cpmkit.scene_data import evaluate_data
+from cpmkit.runtime.telling import overheard
+from cpmkit.scene.data import evaluate_data
 from cpmkit.solving import solve
 from cpmkit.studies.checking import check_comparable, end_of
 from cpmkit.studies.sampling import sample_points
 from cpmkit.studies.studyfile import Study
-from cpmkit.telling import overheard
 
 
 @dataclass(frozen=True, eq=False)

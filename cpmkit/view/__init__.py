@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from cpmkit.arrays import whole
 from cpmkit.errors import InputError, MissingDependencyError, shown
-from cpmkit.files import written_whole
+from cpmkit.files.whole_files import written_whole
+from cpmkit.runtime.arrays import whole
 from cpmkit.view.camera import axes_of, fit
 from cpmkit.view.drawing import Drawing, draw
 
 if TYPE_CHECKING:
-    from cpmkit.readable import ReadableSolution
+    from cpmkit.solution.abstract import ReadableSolution
 
 #: Seconds after which a renderer that has not answered is given up.
 PATIENCE = 120.0

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.arrays import as_vector
 from cpmkit.errors import InputError
 from cpmkit.protocols import Floats
+from cpmkit.runtime.arrays import as_vector
 
 #: Where the camera stands unless asked: a three-quarter view from the front, the right and above.
 VIEW = (0.55, -1.0, 0.6)

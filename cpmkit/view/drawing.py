@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cpmkit.errors import MissingDependencyError
+from cpmkit.meshes.display_mesh import DisplayMesh
 from cpmkit.protocols import BoundarySet, Floats, HasMesh, Ints
-from cpmkit.surface_mesh import DisplayMesh
 from cpmkit.view.camera import Camera, fit
 
 if TYPE_CHECKING:
-    from cpmkit.readable import ReadableSolution
+    from cpmkit.solution.abstract import ReadableSolution
 
 #: Share of its colour that a face keeps where no light falls; the light brings the rest.
 AMBIENT = 0.5

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 import cpmkit
 from cpmkit import cli
 from cpmkit.errors import SceneError
-from cpmkit.outputrequest import OutputRequest
+from cpmkit.scenefile.output_request import OutputRequest
 
 SCENE = '[surface]\nkind = "analytic.circle"\n[problem]\nkind = "screened"\nf = 1.0\n[discretization]\nspacing = 0.2\n'
 
@@ -162,7 +162,7 @@ def test_results_that_are_lost_are_told_with_those_that_are_there(run, square, m
     def fail(solution, path):
         raise SceneError(f"{path} cannot be written: No space left on device.")
 
-    monkeypatch.setattr("cpmkit.results.save", fail)
+    monkeypatch.setattr("cpmkit.saving.results.save", fail)
     result = run("solve", "scene.toml")
     assert result.exit_code == 1
     assert "results/summary.json" in result.stdout

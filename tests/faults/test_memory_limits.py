@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import cpmkit as ck
-from cpmkit import memory
-from cpmkit.arrays import as_vector
-from cpmkit.fitting import fitting_spacing
-from cpmkit.localized import localize
+from cpmkit.grid.fitting import fitting_spacing
+from cpmkit.manifold.localized import localize
+from cpmkit.runtime import memory
+from cpmkit.runtime.arrays import as_vector
 
 GIB = 2**30
 
@@ -131,7 +131,7 @@ def test_an_allocation_that_fails_lets_go_of_the_tables(monkeypatch):
         held.append(weakref.ref(tables))
         np.empty(10**17)
 
-    monkeypatch.setattr("cpmkit.steady.assemble", allocate)
+    monkeypatch.setattr("cpmkit.families.steady.assemble", allocate)
     with pytest.raises(ck.ResolutionError, match="Memory ran out") as error:
         ck.solve(scene(), 0.3)
     assert error.value.__cause__ is not None
@@ -142,7 +142,7 @@ def test_memory_that_runs_out_while_explaining_is_one_sentence(monkeypatch):
     def fail(*arguments, **options):
         raise MemoryError
 
-    monkeypatch.setattr("cpmkit.rehearsal.lay_out", fail)
+    monkeypatch.setattr("cpmkit.forecast.rehearsal.lay_out", fail)
     with pytest.raises(ck.ResolutionError) as error:
         ck.explain(scene(), 0.3)
     one_sentence(error, "Memory ran out at spacing=0.3", "or more")
@@ -152,7 +152,7 @@ def test_other_errors_are_left_alone(monkeypatch):
     def fail(*arguments):
         raise RuntimeError("a defect")
 
-    monkeypatch.setattr("cpmkit.steady.assemble", fail)
+    monkeypatch.setattr("cpmkit.families.steady.assemble", fail)
     with pytest.raises(RuntimeError, match="a defect"):
         ck.solve(scene(), 0.3)
     assert memory.ran_out(RuntimeError("can't start new thread"))

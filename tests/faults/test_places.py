@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from cpmkit.errors import InputError
-from cpmkit.files import check_place, written_whole
-from cpmkit.outputrequest import OutputRequest, PictureRequest
-from cpmkit.results import check_request
+from cpmkit.files.whole_files import check_place, written_whole
+from cpmkit.saving.results import check_request
+from cpmkit.scenefile.output_request import OutputRequest, PictureRequest
 
 CIRCLE = """
 [surface]

@@ -41,7 +41,7 @@ def test_numba_keeps_compiled_code_in_no_folder_that_a_file_there_names(tmp_path
     pytest.importorskip("yaml")
     (tmp_path / ".numba_config.yaml").write_text("cache_dir: planted\n")
     code = (
-        "from cpmkit.compilation import compiled, inlined\n"
+        "from cpmkit.runtime.compilation import compiled, inlined\n"
         "inlined(lambda x: x)\n"
         "compiled(lambda x: x)\n"
         "from numba import config\n"

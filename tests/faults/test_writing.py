@@ -15,20 +15,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cpmkit import results
 from cpmkit.errors import InputError
-from cpmkit.export import save
-from cpmkit.files import unfinished_name, written_whole
-from cpmkit.outputrequest import OutputRequest
-from cpmkit.progress import ProgressLine
+from cpmkit.files.whole_files import unfinished_name, written_whole
 from cpmkit.protocols import nothing
+from cpmkit.runtime.progress import ProgressLine
+from cpmkit.saving import results
+from cpmkit.saving.export import save
+from cpmkit.scenefile.output_request import OutputRequest
 from cpmkit.studies.records import append_record, drop_unfinished_line
 
 #: Writes a letter 60,000 times into a file, in three pieces, again and again.
 WRITER = """
 import sys, time
 from pathlib import Path
-from cpmkit.files import written_whole
+from cpmkit.files.whole_files import written_whole
 path, letter = Path(sys.argv[1]), sys.argv[2].encode()
 while True:
     with written_whole(path) as unfinished, unfinished.open("wb") as opened:
@@ -162,7 +162,7 @@ def test_a_file_that_fails_keeps_no_other_from_being_written(square, tmp_path, m
 
 
 def test_an_unfinished_series_of_a_killed_run_is_removed(tmp_path):
-    from cpmkit.files import remove_leftovers
+    from cpmkit.files.whole_files import remove_leftovers
 
     folder = tmp_path / "u_frames"
     left = tmp_path / ".u_frames.9999999999"

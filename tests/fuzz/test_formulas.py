@@ -10,9 +10,9 @@ from fuzzing import answered, long, short
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cpmkit.expressions import Expression
-from cpmkit.formula_derivatives import formula_jets
-from cpmkit.formula_trees import COORDINATES, FUNCTIONS, formula_tree
+from cpmkit.formulas.derivatives import formula_jets
+from cpmkit.formulas.expressions import Expression
+from cpmkit.formulas.trees import COORDINATES, FUNCTIONS, formula_tree
 from cpmkit.studies.formulas import expand_names
 
 POINTS = np.random.default_rng(0).uniform(-2, 2, (30, 3))

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import cpmkit as ck
-from cpmkit.results import check_request
+from cpmkit.saving.results import check_request
 
 #: Numbers at the ends of their range overflow on the way; what comes out is what counts.
 pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning")

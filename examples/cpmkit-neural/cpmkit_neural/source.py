@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial import KDTree
 
-from cpmkit.arrays import as_points, positive
 from cpmkit.errors import InputError
 from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
+from cpmkit.runtime.arrays import as_points, positive
 from cpmkit_neural.feet import descend, dot, norms, project, tangent_projection, unit
 from cpmkit_neural.field import SineNetwork
 from cpmkit_neural.tetrahedra import zero_triangles

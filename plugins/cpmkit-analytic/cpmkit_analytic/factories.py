@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.arrays import as_vector
-from cpmkit.arrays import length as as_length
 from cpmkit.errors import InputError, shown
 from cpmkit.protocols import Floats
+from cpmkit.runtime.arrays import as_vector
+from cpmkit.runtime.arrays import length as as_length
 from cpmkit_analytic.curves import TURN, Arc, Circle, Point, Segment
 from cpmkit_analytic.frames import as_direction, as_place, as_position, plane_frame, space_frame
 from cpmkit_analytic.motion import Moved, place

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.arrays import as_positions, as_vector
 from cpmkit.errors import InputError, shown
 from cpmkit.protocols import Floats
+from cpmkit.runtime.arrays import as_positions, as_vector
 
 
 def as_position(x: Any, what: str) -> Floats:

@@ -7,9 +7,9 @@ from typing import Any, cast
 
 import numpy as np
 
-from cpmkit.arrays import as_points, as_vector, length, positive
+from cpmkit.combinations.rotation import as_rotation, rotate
 from cpmkit.protocols import ClosestPoints, Floats, Ints
-from cpmkit.rotation import as_rotation, rotate
+from cpmkit.runtime.arrays import as_points, as_vector, length, positive
 from cpmkit_analytic.directions import norms
 from cpmkit_analytic.shapes import HasShapeNormals, HasShapeTangents, Shape
 

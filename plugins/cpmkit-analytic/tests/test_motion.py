@@ -9,8 +9,8 @@ import pytest
 from cpmkit_analytic import arc, cap, circle, cylinder, point, segment, sphere, torus
 from cpmkit_analytic.frames import space_frame
 
+from cpmkit.combinations.rotation import as_rotation
 from cpmkit.protocols import HasMesh, HasNormals, HasTangents, HasTranslation
-from cpmkit.rotation import as_rotation
 
 SPACE = [
     (point, {"at": [0.3, 0.2, -1.0]}),

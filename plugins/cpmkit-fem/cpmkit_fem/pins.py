@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.conditions import Dirichlet
 from cpmkit.errors import SceneError
 from cpmkit.protocols import BoundarySet, Floats, Ints
-from cpmkit.scene import Scene
-from cpmkit.scene_data import evaluate_data
+from cpmkit.scene.conditions import Dirichlet
+from cpmkit.scene.data import evaluate_data
+from cpmkit.scene.scene import Scene
 from cpmkit_fem.gaps import ends_in_gaps
 from cpmkit_fem.rim import Rim
 from cpmkit_fem.triangulation import Triangulation

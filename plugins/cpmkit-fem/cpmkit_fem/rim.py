@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.boundary.edge import edge_condition
-from cpmkit.conditions import Condition, Neumann, Robin
 from cpmkit.errors import SceneError
+from cpmkit.forms.collocation.boundary.edge import edge_condition
 from cpmkit.protocols import Floats, Ints
-from cpmkit.scene import Scene
-from cpmkit.scene_data import evaluate_data
+from cpmkit.scene.conditions import Condition, Neumann, Robin
+from cpmkit.scene.data import evaluate_data
+from cpmkit.scene.scene import Scene
 from cpmkit_fem.triangulation import Triangulation
 
 #: Loops are told apart from this share of an edge outside of it.

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from cpmkit.arrays import as_points
 from cpmkit.errors import InputError
 from cpmkit.protocols import Floats, Ints, Side
-from cpmkit.readable import ReadableSolution
+from cpmkit.runtime.arrays import as_points
+from cpmkit.solution.abstract import ReadableSolution
 from cpmkit_fem.location import nearest_on_triangles
 
 if TYPE_CHECKING:
-    from cpmkit.surface_mesh import DisplayMesh
+    from cpmkit.meshes.display_mesh import DisplayMesh
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ class FemSolution(ReadableSolution):
 
     def make_display_mesh(self) -> DisplayMesh:
         """Return the triangulation with the solution at its vertices."""
-        from cpmkit.surface_mesh import DisplayMesh, vertex_normals
+        from cpmkit.meshes.display_mesh import DisplayMesh, vertex_normals
 
         normals = vertex_normals(self.vertices, self.faces) if self.scene.surface.dim == 3 else None
         return DisplayMesh(self.vertices, self.faces, self.values, normals, len(self.vertices))

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cpmkit.errors import ResolutionError, SceneError, place
+from cpmkit.linear.report import SolveReport, judge
 from cpmkit.protocols import Floats, Ints, Progress
-from cpmkit.scene import Scene
-from cpmkit.solvers.report import SolveReport, judge
+from cpmkit.scene.scene import Scene
 from cpmkit_fem.pins import Pins
 from cpmkit_fem.triangulation import Triangulation
 

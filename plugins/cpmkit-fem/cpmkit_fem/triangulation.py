@@ -8,9 +8,9 @@ from functools import cached_property
 import numpy as np
 
 from cpmkit.errors import InputError
+from cpmkit.forecast.resolution import needed_spacing
 from cpmkit.protocols import ClosestPointSource, Floats, HasMesh, Ints
-from cpmkit.resolution import needed_spacing
-from cpmkit.scene import Scene
+from cpmkit.scene.scene import Scene
 
 #: Vertices nearer than this share of the size are one: seams of parametrisations are closed.
 WELDED = 1e-12

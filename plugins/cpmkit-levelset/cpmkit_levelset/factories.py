@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.array_files import read_array
-from cpmkit.arrays import as_vector, positive, whole
-from cpmkit.data import existing_file
 from cpmkit.errors import InputError, shown
+from cpmkit.files.array_files import read_array
+from cpmkit.files.data_files import existing_file
 from cpmkit.protocols import Floats
+from cpmkit.runtime.arrays import as_vector, positive, whole
 from cpmkit_levelset.fields import STEP, Field, FunctionField, check_gradient
 from cpmkit_levelset.formulas import formula_field
 from cpmkit_levelset.gridfield import NODES, GridField

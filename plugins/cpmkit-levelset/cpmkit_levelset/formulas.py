@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import SceneError, shown
-from cpmkit.formula_derivatives import FormulaJets, formula_jets
-from cpmkit.formula_trees import COORDINATES, FUNCTIONS, formula_tree
+from cpmkit.formulas.derivatives import FormulaJets, formula_jets
+from cpmkit.formulas.trees import COORDINATES, FUNCTIONS, formula_tree
 from cpmkit.protocols import Floats
 
 #: What formulas offer and level sets do not: it has no second derivative.

@@ -7,9 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
-from cpmkit.arrays import as_points, as_vector, positive
 from cpmkit.errors import InputError
 from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
+from cpmkit.runtime.arrays import as_points, as_vector, positive
 from cpmkit_levelset.fields import Field
 from cpmkit_levelset.manifold import ZeroSet, norms, unit
 from cpmkit_levelset.marching import marching_simplices

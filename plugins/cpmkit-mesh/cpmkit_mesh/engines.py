@@ -17,7 +17,7 @@ import numpy as np
 
 from cpmkit.errors import InputError, MissingDependencyError
 from cpmkit.protocols import Floats, Ints
-from cpmkit.threads import thread_count
+from cpmkit.runtime.threads import thread_count
 from cpmkit_mesh.tree import Nearest, Tree, nearest, nearest_in
 
 ENGINES = ("own", "fcl", "open3d")

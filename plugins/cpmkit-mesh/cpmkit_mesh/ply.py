@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cpmkit.errors import InputError
-from cpmkit.ply_files import Lists, read_ply, vertices_of
+from cpmkit.files.ply_files import Lists, read_ply, vertices_of
 from cpmkit.protocols import Floats
 from cpmkit_mesh.polygons import Polygons
 

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.array_files import read_array
-from cpmkit.arrays import as_points, as_positions, as_vector, one_row_each
-from cpmkit.data import existing_file
 from cpmkit.errors import InputError
+from cpmkit.files.array_files import read_array
+from cpmkit.files.data_files import existing_file
 from cpmkit.protocols import ClosestPoints, Floats, Ints
+from cpmkit.runtime.arrays import as_points, as_positions, as_vector, one_row_each
 from cpmkit_mesh.reading import as_numbers
 from cpmkit_mesh.tree import Tree, build_tree, nearest
 

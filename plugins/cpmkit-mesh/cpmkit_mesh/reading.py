@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.array_files import bytes_of
-from cpmkit.arrays import check_size
-from cpmkit.data import existing_file
 from cpmkit.errors import InputError, shown
+from cpmkit.files.array_files import bytes_of
+from cpmkit.files.data_files import existing_file
 from cpmkit.protocols import Floats, Ints
+from cpmkit.runtime.arrays import check_size
 from cpmkit_mesh.polygons import Polygons, as_triangles
 
 FORMATS = (".obj", ".ply", ".stl", ".off")

@@ -8,7 +8,7 @@ from cpmkit_mesh.feet import local_minima
 from cpmkit_mesh.tree import build_tree, nearest_in
 
 import cpmkit as ck
-from cpmkit.localized import localize
+from cpmkit.manifold.localized import localize
 from cpmkit.protocols import HasFeet
 from cpmkit.testing import ConformanceCase, run_laws
 

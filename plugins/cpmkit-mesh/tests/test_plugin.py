@@ -38,7 +38,7 @@ def test_kernels_run_without_a_folder_to_keep_them_in_and_say_so_once(tmp_path):
     code = """
 import numba.core.caching
 numba.core.caching.CacheImpl._locator_classes = []
-from cpmkit.compilation import compiled
+from cpmkit.runtime.compilation import compiled
 def double(x):
     return 2 * x
 def treble(x):

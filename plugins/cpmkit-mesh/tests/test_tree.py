@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from cpmkit_mesh.tree import build_tree, nearest
 
-from cpmkit.threads import run_parcels, thread_count
+from cpmkit.runtime.threads import run_parcels, thread_count
 
 
 def on_segment(q, edge):

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.formula_derivatives import FormulaJets, formula_jets
-from cpmkit.formula_steps import Steps, program
-from cpmkit.formula_trees import formula_tree
+from cpmkit.formulas.derivatives import FormulaJets, formula_jets
+from cpmkit.formulas.steps import Steps, program
+from cpmkit.formulas.trees import formula_tree
 from cpmkit.protocols import Floats
 
 #: Value (n, d), first derivatives (n, m, d) and second derivatives (n, m, m, d).

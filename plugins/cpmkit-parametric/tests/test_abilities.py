@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from cpmkit_parametric import curve, helix, klein, moebius, planar_curve, revolution, surface, torus_knot
 
-from cpmkit.formula_trees import formula_tree
+from cpmkit.formulas.trees import formula_tree
 from cpmkit.protocols import HasNormals, HasTangents
 
 TURN = [0, "2*pi"]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cpmkit.protocols import Bools, Floats, Ints
-from cpmkit.threads import run_parcels
+from cpmkit.runtime.threads import run_parcels
 from cpmkit_pointcloud.patches import Patches, exponents
 
 #: Samples whose neighbours are collected at a time.

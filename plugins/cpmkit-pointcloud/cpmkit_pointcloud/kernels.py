@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.compilation import compiled
+from cpmkit.runtime.compilation import compiled
 
 #: Rounds after which a search gives up.
 ROUNDS = 60

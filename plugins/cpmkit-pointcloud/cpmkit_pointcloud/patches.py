@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cpmkit.protocols import Bools, Floats, Ints
-from cpmkit.threads import run_parcels
+from cpmkit.runtime.threads import run_parcels
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree

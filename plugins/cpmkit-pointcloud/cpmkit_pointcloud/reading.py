@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.array_files import bytes_of, read_array
-from cpmkit.arrays import as_positions
-from cpmkit.data import existing_file
 from cpmkit.errors import InputError, MissingDependencyError, shown
-from cpmkit.ply_files import read_ply, vertices_of
+from cpmkit.files.array_files import bytes_of, read_array
+from cpmkit.files.data_files import existing_file
+from cpmkit.files.ply_files import read_ply, vertices_of
 from cpmkit.protocols import Floats, Ints
+from cpmkit.runtime.arrays import as_positions
 
 TEXT = (".xyz", ".txt", ".csv")
 FORMATS = (".ply", *TEXT, ".npy", ".pcd")

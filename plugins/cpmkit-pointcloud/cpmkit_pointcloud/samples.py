@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.arrays import positive
 from cpmkit.protocols import Floats, Ints
-from cpmkit.threads import thread_count
+from cpmkit.runtime.arrays import positive
+from cpmkit.runtime.threads import thread_count
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree

@@ -1,1 +1,0 @@
-"""Problems in time: equations, schemes, steps, frames and checkpoints."""

@@ -1,0 +1,1 @@
+"""Families of equations, written over any form."""

@@ -1,0 +1,82 @@
+"""Standing waves, -Lap u - k^2 u = f: whether the spacing resolves the wavelength, and whether k^2 is an eigenvalue."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.errors import ConvergenceError, ResolutionError
+from cpmkit.families.job import Job
+from cpmkit.forms.collocation.layout import Layout
+from cpmkit.linear.operators import LinearSystem
+from cpmkit.protocols import Floats, nothing
+from cpmkit.scene.equations import Terms
+
+#: Above this many radians a spacing, 10 nodes a wavelength, eigenvalues near k^2 are off by more than 1 percent.
+RESOLVED = 0.6
+#: Above this, 6 nodes a wavelength, by 2 percent and more: beyond the first few eigenvalues none is told from the next.
+COARSEST = 1.0
+#: An eigenvalue lambda of -Lap is off by ``lambda spacing^2 (BY_WAVES lambda + BY_BENDS / radius^2)``, measured on the
+#: circle and the sphere at second order.
+BY_WAVES, BY_BENDS = 0.03, 0.2
+#: An eigenvalue nearer to k^2 than so many times that may lie on its other side.
+NEAR = 2.0
+#: To this relative residual a distance is known well enough.
+ROUGHLY = 1e-3
+
+
+def square_of_wavenumber(terms: Terms) -> float:
+    """Return k^2 of a problem that is one of standing waves, else 0."""
+    if callable(terms.c) or callable(terms.diffusivity) or terms.velocity is not None:
+        return 0.0
+    return max(-float(terms.c) / float(terms.diffusivity), 0.0)
+
+
+def unresolved_waves(layout: Layout, terms: Terms) -> list[str]:
+    """Return a sentence where the spacing resolves the waves poorly.
+
+    Raises
+    ------
+    ResolutionError
+        If there are fewer than six nodes a wavelength.
+    """
+    k, spacing = float(np.sqrt(square_of_wavenumber(terms))), layout.lattice.spacing
+    if k * spacing <= RESOLVED:
+        return []
+    told = (
+        f"spacing={spacing:g} gives {2 * np.pi / (k * spacing):.2g} nodes a wavelength of {2 * np.pi / k:.3g}, and ten "
+        f"are needed to keep eigenvalues to 1 percent; use {RESOLVED / k:.2g} or less."
+    )
+    if k * spacing > COARSEST:
+        raise ResolutionError(told)
+    return [told]
+
+
+def near_resonance(job: Job, system: LinearSystem, u: Floats) -> list[str]:
+    """Return a sentence where an eigenvalue lies so near to k^2 that the scheme's error decides what the solution is.
+
+    One step of inverse iteration from the solution u tells the distance of the eigenvalue whose mode dominates u: only
+    resonances that are felt are told.
+    """
+    layout, terms = job.tables.layout, job.scene.problem.terms()
+    square = square_of_wavenumber(terms)
+    size = np.linalg.norm(u, axis=0)
+    if not square or not size.all():
+        return []
+    try:
+        step, _ = job.solver(LinearSystem(system.operator, u), max(job.tolerance, ROUGHLY), nothing)
+    except ConvergenceError:
+        return [
+            f"Whether an eigenvalue lies near k^2={square:.6g} could not be told: the solver did not converge on it."
+        ]
+    gap = float(np.min(size / np.linalg.norm(step, axis=0))) / float(terms.diffusivity)
+    bounds = np.asarray(job.scene.surface.bounds, dtype=np.float64)
+    radius = 0.5 * float((bounds[1] - bounds[0]).max())
+    spacing = layout.lattice.spacing
+    error = square * spacing**2 * (BY_WAVES * square + BY_BENDS / radius**2)
+    if gap > NEAR * error:
+        return []
+    return [
+        f"An eigenvalue lies within {gap:.2g} of k^2={square:.6g}, and at spacing={spacing:g} eigenvalues are off by "
+        f"about {error:.2g}: the size of the solution, and its sign, are not determined; use a smaller spacing or "
+        "another wavenumber."
+    ]

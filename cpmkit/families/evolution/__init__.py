@@ -1,0 +1,1 @@
+"""Problems in time: schedule, schemes, steps, checkpoints."""

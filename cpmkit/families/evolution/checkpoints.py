@@ -1,0 +1,187 @@
+"""Checkpoints: the state of a run in time, written now and then, from which it goes on as if it had not stopped."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cpmkit.errors import InputError, shown
+from cpmkit.families.evolution.run import RunPlan, RunState, describe_run, digest_arrays, digest_run
+from cpmkit.families.evolution.schedule import ROUNDING
+from cpmkit.families.evolution.schemes import REMEMBERED, Moment
+from cpmkit.families.evolution.shifted import Tally
+from cpmkit.files.plain_values import made
+from cpmkit.files.saved_arrays import SavedArray, read_json_table, read_saved
+from cpmkit.files.whole_files import check_name, written_whole
+from cpmkit.protocols import Floats
+from cpmkit.runtime.arrays import whole
+from cpmkit.scene.equations import Equation
+from cpmkit.scene.equations_in_time import Evolution
+
+#: Steps between two checkpoints unless asked otherwise.
+EVERY = 100
+#: Arrays of a moment.
+MOMENT = ("u", "rate", "acceleration")
+#: What a checkpoint holds. ``digest`` tells the run, ``contents`` all other arrays: no bit of the state may differ.
+TABLE = (
+    SavedArray("run", "U"),
+    SavedArray("tally", "U"),
+    SavedArray("digest", "U"),
+    SavedArray("contents", "U"),
+    SavedArray("ends", "f", ("steps",)),
+    SavedArray("kept", "b", ("steps",)),
+    SavedArray("lengths", "f", ("moments",)),
+    SavedArray("frames", "f", ("frames", "unknowns", "channels")),
+    *(
+        SavedArray(f"{name}_{k}", "f", ("unknowns", "channels"), needed=False)
+        for name in MOMENT
+        for k in range(REMEMBERED)
+    ),
+)
+WHAT = "a checkpoint of a run in time"
+
+
+@dataclass(frozen=True)
+class Checkpointing:
+    """Where the state of a run is written and read.
+
+    Attributes
+    ----------
+    write : Path or None
+        Written every so many steps, each time whole.
+    every : int
+        Steps in between.
+    resume : Path or None
+        Where the run goes on from.
+    """
+
+    write: Path | None = None
+    every: int = EVERY
+    resume: Path | None = None
+
+
+def check_checkpointing(
+    problem: Equation, write: str | Path | None, every: int, resume: str | Path | None
+) -> Checkpointing:
+    """Return the request, checked before anything is built.
+
+    Raises
+    ------
+    InputError
+        If the problem has no time, ``every`` is no number of steps, or a file cannot be what is asked of it.
+    """
+    if (write or resume) and not isinstance(problem, Evolution):
+        raise InputError(
+            f"checkpoint and resume are for problems in time, not for {problem.kind!r}; leave them out, or use Heat."
+        )
+    asked = Checkpointing(_path(write, "checkpoint"), whole(every, "checkpoint_every", 1), _path(resume, "resume"))
+    if asked.write is not None and (asked.write.suffix != ".npz" or not asked.write.parent.is_dir()):
+        raise InputError(f"a checkpoint must be an .npz file in a folder that exists, got {shown(str(asked.write))}.")
+    if asked.resume is not None and not asked.resume.is_file():
+        raise InputError(f"no checkpoint {shown(str(asked.resume))}; give the file that an earlier run wrote.")
+    return asked
+
+
+def _path(given: Any, what: str) -> Path | None:
+    """Return what names a file as a path; None where nothing is asked for."""
+    if given is None or given == "":
+        return None
+    if not isinstance(given, (str, os.PathLike)):
+        raise InputError(f"{what} must be the path of an .npz file, got {shown(given)}.")
+    check_name(Path(given))
+    return Path(given)
+
+
+def write_checkpoint(path: Path, plan: RunPlan, state: RunState, tally: Tally) -> None:
+    """Write ``state``, whole or not at all, with all that tells which run it belongs to.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    arrays: dict[str, Any] = {
+        f"{name}_{k}": array
+        for k, moment in enumerate(state.history)
+        for name in MOMENT
+        if (array := getattr(moment, name)) is not None
+    }
+    done = plan.steps[: state.done]
+    arrays["lengths"] = np.array([moment.length for moment in state.history])
+    arrays["ends"] = np.array([step.end for step in done])
+    arrays["kept"] = np.array([step.is_frame for step in done])
+    arrays["frames"] = np.stack(state.frames) if state.frames else np.zeros((0, *plan.start.u.shape))
+    arrays["tally"] = np.array(json.dumps(asdict(tally)))
+    arrays["run"] = np.array(json.dumps(describe_run(plan)))
+    arrays["digest"] = np.array(digest_run(plan, done[-1].end))
+    arrays["contents"] = np.array(digest_arrays(arrays))
+    with written_whole(path) as unfinished:
+        np.savez(unfinished, **arrays)
+
+
+def read_checkpoint(path: Path, plan: RunPlan) -> tuple[RunState, Tally]:
+    """Return the state that ``path`` holds.
+
+    Raises
+    ------
+    InputError
+        If it is no checkpoint, is damaged or was altered, or is one of another run: scene, spacing, scheme, step and
+        frames so far must agree.
+    """
+    (text,) = read_saved(path, TABLE[:1], WHAT).values()
+    _check_description(path, plan, read_json_table(text, path, "run"))
+    unknowns, channels = plan.start.u.shape
+    arrays = read_saved(path, TABLE, WHAT, {"unknowns": unknowns, "channels": channels})
+    contents = str(arrays.pop("contents"))
+    _check_steps(path, plan, arrays)
+    if contents != digest_arrays(arrays):
+        raise InputError(f"{shown(path.name)} is not as it was written: its arrays do not match their digest.")
+    if str(arrays["digest"]) != digest_run(plan, float(arrays["ends"][-1])):
+        raise InputError(f"{_differs(path)}: the scene, its data or the versions of the libraries are not the same.")
+    tally = made(Tally, read_json_table(arrays["tally"], path, "tally"), f"the tally of {shown(path.name)}")
+    history = tuple(
+        Moment(arrays[f"u_{k}"], arrays.get(f"rate_{k}"), float(length), arrays.get(f"acceleration_{k}"))
+        for k, length in enumerate(arrays["lengths"])
+    )
+    return RunState(len(arrays["ends"]), history, tuple(arrays["frames"])), tally
+
+
+def _differs(path: Path) -> str:
+    return f"The checkpoint {path} is of another run"
+
+
+def _check_description(path: Path, plan: RunPlan, run: Mapping[str, Any]) -> None:
+    """Refuse the checkpoint of another run, and say what differs."""
+    for key, value in describe_run(plan).items():
+        if run.get(key) != value:
+            raise InputError(f"{_differs(path)}: its {key} is {shown(run.get(key))}, and here it is {value!r}.")
+
+
+def _check_steps(path: Path, plan: RunPlan, arrays: Mapping[str, np.ndarray]) -> None:
+    """Refuse steps that are not those of this run, and a state that is not what they lead to."""
+    ends, kept = arrays["ends"], arrays["kept"]
+    done = plan.steps[: len(ends)]
+    same = len(done) == len(ends) > 0 and np.array_equal(kept, [step.is_frame for step in done])
+    if not same or not _same_times(ends, [step.end for step in done], plan):
+        raise InputError(f"{_differs(path)}: its {len(ends)} steps and their frames are not those of this one.")
+    lengths = [0.0, *(step.length for step in done)][-REMEMBERED:]
+    moments = range(len(lengths))
+    frames = int(np.count_nonzero(kept)) + (0.0 in plan.evolution.frame_times)
+    needed = [f"{name}_{k}" for name in ("u", "rate")[: 1 if plan.start.rate is None else 2] for k in moments]
+    lacking = [name for name in needed if name not in arrays]
+    if lacking or len(arrays["frames"]) != frames or not _same_times(arrays["lengths"], lengths, plan):
+        raise InputError(
+            f"{shown(path.name)} is damaged: after {len(done)} steps it should hold {len(lengths)} moments with their "
+            f"lengths and {frames} frames, and it holds {len(arrays['lengths'])} and {len(arrays['frames'])}"
+            f"{f', without {lacking[0]}' if lacking else ''}."
+        )
+
+
+def _same_times(given: Floats, expected: Sequence[float], plan: RunPlan) -> bool:
+    return len(given) == len(expected) and bool(np.abs(given - expected).max() <= ROUNDING * plan.evolution.step)

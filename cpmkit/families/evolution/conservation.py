@@ -1,0 +1,101 @@
+"""What a run in time must keep: heat where nothing flows out, and a bound of the solution's size."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cpmkit.errors import ResolutionError
+from cpmkit.families.evolution.schemes import Moment
+from cpmkit.families.evolution.semidiscrete import SemiDiscrete
+from cpmkit.forms.collocation.conservation.components import without_flux
+from cpmkit.forms.collocation.conservation.free_constants import means_over
+from cpmkit.forms.collocation.diagnosis.definiteness import has_sign
+from cpmkit.protocols import Floats
+from cpmkit.scene.data import takes_time
+from cpmkit.scene.equations_in_time import Evolution, Heat, Wave
+from cpmkit.scene.scene import Scene
+
+#: Heat that drifted by more than this share of what there is is told, and by this share of the range of u.
+DRIFTED, SEEN = 2e-2, 2e-3
+#: A solution that is so many times as large as it may become grows from what the grid gets wrong. The norm is that over
+#: the band, whose nodes are not as dense everywhere.
+GROWN = 4.0
+
+
+def heat_drift(problem: SemiDiscrete, scene: Scene, start: Floats, u: Floats) -> list[str]:
+    """Tell by how much heat was lost or gained on pieces that nothing flows out of, where c is zero.
+
+    There the mean of u grows by the mean of f times the time, in every scheme.
+    """
+    heat = scene.problem
+    if not isinstance(heat, Heat) or callable(heat.c) or heat.c or heat.velocity is not None or takes_time(heat.f):
+        return []
+    if problem.tables.layout.order == 1:  # means between walls are off by as much as u
+        return []
+    count, piece = without_flux(problem.tables, scene)
+    if not count:
+        return []
+    mean = means_over(problem.tables, count, piece)[0]
+    brought = heat.until * (mean @ problem.steady)
+    drift = mean @ u - mean @ start - brought
+    size = mean @ np.abs(start) + np.abs(brought)
+    span = np.maximum(np.ptp(start, axis=0), np.ptp(u, axis=0))
+    share = np.divide(np.abs(drift), size, out=np.zeros_like(drift), where=size > 0)
+    share[np.abs(drift) <= SEEN * span] = 0.0
+    if share.max(initial=0.0) <= DRIFTED:
+        return []
+    worst = np.unravel_index(int(share.argmax()), share.shape)
+    verb = "gained" if drift[worst] > 0 else "lost"
+    return [
+        f"Heat was {verb} on a piece that nothing flows out of: the mean of u is off by {drift[worst]:.3g}, "
+        f"{share[worst]:.1%} of the heat there, because creases or thin parts that the spacing does not resolve let it "
+        "leak; the solution is off by as much at least; use a smaller spacing."
+    ]
+
+
+@dataclass(frozen=True)
+class Growth:
+    """A bound of how large u may become: ``|u| <= start + rate t`` for heat, ``+ rate t + push t^2 / 2`` for waves.
+
+    Where A has no eigenvalue below zero and the data do not depend on time, the norm of u grows no faster.
+    """
+
+    start: float
+    rate: float
+    push: float
+
+    def check(self, u: Floats, time: float) -> None:
+        """Refuse a solution that outgrew the bound.
+
+        Raises
+        ------
+        ResolutionError
+            If it did: that is proof of an eigenvalue of the wrong sign.
+        """
+        bound = self.start + self.rate * time + 0.5 * self.push * time**2
+        size = float(np.linalg.norm(u))
+        if size > GROWN * bound > 0:
+            raise ResolutionError(
+                f"The solution grows without a cause: at time {time:.4g} it is {size / bound:.3g} times as large as "
+                "the data allow; it grows from what the spacing does not resolve, such as limbs that are two spacings "
+                'thick; use a smaller spacing, or sheets="unfolded".'
+            )
+
+
+def growth_of(problem: SemiDiscrete, scene: Scene, start: Moment) -> Growth | None:
+    """Return the bound of a run, None where there is none: data that depend on time, or an operator without a sign."""
+    evolution = scene.problem
+    if (
+        problem.moving
+        or takes_time(problem.f)
+        or not has_sign(problem.tables, scene)
+        or not isinstance(evolution, Evolution)
+    ):
+        return None
+    size, forced = float(np.linalg.norm(start.u)), float(np.linalg.norm(problem.steady))
+    if isinstance(evolution, Wave):
+        rate = 0.0 if start.rate is None else float(np.linalg.norm(start.rate))
+        return Growth(size, rate, forced)
+    return Growth(size, forced, 0.0)

@@ -1,0 +1,96 @@
+"""A run in time: what makes it what it is, where it is, and what tells it from others."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cpmkit.families.evolution.schedule import Step
+from cpmkit.families.evolution.schemes import Moment
+from cpmkit.families.evolution.semidiscrete import SemiDiscrete
+from cpmkit.protocols import Floats
+from cpmkit.scene.equations_in_time import Evolution
+
+
+@dataclass(frozen=True, eq=False)
+class RunPlan:
+    """What makes a run what it is.
+
+    Attributes
+    ----------
+    problem : SemiDiscrete
+        A and b(t).
+    evolution : Evolution
+        The equation, its scheme and its step.
+    steps : sequence of Step
+        From the start to the end.
+    start : Moment
+        The unknowns at time 0.
+    """
+
+    problem: SemiDiscrete
+    evolution: Evolution
+    steps: Sequence[Step]
+    start: Moment
+
+
+@dataclass(frozen=True, eq=False)
+class RunState:
+    """Where a run is.
+
+    Attributes
+    ----------
+    done : int
+        Steps taken.
+    history : tuple of Moment
+        The last moments, the latest last.
+    frames : tuple of (n, channels) float64
+        Values of the frames so far.
+    """
+
+    done: int
+    history: tuple[Moment, ...]
+    frames: tuple[Floats, ...]
+
+
+def describe_run(plan: RunPlan) -> dict[str, Any]:
+    """Return what makes a run what it is, as far as it fits a sentence; ``until`` may differ."""
+    layout, evolution = plan.problem.tables.layout, plan.evolution
+    return {
+        "kind": evolution.kind,
+        "scheme": evolution.scheme,
+        "start": getattr(evolution, "start", ""),
+        "step": evolution.step,
+        "spacing": layout.lattice.spacing,
+        "degree": layout.band.degree,
+        "order": layout.order,
+        "number of unknowns": plan.problem.operator.size,
+        "number of channels": layout.channels,
+    }
+
+
+def digest_run(plan: RunPlan, time: float) -> str:
+    """Return a digest of the tables, of the start, and of the data at the start and at ``time``."""
+    problem, start = plan.problem, plan.start
+    E, W = problem.operator.extension, problem.operator.differences
+    tables = [problem.tables.layout.band.nodes, E.data, E.indices, W.data, W.indices, problem.operator.diagonal]
+    data = [start.u, *([] if start.rate is None else [start.rate]), problem.forcing(0.0), problem.forcing(time)]
+    digest = hashlib.blake2b(digest_size=16)
+    for array in [*tables, *data]:
+        digest.update(np.ascontiguousarray(array).data)
+    return digest.hexdigest()
+
+
+def digest_arrays(arrays: Mapping[str, np.ndarray]) -> str:
+    """Return a digest of named arrays: of their names, types, shapes and entries."""
+    digest = hashlib.blake2b(digest_size=16)
+    for name in sorted(arrays):
+        array = np.asarray(arrays[name])
+        text = array.dtype.kind == "U"
+        digest.update(f"{name} {'text' if text else array.dtype.str} {array.shape};".encode())
+        digest.update(str(array).encode() if text else np.ascontiguousarray(array).data)
+    return digest.hexdigest()

@@ -1,0 +1,158 @@
+"""One step of each scheme in time.
+
+With u' = -A u + b(t), h the step and w the ratio of the step to the one before (Hairer, Norsett and Wanner 1993,
+section III.5 for variable steps):
+
+backward Euler: ``(I + h A) u1 = u0 + h b1``;
+BDF2: ``(I + g h A) u1 = [(1 + w)^2 u0 - w^2 u_1] / (1 + 2 w) + g h b1`` with ``g = (1 + w) / (1 + 2 w)``;
+Crank-Nicolson: ``(I + h/2 A) u1 = u0 + h/2 (-A u0 + b0 + b1)``;
+leapfrog, for u'' = -A u + b(t): ``v1 = v0 + h (-A u0 + b0)``, ``u1 = u0 + h v1``, the rate v half a step before u.
+
+Leapfrog is damped: ``v1 -= h eps A^2 v0``, with eps so small that the damping is of third order in the spacing, and so
+large that waves of a few spacings decay, which grow where A has complex eigenvalues
+(:mod:`cpmkit.families.evolution.stability`).
+
+The implicit scheme for waves is BDF2 for u' = v, v' = -A u + b: ``(I + (g h)^2 A) u1 = ...``, v eliminated. Undamped
+implicit schemes (Newmark's average acceleration) are not offered, for the same reason.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cpmkit.families.evolution.schedule import Step
+from cpmkit.families.evolution.semidiscrete import SemiDiscrete
+from cpmkit.families.evolution.shifted import ShiftedSolver
+from cpmkit.protocols import Floats
+
+#: Moments that schemes look back on.
+REMEMBERED = 3
+#: By how much leapfrog damps the shortest waves of the lattice, per time in which a wave crosses a spacing.
+DAMPING = 0.8
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """The unknowns at one time.
+
+    Attributes
+    ----------
+    u : (n, channels) float64
+        Their values.
+    rate : (n, channels) float64 or None
+        Of a wave: their rates, for leapfrog those half a step before.
+    length : float
+        Of the step that led here; zero at the start.
+    acceleration : (n, channels) float64 or None
+        Of leapfrog: at the start of that step.
+    """
+
+    u: Floats
+    rate: Floats | None
+    length: float
+    acceleration: Floats | None = None
+
+
+History = Sequence[Moment]
+#: Takes the moments so far, the last one last, and returns the next.
+Scheme = Callable[[SemiDiscrete, ShiftedSolver, History, Step], Moment]
+
+
+def backward_euler(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
+    """Take one step of backward Euler."""
+    h = step.length
+    right_side = history[-1].u + h * problem.forcing(step.end)
+    return Moment(solver.solve(h, right_side, extrapolate(history, h)), None, h)
+
+
+def bdf2(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
+    """Take one step of BDF2; the first one of backward Euler."""
+    before, ratio = earlier(history, step.length)
+    if before is None:
+        return backward_euler(problem, solver, history, step)
+    gh = (1 + ratio) / (1 + 2 * ratio) * step.length
+    right_side = behind(history[-1].u, before.u, ratio) + gh * problem.forcing(step.end)
+    return Moment(solver.solve(gh, right_side, extrapolate(history, step.length)), None, step.length)
+
+
+def crank_nicolson(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
+    """Take one step of Crank-Nicolson."""
+    half, u = 0.5 * step.length, history[-1].u
+    solver.tally.operator_applications += u.shape[1]
+    right_side = u + half * (problem.derivative(u, step.start) + problem.forcing(step.end))
+    return Moment(solver.solve(half, right_side, extrapolate(history, step.length)), None, step.length)
+
+
+def damped_crank_nicolson(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
+    """Take one step of Crank-Nicolson; the first one as two half steps of backward Euler, with the same matrix."""
+    if len(history) > 1:
+        return crank_nicolson(problem, solver, history, step)
+    half, middle = 0.5 * step.length, 0.5 * (step.start + step.end)
+    first = backward_euler(problem, solver, history, Step(step.start, middle, half, False))
+    second = backward_euler(problem, solver, [*history, first], Step(middle, step.end, half, False))
+    return Moment(second.u, None, step.length)
+
+
+def leapfrog(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
+    """Take one step of leapfrog: first the rate over half of the last step and half of this, then the values."""
+    now = history[-1]
+    assert now.rate is not None
+    acceleration = problem.derivative(now.u, step.start)
+    rate = now.rate + 0.5 * (now.length + step.length) * acceleration
+    if now.acceleration is not None:
+        rate += _damping(problem, (acceleration - now.acceleration) / now.length, step.length)
+    solver.tally.operator_applications += (1 if now.acceleration is None else 2) * now.u.shape[1]
+    return Moment(now.u + step.length * rate, rate, step.length, acceleration)
+
+
+def _damping(problem: SemiDiscrete, jerk: Floats, length: float) -> Floats:
+    """Return ``-h eps A^2 v0``, with A v0 taken from the change of A u0: of that, boundary data are part."""
+    strength = DAMPING * length * np.sqrt(problem.operator.scale)
+    return np.asarray(strength / problem.largest_eigenvalue**2 * problem.operator.apply(jerk))
+
+
+def implicit_wave(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
+    """Take one step of BDF2 for values and rates; the first one of backward Euler."""
+    now = history[-1]
+    before, ratio = earlier(history, step.length)
+    assert now.rate is not None
+    if before is None:
+        gh, u, rate = step.length, now.u, now.rate
+    else:
+        assert before.rate is not None
+        gh = (1 + ratio) / (1 + 2 * ratio) * step.length
+        u, rate = behind(now.u, before.u, ratio), behind(now.rate, before.rate, ratio)
+    right_side = u + gh * rate + gh**2 * problem.forcing(step.end)
+    values = solver.solve(gh**2, right_side, extrapolate(history, step.length))
+    return Moment(values, (values - u) / gh, step.length)
+
+
+def earlier(history: History, length: float) -> tuple[Moment | None, float]:
+    """Return the moment that BDF2 looks back on, and the step's ``length`` over the time since then.
+
+    It lies at least half a step back: from a shortened step to a full one the coefficients would be large.
+    """
+    back = 0.0
+    for k in range(len(history) - 1, 0, -1):
+        back += history[k].length
+        if back >= 0.5 * length:
+            return history[k - 1], length / back
+    return None, 0.0
+
+
+def behind(now: Floats, before: Floats, ratio: float) -> Floats:
+    """Return what BDF2 steps from: ``[(1 + w)^2 now - w^2 before] / (1 + 2 w)``."""
+    return np.asarray(((1 + ratio) ** 2 * now - ratio**2 * before) / (1 + 2 * ratio))
+
+
+def extrapolate(history: History, length: float) -> Floats:
+    """Return the polynomial through the values so far, a step of ``length`` later: where a solver starts."""
+    times = -np.cumsum([0.0, *(moment.length for moment in history[:0:-1])])
+    values = np.zeros_like(history[-1].u)
+    for k, moment in enumerate(reversed(history)):
+        others = np.delete(times, k)
+        values += np.prod((length - others) / (times[k] - others)) * moment.u
+    return values

@@ -1,0 +1,151 @@
+"""Problems in time: one step after the other, with frames and checkpoints on the way."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from cpmkit.errors import ConvergenceError, ResolutionError
+from cpmkit.families.evolution.checkpoints import read_checkpoint, write_checkpoint
+from cpmkit.families.evolution.conservation import Growth, growth_of, heat_drift
+from cpmkit.families.evolution.run import RunPlan, RunState
+from cpmkit.families.evolution.run_warnings import run_warnings
+from cpmkit.families.evolution.schedule import Step, schedule
+from cpmkit.families.evolution.schemes import (
+    REMEMBERED,
+    Moment,
+    Scheme,
+    backward_euler,
+    bdf2,
+    crank_nicolson,
+    damped_crank_nicolson,
+    implicit_wave,
+    leapfrog,
+)
+from cpmkit.families.evolution.semidiscrete import SemiDiscrete, semidiscretize
+from cpmkit.families.evolution.shifted import ShiftedSolver, Tally
+from cpmkit.families.evolution.stability import check_wave
+from cpmkit.families.job import Job
+from cpmkit.forms.collocation.diagnosis.definiteness import check_definite
+from cpmkit.forms.collocation.diagnosis.warnings import warnings_of
+from cpmkit.linear.operators import LinearSystem
+from cpmkit.linear.report import SolveReport
+from cpmkit.scene.equations_in_time import Evolution, Heat, Wave
+from cpmkit.solution.evolved import EvolvedSolution, check_frames_fit
+from cpmkit.solution.work import measure_work
+
+SCHEMES: dict[str, Scheme] = {
+    "backward-euler": backward_euler,
+    "bdf2": bdf2,
+    "crank-nicolson": damped_crank_nicolson,
+    "leapfrog": leapfrog,
+    "implicit": implicit_wave,
+}
+
+
+def solve_job(job: Job) -> EvolvedSolution:
+    """Run a problem in time to its end.
+
+    Raises
+    ------
+    ResolutionError, SceneError
+        If the scheme would not be stable, or limbs side by side give the operator an eigenvalue of the wrong sign, or
+        the solution grows although nothing makes it.
+    ConvergenceError
+        If a step does not reach the tolerance; the message tells the time.
+    InputError
+        If a checkpoint is of another run.
+    """
+    evolution: Any = job.scene.problem
+    problem = semidiscretize(job.tables, evolution)
+    if isinstance(evolution, Wave):
+        check_wave(job.scene, job.tables, evolution)
+    check_frames_fit(len(evolution.frame_times), job.tables.unknowns.count, job.tables.layout.channels)
+    steps = schedule(evolution.until, evolution.step, evolution.frame_times)
+    plan = RunPlan(problem, evolution, steps, _start(problem, evolution, steps[0]))
+    solver = ShiftedSolver(problem.operator, job.solver, job.tolerance)
+    solver.tally.operator_applications += check_definite(job.tables, job.scene, problem.operator)
+    built = time.perf_counter()
+    state = _run(job, plan, solver)
+    seconds = {"build": built - job.started, "solve": time.perf_counter() - built}
+    return _solution(job, plan, state, solver.tally, seconds)
+
+
+def _start(problem: SemiDiscrete, evolution: Heat | Wave, first: Step) -> Moment:
+    u = problem.start(evolution.initial, "the initial data")
+    if isinstance(evolution, Heat):
+        return Moment(u, None, 0.0)
+    return Moment(u, problem.start_rate(evolution.initial_rate, "the initial rate", first.length), 0.0)
+
+
+def _run(job: Job, plan: RunPlan, solver: ShiftedSolver) -> RunState:
+    """Take all steps, from the start or from a checkpoint."""
+    asked, total, scheme = job.checkpointing, len(plan.steps), scheme_of(plan.evolution)
+    growth = growth_of(plan.problem, job.scene, plan.start)
+    state = RunState(0, (plan.start,), (plan.start.u,) if 0.0 in plan.evolution.frame_times else ())
+    if asked.resume is not None:
+        state, tally = read_checkpoint(asked.resume, plan)
+        solver.tally.add(tally)
+    while state.done < total:
+        state = _advanced(state, plan, solver, scheme, growth)
+        job.progress("steps", state.done / total)
+        if asked.write is not None and (state.done % asked.every == 0 or state.done == total):
+            write_checkpoint(asked.write, plan, state, solver.tally)
+    return state
+
+
+def scheme_of(evolution: Evolution) -> Scheme:
+    """Return the function that takes a step."""
+    plain = isinstance(evolution, Heat) and evolution.start == "plain"
+    return crank_nicolson if plain and evolution.scheme == "crank-nicolson" else SCHEMES[evolution.scheme]
+
+
+def _advanced(state: RunState, plan: RunPlan, solver: ShiftedSolver, scheme: Scheme, growth: Growth | None) -> RunState:
+    """Return the state one step later."""
+    step = plan.steps[state.done]
+    try:
+        moment = scheme(plan.problem, solver, state.history, step)
+    except ConvergenceError as error:
+        where = f"At time {step.end:g}, step {state.done + 1} of {len(plan.steps)}: "
+        raise ConvergenceError(f"{where}{error}", error.report) from error
+    if not np.isfinite(moment.u).all():
+        raise ResolutionError(
+            f"The solution ceased to be finite at time {step.end:g}, step {state.done + 1} of {len(plan.steps)}; use a "
+            "shorter step, or another scheme."
+        )
+    if growth is not None:
+        growth.check(moment.u, step.end)
+    history = (*state.history, moment)[-REMEMBERED:]
+    return RunState(state.done + 1, history, (*state.frames, moment.u) if step.is_frame else state.frames)
+
+
+def _solution(job: Job, plan: RunPlan, state: RunState, tally: Tally, seconds: Mapping[str, float]) -> EvolvedSolution:
+    """Return the solution at the end, with its frames."""
+    values, total = state.history[-1].u, len(plan.steps)
+    report = _report(job, tally, total)
+    work = measure_work(job.tables, LinearSystem(plan.problem.operator, values), report)
+    told = heat_drift(plan.problem, job.scene, plan.start.u, values)
+    warnings = (*warnings_of(job.tables.layout), *run_warnings(plan.problem, plan.evolution, state.history), *told)
+    last = EvolvedSolution(
+        job.scene, values, report, work, seconds, job.tables, warnings=warnings, time=plan.steps[-1].end, steps=total
+    )
+    taken = {0.0: 0, **{step.end: number for number, step in enumerate(plan.steps, 1)}}
+    frames = tuple(
+        replace(last, values=kept, time=when, steps=taken[when])
+        for when, kept in zip(plan.evolution.frame_times, state.frames, strict=True)
+    )
+    return replace(last, frames=frames)
+
+
+def _report(job: Job, tally: Tally, steps: int) -> SolveReport:
+    reason = (
+        f"relative residual {tally.residual:.2e} at most in {steps} steps with {tally.iterations} iterations, "
+        f"{job.tolerance:.2e} asked for"
+    )
+    return SolveReport(
+        job.solver_name, True, tally.iterations, tally.operator_applications, tally.residual, job.tolerance, reason
+    )

@@ -1,0 +1,96 @@
+"""Nonlinear fluxes ``du/db = j(u)`` by Newton's method, all steps on the same tables.
+
+A step takes ``du/db = j(v) + j'(v) (u - v)``, v the last solution, a Robin condition. The tables are made once, as for
+a Neumann condition, and a step changes the rows of E that have the flux as their datum: no closest point is asked for
+again.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from cpmkit.errors import ConvergenceError, SceneError, place
+from cpmkit.families.job import Job
+from cpmkit.forms.collocation.linearized import flows_of, linearized, linearized_scene
+from cpmkit.solution.solution import Solution
+
+#: At most this many steps.
+STEPS = 30
+#: Newton's method has converged when u changes by less than this share, on the boundaries: below it a linear solve
+#: to the default tolerance may not agree with itself.
+CHANGE = 1e-8
+
+
+def solve_nonlinear(job: Job, solve_linear: Callable[[Job], Solution]) -> Solution:
+    """Solve a scene with nonlinear fluxes.
+
+    Parameters
+    ----------
+    job : Job
+        With the scene and its tables.
+    solve_linear : callable
+        Solves a job whose conditions are linear.
+
+    Raises
+    ------
+    SceneError
+        If the equation is not steady, the scene has several channels, or a flux fixes no constant that is free.
+    ResolutionError
+        If a flux grows with u more strongly than the spacing can follow.
+    ConvergenceError
+        If Newton's method does not settle.
+    """
+    scene = job.scene
+    if scene.problem.family != "steady":
+        raise SceneError(f"a nonlinear flux needs a steady equation, got {scene.problem.kind}; use Robin instead.")
+    if scene.channels > 1:
+        raise SceneError(f"a nonlinear flux takes one channel, the scene has {scene.channels}; solve them one by one.")
+    flows = flows_of(scene, job.tables)
+    seen = [np.full(len(flow.datum.rows), flow.condition.guess) for flow in flows]
+    applications = iterations = 0
+    for step in range(1, STEPS + 1):
+        linear = linearized_scene(scene, flows, seen)
+        solution = solve_linear(replace(job, scene=linear, tables=linearized(job.tables, flows, seen)))
+        if linear is not scene:
+            _check_balance(solution)
+        applications += solution.report.operator_applications
+        iterations += solution.report.iterations
+        before, seen = seen, [flow.read(solution.values) for flow in flows]
+        change = max((float(np.abs(a - b).max(initial=0.0)) for a, b in zip(seen, before, strict=True)), default=0.0)
+        size = max((float(np.abs(values).max(initial=0.0)) for values in seen), default=0.0)
+        if step > 1 and change <= CHANGE * size + np.finfo(float).tiny:
+            report = replace(
+                solution.report,
+                iterations=iterations,
+                operator_applications=applications,
+                reason=f"{solution.report.reason}; Newton's method settled in {step} steps",
+            )
+            work = replace(solution.work, operator_applications=applications)
+            seconds = {**solution.seconds, "solve": time.perf_counter() - job.started - solution.seconds["build"]}
+            return replace(solution, scene=scene, tables=job.tables, report=report, work=work, seconds=seconds)
+    raise ConvergenceError(
+        f"Newton's method did not settle in {STEPS} steps: u still changes by {change:.2g} on the boundaries; give a "
+        "guess nearer to the solution, or check that the flux does not grow with u.",
+        solution.report,
+    )
+
+
+def _check_balance(solution: Solution) -> None:
+    """Refuse to go on from a solution whose data were changed because a flux fixed no constant.
+
+    Raises
+    ------
+    SceneError
+        Naming a point of the piece.
+    """
+    for defect in solution.defects:
+        if defect.relative > defect.explained:
+            near = place(defect.near)
+            raise SceneError(
+                f"Nothing fixes the solution near {near}: the nonlinear flux does not change with u at the values "
+                "that Newton's method has, and the data do not balance without it; give another guess, or use Neumann."
+            )

@@ -1,0 +1,142 @@
+"""NumPy files from anywhere: what they claim is compared with what there is before anything is allocated."""
+
+from __future__ import annotations
+
+import tokenize
+import zipfile
+import zlib
+from collections.abc import Callable, Iterable
+from math import prod
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from cpmkit.errors import InputError, shown
+from cpmkit.runtime.memory import available_bytes
+
+#: Kinds of NumPy types that are read: truth values, whole numbers, floating point numbers, text.
+READ = "biufUS"
+#: Kinds that are numbers.
+NUMBERS = "iuf"
+#: What NumPy, zip and Python's tokenizer raise on damaged files.
+DAMAGED = (ValueError, TypeError, KeyError, EOFError, SyntaxError, OverflowError, RecursionError, MemoryError,
+           NotImplementedError, RuntimeError, tokenize.TokenError, zipfile.BadZipFile, zlib.error)  # fmt: skip
+
+
+def read_array(path: Path, what: str = "an array of numbers") -> np.ndarray:
+    """Read an ``.npy`` file of numbers.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file.
+    what : str
+        Named in errors: what the file should hold.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be opened, is no ``.npy`` file, holds other things than numbers, or is shorter than it says.
+    """
+    try:
+        with path.open("rb") as opened:
+            left = path.stat().st_size
+            return _member(opened, left, path.name, f"a .npy file with {what}", NUMBERS)
+    except OSError as error:
+        raise InputError(f"{shown(path.name)} cannot be read: {error.strerror or error}.") from error
+
+
+def bytes_of(path: Path) -> bytes:
+    """Return what is in a file.
+
+    Raises
+    ------
+    InputError
+        If it is larger than the memory that is left.
+    OSError
+        If it cannot be read.
+    """
+    _check_size(path.stat().st_size, path.name)
+    return path.read_bytes()
+
+
+def _any(*_: object) -> None:
+    """Accept any shape and type."""
+
+
+def read_arrays(
+    path: Path, names: Iterable[str], what: str, check: Callable[[str, tuple[int, ...], np.dtype[Any]], None] = _any
+) -> dict[str, np.ndarray]:
+    """Read those arrays of an ``.npz`` file whose names are in ``names``, or begin with one that ends in ``*``.
+
+    Others are not looked at. ``what`` says what the file should be, such as "a solution that was saved". ``check`` is
+    told the name, shape and type that each array's header says, before any array itself is read, and may raise.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be opened, is not whole, or an array in it is of another kind, or larger than the memory
+        that is left.
+    """
+    wanted = tuple(names)
+    try:
+        with zipfile.ZipFile(path) as archive:
+            members = [one for one in archive.infolist() if _is_wanted(one.filename.removesuffix(".npy"), wanted)]
+            _check_size(sum(one.file_size for one in members), path.name)
+            for one in members:
+                with archive.open(one) as opened:
+                    shape, _, dtype, _ = _header(opened)
+                    check(one.filename.removesuffix(".npy"), shape, dtype)
+            read = {}
+            for one in members:
+                name = one.filename.removesuffix(".npy")
+                with archive.open(one) as opened:
+                    read[name] = _member(opened, one.file_size, path.name, what, READ)
+            return read
+    except OSError as error:
+        raise InputError(f"{shown(path.name)} cannot be read: {error.strerror or error}.") from error
+    except DAMAGED as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{shown(path.name)} is damaged or not {what}.") from error
+
+
+def _is_wanted(name: str, wanted: tuple[str, ...]) -> bool:
+    return any(name.startswith(one[:-1]) if one.endswith("*") else name == one for one in wanted)
+
+
+def _check_size(needed: int, name: str) -> None:
+    available = available_bytes()
+    if needed > available:
+        raise InputError(
+            f"{shown(name)} says that it holds {needed / 2**30:.3g} GiB, and {available / 2**30:.3g} GiB are available."
+        )
+
+
+def _member(opened: IO[bytes], length: int, name: str, what: str, kinds: str) -> np.ndarray:
+    """Read one array whose bytes, header included, are ``length``."""
+    try:
+        shape, fortran, dtype, header = _header(opened)
+    except DAMAGED as error:
+        raise InputError(f"{shown(name)} is not {what}, or its header is damaged.") from error
+    if dtype.kind not in kinds:
+        raise InputError(f"{shown(name)} holds {shown(dtype.name)} where {what} was expected.")
+    needed = prod(shape) * dtype.itemsize
+    if needed > length - header:
+        raise InputError(f"{shown(name)} says that it holds {shape} numbers and ends before: it is damaged.")
+    _check_size(needed, name)
+    try:
+        return np.frombuffer(opened.read(needed), dtype=dtype).reshape(shape, order="F" if fortran else "C").copy()
+    except DAMAGED as error:
+        raise InputError(f"{shown(name)} ends before its last number: it is cut off or damaged.") from error
+
+
+def _header(opened: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any], int]:
+    """Return the shape, whether the order is Fortran's, the type, and the bytes of a header."""
+    version = np.lib.format.read_magic(opened)
+    readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+    shape, fortran, dtype = readers[version](opened)
+    if any(count < 0 for count in shape):
+        raise ValueError(f"the shape {shape} is negative")
+    return shape, fortran, dtype, opened.tell()

@@ -1,0 +1,1 @@
+"""What a solve will build and cost, before it is built."""

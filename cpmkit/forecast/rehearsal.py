@@ -1,0 +1,178 @@
+"""Counting what a scene needs at a spacing, from rehearsals on coarser lattices.
+
+Nodes of an m-dimensional manifold grow like ``a / h^m + b / h^(m - 1)`` when the spacing h shrinks (the
+second term: edges, boundary curves, curvature), and two coarse layouts give a and b. Closest point
+queries are a sum of such terms and a constant, none of them negative, and three layouts give it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cpmkit.forms.collocation.diagnosis.clusters import Cluster, clusters_of_twins
+from cpmkit.forms.collocation.diagnosis.meetings import meetings
+from cpmkit.forms.collocation.diagnosis.refusals import check_layout
+from cpmkit.forms.collocation.diagnosis.remainder import Remainder
+from cpmkit.forms.collocation.diagnosis.survey import remaining
+from cpmkit.forms.collocation.layout import Layout, lay_out
+from cpmkit.grid.band import cell_levels, nodes_of_blocks
+from cpmkit.grid.fitting import check_fits
+from cpmkit.grid.stencils import base_offset, check_degree
+from cpmkit.manifold.localized import largest_dim, localize
+from cpmkit.protocols import Progress, nothing
+from cpmkit.scene.scene import Scene
+
+#: A rehearsal has at most about this many cells on the manifold.
+REHEARSED_CELLS = 12_000
+#: So many feet are asked again.
+PROBED = 1000
+#: Name of the count of closest point queries, and beginning of its parts' names.
+QUERIES = "queries"
+
+
+@dataclass(frozen=True)
+class Counts:
+    """What a layout holds.
+
+    Attributes
+    ----------
+    values : mapping
+        Counts by name.
+    exact : bool
+        True where it was laid out at the spacing itself.
+    gaps : tuple of float
+        By how much each boundary was snapped to the manifold.
+    lefts : tuple of str
+        What names the left of each boundary, where its sources do not; else empty.
+    noise : float
+        How far feet move when they are asked again, at most.
+    doubled : tuple of Cluster
+        Where twins are; at a coarser spacing than asked for unless ``exact``.
+    remains : tuple of Remainder
+        What parting sheets leaves, as far as the layout shows it.
+    told : tuple of str
+        Sentences on rims, ends and branches, as far as the layout shows them.
+    """
+
+    values: Mapping[str, float]
+    exact: bool
+    gaps: tuple[float, ...]
+    lefts: tuple[str, ...]
+    noise: float
+    doubled: tuple[Cluster, ...] = ()
+    remains: tuple[Remainder, ...] = ()
+    told: tuple[str, ...] = ()
+
+    def __getitem__(self, name: str) -> int:
+        return round(self.values[name])
+
+
+def count(scene: Scene, spacing: float, progress: Progress = nothing, **options: Any) -> Counts:
+    """Return the counts of ``scene`` at ``spacing``; ``progress`` is told of the stage "rehearsal"."""
+    progress("rehearsal", 0.0)
+    finest = _rehearsal_spacing(scene, spacing, options.get("degree", 3))
+    progress("rehearsal", 0.1)
+    layout = lay_out(scene, finest, **options)
+    if finest == spacing:
+        check_layout(layout, scene)
+    fine = _counts(layout)
+    seen = (
+        tuple(one.gap for one in layout.sight.sighted),
+        tuple(one.left_told for one in layout.sight.sighted),
+        _noise(layout),
+        clusters_of_twins(layout),
+        remaining(layout, spacing if finest != spacing else None),
+        tuple(meetings(layout, spacing)),
+    )
+    progress("rehearsal", 0.7 if finest != spacing else 1.0)
+    if finest == spacing:
+        return Counts(_summed(fine), True, *seen)
+    spacings = [finest, 2 * finest, 4 * finest]
+    rehearsed = [fine, *(_counts(lay_out(scene, coarse, **options)) for coarse in spacings[1:])]
+    progress("rehearsal", 1.0)
+    m = largest_dim(scene.surface)
+    dims = {f"{QUERIES} surface": m}
+    dims |= {f"{QUERIES} {one.name}": one.source.manifold_dim or 1 for one in scene.boundaries}
+    told = {}
+    for name in fine:
+        counts = [one[name] for one in rehearsed]
+        if name.startswith(QUERIES):
+            told[name] = _sum_of_powers(spacings, counts, spacing, dims[name])
+        else:
+            told[name] = _leading_terms(spacings, counts, spacing, m)
+    return Counts(_summed(told), False, *seen)
+
+
+def _rehearsal_spacing(scene: Scene, spacing: float, degree: int) -> float:
+    """Return the spacing times the smallest power of two whose layout is small.
+
+    Raises
+    ------
+    ResolutionError
+        If the spacing itself would need more memory than the machine has.
+    """
+    lattice = scene.lattice(spacing)
+    surface = localize(scene.surface, lattice.origin)
+    levels = cell_levels(surface, lattice.spacing, base_offset(check_degree(degree)))
+    side, blocks = next((side, len(blocks)) for side, blocks in levels if side == 1 or len(blocks) > REHEARSED_CELLS)
+    m = surface.largest_dim
+    unknowns = nodes_of_blocks(blocks, side, surface.dim, m, degree)
+    check_fits(surface, unknowns, spacing, degree, excess=1.0 if side == 1 else 4.0)
+    return lattice.spacing * side
+
+
+def _noise(layout: Layout) -> float:
+    """Return how far the feet of a few nodes move when their closest points are asked for."""
+    nodes = np.linspace(0, len(layout.band.nodes) - 1, PROBED).astype(np.int64)
+    feet = layout.band.feet.take(np.unique(nodes))
+    if feet.doubtful is not None:
+        feet = feet.take(~feet.doubtful)
+    again = layout.surface.closest_point(feet.points).points
+    return float(np.linalg.norm(again - feet.points, axis=1).max(initial=0.0))
+
+
+def _counts(layout: Layout) -> dict[str, float]:
+    rows = len(layout.band.nodes) + sum(len(ghosts.nodes) for ghosts in layout.ghosts)
+    counts = {
+        "inner": layout.band.inner,
+        "twins": layout.band.inner - layout.band.first_twin,
+        "unfolded": int(layout.band.is_unfolded.sum()),
+        "nodes": len(layout.band.nodes),
+        "rows": rows,
+        "unknowns": layout.size,
+        "past edge": int(np.count_nonzero(layout.band.feet.edge >= 0)),
+    }
+    for number, ghosts in enumerate(layout.ghosts):
+        counts[f"ghosts {number}"] = ghosts.unknowns
+    for name, queries in layout.queries.items():
+        counts[f"{QUERIES} {name}"] = queries
+    return {name: float(value) for name, value in counts.items()}
+
+
+def _summed(counts: Mapping[str, float]) -> dict[str, float]:
+    """Return the counts with the queries of all sources as one."""
+    queries = sum(value for name, value in counts.items() if name.startswith(QUERIES))
+    return {**{name: value for name, value in counts.items() if not name.startswith(QUERIES)}, QUERIES: queries}
+
+
+def _leading_terms(spacings: list[float], counts: list[float], spacing: float, m: int) -> float:
+    """Fit ``count h^m = a + b h`` to the two finest counts, and read it at ``spacing``."""
+    fine, coarse = (count * h**m for count, h in zip(counts[:2], spacings[:2], strict=True))
+    slope = (coarse - fine) / (spacings[1] - spacings[0])
+    return float(max(fine + slope * (spacing - spacings[0]), 0.0) / spacing**m)
+
+
+def _sum_of_powers(spacings: list[float], counts: list[float], spacing: float, m: int) -> float:
+    """Fit ``count = a / h^m + ... + c``, no term negative, to all counts, and read it at ``spacing``."""
+    from scipy.optimize import nnls
+
+    if not all(counts):
+        return 0.0
+    powers = np.arange(m, -1, -1)
+    relative = np.array([[(spacing / h) ** p for p in powers] for h in spacings]) / np.array(counts)[:, None]
+    terms, _ = nnls(relative, np.ones(len(counts)))
+    return float(terms.sum())

@@ -1,0 +1,1 @@
+"""Ways of discretising that the families of equations are written over."""

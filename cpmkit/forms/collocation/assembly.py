@@ -1,0 +1,149 @@
+"""From tables and an equation to the operator A and the right-hand side b."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from cpmkit.errors import InputError, ResolutionError
+from cpmkit.forms.collocation.boundary.reading import Reading
+from cpmkit.forms.collocation.discretization import Discretization
+from cpmkit.forms.collocation.ghosts.nodes import Ghosts
+from cpmkit.grid.stencils import cross_offsets, cross_weights, difference_reach
+from cpmkit.linear.operators import Border, LinearSystem, Operator
+from cpmkit.protocols import Floats
+from cpmkit.scene.data import Data, evaluate_data
+from cpmkit.scene.equations import Equation, Field, Terms
+
+#: Central differences oscillate where advection over one spacing outweighs diffusion by more than this.
+CELL_PECLET = 2.0
+#: A mirror point nearer to its boundary than this share of the spacing may lie on either side, to rounding.
+NEAR = 1e-3
+
+
+def assemble(tables: Discretization, problem: Equation, border: Border | None = None) -> LinearSystem:
+    """Return the linear system of a steady ``problem`` on ``tables``."""
+    terms = problem.terms()
+    operator = build_operator(tables, terms, border)
+    return LinearSystem(operator, right_side(tables, operator, terms.f))
+
+
+def right_side(tables: Discretization, operator: Operator, f: Data, time: float | None = None) -> Floats:
+    """Return b (n, channels): f, and what the boundary data add at ``time``."""
+    values = tables.read_sources(f, "the right-hand side f", time)
+    return values + operator.spread(tables.datum(time))
+
+
+def build_operator(tables: Discretization, terms: Terms, border: Border | None = None) -> Operator:
+    """Return A of an equation's terms.
+
+    Raises
+    ------
+    InputError
+        If a coefficient is not a number or a callable of points, a diffusivity is not above zero, or a coefficient
+        varies at order 4.
+    ResolutionError
+        If the spacing is too coarse for the velocity.
+    """
+    layout = tables.layout
+    spacing, dim = layout.lattice.spacing, layout.lattice.dim
+    scale = 1.0 / spacing**2
+    reach = difference_reach(layout.order)
+    c = _coefficient(tables, terms.c, "the factor c")
+    if not callable(terms.diffusivity) and terms.velocity is None:
+        a = float(_coefficient(tables, terms.diffusivity, "the diffusivity")[0, 0])
+        diagonal = c - a * scale * cross_weights(dim, reach)[1]
+        constant = not callable(terms.c)
+        return Operator(
+            tables.extension, tables.differences, float(diagonal[0, 0]) if constant else diagonal, a * scale, border
+        )
+    if reach > 1:
+        raise InputError("order=4 takes constant diffusivity and no velocity; use order 3 or less for the others.")
+    weights = _diffusive(tables, terms.diffusivity)
+    diagonal = c + scale * weights.sum(axis=1, keepdims=True)
+    if terms.velocity is not None:
+        weights = weights - _advective(tables, terms.velocity, weights)
+    return Operator(tables.extension, tables.weighted_differences(weights), diagonal, scale, border)
+
+
+def _coefficient(tables: Discretization, data: Data, what: str) -> Floats:
+    """Return a coefficient of one channel at the unknowns, (n, 1)."""
+    if not callable(data):
+        return np.full((tables.unknowns.count, 1), evaluate_data(data, np.zeros((1, 1)), 1, what)[0, 0])
+    return tables.read_at_rows(data, what)[tables.unknown_rows]
+
+
+def _diffusive(tables: Discretization, diffusivity: Data) -> Floats:
+    """Return the weights (n, 2 d) of the neighbours in ``spacing^2 div(a grad u)``: a at the midpoints."""
+    a = _diffusivity(tables, diffusivity)
+    here = a[tables.unknown_rows]
+    there = a[tables.neighbours]
+    return np.asarray(0.5 * (here[:, None] + there))
+
+
+def _diffusivity(tables: Discretization, data: Data) -> Floats:
+    """Return a (rows,) at all rows of E, continued across boundaries and past edges.
+
+    Held constant there it would be wrong by O(spacing) where the flux is not zero, and so would be the solution beside
+    Neumann and Robin conditions (measured on a circle: order 1.0). Its logarithm is continued, which stays above zero.
+    """
+    layout = tables.layout
+
+    def log_at(points: Floats) -> Floats:
+        a = evaluate_data(data, layout.lattice.to_scene(points), 1, "the diffusivity")[:, 0]
+        if np.any(a <= 0):
+            raise InputError(f"the diffusivity must be above zero, got {a.min():g}.")
+        return np.asarray(np.log(a))
+
+    reading, sources = layout.reading, layout.sources
+    near = np.linalg.norm(reading.points - sources.points, axis=1, keepdims=True) < NEAR * layout.lattice.spacing
+    here, mirror = log_at(sources.points), log_at(np.where(near, sources.points, reading.points))
+    log = np.where(sources.coefficient == 1, 2 * here - mirror, sources.coefficient * here)
+    return np.concatenate([np.exp(_with_terms(log, sources, log_at)), *(_of_ghosts(g, log_at) for g in layout.ghosts)])
+
+
+def _of_ghosts(ghosts: Ghosts, log_at: Callable[[Floats], Floats]) -> Floats:
+    """Return a (g,) at ghosts, continued along the line through the boundary and their mirror point.
+
+    Where that lies nearer to the boundary than what is read within the side, it may be on either: the line goes there.
+    """
+    first = log_at(ghosts.sources.points)
+    here = _with_terms(ghosts.sources.coefficient * first, ghosts.sources, log_at)
+    near, far = np.flatnonzero(ghosts.behind < 1), np.flatnonzero(ghosts.behind >= 1)
+    log = here.copy()
+    log[near] -= ghosts.behind[near] * (first - here)[near]
+    log[far] += here[far] - log_at(ghosts.reading.points[far])
+    return np.exp(log)
+
+
+def _with_terms(values: Floats, reading: Reading, log_at: Callable[[Floats], Floats]) -> Floats:
+    """Return ``values`` (n,) and what the terms of a reading add."""
+    total = values.copy()
+    for term in reading.terms:
+        np.add.at(total, term.rows, term.coefficient * log_at(term.points))
+    return total
+
+
+def _advective(tables: Discretization, velocity: Field, diffusive: Floats) -> Floats:
+    """Return the weights (n, 2 d) of the neighbours in ``spacing^2 v . grad u``, by central differences.
+
+    Raises
+    ------
+    InputError
+        If the velocity has another number of coordinates.
+    ResolutionError
+        If advection over one spacing outweighs diffusion more than twice: the solution would oscillate.
+    """
+    spacing, dim = tables.layout.lattice.spacing, tables.layout.lattice.dim
+    v = tables.read_at_rows(velocity, "the velocity", None)[tables.unknown_rows]
+    if v.shape[1] != dim:
+        raise InputError(f"the velocity must be vectors of shape (n, {dim}), got (n, {v.shape[1]}).")
+    peclet = float((np.abs(v).max(axis=1) * spacing / diffusive.min(axis=1)).max(initial=0.0))
+    if peclet > CELL_PECLET:
+        raise ResolutionError(
+            f"spacing={spacing:g} is too coarse for the velocity: over one spacing advection outweighs diffusion "
+            f"{peclet:.3g} times, and above {CELL_PECLET:g} the solution oscillates; use "
+            f"{spacing * CELL_PECLET / peclet:.2g} or less."
+        )
+    return np.asarray(0.5 * spacing * v @ cross_offsets(dim).T)

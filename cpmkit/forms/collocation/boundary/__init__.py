@@ -1,0 +1,1 @@
+"""How the nodes of a band see boundaries and edges."""

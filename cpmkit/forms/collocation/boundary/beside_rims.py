@@ -1,0 +1,85 @@
+"""Boundaries that run beside a rim of the manifold, nearer to it than a spacing, or on it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cpmkit.forms.collocation.boundary.encounters import STRIP
+from cpmkit.forms.collocation.boundary.frame import Sighted
+from cpmkit.forms.collocation.ghosts.geometry import ALONGSIDE
+from cpmkit.grid.band import Band
+from cpmkit.manifold.localized import Localized
+from cpmkit.manifold.tangent_space import outward_conormals
+from cpmkit.protocols import Floats, Ints
+
+#: One nearer than this many spacings lies on it.
+ON_RIM = 1e-3
+#: So many samples of a curve lie on a rim only where it runs along it; a curve that ends there has one or two.
+ALONG = 3
+#: Step, in spacings, of the differences that give a rim's conormal, and how far past the rim its foot is looked for.
+STEP, PAST = 0.005, 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class RimStrip:
+    """A boundary beside a rim.
+
+    Attributes
+    ----------
+    boundary : int
+        Its number.
+    loop : int
+        The rim's.
+    points : (k, d) float64
+        Places of the boundary that are beside the rim, nearest first, in the scene's coordinates.
+    width : float
+        The least distance.
+    on_rim : bool
+        True where the boundary runs along the rim itself.
+    """
+
+    boundary: int
+    loop: int
+    points: Floats
+    width: float
+    on_rim: bool
+
+
+def beside_rims(sighted: Sequence[Sighted], surface: Localized, band: Band) -> list[RimStrip]:
+    """Return the boundaries beside rims, relative to the lattice's origin; nothing is asked for without rims."""
+    past = np.flatnonzero(band.feet.edge >= 0)
+    found: list[RimStrip] = []
+    if not len(past):
+        return found
+    for number, one in enumerate(sighted):
+        if one.has_sides:
+            found += _beside(number, one, surface, band, past)
+    return found
+
+
+def _beside(number: int, one: Sighted, surface: Localized, band: Band, past: Ints) -> list[RimStrip]:
+    from scipy.spatial import cKDTree
+
+    h, points = band.spacing, surface.closest_point(one.samples).points
+    away, nearest = cKDTree(band.feet.points[past]).query(points)
+    close = np.flatnonzero(away < 3 * STRIP * h)
+    if not len(close):
+        return []
+    points, rim = points[close], band.feet.take(past[nearest[close]])
+    outward = outward_conormals(surface, rim, STEP * h)
+    inside = np.sum((rim.points - points) * outward, axis=1, keepdims=True)
+    foot = surface.closest_point(points + (inside + PAST * h) * outward)
+    width = np.linalg.norm(foot.points - points, axis=1)
+    seen = one.frame(points, h, h)
+    beside = (width[seen.rows] < STRIP * h) & (foot.edge[seen.rows] >= 0) & ~seen.end
+    beside &= np.abs(np.sum(seen.left * outward[seen.rows], axis=1)) > ALONGSIDE
+    rows = seen.rows[beside]
+    rows = rows[np.argsort(width[rows], kind="stable")]
+    if not len(rows):
+        return []
+    on_rim = width[rows] < ON_RIM * h
+    along = bool(on_rim.all() or on_rim.sum() >= ALONG)
+    return [RimStrip(number, int(foot.edge[rows[0]]), points[rows], float(width[rows[0]]), along)]

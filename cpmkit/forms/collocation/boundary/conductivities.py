@@ -1,0 +1,75 @@
+"""The conductivities on the two sides of a transmission: those of the problem, unless the condition gives them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.errors import InputError, SceneError, place
+from cpmkit.forms.collocation.boundary.frame import Frame
+from cpmkit.grid.lattice import Lattice
+from cpmkit.protocols import Bools, Floats
+from cpmkit.scene.data import Data, evaluate_data
+from cpmkit.scene.special_conditions import Transmission
+
+#: A diffusivity is read so many spacings beside the boundary, and twice as far: a curve that is snapped to the surface
+#: lies nearer to where the materials meet than that.
+BESIDE = 0.25
+#: Readings whose logarithms differ by less are of one material, and are continued to the boundary.
+SMOOTH = 0.4
+#: What is given may differ from the problem's diffusivity by this share of it.
+ALIKE = 0.01
+#: So many of the points on a boundary may be read wrongly, where it meets others.
+ASTRAY = 0.1
+
+
+def conductivities(
+    condition: Transmission, diffusivity: Data, seen: Frame, carries_left: Bools, lattice: Lattice
+) -> tuple[Floats, Floats]:
+    """Return the conductivities (n,) on the side on which ghosts stand, and on the side that they carry."""
+    sides = [
+        _beside(diffusivity if given is None else given, seen, sign, lattice)
+        for given, sign in ((condition.left, 1.0), (condition.right, -1.0))
+    ]
+    return np.where(carries_left, sides[1], sides[0]), np.where(carries_left, sides[0], sides[1])
+
+
+def check_conductivities(what: str, condition: Transmission, diffusivity: Data, seen: Frame, lattice: Lattice) -> None:
+    """Refuse conductivities of a condition that are not those of the problem beside the boundary.
+
+    Raises
+    ------
+    SceneError
+        Naming the side, and the place where they differ most.
+    """
+    for side, given, sign in (("left", condition.left, 1.0), ("right", condition.right, -1.0)):
+        if given is None or not len(seen.rows):
+            continue
+        wanted = _beside(given, seen, sign, lattice)
+        near = [_at(diffusivity, seen, sign * share, lattice) for share in (BESIDE, 2 * BESIDE)]
+        near.append(_beside(diffusivity, seen, sign, lattice))
+        off = np.min([np.abs(wanted / one - 1) for one in near], axis=0)
+        if np.mean(off > ALIKE) <= ASTRAY:
+            continue
+        worst = int(off.argmax())
+        where = place(lattice.to_scene(seen.foot[[worst]])[0])
+        raise SceneError(
+            f"{what} gives the conductivity {wanted[worst]:.4g} on its {side} near {where}, where the problem's "
+            f"diffusivity is {near[-1][worst]:.4g}; leave `{side}` out, or give the problem that diffusivity."
+        )
+
+
+def _beside(data: Data, seen: Frame, sign: float, lattice: Lattice) -> Floats:
+    """Return data (n,) at the boundary, continued from one side: to second order where they are smooth there."""
+    if not callable(data):
+        return _at(data, seen, 0.0, lattice)
+    near, far = (np.log(_at(data, seen, sign * share, lattice)) for share in (BESIDE, 2 * BESIDE))
+    return np.asarray(np.exp(np.where(np.abs(near - far) < SMOOTH, 2 * near - far, far)))
+
+
+def _at(data: Data, seen: Frame, share: float, lattice: Lattice) -> Floats:
+    """Return data (n,) so many spacings to the left of the boundary."""
+    points = lattice.to_scene(seen.foot + share * lattice.spacing * seen.left)
+    values = evaluate_data(data, points, 1, "a conductivity of Transmission, or the diffusivity,")[:, 0]
+    if np.any(values <= 0):
+        raise InputError(f"the diffusivity must be above zero, got {values.min():g}.")
+    return values

@@ -1,0 +1,194 @@
+"""The rim of an open surface or the ends of an open curve: where nodes past the edge read.
+
+A node whose foot lies on the edge reads the manifold at a mirror point inside, by the same formula as
+a ghost, with z = y the foot, ``t = (x - y) . b`` and ``s = 2 (x - y) . b``. Zero Neumann, the default,
+needs no conormal b: at order 2 the mirror ``cp_S(2 y - x)``, at order 1 the foot itself. At order 3 and 4
+it continues a polynomial through points inside.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cpmkit.errors import SceneError
+from cpmkit.forms.collocation.boundary.past_rim import replaced
+from cpmkit.forms.collocation.boundary.reading import Datum, Reading
+from cpmkit.forms.collocation.ghosts.continuation import (
+    Continued,
+    beyond_edge,
+    continue_rows,
+    continued,
+    continued_sources,
+    points_inwards,
+)
+from cpmkit.forms.collocation.ghosts.formulas import (
+    beta_at,
+    coefficient_and_factor,
+    is_dirichlet,
+    mirror_distance,
+    points_inside,
+)
+from cpmkit.grid.band import Band
+from cpmkit.grid.lattice import Lattice
+from cpmkit.manifold.localized import Localized
+from cpmkit.manifold.tangent_space import outward_conormals
+from cpmkit.manifold.walking import walk
+from cpmkit.protocols import ClosestPoints, Floats, Ints
+from cpmkit.scene.conditions import Condition
+
+#: Nodes nearer to their foot than this share of the spacing do not tell the direction of the conormal.
+TOUCHING = 1e-6
+#: Named in errors.
+WHAT = "the edge's condition"
+
+
+@dataclass(frozen=True, eq=False)
+class PastEdge:
+    """What the nodes of a band read, the edge's conditions applied, and where their right-hand sides are read.
+
+    Attributes
+    ----------
+    reading : Reading
+        Of each node.
+    mirrored : Reading
+        The same at order 2 at most, with one point a node: ghosts of nodes past the edge build on it.
+    sources : Reading
+        Where f is read for each node; only points, coefficients and terms count.
+    """
+
+    reading: Reading
+    mirrored: Reading
+    sources: Reading
+
+
+def edge_condition(edge: Condition | Mapping[int, Condition], loop: int) -> Condition:
+    """Return the condition of edge ``loop``.
+
+    Raises
+    ------
+    SceneError
+        If the edge is a table and the loop is not in it.
+    """
+    if not isinstance(edge, Mapping):
+        return edge
+    if loop not in edge:
+        raise SceneError(
+            f"the surface has an edge loop {loop} for which `edge` gives no condition; it has {sorted(edge)}."
+        )
+    return edge[loop]
+
+
+def read_past_edge(
+    surface: Localized, band: Band, lattice: Lattice, edge: Condition | Mapping[int, Condition], order: int
+) -> PastEdge:
+    """Return what each node of the band reads, the edge's conditions applied to those past it."""
+    loops = _loops(band, edge)
+    mirrored = _mirrored(surface, band, lattice, loops, order)
+    finer = [(rows, one, one.order or order) for rows, one in loops if (one.order or order) > 2]
+    parts = [_continue(surface, band, lattice, condition, asked, rows) for rows, condition, asked in finer]
+    sources = Reading(band.feet.points, np.ones(len(band.nodes)))
+    if not parts:
+        return PastEdge(mirrored, mirrored, sources)
+    return PastEdge(continued(mirrored, parts), mirrored, continued_sources(sources, parts))
+
+
+def read_at_feet(
+    surface: Localized,
+    band: Band,
+    lattice: Lattice,
+    edge: Condition | Mapping[int, Condition],
+    past: PastEdge,
+    rows: Ints,
+) -> PastEdge:
+    """Return ``past`` with the nodes ``rows`` past the edge of first order: they read their feet."""
+    if not len(rows):
+        return past
+    at_feet = _mirrored(surface, band, lattice, _loops(band, edge, rows), 1, most=1)
+    sources = Reading(band.feet.points, np.ones(len(band.nodes)))
+    reading, mirrored = (replaced(one, rows, at_feet) for one in (past.reading, past.mirrored))
+    return PastEdge(reading, mirrored, replaced(past.sources, rows, sources))
+
+
+def _loops(
+    band: Band, edge: Condition | Mapping[int, Condition], rows: Ints | None = None
+) -> list[tuple[Ints, Condition]]:
+    """Return the nodes past each edge loop, of ``rows`` or all, with its condition."""
+    rows = np.arange(len(band.nodes)) if rows is None else rows
+    loop_of = band.feet.edge[rows]
+    return [(rows[loop_of == loop], edge_condition(edge, int(loop))) for loop in np.unique(loop_of[loop_of >= 0])]
+
+
+def _mirrored(
+    surface: Localized, band: Band, lattice: Lattice, loops: Sequence[tuple[Ints, Condition]], order: int, most: int = 2
+) -> Reading:
+    """Return what all nodes read at order 1 or 2, ``most``, one point each."""
+    points, coefficient = band.feet.points.copy(), np.ones(len(band.nodes))
+    data: list[Datum] = []
+    for rows, condition in loops:
+        read = _mirror(surface, band, lattice, condition, min(condition.order or order, most), rows)
+        points[rows], coefficient[rows] = read.points, read.coefficient
+        data += [datum.renumbered(rows) for datum in read.data]
+    return Reading(points, coefficient, data)
+
+
+def _mirror(surface: Localized, band: Band, lattice: Lattice, condition: Condition, order: int, rows: Ints) -> Reading:
+    """Return what nodes past one loop read at order 1 or 2."""
+    foot, beyond = band.feet.points[rows], band.positions[rows] - band.feet.points[rows]
+    if is_wall(condition):
+        points = foot if order == 1 else _reached(surface, band, rows, foot - beyond)
+        return Reading(points, np.ones(len(rows)))
+    outward = _outward(surface, band.feet.take(rows), beyond, band.spacing)
+    t = np.maximum(np.sum(beyond * outward, axis=1), 0.0)
+    mirror = foot - beyond - (mirror_distance(condition, t, band.spacing) - t)[:, None] * outward
+    points = foot if order == 1 else _reached(surface, band, rows, mirror)
+    where = lattice.to_scene(foot)
+    first = np.full(len(rows), order == 1)
+    beta = beta_at(condition, where, WHAT)
+    coefficient, factor = coefficient_and_factor(condition, beta, t, 2 * t, first, band.spacing)
+    return Reading(points, coefficient, [Datum(np.arange(len(rows)), factor, where, condition.gamma, WHAT)])
+
+
+def _reached(surface: Localized, band: Band, rows: Ints, goal: Floats) -> Floats:
+    """Return the points of the surface nearest to ``goal`` (n, d), on the nodes' own sheet where there are several."""
+    if band.sheets is None:
+        return surface.closest_point(goal).points
+    return walk(surface, goal, band.feet.take(rows), band.spacing).points
+
+
+def _continue(
+    surface: Localized, band: Band, lattice: Lattice, condition: Condition, order: int, rows: Ints
+) -> Continued:
+    """Return what the nodes ``rows`` past one loop read at order 3 or 4.
+
+    Where the points inside meet another edge the node is left out.
+    """
+    foot, offset = band.feet.points[rows], band.positions[rows] - band.feet.points[rows]
+    outward = _outward(surface, band.feet.take(rows), offset, band.spacing)
+    inside = points_inwards(surface, foot, -outward, points_inside(condition, order), band.spacing, band.sheets)
+    kept = np.flatnonzero(inside.sound)
+    inside, rows = inside.take(kept), rows[kept]
+    t = beyond_edge(offset[kept], outward[kept], inside.curvature)
+    return continue_rows(condition, rows, lattice.to_scene(foot[kept]), WHAT, inside, t, band.spacing)
+
+
+def _outward(surface: Localized, edge: ClosestPoints, beyond: Floats, spacing: float) -> Floats:
+    """Return the outward conormals (n, d) at the feet of nodes past the edge, ``beyond`` them.
+
+    A node outside a solid lies straight above its foot: there the conormal is known to rounding.
+    """
+    outward = outward_conormals(surface, edge, 0.5 * spacing)
+    straight = surface.dimensions_at(edge) == surface.dim
+    straight &= np.linalg.norm(beyond, axis=1) > TOUCHING * spacing
+    outward[straight] = beyond[straight] / np.linalg.norm(beyond[straight], axis=1, keepdims=True)
+    return outward
+
+
+def is_wall(condition: Condition) -> bool:
+    """Tell whether the condition is zero Neumann."""
+    data = condition.gamma
+    if is_dirichlet(condition) or callable(condition.beta) or condition.beta != 0.0:
+        return False
+    return not callable(data) and not np.any(np.asarray(data, dtype=object))

@@ -1,0 +1,110 @@
+"""What a scene gives must have an effect: edges that are there, conditions that are what they say, one diffusivity."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from cpmkit.errors import InputError, ResolutionError, SceneError, place
+from cpmkit.forms.collocation.boundary.conductivities import check_conductivities
+from cpmkit.forms.collocation.boundary.edge import WHAT, edge_condition, is_wall
+from cpmkit.forms.collocation.ghosts.formulas import beta_at
+from cpmkit.forms.collocation.layout import Layout
+from cpmkit.meshes.cells import with_corners
+from cpmkit.meshes.curved_cells import find_edges
+from cpmkit.protocols import SIDES, ClosestPointSource, Floats, HasMesh
+from cpmkit.runtime.arrays import whole
+from cpmkit.scene.alike import alike
+from cpmkit.scene.conditions import Condition, Robin
+from cpmkit.scene.scene import Scene
+from cpmkit.scene.special_conditions import Transmission
+
+#: The dimension of a solid in space.
+SPACE = 3
+#: An edge of a mesh is asked this share of a cell past it.
+PAST = 0.05
+
+
+def check_given(scene: Scene, layout: Layout) -> None:
+    """Refuse what a scene gives and the layout does not use; no closest point is asked for unless something is refused.
+
+    Raises
+    ------
+    SceneError, ResolutionError
+        For a condition on an edge that is not there, or too short for the spacing, and for conductivities that are not
+        those of the problem.
+    InputError
+        For a Robin condition whose beta vanishes.
+    """
+    _check_edges(scene, layout)
+    for what, condition, points in _places(scene, layout):
+        if isinstance(condition, Robin) and len(points) and not np.any(beta_at(condition, points, what)):
+            raise InputError(f"beta of Robin of {what} is zero at all {len(points)} points; use Neumann.")
+    diffusivity = scene.problem.terms().diffusivity
+    for boundary, seen in zip(scene.boundaries, layout.sight.frames, strict=True):
+        across = boundary.condition("left")
+        if isinstance(across, Transmission):
+            check_conductivities(f"boundary {boundary.name!r}", across, diffusivity, seen, layout.lattice)
+
+
+def _check_edges(scene: Scene, layout: Layout) -> None:
+    met = np.unique(layout.band.feet.edge[layout.band.feet.edge >= 0]).tolist()
+    if isinstance(scene.edge, Mapping):
+        missing = sorted({whole(loop, "a key of `edge`, the number of a loop,") for loop in scene.edge} - set(met))
+        given = f"`edge` gives a condition for loop {missing[0]}" if missing else ""
+    else:
+        missing, given = ([] if met or is_wall(scene.edge) else [0]), "`edge` gives a condition"
+    if not missing:
+        return
+    spacing, known = layout.lattice.spacing, _loops(scene.surface, layout.lattice.spacing)
+    seen = sorted({*met, *(known or ())})
+    told = f"its loops are {', '.join(map(str, seen))}" if seen else "it is closed"
+    if known is None:
+        raise SceneError(
+            f"{given}, which the manifold has not at spacing={spacing:g}: {told} as far as the nodes tell; leave it "
+            "out, or use a smaller spacing if the edge is shorter than a few of these."
+        )
+    if missing[0] in known or (known and not isinstance(scene.edge, Mapping)):
+        where = place(known.get(missing[0], next(iter(known.values()))))
+        raise ResolutionError(
+            f"{given}, an edge too short for spacing={spacing:g}: near {where} no node lies past it, and the "
+            "condition would have no effect; use a smaller spacing, or leave it out."
+        )
+    raise SceneError(f"{given}, which the manifold has not: {told}; leave it out, or correct the number.")
+
+
+def _loops(surface: ClosestPointSource, spacing: float) -> dict[int, Floats] | None:
+    """Return a point (d,) on each edge loop, as a mesh of the surface shows them; None where there is none to ask."""
+    if not isinstance(surface, HasMesh) or surface.manifold_dim == surface.dim == SPACE:
+        return None
+    points, cells = surface.mesh(spacing)
+    triangles, segments = with_corners(cells, 3), with_corners(cells, 2)
+    edges = find_edges(points, triangles)
+    single = np.flatnonzero(edges.outward.any(axis=1))
+    a, b = points[edges.ends[single, 0]], points[edges.ends[single, 1]]
+    beyond = [0.5 * (a + b) + PAST * np.linalg.norm(b - a, axis=1, keepdims=True) * edges.outward[single]]
+    ends = np.concatenate([segments, segments[:, ::-1]])
+    ends = ends[np.bincount(segments.ravel(), minlength=len(points))[ends[:, 0]] == 1]
+    beyond.append(points[ends[:, 0]] + PAST * (points[ends[:, 0]] - points[ends[:, 1]]))
+    feet = surface.closest_point(np.concatenate(beyond))
+    loops, first = np.unique(feet.edge, return_index=True)
+    return {int(loop): feet.points[row] for loop, row in zip(loops, first, strict=True) if loop >= 0}
+
+
+def _places(scene: Scene, layout: Layout) -> Iterator[tuple[str, Condition, Floats]]:
+    """Yield each condition with its name and the points (n, d) at which it is read, in the scene's coordinates."""
+    to_scene, feet = layout.lattice.to_scene, layout.band.feet
+    for boundary, seen, ghosts in zip(scene.boundaries, layout.sight.frames, layout.ghosts, strict=True):
+        foot = seen.foot[np.searchsorted(seen.rows, ghosts.nodes)]
+        if alike(boundary.condition("left"), boundary.condition("right")):
+            yield f"boundary {boundary.name!r}", boundary.condition("left"), to_scene(foot)
+            continue
+        for side in SIDES:
+            carried = ghosts.carries_left == (side == "left")
+            yield f"boundary {boundary.name!r}", boundary.condition(side), to_scene(foot[carried])
+    loops = np.unique(feet.edge[feet.edge >= 0]).tolist()
+    conditions = [edge_condition(scene.edge, loop) for loop in loops]
+    for condition in {id(one): one for one in conditions}.values():
+        chosen = [loop for loop, one in zip(loops, conditions, strict=True) if one is condition]
+        yield WHAT, condition, to_scene(feet.points[np.isin(feet.edge, chosen)])

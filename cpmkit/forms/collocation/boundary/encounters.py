@@ -1,0 +1,158 @@
+"""Where two boundaries cross with different data, or run side by side nearer than the grid can see."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from cpmkit.forms.collocation.boundary.frame import Frame, Sighted
+from cpmkit.forms.collocation.ghosts.geometry import ALONGSIDE, INSIDE
+from cpmkit.forms.collocation.ghosts.nodes import Sight
+from cpmkit.grid.lattice import Lattice
+from cpmkit.protocols import SIDES, BoundarySet, Floats
+from cpmkit.scene.conditions import Dirichlet
+from cpmkit.scene.data import evaluate_data
+
+#: Around a crossing of four different values the solution is off within so many spacings (by the jump; outside twice
+#: that it is of order 1 to 2).
+DISTURBED = 4.0
+#: Two boundaries within this many spacings of each other are looked at.
+LOOK = 4.0
+#: Boundaries nearer than this many spacings enclose a strip in which no stencil finds room.
+STRIP = 1.0
+#: Boundaries nearer than this many spacings, at so many places of curves, are at the same place.
+SAME_PLACE, ALONG = 1e-3, 3
+#: Data that differ by more than this share of their size are different.
+DIFFERENT = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class SectorJump:
+    """Two boundaries that cross with different data in the sectors around.
+
+    Attributes
+    ----------
+    first, second : int
+        Numbers of the boundaries.
+    point : (d,) float64
+        Where, in the scene's coordinates.
+    jump : float
+        The largest difference of the two boundaries' values in one sector.
+    """
+
+    first: int
+    second: int
+    point: Floats
+    jump: float
+
+
+@dataclass(frozen=True, eq=False)
+class Strip:
+    """Two boundaries that run side by side, nearer than a spacing.
+
+    Attributes
+    ----------
+    first, second : int
+        Numbers of the boundaries.
+    point : (d,) float64
+        Where they are nearest, in the scene's coordinates.
+    width : float
+        Their least distance.
+    coincide : bool
+        True where they are at the same place.
+    reversed : bool
+        True where the left of one is on the right of the other.
+    """
+
+    first: int
+    second: int
+    point: Floats
+    width: float
+    coincide: bool = False
+    reversed: bool = False
+
+
+def encounters(
+    sight: Sight, lattice: Lattice, channels: int, time: float | None = None
+) -> tuple[list[SectorJump], list[Strip]]:
+    """Return the crossings with different data, and the strips, of all pairs of boundaries with sides."""
+    crossings: list[SectorJump] = []
+    strips: list[Strip] = []
+    with_sides = [number for number, one in enumerate(sight.sighted) if one.has_sides]
+    thinned = {number: _thinned(sight.frames[number], lattice.spacing) for number in with_sides}
+    for first, second in combinations(with_sides, 2):
+        met = _feet_beside(sight.sighted[second], thinned[first], lattice.spacing)
+        if met is None:
+            continue
+        feet, distance, signed, along = met
+        aligned = np.abs(along) > ALONGSIDE
+        crossing = _crossing_point(feet, signed, lattice.spacing)
+        if crossing is not None:
+            point = lattice.to_scene(crossing[None])
+            jump = _conflict(sight.boundaries[first], sight.boundaries[second], point, channels, time)
+            if jump > 0:
+                crossings.append(SectorJump(first, second, point[0], jump))
+        beside = np.flatnonzero((distance < STRIP * lattice.spacing) & aligned)
+        if len(beside):
+            nearest = beside[distance[beside].argmin()]
+            point = lattice.to_scene(feet[nearest][None])[0]
+            same = np.count_nonzero(aligned & (distance < SAME_PLACE * lattice.spacing))
+            coincide = bool(same >= min(ALONG, len(distance)))
+            strips.append(Strip(first, second, point, float(distance[nearest]), coincide, bool(along[nearest] < 0)))
+    return crossings, strips
+
+
+def _thinned(frame: Frame, spacing: float) -> Frame:
+    """Return one entry of a frame for each cell of half a spacing that its feet lie in."""
+    _, first = np.unique(np.floor(frame.foot / (0.5 * spacing)).astype(np.int64), axis=0, return_index=True)
+    return frame.take(np.sort(first))
+
+
+def _feet_beside(other: Sighted, own: Frame, spacing: float) -> tuple[Floats, Floats, Floats, Floats] | None:
+    """Return points of one boundary near another: feet (k, d), distance, signed distance, cosine of the conormals."""
+    seen = other.frame(own.foot, LOOK * spacing, spacing)
+    inside = ~seen.end & ~own.end[seen.rows]
+    if not inside.any():
+        return None
+    rows = seen.rows[inside]
+    along = np.sum(own.left[rows] * seen.left[inside], axis=1)
+    return own.foot[rows], seen.distance[inside], seen.signed[inside], along
+
+
+def _crossing_point(feet: Floats, signed: Floats, spacing: float) -> Floats | None:
+    """Return where the points ``feet`` of a boundary go over to the other side of one; None where they do not."""
+    from scipy.spatial import cKDTree
+
+    left, right = feet[signed > INSIDE * spacing], feet[signed < -INSIDE * spacing]
+    if not len(left) or not len(right):
+        return None
+    apart, partner = (np.asarray(found) for found in cKDTree(left).query(right))
+    nearest = int(apart.argmin())
+    if apart[nearest] > spacing:
+        return None
+    return np.asarray(0.5 * (right[nearest] + left[partner[nearest]]))
+
+
+def _conflict(first: BoundarySet, second: BoundarySet, point: Floats, channels: int, time: float | None) -> float:
+    """Return the largest difference, in one of the four sectors, of the values that two boundaries hold there."""
+    values = {}
+    for name, boundary in (("first", first), ("second", second)):
+        for side in SIDES:
+            condition = boundary.condition(side)
+            if isinstance(condition, Dirichlet):
+                values[name, side] = evaluate_data(
+                    condition.value, point, channels, f"boundary {boundary.name!r}", time
+                )
+    size = max((float(np.abs(value).max()) for value in values.values()), default=0.0)
+    worst = max(
+        (
+            float(np.abs(values["first", a] - values["second", b]).max())
+            for a in SIDES
+            for b in SIDES
+            if ("first", a) in values and ("second", b) in values
+        ),
+        default=0.0,
+    )
+    return worst if worst > DIFFERENT * size else 0.0

@@ -1,0 +1,256 @@
+"""Surface points as one boundary sees them: how far, and on which side.
+
+For a surface point z and a boundary C: y = cp_S(cp_C(z)), snapped to the surface, n its normal at y, t the direction of
+travel of C at y, v = n x t, which points to the left; in an area of the plane n is the third axis, and in a
+solid in space v is the normal of the surface C. The side of a point is decided here once, as the
+director D, and used everywhere: two points are on opposite sides where D_i . D_j < 0. D is (z - y) . v
+times one fixed vector, or times n, which is local and does not see the sign of n, where that comes back reversed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+
+import numpy as np
+
+from cpmkit.forms.collocation.sheets.boundary_on_sheets import NEAR, BoundaryOnSheets, Placed
+from cpmkit.forms.collocation.sheets.sheets import Sheets
+from cpmkit.manifold.conormal import axis_and_left
+from cpmkit.manifold.localized import Localized
+from cpmkit.manifold.tangent_space import outward_conormals, project_tangent
+from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
+from cpmkit.scene.left import Left
+
+#: A point nearer to the boundary than this many spacings counts as left of it.
+ON_BOUNDARY = 1e-9
+#: Blocks of this many spacings are asked before the points in them are.
+BLOCK = 4
+#: Where several sheets share a band: if the chord from a boundary points to neither side by more than this (cosine),
+#: the way along the surface tells which one it is; if that does not either, points farther than ``NEAR`` have none.
+UNCLEAR = 0.5
+#: The direction of a director whose sign alone counts.
+FIRST_AXIS = np.array([1.0, 0.0, 0.0])
+
+#: Of a surface and of a curve, in words.
+_DIRECTIONS = ("normals", "tangents")
+#: What names the left of a boundary, in words.
+_NAMED = {
+    "left_of": "left is named by left_of",
+    "rule": "left is named by a rule alone",
+    "nothing": "it has no left, their sign comes back reversed",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """Some of a batch of surface points, as one boundary sees them.
+
+    Attributes
+    ----------
+    rows : (k,) int64
+        Which points of the batch these are, ascending.
+    foot : (k, d) float64
+        y, the closest point on the boundary, snapped to the manifold.
+    end : (k,) bool
+        True where y is an end of an open curve inside the manifold, not one on its rim.
+    distance : (k,) float64
+        ``|z - y|``.
+    signed : (k,) float64
+        ``(z - y) . v``, positive on the left; NaN where the boundary has no sides.
+    left : (k, d) float64
+        v, the conormal that points to the left; zero where the boundary has no sides.
+    director : (k, d) float64
+        D; zero where nothing is crossed.
+    lift : (k,) float64
+        ``|(z - y) . n|``, how far the point lies off the tangent plane at y; zero where n is not asked for.
+    """
+
+    rows: Ints
+    foot: Floats
+    end: Bools
+    distance: Floats
+    signed: Floats
+    left: Floats
+    director: Floats
+    lift: Floats
+
+    def take(self, index: Ints | Bools) -> Frame:
+        """Return the entries at ``index``, with their row numbers."""
+        return Frame(*[getattr(self, field.name)[index] for field in fields(self)])
+
+    def renumbered(self, rows: Ints) -> Frame:
+        """Return the same entries under other row numbers."""
+        return replace(self, rows=rows)
+
+    def reversed(self) -> Frame:
+        """Return the frame as seen from the opposite side."""
+        return replace(self, director=-self.director, signed=-self.signed)
+
+
+def stack(frames: Sequence[tuple[int, Frame]]) -> Frame:
+    """Return several frames as one, the rows of each moved up by the number beside it."""
+    parts = [frame.renumbered(frame.rows + offset) for offset, frame in frames]
+    return Frame(*[np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Frame)])
+
+
+def near(source: Localized, points: Floats, radius: float, spacing: float) -> tuple[Ints, ClosestPoints]:
+    """Return which of ``points`` (n, d) lie within ``radius`` of the source, and their closest points.
+
+    Points are asked in blocks first, and one by one only where the block is near enough.
+    """
+    side = BLOCK * spacing
+    blocks, member = np.unique(np.floor(points / side).astype(np.int64), axis=0, return_inverse=True)
+    reach = radius + 0.5 * np.sqrt(source.dim) * side
+    close = source.closest_point(np.asarray((blocks + 0.5) * side, dtype=np.float64)).distance <= reach * (
+        1 + ON_BOUNDARY
+    )
+    rows = np.flatnonzero(close[member.ravel()])
+    feet = source.closest_point(points[rows])
+    kept = feet.distance <= radius
+    return rows[kept], feet.take(kept)
+
+
+@dataclass(frozen=True, eq=False)
+class Sighted:
+    """A boundary's source with the signs that decide its left.
+
+    Attributes
+    ----------
+    source : Localized
+        Where the boundary lies, relative to the lattice's origin.
+    surface : Localized
+        The manifold it lies in.
+    named : Left
+        What tells its left, relative to the lattice's origin.
+    dimension : int
+        Of the manifold along the boundary.
+    gap : float
+        How far the boundary is from the manifold at most, where it was sampled: by so much it is snapped.
+    samples : (s, d) float64
+        Points of the boundary, ``spacing`` apart or less.
+    spacing : float
+        Of the lattice.
+    sheets : Sheets or None
+        Where the manifold has several sheets in one band: the boundary is seen on its own alone.
+    """
+
+    source: Localized
+    surface: Localized
+    named: Left
+    dimension: int
+    gap: float
+    samples: Floats
+    spacing: float
+    sheets: Sheets | None = None
+
+    @property
+    def has_sides(self) -> bool:
+        """True where the boundary cuts the manifold in two locally: it has one dimension less."""
+        return self.source.manifold_dim == self.dimension - 1
+
+    @property
+    def has_left(self) -> bool:
+        """True where the boundary has sides, and which of them is left is the same all along it."""
+        return self.has_sides and self.named.known
+
+    @property
+    def missing(self) -> str:
+        """The directions that the boundary and the manifold do not give, in words; empty where they give all."""
+        source, surface, missing = self.source, self.surface, []
+        if self.dimension < surface.dim and not surface.knows_directions(self.dimension):
+            missing.append(f"the manifold has no {_DIRECTIONS[self.dimension == 1]} of its own")
+        if source.manifold_dim and not source.knows_directions(source.manifold_dim):
+            missing.append(f"the boundary has no {_DIRECTIONS[source.manifold_dim == 1]} of its own")
+        return " and ".join(missing)
+
+    @property
+    def left_told(self) -> str:
+        """What names the left, and what is taken by differences; empty where the sources know it by themselves."""
+        if not self.has_sides or self.named.named_by == "source":
+            return ""
+        return f"{self.missing}: taken by differences, {_NAMED[self.named.named_by]}"
+
+    @cached_property
+    def on_sheets(self) -> BoundaryOnSheets | None:
+        """The boundary as each sheet sees it, where several share a band."""
+        if self.sheets is None:
+            return None
+        samples = Placed.on(self.surface, self.samples, self.spacing)
+        return BoundaryOnSheets(self.source, self.surface, samples, self.spacing, self.sheets.signed)
+
+    def frame(self, points: Floats, radius: float, spacing: float) -> Frame:
+        """Return how the boundary sees those surface ``points`` (n, d) that lie within ``radius`` of it.
+
+        Where several sheets share a band, it sees those alone on whose sheet it runs, from its nearest part there.
+        """
+        rows, feet = near(self.source, points, radius + self.gap, spacing)
+        way = None
+        if self.on_sheets is not None and len(rows):
+            feet, way, own = self.on_sheets.seen_from(points[rows], feet, radius + self.gap)
+            rows, feet, way = rows[own], feet.take(own), way[own]
+        on = self.surface.closest_point(feet.points)
+        away = points[rows] - on.points
+        distance = np.linalg.norm(away, axis=1)
+        if not self.has_sides:
+            director = self._from_point(on, away, spacing)
+            nowhere = np.zeros(len(rows), dtype=bool)
+            unsigned, flat = np.full(len(rows), np.nan), np.zeros(len(rows))
+            return Frame(rows, on.points, nowhere, distance, unsigned, 0 * away, director, flat)
+        axis, left = axis_and_left(self.source, self.surface, self.named.signs, on, feet, 0.5 * spacing)
+        signed = np.sum(away * left, axis=1)
+        if way is not None:
+            signed = np.where(np.abs(signed) < UNCLEAR * distance, np.sum(way * left, axis=1), signed)
+        signed = np.where(np.abs(signed) < ON_BOUNDARY * spacing, ON_BOUNDARY * spacing, signed)
+        on_surface = self.dimension == 2 and self.surface.dim == 3
+        lift = np.abs(np.sum(away * axis, axis=1)) if on_surface else np.zeros(len(rows))
+        director = signed[:, None] * self._director_axis(axis, left)
+        end = self._open_ends(feet, on, spacing)
+        frame = Frame(rows, on.points, end, distance, signed, left, director, lift)
+        if way is None:
+            return frame
+        return frame.take((np.abs(signed) >= UNCLEAR * distance) | (distance <= NEAR * spacing))
+
+    def _open_ends(self, feet: ClosestPoints, on: ClosestPoints, spacing: float) -> Bools:
+        """Return which feet lie on an end of the boundary around which the solution goes on.
+
+        Where the manifold ends less than half a spacing farther on, the boundary meets its rim and parts it.
+        """
+        end = feet.edge >= 0
+        rows = np.flatnonzero(end)
+        ahead = outward_conormals(self.source, feet.take(rows), 0.5 * spacing)
+        end[rows] = self.surface.closest_point(on.points[rows] + 0.5 * spacing * ahead).edge < 0
+        return end
+
+    def _from_point(self, on: ClosestPoints, away: Floats, spacing: float) -> Floats:
+        """Return directors T (z - y), seen from a point on a surface.
+
+        A foot on the point itself gets a tiny director along one tangent, chosen once, so that stencils
+        see the point there too. (Differs from "zero means no crossing": on a lattice with a node above the
+        point, a whole line of nodes then has its foot there and none of them would feel the condition; a pin
+        of 1 at the pole of a sphere, a ring of 0.1 elsewhere, read 0.06 at spacing 0.05 instead of 0.9.)
+        """
+        director = project_tangent(self.surface, on, away, 0.5 * spacing)
+        touching = np.linalg.norm(director, axis=1) < ON_BOUNDARY * spacing
+        for axis in np.eye(self.surface.dim):
+            tangent = project_tangent(
+                self.surface, on.take(touching), np.tile(axis, (touching.sum(), 1)), 0.5 * spacing
+            )
+            longer = np.linalg.norm(tangent, axis=1) > 0.5
+            director[np.flatnonzero(touching)[longer]] = ON_BOUNDARY * spacing * tangent[longer]
+        return director
+
+    def _director_axis(self, axis: Floats, left: Floats) -> Floats:
+        """Return the vectors, (d,) or (n, d), whose multiples by (z - y) . v are the directors.
+
+        Where signs agree all along the boundary, the sign of (z - y) . v is the director, times one vector for all
+        points. Differs from King et al. (2024), section 4.2, and from D = ((z - y) . v) n, which compare vectors at two
+        points: where the normals there differ by more than a right angle (a tube two spacings thick, a steep ridge
+        under a curve, a bare sphere at a spacing of a fifth of its radius) points of one side seem to face each other,
+        and values bleed across the curve. Where the normal comes back reversed, that is D; where the direction of
+        travel does, D = ((z - y) . v) v, which sees the sign of neither.
+        """
+        if self.named.known:
+            return FIRST_AXIS[: self.surface.dim]
+        return axis if self.named.travels else left

@@ -1,0 +1,87 @@
+"""Boundaries that run beside a rim, nearer to it than the nodes past it.
+
+A node past the edge reads the manifold at a mirror point inside. Where a boundary lies between the rim and that point,
+the node is on the rim's side of it all the same: it continues the strip between the two, at first order, for no mirror
+point has room there. A ghost past the edge continues what lies behind a boundary that runs alongside, by the boundary's
+condition and not by the edge's; where one ends on the edge, both conditions hold.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from cpmkit.forms.collocation.boundary.frame import Frame, Sighted
+from cpmkit.forms.collocation.boundary.reading import Reading, Term
+from cpmkit.forms.collocation.ghosts.geometry import ALONGSIDE
+from cpmkit.grid.band import Band
+from cpmkit.manifold.tangent_space import outward_conormals
+from cpmkit.protocols import Bools, Floats, Ints
+
+#: Feet nearer to a boundary than this many spacings do not tell the way to it.
+TOUCHING = 0.1
+
+
+def kept_apart(sighted: Sequence[Sighted], band: Band, mirrored: Reading, radius: float) -> Ints:
+    """Return the nodes (k,) past an edge whose mirror points lie beyond a boundary, as seen from their feet."""
+    past = np.flatnonzero((band.feet.edge >= 0) & (mirrored.points != band.feet.points).any(axis=1))
+    apart = np.zeros(len(past), dtype=bool)
+    for one in sighted:
+        if one.has_sides and len(past):
+            at_feet = one.frame(band.feet.points[past], radius, band.spacing)
+            at_mirror = one.frame(mirrored.points[past[at_feet.rows]], radius, band.spacing)
+            at_feet = at_feet.take(at_mirror.rows)
+            opposite = (np.sum(at_mirror.director * at_feet.director, axis=1) < 0) & ~at_mirror.end & ~at_feet.end
+            apart[at_feet.rows[opposite]] = True
+    return past[apart]
+
+
+def replaced(reading: Reading, rows: Ints, other: Reading) -> Reading:
+    """Return a reading whose ``rows`` are those of another, which has no terms."""
+    if not len(rows):
+        return reading
+    points, coefficient = reading.points.copy(), reading.coefficient.copy()
+    points[rows], coefficient[rows] = other.points[rows], other.coefficient[rows]
+    chosen = np.isin(np.arange(len(reading)), rows)
+    here, there = np.where(chosen, -1, np.arange(len(reading))), np.where(chosen, np.arange(len(reading)), -1)
+    data = [datum.renumbered(here) for datum in reading.data] + [datum.renumbered(there) for datum in other.data]
+    terms = []
+    for term in reading.terms:
+        kept = ~chosen[term.rows]
+        terms.append(Term(term.rows[kept], term.points[kept], term.coefficient[kept]))
+    return Reading(points, coefficient, data, terms)
+
+
+def straight_ahead(
+    sighted: Sighted, band: Band, seen: Frame, behind: Ints, coupled: bool
+) -> tuple[Frame, Floats, Bools]:
+    """Return the frame of nodes with those past an edge behind a boundary where they stand, their places, and which.
+
+    Those are the nodes ``behind`` and others to whose feet the boundary runs parallel inside. They stand in the
+    tangent plane of the edge, at places (g, d); zero for all others, whose entries stay as they are.
+    A transmission's stay so all: they read where they stand, too.
+    """
+    places, apart = np.zeros((len(seen.rows), band.dim)), np.zeros(len(seen.rows), dtype=bool)
+    past = np.flatnonzero(band.feet.edge[seen.rows] >= 0)
+    if not sighted.has_sides or coupled or not len(past):
+        return seen, places, apart
+    nodes = seen.rows[past]
+    feet = band.feet.take(nodes)
+    outward = outward_conormals(sighted.surface, feet, 0.5 * band.spacing)
+    apart[past] = np.isin(nodes, behind) | _parallel(seen.take(past), feet.points, outward, band.spacing)
+    beyond = np.maximum(np.sum((band.positions[nodes] - feet.points) * outward, axis=1, keepdims=True), 0.0)
+    places[past] = feet.points + beyond * outward
+    on = sighted.surface.closest_point(sighted.source.closest_point(places[apart]).points).points
+    foot, distance = seen.foot.copy(), seen.distance.copy()
+    foot[apart], distance[apart] = on, np.linalg.norm(places[apart] - on, axis=1)
+    return replace(seen, foot=foot, distance=distance), places, apart
+
+
+def _parallel(seen: Frame, feet: Floats, outward: Floats, spacing: float) -> Bools:
+    """Tell at which feet on an edge the boundary runs alongside it, on the inner side."""
+    inwards = np.sum((feet - seen.foot) * outward, axis=1)
+    touching = np.linalg.norm(feet - seen.foot, axis=1) < TOUCHING * spacing
+    across = np.abs(np.sum(seen.left * outward, axis=1)) > ALONGSIDE
+    return np.asarray(across & (touching | (inwards > ALONGSIDE * np.linalg.norm(feet - seen.foot, axis=1))))

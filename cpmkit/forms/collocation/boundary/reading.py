@@ -1,0 +1,113 @@
+"""What rows of the extension read: ``value = sum of coefficient * u(points) + data``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cpmkit.protocols import Floats, Ints
+from cpmkit.scene.data import Data, evaluate_data, takes_time
+
+if TYPE_CHECKING:
+    from cpmkit.forms.collocation.boundary.frame import Frame
+
+
+@dataclass(frozen=True, eq=False)
+class Datum:
+    """What boundary data add to some rows: ``factor * data(points)``.
+
+    Attributes
+    ----------
+    rows : (k,) int64
+        Which rows of a batch.
+    factor : (k,) float64
+        Multiplies the data.
+    points : (k, d) float64
+        Where they are read, in the scene's coordinates.
+    data : Data
+        As a condition gives them.
+    what : str
+        Named in errors.
+    """
+
+    rows: Ints
+    factor: Floats
+    points: Floats
+    data: Data
+    what: str
+
+    @property
+    def takes_time(self) -> bool:
+        """True where the data change in time."""
+        return takes_time(self.data)
+
+    def scaled(self, coefficient: Floats) -> Datum:
+        """Return the datum with each row of the batch multiplied by its ``coefficient`` (n,)."""
+        return replace(self, factor=self.factor * coefficient[self.rows])
+
+    def renumbered(self, rows: Ints) -> Datum:
+        """Return the datum with row k of the batch called ``rows[k]``; -1 leaves it out."""
+        kept = rows[self.rows] >= 0
+        return replace(self, rows=rows[self.rows[kept]], factor=self.factor[kept], points=self.points[kept])
+
+
+def sum_of_data(data: Iterable[Datum], rows: int, channels: int, time: float | None = None) -> Floats:
+    """Return what all ``data`` add to each of so many rows, (rows, channels)."""
+    total = np.zeros((rows, channels))
+    for datum in data:
+        values = evaluate_data(datum.data, datum.points, channels, datum.what, time)
+        np.add.at(total, datum.rows, datum.factor[:, None] * values)
+    return total
+
+
+@dataclass(frozen=True, eq=False)
+class Term:
+    """A further point that some rows read.
+
+    Attributes
+    ----------
+    rows : (k,) int64
+        Which rows of a batch.
+    points : (k, d) float64
+        Points of the manifold, relative to the lattice's origin.
+    coefficient : (k,) float64
+        Factor of what is read.
+    frames : sequence of Frame
+        How the points see each boundary; their rows count the points.
+    own : int
+        The boundary whose ghosts read; -1 where nodes do.
+    """
+
+    rows: Ints
+    points: Floats
+    coefficient: Floats
+    frames: Sequence[Frame] = ()
+    own: int = -1
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """What a batch of n rows reads.
+
+    Attributes
+    ----------
+    points : (n, d) float64
+        Points of the manifold, relative to the lattice's origin.
+    coefficient : (n,) float64
+        Factor of what is read there.
+    data : sequence of Datum
+        What boundary data add.
+    terms : sequence of Term
+        Further points that some rows read.
+    """
+
+    points: Floats
+    coefficient: Floats
+    data: Sequence[Datum] = ()
+    terms: Sequence[Term] = ()
+
+    def __len__(self) -> int:
+        return len(self.points)

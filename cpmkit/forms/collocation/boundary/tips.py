@@ -1,0 +1,153 @@
+"""Where a curve's two sides are not told apart: around open ends, between flanks of a sharp tip, on short rings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cpmkit.errors import place
+from cpmkit.forms.collocation.boundary.encounters import DIFFERENT
+from cpmkit.forms.collocation.ghosts.nodes import Sight
+from cpmkit.grid.band import Band
+from cpmkit.grid.lattice import Lattice
+from cpmkit.protocols import BoundarySet, Floats
+from cpmkit.scene.alike import alike
+from cpmkit.scene.conditions import Dirichlet
+from cpmkit.scene.data import evaluate_data
+
+#: An end this many spacings from another boundary is closed by it.
+CLOSED = 0.5
+#: Conormals at the feet of neighbouring nodes of one side face each other below this cosine: the angle is below 45
+#: degrees, or the flanks run side by side.
+FLANKS = -0.7
+#: Nodes within so many spacings of the boundary are looked at.
+NEAR = 1.0
+#: Conormals of a ring around a limb have a mean of this length; those of a loop on a flat place cancel.
+LIKE = 0.7
+#: Rings of so many spacings tell their sides apart (around a finger of a hand: 0.53 of the jump leaks at 7.5, 0.002 at
+#: 11 spacings).
+RING = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class Blur:
+    """A place where the two sides of a boundary mix.
+
+    Attributes
+    ----------
+    kind : "tip", "flanks" or "ring"
+        An open end with different values on its sides; flanks of one curve that face each other; a short closed curve
+        around a limb.
+    boundary : int
+        Its number.
+    point : (d,) float64
+        In the scene's coordinates.
+    size : float
+        Of flanks their distance, of a ring its length; 0 of a tip.
+    more : int
+        How many more such places the boundary has.
+    """
+
+    kind: str
+    boundary: int
+    point: Floats
+    size: float
+    more: int = 0
+
+
+def blurs(sight: Sight, band: Band, lattice: Lattice, channels: int, time: float | None = None) -> list[Blur]:
+    """Return where the sides of boundaries with unlike sides are not told apart."""
+    found: list[Blur] = []
+    for number, (boundary, one) in enumerate(zip(sight.boundaries, sight.sighted, strict=True)):
+        if one.has_sides and one.dimension > 1 and not alike(boundary.condition("left"), boundary.condition("right")):
+            found += _tips(number, boundary, sight, lattice, channels, time)
+            found += _flanks(number, sight, band, lattice)
+            found += _ring(number, sight, lattice)
+    return found
+
+
+def _tips(
+    number: int, boundary: BoundarySet, sight: Sight, lattice: Lattice, channels: int, time: float | None
+) -> list[Blur]:
+    frame, h = sight.frames[number], lattice.spacing
+    ends = frame.foot[frame.end]
+    if not len(ends):
+        return []
+    ends = ends[np.unique(np.round(ends / h).astype(np.int64), axis=0, return_index=True)[1]]
+    for other, one in enumerate(sight.sighted):
+        if other != number:
+            ends = ends[one.source.closest_point(ends).distance > CLOSED * h]
+    places = lattice.to_scene(ends)
+    left, right = (boundary.condition(side) for side in ("left", "right"))
+    if len(places) and isinstance(left, Dirichlet) and isinstance(right, Dirichlet):
+        values = [evaluate_data(one.value, places, channels, boundary.name, time) for one in (left, right)]
+        apart = np.abs(values[0] - values[1]).max(axis=1)
+        places = places[apart > DIFFERENT * np.abs(values).max()]
+        if len(places):
+            return [Blur("tip", number, places[0], 0.0, len(places) - 1)]
+    return []
+
+
+def _flanks(number: int, sight: Sight, band: Band, lattice: Lattice) -> list[Blur]:
+    """Find the medial axis of a boundary near it: there feet of neighbouring nodes jump from flank to flank."""
+    frame, h = sight.frames[number], lattice.spacing
+    near = frame.take((frame.distance < NEAR * h) & ~frame.end)
+    place = np.full(len(band.nodes), -1)
+    place[near.rows] = np.arange(len(near.rows))
+    one, other = (place[each] for each in band.neighbours())
+    both = (one >= 0) & (other >= 0)
+    one, other = one[both], other[both]
+    facing = np.sum(near.left[one] * near.left[other], axis=1) < FLANKS
+    facing &= near.signed[one] * near.signed[other] > 0
+    one, other = one[facing], other[facing]
+    chord = near.foot[other] - near.foot[one]
+    into = np.sign(near.signed[one])[:, None] * near.left[one]
+    opposite = np.sum(chord * into, axis=1) > 0.5 * np.linalg.norm(chord, axis=1)
+    if not opposite.any():
+        return []
+    one, other, width = one[opposite], other[opposite], np.linalg.norm(chord[opposite], axis=1)
+    widest = int(width.argmax())
+    middle = 0.5 * (near.foot[one[widest]] + near.foot[other[widest]])
+    return [Blur("flanks", number, lattice.to_scene(middle[None])[0], float(width[widest]))]
+
+
+def _ring(number: int, sight: Sight, lattice: Lattice) -> list[Blur]:
+    one, frame = sight.sighted[number], sight.frames[number]
+    if one.source.manifold_dim != 1 or one.dimension != 2 or not len(frame.rows) or frame.end.any():
+        return []
+    samples = one.samples
+    if (one.source.closest_point(samples).edge >= 0).any():
+        return []
+    centre = samples.mean(axis=0)
+    length = 2 * np.pi * float(np.linalg.norm(samples - centre, axis=1).mean())
+    if length >= RING * lattice.spacing or np.linalg.norm(frame.left.mean(axis=0)) < LIKE:
+        return []
+    return [Blur("ring", number, lattice.to_scene(centre[None])[0], length)]
+
+
+def sentences(found: Sequence[Blur], names: Sequence[str], spacing: float) -> list[str]:
+    """Return what a reader of the solution should know of each."""
+    return [_sentence(one, names[one.boundary], spacing) for one in found]
+
+
+def _sentence(one: Blur, name: str, spacing: float) -> str:
+    where = f"near {place(one.point)}"
+    if one.kind == "tip":
+        more = f" and at {one.more} more ends" if one.more > 1 else " and at its other end" if one.more else ""
+        return (
+            f"Boundary {name!r} ends {where}{more} with different values on its sides: within about a spacing, "
+            f"{spacing:.2g}, of the end they run into each other; give both sides one value there, or a smaller "
+            "spacing."
+        )
+    if one.kind == "flanks":
+        return (
+            f"Boundary {name!r} comes back to itself {where}, its flanks {one.size:.2g} apart, "
+            f"{one.size / spacing:.2g} spacings, or less: the values of the other side show between them; a spacing of "
+            f"{min(one.size / 3, spacing / 2):.2g} confines that to a shorter piece."
+        )
+    return (
+        f"Boundary {name!r} is a closed curve of {one.size / spacing:.2g} spacings around a limb {where}: its two "
+        f"sides are not told apart; a spacing of {one.size / RING:.2g} does."
+    )

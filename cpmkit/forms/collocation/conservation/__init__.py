@@ -1,0 +1,1 @@
+"""What is free, what leaks, and how it is put right."""

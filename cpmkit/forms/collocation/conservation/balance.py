@@ -1,0 +1,103 @@
+"""What the closest point operators let leak on a surface that nothing flows out of, and the mean put right.
+
+Integrated over a closed surface, or one between walls, -div(a grad u) vanishes, so c times the mean of u is the mean
+of f. The operators of the closest point method do not conserve: on meshes with creases and thin parts a small flux is
+lost or gained, and where c is small the mean of u is off by that flux over c.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from cpmkit.forms.collocation.conservation.components import without_flux
+from cpmkit.forms.collocation.conservation.free_constants import means_over
+from cpmkit.forms.collocation.discretization import Discretization
+from cpmkit.linear.operators import LinearSystem
+from cpmkit.protocols import Floats
+from cpmkit.scene.scene import Scene
+
+#: The mean is put right where c times the square of the surface's size is below this: there the leak, wherever it is,
+#: shows as a constant.
+SMALL = 10.0
+#: A u that varies by less than this share of its size is constant, and its mean not off by rounding.
+CONSTANT = 1e-6
+#: A mean that was off by more than this share of the range of u is told.
+TOLD = 1e-2
+
+
+@dataclass(frozen=True)
+class Leak:
+    """How far c times the mean of u was from the mean of f on a piece that nothing flows out of, and what was done.
+
+    Attributes
+    ----------
+    imbalance : tuple of float
+        ``c mean(u) - mean(f)`` before, for each channel.
+    shift : tuple of float
+        What was added to u on the piece.
+    share : float
+        The largest shift of a channel as a share of the range of u.
+    """
+
+    imbalance: tuple[float, ...]
+    shift: tuple[float, ...]
+    share: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the leak as plain values."""
+        return asdict(self)
+
+    @property
+    def warnings(self) -> list[str]:
+        """What a reader of the solution should know, in sentences."""
+        if self.share <= TOLD:
+            return []
+        worst = max(self.imbalance, key=abs)
+        return [
+            f"c times the mean of u missed the mean of f by {worst:.3g} on a piece that nothing flows out of, "
+            f"{self.share:.1%} of the range of u: creases or thin parts that the spacing does not resolve let it leak; "
+            f"the mean was put right, the rest of the solution may be off by up to {self.share:.1%} of its range."
+        ]
+
+
+def put_mean_right(
+    tables: Discretization, scene: Scene, system: LinearSystem, u: Floats
+) -> tuple[Floats, tuple[Leak, ...]]:
+    """Return u (n, channels) shifted on each piece that nothing flows out of, and what leaked there.
+
+    Nothing is done where c varies or is zero, where a velocity carries u along, and where c is so large that a leak
+    shows near its place and not as a constant; nor for small leaks of a piece with edges, where means are less exact,
+    or for any of it at order 1, where they are off by as much as u.
+    """
+    terms, layout = scene.problem.terms(), tables.layout
+    if callable(terms.c) or terms.c <= 0 or terms.velocity is not None:
+        return u, ()
+    size = float(np.ptp(layout.band.feet.points, axis=0).max())
+    if terms.c * size**2 > SMALL:
+        return u, ()
+    count, piece = without_flux(tables, scene)
+    if not count:
+        return u, ()
+    mean, members, piece = means_over(tables, count, piece)
+    imbalance = terms.c * (mean @ u) - mean @ system.right_side  # without conditions it is f
+    open_pieces = np.unique(piece[layout.band.feet.edge[members] >= 0])
+    shift, leaks = np.zeros_like(imbalance), []
+    for k in range(count):
+        span = span_of(u[members[piece == k]])
+        share = float(np.max(np.abs(imbalance[k] / terms.c) / np.where(span > 0, span, np.inf)))
+        if k in open_pieces and (share <= TOLD or layout.order == 1):
+            continue
+        shift[k] = -imbalance[k] / terms.c
+        leaks.append(Leak(tuple(imbalance[k].tolist()), tuple(shift[k].tolist()), share))
+    u = u.copy()
+    u[members] += shift[piece]
+    return u, tuple(leaks)
+
+
+def span_of(u: Floats) -> Floats:
+    """Return the range (channels,) of u (n, channels), and of a constant what rounding stays below."""
+    span: Floats = np.maximum(np.ptp(u, axis=0), CONSTANT * np.abs(u).max(axis=0))
+    return span

@@ -1,0 +1,158 @@
+"""Pieces of a manifold that its boundaries cut apart, and whether anything fixes the solution on each."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.forms.collocation.boundary.edge import edge_condition, is_wall
+from cpmkit.forms.collocation.discretization import Discretization
+from cpmkit.forms.collocation.ghosts.formulas import beta_at
+from cpmkit.forms.collocation.layout import Layout
+from cpmkit.protocols import SIDES, Bools, Floats, Ints
+from cpmkit.scene.conditions import Condition
+from cpmkit.scene.scene import Scene
+from cpmkit.scene.special_conditions import NonlinearFlux, Transmission
+
+#: A weight below this reads nothing.
+ROUNDING = 1e-12
+#: Rows of E that are looked through at a time.
+CHUNK = 1 << 17
+
+
+def unpinned(tables: Discretization, scene: Scene) -> tuple[int, Ints]:
+    """Return on how many pieces nothing fixes the solution, and which of them each unknown (n,) is on, -1 for none.
+
+    A factor c of u pins the pieces on which it is not zero, a Dirichlet or Robin condition the piece that it bounds.
+    """
+    c = scene.problem.terms().c
+    if not callable(c) and c != 0:
+        return 0, np.full(tables.unknowns.count, -1)
+    count, label = components(tables)
+    free = np.zeros(count, dtype=bool)
+    free[label[: tables.layout.band.inner]] = True  # a ghost without nodes around it lies past an open end
+    free[label[_pinning(tables, scene)]] = False
+    if callable(c):
+        free[label[tables.read_at_rows(c, "the factor c")[tables.unknown_rows, 0] != 0]] = False
+    return _numbered(free, label)
+
+
+def without_flux(tables: Discretization, scene: Scene) -> tuple[int, Ints]:
+    """Return how many pieces nothing flows out of, and which of them each unknown (n,) is on, -1 for none.
+
+    No boundary touches them, and their edges, if they have any, are walls.
+    """
+    if any(ghosts.unknowns for ghosts in tables.layout.ghosts):
+        return 0, np.full(tables.unknowns.count, -1)
+    count, label = components(tables)
+    closed = np.ones(count, dtype=bool)
+    inner = tables.layout.band.inner
+    edge = tables.layout.band.feet.edge[:inner]
+    for loop in np.unique(edge[edge >= 0]):
+        if not is_wall(edge_condition(scene.edge, int(loop))):
+            closed[label[:inner][edge == loop]] = False
+    return _numbered(closed, label)
+
+
+def _numbered(chosen: Bools, label: Ints) -> tuple[int, Ints]:
+    """Return how many of the pieces are chosen, and the number among them of each unknown's, -1 for none."""
+    number = np.where(chosen, np.cumsum(chosen) - 1, -1)
+    return int(chosen.sum()), number[label]
+
+
+def components(tables: Discretization) -> tuple[int, Ints]:
+    """Return the number of pieces and the piece (n,) of each unknown.
+
+    A flood fill over sides: a difference stencil joins its unknown to the neighbours that it reads, and reads none
+    across a boundary. What reads another piece by interpolation is joined to it too: nodes in a narrow wedge, the two
+    sides of a transmission, and pieces that meet where boundaries cross, because stencils there read a little of each.
+    """
+    count, label = _joined_by_differences(tables, tables.unknowns.count)
+    if count == 1:
+        return count, label
+    count, merged = _connected(_reads_between(tables, count, label), count)
+    return count, merged[label]
+
+
+def node_pieces(tables: Discretization) -> Ints:
+    """Return the piece (inner,) of each inner node, as boundaries cut them apart that ghosts do not bridge.
+
+    A transmission cuts nothing apart: what flows out of one side of it flows into the other.
+    """
+    count, label = _joined_by_differences(tables, tables.layout.band.inner)
+    pairs = _across_transmissions(tables.layout)
+    return label if not pairs.size else _connected(label[pairs], count)[1][label]
+
+
+def _across_transmissions(layout: Layout) -> Ints:
+    """Return the pairs (2, k) of neighbouring inner nodes with a transmission, and no other boundary, between them."""
+    sides = np.zeros((len(layout.ghosts), len(layout.band.nodes)))
+    for index, (seen, ghosts) in enumerate(zip(layout.sight.frames, layout.ghosts, strict=True)):
+        sides[index, seen.rows] = np.nan_to_num(np.sign(seen.signed)) * (ghosts.numbers[seen.rows] >= 0)
+    coupled = [isinstance(boundary.condition("left"), Transmission) for boundary in layout.sight.boundaries]
+    if not any(coupled):
+        return np.zeros((2, 0), dtype=np.int64)
+    one, other = layout.band.neighbours()
+    crossed = sides[:, one] * sides[:, other] < 0
+    chosen = crossed[coupled].any(axis=0) & ~crossed[~np.array(coupled)].any(axis=0)
+    return np.stack([one[chosen], other[chosen]])
+
+
+def _joined_by_differences(tables: Discretization, count: int) -> tuple[int, Ints]:
+    """Return the components of the first ``count`` unknowns that difference stencils join."""
+    unknown_of_row = np.full(tables.extension.shape[0], -1)
+    unknown_of_row[tables.unknown_rows] = np.arange(len(tables.unknown_rows))
+    read = unknown_of_row[tables.neighbours[:count]].ravel()
+    reader = np.repeat(np.arange(count), tables.neighbours.shape[1])
+    within = (read >= 0) & (read < count)
+    return _connected(np.stack([reader, read])[:, within], count)
+
+
+def _connected(pairs: Ints, count: int) -> tuple[int, Ints]:
+    """Return how many connected components ``count`` things have that ``pairs`` (2, k) join, and that of each."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components
+
+    graph = csr_array((np.ones(pairs.shape[1], dtype=np.int8), (pairs[0], pairs[1])), shape=(count, count))
+    found, label = connected_components(graph, directed=False)
+    return int(found), np.asarray(label, dtype=np.int64)
+
+
+def _reads_between(tables: Discretization, count: int, label: Ints) -> Ints:
+    """Return the pairs (2, k) of different pieces of which one reads the other, through its neighbours' rows of E."""
+    from scipy.sparse import csr_array, vstack
+
+    pieces = csr_array((np.ones(len(label)), (np.arange(len(label)), label)), shape=(len(label), count))
+    parts = []
+    for start in range(0, tables.extension.shape[0], CHUNK):
+        rows = abs(tables.extension[start : start + CHUNK].copy())
+        rows.data[rows.data <= ROUNDING] = 0.0
+        parts.append(rows @ pieces)
+    stepped = tables.weighted_differences(np.ones(tables.neighbours.shape)) @ vstack(parts).tocsr()
+    stepped.eliminate_zeros()
+    reader = np.repeat(label, np.diff(stepped.indptr))
+    pairs = np.stack([reader, stepped.indices])
+    return np.unique(pairs[:, pairs[0] != pairs[1]], axis=1)
+
+
+def _pinning(tables: Discretization, scene: Scene) -> Ints:
+    """Return the unknowns whose extension involves the value itself: Dirichlet or Robin ghosts and edge nodes."""
+    found, layout = [], tables.layout
+    first, to_scene = layout.band.inner, layout.lattice.to_scene
+    for boundary, seen, ghosts in zip(scene.boundaries, layout.sight.frames, layout.ghosts, strict=True):
+        foot = to_scene(seen.foot[np.searchsorted(seen.rows, ghosts.nodes[: ghosts.unknowns])])
+        left = ghosts.carries_left[: ghosts.unknowns]
+        fixes = np.where(left, *(_fixes(boundary.condition(side), foot) for side in SIDES))
+        found.append(first + np.flatnonzero(fixes))
+        first += ghosts.unknowns
+    edge = layout.band.feet.edge[: layout.band.inner]
+    for loop in np.unique(edge[edge >= 0]):
+        rows = np.flatnonzero(edge == loop)
+        found.append(rows[_fixes(edge_condition(scene.edge, int(loop)), to_scene(layout.band.feet.points[rows]))])
+    return np.concatenate(found) if found else np.zeros(0, dtype=np.int64)
+
+
+def _fixes(condition: Condition, points: Floats) -> Bools:
+    """Tell at which ``points`` (n, d) of a boundary a condition involves the value itself, (n,)."""
+    if isinstance(condition, NonlinearFlux):
+        return np.ones(len(points), dtype=bool)
+    return np.asarray(beta_at(condition, points, "a condition") != 0)

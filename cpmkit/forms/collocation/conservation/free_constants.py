@@ -1,0 +1,207 @@
+"""Problems fixed up to a constant: the pieces of a manifold where they are, and what of the data has no solution.
+
+On a closed surface, or a piece of one with Neumann conditions all around, u + constant solves what u solves, and
+the data must balance: what f brings in has to flow out. There the solution of mean zero is taken; what does not
+balance, a constant on each piece, is left out of f and told.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cpmkit.errors import place
+from cpmkit.forms.collocation.conservation.components import node_pieces, unpinned
+from cpmkit.forms.collocation.conservation.mean_weights import end_weights, mean_weights
+from cpmkit.forms.collocation.discretization import Discretization
+from cpmkit.forms.collocation.layout import Layout
+from cpmkit.linear.operators import Border, LinearSystem, Operator
+from cpmkit.protocols import Floats, Ints
+from cpmkit.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+#: The weights of nodes past an end may take away this share of a piece's; a piece hardly wider than they reach is
+#: averaged over its own nodes alone.
+TAKEN = 0.5
+#: A defect of this share of the data is told on any lattice.
+GROSS = 0.5
+#: A defect above this many times ``(spacing / size)^2`` of the data is told, ``spacing / size`` at first order. Smooth
+#: data that balance leave about 1 or less on spheres, caps, circles and arcs, and less than 8 where f is a bump of a
+#: fifth of the size, on tori and ellipses that the band resolves.
+EXPLAINED = 10.0
+
+
+@dataclass(frozen=True)
+class Defect:
+    """What of the data has no solution on a piece of the manifold on which the solution is fixed by its mean.
+
+    Attributes
+    ----------
+    near : tuple of float
+        A point of the piece.
+    share : float
+        Its share of the band's nodes.
+    bounded_by : tuple of str
+        Names and sides of the boundaries around it.
+    parts : int
+        More than 1 where boundaries cross: into so many parts they cut the piece, which hang together there.
+    value : tuple of float
+        What was subtracted from f, for each channel.
+    data_size : tuple of float
+        The mean size of f and fluxes, to which the defect compares, for each channel.
+    explained : float
+        The relative defect that the spacing alone may leave.
+    """
+
+    near: tuple[float, ...]
+    share: float
+    bounded_by: tuple[str, ...]
+    parts: int
+    value: tuple[float, ...]
+    data_size: tuple[float, ...]
+    explained: float
+
+    @property
+    def relative(self) -> float:
+        """The largest defect of a channel over the size of its data; at order 2 at most about 1."""
+        return max(self._shares)
+
+    @property
+    def _shares(self) -> list[float]:
+        pairs = zip(self.value, self.data_size, strict=True)
+        return [abs(value) / size if size > 0 else 0.0 for value, size in pairs]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the defect as plain values."""
+        return asdict(self)
+
+    @property
+    def warnings(self) -> list[str]:
+        """What a reader of the solution should know, in sentences."""
+        walls = f", bounded by {', '.join(self.bounded_by)}" if self.bounded_by else ""
+        where = f"near {place(self.near)}, {self.share:.0%} of the band{walls}"
+        told = []
+        if self.relative > self.explained:
+            worst = self.value[self._shares.index(self.relative)]
+            told.append(
+                f"The data do not balance on the piece of the manifold {where}: f brings in {worst:.4g} a unit of "
+                f"measure more than flows out, {self.relative:.2g} of the data's mean size where the spacing explains "
+                f"{self.explained:.2g}; f less that was solved, check f and the fluxes."
+            )
+        if self.parts > 1:
+            told.append(
+                f"Boundaries that cross cut the piece of the manifold {where}, into {self.parts} parts, which hang "
+                "together at the crossings: one constant is free for all of them, and data that do not balance on "
+                "each part flow through the crossings."
+            )
+        return told
+
+
+def find_border(tables: Discretization, scene: Scene) -> Border | None:
+    """Return what fixes the solution where the conditions do not: the pieces' indicators and means."""
+    from scipy.sparse import csr_array
+
+    count, piece = unpinned(tables, scene)
+    if not count:
+        return None
+    mean, members, piece = means_over(tables, count, piece)
+    indicator = csr_array((np.ones(len(members)), (members, piece)), shape=(tables.unknowns.count, count))
+    return Border(indicator, mean)
+
+
+def means_over(tables: Discretization, count: int, piece: Ints) -> tuple[csr_array, Ints, Ints]:
+    """Return the means (count, n) over pieces, the unknowns on them, and their pieces; -1 is no ``piece`` (n,)."""
+    from scipy.sparse import csr_array
+
+    members = np.flatnonzero(piece >= 0)
+    piece = piece[members]
+    weights = _weights(tables, count, members, piece)
+    return csr_array((weights, (piece, members)), shape=(count, tables.unknowns.count)), members, piece
+
+
+def _weights(tables: Discretization, count: int, members: Ints, piece: Ints) -> Floats:
+    """Return the weights of some unknowns in the mean over their ``piece``, which sum to 1 on each."""
+    smooth, node = mean_weights(tables)[members], members < tables.layout.band.inner
+
+    def total(values: Floats) -> Floats:
+        return np.bincount(piece, values, count).astype(np.float64)
+
+    wide = total(smooth) > TAKEN * total(np.where(node, np.maximum(smooth, 0.0), 0.0))
+    weights = np.where(wide[piece], smooth, node)
+    return np.asarray(weights / total(weights)[piece])
+
+
+def settle(tables: Discretization, scene: Scene, system: LinearSystem, u: Floats) -> tuple[Floats, tuple[Defect, ...]]:
+    """Return a solution (n, channels) of the lifted system with mean zero on each piece, and what does not balance."""
+    operator = system.operator
+    if operator.border is None:
+        return u, ()
+    u, means = operator.border.centred(u)
+    sizes = _data_sizes(tables, scene, operator, operator.border)
+    pieces = [
+        _defect(tables, scene, operator.border, piece, value, size)
+        for piece, (value, size) in enumerate(zip(operator.lift_scale * means, sizes, strict=True))
+    ]
+    return u, tuple(pieces)
+
+
+def _data_sizes(tables: Discretization, scene: Scene, operator: Operator, border: Border) -> Floats:
+    """Return the mean size (pieces, channels) of f, and of the fluxes through the ends, on each piece."""
+    f = np.abs(tables.read_sources(scene.problem.terms().f, "the right-hand side f"))
+    fluxes = np.abs(tables.datum()[tables.unknown_rows])
+    conductivity = operator.scale * float(np.abs(operator.differences.data).max())
+    total = np.maximum(border.indicator.T @ np.maximum(mean_weights(tables), 0.0), np.finfo(float).tiny)[:, None]
+    nodes = (np.arange(len(f)) < tables.layout.band.inner) * 1.0
+    mean_f = (border.indicator.T @ (nodes[:, None] * f)) / (border.indicator.T @ nodes)[:, None]
+    flux = border.indicator.T @ (end_weights(tables)[:, None] * fluxes) * conductivity / total
+    return np.asarray(mean_f + flux)
+
+
+def _defect(tables: Discretization, scene: Scene, border: Border, piece: int, value: Floats, size: Floats) -> Defect:
+    layout = tables.layout
+    members = border.indicator.tocsc()[:, [piece]].indices.astype(np.int64)
+    nodes = members[members < layout.band.inner]
+    feet = layout.band.feet.points[nodes]
+    spacings = max(float(np.ptp(feet, axis=0).max()) / layout.lattice.spacing, 1.0)
+    return Defect(
+        near=tuple(layout.lattice.to_scene(feet[[len(feet) // 2]])[0].tolist()),
+        share=len(nodes) / layout.band.inner,
+        bounded_by=_walls(tables, scene, members),
+        parts=_count_parts(tables, nodes),
+        value=tuple(value.tolist()),
+        data_size=tuple(size.tolist()),
+        explained=min(EXPLAINED / spacings ** _order(layout, scene), GROSS),
+    )
+
+
+def _count_parts(tables: Discretization, nodes: Ints) -> int:
+    """Return into how many parts, larger than a stencil, boundaries that cross cut a piece."""
+    if len(tables.layout.ghosts) < 2:
+        return 1
+    band = tables.layout.band
+    sizes = np.bincount(node_pieces(tables)[nodes])
+    return max(int(np.count_nonzero(sizes > (band.degree + 1) ** band.dim)), 1)
+
+
+def _order(layout: Layout, scene: Scene) -> int:
+    """Return the order of the error that the conditions leave, 1 or 2."""
+    return min([2, layout.order, *(one.order for one in scene.conditions if one.order)])
+
+
+def _walls(tables: Discretization, scene: Scene, members: Ints) -> tuple[str, ...]:
+    """Return the names and sides of the boundaries around a piece."""
+    inside = np.zeros(tables.unknowns.count, dtype=bool)
+    inside[members] = True
+    walls, first = [], tables.layout.band.inner
+    for boundary, ghosts in zip(scene.boundaries, tables.layout.ghosts, strict=True):
+        carried = inside[first : first + ghosts.unknowns]
+        left = ghosts.carries_left[: ghosts.unknowns]
+        walls += [
+            f"{boundary.name!r} ({side})" for side, on in (("left", left), ("right", ~left)) if np.any(carried & on)
+        ]
+        first += ghosts.unknowns
+    return tuple(walls)

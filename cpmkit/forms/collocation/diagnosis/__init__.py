@@ -1,0 +1,1 @@
+"""What the spacing does not resolve, told or refused."""

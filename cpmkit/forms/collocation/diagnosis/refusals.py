@@ -1,0 +1,162 @@
+"""What a layout does not do justice to: boundaries without effect or against each other, gaps that are bridged."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cpmkit.errors import ResolutionError, SceneError, place
+from cpmkit.forms.collocation.boundary.edge import edge_condition
+from cpmkit.forms.collocation.boundary.effect import check_given
+from cpmkit.forms.collocation.boundary.encounters import DIFFERENT, Strip
+from cpmkit.forms.collocation.boundary.facing_rims import BRIDGED, WIDE
+from cpmkit.forms.collocation.layout import Layout
+from cpmkit.protocols import SIDES, Floats, Ints
+from cpmkit.scene.alike import alike
+from cpmkit.scene.conditions import Condition
+from cpmkit.scene.data import evaluate_data
+from cpmkit.scene.scene import Scene
+from cpmkit.scene.special_conditions import Transmission
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+#: A curve is seen at a spacing of this share of its extent.
+SEEN = 0.25
+#: Entries of tables that are looked through at a time.
+CHUNK = 1 << 17
+
+
+def check_layout(layout: Layout, scene: Scene) -> None:
+    """Refuse what would have no effect, or contradicts itself.
+
+    Raises
+    ------
+    SceneError
+        If two boundaries at one place hold different conditions, a boundary on a rim another than the edge, a flux is
+        given where nothing can flow, a condition on an edge that is not there, or conductivities that are not those of
+        the problem.
+    ResolutionError
+        If the spacing does not see a boundary, an edge, or a gap.
+    InputError
+        If the beta of a Robin condition vanishes.
+    """
+    _check_fluxes_at_points(layout)
+    _check_same_place(layout, scene)
+    _check_rims(layout, scene)
+    _check_gaps(layout)
+    for number, ghosts in enumerate(layout.ghosts):
+        if not ghosts.unknowns:
+            raise ResolutionError(_without_effect(layout, number))
+    check_given(scene, layout)
+
+
+def check_effect(layout: Layout, extension: csr_array, neighbours: Ints) -> None:
+    """Refuse boundaries whose ghosts no node reads, unless what is at their place holds the same.
+
+    Raises
+    ------
+    ResolutionError
+        If there is one.
+    """
+    nodes, inner = len(layout.band.nodes), layout.band.inner
+    read, stepped = np.zeros(extension.shape[1], dtype=bool), np.zeros(extension.shape[0], dtype=bool)
+    for start in range(0, extension.indptr[nodes], CHUNK):
+        read[extension.indices[start : min(start + CHUNK, extension.indptr[nodes])]] = True
+    for start in range(0, inner, CHUNK):
+        stepped[neighbours[start : min(start + CHUNK, inner)]] = True
+    repeated = {one.second for one in layout.strips if one.coincide}
+    repeated |= {one.boundary for one in layout.rim_strips if one.on_rim}
+    column, row = inner, nodes
+    for number, ghosts in enumerate(layout.ghosts):
+        seen = read[column : column + ghosts.unknowns].any() or stepped[row : row + len(ghosts.nodes)].any()
+        if not seen and number not in repeated:
+            raise ResolutionError(_without_effect(layout, number))
+        column, row = column + ghosts.unknowns, row + len(ghosts.nodes)
+
+
+def _without_effect(layout: Layout, number: int) -> str:
+    """Return the sentence on a boundary that the lattice does not see."""
+    seen, spacing = layout.sight.sighted[number], layout.lattice.spacing
+    samples, extent = seen.samples, float(np.linalg.norm(np.ptp(seen.source.bounds, axis=0)))
+    near = place(layout.lattice.to_scene(samples.mean(axis=0)[None])[0])
+    cure = min(SEEN * extent, 0.5 * spacing) or 0.5 * spacing
+    return (
+        f"spacing={spacing:g} is too coarse for boundary {layout.sight.boundaries[number].name!r} near {near}, "
+        f"{extent:.3g} in extent: it would have no effect; use {cure:.2g} or less."
+    )
+
+
+def _check_fluxes_at_points(layout: Layout) -> None:
+    for boundary, seen in zip(layout.sight.boundaries, layout.sight.sighted, strict=True):
+        kinds = {boundary.condition(side).kind for side in SIDES if boundary.condition(side).alpha != 0}
+        if seen.has_sides or not kinds:
+            continue
+        raise SceneError(
+            f"boundary {boundary.name!r}: a {' or '.join(sorted(kinds))} condition at a point of a surface, or a point "
+            "or curve of a solid, has no effect: what flows through so little vanishes with the spacing; if a point "
+            "source is meant, let f be a narrow bump with its strength as the integral, or use a small circle or tube."
+        )
+
+
+def _check_same_place(layout: Layout, scene: Scene) -> None:
+    for one in layout.strips:
+        if one.coincide and _contradict(layout, one, scene.problem.start_time):
+            names = [layout.sight.boundaries[number].name for number in (one.first, one.second)]
+            raise SceneError(
+                f"boundaries {names[0]!r} and {names[1]!r} lie at the same place, near {place(one.point)}, and hold "
+                "different conditions; keep one of them, with `left` and `right` where its sides differ."
+            )
+
+
+def _contradict(layout: Layout, strip: Strip, time: float | None) -> bool:
+    first, second = (layout.sight.boundaries[number] for number in (strip.first, strip.second))
+    return any(
+        not _alike(first.condition(a), second.condition(b), strip.point[None], layout.channels, time)
+        for a, b in zip(SIDES, SIDES[::-1] if strip.reversed else SIDES, strict=True)
+    )
+
+
+def _alike(one: Condition, other: Condition, points: Floats, channels: int, time: float | None) -> bool:
+    """Tell whether two conditions hold the same at ``points`` (k, d) of the scene."""
+    if alike(one, other):
+        return True
+    if type(one) is not type(other) or isinstance(one, Transmission) or one.alpha != other.alpha:
+        return False
+    for a, b in ((one.beta, other.beta), (one.gamma, other.gamma)):
+        if a is b:
+            continue
+        pair = [evaluate_data(data, points, channels, "a condition", time) for data in (a, b)]
+        if np.abs(pair[0] - pair[1]).max() > DIFFERENT * np.abs(pair).max():
+            return False
+    return True
+
+
+def _check_rims(layout: Layout, scene: Scene) -> None:
+    spacing, time = layout.lattice.spacing, scene.problem.start_time
+    for one in layout.rim_strips:
+        boundary, edge = layout.sight.boundaries[one.boundary], edge_condition(scene.edge, one.loop)
+        conditions = [boundary.condition(side) for side in SIDES]
+        if one.on_rim and not all(_alike(each, edge, one.points, layout.channels, time) for each in conditions):
+            raise SceneError(
+                f"boundary {boundary.name!r} lies on the manifold's rim, near {place(one.points[0])}, where the edge "
+                f"holds another condition; give it as `edge=` (loop {one.loop}) in place of the boundary."
+            )
+        if not one.on_rim and isinstance(conditions[0], Transmission):
+            raise ResolutionError(
+                f"spacing={spacing:g} is too coarse for boundary {boundary.name!r}, whose sides are coupled: near "
+                f"{place(one.points[0])} it runs {one.width:.3g} from the manifold's rim; use {one.width / 3:.2g} or "
+                "less."
+            )
+
+
+def _check_gaps(layout: Layout) -> None:
+    spacing = layout.lattice.spacing
+    for one in layout.facing:
+        if not one.local and one.gap <= BRIDGED * spacing:
+            raise ResolutionError(
+                f"spacing={spacing:g} is too coarse for the gap of {one.gap:.3g} between rims of the manifold near "
+                f"{place(one.point)}: it would be bridged, and what holds on the rims there would have no effect; use "
+                f"{one.gap / WIDE:.2g} or less, or join the rims."
+            )

@@ -1,0 +1,1 @@
+"""Ghosts of a boundary: where they stand and what they read."""

@@ -1,0 +1,162 @@
+"""Points inside a manifold, one behind the other from its boundary inwards, and their places along an arc.
+
+Ghosts of order 3 and 4 continue the polynomial through the values there. The chord of an arc of curvature
+kappa is shorter than it by ``kappa^2 s^3 / 24``: of third order, so it is corrected by the circle through the points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cpmkit.forms.collocation.boundary.reading import Datum, Reading, Term
+from cpmkit.forms.collocation.ghosts.formulas import beta_at, polynomial_weights
+from cpmkit.forms.collocation.sheets.boundary_on_sheets import nearest_from
+from cpmkit.forms.collocation.sheets.sheets import Sheets
+from cpmkit.manifold.localized import Localized
+from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.scene.conditions import Condition
+
+#: Distance of the points, in spacings. (1.25 and 1.5 have 1.2 to 5 times the error on arcs, caps and circles on the
+#: sphere, and vary more with the position of the lattice.)
+STEP = 1.0
+#: Points nearer to each other than this share of the step have met an edge or a fold.
+CROWDED = 0.5
+#: Below this an arc is as long as its chord.
+STRAIGHT = 1e-7
+
+
+@dataclass(frozen=True, eq=False)
+class Inside:
+    """Points inside, for each of n feet on a boundary.
+
+    Attributes
+    ----------
+    points : (n, k, d) float64
+        The points, nearest first.
+    positions : (n, k) float64
+        Arc lengths from the foot.
+    curvature : (n, d) float64
+        The curvature vector of the arc at the foot: it points to the centre, its length is one over the radius.
+    sound : (n,) bool
+        False where a point is not where it should be: the manifold ends or folds before.
+    """
+
+    points: Floats
+    positions: Floats
+    curvature: Floats
+    sound: Bools
+
+    def take(self, index: Bools | Ints) -> Inside:
+        """Return the entries at ``index``."""
+        return Inside(self.points[index], self.positions[index], self.curvature[index], self.sound[index])
+
+    def terms(self, rows: Ints, weights: Floats) -> list[Term]:
+        """Return what the rows ``rows`` read at the points, with ``weights`` (n, k)."""
+        return [Term(rows, self.points[:, j], weights[:, j]) for j in range(weights.shape[1])]
+
+
+@dataclass(frozen=True, eq=False)
+class Continued:
+    """Rows that continue polynomials, of one condition and order.
+
+    Attributes
+    ----------
+    rows : (k,) int64
+        Which rows of a batch these are.
+    terms, own_terms : list of Term
+        Points that they read; of ghosts, seen from the side that they carry, and from the side on which they stand.
+    data : list of Datum
+        What the condition's data add.
+    here : (k,) float64
+        Factor of a right-hand side read at the boundary.
+    ahead : list of Term
+        Where else it is read.
+    """
+
+    rows: Ints
+    terms: list[Term]
+    own_terms: list[Term]
+    data: list[Datum]
+    here: Floats
+    ahead: list[Term]
+
+
+def continue_rows(
+    condition: Condition, rows: Ints, where: Floats, what: str, inside: Inside, at: Floats, spacing: float
+) -> Continued:
+    """Return what rows at arc lengths ``at`` (k,) past a boundary read, of a condition that holds ``where`` (k, d).
+
+    ``what`` names the boundary in messages.
+    """
+    beta = beta_at(condition, where, what)
+    weights, factor = polynomial_weights(condition.alpha, beta, inside.positions, at, spacing)
+    ahead, here = polynomial_weights(0.0, np.ones(len(rows)), inside.positions, at, spacing)
+    data = [Datum(rows, factor, where, condition.gamma, what)]
+    return Continued(rows, inside.terms(rows, weights), [], data, here, inside.terms(rows, ahead))
+
+
+def continued(plain: Reading, parts: Sequence[Continued]) -> Reading:
+    """Return a reading with some of its rows replaced by those that continue polynomials."""
+    place, coefficient = np.arange(len(plain)), plain.coefficient.copy()
+    for part in parts:
+        place[part.rows], coefficient[part.rows] = -1, 0.0
+    data = [datum.renumbered(place) for datum in plain.data] + [datum for part in parts for datum in part.data]
+    return Reading(plain.points, coefficient, data, [term for part in parts for term in part.terms])
+
+
+def continued_sources(plain: Reading, parts: Sequence[Continued]) -> Reading:
+    """Return where right-hand sides are read, those of rows that continue polynomials continued too."""
+    here = np.ones(len(plain))
+    for part in parts:
+        here[part.rows] = part.here
+    terms = [replace(term, coefficient=term.coefficient * here[term.rows]) for term in plain.terms]
+    return Reading(plain.points, plain.coefficient * here, (), terms + [term for part in parts for term in part.ahead])
+
+
+def points_inwards(
+    surface: Localized, foot: Floats, inward: Floats, count: int, spacing: float, sheets: Sheets | None = None
+) -> Inside:
+    """Return ``count`` (2 or more) points behind each ``foot`` (n, d), in the unit directions ``inward`` (n, d)."""
+    step = STEP * spacing
+    ahead = foot[:, None] + step * np.arange(1, count + 1)[:, None] * inward[:, None]
+    start = np.repeat(foot, count, axis=0)
+    feet = nearest_from(surface, start, ahead.reshape(-1, foot.shape[1]), spacing, sheets)
+    points = feet.points.reshape(ahead.shape)
+    chords = np.linalg.norm(points - foot[:, None], axis=2)
+    wanted = step * np.arange(1, count + 1)
+    sound = (np.diff(chords, axis=1, prepend=0.0) > CROWDED * step).all(axis=1)
+    sound &= (feet.edge.reshape(chords.shape) < 0).all(axis=1)
+    curvature = _curvature(points[:, :2] - foot[:, None], np.where(sound[:, None], chords[:, :2], wanted[:2]))
+    return Inside(points, arc_length(chords, np.linalg.norm(curvature, axis=1)[:, None]), curvature, sound)
+
+
+def _curvature(chords: Floats, lengths: Floats) -> Floats:
+    """Return the curvature vectors (n, d) of the parabolas through a foot and two points, ``chords`` (n, 2, d) away."""
+    slopes = chords / lengths[:, :, None]
+    bend = 2 * (slopes[:, 1] - slopes[:, 0]) / (lengths[:, 1] - lengths[:, 0])[:, None]
+    along = slopes[:, 0] / np.linalg.norm(slopes[:, 0], axis=1, keepdims=True)
+    tangent = along - 0.5 * lengths[:, :1] * bend
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    return np.asarray(bend - np.sum(bend * tangent, axis=1, keepdims=True) * tangent)
+
+
+def arc_length(chords: Floats, curvature: Floats) -> Floats:
+    """Return the lengths of arcs over ``chords``: ``(2 / kappa) arcsin(kappa chord / 2)``."""
+    angle = np.minimum(0.5 * curvature * chords, 1.0)
+    small = angle < STRAIGHT
+    return np.where(small, chords, chords * np.arcsin(angle) / np.where(small, 1.0, angle))
+
+
+def beyond_edge(offset: Floats, outward: Floats, curvature: Floats) -> Floats:
+    """Return the arc length (n,) at which nodes ``offset`` (n, d) from an edge stand, on the arc continued outwards.
+
+    ``(1 / kappa) arctan2(kappa a, 1 - kappa c)``, a along the conormal ``outward`` and c towards the centre.
+    """
+    kappa = np.linalg.norm(curvature, axis=1)
+    a = np.sum(offset * outward, axis=1)
+    towards = np.sum(offset * curvature, axis=1)
+    straight = kappa * np.abs(a) < STRAIGHT
+    return np.asarray(np.where(straight, a, np.arctan2(kappa * a, 1 - towards) / np.where(straight, 1.0, kappa)))

@@ -1,0 +1,80 @@
+"""Ghosts of a transmission condition: both sides' values, coupled by the jumps of value and flux.
+
+With A the side on which a ghost stands and B the one that it carries, ``u_A - u_B = jump + R (mean flow)`` and
+``k_A u_A' - k_B u_B' = -flux`` at the boundary, derivatives along the arc from B to A.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.protocols import Bools, Floats
+from cpmkit.scene.special_conditions import Transmission
+
+
+def transmission_weights(
+    condition: Transmission, k_own: Floats, k_carried: Floats, s: Floats, carries_left: Bools
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return how ghosts of order 1 read: the factors (n,) of u where they stand, of u(mirror), jump and flux.
+
+    ``k_own`` and ``k_carried`` (n,) are the conductivities on the sides where they stand and that they carry.
+    Means and differences of the four values at a ghost and its mirror point, a distance s apart, two of them ghosts,
+    replace values and slopes. Where the second derivatives on the two sides differ, the ghosts are off by ``s^2``,
+    and the flux by one order less.
+    """
+    contact = 2 * condition.resistance * k_own * k_carried
+    if condition.resistance == 0:
+        divisor, own, mirror, flux = k_own + k_carried, 2 * k_own, k_carried - k_own, s
+    else:
+        divisor = s * (k_own + k_carried) + contact
+        own, mirror, flux = 2 * s * k_own, s * (k_carried - k_own) + contact, s * s
+    own = own / divisor
+    sign = np.where(carries_left, -1.0, 1.0)
+    return own, mirror / divisor, -own * sign, flux / divisor + own * 0.5 * condition.resistance
+
+
+def coupled_weights(
+    condition: Transmission,
+    conductivities: tuple[Floats, Floats],
+    own: Floats,
+    carried: Floats,
+    at: Floats,
+    carries_left: Bools,
+    spacing: float,
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return how ghosts read: weights (n, k) on their own side, and beyond, and the factors (n,) of jump and flux.
+
+    On each side a polynomial of degree k through the values there; the conditions hold between them at the boundary.
+
+    Parameters
+    ----------
+    condition : Transmission
+        With its resistance.
+    conductivities : two (n,) float64
+        On the ghost's own side, and on the side that it carries.
+    own, carried : (n, k) float64
+        Arc lengths from the boundary to the points on the ghost's own side, and on the side that it carries.
+    at : (n,) float64
+        Arc length from the boundary to the ghost.
+    carries_left : (n,) bool
+        Which ghosts carry the left side.
+    spacing : float
+        Unit of length in which the small systems are well scaled.
+    """
+    n, k = own.shape
+    powers, size = np.arange(k + 1), k + 1
+    k_own, k_carried = conductivities
+    system = np.zeros((n, 2 * size, 2 * size))
+    system[:, :k, :size] = (own / spacing)[:, :, None] ** powers
+    system[:, k : 2 * k, size:] = (-carried / spacing)[:, :, None] ** powers
+    half = 0.5 * condition.resistance / spacing
+    unit = 1.0 / (1.0 + half * (k_own + k_carried))  # rows alike in size, however large the resistance
+    system[:, 2 * k, 0], system[:, 2 * k, size] = unit, -unit
+    system[:, 2 * k, 1], system[:, 2 * k, size + 1] = -half * k_own * unit, -half * k_carried * unit
+    largest = np.maximum(k_own, k_carried)
+    system[:, 2 * k + 1, 1], system[:, 2 * k + 1, size + 1] = k_own / largest, -k_carried / largest
+    value = np.zeros((n, 2 * size, 1))
+    value[:, size:, 0] = (at / spacing)[:, None] ** powers
+    weights = np.linalg.solve(system.transpose(0, 2, 1), value)[:, :, 0]
+    jump = np.where(carries_left, -1.0, 1.0) * unit * weights[:, 2 * k]
+    return weights[:, :k], weights[:, k : 2 * k], jump, -spacing / largest * weights[:, 2 * k + 1]

@@ -1,0 +1,256 @@
+"""The layout of a scene on a lattice: band, edge, boundaries and ghosts; everything that asks for closest points."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from cpmkit.errors import InputError, shown
+from cpmkit.forms.collocation.boundary.beside_rims import RimStrip, beside_rims
+from cpmkit.forms.collocation.boundary.edge import PastEdge, read_at_feet, read_past_edge
+from cpmkit.forms.collocation.boundary.encounters import SectorJump, Strip, encounters
+from cpmkit.forms.collocation.boundary.facing_rims import FacingRims, facing_rims
+from cpmkit.forms.collocation.boundary.junctions import Junction, junctions
+from cpmkit.forms.collocation.boundary.past_rim import kept_apart
+from cpmkit.forms.collocation.boundary.prepare import sight
+from cpmkit.forms.collocation.boundary.reading import Reading, Term
+from cpmkit.forms.collocation.boundary.side_readings import DOUBTFUL, node_sources
+from cpmkit.forms.collocation.boundary.tips import Blur, blurs
+from cpmkit.forms.collocation.diagnosis.limbs import Limbs, limbs_side_by_side
+from cpmkit.forms.collocation.ghosts.nodes import Ghosts, Sight, build_ghosts
+from cpmkit.forms.collocation.sheets.twins import part_sheets
+from cpmkit.forms.collocation.tube_width import check_one_sheet, check_room
+from cpmkit.grid.band import Band, build_band
+from cpmkit.grid.lattice import Lattice
+from cpmkit.grid.stencils import check_degree, difference_reach, reading_radius
+from cpmkit.manifold.localized import Localized, localize
+from cpmkit.protocols import Ints, Parting, Progress, nothing
+from cpmkit.scene.scene import Scene
+from cpmkit.scene.special_conditions import Transmission
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Where the unknowns of a scene are and what their rows read.
+
+    Attributes
+    ----------
+    lattice : Lattice
+        Origin and spacing.
+    surface : Localized
+        The manifold, relative to the lattice's origin.
+    band : Band
+        Its nodes and their closest points.
+    reading : Reading
+        What each node of the band reads, the edge's conditions applied.
+    sources : Reading
+        Where each node reads right-hand sides.
+    sight : Sight
+        The boundaries, and how the band's nodes see them.
+    ghosts : sequence of Ghosts
+        One a boundary.
+    channels : int
+        Right-hand sides that are solved together.
+    crossings, strips : sequences of SectorJump and Strip
+        Where boundaries cross with different data, or run side by side nearer than a spacing.
+    order : int
+        Order of the conditions, 1 to 4; at 4 the Laplacian is of fourth order too.
+    rim_strips : sequence of RimStrip
+        Boundaries beside a rim or on it.
+    facing : sequence of FacingRims
+        The narrowest gap between rims.
+    blurs : sequence of Blur
+        Where the sides of a boundary are not told apart.
+    junctions : sequence of Junction
+        Where three curves or more meet.
+    parted : bool or "unfolded"
+        False where sheets that share a band were not looked for.
+    """
+
+    lattice: Lattice
+    surface: Localized
+    band: Band
+    reading: Reading
+    sources: Reading
+    sight: Sight
+    ghosts: Sequence[Ghosts]
+    channels: int
+    order: int
+    crossings: Sequence[SectorJump] = ()
+    strips: Sequence[Strip] = ()
+    rim_strips: Sequence[RimStrip] = ()
+    facing: Sequence[FacingRims] = ()
+    blurs: Sequence[Blur] = ()
+    junctions: Sequence[Junction] = ()
+    parted: Parting = True
+
+    @cached_property
+    def limbs(self) -> Limbs:
+        """Stencils that read another limb beside their own; looked for once, for checks, warnings and balancing ask."""
+        return limbs_side_by_side(self.surface, self.band)
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns: inner nodes and ghosts."""
+        return self.band.inner + sum(ghosts.unknowns for ghosts in self.ghosts)
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Arguments of :func:`lay_out` that make the same layout of a like scene."""
+        return {
+            "spacing": self.lattice.spacing,
+            "origin": self.lattice.origin,
+            "degree": self.band.degree,
+            "order": self.order,
+            "sheets": self.parted,
+        }
+
+    @property
+    def queries(self) -> Counter[str]:
+        """Closest point queries made so far, by name of what was asked."""
+        counted = Counter({"surface": self.surface.queries["points"]})
+        for boundary, sighted in zip(self.sight.boundaries, self.sight.sighted, strict=True):
+            counted[boundary.name] = sighted.source.queries["points"]
+        return counted
+
+
+def lay_out(
+    scene: Scene,
+    spacing: float,
+    *,
+    degree: int = 3,
+    order: int = 2,
+    origin: Any = None,
+    sheets: Parting = True,
+    progress: Progress = nothing,
+) -> Layout:
+    """Lay a scene out on a lattice; the parameters are those of :func:`cpmkit.solve`.
+
+    Raises
+    ------
+    InputError, SceneError, ResolutionError
+        If an argument, a boundary or the spacing does not fit.
+    """
+    check_order(order, check_degree(degree))
+    check_parting(sheets, order)
+    lattice = scene.lattice(spacing, origin)
+    surface = localize(scene.surface, lattice.origin)
+    band = build_band(surface, lattice.spacing, degree, progress, difference_reach(order))
+    if order == 4:
+        check_room(surface, band)
+        if sheets:
+            check_one_sheet(surface, band, lattice)
+    elif sheets:
+        band = part_sheets(surface, band, sheets == "unfolded")
+    past = read_past_edge(surface, band, lattice, scene.edge, order)
+    seen, past = _see_boundaries(scene, surface, band, lattice, past)
+    ghosts = []
+    for index in range(len(scene.boundaries)):
+        ghosts.append(build_ghosts(index, seen, band, lattice, past.mirrored, order))
+        progress("boundaries", (index + 1) / len(scene.boundaries))
+    reading = replace(past.reading, terms=[_located(term, seen, band) for term in past.reading.terms])
+    sources = _off_boundaries(past, seen, band, order)
+    laid = Layout(lattice, surface, band, reading, sources, seen, ghosts, scene.channels, order, parted=sheets)
+    return _looked_over(laid, scene.problem.start_time)
+
+
+def _looked_over(layout: Layout, time: float | None) -> Layout:
+    """Return the layout with what its boundaries, rims and curves do to each other."""
+    seen, lattice, band = layout.sight, layout.lattice, layout.band
+    crossings, strips = encounters(seen, lattice, layout.channels, time)
+    beside = beside_rims(seen.sighted, layout.surface, band)
+    facing = facing_rims(layout.surface, band)
+    branches = junctions(layout.surface, band)
+    return replace(
+        layout,
+        crossings=crossings,
+        strips=strips,
+        rim_strips=[replace(one, points=lattice.to_scene(one.points)) for one in beside],
+        facing=[replace(one, point=lattice.to_scene(one.point[None])[0]) for one in facing],
+        blurs=blurs(seen, band, lattice, layout.channels, time),
+        junctions=[replace(one, point=lattice.to_scene(one.point[None])[0]) for one in branches],
+    )
+
+
+def check_order(order: int, degree: int) -> None:
+    """Refuse an order that is not offered, or not with this degree.
+
+    Raises
+    ------
+    InputError
+        If the order is not 1 to 4, or is 4 with a degree below 4: interpolation would keep it at 2.
+    """
+    if not isinstance(order, (int, np.integer)) or order not in (1, 2, 3, 4) or isinstance(order, bool):
+        raise InputError(f"order must be 1, 2, 3 or 4, got {shown(order)}; 2 is the default.")
+    if order == 4 and degree < 4:
+        raise InputError(f"order=4 needs degree 4 or 5, got degree={degree}; interpolation would keep it at order 2.")
+
+
+def check_parting(sheets: Any, order: int) -> None:
+    """Refuse a value of ``sheets`` that is not offered, or not at this order.
+
+    Raises
+    ------
+    InputError
+        If it is neither true, false nor "unfolded", or is that at order 4: its tube has no room for sharp bends.
+    """
+    if not isinstance(sheets, bool) and sheets != "unfolded":
+        raise InputError(
+            f"sheets must be true, false or 'unfolded', got {sheets!r}; true parts sheets that share a band, "
+            "'unfolded' unfolds sharp bends, too."
+        )
+    if sheets == "unfolded" and order == 4:
+        raise InputError("order=4 unfolds nothing: it needs a tube in which no surface bends sharply; use order=2.")
+
+
+def _located(term: Term, seen: Sight, band: Band) -> Term:
+    """Return a term of the band's nodes with how its points see the boundaries."""
+    radius = 2 * reading_radius(band.dim, band.degree) * band.spacing
+    return replace(term, frames=[one.frame(term.points, radius, band.spacing) for one in seen.sighted])
+
+
+def _off_boundaries(past: PastEdge, seen: Sight, band: Band, order: int) -> Reading:
+    """Return where the nodes read right-hand sides, those nearly on a boundary inside the side that they count to."""
+    sources = past.sources
+    for number, frame in enumerate(seen.frames):
+        close = (np.abs(frame.signed) < DOUBTFUL * band.spacing) & ~frame.end & (band.feet.edge[frame.rows] < 0)
+        if close.any():
+            own = frame.take(close)
+            others = [one for other, one in enumerate(seen.sighted) if other != number]
+            read = node_sources(sources.points[own.rows], seen.sighted[number], others, own, order)
+            sources = _with_rows(sources, own.rows, read)
+    return sources
+
+
+def _with_rows(reading: Reading, rows: Ints, other: Reading) -> Reading:
+    """Return a reading with ``rows`` read as the other says, whose rows count those."""
+    points, coefficient = reading.points.copy(), reading.coefficient.copy()
+    points[rows], coefficient[rows] = other.points, other.coefficient
+    return Reading(
+        points, coefficient, (), [*reading.terms, *(replace(term, rows=rows[term.rows]) for term in other.terms)]
+    )
+
+
+def _see_boundaries(
+    scene: Scene, surface: Localized, band: Band, lattice: Lattice, past: PastEdge
+) -> tuple[Sight, PastEdge]:
+    """Return how the nodes see the boundaries, and what they read where one keeps them from their mirror points."""
+    reach = reading_radius(band.dim, band.degree) * band.spacing
+    sighted = [
+        replace(sight(boundary, surface, lattice, reach, scene.left), sheets=band.sheets)
+        for boundary in scene.boundaries
+    ]
+    uncoupled = [
+        one
+        for one, boundary in zip(sighted, scene.boundaries, strict=True)
+        if not isinstance(boundary.condition("left"), Transmission)
+    ]
+    behind = kept_apart(uncoupled, band, past.mirrored, 2 * reach)
+    past = read_at_feet(surface, band, lattice, scene.edge, past, behind)
+    frames = [one.frame(past.mirrored.points, 2 * reach, band.spacing) for one in sighted]
+    return Sight(scene.boundaries, sighted, frames, behind, scene.problem.terms().diffusivity), past

@@ -1,0 +1,1 @@
+"""Reading values and gradients at points of the manifold."""

@@ -1,0 +1,90 @@
+"""The surface gradient of a solution.
+
+On the manifold it is the gradient of what extends the solution constantly along normals (Ruuth and Merriman 2008,
+principle 1), here of the interpolant of the band's values; what discretisation leaves of a normal part is projected
+away. Beside a Dirichlet condition the ghosts continue the solution by a straight line, which bends the interpolant
+there: see :mod:`cpmkit.forms.collocation.reading.one_sided`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cpmkit.forms.collocation.boundary.crossing import View
+from cpmkit.forms.collocation.boundary.frame import Frame
+from cpmkit.forms.collocation.extension import Unknowns, see, stencil_nodes
+from cpmkit.forms.collocation.reading import one_sided
+from cpmkit.grid.stencils import stencil_cells, tensor_slopes
+from cpmkit.manifold.tangent_space import project_tangent
+from cpmkit.protocols import ClosestPoints, Floats, Ints, Side
+
+if TYPE_CHECKING:
+    from cpmkit.solution.solution import Solution
+
+#: Points at which the gradient is read at a time: their weights are small beside the tables.
+CHUNK = 8192
+
+
+def surface_gradient(solution: Solution, local: Floats, wanted: Mapping[int, Side]) -> Floats:
+    """Return the gradient (n, channels, d) at the points of the manifold nearest to ``local`` (n, d).
+
+    Parameters
+    ----------
+    solution : Solution
+        What is read.
+    local : (n, d) float64
+        Relative to the lattice's origin.
+    wanted : mapping
+        The side from which points on a boundary are read, by the boundary's number.
+    """
+    gradient = np.empty((len(local), solution.channels, local.shape[1]))
+    for start in range(0, len(local), CHUNK):
+        part = slice(start, start + CHUNK)
+        feet = solution.project(local[part])
+        frames = solution.boundary_frames(feet.points, wanted)
+        gradient[part] = _tangential(solution, feet, frames)
+        _continue_from_inside(solution, feet, frames, wanted, gradient[part])
+    return gradient
+
+
+def _continue_from_inside(
+    solution: Solution, feet: ClosestPoints, frames: Sequence[Frame], wanted: Mapping[int, Side], gradient: Floats
+) -> None:
+    """Replace the ``gradient`` (n, channels, d) of points beside a bend by that continued from farther inside."""
+    bends = one_sided.find_bends(solution, feet, frames)
+    inside = one_sided.sample(solution, feet, frames, bends, wanted)
+    rows, weights = inside.rows, inside.weights
+    if not len(rows):
+        return
+    read = _tangential(solution, inside.feet, solution.boundary_frames(inside.feet.points, wanted))
+    continued = np.einsum("ks,kscd->kcd", weights, read.reshape(*weights.shape, *read.shape[1:]))
+    gradient[rows] = _projected(solution, feet.take(rows), continued)
+
+
+def _tangential(solution: Solution, feet: ClosestPoints, frames: Sequence[Frame]) -> Floats:
+    """Return the gradient (n, channels, d) of the interpolant at ``feet``, projected on the tangent space."""
+    view = View.of_points(frames, len(feet))
+    return _projected(
+        solution, feet, interpolant_gradient(solution.tables.unknowns, solution.values, feet.points, view)
+    )
+
+
+def interpolant_gradient(unknowns: Unknowns, values: Floats, points: Floats, view: View) -> Floats:
+    """Return the gradient (n, channels, d) of the interpolant of ``values`` (unknowns, channels) at ``points``."""
+    cells, fractions = stencil_cells(points, unknowns.band.spacing, unknowns.band.degree)
+    columns = stencil_nodes(unknowns.band, cells)
+    see(unknowns, points, view, columns)
+    slopes = tensor_slopes(fractions, unknowns.band.degree) / unknowns.band.spacing
+    return np.asarray(np.einsum("nds,nsc->ncd", slopes, values[columns], optimize=True))
+
+
+def _projected(solution: Solution, feet: ClosestPoints, vectors: Floats) -> Floats:
+    n, channels, dim = vectors.shape
+    each: Ints = np.repeat(np.arange(n), channels)
+    tangential = project_tangent(
+        solution.tables.layout.surface, feet.take(each), vectors.reshape(-1, dim), 0.5 * solution.spacing
+    )
+    return tangential.reshape(n, channels, dim)

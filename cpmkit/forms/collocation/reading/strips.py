@@ -1,0 +1,60 @@
+"""Values in a strip between two boundaries nearer than a spacing: no stencil finds room there, so they are filled."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cpmkit.forms.collocation.boundary.encounters import STRIP, Strip
+from cpmkit.forms.collocation.boundary.frame import Frame
+from cpmkit.grid.lattice import Lattice
+from cpmkit.protocols import SIDES, Bools, BoundarySet, Floats
+from cpmkit.scene.conditions import Dirichlet
+from cpmkit.scene.data import evaluate_data
+
+
+def fill_strips(
+    values: Floats,
+    points: Floats,
+    strips: Sequence[Strip],
+    boundaries: Sequence[BoundarySet],
+    frames: Sequence[Frame],
+    lattice: Lattice,
+    time: float | None = None,
+) -> None:
+    """Set ``values`` (n, channels) at those ``points`` (n, d) that lie in a strip.
+
+    Between two given values the linear interpolant, beside one alone that value: with a strip narrower than a spacing
+    the solution is that to first order. Between two fluxes nothing is known, and nothing is changed.
+    """
+    for strip in strips:
+        first, second = frames[strip.first], frames[strip.second]
+        _, own, other = np.intersect1d(first.rows, second.rows, return_indices=True)
+        a, b = first.take(own), second.take(other)
+        z = points[a.rows]
+        between = np.sum((z - a.foot) * (z - b.foot), axis=1) < 0
+        inside = np.flatnonzero(between & (a.distance + b.distance < STRIP * lattice.spacing))
+        a, b = a.take(inside), b.take(inside)
+        value_a, fixed_a = _given(boundaries[strip.first], a, lattice, values.shape[1], time)
+        value_b, fixed_b = _given(boundaries[strip.second], b, lattice, values.shape[1], time)
+        share = (a.distance / (a.distance + b.distance))[:, None]
+        share = np.where(fixed_a[:, None], np.where(fixed_b[:, None], share, 0.0), 1.0)
+        filled = (1 - share) * value_a + share * value_b
+        known = fixed_a | fixed_b
+        values[a.rows[known]] = filled[known]
+
+
+def _given(
+    boundary: BoundarySet, seen: Frame, lattice: Lattice, channels: int, time: float | None
+) -> tuple[Floats, Bools]:
+    """Return the values (k, channels) that a boundary holds on the sides that the points lie on, and where it does."""
+    values, fixed = np.zeros((len(seen.rows), channels)), np.zeros(len(seen.rows), dtype=bool)
+    for side in SIDES:
+        condition = boundary.condition(side)
+        rows = np.flatnonzero((seen.signed > 0) == (side == "left"))
+        if isinstance(condition, Dirichlet) and len(rows):
+            where = lattice.to_scene(seen.foot[rows])
+            values[rows] = evaluate_data(condition.value, where, channels, f"boundary {boundary.name!r}", time)
+            fixed[rows] = True
+    return values, fixed

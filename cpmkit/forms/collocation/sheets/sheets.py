@@ -1,0 +1,191 @@
+"""Several sheets of a surface in one band: a lattice node may hold one unknown for each sheet on which it has a foot.
+
+A site is a node together with a foot. Every node of the band has one, its closest point; where another sheet's
+stencils need the node too, it gets a twin, a further site at the same node with its foot on that sheet.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from cpmkit.manifold.localized import Localized
+from cpmkit.manifold.unfolding import unfold
+from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
+
+#: Normals that face each other more than this do not belong to one sheet (cosine).
+FACING = -0.4
+#: Nor, where the surface is unfolded, do normals that turn by more than this (cosine).
+SHARP = 0.6
+#: Feet farther from each other than this many spacings, along their mean normal, lie on different sheets.
+APART = 0.5
+#: A foot within so many spacings of an unfolded one serves in its place where u itself is read,
+NEAR = 0.75
+#: and within so many where differences are taken: there a foot costs no unknown, but a row of E.
+CLOSE = 0.1
+
+
+def same_sheet(
+    feet: Floats,
+    normals: Floats,
+    other_feet: Floats,
+    other_normals: Floats,
+    spacing: float,
+    signed: bool,
+    slope: float = 0.0,
+    facing: float = FACING,
+) -> Bools:
+    """Tell which pairs of surface points (..., d) lie on one sheet.
+
+    On a smooth sheet the chord between two points is at right angles to the mean of their normals, up to the third
+    order of its length: so ``|chord . (n + n')| / 2`` is small however the sheet curves, while between parallel sheets
+    it is their distance. Across a crease it is at most ``|chord| |n - n'| / 2``, which is allowed for.
+    Normals without a sign are taken to point the same way. A ``slope`` above zero allows for more, in proportion to
+    the chord: for points farther apart than a stencil is wide.
+    """
+    if not signed:
+        along = np.sum(normals * other_normals, axis=-1, keepdims=True)
+        other_normals = np.where(along < 0, -other_normals, other_normals)
+    chord, turn = other_feet - feet, other_normals - normals
+    height = 0.5 * np.abs(np.sum(chord * (normals + other_normals), axis=-1))
+    bend = 0.5 * np.sqrt(np.sum(chord * chord, axis=-1) * np.sum(turn * turn, axis=-1))
+    alike = np.sum(normals * other_normals, axis=-1) >= facing
+    allowed = APART * spacing + bend
+    if slope:
+        allowed += slope * np.linalg.norm(chord, axis=-1)
+    return np.asarray(alike & (height <= allowed))
+
+
+def has_signed_normals(source: Localized) -> bool:
+    """Tell whether a surface's normals have a sign of their own everywhere."""
+    return all(member.has_normals for member in source.members)
+
+
+@dataclass(frozen=True, eq=False)
+class Missed:
+    """Places (row, column) of stencils for which there is no site on the stencil's sheet.
+
+    ``feet`` says where the site would have its foot if it is found by unfolding; else it is where the stencil is.
+    """
+
+    row: Ints
+    column: Ints
+    feet: ClosestPoints
+
+
+@dataclass(frozen=True, eq=False)
+class Sheets:
+    """The twins of a band's nodes, and what tells whose they are.
+
+    Attributes
+    ----------
+    source : Localized
+        The surface.
+    spacing : float
+        Of the lattice.
+    nodes : (n, d) int64
+        Of all sites of the band.
+    feet : ClosestPoints
+        Of the sites.
+    normals : (n, d) float64
+        At the feet.
+    anchor : (n,) int64
+        The site from whose foot a twin's was found by unfolding; the site itself for all others.
+    first : (n + 1,) int64
+        ``twins[first[k]:first[k + 1]]`` are the twins of site k; a twin has none itself.
+    twins : (t,) int64
+        Numbers of sites.
+    unfolded : bool
+        True where the surface is unfolded.
+    mixed : (m,) int64
+        Sites whose stencils still read a node of another sheet, because no foot on their own was found for it.
+    """
+
+    source: Localized
+    spacing: float
+    nodes: Ints
+    feet: ClosestPoints
+    normals: Floats
+    anchor: Ints
+    first: Ints
+    twins: Ints
+    unfolded: bool
+    mixed: Ints
+
+    @property
+    def signed(self) -> bool:
+        """True where the surface's normals have a sign of their own."""
+        return has_signed_normals(self.source)
+
+    def counts(self, sites: Ints) -> Ints:
+        """Return how many twins each of ``sites`` (...) has."""
+        return np.asarray(self.first[sites + 1] - self.first[sites])
+
+    def choose(
+        self,
+        at: ClosestPoints,
+        normals: Floats,
+        columns: Ints,
+        readable: Bools,
+        near: float = NEAR,
+        every: bool = False,
+    ) -> Missed:
+        """Replace, in stencils, sites of another sheet by twins on the stencil's own.
+
+        Parameters
+        ----------
+        at : ClosestPoints
+            Where the stencils are centred, n points of the surface.
+        normals : (n, d) float64
+            There.
+        columns : (n, s) int
+            Sites that they read; changed in place.
+        readable : (sites,) bool
+            Which twins can be read here.
+        near : float
+            How many spacings from an unfolded foot one may lie that serves in its place.
+        every : bool
+            True to look at sites without twins, too: for what is missed.
+        """
+        row, column = np.nonzero(np.ones_like(columns) if every else self.counts(columns))
+        site = columns[row, column]
+        foreign = ~self._own(at.points[row], normals[row], site)
+        row, column, site = row[foreign], column[foreign], site[foreign]
+        found = np.full(len(row), -1)
+        for left, twin in self._twins_of(site):
+            fit = (found[left] < 0) & readable[twin] & (self.anchor[twin] == twin)
+            left, twin = left[fit], twin[fit]
+            own = self._own(at.points[row[left]], normals[row[left]], twin)
+            found[left[own]] = twin[own]
+        columns[row, column] = np.where(found >= 0, found, site)
+        row, column, site = row[found < 0], column[found < 0], site[found < 0]
+        if not self.unfolded:
+            return Missed(row, column, at.take(row))
+        goal = np.asarray(self.spacing * self.nodes[site], dtype=np.float64)
+        feet = unfold(self.source, at.take(row), normals[row], goal, self.spacing, self.signed)
+        columns[row, column], distance = self._nearest(site, feet.points, readable)
+        missed = distance > near * self.spacing
+        return Missed(row[missed], column[missed], feet.take(missed))
+
+    def _own(self, feet: Floats, normals: Floats, site: Ints) -> Bools:
+        facing = SHARP if self.unfolded else FACING
+        there = self.feet.points[site], self.normals[site]
+        return same_sheet(feet, normals, *there, self.spacing, self.signed, facing=facing)
+
+    def _twins_of(self, site: Ints) -> Iterator[tuple[Ints, Ints]]:
+        """Yield, for each place in the lists of twins, which of the sites (k,) have one there, and the twins."""
+        count = self.counts(site)
+        for place in range(int(count.max(initial=0))):
+            some = np.flatnonzero(count > place)
+            yield some, self.twins[self.first[site[some]] + place]
+
+    def _nearest(self, site: Ints, points: Floats, readable: Bools) -> tuple[Ints, Floats]:
+        """Return, of each site (k,) and its twins, the one with the foot nearest to ``points`` (k, d), and how near."""
+        nearest, distance = site.copy(), np.linalg.norm(points - self.feet.points[site], axis=1)
+        for some, twin in self._twins_of(site):
+            away = np.linalg.norm(points[some] - self.feet.points[twin], axis=1)
+            nearer = readable[twin] & (away < distance[some])
+            nearest[some[nearer]], distance[some[nearer]] = twin[nearer], away[nearer]
+        return nearest, distance

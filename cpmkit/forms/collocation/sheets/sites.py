@@ -1,0 +1,113 @@
+"""Nodes with their feet while twins are looked for, and what the stencils of some of them want."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cpmkit.forms.collocation.extension import stencil_nodes
+from cpmkit.forms.collocation.sheets.sheets import CLOSE, Sheets
+from cpmkit.grid.band import Band
+from cpmkit.grid.stencils import cross_offsets, stencil_cells
+from cpmkit.manifold.localized import Localized
+from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
+
+
+@dataclass(frozen=True, eq=False)
+class Sites:
+    """Nodes with their feet: first those of the band, each with its closest point, then twins in the order found.
+
+    Attributes
+    ----------
+    base : (m,) int64
+        Number of each site's node in the band.
+    feet : ClosestPoints
+        Of the sites.
+    normals : (m, d) float64
+        At the feet.
+    unknown : (m,) bool
+        True for those that stencils read.
+    anchor : (m,) int64
+        The site from whose foot a twin's was found by unfolding; the site itself for all others.
+    """
+
+    base: Ints
+    feet: ClosestPoints
+    normals: Floats
+    unknown: Bools
+    anchor: Ints
+
+    def __len__(self) -> int:
+        return len(self.base)
+
+    def grown(self, base: Ints, feet: ClosestPoints, normals: Floats, unknown: Bools, anchor: Ints | None) -> Sites:
+        """Return the sites with further ones; without ``anchor`` these are their own."""
+        return Sites(
+            np.concatenate([self.base, base]),
+            ClosestPoints.join([self.feet, feet]),
+            np.concatenate([self.normals, normals]),
+            np.concatenate([self.unknown, unknown]),
+            np.concatenate([self.anchor, len(self) + np.arange(len(base)) if anchor is None else anchor]),
+        )
+
+    def sheets(self, source: Localized, band: Band, unfolded: bool) -> Sheets:
+        """Return the table of twins, the first sites being those of the band itself."""
+        first, twins = by_site(self.base, np.arange(len(band.nodes), len(self)))
+        nodes, nothing = band.nodes[self.base], np.zeros(0, dtype=np.int64)
+        return Sheets(
+            source, band.spacing, nodes, self.feet, self.normals, self.anchor, first, twins, unfolded, nothing
+        )
+
+
+def by_site(base: Ints, twins: Ints) -> tuple[Ints, Ints]:
+    """Return where each site's ``twins`` begin (m + 1,), and the twins in that order; their sites: ``base[twins]``."""
+    twins = twins[np.argsort(base[twins], kind="stable")]
+    return np.searchsorted(base[twins], np.arange(len(base) + 1)).astype(np.int64), twins
+
+
+@dataclass(frozen=True, eq=False)
+class Wanted:
+    """What stencils want on their own sheet and do not find, by node, and of a node what is to be read first.
+
+    Attributes
+    ----------
+    nodes : (k,) int64
+        Numbers of nodes in the band.
+    by : (k,) int64
+        Sites at whose feet the stencils are.
+    unknown : (k,) bool
+        True where u is read, False where only E u is.
+    feet : ClosestPoints
+        Where the nodes have their feet if the surface is unfolded; else those of ``by``.
+    """
+
+    nodes: Ints
+    by: Ints
+    unknown: Bools
+    feet: ClosestPoints
+
+    def take(self, index: Ints | Bools) -> Wanted:
+        """Return some of them."""
+        return Wanted(self.nodes[index], self.by[index], self.unknown[index], self.feet.take(index))
+
+
+def wanted(source: Localized, band: Band, sites: Sites, queue: Ints, unfolded: bool) -> Wanted:
+    """Return what the stencils of the sites ``queue`` want: those of E, and of the unknowns' differences.
+
+    Differences of a twin that was found by unfolding are taken on the plane that the surface was unfolded on: its
+    neighbours, too, are found from its anchor.
+    """
+    sheets, n = sites.sheets(source, band, unfolded), sites.normals
+    cells = stencil_cells(sites.feet.points[queue], band.spacing, band.degree)[0]
+    read = stencil_nodes(band, cells).astype(np.int64)
+    one = sheets.choose(sites.feet.take(queue), n[queue], read, sites.unknown, every=True)
+    centres = queue[sites.unknown[queue]]
+    around = band.find(band.nodes[sites.base[centres]][:, None] + cross_offsets(band.dim))
+    anchors, all_sites = sites.anchor[centres], np.ones(len(sites), dtype=bool)
+    other = sheets.choose(sites.feet.take(anchors), n[anchors], around, all_sites, CLOSE, every=True)
+    nodes = sites.base[np.concatenate([read[one.row, one.column], around[other.row, other.column]])]
+    unknown = np.repeat([True, False], [len(one.row), len(other.row)])
+    by = np.concatenate([queue[one.row], anchors[other.row]])
+    order = np.lexsort((~unknown, nodes))
+    return Wanted(nodes, by, unknown, ClosestPoints.join([one.feet, other.feet])).take(order)

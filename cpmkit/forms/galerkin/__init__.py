@@ -1,0 +1,1 @@
+"""The Galerkin form: splines on the lattice, the energy summed over samples of the surface. Still to be built."""

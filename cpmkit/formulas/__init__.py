@@ -1,0 +1,1 @@
+"""Formulas in x, y, z, t as bounded trees: values, derivatives, no code executed."""

@@ -1,0 +1,196 @@
+"""Formulas with their first two derivatives, found step by step: twenty steps for one of the formula, however long.
+
+What jumps or has a kink (floor, sign, comparisons, minimum, ...) is differentiated between its jumps and kinks.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import chain
+
+from cpmkit.errors import SceneError
+from cpmkit.formulas.steps import Program, Steps, program
+from cpmkit.protocols import Floats
+
+#: Formulas that need more steps with their derivatives are refused: each step is taken at every point.
+MOST_STEPS = 4_000
+
+
+@dataclass(frozen=True, eq=False)
+class FormulaJets:
+    """Formulas in the same variables, and their derivatives.
+
+    Attributes
+    ----------
+    names : tuple of str
+        The m variables.
+    programs : tuple of Program
+        Their rows are the k formulas; then also the first derivatives, k for each variable; then also the second, k
+        for each pair of variables (first with first, first with second, ...).
+    """
+
+    names: tuple[str, ...]
+    programs: tuple[Program, Program, Program]
+
+    def rows(self, order: int, columns: Floats) -> Floats:
+        """Return the rows (r, n) up to derivatives of ``order``, at the variables' values ``columns`` (m, n)."""
+        return self.programs[order](dict(zip(self.names, columns, strict=True)), columns.shape[1])
+
+
+def formula_jets(trees: Sequence[ast.expr], names: Sequence[str], what: str) -> FormulaJets:
+    """Return formulas, checked syntax trees in the variables ``names``, with their derivatives.
+
+    Raises
+    ------
+    SceneError
+        If they need more than :data:`MOST_STEPS` steps; ``what`` names them.
+    """
+    steps = Steps()
+    zero = steps.number(0.0)
+    derivatives = Derivatives(steps)
+
+    def along(places: Sequence[int], name: str) -> list[int]:
+        found = [derivatives.along(place, name) for place in places]
+        return [zero if place is None else place for place in found]
+
+    values = [steps.add_tree(tree) for tree in trees]
+    slopes = [along(values, name) for name in names]
+    curvatures = [along(slopes[i], name) for i in range(len(names)) for name in names[i:]]
+    first = [*values, *chain(*slopes)]
+    programs = tuple(program(steps, outputs) for outputs in (values, first, [*first, *chain(*curvatures)]))
+    needed = len(programs[2].instructions)
+    if needed > MOST_STEPS:
+        raise SceneError(
+            f"{what} takes {needed} operations with its first two derivatives; at most {MOST_STEPS} are accepted, "
+            "use a shorter formula, or give a function from Python."
+        )
+    return FormulaJets(tuple(names), (programs[0], programs[1], programs[2]))
+
+
+class Derivatives:
+    """Derivatives of steps, added to the list; None stands for zero."""
+
+    def __init__(self, steps: Steps) -> None:
+        self.steps = steps
+        self._known: dict[tuple[int, str], int | None] = {}
+
+    def along(self, place: int, name: str) -> int | None:
+        """Return the place of the derivative of the value at ``place`` by the variable ``name``."""
+        for earlier in self.steps.cone([place]):
+            if (earlier, name) not in self._known:
+                self._known[earlier, name] = self._derivative(earlier, name)
+        return self._known[place, name]
+
+    def _derivative(self, place: int, name: str) -> int | None:
+        kind, *operands = self.steps.steps[place]
+        if kind in ("name", "number"):
+            return self.steps.number(1.0) if operands == [name] and kind == "name" else None
+        inner = [self._known[operand, name] for operand in operands]
+        if kind in ("minimum", "maximum", "where"):
+            return self._selection(kind, operands, inner)
+        if kind not in PARTIALS:
+            return None
+        total = None
+        for partial, found in zip(PARTIALS[kind], inner, strict=True):
+            if found is not None:
+                total = self._plus(total, self._times(partial(self.steps, place, *operands), found))
+        return total
+
+    def _selection(self, kind: str, operands: list[int], inner: list[int | None]) -> int | None:
+        """Return the derivative of what a step selects; that of the other may be undefined, and plays no part."""
+        if not any(found is not None for found in inner[-2:]):
+            return None
+        first, second = (self.steps.number(0.0) if found is None else found for found in inner[-2:])
+        if kind == "where":
+            return self.steps.apply("where", operands[0], first, second)
+        smaller = self.steps.apply("less", *operands)
+        return self.steps.apply("where", smaller, *((first, second) if kind == "minimum" else (second, first)))
+
+    def _times(self, a: int, b: int) -> int:
+        for one, other in ((a, b), (b, a)):
+            if self.steps.value(one) == 1.0:
+                return other
+            if self.steps.value(one) == -1.0:
+                return self.steps.apply("negative", other)
+        return self.steps.apply("multiply", a, b)
+
+    def _plus(self, a: int | None, b: int) -> int:
+        return b if a is None else self.steps.apply("add", a, b)
+
+
+#: The derivative of a kernel by one of its operands, from the steps, the place of its value and those of its operands.
+Partial = Callable[..., int]
+
+
+def _one(s: Steps, *_: int) -> int:
+    return s.number(1.0)
+
+
+def _minus_one(s: Steps, *_: int) -> int:
+    return s.number(-1.0)
+
+
+def _reciprocal(s: Steps, place: int) -> int:
+    return s.apply("divide", s.number(1.0), place)
+
+
+def _one_and_square(s: Steps, kernel: str, a: int) -> int:
+    return s.apply(kernel, s.number(1.0), s.apply("multiply", a, a))
+
+
+def _by_exponent(s: Steps, f: int, a: int, b: int) -> int:
+    del b
+    return s.apply("multiply", f, s.apply("log", a))
+
+
+def _by_base(s: Steps, f: int, a: int, b: int) -> int:
+    del f
+    return s.apply("multiply", b, s.power(a, s.apply("subtract", b, s.number(1.0))))
+
+
+def _over_squares(s: Steps, numerator: int, a: int, b: int) -> int:
+    squares = s.apply("add", s.apply("multiply", a, a), s.apply("multiply", b, b))
+    return s.apply("divide", numerator, squares)
+
+
+def _arcsin(s: Steps, f: int, a: int) -> int:
+    del f
+    return _reciprocal(s, s.apply("sqrt", _one_and_square(s, "subtract", a)))
+
+
+#: By kernel, one derivative an operand. A kernel that is not here is constant between its jumps.
+PARTIALS: dict[str, tuple[Partial, ...]] = {
+    "add": (_one, _one),
+    "subtract": (_one, _minus_one),
+    "negative": (_minus_one,),
+    "multiply": (lambda _s, _f, _a, b: b, lambda _s, _f, a, _b: a),
+    "divide": (
+        lambda s, _f, _a, b: _reciprocal(s, b),
+        lambda s, f, _a, b: s.apply("negative", s.apply("divide", f, b)),
+    ),
+    "power": (_by_base, _by_exponent),
+    "mod": (
+        _one,
+        lambda s, _f, a, b: s.apply("negative", s.apply("floor", s.apply("divide", a, b))),
+    ),
+    "sin": (lambda s, _f, a: s.apply("cos", a),),
+    "cos": (lambda s, _f, a: s.apply("negative", s.apply("sin", a)),),
+    "tan": (lambda s, f, _a: _one_and_square(s, "add", f),),
+    "arcsin": (_arcsin,),
+    "arccos": (lambda s, f, a: s.apply("negative", _arcsin(s, f, a)),),
+    "arctan": (lambda s, _f, a: _reciprocal(s, _one_and_square(s, "add", a)),),
+    "arctan2": (
+        lambda s, _f, a, b: _over_squares(s, b, a, b),
+        lambda s, _f, a, b: s.apply("negative", _over_squares(s, a, a, b)),
+    ),
+    "sinh": (lambda s, _f, a: s.apply("cosh", a),),
+    "cosh": (lambda s, _f, a: s.apply("sinh", a),),
+    "tanh": (lambda s, f, _a: _one_and_square(s, "subtract", f),),
+    "exp": (lambda _s, f, _a: f,),
+    "log": (lambda s, _f, a: _reciprocal(s, a),),
+    "sqrt": (lambda s, f, _a: s.apply("divide", s.number(0.5), f),),
+    "abs": (lambda s, _f, a: s.apply("sign", a),),
+    "hypot": (lambda s, f, a, _b: s.apply("divide", a, f), lambda s, f, _a, b: s.apply("divide", b, f)),
+}

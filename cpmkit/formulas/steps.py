@@ -1,0 +1,207 @@
+"""Formulas as lists of steps: each an operation of NumPy on earlier steps, no two alike.
+
+Every number is float64, so that 1/0 is infinite and (-1)**0.5 is NaN, as in arrays, and nothing raises.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cpmkit.formulas.trees import CONSTANTS
+from cpmkit.protocols import Floats
+
+
+def _less(a: Any, b: Any) -> Any:
+    return np.less(a, b) * 1.0
+
+
+def _less_equal(a: Any, b: Any) -> Any:
+    return np.less_equal(a, b) * 1.0
+
+
+def _where(condition: Any, a: Any, b: Any) -> Any:
+    return np.where(condition != 0, a, b)
+
+
+#: What a step does, by its name: the functions of formulas, and what their operators and derivatives need.
+KERNELS: dict[str, Callable[..., Any]] = {
+    name: getattr(np, name)
+    for name in (
+        "sin", "cos", "tan", "arcsin", "arccos", "arctan", "arctan2", "sinh", "cosh", "tanh",
+        "exp", "log", "sqrt", "abs", "sign", "floor", "minimum", "maximum", "hypot",
+        "add", "subtract", "multiply", "divide", "power", "mod", "negative",
+    )
+} | {"less": _less, "less_equal": _less_equal, "where": _where}  # fmt: skip
+#: The kernel of an operator; a > b is b < a.
+OPERATORS: dict[type[ast.AST], str] = {
+    ast.Add: "add", ast.Sub: "subtract", ast.Mult: "multiply", ast.Div: "divide", ast.Mod: "mod", ast.Lt: "less",
+    ast.LtE: "less_equal", ast.Gt: "less", ast.GtE: "less_equal",
+}  # fmt: skip
+#: Powers up to this are products: NumPy's general power takes ten times longer.
+HIGHEST_PRODUCT = 12
+#: So many points are computed at a time: their intermediate values stay in the processor's cache.
+BATCH = 8192
+
+#: A number ("number", bits), a variable ("name", name), or a kernel's name and the places of its operands.
+Step = tuple[Any, ...]
+
+
+class Steps:
+    """A list of steps that grows; a place in it stands for a value."""
+
+    def __init__(self) -> None:
+        self.steps: list[Step] = []
+        self._places: dict[Step, int] = {}
+
+    def number(self, value: float) -> int:
+        """Return the place of a number."""
+        return self._place(("number", float(value).hex()))  # the bits tell 0.0 from -0.0
+
+    def name(self, name: str) -> int:
+        """Return the place of a variable."""
+        return self._place(("name", name))
+
+    def value(self, place: int) -> float | None:
+        """Return the number at a place, None where there is something else."""
+        kind, *what = self.steps[place]
+        return float.fromhex(what[0]) if kind == "number" else None
+
+    def apply(self, kernel: str, *operands: int) -> int:
+        """Return the place of a kernel's result; that of numbers is a number."""
+        numbers = [self.value(place) for place in operands]
+        if any(number is None for number in numbers):
+            return self._place((kernel, *operands))
+        with np.errstate(all="ignore"):
+            return self.number(KERNELS[kernel](*map(np.float64, numbers)))
+
+    def power(self, base: int, exponent: int) -> int:
+        """Return the place of a power: a product where the exponent is a small whole number."""
+        number = self.value(exponent)
+        if number == 0.5:
+            return self.apply("sqrt", base)
+        if number is None or not number.is_integer() or not 1 <= abs(number) <= HIGHEST_PRODUCT:
+            return self.apply("power", base, exponent)
+        square, product, rest = base, -1, int(abs(number))
+        while rest:
+            if rest % 2:
+                product = square if product < 0 else self.apply("multiply", product, square)
+            rest //= 2
+            square = self.apply("multiply", square, square) if rest else square
+        return product if number > 0 else self.apply("divide", self.number(1.0), product)
+
+    def add_tree(self, tree: ast.expr) -> int:
+        """Return the place of the value of a checked syntax tree; without recursion, for sums may be long."""
+        waiting, done = [(tree, False)], list[int]()
+        while waiting:
+            node, ready = waiting.pop()
+            operands = _operands(node)
+            if not ready and operands:
+                waiting += [(node, True), *((operand, False) for operand in operands)]
+                continue
+            places = [done.pop() for _ in operands]
+            done.append(self._node(node, places))  # the last operand is done first
+        return done[0]
+
+    def cone(self, outputs: Iterable[int]) -> list[int]:
+        """Return the places that ``outputs`` depend on, themselves among them, in the order of the list."""
+        found, waiting = set(), list(outputs)
+        while waiting:
+            place = waiting.pop()
+            if place not in found:
+                found.add(place)
+                kind, *operands = self.steps[place]
+                waiting += operands if kind in KERNELS else []
+        return sorted(found)
+
+    def _place(self, step: Step) -> int:
+        place = self._places.setdefault(step, len(self.steps))
+        if place == len(self.steps):
+            self.steps.append(step)
+        return place
+
+    def _node(self, node: ast.expr, places: list[int]) -> int:
+        match node:
+            case ast.Constant(value=int() | float() as number):
+                return self.number(number)
+            case ast.Name(id=name):
+                return self.number(CONSTANTS[name]) if name in CONSTANTS else self.name(name)
+            case ast.UnaryOp(op=op):
+                return self.apply("negative", *places) if isinstance(op, ast.USub) else places[0]
+            case ast.BinOp(op=ast.Pow()):
+                return self.power(*places)
+            case ast.Compare(ops=[ast.Gt() | ast.GtE() as op]):
+                return self.apply(OPERATORS[type(op)], *places[::-1])
+            case ast.BinOp(op=op) | ast.Compare(ops=[op]):
+                return self.apply(OPERATORS[type(op)], *places)
+            case ast.Call(func=ast.Name(id=name)):
+                return self.apply(name, *places)
+        raise AssertionError(node)  # formula_tree lets nothing else pass
+
+
+def _operands(node: ast.expr) -> list[ast.expr]:
+    match node:
+        case ast.UnaryOp(operand=operand):
+            return [operand]
+        case ast.BinOp(left=left, right=right) | ast.Compare(left=left, comparators=[right]):
+            return [left, right]
+        case ast.Call(args=arguments):
+            return arguments
+    return []
+
+
+@dataclass(frozen=True, eq=False)
+class Program:
+    """Steps that compute some outputs.
+
+    Attributes
+    ----------
+    numbers : mapping of place to number
+    variables : mapping of name to place
+    instructions : tuple of (place, kernel's name, operands, places that are not needed afterwards)
+    outputs : tuple of places
+    """
+
+    numbers: Mapping[int, Any]
+    variables: Mapping[str, int]
+    instructions: tuple[tuple[int, str, tuple[int, ...], tuple[int, ...]], ...]
+    outputs: tuple[int, ...]
+
+    def __call__(self, variables: Mapping[str, Any], count: int) -> Floats:
+        """Return one row an output (k, count), of variables that are arrays (count,) or numbers."""
+        table = np.empty((len(self.outputs), count))
+        needed = {name: np.asarray(variables[name], dtype=np.float64) for name in self.variables}
+        with np.errstate(all="ignore"):
+            for start in range(0, count, BATCH):
+                part = slice(start, start + BATCH)
+                values = {self.variables[n]: array[part] if array.ndim else array for n, array in needed.items()}
+                self._run(values, table[:, part])
+        return table
+
+    def _run(self, values: dict[int, Any], rows: Floats) -> None:
+        values.update(self.numbers)
+        for place, kernel, operands, released in self.instructions:
+            values[place] = KERNELS[kernel](*[values[operand] for operand in operands])
+            for old in released:
+                del values[old]
+        for row, place in zip(rows, self.outputs, strict=True):
+            row[:] = values[place]
+
+
+def program(steps: Steps, outputs: Sequence[int]) -> Program:
+    """Return what computes ``outputs``."""
+    cone = steps.cone(outputs)
+    numbers = {place: np.float64(value) for place in cone if (value := steps.value(place)) is not None}
+    variables = {steps.steps[place][1]: place for place in cone if steps.steps[place][0] == "name"}
+    kernels = [place for place in cone if steps.steps[place][0] in KERNELS]
+    kept, released = set(outputs), {}
+    for place in reversed(kernels):  # whoever uses a value last lets go of it
+        operands = set(steps.steps[place][1:])
+        released[place] = tuple(operands - kept)
+        kept |= operands
+    instructions = tuple((p, steps.steps[p][0], steps.steps[p][1:], released[p]) for p in kernels)
+    return Program(numbers, variables, instructions, tuple(outputs))

@@ -1,0 +1,124 @@
+"""The door for formulas: text becomes a syntax tree that is bounded in size and holds what is offered, nothing else.
+
+Whatever walks such a tree afterwards need not check it again.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from cpmkit.errors import SceneError, shown
+from cpmkit.runtime.suggestions import did_you_mean
+
+COORDINATES = ("x", "y", "z")
+CONSTANTS = {"pi": np.pi, "e": np.e}
+#: The functions that are offered, and how many arguments each takes.
+FUNCTIONS = {
+    "sin": 1, "cos": 1, "tan": 1, "arcsin": 1, "arccos": 1, "arctan": 1, "arctan2": 2, "sinh": 1, "cosh": 1, "tanh": 1,
+    "exp": 1, "log": 1, "sqrt": 1, "abs": 1, "sign": 1, "floor": 1, "minimum": 2, "maximum": 2, "hypot": 2,
+}  # fmt: skip
+OPERATIONS = (
+    ast.Add, ast.Sub, ast.Mult, ast.Div, ast.Pow, ast.Mod, ast.USub, ast.UAdd, ast.Lt, ast.LtE, ast.Gt, ast.GtE,
+)  # fmt: skip
+#: A longer formula is refused before it is parsed.
+LONGEST = 20_000
+#: A formula of more numbers, names and operations is refused.
+MOST_PARTS = 4_000
+
+
+def formula_tree(text: Any, names: Sequence[str], what: str = "the formula") -> ast.expr:
+    """Return the syntax tree of a formula in the variables ``names``.
+
+    Parameters
+    ----------
+    text : str
+    names : sequence of str
+        The variables that it may use, beside the constants pi and e.
+    what : str
+        Its name in messages.
+
+    Raises
+    ------
+    SceneError
+        If the text is no text, too long or nested too deeply, does not parse, or uses a name, an operation, a number
+        of arguments or a number that is not offered.
+    """
+    if not isinstance(text, str):
+        raise SceneError(f"{what} must be a formula such as 'x**2 + y', got {shown(text)}.")
+    tree = parse(text, what)
+    parts = [node for node in ast.walk(tree) if isinstance(node, ast.expr)]
+    if len(parts) > MOST_PARTS:
+        raise SceneError(
+            f"{what} {shown(text)} has {len(parts)} numbers, names and operations; at most {MOST_PARTS} are accepted, "
+            "give such data by the vertex or from Python."
+        )
+    called = {id(node.func) for node in parts if isinstance(node, ast.Call)}
+    for node in parts:
+        reason = None if id(node) in called else _refusal(node, names)
+        if reason:
+            part = ast.get_source_segment(text.strip(), node) or ""
+            raise SceneError(f"{what} {shown(text)} {reason.format(part=shown(part))}")
+    return tree
+
+
+def parse(text: str, what: str = "the formula") -> ast.expr:
+    """Return the syntax tree of any expression of Python that is not too long.
+
+    Raises
+    ------
+    SceneError
+        If it is too long or nested too deeply, or does not parse.
+    """
+    if len(text) > LONGEST:
+        raise SceneError(
+            f"{what} {shown(text)} has {len(text)} characters; at most {LONGEST} are accepted, give such data by the "
+            "vertex or from Python."
+        )
+    if "#" in text:
+        raise SceneError(f"{what} {shown(text)} holds a #; comments stand outside of the quotes.")
+    try:
+        return ast.parse(text.strip(), mode="eval").body
+    except (RecursionError, MemoryError) as error:  # both are how the parser says that its stack is full
+        raise SceneError(f"{what} {shown(text)} is nested too deeply; use fewer signs and parentheses.") from error
+    except (SyntaxError, ValueError) as error:
+        reason = error.msg if isinstance(error, SyntaxError) else str(error)
+        reason = "a number has too many digits" if "digits" in reason else reason
+        raise SceneError(f"{what} {shown(text)} does not parse: {reason.rstrip('.')}.") from error
+
+
+def _refusal(node: ast.expr, names: Sequence[str]) -> str | None:
+    """Return why a node is refused, with {part} for what it spells; None where it is offered."""
+    match node:
+        case ast.Constant(value=int() | float() as number) if not isinstance(number, bool):
+            return None if _is_finite(number) else "holds the number {part}, which is beyond 1.8e308."
+        case ast.Name(id=name):
+            if name in names or name in CONSTANTS:
+                return None
+        case ast.BinOp(op=op) | ast.UnaryOp(op=op) | ast.Compare(ops=[op]):
+            if isinstance(op, OPERATIONS):
+                return None
+        case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]) if name in FUNCTIONS:
+            if any(isinstance(argument, ast.Starred) for argument in arguments):
+                return _not_offered(node, names)
+            wanted, given = FUNCTIONS[name], len(arguments)
+            return None if given == wanted else f"calls {name} with {given} arguments; it takes {wanted}."
+    return _not_offered(node, names)
+
+
+def _is_finite(number: float) -> bool:
+    try:
+        return bool(np.isfinite(float(number)))
+    except OverflowError:
+        return False
+
+
+def _not_offered(node: ast.expr, names: Sequence[str]) -> str:
+    offered = (*names, *CONSTANTS, *FUNCTIONS)
+    word = node.func if isinstance(node, ast.Call) else node
+    name = word.id if isinstance(word, ast.Name) else None
+    near = did_you_mean(name, offered) if name not in offered else ""
+    return f"uses {{part}}{near}; offered are + - * / ** % < > and {', '.join(offered)}."

@@ -1,0 +1,89 @@
+"""Whether a solve fits into memory; where it does not, the spacing that would."""
+
+from __future__ import annotations
+
+import math
+
+from cpmkit.errors import ResolutionError
+from cpmkit.manifold.localized import Localized
+from cpmkit.runtime import memory
+
+#: Blocks of the manifold from which the number of unknowns is foretold.
+COUNTED = 12_000
+#: Such blocks are cells of at least this share of the largest side of the surface; half a cell is beyond it.
+FINEST = 1 / 4095.5
+#: Share of the memory that a spacing which is named leaves unused.
+SPARE = 0.2
+
+
+def check_fits(
+    source: Localized,
+    unknowns: float,
+    spacing: float,
+    degree: int,
+    solver: str = "reference",
+    excess: float = 1.0,
+) -> None:
+    """Refuse a band that the memory of this process cannot hold.
+
+    Parameters
+    ----------
+    source : Localized
+        What the band is around.
+    unknowns : float
+        That the band has, about.
+    spacing, degree : float, int
+        Of the lattice and the interpolation.
+    solver : str
+        That will be taken.
+    excess : float
+        How many times too large the band must be: more than 1 while ``unknowns`` is a rough number.
+
+    Raises
+    ------
+    ResolutionError
+        With the spacing that would fit.
+    """
+    needed, limit = unknowns * memory.bytes_per_unknown(source.dim, degree, solver), memory.memory_limit()
+    if needed > excess * limit.bytes:
+        fits = fitting_spacing(source, degree, limit.bytes, solver)
+        raise ResolutionError(
+            f"spacing={spacing:g} needs about {unknowns:.2g} unknowns and {needed / 2**30:.3g} GiB"
+            f"{' with the solver ' + repr(solver) if solver != 'reference' else ''}, and {limit}; "
+            f"spacing={fits:g} or more would fit{or_another_solver(solver)}."
+        )
+
+
+def fitting_spacing(source: Localized, degree: int, available: int, solver: str = "reference") -> float:
+    """Return a spacing, rounded up to two digits, at which a solve fits into so many bytes.
+
+    It does not depend on the spacing that was asked for, nor on where the lattice is.
+    """
+    unknowns = (1 - SPARE) * max(available, 1) / memory.bytes_per_unknown(source.dim, degree, solver)
+    return rounded_up((unknowns_at_one(source, degree) / unknowns) ** (1 / max(source.largest_dim, 1)))
+
+
+def unknowns_at_one(source: Localized, degree: int) -> float:
+    """Return how many unknowns a band has, times the spacing to the power of the manifold's dimension.
+
+    Counted from the blocks that the manifold meets, coarse ones: thin parts look as thick as a block.
+    """
+    from cpmkit.grid.band import cell_levels, nodes_of_blocks
+
+    extent = float((source.bounds[1] - source.bounds[0]).max()) or 1.0
+    cell = extent * FINEST
+    levels = cell_levels(source, cell, -source.bounds[0] / cell)
+    side, count = next((side, len(blocks)) for side, blocks in levels if side == 1 or len(blocks) > COUNTED)
+    m = source.largest_dim
+    return nodes_of_blocks(count, side, source.dim, m, degree) * cell**m
+
+
+def rounded_up(value: float) -> float:
+    """Return ``value`` rounded up to two digits."""
+    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return float(f"{math.ceil(value / unit * (1 - 1e-9)) * unit:.2g}")
+
+
+def or_another_solver(solver: str) -> str:
+    """Return what else would fit where the direct solver is too large, as the end of a sentence."""
+    return ", or solver='reference'" if solver == "direct" else ""

@@ -1,0 +1,1 @@
+"""Linear operators and solvers, which know no equation."""

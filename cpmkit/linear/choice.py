@@ -1,0 +1,85 @@
+"""Linear solvers. Each returns a solution with a report, and raises when it did not converge."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
+
+from cpmkit.errors import InputError, shown
+from cpmkit.linear.direct import solve_direct
+from cpmkit.linear.reference import solve_reference
+from cpmkit.plugins import call, factory, installed_kinds
+from cpmkit.protocols import LinearSolver
+from cpmkit.runtime.arrays import positive, whole
+
+#: Up to this many unknowns, by dimension of the manifold, a direct factorisation is the quicker one.
+DIRECT_UP_TO = {0: 10**6, 1: 100_000, 2: 6_000, 3: 3_000}
+SOLVERS = {"direct": solve_direct, "reference": solve_reference}
+#: Options of the built-in solvers.
+ACCEPTED = {"auto": ("max_iterations",), "direct": (), "reference": ("max_iterations",)}
+
+
+def choose_solver(name: str, unknowns: int, manifold_dim: int, factor: float = 1.0) -> str:
+    """Return the solver that ``name`` means for this many unknowns; ``auto`` takes the quicker one.
+
+    A ``factor`` above one is for what an iterative solver does slowly or not at all.
+    """
+    if name != "auto":
+        return name
+    return "direct" if unknowns <= factor * DIRECT_UP_TO.get(manifold_dim, 0) else "reference"
+
+
+def check_solver(name: str, options: Mapping[str, Any]) -> str:
+    """Return ``name`` if a solver has it and takes the options; ``auto`` takes those of every built-in one.
+
+    Raises
+    ------
+    InputError
+        If the name is neither auto, nor a built-in solver, nor a kind of an installed plugin, or an option is unknown
+        or not what is accepted.
+    """
+    if name not in ACCEPTED:
+        if name not in [installed.kind for installed in installed_kinds()]:
+            raise InputError(
+                f"solver must be auto, {', '.join(SOLVERS)}, or the kind of a solver's plugin, got {shown(name)}."
+            )
+        make_solver(name, options)
+        return name
+    unknown = [key for key in options if key not in ACCEPTED[name]]
+    if unknown:
+        accepted = ", ".join(ACCEPTED[name]) or "none"
+        raise InputError(f"the solver {name!r} has no option {unknown[0]!r}; accepted are {accepted}.")
+    if "max_iterations" in options:
+        whole(options["max_iterations"], f"max_iterations of the solver {name!r}", 1)
+    return name
+
+
+def check_tolerance(tolerance: Any) -> float:
+    """Return the relative residual that is asked for, if it is above zero and below one.
+
+    Raises
+    ------
+    InputError
+        If it is not: at 1, u = 0 fulfils it, and nothing would be solved.
+    """
+    value = positive(tolerance, "tolerance")
+    if value >= 1:
+        raise InputError(f"tolerance must be below 1, got {value:g}: u = 0 has a relative residual of 1; use 1e-10.")
+    return value
+
+
+def make_solver(name: str, options: Mapping[str, Any]) -> LinearSolver:
+    """Return the built-in solver ``name``, or the one that a plugin makes, with its options.
+
+    Raises
+    ------
+    SceneError
+        If an option is not one of the plugin's solver.
+    PluginError
+        If ``name`` is the kind of something else.
+    """
+    if name in SOLVERS:
+        return partial(SOLVERS[name], **{key: value for key, value in options.items() if key in ACCEPTED[name]})
+    made: LinearSolver = call(factory(name, "cpmkit_solvers"), f"the solver {name!r}", options)
+    return made

@@ -1,0 +1,98 @@
+"""Sparse LU of an operator; a border is an update of low rank, because its dense rows would fill the factors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cpmkit.protocols import Floats
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+    from cpmkit.linear.operators import Border, Operator
+
+
+@dataclass(frozen=True, eq=False)
+class Update:
+    """What ``U V`` adds to a factorised matrix P: ``(P + U V)^-1 = P^-1 - (P^-1 U) (1 + V P^-1 U)^-1 V P^-1``.
+
+    Attributes
+    ----------
+    solved : (n, r) float64
+        ``P^-1 U``.
+    rows : csr_array (r, n)
+        V.
+    inverse : (r, r) float64
+        ``(1 + V P^-1 U)^-1``.
+    """
+
+    solved: Floats
+    rows: csr_array
+    inverse: Floats
+
+    def apply(self, u: Floats) -> Floats:
+        """Return ``(P + U V)^-1 b`` from ``u = P^-1 b`` (n, channels)."""
+        return np.asarray(u - self.solved @ (self.inverse @ (self.rows @ u)))
+
+
+@dataclass(frozen=True, eq=False)
+class Factors:
+    """Sparse LU of an operator, its border included.
+
+    Attributes
+    ----------
+    lu : SuperLU
+        Of A; where there is a border, of A with one node of each piece held.
+    update : Update or None
+        From there to ``A + s B W``.
+    """
+
+    lu: Any
+    update: Update | None
+
+    def solve(self, b: Floats) -> Floats:
+        """Return u with ``A u = b``, or ``(A + s B W) u = b``, for b of shape (n, channels)."""
+        u: Floats = self.lu.solve(b)
+        return u if self.update is None else self.update.apply(u)
+
+
+def factorize(operator: Operator) -> Factors:
+    """Return the factors of an operator.
+
+    Raises
+    ------
+    RuntimeError
+        If the matrix is singular.
+    """
+    from scipy.sparse.linalg import splu
+
+    matrix, border = operator.matrix(), operator.border
+    if border is None:
+        return Factors(splu(matrix.tocsc()), None)
+    scale = operator.lift_scale
+    held = _heaviest(border)
+    lu = splu((matrix + scale * (held @ held.T)).tocsc())
+    return Factors(lu, _update(lu, border, held, scale))
+
+
+def _heaviest(border: Border) -> csr_array:
+    """Return the unit vectors (n, k) of one node on each piece, that with the largest weight in its mean."""
+    from scipy.sparse import csr_array
+
+    pieces, n = border.mean.shape
+    nodes = np.asarray(border.mean.argmax(axis=1)).ravel()
+    return csr_array((np.ones(pieces), (nodes, np.arange(pieces))), shape=(n, pieces))
+
+
+def _update(lu: Any, border: Border, held: csr_array, scale: float) -> Update:
+    """Return the update by ``s B W - s H H'``, which lets the ``held`` nodes H go and lifts the constants."""
+    from scipy.sparse import hstack, vstack
+
+    columns = scale * hstack([border.indicator, -held]).toarray()
+    stacked: Any = vstack([border.mean, held.T])
+    rows = stacked.tocsr()
+    solved = lu.solve(columns)
+    return Update(solved, rows, np.linalg.inv(np.eye(len(columns[0])) + rows @ solved))

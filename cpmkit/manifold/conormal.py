@@ -1,0 +1,63 @@
+"""The normal of a manifold and the conormal to the left, at feet on a boundary."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.manifold.localized import Localized
+from cpmkit.manifold.orientation import Orientation
+from cpmkit.manifold.tangent_space import normals, tangents, tangents_and_corners
+from cpmkit.protocols import ClosestPoints, Floats
+
+
+def axis_and_left(
+    source: Localized,
+    surface: Localized,
+    signs: tuple[Orientation, Orientation],
+    on: ClosestPoints,
+    feet: ClosestPoints,
+    step: float,
+) -> tuple[Floats, Floats]:
+    """Return n (n, d) and the conormal v (n, d) that points to the left; where n is not needed, v again.
+
+    Parameters
+    ----------
+    source, surface : Localized
+        The boundary, of one dimension less than the manifold there, and the manifold.
+    signs : pair of Orientation
+        Across: of the manifold's normals, of its tangents where it is a curve. Along: of the boundary's own tangents,
+        of its normals where it is a surface.
+    on, feet : ClosestPoints
+        The manifold's and the boundary's own records of the feet.
+    step : float
+        Of differences.
+    """
+    across, along = signs
+    dimension = (source.manifold_dim or 0) + 1
+    axis = None
+    if dimension == 2 and surface.dim == 3:
+        axis = across.apply(on.points, normals(surface, on, step))
+    left = np.empty_like(on.points)
+    for member, rows, own in source.by_member(feet):
+        if member.has_left:
+            left[rows] = member.leftward(own)
+        elif dimension == 1:
+            left[rows] = -across.apply(on.points[rows], tangents(surface, on.take(rows), step))
+        elif dimension == 3:
+            left[rows] = along.apply(own.points, normals(member, own, step))
+        elif axis is None:
+            tangent = _travel(member, along, own, step)
+            left[rows] = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
+        else:
+            across_it = np.cross(axis[rows], _travel(member, along, own, step))
+            left[rows] = across_it / np.linalg.norm(across_it, axis=1, keepdims=True)
+    return (left if axis is None else axis), left
+
+
+def _travel(source: Localized, along: Orientation, feet: ClosestPoints, step: float) -> Floats:
+    """Return the direction of travel (n, d) at feet on a curve; at a corner about the bisector of both directions."""
+    directions, corner = tangents_and_corners(source, feet, step)
+    directions = along.apply(feet.points, directions)
+    if along.points is not None and corner.any():
+        directions[corner] = along.mean(feet.points[corner])
+    return directions

@@ -1,0 +1,172 @@
+"""A source seen from the lattice: queries relative to its origin, and a count of them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from cpmkit.manifold.answers import check_answer
+from cpmkit.protocols import (
+    ClosestPoints,
+    ClosestPointSource,
+    Floats,
+    HasFeet,
+    HasLeft,
+    HasMembers,
+    HasNormals,
+    HasTangents,
+    HasTranslation,
+    Ints,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Localized:
+    """A source that is asked and answers relative to ``origin``.
+
+    A source that can translate itself (``HasTranslation``) is restated once and keeps its accuracy
+    however far from zero it lies; any other is shifted query by query, which costs the rounding
+    of its coordinates.
+
+    Attributes
+    ----------
+    source : ClosestPointSource
+        The source that is asked.
+    shift : (d,) float64
+        Added to queries and taken from answers; zero where the source was translated.
+    queries : Counter
+        ``queries["points"]`` counts the closest point queries made so far.
+    origin : (d,) float64, optional
+        Where zero lies in the scene, for messages; ``shift`` unless given.
+    """
+
+    source: ClosestPointSource
+    shift: Floats
+    queries: Counter[str] = field(default_factory=Counter)
+    origin: Floats | None = None
+
+    @property
+    def dim(self) -> int:
+        """Dimension of the space."""
+        return self.source.dim
+
+    @property
+    def manifold_dim(self) -> int | None:
+        """Dimension of the manifold."""
+        return self.source.manifold_dim
+
+    @property
+    def bounds(self) -> Floats:
+        """(2, d) bounds relative to the origin."""
+        return np.asarray(self.source.bounds, dtype=np.float64) - self.shift
+
+    @cached_property
+    def members(self) -> tuple[Localized, ...]:
+        """The members of a union, seen from the same origin; the source itself where it is none."""
+        if not isinstance(self.source, HasMembers):
+            return (self,)
+        return tuple(Localized(member, self.shift, self.queries, self.origin) for member in self.source.members)
+
+    @property
+    def largest_dim(self) -> int:
+        """The largest dimension of a member: counts of nodes grow with it."""
+        return largest_dim(self.source)
+
+    def dimensions_at(self, feet: ClosestPoints) -> Ints:
+        """Return the dimension (n,) of the manifold at ``feet``; of a mixed union, the member's."""
+        dims = np.array([self.dim if one.manifold_dim is None else one.manifold_dim for one in self.members])
+        return np.full(len(feet), dims[0]) if len(dims) == 1 else dims[feet.element]
+
+    def by_member(self, feet: ClosestPoints) -> Iterator[tuple[Localized, Ints, ClosestPoints]]:
+        """Yield each member that holds some of ``feet``, their rows, and the member's own records of them."""
+        if self.members[0] is self:
+            yield self, np.arange(len(feet)), feet
+            return
+        assert feet.element is not None
+        for number in np.unique(feet.element):
+            rows = np.flatnonzero(feet.element == number)
+            yield self.members[number], rows, self.members[number].closest_point(feet.points[rows])
+
+    def knows_directions(self, dimension: int) -> bool:
+        """True if all members of this dimension give their own tangents (of a curve) or normals (of a surface)."""
+        asked = [member for member in self.members if member.manifold_dim == dimension]
+        return all(member.has_tangents if dimension == 1 else member.has_normals for member in asked)
+
+    @property
+    def has_normals(self) -> bool:
+        """True if the source gives its own normals."""
+        return isinstance(self.source, HasNormals)
+
+    @property
+    def has_tangents(self) -> bool:
+        """True if the source gives its own tangents."""
+        return isinstance(self.source, HasTangents)
+
+    @property
+    def has_feet(self) -> bool:
+        """True if the source, and each member of a union, finds feet on other sheets than the nearest."""
+        return all(isinstance(member.source, HasFeet) for member in self.members)
+
+    @property
+    def has_left(self) -> bool:
+        """True if the source, and each member of a union, knows its left by itself."""
+        return all(isinstance(member.source, HasLeft) for member in self.members)
+
+    def closest_point(self, x: Floats) -> ClosestPoints:
+        """Return the closest points of ``x`` (n, d), both relative to the origin.
+
+        Raises
+        ------
+        InputError
+            If the answer is not what a source has to give: the source is at fault, not what is computed from it.
+        """
+        self.queries["points"] += len(x)
+        answer = self.source.closest_point(np.ascontiguousarray(x + self.shift))
+        check_answer(answer, x, self.source, self.shift if self.origin is None else self.origin)
+        return self._moved(answer, -self.shift)
+
+    def feet(self, x: Floats, radius: float) -> tuple[Ints, ClosestPoints]:
+        """Return the rows (k,) of ``x`` (n, d), ascending, and their feet within ``radius``, the nearest first.
+
+        Counted as one query a row.
+        """
+        assert isinstance(self.source, HasFeet)
+        self.queries["points"] += len(x)
+        rows, feet = self.source.feet(np.ascontiguousarray(x + self.shift), radius)
+        check_answer(feet, x[rows], self.source, self.shift if self.origin is None else self.origin)
+        return rows, self._moved(feet, -self.shift)
+
+    def normals(self, feet: ClosestPoints) -> Floats:
+        """Return the source's own normals (n, d) at ``feet``."""
+        assert isinstance(self.source, HasNormals)
+        return self.source.normals(self._moved(feet, self.shift))
+
+    def tangents(self, feet: ClosestPoints) -> Floats:
+        """Return the source's own tangents (n, d) at ``feet``."""
+        assert isinstance(self.source, HasTangents)
+        return self.source.tangents(self._moved(feet, self.shift))
+
+    def leftward(self, feet: ClosestPoints) -> Floats:
+        """Return the source's own leftward vectors (n, d) at ``feet``."""
+        assert isinstance(self.source, HasLeft)
+        return self.source.leftward(self._moved(feet, self.shift))
+
+    def _moved(self, feet: ClosestPoints, offset: Floats) -> ClosestPoints:
+        return replace(feet, points=feet.points + offset) if self.shift.any() else feet
+
+
+def largest_dim(source: ClosestPointSource) -> int:
+    """Return the largest dimension of a source's members; the space's where it is not known."""
+    members = source.members if isinstance(source, HasMembers) else [source]
+    return max(source.dim if member.manifold_dim is None else member.manifold_dim for member in members)
+
+
+def localize(source: ClosestPointSource, origin: Floats) -> Localized:
+    """Return ``source`` as seen from ``origin`` (d,)."""
+    if origin.any() and isinstance(source, HasTranslation):
+        return Localized(source.translated(-origin), np.zeros_like(origin), origin=np.array(origin))
+    return Localized(source, np.array(origin))

@@ -1,0 +1,115 @@
+"""Normals and tangents at points of a manifold, from the source itself or from its closest points alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from cpmkit.manifold.localized import Localized
+from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
+
+#: An eigenvalue of the closest point map's Jacobian above this belongs to a tangent direction.
+TANGENT = 0.5
+#: Where that of a curve's direction is not above the next by so much, the curve has a corner there.
+STRAIGHT = 0.7
+
+
+def jacobian(source: Localized, points: Floats, step: float) -> Floats:
+    """Return the Jacobian (n, d, d) of the closest point map at ``points``, by central differences, symmetrised.
+
+    On a manifold it is the projection on the tangent space (Maerz and Macdonald 2012).
+    """
+    dim = source.dim
+    shifts = step * np.concatenate([np.eye(dim), -np.eye(dim)])
+    feet = source.closest_point((points[:, None] + shifts).reshape(-1, dim)).points.reshape(-1, 2 * dim, dim)
+    columns = (feet[:, :dim] - feet[:, dim:]) / (2 * step)
+    return 0.5 * (columns + columns.transpose(0, 2, 1))
+
+
+def normals(surface: Localized, feet: ClosestPoints, step: float) -> Floats:
+    """Return unit normals (n, d) of a hypersurface at ``feet``; a source without its own gives them any sign."""
+
+    def of_member(member: Localized, own: ClosestPoints, _: Ints) -> Floats:
+        if member.has_normals:
+            return member.normals(own)
+        return np.linalg.eigh(jacobian(member, own.points, step))[1][:, :, 0]
+
+    return _by_member(surface, feet, of_member)
+
+
+def tangents(curve: Localized, feet: ClosestPoints, step: float) -> Floats:
+    """Return unit tangents (n, d) of a curve at ``feet``; a source without its own gives them any sign."""
+    return tangents_and_corners(curve, feet, step)[0]
+
+
+def tangents_and_corners(curve: Localized, feet: ClosestPoints, step: float) -> tuple[Floats, Bools]:
+    """Return the same, and where (n,) a source without tangents of its own has a corner, and thus no direction."""
+    corner = np.zeros(len(feet), dtype=bool)
+
+    def of_member(member: Localized, own: ClosestPoints, rows: Ints) -> Floats:
+        if member.has_tangents:
+            return member.tangents(own)
+        values, axes = np.linalg.eigh(jacobian(member, own.points, step))
+        corner[rows] = values[:, -1] - values[:, -2] < STRAIGHT
+        return np.asarray(axes[:, :, -1])
+
+    return _by_member(curve, feet, of_member), corner
+
+
+def project_tangent(surface: Localized, feet: ClosestPoints, vectors: Floats, step: float) -> Floats:
+    """Return ``vectors`` (n, d) projected on the tangent space at ``feet``."""
+    return _by_member(surface, feet, lambda member, own, rows: _projected(member, own, vectors[rows], step))
+
+
+def _projected(surface: Localized, feet: ClosestPoints, vectors: Floats, step: float) -> Floats:
+    if surface.manifold_dim == surface.dim:
+        return vectors
+    if surface.manifold_dim == 2:
+        n = normals(surface, feet, step)
+        return np.asarray(vectors - np.sum(vectors * n, axis=1, keepdims=True) * n)
+    if surface.manifold_dim == 1:
+        t = tangents(surface, feet, step)
+        return np.asarray(np.sum(vectors * t, axis=1, keepdims=True) * t)
+    values, axes = np.linalg.eigh(jacobian(surface, feet.points, step))
+    kept = np.einsum("nij,ni->nj", axes, vectors) * (values > TANGENT)
+    return np.asarray(np.einsum("nij,nj->ni", axes, kept))
+
+
+def outward_conormals(surface: Localized, edge: ClosestPoints, step: float) -> Floats:
+    """Return the outward conormals (n, d) at feet ``edge`` on an open manifold's edge."""
+    return _by_member(surface, edge, lambda member, own, _: _outward(member, own, step))
+
+
+def _outward(surface: Localized, edge: ClosestPoints, step: float) -> Floats:
+    """Return the outward conormals of one member.
+
+    ``b = -unit of T sum_k [cp(y + h e_k) + cp(y - h e_k) - 2 y]``, T the tangent projection: inside a
+    manifold the closest points around y average to y, at an edge they lean inwards, and curvature adds a
+    normal part that T removes. Second order in the step h.
+    """
+    dim, y = surface.dim, edge.points
+    shifts = step * np.concatenate([np.eye(dim), -np.eye(dim)])
+    around = surface.closest_point((y[:, None] + shifts).reshape(-1, dim)).points.reshape(-1, 2 * dim, dim)
+    lean = -_unit((around - y[:, None]).sum(axis=1))
+    if surface.has_normals or surface.has_tangents:
+        return _unit(project_tangent(surface, edge, lean, step))
+    # Differences across the edge would bend T by O(h): it is extrapolated from two points inside.
+    near, far = (surface.closest_point(y - distance * step * lean) for distance in (2, 4))
+    return _unit(
+        2 * _unit(project_tangent(surface, near, lean, step)) - _unit(project_tangent(surface, far, lean, step))
+    )
+
+
+def _unit(vectors: Floats) -> Floats:
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
+
+
+def _by_member(
+    surface: Localized, feet: ClosestPoints, ask: Callable[[Localized, ClosestPoints, Ints], Floats]
+) -> Floats:
+    """Ask the members of a union for vectors (n, d), each at its own feet: others near by do not disturb it."""
+    answers = np.empty_like(feet.points)
+    for member, rows, own in surface.by_member(feet):
+        answers[rows] = ask(member, own, rows)
+    return answers

@@ -1,0 +1,86 @@
+"""The foot of a point on the sheet that one stands on: by the source's own search, or by walking along the surface."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.manifold.localized import Localized
+from cpmkit.manifold.tangent_space import normals
+from cpmkit.protocols import ClosestPoints, Floats, Ints
+
+#: The way to a foot on a sheet is walked in steps of this many spacings: no farther than the next sheet is.
+STRIDE = 0.5
+#: At most so many steps; a node is within a stencil's reach of the foot that it is looked for from.
+STRIDES = 60
+#: A walk that moves less than this many spacings has arrived.
+ARRIVED = 1e-7
+#: After so many steps, and so many again, a walk to where there may be no foot must have come nearer, or it
+#: is given up: around a bend that is sharper than the goal is high there is no place to arrive at.
+CHECKED = 4
+#: A step is at most this many times the way ahead.
+LONGEST = 4.0
+
+
+def feet_from(source: Localized, goal: Floats, start: ClosestPoints, spacing: float) -> tuple[Ints, ClosestPoints]:
+    """Return feet of ``goal`` (n, d) and whose they are, those of one row by their distance.
+
+    By the source's own search where it has one, no farther than ``start`` lies, for that is a point of the sheet; by
+    walking along the sheet from there where it has none, and in the place of feet that it does not vouch for.
+    """
+    if not source.has_feet:
+        return np.arange(len(goal)), walk(source, goal, start, spacing, give_up=True)
+    reach = np.linalg.norm(goal - start.points, axis=1)
+    rows, feet = source.feet(goal, float(reach.max()))
+    near = feet.distance <= reach[rows]
+    rows, feet = rows[near], feet.take(near)
+    return (rows, feet) if feet.doubtful is None else _without_doubt(source, goal, start, spacing, rows, feet)
+
+
+def _without_doubt(
+    source: Localized, goal: Floats, start: ClosestPoints, spacing: float, rows: Ints, feet: ClosestPoints
+) -> tuple[Ints, ClosestPoints]:
+    """Return the feet with doubtful ones replaced by those that walking leads to."""
+    assert feet.doubtful is not None
+    unsure, sure = np.unique(rows[feet.doubtful]), ~feet.doubtful
+    walked = walk(source, goal[unsure], start.take(unsure), spacing, give_up=True)
+    rows = np.concatenate([rows[sure], unsure])
+    order = np.argsort(rows, kind="stable")
+    return rows[order], ClosestPoints.join([feet.take(sure), walked]).take(order)
+
+
+def walk(source: Localized, goal: Floats, start: ClosestPoints, spacing: float, give_up: bool = False) -> ClosestPoints:
+    """Return the feet reached from ``start`` by walking along the surface until ``goal`` (n, d) lies straight above.
+
+    A leap to the foot of the goal's projection could land on another sheet, and past an end of the surface it would.
+    The way ahead is the tangential part of what is left to the goal; as it shrinks by ``1 - height * curvature`` times
+    what is walked, the step is chosen from how much it shrank in the last one (Barzilai and Borwein 1988).
+    """
+    feet, walking = start, np.arange(len(goal))
+    checked, steps = np.full(len(goal), np.inf), np.ones((len(goal), 1))
+    last: tuple[Floats, Floats] | None = None
+    for count in range(STRIDES):
+        here = feet.take(walking)
+        n = normals(source, here, 0.5 * spacing)
+        away = goal[walking] - here.points
+        ahead = away - np.sum(away * n, axis=1, keepdims=True) * n
+        length = np.linalg.norm(ahead, axis=1, keepdims=True)
+        if last is not None:
+            steps = _steps(here.points - last[0], last[1] - ahead)
+        step = np.minimum(steps, STRIDE * spacing / np.maximum(length, ARRIVED * spacing)) * ahead
+        reached = source.closest_point(here.points + step)
+        going = np.linalg.norm(reached.points - here.points, axis=1) > ARRIVED * spacing
+        feet = feet.replaced(walking, reached)
+        if give_up and count % CHECKED == 0:
+            going &= length[:, 0] <= checked[walking]
+            checked[walking] = length[:, 0]
+        last = (here.points[going], ahead[going])
+        walking = walking[going]
+        if not len(walking):
+            break
+    return feet
+
+
+def _steps(walked: Floats, shrunk: Floats) -> Floats:
+    """Return by what to multiply the way ahead (n, 1), after walking ``walked`` (n, d) has ``shrunk`` (n, d) it."""
+    slope = np.sum(walked * shrunk, axis=1, keepdims=True) / np.sum(walked * walked, axis=1, keepdims=True)
+    return np.asarray(1 / np.clip(slope, 1 / LONGEST, None))

@@ -1,0 +1,1 @@
+"""Meshes for pictures and quadrature: cells, cuts along boundaries, refinement."""

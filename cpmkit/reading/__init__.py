@@ -1,1 +1,0 @@
-"""What is read from a solution beside its values: integrals, gradients, fluxes."""

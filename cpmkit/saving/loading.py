@@ -1,0 +1,181 @@
+"""Reading back what :meth:`Solution.save` wrote as .npz: with its scene a whole solution, without it the mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NoReturn, overload
+
+import numpy as np
+
+from cpmkit.errors import InputError, shown
+from cpmkit.files.plain_values import made
+from cpmkit.forms.collocation.conservation.balance import Leak
+from cpmkit.forms.collocation.conservation.flux_balance import Balance
+from cpmkit.forms.collocation.conservation.free_constants import Defect
+from cpmkit.forms.collocation.discretization import Discretization, discretize
+from cpmkit.linear.report import SolveReport
+from cpmkit.protocols import Floats, Ints
+from cpmkit.saving.saved_solutions import check_same_scene, of_another_scene, read_solution
+from cpmkit.scene.scene import Scene
+from cpmkit.solution.solution import Solution
+from cpmkit.solution.work import Work
+
+#: No inner node of a band is farther from the bounds of the surface than so many spacings.
+REACH = 12
+#: Share of the ghosts that may stand on their boundary.
+TIES = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class SavedSolution:
+    """What a .npz holds without its scene: the mesh with the values at its vertices, and the summary.
+
+    Attributes
+    ----------
+    points : (v, d) float64
+        Vertices of the display mesh; a vertex on a boundary appears once a side. Empty where the surface had no mesh.
+    cells : (m, k) int64
+        Its triangles, segments and points; shorter rows end in -1.
+    values : (v, channels) float64
+        The solution at the vertices.
+    summary : mapping
+        What was solved, what it cost and what it reached.
+    arrays : mapping
+        The arrays of the file, such as ``lattice_frames`` and ``lattice_frame_times`` of a problem in time.
+    """
+
+    points: Floats
+    cells: Ints
+    values: Floats
+    summary: Mapping[str, Any]
+    arrays: Mapping[str, Any]
+
+    def evaluate(self, *_points: Any, **_side: Any) -> NoReturn:
+        """Raise: without its scene a solution is known at the mesh's vertices only."""
+        raise InputError("A solution loaded without its scene cannot be evaluated; give scene= to cpmkit.load.")
+
+
+@overload
+def load(path: str | Path) -> SavedSolution: ...
+@overload
+def load(path: str | Path, scene: Scene | str | Path) -> Solution: ...
+def load(path: str | Path, scene: Scene | str | Path | None = None) -> Solution | SavedSolution:
+    """Read a solution that was saved as ``.npz``.
+
+    Parameters
+    ----------
+    path : path
+        Of the file.
+    scene : Scene or path, optional
+        The scene that was solved, or the scene file it came from. Its tables are built again, as long as that
+        takes, and filled with the saved values: the solution reads as it did, to the last bit. That the scene is the
+        one that was solved is checked by its nodes, by its ghosts with their sides, and by its equation and its
+        conditions, on the edge too, with the numbers in them; functions are not saved and not compared.
+
+    Returns
+    -------
+    Solution, or SavedSolution without a scene
+        Of a problem in time the solution at the end, of an eigenvalue problem one channel an eigenfunction; frames and
+        eigenvalues are among the arrays of the SavedSolution.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, is not whole, was not written by cpmkit or by a later format of it, holds what does
+        not belong in it, or belongs to another scene.
+
+    Examples
+    --------
+    >>> import cpmkit as ck, tempfile
+    >>> scene = ck.Scene(ck.source("analytic.circle"), ck.ScreenedPoisson(lambda x: x[:, 0]))
+    >>> solution = ck.solve(scene, spacing=0.1)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     solution.save(f"{folder}/circle.npz")
+    ...     again = ck.load(f"{folder}/circle.npz", scene)
+    >>> bool(again.evaluate([[0.6, 0.8]]) == solution.evaluate([[0.6, 0.8]]))
+    True
+    """
+    try:
+        path = Path(path)
+    except TypeError as error:
+        raise InputError(f"cpmkit.load reads a file, and needs its path, got {shown(path)}.") from error
+    arrays, summary = read_solution(path)
+    if scene is not None and not isinstance(scene, Scene):
+        from cpmkit.scenefile.reading import load_scene
+
+        scene = load_scene(scene).scene
+    return _light(arrays, summary) if scene is None else _rebuilt(path, arrays, summary, scene)
+
+
+def _light(arrays: Mapping[str, Any], summary: Mapping[str, Any]) -> SavedSolution:
+    mesh = {name: arrays[name] for name in ("points", "cells", "values") if name in arrays}
+    if not mesh:
+        none = np.zeros((0, 0))
+        channels = summary["discretization"].get("channels", 1)
+        return SavedSolution(none, none.astype(np.int64), np.zeros((0, channels)), summary, arrays)
+    return SavedSolution(mesh["points"], mesh["cells"], mesh["values"], summary, arrays)
+
+
+def _rebuilt(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any], scene: Scene) -> Solution:
+    lattice = {name.removeprefix("lattice_"): array for name, array in arrays.items() if name.startswith("lattice_")}
+    if not lattice:
+        raise InputError(
+            f"{shown(path.name)} holds a solution of another back end than 'cpm'; load it without a scene."
+        )
+    where = f"the summary of {shown(path.name)}"
+    check_same_scene(path, summary["scene"], scene)
+    if lattice["origin"].shape != (scene.surface.dim,):
+        raise of_another_scene(path, f"it lies in {len(lattice['origin'])} dimensions")
+    if not _is_near(lattice, scene):
+        raise of_another_scene(path, "its nodes are elsewhere")
+    tables = discretize(
+        scene,
+        float(lattice["spacing"]),
+        degree=int(lattice["degree"]),
+        order=int(lattice["order"]),
+        origin=lattice["origin"],
+        sheets=lattice["sheets"].item() if "sheets" in lattice else True,
+    )
+    if not _fits(tables, lattice, scene):
+        raise of_another_scene(path, "its nodes are others")
+    if not _sides_agree(tables, lattice):
+        raise of_another_scene(path, "left and right of its boundaries are others")
+    balance = summary["discretization"].get("balance")
+    return Solution(
+        scene,
+        lattice["unknowns"],
+        made(SolveReport, summary["report"], f"report in {where}"),
+        made(Work, summary["work"], f"work in {where}"),
+        summary["seconds"],
+        tables,
+        warnings=tuple(summary["warnings"]),
+        defects=tuple(made(Defect, one, f"a defect in {where}") for one in summary.get("defects", ())),
+        leaks=tuple(made(Leak, one, f"a leak in {where}") for one in summary.get("leaks", ())),
+        balance=None if balance is None else made(Balance, balance, f"balance in {where}"),
+    )
+
+
+def _sides_agree(tables: Discretization, lattice: Mapping[str, Any]) -> bool:
+    """Tell whether the ghosts carry the sides that were saved; a node on a boundary may be on either by rounding."""
+    left = tables.unknowns.ghost_sides
+    return "left" not in lattice or int(np.count_nonzero(left != lattice["left"])) <= TIES * len(left)
+
+
+def _is_near(lattice: Mapping[str, Any], scene: Scene) -> bool:
+    """Tell, before anything is built, whether the nodes lie around the scene's surface."""
+    bounds, spacing = np.asarray(scene.surface.bounds, dtype=np.float64), lattice["spacing"]
+    with np.errstate(over="ignore", invalid="ignore"):
+        nodes = lattice["origin"] + spacing * lattice["nodes"]
+    return bool(spacing > 0 and len(nodes) and np.all(np.abs(nodes - np.clip(nodes, *bounds)) <= REACH * spacing))
+
+
+def _fits(tables: Discretization, lattice: Mapping[str, Any], scene: Scene) -> bool:
+    band, unknowns = tables.layout.band, lattice["unknowns"]
+    channels = getattr(scene.problem, "count", tables.layout.channels)
+    return bool(
+        np.array_equal(band.nodes[: band.inner], lattice["nodes"])
+        and np.array_equal(tables.unknowns.ghost_nodes, lattice["ghosts"])
+        and unknowns.shape == (tables.unknowns.count, channels)
+    )

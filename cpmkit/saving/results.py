@@ -1,0 +1,159 @@
+"""Writing what a scene file asks for: the files, the picture, and last the summary that names them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cpmkit.errors import CpmkitError, InputError
+from cpmkit.files.whole_files import check_place
+from cpmkit.meshes.display_mesh import mesh_of
+from cpmkit.protocols import ClosestPointSource, Progress
+from cpmkit.saving.export import check_file, save, write_summary
+from cpmkit.saving.series import draw_frames, frames_folder
+from cpmkit.scenefile.output_request import OutputRequest, PictureRequest, check_links
+from cpmkit.view import check_picture, picture
+
+if TYPE_CHECKING:
+    from cpmkit.solution.abstract import ReadableSolution
+
+
+@dataclass(frozen=True)
+class Written:
+    """What became of the results.
+
+    Attributes
+    ----------
+    summary : dict
+        Of the solution, with the keys ``folder``, ``files`` (those that are written), ``unwritten`` (why others are
+        not), ``picture`` (the file, its renderer and why it was not another), and the seconds that writing took.
+    failures : mapping
+        What was raised for each file that could not be written.
+    """
+
+    summary: dict[str, Any]
+    failures: Mapping[str, Exception]
+
+    def check(self) -> None:
+        """Raise if a file could not be written.
+
+        Raises
+        ------
+        InputError
+            With the files that are not there, why, and those that are. A defect of cpmkit is raised as it is.
+        """
+        for error in self.failures.values():
+            if not isinstance(error, (CpmkitError, MemoryError)):
+                raise error
+        if self.failures:
+            missing = "; ".join(sentence.removesuffix(".") for sentence in self.summary["unwritten"].values())
+            there = [*self.summary["files"], *([self.summary["picture"]["file"]] if self.summary["picture"] else [])]
+            told = f"written into {self.summary['folder']} were {', '.join(there)}" if there else "nothing was written"
+            raise InputError(f"{missing}; {told}.")
+
+
+def check_request(request: OutputRequest, surface: ClosestPointSource, folder: Path) -> None:
+    """Check, before anything is solved, that everything asked for can be written into ``folder``.
+
+    Raises
+    ------
+    InputError, MissingDependencyError
+        If a file or the picture cannot be made of a solution on ``surface`` here, or not be written there.
+    """
+    for file in request.files:
+        check_file(file, surface)
+    asked = request.picture
+    if asked is not None:
+        check_picture(asked.file, asked.width, asked.view, asked.up)
+        mesh_of(surface)
+    for file in (*request.files, *([] if asked is None else [asked.file])):
+        check_links((folder / file).parent, folder, f"the folder of {file!r}")
+        check_place(folder / file)
+        if file.lower().endswith(".pvd"):
+            check_place(frames_folder(folder / file) / "frame.vtp")
+
+
+def write_results(
+    solution: ReadableSolution,
+    request: OutputRequest,
+    folder: Path,
+    progress: Progress,
+    warnings: Sequence[str] | None = None,
+) -> Written:
+    """Write all that ``request`` asks for into ``folder``, made if need be; what is there already is replaced.
+
+    A file that cannot be written keeps none of the others from being written, the summary last. Every file there is
+    whole. ``warnings`` take the place of the solution's in the summary.
+    """
+    summaries = [file for file in request.files if file.endswith(".json")]
+    others = [file for file in request.files if file not in summaries]
+    failures: dict[str, Exception] = {}
+    seconds = dict(solution.seconds)
+    drawn = None
+
+    start = time.perf_counter()
+    for index, file in enumerate(others):
+        progress("write", index / len(others))
+        with _noted(failures, file):
+            save(solution, _made(folder / file))
+        seconds["write"] = time.perf_counter() - start
+    if request.picture is not None:
+        progress("picture", 0.0)
+        start = time.perf_counter()
+        with _noted(failures, request.picture.file):
+            drawn = _draw(solution, request.picture, folder)
+        seconds["picture"] = time.perf_counter() - start
+    summary = {
+        **solution.summary(),
+        **({} if warnings is None else {"warnings": list(warnings)}),
+        "folder": str(folder),
+        "files": [file for file in request.files if file not in failures],
+        "unwritten": {file: _sentence(folder / file, error) for file, error in failures.items()},
+        "picture": drawn,
+        "seconds": seconds,
+    }
+    for file in summaries:
+        with _noted(failures, file):
+            write_summary(summary, _made(folder / file))
+    lost = {file: _sentence(folder / file, error) for file, error in failures.items()}
+    files = [file for file in summary["files"] if file not in failures]
+    return Written({**summary, "files": files, "unwritten": lost}, failures)
+
+
+@contextmanager
+def _noted(failures: dict[str, Exception], file: str) -> Iterator[None]:
+    """Note what is raised in the block; a solution that took hours is not lost because one of its files is."""
+    try:
+        yield
+    except Exception as error:
+        failures[file] = error
+
+
+def _sentence(file: Path, error: Exception) -> str:
+    if isinstance(error, MemoryError):
+        return f"{file} cannot be written: memory ran out."
+    return str(error) if isinstance(error, CpmkitError) else f"{file} cannot be written: {type(error).__name__}."
+
+
+def _draw(solution: ReadableSolution, asked: PictureRequest, folder: Path) -> dict[str, Any]:
+    file = _made(folder / asked.file)
+    options: dict[str, Any] = {"width": asked.width, "view": asked.view, "up": asked.up, "curves": asked.curves}
+    drawn = picture(solution, file, **options)
+    told = {"file": asked.file, "renderer": drawn.renderer, "reason": drawn.reason}
+    if not asked.frames:
+        return told
+    frames = draw_frames(solution, file, **options)
+    return {**told, "frames": [str(frame.file.relative_to(folder)) for frame in frames]}
+
+
+def _made(path: Path) -> Path:
+    """Return ``path``, whose folder exists afterwards."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"The folder {path.parent} cannot be made: {error.strerror or error}.") from error
+    return path

@@ -1,0 +1,114 @@
+"""The frames of a run in time as files: a .pvd index for ParaView with one .vtp a frame, and a picture a frame."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from cpmkit.errors import InputError
+from cpmkit.files.whole_files import remove_leftovers, unfinished_name, written_whole
+from cpmkit.saving.export import write_vtp
+from cpmkit.solution.evolved import EvolvedSolution
+
+if TYPE_CHECKING:
+    from cpmkit.solution.abstract import ReadableSolution
+    from cpmkit.view import Picture
+
+#: Of the folder beside the index.
+SUFFIX = "_frames"
+
+
+def frames_of(solution: ReadableSolution, what: str) -> tuple[EvolvedSolution, ...]:
+    """Return the frames of a solution.
+
+    Raises
+    ------
+    InputError
+        If it has none.
+    """
+    frames = solution.frames if isinstance(solution, EvolvedSolution) else ()
+    if not frames:
+        raise InputError(
+            f"{what} needs frames, and the solution has none; ask the problem for some, such as Heat(..., frames=10)."
+        )
+    return frames
+
+
+def save_series(solution: ReadableSolution, path: Path) -> None:
+    """Write the index ``path`` and, in the folder ``<name>_frames`` beside it, one .vtp a frame.
+
+    All frames are written before the first takes its place, and the index is written last: what an index names is
+    there. Frames of an earlier series that are more in number are removed.
+
+    Raises
+    ------
+    InputError
+        If the solution has no frames, or a file cannot be written.
+    """
+    frames = frames_of(solution, path.name)
+    assert isinstance(solution, EvolvedSolution)
+    folder = frames_folder(path)
+    unfinished = unfinished_name(folder)
+    names = [_numbered(Path("frame.vtp"), number, len(frames)).name for number in range(len(frames))]
+    try:
+        remove_leftovers(folder)
+        unfinished.mkdir()
+        for name, mesh in zip(names, solution.frame_meshes(), strict=True):
+            write_vtp(mesh, unfinished / name)
+        folder.mkdir(exist_ok=True)
+        for name in names:
+            os.replace(unfinished / name, folder / name)
+        for stale in {file.name for file in folder.glob("frame-*.vtp")} - {*names}:
+            (folder / stale).unlink()
+    except OSError as error:
+        raise InputError(f"{folder} cannot be written: {error.strerror or error}.") from error
+    finally:
+        shutil.rmtree(unfinished, ignore_errors=True)
+    with written_whole(path) as index:
+        text = _index([frame.time for frame in frames], [f"{folder.name}/{name}" for name in names])
+        index.write_text(text, encoding="utf-8", errors="surrogateescape")
+
+
+def frames_folder(path: Path) -> Path:
+    """Return the folder beside the index ``path`` that holds the frames."""
+    return path.with_name(path.stem + SUFFIX)
+
+
+def draw_frames(solution: ReadableSolution, path: Path, **options: Any) -> list[Picture]:
+    """Draw each frame into ``<name>-0000.png`` and so on, all in the same colours.
+
+    Raises
+    ------
+    InputError
+        If the solution has no frames.
+    """
+    from cpmkit.view import picture
+
+    frames = frames_of(solution, "a picture of each frame")
+    inner = frames[0].tables.layout.band.inner
+    shown = np.stack([frame.values[:inner, 0] for frame in frames])
+    span = (float(shown.min()), float(shown.max()))
+    return [
+        picture(frame, _numbered(path, number, len(frames)), span=span, **options)
+        for number, frame in enumerate(frames)
+    ]
+
+
+def _numbered(path: Path, number: int, count: int) -> Path:
+    """Return ``path`` with a number of at least four digits, as many as the last of ``count`` needs."""
+    digits = max(4, len(str(count - 1)))
+    return path.with_name(f"{path.stem}-{number:0{digits}}{path.suffix}")
+
+
+def _index(times: list[float], files: list[str]) -> str:
+    entries = [
+        f'    <DataSet timestep="{time!r}" part="0" file={quoteattr(file)}/>'
+        for time, file in zip(times, files, strict=True)
+    ]
+    lines = ['<?xml version="1.0"?>', '<VTKFile type="Collection" version="0.1">', "  <Collection>", *entries]
+    return "\n".join([*lines, "  </Collection>", "</VTKFile>", ""])

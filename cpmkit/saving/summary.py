@@ -1,0 +1,96 @@
+"""A solution in plain values: what was solved, how, what it cost, and where it comes from."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cpmkit.protocols import SIDES
+from cpmkit.scene.conditions import Condition
+
+if TYPE_CHECKING:
+    from cpmkit.scene.scene import Scene
+    from cpmkit.solution.abstract import ReadableSolution
+
+
+def summarize(solution: ReadableSolution) -> dict[str, Any]:
+    """Return the summary that ``summary.json`` holds."""
+    return {
+        "scene": describe_scene(solution.scene),
+        "discretization": {
+            "spacing": solution.spacing,
+            "channels": solution.channels,
+            **solution.discretization(),
+        },
+        "report": solution.report.as_dict(),
+        "work": solution.work.as_dict(),
+        "seconds": dict(solution.seconds),
+        "warnings": list(solution.warnings),
+        "defects": [defect.as_dict() for defect in solution.defects],
+        "leaks": [leak.as_dict() for leak in solution.leaks],
+        "versions": {
+            "python": platform.python_version(),
+            **{name: _version(name) for name in solution.libraries},
+        },
+    }
+
+
+def describe_scene(scene: Scene) -> dict[str, Any]:
+    """Return what a scene holds, as plain values: of functions only that they are some."""
+    edge = scene.edge
+    return {
+        "surface": type(scene.surface).__name__,
+        "dim": scene.surface.dim,
+        "manifold_dim": scene.surface.manifold_dim,
+        "problem": {
+            "kind": scene.problem.kind,
+            "equation": str(scene.problem),
+            "constants": {name: _plain(value) for name, value in _arguments(scene.problem).items()},
+        },
+        "boundaries": [
+            {side: _condition(boundary.condition(side)) for side in SIDES} | {"name": boundary.name}
+            for boundary in scene.boundaries
+        ],
+        "edge": {str(loop): _condition(one) for loop, one in edge.items()}
+        if isinstance(edge, Mapping)
+        else _condition(edge),
+    }
+
+
+def _condition(condition: Condition) -> str:
+    """Return a condition's kind and its data, one alone without its name."""
+    told = {name: _plain(value) for name, value in _arguments(condition).items() if (name, value) != ("order", None)}
+    alone = len(told) == 1 and "order" not in told
+    return " ".join([condition.kind, *(f"{value}" if alone else f"{name}={value}" for name, value in told.items())])
+
+
+def _arguments(made: Any) -> dict[str, Any]:
+    """Return what an equation or a condition was made with."""
+    return {one.name: getattr(made, one.name) for one in fields(made) if one.init} if is_dataclass(made) else {}
+
+
+def _plain(value: Any) -> Any:
+    """Return a datum as JSON holds it: numbers as floats, lists entry by entry, of one entry as that entry."""
+    if value is None or isinstance(value, (bool, str)):
+        return value
+    if callable(value):
+        return "of position"
+    if isinstance(value, (list, tuple, np.ndarray)) and np.ndim(np.asarray(value, dtype=object)):
+        entries = [_plain(entry) for entry in value]
+        return entries[0] if len(entries) == 1 else entries
+    try:
+        return float(value)
+    except (TypeError, ValueError, OverflowError):
+        return type(value).__name__
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "not installed"

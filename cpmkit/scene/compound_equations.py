@@ -1,0 +1,151 @@
+"""Equations that take more than one linear system: eigenvalues, and two fields in place of one of fourth order."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from cpmkit.errors import SceneError
+from cpmkit.runtime.arrays import number, positive, whole
+from cpmkit.scene.conditions import Condition, Dirichlet, Neumann
+from cpmkit.scene.data import Data
+from cpmkit.scene.equations import Equation, Terms, check_factor
+from cpmkit.scene.special_conditions import NonlinearFlux, SimplySupported, Steklov, Transmission
+
+
+@dataclass(frozen=True, eq=False)
+class Eigen(Equation):
+    """-div(a grad u) + c u = lambda u, with homogeneous conditions: the eigenvalues nearest to ``near``.
+
+    Where a side or an edge has the condition :class:`cpmkit.Steklov`, the equation is ``-div(a grad u) + c u = 0`` and
+    lambda stands in that condition instead. The solution is a :class:`cpmkit.solution.modes.EigenSolution`.
+
+    Parameters
+    ----------
+    count : int
+        How many eigenvalues.
+    near : float, optional
+        Those nearest to this number; without it the smallest.
+    diffusivity, c : number or callable
+        As for :class:`cpmkit.Elliptic`.
+
+    Raises
+    ------
+    InputError
+        If the count is not a whole number above zero, ``near`` is no number, or a constant diffusivity is not above
+        zero.
+
+    Examples
+    --------
+    Those of the circle are the squares 0, 1, 1, 4, 4.
+
+    >>> import cpmkit as ck
+    >>> scene = ck.Scene(ck.source("analytic.circle"), ck.Eigen(count=5))
+    >>> ck.solve(scene, spacing=0.05).eigenvalues.round(2) + 0.0
+    array([0., 1., 1., 4., 4.])
+    """
+
+    count: int = 6
+    near: float | None = None
+    diffusivity: Data = 1.0
+    c: Data = 0.0
+    kind: ClassVar[str] = "eigen"
+    family: ClassVar[str] = "eigen"
+    #: A factorisation serves some sixty solves, of which an iteration takes long for each (sphere, 8,000 unknowns:
+    #: 10 seconds in all, and 80).
+    factorise_up_to: ClassVar[float] = 8.0
+
+    def __post_init__(self) -> None:
+        whole(self.count, "count of an eigenvalue problem", 1)
+        if self.near is not None:
+            number(self.near, "near of an eigenvalue problem")
+        if not callable(self.diffusivity):
+            positive(self.diffusivity, "diffusivity of an eigenvalue problem")
+        check_factor(self.c, "c of an eigenvalue problem")
+
+    def terms(self) -> Terms:
+        """Return the terms of the left side."""
+        return Terms(0.0, self.c, self.diffusivity)
+
+    def __str__(self) -> str:
+        return str(self.terms()).removesuffix("f") + "lambda u"
+
+    def check_conditions(self, conditions: Sequence[tuple[str, Condition]]) -> None:
+        """Refuse data that are not zero."""
+        for what, condition in conditions:
+            if isinstance(condition, SimplySupported):
+                raise SceneError(
+                    f"{what} is simply supported, which only a biharmonic problem takes; use Dirichlet(0)."
+                )
+            if isinstance(condition, NonlinearFlux):
+                raise SceneError(f"{what} has a nonlinear flux, which needs a steady equation; use Robin instead.")
+            data = [condition.gamma, condition.flux] if isinstance(condition, Transmission) else [condition.gamma]
+            if not isinstance(condition, Steklov) and any(_may_differ_from_zero(datum) for datum in data):
+                raise SceneError(
+                    f"{what} has data where an eigenvalue problem takes zero alone; use Dirichlet(0), Neumann(0), "
+                    "Robin(alpha, beta, 0) or Steklov()."
+                )
+
+
+@dataclass(frozen=True, eq=False)
+class Biharmonic(Equation):
+    """c u + Lap^2 u = f: the bending of a thin plate, on an elastic bed where c is above zero.
+
+    Where a :class:`cpmkit.SimplySupported` condition holds, u and Lap u are given; ``Dirichlet(g)`` is the same with
+    Lap u = 0. ``Neumann(g)`` fixes the slope du/db = g and lets no d(Lap u)/db pass: a plate guided at its edge. A
+    clamped edge, where u and du/db are given, is not offered: it gives Lap u no condition of its own. The solution is a
+    :class:`cpmkit.families.biharmonic.BiharmonicSolution`, which tells Lap u too.
+
+    Parameters
+    ----------
+    f : number, sequence, or callable
+        Right-hand side, as for :class:`cpmkit.Poisson`.
+    c : float
+        Not below zero; zero needs a support on every piece of the manifold.
+
+    Raises
+    ------
+    InputError
+        If c is below zero or not a finite number.
+
+    Examples
+    --------
+    >>> import cpmkit as ck
+    >>> scene = ck.Scene(ck.source("analytic.circle"), ck.Biharmonic(lambda points: 2 * points[:, 0]))
+    >>> ck.solve(scene, spacing=0.05).evaluate([[1, 0]]).round(3)
+    array([1.])
+    """
+
+    f: Data
+    c: float = 1.0
+    kind: ClassVar[str] = "biharmonic"
+    family: ClassVar[str] = "biharmonic"
+    #: Its system is complex, and four times as dear to factorise; iterations are as for a screened problem.
+    factorise_up_to: ClassVar[float] = 0.2
+
+    def __post_init__(self) -> None:
+        if number(self.c, "c of a biharmonic problem") != 0:
+            positive(self.c, "c of a biharmonic problem, where it is not zero,")
+
+    def terms(self) -> Terms:
+        """Return f and c; the terms of higher order are no part of them."""
+        return Terms(self.f, float(self.c))
+
+    def __str__(self) -> str:
+        return f"{f'{self.c:g} u + ' if self.c else ''}Lap^2 u = f"
+
+    def check_conditions(self, conditions: Sequence[tuple[str, Condition]]) -> None:
+        """Refuse conditions that say nothing of Lap u."""
+        for what, condition in conditions:
+            if not isinstance(condition, (Dirichlet, Neumann, SimplySupported)):
+                raise SceneError(
+                    f"{what} has a condition of the kind {condition.kind!r}; a biharmonic problem takes "
+                    "SimplySupported, Dirichlet (with Lap u = 0) and Neumann, and no clamped edge."
+                )
+
+
+def _may_differ_from_zero(data: Any) -> bool:
+    return callable(data) or bool(np.any(np.asarray(data, dtype=object) != 0))

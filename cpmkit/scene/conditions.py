@@ -1,0 +1,153 @@
+"""What may hold on a side of a boundary: ``alpha du/db + beta u = gamma``.
+
+b is the conormal out of the side that the condition is given on (CONVENTIONS: left -v, right +v,
+outward at an edge). Data may be a number, one number a channel, or a function of position.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from cpmkit.errors import InputError, shown
+from cpmkit.scene.data import Data, as_number, check_order, takes_time
+from cpmkit.scene.special_conditions import NonlinearFlux, SimplySupported, Steklov, Transmission
+
+
+@dataclass(frozen=True, eq=False)
+class Dirichlet:
+    """u = value.
+
+    Parameters
+    ----------
+    value : number, sequence, or callable
+        A number; one number (or callable) a channel; or a function of points (n, d) that returns
+        (n,) or (n, channels).
+    order : 1 to 4, optional
+        Overrides the discretisation's order for this condition.
+
+    Examples
+    --------
+    On a circle that nothing else touches, the value at one point is the value everywhere.
+
+    >>> import cpmkit as ck
+    >>> square = ck.Dirichlet(lambda points: points[:, 0] ** 2)
+    >>> pin = ck.Boundary("pin", ck.source("analytic.point", at=[0.6, 0.8]), both=square)
+    >>> scene = ck.Scene(ck.source("analytic.circle"), ck.Laplace(), [pin])
+    >>> ck.solve(scene, spacing=0.1).evaluate([[-1, 0]]).round(6)
+    array([0.36])
+    """
+
+    value: Data
+    order: int | None = None
+    alpha: float = field(default=0.0, init=False)
+    beta: float = field(default=1.0, init=False)
+
+    def __post_init__(self) -> None:
+        check_order(self.order, "Dirichlet")
+
+    @property
+    def gamma(self) -> Data:
+        """Right side of the condition."""
+        return self.value
+
+    @property
+    def kind(self) -> str:
+        """Name of the kind in scene files."""
+        return "dirichlet"
+
+
+@dataclass(frozen=True, eq=False)
+class Neumann:
+    """du/db = flux, b pointing out of the side on which the condition is given.
+
+    Parameters
+    ----------
+    flux : number, sequence, or callable
+        As for :class:`Dirichlet`. Zero makes the boundary a wall that nothing crosses.
+    order : 1 to 4, optional
+        Overrides the discretisation's order for this condition.
+    """
+
+    flux: Data = 0.0
+    order: int | None = None
+    alpha: float = field(default=1.0, init=False)
+    beta: float = field(default=0.0, init=False)
+
+    def __post_init__(self) -> None:
+        check_order(self.order, "Neumann")
+
+    @property
+    def gamma(self) -> Data:
+        """Right side of the condition."""
+        return self.flux
+
+    @property
+    def kind(self) -> str:
+        """Name of the kind in scene files."""
+        return "neumann"
+
+
+@dataclass(frozen=True, eq=False)
+class Robin:
+    """alpha du/db + beta u = gamma, b pointing out of the side on which the condition is given.
+
+    With alpha and beta of one sign the condition damps, and is well posed. With opposite signs it feeds; a spacing
+    too coarse for such a beta is refused.
+
+    Parameters
+    ----------
+    alpha : float
+        Not zero.
+    beta : number or callable
+        Not zero; a callable of points (n, d) returns (n,).
+    gamma : number, sequence, or callable
+        As for :class:`Dirichlet`.
+    order : 1 to 4, optional
+        Overrides the discretisation's order for this condition.
+
+    Raises
+    ------
+    InputError
+        If alpha or beta is zero, for then the condition is of another kind, or not a finite number.
+
+    Examples
+    --------
+    >>> Robin(1.0, 3.0, 0.5).kind
+    'robin'
+    >>> Robin(0.0, 1.0)
+    Traceback (most recent call last):
+    cpmkit.errors.InputError: alpha of Robin must be a finite number other than zero, got 0.0; use Dirichlet.
+    """
+
+    alpha: float
+    beta: float | Callable[..., Any]
+    gamma: Data = 0.0
+    order: int | None = None
+
+    def __post_init__(self) -> None:
+        check_order(self.order, "Robin")
+        for name, other in (("alpha", "Dirichlet"), ("beta", "Neumann")):
+            given = getattr(self, name)
+            if name == "beta" and callable(given) and not takes_time(given):
+                continue
+            try:
+                number = as_number(given, f"{name} of Robin")
+            except InputError:
+                number = 0.0
+            if number == 0:
+                raise InputError(
+                    f"{name} of Robin must be a finite number other than zero, got {shown(given)}; use {other}."
+                )
+            object.__setattr__(self, name, number)
+
+    @property
+    def kind(self) -> str:
+        """Name of the kind in scene files."""
+        return "robin"
+
+
+Condition = Dirichlet | Neumann | Robin | Transmission | Steklov | NonlinearFlux | SimplySupported
+#: What may stand on one side of a boundary, or on an edge.
+KINDS = (Dirichlet, Neumann, Robin, Steklov, NonlinearFlux, SimplySupported)

@@ -1,0 +1,145 @@
+"""Data of a scene: numbers, one a channel, or functions of position and, in problems with a time, of time."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from cpmkit.errors import CpmkitError, InputError, shown
+from cpmkit.protocols import Floats
+from cpmkit.runtime.arrays import number, whole
+
+#: A number, one entry a channel, or a callable of points (n, d) and, where it has a parameter ``t`` without a default,
+#: of the time.
+Data = float | list[Any] | tuple[Any, ...] | Floats | Callable[..., Any]
+#: What data may be in size: sums of their squares are numbers.
+LARGEST = 1e100
+
+
+def takes_time(data: Data) -> bool:
+    """Tell whether data, or one entry of them, is a callable with a parameter ``t`` that has no default.
+
+    A default is a value that the caller bound (``lambda x, t=thickness: ...``), not a place for the time.
+    """
+    if isinstance(data, (list, tuple)):
+        return any(takes_time(entry) for entry in data)
+    if not callable(data):
+        return False
+    told = getattr(data, "takes_time", None)
+    if isinstance(told, bool):
+        return told
+    try:
+        asked = inspect.signature(data).parameters.get("t")
+    except (TypeError, ValueError):  # some built-in functions tell no signature
+        return False
+    return asked is not None and asked.default is asked.empty and asked.kind is not asked.VAR_POSITIONAL
+
+
+def evaluate_data(data: Data, points: Floats, channels: int | None, what: str, time: float | None = None) -> Floats:
+    """Return data at points as (n, channels).
+
+    Parameters
+    ----------
+    data : Data
+        A number, one entry a channel (numbers or callables), or a callable of the points.
+    points : (n, d) float64
+        Where the data are read, in the scene's coordinates.
+    channels : int or None
+        How many channels are wanted; a single number serves all of them. None: as many as the data have.
+    what : str
+        Named in the error.
+    time : float, optional
+        Given to callables with a parameter ``t`` that has no default.
+
+    Raises
+    ------
+    InputError
+        If the number of channels differs, a callable returns another shape, a value is not finite, or a callable
+        asks for the time of a problem that has none.
+    """
+    n = len(points)
+    if callable(data):
+        if takes_time(data) and time is None:
+            raise InputError(f"{what} depends on t, and the problem has no time; use Heat or Wave.")
+        try:
+            values = _as_floats(data(points, t=time) if takes_time(data) else data(points))
+        except CpmkitError:
+            raise
+        except (TypeError, ValueError) as error:
+            raise InputError(
+                f"{what} must return numbers of shape ({n},) or ({n}, channels): {shown(str(error))}."
+            ) from error
+        if values.ndim == 0:
+            values = np.broadcast_to(values, (n,))
+        values = values[:, None] if values.ndim == 1 else values
+    elif isinstance(data, (list, tuple, np.ndarray)) and np.ndim(np.asarray(data, dtype=object)) > 0:
+        parts = [evaluate_data(entry, points, 1, what, time) for entry in data]
+        values = np.concatenate(parts, axis=1) if parts else np.zeros((n, 0))
+    else:
+        values = np.full((n, 1), as_number(data, what))
+    if values.ndim != 2 or len(values) != n:
+        raise InputError(f"{what} must give shape ({n},) or ({n}, channels) at {n} points, got {values.shape}.")
+    if channels is not None and values.shape[1] != channels:
+        if values.shape[1] != 1:
+            raise InputError(f"{what} has {values.shape[1]} channels where the scene has {channels}.")
+        values = np.repeat(values, channels, axis=1)
+    if not np.isfinite(values).all():
+        raise InputError(
+            f"{what} must be finite, got NaN or infinity at {int((~np.isfinite(values)).any(axis=1).sum())} points."
+        )
+    if np.abs(values).max(initial=0.0) > LARGEST:
+        raise InputError(
+            f"{what} must be at most {LARGEST:g} in size, for its squares are summed, got {np.abs(values).max():.3g}; "
+            "choose another unit."
+        )
+    return np.ascontiguousarray(values)
+
+
+def channel_count(data: Data, probe: Floats, what: str, time: float | None = None) -> int:
+    """Return how many channels ``data`` has, asked at one point ``probe`` (1, d) and at ``time``."""
+    return int(evaluate_data(data, probe, None, what, time).shape[1])
+
+
+def _as_floats(values: Any) -> Floats:
+    """Return what a callable gave as float64; truth values count as 1 and 0.
+
+    Raises
+    ------
+    TypeError
+        If they are text, or complex.
+    """
+    made = np.asarray(values)
+    if made.dtype.kind not in "biufO":
+        raise TypeError(f"got an array of {made.dtype}")
+    return np.asarray(made, dtype=np.float64)
+
+
+def as_number(data: Any, what: str) -> float:
+    """Return ``data`` as a float if it is a finite number; true, false and text are none.
+
+    Raises
+    ------
+    InputError
+        If it is not; ``what`` names it.
+    """
+    try:
+        return number(data, what)
+    except InputError as error:
+        raise InputError(
+            f"{what} must be a finite number, one entry a channel, or a callable, got {shown(data)}."
+        ) from error
+
+
+def check_order(order: Any, what: str) -> None:
+    """Refuse an order of a condition that is not offered; None leaves it to the discretisation.
+
+    Raises
+    ------
+    InputError
+        If it is neither None nor a whole number from 1 to 4.
+    """
+    if order is not None:
+        whole(order, f"order of {what}", 1, 4)

@@ -1,0 +1,262 @@
+"""Equations: what is solved on the manifold, and its right-hand side.
+
+All are written with -Lap, so that every operator is positive: ``laplace`` -Lap u = 0, ``poisson``
+-Lap u = f, ``screened`` -Lap u + c u = f with c > 0, ``elliptic`` -div(a grad u) + v . grad u + c u = f,
+``helmholtz`` -Lap u - k^2 u = f.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from cpmkit.errors import SceneError
+from cpmkit.protocols import Floats
+from cpmkit.runtime.arrays import number, positive
+from cpmkit.scene.conditions import Condition
+from cpmkit.scene.data import Data, evaluate_data
+from cpmkit.scene.special_conditions import SimplySupported, Steklov
+
+#: A vector field: a function of points (n, d) that returns (n, d).
+Field = Callable[..., Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Terms:
+    """``-div(diffusivity grad u) + velocity . grad u + c u = f``.
+
+    Attributes
+    ----------
+    f : Data
+        Right-hand side.
+    c : number or callable
+        Factor of u.
+    diffusivity : number or callable
+        Factor of grad u in the flux.
+    velocity : callable or None
+        What carries u along.
+    """
+
+    f: Data = 0.0
+    c: Any = 0.0
+    diffusivity: Any = 1.0
+    velocity: Field | None = None
+
+    def __str__(self) -> str:
+        plain = not callable(self.diffusivity) and self.diffusivity == 1
+        second = (
+            "-Lap u" if plain else "-div(a grad u)" if callable(self.diffusivity) else f"-{self.diffusivity:g} Lap u"
+        )
+        first = " + v . grad u" if self.velocity is not None else ""
+        zeroth = " + c u" if callable(self.c) else f" {'+' if self.c > 0 else '-'} {abs(self.c):g} u" if self.c else ""
+        return f"{second}{first}{zeroth} = f"
+
+    @property
+    def pins(self) -> bool:
+        """True where c alone may fix the solution: a callable c fixes it on the pieces where it is not zero."""
+        return callable(self.c) or self.c != 0
+
+    def fixes(self, points: Floats) -> bool:
+        """Tell whether c alone fixes the solution on a piece of the manifold that has ``points`` (n, d) on it."""
+        return self.pins and bool(np.any(evaluate_data(self.c, points, 1, "the factor c")))
+
+
+def check_factor(c: Data, what: str) -> None:
+    """Refuse a factor of u that is neither a finite number nor a function of points.
+
+    Raises
+    ------
+    InputError
+        Naming ``what``.
+    """
+    if not callable(c):
+        number(c, what)
+
+
+@dataclass(frozen=True, eq=False)
+class Equation(ABC):
+    """What every equation tells."""
+
+    kind: ClassVar[str]
+    #: Which function solves it: "steady", "time", "eigen" or "biharmonic".
+    family: ClassVar[str] = "steady"
+    #: How many times more unknowns than of one definite system a factorisation is worth.
+    factorise_up_to: ClassVar[float] = 1.0
+
+    @abstractmethod
+    def terms(self) -> Terms:
+        """Return the terms of the equation, of its spatial part where it has a time."""
+
+    @property
+    def start_time(self) -> float | None:
+        """Time at which data are read first; None where the problem has no time."""
+        return None
+
+    def __str__(self) -> str:
+        return str(self.terms())
+
+    def check_conditions(self, conditions: Sequence[tuple[str, Condition]]) -> None:
+        """Refuse conditions, given with their places' names, that the equation does not take.
+
+        Raises
+        ------
+        SceneError
+            Naming the first.
+        """
+        for what, condition in conditions:
+            if isinstance(condition, Steklov):
+                raise SceneError(
+                    f"{what} has a Steklov condition, whose lambda only an eigenvalue problem seeks; use Eigen() or "
+                    "another condition."
+                )
+            if isinstance(condition, SimplySupported):
+                raise SceneError(
+                    f"{what} is simply supported, which fixes Lap u too and only a biharmonic problem takes; use "
+                    "Dirichlet."
+                )
+
+    def data(self) -> list[tuple[str, Data]]:
+        """Return what has channels, by the names that errors use."""
+        return [("the right-hand side f", self.terms().f)]
+
+
+@dataclass(frozen=True, eq=False)
+class Poisson(Equation):
+    """-Lap u = f.
+
+    Parameters
+    ----------
+    f : number, sequence, or callable
+        Right-hand side on the manifold: a number, one entry a channel, or a function of points (n, d).
+    """
+
+    f: Data
+    kind: ClassVar[str] = "poisson"
+
+    def terms(self) -> Terms:
+        """Return the terms of the equation."""
+        return Terms(self.f)
+
+
+@dataclass(frozen=True, eq=False)
+class Laplace(Equation):
+    """-Lap u = 0."""
+
+    kind: ClassVar[str] = "laplace"
+
+    def terms(self) -> Terms:
+        """Return the terms of the equation."""
+        return Terms()
+
+
+@dataclass(frozen=True, eq=False)
+class ScreenedPoisson(Equation):
+    """-Lap u + c u = f with c > 0.
+
+    Parameters
+    ----------
+    f : number, sequence, or callable
+        Right-hand side, as for :class:`Poisson`.
+    c : float
+        Above zero, in one over the square of the unit of length.
+
+    Raises
+    ------
+    InputError
+        If ``c`` is not above zero.
+    """
+
+    f: Data
+    c: float = 1.0
+    kind: ClassVar[str] = "screened"
+
+    def __post_init__(self) -> None:
+        positive(self.c, "c of a screened Poisson problem")
+
+    def terms(self) -> Terms:
+        """Return the terms of the equation."""
+        return Terms(self.f, float(self.c))
+
+
+@dataclass(frozen=True, eq=False)
+class Elliptic(Equation):
+    """-div(a grad u) + v . grad u + c u = f: diffusion of variable conductivity, advection, and a reaction.
+
+    Parameters
+    ----------
+    f : number, sequence, or callable
+        Right-hand side, as for :class:`Poisson`.
+    diffusivity : number or callable
+        a, above zero; a callable of points (n, d) returns (n,).
+    velocity : callable, optional
+        v, a function of points (n, d) that returns vectors (n, d) tangential to the manifold.
+    c : number or callable
+        Factor of u; where it is below zero the problem may have no solution, or several.
+
+    Raises
+    ------
+    InputError
+        If a constant diffusivity is not above zero, or c neither a finite number nor a function.
+
+    Examples
+    --------
+    On a circle whose lower half conducts better, cut at a point.
+
+    >>> import cpmkit as ck
+    >>> cut = ck.Boundary("cut", ck.source("analytic.point", at=[1, 0]), left=ck.Dirichlet(1), right=ck.Dirichlet(0))
+    >>> better_below = ck.Elliptic(diffusivity=lambda points: 5.5 - 4.5 * points[:, 1])
+    >>> scene = ck.Scene(ck.source("analytic.circle"), better_below, [cut])
+    >>> bool(0.5 < ck.solve(scene, spacing=0.05).evaluate([[-1, 0]])[0] < 1)
+    True
+    """
+
+    f: Data = 0.0
+    diffusivity: Data = 1.0
+    velocity: Field | None = None
+    c: Data = 0.0
+    kind: ClassVar[str] = "elliptic"
+
+    def __post_init__(self) -> None:
+        if not callable(self.diffusivity):
+            positive(self.diffusivity, "diffusivity of an elliptic problem")
+        check_factor(self.c, "c of an elliptic problem")
+
+    def terms(self) -> Terms:
+        """Return the terms of the equation."""
+        return Terms(self.f, self.c, self.diffusivity, self.velocity)
+
+
+@dataclass(frozen=True, eq=False)
+class Helmholtz(Equation):
+    """-Lap u - k^2 u = f: standing waves, driven.
+
+    Near an eigenvalue of -Lap the solution is large, and at one there is none.
+
+    Parameters
+    ----------
+    f : number, sequence, or callable
+        Right-hand side, as for :class:`Poisson`.
+    wavenumber : float
+        k, above zero: 2 pi over the wavelength.
+
+    Raises
+    ------
+    InputError
+        If the wavenumber is not above zero.
+    """
+
+    f: Data
+    wavenumber: float
+    kind: ClassVar[str] = "helmholtz"
+    factorise_up_to: ClassVar[float] = 6.0
+
+    def __post_init__(self) -> None:
+        positive(self.wavenumber, "wavenumber of a Helmholtz problem")
+
+    def terms(self) -> Terms:
+        """Return the terms of the equation."""
+        return Terms(self.f, -(float(self.wavenumber) * float(self.wavenumber)))

@@ -1,0 +1,242 @@
+"""Equations in time: heat and what is like it, and waves.
+
+``heat`` u_t = div(kappa grad u) - v . grad u - c u + f, ``wave`` u_tt = speed^2 Lap u + f. Time begins at 0. How the
+steps go is in :mod:`cpmkit.families.evolution.schemes`; there is no explicit scheme for heat, whose step would have to
+be about the square of the spacing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from cpmkit.errors import InputError, shown
+from cpmkit.runtime.arrays import number, positive, whole
+from cpmkit.scene.data import Data, takes_time
+from cpmkit.scene.equations import Equation, Field, Terms, check_factor
+
+HEAT_SCHEMES = ("bdf2", "backward-euler", "crank-nicolson")
+WAVE_SCHEMES = ("leapfrog", "implicit")
+STARTS = ("smooth", "plain")
+#: More steps than this are a mistake in the unit of time.
+MOST_STEPS = 10_000_000
+#: More frames than this, each a whole solution, are a mistake.
+MOST_FRAMES = 100_000
+
+
+class Evolution(Equation):
+    """What every equation in time tells.
+
+    Attributes
+    ----------
+    until, step : float
+        Time at which the run ends, and its time step.
+    scheme : str
+        How the steps go.
+    frames : int or sequence of float
+        Times whose solutions are kept.
+    """
+
+    until: float
+    step: float
+    scheme: str
+    frames: int | Sequence[float]
+    family: ClassVar[str] = "time"
+    #: From one step to the next little changes: on a surface with 8,000 unknowns an iterative solver takes 2 to 8
+    #: iterations a step, less time than a solve with the factors, which take seconds to make.
+    factorise_up_to: ClassVar[float] = 0.2
+
+    @property
+    def start_time(self) -> float:
+        """Time of the initial data."""
+        return 0.0
+
+    @property
+    def frame_times(self) -> tuple[float, ...]:
+        """Times of the frames, rising."""
+        if isinstance(self.frames, (int, np.integer)):
+            return tuple(np.linspace(0.0, self.until, self.frames + 1).tolist()) if self.frames else ()
+        return tuple(sorted({float(time) for time in self.frames}))
+
+    def _check(self, schemes: Sequence[str], coefficients: dict[str, object]) -> None:
+        for name in ("until", "step"):
+            object.__setattr__(self, name, positive(getattr(self, name), f"{name} of {self.kind}"))
+        if self.until / self.step > MOST_STEPS:
+            raise InputError(
+                f"until={self.until:g} with step={self.step:g} of {self.kind} makes {self.until / self.step:.3g} "
+                f"steps; at most {MOST_STEPS} are accepted, use a longer step."
+            )
+        if self.scheme not in schemes:
+            raise InputError(f"scheme of {self.kind} must be {' or '.join(schemes)}, got {shown(self.scheme)}.")
+        for name, given in coefficients.items():
+            if callable(given) and takes_time(given):
+                raise InputError(
+                    f"{name} of {self.kind} must not depend on t, for then every step has a system of its own; f and "
+                    "the data of conditions may."
+                )
+        _check_frames(self.frames, self.until, self.kind)
+
+
+def _check_frames(frames: int | Sequence[float], until: float, kind: str) -> None:
+    accepted = (
+        f"frames of {kind} must be a number of equal parts of the time or a list of times from 0 to {until:g}, "
+        f"at most {MOST_FRAMES} of them"
+    )
+    try:
+        if isinstance(frames, (int, np.integer)):
+            whole(frames, "frames", 0, MOST_FRAMES)
+            return
+        times = [number(time, "a frame") for time in frames]
+    except (TypeError, InputError) as error:
+        raise InputError(f"{accepted}, got {shown(frames)}.") from error
+    if len(times) > MOST_FRAMES or not all(0 <= time <= until for time in times):
+        raise InputError(f"{accepted}, got {shown(frames)}.")
+
+
+@dataclass(frozen=True, eq=False)
+class Heat(Evolution):
+    """u_t = div(kappa grad u) - v . grad u - c u + f, from u = initial at time 0.
+
+    Parameters
+    ----------
+    initial : number, sequence, or callable
+        u at time 0, as the right-hand side of :class:`~cpmkit.Poisson`.
+    until : float
+        Time at which the run ends.
+    step : float
+        Time step; the last one before a frame and before the end is shortened.
+    f : number, sequence, or callable
+        Source; a callable with a parameter ``t`` that has no default receives the time.
+    kappa : number or callable
+        Conductivity, above zero; a callable of points (n, d) returns (n,).
+    velocity : callable, optional
+        v, a function of points (n, d) that returns vectors (n, d) tangential to the manifold.
+    c : number or callable
+        Rate of decay.
+    scheme : str
+        ``bdf2``, of second order, damps what the step does not resolve; ``backward-euler``, of first order, damps
+        most; ``crank-nicolson``, of second order with the smallest error, does not damp.
+    start : str
+        Of Crank-Nicolson: ``smooth`` takes the first step as two half steps of backward Euler, ``plain`` does not.
+    frames : int or sequence of float
+        Times whose solutions are kept: the ends of so many equal parts, with time 0, or a list. A step ends at each.
+
+    Raises
+    ------
+    InputError
+        If an argument is not what is accepted.
+
+    Examples
+    --------
+    On a circle the first mode decays like exp(-t).
+
+    >>> import cpmkit as ck
+    >>> cooling = ck.Heat(lambda points: points[:, 0], until=1.0, step=0.02)
+    >>> solution = ck.solve(ck.Scene(ck.source("analytic.circle"), cooling), spacing=0.1)
+    >>> solution.time, solution.steps, solution.evaluate([[1, 0]]).round(2)
+    (1.0, 50, array([0.37]))
+    """
+
+    initial: Data
+    until: float
+    step: float
+    f: Data = 0.0
+    kappa: Data = 1.0
+    velocity: Field | None = None
+    c: Data = 0.0
+    scheme: str = "bdf2"
+    start: str = "smooth"
+    frames: int | Sequence[float] = 0
+    kind: ClassVar[str] = "heat"
+
+    def __post_init__(self) -> None:
+        self._check(HEAT_SCHEMES, {"kappa": self.kappa, "velocity": self.velocity, "c": self.c})
+        if not callable(self.kappa):
+            positive(self.kappa, "kappa of heat")
+        check_factor(self.c, "c of heat")
+        if self.start not in STARTS:
+            raise InputError(f"start of heat must be {' or '.join(STARTS)}, got {shown(self.start)}.")
+
+    def terms(self) -> Terms:
+        """Return the terms of the spatial part."""
+        return Terms(self.f, self.c, self.kappa, self.velocity)
+
+    def data(self) -> list[tuple[str, Data]]:
+        """Return what has channels, by the names that errors use."""
+        return [("the right-hand side f", self.f), ("the initial data", self.initial)]
+
+    def __str__(self) -> str:
+        return f"u_t - {str(self.terms())[1:]}"
+
+
+@dataclass(frozen=True, eq=False)
+class Wave(Evolution):
+    """u_tt = speed^2 Lap u + f, from u = initial and u_t = initial_rate at time 0.
+
+    Parameters
+    ----------
+    initial : number, sequence, or callable
+        u at time 0.
+    until : float
+        Time at which the run ends.
+    step : float
+        Time step; the last one before a frame and before the end is shortened.
+    initial_rate : number, sequence, or callable
+        u_t at time 0.
+    speed : float
+        Of the waves, above zero.
+    f : number, sequence, or callable
+        Source; a callable with a parameter ``t`` that has no default receives the time.
+    scheme : str
+        ``leapfrog``, with interpolation of degree 3 or 5 and steps below a bound; ``implicit``, second-order
+        backward differences, with any degree and steps above a bound, damps waves that the step does not resolve.
+    frames : int or sequence of float
+        As for :class:`Heat`.
+
+    Raises
+    ------
+    InputError
+        If an argument is not what is accepted.
+
+    Examples
+    --------
+    After one turn of the circle a wave is where it was.
+
+    >>> import cpmkit as ck
+    >>> turn = ck.Wave(lambda x: x[:, 0], until=6.283, step=0.03, initial_rate=lambda x: x[:, 1])
+    >>> solution = ck.solve(ck.Scene(ck.source("analytic.circle"), turn), spacing=0.1)
+    >>> solution.evaluate([[1, 0], [0, 1]]).round(1) + 0.0
+    array([1., 0.])
+    """
+
+    initial: Data
+    until: float
+    step: float
+    initial_rate: Data = 0.0
+    speed: float = 1.0
+    f: Data = 0.0
+    scheme: str = "leapfrog"
+    frames: int | Sequence[float] = 0
+    kind: ClassVar[str] = "wave"
+
+    def __post_init__(self) -> None:
+        self._check(WAVE_SCHEMES, {})
+        object.__setattr__(self, "speed", positive(self.speed, "speed of wave"))
+
+    def terms(self) -> Terms:
+        """Return the terms of the spatial part."""
+        return Terms(self.f, diffusivity=self.speed * self.speed)
+
+    def data(self) -> list[tuple[str, Data]]:
+        """Return what has channels, by the names that errors use."""
+        return [
+            ("the right-hand side f", self.f),
+            ("the initial data", self.initial),
+            ("the initial rate", self.initial_rate),
+        ]
+
+    def __str__(self) -> str:
+        return f"u_tt - {str(self.terms())[1:]}"

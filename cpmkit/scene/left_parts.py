@@ -1,0 +1,199 @@
+"""A boundary, or a member of one, sampled at a density of its own, with signs carried along it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from cpmkit.grid.band import cell_levels
+from cpmkit.manifold.conormal import axis_and_left
+from cpmkit.manifold.localized import Localized
+from cpmkit.manifold.orientation import AS_GIVEN, Carried, Orientation, by_rule, carry, neighbours, piece_masks
+from cpmkit.manifold.tangent_space import normals, tangents, tangents_and_corners
+from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
+
+#: Samples along the largest side of a boundary, by its dimension: more are taken until neighbours agree.
+SAMPLES = {0: (32,), 1: (32, 64, 128, 256, 512), 2: (16, 32, 64)}
+#: Samples nearer than this share of their spacing are one.
+THINNED = 0.25
+#: The least step of differences on the manifold, and its spacing of samples for a single point, as shares of its size.
+STEP, FOR_A_POINT = 1e-4, 1 / 64
+#: A point tells the left of a piece where the chord to it leans to one side by more than this (cosine).
+TELLING = 1e-3
+#: The two points that name the sides lie so far from the boundary, as a share of its size.
+BESIDE = 0.1
+
+#: What says which side is left: the sources themselves, a point, or a rule. Nothing: the sign comes back reversed.
+NamedBy = Literal["source", "left_of", "rule", "nothing"]
+
+
+@dataclass(frozen=True, eq=False)
+class LeftPart:
+    """A source that is no union, a boundary or a member of one, with signs along it."""
+
+    source: Localized
+    surface: Localized
+    dimension: int
+    samples: ClosestPoints
+    on: ClosestPoints
+    across: Orientation
+    along: Orientation
+    given_across: Bools
+    given_along: bool
+    piece: Ints
+    consistent: bool
+    travels: bool
+    spacing: float
+
+    @classmethod
+    def of(cls, source: Localized, surface: Localized, dimension: int) -> LeftPart:
+        """Return it sampled densely enough, signs carried."""
+        for found, spacing in _samplings(source, surface):
+            samples = _off_corners(source, found, 0.5 * spacing)
+            on = surface.closest_point(samples.points)
+            part, sure = cls._sampled(source, surface, dimension, samples, on, spacing)
+            if sure:
+                break
+        return part
+
+    @classmethod
+    def _sampled(
+        cls,
+        source: Localized,
+        surface: Localized,
+        dimension: int,
+        samples: ClosestPoints,
+        on: ClosestPoints,
+        spacing: float,
+    ) -> tuple[LeftPart, bool]:
+        step = 0.5 * spacing
+        wide = max(step, STEP * float(np.ptp(surface.bounds, axis=0).max()))
+        travel = tangents(source, samples, step) if source.manifold_dim == 1 else None
+        way = tangents(surface, on, wide) if dimension == 1 else travel
+        pairs = neighbours(samples.points, spacing, way)
+        along, across, found = AS_GIVEN, AS_GIVEN, []
+        given_across = np.ones(len(samples), dtype=bool)
+        given_along = source.manifold_dim == 0 or source.knows_directions(source.manifold_dim or 0)
+        if source.manifold_dim:
+            directions = normals(source, samples, step) if travel is None else travel
+            own = np.full(len(samples), given_along)
+            found.append(_carried(samples.points, directions, pairs, spacing, travel is not None, own))
+            along = Orientation(samples.points, found[0].directions, spacing, travel is not None)
+        travels = all(carried.consistent for carried in found)
+        if dimension < source.dim:
+            directions = way if dimension == 1 and way is not None else normals(surface, on, wide)
+            given_across = _own_directions(surface, on, dimension)
+            found.append(_carried(on.points, directions, pairs, spacing, dimension == 1, given_across))
+            across = Orientation(on.points, found[-1].directions, spacing, dimension == 1)
+        consistent, piece = all(carried.consistent for carried in found), found[0].piece
+        own_signs = given_across, given_along
+        part = cls(
+            source, surface, dimension, samples, on, across, along, *own_signs, piece, consistent, travels, spacing
+        )
+        return part, all(carried.sure for carried in found)
+
+    def turned(self, left_of: Floats | None) -> tuple[LeftPart, set[NamedBy]]:
+        """Return it with each piece's left chosen by a point (d,), where one is given, else by a rule."""
+        flipped = np.ones(len(self.samples))
+        named: set[NamedBy] = set()
+        leans = None if left_of is None else self._lean(left_of)
+        for number, mask in enumerate(piece_masks(self.piece)):
+            if self.given_along and self.given_across[mask].any():
+                continue
+            if leans is not None and abs(leans[number]) > TELLING:
+                named.add("left_of")
+                flipped[mask] = np.sign(leans[number])
+            else:
+                named.add("rule")
+                flipped[mask] = self._ruled(mask)
+        open_sign = "across" if self.across is not AS_GIVEN else "along"
+        turned = getattr(self, open_sign)
+        turned = replace(turned, directions=turned.directions * flipped[:, None])
+        return replace(self, **{open_sign: turned}), named
+
+    def _ruled(self, mask: Bools) -> float:
+        """Return the sign that makes what a piece does not know by itself follow the rule."""
+        sign = 1.0
+        if not self.given_across[mask].any():
+            sign *= _by_rule(self.across, mask, self.surface.bounds.mean(axis=0))
+        if not self.given_along:
+            sign *= _by_rule(self.along, mask, self.source.bounds.mean(axis=0))
+        return sign
+
+    def _lean(self, point: Floats) -> Floats:
+        """Return, for each piece, the cosine of the angle at its nearest point between left and the way to a point."""
+        goal = self.surface.closest_point(point[None]).points[0]
+        distance = np.linalg.norm(self.on.points - goal, axis=1)
+        pieces = piece_masks(self.piece)
+        nearest = np.array([np.flatnonzero(mask)[distance[mask].argmin()] for mask in pieces])
+        feet = self.source.closest_point(goal[None])
+        at = self.piece[np.linalg.norm(self.samples.points - feet.points[0], axis=1).argmin()]
+        feet = self.samples.take(nearest).replaced(np.array([at]), feet)
+        on = self.surface.closest_point(feet.points)
+        _, left = axis_and_left(self.source, self.surface, (self.across, self.along), on, feet, 0.5 * self.spacing)
+        return lean(goal - on.points, left)
+
+    def beside(self) -> Floats:
+        """Return a point of the manifold on the left and one on the right, (2, d)."""
+        middle = np.array([len(self.samples) // 2])
+        feet, on = self.samples.take(middle), self.on.take(middle)
+        _, left = axis_and_left(self.source, self.surface, (self.across, self.along), on, feet, 0.5 * self.spacing)
+        size = float(np.ptp(self.source.bounds, axis=0).max()) or self.spacing
+        ways = BESIDE * size * np.array([[1.0], [-1.0]]) * left
+        return self.surface.closest_point(on.points + ways).points
+
+
+def lean(ways: Floats, left: Floats) -> Floats:
+    """Return the cosines (n,) of ``ways`` (n, d) with unit vectors; zero of no way."""
+    length = np.linalg.norm(ways, axis=1)
+    return np.asarray(np.sum(ways * left, axis=1) / np.where(length > 0, length, 1.0))
+
+
+def _by_rule(signs: Orientation, mask: Bools, centre: Floats) -> float:
+    assert signs.points is not None
+    assert signs.directions is not None
+    return by_rule(signs.points[mask], signs.directions[mask], centre, signs.travel)
+
+
+def _samplings(source: Localized, surface: Localized) -> Iterator[tuple[ClosestPoints, float]]:
+    """Yield samples of a source, denser and denser, and their spacing."""
+    size = float(np.ptp(source.bounds, axis=0).max())
+    if not size > 0:
+        middle = source.bounds.mean(axis=0)[None]
+        yield source.closest_point(middle), FOR_A_POINT * float(np.ptp(surface.bounds, axis=0).max())
+        return
+    for count in SAMPLES[source.manifold_dim or 0]:
+        spacing = size / count
+        cells = next(blocks for side, blocks in cell_levels(source, spacing, 0.5) if side == 1)
+        points = source.closest_point(np.asarray(cells * spacing, dtype=np.float64)).points
+        _, kept = np.unique(np.round(points / (THINNED * spacing)), axis=0, return_index=True)
+        yield source.closest_point(points[np.sort(kept)]), spacing
+
+
+def _off_corners(source: Localized, samples: ClosestPoints, step: float) -> ClosestPoints:
+    """Return the samples at which a curve has a direction; all, where it has none anywhere."""
+    if source.manifold_dim != 1 or source.has_tangents:
+        return samples
+    corner = tangents_and_corners(source, samples, step)[1]
+    return samples if corner.all() else samples.take(~corner)
+
+
+def _own_directions(surface: Localized, on: ClosestPoints, dimension: int) -> Bools:
+    """Return at which feet (n,) the manifold gives its own normals, or tangents, where it is a curve."""
+    own = np.zeros(len(on), dtype=bool)
+    for member, rows, _ in surface.by_member(on):
+        own[rows] = member.has_tangents if dimension == 1 else member.has_normals
+    return own
+
+
+def _carried(points: Floats, directions: Floats, pairs: Ints, spacing: float, travel: bool, own: Bools) -> Carried:
+    """Carry signs, of each piece such that they agree with those that the source itself gives there."""
+    found = carry(points, directions, pairs, spacing, travel)
+    for mask in piece_masks(found.piece):
+        given = mask & own
+        if np.sum(found.directions[given] * directions[given]) < 0:
+            found.directions[mask] *= -1
+    return found

@@ -1,0 +1,266 @@
+"""A scene: a manifold, boundaries inside it, what holds on its edge, and the equation. No lattice yet."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from cpmkit.errors import ResolutionError, SceneError, shown
+from cpmkit.grid.lattice import Lattice
+from cpmkit.manifold.answers import check_source
+from cpmkit.manifold.localized import Localized
+from cpmkit.protocols import SIDES, BoundarySet, ClosestPointSource, Floats, NamesLeft, Side
+from cpmkit.runtime.arrays import as_vector, positive
+from cpmkit.scene.alike import alike
+from cpmkit.scene.conditions import KINDS, Condition, Neumann
+from cpmkit.scene.data import Data, channel_count
+from cpmkit.scene.equations import Equation
+from cpmkit.scene.left import Left, find_left
+from cpmkit.scene.special_conditions import Transmission
+
+#: The largest spacing, as a share of the manifold's largest side, at which the band still tells its parts apart.
+COARSEST = 0.25
+#: Where data of the equation and of the edge are asked; numbers from zero are boundaries.
+SURFACE, EDGE = -1, -2
+
+
+@dataclass(frozen=True, eq=False)
+class Boundary:
+    """A point or curve inside the manifold, with one condition for both sides or one for each.
+
+    Left is where ``(z - y) . (n x t) > 0``: at your left hand when you walk along the curve with your
+    head along the surface's normal. A point on a curve has its left where the curve comes from.
+
+    Parameters
+    ----------
+    name : str
+        For reports, and to ask for a side when a solution is read.
+    source : ClosestPointSource
+        Where the boundary lies.
+    both, left, right : Condition
+        Either ``both``, or ``left`` and ``right``.
+    across : Transmission
+        Instead of these: both sides coupled.
+    left_of : (d,) array, optional
+        A point on the left, needed where the conditions differ and the surface has no normals of its own, or the
+        boundary no direction. Unless given, that of the source where it names one.
+
+    Raises
+    ------
+    SceneError
+        If a condition is given on one side only, or on none.
+
+    Examples
+    --------
+    >>> import cpmkit as ck
+    >>> pin = ck.source("analytic.point", at=[1, 0])
+    >>> ck.Boundary("pin", pin, left=ck.Dirichlet(1), right=ck.Neumann(0)).condition("right").kind
+    'neumann'
+    >>> ck.Boundary("pin", pin, left=ck.Dirichlet(1))
+    Traceback (most recent call last):
+    cpmkit.errors.SceneError: boundary 'pin' has conditions on left; give `both`, or `left` and `right`, or `across`.
+    """
+
+    name: str
+    source: ClosestPointSource
+    both: Condition | None = None
+    left: Condition | None = None
+    right: Condition | None = None
+    left_of: Any = None
+    across: Transmission | None = None
+
+    def __post_init__(self) -> None:
+        given = [side for side in ("both", "left", "right", "across") if getattr(self, side) is not None]
+        if given not in (["both"], ["left", "right"], ["across"]):
+            raise SceneError(
+                f"boundary {self.name!r} has conditions on {' and '.join(given) or 'no side'}; "
+                "give `both`, or `left` and `right`, or `across`."
+            )
+        for side in given:
+            accepted = (Transmission,) if side == "across" else KINDS
+            if not isinstance(getattr(self, side), accepted):
+                raise SceneError(
+                    f"boundary {self.name!r}: `{side}` must be {_named(accepted)}, got {getattr(self, side)!r}."
+                )
+        if alike(self.left, self.right):  # equal data on both sides need no left
+            object.__setattr__(self, "right", self.left)
+        check_source(self.source, f"boundary {self.name!r}")
+        if self.left_of is None:
+            object.__setattr__(self, "left_of", self.source.left_of if isinstance(self.source, NamesLeft) else None)
+        if self.left_of is not None:
+            object.__setattr__(
+                self, "left_of", as_vector(self.left_of, self.source.dim, f"left_of of boundary {self.name!r}")
+            )
+
+    def condition(self, side: Side, /) -> Condition:
+        """Return what holds on ``side``."""
+        condition = self.both or self.across or (self.left if side == "left" else self.right)
+        assert condition is not None
+        return condition
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A manifold, its boundaries, its edge and an equation.
+
+    Parameters
+    ----------
+    surface : ClosestPointSource
+        The manifold.
+    problem : Equation
+        Such as ``Laplace()``, ``Poisson(f)`` or ``ScreenedPoisson(f, c)``.
+    boundaries : sequence of BoundarySet
+        Points and curves inside the manifold, with conditions.
+    edge : Condition or table
+        What holds on the rim of an open surface or the ends of an open curve: one condition, or one a
+        loop number. By default nothing flows through it.
+
+    Raises
+    ------
+    SceneError
+        If names repeat, data disagree about the number of channels, or a part is not what it should be.
+
+    Examples
+    --------
+    A colour is one solve with three channels.
+
+    >>> import cpmkit as ck
+    >>> equator = ck.source("analytic.circle", normal=[0, 0, 1])
+    >>> colours = ck.Boundary("equator", equator, left=ck.Dirichlet([1, 0, 0]), right=ck.Dirichlet([0, 0, 1]))
+    >>> ck.Scene(ck.source("analytic.sphere"), ck.Laplace(), [colours]).channels
+    3
+    """
+
+    surface: ClosestPointSource
+    problem: Equation
+    boundaries: Sequence[BoundarySet] = ()
+    edge: Condition | Mapping[int, Condition] = field(default_factory=Neumann)
+
+    def __post_init__(self) -> None:
+        check_source(self.surface, "the surface")
+        if not isinstance(self.problem, Equation):
+            raise SceneError(
+                f"the problem must be an equation, such as Laplace(), Poisson(f) or Heat(...), got {self.problem!r}."
+            )
+        for one in self.edge_conditions:
+            if not isinstance(one, KINDS):
+                raise SceneError(
+                    f"`edge` must be {_named(KINDS)}, or a table with one of them for each loop, got {shown(one)}."
+                )
+        object.__setattr__(self, "boundaries", tuple(self.boundaries))
+        names = [boundary.name for boundary in self.boundaries]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise SceneError(f"{len(names)} boundaries share the name {twice[0]!r}; give each its own.")
+        for boundary in self.boundaries:
+            if boundary.source.dim != self.surface.dim:
+                raise SceneError(
+                    f"boundary {boundary.name!r} lies in {boundary.source.dim}D, the surface in {self.surface.dim}D; "
+                    "both must be the same."
+                )
+        self.problem.check_conditions(self._conditions())
+        assert self.channels
+
+    @cached_property
+    def channels(self) -> int:
+        """How many right-hand sides are solved together: the entries of the data, where they have more than one."""
+        counts = [
+            (what, channel_count(data, self._place(place), what, self.problem.start_time))
+            for what, data, place in self._data()
+        ]
+        most = max((count for _, count in counts), default=1)
+        for what, count in counts:
+            if count not in (1, most):
+                raise SceneError(f"{what} has {count} channels where others have {most}; give one value, or {most}.")
+        return most
+
+    @property
+    def edge_conditions(self) -> list[Condition]:
+        """The condition of the edge, or those of all its loops."""
+        return list(self.edge.values()) if isinstance(self.edge, Mapping) else [self.edge]
+
+    def left(self, boundary: BoundarySet, dimension: int) -> Left:
+        """Return what tells the left of one of the boundaries, where the manifold has ``dimension``.
+
+        It is found once: all spacings, lattices and levels share it.
+        """
+        key = (id(boundary), dimension)  # the scene keeps its boundaries alive
+        if key not in self._lefts:
+            self._lefts[key] = find_left(boundary, self.surface, dimension)
+        return self._lefts[key]
+
+    @cached_property
+    def _lefts(self) -> dict[tuple[int, int], Left]:
+        return {}
+
+    def _conditions(self) -> list[tuple[str, Condition]]:
+        conditions = [
+            (f"boundary {boundary.name!r}", boundary.condition(side)) for boundary in self.boundaries for side in SIDES
+        ]
+        return conditions + [("the edge's condition", edge) for edge in self.edge_conditions]
+
+    @property
+    def conditions(self) -> list[Condition]:
+        """All conditions, of both sides of each boundary and of the edge."""
+        return [condition for _, condition in self._conditions()]
+
+    def _data(self) -> list[tuple[str, Data, int]]:
+        """Return all data, what they are, and the place at which they can be asked, a number for :meth:`_place`."""
+        places = [number for number, _ in enumerate(self.boundaries) for _ in SIDES]
+        places += [EDGE] * len(self.edge_conditions)
+        found: list[tuple[str, Data, int]] = []
+        for (what, one), place in zip(self._conditions(), places, strict=True):
+            found.append((what, one.gamma, place))
+            if isinstance(one, Transmission):
+                found.append((what, one.flux, place))
+        return found + [(what, data, SURFACE) for what, data in self.problem.data()]
+
+    def _place(self, number: int) -> Floats:
+        """Return a point (1, d) of a boundary, by its number, of the manifold's edge or of the manifold.
+
+        Data may be undefined elsewhere. An edge that is not seen from the corners of the bounds is asked for inside.
+        """
+        if number not in self._places:
+            source = self.boundaries[number].source if number >= 0 else self.surface
+            bounds = np.asarray(source.bounds, dtype=np.float64)
+            centre = bounds.mean(axis=0)
+            asked = centre[None] if number != EDGE else np.array([*product(*bounds.T), centre])
+            seen = Localized(source, np.zeros(source.dim)).closest_point(asked)
+            self._places[number] = seen.points[np.argmax(seen.edge >= 0)][None] if number == EDGE else seen.points
+        return self._places[number]
+
+    @cached_property
+    def _places(self) -> dict[int, Floats]:
+        return {}
+
+    def lattice(self, spacing: float, origin: Any = None) -> Lattice:
+        """Return the lattice of this spacing; a node lies at ``origin``, by default the centre of the bounds.
+
+        Raises
+        ------
+        InputError
+            If the spacing is not above zero, or the origin is not d numbers.
+        ResolutionError
+            If the spacing is more than a quarter of the manifold's largest side.
+        """
+        positive(spacing, "spacing")
+        bounds = np.asarray(self.surface.bounds, dtype=np.float64)
+        largest = float((bounds[1] - bounds[0]).max())
+        if spacing > COARSEST * largest > 0:
+            raise ResolutionError(
+                f"spacing={spacing:g} is too coarse for a manifold whose largest side is {largest:.3g}; "
+                f"use {COARSEST * largest:.3g} or less."
+            )
+        centre: Floats = 0.5 * (bounds[0] + bounds[1])
+        return Lattice(centre if origin is None else as_vector(origin, self.surface.dim, "origin"), float(spacing))
+
+
+def _named(kinds: Sequence[type]) -> str:
+    """Return the names of some classes for an error: "A, B or C"."""
+    names = [kind.__name__ for kind in kinds]
+    return " or ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)

@@ -1,0 +1,228 @@
+"""Conditions that go beyond one linear relation on one side: coupled sides, nonlinear fluxes, eigenvalues, plates."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from cpmkit.errors import InputError, shown
+from cpmkit.protocols import Floats
+from cpmkit.runtime.arrays import number, positive
+from cpmkit.scene.data import Data, check_order, evaluate_data, takes_time
+
+
+@dataclass(frozen=True, eq=False)
+class Transmission:
+    """Both sides coupled: ``u_left - u_right = jump + resistance * flow``, and what flows in on one side flows out.
+
+    With k the conductivities, ``k_left du/db_left + k_right du/db_right = flux``, each b out of its side; a ``flux``
+    above zero is a source of heat on the boundary. The flow is the mean of ``-k_left du/db_left`` and
+    ``k_right du/db_right``, from left to right. Given to a boundary as ``across``.
+
+    Parameters
+    ----------
+    jump : number, sequence, or callable
+        As for :class:`Dirichlet`.
+    flux : number, sequence, or callable
+        As for :class:`Dirichlet`.
+    left, right : number or callable, optional
+        Conductivities, above zero. Unless given, the problem's diffusivity on each side; what is given must be that.
+    resistance : float
+        Of the contact, not below zero.
+
+    Raises
+    ------
+    InputError
+        If a conductivity is not above zero or the resistance is below.
+
+    Examples
+    --------
+    >>> Transmission(jump=1.0, resistance=0.5).kind
+    'transmission'
+    """
+
+    jump: Data = 0.0
+    flux: Data = 0.0
+    left: Data | None = None
+    right: Data | None = None
+    resistance: float = 0.0
+    order: None = field(default=None, init=False)
+    alpha: float = field(default=1.0, init=False)
+    beta: float = field(default=0.0, init=False)
+
+    def __post_init__(self) -> None:
+        for side in ("left", "right"):
+            given = getattr(self, side)
+            if given is not None and (not callable(given) or takes_time(given)):
+                positive(given, f"{side}, a conductivity of Transmission,")
+        if number(self.resistance, "resistance of Transmission") != 0:
+            positive(self.resistance, "resistance of Transmission, where it is not zero,")
+
+    @property
+    def gamma(self) -> Data:
+        """Right side of the condition on the values."""
+        return self.jump
+
+    @property
+    def kind(self) -> str:
+        """Name of the kind in scene files."""
+        return "transmission"
+
+
+def eigenfunction(points: Floats) -> Floats:
+    """Mark the data of a :class:`Steklov` condition: lambda u, which is no datum and counts as zero."""
+    return np.zeros(len(points))
+
+
+@dataclass(frozen=True, eq=False)
+class Steklov:
+    """du/db = lambda u, for eigenvalue problems alone: lambda is what is sought.
+
+    Parameters
+    ----------
+    order : 1 to 4, optional
+        Overrides the discretisation's order for this condition.
+
+    Examples
+    --------
+    Those of the unit disc, a solid of the plane, are 0, 1, 1, 2, 2.
+
+    >>> import cpmkit as ck
+    >>> scene = ck.Scene(ck.source("solid", of=ck.source("analytic.circle")), ck.Eigen(5), edge=ck.Steklov())
+    >>> ck.solve(scene, spacing=0.05).eigenvalues.round(2) + 0.0
+    array([0., 1., 1., 2., 2.])
+    """
+
+    order: int | None = None
+    alpha: float = field(default=1.0, init=False)
+    beta: float = field(default=0.0, init=False)
+
+    def __post_init__(self) -> None:
+        check_order(self.order, "Steklov")
+
+    @property
+    def gamma(self) -> Data:
+        """Marks what stands for lambda u."""
+        return eigenfunction
+
+    @property
+    def kind(self) -> str:
+        """Name of the kind in scene files."""
+        return "steklov"
+
+
+@dataclass(frozen=True, eq=False)
+class SupportData:
+    """The data of :class:`SimplySupported`: called, they give u; beside that they hold Lap u."""
+
+    value: Data
+    laplacian: Data
+
+    def __call__(self, points: Floats) -> Floats:
+        """Return u at ``points`` (n, d) as (n, channels)."""
+        return evaluate_data(self.value, points, None, "the value of SimplySupported")
+
+
+@dataclass(frozen=True, eq=False)
+class SimplySupported:
+    """u = value and Lap u = laplacian, for biharmonic problems alone: an edge that holds a plate and lets it turn.
+
+    Parameters
+    ----------
+    value, laplacian : number, sequence, or callable
+        As for :class:`Dirichlet`.
+    order : 1 to 4, optional
+        Overrides the discretisation's order for this condition.
+
+    Examples
+    --------
+    >>> SimplySupported(laplacian=2.0).kind
+    'simply_supported'
+    """
+
+    value: Data = 0.0
+    laplacian: Data = 0.0
+    order: int | None = None
+    alpha: float = field(default=0.0, init=False)
+    beta: float = field(default=1.0, init=False)
+
+    def __post_init__(self) -> None:
+        check_order(self.order, "SimplySupported")
+
+    @property
+    def gamma(self) -> Data:
+        """Both data."""
+        return SupportData(self.value, self.laplacian)
+
+    @property
+    def kind(self) -> str:
+        """Name of the kind in scene files."""
+        return "simply_supported"
+
+
+@dataclass(frozen=True, eq=False)
+class FluxData:
+    """Marks the data of one :class:`NonlinearFlux`: j(u), which is no datum and counts as zero."""
+
+    def __call__(self, points: Floats) -> Floats:
+        """Return zeros (n,)."""
+        return np.zeros(len(points))
+
+
+@dataclass(frozen=True, eq=False)
+class NonlinearFlux:
+    """du/db = j(u), b pointing out of the side on which the condition is given: radiation, a reaction at the wall.
+
+    Solved by Newton's method, each step a Robin condition. Where j grows with u it feeds the solution, and there may
+    be none, or several.
+
+    Parameters
+    ----------
+    flux : callable
+        j, a function of values (n,), or of values and points ``(n,), (n, d)``, that returns (n,).
+    slope : callable, optional
+        Its derivative, of the same arguments; by differences unless given.
+    guess : float
+        Value of u on the boundary at which Newton's method starts.
+    order : 1 to 4, optional
+        Overrides the discretisation's order for this condition.
+
+    Raises
+    ------
+    InputError
+        If the flux or its slope is not callable.
+
+    Examples
+    --------
+    A bar that is heated at one end and radiates at the other: u = 2 - x.
+
+    >>> import cpmkit as ck
+    >>> bar = ck.source("analytic.segment", start=[0, 0], end=[1, 0])
+    >>> ends = {0: ck.Dirichlet(2.0), 1: ck.NonlinearFlux(lambda u: -(u**4))}
+    >>> ck.solve(ck.Scene(bar, ck.Laplace(), edge=ends), spacing=0.05).evaluate([[1, 0]]).round(4)
+    array([1.])
+    """
+
+    flux: Callable[..., Any]
+    slope: Callable[..., Any] | None = None
+    guess: float = 1.0
+    order: int | None = None
+    alpha: float = field(default=1.0, init=False)
+    beta: float = field(default=0.0, init=False)
+    gamma: Data = field(default_factory=FluxData, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        for name, optional in (("flux", False), ("slope", True)):
+            given = getattr(self, name)
+            if not callable(given) and not (optional and given is None):
+                raise InputError(f"{name} of NonlinearFlux must be a function of the values of u, got {shown(given)}.")
+        check_order(self.order, "NonlinearFlux")
+        object.__setattr__(self, "guess", number(self.guess, "guess of NonlinearFlux"))
+
+    @property
+    def kind(self) -> str:
+        """Name of the kind in reports."""
+        return "nonlinear flux"

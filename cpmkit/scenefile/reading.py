@@ -1,0 +1,270 @@
+"""Scene files: TOML that holds numbers, names of array files and formulas. Nothing in a file is executed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cpmkit.errors import SceneError, shown
+from cpmkit.files.data_files import find_file
+from cpmkit.files.toml_files import made_from_toml
+from cpmkit.linear.choice import ACCEPTED
+from cpmkit.plugins import call, check_keys, factory, offered, source, takes
+from cpmkit.protocols import BoundarySet, ClosestPointSource
+from cpmkit.runtime.key_types import check_types
+from cpmkit.runtime.suggestions import did_you_mean
+from cpmkit.scene.compound_equations import Biharmonic, Eigen
+from cpmkit.scene.data import evaluate_data
+from cpmkit.scene.equations import Elliptic, Equation, Field, Helmholtz, Laplace, Poisson, ScreenedPoisson
+from cpmkit.scene.equations_in_time import Evolution, Heat, Wave
+from cpmkit.scene.scene import Boundary, Scene
+from cpmkit.scene.vertex_data import with_vertex_data
+from cpmkit.scenefile.condition_tables import as_table, read_data, read_edge, read_side
+from cpmkit.scenefile.output_request import OutputRequest, PictureRequest, check_links, output_folder
+
+TABLES = ("surface", "boundary", "problem", "discretization", "solver", "output")
+PROBLEMS = {
+    "laplace": Laplace,
+    "poisson": Poisson,
+    "screened": ScreenedPoisson,
+    "elliptic": Elliptic,
+    "helmholtz": Helmholtz,
+    "eigen": Eigen,
+    "biharmonic": Biharmonic,
+    "heat": Heat,
+    "wave": Wave,
+}
+#: Keys of a boundary beside those of its kind.
+SIDE_KEYS = ("both", "left", "right", "left_of", "across")
+#: Characters of a boundary's name.
+LONGEST_NAME = 100
+#: Keys of [problem] that hold numbers or formulas; a velocity holds one a coordinate.
+FORMULAS = ("f", "c", "diffusivity", "kappa", "initial", "initial_rate")
+#: Of these the keys that hold one for all channels.
+COEFFICIENTS = ("c", "diffusivity", "kappa")
+
+
+@dataclass(frozen=True, eq=False)
+class SceneFile:
+    """A scene and how its file wants it solved.
+
+    Attributes
+    ----------
+    scene : Scene
+        Surface, boundaries, edge and problem.
+    spacing : float or None
+        Of the lattice; None if the file gives none.
+    options : dict
+        Further keyword arguments of ``solve``: degree, order, origin, sheets, balance, solver, tolerance,
+        max_iterations.
+    output : OutputRequest
+        What is written where.
+    """
+
+    scene: Scene
+    spacing: float | None
+    options: dict[str, Any]
+    output: OutputRequest
+
+
+def load_scene(path: str | Path) -> SceneFile:
+    """Read a scene file.
+
+    Raises
+    ------
+    SceneError
+        If the file is missing, does not parse, or holds a key or value that is not accepted.
+    PluginError
+        If a kind is offered by no installed plugin.
+    """
+    return made_from_toml(path, _scene_file, "scene file", ", such as examples/01-first-curves.toml")
+
+
+def _scene_file(tables: dict[str, Any], path: Path) -> SceneFile:
+    _check_keys(tables, TABLES, "the scene")
+    scene = read_scene(tables, path.parent)
+    spacing, options = read_options(tables)
+    output = _output(as_table(tables.get("output", {}), "[output]"), path)
+    if output.wants_frames and not (isinstance(scene.problem, Evolution) and scene.problem.frame_times):
+        raise SceneError("[output] asks for frames, and [problem] gives none; add a key such as frames = 10 to heat.")
+    return SceneFile(scene, spacing, options, output)
+
+
+def read_scene(tables: Mapping[str, Any], folder: Path) -> Scene:
+    """Return the scene of the tables [surface], [[boundary]] and [problem]; others are left alone.
+
+    Parameters
+    ----------
+    tables : mapping
+        As TOML gives them; they are not changed.
+    folder : Path
+        Where files that they name are looked for first.
+
+    Raises
+    ------
+    SceneError
+        If a table is missing, or holds a key or value that is not accepted.
+    PluginError
+        If a kind is offered by no installed plugin.
+    """
+    if "surface" not in tables or "problem" not in tables:
+        raise SceneError("a scene needs the tables [surface] and [problem].")
+    surface_table = as_table(tables["surface"], "[surface]")
+    edge_table = surface_table.pop("edge", {"neumann": 0.0})
+    edge_of = f"edge of {surface_table.get('kind', '[surface]')}"
+    surface = _source(surface_table, folder, "[surface]")
+    carriers = [("surface", surface)]
+    edge = read_edge(with_vertex_data(edge_table, folder, carriers, edge_of), edge_of)
+    problem = with_vertex_data(as_table(tables["problem"], "[problem]"), folder, carriers, "[problem]")
+    boundaries = [
+        _boundary(as_table(table, f"[[boundary]] {number}"), number, folder, surface)
+        for number, table in enumerate(_list(tables.get("boundary", []), "boundary"), 1)
+    ]
+    return Scene(surface, _problem(problem, surface.dim), boundaries, edge(surface.dim))
+
+
+def read_options(tables: Mapping[str, Any]) -> tuple[float | None, dict[str, Any]]:
+    """Return the spacing, and further options of ``solve``, of the tables [discretization] and [solver].
+
+    Raises
+    ------
+    SceneError
+        If a key or the type of its value is not accepted.
+    """
+    grid = as_table(tables.get("discretization", {}), "[discretization]")
+    _check_keys(grid, ("spacing", "degree", "order", "origin", "sheets", "balance"), "[discretization]")
+    solver = as_table(tables.get("solver", {}), "[solver]")
+    kind = solver.get("kind", "auto")
+    if not isinstance(kind, str):
+        raise SceneError(f"kind of [solver] must be a name such as 'direct', got {shown(kind)}.")
+    if kind in ACCEPTED:  # a plugin's solver has keys of its own
+        _check_keys(solver, ("kind", "tolerance", *ACCEPTED[kind]), "[solver]")
+    check_types(_grid_types, "[discretization]", grid)
+    check_types(_solver_types, "[solver]", solver)
+    spacing = grid.pop("spacing", None)
+    renamed = {("solver" if key == "kind" else key): value for key, value in solver.items()}
+    return spacing, {**grid, **renamed}
+
+
+def _grid_types(spacing: float, degree: int, order: int, sheets: bool | str, balance: int) -> None:
+    """Declare the types of the keys of [discretization]."""
+
+
+def _solver_types(tolerance: float, max_iterations: int) -> None:
+    """Declare the types of the keys of [solver]."""
+
+
+def _source(
+    table: dict[str, Any], folder: Path, where: str, surface: ClosestPointSource | None = None
+) -> ClosestPointSource:
+    """Make the source that a table describes; a boundary's may ask for the ``surface`` that it lies on."""
+    kind = table.pop("kind", None)
+    if not isinstance(kind, str):
+        raise SceneError(
+            f"{where} needs a kind, such as kind = 'analytic.sphere'; `cpmkit plugins` lists those installed."
+        )
+    check_keys(factory(kind), f"{where} of kind {kind!r}", table, () if surface is None else SIDE_KEYS)
+    keys = _keys(table, folder, where)
+    if surface is not None and not {"surface", "file", "vertices"} & set(keys) and takes(factory(kind), "surface"):
+        keys["surface"] = surface
+    return source(kind, **keys)
+
+
+def _keys(table: dict[str, Any], folder: Path, where: str) -> dict[str, Any]:
+    """Return the table with the path of the file that it names, and with sources in place of the tables in it."""
+    if "file" in table and not isinstance(table["file"], str):
+        raise SceneError(f"file of {where} must be the name of a file, got {shown(table['file'])}.")
+    keys = {key: _made(value, folder, f"{key} of {where}") for key, value in table.items()}
+    return {**keys, "file": str(find_file(keys["file"], folder))} if "file" in keys else keys
+
+
+def _made(value: Any, folder: Path, where: str) -> Any:
+    """Return the source that a table with a kind describes, a list with its tables made, anything else as it is."""
+    if isinstance(value, dict):
+        return _source(dict(value), folder, where)
+    if isinstance(value, list):
+        return [_made(entry, folder, f"entry {number} of {where}") for number, entry in enumerate(value, 1)]
+    return value
+
+
+def _boundary(table: dict[str, Any], number: int, folder: Path, surface: ClosestPointSource) -> BoundarySet:
+    name = _name(table.pop("name", f"boundary {number}"), number)
+    where = f"[[boundary]] {name!r}"
+    sides = {key: table.pop(key) for key in SIDE_KEYS if key in table}
+    make = offered(table["kind"], "cpmkit_boundaries") if isinstance(table.get("kind"), str) else None
+    own = _source(table, folder, where, surface) if make is None else None
+    carriers = [("surface", surface)] if own is None else [("boundary", own), ("surface", surface)]
+    conditions: dict[str, Any] = {
+        key: read_side(key, value, surface.dim, f"{key} of {where}")
+        for key, value in with_vertex_data(sides, folder, carriers, where).items()
+    }
+    if make is None:
+        assert own is not None
+        return Boundary(name, own, **conditions)
+    del table["kind"]
+    made: BoundarySet = call(make, where, {"name": name, **_keys(table, folder, where), **conditions})
+    return made
+
+
+def _name(name: Any, number: int) -> str:
+    if not isinstance(name, str) or not name.strip() or not name.isprintable() or len(name) > LONGEST_NAME:
+        raise SceneError(
+            f"name of [[boundary]] {number} must be one line of at most {LONGEST_NAME} characters, got {shown(name)}."
+        )
+    return name
+
+
+def _problem(table: dict[str, Any], dim: int) -> Equation:
+    kind = table.pop("kind", None)
+    if not isinstance(kind, str) or kind not in PROBLEMS:
+        near = did_you_mean(kind, PROBLEMS)
+        raise SceneError(f"the kind of [problem] must be one of {', '.join(PROBLEMS)}, got {shown(kind)}{near}.")
+    check_keys(PROBLEMS[kind], f"[problem] of kind {kind!r}", table)
+    check_types(PROBLEMS[kind], f"[problem] of kind {kind!r}", table)
+    for key in FORMULAS:
+        if key in COEFFICIENTS and isinstance(table.get(key), list):
+            raise SceneError(f"{key} of [problem] must be one number or formula, got {shown(table[key])}.")
+        if key in table:
+            table[key] = read_data(table[key], dim, f"{key} of [problem]")
+    if "velocity" in table:
+        table["velocity"] = _field(table["velocity"], dim)
+    made: Equation = call(PROBLEMS[kind], f"[problem] of kind {kind!r}", table)
+    return made
+
+
+def _field(value: Any, dim: int) -> Field:
+    """Return a vector field from one number or formula a coordinate."""
+    if not isinstance(value, list) or len(value) != dim:
+        raise SceneError(f"velocity of [problem] must be a list of {dim} numbers or formulas, got {shown(value)}.")
+    entries = read_data(value, dim, "velocity of [problem]")
+    return lambda points: evaluate_data(entries, points, dim, "velocity of [problem]")
+
+
+def _output(table: dict[str, Any], path: Path) -> OutputRequest:
+    _check_keys(table, ("folder", "files", "picture"), "[output]")
+    picture, files = table.get("picture"), table.get("files", ["summary.json"])
+    if picture is not None:
+        picture = as_table({"file": picture} if isinstance(picture, str) else picture, "picture of [output]")
+        picture = call(PictureRequest, "picture of [output]", picture)
+    if not isinstance(files, list):
+        raise SceneError(f"files of [output] must be a list of names, such as ['summary.json'], got {shown(files)}.")
+    folder = output_folder(table["folder"]) if "folder" in table else Path(path.stem)
+    check_links(folder, Path.cwd(), "folder of [output]")
+    return OutputRequest(folder, tuple(files), picture)
+
+
+def _check_keys(table: Mapping[str, Any], accepted: tuple[str, ...], where: str) -> None:
+    unknown = [key for key in table if key not in accepted]
+    if unknown:
+        raise SceneError(
+            f"{where} has the unknown key {shown(unknown[0])}{did_you_mean(unknown[0], accepted)}; "
+            f"accepted are {', '.join(accepted)}."
+        )
+
+
+def _list(value: Any, where: str) -> list[Any]:
+    if not isinstance(value, list):
+        raise SceneError(f"{where} must be a list of tables, written [[{where}]].")
+    return value

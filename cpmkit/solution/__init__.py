@@ -1,0 +1,1 @@
+"""Solutions of any form: read, integrated, summed up."""

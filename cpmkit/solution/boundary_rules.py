@@ -1,0 +1,120 @@
+"""Points and weights that integrate over a boundary, or over the rim of the manifold."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import gamma, pi
+
+import numpy as np
+
+from cpmkit.errors import InputError
+from cpmkit.grid.band import surface_cells
+from cpmkit.grid.lattice import Codes
+from cpmkit.manifold.localized import localize
+from cpmkit.meshes.cells import with_corners
+from cpmkit.meshes.curved_cells import OUTWARDS, CurvedCells, find_edges, middles_on
+from cpmkit.meshes.display_mesh import LONGEST_EDGE, mesh_of
+from cpmkit.meshes.refinement import refine
+from cpmkit.protocols import ClosestPoints, ClosestPointSource, Floats, HasMesh, Ints
+
+#: Width, in spacings, of the bump that stands for a boundary without a mesh.
+WIDTH = 3.0
+#: The bump is (1 - r^2)^POWER, r in widths.
+POWER = 4
+#: A rim is asked for this share of a spacing beyond where its mesh is.
+BEYOND = 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class BoundaryRule:
+    """Points (n, d) in the scene's coordinates, and weights (n,): lengths or areas; 1 for a point."""
+
+    points: Floats
+    weights: Floats
+
+
+def boundary_rule(source: ClosestPointSource, surface: ClosestPointSource, spacing: float) -> BoundaryRule:
+    """Return a rule over a boundary, snapped to ``surface``; without a mesh of it, from its closest points alone."""
+    dim = source.manifold_dim or 0
+    if not isinstance(source, HasMesh):
+        return _from_bump(source, surface, spacing, dim)
+    points, cells = source.mesh(spacing)
+    points, cells = refine(points, cells, points.shape[1], LONGEST_EDGE * spacing)
+    cells = with_corners(cells, dim + 1)
+    edges = find_edges(points, cells)
+    nodes = np.concatenate([source.closest_point(points).points, middles_on(source, points, edges)])
+    nodes = surface.closest_point(nodes).points
+    at, weights, _ = CurvedCells(nodes, np.hstack([cells, len(points) + edges.of_cells])).rule()
+    on = source.closest_point(at.reshape(-1, at.shape[2])).points
+    return BoundaryRule(surface.closest_point(on).points, weights.ravel())
+
+
+def _from_bump(source: ClosestPointSource, surface: ClosestPointSource, spacing: float, dim: int) -> BoundaryRule:
+    """Return a rule over nodes of a lattice: ``int_C f ds = int f(cp_C(x)) bump(|x - cp_C(x)|) dx``.
+
+    The bump has the integral 1 over the normal space. It is even, so that curvature changes the measure to second
+    order in the width at most; beyond the ends of an open curve it is left out.
+    """
+    local = localize(source, np.zeros(source.dim))
+    cells = surface_cells(local, spacing, 3)
+    reach = int(np.ceil(WIDTH)) + 1
+    codes = Codes.around(cells, reach)
+    near = np.unique(codes.encode(cells))
+    for axis in range(source.dim):
+        near = codes.dilate(near, axis, range(-reach, reach + 1))
+    feet = source.closest_point(np.asarray(codes.decode(near) * spacing, dtype=np.float64))
+    feet = feet.take((feet.distance < WIDTH * spacing) & (feet.edge < 0))
+    normal = source.dim - dim
+    volume = pi ** (normal / 2) * gamma(POWER + 1) / gamma(POWER + 1 + normal / 2) * (WIDTH * spacing) ** normal
+    weights = (1 - (feet.distance / (WIDTH * spacing)) ** 2) ** POWER * spacing**source.dim / volume
+    return BoundaryRule(surface.closest_point(feet.points).points, weights)
+
+
+def rim_rule(surface: ClosestPointSource, spacing: float, loop: int | None) -> tuple[ClosestPoints, Floats]:
+    """Return feet on the rim, or on one ``loop`` of it, and their weights.
+
+    Raises
+    ------
+    InputError
+        If the surface has no mesh or no such edge, or is a solid in space.
+    """
+    points, cells = mesh_of(surface)(spacing)
+    points, cells = refine(points, cells, points.shape[1], LONGEST_EDGE * spacing)
+    if surface.dim == 3 and surface.manifold_dim == 3:
+        raise InputError("The flux through the surface of a solid in space is not offered; ask for a boundary's.")
+    parts = [_rim_of_triangles(surface, points, with_corners(cells, 3), spacing)]
+    parts.append(_rim_of_segments(surface, points, with_corners(cells, 2), spacing))
+    feet = ClosestPoints.join([part for part, _ in parts])
+    weights = np.concatenate([weight for _, weight in parts])
+    kept = feet.edge >= 0 if loop is None else feet.edge == loop
+    if not kept.any():
+        found = np.unique(feet.edge[feet.edge >= 0]).tolist()
+        raise InputError(
+            f"The manifold has no edge{'' if loop is None else f' {loop}'} to ask for a flux; "
+            + (f"its edges are {', '.join(map(str, found))}." if found else "it is closed.")
+        )
+    return feet.take(kept), weights[kept]
+
+
+def _rim_of_triangles(
+    surface: ClosestPointSource, points: Floats, cells: Ints, spacing: float
+) -> tuple[ClosestPoints, Floats]:
+    edges = find_edges(points, cells)
+    single = np.flatnonzero(edges.outward.any(axis=1))
+    nodes = np.concatenate([points, middles_on(surface, points, edges)])
+    curved = CurvedCells(nodes, np.hstack([edges.ends[single], len(points) + single[:, None]]))
+    at, weights, _ = curved.rule()
+    outward = np.repeat(edges.outward[single], at.shape[1], axis=0)
+    beyond = at.reshape(-1, points.shape[1]) + min(BEYOND, OUTWARDS) * spacing * outward
+    return surface.closest_point(beyond), weights.ravel()
+
+
+def _rim_of_segments(
+    surface: ClosestPointSource, points: Floats, cells: Ints, spacing: float
+) -> tuple[ClosestPoints, Floats]:
+    uses = np.bincount(cells.ravel(), minlength=len(points))
+    ends = np.concatenate([cells, cells[:, ::-1]])
+    ends = ends[uses[ends[:, 0]] == 1]
+    outward = points[ends[:, 0]] - points[ends[:, 1]]
+    outward = outward / np.linalg.norm(outward, axis=1, keepdims=True)
+    return surface.closest_point(points[ends[:, 0]] + BEYOND * spacing * outward), np.ones(len(ends))

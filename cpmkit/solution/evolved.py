@@ -1,0 +1,81 @@
+"""Solutions of problems in time: that at the end, and those kept on the way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from cpmkit.errors import ResolutionError
+from cpmkit.meshes.display_mesh import DisplayMesh
+from cpmkit.runtime.memory import available_bytes
+from cpmkit.scene.equations_in_time import Evolution
+from cpmkit.solution.solution import Solution
+
+#: Bytes of a value, and how often frames are in memory while they are saved.
+BYTES, COPIES = 8, 2
+
+
+def check_frames_fit(frames: int, unknowns: int, channels: int) -> None:
+    """Refuse, before the first step, more frames than the memory that is left would hold.
+
+    Raises
+    ------
+    ResolutionError
+        With the number of frames that would fit.
+    """
+    each, available = COPIES * BYTES * unknowns * channels, available_bytes()
+    if frames * each > available:
+        raise ResolutionError(
+            f"{frames} frames of {unknowns} unknowns need {frames * each / 2**30:.3g} GiB, and "
+            f"{available / 2**30:.3g} GiB are available; ask for {available // (2 * each)} frames or less."
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class EvolvedSolution(Solution):
+    """The solution of a problem in time, at one time; read, saved and drawn as any other.
+
+    Attributes
+    ----------
+    time : float
+        When it holds.
+    steps : int
+        Steps that led there.
+    frames : tuple of EvolvedSolution
+        The solutions at the times that ``frames`` of the problem names, in order; they share all tables.
+    """
+
+    time: float = field(kw_only=True)
+    steps: int = field(kw_only=True)
+    frames: tuple[EvolvedSolution, ...] = field(default=(), kw_only=True)
+
+    @property
+    def data_time(self) -> float:
+        """When the solution holds."""
+        return self.time
+
+    def frame_meshes(self) -> list[DisplayMesh]:
+        """Return the display mesh of each frame: one mesh, cut and read once, with the values of each."""
+        together = np.concatenate([frame.values for frame in self.frames], axis=1)
+        mesh = replace(self, values=together, frames=()).make_display_mesh()
+        parts = np.split(mesh.values, len(self.frames), axis=1)
+        return [replace(mesh, values=np.ascontiguousarray(part)) for part in parts]
+
+    def summary(self) -> dict[str, Any]:
+        """Return what was solved, what it cost and what it reached, as plain values."""
+        problem = self.scene.problem
+        scheme = {"scheme": problem.scheme, "step": problem.step} if isinstance(problem, Evolution) else {}
+        frames = [frame.time for frame in self.frames]
+        return {**super().summary(), "time": {"time": self.time, "steps": self.steps, **scheme, "frames": frames}}
+
+    def arrays(self) -> dict[str, Any]:
+        """Return the arrays of the discrete solution, with the times and the values of the frames."""
+        times = np.array([frame.time for frame in self.frames])
+        frames = np.stack([frame.values for frame in self.frames]) if self.frames else np.zeros((0, *self.values.shape))
+        return {**super().arrays(), "time": np.array(self.time), "frame_times": times, "frames": frames}
+
+    def __repr__(self) -> str:
+        kept = f", {len(self.frames)} frames" if self.frames else ""
+        return f"{super().__repr__()}\n  time {self.time:g} after {self.steps} steps{kept}"

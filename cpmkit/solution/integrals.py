@@ -1,0 +1,80 @@
+"""Integrals over the manifold, cell by cell of the mesh that the boundaries cut."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cpmkit.errors import InputError
+from cpmkit.meshes.curved_cells import CurvedCells, find_edges, kept_near, middles_on
+from cpmkit.meshes.dimensions import cells_of_dimension, dimensions_of
+from cpmkit.meshes.display_mesh import evaluate_on_sides, moved_onto_boundaries
+from cpmkit.protocols import ClosestPointSource, Floats, Ints
+from cpmkit.scene.data import evaluate_data
+
+if TYPE_CHECKING:
+    from cpmkit.solution.abstract import ReadableSolution
+
+#: What is integrated: a number, or a function of points (n, d) and the solution there, (n,) or (n, channels).
+Integrand = float | Callable[[Floats, Floats], Any]
+
+
+def integrate(solution: ReadableSolution, function: Integrand | None, dim: int | None) -> float | Floats:
+    """Return the integral of the solution, or of a function of it; see :meth:`ReadableSolution.integrate`."""
+    nodes, values, cells = _nodes_with_values(solution, _dimension(solution.scene.surface, dim))
+    points, weights, shares = CurvedCells(nodes, cells).rule()
+    read = np.einsum("qk,mkc->mqc", shares, values[cells]).reshape(-1, values.shape[1])
+    if function is not None:
+        on = solution.scene.surface.closest_point(points.reshape(-1, points.shape[2])).points
+        read = _integrand(function, on, read)
+    total: Floats = weights.ravel() @ read
+    return float(total[0]) if len(total) == 1 else total
+
+
+def mean(solution: ReadableSolution, function: Integrand | None, dim: int | None) -> float | Floats:
+    """Return the integral divided by the length or area."""
+    return integrate(solution, function, dim) / float(integrate(solution, 1.0, dim))
+
+
+def _integrand(function: Integrand, points: Floats, values: Floats) -> Floats:
+    if not callable(function):
+        return evaluate_data(function, points, None, "the integrand")
+    given = values[:, 0] if values.shape[1] == 1 else values
+    return evaluate_data(lambda at: function(at, given), points, None, "the integrand")
+
+
+def _dimension(surface: ClosestPointSource, dim: int | None) -> int:
+    """Return the dimension over which is integrated; what lengths and areas would add up to is refused."""
+    found = dimensions_of(surface)
+    if dim is None and len(found) > 1:
+        raise InputError(
+            f"The manifold has parts of the dimensions {' and '.join(map(str, found))}, whose sizes do not add up; "
+            f"integrate over one of them, such as dim={found[-1]}."
+        )
+    if dim is not None and dim not in found:
+        raise InputError(f"dim must be {' or '.join(map(str, found))}, the dimensions of the manifold, got {dim!r}.")
+    return found[0] if dim is None else dim
+
+
+def _nodes_with_values(solution: ReadableSolution, dim: int) -> tuple[Floats, Floats, Ints]:
+    """Return the nodes of curved cells on the manifold, the solution there, and the cells."""
+    mesh, scene = solution.display_mesh(), solution.scene
+    corners = cells_of_dimension(mesh.cells, scene.surface, dim)
+    sides = mesh.sides if mesh.sides is not None else np.zeros((len(mesh.points), 0), dtype=np.int64)
+    points = moved_onto_boundaries(scene, mesh.points, sides)
+    points = scene.surface.closest_point(points).points
+    edges = find_edges(points, corners)
+    a, b = edges.ends.T
+    shared = np.where(sides[a] == sides[b], sides[a], 0)
+    middles = middles_on(scene.surface, points, edges)
+    on_boundary = np.flatnonzero(shared.any(axis=1))
+    straight = 0.5 * (points[a] + points[b])[on_boundary]
+    length = np.linalg.norm(points[a] - points[b], axis=1)[on_boundary]
+    moved = scene.surface.closest_point(moved_onto_boundaries(scene, straight, shared[on_boundary])).points
+    middles[on_boundary] = kept_near(straight, moved, length)
+    off = (np.linalg.norm(moved - middles[on_boundary], axis=1) > 0)[:, None]
+    shared[on_boundary] = np.where(off, 0, shared[on_boundary])
+    values = np.concatenate([mesh.values, evaluate_on_sides(solution, middles, shared)])
+    return np.concatenate([points, middles]), values, np.hstack([corners, len(points) + edges.of_cells])

@@ -1,0 +1,42 @@
+"""Eigenvalues and eigenfunctions of a scene."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from cpmkit.protocols import Floats
+from cpmkit.solution.solution import Solution
+
+
+@dataclass(frozen=True, eq=False)
+class EigenSolution(Solution):
+    """The solution of an eigenvalue problem: eigenfunction k is channel k, read like any solution.
+
+    Each has unit mean square over the nodes of the band, and so about over the manifold. Its sign is such that of
+    the values of nearly the greatest size the first is above zero. Those of one eigenvalue are orthogonal.
+
+    Attributes
+    ----------
+    eigenvalues : (count,) float64
+        Ascending; real parts, where the discrete operator, which is not symmetric, has a complex pair.
+    imaginary : (count,) float64
+        Imaginary parts; zero but for such a pair, whose eigenfunctions are real and imaginary part.
+    residuals : (count,) float64
+        By how much of its size each eigenfunction changes in one more step of inverse iteration.
+    """
+
+    eigenvalues: Floats
+    imaginary: Floats
+    residuals: Floats
+
+    def arrays(self) -> dict[str, Any]:
+        """Return the lattice, the nodes, the values and the eigenvalues as plain arrays."""
+        return {**super().arrays(), "eigenvalues": self.eigenvalues}
+
+    def summary(self) -> dict[str, Any]:
+        """Return what was solved, what it cost and what it reached, as plain values."""
+        return {**super().summary(), "eigenvalues": self.eigenvalues.tolist()}
+
+    def __repr__(self) -> str:
+        return "\n  ".join([super().__repr__(), f"eigenvalues {', '.join(f'{one:.6g}' for one in self.eigenvalues)}"])

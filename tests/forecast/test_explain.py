@@ -1,0 +1,74 @@
+"""What a solve will build and cost is said before it is built: unknowns to 10 percent, bytes to a factor of 2."""
+
+import tracemalloc
+
+import numpy as np
+import pytest
+from model_problems import circle_jump, rotation, sphere_poisson
+
+import cpmkit as ck
+
+
+@pytest.mark.parametrize("spacing", [0.02])
+def test_predictions_on_a_surface_with_curves(spacing):
+    scene, _, _ = sphere_poisson([rotation()[:, 0], rotation()[:, 1]])
+    told = ck.explain(scene, spacing)
+    assert not told.exact
+    tracemalloc.start()
+    solution = ck.solve(scene, spacing, tolerance=1e-2)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert told.unknowns == pytest.approx(solution.work.unknowns, rel=0.1)
+    assert told.closest_point_queries == pytest.approx(solution.work.closest_point_queries, rel=0.1)
+    assert 0.5 <= told.bytes / peak <= 2
+    assert told.solver == solution.report.solver
+
+
+def test_predictions_for_a_direct_solve():
+    scene, _, _ = circle_jump()
+    told = ck.explain(scene, 0.002)
+    tracemalloc.start()
+    solution = ck.solve(scene, 0.002)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert told.exact
+    assert told.unknowns == solution.work.unknowns
+    assert told.closest_point_queries == solution.work.closest_point_queries
+    assert 0.5 <= told.bytes / peak <= 2
+
+
+def test_each_part_has_its_reason_and_what_is_not_required_is_not_built():
+    told = ck.explain(ck.Scene(ck.source("analytic.torus", major=1.0, minor=0.4), ck.ScreenedPoisson(1.0)), 0.1)
+    assert [part.name for part in told.parts] == ["inner nodes", "outer nodes", "solver 'reference'"]
+    assert "crossing tests and ghosts (no boundary)" in told.left_out
+    text = str(ck.explain(circle_jump()[0], 0.1, order=1))
+    assert "ghosts of 'cut'" in text
+    assert "Dirichlet" in text
+    assert "mirror points (order 1)" in text
+
+
+def test_nothing_is_asked_of_a_surface_that_a_scene_does_not_require():
+    """No boundary and a closed surface: cells and nodes are asked for, nothing else."""
+    from cpmkit.forms.collocation.layout import lay_out
+    from cpmkit.grid.band import cell_levels
+    from cpmkit.manifold.localized import localize
+
+    sphere = ck.source("analytic.sphere")
+    layout = lay_out(ck.Scene(sphere, ck.ScreenedPoisson(1.0)), 0.1)
+    counted = localize(sphere, np.zeros(3))
+    list(cell_levels(counted, 0.1, 0.0))
+    assert layout.queries["surface"] == counted.queries["points"] + len(layout.band.nodes)
+
+
+def test_order_one_makes_no_mirror_query():
+    from cpmkit.forms.collocation.layout import lay_out
+
+    scene, _, _ = sphere_poisson([[1.0, 2.0, 3.0]])
+    assert lay_out(scene, 0.1, order=1).queries["surface"] < lay_out(scene, 0.1).queries["surface"]
+
+
+def test_an_option_that_solve_would_refuse_is_refused():
+    scene, _, _ = circle_jump()
+    assert ck.explain(scene, 0.1, solver="reference", tolerance=1e-6, max_iterations=5).unknowns > 0
+    with pytest.raises(ck.InputError, match="no option 'degre'"):
+        ck.explain(scene, 0.1, degre=3)

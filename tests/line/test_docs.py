@@ -1,0 +1,184 @@
+"""What the documentation shows runs, and its reference names everything that the code offers."""
+
+import doctest
+import importlib.util
+import inspect
+import pkgutil
+import re
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import cpmkit
+from cpmkit import hookspecs, load_scene, plugins
+from cpmkit.cli import main
+from cpmkit.errors import SceneError
+from cpmkit.formulas import trees
+from cpmkit.linear.choice import SOLVERS
+from cpmkit.scenefile import condition_tables, reading
+from cpmkit.scenefile.output_request import PictureRequest
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+MODULES = [name for _, name, _ in pkgutil.walk_packages(cpmkit.__path__, "cpmkit.") if not name.endswith("__main__")]
+SCENE = {"surface": 'kind = "analytic.circle"', "problem": 'kind = "laplace"'}
+
+
+def blocks(page, language):
+    """Return the fenced blocks of a page."""
+    return re.findall(
+        rf"^```{language}\n(.*?)^```", (ROOT / page).read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL
+    )
+
+
+def from_docs(name):
+    """Return a module of the documentation's folder."""
+    spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_examples_in_docstrings(name):
+    assert doctest.testmod(import_module(name)).failed == 0
+
+
+def test_docstrings_hold_examples():
+    counts = [len(doctest.DocTestFinder(exclude_empty=True).find(import_module(name))) for name in MODULES]
+    assert sum(counts) >= 5
+
+
+@pytest.mark.parametrize(
+    "page",
+    [
+        "docs/tutorial/first-solve.md",
+        "docs/how-to/read-a-mesh.md",
+        "docs/how-to/choose-a-spacing.md",
+        "docs/how-to/draw-a-boundary.md",
+        "docs/how-to/combine-sources.md",
+        "docs/how-to/choose-a-condition.md",
+        "docs/how-to/choose-an-equation.md",
+        "docs/how-to/run-in-time.md",
+        "docs/how-to/read-a-solution.md",
+    ],
+)
+def test_python_on_pages(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code = "\n".join(blocks(page, "python"))
+    assert code
+    exec(compile(code, page, "exec"), {})
+
+
+def test_python_in_the_readme(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    names = {}
+    exec("\n".join(blocks("README.md", "python")), names)
+    assert (tmp_path / "torus.png").stat().st_size > 10_000
+    assert abs(names["solution"].evaluate([[0, -1.45, 0.0]]) - [[1.0, 0.9, 0.2]]).max() < 0.02
+    assert abs(names["solution"].evaluate([[1, 0, 0.45]], side="left") - [[0.9, 0.2, 0.1]]).max() < 0.02
+
+
+@pytest.mark.parametrize(
+    "page", ["docs/tutorial/first-solve.md", "docs/reference/scene-keys.md", "docs/how-to/combine-sources.md"]
+)
+def test_scenes_on_pages(page, tmp_path):
+    from cpmkit import explain
+
+    for number, text in enumerate(blocks(page, "toml")):
+        file = tmp_path / f"{number}.toml"
+        file.write_text(text)
+        loaded = load_scene(file)
+        assert explain(loaded.scene, loaded.spacing, **loaded.options).unknowns > 0
+
+
+def documented(page):
+    text = (DOCS / "reference" / page).read_text(encoding="utf-8")
+    return set(re.findall(r"`([^`\n]+)`", re.sub(r"^```.*?^```", "", text, flags=re.MULTILINE | re.DOTALL)))
+
+
+def accepted(tmp_path, table, beside=""):
+    """Return the keys of a scene's table, as the message lists them that refuses an unknown one."""
+    tables = {**SCENE, table: f"{beside}\nnonsense = 1"}
+    file = tmp_path / "scene.toml"
+    file.write_text("".join(f"[{name}]\n{content}\n" for name, content in tables.items()))
+    with pytest.raises(SceneError, match="accepted are") as caught:
+        load_scene(file)
+    return set(str(caught.value).partition("accepted are ")[2].rstrip(".").split(", "))
+
+
+def test_every_table_of_a_scene_is_documented():
+    text = (DOCS / "reference" / "scene-keys.md").read_text()
+    for table in reading.TABLES:
+        assert f"## `[{table}]`" in text or f"## `[[{table}]]`" in text
+
+
+@pytest.mark.parametrize("table", ["discretization", "solver", "output"])
+def test_every_key_of_a_table_is_documented(table, tmp_path):
+    assert accepted(tmp_path, table) - documented("scene-keys.md") == set()
+
+
+@pytest.mark.parametrize("kind", reading.PROBLEMS)
+def test_every_key_of_a_problem_is_documented(kind, tmp_path):
+    keys = set(inspect.signature(reading.PROBLEMS[kind]).parameters)
+    assert {kind, *keys} - documented("scene-keys.md") == set()
+
+
+def test_every_condition_key_and_word_is_documented():
+    from cpmkit.saving.export import _WRITERS
+
+    named = documented("scene-keys.md")
+    sides = {name for name in inspect.signature(cpmkit.Boundary).parameters if name != "source"}
+    assert {*sides, "kind", "edge", "order"} - named == set()
+    assert set(inspect.signature(PictureRequest).parameters) - named == set()
+    assert {"auto", *SOLVERS, *_WRITERS} - named == set()
+    for condition in condition_tables.CONDITIONS:
+        assert any(name.startswith(f"{{ {condition} = ") for name in named), condition
+    assert {*trees.COORDINATES, *trees.CONSTANTS, *trees.FUNCTIONS} - named == set()
+
+
+def test_every_installed_kind_and_key_is_documented():
+    pages = from_docs("generated_pages")
+    page = pages.kinds_page()
+    for kind in plugins.installed_kinds():
+        section = page.partition(f"### `{kind.kind}`\n")[2].partition("\n##")[0]
+        for key in inspect.signature(pages.factory_of(kind.kind)).parameters:
+            assert f"| `{key}` |" in section, (kind.kind, key)
+
+
+def test_every_command_is_documented():
+    page = from_docs("generated_pages").commands_page()
+    for name, command in main.commands.items():
+        section = page.partition(f"## `cpmkit {name}`\n")[2].partition("\n## ")[0]
+        for parameter in command.params:
+            assert parameter.opts[0] in section or parameter.human_readable_name.upper() in section
+
+
+def test_every_hook_is_documented():
+    text = (DOCS / "reference" / "hooks.md").read_text()
+    hooks = [name for name, value in vars(hookspecs).items() if hasattr(value, "cpmkit_spec")]
+    assert hooks
+    for hook in hooks:
+        assert f".. autofunction:: cpmkit.hookspecs.{hook}\n" in text
+    assert set(re.findall(r"cpmkit\.hookspecs\.(cpmkit_\w+)", text)) == set(hooks)
+
+
+def test_every_public_name_is_documented():
+    text = (DOCS / "reference" / "api.md").read_text()
+    for name in cpmkit.__all__:
+        assert re.search(rf"^\.\. auto\w+:: cpmkit\.{name}$", text, re.MULTILINE), name
+
+
+def test_drawings(tmp_path):
+    from matplotlib.image import imread
+
+    for file in from_docs("drawings").draw_all(tmp_path):
+        assert imread(file)[..., :3].std() > 0.05, file.name
+        assert any(file.name in page.read_text() for page in (DOCS / "explanation").glob("*.md")), file.name
+
+
+def test_links_between_pages_lead_somewhere():
+    for page in [ROOT / "README.md", *DOCS.rglob("*.md")]:
+        for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text()):
+            assert "generated/" in target or (page.parent / target).exists(), (page, target)

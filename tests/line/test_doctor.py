@@ -1,0 +1,83 @@
+"""The doctor reports what is there, says what to do about what is not, and imports no plugin for it."""
+
+import json
+import warnings
+
+import pytest
+
+from cpmkit import doctor
+from cpmkit.cli import main
+from cpmkit.doctor import diagnose
+from cpmkit.errors import CpmkitWarning
+
+runner = pytest.importorskip("click.testing").CliRunner()
+
+
+@pytest.fixture(autouse=True)
+def answering(monkeypatch):
+    monkeypatch.setattr("cpmkit.view.probe", lambda: "")
+
+
+def test_what_is_installed_is_reported(monkeypatch):
+    monkeypatch.setenv("CPMKIT_DATA", "/somewhere")
+    found = diagnose()
+    assert found.versions["numpy"]
+    assert found.kinds["analytic.circle"].startswith("cpmkit-analytic ")
+    assert found.processors >= 1
+    assert found.memory.endswith(" GiB")
+    assert found.variables["CPMKIT_DATA"] == "/somewhere"
+    assert (found.opengl, found.scene) == ("", None)
+    for said in ("numpy", "analytic.circle", "/somewhere", "OpenGL"):
+        assert said in str(found)
+    assert json.loads(json.dumps(found.as_dict()))["versions"] == found.versions
+
+
+def test_without_a_renderer_the_debian_packages_are_named(monkeypatch):
+    monkeypatch.setattr("cpmkit.view.probe", lambda: "the OpenGL process was ended by SIGSEGV")
+    found = diagnose()
+    assert "libegl1 libgl1-mesa-dri" in str(found)
+    assert "libosmesa6" in str(found)
+    assert "SIGSEGV" in str(found)
+
+
+def test_what_is_absent_is_said_with_the_way_to_add_it(monkeypatch):
+    monkeypatch.setattr(doctor, "DISTRIBUTIONS", ("matplotlib", "pyvista", "cpmkit-no-such"))
+    monkeypatch.setattr(doctor, "version", _absent)
+    monkeypatch.setattr(doctor, "installed_kinds", list)
+    found = diagnose()
+    assert found.versions["pyvista"] is None
+    assert "not installed" in str(found)
+    assert any("pip install '.[view]'" in sentence for sentence in found.advice)
+    assert any("pip install ./plugins/*" in sentence for sentence in found.advice)
+
+
+def _absent(name):
+    raise doctor.PackageNotFoundError(name)
+
+
+def test_a_scene_that_does_not_load_is_told_and_exits_with_1(tmp_path):
+    (tmp_path / "scene.toml").write_text("[surface\n")
+    result = runner.invoke(main, ["doctor", str(tmp_path / "scene.toml")])
+    assert result.exit_code == 1
+    assert "is not TOML" in result.stdout
+
+
+def test_json_is_the_diagnosis():
+    result = runner.invoke(main, ["doctor", "--json"])
+    assert result.exit_code == 0
+    assert json.loads(result.stdout)["opengl"] == ""
+
+
+def test_the_probe_answers_with_a_reason_or_draws(monkeypatch):
+    monkeypatch.undo()
+    monkeypatch.setenv("VTK_DEFAULT_OPENGL_WINDOW", "vtkOSOpenGLRenderWindow")
+    found = diagnose()
+    assert found.opengl == "" or "the OpenGL process" in found.opengl or "pyvista" in found.opengl
+
+
+def test_what_a_scene_warns_of_is_among_the_advice(tmp_path, monkeypatch):
+    def load_scene(path):
+        warnings.warn("A triangle is dropped.", CpmkitWarning, stacklevel=1)
+
+    monkeypatch.setattr("cpmkit.scenefile.reading.load_scene", load_scene)
+    assert diagnose(tmp_path / "scene.toml").advice[0] == "A triangle is dropped."

@@ -1,0 +1,62 @@
+"""What starts light stays light: nothing is imported before it is needed."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from cpmkit.plugins import installed_kinds
+
+LIBRARIES = {"scipy", "numba", "trimesh", "pyvista", "vtk", "vtkmodules", "matplotlib", "skfem", "open3d"}
+PLUGINS = {kind.module.partition(":")[0].partition(".")[0] for kind in installed_kinds()} - {"cpmkit"}
+COMMAND = """
+from click.testing import CliRunner
+from cpmkit.cli import main
+assert CliRunner().invoke(main, {}).exit_code == 0
+"""
+
+
+def imported_by(statement):
+    """Return the top-level modules that a fresh interpreter holds after ``statement``."""
+    code = (
+        f"{statement}\nimport json, sys\nprint(json.dumps(sorted({{name.partition('.')[0] for name in sys.modules}})))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return set(json.loads(done.stdout.splitlines()[-1]))
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "import cpmkit",
+        "import cpmkit.cli",
+        "import cpmkit.saving.export, cpmkit.view, cpmkit.meshes.display_mesh, cpmkit.doctor",
+        COMMAND.format(["--help"]),
+        COMMAND.format(["solve", "--help"]),
+        COMMAND.format(["plugins"]),
+        COMMAND.format(["plugins", "--json"]),
+    ],
+)
+def test_nothing_heavy_and_no_plugin_is_imported(statement):
+    assert imported_by(statement) & (LIBRARIES | PLUGINS) == set()
+
+
+@pytest.mark.parametrize("statement", ["import cpmkit", COMMAND.format(["--help"]), COMMAND.format(["plugins"])])
+def test_not_even_numpy_is_imported(statement):
+    assert "numpy" not in imported_by(statement)
+
+
+def test_a_kind_imports_its_own_plugin_and_no_other():
+    assert {"cpmkit_analytic", "cpmkit_mesh"} <= PLUGINS
+    held = imported_by("import cpmkit; cpmkit.source('analytic.torus')")
+    assert held & PLUGINS == {"cpmkit_analytic"}
+    assert held & LIBRARIES == set()
+
+
+def test_every_public_name_exists():
+    import cpmkit
+
+    for name in cpmkit.__all__:
+        assert getattr(cpmkit, name) is not None

@@ -1,0 +1,65 @@
+"""The README's main job ends with files and a picture, whether or not a renderer answers."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SCENE = Path(__file__).parents[2] / "examples" / "01-first-curves.toml"
+
+
+def run(folder, *arguments, **environment):
+    command = [sys.executable, "-c", "from cpmkit.cli import main; main()", *arguments]
+    return subprocess.run(
+        command, cwd=folder, env=os.environ | environment, capture_output=True, text=True, check=False
+    )
+
+
+@pytest.fixture(scope="module")
+def without_renderer(tmp_path_factory):
+    """Run the main job where VTK is told to use OSMesa, which ends its process if the library is absent."""
+    folder = tmp_path_factory.mktemp("job")
+    done = run(folder, "solve", str(SCENE), "--spacing", "0.08", VTK_DEFAULT_OPENGL_WINDOW="vtkOSOpenGLRenderWindow")
+    return folder, done
+
+
+def test_it_ends_well_and_names_what_it_wrote(without_renderer):
+    folder, done = without_renderer
+    assert done.returncode == 0, done.stderr
+    for name in ("solution.vtp", "summary.json", "picture.png"):
+        assert (folder / "first-curves" / name).stat().st_size > 1000
+        assert f"first-curves/{name}" in done.stdout
+
+
+def test_the_summary_says_who_drew_the_picture_and_why(without_renderer):
+    folder, done = without_renderer
+    summary = json.loads((folder / "first-curves" / "summary.json").read_text())
+    drawn = summary["picture"]
+    assert drawn["renderer"] in ("opengl", "matplotlib")  # OSMesa may be there
+    assert bool(drawn["reason"]) == (drawn["renderer"] == "matplotlib")
+    assert drawn["renderer"] in done.stdout
+    assert summary["report"]["converged"]
+    assert len(summary["scene"]["boundaries"]) == 5
+    assert summary["discretization"]["channels"] == 3
+
+
+def test_the_file_for_paraview_holds_sharp_colours(without_renderer):
+    pyvista = pytest.importorskip("pyvista")
+    folder, _ = without_renderer
+    mesh = pyvista.read(folder / "first-curves" / "solution.vtp")
+    colours = mesh.point_data["rgb"]
+    assert colours.shape == (mesh.n_points, 3)
+    assert mesh.point_data["u"].shape == (mesh.n_points, 3)
+    for side in ([250, 199, 64], [41, 51, 120]):  # left and right of the first circle
+        assert (abs(colours.astype(int) - side).max(axis=1) <= 6).any()
+
+
+def test_explain_says_what_it_will_be_before_it_is_built(tmp_path):
+    done = run(tmp_path, "explain", str(SCENE), "--json")
+    told = json.loads(done.stdout)
+    assert done.returncode == 0
+    assert told["unknowns"] == pytest.approx(95_346, rel=0.1)
+    assert not list(tmp_path.iterdir())

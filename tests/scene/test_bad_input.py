@@ -1,0 +1,200 @@
+"""Every bad input gets one sentence: what was got, what is accepted, what to do."""
+
+import numpy as np
+import pytest
+from model_problems import circle_jump
+
+import cpmkit as ck
+from cpmkit.runtime import memory
+
+
+def sphere_scene(**changes):
+    parts = {"surface": ck.source("analytic.sphere"), "problem": ck.ScreenedPoisson(1.0), "boundaries": []}
+    return ck.Scene(**(parts | changes))
+
+
+def one_sentence(error, *parts):
+    text = str(error.value)
+    assert "\n" not in text
+    assert text.endswith(".")
+    for part in parts:
+        assert part in text, text
+
+
+@pytest.mark.parametrize("spacing", [-0.1, 0.0, np.nan, np.inf, "fine", [0.1, 0.2]])
+def test_a_spacing_that_is_none(spacing):
+    with pytest.raises(ck.InputError) as error:
+        ck.solve(sphere_scene(), spacing)
+    one_sentence(error, "spacing must be", "above zero")
+
+
+def test_no_spacing_suggests_one_that_works():
+    with pytest.raises(ck.InputError) as error:
+        ck.solve(sphere_scene())
+    one_sentence(error, "try spacing=")
+    suggested = float(str(error.value).rpartition("=")[2].rstrip("."))
+    assert 1e3 < ck.explain(sphere_scene(), suggested).unknowns < 1e5
+
+
+def test_a_spacing_beyond_the_machines_memory(monkeypatch):
+    monkeypatch.setattr(memory, "machine_bytes", lambda: 64 * 2**20)
+    scene = sphere_scene()
+    for call in (ck.solve, ck.explain):
+        with pytest.raises(ck.ResolutionError) as error:
+            call(scene, 0.005)
+        one_sentence(error, "spacing=0.005 needs about", "GiB", "or more would fit")
+    fits = float(str(error.value).partition("; spacing=")[2].split()[0])
+    assert ck.explain(scene, fits).bytes < 64 * 2**20
+
+
+def test_an_absurdly_small_spacing_is_refused_at_once():
+    with pytest.raises(ck.ResolutionError, match="would fit"):
+        ck.solve(sphere_scene(), 1e-9)
+
+
+def test_a_spacing_that_is_coarser_than_the_surface():
+    for call in (ck.solve, ck.explain):
+        with pytest.raises(ck.ResolutionError) as error:
+            call(sphere_scene(), 0.6)
+        one_sentence(error, "spacing=0.6 is too coarse", "largest side is 2", "0.5 or less")
+    assert ck.solve(sphere_scene(), 0.5).report.converged
+
+
+@pytest.mark.parametrize("degree", [1, 6, 3.5])
+def test_a_degree_that_is_not_offered(degree):
+    with pytest.raises(ck.InputError) as error:
+        ck.solve(sphere_scene(), 0.2, degree=degree)
+    one_sentence(error, "degree must be one of 2, 3, 4, 5")
+    if degree == 1:
+        one_sentence(error, "does not converge")
+
+
+@pytest.mark.parametrize("order", [0, 5, True, "2"])
+def test_an_order_that_is_not_offered(order):
+    with pytest.raises(ck.InputError) as error:
+        ck.solve(sphere_scene(), 0.2, order=order)
+    one_sentence(error, "order must be 1, 2, 3 or 4")
+
+
+def test_fourth_order_with_too_low_a_degree():
+    with pytest.raises(ck.InputError) as error:
+        ck.solve(sphere_scene(), 0.1, order=4)
+    one_sentence(error, "order=4 needs degree 4 or 5, got degree=3")
+
+
+@pytest.mark.parametrize(
+    "sides",
+    [
+        {"left": ck.Dirichlet(1.0)},
+        {"right": ck.Neumann()},
+        {},
+        {"both": ck.Dirichlet(1.0), "left": ck.Neumann()},
+    ],
+)
+def test_a_condition_on_one_side_only(sides):
+    with pytest.raises(ck.SceneError) as error:
+        ck.Boundary("brow", ck.source("analytic.point", at=[0, 0, 1.0]), **sides)
+    one_sentence(error, "'brow'", "give `both`, or `left` and `right`")
+
+
+def test_sides_of_a_point_on_a_surface():
+    pin = ck.Boundary(
+        "pin", ck.source("analytic.point", at=[0, 0, 1.0]), left=ck.Dirichlet(1.0), right=ck.Dirichlet(2.0)
+    )
+    with pytest.raises(ck.SceneError) as error:
+        ck.solve(sphere_scene(boundaries=[pin]), 0.2)
+    one_sentence(error, "'pin'", "no left and right", "give `both`")
+
+
+def test_a_boundary_away_from_the_surface():
+    far = ck.Boundary(
+        "far", ck.source("analytic.circle", radius=3.0, center=[0, 0, 0], normal=[0, 0, 1]), both=ck.Dirichlet(1.0)
+    )
+    with pytest.raises(ck.SceneError) as error:
+        ck.solve(sphere_scene(boundaries=[far]), 0.1)
+    one_sentence(error, "'far'", "2 away", "tube's radius 0.346")
+
+
+def test_a_boundary_of_another_dimension():
+    flat = ck.Boundary("flat", ck.source("analytic.point", at=[1.0, 0.0]), both=ck.Dirichlet(1.0))
+    with pytest.raises(ck.SceneError) as error:
+        ck.solve(sphere_scene(boundaries=[flat]), 0.1)
+    one_sentence(error, "2D", "3D")
+    thick = ck.Boundary("thick", ck.source("analytic.sphere"), both=ck.Dirichlet(1.0))
+    with pytest.raises(ck.SceneError) as error:
+        ck.solve(sphere_scene(boundaries=[thick]), 0.1)
+    one_sentence(error, "dimension 2")
+
+
+def test_two_boundaries_of_one_name():
+    pins = [ck.Boundary("pin", ck.source("analytic.point", at=[0, 0, 1.0]), both=ck.Dirichlet(1.0))] * 2
+    with pytest.raises(ck.SceneError) as error:
+        sphere_scene(boundaries=pins)
+    one_sentence(error, "share the name 'pin'")
+
+
+def test_channels_that_disagree():
+    pins = [
+        ck.Boundary(f"pin {k}", ck.source("analytic.point", at=[0, 0, z]), both=ck.Dirichlet(value))
+        for k, (z, value) in enumerate([(1.0, [1.0, 2.0]), (-1.0, [1.0, 2.0, 3.0])])
+    ]
+    with pytest.raises(ck.SceneError) as error:
+        sphere_scene(boundaries=pins)
+    one_sentence(error, "2 channels where others have 3")
+
+
+@pytest.mark.parametrize(
+    "value", [np.nan, "red", [0.1, np.inf], lambda x: np.zeros((len(x), 2, 2)), lambda x: np.zeros(len(x) + 1)]
+)
+def test_data_that_are_no_finite_numbers_of_the_right_shape(value):
+    with pytest.raises(ck.InputError):
+        sphere_scene(
+            boundaries=[ck.Boundary("pin", ck.source("analytic.point", at=[0, 0, 1.0]), both=ck.Dirichlet(value))]
+        )
+
+
+@pytest.mark.parametrize("c", [0.0, -1.0, np.nan])
+def test_a_screening_that_is_none(c):
+    with pytest.raises(ck.InputError, match="c of a screened Poisson problem"):
+        ck.ScreenedPoisson(1.0, c=c)
+
+
+def test_an_unknown_kind_names_those_installed_and_the_folder_that_would_add_it():
+    with pytest.raises(ck.PluginError) as error:
+        ck.source("voxel.grid", file="x")
+    one_sentence(error, "'voxel.grid'", "analytic.torus", "mesh.triangles", "pip install ./plugins/cpmkit-voxel")
+    with pytest.raises(ck.PluginError) as error:
+        ck.source("analytic.cube")
+    one_sentence(error, "'analytic.cube'", "analytic.circle")
+
+
+def test_an_unknown_key_of_a_kind_names_the_accepted_ones():
+    with pytest.raises(ck.SceneError) as error:
+        ck.source("analytic.torus", major=1.0, minor=0.3, radius=2.0)
+    one_sentence(error, "'radius'", "major, minor")
+
+
+def test_what_is_no_source():
+    with pytest.raises(ck.InputError, match="must be a closest point source"):
+        sphere_scene(surface=lambda x: x)
+
+
+def test_a_problem_that_is_none():
+    with pytest.raises(ck.SceneError, match=r"an equation, such as Laplace\(\)"):
+        sphere_scene(problem="laplace")
+
+
+def test_a_tolerance_out_of_reach_says_what_was_reached():
+    scene, _, _ = circle_jump()
+    with pytest.raises(ck.ConvergenceError) as error:
+        ck.solve(scene, 0.02, solver="reference", tolerance=1e-10, max_iterations=3)
+    one_sentence(error, "relative residual", "3 iterations", "max_iterations")
+    assert error.value.report.residual > 1e-10
+    assert not error.value.report.converged
+    with pytest.raises(ck.ConvergenceError):
+        ck.solve(scene, 0.02, solver="direct", tolerance=1e-30)
+
+
+def test_an_unknown_solver():
+    with pytest.raises(ck.InputError, match="auto, direct, reference, or"):
+        ck.solve(sphere_scene(), 0.3, solver="magic")

@@ -1,0 +1,40 @@
+"""Every scene in examples/ loads, and its explanation names what it holds."""
+
+from pathlib import Path
+
+import pytest
+
+import cpmkit as ck
+
+SCENES = sorted(path.name for path in (Path(__file__).parents[2] / "examples").glob("*.toml"))
+MESHES = {
+    "02-nefertiti.toml": ["nefertiti-lowres.obj"],
+    "03-spot.toml": ["spot.obj"],
+    "08-nefertitis-ear.toml": ["nefertiti-lowres.obj"],
+    "09-fish-fins.toml": ["fish.obj"],
+}
+
+
+def test_there_are_scenes():
+    assert {"01-first-curves.toml", *MESHES} <= set(SCENES)
+
+
+#: Its seven cuts take long.
+SLOW = "09-fish-fins.toml"
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name == SLOW)) for name in SCENES])
+def test_scene_loads_and_is_explained(name, example):
+    wanted = ck.load_scene(example(name, *MESHES.get(name, [])))
+    assert wanted.spacing is not None
+    told = str(ck.explain(wanted.scene, spacing=(3 if name in MESHES else 2) * wanted.spacing))
+    for boundary in wanted.scene.boundaries:
+        assert boundary.name in told
+
+
+def test_nefertiti_has_six_curves_with_two_sides_and_one_wall(example):
+    scene = ck.load_scene(example("02-nefertiti.toml", "nefertiti-lowres.obj")).scene
+    sides = [tuple(type(curve.condition(side)) for side in ("left", "right")) for curve in scene.boundaries]
+    assert sides.count((ck.Dirichlet, ck.Dirichlet)) >= 6
+    walls = [curve for curve, kinds in zip(scene.boundaries, sides, strict=True) if kinds == (ck.Neumann, ck.Dirichlet)]
+    assert [curve.condition("left").gamma for curve in walls] == [0.0]

@@ -1,0 +1,102 @@
+"""The studies run, and the tables in the documentation are what they print: their cheapest rows are printed again."""
+
+import importlib.util
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import cpmkit as ck
+
+ROOT = Path(__file__).parents[2]
+TABLES = ROOT / "docs" / "tables"
+
+
+def module(path):
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    made = importlib.util.module_from_spec(spec)
+    sys.modules[path.stem] = made
+    spec.loader.exec_module(made)
+    return made
+
+
+@pytest.fixture(scope="module")
+def representations():
+    return module(ROOT / "examples" / "studies" / "representations.py")
+
+
+@pytest.fixture(scope="module")
+def backends():
+    return module(ROOT / "examples" / "studies" / "backends.py")
+
+
+def rows(table):
+    """Return the rows of a file of tables, as lists of cells."""
+    lines = (TABLES / table).read_text(encoding="utf-8").splitlines()
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if line.startswith("| ")]
+
+
+@pytest.mark.parametrize("name", ["sphere", "torus"])
+def test_representations_agree_as_far_as_their_closest_points_do(representations, name):
+    """A mesh and a cloud of a few thousand points, and the formulas, each against the closed form at one spacing."""
+    small = {"sphere": {"cloud": 4000, "times": 4}, "torus": {"cloud": 6000, "around": 80, "across": 32}}[name]
+    manifold = getattr(representations, name)(**small)
+    manifold = replace(manifold, spacings=manifold.spacings[:1])
+    points = manifold.points()
+    closed = manifold.makers["closed form"]()
+    problem = "Poisson, Dirichlet on a curve"
+    spread = np.ptp(representations.u(points))
+    exact = ck.solve(representations.scenes(manifold, closed)[problem], manifold.spacings[0], origin=[0, 0, 0])
+    for make in list(manifold.makers.values())[1:]:
+        surface = make()
+        scene = representations.scenes(manifold, surface)[problem]
+        solution = ck.solve(scene, manifold.spacings[0], origin=[0, 0, 0])
+        difference = np.abs(solution.evaluate(points) - exact.evaluate(points)).max() / spread
+        off = representations.feet_off(surface, manifold, 4 * manifold.spacings[0])
+        assert difference < 3 * off / manifold.spacings[0] + 3e-6
+
+
+def test_the_table_of_representations_is_what_the_study_prints(representations):
+    sphere = representations.sphere(cloud=10, times=1)
+    scene = representations.scenes(sphere, sphere.makers["closed form"]())["Poisson, Dirichlet on a curve"]
+    points = sphere.points()
+    exact = representations.u(points)
+    error = np.abs(ck.solve(scene, 0.2, origin=[0, 0, 0]).evaluate(points) - exact).max() / np.ptp(exact)
+    closed = [row for row in rows("representations.md") if row[0] == "closed form"]
+    assert len(closed) == 4
+    assert closed[1][2] == f"{error:.1e}"
+    assert len([row for row in rows("representations.md") if row[0] != "representation"]) == 20
+
+
+def test_the_orders_in_the_table_are_two(representations):
+    for row in rows("representations.md"):
+        if row[0] in ("closed form", "level set", "parametric"):
+            assert abs(float(row[5]) - 2) < 0.15
+
+
+def test_the_table_of_back_ends_is_what_the_study_prints(backends, real_mesh):
+    vertices, faces = ck.read_mesh(real_mesh("spot.obj"))
+    problem, scene = next(iter(backends.scenes(vertices, faces).items()))
+    row, _ = backends.compare("spot.obj", problem, scene, vertices, 0.04, ck.solve(scene, backend="fem"))
+    printed = [line for line in backends.as_markdown([row]).splitlines() if line.startswith("| spot")]
+    assert [cell.strip() for cell in printed[0].strip("|").split("|")] in rows("backends.md")
+    assert {line[0] for line in rows("backends.md")} == {"mesh", "spot", "fish", "nefertiti-lowres"}
+
+
+@pytest.mark.parametrize("name", [pytest.param("revolution", marks=pytest.mark.slow), "moebius"])
+def test_vector_fields_are_tangent_and_keep_their_directions(name):
+    fields = module(ROOT / "examples" / "vector_fields.py")
+    design = fields.DESIGNS[name]()
+    solution = ck.solve(design.scene, 2 * design.spacing)
+    points = fields.spread(design.scene.surface.mesh(0.2)[0], 0.1)
+    chosen = design.scene.surface.mesh(0.2)[0][points]
+    vectors = fields.field(solution, chosen)
+    assert np.abs(np.linalg.norm(vectors, axis=1) - 1).max() < 1e-9
+    assert np.abs(np.sum(vectors * fields.normals_at(design.scene.surface, chosen), axis=1)).max() < 1e-9
+    curve = design.scene.boundaries[0]
+    on = curve.source.mesh(0.1)[0]
+    along = curve.source.tangents(curve.source.closest_point(on))
+    read = fields.field(solution, design.scene.surface.closest_point(on).points)
+    assert np.median(np.sum(read * along, axis=1)) > 0.99

@@ -1,0 +1,49 @@
+"""What the documentation says about study files holds, and names every key."""
+
+import re
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+
+from cpmkit.studies.records import read_records
+from cpmkit.studies.running import make_run, run_study
+from cpmkit.studies.series import gather
+from cpmkit.studies.studyfile import TABLES, Exact, load_study
+from cpmkit.studies.sweep import Sweep
+from cpmkit.studies.truth import truth_of
+
+ROOT = Path(__file__).parents[2]
+STUDIES = ROOT / "examples" / "studies"
+DOCS = ROOT / "docs"
+
+
+def blocks(page, language):
+    return re.findall(rf"^```{language}\n(.*?)^```", (DOCS / page).read_text(encoding="utf-8"), re.M | re.DOTALL)
+
+
+def test_the_study_in_the_documentation_converges(tmp_path):
+    file = tmp_path / "torus.toml"
+    file.write_text(blocks("how-to/run-a-study.md", "toml")[0])
+    outcome = run_study(load_study(file), tmp_path, cheap=True)
+    first, second = gather(read_records(outcome.file))
+    assert second.fitted_order > 1.7
+    assert all(np.array(second.errors) < first.errors)
+
+
+def test_python_in_the_documentation(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    names = {}
+    exec("\n".join(blocks("how-to/run-a-study.md", "python")), names)
+    assert abs(names["report"].series[0].fitted_order - 2) < 0.2
+
+
+def test_every_key_of_a_study_is_documented(tmp_path):
+    text = (DOCS / "reference" / "study-keys.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"`([^`\n]+)`", text))
+    keys = {field.name for kind in (Exact, Sweep) for field in fields(kind)}
+    assert {"title", *keys} - named == set()
+    assert {f"[{table}]" for table in TABLES if table not in ("title", "boundary")} - named == set()
+    study = load_study(STUDIES / "panel-a-circle-jump.toml")
+    record = make_run(study, study.sweep.runs()[0], truth_of(study))
+    assert {*record, "error"} - named == set()

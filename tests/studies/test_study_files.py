@@ -1,0 +1,107 @@
+"""The paper's convergence studies load, and their cheap variants show the orders that the paper claims."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cpmkit.studies.records import read_records
+from cpmkit.studies.running import run_study
+from cpmkit.studies.series import gather
+from cpmkit.studies.studyfile import load_study
+
+ROOT = Path(__file__).parents[2]
+STUDIES = ROOT / "examples" / "studies"
+DOCS = ROOT / "docs"
+#: Of solutions that are known; the others are those of test_study_sheets.py.
+FILES = sorted(file for file in STUDIES.glob("*.toml") if not file.stem.startswith("sheets"))
+PANELS = [file.stem for file in FILES if file.stem.startswith("panel")]
+INTERIOR = [file.stem for file in FILES if file.stem.startswith("interior")]
+#: At the finest cheap spacing, the greatest error of second order that is accepted.
+BOUNDS = {
+    "panel-a-circle-jump": 7.5e-4,
+    "panel-b-sphere-heat-dirichlet": 4e-4,
+    "panel-c-sphere-heat-neumann": 2.5e-4,
+    "panel-d-dziuk-neumann-closed": 2.2e-3,
+    "panel-e-dziuk-neumann-open": 2e-3,
+    "interior-neumann-circle": 4e-4,
+    "interior-robin-circle": 1.7e-4,
+    "interior-fluxes-sphere": 5e-3,
+}
+
+
+def orders(name, folder):
+    """Return the fitted orders of the cheap variant by order of the conditions, and the series."""
+    outcome = run_study(load_study(STUDIES / f"{name}.toml"), folder, cheap=True)
+    assert outcome.failed == 0
+    series = {(one.method, one.degree, one.order): one for one in gather(read_records(outcome.file))}
+    return {key: one.fitted_order for key, one in series.items()}, series
+
+
+def test_there_is_a_study_for_each_figure_of_the_paper():
+    assert len(PANELS) == 5
+    others = {
+        "degrees-heat",
+        "degrees-poisson",
+        "compare-closed-curve",
+        "compare-open-curve",
+        "compare-point",
+    }
+    assert others <= {file.stem for file in FILES}
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
+def test_studies_load_and_their_solutions_hold_on_their_boundaries(file):
+    study = load_study(file)
+    assert len(study.sweep.spacings) >= len({run.spacing for run in study.sweep.runs(cheap=True)}) >= 3
+    for boundary in study.scene.boundaries:
+        condition = boundary.condition("right")
+        if condition.kind == "dirichlet" and callable(condition.gamma):
+            points = boundary.source.closest_point(
+                np.random.default_rng(0).uniform(-1, 1, (50, boundary.source.dim))
+            ).points
+            time = {"t": 0.07} if study.solution.takes_time else {}
+            assert np.allclose(condition.gamma(points, **time), study.solution(points, **time), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.slow] if name == "interior-fluxes-sphere" else [])
+        for name in PANELS + INTERIOR
+    ],
+)
+def test_studies_show_first_and_second_order(name, tmp_path):
+    fitted, series = orders(name, tmp_path)
+    assert fitted["cpm", 3, 2] >= 1.8
+    assert 0.85 <= fitted["cpm", 3, 1] <= 1.3
+    assert series["cpm", 3, 2].errors[-1] <= BOUNDS[name]
+    assert all(np.array(series["cpm", 3, 2].errors) < series["cpm", 3, 1].errors)
+    printed = in_documentation(name)
+    for one in series.values():
+        assert [printed[one.label][f"{h:g}"] for h in one.spacings] == pytest.approx(one.errors, rel=0.03)
+
+
+@pytest.mark.slow
+def test_balanced_fluxes_leave_a_fraction_of_the_error_and_the_table_is_printed_again(tmp_path):
+    _, series = orders("balanced-dziuk", tmp_path)
+    printed = in_documentation("balanced-dziuk")
+    for one in series.values():
+        assert [printed[one.label][f"{h:g}"] for h in one.spacings] == pytest.approx(one.errors, rel=0.03)
+    assert all(3 * np.array(series["balanced", 3, 2].errors) < series["cpm", 3, 2].errors)
+
+
+def test_balanced_fluxes_leave_a_fraction_of_the_error_at_one_position(tmp_path):
+    study = load_study(STUDIES / "balanced-dziuk.toml")
+    few = replace(study, sweep=replace(study.sweep, origins=1, spacings=[0.2, 0.1]))
+    plain, balanced = gather(read_records(run_study(few, tmp_path).file))
+    assert [plain.label, balanced.label] == ["closest point method", "balanced"]
+    assert all(2 * np.array([one.rms_error for one in balanced.entries]) < [one.rms_error for one in plain.entries])
+
+
+def in_documentation(name):
+    """Return the table of a study in the documentation: errors by label and spacing."""
+    lines = (DOCS / "tables" / f"study-{name}.md").read_text(encoding="utf-8").splitlines()
+    (_, *spacings, _), _, *rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+    return {row[0]: {h: float(cell) for h, cell in zip(spacings, row[1:-1], strict=True) if cell} for row in rows}
