@@ -71,7 +71,7 @@ def rows(name: str, spacing: float, made: tuple[ck.Scene, dict[str, Any], Callab
             solution = ck.solve(scene, spacing, origin=origin, sheets=sheets, **options)
             found.append(measure(solution))
             if origin is None:
-                size = f"{solution.work.unknowns:,}", f"{len(solution.tables.layout.band.nodes):,}"
+                size = f"{solution.work.unknowns:,}", f"{len(solution.discretized.tables.layout.band.nodes):,}"
         rms = np.sqrt(np.mean(np.square(found)))
         print(
             f"| {name} | {spacing} | {label} | {' | '.join(size)} | {found[0]:.1f} | {rms:.1f} | {max(found):.1f} |",

@@ -94,10 +94,8 @@ def estimate_error(scene: Scene, spacing: float, *, order: int = 2, **options: A
         solution = solve(scene, spacing, order=order, **options)
         coarse = solve(scene, 2 * spacing, order=order, **options)
     tell(solution.warnings)
-    layout = solution.tables.layout
-    inside = np.flatnonzero(layout.band.feet.edge[: layout.band.inner] < 0)
-    chosen = inside[np.linspace(0, len(inside) - 1, min(COMPARED, len(inside))).astype(np.int64)]
-    points = layout.lattice.to_scene(layout.band.feet.points[chosen])
+    points = solution.discretized.points
+    points = points[np.linspace(0, len(points) - 1, min(COMPARED, len(points))).astype(np.int64)]
     fine = solution.evaluate(points).reshape(len(points), -1)
     apart = np.abs(fine - coarse.evaluate(points).reshape(len(points), -1))
     power = 2 if order == 3 else order

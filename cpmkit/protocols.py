@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from cpmkit.linear.operators import LinearSystem
+    from scipy.sparse import csr_array
+
     from cpmkit.linear.report import SolveReport
     from cpmkit.scene.conditions import Condition
     from cpmkit.scene.scene import Scene
@@ -278,21 +279,68 @@ OPTIONAL_ABILITIES: tuple[type, ...] = (
 )
 
 
-class LinearSolver(Protocol):
-    """What solves a linear system; a plugin's factory in ``cpmkit_solvers`` returns one.
+class Operator(Protocol):
+    """A square linear map of the unknowns, kept in whatever form its maker likes; all that a solver asks."""
 
-    Where constants are in the kernel, ``system.apply`` moves them away from it and ``system.matrix()`` is singular: a
-    solver that factorises takes ``system.operator.factors``. ``system.guess``, if not None, is where to start.
-    """
+    @property
+    def size(self) -> int:
+        """Number of unknowns, n."""
 
-    def __call__(self, system: LinearSystem, tolerance: float, progress: Progress) -> tuple[Floats, SolveReport]:
-        """Return u (n, channels) and a report.
+    @property
+    def nonzeros(self) -> int:
+        """Numbers stored for it."""
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether it is surely symmetric."""
+
+    @property
+    def diagonal(self) -> float | Floats:
+        """What Jacobi's preconditioner divides by: a number, or (n, 1)."""
+
+    def apply(self, u: Floats, /) -> Floats:
+        """Return the product with u of shape (n,) or (n, channels)."""
+
+    def apply_rows(self, u: Floats, rows: Ints, /) -> Floats:
+        """Return the entries ``rows`` of the product."""
+
+    def to_csr(self) -> csr_array:
+        """Return it as one sparse matrix (n, n)."""
+
+
+class Stiffness(Operator, Protocol):
+    """The operator A of an equation's terms, as a form makes it; steps in time and eigenvalues shift it."""
+
+    def shifted(self, factor: float, mass: Any = None, /) -> Operator:
+        """Return ``M + factor A``; M is the form's mass, None for the identity."""
+
+    def less(self, shift: float, mass: Any = None, /) -> Operator:
+        """Return ``A - shift M``; M is what stands beside lambda, None for the identity."""
+
+
+class PreparedSolver(Protocol):
+    """A solver that has made what it needs of one operator: factors, coarser levels."""
+
+    def solve(
+        self, b: Floats, tolerance: float, guess: Floats | None = None, progress: Progress = nothing
+    ) -> tuple[Floats, SolveReport]:
+        """Return u (n, channels) with A u = b for all channels, and a report; ``guess`` is where an iteration starts.
 
         Raises
         ------
         ConvergenceError
-            If the residual, recomputed after the solve, is above ``tolerance``.
+            If the relative residual, recomputed after the solve, is above ``tolerance``.
         """
+
+
+class LinearSolver(Protocol):
+    """What solves linear systems, in two phases; a plugin's factory in ``cpmkit_solvers`` returns one.
+
+    What is prepared is kept: over channels, steps in time, Newton's steps and iterations for eigenvalues.
+    """
+
+    def prepare(self, operator: Operator, levels: Sequence[Any] = ()) -> PreparedSolver:
+        """Return the solver of systems with ``operator``; ``levels`` are a form's coarser ones, where it has them."""
 
 
 class Backend(Protocol):
@@ -302,7 +350,7 @@ class Backend(Protocol):
     """
 
     def __call__(self, scene: Scene, spacing: float | None, *, tolerance: float, progress: Progress) -> Any:
-        """Return a :class:`~cpmkit.solution.abstract.ReadableSolution`; ``spacing`` is None where the caller gave none.
+        """Return a :class:`~cpmkit.solution.abstract.Solution`; ``spacing`` is None where the caller gave none.
 
         Raises
         ------

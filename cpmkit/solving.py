@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.families.evolution.checkpoints import EVERY, check_checkpointing
-from cpmkit.families.job import Job
+from cpmkit.families.checkpointing import EVERY, check_checkpointing
+from cpmkit.families.context import SolveContext
 from cpmkit.families.nonlinear import solve_nonlinear
 from cpmkit.files.whole_files import check_place
 from cpmkit.forecast.resolution import needed_spacing
 from cpmkit.forecast.running_out import memory_ran_out
 from cpmkit.forms.collocation.conservation.flux_balance import check_balance
-from cpmkit.forms.collocation.discretization import discretize
+from cpmkit.forms.collocation.form import discretize
 from cpmkit.grid.fitting import check_fits
 from cpmkit.linear.choice import check_solver, check_tolerance, choose_solver, make_solver
 from cpmkit.manifold.localized import largest_dim, localize
@@ -30,12 +30,12 @@ from cpmkit.scene.scene import Scene
 from cpmkit.scene.special_conditions import NonlinearFlux
 from cpmkit.solution.solution import Solution
 
-#: The module that solves each family of equations, by its function ``solve_job``.
+#: The module that solves each family of equations, and its function.
 FAMILIES = {
-    "steady": "cpmkit.families.steady",
-    "time": "cpmkit.families.evolution.stepping",
-    "eigen": "cpmkit.families.eigen.solving",
-    "biharmonic": "cpmkit.families.biharmonic",
+    "steady": ("cpmkit.families.steady", "solve_steady"),
+    "time": ("cpmkit.families.evolution.stepping", "solve_in_time"),
+    "eigen": ("cpmkit.families.eigen.solving", "solve_eigen"),
+    "biharmonic": ("cpmkit.families.biharmonic", "solve_biharmonic"),
 }
 
 
@@ -165,17 +165,18 @@ def _solve_here(
     if checkpointing.write is not None:
         check_place(checkpointing.write)
     start = time.perf_counter()
-    tables = discretize(scene, spacing, progress=progress, **grid)
-    dim, unknowns = largest_dim(scene.surface), tables.unknowns.count
+    discretized = discretize(scene, spacing, balance=how["balance"], progress=progress, **grid)
+    dim, unknowns = largest_dim(scene.surface), discretized.size
     chosen = choose_solver(how["solver"], unknowns, dim, scene.problem.factorise_up_to)
     if chosen == "direct":  # what others need was checked before the tables were made
         check_fits(localize(scene.surface, np.zeros(scene.surface.dim)), unknowns, spacing, grid["degree"], chosen)
     made = make_solver(chosen, solver_options)
-    job = Job(scene, tables, made, chosen, tolerance, progress, start, checkpointing, how["balance"])
-    solve_family: Callable[[Job], Solution] = import_module(FAMILIES[scene.problem.family]).solve_job
+    context = SolveContext(discretized, made, chosen, tolerance, progress, start, checkpointing)
+    module, function = FAMILIES[scene.problem.family]
+    solve_family: Callable[[SolveContext], Solution] = getattr(import_module(module), function)
     if any(isinstance(condition, NonlinearFlux) for condition in scene.conditions):
-        return solve_nonlinear(job, solve_family)
-    return solve_family(job)
+        return solve_nonlinear(context, solve_family)
+    return solve_family(context)
 
 
 def _given(**options: Any) -> dict[str, Any]:

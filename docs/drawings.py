@@ -139,7 +139,7 @@ def point_on_curve() -> Figure:
 def ghost() -> Figure:
     """Draw the nodes near a cut, which of them have a ghost, and what one ghost reads."""
     solution = _cut_circle(0.1)
-    layout = solution.tables.layout
+    layout = solution.discretized.tables.layout
     band, ghosts = layout.band, layout.ghosts[0]
     figure = Figure(figsize=(7.5, 5.4))
     axes = figure.add_subplot()
@@ -185,8 +185,8 @@ def _cut_circle(spacing: float) -> ck.Solution:
 
 def _frame(solution: ck.Solution, points: Any) -> Frame:
     """Return how the boundary of ``solution`` sees ``points``, in the scene's coordinates."""
-    lattice = solution.tables.layout.lattice
-    return solution.tables.layout.sight.sighted[0].frame(lattice.to_local(points), np.inf, solution.spacing)
+    lattice = solution.discretized.tables.layout.lattice
+    return solution.discretized.tables.layout.sight.sighted[0].frame(lattice.to_local(points), np.inf, solution.spacing)
 
 
 def _side_colours(signed: Any) -> Any:

@@ -8,34 +8,20 @@ square's condition number.
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import ConvergenceError, InputError, SceneError
-from cpmkit.families.job import Job
-from cpmkit.forms.collocation.assembly import build_operator
-from cpmkit.forms.collocation.boundary.reading import sum_of_data
-from cpmkit.forms.collocation.conservation.components import unpinned
-from cpmkit.forms.collocation.diagnosis.warnings import warnings_of
-from cpmkit.forms.collocation.discretization import Discretization
-from cpmkit.linear.operators import LinearSystem, Operator
+from cpmkit.errors import InputError, SceneError
+from cpmkit.families.context import SolveContext
+from cpmkit.linear.operators import ComplexShift
 from cpmkit.linear.report import SolveReport
-from cpmkit.protocols import Floats, Side
+from cpmkit.protocols import Floats, Side, Stiffness
 from cpmkit.scene.compound_equations import Biharmonic
 from cpmkit.scene.equations import Terms
-from cpmkit.scene.special_conditions import SupportData
 from cpmkit.solution.solution import Solution
-from cpmkit.solution.work import measure_work
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-#: Iterations of the solver "reference" at most.
-ITERATIONS = 20_000
-#: The iteration is driven this much below the tolerance, because its residual drifts from the true one.
-MARGIN = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +45,7 @@ class BiharmonicSolution(Solution):
         return {**super().arrays(), "laplacian": self.second}
 
 
-def solve_job(job: Job) -> BiharmonicSolution:
+def solve_biharmonic(context: SolveContext) -> BiharmonicSolution:
     """Solve a biharmonic problem.
 
     Raises
@@ -71,135 +57,51 @@ def solve_job(job: Job) -> BiharmonicSolution:
     ConvergenceError
         If the solver does not reach the tolerance.
     """
-    problem, tables = job.scene.problem, job.tables
+    problem, form = context.scene.problem, context.discretized
     assert isinstance(problem, Biharmonic)
-    if problem.c and job.solver_name not in ("direct", "reference"):
+    form.require("second Laplacian")
+    form.check()
+    if problem.c and context.solver_name not in ("direct", "reference"):
         raise InputError(
-            f"a biharmonic problem with c takes solver='direct' or 'reference', got {job.solver_name!r}: its system is "
-            "complex."
+            f"a biharmonic problem with c takes solver='direct' or 'reference', got {context.solver_name!r}: its "
+            "system is complex."
         )
-    if unpinned(tables, job.scene)[0]:
+    stiffness = form.stiffness(Terms())
+    if not problem.c and form.free_constants(stiffness) is not None:
         raise SceneError(
             "Nothing fixes the solution of the biharmonic problem on a piece of the manifold, where any constant may "
             "be added; give a SimplySupported condition there, or c above zero."
         )
-    operator = build_operator(tables, Terms())
-    pair = Pair(operator, problem.c, *_right_sides(tables, operator, problem))
+    r, q = form.data(stiffness), form.load(problem.f) + form.data(stiffness, of="laplacian")
     built = time.perf_counter()
-    u, v, report = solve_pair(pair, job)
-    work = measure_work(tables, LinearSystem(operator, u), report)
-    seconds = {"build": built - job.started, "solve": time.perf_counter() - built}
-    told = warnings_of(tables.layout)
-    return BiharmonicSolution(job.scene, u, report, work, seconds, tables, -v, warnings=told)
+    u, v, report = _solve_pair(context, stiffness, problem.c, r, q)
+    seconds = {"build": built - context.started, "solve": time.perf_counter() - built}
+    work, told = form.work(stiffness, report), form.warnings()
+    return BiharmonicSolution(form, u, report, work, seconds, -v, warnings=told)
 
 
-def _right_sides(tables: Discretization, operator: Operator, problem: Biharmonic) -> tuple[Floats, Floats]:
-    """Return r and q (n, channels): what the data of u add, and f with what those of v = -Lap u add."""
-    second = [
-        replace(datum, data=datum.data.laplacian, factor=-datum.factor, what=f"the Laplacian of {datum.what}")
-        for datum in tables.data
-        if isinstance(datum.data, SupportData)
-    ]
-    rows, channels = tables.extension.shape[0], tables.layout.channels
-    f = tables.read_sources(problem.f, "the right-hand side f")
-    return operator.spread(tables.datum()), f + operator.spread(sum_of_data(second, rows, channels))
+def _solve_pair(
+    context: SolveContext, stiffness: Stiffness, c: float, r: Floats, q: Floats
+) -> tuple[Floats, Floats, SolveReport]:
+    """Return u and v with ``K u - v = r`` and ``c u + K v = q``, and the report."""
+    s = float(np.sqrt(c))
+    if s:
+        prepared = context.prepare(ComplexShift(stiffness, s))
+        b: Any = q + 1j * s * r
+        w, report = prepared.solve(b, context.tolerance, progress=context.progress)
+        report = replace(report, operator_applications=2 * report.operator_applications)  # of a real A
+        return np.ascontiguousarray(w.imag / s), np.ascontiguousarray(w.real), report
+    prepared = context.prepare(stiffness)
+    v, first = prepared.solve(q, context.tolerance, progress=context.progress)
+    u, second = prepared.solve(r + v, context.tolerance, progress=context.progress)
+    return u, v, _together(first, second)
 
 
-@dataclass(frozen=True, eq=False)
-class Pair:
-    """``K u - v = r`` and ``c u + K v = q``.
-
-    Attributes
-    ----------
-    operator : Operator
-        K.
-    c : float
-        Not below zero.
-    first, second : (n, channels) float64
-        r and q.
-    """
-
-    operator: Operator
-    c: float
-    first: Floats
-    second: Floats
-
-    def residual(self, u: Floats, v: Floats) -> float:
-        """Return the larger of the relative residuals of the complex equation's channels; NaN counts as infinite."""
-        s = np.sqrt(self.c) or 1.0
-        defect = np.hypot(
-            np.linalg.norm(self.second - self.c * u - self.operator.apply(v), axis=0),
-            s * np.linalg.norm(self.first - self.operator.apply(u) + v, axis=0),
-        )
-        size = np.hypot(np.linalg.norm(self.second, axis=0), s * np.linalg.norm(self.first, axis=0))
-        size = np.where(size > 0, size, 1.0)
-        worst = float(np.max(defect / size, initial=0.0))
-        return worst if np.isfinite(worst) else np.inf
-
-
-def solve_pair(pair: Pair, job: Job) -> tuple[Floats, Floats, SolveReport]:
-    """Return u, v and the report.
-
-    Raises
-    ------
-    ConvergenceError
-        If the recomputed residual is above the tolerance.
-    """
-    s = np.sqrt(pair.c)
-    if s == 0:
-        v, told = job.solver(LinearSystem(pair.operator, pair.second), job.tolerance, job.progress)
-        u, also = job.solver(LinearSystem(pair.operator, pair.first + v), job.tolerance, job.progress)
-        iterations, products = (a + b for a, b in zip(_counts(told), _counts(also), strict=True))
-    else:
-        solve = _factorised if job.solver_name == "direct" else _iterated
-        w, iterations, products = solve(pair.operator, s, pair.second + 1j * s * pair.first, job)
-        u, v = np.ascontiguousarray(w.imag / s), np.ascontiguousarray(w.real)
-    job.progress("solve", 1.0)
-    residual = pair.residual(u, v)
-    reason = f"relative residual {residual:.2e} after {iterations} iterations, {job.tolerance:.2e} asked for"
-    report = SolveReport(
-        job.solver_name, residual <= job.tolerance, iterations, products, residual, job.tolerance, reason
+def _together(first: SolveReport, second: SolveReport) -> SolveReport:
+    """Return the report of two solves one after the other."""
+    worse = max(first, second, key=lambda one: one.residual)
+    return replace(
+        worse,
+        iterations=first.iterations + second.iterations,
+        operator_applications=first.operator_applications + second.operator_applications,
     )
-    if not report.converged:
-        raise ConvergenceError(
-            f"The biharmonic problem did not converge: {reason}; ask for a larger tolerance, or use solver='direct'.",
-            report,
-        )
-    return u, v, report
-
-
-def _counts(report: SolveReport) -> tuple[int, int]:
-    return report.iterations, report.operator_applications
-
-
-def _factorised(operator: Operator, s: float, b: Any, job: Job) -> tuple[Any, int, int]:
-    """Solve ``(K - i s) w = b`` by sparse LU with one step of refinement; return w, iterations and products."""
-    from scipy.sparse import diags_array
-    from scipy.sparse.linalg import splu
-
-    job.progress("solve", 0.0)
-    matrix = (operator.matrix() - diags_array(np.full(operator.size, 1j * s))).tocsc()
-    factors = splu(matrix)
-    w = factors.solve(b)
-    return w + factors.solve(b - matrix @ w), 0, 2 * b.shape[1]
-
-
-def _iterated(operator: Operator, s: float, b: Any, job: Job) -> tuple[Any, int, int]:
-    """Solve ``(K - i s) w = b`` by BiCGSTAB, channel by channel; return w, iterations and products."""
-    from scipy.sparse.linalg import LinearOperator, bicgstab
-
-    products = 0
-
-    def apply(w: Any) -> Any:
-        nonlocal products
-        products += 2
-        parts = operator.apply(np.stack([w.real, w.imag], axis=1))
-        return parts[:, 0] + 1j * parts[:, 1] - 1j * s * w
-
-    matrix = LinearOperator((len(b), len(b)), matvec=apply, dtype=np.complex128)
-    channels = []
-    for channel in range(b.shape[1]):
-        job.progress("solve", channel / b.shape[1])
-        w, _ = bicgstab(matrix, b[:, channel], rtol=MARGIN * job.tolerance, maxiter=ITERATIONS)
-        channels.append(w)
-    return np.stack(channels, axis=1), products // (4 * b.shape[1]), products

@@ -1,8 +1,7 @@
 """Nonlinear fluxes ``du/db = j(u)`` by Newton's method, all steps on the same tables.
 
-A step takes ``du/db = j(v) + j'(v) (u - v)``, v the last solution, a Robin condition. The tables are made once, as for
-a Neumann condition, and a step changes the rows of E that have the flux as their datum: no closest point is asked for
-again.
+A step takes ``du/db = j(v) + j'(v) (u - v)``, v the last solution, a Robin condition. The form is asked for its tangent
+at v; no closest point is asked for again.
 """
 
 from __future__ import annotations
@@ -10,12 +9,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from cpmkit.errors import ConvergenceError, SceneError, place
-from cpmkit.families.job import Job
-from cpmkit.forms.collocation.linearized import flows_of, linearized, linearized_scene
+from cpmkit.families.context import SolveContext
 from cpmkit.solution.solution import Solution
 
 #: At most this many steps.
@@ -25,15 +24,15 @@ STEPS = 30
 CHANGE = 1e-8
 
 
-def solve_nonlinear(job: Job, solve_linear: Callable[[Job], Solution]) -> Solution:
+def solve_nonlinear(context: SolveContext, solve_linear: Callable[[SolveContext], Solution]) -> Solution:
     """Solve a scene with nonlinear fluxes.
 
     Parameters
     ----------
-    job : Job
-        With the scene and its tables.
+    context : SolveContext
+        With the discretised scene.
     solve_linear : callable
-        Solves a job whose conditions are linear.
+        Solves one whose conditions are linear.
 
     Raises
     ------
@@ -44,22 +43,22 @@ def solve_nonlinear(job: Job, solve_linear: Callable[[Job], Solution]) -> Soluti
     ConvergenceError
         If Newton's method does not settle.
     """
-    scene = job.scene
+    scene, form = context.scene, context.discretized
     if scene.problem.family != "steady":
         raise SceneError(f"a nonlinear flux needs a steady equation, got {scene.problem.kind}; use Robin instead.")
     if scene.channels > 1:
         raise SceneError(f"a nonlinear flux takes one channel, the scene has {scene.channels}; solve them one by one.")
-    flows = flows_of(scene, job.tables)
-    seen = [np.full(len(flow.datum.rows), flow.condition.guess) for flow in flows]
+    fluxes = form.state_fluxes
+    seen = [np.full(len(flux.points), flux.guess) for flux in fluxes]
     applications = iterations = 0
     for step in range(1, STEPS + 1):
-        linear = linearized_scene(scene, flows, seen)
-        solution = solve_linear(replace(job, scene=linear, tables=linearized(job.tables, flows, seen)))
-        if linear is not scene:
+        linear = form.linearized(seen)
+        solution = solve_linear(replace(context, discretized=linear))
+        if linear.scene is not scene:
             _check_balance(solution)
         applications += solution.report.operator_applications
         iterations += solution.report.iterations
-        before, seen = seen, [flow.read(solution.values) for flow in flows]
+        before, seen = seen, [flux.read(solution.values) for flux in fluxes]
         change = max((float(np.abs(a - b).max(initial=0.0)) for a, b in zip(seen, before, strict=True)), default=0.0)
         size = max((float(np.abs(values).max(initial=0.0)) for values in seen), default=0.0)
         if step > 1 and change <= CHANGE * size + np.finfo(float).tiny:
@@ -69,9 +68,10 @@ def solve_nonlinear(job: Job, solve_linear: Callable[[Job], Solution]) -> Soluti
                 operator_applications=applications,
                 reason=f"{solution.report.reason}; Newton's method settled in {step} steps",
             )
-            work = replace(solution.work, operator_applications=applications)
-            seconds = {**solution.seconds, "solve": time.perf_counter() - job.started - solution.seconds["build"]}
-            return replace(solution, scene=scene, tables=job.tables, report=report, work=work, seconds=seconds)
+            work: Any = solution.work
+            work = replace(work, operator_applications=applications)
+            seconds = {**solution.seconds, "solve": time.perf_counter() - context.started - solution.seconds["build"]}
+            return replace(solution, discretized=form, report=report, work=work, seconds=seconds)
     raise ConvergenceError(
         f"Newton's method did not settle in {STEPS} steps: u still changes by {change:.2g} on the boundaries; give a "
         "guess nearer to the solution, or check that the flux does not grow with u.",

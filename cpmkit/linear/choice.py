@@ -1,21 +1,20 @@
-"""Linear solvers. Each returns a solution with a report, and raises when it did not converge."""
+"""Which linear solver it is: by name, or the quicker one."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from functools import partial
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from cpmkit.errors import InputError, shown
-from cpmkit.linear.direct import solve_direct
-from cpmkit.linear.reference import solve_reference
+from cpmkit.linear.direct import Direct
+from cpmkit.linear.reference import Reference
 from cpmkit.plugins import call, factory, installed_kinds
 from cpmkit.protocols import LinearSolver
 from cpmkit.runtime.arrays import positive, whole
 
 #: Up to this many unknowns, by dimension of the manifold, a direct factorisation is the quicker one.
 DIRECT_UP_TO = {0: 10**6, 1: 100_000, 2: 6_000, 3: 3_000}
-SOLVERS = {"direct": solve_direct, "reference": solve_reference}
+SOLVERS: Mapping[str, Callable[..., LinearSolver]] = {"direct": Direct, "reference": Reference}
 #: Options of the built-in solvers.
 ACCEPTED = {"auto": ("max_iterations",), "direct": (), "reference": ("max_iterations",)}
 
@@ -80,6 +79,6 @@ def make_solver(name: str, options: Mapping[str, Any]) -> LinearSolver:
         If ``name`` is the kind of something else.
     """
     if name in SOLVERS:
-        return partial(SOLVERS[name], **{key: value for key, value in options.items() if key in ACCEPTED[name]})
+        return SOLVERS[name](**{key: value for key, value in options.items() if key in ACCEPTED[name]})
     made: LinearSolver = call(factory(name, "cpmkit_solvers"), f"the solver {name!r}", options)
     return made

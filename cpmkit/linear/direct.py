@@ -2,28 +2,58 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
 from cpmkit.errors import SceneError
-from cpmkit.linear.operators import LinearSystem
+from cpmkit.linear.factorization import Factors, factorize
 from cpmkit.linear.report import SolveReport, judge
-from cpmkit.protocols import Floats, Progress
+from cpmkit.protocols import Floats, Operator, Progress, nothing
 
 
-def solve_direct(system: LinearSystem, tolerance: float, progress: Progress) -> tuple[Floats, SolveReport]:
-    """Solve by SuperLU.
+@dataclass(frozen=True)
+class Direct:
+    """SuperLU."""
 
-    Raises
-    ------
-    SceneError
-        If the matrix is singular.
-    ConvergenceError
-        If the residual is above the tolerance.
-    """
-    progress("solve", 0.0)
-    try:
-        factors = system.operator.factors
-    except RuntimeError as error:
-        raise SceneError(f"The linear system is singular ({error}): nothing fixes the solution somewhere.") from error
-    u = factors.solve(system.right_side)
-    u += factors.solve(system.right_side - system.apply(u))
-    progress("solve", 1.0)
-    return u, judge(system, u, "direct", tolerance, 0, 1, "ask for a larger tolerance: rounding limits a direct solve")
+    def prepare(self, operator: Operator, levels: Sequence[Any] = ()) -> Factorized:
+        """Factorise.
+
+        Raises
+        ------
+        SceneError
+            If the matrix is singular.
+        """
+        del levels
+        try:
+            return Factorized(operator, factorize(operator))
+        except RuntimeError as error:
+            raise SceneError(
+                f"The linear system is singular ({error}): nothing fixes the solution somewhere."
+            ) from error
+
+
+@dataclass(frozen=True, eq=False)
+class Factorized:
+    """An operator with its factors."""
+
+    operator: Operator
+    factors: Factors
+
+    def solve(
+        self, b: Floats, tolerance: float, guess: Floats | None = None, progress: Progress = nothing
+    ) -> tuple[Floats, SolveReport]:
+        """Solve for all channels.
+
+        Raises
+        ------
+        ConvergenceError
+            If the residual is above the tolerance.
+        """
+        del guess
+        progress("solve", 0.0)
+        u = self.factors.solve(b)
+        u += self.factors.solve(b - self.operator.apply(u))
+        progress("solve", 1.0)
+        remedy = "ask for a larger tolerance: rounding limits a direct solve"
+        return u, judge(self.operator, b, u, "direct", tolerance, 0, 1, remedy)

@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.protocols import Floats
+from cpmkit.linear.operators import Border, Bordered
+from cpmkit.protocols import Floats, Operator
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
-
-    from cpmkit.linear.operators import Border, Operator
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,15 +66,21 @@ def factorize(operator: Operator) -> Factors:
     RuntimeError
         If the matrix is singular.
     """
+    matrix = operator.to_csr()
+    if not isinstance(operator, Bordered):
+        return Factors(_factors(matrix, operator.symmetric), None)
+    held = _heaviest(operator.border)
+    lu = _factors(matrix + operator.shift * (held @ held.T), operator.operator.symmetric)
+    return Factors(lu, _update(lu, operator.border, held, operator.shift))
+
+
+def _factors(matrix: csr_array, symmetric: bool) -> Any:
+    """Return SuperLU's factors, in the order that suits the matrix."""
     from scipy.sparse.linalg import splu
 
-    matrix, border = operator.matrix(), operator.border
-    if border is None:
-        return Factors(splu(matrix.tocsc()), None)
-    scale = operator.lift_scale
-    held = _heaviest(border)
-    lu = splu((matrix + scale * (held @ held.T)).tocsc())
-    return Factors(lu, _update(lu, border, held, scale))
+    if not symmetric:
+        return splu(matrix.tocsc())
+    return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
 
 
 def _heaviest(border: Border) -> csr_array:

@@ -1,28 +1,23 @@
-"""The linear system of a scene: A = c I - M with M = diag(L) + (L - diag L) E, and its right-hand side.
+"""Operators that are made of others: with the free constants moved out of the kernel, or with a complex shift.
 
-L is the cross Laplacian, of second or fourth order, or its like with a variable diffusivity and a velocity:
-``A u = diagonal u - W (E u + g)`` with the weights W of the difference neighbours. The ghosts' rows are rows of the PDE
-like all others (Krylov methods stagnate on purely algebraic ghost rows).
+What a form assembles keeps :class:`cpmkit.protocols.Operator`; solvers see nothing else.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.linear.factorization import Factors, factorize
-from cpmkit.linear.products import ThreadedProduct
-from cpmkit.protocols import Floats
+from cpmkit.protocols import Floats, Ints, Operator
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-
-#: Share of the largest diagonal entry by which a border moves the constants.
-LIFT = 0.1
+#: Share of the largest diagonal entry by which the constants are moved out of the kernel.
+KERNEL_SHIFT = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,10 +39,6 @@ class Border:
     indicator: csr_array
     mean: csr_array
 
-    def lift(self, u: Floats, scale: float) -> Floats:
-        """Return ``scale B W u``, which moves the constants away from the kernel."""
-        return np.asarray(scale * (self.indicator @ (self.mean @ u)))
-
     def centred(self, u: Floats) -> tuple[Floats, Floats]:
         """Return u less its mean on each piece, and the means (k, channels)."""
         means = self.mean @ u
@@ -55,92 +46,115 @@ class Border:
 
 
 @dataclass(frozen=True, eq=False)
-class Operator:
-    """A, with E and the difference table kept apart: ``A u = diagonal u - scale W E u``.
+class Bordered:
+    """``A + s B W``: an operator whose kernel, constants on some pieces, is moved away from zero.
 
     Attributes
     ----------
-    extension : csr_array (rows, n)
-        E.
-    differences : csr_array (n, rows)
-        W: the weights of the difference neighbours.
-    diagonal : float or (n, 1) float64
-        Of c I - diag(L).
-    scale : float
-        Factor of W, often ``1 / spacing^2``.
-    border : Border or None
-        Where constants are in the kernel.
+    operator : Operator
+        A.
+    border : Border
+        B and W.
     """
 
-    extension: csr_array
-    differences: csr_array
-    diagonal: float | Floats
-    scale: float
-    border: Border | None = None
+    operator: Operator
+    border: Border
 
     @property
     def size(self) -> int:
         """Number of unknowns."""
-        return int(self.extension.shape[1])
+        return self.operator.size
 
     @property
     def nonzeros(self) -> int:
-        """Entries stored in E and W."""
-        return int(self.extension.nnz + self.differences.nnz)
+        """Entries stored for A."""
+        return self.operator.nonzeros
 
     @property
-    def lift_scale(self) -> float:
-        """How far from zero the border moves the constants: among the eigenvalues, a tenth of the largest.
+    def symmetric(self) -> bool:
+        """Not known to be: B W is symmetric only where W weighs all unknowns alike."""
+        return False
+
+    @property
+    def diagonal(self) -> float | Floats:
+        """Of A."""
+        return self.operator.diagonal
+
+    @cached_property
+    def shift(self) -> float:
+        """How far from zero the constants are moved, s: among the eigenvalues, a tenth of the largest.
 
         BiCGSTAB takes the same iterations at a tenth of it and up to twice as many far below; the rounding of the
-        means, times this scale, limits the residual of a direct solve.
+        means, times this shift, limits the residual of a direct solve.
         """
-        return LIFT * float(np.max(np.abs(self.diagonal)))
+        return KERNEL_SHIFT * float(np.max(np.abs(self.diagonal)))
 
     def apply(self, u: Floats) -> Floats:
-        """Return A u for u of shape (n,) or (n, channels); a border's constants count."""
-        varies = isinstance(self.diagonal, np.ndarray)
+        """Return ``(A + s B W) u`` for u of shape (n,) or (n, channels)."""
+        return np.asarray(self.operator.apply(u) + self.shift * (self.border.indicator @ (self.border.mean @ u)))
 
-        def finish(start: int, stop: int, rows: Floats) -> Floats:
-            diagonal: Any = self.diagonal
-            if varies:
-                diagonal = diagonal[start:stop, 0] if u.ndim == 1 else diagonal[start:stop]
-            return np.asarray(diagonal * u[start:stop] - self.scale * rows)
+    def apply_rows(self, u: Floats, rows: Ints) -> Floats:
+        """Return the entries ``rows`` of :meth:`apply`."""
+        moved = self.border.indicator[rows] @ (self.border.mean @ u)
+        return np.asarray(self.operator.apply_rows(u, rows) + self.shift * moved)
 
-        image = self._differences.product(self._extension @ u, finish)
-        return image if self.border is None else image + self.border.lift(u, self.lift_scale)
+    def to_csr(self) -> csr_array:
+        """Return A, singular: B W has full rows, and would fill it."""
+        return self.operator.to_csr()
 
-    @cached_property
-    def _extension(self) -> ThreadedProduct:
-        return ThreadedProduct(self.extension)
 
-    @cached_property
-    def _differences(self) -> ThreadedProduct:
-        return ThreadedProduct(self.differences)
+@dataclass(frozen=True, eq=False)
+class ComplexShift:
+    """``A - i s I`` for complex vectors: real and imaginary part are two columns of one product with A.
 
-    def spread(self, datum: Floats) -> Floats:
-        """Return what data (rows, channels), added to E u, add to b: ``scale W datum``."""
-        return np.asarray(self.scale * (self.differences @ datum))
+    Attributes
+    ----------
+    operator : Operator
+        A, real.
+    s : float
+        The shift.
+    """
 
-    def matrix(self) -> csr_array:
-        """Return A as one sparse matrix, without a border: singular where there is one."""
-        from scipy.sparse import diags_array, eye_array
+    operator: Operator
+    s: float
 
-        product = (self.differences @ self.extension) * self.scale
-        if isinstance(self.diagonal, np.ndarray):
-            matrix: csr_array = (diags_array(self.diagonal[:, 0]) - product).tocsr()
-        else:
-            matrix = (self.diagonal * eye_array(self.size) - product).tocsr()
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return self.operator.size
+
+    @property
+    def nonzeros(self) -> int:
+        """Entries stored for A."""
+        return self.operator.nonzeros
+
+    @property
+    def symmetric(self) -> bool:
+        """As A is."""
+        return self.operator.symmetric
+
+    @property
+    def diagonal(self) -> Any:
+        """Of A, shifted."""
+        return self.operator.diagonal - 1j * self.s
+
+    def apply(self, u: Any) -> Any:
+        """Return the product with u of shape (n,) or (n, channels), complex."""
+        columns = u.reshape(len(u), -1)
+        parts = self.operator.apply(np.concatenate([columns.real, columns.imag], axis=1))
+        real, imaginary = np.split(parts, 2, axis=1)
+        return (real + 1j * imaginary - 1j * self.s * columns).reshape(u.shape)
+
+    def apply_rows(self, u: Any, rows: Ints) -> Any:
+        """Return the entries ``rows`` of :meth:`apply`."""
+        return self.apply(u)[rows]
+
+    def to_csr(self) -> csr_array:
+        """Return the complex matrix."""
+        from scipy.sparse import eye_array
+
+        matrix: csr_array = (self.operator.to_csr() - 1j * self.s * eye_array(self.size)).tocsr()
         return matrix
-
-    def shifted(self, factor: float) -> Operator:
-        """Return ``I + factor A``."""
-        return replace(self, diagonal=1.0 + factor * self.diagonal, scale=factor * self.scale)
-
-    @cached_property
-    def factors(self) -> Factors:
-        """Sparse LU, a border included; a run of many steps makes it once."""
-        return factorize(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,33 +167,12 @@ class LinearSystem:
         A.
     right_side : (n, channels) float64
         b, boundary data included.
-    guess : (n, channels) float64, optional
-        Where an iterative solver starts; zero without it.
     """
 
     operator: Operator
     right_side: Floats
-    guess: Floats | None = None
 
     @property
     def size(self) -> int:
         """Number of unknowns."""
         return len(self.right_side)
-
-    @property
-    def nonzeros(self) -> int:
-        """Entries stored in E and W."""
-        return self.operator.nonzeros
-
-    @property
-    def diagonal(self) -> float | Floats:
-        """Of c I - diag(L)."""
-        return self.operator.diagonal
-
-    def apply(self, u: Floats) -> Floats:
-        """Return A u for u of shape (n,) or (n, channels); a border's constants count."""
-        return self.operator.apply(u)
-
-    def matrix(self) -> csr_array:
-        """Return A as one sparse matrix, without a border: singular where there is one."""
-        return self.operator.matrix()

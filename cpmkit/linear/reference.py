@@ -8,11 +8,14 @@ the system alike, which BiCGSTAB does not see, and it is left out.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 
-from cpmkit.linear.operators import LinearSystem
 from cpmkit.linear.report import SolveReport, judge
-from cpmkit.protocols import Floats, Progress
+from cpmkit.protocols import Floats, Operator, Progress, nothing
 from cpmkit.runtime.threads import run_parcels
 
 #: The recursive residual is driven this much below the tolerance, because it drifts from the true one.
@@ -25,40 +28,63 @@ PARCEL = 1 << 14
 RESTARTS = 8
 
 
-def solve_reference(
-    system: LinearSystem, tolerance: float, progress: Progress, max_iterations: int = 20_000
-) -> tuple[Floats, SolveReport]:
-    """Solve all channels by BiCGSTAB, preconditioned by the diagonal.
+@dataclass(frozen=True)
+class Reference:
+    """BiCGSTAB, preconditioned by the diagonal.
 
-    Raises
-    ------
-    ConvergenceError
-        If a channel's recomputed residual is above the tolerance.
+    Attributes
+    ----------
+    max_iterations : int
+        At most.
     """
-    b = system.right_side
-    size = np.linalg.norm(b, axis=0)
-    u = np.zeros_like(b) if system.guess is None else system.guess.copy()
-    u[:, size == 0] = 0.0  # the solution there; no guess gets nearer, and there is no relative residual to aim at
-    iterations = products = 0
-    for _ in range(RESTARTS):
-        residual = b - system.apply(u)
-        open_ = np.flatnonzero(np.linalg.norm(residual, axis=0) > tolerance * size)
-        products += b.shape[1]
-        if not len(open_) or iterations >= max_iterations:
-            break
-        target = MARGIN * tolerance * size[open_]
-        step, taken, applied = _bicgstab(
-            system, np.ascontiguousarray(residual[:, open_]), target, max_iterations - iterations, progress
-        )
-        u[:, open_] += step
-        iterations, products = iterations + taken, products + applied
-    progress("solve", 1.0)
-    remedy = "ask for a larger tolerance or more max_iterations, or use solver='direct' if the scene is small"
-    return u, judge(system, u, "reference", tolerance, iterations, products, remedy)
+
+    max_iterations: int = 20_000
+
+    def prepare(self, operator: Operator, levels: Sequence[Any] = ()) -> Iterated:
+        """Return the iteration for an operator; nothing is made."""
+        del levels
+        return Iterated(operator, self.max_iterations)
+
+
+@dataclass(frozen=True, eq=False)
+class Iterated:
+    """An operator and its iteration."""
+
+    operator: Operator
+    max_iterations: int
+
+    def solve(
+        self, b: Floats, tolerance: float, guess: Floats | None = None, progress: Progress = nothing
+    ) -> tuple[Floats, SolveReport]:
+        """Solve all channels.
+
+        Raises
+        ------
+        ConvergenceError
+            If a channel's recomputed residual is above the tolerance.
+        """
+        size = np.linalg.norm(b, axis=0)
+        u = np.zeros_like(b) if guess is None else guess.copy()
+        u[:, size == 0] = 0.0  # the solution there; no guess gets nearer, and there is no relative residual to aim at
+        iterations = products = 0
+        for _ in range(RESTARTS):
+            residual = b - self.operator.apply(u)
+            open_ = np.flatnonzero(np.linalg.norm(residual, axis=0) > tolerance * size)
+            products += b.shape[1]
+            if not len(open_) or iterations >= self.max_iterations:
+                break
+            target, left = MARGIN * tolerance * size[open_], self.max_iterations - iterations
+            start = np.ascontiguousarray(residual[:, open_])
+            step, taken, applied = _bicgstab(self.operator, start, target, left, progress)
+            u[:, open_] += step
+            iterations, products = iterations + taken, products + applied
+        progress("solve", 1.0)
+        remedy = "ask for a larger tolerance or more max_iterations, or use solver='direct' if the scene is small"
+        return u, judge(self.operator, b, u, "reference", tolerance, iterations, products, remedy)
 
 
 def _bicgstab(
-    system: LinearSystem, residual: Floats, target: Floats, max_iterations: int, progress: Progress
+    operator: Operator, residual: Floats, target: Floats, max_iterations: int, progress: Progress
 ) -> tuple[Floats, int, int]:
     """Run BiCGSTAB on A x = residual until every channel is below its target, or one breaks down.
 
@@ -70,21 +96,21 @@ def _bicgstab(
     shadow, direction = residual.copy(), residual.copy()
     x = np.zeros_like(residual)
     (rho,) = _dots((shadow, residual))
-    start = np.log(np.sqrt(rho) / target).max()
-    shadow_size = np.sqrt(rho)
+    shadow_size = np.sqrt(rho.real)
+    start = np.log(shadow_size / target).max()
     iteration = 0
     while iteration < max_iterations:
         iteration += 1
-        image = system.apply(direction)
+        image = operator.apply(direction)
         alpha = _ratio(rho, *_dots((shadow, image)))
         _subtract(residual, alpha, image)
-        image_half = system.apply(residual)
+        image_half = operator.apply(residual)
         omega = _ratio(*_dots((image_half, residual), (image_half, image_half)))
         _advance(x, alpha, direction, omega, residual)
         _subtract(residual, omega, image_half)
         before = rho
         rho, square = _dots((shadow, residual), (residual, residual))
-        size = np.sqrt(square)
+        size = np.sqrt(square.real)
         done = size <= target
         progress("solve", float(np.clip(1 - np.log(np.maximum(size / target, 1.0)).max() / start, 0, 1)))
         broken = np.abs(rho) <= BREAKDOWN * shadow_size * size
@@ -98,13 +124,13 @@ def _bicgstab(
 
 
 def _dots(*pairs: tuple[Floats, Floats]) -> Floats:
-    """Return the scalar products (pairs, channels), summed parcel by parcel in a fixed order."""
+    """Return the scalar products a* b (pairs, channels), summed parcel by parcel in a fixed order."""
     rows, channels = pairs[0][0].shape
-    parts = np.empty((-(-rows // PARCEL), len(pairs), channels))
+    parts = np.empty((-(-rows // PARCEL), len(pairs), channels), dtype=pairs[0][0].dtype)
 
     def add(start: int, stop: int) -> None:
         for number, (a, b) in enumerate(pairs):
-            parts[start // PARCEL, number] = np.einsum("nc,nc->c", a[start:stop], b[start:stop])
+            parts[start // PARCEL, number] = np.einsum("nc,nc->c", a[start:stop].conj(), b[start:stop])
 
     run_parcels(add, rows, PARCEL)
     return np.asarray(parts.sum(axis=0))

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import ConvergenceError
-from cpmkit.linear.operators import LinearSystem
-from cpmkit.protocols import Floats
+from cpmkit.protocols import Floats, Operator
 
 
 @dataclass(frozen=True)
@@ -48,17 +47,24 @@ class SolveReport:
         return asdict(self)
 
 
-def relative_residual(system: LinearSystem, u: Floats) -> float:
+def relative_residual(operator: Operator, b: Floats, u: Floats) -> float:
     """Return the largest relative residual of a channel; NaN counts as infinite."""
-    defect = np.linalg.norm(system.right_side - system.apply(u), axis=0)
-    size = np.linalg.norm(system.right_side, axis=0)
+    defect = np.linalg.norm(b - operator.apply(u), axis=0)
+    size = np.linalg.norm(b, axis=0)
     ratios = np.where(size > 0, defect / np.where(size > 0, size, 1.0), np.where(defect > 0, np.inf, 0.0))
     worst = float(np.max(ratios, initial=0.0))
     return worst if np.isfinite(worst) else np.inf
 
 
 def judge(
-    system: LinearSystem, u: Floats, solver: str, tolerance: float, iterations: int, applications: int, remedy: str
+    operator: Operator,
+    b: Floats,
+    u: Floats,
+    solver: str,
+    tolerance: float,
+    iterations: int,
+    applications: int,
+    remedy: str,
 ) -> SolveReport:
     """Return the report of a solve.
 
@@ -67,7 +73,7 @@ def judge(
     ConvergenceError
         If the recomputed residual is above the tolerance; the message carries ``remedy``.
     """
-    residual = relative_residual(system, u)
+    residual = relative_residual(operator, b, u)
     converged = residual <= tolerance
     reason = f"relative residual {residual:.2e} after {iterations} iterations, {tolerance:.2e} asked for"
     report = SolveReport(solver, converged, iterations, applications, residual, tolerance, reason)

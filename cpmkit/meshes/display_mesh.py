@@ -22,7 +22,6 @@ from cpmkit.protocols import ClosestPointSource, Floats, HasMesh, HasNormals, In
 
 if TYPE_CHECKING:
     from cpmkit.scene.scene import Scene
-    from cpmkit.solution.abstract import ReadableSolution
     from cpmkit.solution.solution import Solution
 
 #: In spacings; longer edges are halved, for between its vertices a cell shows less than the solution knows.
@@ -171,7 +170,7 @@ def _unit(vectors: Floats) -> Floats:
     return unit
 
 
-def evaluate_on_sides(solution: ReadableSolution, points: Floats, sides: Ints) -> Floats:
+def evaluate_on_sides(solution: Solution, points: Floats, sides: Ints) -> Floats:
     """Return the solution (n, channels) at points, on boundaries from the sides (n, boundaries) given by 1 and -1."""
     values = np.empty((len(points), solution.channels))
     boundaries = solution.scene.boundaries

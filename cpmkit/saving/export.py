@@ -17,13 +17,13 @@ from cpmkit.protocols import ClosestPointSource, HasMesh
 from cpmkit.view.drawing import in_space, value_colours
 
 if TYPE_CHECKING:
-    from cpmkit.solution.abstract import ReadableSolution
+    from cpmkit.solution.solution import Solution
 
 #: Of the arrays in a .npz; :func:`cpmkit.load` reads no other.
 FORMAT = 1
 
 
-def save(solution: ReadableSolution, path: str | Path) -> None:
+def save(solution: Solution, path: str | Path) -> None:
     """Write ``solution`` to ``path``, whole or not at all; a file that is there already is replaced.
 
     ========= ==================================================================================
@@ -88,7 +88,7 @@ def write_summary(summary: Mapping[str, Any], path: str | Path) -> None:
         unfinished.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
 
 
-def _save_vtp(solution: ReadableSolution, path: Path) -> None:
+def _save_vtp(solution: Solution, path: Path) -> None:
     write_vtp(solution.display_mesh(), path)
 
 
@@ -115,7 +115,7 @@ def _vtp(data: Any) -> bytes:
     return str(writer.GetOutputString()).encode()
 
 
-def _save_ply(solution: ReadableSolution, path: Path) -> None:
+def _save_ply(solution: Solution, path: Path) -> None:
     mesh = solution.display_mesh()
     colours = mesh.values if solution.channels == 3 else value_colours(mesh.values[:, 0])[0]
     points = np.zeros(len(mesh.points), dtype=[("xyz", "<f4", 3), ("rgb", "u1", 3)])
@@ -135,7 +135,7 @@ def _ply_header(points: int, faces: int) -> bytes:
     return "".join(f"{line}\n" for line in lines).encode()
 
 
-def _save_npz(solution: ReadableSolution, path: Path) -> None:
+def _save_npz(solution: Solution, path: Path) -> None:
     arrays = {f"lattice_{name}": array for name, array in solution.arrays().items()}
     arrays |= {"format": np.array(FORMAT), "summary": np.array(json.dumps(solution.summary()))}
     if isinstance(solution.scene.surface, HasMesh):
@@ -149,11 +149,11 @@ def _save_npz(solution: ReadableSolution, path: Path) -> None:
     np.savez_compressed(path, **arrays)
 
 
-def _save_json(solution: ReadableSolution, path: Path) -> None:
+def _save_json(solution: Solution, path: Path) -> None:
     path.write_text(json.dumps(solution.summary(), indent=2) + "\n", encoding="utf-8")
 
 
-_WRITERS: dict[str, Callable[[ReadableSolution, Path], None]] = {
+_WRITERS: dict[str, Callable[[Solution, Path], None]] = {
     ".vtp": _save_vtp,
     ".ply": _save_ply,
     ".npz": _save_npz,

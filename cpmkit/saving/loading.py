@@ -13,14 +13,15 @@ from cpmkit.errors import InputError, shown
 from cpmkit.files.plain_values import made
 from cpmkit.forms.collocation.conservation.balance import Leak
 from cpmkit.forms.collocation.conservation.flux_balance import Balance
-from cpmkit.forms.collocation.conservation.free_constants import Defect
-from cpmkit.forms.collocation.discretization import Discretization, discretize
+from cpmkit.forms.collocation.discretization import Discretization, build_tables
+from cpmkit.forms.collocation.form import Collocation
+from cpmkit.forms.collocation.work import Work
+from cpmkit.forms.free_constants import Defect
 from cpmkit.linear.report import SolveReport
 from cpmkit.protocols import Floats, Ints
 from cpmkit.saving.saved_solutions import check_same_scene, of_another_scene, read_solution
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.solution import Solution
-from cpmkit.solution.work import Work
 
 #: No inner node of a band is farther from the bounds of the surface than so many spacings.
 REACH = 12
@@ -130,7 +131,7 @@ def _rebuilt(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any], 
         raise of_another_scene(path, f"it lies in {len(lattice['origin'])} dimensions")
     if not _is_near(lattice, scene):
         raise of_another_scene(path, "its nodes are elsewhere")
-    tables = discretize(
+    tables = build_tables(
         scene,
         float(lattice["spacing"]),
         degree=int(lattice["degree"]),
@@ -144,12 +145,11 @@ def _rebuilt(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any], 
         raise of_another_scene(path, "left and right of its boundaries are others")
     balance = summary["discretization"].get("balance")
     return Solution(
-        scene,
+        Collocation(scene, tables),
         lattice["unknowns"],
         made(SolveReport, summary["report"], f"report in {where}"),
         made(Work, summary["work"], f"work in {where}"),
         summary["seconds"],
-        tables,
         warnings=tuple(summary["warnings"]),
         defects=tuple(made(Defect, one, f"a defect in {where}") for one in summary.get("defects", ())),
         leaks=tuple(made(Leak, one, f"a leak in {where}") for one in summary.get("leaks", ())),

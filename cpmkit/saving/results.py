@@ -19,7 +19,7 @@ from cpmkit.scenefile.output_request import OutputRequest, PictureRequest, check
 from cpmkit.view import check_picture, picture
 
 if TYPE_CHECKING:
-    from cpmkit.solution.abstract import ReadableSolution
+    from cpmkit.solution.solution import Solution
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ def check_request(request: OutputRequest, surface: ClosestPointSource, folder: P
 
 
 def write_results(
-    solution: ReadableSolution,
+    solution: Solution,
     request: OutputRequest,
     folder: Path,
     progress: Progress,
@@ -139,7 +139,7 @@ def _sentence(file: Path, error: Exception) -> str:
     return str(error) if isinstance(error, CpmkitError) else f"{file} cannot be written: {type(error).__name__}."
 
 
-def _draw(solution: ReadableSolution, asked: PictureRequest, folder: Path) -> dict[str, Any]:
+def _draw(solution: Solution, asked: PictureRequest, folder: Path) -> dict[str, Any]:
     file = _made(folder / asked.file)
     options: dict[str, Any] = {"width": asked.width, "view": asked.view, "up": asked.up, "curves": asked.curves}
     drawn = picture(solution, file, **options)

@@ -16,14 +16,14 @@ from cpmkit.saving.export import write_vtp
 from cpmkit.solution.evolved import EvolvedSolution
 
 if TYPE_CHECKING:
-    from cpmkit.solution.abstract import ReadableSolution
+    from cpmkit.solution.solution import Solution
     from cpmkit.view import Picture
 
 #: Of the folder beside the index.
 SUFFIX = "_frames"
 
 
-def frames_of(solution: ReadableSolution, what: str) -> tuple[EvolvedSolution, ...]:
+def frames_of(solution: Solution, what: str) -> tuple[EvolvedSolution, ...]:
     """Return the frames of a solution.
 
     Raises
@@ -39,7 +39,7 @@ def frames_of(solution: ReadableSolution, what: str) -> tuple[EvolvedSolution, .
     return frames
 
 
-def save_series(solution: ReadableSolution, path: Path) -> None:
+def save_series(solution: Solution, path: Path) -> None:
     """Write the index ``path`` and, in the folder ``<name>_frames`` beside it, one .vtp a frame.
 
     All frames are written before the first takes its place, and the index is written last: what an index names is
@@ -79,7 +79,7 @@ def frames_folder(path: Path) -> Path:
     return path.with_name(path.stem + SUFFIX)
 
 
-def draw_frames(solution: ReadableSolution, path: Path, **options: Any) -> list[Picture]:
+def draw_frames(solution: Solution, path: Path, **options: Any) -> list[Picture]:
     """Draw each frame into ``<name>-0000.png`` and so on, all in the same colours.
 
     Raises
@@ -90,8 +90,7 @@ def draw_frames(solution: ReadableSolution, path: Path, **options: Any) -> list[
     from cpmkit.view import picture
 
     frames = frames_of(solution, "a picture of each frame")
-    inner = frames[0].tables.layout.band.inner
-    shown = np.stack([frame.values[:inner, 0] for frame in frames])
+    shown = np.stack([frame.discretized.at_points(frame.values)[:, 0] for frame in frames])
     span = (float(shown.min()), float(shown.max()))
     return [
         picture(frame, _numbered(path, number, len(frames)), span=span, **options)

@@ -15,10 +15,10 @@ from cpmkit.scene.conditions import Condition
 
 if TYPE_CHECKING:
     from cpmkit.scene.scene import Scene
-    from cpmkit.solution.abstract import ReadableSolution
+    from cpmkit.solution.solution import Solution
 
 
-def summarize(solution: ReadableSolution) -> dict[str, Any]:
+def summarize(solution: Solution) -> dict[str, Any]:
     """Return the summary that ``summary.json`` holds."""
     return {
         "scene": describe_scene(solution.scene),
@@ -35,7 +35,7 @@ def summarize(solution: ReadableSolution) -> dict[str, Any]:
         "leaks": [leak.as_dict() for leak in solution.leaks],
         "versions": {
             "python": platform.python_version(),
-            **{name: _version(name) for name in solution.libraries},
+            **{name: _version(name) for name in solution.discretized.libraries},
         },
     }
 

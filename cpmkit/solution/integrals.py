@@ -15,14 +15,14 @@ from cpmkit.protocols import ClosestPointSource, Floats, Ints
 from cpmkit.scene.data import evaluate_data
 
 if TYPE_CHECKING:
-    from cpmkit.solution.abstract import ReadableSolution
+    from cpmkit.solution.solution import Solution
 
 #: What is integrated: a number, or a function of points (n, d) and the solution there, (n,) or (n, channels).
 Integrand = float | Callable[[Floats, Floats], Any]
 
 
-def integrate(solution: ReadableSolution, function: Integrand | None, dim: int | None) -> float | Floats:
-    """Return the integral of the solution, or of a function of it; see :meth:`ReadableSolution.integrate`."""
+def integrate(solution: Solution, function: Integrand | None, dim: int | None) -> float | Floats:
+    """Return the integral of the solution, or of a function of it; see :meth:`Solution.integrate`."""
     nodes, values, cells = _nodes_with_values(solution, _dimension(solution.scene.surface, dim))
     points, weights, shares = CurvedCells(nodes, cells).rule()
     read = np.einsum("qk,mkc->mqc", shares, values[cells]).reshape(-1, values.shape[1])
@@ -33,7 +33,7 @@ def integrate(solution: ReadableSolution, function: Integrand | None, dim: int |
     return float(total[0]) if len(total) == 1 else total
 
 
-def mean(solution: ReadableSolution, function: Integrand | None, dim: int | None) -> float | Floats:
+def mean(solution: Solution, function: Integrand | None, dim: int | None) -> float | Floats:
     """Return the integral divided by the length or area."""
     return integrate(solution, function, dim) / float(integrate(solution, 1.0, dim))
 
@@ -58,7 +58,7 @@ def _dimension(surface: ClosestPointSource, dim: int | None) -> int:
     return found[0] if dim is None else dim
 
 
-def _nodes_with_values(solution: ReadableSolution, dim: int) -> tuple[Floats, Floats, Ints]:
+def _nodes_with_values(solution: Solution, dim: int) -> tuple[Floats, Floats, Ints]:
     """Return the nodes of curved cells on the manifold, the solution there, and the cells."""
     mesh, scene = solution.display_mesh(), solution.scene
     corners = cells_of_dimension(mesh.cells, scene.surface, dim)

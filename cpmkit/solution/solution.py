@@ -3,48 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from cpmkit.errors import InputError
-from cpmkit.forms.collocation.boundary.crossing import View
-from cpmkit.forms.collocation.boundary.frame import ON_BOUNDARY, Frame
-from cpmkit.forms.collocation.diagnosis.clusters import feet_of_twins
-from cpmkit.forms.collocation.discretization import Discretization
-from cpmkit.forms.collocation.extension import extend
-from cpmkit.forms.collocation.reading.strips import fill_strips
-from cpmkit.grid.stencils import reading_radius
-from cpmkit.protocols import SIDES, ClosestPoints, Floats, Side
-from cpmkit.runtime.arrays import as_points
-from cpmkit.solution.abstract import ReadableSolution
-from cpmkit.solution.work import Work
+from cpmkit.forms.contract import Discretized, MeasuredWork
+from cpmkit.forms.free_constants import Defect
+from cpmkit.linear.report import SolveReport
+from cpmkit.protocols import Floats, Side
+from cpmkit.scene.scene import Scene
 
 if TYPE_CHECKING:
-    from cpmkit.forms.collocation.conservation.flux_balance import Balance
     from cpmkit.meshes.display_mesh import DisplayMesh
-
-#: Points nearer to a boundary than this many spacings can be read from the side that the caller names.
-READ_FROM_SIDE = 1e-3
-#: Points that are read at a time.
-CHUNK = 1 << 18
+    from cpmkit.solution.integrals import Integrand
+    from cpmkit.view import Picture
 
 
 @dataclass(frozen=True, eq=False)
-class Solution(ReadableSolution):
-    """The solution of a scene by the closest point method.
+class Solution:
+    """The solution of a scene, by whatever form.
 
     Attributes
     ----------
-    scene : Scene
-        What was solved.
+    discretized : Discretized
+        The scene on the form's unknowns.
     values : (unknowns, channels) float64
-        Values of the inner nodes and the ghosts.
+        Of the unknowns.
     report : SolveReport
         What the solver reached.
-    work : Work
-        What it cost.
+    work : MeasuredWork
+        What it cost, in units that no machine changes.
     seconds : mapping
         Seconds of each stage; of this machine, on this day.
     warnings : tuple of str
@@ -52,31 +41,41 @@ class Solution(ReadableSolution):
     defects : tuple of Defect
         One for each piece of the manifold on which the solution is fixed by its mean alone, which is zero: what of
         the data has no solution there.
-    tables : Discretization
-        The band and its tables.
+    leaks : tuple of Leak
+        One for each closed piece on which c times the mean of u was made the mean of f.
     balance : Balance or None
         What balancing the fluxes did, where that was asked for.
     """
 
-    work: Work
-    tables: Discretization
-    balance: Balance | None = field(default=None, kw_only=True)
+    discretized: Discretized
+    values: Floats
+    report: SolveReport
+    work: MeasuredWork
+    seconds: Mapping[str, float]
+    warnings: tuple[str, ...] = field(default=(), kw_only=True)
+    defects: tuple[Defect, ...] = field(default=(), kw_only=True)
+    leaks: tuple[Any, ...] = field(default=(), kw_only=True)
+    balance: Any = field(default=None, kw_only=True)
+
+    @property
+    def scene(self) -> Scene:
+        """What was solved."""
+        return self.discretized.scene
 
     @property
     def spacing(self) -> float:
-        """Spacing of the lattice, in the scene's unit."""
-        return self.tables.layout.lattice.spacing
+        """How fine the discretisation is, in the scene's unit of length."""
+        return self.discretized.spacing
+
+    @property
+    def channels(self) -> int:
+        """Number of right-hand sides that were solved together."""
+        return int(self.values.shape[1])
 
     @property
     def data_time(self) -> float | None:
         """At which data that depend on the time are read; None where nothing does."""
         return None
-
-    @property
-    def radius(self) -> float:
-        """Radius of the tube, in the scene's unit: points farther from the manifold cannot be read."""
-        band = self.tables.layout.band
-        return reading_radius(band.dim, band.degree) * band.spacing
 
     def evaluate(self, points: Any, side: Side | Mapping[str, Side] | None = None) -> Floats:
         """Return the solution at the points of the manifold nearest to ``points``.
@@ -98,12 +97,7 @@ class Solution(ReadableSolution):
         InputError
             If a point is not finite or too far away, or a side names no boundary that has sides.
         """
-        wanted = self.sides(side)
-        local = self.localized(points)
-        values = np.empty((len(local), self.channels))
-        for start in range(0, len(local), CHUNK):
-            part = slice(start, start + CHUNK)
-            values[part] = self._read(self.project(local[part]).points, wanted)
+        values = self.discretized.evaluate(self.values, points, side, self.data_time)
         return values[:, 0] if self.channels == 1 else values
 
     def gradient(self, points: Any, side: Side | Mapping[str, Side] | None = None) -> Floats:
@@ -136,9 +130,7 @@ class Solution(ReadableSolution):
         >>> ck.solve(scene, spacing=0.02).gradient([[0, 1]]).round(2)  # 6 / (2 pi), the way the circle runs
         array([[-0.95,  0.  ]])
         """
-        from cpmkit.forms.collocation.reading.gradients import surface_gradient
-
-        gradient = surface_gradient(self, self.localized(points), self.sides(side))
+        gradient = self.discretized.gradient(self.values, points, side)
         return gradient[:, 0] if self.channels == 1 else gradient
 
     def flux(self, boundary: str | int, side: Side | None = None) -> float | Floats:
@@ -192,131 +184,119 @@ class Solution(ReadableSolution):
     def signed_distance(self, name: str, points: Any) -> Floats:
         """Return the distance (n,) of points of the manifold from boundary ``name``, positive on its left.
 
-        NaN where the point has no side of it: past an open end, farther than twice the tube's radius,
-        where the boundary has no part on the point's sheet, or if the boundary is a point on a surface.
+        NaN where the point has no side of it: past an open end, far from it, where the boundary has no part on the
+        point's sheet, or if the boundary is a point on a surface.
         """
-        index = self._index(name)
-        local = self.project(self.localized(points)).points
-        seen = self.tables.layout.sight.sighted[index].frame(local, 2 * self.radius, self.spacing)
-        signed = np.full(len(local), np.nan)
-        signed[seen.rows] = np.where(seen.end, np.nan, seen.signed)
-        return signed
+        return self.discretized.signed_distance(name, points)
 
     def discretization(self) -> dict[str, Any]:
         """Return how the scene was discretised, as plain values."""
-        layout = self.tables.layout
-        sighted = zip(self.scene.boundaries, layout.sight.sighted, strict=True)
-        return {
-            "degree": layout.band.degree,
-            "order": layout.order,
-            "origin": layout.lattice.origin.tolist(),
-            "snapped_by": {boundary.name: one.gap for boundary, one in sighted},
-            "balance": None if self.balance is None else self.balance.as_dict(),
-        }
+        balance = None if self.balance is None else self.balance.as_dict()
+        return {**self.discretized.describe(), "balance": balance}
+
+    def integrate(self, function: Integrand | None = None, *, dim: int | None = None) -> float | Floats:
+        """Return the integral over the manifold of the solution, or of a function of it.
+
+        Taken cell by cell over the mesh that the boundaries cut, so that jumps stay sharp, with curved cells: the
+        error of the mesh and of the rule is of the order spacing^3 at least on smooth manifolds, less than that of
+        the solution.
+
+        Parameters
+        ----------
+        function : callable or number, optional
+            Integrated in place of the solution: called with points (n, d) of the manifold and the values there, (n,) or
+            (n, channels), it returns (n,) or (n, k). ``1`` gives the length or area.
+        dim : int, optional
+            Over the parts of this dimension, where a union has parts of several: lengths and areas do not add up.
+
+        Returns
+        -------
+        float, or (channels,) float64 where there are several
+
+        Raises
+        ------
+        InputError
+            If the surface has no mesh, or one that does not fill it (a cloud, a solid in space), or ``dim`` is
+            needed.
+
+        Examples
+        --------
+        >>> import cpmkit as ck
+        >>> scene = ck.Scene(ck.source("analytic.circle", radius=2.0), ck.ScreenedPoisson(lambda x: x[:, 0] ** 2))
+        >>> solution = ck.solve(scene, spacing=0.1)
+        >>> round(solution.integrate(), 2), round(solution.integrate(1.0), 4)
+        (25.13, 12.5664)
+        """
+        from cpmkit.solution.integrals import integrate
+
+        return integrate(self, function, dim)
+
+    def mean(self, function: Integrand | None = None, *, dim: int | None = None) -> float | Floats:
+        """Return the integral of :meth:`integrate` divided by the length or area."""
+        from cpmkit.solution.integrals import mean
+
+        return mean(self, function, dim)
+
+    def save(self, path: str | Path) -> None:
+        """Write the solution to ``path``; the suffix decides: .vtp, .ply, .npz, or .json for the summary.
+
+        A file that is there already is replaced, by a whole one or not at all.
+        """
+        from cpmkit.saving.export import save
+
+        save(self, path)
+
+    def picture(self, path: str | Path, **options: Any) -> Picture:
+        """Draw the solution into the PNG ``path``; see :func:`cpmkit.view.picture`."""
+        from cpmkit.view import picture
+
+        return picture(self, path, **options)
+
+    @property
+    def doubled(self) -> Floats:
+        """(k, d) the feet of further unknowns at nodes that several sheets of the surface share."""
+        return self.discretized.doubled
+
+    def display_mesh(self) -> DisplayMesh:
+        """Return a mesh of the manifold with the solution at its vertices, made at the first call."""
+        return self._display_mesh
+
+    @cached_property
+    def _display_mesh(self) -> DisplayMesh:
+        return self.make_display_mesh()
 
     def make_display_mesh(self) -> DisplayMesh:
         """Mesh the manifold, cut it along the boundaries, and evaluate the solution at the vertices."""
         from cpmkit.meshes.display_mesh import display_mesh
 
-        return display_mesh(self)
+        own = self.discretized.display_mesh(self.values)
+        return display_mesh(self) if own is None else own
+
+    def summary(self) -> dict[str, Any]:
+        """Return what was solved, what it cost and what it reached, as plain values."""
+        from cpmkit.saving.summary import summarize
+
+        return summarize(self)
 
     def arrays(self) -> dict[str, Any]:
-        """Return the lattice, the nodes and the values as plain arrays."""
-        return {
-            **{name: np.array(value) for name, value in self.tables.layout.options.items()},
-            "nodes": self.tables.layout.band.nodes[: self.tables.layout.band.inner],
-            "ghosts": self.tables.unknowns.ghost_nodes,
-            "left": self.tables.unknowns.ghost_sides,
-            "unknowns": self.values,
-        }
-
-    @property
-    def doubled(self) -> Floats:
-        """(k, d) the feet of further unknowns at nodes that several sheets of the surface share."""
-        return feet_of_twins(self.tables.layout)
+        """Return the arrays from which the discrete solution is rebuilt; none where the mesh holds it."""
+        known = self.discretized.arrays()
+        return {**known, "unknowns": self.values} if known else {}
 
     def __repr__(self) -> str:
-        layout, work = self.tables.layout, self.work
+        boundaries, work = (
+            len(self.scene.boundaries),
+            ", ".join(
+                f"{value} {name.replace('_', ' ')}"
+                for name, value in self.work.as_dict().items()
+                if isinstance(value, int)
+            ),
+        )
         lines = [
-            f"Solution of {self.scene.problem.kind} with {len(self.scene.boundaries)} boundaries",
-            f"spacing {self.spacing:g}, degree {layout.band.degree}, order {layout.order}, channels {self.channels}",
-            f"{work.unknowns} unknowns ({work.ghosts} ghosts), {work.closest_point_queries} closest point queries",
+            f"Solution of {self.scene.problem.kind} with {boundaries} boundaries",
+            f"form {self.discretized.form}, spacing {self.spacing:g}, channels {self.channels}",
+            work,
             f"{self.report.solver}: {self.report.reason}",
             f"{len(self.warnings)} warnings",
         ]
         return "\n  ".join(lines)
-
-    def project(self, local: Floats) -> ClosestPoints:
-        """Return the feet of points (n, d) near the manifold, both relative to the lattice's origin.
-
-        Raises
-        ------
-        InputError
-            If a point is farther away than the tube's radius.
-        """
-        feet = self.tables.layout.surface.closest_point(local)
-        worst = float(feet.distance.max(initial=0.0))
-        if worst > self.radius:
-            raise InputError(
-                f"points must lie within the tube's radius {self.radius:.3g} of the manifold to be read, "
-                f"the farthest is {worst:.3g} away; take their closest points first."
-            )
-        return feet
-
-    def boundary_frames(self, local: Floats, wanted: Mapping[int, Side]) -> list[Frame]:
-        """Return how each boundary sees points of the manifold; those on boundary k from the side ``wanted[k]``."""
-        frames = []
-        for index, sighted in enumerate(self.tables.layout.sight.sighted):
-            seen = sighted.frame(local, 2 * self.radius, self.spacing)
-            frames.append(_from_side(seen, wanted[index], self.spacing) if index in wanted else seen)
-        return frames
-
-    def localized(self, points: Any) -> Floats:
-        """Return points (n, d), checked, relative to the lattice's origin."""
-        return self.tables.layout.lattice.to_local(as_points(points, self.scene.surface.dim))
-
-    def _read(self, local: Floats, wanted: Mapping[int, Side]) -> Floats:
-        frames, layout = self.boundary_frames(local, wanted), self.tables.layout
-        rows = extend(self.tables.unknowns, local, View.of_points(frames, len(local)))
-        values = np.asarray(rows @ self.values)
-        if layout.strips:
-            fill_strips(values, local, layout.strips, self.scene.boundaries, frames, layout.lattice, self.data_time)
-        return values
-
-    def _index(self, name: str) -> int:
-        names = [boundary.name for boundary in self.scene.boundaries]
-        if name not in names:
-            raise InputError(
-                f"no boundary has the name {name!r}; the scene has {', '.join(map(repr, names)) or 'none'}."
-            )
-        return names.index(name)
-
-    def sides(self, side: Side | Mapping[str, Side] | None) -> dict[int, Side]:
-        """Return the side that ``side`` asks for, by the boundary's number.
-
-        Raises
-        ------
-        InputError
-            If it names no boundary, or one without sides.
-        """
-        sighted = self.tables.layout.sight.sighted
-        if side is None:
-            return {}
-        if isinstance(side, Mapping):
-            wanted = {self._index(name): one for name, one in side.items()}
-        else:
-            wanted = {index: side for index, one in enumerate(sighted) if one.has_left}
-        for index, one in wanted.items():
-            if one not in SIDES or not sighted[index].has_left:
-                name = self.scene.boundaries[index].name
-                raise InputError(
-                    f"side of {name!r} must be 'left' or 'right' of a boundary that has sides, got {one!r}."
-                )
-        return wanted
-
-
-def _from_side(seen: Frame, side: Side, spacing: float) -> Frame:
-    """Return the frame with the points on the boundary moved to ``side``."""
-    on = np.abs(seen.signed) < READ_FROM_SIDE * spacing
-    signed = np.where(on, (1.0 if side == "left" else -1.0) * ON_BOUNDARY * spacing, seen.signed)
-    return replace(seen, signed=signed, director=seen.director * (signed / seen.signed)[:, None])

@@ -16,18 +16,18 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import SceneError
-from cpmkit.forms.collocation.assembly import assemble
-from cpmkit.forms.collocation.discretization import Discretization, discretize
+from cpmkit.forms.collocation.discretization import Discretization
+from cpmkit.forms.collocation.form import discretize
+from cpmkit.forms.collocation.operator import ExtensionOperator
+from cpmkit.forms.collocation.work import measure_work
 from cpmkit.grid.band import Band
 from cpmkit.linear.choice import choose_solver, make_solver
-from cpmkit.linear.operators import LinearSystem
 from cpmkit.manifold.localized import Localized, largest_dim, localize
 from cpmkit.protocols import Bools, BoundarySet, Floats, Progress, nothing
 from cpmkit.scene.conditions import Dirichlet
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.solution import Solution
-from cpmkit.solution.work import measure_work
 
 #: Nodes this many spacings from a boundary are projected onto it, with this many points a side of their cells between.
 REACH, SAMPLES = 2.0, 4
@@ -71,26 +71,30 @@ def solve_by_fixed_nodes(
     check_fixable(scene, method)
     clock = [time.perf_counter()]
     bare = replace(scene, boundaries=())
-    tables = discretize(bare, spacing, degree=degree, origin=origin, progress=progress)
+    form = discretize(bare, spacing, degree=degree, origin=origin, progress=progress)
+    tables = form.tables
     sources = [localize(boundary.source, tables.layout.lattice.origin) for boundary in scene.boundaries]
     fixed, values = _fixed_nodes(scene, tables, sources, METHODS[method])
-    system = _without(assemble(tables, scene.problem), fixed, values)
+    terms = scene.problem.terms()
+    stiffness = form.stiffness(terms)
+    operator, b = _without(stiffness, form.load(terms.f) + form.data(stiffness), fixed, values)
     clock.append(time.perf_counter())
-    chosen = choose_solver(solver, system.size, largest_dim(scene.surface))
-    values[~fixed], report = make_solver(chosen, solver_options)(system, tolerance, progress)
+    chosen = choose_solver(solver, operator.size, largest_dim(scene.surface))
+    prepared = make_solver(chosen, solver_options).prepare(operator)
+    values[~fixed], report = prepared.solve(b, tolerance, progress=progress)
     clock.append(time.perf_counter())
     seconds = {"build": clock[1] - clock[0], "solve": clock[2] - clock[1]}
     asked = {
         boundary.name: source.queries["points"] for boundary, source in zip(scene.boundaries, sources, strict=True)
     }
-    work = measure_work(tables, system, report)
+    work = measure_work(tables, operator, report)
     work = replace(
         work,
         ghosts=0,
         closest_point_queries=work.closest_point_queries + sum(asked.values()),
         queries={**work.queries, **asked},
     )
-    return Solution(bare, values, report, work, seconds, tables)
+    return Solution(form, values, report, work, seconds)
 
 
 def check_fixable(scene: Scene, method: str) -> None:
@@ -157,11 +161,11 @@ def _ball(band: Band, source: Localized, distance: Floats) -> Bools:
 METHODS: Mapping[str, Callable[[Band, Localized, Floats], Bools]] = {"nearest": _nearest, "ball": _ball}
 
 
-def _without(system: LinearSystem, fixed: Bools, values: Floats) -> LinearSystem:
+def _without(operator: ExtensionOperator, b: Floats, fixed: Bools, values: Floats) -> tuple[ExtensionOperator, Floats]:
     """Return the system for the nodes that are not fixed; the fixed ones' values go to the right side."""
-    operator, free = system.operator, np.flatnonzero(~fixed)
+    free = np.flatnonzero(~fixed)
     known = operator.extension[:, np.flatnonzero(fixed)] @ values[fixed]
-    right_side = system.right_side + operator.spread(known)
+    b = b + operator.spread(known)
     diagonal = operator.diagonal
     kept = replace(
         operator,
@@ -169,4 +173,4 @@ def _without(system: LinearSystem, fixed: Bools, values: Floats) -> LinearSystem
         differences=operator.differences[free],
         diagonal=diagonal[free] if isinstance(diagonal, np.ndarray) else diagonal,
     )
-    return LinearSystem(kept, right_side[free])
+    return kept, b[free]

@@ -13,10 +13,10 @@ import numpy as np
 
 from cpmkit.errors import ConvergenceError, InputError, ResolutionError
 from cpmkit.files.whole_files import check_place
+from cpmkit.forms.collocation.form import Collocation
 from cpmkit.protocols import Progress, nothing
 from cpmkit.runtime.telling import overheard
 from cpmkit.scene.scene import Scene
-from cpmkit.solution.abstract import ReadableSolution
 from cpmkit.solution.solution import Solution
 from cpmkit.solving import solve
 from cpmkit.studies.baselines import solve_by_fixed_nodes
@@ -163,7 +163,7 @@ def make_run(study: Study, run: Run, truth: Truth, progress: Progress = nothing)
     return {**record, **measured, "cpu_seconds": round(cpu_seconds, 4)}
 
 
-def _solve(scene: Scene, run: Run, options: dict[str, Any], progress: Progress) -> ReadableSolution:
+def _solve(scene: Scene, run: Run, options: dict[str, Any], progress: Progress) -> Solution:
     if run.degree is None:  # a plugin's back end, which makes of the spacing what it likes
         common = {name: value for name, value in options.items() if name == "tolerance"}
         return solve(scene, run.spacing, backend=run.method, progress=progress, **common)
@@ -175,7 +175,7 @@ def _solve(scene: Scene, run: Run, options: dict[str, Any], progress: Progress) 
     return solve(scene, run.spacing, order=run.order, progress=progress, **CLOSEST_POINTS[run.method], **placed)
 
 
-def _measured(solution: ReadableSolution, truth: Truth) -> Record:
+def _measured(solution: Solution, truth: Truth) -> Record:
     error = solution.evaluate(truth.points) - truth.values
     work = solution.work.as_dict()
     return {
@@ -194,9 +194,9 @@ def _measured(solution: ReadableSolution, truth: Truth) -> Record:
     }
 
 
-def _twins(solution: ReadableSolution) -> int | None:
+def _twins(solution: Solution) -> int | None:
     """Return how many unknowns are further ones of their node; None of what is solved without a grid."""
-    if not isinstance(solution, Solution):
+    if not isinstance(solution.discretized, Collocation):
         return None
-    band = solution.tables.layout.band
-    return band.inner - band.first_twin
+    band = solution.discretized.tables.layout.band
+    return int(band.inner - band.first_twin)

@@ -22,7 +22,7 @@ from cpmkit.view.camera import axes_of, fit
 from cpmkit.view.drawing import Drawing, draw
 
 if TYPE_CHECKING:
-    from cpmkit.solution.abstract import ReadableSolution
+    from cpmkit.solution.solution import Solution
 
 #: Seconds after which a renderer that has not answered is given up.
 PATIENCE = 120.0
@@ -48,7 +48,7 @@ class Picture:
 
 
 def picture(
-    solution: ReadableSolution,
+    solution: Solution,
     path: str | Path,
     width: int = 1200,
     view: tuple[float, ...] | None = None,
@@ -64,7 +64,7 @@ def picture(
 
     Parameters
     ----------
-    solution : ReadableSolution
+    solution : Solution
         What to draw. Its surface must have a mesh; boundaries are drawn if theirs has one.
     path : str or Path
         Where the picture goes; must end in ``.png``.

@@ -15,7 +15,7 @@ from cpmkit.protocols import BoundarySet, Floats, HasMesh, Ints
 from cpmkit.view.camera import Camera, fit
 
 if TYPE_CHECKING:
-    from cpmkit.solution.abstract import ReadableSolution
+    from cpmkit.solution.solution import Solution
 
 #: Share of its colour that a face keeps where no light falls; the light brings the rest.
 AMBIENT = 0.5
@@ -95,7 +95,7 @@ class Drawing:
 
 
 def draw(
-    solution: ReadableSolution,
+    solution: Solution,
     width: int,
     view: tuple[float, ...] | None,
     up: tuple[float, ...] | None,

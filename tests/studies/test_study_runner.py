@@ -329,7 +329,7 @@ def dirichlet_scene(**sides):
 def test_baselines_fix_nodes_and_solve_for_the_others(method, radius):
     scene = dirichlet_scene()
     solution = solve_by_fixed_nodes(scene, 0.05, method=method)
-    band = solution.tables.layout.band
+    band = solution.discretized.tables.layout.band
     from_cut = np.linalg.norm(band.nodes[: band.inner] - np.array([12.0, 16.0]), axis=1)
     fixed = 1 if radius is None else np.count_nonzero(from_cut <= 1.0001 * radius)
     assert len(solution.values) - solution.work.unknowns == fixed

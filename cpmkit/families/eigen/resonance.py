@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from cpmkit.errors import ConvergenceError, ResolutionError
-from cpmkit.families.job import Job
-from cpmkit.forms.collocation.layout import Layout
-from cpmkit.linear.operators import LinearSystem
-from cpmkit.protocols import Floats, nothing
+from cpmkit.families.context import SolveContext
+from cpmkit.protocols import Floats, PreparedSolver
 from cpmkit.scene.equations import Terms
 
 #: Above this many radians a spacing, 10 nodes a wavelength, eigenvalues near k^2 are off by more than 1 percent.
@@ -31,7 +29,7 @@ def square_of_wavenumber(terms: Terms) -> float:
     return max(-float(terms.c) / float(terms.diffusivity), 0.0)
 
 
-def unresolved_waves(layout: Layout, terms: Terms) -> list[str]:
+def unresolved_waves(spacing: float, terms: Terms) -> list[str]:
     """Return a sentence where the spacing resolves the waves poorly.
 
     Raises
@@ -39,7 +37,7 @@ def unresolved_waves(layout: Layout, terms: Terms) -> list[str]:
     ResolutionError
         If there are fewer than six nodes a wavelength.
     """
-    k, spacing = float(np.sqrt(square_of_wavenumber(terms))), layout.lattice.spacing
+    k = float(np.sqrt(square_of_wavenumber(terms)))
     if k * spacing <= RESOLVED:
         return []
     told = (
@@ -51,27 +49,27 @@ def unresolved_waves(layout: Layout, terms: Terms) -> list[str]:
     return [told]
 
 
-def near_resonance(job: Job, system: LinearSystem, u: Floats) -> list[str]:
+def near_resonance(context: SolveContext, prepared: PreparedSolver, u: Floats) -> list[str]:
     """Return a sentence where an eigenvalue lies so near to k^2 that the scheme's error decides what the solution is.
 
     One step of inverse iteration from the solution u tells the distance of the eigenvalue whose mode dominates u: only
     resonances that are felt are told.
     """
-    layout, terms = job.tables.layout, job.scene.problem.terms()
+    terms = context.scene.problem.terms()
     square = square_of_wavenumber(terms)
     size = np.linalg.norm(u, axis=0)
     if not square or not size.all():
         return []
     try:
-        step, _ = job.solver(LinearSystem(system.operator, u), max(job.tolerance, ROUGHLY), nothing)
+        step, _ = prepared.solve(u, max(context.tolerance, ROUGHLY))
     except ConvergenceError:
         return [
             f"Whether an eigenvalue lies near k^2={square:.6g} could not be told: the solver did not converge on it."
         ]
     gap = float(np.min(size / np.linalg.norm(step, axis=0))) / float(terms.diffusivity)
-    bounds = np.asarray(job.scene.surface.bounds, dtype=np.float64)
+    bounds = np.asarray(context.scene.surface.bounds, dtype=np.float64)
     radius = 0.5 * float((bounds[1] - bounds[0]).max())
-    spacing = layout.lattice.spacing
+    spacing = context.discretized.spacing
     error = square * spacing**2 * (BY_WAVES * square + BY_BENDS / radius**2)
     if gap > NEAR * error:
         return []

@@ -12,19 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import ConvergenceError, InputError, ResolutionError
-from cpmkit.families.eigen.inverse_iteration import Shifted, shifted
-from cpmkit.families.job import Job
-from cpmkit.forms.collocation.assembly import build_operator
-from cpmkit.forms.collocation.diagnosis.definiteness import check_definite, cure_of, has_sign, is_suspect, told_of
-from cpmkit.forms.collocation.diagnosis.warnings import warnings_of
-from cpmkit.forms.collocation.discretization import Discretization
-from cpmkit.linear.operators import LinearSystem
+from cpmkit.errors import ConvergenceError, InputError
+from cpmkit.families.context import SolveContext
+from cpmkit.families.eigen.inverse_iteration import InverseIteration, inverse_iteration
+from cpmkit.forms.contract import Discretized
 from cpmkit.linear.report import SolveReport
 from cpmkit.protocols import Floats
 from cpmkit.scene.compound_equations import Eigen
 from cpmkit.solution.modes import EigenSolution
-from cpmkit.solution.work import measure_work
 
 #: Further pairs that are sought, so that of a multiple eigenvalue none is missed.
 SPARE = 6
@@ -38,7 +33,7 @@ WRONG = 0.2
 NEARLY = 1 - 1e-3
 
 
-def solve_job(job: Job) -> EigenSolution:
+def solve_eigen(context: SolveContext) -> EigenSolution:
     """Find the eigenvalues of a scene that its problem asks for.
 
     Raises
@@ -52,32 +47,32 @@ def solve_job(job: Job) -> EigenSolution:
     ConvergenceError
         If a linear solve, the iteration, or the residual of a pair misses the tolerance.
     """
-    problem, tables = job.scene.problem, job.tables
+    problem, form = context.scene.problem, context.discretized
     assert isinstance(problem, Eigen)
-    operator = build_operator(tables, problem.terms())
-    stepped = shifted(job, problem, operator)
-    stepped.products += check_definite(tables, job.scene, operator)
+    form.check()
+    stiffness = form.stiffness(problem.terms())
+    stepped = inverse_iteration(context, problem, stiffness)
+    stepped.products += form.indefinite(stiffness)[1]
     built = time.perf_counter()
     values, vectors = _iterate(problem, stepped)
-    _check_signs(stepped, values)
+    if stepped.mass is form.mass:  # Steklov's eigenvalues may be of either sign
+        form.check_signs(float(np.min(values.real)), WRONG * abs(stepped.unit))
     modes = _modes(problem, stepped, values, vectors)
     report = _judge(stepped, float(modes.residuals.max()))
-    work = measure_work(tables, LinearSystem(operator, modes.functions), report)
     return EigenSolution(
-        job.scene,
+        form,
         modes.functions,
         report,
-        work,
-        {"build": built - job.started, "solve": time.perf_counter() - built},
-        tables,
+        form.work(stiffness, report),
+        {"build": built - context.started, "solve": time.perf_counter() - built},
         modes.values.real,
         modes.values.imag,
         modes.residuals,
-        warnings=(*warnings_of(tables.layout), *_complex_pairs(modes, stepped.shift)),
+        warnings=(*form.warnings(), *_complex_pairs(modes, stepped.shift)),
     )
 
 
-def _iterate(problem: Eigen, stepped: Shifted) -> tuple[Any, Any]:
+def _iterate(problem: Eigen, stepped: InverseIteration) -> tuple[Any, Any]:
     """Return eigenvalues (k,) and eigenvectors (n, k), complex, more than are asked for.
 
     Raises
@@ -87,18 +82,21 @@ def _iterate(problem: Eigen, stepped: Shifted) -> tuple[Any, Any]:
     """
     from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
-    job, n, wanted = stepped.job, stepped.operator.size, problem.count + SPARE
+    context, n, wanted = stepped.context, stepped.operator.size, problem.count + SPARE
     if wanted > n - 2:
         raise InputError(f"count={problem.count} is too many for {n} unknowns; use {n - 2 - SPARE} or less.")
     start = np.random.default_rng(0).normal(size=n)
     matrix = LinearOperator((n, n), matvec=stepped.step, dtype=np.float64)
     try:
-        theta, vectors = eigs(matrix, wanted, which="LM", v0=start, tol=SAME * job.tolerance)
+        theta, vectors = eigs(matrix, wanted, which="LM", v0=start, tol=SAME * context.tolerance)
     except ArpackNoConvergence as error:
         reason = f"Arnoldi's iteration found {len(error.eigenvalues)} of {wanted} eigenvalues"
         raise ConvergenceError(
-            f"The eigenvalues did not converge: {reason}; ask for fewer, or for a larger tolerance{_hint(job)}.",
-            SolveReport(job.solver_name, False, stepped.solves, stepped.products, np.inf, job.tolerance, reason),
+            f"The eigenvalues did not converge: {reason}; ask for fewer, or for a larger tolerance"
+            f"{context.discretized.cure()}.",
+            SolveReport(
+                context.solver_name, False, stepped.solves, stepped.products, np.inf, context.tolerance, reason
+            ),
         ) from error
     return stepped.shift + 1 / theta, vectors
 
@@ -112,7 +110,7 @@ class Modes:
     residuals: Floats
 
 
-def _modes(problem: Eigen, stepped: Shifted, values: Any, vectors: Any) -> Modes:
+def _modes(problem: Eigen, stepped: InverseIteration, values: Any, vectors: Any) -> Modes:
     """Return the modes nearest to the number asked for, ascending.
 
     A complex pair gives two, the real and the imaginary part of the one eigenvector.
@@ -129,27 +127,25 @@ def _modes(problem: Eigen, stepped: Shifted, values: Any, vectors: Any) -> Modes
     order = order[np.argsort(both[order].real, kind="stable")]
     both, residuals = both[order], np.concatenate([residuals, residuals[paired]])[order]
     both.imag[np.abs(both.imag) <= COMPLEX * np.abs(both - stepped.shift)] = 0.0
-    same = SAME * stepped.job.tolerance * np.abs(both - stepped.shift)
-    return Modes(both, _normalised(stepped.job.tables, both.real, functions[:, order], same), residuals)
+    same = SAME * stepped.context.tolerance * np.abs(both - stepped.shift)
+    return Modes(both, _normalised(stepped.context.discretized, both.real, functions[:, order], same), residuals)
 
 
-def _normalised(tables: Discretization, values: Floats, functions: Floats, same: Floats) -> Floats:
+def _normalised(form: Discretized, values: Floats, functions: Floats, same: Floats) -> Floats:
     """Return functions of unit mean square and a fixed sign, orthogonal where ``values`` differ by ``same`` at most."""
-    band = tables.layout.band
-    on_manifold = np.flatnonzero(band.feet.edge[: band.inner] < 0)
     starts = np.flatnonzero(np.diff(values, prepend=-np.inf) > same)
     made = []
     for group in np.split(functions, starts[1:], axis=1):
-        seen = group[on_manifold]
-        root = np.linalg.cholesky(seen.T @ seen / len(seen))
+        root = np.linalg.cholesky(form.inner(group, group))
         made.append(group @ np.linalg.inv(root).T)
     result = np.concatenate(made, axis=1)
-    size = np.abs(result[on_manifold])
-    first = on_manifold[np.argmax(size >= NEARLY * size.max(axis=0), axis=0)]
-    return np.ascontiguousarray(result * np.sign(result[first, np.arange(result.shape[1])]))
+    seen = form.at_points(result)
+    size = np.abs(seen)
+    first = np.argmax(size >= NEARLY * size.max(axis=0), axis=0)
+    return np.ascontiguousarray(result * np.sign(seen[first, np.arange(result.shape[1])]))
 
 
-def _residuals(stepped: Shifted, values: Any, vectors: Any) -> Floats:
+def _residuals(stepped: InverseIteration, values: Any, vectors: Any) -> Floats:
     """Return by how much of its size each eigenvector (n, k) changes in one more step of inverse iteration."""
     paired = np.flatnonzero(values.imag > 0)
     steps = stepped.step(np.concatenate([vectors.real, vectors.imag[:, paired]], axis=1))
@@ -159,7 +155,7 @@ def _residuals(stepped: Shifted, values: Any, vectors: Any) -> Floats:
     return np.asarray(change / np.linalg.norm(vectors, axis=0))
 
 
-def _judge(stepped: Shifted, residual: float) -> SolveReport:
+def _judge(stepped: InverseIteration, residual: float) -> SolveReport:
     """Return the report.
 
     Raises
@@ -167,42 +163,26 @@ def _judge(stepped: Shifted, residual: float) -> SolveReport:
     ConvergenceError
         If the residual of a pair is above the tolerance.
     """
-    job = stepped.job
+    context = stepped.context
     reason = (
         f"one more step of inverse iteration changes the eigenfunctions by {residual:.2e} of their size after "
-        f"{stepped.solves} steps, {job.tolerance:.2e} asked for"
+        f"{stepped.solves} steps, {context.tolerance:.2e} asked for"
     )
     report = SolveReport(
-        job.solver_name, residual <= job.tolerance, stepped.solves, stepped.products, residual, job.tolerance, reason
+        context.solver_name,
+        residual <= context.tolerance,
+        stepped.solves,
+        stepped.products,
+        residual,
+        context.tolerance,
+        reason,
     )
     if not report.converged:
         raise ConvergenceError(
-            f"The eigenvalues did not converge: {reason}; ask for a larger tolerance{_hint(job)}.", report
+            f"The eigenvalues did not converge: {reason}; ask for a larger tolerance{context.discretized.cure()}.",
+            report,
         )
     return report
-
-
-def _hint(job: Job) -> str:
-    """Return what to do where the grid is at fault."""
-    if not is_suspect(job.tables.layout):
-        return ""
-    return (
-        ", or, as parts of the surface that are side by side read each other, a spacing of "
-        f"{cure_of(job.tables.layout):.2g}"
-    )
-
-
-def _check_signs(stepped: Shifted, values: Any) -> None:
-    """Refuse eigenvalues below zero where the continuous problem has none.
-
-    Raises
-    ------
-    ResolutionError
-        If there is one.
-    """
-    job, least = stepped.job, float(np.min(values.real))
-    if stepped.mass is None and has_sign(job.tables, job.scene) and least < -WRONG * abs(stepped.unit):
-        raise ResolutionError(told_of(job.tables, job.scene, least))
 
 
 def _complex_pairs(modes: Modes, shift: float) -> list[str]:

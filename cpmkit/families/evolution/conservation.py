@@ -9,9 +9,6 @@ import numpy as np
 from cpmkit.errors import ResolutionError
 from cpmkit.families.evolution.schemes import Moment
 from cpmkit.families.evolution.semidiscrete import SemiDiscrete
-from cpmkit.forms.collocation.conservation.components import without_flux
-from cpmkit.forms.collocation.conservation.free_constants import means_over
-from cpmkit.forms.collocation.diagnosis.definiteness import has_sign
 from cpmkit.protocols import Floats
 from cpmkit.scene.data import takes_time
 from cpmkit.scene.equations_in_time import Evolution, Heat, Wave
@@ -32,12 +29,9 @@ def heat_drift(problem: SemiDiscrete, scene: Scene, start: Floats, u: Floats) ->
     heat = scene.problem
     if not isinstance(heat, Heat) or callable(heat.c) or heat.c or heat.velocity is not None or takes_time(heat.f):
         return []
-    if problem.tables.layout.order == 1:  # means between walls are off by as much as u
+    mean = problem.form.means_without_flux()
+    if mean is None:
         return []
-    count, piece = without_flux(problem.tables, scene)
-    if not count:
-        return []
-    mean = means_over(problem.tables, count, piece)[0]
     brought = heat.until * (mean @ problem.steady)
     drift = mean @ u - mean @ start - brought
     size = mean @ np.abs(start) + np.abs(brought)
@@ -87,12 +81,7 @@ class Growth:
 def growth_of(problem: SemiDiscrete, scene: Scene, start: Moment) -> Growth | None:
     """Return the bound of a run, None where there is none: data that depend on time, or an operator without a sign."""
     evolution = scene.problem
-    if (
-        problem.moving
-        or takes_time(problem.f)
-        or not has_sign(problem.tables, scene)
-        or not isinstance(evolution, Evolution)
-    ):
+    if problem.moves or not problem.form.surely_positive() or not isinstance(evolution, Evolution):
         return None
     size, forced = float(np.linalg.norm(start.u)), float(np.linalg.norm(problem.steady))
     if isinstance(evolution, Wave):

@@ -59,25 +59,23 @@ class RunState:
 
 def describe_run(plan: RunPlan) -> dict[str, Any]:
     """Return what makes a run what it is, as far as it fits a sentence; ``until`` may differ."""
-    layout, evolution = plan.problem.tables.layout, plan.evolution
+    form, evolution = plan.problem.form, plan.evolution
     return {
         "kind": evolution.kind,
         "scheme": evolution.scheme,
         "start": getattr(evolution, "start", ""),
         "step": evolution.step,
-        "spacing": layout.lattice.spacing,
-        "degree": layout.band.degree,
-        "order": layout.order,
-        "number of unknowns": plan.problem.operator.size,
-        "number of channels": layout.channels,
+        "spacing": form.spacing,
+        **{name: value for name, value in form.describe().items() if isinstance(value, (int, float, str))},
+        "number of unknowns": form.size,
+        "number of channels": form.channels,
     }
 
 
 def digest_run(plan: RunPlan, time: float) -> str:
     """Return a digest of the tables, of the start, and of the data at the start and at ``time``."""
     problem, start = plan.problem, plan.start
-    E, W = problem.operator.extension, problem.operator.differences
-    tables = [problem.tables.layout.band.nodes, E.data, E.indices, W.data, W.indices, problem.operator.diagonal]
+    tables = problem.form.fingerprint(problem.stiffness)
     data = [start.u, *([] if start.rate is None else [start.rate]), problem.forcing(0.0), problem.forcing(time)]
     digest = hashlib.blake2b(digest_size=16)
     for array in [*tables, *data]:

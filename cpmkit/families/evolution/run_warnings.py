@@ -46,7 +46,7 @@ def _unresolved(problem: SemiDiscrete, evolution: Evolution, u: Floats) -> list[
     """Tell where a wave consists of what the lattice cannot carry."""
     if not isinstance(evolution, Wave):
         return []
-    sharpness = float(np.linalg.norm(problem.derivative(u, evolution.until))) / problem.largest_eigenvalue
+    sharpness = float(np.linalg.norm(problem.rate(u, evolution.until))) / problem.largest_eigenvalue
     if sharpness <= SHORTEST * float(np.linalg.norm(u)):
         return []
     return [

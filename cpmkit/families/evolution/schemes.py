@@ -1,18 +1,19 @@
 """One step of each scheme in time.
 
-With u' = -A u + b(t), h the step and w the ratio of the step to the one before (Hairer, Norsett and Wanner 1993,
+With M u' = -A u + b(t), h the step and w the ratio of the step to the one before (Hairer, Norsett and Wanner 1993,
 section III.5 for variable steps):
 
-backward Euler: ``(I + h A) u1 = u0 + h b1``;
-BDF2: ``(I + g h A) u1 = [(1 + w)^2 u0 - w^2 u_1] / (1 + 2 w) + g h b1`` with ``g = (1 + w) / (1 + 2 w)``;
-Crank-Nicolson: ``(I + h/2 A) u1 = u0 + h/2 (-A u0 + b0 + b1)``;
-leapfrog, for u'' = -A u + b(t): ``v1 = v0 + h (-A u0 + b0)``, ``u1 = u0 + h v1``, the rate v half a step before u.
+backward Euler: ``(M + h A) u1 = M u0 + h b1``;
+BDF2: ``(M + g h A) u1 = M [(1 + w)^2 u0 - w^2 u_1] / (1 + 2 w) + g h b1`` with ``g = (1 + w) / (1 + 2 w)``;
+Crank-Nicolson: ``(M + h/2 A) u1 = M u0 + h/2 (-A u0 + b0 + b1)``;
+leapfrog, for u'' = -A u + b(t), M being the identity: ``v1 = v0 + h (-A u0 + b0)``, ``u1 = u0 + h v1``, the rate v
+half a step before u.
 
 Leapfrog is damped: ``v1 -= h eps A^2 v0``, with eps so small that the damping is of third order in the spacing, and so
 large that waves of a few spacings decay, which grow where A has complex eigenvalues
-(:mod:`cpmkit.families.evolution.stability`).
+(:mod:`cpmkit.forms.collocation.stability`).
 
-The implicit scheme for waves is BDF2 for u' = v, v' = -A u + b: ``(I + (g h)^2 A) u1 = ...``, v eliminated. Undamped
+The implicit scheme for waves is BDF2 for u' = v, M v' = -A u + b: ``(M + (g h)^2 A) u1 = ...``, v eliminated. Undamped
 implicit schemes (Newmark's average acceleration) are not offered, for the same reason.
 """
 
@@ -64,7 +65,7 @@ Scheme = Callable[[SemiDiscrete, ShiftedSolver, History, Step], Moment]
 def backward_euler(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
     """Take one step of backward Euler."""
     h = step.length
-    right_side = history[-1].u + h * problem.forcing(step.end)
+    right_side = problem.weighed(history[-1].u) + h * problem.forcing(step.end)
     return Moment(solver.solve(h, right_side, extrapolate(history, h)), None, h)
 
 
@@ -74,7 +75,7 @@ def bdf2(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: S
     if before is None:
         return backward_euler(problem, solver, history, step)
     gh = (1 + ratio) / (1 + 2 * ratio) * step.length
-    right_side = behind(history[-1].u, before.u, ratio) + gh * problem.forcing(step.end)
+    right_side = problem.weighed(behind(history[-1].u, before.u, ratio)) + gh * problem.forcing(step.end)
     return Moment(solver.solve(gh, right_side, extrapolate(history, step.length)), None, step.length)
 
 
@@ -82,7 +83,7 @@ def crank_nicolson(problem: SemiDiscrete, solver: ShiftedSolver, history: Histor
     """Take one step of Crank-Nicolson."""
     half, u = 0.5 * step.length, history[-1].u
     solver.tally.operator_applications += u.shape[1]
-    right_side = u + half * (problem.derivative(u, step.start) + problem.forcing(step.end))
+    right_side = problem.weighed(u) + half * (problem.rate(u, step.start) + problem.forcing(step.end))
     return Moment(solver.solve(half, right_side, extrapolate(history, step.length)), None, step.length)
 
 
@@ -100,7 +101,7 @@ def leapfrog(problem: SemiDiscrete, solver: ShiftedSolver, history: History, ste
     """Take one step of leapfrog: first the rate over half of the last step and half of this, then the values."""
     now = history[-1]
     assert now.rate is not None
-    acceleration = problem.derivative(now.u, step.start)
+    acceleration = problem.rate(now.u, step.start)
     rate = now.rate + 0.5 * (now.length + step.length) * acceleration
     if now.acceleration is not None:
         rate += _damping(problem, (acceleration - now.acceleration) / now.length, step.length)
@@ -110,8 +111,9 @@ def leapfrog(problem: SemiDiscrete, solver: ShiftedSolver, history: History, ste
 
 def _damping(problem: SemiDiscrete, jerk: Floats, length: float) -> Floats:
     """Return ``-h eps A^2 v0``, with A v0 taken from the change of A u0: of that, boundary data are part."""
-    strength = DAMPING * length * np.sqrt(problem.operator.scale)
-    return np.asarray(strength / problem.largest_eigenvalue**2 * problem.operator.apply(jerk))
+    largest, dim = problem.largest_eigenvalue, problem.form.scene.surface.dim
+    strength = DAMPING * length * np.sqrt(largest / (4 * dim))
+    return np.asarray(strength / largest**2 * problem.stiffness.apply(jerk))
 
 
 def implicit_wave(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
@@ -125,7 +127,7 @@ def implicit_wave(problem: SemiDiscrete, solver: ShiftedSolver, history: History
         assert before.rate is not None
         gh = (1 + ratio) / (1 + 2 * ratio) * step.length
         u, rate = behind(now.u, before.u, ratio), behind(now.rate, before.rate, ratio)
-    right_side = u + gh * rate + gh**2 * problem.forcing(step.end)
+    right_side = problem.weighed(u + gh * rate) + gh**2 * problem.forcing(step.end)
     values = solver.solve(gh**2, right_side, extrapolate(history, step.length))
     return Moment(values, (values - u) / gh, step.length)
 

@@ -1,14 +1,15 @@
-"""Solving the linear systems of implicit steps: I + factor A, a few factors in all, one for nearly every step."""
+"""Solving the linear systems of implicit steps: M + factor A, a few factors in all, one for nearly every step."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from cpmkit.linear.operators import LinearSystem, Operator
+from cpmkit.families.context import SolveContext
+from cpmkit.families.evolution.semidiscrete import SemiDiscrete
 from cpmkit.linear.report import SolveReport
-from cpmkit.protocols import Floats, LinearSolver, nothing
+from cpmkit.protocols import Floats, PreparedSolver
 
-#: Factorisations that are kept: steps, the shortened ones before frames, and those that follow.
+#: Prepared solvers that are kept: steps, the shortened ones before frames, and those that follow.
 KEPT = 3
 
 
@@ -39,27 +40,24 @@ class Tally:
 
 @dataclass(frozen=True, eq=False)
 class ShiftedSolver:
-    """Solves ``(I + factor A) u = right_side``.
+    """Solves ``(M + factor A) u = right_side``.
 
     Attributes
     ----------
-    operator : Operator
-        A.
-    solver : LinearSolver
-        Solves each system.
-    tolerance : float
-        Relative residual of each.
+    problem : SemiDiscrete
+        With A and M.
+    context : SolveContext
+        With the solver and its tolerance.
     tally : Tally
         Counts what was done.
-    shifted : dict
-        The systems used last, by factor, with what the solver has cached on them.
+    prepared : dict
+        The solvers used last, by factor.
     """
 
-    operator: Operator
-    solver: LinearSolver
-    tolerance: float
+    problem: SemiDiscrete
+    context: SolveContext
     tally: Tally = field(default_factory=Tally)
-    shifted: dict[float, Operator] = field(default_factory=dict)
+    prepared: dict[float, PreparedSolver] = field(default_factory=dict)
 
     def solve(self, factor: float, right_side: Floats, guess: Floats) -> Floats:
         """Return u (n, channels).
@@ -69,10 +67,13 @@ class ShiftedSolver:
         ConvergenceError
             If the solver does not reach the tolerance.
         """
-        system = self.shifted.pop(factor, None) or self.operator.shifted(factor)
-        self.shifted[factor] = system
-        while len(self.shifted) > KEPT:
-            del self.shifted[next(iter(self.shifted))]
-        u, report = self.solver(LinearSystem(system, right_side, guess), self.tolerance, nothing)
+        solver = self.prepared.pop(factor, None) or self._prepare(factor)
+        self.prepared[factor] = solver
+        while len(self.prepared) > KEPT:
+            del self.prepared[next(iter(self.prepared))]
+        u, report = solver.solve(right_side, self.context.tolerance, guess)
         self.tally.add(report)
         return u
+
+    def _prepare(self, factor: float) -> PreparedSolver:
+        return self.context.prepare(self.problem.stiffness.shifted(factor, self.problem.form.mass))

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import ConvergenceError, ResolutionError
+from cpmkit.families.context import SolveContext
 from cpmkit.families.evolution.checkpoints import read_checkpoint, write_checkpoint
 from cpmkit.families.evolution.conservation import Growth, growth_of, heat_drift
 from cpmkit.families.evolution.run import RunPlan, RunState
@@ -26,17 +27,12 @@ from cpmkit.families.evolution.schemes import (
     implicit_wave,
     leapfrog,
 )
-from cpmkit.families.evolution.semidiscrete import SemiDiscrete, semidiscretize
+from cpmkit.families.evolution.semidiscrete import SemiDiscrete
 from cpmkit.families.evolution.shifted import ShiftedSolver, Tally
-from cpmkit.families.evolution.stability import check_wave
-from cpmkit.families.job import Job
-from cpmkit.forms.collocation.diagnosis.definiteness import check_definite
-from cpmkit.forms.collocation.diagnosis.warnings import warnings_of
-from cpmkit.linear.operators import LinearSystem
+from cpmkit.forms.contract import Discretized
 from cpmkit.linear.report import SolveReport
 from cpmkit.scene.equations_in_time import Evolution, Heat, Wave
 from cpmkit.solution.evolved import EvolvedSolution, check_frames_fit
-from cpmkit.solution.work import measure_work
 
 SCHEMES: dict[str, Scheme] = {
     "backward-euler": backward_euler,
@@ -47,7 +43,7 @@ SCHEMES: dict[str, Scheme] = {
 }
 
 
-def solve_job(job: Job) -> EvolvedSolution:
+def solve_in_time(context: SolveContext) -> EvolvedSolution:
     """Run a problem in time to its end.
 
     Raises
@@ -60,39 +56,42 @@ def solve_job(job: Job) -> EvolvedSolution:
     InputError
         If a checkpoint is of another run.
     """
-    evolution: Any = job.scene.problem
-    problem = semidiscretize(job.tables, evolution)
-    if isinstance(evolution, Wave):
-        check_wave(job.scene, job.tables, evolution)
-    check_frames_fit(len(evolution.frame_times), job.tables.unknowns.count, job.tables.layout.channels)
+    evolution: Any = context.scene.problem
+    form = context.discretized
+    form.check()
+    if evolution.scheme == "leapfrog":
+        form.require("explicit steps")
+    terms = evolution.terms()
+    problem = SemiDiscrete(form, form.stiffness(terms), terms.f)
+    check_frames_fit(len(evolution.frame_times), form.size, form.channels)
     steps = schedule(evolution.until, evolution.step, evolution.frame_times)
-    plan = RunPlan(problem, evolution, steps, _start(problem, evolution, steps[0]))
-    solver = ShiftedSolver(problem.operator, job.solver, job.tolerance)
-    solver.tally.operator_applications += check_definite(job.tables, job.scene, problem.operator)
+    plan = RunPlan(problem, evolution, steps, _start(form, evolution, steps[0]))
+    solver = ShiftedSolver(problem, context)
+    solver.tally.operator_applications += form.indefinite(problem.stiffness)[1]
     built = time.perf_counter()
-    state = _run(job, plan, solver)
-    seconds = {"build": built - job.started, "solve": time.perf_counter() - built}
-    return _solution(job, plan, state, solver.tally, seconds)
+    state = _run(context, plan, solver)
+    seconds = {"build": built - context.started, "solve": time.perf_counter() - built}
+    return _solution(context, plan, state, solver.tally, seconds)
 
 
-def _start(problem: SemiDiscrete, evolution: Heat | Wave, first: Step) -> Moment:
-    u = problem.start(evolution.initial, "the initial data")
+def _start(form: Discretized, evolution: Heat | Wave, first: Step) -> Moment:
+    u = form.interpolate(evolution.initial, "the initial data")
     if isinstance(evolution, Heat):
         return Moment(u, None, 0.0)
-    return Moment(u, problem.start_rate(evolution.initial_rate, "the initial rate", first.length), 0.0)
+    return Moment(u, form.interpolate_rate(evolution.initial_rate, "the initial rate", first.length), 0.0)
 
 
-def _run(job: Job, plan: RunPlan, solver: ShiftedSolver) -> RunState:
+def _run(context: SolveContext, plan: RunPlan, solver: ShiftedSolver) -> RunState:
     """Take all steps, from the start or from a checkpoint."""
-    asked, total, scheme = job.checkpointing, len(plan.steps), scheme_of(plan.evolution)
-    growth = growth_of(plan.problem, job.scene, plan.start)
+    asked, total, scheme = context.checkpointing, len(plan.steps), scheme_of(plan.evolution)
+    growth = growth_of(plan.problem, context.scene, plan.start)
     state = RunState(0, (plan.start,), (plan.start.u,) if 0.0 in plan.evolution.frame_times else ())
     if asked.resume is not None:
         state, tally = read_checkpoint(asked.resume, plan)
         solver.tally.add(tally)
     while state.done < total:
         state = _advanced(state, plan, solver, scheme, growth)
-        job.progress("steps", state.done / total)
+        context.progress("steps", state.done / total)
         if asked.write is not None and (state.done % asked.every == 0 or state.done == total):
             write_checkpoint(asked.write, plan, state, solver.tally)
     return state
@@ -123,16 +122,17 @@ def _advanced(state: RunState, plan: RunPlan, solver: ShiftedSolver, scheme: Sch
     return RunState(state.done + 1, history, (*state.frames, moment.u) if step.is_frame else state.frames)
 
 
-def _solution(job: Job, plan: RunPlan, state: RunState, tally: Tally, seconds: Mapping[str, float]) -> EvolvedSolution:
+def _solution(
+    context: SolveContext, plan: RunPlan, state: RunState, tally: Tally, seconds: Mapping[str, float]
+) -> EvolvedSolution:
     """Return the solution at the end, with its frames."""
     values, total = state.history[-1].u, len(plan.steps)
-    report = _report(job, tally, total)
-    work = measure_work(job.tables, LinearSystem(plan.problem.operator, values), report)
-    told = heat_drift(plan.problem, job.scene, plan.start.u, values)
-    warnings = (*warnings_of(job.tables.layout), *run_warnings(plan.problem, plan.evolution, state.history), *told)
-    last = EvolvedSolution(
-        job.scene, values, report, work, seconds, job.tables, warnings=warnings, time=plan.steps[-1].end, steps=total
-    )
+    report = _report(context, tally, total)
+    form = context.discretized
+    work = form.work(plan.problem.stiffness, report)
+    told = heat_drift(plan.problem, context.scene, plan.start.u, values)
+    warnings = (*form.warnings(), *run_warnings(plan.problem, plan.evolution, state.history), *told)
+    last = EvolvedSolution(form, values, report, work, seconds, warnings=warnings, time=plan.steps[-1].end, steps=total)
     taken = {0.0: 0, **{step.end: number for number, step in enumerate(plan.steps, 1)}}
     frames = tuple(
         replace(last, values=kept, time=when, steps=taken[when])
@@ -141,11 +141,17 @@ def _solution(job: Job, plan: RunPlan, state: RunState, tally: Tally, seconds: M
     return replace(last, frames=frames)
 
 
-def _report(job: Job, tally: Tally, steps: int) -> SolveReport:
+def _report(context: SolveContext, tally: Tally, steps: int) -> SolveReport:
     reason = (
         f"relative residual {tally.residual:.2e} at most in {steps} steps with {tally.iterations} iterations, "
-        f"{job.tolerance:.2e} asked for"
+        f"{context.tolerance:.2e} asked for"
     )
     return SolveReport(
-        job.solver_name, True, tally.iterations, tally.operator_applications, tally.residual, job.tolerance, reason
+        context.solver_name,
+        True,
+        tally.iterations,
+        tally.operator_applications,
+        tally.residual,
+        context.tolerance,
+        reason,
     )

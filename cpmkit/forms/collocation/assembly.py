@@ -1,4 +1,4 @@
-"""From tables and an equation to the operator A and the right-hand side b."""
+"""From tables and an equation's terms to the operator A."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from cpmkit.errors import InputError, ResolutionError
 from cpmkit.forms.collocation.boundary.reading import Reading
 from cpmkit.forms.collocation.discretization import Discretization
 from cpmkit.forms.collocation.ghosts.nodes import Ghosts
+from cpmkit.forms.collocation.operator import ExtensionOperator
 from cpmkit.grid.stencils import cross_offsets, cross_weights, difference_reach
-from cpmkit.linear.operators import Border, LinearSystem, Operator
 from cpmkit.protocols import Floats
 from cpmkit.scene.data import Data, evaluate_data
-from cpmkit.scene.equations import Equation, Field, Terms
+from cpmkit.scene.equations import Field, Terms
 
 #: Central differences oscillate where advection over one spacing outweighs diffusion by more than this.
 CELL_PECLET = 2.0
@@ -22,20 +22,7 @@ CELL_PECLET = 2.0
 NEAR = 1e-3
 
 
-def assemble(tables: Discretization, problem: Equation, border: Border | None = None) -> LinearSystem:
-    """Return the linear system of a steady ``problem`` on ``tables``."""
-    terms = problem.terms()
-    operator = build_operator(tables, terms, border)
-    return LinearSystem(operator, right_side(tables, operator, terms.f))
-
-
-def right_side(tables: Discretization, operator: Operator, f: Data, time: float | None = None) -> Floats:
-    """Return b (n, channels): f, and what the boundary data add at ``time``."""
-    values = tables.read_sources(f, "the right-hand side f", time)
-    return values + operator.spread(tables.datum(time))
-
-
-def build_operator(tables: Discretization, terms: Terms, border: Border | None = None) -> Operator:
+def build_operator(tables: Discretization, terms: Terms) -> ExtensionOperator:
     """Return A of an equation's terms.
 
     Raises
@@ -55,8 +42,8 @@ def build_operator(tables: Discretization, terms: Terms, border: Border | None =
         a = float(_coefficient(tables, terms.diffusivity, "the diffusivity")[0, 0])
         diagonal = c - a * scale * cross_weights(dim, reach)[1]
         constant = not callable(terms.c)
-        return Operator(
-            tables.extension, tables.differences, float(diagonal[0, 0]) if constant else diagonal, a * scale, border
+        return ExtensionOperator(
+            tables.extension, tables.differences, float(diagonal[0, 0]) if constant else diagonal, a * scale
         )
     if reach > 1:
         raise InputError("order=4 takes constant diffusivity and no velocity; use order 3 or less for the others.")
@@ -64,7 +51,7 @@ def build_operator(tables: Discretization, terms: Terms, border: Border | None =
     diagonal = c + scale * weights.sum(axis=1, keepdims=True)
     if terms.velocity is not None:
         weights = weights - _advective(tables, terms.velocity, weights)
-    return Operator(tables.extension, tables.weighted_differences(weights), diagonal, scale, border)
+    return ExtensionOperator(tables.extension, tables.weighted_differences(weights), diagonal, scale)
 
 
 def _coefficient(tables: Discretization, data: Data, what: str) -> Floats:

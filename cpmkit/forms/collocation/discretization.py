@@ -144,7 +144,7 @@ class Discretization:
         return read
 
 
-def discretize(scene: Scene, spacing: float, *, progress: Progress = nothing, **options: Any) -> Discretization:
+def build_tables(scene: Scene, spacing: float, *, progress: Progress = nothing, **options: Any) -> Discretization:
     """Build the tables for ``scene`` at ``spacing``.
 
     Parameters

@@ -52,6 +52,16 @@ class Flow:
     carried: csr_array
     half: Floats
 
+    @property
+    def points(self) -> Floats:
+        """(k, d) where the flux is read."""
+        return self.datum.points
+
+    @property
+    def guess(self) -> float:
+        """Value of u at which Newton's method starts."""
+        return self.condition.guess
+
     def read(self, values: Floats) -> Floats:
         """Return u (k,) where the datum is read, from the ``values`` (unknowns, 1)."""
         return np.asarray((self.reads @ values)[self.datum.rows, 0])

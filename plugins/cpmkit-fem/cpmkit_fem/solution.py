@@ -7,11 +7,11 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
+from cpmkit.solution.abstract import ReadableSolution
 
 from cpmkit.errors import InputError
 from cpmkit.protocols import Floats, Ints, Side
 from cpmkit.runtime.arrays import as_points
-from cpmkit.solution.abstract import ReadableSolution
 from cpmkit_fem.location import nearest_on_triangles
 
 if TYPE_CHECKING:

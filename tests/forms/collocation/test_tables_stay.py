@@ -8,12 +8,12 @@ from importlib import import_module
 
 import numpy as np
 import pytest
+from cpmkit.families.job import Job
 from model_problems import on_circle
 from scipy.sparse import issparse
 
 import cpmkit as ck
-from cpmkit.families.evolution.checkpoints import EVERY, check_checkpointing
-from cpmkit.families.job import Job
+from cpmkit.families.checkpointing import EVERY, check_checkpointing
 from cpmkit.forms.collocation.discretization import discretize
 from cpmkit.linear.choice import make_solver
 from cpmkit.manifold.localized import Localized

@@ -15,7 +15,6 @@ import numpy as np
 from cpmkit.forms.collocation.conservation.components import without_flux
 from cpmkit.forms.collocation.conservation.free_constants import means_over
 from cpmkit.forms.collocation.discretization import Discretization
-from cpmkit.linear.operators import LinearSystem
 from cpmkit.protocols import Floats
 from cpmkit.scene.scene import Scene
 
@@ -63,9 +62,7 @@ class Leak:
         ]
 
 
-def put_mean_right(
-    tables: Discretization, scene: Scene, system: LinearSystem, u: Floats
-) -> tuple[Floats, tuple[Leak, ...]]:
+def put_mean_right(tables: Discretization, scene: Scene, b: Floats, u: Floats) -> tuple[Floats, tuple[Leak, ...]]:
     """Return u (n, channels) shifted on each piece that nothing flows out of, and what leaked there.
 
     Nothing is done where c varies or is zero, where a velocity carries u along, and where c is so large that a leak
@@ -82,7 +79,7 @@ def put_mean_right(
     if not count:
         return u, ()
     mean, members, piece = means_over(tables, count, piece)
-    imbalance = terms.c * (mean @ u) - mean @ system.right_side  # without conditions it is f
+    imbalance = terms.c * (mean @ u) - mean @ b  # without conditions it is f
     open_pieces = np.unique(piece[layout.band.feet.edge[members] >= 0])
     shift, leaks = np.zeros_like(imbalance), []
     for k in range(count):

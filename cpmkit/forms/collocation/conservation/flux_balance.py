@@ -10,9 +10,8 @@ tell: rough, and near its source.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any
 
@@ -29,7 +28,6 @@ from cpmkit.meshes.dimensions import dimensions_of
 from cpmkit.protocols import Floats, HasMesh, Ints
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.scene import Scene
-from cpmkit.solution.solution import Solution
 
 #: 165 polynomials in space; higher ones see what a spacing does not resolve.
 HIGHEST = 8
@@ -158,20 +156,34 @@ def prepare_balance(scene: Scene, tables: Discretization) -> Balancing:
     return Balancing(weak_form(curved, a, c), count, piece)
 
 
-def balance_fluxes(solution: Solution, prepared: Balancing, degree: int, plain: Solution) -> Solution:
-    """Return the solution whose fluxes balance against all polynomials up to a degree, piece by piece.
+#: Reads values (unknowns, channels) at points (n, d): (n, channels).
+Read = Callable[[Floats, Floats], Floats]
 
-    Where that would move u by more than can be explained, ``plain``, whose mean was put right, is returned with a
-    warning.
+
+@dataclass(frozen=True, eq=False)
+class Balanced:
+    """The values with balanced fluxes, (unknowns, channels), what was done, and the queries that it took."""
+
+    values: Floats
+    balance: Balance
+    queries: int
+
+
+def balance_fluxes(
+    tables: Discretization, scene: Scene, read: Read, raw: Floats, prepared: Balancing, degree: int, leaked: float
+) -> Balanced | str:
+    """Return values whose fluxes balance against all polynomials up to a degree, piece by piece.
+
+    Where that would move u by more than can be explained, by what the spacing does not resolve or by what ``leaked``,
+    a share of the range of u, a sentence says so instead.
     """
-    start = time.perf_counter()
-    tables, terms = solution.tables, solution.scene.problem.terms()
+    terms, channels = scene.problem.terms(), raw.shape[1]
     weak, count, piece = prepared.weak, prepared.count, prepared.piece
-    pieces = _pieces_of_nodes(solution, weak.nodes, count, piece)
-    u = solution.evaluate(weak.nodes).reshape(len(weak.nodes), -1)
-    missing = weak.mass @ evaluate_data(terms.f, weak.nodes, solution.channels, "the right-hand side f")
+    pieces = _pieces_of_nodes(read, weak.nodes, count, piece)
+    u = read(raw, weak.nodes)
+    missing = weak.mass @ evaluate_data(terms.f, weak.nodes, channels, "the right-hand side f")
     missing -= weak.form @ u
-    values, added, functions = solution.values.copy(), np.zeros_like(u), 0
+    values, added, functions = raw.copy(), np.zeros_like(u), 0
     for k in range(count):
         rows, unknowns = np.flatnonzero(pieces == k), piece == k
         if not len(rows):  # of a piece so small that its mesh misses it
@@ -185,19 +197,11 @@ def balance_fluxes(solution: Solution, prepared: Balancing, degree: int, plain: 
     rms = np.sqrt(weights @ added**2 / weights.sum())
     moved = np.divide(rms, span, out=np.zeros_like(rms), where=span > 0)
     if (largest := float(moved.max())) > FAR:
-        foretold = max([*(one.error for one in remaining(tables.layout)), *(leak.share for leak in plain.leaks), 0.0])
+        foretold = max([*(one.error for one in remaining(tables.layout)), leaked])
         if largest > FORETOLD * foretold:
-            return replace(plain, warnings=(*plain.warnings, _not_applied(degree, largest, foretold)))
-    balance = Balance(degree, functions, tuple(moved.tolist()))
-    queries = solution.work.closest_point_queries + 2 * len(u)  # when the nodes were made, and when they were read
-    return replace(
-        solution,
-        values=values,
-        balance=balance,
-        work=replace(solution.work, closest_point_queries=queries),
-        seconds={**solution.seconds, "balance": time.perf_counter() - start},
-        warnings=(*solution.warnings, *balance.warnings),
-    )
+            return _not_applied(degree, largest, foretold)
+    # nodes were asked for when they were made, and when they were read
+    return Balanced(values, Balance(degree, functions, tuple(moved.tolist())), 2 * len(u))
 
 
 def _not_applied(degree: int, moved: float, foretold: float) -> str:
@@ -208,12 +212,12 @@ def _not_applied(degree: int, moved: float, foretold: float) -> str:
     )
 
 
-def _pieces_of_nodes(solution: Solution, nodes: Floats, count: int, piece: Ints) -> Ints:
+def _pieces_of_nodes(read: Read, nodes: Floats, count: int, piece: Ints) -> Ints:
     """Return the piece (n,) on which each node lies, -1 for none; ``piece`` is that of each unknown."""
     if count == 1 and not piece.any():
         return np.zeros(len(nodes), dtype=np.int64)
     indicator = (piece[:, None] == np.arange(count)).astype(np.float64)
-    share = replace(solution, values=indicator).evaluate(nodes).reshape(len(nodes), count)
+    share = read(indicator, nodes)
     return np.where(share.max(axis=1) > MOSTLY, share.argmax(axis=1), -1)
 
 

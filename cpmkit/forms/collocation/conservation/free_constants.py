@@ -7,17 +7,17 @@ balance, a constant on each piece, is left out of f and told.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.errors import place
 from cpmkit.forms.collocation.conservation.components import node_pieces, unpinned
 from cpmkit.forms.collocation.conservation.mean_weights import end_weights, mean_weights
 from cpmkit.forms.collocation.discretization import Discretization
 from cpmkit.forms.collocation.layout import Layout
-from cpmkit.linear.operators import Border, LinearSystem, Operator
+from cpmkit.forms.collocation.operator import ExtensionOperator
+from cpmkit.forms.free_constants import EXPLAINED, GROSS, Defect
+from cpmkit.linear.operators import Border, Bordered
 from cpmkit.protocols import Floats, Ints
 from cpmkit.scene.scene import Scene
 
@@ -27,78 +27,6 @@ if TYPE_CHECKING:
 #: The weights of nodes past an end may take away this share of a piece's; a piece hardly wider than they reach is
 #: averaged over its own nodes alone.
 TAKEN = 0.5
-#: A defect of this share of the data is told on any lattice.
-GROSS = 0.5
-#: A defect above this many times ``(spacing / size)^2`` of the data is told, ``spacing / size`` at first order. Smooth
-#: data that balance leave about 1 or less on spheres, caps, circles and arcs, and less than 8 where f is a bump of a
-#: fifth of the size, on tori and ellipses that the band resolves.
-EXPLAINED = 10.0
-
-
-@dataclass(frozen=True)
-class Defect:
-    """What of the data has no solution on a piece of the manifold on which the solution is fixed by its mean.
-
-    Attributes
-    ----------
-    near : tuple of float
-        A point of the piece.
-    share : float
-        Its share of the band's nodes.
-    bounded_by : tuple of str
-        Names and sides of the boundaries around it.
-    parts : int
-        More than 1 where boundaries cross: into so many parts they cut the piece, which hang together there.
-    value : tuple of float
-        What was subtracted from f, for each channel.
-    data_size : tuple of float
-        The mean size of f and fluxes, to which the defect compares, for each channel.
-    explained : float
-        The relative defect that the spacing alone may leave.
-    """
-
-    near: tuple[float, ...]
-    share: float
-    bounded_by: tuple[str, ...]
-    parts: int
-    value: tuple[float, ...]
-    data_size: tuple[float, ...]
-    explained: float
-
-    @property
-    def relative(self) -> float:
-        """The largest defect of a channel over the size of its data; at order 2 at most about 1."""
-        return max(self._shares)
-
-    @property
-    def _shares(self) -> list[float]:
-        pairs = zip(self.value, self.data_size, strict=True)
-        return [abs(value) / size if size > 0 else 0.0 for value, size in pairs]
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the defect as plain values."""
-        return asdict(self)
-
-    @property
-    def warnings(self) -> list[str]:
-        """What a reader of the solution should know, in sentences."""
-        walls = f", bounded by {', '.join(self.bounded_by)}" if self.bounded_by else ""
-        where = f"near {place(self.near)}, {self.share:.0%} of the band{walls}"
-        told = []
-        if self.relative > self.explained:
-            worst = self.value[self._shares.index(self.relative)]
-            told.append(
-                f"The data do not balance on the piece of the manifold {where}: f brings in {worst:.4g} a unit of "
-                f"measure more than flows out, {self.relative:.2g} of the data's mean size where the spacing explains "
-                f"{self.explained:.2g}; f less that was solved, check f and the fluxes."
-            )
-        if self.parts > 1:
-            told.append(
-                f"Boundaries that cross cut the piece of the manifold {where}, into {self.parts} parts, which hang "
-                "together at the crossings: one constant is free for all of them, and data that do not balance on "
-                "each part flow through the crossings."
-            )
-        return told
 
 
 def find_border(tables: Discretization, scene: Scene) -> Border | None:
@@ -135,25 +63,24 @@ def _weights(tables: Discretization, count: int, members: Ints, piece: Ints) -> 
     return np.asarray(weights / total(weights)[piece])
 
 
-def settle(tables: Discretization, scene: Scene, system: LinearSystem, u: Floats) -> tuple[Floats, tuple[Defect, ...]]:
+def settle(tables: Discretization, scene: Scene, operator: Bordered, u: Floats) -> tuple[Floats, tuple[Defect, ...]]:
     """Return a solution (n, channels) of the lifted system with mean zero on each piece, and what does not balance."""
-    operator = system.operator
-    if operator.border is None:
-        return u, ()
     u, means = operator.border.centred(u)
-    sizes = _data_sizes(tables, scene, operator, operator.border)
+    sizes = _data_sizes(tables, scene, operator)
     pieces = [
         _defect(tables, scene, operator.border, piece, value, size)
-        for piece, (value, size) in enumerate(zip(operator.lift_scale * means, sizes, strict=True))
+        for piece, (value, size) in enumerate(zip(operator.shift * means, sizes, strict=True))
     ]
     return u, tuple(pieces)
 
 
-def _data_sizes(tables: Discretization, scene: Scene, operator: Operator, border: Border) -> Floats:
+def _data_sizes(tables: Discretization, scene: Scene, operator: Bordered) -> Floats:
     """Return the mean size (pieces, channels) of f, and of the fluxes through the ends, on each piece."""
+    border, bare = operator.border, operator.operator
+    assert isinstance(bare, ExtensionOperator)
     f = np.abs(tables.read_sources(scene.problem.terms().f, "the right-hand side f"))
     fluxes = np.abs(tables.datum()[tables.unknown_rows])
-    conductivity = operator.scale * float(np.abs(operator.differences.data).max())
+    conductivity = bare.scale * float(np.abs(bare.differences.data).max())
     total = np.maximum(border.indicator.T @ np.maximum(mean_weights(tables), 0.0), np.finfo(float).tiny)[:, None]
     nodes = (np.arange(len(f)) < tables.layout.band.inner) * 1.0
     mean_f = (border.indicator.T @ (nodes[:, None] * f)) / (border.indicator.T @ nodes)[:, None]

@@ -8,18 +8,15 @@ first. An eigenvalue counts as found when its residual is half of it.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from cpmkit.errors import ResolutionError, place
+from cpmkit.errors import place
 from cpmkit.forms.collocation.diagnosis.survey import remaining, surveyed
 from cpmkit.forms.collocation.diagnosis.valleys import limbs_of
 from cpmkit.forms.collocation.diagnosis.warnings import JUMP_SHARE, share_of_jumps
 from cpmkit.forms.collocation.discretization import Discretization
 from cpmkit.forms.collocation.layout import Layout
-from cpmkit.linear.operators import Operator
-from cpmkit.protocols import Floats
+from cpmkit.protocols import Floats, Operator
 from cpmkit.scene.scene import Scene
 
 #: Products at most, and after how many each time the eigenvalues are looked at: on a palm with four fingers 40
@@ -35,37 +32,14 @@ LIFTED = 0.25
 THICK = 3.0
 
 
-def check_definite(tables: Discretization, scene: Scene, operator: Operator) -> int:
-    """Return how many products it took to find no eigenvalue of the wrong sign.
-
-    Raises
-    ------
-    ResolutionError
-        If there is one; it names a spacing that is expected to do.
-    """
-    wrong, products = wrong_sign(tables, scene, operator)
-    if wrong:
-        raise ResolutionError(wrong)
-    return products
-
-
 def wrong_sign(tables: Discretization, scene: Scene, operator: Operator) -> tuple[str, int]:
     """Return what an eigenvalue of the wrong sign means, empty if none was found, and the products that it took."""
-    if not has_sign(tables, scene) or not is_suspect(tables.layout):
+    if not is_suspect(tables.layout):
         return "", 0
     c = scene.problem.terms().c
     lift = 0.0 if callable(c) else float(c)
     value, products = lowest_eigenvalue(operator, -_allowed(tables, scene, lift) + lift)
     return "" if value is None else told_of(tables, scene, value - lift), products
-
-
-def has_sign(tables: Discretization, scene: Scene) -> bool:
-    """Tell whether the continuous operator surely has no eigenvalue below zero."""
-    terms = scene.problem.terms()
-    if terms.velocity is not None or float(tables.read_at_rows(terms.c, "the factor c").min(initial=0.0)) < 0:
-        return False
-    plain = all(one.kind in ("dirichlet", "neumann", "robin") for one in scene.conditions)
-    return plain and all(not callable(one.beta) and one.alpha * one.beta >= 0 for one in scene.conditions)
 
 
 def is_suspect(layout: Layout) -> bool:
@@ -86,7 +60,7 @@ def _allowed(tables: Discretization, scene: Scene, lift: float) -> float:
 
 def lowest_eigenvalue(operator: Operator, below: float) -> tuple[float | None, int]:
     """Return an eigenvalue of A below a number, if there is one that is found, and after how many products."""
-    operator = replace(operator, border=None)  # not symmetric: a vector is made orthogonal to all before, not to two
+    # The operator is not symmetric: a vector is made orthogonal to all before, not to two.
     n, most = operator.size, min(PRODUCTS, operator.size - 1)
     basis, projected = np.empty((most + 1, n)), np.zeros((most + 1, most))
     start = np.random.default_rng(0).normal(size=n)

@@ -22,69 +22,96 @@ from cpmkit.manifold.tangent_space import project_tangent
 from cpmkit.protocols import ClosestPoints, Floats, Ints, Side
 
 if TYPE_CHECKING:
-    from cpmkit.solution.solution import Solution
+    from scipy.sparse import csr_array
+
+    from cpmkit.forms.collocation.reading.points import Reader
 
 #: Points at which the gradient is read at a time: their weights are small beside the tables.
 CHUNK = 8192
 
 
-def surface_gradient(solution: Solution, local: Floats, wanted: Mapping[int, Side]) -> Floats:
+def surface_gradient(reader: Reader, values: Floats, local: Floats, wanted: Mapping[int, Side]) -> Floats:
     """Return the gradient (n, channels, d) at the points of the manifold nearest to ``local`` (n, d).
 
     Parameters
     ----------
-    solution : Solution
+    reader : Reader
+        Of the tables.
+    values : (unknowns, channels) float64
         What is read.
     local : (n, d) float64
         Relative to the lattice's origin.
     wanted : mapping
         The side from which points on a boundary are read, by the boundary's number.
     """
-    gradient = np.empty((len(local), solution.channels, local.shape[1]))
+    gradient = np.empty((len(local), values.shape[1], local.shape[1]))
     for start in range(0, len(local), CHUNK):
         part = slice(start, start + CHUNK)
-        feet = solution.project(local[part])
-        frames = solution.boundary_frames(feet.points, wanted)
-        gradient[part] = _tangential(solution, feet, frames)
-        _continue_from_inside(solution, feet, frames, wanted, gradient[part])
+        feet = reader.project(local[part])
+        frames = reader.boundary_frames(feet.points, wanted)
+        gradient[part] = _tangential(reader, values, feet, frames)
+        _continue_from_inside(reader, values, feet, frames, wanted, gradient[part])
     return gradient
 
 
 def _continue_from_inside(
-    solution: Solution, feet: ClosestPoints, frames: Sequence[Frame], wanted: Mapping[int, Side], gradient: Floats
+    reader: Reader,
+    values: Floats,
+    feet: ClosestPoints,
+    frames: Sequence[Frame],
+    wanted: Mapping[int, Side],
+    gradient: Floats,
 ) -> None:
     """Replace the ``gradient`` (n, channels, d) of points beside a bend by that continued from farther inside."""
-    bends = one_sided.find_bends(solution, feet, frames)
-    inside = one_sided.sample(solution, feet, frames, bends, wanted)
+    bends = one_sided.find_bends(reader, feet, frames)
+    inside = one_sided.sample(reader, feet, frames, bends, wanted)
     rows, weights = inside.rows, inside.weights
     if not len(rows):
         return
-    read = _tangential(solution, inside.feet, solution.boundary_frames(inside.feet.points, wanted))
+    read = _tangential(reader, values, inside.feet, reader.boundary_frames(inside.feet.points, wanted))
     continued = np.einsum("ks,kscd->kcd", weights, read.reshape(*weights.shape, *read.shape[1:]))
-    gradient[rows] = _projected(solution, feet.take(rows), continued)
+    gradient[rows] = _projected(reader, feet.take(rows), continued)
 
 
-def _tangential(solution: Solution, feet: ClosestPoints, frames: Sequence[Frame]) -> Floats:
+def _tangential(reader: Reader, values: Floats, feet: ClosestPoints, frames: Sequence[Frame]) -> Floats:
     """Return the gradient (n, channels, d) of the interpolant at ``feet``, projected on the tangent space."""
     view = View.of_points(frames, len(feet))
-    return _projected(
-        solution, feet, interpolant_gradient(solution.tables.unknowns, solution.values, feet.points, view)
-    )
+    return _projected(reader, feet, interpolant_gradient(reader.tables.unknowns, values, feet.points, view))
 
 
 def interpolant_gradient(unknowns: Unknowns, values: Floats, points: Floats, view: View) -> Floats:
     """Return the gradient (n, channels, d) of the interpolant of ``values`` (unknowns, channels) at ``points``."""
-    cells, fractions = stencil_cells(points, unknowns.band.spacing, unknowns.band.degree)
-    columns = stencil_nodes(unknowns.band, cells)
-    see(unknowns, points, view, columns)
-    slopes = tensor_slopes(fractions, unknowns.band.degree) / unknowns.band.spacing
+    columns, slopes = _slopes(unknowns, points, view)
     return np.asarray(np.einsum("nds,nsc->ncd", slopes, values[columns], optimize=True))
 
 
-def _projected(solution: Solution, feet: ClosestPoints, vectors: Floats) -> Floats:
+def _slopes(unknowns: Unknowns, points: Floats, view: View) -> tuple[Ints, Floats]:
+    """Return the unknowns (n, s) that the interpolant reads at points, and their weights (n, d, s) in its gradient."""
+    cells, fractions = stencil_cells(points, unknowns.band.spacing, unknowns.band.degree)
+    columns = stencil_nodes(unknowns.band, cells)
+    see(unknowns, points, view, columns)
+    return columns, tensor_slopes(fractions, unknowns.band.degree) / unknowns.band.spacing
+
+
+def interpolant_gradient_rows(reader: Reader, feet: ClosestPoints, frames: Sequence[Frame]) -> tuple[csr_array, ...]:
+    """Return the d matrices (n, unknowns) of the interpolant's gradient at ``feet``, on the tangent space."""
+    from scipy.sparse import csr_array
+
+    unknowns = reader.tables.unknowns
+    columns, slopes = _slopes(unknowns, feet.points, View.of_points(frames, len(feet)))
+    n, width = columns.shape
+    weights = _projected(reader, feet, np.moveaxis(slopes, 1, 2))
+    starts = np.arange(n + 1) * width
+    return tuple(
+        csr_array((weights[..., axis].ravel(), columns.ravel(), starts), shape=(n, unknowns.count))
+        for axis in range(weights.shape[-1])
+    )
+
+
+def _projected(reader: Reader, feet: ClosestPoints, vectors: Floats) -> Floats:
     n, channels, dim = vectors.shape
     each: Ints = np.repeat(np.arange(n), channels)
     tangential = project_tangent(
-        solution.tables.layout.surface, feet.take(each), vectors.reshape(-1, dim), 0.5 * solution.spacing
+        reader.tables.layout.surface, feet.take(each), vectors.reshape(-1, dim), 0.5 * reader.spacing
     )
     return tangential.reshape(n, channels, dim)

@@ -24,7 +24,7 @@ from cpmkit.protocols import SIDES, Bools, ClosestPoints, Floats, Ints, Side
 from cpmkit.scene.conditions import Condition
 
 if TYPE_CHECKING:
-    from cpmkit.solution.solution import Solution
+    from cpmkit.forms.collocation.reading.points import Reader
 
 #: Distances, in spacings, from which the gradient is continued. From 2 on it still feels the bend, on an arc at
 #: spacing 0.006 three times as much as from 2.5 on; from 3 on it is three times as far off at spacing 0.05.
@@ -61,26 +61,26 @@ class Inside:
     weights: Floats
 
 
-def find_bends(solution: Solution, feet: ClosestPoints, frames: Sequence[Frame]) -> Bends:
+def find_bends(reader: Reader, feet: ClosestPoints, frames: Sequence[Frame]) -> Bends:
     """Return those points of a batch that lie beside a bend, each with the one nearest to it."""
-    found = [*_at_boundaries(solution, frames), _at_edge(solution, feet)]
+    found = [*_at_boundaries(reader, frames), _at_edge(reader, feet)]
     rows, distance = (np.concatenate([getattr(one, name) for one in found]) for name in ("rows", "distance"))
     inward = np.concatenate([one.inward for one in found])
-    near = np.flatnonzero(distance < STEPS[0] * solution.spacing)
+    near = np.flatnonzero(distance < STEPS[0] * reader.spacing)
     order = near[np.lexsort((distance[near], rows[near]))]
     first = order[np.unique(rows[order], return_index=True)[1]]
     return Bends(rows[first], distance[first], inward[first])
 
 
 def sample(
-    solution: Solution, feet: ClosestPoints, frames: Sequence[Frame], bends: Bends, wanted: Mapping[int, Side]
+    reader: Reader, feet: ClosestPoints, frames: Sequence[Frame], bends: Bends, wanted: Mapping[int, Side]
 ) -> Inside:
     """Return the samples inside of those bends that have room for them."""
-    ways = np.array(STEPS) * solution.spacing
+    ways = np.array(STEPS) * reader.spacing
     offsets = (ways - bends.distance[:, None])[:, :, None] * bends.inward[:, None]
     targets = (feet.points[bends.rows][:, None] + offsets).reshape(-1, feet.points.shape[1])
-    samples = solution.tables.layout.surface.closest_point(targets)
-    sound = _sound(solution, samples, frames, np.repeat(bends.rows, len(ways)), wanted)
+    samples = reader.tables.layout.surface.closest_point(targets)
+    sound = _sound(reader, samples, frames, np.repeat(bends.rows, len(ways)), wanted)
     kept = sound.reshape(-1, len(ways)).all(axis=1)
     weights = _parabola(ways, bends.distance[kept])
     return Inside(bends.rows[kept], samples.take(np.repeat(kept, len(ways))), weights)
@@ -100,10 +100,10 @@ def _bends(condition: Condition, order: int) -> bool:
     return (condition.order or order) <= 2 and is_dirichlet(condition)
 
 
-def _at_boundaries(solution: Solution, frames: Sequence[Frame]) -> list[Bends]:
+def _at_boundaries(reader: Reader, frames: Sequence[Frame]) -> list[Bends]:
     found = []
-    order = solution.tables.layout.order
-    for boundary, seen in zip(solution.scene.boundaries, frames, strict=True):
+    order = reader.tables.layout.order
+    for boundary, seen in zip(reader.scene.boundaries, frames, strict=True):
         left = seen.signed >= 0
         sides = [_bends(boundary.condition(side), order) for side in SIDES]
         rows = np.flatnonzero(~np.isnan(seen.signed) & ~seen.end & np.where(left, *sides))
@@ -112,12 +112,12 @@ def _at_boundaries(solution: Solution, frames: Sequence[Frame]) -> list[Bends]:
     return found
 
 
-def _at_edge(solution: Solution, feet: ClosestPoints) -> Bends:
+def _at_edge(reader: Reader, feet: ClosestPoints) -> Bends:
     """Return the points whose stencils read nodes past a bent edge, with the nearest place of it that they read."""
-    layout = solution.tables.layout
+    layout = reader.tables.layout
     band, none = layout.band, Bends(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros((0, feet.points.shape[1])))
     loops = np.unique(band.feet.edge[band.feet.edge >= 0])
-    bent = [loop for loop in loops if _bends(edge_condition(solution.scene.edge, int(loop)), layout.order)]
+    bent = [loop for loop in loops if _bends(edge_condition(reader.scene.edge, int(loop)), layout.order)]
     if not bent:
         return none
     nodes = stencil_nodes(band, stencil_cells(feet.points, band.spacing, band.degree)[0])
@@ -134,11 +134,11 @@ def _at_edge(solution: Solution, feet: ClosestPoints) -> Bends:
 
 
 def _sound(
-    solution: Solution, samples: ClosestPoints, frames: Sequence[Frame], rows: Ints, wanted: Mapping[int, Side]
+    reader: Reader, samples: ClosestPoints, frames: Sequence[Frame], rows: Ints, wanted: Mapping[int, Side]
 ) -> Bools:
     """Tell which samples, of the points ``rows``, lie on their points' sides and away from every bend."""
     sound: Bools = samples.edge < 0
-    seen = solution.boundary_frames(samples.points, wanted)
+    seen = reader.boundary_frames(samples.points, wanted)
     for at_point, at_sample in zip(frames, seen, strict=True):
         place = np.searchsorted(at_point.rows, rows[at_sample.rows])
         known = place < len(at_point.rows)
@@ -146,6 +146,6 @@ def _sound(
         opposite = np.sum(at_point.director[place[known]] * at_sample.director[known], axis=1) < 0
         sound[at_sample.rows[known][opposite]] = False
     nearest = np.full(len(samples), np.inf)
-    for bends in (*_at_boundaries(solution, seen), _at_edge(solution, samples)):
+    for bends in (*_at_boundaries(reader, seen), _at_edge(reader, samples)):
         np.minimum.at(nearest, bends.rows, bends.distance)
-    return sound & (nearest > (1 - SLACK) * STEPS[0] * solution.spacing)
+    return sound & (nearest > (1 - SLACK) * STEPS[0] * reader.spacing)

@@ -120,7 +120,7 @@ def test_two_circles_on_a_sphere_half_a_spacing_apart():
 
 def test_curves_that_meet_at_an_angle_enclose_no_strip():
     solution, _ = crossing({"one": (1.0, 1.0), "other": (1.0, 1.0)}, 0.1)
-    assert not solution.tables.layout.strips
+    assert not solution.discretized.tables.layout.strips
     assert max_error(*sphere_poisson(rotation().T[:2]), 0.1) <= 6e-3
 
 

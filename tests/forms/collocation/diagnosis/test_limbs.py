@@ -155,7 +155,7 @@ def test_the_error_foretold_is_the_larger_of_what_bends_cost_and_what_the_mean_m
         "levelset.expression", phi="(x**2 + y**2)**4 + (z/0.1)**8 - 1", bounds=[[-1.2, -1.2, -0.4], [1.2, 1.2, 0.4]]
     )
     solution = ck.solve(ck.Scene(plate, ck.ScreenedPoisson(lambda x: 1.0 * (x[:, 2] > 0), c=0.01)), 0.2)
-    (bend,) = [one for one in remaining(solution.tables.layout) if one.kind == "bend"]
+    (bend,) = [one for one in remaining(solution.discretized.tables.layout) if one.kind == "bend"]
     (leak,) = solution.leaks
     assert leak.share > bend.error
     (told,) = [text for text in solution.warnings if "bends more sharply" in text]

@@ -49,7 +49,7 @@ def test_a_band_without_conflict_has_no_table():
     circle = ck.source("analytic.circle", center=[0, 0, 0.45], normal=[0, 0, 1], radius=1.0)
     torus = ck.source("analytic.torus", major=1.0, minor=0.45)
     scene = ck.Scene(torus, ck.Laplace(), [ck.Boundary("top", circle, both=ck.Dirichlet(1.0))])
-    layout = ck.solve(scene, 0.1).tables.layout
+    layout = ck.solve(scene, 0.1).discretized.tables.layout
     assert layout.band.sheets is None
     assert all(one.sheets is None for one in layout.sight.sighted)
 
@@ -57,7 +57,7 @@ def test_a_band_without_conflict_has_no_table():
 def test_an_explanation_names_the_twins():
     scene, _, _ = circles(0.05)
     explanation = ck.explain(scene, 0.025)
-    band = ck.solve(scene, 0.025).tables.layout.band
+    band = ck.solve(scene, 0.025).discretized.tables.layout.band
     (twins,) = [part for part in explanation.parts if part.name == "twins"]
     assert int(twins.amount.replace(",", "")) == band.inner - band.own_inner > 100
     assert explanation.unknowns == band.inner
@@ -66,7 +66,7 @@ def test_an_explanation_names_the_twins():
 
 def test_a_picture_can_show_the_twins():
     solution = ck.solve(circles(0.05)[0], 0.025)
-    band = solution.tables.layout.band
+    band = solution.discretized.tables.layout.band
     assert len(solution.doubled) == band.inner - band.own_inner > 100
     on_either = np.abs(np.hypot(*solution.doubled.T)[:, None] - [1, 1.05]).min(axis=1)
     assert on_either.max() <= 1e-12
@@ -79,7 +79,7 @@ def test_the_plain_method_mixes_sheets_and_can_be_asked_for(tmp_path):
     scene, points, exact = circles(0.05)
     plain = ck.solve(scene, 0.025, sheets=False)
     assert np.abs(plain.evaluate(points) - exact).max() > 1
-    assert plain.tables.layout.band.sheets is None
+    assert plain.discretized.tables.layout.band.sheets is None
     plain.save(tmp_path / "plain.npz")
     assert (ck.load(tmp_path / "plain.npz", scene).values == plain.values).all()
     with pytest.raises(ck.InputError, match="sheets must be true, false or "):

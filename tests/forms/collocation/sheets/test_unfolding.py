@@ -103,7 +103,7 @@ def test_smooth_sheets_are_as_accurate():
     for scene, points, _ in (circles(0.05), spiral(0.1)):
         parted, unfolded = (ck.solve(scene, 0.05, sheets=sheets) for sheets in (True, "unfolded"))
         assert np.allclose(parted.evaluate(points), unfolded.evaluate(points), rtol=0, atol=1e-6)
-        assert not unfolded.tables.layout.band.is_unfolded.any()
+        assert not unfolded.discretized.tables.layout.band.is_unfolded.any()
 
 
 @pytest.mark.slow
@@ -119,11 +119,11 @@ def test_unfolding_is_saved_and_loaded(tmp_path):
     scene, _ = thin_ellipse(0.05)
     screened = ck.Scene(scene.surface, ck.ScreenedPoisson(lambda x: x[:, 0], c=1.0))
     solution = ck.solve(screened, 0.1, sheets="unfolded")
-    assert solution.tables.layout.band.is_unfolded.any()
+    assert solution.discretized.tables.layout.band.is_unfolded.any()
     solution.save(tmp_path / "unfolded.npz")
     loaded = ck.load(tmp_path / "unfolded.npz", screened)
     assert (loaded.values == solution.values).all()
-    assert loaded.tables.layout.options["sheets"] == "unfolded"
+    assert loaded.discretized.tables.layout.options["sheets"] == "unfolded"
 
 
 def test_an_explanation_tells_of_the_unfolded_twins():

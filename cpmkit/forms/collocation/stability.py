@@ -2,9 +2,8 @@
 
 A has complex eigenvalues: their imaginary parts are a few percent of the largest eigenvalues for degrees 3 and 5, ten
 times as much for degrees 2 and 4 and for conditions of order 3 (measured on circles and arcs with all conditions). An
-undamped scheme lets such waves grow, by exp(0.01 to 0.05 speed t / spacing) for degree 3. Leapfrog is damped therefore
-(:func:`cpmkit.families.evolution.schemes.leapfrog`), and the implicit scheme damps waves that its step does not
-resolve.
+undamped scheme lets such waves grow, by exp(0.01 to 0.05 speed t / spacing) for degree 3. Leapfrog is damped
+therefore, and the implicit scheme damps waves that its step does not resolve.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ from __future__ import annotations
 import math
 
 from cpmkit.errors import InputError, ResolutionError
-from cpmkit.forms.collocation.discretization import Discretization
+from cpmkit.forms.collocation.layout import Layout
 from cpmkit.scene.equations_in_time import Wave
 from cpmkit.scene.scene import Scene
 
@@ -26,8 +25,8 @@ LEAPFROG_AT_MOST = 0.85
 IMPLICIT_AT_LEAST = 0.3
 
 
-def check_wave(scene: Scene, tables: Discretization, wave: Wave) -> None:
-    """Refuse what is known to blow up.
+def check_waves(scene: Scene, layout: Layout) -> None:
+    """Refuse waves that are known to blow up.
 
     Raises
     ------
@@ -36,7 +35,9 @@ def check_wave(scene: Scene, tables: Discretization, wave: Wave) -> None:
     ResolutionError
         If the step is too long for leapfrog, or too short for the implicit scheme.
     """
-    layout = tables.layout
+    wave = scene.problem
+    if not isinstance(wave, Wave):
+        return
     order = max([layout.order, *(one.order for one in scene.conditions if one.order)])
     if order > 2:
         raise InputError(

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from cpmkit.forms.collocation.discretization import Discretization
-from cpmkit.linear.operators import LinearSystem
 from cpmkit.linear.report import SolveReport
+from cpmkit.protocols import Operator
 from cpmkit.runtime.memory import ENTRY
 
 
@@ -55,16 +55,16 @@ class Work:
         return asdict(self)
 
 
-def measure_work(tables: Discretization, system: LinearSystem, report: SolveReport | None) -> Work:
+def measure_work(tables: Discretization, operator: Operator, report: SolveReport | None) -> Work:
     """Return what the tables hold and what the solve did."""
     return Work(
-        unknowns=system.size,
+        unknowns=operator.size,
         nodes=len(tables.layout.band.nodes),
-        ghosts=system.size - tables.layout.band.inner,
+        ghosts=operator.size - tables.layout.band.inner,
         first_order_ghosts=int(
             sum(np.count_nonzero(ghosts.orders[: ghosts.unknowns] == 1) for ghosts in tables.layout.ghosts)
         ),
-        nonzeros=system.nonzeros,
+        nonzeros=operator.nonzeros,
         operator_applications=report.operator_applications if report else 0,
         closest_point_queries=sum(tables.layout.queries.values()),
         table_bytes=table_bytes(tables),

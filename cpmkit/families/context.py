@@ -1,25 +1,23 @@
-"""What a solve works on: a scene, its tables, and the solver that was chosen."""
+"""What a family of equations works on: a discretised scene, and the solver that was chosen."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from cpmkit.families.evolution.checkpoints import Checkpointing
-from cpmkit.forms.collocation.discretization import Discretization
-from cpmkit.protocols import LinearSolver, Progress
+from cpmkit.families.checkpointing import Checkpointing
+from cpmkit.forms.contract import Discretized
+from cpmkit.protocols import LinearSolver, Operator, PreparedSolver, Progress
 from cpmkit.scene.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)
-class Job:
+class SolveContext:
     """A solve under way: each family of equations makes a solution of it.
 
     Attributes
     ----------
-    scene : Scene
-        What is solved.
-    tables : Discretization
-        Its tables.
+    discretized : Discretized
+        The scene on a form's unknowns.
     solver : LinearSolver
         Solves linear systems.
     solver_name : str
@@ -32,16 +30,21 @@ class Job:
         ``time.perf_counter()`` when the solve began.
     checkpointing : Checkpointing
         Where the state of a run in time is written and read.
-    balance : int
-        Degree of the polynomials against which fluxes balance, 0 for none; of steady problems.
     """
 
-    scene: Scene
-    tables: Discretization
+    discretized: Discretized
     solver: LinearSolver
     solver_name: str
     tolerance: float
     progress: Progress
     started: float
     checkpointing: Checkpointing
-    balance: int
+
+    @property
+    def scene(self) -> Scene:
+        """What is solved."""
+        return self.discretized.scene
+
+    def prepare(self, operator: Operator) -> PreparedSolver:
+        """Return the solver of systems with ``operator``, with what it makes once of it and of the form's levels."""
+        return self.solver.prepare(operator, self.discretized.levels(operator))

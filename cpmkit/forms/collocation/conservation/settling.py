@@ -1,0 +1,42 @@
+"""What is done to the solution of a linear system before it is handed out: constants, means and fluxes put right."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from cpmkit.forms.collocation.conservation.balance import put_mean_right
+from cpmkit.forms.collocation.conservation.flux_balance import Balancing, balance_fluxes
+from cpmkit.forms.collocation.conservation.free_constants import settle
+from cpmkit.forms.collocation.discretization import Discretization
+from cpmkit.forms.contract import Settled
+from cpmkit.linear.operators import Bordered
+from cpmkit.protocols import Floats, Operator
+from cpmkit.scene.scene import Scene
+
+
+def settled(tables: Discretization, scene: Scene, operator: Operator, b: Floats, u: Floats) -> tuple[Settled, Floats]:
+    """Return the solution with its free constants and means put right, and the one whose means were left alone."""
+    raw, defects = settle(tables, scene, operator, u) if isinstance(operator, Bordered) else (u, ())
+    even, leaks = put_mean_right(tables, scene, b, raw)
+    told = (*(text for one in defects for text in one.warnings), *(text for one in leaks for text in one.warnings))
+    return Settled(even, defects, leaks, missed=max((one.share for one in leaks), default=0.0), warnings=told), raw
+
+
+def with_balanced_fluxes(
+    tables: Discretization,
+    scene: Scene,
+    read: Callable[[Floats, Floats], Floats],
+    plain: Settled,
+    raw: Floats,
+    prepared: Balancing,
+    degree: int,
+) -> Settled:
+    """Return ``raw``, whose means were left alone, with its fluxes balanced; ``plain`` where that explains nothing."""
+    start = time.perf_counter()
+    done = balance_fluxes(tables, scene, read, raw, prepared, degree, plain.missed)
+    if isinstance(done, str):
+        return Settled(plain.values, plain.defects, plain.leaks, None, plain.missed, (*plain.warnings, done))
+    told = (*(text for one in plain.defects for text in one.warnings), *done.balance.warnings)
+    seconds = {"balance": time.perf_counter() - start}
+    return Settled(done.values, plain.defects, (), done.balance, plain.missed, told, done.queries, seconds)

@@ -1,0 +1,359 @@
+"""The collocation form: the paper's closest point method, as the families of equations see it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from cpmkit.errors import ResolutionError
+from cpmkit.forms.collocation.assembly import build_operator
+from cpmkit.forms.collocation.boundary.reading import sum_of_data
+from cpmkit.forms.collocation.conservation.components import without_flux
+from cpmkit.forms.collocation.conservation.flux_balance import Balancing, prepare_balance
+from cpmkit.forms.collocation.conservation.free_constants import find_border, means_over
+from cpmkit.forms.collocation.conservation.settling import settled, with_balanced_fluxes
+from cpmkit.forms.collocation.diagnosis.clusters import feet_of_twins
+from cpmkit.forms.collocation.diagnosis.definiteness import cure_of, is_suspect, told_of, wrong_sign
+from cpmkit.forms.collocation.diagnosis.warnings import warnings_of
+from cpmkit.forms.collocation.discretization import Discretization, build_tables
+from cpmkit.forms.collocation.linearized import Flow, flows_of, linearized, linearized_scene
+from cpmkit.forms.collocation.operator import BoundaryMass, ExtensionOperator
+from cpmkit.forms.collocation.reading.points import Reader
+from cpmkit.forms.collocation.stability import check_waves
+from cpmkit.forms.collocation.work import Work, measure_work
+from cpmkit.forms.contract import Discretized, Settled
+from cpmkit.linear.operators import Border, Bordered
+from cpmkit.protocols import Floats, Ints, Operator, Progress, Side, Stiffness, nothing
+from cpmkit.scene.data import Data
+from cpmkit.scene.equations import Terms
+from cpmkit.scene.scene import Scene
+from cpmkit.scene.special_conditions import SupportData, eigenfunction
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+    from cpmkit.linear.report import SolveReport
+
+#: So often are ghosts read at the start: each reads a mirror point, near the boundary through other ghosts.
+ROUNDS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Collocation(Discretized):
+    """A scene on the band's nodes and ghosts.
+
+    Attributes
+    ----------
+    scene : Scene
+        What is discretised.
+    tables : Discretization
+        The band and its tables.
+    balance : int
+        Degree of the polynomials against which fluxes balance, 0 for none; of steady problems.
+    """
+
+    scene: Scene
+    tables: Discretization
+    balance: int = 0
+
+    form: ClassVar[str] = "collocation"
+    cannot: ClassVar[Mapping[str, str]] = {}
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns: inner nodes and ghosts."""
+        return self.tables.unknowns.count
+
+    @property
+    def spacing(self) -> float:
+        """Spacing of the lattice, in the scene's unit."""
+        return self.tables.layout.lattice.spacing
+
+    @cached_property
+    def points(self) -> Floats:
+        """(p, d) the feet of the inner nodes, but of those past an edge."""
+        return self.tables.layout.lattice.to_scene(self.tables.layout.band.feet.points[self._on_manifold])
+
+    @cached_property
+    def _on_manifold(self) -> Ints:
+        band = self.tables.layout.band
+        return np.flatnonzero(band.feet.edge[: band.inner] < 0)
+
+    def check(self) -> None:
+        """Refuse what is known to go wrong: waves that would grow, fluxes that cannot balance."""
+        check_waves(self.scene, self.tables.layout)
+        if self.balance:
+            assert self._balancing
+
+    @cached_property
+    def _balancing(self) -> Balancing:
+        return prepare_balance(self.scene, self.tables)
+
+    # Equations
+
+    def stiffness(self, terms: Terms) -> ExtensionOperator:
+        """Return A; conditions are in its ghosts' rows."""
+        return build_operator(self.tables, terms)
+
+    def load(self, f: Data, time: float | None = None) -> Floats:
+        """Return f at the unknowns, each on the side that it carries, (n, channels)."""
+        return self.tables.read_sources(f, "the right-hand side f", time)
+
+    def data(self, stiffness: Stiffness, time: float | None = None, of: str = "value") -> Floats:
+        """Return what the boundary data add to b through E, (n, channels)."""
+        assert isinstance(stiffness, ExtensionOperator)
+        if of == "laplacian":
+            return stiffness.spread(self._sum_of(self._second, time))
+        if time is None or not self.data_move:
+            return stiffness.spread(self.tables.datum(time))
+        return stiffness.spread(self._still + self._moved(time))
+
+    @property
+    def data_move(self) -> bool:
+        """Whether boundary data depend on the time."""
+        return any(datum.takes_time for datum in self.tables.data)
+
+    @cached_property
+    def _still(self) -> Floats:
+        return self._sum_of([datum for datum in self.tables.data if not datum.takes_time])
+
+    def _moved(self, time: float) -> Floats:
+        return self._sum_of([datum for datum in self.tables.data if datum.takes_time], time)
+
+    def _sum_of(self, data: Sequence[Any], time: float | None = None) -> Floats:
+        return sum_of_data(data, self.tables.extension.shape[0], self.channels, time)
+
+    @property
+    def _second(self) -> list[Any]:
+        """The data of Lap u where conditions give them, with the signs that v = -Lap u has."""
+        return [
+            replace(datum, data=datum.data.laplacian, factor=-datum.factor, what=f"the Laplacian of {datum.what}")
+            for datum in self.tables.data
+            if isinstance(datum.data, SupportData)
+        ]
+
+    def boundary_mass(self, stiffness: Stiffness) -> BoundaryMass | None:
+        """Return B of conditions of Steklov, None where there are none."""
+        assert isinstance(stiffness, ExtensionOperator)
+        reads = self.tables.read_in_place_of(eigenfunction)
+        return BoundaryMass(stiffness, reads) if reads.nnz else None
+
+    # Values
+
+    def at_points(self, u: Floats) -> Floats:
+        """Return the values (p, channels) at the feet: unknowns are values."""
+        return u[self._on_manifold]
+
+    def put_back(self, values: Floats) -> Floats:
+        """Return the values at the nodes, and what the conditions make of them past boundaries and edges."""
+        u = np.zeros((self.size, values.shape[1]))
+        u[self._on_manifold] = values
+        return self._continued(u, self.tables.datum())
+
+    def interpolate(self, data: Data, what: str, time: float = 0.0) -> Floats:
+        """Return ``data`` at the unknowns, continued across boundaries by their conditions.
+
+        Where the ghosts would start with the values at their feet, they would be off by the order of the spacing
+        until diffusion over one spacing has put that right: the whole of a run with very short steps.
+        """
+        return self._continued(self.tables.read_sources(data, what, time), self.tables.datum(time))
+
+    def interpolate_rate(self, data: Data, what: str, step: float) -> Floats:
+        """Return the rates at time 0, continued by the conditions' rates over the first step."""
+        datum = (self._moved(step) - self._moved(0.0)) / step
+        return self._continued(self.tables.read_sources(data, what, 0.0), datum)
+
+    def _continued(self, u: Floats, datum: Floats) -> Floats:
+        """Return u (n, channels) with what the conditions make of it at ghosts and nodes past an edge."""
+        inner = self.tables.layout.band.inner
+        past = np.flatnonzero(self.tables.layout.band.feet.edge[:inner] >= 0)
+        unknowns = np.concatenate([past, np.arange(inner, self.size)])
+        rows = self.tables.unknown_rows[unknowns]
+        continued, extension = u.copy(), self.tables.extension[rows]
+        for _ in range(ROUNDS):
+            continued[unknowns] = extension @ continued + datum[rows]
+        return continued
+
+    def inner(self, u: Floats, v: Floats) -> Floats:
+        """Return means of products over the feet, (k, m), and so about over the manifold."""
+        return np.asarray(self.at_points(u).T @ self.at_points(v) / len(self._on_manifold))
+
+    @cached_property
+    def reader(self) -> Reader:
+        """What reads values and gradients at points."""
+        return Reader(self.scene, self.tables)
+
+    def rows(self, points: Floats, side: Side | Mapping[str, Side] | None = None) -> csr_array:
+        """Return the matrix (k, n) that interpolates u at points of the manifold."""
+        return self.reader.rows(points, side)
+
+    def gradient_rows(self, points: Floats, side: Side | Mapping[str, Side] | None = None) -> tuple[csr_array, ...]:
+        """Return the d matrices that read the interpolant's tangential gradient."""
+        return self.reader.gradient_rows(points, side)
+
+    def evaluate(
+        self, u: Floats, points: Any, side: Side | Mapping[str, Side] | None = None, time: float | None = None
+    ) -> Floats:
+        """Return the values (k, channels) at points of the manifold."""
+        return self.reader.evaluate(u, points, side, time)
+
+    def gradient(self, u: Floats, points: Any, side: Side | Mapping[str, Side] | None = None) -> Floats:
+        """Return the tangential gradient (k, channels, d), continued from inside beside bends of the extension."""
+        return self.reader.gradient(u, points, side)
+
+    def sides(self, side: Side | Mapping[str, Side] | None) -> Mapping[str, Side]:
+        """Return the side that is asked for, by the boundary's name."""
+        return {self.scene.boundaries[index].name: one for index, one in self.reader.sides(side).items()}
+
+    def outflow(self, u: Floats, boundary: str, side: Side, points: Any) -> Floats:
+        """Return du/db (k, channels), b out of ``side``, at the points of a boundary nearest to ``points``."""
+        return self.reader.outflow(u, boundary, side, points)
+
+    def rim_outflow(self, u: Floats, points: Floats) -> Floats:
+        """Return du/db (k, channels), b outwards, at ``points`` of the edge."""
+        return self.reader.rim_outflow(u, points)
+
+    def signed_distance(self, name: str, points: Any) -> Floats:
+        """Return the distance (k,) of points of the manifold from a boundary, positive on its left."""
+        return self.reader.signed_distance(name, points)
+
+    # Fluxes that depend on the solution
+
+    @cached_property
+    def state_fluxes(self) -> list[Flow]:
+        """Rows of E whose datum is a nonlinear flux."""
+        return flows_of(self.scene, self.tables)
+
+    def linearized(self, seen: Sequence[Floats]) -> Collocation:
+        """Return the tables with the fluxes' tangents in their rows; no closest point is asked for."""
+        scene = linearized_scene(self.scene, self.state_fluxes, seen)
+        return replace(self, scene=scene, tables=linearized(self.tables, self.state_fluxes, seen))
+
+    # Pieces, constants, signs
+
+    def free_constants(self, stiffness: Stiffness) -> Border | None:
+        """Return the pieces on which a constant is free, found by flood fill over sides."""
+        return find_border(self.tables, self.scene)
+
+    def means_without_flux(self) -> csr_array | None:
+        """Return the means over pieces that nothing flows out of; at order 1 they are off by as much as u."""
+        if self.tables.layout.order == 1:
+            return None
+        count, piece = without_flux(self.tables, self.scene)
+        return means_over(self.tables, count, piece)[0] if count else None
+
+    def indefinite(self, operator: Operator) -> tuple[str, int]:
+        """Return a sentence where limbs side by side give A an eigenvalue of the wrong sign, and the products.
+
+        Raises
+        ------
+        ResolutionError
+            If so; of the plain method, which is there to be compared with, it is told only, in steady problems.
+        """
+        if not self.surely_positive():
+            return "", 0
+        bare = operator.operator if isinstance(operator, Bordered) else operator
+        told, products = wrong_sign(self.tables, self.scene, bare)
+        steady = self.scene.problem.family == "steady"
+        if told and not (steady and not self.tables.layout.parted):
+            raise ResolutionError(told)
+        return told, products
+
+    def largest_eigenvalue(self, stiffness: Stiffness) -> float:
+        """Return a bound of A's eigenvalues where the diffusivity is constant: that of a solid's Laplacian."""
+        assert isinstance(stiffness, ExtensionOperator)
+        return 4 * self.tables.layout.lattice.dim * stiffness.scale
+
+    def check_signs(self, least: float, noticed: float) -> None:
+        """Refuse eigenvalues below zero where the continuous problem has none."""
+        if least < -noticed and self.surely_positive():
+            raise ResolutionError(told_of(self.tables, self.scene, least))
+
+    def settle(self, operator: Operator, b: Floats, u: Floats) -> Settled:
+        """Return u with means put right, and fluxes balanced where that was asked for."""
+        plain, raw = settled(self.tables, self.scene, operator, b, u)
+        if not self.balance:
+            return plain
+        return with_balanced_fluxes(
+            self.tables, self.scene, self.reader.evaluate, plain, raw, self._balancing, self.balance
+        )
+
+    # Telling
+
+    def warnings(self, missed: float = 0.0) -> tuple[str, ...]:
+        """Return a sentence for each thing that the spacing does not resolve."""
+        return warnings_of(self.tables.layout, missed)
+
+    def cure(self) -> str:
+        """Return the spacing at which limbs side by side no longer read each other, as the end of a sentence."""
+        if not is_suspect(self.tables.layout):
+            return ""
+        return (
+            ", or, as parts of the surface that are side by side read each other, a spacing of "
+            f"{cure_of(self.tables.layout):.2g}"
+        )
+
+    def work(self, operator: Operator, report: SolveReport | None) -> Work:
+        """Return what the tables hold and what the solve did."""
+        return measure_work(self.tables, operator, report)
+
+    def describe(self) -> dict[str, Any]:
+        """Return degree, order, origin, and by how much boundaries were snapped."""
+        layout = self.tables.layout
+        seen = zip(self.scene.boundaries, layout.sight.sighted, strict=True)
+        return {
+            "degree": layout.band.degree,
+            "order": layout.order,
+            "origin": layout.lattice.origin.tolist(),
+            "snapped_by": {boundary.name: one.gap for boundary, one in seen},
+        }
+
+    def arrays(self) -> dict[str, Any]:
+        """Return the options of the lattice, the nodes and the ghosts."""
+        return {
+            **{name: np.array(value) for name, value in self.tables.layout.options.items()},
+            "nodes": self.tables.layout.band.nodes[: self.tables.layout.band.inner],
+            "ghosts": self.tables.unknowns.ghost_nodes,
+            "left": self.tables.unknowns.ghost_sides,
+        }
+
+    def fingerprint(self, stiffness: Stiffness) -> list[Any]:
+        """Return the nodes, E, W and the diagonal."""
+        assert isinstance(stiffness, ExtensionOperator)
+        E, W = stiffness.extension, stiffness.differences
+        return [self.tables.layout.band.nodes, E.data, E.indices, W.data, W.indices, stiffness.diagonal]
+
+    @property
+    def doubled(self) -> Floats:
+        """(k, d) the feet of the twins."""
+        return feet_of_twins(self.tables.layout)
+
+
+def discretize(
+    scene: Scene, spacing: float, *, balance: int = 0, progress: Progress = nothing, **options: Any
+) -> Collocation:
+    """Discretise ``scene`` at ``spacing``, by collocation.
+
+    Parameters
+    ----------
+    scene : Scene
+        Surface, boundaries, edge, problem.
+    spacing : float
+        Of the lattice, in the scene's unit.
+    balance : int
+        Degree of the polynomials against which fluxes balance, for steady problems.
+    progress : callable, optional
+        Told the stage and the share of it that is done.
+    **options
+        ``degree``, ``order``, ``origin`` and ``sheets``, as for :func:`cpmkit.solve`.
+
+    Raises
+    ------
+    InputError, SceneError, ResolutionError
+        If an argument, a boundary or the spacing does not fit.
+    """
+    return Collocation(scene, build_tables(scene, spacing, progress=progress, **options), balance)

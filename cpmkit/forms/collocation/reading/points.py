@@ -1,0 +1,188 @@
+"""Reading a solution at points of the manifold, from either side of a boundary."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cpmkit.errors import InputError
+from cpmkit.forms.collocation.boundary.crossing import View
+from cpmkit.forms.collocation.boundary.frame import ON_BOUNDARY, Frame
+from cpmkit.forms.collocation.discretization import Discretization
+from cpmkit.forms.collocation.extension import extend
+from cpmkit.forms.collocation.reading.gradients import interpolant_gradient_rows, surface_gradient
+from cpmkit.forms.collocation.reading.strips import fill_strips
+from cpmkit.grid.stencils import reading_radius
+from cpmkit.manifold.tangent_space import outward_conormals
+from cpmkit.protocols import SIDES, ClosestPoints, Floats, Side
+from cpmkit.runtime.arrays import as_points
+from cpmkit.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+#: Points nearer to a boundary than this many spacings can be read from the side that the caller names.
+READ_FROM_SIDE = 1e-3
+#: Points that are read at a time.
+CHUNK = 1 << 18
+
+
+@dataclass(frozen=True, eq=False)
+class Reader:
+    """What reads values at points: the tables, and the scene with its boundaries' names.
+
+    Attributes
+    ----------
+    scene : Scene
+    tables : Discretization
+    """
+
+    scene: Scene
+    tables: Discretization
+
+    @property
+    def spacing(self) -> float:
+        """Spacing of the lattice, in the scene's unit."""
+        return self.tables.layout.lattice.spacing
+
+    @property
+    def radius(self) -> float:
+        """Radius of the tube, in the scene's unit: points farther from the manifold cannot be read."""
+        band = self.tables.layout.band
+        return reading_radius(band.dim, band.degree) * band.spacing
+
+    def evaluate(
+        self,
+        values: Floats,
+        points: Any,
+        side: Side | Mapping[str, Side] | None = None,
+        time: float | None = None,
+    ) -> Floats:
+        """Return ``values`` (unknowns, channels) interpolated at points (k, d), (k, channels); data of ``time``."""
+        wanted, layout = self.sides(side), self.tables.layout
+        local = self.localized(points)
+        read = np.empty((len(local), values.shape[1]))
+        for start in range(0, len(local), CHUNK):
+            part = slice(start, start + CHUNK)
+            feet = self.project(local[part]).points
+            frames = self.boundary_frames(feet, wanted)
+            found = np.asarray(extend(self.tables.unknowns, feet, View.of_points(frames, len(feet))) @ values)
+            if layout.strips:
+                fill_strips(found, feet, layout.strips, self.scene.boundaries, frames, layout.lattice, time)
+            read[part] = found
+        return read
+
+    def rows(self, points: Any, side: Side | Mapping[str, Side] | None = None) -> csr_array:
+        """Return the matrix (k, unknowns) that interpolates at points; strips between boundaries are not filled."""
+        feet = self.project(self.localized(points)).points
+        frames = self.boundary_frames(feet, self.sides(side))
+        return extend(self.tables.unknowns, feet, View.of_points(frames, len(feet)))
+
+    def gradient_rows(self, points: Any, side: Side | Mapping[str, Side] | None = None) -> tuple[csr_array, ...]:
+        """Return the d matrices (k, unknowns) of the interpolant's tangential gradient."""
+        feet = self.project(self.localized(points))
+        return interpolant_gradient_rows(self, feet, self.boundary_frames(feet.points, self.sides(side)))
+
+    def gradient(self, values: Floats, points: Any, side: Side | Mapping[str, Side] | None = None) -> Floats:
+        """Return the surface gradient (k, channels, d) of ``values`` at points (k, d)."""
+        return surface_gradient(self, values, self.localized(points), self.sides(side))
+
+    def outflow(self, values: Floats, boundary: str, side: Side, points: Any) -> Floats:
+        """Return du/db (k, channels) at points near a boundary, b out of the side: -v on the left, +v on the right."""
+        ((index, _),) = self.sides({boundary: side}).items()
+        on = self.tables.layout.sight.sighted[index].source.closest_point(self.localized(points)).points
+        feet = self.project(on)
+        seen = self.boundary_frames(feet.points, {index: side})[index]
+        gradient = surface_gradient(self, values, feet.points, {index: side})
+        along_left = np.einsum("ncd,nd->nc", gradient, seen.left)
+        return np.asarray(-along_left if side == "left" else along_left)
+
+    def rim_outflow(self, values: Floats, points: Floats) -> Floats:
+        """Return du/db (k, channels) at ``points`` (k, d) of the edge, b outwards."""
+        local, surface = self.localized(points), self.tables.layout.surface
+        # Conormals are those of feet that the localized surface found on its edge itself.
+        outward = outward_conormals(surface, surface.closest_point(local), 0.5 * self.spacing)
+        return np.asarray(np.einsum("ncd,nd->nc", surface_gradient(self, values, local, {}), outward))
+
+    def signed_distance(self, name: str, points: Any) -> Floats:
+        """Return the distance (k,) of points of the manifold from boundary ``name``, positive on its left.
+
+        NaN where the point has no side of it: past an open end, farther than twice the tube's radius,
+        where the boundary has no part on the point's sheet, or if the boundary is a point on a surface.
+        """
+        index = self._index(name)
+        local = self.project(self.localized(points)).points
+        seen = self.tables.layout.sight.sighted[index].frame(local, 2 * self.radius, self.spacing)
+        signed = np.full(len(local), np.nan)
+        signed[seen.rows] = np.where(seen.end, np.nan, seen.signed)
+        return signed
+
+    def project(self, local: Floats) -> ClosestPoints:
+        """Return the feet of points (k, d) near the manifold, both relative to the lattice's origin.
+
+        Raises
+        ------
+        InputError
+            If a point is farther away than the tube's radius.
+        """
+        feet = self.tables.layout.surface.closest_point(local)
+        worst = float(feet.distance.max(initial=0.0))
+        if worst > self.radius:
+            raise InputError(
+                f"points must lie within the tube's radius {self.radius:.3g} of the manifold to be read, "
+                f"the farthest is {worst:.3g} away; take their closest points first."
+            )
+        return feet
+
+    def boundary_frames(self, local: Floats, wanted: Mapping[int, Side]) -> list[Frame]:
+        """Return how each boundary sees points of the manifold; those on boundary k from the side ``wanted[k]``."""
+        frames = []
+        for index, sighted in enumerate(self.tables.layout.sight.sighted):
+            seen = sighted.frame(local, 2 * self.radius, self.spacing)
+            frames.append(_from_side(seen, wanted[index], self.spacing) if index in wanted else seen)
+        return frames
+
+    def localized(self, points: Any) -> Floats:
+        """Return points (k, d), checked, relative to the lattice's origin."""
+        return self.tables.layout.lattice.to_local(as_points(points, self.scene.surface.dim))
+
+    def _index(self, name: str) -> int:
+        names = [boundary.name for boundary in self.scene.boundaries]
+        if name not in names:
+            raise InputError(
+                f"no boundary has the name {name!r}; the scene has {', '.join(map(repr, names)) or 'none'}."
+            )
+        return names.index(name)
+
+    def sides(self, side: Side | Mapping[str, Side] | None) -> dict[int, Side]:
+        """Return the side that ``side`` asks for, by the boundary's number.
+
+        Raises
+        ------
+        InputError
+            If it names no boundary, or one without sides.
+        """
+        sighted = self.tables.layout.sight.sighted
+        if side is None:
+            return {}
+        if isinstance(side, Mapping):
+            wanted = {self._index(name): one for name, one in side.items()}
+        else:
+            wanted = {index: side for index, one in enumerate(sighted) if one.has_left}
+        for index, one in wanted.items():
+            if one not in SIDES or not sighted[index].has_left:
+                name = self.scene.boundaries[index].name
+                raise InputError(
+                    f"side of {name!r} must be 'left' or 'right' of a boundary that has sides, got {one!r}."
+                )
+        return wanted
+
+
+def _from_side(seen: Frame, side: Side, spacing: float) -> Frame:
+    """Return the frame with the points on the boundary moved to ``side``."""
+    on = np.abs(seen.signed) < READ_FROM_SIDE * spacing
+    signed = np.where(on, (1.0 if side == "left" else -1.0) * ON_BOUNDARY * spacing, seen.signed)
+    return replace(seen, signed=signed, director=seen.director * (signed / seen.signed)[:, None])

@@ -1,0 +1,378 @@
+"""What a form is: a way of discretising a scene, and all that the families of equations may ask of it.
+
+With A the operator of an equation's terms, M the form's mass, and b what the right-hand side and the conditions add,
+a steady problem is ``A u = b``, one in time ``M u' = -A u + b``, one of eigenvalues ``A u = lambda B u``. Families are
+written over :class:`Discretized` alone, and know no form; a form knows no family, and no other form.
+
+A form of one's own overrides what is abstract. Everything else has an answer that is right wherever A is all that the
+form knows of the problem, and is overridden where it knows more.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
+
+import numpy as np
+
+from cpmkit.errors import InputError, SceneError
+from cpmkit.forms.free_constants import Defect, defects_of, free_pieces
+from cpmkit.linear.operators import Border, Bordered
+from cpmkit.protocols import SIDES, Floats, Operator, Side, Stiffness
+from cpmkit.scene.data import Data, evaluate_data, takes_time
+from cpmkit.scene.equations import Terms
+from cpmkit.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+    from cpmkit.linear.report import SolveReport
+    from cpmkit.meshes.display_mesh import DisplayMesh
+
+
+class MeasuredWork(Protocol):
+    """What a solve cost, in units that no machine changes."""
+
+    @property
+    def unknowns(self) -> int:
+        """Size of the system."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return all measures as plain values."""
+
+
+@dataclass(frozen=True)
+class PlainWork:
+    """The measures that every form has: unknowns, numbers stored, products with A of all channels together."""
+
+    unknowns: int
+    nonzeros: int
+    operator_applications: int
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the measures as plain values."""
+        return {
+            "unknowns": self.unknowns,
+            "nonzeros": self.nonzeros,
+            "operator_applications": self.operator_applications,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """A steady solution as the form hands it out.
+
+    Attributes
+    ----------
+    values : (n, channels) float64
+        Of mean zero on pieces where a constant is free.
+    defects : tuple of Defect
+        What of the data has no solution on each of these.
+    leaks : tuple
+        What the form put right of its own imbalance, and ``balance``, one record, what it did on request.
+    missed : float
+        The largest of the leaks, as a share of the range of u.
+    warnings : tuple of str
+        What of this a reader should know.
+    queries : int
+        Closest point queries that it took.
+    seconds : mapping
+        What it took, by stage.
+    """
+
+    values: Floats
+    defects: tuple[Defect, ...] = ()
+    leaks: tuple[Any, ...] = ()
+    balance: Any = None
+    missed: float = 0.0
+    warnings: tuple[str, ...] = ()
+    queries: int = 0
+    seconds: Mapping[str, float] = field(default_factory=dict)
+
+
+class StateFlux(Protocol):
+    """Points at which a condition's flux depends on the solution there."""
+
+    @property
+    def guess(self) -> float:
+        """Value of u at which Newton's method starts."""
+
+    @property
+    def points(self) -> Floats:
+        """(k, d) where u is read."""
+
+    def read(self, u: Floats, /) -> Floats:
+        """Return u (k,) there, from the unknowns (n, 1)."""
+
+
+class Discretized(ABC):
+    """A scene on the unknowns of one form, made once, for many equations and right-hand sides."""
+
+    #: The form's name, for reports.
+    form: ClassVar[str]
+    #: Distributions whose versions a summary names.
+    libraries: ClassVar[tuple[str, ...]] = ("cpmkit", "numpy", "scipy")
+    #: What the form cannot do, by name, and what to do instead: families ask before they start.
+    cannot: ClassVar[Mapping[str, str]] = {
+        "eigenvalues at boundaries": "use the form 'collocation'",
+        "fluxes that depend on u": "use the form 'collocation'",
+        "second Laplacian": "use the form 'collocation'",
+        "explicit steps": "use scheme 'implicit', or the form 'collocation'",
+    }
+
+    scene: Scene
+
+    # What there is
+
+    @property
+    @abstractmethod
+    def size(self) -> int:
+        """Number of unknowns, n."""
+
+    @property
+    @abstractmethod
+    def spacing(self) -> float:
+        """How fine it is, in the scene's unit of length."""
+
+    @property
+    @abstractmethod
+    def points(self) -> Floats:
+        """(p, d) the points of the manifold at which the form knows values: in the scene's coordinates."""
+
+    @property
+    def channels(self) -> int:
+        """Number of right-hand sides that are solved together."""
+        return self.scene.channels
+
+    @property
+    def mass(self) -> Operator | None:
+        """M; None where it is the identity."""
+        return None
+
+    def check(self) -> None:
+        """Refuse, before anything is solved, what the form is known to get wrong.
+
+        Raises
+        ------
+        InputError, SceneError, ResolutionError
+            In one sentence.
+        """
+
+    def require(self, ability: str) -> None:
+        """Refuse an ability that the form lacks.
+
+        Raises
+        ------
+        SceneError
+            With what to do instead.
+        """
+        if ability in self.cannot:
+            raise SceneError(
+                f"the form {self.form!r} has no {ability}, which {self.scene.problem.kind!r} needs; "
+                f"{self.cannot[ability]}."
+            )
+
+    # Equations
+
+    @abstractmethod
+    def stiffness(self, terms: Terms) -> Stiffness:
+        """Return A of an equation's terms, the conditions' own part included.
+
+        Raises
+        ------
+        InputError, ResolutionError
+            If a coefficient is not what is accepted, or the spacing is too coarse for it.
+        """
+
+    @abstractmethod
+    def load(self, f: Data, time: float | None = None) -> Floats:
+        """Return what the right-hand side ``f`` adds to b at ``time``, (n, channels)."""
+
+    @abstractmethod
+    def data(self, stiffness: Stiffness, time: float | None = None, of: str = "value") -> Floats:
+        """Return what the data of the conditions add to b (n, channels), those ``of`` u or of its "laplacian"."""
+
+    @property
+    def data_move(self) -> bool:
+        """Whether data of the conditions depend on the time."""
+        return any(takes_time(one.gamma) for one in self.scene.conditions)
+
+    def boundary_mass(self, stiffness: Stiffness) -> Any:
+        """Return B where conditions of Steklov stand, with ``apply``; None where there are none."""
+        if any(one.kind == "steklov" for one in self.scene.conditions):
+            self.require("eigenvalues at boundaries")
+
+    def levels(self, operator: Operator) -> Sequence[Any]:
+        """Return coarser levels for a multigrid, transfers and operators; none here."""
+        return ()
+
+    # Values
+
+    @abstractmethod
+    def at_points(self, u: Floats) -> Floats:
+        """Return the values (p, channels) of u (n, channels) at :attr:`points`."""
+
+    @abstractmethod
+    def put_back(self, values: Floats) -> Floats:
+        """Return the unknowns (n, channels) that have ``values`` (p, channels) at :attr:`points`, or nearly so."""
+
+    def read(self, data: Any, what: str, time: float | None = None, channels: int | None = 1) -> Floats:
+        """Return a coefficient of the equation at :attr:`points`, (p, channels)."""
+        return evaluate_data(data, self.points, channels, what, time)
+
+    def interpolate(self, data: Data, what: str, time: float = 0.0) -> Floats:
+        """Return the unknowns (n, channels) that stand for ``data`` at ``time``, the conditions considered."""
+        return self.put_back(self.read(data, what, time, self.channels))
+
+    def interpolate_rate(self, data: Data, what: str, step: float) -> Floats:
+        """Return the unknowns' rates (n, channels) at time 0, those of the conditions' data taken over ``step``."""
+        return self.put_back(self.read(data, what, 0.0, self.channels))
+
+    @abstractmethod
+    def inner(self, u: Floats, v: Floats) -> Floats:
+        """Return the means (k, m) over the manifold of the products of u's columns (n, k) with v's (n, m)."""
+
+    @abstractmethod
+    def rows(self, points: Floats, side: Side | Mapping[str, Side] | None = None) -> csr_array:
+        """Return the matrix (k, n) that reads u at the manifold's points nearest to ``points`` (k, d)."""
+
+    def gradient_rows(self, points: Floats, side: Side | Mapping[str, Side] | None = None) -> tuple[csr_array, ...]:
+        """Return the d matrices (k, n) that read the tangential gradient of u, a coordinate each."""
+        raise InputError(f"the form {self.form!r} reads no gradients.")
+
+    def evaluate(
+        self, u: Floats, points: Any, side: Side | Mapping[str, Side] | None = None, time: float | None = None
+    ) -> Floats:
+        """Return the values (k, channels) at the manifold's points nearest to ``points`` (k, d)."""
+        return np.asarray(self.rows(points, side) @ u)
+
+    def gradient(self, u: Floats, points: Any, side: Side | Mapping[str, Side] | None = None) -> Floats:
+        """Return the tangential gradient (k, channels, d)."""
+        return np.stack([rows @ u for rows in self.gradient_rows(points, side)], axis=-1)
+
+    def sides(self, side: Side | Mapping[str, Side] | None) -> Mapping[str, Side]:
+        """Return the side that is asked for, by the boundary's name.
+
+        Raises
+        ------
+        InputError
+            If it names no boundary, or is neither left nor right.
+        """
+        names = [boundary.name for boundary in self.scene.boundaries]
+        wanted = side if isinstance(side, Mapping) else {name: side for name in names if side is not None}
+        for name, one in wanted.items():
+            if name not in names or one not in SIDES:
+                raise InputError(
+                    f"side must be 'left' or 'right' of one of the boundaries {names}, got {one!r} of {name!r}."
+                )
+        return wanted
+
+    def outflow(self, u: Floats, boundary: str, side: Side, points: Any) -> Floats:
+        """Return du/db (k, channels), b out of ``side``, at the points of a boundary nearest to ``points``."""
+        raise InputError(f"the form {self.form!r} tells no flux through boundary {boundary!r}.")
+
+    def rim_outflow(self, u: Floats, points: Floats) -> Floats:
+        """Return du/db (k, channels), b outwards, at ``points`` of the edge."""
+        raise InputError(f"the form {self.form!r} tells no flux through the edge.")
+
+    # Fluxes that depend on the solution
+
+    @property
+    def state_fluxes(self) -> Sequence[StateFlux]:
+        """Where conditions' fluxes depend on the solution."""
+        self.require("fluxes that depend on u")
+        return ()
+
+    def linearized(self, seen: Sequence[Floats]) -> Self:
+        """Return this with the fluxes replaced by their tangents at u = ``seen`` (k,) for each of the fluxes."""
+        return self
+
+    # Pieces, constants, signs
+
+    def free_constants(self, stiffness: Stiffness) -> Border | None:
+        """Return the pieces on which a constant is free, with means over them; None where there is none."""
+        return free_pieces(stiffness, self.mass)
+
+    def means_without_flux(self) -> csr_array | None:
+        """Return the means (k, n) over pieces that nothing flows out of, where the form tells them exactly enough."""
+        return None
+
+    def indefinite(self, operator: Operator) -> tuple[str, int]:
+        """Return a sentence where A has an eigenvalue of the wrong sign, and the products that it took to look.
+
+        Raises
+        ------
+        ResolutionError
+            Where that makes solutions worthless.
+        """
+        return "", 0
+
+    def surely_positive(self) -> bool:
+        """Tell whether the continuous operator surely has no eigenvalue below zero."""
+        terms = self.scene.problem.terms()
+        if terms.velocity is not None or float(self.read(terms.c, "the factor c").min(initial=0.0)) < 0:
+            return False
+        plain = all(one.kind in ("dirichlet", "neumann", "robin") for one in self.scene.conditions)
+        return plain and all(not callable(one.beta) and one.alpha * one.beta >= 0 for one in self.scene.conditions)
+
+    def largest_eigenvalue(self, stiffness: Stiffness) -> float:
+        """Return a bound of ``|A u| / |u|``, by Gershgorin's circles."""
+        return float(abs(stiffness.to_csr()).sum(axis=1).max())
+
+    def check_signs(self, least: float, noticed: float) -> None:
+        """Refuse a ``least`` eigenvalue farther below zero than ``noticed`` where the continuous problem has none.
+
+        Raises
+        ------
+        ResolutionError
+            If so.
+        """
+
+    def settle(self, operator: Operator, b: Floats, u: Floats) -> Settled:
+        """Return the solution u of ``operator u = b`` with free constants taken out and what has no solution told."""
+        if not isinstance(operator, Bordered):
+            return Settled(u)
+        u, defects = defects_of(operator, b, u, self.mass, self.at_points, self.points)
+        return Settled(u, defects, warnings=tuple(text for one in defects for text in one.warnings))
+
+    # Telling
+
+    def warnings(self, missed: float = 0.0) -> tuple[str, ...]:
+        """Return what a reader of any solution should know; ``missed`` is the share by which a mean was off."""
+        return ()
+
+    def cure(self) -> str:
+        """Return what may help an iteration that does not converge, as the end of a sentence."""
+        return ""
+
+    def work(self, operator: Operator, report: SolveReport | None) -> MeasuredWork:
+        """Return what a solve cost."""
+        return PlainWork(self.size, operator.nonzeros, report.operator_applications if report else 0)
+
+    @abstractmethod
+    def describe(self) -> dict[str, Any]:
+        """Return how the scene was discretised, as plain values."""
+
+    def arrays(self) -> dict[str, Any]:
+        """Return the arrays by which a saved solution is recognised and rebuilt; none where a mesh holds it."""
+        return {}
+
+    def fingerprint(self, stiffness: Stiffness) -> list[Floats]:
+        """Return arrays that differ where another run in time would differ."""
+        matrix = stiffness.to_csr()
+        return [matrix.data, matrix.indices, matrix.indptr]
+
+    def display_mesh(self, u: Floats) -> DisplayMesh | None:
+        """Return the form's own mesh with u at its vertices; None to take the surface's, cut along the boundaries."""
+        return None
+
+    @property
+    def doubled(self) -> Floats:
+        """(k, d) the feet of further unknowns at nodes that several sheets of the surface share."""
+        return np.zeros((0, self.scene.surface.dim))
+
+    def signed_distance(self, name: str, points: Any) -> Floats:
+        """Return the distance (k,) of ``points`` from a boundary, positive on its left; NaN where it has no side."""
+        raise InputError(f"the form {self.form!r} tells no side of boundary {name!r}.")
