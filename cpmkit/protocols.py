@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
     from cpmkit.linear.report import SolveReport
-    from cpmkit.scene.conditions import Condition
+    from cpmkit.scene.condition import Condition
     from cpmkit.scene.scene import Scene
 
 Floats = NDArray[np.float64]

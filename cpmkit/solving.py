@@ -26,8 +26,8 @@ from cpmkit.plugins import call, factory
 from cpmkit.protocols import Parting, Progress, nothing
 from cpmkit.runtime.memory import memory_limit, ran_out
 from cpmkit.runtime.telling import tell
+from cpmkit.scene.laws import Nonlinear
 from cpmkit.scene.scene import Scene
-from cpmkit.scene.special_conditions import NonlinearFlux
 from cpmkit.solution.solution import Solution
 
 #: The module that solves each family of equations, and its function.
@@ -174,7 +174,7 @@ def _solve_here(
     context = SolveContext(discretized, made, chosen, tolerance, progress, start, checkpointing)
     module, function = FAMILIES[scene.problem.family]
     solve_family: Callable[[SolveContext], Solution] = getattr(import_module(module), function)
-    if any(isinstance(condition, NonlinearFlux) for condition in scene.conditions):
+    if any(isinstance(condition.law, Nonlinear) for condition in scene.conditions):
         return solve_nonlinear(context, solve_family)
     return solve_family(context)
 

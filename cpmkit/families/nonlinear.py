@@ -37,24 +37,21 @@ def solve_nonlinear(context: SolveContext, solve_linear: Callable[[SolveContext]
     Raises
     ------
     SceneError
-        If the equation is not steady, the scene has several channels, or a flux fixes no constant that is free.
+        If the scene has several channels, or a flux fixes no constant that is free.
     ResolutionError
         If a flux grows with u more strongly than the spacing can follow.
     ConvergenceError
         If Newton's method does not settle.
     """
     scene, form = context.scene, context.discretized
-    if scene.problem.family != "steady":
-        raise SceneError(f"a nonlinear flux needs a steady equation, got {scene.problem.kind}; use Robin instead.")
     if scene.channels > 1:
         raise SceneError(f"a nonlinear flux takes one channel, the scene has {scene.channels}; solve them one by one.")
     fluxes = form.state_fluxes
     seen = [np.full(len(flux.points), flux.guess) for flux in fluxes]
     applications = iterations = 0
     for step in range(1, STEPS + 1):
-        linear = form.linearized(seen)
-        solution = solve_linear(replace(context, discretized=linear))
-        if linear.scene is not scene:
+        solution = solve_linear(replace(context, discretized=form.linearized(seen)))
+        if not all(flux.grows(v) for flux, v in zip(fluxes, seen, strict=True)):
             _check_balance(solution)
         applications += solution.report.operator_applications
         iterations += solution.report.iterations

@@ -11,7 +11,6 @@ import numpy as np
 from cpmkit.forecast.rehearsal import Counts, count
 from cpmkit.forecast.resolution import needed_spacing
 from cpmkit.forecast.running_out import memory_ran_out
-from cpmkit.forms.collocation.boundary.edge import is_wall
 from cpmkit.forms.collocation.conservation.flux_balance import check_balance
 from cpmkit.forms.collocation.diagnosis.clusters import Cluster
 from cpmkit.forms.collocation.diagnosis.remainder import Remainder
@@ -21,7 +20,8 @@ from cpmkit.manifold.abilities import floor_of
 from cpmkit.manifold.localized import largest_dim, localize
 from cpmkit.protocols import HasNormals, HasTangents, Parting, Progress, nothing
 from cpmkit.runtime import memory
-from cpmkit.scene.conditions import Condition
+from cpmkit.scene.condition import Condition
+from cpmkit.scene.laws import is_wall
 from cpmkit.scene.scene import Scene
 
 #: Boundaries that lie farther off the manifold than this share of the spacing are said to be snapped.
@@ -238,4 +238,4 @@ def _left_out(scene: Scene, counts: Counts, order: int) -> list[str]:
 
 
 def _named(condition: Condition) -> str:
-    return "zero Neumann" if is_wall(condition) else condition.kind.replace("_", " ").capitalize()
+    return "zero Neumann" if is_wall(condition.law) else condition.kind.replace("_", " ").capitalize()

@@ -23,6 +23,7 @@ from cpmkit.linear.operators import Border, Bordered
 from cpmkit.protocols import SIDES, Floats, Operator, Side, Stiffness
 from cpmkit.scene.data import Data, evaluate_data, takes_time
 from cpmkit.scene.equations import Terms
+from cpmkit.scene.laws import Spectral, takes_nothing
 from cpmkit.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -105,6 +106,9 @@ class StateFlux(Protocol):
 
     def read(self, u: Floats, /) -> Floats:
         """Return u (k,) there, from the unknowns (n, 1)."""
+
+    def grows(self, seen: Floats, /) -> bool:
+        """Tell whether the flux changes with u where u is ``seen``: if not, it fixes no constant."""
 
 
 class Discretized(ABC):
@@ -197,11 +201,11 @@ class Discretized(ABC):
     @property
     def data_move(self) -> bool:
         """Whether data of the conditions depend on the time."""
-        return any(takes_time(one.gamma) for one in self.scene.conditions)
+        return any(takes_time(data) for one in self.scene.conditions for _, data in one.data())
 
     def boundary_mass(self, stiffness: Stiffness) -> Any:
         """Return B where conditions of Steklov stand, with ``apply``; None where there are none."""
-        if any(one.kind == "steklov" for one in self.scene.conditions):
+        if any(isinstance(one.law, Spectral) for one in self.scene.conditions):
             self.require("eigenvalues at boundaries")
 
     def levels(self, operator: Operator) -> Sequence[Any]:
@@ -314,8 +318,7 @@ class Discretized(ABC):
         terms = self.scene.problem.terms()
         if terms.velocity is not None or float(self.read(terms.c, "the factor c").min(initial=0.0)) < 0:
             return False
-        plain = all(one.kind in ("dirichlet", "neumann", "robin") for one in self.scene.conditions)
-        return plain and all(not callable(one.beta) and one.alpha * one.beta >= 0 for one in self.scene.conditions)
+        return all(takes_nothing(one.law) for one in self.scene.conditions)
 
     def largest_eigenvalue(self, stiffness: Stiffness) -> float:
         """Return a bound of ``|A u| / |u|``, by Gershgorin's circles."""

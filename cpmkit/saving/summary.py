@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.protocols import SIDES
-from cpmkit.scene.conditions import Condition
+from cpmkit.scene.condition import Condition
 
 if TYPE_CHECKING:
     from cpmkit.scene.scene import Scene

@@ -2,30 +2,34 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
-from typing import Any
+from dataclasses import fields, is_dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.scene.special_conditions import Transmission
+from cpmkit.scene.laws import Interface
+
+if TYPE_CHECKING:
+    from cpmkit.scene.condition import Condition
 
 
 def alike(first: Any, second: Any) -> bool:
     """Tell whether two conditions are of one kind with equal numbers, equal formulas or the same callables."""
     if first is second:
         return True
-    if type(first) is not type(second):
+    if type(first) is not type(second) or not is_dataclass(first):
         return False
     return all(_equal(getattr(first, field.name), getattr(second, field.name)) for field in fields(first) if field.init)
 
 
-def sides_differ(left: Any, right: Any) -> bool:
+def sides_differ(left: Condition, right: Condition) -> bool:
     """Tell whether it matters which side of a boundary is called left.
 
     Where both hold one condition it does not, nor across a contact that is the same from both sides.
     """
-    if isinstance(left, Transmission):
-        return not (left.left == left.right and _equal(left.jump, 0.0))
+    law = left.law
+    if isinstance(law, Interface):
+        return not (law.left == law.right and _equal(law.jump, 0.0))
     return not alike(left, right)
 
 

@@ -10,10 +10,9 @@ import numpy as np
 
 from cpmkit.errors import SceneError
 from cpmkit.runtime.arrays import number, positive, whole
-from cpmkit.scene.conditions import Condition, Dirichlet, Neumann
+from cpmkit.scene.condition import Condition
 from cpmkit.scene.data import Data
 from cpmkit.scene.equations import Equation, Terms, check_factor
-from cpmkit.scene.special_conditions import NonlinearFlux, SimplySupported, Steklov, Transmission
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +56,7 @@ class Eigen(Equation):
     #: A factorisation serves some sixty solves, of which an iteration takes long for each (sphere, 8,000 unknowns:
     #: 10 seconds in all, and 80).
     factorise_up_to: ClassVar[float] = 8.0
+    accepted: ClassVar[str] = "use Dirichlet(0), Neumann(0), Robin(alpha, beta, 0) or Steklov()"
 
     def __post_init__(self) -> None:
         whole(self.count, "count of an eigenvalue problem", 1)
@@ -74,20 +74,11 @@ class Eigen(Equation):
         return str(self.terms()).removesuffix("f") + "lambda u"
 
     def check_conditions(self, conditions: Sequence[tuple[str, Condition]]) -> None:
-        """Refuse data that are not zero."""
+        """Refuse other conditions too, and data that are not zero."""
+        super().check_conditions(conditions)
         for what, condition in conditions:
-            if isinstance(condition, SimplySupported):
-                raise SceneError(
-                    f"{what} is simply supported, which only a biharmonic problem takes; use Dirichlet(0)."
-                )
-            if isinstance(condition, NonlinearFlux):
-                raise SceneError(f"{what} has a nonlinear flux, which needs a steady equation; use Robin instead.")
-            data = [condition.gamma, condition.flux] if isinstance(condition, Transmission) else [condition.gamma]
-            if not isinstance(condition, Steklov) and any(_may_differ_from_zero(datum) for datum in data):
-                raise SceneError(
-                    f"{what} has data where an eigenvalue problem takes zero alone; use Dirichlet(0), Neumann(0), "
-                    "Robin(alpha, beta, 0) or Steklov()."
-                )
+            if any(_may_differ_from_zero(datum) for _, datum in condition.data()):
+                raise SceneError(f"{what} has data where an eigenvalue problem takes zero alone; {self.accepted}.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,6 +116,9 @@ class Biharmonic(Equation):
     family: ClassVar[str] = "biharmonic"
     #: Its system is complex, and four times as dear to factorise; iterations are as for a screened problem.
     factorise_up_to: ClassVar[float] = 0.2
+    accepted: ClassVar[str] = (
+        "a biharmonic problem takes SimplySupported, Dirichlet (with Lap u = 0) and Neumann, and no clamped edge"
+    )
 
     def __post_init__(self) -> None:
         if number(self.c, "c of a biharmonic problem") != 0:
@@ -136,15 +130,6 @@ class Biharmonic(Equation):
 
     def __str__(self) -> str:
         return f"{f'{self.c:g} u + ' if self.c else ''}Lap^2 u = f"
-
-    def check_conditions(self, conditions: Sequence[tuple[str, Condition]]) -> None:
-        """Refuse conditions that say nothing of Lap u."""
-        for what, condition in conditions:
-            if not isinstance(condition, (Dirichlet, Neumann, SimplySupported)):
-                raise SceneError(
-                    f"{what} has a condition of the kind {condition.kind!r}; a biharmonic problem takes "
-                    "SimplySupported, Dirichlet (with Lap u = 0) and Neumann, and no clamped edge."
-                )
 
 
 def _may_differ_from_zero(data: Any) -> bool:

@@ -7,16 +7,17 @@ outward at an edge). Data may be a number, one number a channel, or a function o
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 from cpmkit.errors import InputError, shown
+from cpmkit.scene.condition import Condition
 from cpmkit.scene.data import Data, as_number, check_order, takes_time
-from cpmkit.scene.special_conditions import NonlinearFlux, SimplySupported, Steklov, Transmission
+from cpmkit.scene.laws import Flux, Mixed, Value
 
 
 @dataclass(frozen=True, eq=False)
-class Dirichlet:
+class Dirichlet(Condition):
     """u = value.
 
     Parameters
@@ -41,25 +42,19 @@ class Dirichlet:
 
     value: Data
     order: int | None = None
-    alpha: float = field(default=0.0, init=False)
-    beta: float = field(default=1.0, init=False)
+    kind: ClassVar[str] = "dirichlet"
 
     def __post_init__(self) -> None:
         check_order(self.order, "Dirichlet")
 
     @property
-    def gamma(self) -> Data:
-        """Right side of the condition."""
-        return self.value
-
-    @property
-    def kind(self) -> str:
-        """Name of the kind in scene files."""
-        return "dirichlet"
+    def law(self) -> Value:
+        """The value."""
+        return Value(self.value)
 
 
 @dataclass(frozen=True, eq=False)
-class Neumann:
+class Neumann(Condition):
     """du/db = flux, b pointing out of the side on which the condition is given.
 
     Parameters
@@ -72,25 +67,19 @@ class Neumann:
 
     flux: Data = 0.0
     order: int | None = None
-    alpha: float = field(default=1.0, init=False)
-    beta: float = field(default=0.0, init=False)
+    kind: ClassVar[str] = "neumann"
 
     def __post_init__(self) -> None:
         check_order(self.order, "Neumann")
 
     @property
-    def gamma(self) -> Data:
-        """Right side of the condition."""
-        return self.flux
-
-    @property
-    def kind(self) -> str:
-        """Name of the kind in scene files."""
-        return "neumann"
+    def law(self) -> Flux:
+        """The flux."""
+        return Flux(self.flux)
 
 
 @dataclass(frozen=True, eq=False)
-class Robin:
+class Robin(Condition):
     """alpha du/db + beta u = gamma, b pointing out of the side on which the condition is given.
 
     With alpha and beta of one sign the condition damps, and is well posed. With opposite signs it feeds; a spacing
@@ -125,6 +114,7 @@ class Robin:
     beta: float | Callable[..., Any]
     gamma: Data = 0.0
     order: int | None = None
+    kind: ClassVar[str] = "robin"
 
     def __post_init__(self) -> None:
         check_order(self.order, "Robin")
@@ -143,11 +133,6 @@ class Robin:
             object.__setattr__(self, name, number)
 
     @property
-    def kind(self) -> str:
-        """Name of the kind in scene files."""
-        return "robin"
-
-
-Condition = Dirichlet | Neumann | Robin | Transmission | Steklov | NonlinearFlux | SimplySupported
-#: What may stand on one side of a boundary, or on an edge.
-KINDS = (Dirichlet, Neumann, Robin, Steklov, NonlinearFlux, SimplySupported)
+    def law(self) -> Mixed:
+        """The value and the flux in one relation."""
+        return Mixed(self.alpha, self.beta, self.gamma)

@@ -17,9 +17,8 @@ import numpy as np
 from cpmkit.errors import SceneError
 from cpmkit.protocols import Floats
 from cpmkit.runtime.arrays import number, positive
-from cpmkit.scene.conditions import Condition
+from cpmkit.scene.condition import Condition
 from cpmkit.scene.data import Data, evaluate_data
-from cpmkit.scene.special_conditions import SimplySupported, Steklov
 
 #: A vector field: a function of points (n, d) that returns (n, d).
 Field = Callable[..., Any]
@@ -86,6 +85,8 @@ class Equation(ABC):
     family: ClassVar[str] = "steady"
     #: How many times more unknowns than of one definite system a factorisation is worth.
     factorise_up_to: ClassVar[float] = 1.0
+    #: What to give in place of a condition that is refused.
+    accepted: ClassVar[str] = "use Dirichlet, Neumann or Robin"
 
     @abstractmethod
     def terms(self) -> Terms:
@@ -108,16 +109,9 @@ class Equation(ABC):
             Naming the first.
         """
         for what, condition in conditions:
-            if isinstance(condition, Steklov):
-                raise SceneError(
-                    f"{what} has a Steklov condition, whose lambda only an eigenvalue problem seeks; use Eigen() or "
-                    "another condition."
-                )
-            if isinstance(condition, SimplySupported):
-                raise SceneError(
-                    f"{what} is simply supported, which fixes Lap u too and only a biharmonic problem takes; use "
-                    "Dirichlet."
-                )
+            refusal = condition.refusal(self)
+            if refusal:
+                raise SceneError(f"{what}: {condition.kind!r} {refusal}; {self.accepted}.")
 
     def data(self) -> list[tuple[str, Data]]:
         """Return what has channels, by the names that errors use."""

@@ -17,16 +17,19 @@ from cpmkit.manifold.localized import Localized
 from cpmkit.protocols import SIDES, BoundarySet, ClosestPointSource, Floats, NamesLeft, Side
 from cpmkit.runtime.arrays import as_vector, positive
 from cpmkit.scene.alike import alike
-from cpmkit.scene.conditions import KINDS, Condition, Neumann
+from cpmkit.scene.condition import Condition
+from cpmkit.scene.conditions import Neumann
 from cpmkit.scene.data import Data, channel_count
 from cpmkit.scene.equations import Equation
 from cpmkit.scene.left import Left, find_left
-from cpmkit.scene.special_conditions import Transmission
 
 #: The largest spacing, as a share of the manifold's largest side, at which the band still tells its parts apart.
 COARSEST = 0.25
 #: Where data of the equation and of the edge are asked; numbers from zero are boundaries.
 SURFACE, EDGE = -1, -2
+#: What may be given for a side, and across.
+ONE = "Dirichlet, Neumann, Robin or another condition of one side"
+ACROSS = "Transmission or another condition that couples both sides"
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +47,8 @@ class Boundary:
         Where the boundary lies.
     both, left, right : Condition
         Either ``both``, or ``left`` and ``right``.
-    across : Transmission
-        Instead of these: both sides coupled.
+    across : Condition
+        Instead of these: one that couples both sides, such as Transmission.
     left_of : (d,) array, optional
         A point on the left, needed where the conditions differ and the surface has no normals of its own, or the
         boundary no direction. Unless given, that of the source where it names one.
@@ -72,7 +75,7 @@ class Boundary:
     left: Condition | None = None
     right: Condition | None = None
     left_of: Any = None
-    across: Transmission | None = None
+    across: Condition | None = None
 
     def __post_init__(self) -> None:
         given = [side for side in ("both", "left", "right", "across") if getattr(self, side) is not None]
@@ -82,11 +85,9 @@ class Boundary:
                 "give `both`, or `left` and `right`, or `across`."
             )
         for side in given:
-            accepted = (Transmission,) if side == "across" else KINDS
-            if not isinstance(getattr(self, side), accepted):
-                raise SceneError(
-                    f"boundary {self.name!r}: `{side}` must be {_named(accepted)}, got {getattr(self, side)!r}."
-                )
+            one, across = getattr(self, side), side == "across"
+            if not isinstance(one, Condition) or one.couples != across:
+                raise SceneError(f"boundary {self.name!r}: `{side}` must be {ACROSS if across else ONE}, got {one!r}.")
         if alike(self.left, self.right):  # equal data on both sides need no left
             object.__setattr__(self, "right", self.left)
         check_source(self.source, f"boundary {self.name!r}")
@@ -148,10 +149,8 @@ class Scene:
                 f"the problem must be an equation, such as Laplace(), Poisson(f) or Heat(...), got {self.problem!r}."
             )
         for one in self.edge_conditions:
-            if not isinstance(one, KINDS):
-                raise SceneError(
-                    f"`edge` must be {_named(KINDS)}, or a table with one of them for each loop, got {shown(one)}."
-                )
+            if not isinstance(one, Condition) or one.couples:
+                raise SceneError(f"`edge` must be {ONE}, or a table with one of them for each loop, got {shown(one)}.")
         object.__setattr__(self, "boundaries", tuple(self.boundaries))
         names = [boundary.name for boundary in self.boundaries]
         twice = sorted({name for name in names if names.count(name) > 1})
@@ -215,9 +214,8 @@ class Scene:
         places += [EDGE] * len(self.edge_conditions)
         found: list[tuple[str, Data, int]] = []
         for (what, one), place in zip(self._conditions(), places, strict=True):
-            found.append((what, one.gamma, place))
-            if isinstance(one, Transmission):
-                found.append((what, one.flux, place))
+            data = one.data()
+            found += [(what if len(data) == 1 else f"the {name} of {what}", datum, place) for name, datum in data]
         return found + [(what, data, SURFACE) for what, data in self.problem.data()]
 
     def _place(self, number: int) -> Floats:
@@ -258,9 +256,3 @@ class Scene:
             )
         centre: Floats = 0.5 * (bounds[0] + bounds[1])
         return Lattice(centre if origin is None else as_vector(origin, self.surface.dim, "origin"), float(spacing))
-
-
-def _named(kinds: Sequence[type]) -> str:
-    """Return the names of some classes for an error: "A, B or C"."""
-    names = [kind.__name__ for kind in kinds]
-    return " or ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any
-
-import numpy as np
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 from cpmkit.errors import InputError, shown
-from cpmkit.protocols import Floats
 from cpmkit.runtime.arrays import number, positive
-from cpmkit.scene.data import Data, check_order, evaluate_data, takes_time
+from cpmkit.scene.condition import Condition
+from cpmkit.scene.data import Data, check_order, takes_time
+from cpmkit.scene.laws import Interface, Nonlinear, Spectral, Support
 
 
 @dataclass(frozen=True, eq=False)
-class Transmission:
+class Transmission(Condition):
     """Both sides coupled: ``u_left - u_right = jump + resistance * flow``, and what flows in on one side flows out.
 
     With k the conductivities, ``k_left du/db_left + k_right du/db_right = flux``, each b out of its side; a ``flux``
@@ -49,9 +48,7 @@ class Transmission:
     left: Data | None = None
     right: Data | None = None
     resistance: float = 0.0
-    order: None = field(default=None, init=False)
-    alpha: float = field(default=1.0, init=False)
-    beta: float = field(default=0.0, init=False)
+    kind: ClassVar[str] = "transmission"
 
     def __post_init__(self) -> None:
         for side in ("left", "right"):
@@ -62,23 +59,13 @@ class Transmission:
             positive(self.resistance, "resistance of Transmission, where it is not zero,")
 
     @property
-    def gamma(self) -> Data:
-        """Right side of the condition on the values."""
-        return self.jump
-
-    @property
-    def kind(self) -> str:
-        """Name of the kind in scene files."""
-        return "transmission"
-
-
-def eigenfunction(points: Floats) -> Floats:
-    """Mark the data of a :class:`Steklov` condition: lambda u, which is no datum and counts as zero."""
-    return np.zeros(len(points))
+    def law(self) -> Interface:
+        """The coupling of both sides."""
+        return Interface(self.jump, self.flux, self.resistance, self.left, self.right)
 
 
 @dataclass(frozen=True, eq=False)
-class Steklov:
+class Steklov(Condition):
     """du/db = lambda u, for eigenvalue problems alone: lambda is what is sought.
 
     Parameters
@@ -97,37 +84,19 @@ class Steklov:
     """
 
     order: int | None = None
-    alpha: float = field(default=1.0, init=False)
-    beta: float = field(default=0.0, init=False)
+    kind: ClassVar[str] = "steklov"
 
     def __post_init__(self) -> None:
         check_order(self.order, "Steklov")
 
     @property
-    def gamma(self) -> Data:
-        """Marks what stands for lambda u."""
-        return eigenfunction
-
-    @property
-    def kind(self) -> str:
-        """Name of the kind in scene files."""
-        return "steklov"
+    def law(self) -> Spectral:
+        """The flux in proportion to the value."""
+        return Spectral()
 
 
 @dataclass(frozen=True, eq=False)
-class SupportData:
-    """The data of :class:`SimplySupported`: called, they give u; beside that they hold Lap u."""
-
-    value: Data
-    laplacian: Data
-
-    def __call__(self, points: Floats) -> Floats:
-        """Return u at ``points`` (n, d) as (n, channels)."""
-        return evaluate_data(self.value, points, None, "the value of SimplySupported")
-
-
-@dataclass(frozen=True, eq=False)
-class SimplySupported:
+class SimplySupported(Condition):
     """u = value and Lap u = laplacian, for biharmonic problems alone: an edge that holds a plate and lets it turn.
 
     Parameters
@@ -146,34 +115,19 @@ class SimplySupported:
     value: Data = 0.0
     laplacian: Data = 0.0
     order: int | None = None
-    alpha: float = field(default=0.0, init=False)
-    beta: float = field(default=1.0, init=False)
+    kind: ClassVar[str] = "simply_supported"
 
     def __post_init__(self) -> None:
         check_order(self.order, "SimplySupported")
 
     @property
-    def gamma(self) -> Data:
-        """Both data."""
-        return SupportData(self.value, self.laplacian)
-
-    @property
-    def kind(self) -> str:
-        """Name of the kind in scene files."""
-        return "simply_supported"
+    def law(self) -> Support:
+        """The value and its Laplacian."""
+        return Support(self.value, self.laplacian)
 
 
 @dataclass(frozen=True, eq=False)
-class FluxData:
-    """Marks the data of one :class:`NonlinearFlux`: j(u), which is no datum and counts as zero."""
-
-    def __call__(self, points: Floats) -> Floats:
-        """Return zeros (n,)."""
-        return np.zeros(len(points))
-
-
-@dataclass(frozen=True, eq=False)
-class NonlinearFlux:
+class NonlinearFlux(Condition):
     """du/db = j(u), b pointing out of the side on which the condition is given: radiation, a reaction at the wall.
 
     Solved by Newton's method, each step a Robin condition. Where j grows with u it feeds the solution, and there may
@@ -210,9 +164,7 @@ class NonlinearFlux:
     slope: Callable[..., Any] | None = None
     guess: float = 1.0
     order: int | None = None
-    alpha: float = field(default=1.0, init=False)
-    beta: float = field(default=0.0, init=False)
-    gamma: Data = field(default_factory=FluxData, init=False, repr=False)
+    kind: ClassVar[str] = "nonlinear flux"
 
     def __post_init__(self) -> None:
         for name, optional in (("flux", False), ("slope", True)):
@@ -223,6 +175,6 @@ class NonlinearFlux:
         object.__setattr__(self, "guess", number(self.guess, "guess of NonlinearFlux"))
 
     @property
-    def kind(self) -> str:
-        """Name of the kind in reports."""
-        return "nonlinear flux"
+    def law(self) -> Nonlinear:
+        """The flux as a function of the value."""
+        return Nonlinear(self.flux, self.slope, self.guess)

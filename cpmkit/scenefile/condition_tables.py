@@ -10,7 +10,8 @@ from cpmkit.formulas.expressions import Expression
 from cpmkit.plugins import call
 from cpmkit.runtime.arrays import number, whole
 from cpmkit.runtime.suggestions import did_you_mean
-from cpmkit.scene.conditions import Condition, Dirichlet, Neumann, Robin
+from cpmkit.scene.condition import Condition
+from cpmkit.scene.conditions import Dirichlet, Neumann, Robin
 from cpmkit.scene.data import Data
 from cpmkit.scene.special_conditions import SimplySupported, Steklov, Transmission
 from cpmkit.scene.vertex_data import VertexData

@@ -24,8 +24,8 @@ from cpmkit.grid.band import Band
 from cpmkit.linear.choice import choose_solver, make_solver
 from cpmkit.manifold.localized import Localized, largest_dim, localize
 from cpmkit.protocols import Bools, BoundarySet, Floats, Progress, nothing
-from cpmkit.scene.conditions import Dirichlet
 from cpmkit.scene.data import evaluate_data
+from cpmkit.scene.laws import Value
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.solution import Solution
 
@@ -111,7 +111,7 @@ def check_fixable(scene: Scene, method: str) -> None:
         raise SceneError(f"the method {method!r} differs from 'cpm' at boundaries only, and the scene has none.")
     for boundary in scene.boundaries:
         condition = boundary.condition("left")
-        if not isinstance(condition, Dirichlet) or condition is not boundary.condition("right"):
+        if not isinstance(condition.law, Value) or condition is not boundary.condition("right"):
             raise SceneError(
                 f"the method {method!r} holds one Dirichlet condition for both sides, and boundary {boundary.name!r} "
                 "has others; use the method 'cpm'."
@@ -135,7 +135,7 @@ def _fixed_nodes(
 
 
 def _values(boundary: BoundarySet, points: Floats, channels: int) -> Floats:
-    return evaluate_data(boundary.condition("left").gamma, points, channels, f"boundary {boundary.name!r}")
+    return evaluate_data(boundary.condition("left").one_sided.datum, points, channels, f"boundary {boundary.name!r}")
 
 
 def _nearest(band: Band, source: Localized, distance: Floats) -> Bools:

@@ -37,4 +37,4 @@ def test_nefertiti_has_six_curves_with_two_sides_and_one_wall(example):
     sides = [tuple(type(curve.condition(side)) for side in ("left", "right")) for curve in scene.boundaries]
     assert sides.count((ck.Dirichlet, ck.Dirichlet)) >= 6
     walls = [curve for curve, kinds in zip(scene.boundaries, sides, strict=True) if kinds == (ck.Neumann, ck.Dirichlet)]
-    assert [curve.condition("left").gamma for curve in walls] == [0.0]
+    assert [curve.condition("left").flux for curve in walls] == [0.0]

@@ -57,12 +57,12 @@ def test_studies_load_and_their_solutions_hold_on_their_boundaries(file):
     assert len(study.sweep.spacings) >= len({run.spacing for run in study.sweep.runs(cheap=True)}) >= 3
     for boundary in study.scene.boundaries:
         condition = boundary.condition("right")
-        if condition.kind == "dirichlet" and callable(condition.gamma):
+        if condition.kind == "dirichlet" and callable(condition.value):
             points = boundary.source.closest_point(
                 np.random.default_rng(0).uniform(-1, 1, (50, boundary.source.dim))
             ).points
             time = {"t": 0.07} if study.solution.takes_time else {}
-            assert np.allclose(condition.gamma(points, **time), study.solution(points, **time), atol=1e-12)
+            assert np.allclose(condition.value(points, **time), study.solution(points, **time), atol=1e-12)
 
 
 @pytest.mark.parametrize(

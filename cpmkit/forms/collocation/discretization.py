@@ -20,6 +20,7 @@ from cpmkit.grid.band import Band
 from cpmkit.grid.stencils import cross_offsets, cross_weights, difference_reach
 from cpmkit.protocols import Floats, Ints, Progress, nothing
 from cpmkit.scene.data import Data, evaluate_data
+from cpmkit.scene.laws import Law
 from cpmkit.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -119,13 +120,13 @@ class Discretization:
             parts.append(evaluate_data(data, lattice.to_scene(sources.points), channels, what))
         return np.concatenate(parts)
 
-    def read_in_place_of(self, data: Data) -> csr_array:
-        """Return the matrix (rows, unknowns) that reads u where E u + data has the boundary ``data``, factors alike."""
+    def read_in_place_of(self, law: type[Law]) -> csr_array:
+        """Return the matrix (rows, unknowns) that reads u where E u + data has the data of a ``law``, factors alike."""
         from scipy.sparse import csr_array, diags_array
 
         read = csr_array(self.extension.shape)
         for datum in self.data:
-            if datum.data is data:
+            if isinstance(datum.law, law):
                 factor = np.zeros(read.shape[0])
                 factor[datum.rows] = datum.factor
                 read = read + diags_array(factor) @ self.read_at_datum(datum)

@@ -20,7 +20,7 @@ from cpmkit.forms.collocation.diagnosis.clusters import feet_of_twins
 from cpmkit.forms.collocation.diagnosis.definiteness import cure_of, is_suspect, told_of, wrong_sign
 from cpmkit.forms.collocation.diagnosis.warnings import warnings_of
 from cpmkit.forms.collocation.discretization import Discretization, build_tables
-from cpmkit.forms.collocation.linearized import Flow, flows_of, linearized, linearized_scene
+from cpmkit.forms.collocation.linearized import Flow, flows_of, linearized
 from cpmkit.forms.collocation.operator import BoundaryMass, ExtensionOperator
 from cpmkit.forms.collocation.reading.points import Reader
 from cpmkit.forms.collocation.stability import check_waves
@@ -30,8 +30,8 @@ from cpmkit.linear.operators import Border, Bordered
 from cpmkit.protocols import Floats, Ints, Operator, Progress, Side, Stiffness, nothing
 from cpmkit.scene.data import Data
 from cpmkit.scene.equations import Terms
+from cpmkit.scene.laws import Spectral, Support
 from cpmkit.scene.scene import Scene
-from cpmkit.scene.special_conditions import SupportData, eigenfunction
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -131,15 +131,15 @@ class Collocation(Discretized):
     def _second(self) -> list[Any]:
         """The data of Lap u where conditions give them, with the signs that v = -Lap u has."""
         return [
-            replace(datum, data=datum.data.laplacian, factor=-datum.factor, what=f"the Laplacian of {datum.what}")
+            replace(datum, data=datum.law.laplacian, factor=-datum.factor, what=f"the Laplacian of {datum.what}")
             for datum in self.tables.data
-            if isinstance(datum.data, SupportData)
+            if isinstance(datum.law, Support)
         ]
 
     def boundary_mass(self, stiffness: Stiffness) -> BoundaryMass | None:
         """Return B of conditions of Steklov, None where there are none."""
         assert isinstance(stiffness, ExtensionOperator)
-        reads = self.tables.read_in_place_of(eigenfunction)
+        reads = self.tables.read_in_place_of(Spectral)
         return BoundaryMass(stiffness, reads) if reads.nnz else None
 
     # Values
@@ -226,12 +226,11 @@ class Collocation(Discretized):
     @cached_property
     def state_fluxes(self) -> list[Flow]:
         """Rows of E whose datum is a nonlinear flux."""
-        return flows_of(self.scene, self.tables)
+        return flows_of(self.tables)
 
     def linearized(self, seen: Sequence[Floats]) -> Collocation:
         """Return the tables with the fluxes' tangents in their rows; no closest point is asked for."""
-        scene = linearized_scene(self.scene, self.state_fluxes, seen)
-        return replace(self, scene=scene, tables=linearized(self.tables, self.state_fluxes, seen))
+        return replace(self, tables=linearized(self.tables, self.state_fluxes, seen))
 
     # Pieces, constants, signs
 

@@ -31,7 +31,6 @@ from cpmkit.grid.stencils import check_degree, difference_reach, reading_radius
 from cpmkit.manifold.localized import Localized, localize
 from cpmkit.protocols import Ints, Parting, Progress, nothing
 from cpmkit.scene.scene import Scene
-from cpmkit.scene.special_conditions import Transmission
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,9 +245,7 @@ def _see_boundaries(
         for boundary in scene.boundaries
     ]
     uncoupled = [
-        one
-        for one, boundary in zip(sighted, scene.boundaries, strict=True)
-        if not isinstance(boundary.condition("left"), Transmission)
+        one for one, boundary in zip(sighted, scene.boundaries, strict=True) if not boundary.condition("left").couples
     ]
     behind = kept_apart(uncoupled, band, past.mirrored, 2 * reach)
     past = read_at_feet(surface, band, lattice, scene.edge, past, behind)

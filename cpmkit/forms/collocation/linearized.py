@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.errors import InputError, ResolutionError, place
+from cpmkit.errors import ResolutionError, place
 from cpmkit.forms.collocation.boundary.reading import Datum
 from cpmkit.forms.collocation.discretization import Discretization, read_only
 from cpmkit.protocols import Floats
-from cpmkit.scene.conditions import Neumann
-from cpmkit.scene.scene import Boundary, Scene
-from cpmkit.scene.special_conditions import NonlinearFlux
+from cpmkit.scene.laws import Flux, Mixed, Nonlinear
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-#: Step of the differences that replace a slope, as a share of the value.
-DIFFERENCE = 1e-6
 #: A flux that changes with u by less than this, over the distance that its factor is, fixes no constant.
 STILL = 1e-9
 
@@ -35,7 +30,7 @@ class Flow:
 
     Attributes
     ----------
-    condition : NonlinearFlux
+    law : Nonlinear
     datum : Datum
         Which rows, F in each, and where it is read.
     reads : csr_array (rows, unknowns)
@@ -46,7 +41,7 @@ class Flow:
         F0 / F: 1/2 at order 2, 1 at order 1, and 0 for rows that read several points.
     """
 
-    condition: NonlinearFlux
+    law: Nonlinear
     datum: Datum
     reads: csr_array
     carried: csr_array
@@ -60,7 +55,7 @@ class Flow:
     @property
     def guess(self) -> float:
         """Value of u at which Newton's method starts."""
-        return self.condition.guess
+        return self.law.guess
 
     def read(self, values: Floats) -> Floats:
         """Return u (k,) where the datum is read, from the ``values`` (unknowns, 1)."""
@@ -72,34 +67,28 @@ class Flow:
 
     def slope(self, seen: Floats) -> Floats:
         """Return j' (k,) where u is ``seen``."""
-        return _slope(self.condition, seen, self.datum.points)
+        return self.law.slope_at(seen, self.datum.points)
 
 
-def flows_of(scene: Scene, tables: Discretization) -> list[Flow]:
+def flows_of(tables: Discretization) -> list[Flow]:
     """Return what the rows of E read whose data are nonlinear fluxes."""
-    found = {id(one): one for one in scene.conditions if isinstance(one, NonlinearFlux)}
-    return [
-        _flow(condition, datum, tables)
-        for condition in found.values()
-        for datum in tables.data
-        if datum.data is condition.gamma
-    ]
+    return [_flow(datum.law, datum, tables) for datum in tables.data if isinstance(datum.law, Nonlinear)]
 
 
-def _flow(condition: NonlinearFlux, datum: Datum, tables: Discretization) -> Flow:
+def _flow(law: Nonlinear, datum: Datum, tables: Discretization) -> Flow:
     from scipy.sparse import diags_array
 
     layout, rows = tables.layout, datum.rows
     coefficient = np.concatenate([layout.reading.coefficient, *(one.reading.coefficient for one in layout.ghosts)])
-    past_edge = np.full(len(layout.band.nodes), condition.order or layout.order)
-    orders = np.concatenate([past_edge, *(one.orders for one in layout.ghosts)])[rows]
+    at_foot = (layout.reading.points == layout.band.feet.points).all(axis=1)  # past an edge, at first order
+    first = np.concatenate([at_foot, *(one.orders == 1 for one in layout.ghosts)])[rows]
     others = np.concatenate([np.zeros(0, dtype=np.int64), *(one.rows for one in tables.data if one is not datum)])
-    plain = (coefficient[rows] == 1) & (orders <= 2) & ~np.isin(rows, others)
+    plain = (coefficient[rows] == 1) & ~np.isin(rows, others)  # what reads several points has no coefficient
     reads = tables.read_at_datum(datum)
     chosen = np.zeros(len(coefficient))
     chosen[rows[plain]] = 1.0
     carried = diags_array(chosen) @ tables.extension + diags_array(1.0 - chosen) @ reads
-    return Flow(condition, datum, reads, carried.tocsr(), np.where(plain, np.where(orders == 1, 1.0, 0.5), 0.0))
+    return Flow(law, datum, reads, carried.tocsr(), np.where(plain, np.where(first, 1.0, 0.5), 0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +103,10 @@ class Known:
 
 
 def linearized(tables: Discretization, flows: Sequence[Flow], seen: Sequence[Floats]) -> Discretization:
-    """Return the tables with ``du/db = j(v) + j'(v) (u - v)`` in place of the fluxes, v being ``seen`` there."""
+    """Return the tables with ``du/db = j(v) + j'(v) (u - v)`` in place of the fluxes, v being ``seen`` there.
+
+    What does not change with u is a flux, and fixes no constant.
+    """
     from scipy.sparse import diags_array
 
     nonlinear = {id(flow.datum) for flow in flows}
@@ -127,34 +119,10 @@ def linearized(tables: Discretization, flows: Sequence[Flow], seen: Sequence[Flo
         grown = np.zeros(extension.shape[0])
         grown[datum.rows] = factor * slope
         extension = (extension + diags_array(grown) @ flow.carried).tocsr()
-        flux = _flux(flow.condition.flux, v, points) - slope * v
-        data.append(replace(datum, factor=factor, data=Known(flux)))
+        flux = Known(flow.law.flux_at(v, points) - slope * v)
+        law = Mixed(1.0, Known(-slope), flux) if flow.grows(v) else Flux(flux)
+        data.append(replace(datum, factor=factor, data=flux, law=law))
     return replace(tables, extension=read_only(extension), data=data)
-
-
-def linearized_scene(scene: Scene, flows: Sequence[Flow], seen: Sequence[Floats]) -> Scene:
-    """Return the scene with Neumann conditions in place of fluxes that do not change with u at what is ``seen``.
-
-    They fix no constant. The others stay, and fix it as the Robin conditions do that they are in the tables.
-    """
-    grows = {id(flow.condition) for flow, v in zip(flows, seen, strict=True) if flow.grows(v)}
-
-    def still(condition: Any) -> Any:
-        if not isinstance(condition, NonlinearFlux) or id(condition) in grows:
-            return condition
-        return Neumann(condition.gamma, order=condition.order)
-
-    if all(id(flow.condition) in grows for flow in flows):
-        return scene
-    boundaries = [
-        replace(one, **{side: still(getattr(one, side)) for side in ("both", "left", "right")})
-        if isinstance(one, Boundary)
-        else one
-        for one in scene.boundaries
-    ]
-    edge = scene.edge
-    edge = {loop: still(one) for loop, one in edge.items()} if isinstance(edge, Mapping) else still(edge)
-    return replace(scene, boundaries=boundaries, edge=edge)
 
 
 def _divisor(flow: Flow, slope: Floats, spacing: float) -> Floats:
@@ -175,32 +143,3 @@ def _divisor(flow: Flow, slope: Floats, spacing: float) -> Floats:
             f"{spacing / grows[worst]:.2g} or less, or a guess nearer to the solution."
         )
     return np.asarray(1.0 - grows)
-
-
-def _slope(condition: NonlinearFlux, values: Floats, points: Floats) -> Floats:
-    if condition.slope is not None:
-        return _flux(condition.slope, values, points)
-    size = np.abs(values)
-    step = DIFFERENCE * np.maximum(size, size.max(initial=0.0) or 1.0)
-    ahead, behind = (_flux(condition.flux, values + sign * step, points) for sign in (1, -1))
-    return np.asarray((ahead - behind) / (2 * step))
-
-
-def _flux(function: Callable[..., object], values: Floats, points: Floats) -> Floats:
-    """Return a flux or its slope (n,), of values alone or of values and points.
-
-    Raises
-    ------
-    InputError
-        If it returns anything but (n,) finite numbers.
-    """
-    parameters = inspect.signature(function).parameters.values()
-    several = sum(one.default is one.empty for one in parameters) > 1
-    found = np.asarray(function(values, points) if several else function(values), dtype=np.float64)
-    found = np.broadcast_to(found, values.shape) if found.ndim == 0 else found
-    if found.shape != values.shape or not np.isfinite(found).all():
-        raise InputError(
-            f"a nonlinear flux must return {len(values)} finite numbers for as many values, got shape {found.shape}"
-            f"{'' if np.isfinite(found).all() else ' with NaN or infinity'}."
-        )
-    return found

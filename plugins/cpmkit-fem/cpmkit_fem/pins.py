@@ -12,8 +12,8 @@ import numpy as np
 
 from cpmkit.errors import SceneError
 from cpmkit.protocols import BoundarySet, Floats, Ints
-from cpmkit.scene.conditions import Dirichlet
 from cpmkit.scene.data import evaluate_data
+from cpmkit.scene.laws import Value
 from cpmkit.scene.scene import Scene
 from cpmkit_fem.gaps import ends_in_gaps
 from cpmkit_fem.rim import Rim
@@ -60,9 +60,10 @@ def pin(scene: Scene, mesh: Triangulation, rim: Rim) -> Pins:
         if distance.max() > THROUGH * mesh.mean_edge
     ]
     for condition, edges in rim.conditions(scene):
-        if isinstance(condition, Dirichlet):
+        law = condition.law
+        if isinstance(law, Value):
             on = np.unique(rim.edges[edges])
-            values = evaluate_data(condition.gamma, mesh.vertices[on], scene.channels, "the edge's condition")
+            values = evaluate_data(law.datum, mesh.vertices[on], scene.channels, "the edge's condition")
             claims.append((on, np.zeros(len(on)), values))
     if not claims:
         return Pins(np.zeros(0, dtype=np.int64), np.zeros((0, scene.channels)), ())
@@ -106,14 +107,15 @@ def _one_value(boundary: BoundarySet, points: Floats, channels: int) -> Floats:
     accepted = (
         "backend='fem' keeps one value a vertex and takes the same Dirichlet data on both sides; use backend='cpm'"
     )
-    if not (isinstance(left, Dirichlet) and isinstance(right, Dirichlet)):
+    one, other = left.law, right.law
+    if not (isinstance(one, Value) and isinstance(other, Value)):
         raise SceneError(
             f"boundary {boundary.name!r} has {left.kind} on its left and {right.kind} on its right; {accepted}."
         )
     what = f"boundary {boundary.name!r}"
-    values = evaluate_data(left.gamma, points, channels, what)
+    values = evaluate_data(one.datum, points, channels, what)
     if left is not right:
-        others = evaluate_data(right.gamma, points, channels, what)
+        others = evaluate_data(other.datum, points, channels, what)
         if np.abs(values - others).max(initial=0.0) > EQUAL * np.abs([values, others]).max(initial=0.0):
             raise SceneError(f"boundary {boundary.name!r} has different data on its two sides; {accepted}.")
     return values

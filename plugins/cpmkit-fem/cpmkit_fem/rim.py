@@ -10,8 +10,9 @@ import numpy as np
 from cpmkit.errors import SceneError
 from cpmkit.forms.collocation.boundary.edge import edge_condition
 from cpmkit.protocols import Floats, Ints
-from cpmkit.scene.conditions import Condition, Neumann, Robin
+from cpmkit.scene.condition import Condition
 from cpmkit.scene.data import evaluate_data
+from cpmkit.scene.laws import Flux, Value
 from cpmkit.scene.scene import Scene
 from cpmkit_fem.triangulation import Triangulation
 
@@ -77,14 +78,15 @@ def inflow(scene: Scene, rim: Rim) -> Floats:
     """Return the integrals (v, channels) over the rim of the flux du/db times each hat function."""
     total = np.zeros((len(rim.vertices), scene.channels))
     for condition, chosen in rim.conditions(scene):
-        if isinstance(condition, Robin):
-            raise SceneError("backend='fem' takes Dirichlet and Neumann conditions, not Robin; use backend='cpm'.")
-        if not isinstance(condition, Neumann):
+        law = condition.law
+        if isinstance(law, Value):
             continue
+        if not isinstance(law, Flux):
+            kind = condition.kind.capitalize()
+            raise SceneError(f"backend='fem' takes Dirichlet and Neumann conditions, not {kind}; use backend='cpm'.")
         edges, sixth = rim.edges[chosen], rim.lengths[chosen][:, None] / 6
         start, end = (
-            evaluate_data(condition.gamma, rim.vertices[edges[:, k]], scene.channels, "the edge's condition")
-            for k in (0, 1)
+            evaluate_data(law.datum, rim.vertices[edges[:, k]], scene.channels, "the edge's condition") for k in (0, 1)
         )
         np.add.at(total, edges[:, 0], sixth * (2 * start + end))
         np.add.at(total, edges[:, 1], sixth * (start + 2 * end))

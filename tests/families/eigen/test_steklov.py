@@ -94,7 +94,7 @@ def test_a_piece_without_lambda_is_refused():
 
 
 def test_only_an_eigenvalue_problem_takes_it():
-    with pytest.raises(ck.SceneError, match="the edge's condition has a Steklov condition"):
+    with pytest.raises(ck.SceneError, match="the edge's condition: 'steklov' has a lambda"):
         ck.Scene(DISC, ck.ScreenedPoisson(1.0), edge=ck.Steklov())
 
 

@@ -9,7 +9,7 @@ from cpmkit.forms.collocation.boundary.frame import Frame
 from cpmkit.grid.lattice import Lattice
 from cpmkit.protocols import Bools, Floats
 from cpmkit.scene.data import Data, evaluate_data
-from cpmkit.scene.special_conditions import Transmission
+from cpmkit.scene.laws import Interface
 
 #: A diffusivity is read so many spacings beside the boundary, and twice as far: a curve that is snapped to the surface
 #: lies nearer to where the materials meet than that.
@@ -23,25 +23,25 @@ ASTRAY = 0.1
 
 
 def conductivities(
-    condition: Transmission, diffusivity: Data, seen: Frame, carries_left: Bools, lattice: Lattice
+    law: Interface, diffusivity: Data, seen: Frame, carries_left: Bools, lattice: Lattice
 ) -> tuple[Floats, Floats]:
     """Return the conductivities (n,) on the side on which ghosts stand, and on the side that they carry."""
     sides = [
         _beside(diffusivity if given is None else given, seen, sign, lattice)
-        for given, sign in ((condition.left, 1.0), (condition.right, -1.0))
+        for given, sign in ((law.left, 1.0), (law.right, -1.0))
     ]
     return np.where(carries_left, sides[1], sides[0]), np.where(carries_left, sides[0], sides[1])
 
 
-def check_conductivities(what: str, condition: Transmission, diffusivity: Data, seen: Frame, lattice: Lattice) -> None:
-    """Refuse conductivities of a condition that are not those of the problem beside the boundary.
+def check_conductivities(what: str, law: Interface, diffusivity: Data, seen: Frame, lattice: Lattice) -> None:
+    """Refuse conductivities of an interface that are not those of the problem beside the boundary.
 
     Raises
     ------
     SceneError
         Naming the side, and the place where they differ most.
     """
-    for side, given, sign in (("left", condition.left, 1.0), ("right", condition.right, -1.0)):
+    for side, given, sign in (("left", law.left, 1.0), ("right", law.right, -1.0)):
         if given is None or not len(seen.rows):
             continue
         wanted = _beside(given, seen, sign, lattice)

@@ -25,9 +25,7 @@ from cpmkit.forms.collocation.ghosts.continuation import (
     points_inwards,
 )
 from cpmkit.forms.collocation.ghosts.formulas import (
-    beta_at,
     coefficient_and_factor,
-    is_dirichlet,
     mirror_distance,
     points_inside,
 )
@@ -37,7 +35,8 @@ from cpmkit.manifold.localized import Localized
 from cpmkit.manifold.tangent_space import outward_conormals
 from cpmkit.manifold.walking import walk
 from cpmkit.protocols import ClosestPoints, Floats, Ints
-from cpmkit.scene.conditions import Condition
+from cpmkit.scene.condition import Condition
+from cpmkit.scene.laws import OneSided, beta_at, is_wall
 
 #: Nodes nearer to their foot than this share of the spacing do not tell the direction of the conormal.
 TOUCHING = 1e-6
@@ -87,8 +86,8 @@ def read_past_edge(
     """Return what each node of the band reads, the edge's conditions applied to those past it."""
     loops = _loops(band, edge)
     mirrored = _mirrored(surface, band, lattice, loops, order)
-    finer = [(rows, one, one.order or order) for rows, one in loops if (one.order or order) > 2]
-    parts = [_continue(surface, band, lattice, condition, asked, rows) for rows, condition, asked in finer]
+    finer = [(rows, law, own or order) for rows, law, own in loops if (own or order) > 2]
+    parts = [_continue(surface, band, lattice, law, asked, rows) for rows, law, asked in finer]
     sources = Reading(band.feet.points, np.ones(len(band.nodes)))
     if not parts:
         return PastEdge(mirrored, mirrored, sources)
@@ -114,41 +113,49 @@ def read_at_feet(
 
 def _loops(
     band: Band, edge: Condition | Mapping[int, Condition], rows: Ints | None = None
-) -> list[tuple[Ints, Condition]]:
-    """Return the nodes past each edge loop, of ``rows`` or all, with its condition."""
+) -> list[tuple[Ints, OneSided, int | None]]:
+    """Return the nodes past each edge loop, of ``rows`` or all, with its law and the order that it has of its own."""
     rows = np.arange(len(band.nodes)) if rows is None else rows
-    loop_of = band.feet.edge[rows]
-    return [(rows[loop_of == loop], edge_condition(edge, int(loop))) for loop in np.unique(loop_of[loop_of >= 0])]
+    loop_of, found = band.feet.edge[rows], []
+    for loop in np.unique(loop_of[loop_of >= 0]):
+        condition = edge_condition(edge, int(loop))
+        found.append((rows[loop_of == loop], condition.one_sided, condition.order))
+    return found
 
 
 def _mirrored(
-    surface: Localized, band: Band, lattice: Lattice, loops: Sequence[tuple[Ints, Condition]], order: int, most: int = 2
+    surface: Localized,
+    band: Band,
+    lattice: Lattice,
+    loops: Sequence[tuple[Ints, OneSided, int | None]],
+    order: int,
+    most: int = 2,
 ) -> Reading:
     """Return what all nodes read at order 1 or 2, ``most``, one point each."""
     points, coefficient = band.feet.points.copy(), np.ones(len(band.nodes))
     data: list[Datum] = []
-    for rows, condition in loops:
-        read = _mirror(surface, band, lattice, condition, min(condition.order or order, most), rows)
+    for rows, law, own in loops:
+        read = _mirror(surface, band, lattice, law, min(own or order, most), rows)
         points[rows], coefficient[rows] = read.points, read.coefficient
         data += [datum.renumbered(rows) for datum in read.data]
     return Reading(points, coefficient, data)
 
 
-def _mirror(surface: Localized, band: Band, lattice: Lattice, condition: Condition, order: int, rows: Ints) -> Reading:
+def _mirror(surface: Localized, band: Band, lattice: Lattice, law: OneSided, order: int, rows: Ints) -> Reading:
     """Return what nodes past one loop read at order 1 or 2."""
     foot, beyond = band.feet.points[rows], band.positions[rows] - band.feet.points[rows]
-    if is_wall(condition):
+    if is_wall(law):
         points = foot if order == 1 else _reached(surface, band, rows, foot - beyond)
         return Reading(points, np.ones(len(rows)))
     outward = _outward(surface, band.feet.take(rows), beyond, band.spacing)
     t = np.maximum(np.sum(beyond * outward, axis=1), 0.0)
-    mirror = foot - beyond - (mirror_distance(condition, t, band.spacing) - t)[:, None] * outward
+    mirror = foot - beyond - (mirror_distance(law, t, band.spacing) - t)[:, None] * outward
     points = foot if order == 1 else _reached(surface, band, rows, mirror)
     where = lattice.to_scene(foot)
     first = np.full(len(rows), order == 1)
-    beta = beta_at(condition, where, WHAT)
-    coefficient, factor = coefficient_and_factor(condition, beta, t, 2 * t, first, band.spacing)
-    return Reading(points, coefficient, [Datum(np.arange(len(rows)), factor, where, condition.gamma, WHAT)])
+    beta = beta_at(law, where, WHAT)
+    coefficient, factor = coefficient_and_factor(law, beta, t, 2 * t, first, band.spacing)
+    return Reading(points, coefficient, [Datum(np.arange(len(rows)), factor, where, law.datum, WHAT, law)])
 
 
 def _reached(surface: Localized, band: Band, rows: Ints, goal: Floats) -> Floats:
@@ -158,20 +165,18 @@ def _reached(surface: Localized, band: Band, rows: Ints, goal: Floats) -> Floats
     return walk(surface, goal, band.feet.take(rows), band.spacing).points
 
 
-def _continue(
-    surface: Localized, band: Band, lattice: Lattice, condition: Condition, order: int, rows: Ints
-) -> Continued:
+def _continue(surface: Localized, band: Band, lattice: Lattice, law: OneSided, order: int, rows: Ints) -> Continued:
     """Return what the nodes ``rows`` past one loop read at order 3 or 4.
 
     Where the points inside meet another edge the node is left out.
     """
     foot, offset = band.feet.points[rows], band.positions[rows] - band.feet.points[rows]
     outward = _outward(surface, band.feet.take(rows), offset, band.spacing)
-    inside = points_inwards(surface, foot, -outward, points_inside(condition, order), band.spacing, band.sheets)
+    inside = points_inwards(surface, foot, -outward, points_inside(law, order), band.spacing, band.sheets)
     kept = np.flatnonzero(inside.sound)
     inside, rows = inside.take(kept), rows[kept]
     t = beyond_edge(offset[kept], outward[kept], inside.curvature)
-    return continue_rows(condition, rows, lattice.to_scene(foot[kept]), WHAT, inside, t, band.spacing)
+    return continue_rows(law, rows, lattice.to_scene(foot[kept]), WHAT, inside, t, band.spacing)
 
 
 def _outward(surface: Localized, edge: ClosestPoints, beyond: Floats, spacing: float) -> Floats:
@@ -184,11 +189,3 @@ def _outward(surface: Localized, edge: ClosestPoints, beyond: Floats, spacing: f
     straight &= np.linalg.norm(beyond, axis=1) > TOUCHING * spacing
     outward[straight] = beyond[straight] / np.linalg.norm(beyond[straight], axis=1, keepdims=True)
     return outward
-
-
-def is_wall(condition: Condition) -> bool:
-    """Tell whether the condition is zero Neumann."""
-    data = condition.gamma
-    if is_dirichlet(condition) or callable(condition.beta) or condition.beta != 0.0:
-        return False
-    return not callable(data) and not np.any(np.asarray(data, dtype=object))

@@ -8,17 +8,16 @@ import numpy as np
 
 from cpmkit.errors import InputError, ResolutionError, SceneError, place
 from cpmkit.forms.collocation.boundary.conductivities import check_conductivities
-from cpmkit.forms.collocation.boundary.edge import WHAT, edge_condition, is_wall
-from cpmkit.forms.collocation.ghosts.formulas import beta_at
+from cpmkit.forms.collocation.boundary.edge import WHAT, edge_condition
 from cpmkit.forms.collocation.layout import Layout
 from cpmkit.meshes.cells import with_corners
 from cpmkit.meshes.curved_cells import find_edges
 from cpmkit.protocols import SIDES, ClosestPointSource, Floats, HasMesh
 from cpmkit.runtime.arrays import whole
 from cpmkit.scene.alike import alike
-from cpmkit.scene.conditions import Condition, Robin
+from cpmkit.scene.condition import Condition
+from cpmkit.scene.laws import Interface, Mixed, beta_at, is_wall
 from cpmkit.scene.scene import Scene
-from cpmkit.scene.special_conditions import Transmission
 
 #: The dimension of a solid in space.
 SPACE = 3
@@ -35,16 +34,18 @@ def check_given(scene: Scene, layout: Layout) -> None:
         For a condition on an edge that is not there, or too short for the spacing, and for conductivities that are not
         those of the problem.
     InputError
-        For a Robin condition whose beta vanishes.
+        For a mixed law whose beta vanishes.
     """
     _check_edges(scene, layout)
     for what, condition, points in _places(scene, layout):
-        if isinstance(condition, Robin) and len(points) and not np.any(beta_at(condition, points, what)):
-            raise InputError(f"beta of Robin of {what} is zero at all {len(points)} points; use Neumann.")
+        law = condition.law
+        if isinstance(law, Mixed) and len(points) and not np.any(beta_at(law, points, what)):
+            kind = condition.kind.capitalize()
+            raise InputError(f"beta of {kind} of {what} is zero at all {len(points)} points; use Neumann.")
     diffusivity = scene.problem.terms().diffusivity
     for boundary, seen in zip(scene.boundaries, layout.sight.frames, strict=True):
-        across = boundary.condition("left")
-        if isinstance(across, Transmission):
+        across = boundary.condition("left").law
+        if isinstance(across, Interface):
             check_conductivities(f"boundary {boundary.name!r}", across, diffusivity, seen, layout.lattice)
 
 
@@ -54,7 +55,7 @@ def _check_edges(scene: Scene, layout: Layout) -> None:
         missing = sorted({whole(loop, "a key of `edge`, the number of a loop,") for loop in scene.edge} - set(met))
         given = f"`edge` gives a condition for loop {missing[0]}" if missing else ""
     else:
-        missing, given = ([] if met or is_wall(scene.edge) else [0]), "`edge` gives a condition"
+        missing, given = ([] if met or is_wall(scene.edge.law) else [0]), "`edge` gives a condition"
     if not missing:
         return
     spacing, known = layout.lattice.spacing, _loops(scene.surface, layout.lattice.spacing)

@@ -12,8 +12,8 @@ from cpmkit.forms.collocation.ghosts.geometry import ALONGSIDE, INSIDE
 from cpmkit.forms.collocation.ghosts.nodes import Sight
 from cpmkit.grid.lattice import Lattice
 from cpmkit.protocols import SIDES, BoundarySet, Floats
-from cpmkit.scene.conditions import Dirichlet
 from cpmkit.scene.data import evaluate_data
+from cpmkit.scene.laws import Value
 
 #: Around a crossing of four different values the solution is off within so many spacings (by the jump; outside twice
 #: that it is of order 1 to 2).
@@ -140,11 +140,9 @@ def _conflict(first: BoundarySet, second: BoundarySet, point: Floats, channels: 
     values = {}
     for name, boundary in (("first", first), ("second", second)):
         for side in SIDES:
-            condition = boundary.condition(side)
-            if isinstance(condition, Dirichlet):
-                values[name, side] = evaluate_data(
-                    condition.value, point, channels, f"boundary {boundary.name!r}", time
-                )
+            law = boundary.condition(side).law
+            if isinstance(law, Value):
+                values[name, side] = evaluate_data(law.datum, point, channels, f"boundary {boundary.name!r}", time)
     size = max((float(np.abs(value).max()) for value in values.values()), default=0.0)
     worst = max(
         (

@@ -14,7 +14,6 @@ from cpmkit.manifold.localized import Localized, localize
 from cpmkit.protocols import BoundarySet, ClosestPoints, Floats
 from cpmkit.scene.alike import alike, sides_differ
 from cpmkit.scene.left import Left
-from cpmkit.scene.special_conditions import Transmission
 
 
 def sight(
@@ -60,14 +59,14 @@ def sight(
 def _check_sides(boundary: BoundarySet, sighted: Sighted) -> None:
     """Refuse conditions that differ between sides that the boundary does not have, or that chance would name."""
     on_left, on_right = boundary.condition("left"), boundary.condition("right")
-    if not sighted.has_sides and not (alike(on_left, on_right) and not isinstance(on_left, Transmission)):
+    if not sighted.has_sides and not (alike(on_left, on_right) and not on_left.couples):
         raise SceneError(
             f"boundary {boundary.name!r} has dimension {sighted.source.manifold_dim} where the manifold has "
             f"{sighted.dimension}, so it has no left and right; give `both`, one of Dirichlet, Neumann or Robin."
         )
     if not sighted.has_sides:
         return
-    if not sighted.named.known and (isinstance(on_left, Transmission) or not alike(on_left, on_right)):
+    if not sighted.named.known and (on_left.couples or not alike(on_left, on_right)):
         raise SceneError(
             f"boundary {boundary.name!r} has no left side: the "
             f"{'boundary' if not sighted.named.travels else 'manifold'}'s own direction comes back reversed along it; "

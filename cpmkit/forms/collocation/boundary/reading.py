@@ -10,6 +10,7 @@ import numpy as np
 
 from cpmkit.protocols import Floats, Ints
 from cpmkit.scene.data import Data, evaluate_data, takes_time
+from cpmkit.scene.laws import Law
 
 if TYPE_CHECKING:
     from cpmkit.forms.collocation.boundary.frame import Frame
@@ -31,6 +32,8 @@ class Datum:
         As a condition gives them.
     what : str
         Named in errors.
+    law : Law
+        What the condition that gives them says.
     """
 
     rows: Ints
@@ -38,6 +41,7 @@ class Datum:
     points: Floats
     data: Data
     what: str
+    law: Law
 
     @property
     def takes_time(self) -> bool:

@@ -14,8 +14,8 @@ from cpmkit.grid.band import Band
 from cpmkit.grid.lattice import Lattice
 from cpmkit.protocols import BoundarySet, Floats
 from cpmkit.scene.alike import alike
-from cpmkit.scene.conditions import Dirichlet
 from cpmkit.scene.data import evaluate_data
+from cpmkit.scene.laws import Value
 
 #: An end this many spacings from another boundary is closed by it.
 CLOSED = 0.5
@@ -80,9 +80,9 @@ def _tips(
         if other != number:
             ends = ends[one.source.closest_point(ends).distance > CLOSED * h]
     places = lattice.to_scene(ends)
-    left, right = (boundary.condition(side) for side in ("left", "right"))
-    if len(places) and isinstance(left, Dirichlet) and isinstance(right, Dirichlet):
-        values = [evaluate_data(one.value, places, channels, boundary.name, time) for one in (left, right)]
+    left, right = (boundary.condition(side).law for side in ("left", "right"))
+    if len(places) and isinstance(left, Value) and isinstance(right, Value):
+        values = [evaluate_data(one.datum, places, channels, boundary.name, time) for one in (left, right)]
         apart = np.abs(values[0] - values[1]).max(axis=1)
         places = places[apart > DIFFERENT * np.abs(values).max()]
         if len(places):

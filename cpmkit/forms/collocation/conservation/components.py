@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.forms.collocation.boundary.edge import edge_condition, is_wall
+from cpmkit.forms.collocation.boundary.edge import edge_condition
 from cpmkit.forms.collocation.discretization import Discretization
-from cpmkit.forms.collocation.ghosts.formulas import beta_at
 from cpmkit.forms.collocation.layout import Layout
-from cpmkit.protocols import SIDES, Bools, Floats, Ints
-from cpmkit.scene.conditions import Condition
+from cpmkit.protocols import Bools, Ints
+from cpmkit.scene.laws import fixes_constant, is_wall
 from cpmkit.scene.scene import Scene
-from cpmkit.scene.special_conditions import NonlinearFlux, Transmission
 
 #: A weight below this reads nothing.
 ROUNDING = 1e-12
@@ -22,7 +20,7 @@ CHUNK = 1 << 17
 def unpinned(tables: Discretization, scene: Scene) -> tuple[int, Ints]:
     """Return on how many pieces nothing fixes the solution, and which of them each unknown (n,) is on, -1 for none.
 
-    A factor c of u pins the pieces on which it is not zero, a Dirichlet or Robin condition the piece that it bounds.
+    A factor c of u pins the pieces on which it is not zero, a law that involves the value the piece that it bounds.
     """
     c = scene.problem.terms().c
     if not callable(c) and c != 0:
@@ -30,7 +28,7 @@ def unpinned(tables: Discretization, scene: Scene) -> tuple[int, Ints]:
     count, label = components(tables)
     free = np.zeros(count, dtype=bool)
     free[label[: tables.layout.band.inner]] = True  # a ghost without nodes around it lies past an open end
-    free[label[_pinning(tables, scene)]] = False
+    free[label[_pinning(tables)]] = False
     if callable(c):
         free[label[tables.read_at_rows(c, "the factor c")[tables.unknown_rows, 0] != 0]] = False
     return _numbered(free, label)
@@ -48,7 +46,7 @@ def without_flux(tables: Discretization, scene: Scene) -> tuple[int, Ints]:
     inner = tables.layout.band.inner
     edge = tables.layout.band.feet.edge[:inner]
     for loop in np.unique(edge[edge >= 0]):
-        if not is_wall(edge_condition(scene.edge, int(loop))):
+        if not is_wall(edge_condition(scene.edge, int(loop)).law):
             closed[label[:inner][edge == loop]] = False
     return _numbered(closed, label)
 
@@ -88,7 +86,7 @@ def _across_transmissions(layout: Layout) -> Ints:
     sides = np.zeros((len(layout.ghosts), len(layout.band.nodes)))
     for index, (seen, ghosts) in enumerate(zip(layout.sight.frames, layout.ghosts, strict=True)):
         sides[index, seen.rows] = np.nan_to_num(np.sign(seen.signed)) * (ghosts.numbers[seen.rows] >= 0)
-    coupled = [isinstance(boundary.condition("left"), Transmission) for boundary in layout.sight.boundaries]
+    coupled = [boundary.condition("left").couples for boundary in layout.sight.boundaries]
     if not any(coupled):
         return np.zeros((2, 0), dtype=np.int64)
     one, other = layout.band.neighbours()
@@ -134,25 +132,9 @@ def _reads_between(tables: Discretization, count: int, label: Ints) -> Ints:
     return np.unique(pairs[:, pairs[0] != pairs[1]], axis=1)
 
 
-def _pinning(tables: Discretization, scene: Scene) -> Ints:
-    """Return the unknowns whose extension involves the value itself: Dirichlet or Robin ghosts and edge nodes."""
-    found, layout = [], tables.layout
-    first, to_scene = layout.band.inner, layout.lattice.to_scene
-    for boundary, seen, ghosts in zip(scene.boundaries, layout.sight.frames, layout.ghosts, strict=True):
-        foot = to_scene(seen.foot[np.searchsorted(seen.rows, ghosts.nodes[: ghosts.unknowns])])
-        left = ghosts.carries_left[: ghosts.unknowns]
-        fixes = np.where(left, *(_fixes(boundary.condition(side), foot) for side in SIDES))
-        found.append(first + np.flatnonzero(fixes))
-        first += ghosts.unknowns
-    edge = layout.band.feet.edge[: layout.band.inner]
-    for loop in np.unique(edge[edge >= 0]):
-        rows = np.flatnonzero(edge == loop)
-        found.append(rows[_fixes(edge_condition(scene.edge, int(loop)), to_scene(layout.band.feet.points[rows]))])
-    return np.concatenate(found) if found else np.zeros(0, dtype=np.int64)
-
-
-def _fixes(condition: Condition, points: Floats) -> Bools:
-    """Tell at which ``points`` (n, d) of a boundary a condition involves the value itself, (n,)."""
-    if isinstance(condition, NonlinearFlux):
-        return np.ones(len(points), dtype=bool)
-    return np.asarray(beta_at(condition, points, "a condition") != 0)
+def _pinning(tables: Discretization) -> Ints:
+    """Return the unknowns whose extension has data of a law that involves the value itself: ghosts and edge nodes."""
+    pinned = np.zeros(tables.extension.shape[0], dtype=bool)
+    for datum in tables.data:
+        pinned[datum.rows[fixes_constant(datum.law, datum.points, datum.what)]] = True
+    return np.flatnonzero(pinned[tables.unknown_rows])

@@ -14,10 +14,10 @@ from cpmkit.forms.collocation.boundary.facing_rims import BRIDGED, WIDE
 from cpmkit.forms.collocation.layout import Layout
 from cpmkit.protocols import SIDES, Floats, Ints
 from cpmkit.scene.alike import alike
-from cpmkit.scene.conditions import Condition
+from cpmkit.scene.condition import Condition
 from cpmkit.scene.data import evaluate_data
+from cpmkit.scene.laws import Interface, Nonlinear, Value, data_of
 from cpmkit.scene.scene import Scene
-from cpmkit.scene.special_conditions import Transmission
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -40,7 +40,7 @@ def check_layout(layout: Layout, scene: Scene) -> None:
     ResolutionError
         If the spacing does not see a boundary, an edge, or a gap.
     InputError
-        If the beta of a Robin condition vanishes.
+        If the beta of a mixed law vanishes.
     """
     _check_fluxes_at_points(layout)
     _check_same_place(layout, scene)
@@ -90,7 +90,7 @@ def _without_effect(layout: Layout, number: int) -> str:
 
 def _check_fluxes_at_points(layout: Layout) -> None:
     for boundary, seen in zip(layout.sight.boundaries, layout.sight.sighted, strict=True):
-        kinds = {boundary.condition(side).kind for side in SIDES if boundary.condition(side).alpha != 0}
+        kinds = {one.kind for one in map(boundary.condition, SIDES) if not isinstance(one.law, Value)}
         if seen.has_sides or not kinds:
             continue
         raise SceneError(
@@ -122,9 +122,13 @@ def _alike(one: Condition, other: Condition, points: Floats, channels: int, time
     """Tell whether two conditions hold the same at ``points`` (k, d) of the scene."""
     if alike(one, other):
         return True
-    if type(one) is not type(other) or isinstance(one, Transmission) or one.alpha != other.alpha:
+    first, second, unlike = one.law, other.law, (Interface, Nonlinear)
+    if type(first) is not type(second) or isinstance(first, unlike) or isinstance(second, unlike):
         return False
-    for a, b in ((one.beta, other.beta), (one.gamma, other.gamma)):
+    if first.alpha != second.alpha:
+        return False
+    data = [[law.beta, *(datum for _, datum in data_of(law))] for law in (first, second)]
+    for a, b in zip(*data, strict=True):
         if a is b:
             continue
         pair = [evaluate_data(data, points, channels, "a condition", time) for data in (a, b)]
@@ -143,7 +147,7 @@ def _check_rims(layout: Layout, scene: Scene) -> None:
                 f"boundary {boundary.name!r} lies on the manifold's rim, near {place(one.points[0])}, where the edge "
                 f"holds another condition; give it as `edge=` (loop {one.loop}) in place of the boundary."
             )
-        if not one.on_rim and isinstance(conditions[0], Transmission):
+        if not one.on_rim and conditions[0].couples:
             raise ResolutionError(
                 f"spacing={spacing:g} is too coarse for boundary {boundary.name!r}, whose sides are coupled: near "
                 f"{place(one.points[0])} it runs {one.width:.3g} from the manifold's rim; use {one.width / 3:.2g} or "

@@ -15,6 +15,7 @@ from cpmkit.forms.collocation.layout import Layout
 from cpmkit.forms.collocation.tube_width import share_stretched
 from cpmkit.manifold import abilities
 from cpmkit.protocols import SIDES
+from cpmkit.scene.laws import Mixed, Value
 
 #: A surface's search may doubt this share of the nodes before it is worth a warning.
 DOUBTFUL_SHARE = 1e-4
@@ -84,7 +85,7 @@ def _gaps(layout: Layout) -> list[str]:
 def _pins(layout: Layout) -> list[str]:
     """Name points on a surface that hold a value beside other values: the continuous problem does not feel them."""
     boundaries = layout.sight.boundaries
-    valued = [one for one in boundaries if any(one.condition(side).beta for side in SIDES)]
+    valued = [one for one in boundaries if any(isinstance(one.condition(side).law, (Value, Mixed)) for side in SIDES)]
     thin = {one.name for one, seen in zip(boundaries, layout.sight.sighted, strict=True) if not seen.has_sides}
     pins = [one.name for one in valued if one.name in thin]
     if not pins or len(valued) < 2:

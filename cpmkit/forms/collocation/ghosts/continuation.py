@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cpmkit.forms.collocation.boundary.reading import Datum, Reading, Term
-from cpmkit.forms.collocation.ghosts.formulas import beta_at, polynomial_weights
+from cpmkit.forms.collocation.ghosts.formulas import polynomial_weights
 from cpmkit.forms.collocation.sheets.boundary_on_sheets import nearest_from
 from cpmkit.forms.collocation.sheets.sheets import Sheets
 from cpmkit.manifold.localized import Localized
 from cpmkit.protocols import Bools, Floats, Ints
-from cpmkit.scene.conditions import Condition
+from cpmkit.scene.laws import OneSided, beta_at
 
 #: Distance of the points, in spacings. (1.25 and 1.5 have 1.2 to 5 times the error on arcs, caps and circles on the
 #: sphere, and vary more with the position of the lattice.)
@@ -85,16 +85,16 @@ class Continued:
 
 
 def continue_rows(
-    condition: Condition, rows: Ints, where: Floats, what: str, inside: Inside, at: Floats, spacing: float
+    law: OneSided, rows: Ints, where: Floats, what: str, inside: Inside, at: Floats, spacing: float
 ) -> Continued:
-    """Return what rows at arc lengths ``at`` (k,) past a boundary read, of a condition that holds ``where`` (k, d).
+    """Return what rows at arc lengths ``at`` (k,) past a boundary read, of a law that holds ``where`` (k, d).
 
     ``what`` names the boundary in messages.
     """
-    beta = beta_at(condition, where, what)
-    weights, factor = polynomial_weights(condition.alpha, beta, inside.positions, at, spacing)
+    beta = beta_at(law, where, what)
+    weights, factor = polynomial_weights(law.alpha, beta, inside.positions, at, spacing)
     ahead, here = polynomial_weights(0.0, np.ones(len(rows)), inside.positions, at, spacing)
-    data = [Datum(rows, factor, where, condition.gamma, what)]
+    data = [Datum(rows, factor, where, law.datum, what, law)]
     return Continued(rows, inside.terms(rows, weights), [], data, here, inside.terms(rows, ahead))
 
 

@@ -12,8 +12,7 @@ from cpmkit.forms.collocation.ghosts.geometry import Crossing, beyond_another
 from cpmkit.forms.collocation.ghosts.transmitted import coupled_weights
 from cpmkit.grid.lattice import Lattice
 from cpmkit.protocols import Bools, Floats, Ints
-from cpmkit.scene.conditions import Condition
-from cpmkit.scene.special_conditions import Transmission
+from cpmkit.scene.laws import Interface, OneSided
 
 
 def continue_ghosts(crossing: Crossing, lattice: Lattice, orders: Ints) -> tuple[list[Continued], Ints]:
@@ -23,12 +22,13 @@ def continue_ghosts(crossing: Crossing, lattice: Lattice, orders: Ints) -> tuple
     """
     parts, orders = [], orders.copy()
     for condition, side in crossing.sides():
-        coupled = isinstance(condition, Transmission)
+        law = condition.law
+        coupled = isinstance(law, Interface)
         for order in (2, 3, 4) if coupled else (3, 4):
             rows = side[orders[side] == order]
             if not len(rows):
                 continue
-            count = points_inside(condition, order)
+            count = points_inside(law, order)
             inside, sound = _points(crossing, rows, crossing.direction[rows], count, lattice.spacing)
             if coupled:
                 behind, sound_behind = _points(crossing, rows, -crossing.direction[rows], count, lattice.spacing)
@@ -36,10 +36,10 @@ def continue_ghosts(crossing: Crossing, lattice: Lattice, orders: Ints) -> tuple
             orders[rows[~sound]] = 1 if coupled else 2
             if not sound.any():
                 continue
-            if isinstance(condition, Transmission):
-                parts.append(_couple(crossing, lattice, condition, rows[sound], inside.take(sound), behind.take(sound)))
+            if isinstance(law, Interface):
+                parts.append(_couple(crossing, lattice, law, rows[sound], inside.take(sound), behind.take(sound)))
             else:
-                parts.append(_continue(crossing, lattice, condition, rows[sound], inside.take(sound)))
+                parts.append(_continue(crossing, lattice, law, rows[sound], inside.take(sound)))
     return parts, orders
 
 
@@ -53,25 +53,25 @@ def _points(crossing: Crossing, rows: Ints, direction: Floats, count: int, spaci
     return inside, inside.sound & ~blocked & own.has_sides
 
 
-def _continue(crossing: Crossing, lattice: Lattice, condition: Condition, rows: Ints, inside: Inside) -> Continued:
+def _continue(crossing: Crossing, lattice: Lattice, law: OneSided, rows: Ints, inside: Inside) -> Continued:
     where = lattice.to_scene(crossing.seen.foot[rows])
     at = arc_length(crossing.seen.distance[rows], np.linalg.norm(inside.curvature, axis=1))
-    return continue_rows(condition, rows, where, crossing.what, inside, at, lattice.spacing)
+    return continue_rows(law, rows, where, crossing.what, inside, at, lattice.spacing)
 
 
 def _couple(
-    crossing: Crossing, lattice: Lattice, condition: Transmission, rows: Ints, inside: Inside, behind: Inside
+    crossing: Crossing, lattice: Lattice, law: Interface, rows: Ints, inside: Inside, behind: Inside
 ) -> Continued:
     seen = crossing.seen.take(rows)
     where, carries_left = lattice.to_scene(seen.foot), seen.signed < 0
-    materials = conductivities(condition, crossing.diffusivity, seen, carries_left, lattice)
+    materials = conductivities(law, crossing.diffusivity, seen, carries_left, lattice)
     at = arc_length(seen.distance, np.linalg.norm(behind.curvature, axis=1))
     own, carried, jump, flux = coupled_weights(
-        condition, materials, behind.positions, inside.positions, at, carries_left, lattice.spacing
+        law, materials, behind.positions, inside.positions, at, carries_left, lattice.spacing
     )
     ahead, here = polynomial_weights(0.0, np.ones(len(rows)), inside.positions, at, lattice.spacing)
     data = [
-        Datum(rows, jump, where, condition.jump, f"the jump of {crossing.what}"),
-        Datum(rows, flux, where, condition.flux, f"the flux of {crossing.what}"),
+        Datum(rows, jump, where, law.jump, f"the jump of {crossing.what}", law),
+        Datum(rows, flux, where, law.flux, f"the flux of {crossing.what}", law),
     ]
     return Continued(rows, inside.terms(rows, carried), behind.terms(rows, own), data, here, inside.terms(rows, ahead))

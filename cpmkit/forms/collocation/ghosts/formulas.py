@@ -18,33 +18,22 @@ import numpy as np
 
 from cpmkit.errors import ResolutionError
 from cpmkit.protocols import Bools, Floats
-from cpmkit.scene.conditions import Condition
-from cpmkit.scene.data import evaluate_data
+from cpmkit.scene.laws import Law, OneSided, Value
 
 
-def is_dirichlet(condition: Condition) -> bool:
-    """Tell whether the condition fixes the value itself."""
-    return condition.alpha == 0.0
-
-
-def mirror_distance(condition: Condition, t: Floats, spacing: float) -> Floats:
+def mirror_distance(law: Law, t: Floats, spacing: float) -> Floats:
     """Return how far beyond the boundary a second-order ghost at distance ``t`` (n,) reads."""
-    return np.maximum(t, 0.5 * spacing) if is_dirichlet(condition) else t
-
-
-def beta_at(condition: Condition, points: Floats, what: str) -> Floats:
-    """Return beta (n,) at ``points`` (n, d) of the boundary, in the scene's coordinates."""
-    return evaluate_data(condition.beta, points, 1, f"beta of {what}")[:, 0]
+    return np.maximum(t, 0.5 * spacing) if isinstance(law, Value) else t
 
 
 def coefficient_and_factor(
-    condition: Condition, beta: Floats, t: Floats, s: Floats, first_order: Bools, spacing: float
+    law: OneSided, beta: Floats, t: Floats, s: Floats, first_order: Bools, spacing: float
 ) -> tuple[Floats, Floats]:
     """Return the coefficient of u(mirror) and the factor of gamma, each (n,).
 
     Parameters
     ----------
-    condition : Condition
+    law : OneSided
         With its alpha.
     beta : (n,) float64
         Its beta at the ghosts' feet.
@@ -60,10 +49,10 @@ def coefficient_and_factor(
     ResolutionError
         If the condition feeds the solution more strongly than the spacing can follow.
     """
-    if is_dirichlet(condition):
+    if isinstance(law, Value):
         ratio = np.where(first_order, 0.0, t / np.maximum(t, 0.5 * spacing))
         return -ratio, (1.0 + ratio) / beta
-    alpha = condition.alpha
+    alpha = law.alpha
     first = alpha + beta * t
     second = alpha + 0.5 * beta * s
     divisors = np.where(first_order, first, second) / alpha
@@ -77,12 +66,12 @@ def coefficient_and_factor(
     return coefficient, np.where(first_order, t / first, s / second)
 
 
-def points_inside(condition: Condition, order: int) -> int:
+def points_inside(law: Law, order: int) -> int:
     """Return at how many points inside a ghost of ``order`` 3 or 4 reads: the degree of its polynomial.
 
     The slope of a cubic costs an order that its value keeps, so a flux gets one point more.
     """
-    return order - 1 if is_dirichlet(condition) else order
+    return order - 1 if isinstance(law, Value) else order
 
 
 def polynomial_weights(

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.forms.collocation.boundary.frame import Frame, Sighted
-from cpmkit.forms.collocation.ghosts.formulas import is_dirichlet
 from cpmkit.protocols import Bools, BoundarySet, Floats, Ints
 from cpmkit.scene.alike import alike
-from cpmkit.scene.conditions import Condition
+from cpmkit.scene.condition import Condition
 from cpmkit.scene.data import Data
+from cpmkit.scene.laws import Value
 
 #: Data that jump across a boundary are read this share of the spacing inside the side they belong to.
 INSIDE = 1e-6
@@ -79,7 +79,8 @@ class Crossing:
 
 def _holds_one_value(boundary: BoundarySet) -> bool:
     """Tell whether the solution is continuous across a boundary because both sides hold the same value there."""
-    return is_dirichlet(boundary.condition("left")) and alike(boundary.condition("left"), boundary.condition("right"))
+    left, right = boundary.condition("left"), boundary.condition("right")
+    return isinstance(left.law, Value) and alike(left, right)
 
 
 def beyond_another(crossing: Crossing, rows: Ints, points: Floats, reach: float, spacing: float) -> Bools:

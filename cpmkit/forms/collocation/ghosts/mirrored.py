@@ -13,14 +13,13 @@ from cpmkit.forms.collocation.boundary.reading import Datum, Reading, Term
 from cpmkit.forms.collocation.boundary.side_readings import WITHIN, read_within
 from cpmkit.forms.collocation.ghosts.continuation import continued, continued_sources
 from cpmkit.forms.collocation.ghosts.continued import continue_ghosts
-from cpmkit.forms.collocation.ghosts.formulas import beta_at, coefficient_and_factor, mirror_distance
+from cpmkit.forms.collocation.ghosts.formulas import coefficient_and_factor, mirror_distance
 from cpmkit.forms.collocation.ghosts.geometry import Crossing, beyond_another
 from cpmkit.forms.collocation.ghosts.transmitted import transmission_weights
 from cpmkit.forms.collocation.sheets.boundary_on_sheets import nearest_from
 from cpmkit.grid.lattice import Lattice
 from cpmkit.protocols import Bools, Floats, Ints
-from cpmkit.scene.conditions import Condition
-from cpmkit.scene.special_conditions import Transmission
+from cpmkit.scene.laws import Interface, OneSided, beta_at
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,42 +70,42 @@ def _plain(crossing: Crossing, lattice: Lattice, alone: Bools, orders: Ints) -> 
     data: list[Datum] = []
     own_terms: list[Term] = []
     for condition, side in crossing.sides():
-        rows = side[alone[side]]
-        if isinstance(condition, Transmission) and len(rows):
-            coefficient[rows], added, own_term = _transmitted(crossing, lattice, condition, rows, mirror)
+        law, rows = condition.law, side[alone[side]]
+        if isinstance(law, Interface) and len(rows):
+            coefficient[rows], added, own_term = _transmitted(crossing, lattice, law, rows, mirror)
             own_terms.append(own_term)
             data += added
-        elif not isinstance(condition, Transmission):
-            coefficient[rows], added = _mirrored(crossing, lattice, condition, rows, mirror, orders)
+        elif not isinstance(law, Interface):
+            coefficient[rows], added = _mirrored(crossing, lattice, law, rows, mirror, orders)
             data += added
     return Reading(mirror, coefficient, data), own_terms, orders
 
 
 def _mirrored(
-    crossing: Crossing, lattice: Lattice, condition: Condition, rows: Ints, mirror: Floats, orders: Ints
+    crossing: Crossing, lattice: Lattice, law: OneSided, rows: Ints, mirror: Floats, orders: Ints
 ) -> tuple[Floats, list[Datum]]:
     """Return the coefficients (k,) of the ghosts ``rows`` of order 1 or 2, and their data."""
     where = lattice.to_scene(crossing.seen.foot[rows])
     s = np.linalg.norm(crossing.foot_point[rows] - mirror[rows], axis=1)
     t, first = crossing.seen.distance[rows], orders[rows] == 1
-    beta = beta_at(condition, where, crossing.what)
-    coefficient, factor = coefficient_and_factor(condition, beta, t, s, first, lattice.spacing)
-    return coefficient, [Datum(rows, factor, where, condition.gamma, crossing.what)]
+    beta = beta_at(law, where, crossing.what)
+    coefficient, factor = coefficient_and_factor(law, beta, t, s, first, lattice.spacing)
+    return coefficient, [Datum(rows, factor, where, law.datum, crossing.what, law)]
 
 
 def _transmitted(
-    crossing: Crossing, lattice: Lattice, condition: Transmission, rows: Ints, mirror: Floats
+    crossing: Crossing, lattice: Lattice, law: Interface, rows: Ints, mirror: Floats
 ) -> tuple[Floats, list[Datum], Term]:
     """Return the coefficients (k,) of u(mirror), the data, and the term that reads where the ghosts stand."""
     where = lattice.to_scene(crossing.seen.foot[rows])
     s = np.linalg.norm(crossing.foot_point[rows] - mirror[rows], axis=1)
     seen = crossing.seen.take(rows)
     carries_left = seen.signed < 0
-    materials = conductivities(condition, crossing.diffusivity, seen, carries_left, lattice)
-    own, carried, jump, flux = transmission_weights(condition, *materials, s, carries_left)
+    materials = conductivities(law, crossing.diffusivity, seen, carries_left, lattice)
+    own, carried, jump, flux = transmission_weights(law, *materials, s, carries_left)
     data = [
-        Datum(rows, jump, where, condition.jump, f"the jump of {crossing.what}"),
-        Datum(rows, flux, where, condition.flux, f"the flux of {crossing.what}"),
+        Datum(rows, jump, where, law.jump, f"the jump of {crossing.what}", law),
+        Datum(rows, flux, where, law.flux, f"the flux of {crossing.what}", law),
     ]
     return carried, data, Term(rows, crossing.foot_point[rows], own)
 
@@ -118,8 +117,8 @@ def _mirrors(crossing: Crossing, orders: Ints, alone: Bools, spacing: float) -> 
     """
     seen, orders, h = crossing.seen, orders.copy(), np.empty(len(alone))
     for condition, rows in crossing.sides():
-        h[rows] = mirror_distance(condition, seen.distance[rows], spacing)
-    coupled = isinstance(crossing.boundaries[crossing.index].condition("left"), Transmission)
+        h[rows] = mirror_distance(condition.law, seen.distance[rows], spacing)
+    coupled = crossing.boundaries[crossing.index].condition("left").couples
     mirror, second = seen.foot.copy(), np.flatnonzero(alone & ((orders == 2) | coupled))
     if len(second):
         ahead = seen.foot[second] + h[second, None] * crossing.direction[second]

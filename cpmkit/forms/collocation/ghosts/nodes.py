@@ -22,7 +22,6 @@ from cpmkit.grid.lattice import Lattice
 from cpmkit.grid.stencils import difference_reach, reading_radius
 from cpmkit.protocols import Bools, BoundarySet, Floats, Ints
 from cpmkit.scene.data import Data
-from cpmkit.scene.special_conditions import Transmission
 
 #: Below this share of the spacing, the direction from a ghost to the boundary is taken from the conormal.
 TOUCHING = 1e-3
@@ -112,7 +111,7 @@ def build_ghosts(index: int, sight: Sight, band: Band, lattice: Lattice, mirrore
     """
     seen, unknowns = _ghost_nodes(sight.sighted[index], sight.frames[index], band, difference_reach(order))
     own = sight.sighted[index]
-    coupled = isinstance(sight.boundaries[index].condition("left"), Transmission)
+    coupled = sight.boundaries[index].condition("left").couples
     seen, places, apart = straight_ahead(own, band, seen, sight.behind, coupled)
     foot_point = np.where(apart[:, None], places, mirrored.points[seen.rows])
     direction = _direction(seen, foot_point, band.spacing)

@@ -9,11 +9,11 @@ from __future__ import annotations
 import numpy as np
 
 from cpmkit.protocols import Bools, Floats
-from cpmkit.scene.special_conditions import Transmission
+from cpmkit.scene.laws import Interface
 
 
 def transmission_weights(
-    condition: Transmission, k_own: Floats, k_carried: Floats, s: Floats, carries_left: Bools
+    law: Interface, k_own: Floats, k_carried: Floats, s: Floats, carries_left: Bools
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Return how ghosts of order 1 read: the factors (n,) of u where they stand, of u(mirror), jump and flux.
 
@@ -22,19 +22,19 @@ def transmission_weights(
     replace values and slopes. Where the second derivatives on the two sides differ, the ghosts are off by ``s^2``,
     and the flux by one order less.
     """
-    contact = 2 * condition.resistance * k_own * k_carried
-    if condition.resistance == 0:
+    contact = 2 * law.resistance * k_own * k_carried
+    if law.resistance == 0:
         divisor, own, mirror, flux = k_own + k_carried, 2 * k_own, k_carried - k_own, s
     else:
         divisor = s * (k_own + k_carried) + contact
         own, mirror, flux = 2 * s * k_own, s * (k_carried - k_own) + contact, s * s
     own = own / divisor
     sign = np.where(carries_left, -1.0, 1.0)
-    return own, mirror / divisor, -own * sign, flux / divisor + own * 0.5 * condition.resistance
+    return own, mirror / divisor, -own * sign, flux / divisor + own * 0.5 * law.resistance
 
 
 def coupled_weights(
-    condition: Transmission,
+    law: Interface,
     conductivities: tuple[Floats, Floats],
     own: Floats,
     carried: Floats,
@@ -48,7 +48,7 @@ def coupled_weights(
 
     Parameters
     ----------
-    condition : Transmission
+    law : Interface
         With its resistance.
     conductivities : two (n,) float64
         On the ghost's own side, and on the side that it carries.
@@ -67,7 +67,7 @@ def coupled_weights(
     system = np.zeros((n, 2 * size, 2 * size))
     system[:, :k, :size] = (own / spacing)[:, :, None] ** powers
     system[:, k : 2 * k, size:] = (-carried / spacing)[:, :, None] ** powers
-    half = 0.5 * condition.resistance / spacing
+    half = 0.5 * law.resistance / spacing
     unit = 1.0 / (1.0 + half * (k_own + k_carried))  # rows alike in size, however large the resistance
     system[:, 2 * k, 0], system[:, 2 * k, size] = unit, -unit
     system[:, 2 * k, 1], system[:, 2 * k, size + 1] = -half * k_own * unit, -half * k_carried * unit

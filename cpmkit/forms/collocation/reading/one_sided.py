@@ -17,11 +17,11 @@ import numpy as np
 from cpmkit.forms.collocation.boundary.edge import edge_condition
 from cpmkit.forms.collocation.boundary.frame import Frame
 from cpmkit.forms.collocation.extension import stencil_nodes
-from cpmkit.forms.collocation.ghosts.formulas import is_dirichlet
 from cpmkit.grid.stencils import stencil_cells
 from cpmkit.manifold.tangent_space import outward_conormals
 from cpmkit.protocols import SIDES, Bools, ClosestPoints, Floats, Ints, Side
-from cpmkit.scene.conditions import Condition
+from cpmkit.scene.condition import Condition
+from cpmkit.scene.laws import Value
 
 if TYPE_CHECKING:
     from cpmkit.forms.collocation.reading.points import Reader
@@ -97,7 +97,7 @@ def _parabola(ways: Floats, at: Floats) -> Floats:
 
 def _bends(condition: Condition, order: int) -> bool:
     """Tell whether ghosts of this condition bend the interpolant: those of order 1 or 2 that carry a value."""
-    return (condition.order or order) <= 2 and is_dirichlet(condition)
+    return (condition.order or order) <= 2 and isinstance(condition.law, Value)
 
 
 def _at_boundaries(reader: Reader, frames: Sequence[Frame]) -> list[Bends]:

@@ -10,8 +10,8 @@ from cpmkit.forms.collocation.boundary.encounters import STRIP, Strip
 from cpmkit.forms.collocation.boundary.frame import Frame
 from cpmkit.grid.lattice import Lattice
 from cpmkit.protocols import SIDES, Bools, BoundarySet, Floats
-from cpmkit.scene.conditions import Dirichlet
 from cpmkit.scene.data import evaluate_data
+from cpmkit.scene.laws import Value
 
 
 def fill_strips(
@@ -51,10 +51,10 @@ def _given(
     """Return the values (k, channels) that a boundary holds on the sides that the points lie on, and where it does."""
     values, fixed = np.zeros((len(seen.rows), channels)), np.zeros(len(seen.rows), dtype=bool)
     for side in SIDES:
-        condition = boundary.condition(side)
+        law = boundary.condition(side).law
         rows = np.flatnonzero((seen.signed > 0) == (side == "left"))
-        if isinstance(condition, Dirichlet) and len(rows):
+        if isinstance(law, Value) and len(rows):
             where = lattice.to_scene(seen.foot[rows])
-            values[rows] = evaluate_data(condition.value, where, channels, f"boundary {boundary.name!r}", time)
+            values[rows] = evaluate_data(law.datum, where, channels, f"boundary {boundary.name!r}", time)
             fixed[rows] = True
     return values, fixed
