@@ -16,7 +16,6 @@ import numpy as np
 from unfolding import positions, solution_off
 
 import cpmkit as ck
-from cpmkit.forms.collocation.conservation.flux_balance import balance_fluxes, prepare_balance
 
 SPACINGS = {"fish": 0.0156, "koala": 0.0167, "nefertiti": 0.0177, "spot": 0.0193}
 DEGREES = (1, 2, 3, 4, 5, 6, 8)
@@ -29,8 +28,7 @@ def differences(name: str, spacing: float, count: int) -> np.ndarray:
     found = []
     for origin in positions(spacing, count):
         solution = ck.solve(scene, spacing, origin=origin, **options)
-        prepared = prepare_balance(scene, solution.tables)
-        balanced = [balance_fluxes(solution, prepared, degree) for degree in DEGREES]
+        balanced = [ck.solve(scene, spacing, origin=origin, balance=degree, **options) for degree in DEGREES]
         found.append([measure(one) for one in (solution, *balanced)])
     return np.array(found)
 

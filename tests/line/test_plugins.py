@@ -10,7 +10,7 @@ from model_problems import circle_jump, on_circle
 import cpmkit as ck
 from cpmkit import plugins
 from cpmkit.hookspecs import hookimpl
-from cpmkit.linear.direct import solve_direct
+from cpmkit.linear.direct import Direct
 
 
 class FakeEntryPoint:
@@ -56,7 +56,7 @@ class GoodPlugin:
     def cpmkit_solvers(self):
         def patient(*, patience=1):
             assert patience > 0
-            return solve_direct
+            return Direct()
 
         return {"fake.solver": patient}
 

@@ -1,16 +1,12 @@
 """Numbers are numbers, orders and options are what is offered: anything else is refused in a sentence."""
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
 
 import cpmkit as ck
-from cpmkit.forms.collocation.assembly import assemble
-from cpmkit.forms.collocation.discretization import discretize
-from cpmkit.linear.reference import solve_reference
-from cpmkit.protocols import nothing
+from cpmkit.linear.reference import Reference
 
 CIRCLE = ck.source("analytic.circle")
 EASY = ck.Scene(CIRCLE, ck.ScreenedPoisson(1.0))
@@ -97,10 +93,9 @@ def test_a_parameter_t_with_a_default_is_not_the_time():
 def test_a_guess_is_put_right_where_the_right_side_is_zero():
     """BiCGSTAB with b = 0: there is no relative residual to aim at, and u = 0 is the solution."""
     scene = ck.Scene(CIRCLE, ck.ScreenedPoisson([lambda x: x[:, 0], 0.0]))
-    tables = discretize(scene, 0.2)
-    system = assemble(tables, scene.problem)
+    system = ck.assemble(ck.discretize(scene, 0.2))
     guess = np.ones_like(system.right_side)
-    u, report = solve_reference(replace(system, guess=guess), 1e-10, nothing)
+    u, report = Reference().prepare(system.operator).solve(system.right_side, 1e-10, guess)
     assert report.converged
     assert np.abs(u[:, 0]).max() > 0.1
     np.testing.assert_array_equal(u[:, 1], 0.0)

@@ -36,7 +36,7 @@ def test_frames_are_the_solutions_of_shorter_runs():
     solution = ck.solve(scene(heat(frames=3)), 0.1)
     assert [frame.time for frame in solution.frames] == pytest.approx([0.0, 0.2, 0.4, 0.6])
     assert [frame.steps for frame in solution.frames] == [0, 4, 8, 12]
-    assert all(frame.tables is solution.tables for frame in solution.frames)
+    assert all(frame.discretized is solution.discretized for frame in solution.frames)
     np.testing.assert_allclose(solution.frames[0].evaluate(POINTS[:1]), POINTS[:1, 0], atol=1e-3)
     shorter = ck.solve(scene(heat(until=0.4)), 0.1)
     np.testing.assert_allclose(solution.frames[2].evaluate(POINTS), shorter.evaluate(POINTS), rtol=1e-9)

@@ -8,13 +8,14 @@ from importlib import import_module
 
 import numpy as np
 import pytest
-from cpmkit.families.job import Job
 from model_problems import on_circle
 from scipy.sparse import issparse
 
 import cpmkit as ck
 from cpmkit.families.checkpointing import EVERY, check_checkpointing
-from cpmkit.forms.collocation.discretization import discretize
+from cpmkit.families.context import SolveContext
+from cpmkit.forms.collocation.discretization import build_tables
+from cpmkit.forms.collocation.form import Collocation
 from cpmkit.linear.choice import make_solver
 from cpmkit.manifold.localized import Localized
 from cpmkit.protocols import nothing
@@ -77,23 +78,22 @@ PROBLEMS: Mapping[str, ck.Equation] = {
 
 def solve_on(tables, scene, solver):
     """Solve on tables that are there already."""
-    job = Job(
-        scene,
-        tables,
+    context = SolveContext(
+        Collocation(scene, tables),
         make_solver(solver, {}),
         solver,
         1e-8,
         nothing,
         time.perf_counter(),
         check_checkpointing(scene.problem, None, EVERY, None),
-        0,
     )
-    return import_module(FAMILIES[scene.problem.family]).solve_job(job)
+    module, function = FAMILIES[scene.problem.family]
+    return getattr(import_module(module), function)(context)
 
 
 @pytest.mark.parametrize("name", ["arc", "disc"])
 def test_every_equation_leaves_the_tables_as_they_are(name):
-    tables = discretize(scene_of(name, ck.Poisson(1.0)), scenes()[name][3])
+    tables = build_tables(scene_of(name, ck.Poisson(1.0)), scenes()[name][3])
     before = prints_of(tables)
     assert {"tables.extension.data", "tables.neighbours", "tables.layout.band.nodes"} <= set(before)
     assert any("ghosts" in one for one in before)
@@ -110,7 +110,7 @@ def test_every_reading_leaves_the_tables_as_they_are(name, tmp_path):
     scene = scene_of(name, ck.ScreenedPoisson(1.0), left=ck.Dirichlet(0.0), right=ck.Neumann(1.0))
     _, _, points, spacing = scenes()[name]
     solution = ck.solve(scene, spacing)
-    before, file = prints_of(solution.tables), tmp_path / "solution.npz"
+    before, file = prints_of(solution.discretized.tables), tmp_path / "solution.npz"
     calls = {
         "evaluate": lambda: solution.evaluate(points, side="left"),
         "gradient": lambda: solution.gradient(points),
@@ -127,15 +127,15 @@ def test_every_reading_leaves_the_tables_as_they_are(name, tmp_path):
     }
     for call, ask in calls.items():
         ask()
-        assert prints_of(solution.tables) == before, call
+        assert prints_of(solution.discretized.tables) == before, call
 
 
 def test_an_estimate_leaves_the_tables_as_they_are_and_a_loaded_solution_has_the_same(tmp_path):
     scene = scene_of("arc", ck.ScreenedPoisson(1.0))
     solution = ck.estimate_error(scene, 0.05).solution
     solution.save(tmp_path / "solution.npz")
-    assert prints_of(ck.load(tmp_path / "solution.npz", scene).tables) == prints_of(solution.tables)
-    assert prints_of(ck.solve(scene, 0.05).tables) == prints_of(solution.tables)
+    assert prints_of(ck.load(tmp_path / "solution.npz", scene).tables) == prints_of(solution.discretized.tables)
+    assert prints_of(ck.solve(scene, 0.05).tables) == prints_of(solution.discretized.tables)
 
 
 @pytest.mark.parametrize("name", ["arc", "disc"])

@@ -10,7 +10,7 @@ from model_problems import on_circle, order_of, origins, rotation, sphere_points
 import cpmkit as ck
 from cpmkit.forms.collocation.conservation.free_constants import find_border
 from cpmkit.forms.collocation.conservation.mean_weights import mean_weights
-from cpmkit.forms.collocation.discretization import discretize
+from cpmkit.forms.collocation.discretization import build_tables
 
 SPACINGS = (0.2, 0.1, 0.067)
 HEIGHT = 0.2
@@ -255,7 +255,7 @@ def test_means_over_the_band_are_means_over_the_surface(name):
     surface = {"sphere": SPHERE, "torus": ck.source("analytic.torus", major=1.0, minor=0.4)}[name]
     exact, smooth, plain = {"sphere": np.sinh(1), "torus": torus_mean(g)}[name], [], []
     for h in SPACINGS:
-        tables = discretize(ck.Scene(surface, ck.Laplace()), h, origin=h * origins(3)[0])
+        tables = build_tables(ck.Scene(surface, ck.Laplace()), h, origin=h * origins(3)[0])
         band, weights = tables.layout.band, mean_weights(tables)
         at = g(tables.layout.lattice.to_scene(band.feet.points[: band.inner]))
         smooth.append(abs(weights @ at / weights.sum() - exact))
@@ -271,7 +271,7 @@ def test_means_hold_where_the_rim_lies_in_a_plane_of_the_lattice():
     """There the mirror point of a node on the rim is its foot but for rounding, which has no direction."""
     half, errors = ck.source("analytic.cap", height=0.0), []
     for h in SPACINGS:
-        tables = discretize(ck.Scene(half, ck.Laplace()), h, origin=[0, 0, 0])
+        tables = build_tables(ck.Scene(half, ck.Laplace()), h, origin=[0, 0, 0])
         weights = mean_weights(tables)
         z = tables.layout.lattice.to_scene(tables.sources.points)[:, 2]
         errors.append(abs(weights @ z / weights.sum() - 0.5))
@@ -295,7 +295,7 @@ def test_a_piece_narrower_than_the_stencil_has_a_mean():
         for name, height in (("low", 0.2), ("high", 0.27))
     ]
     scene = ck.Scene(SPHERE, ck.Poisson(lambda x: x @ E1), strip)
-    border = find_border(discretize(scene, 0.1), scene)
+    border = find_border(build_tables(scene, 0.1), scene)
     assert border.mean.shape[0] == 3
     assert np.asarray(border.mean.sum(axis=1)) == pytest.approx([1, 1, 1], abs=1e-12)
     assert np.abs(border.mean.toarray()).sum(axis=1).max() < 3

@@ -5,7 +5,7 @@ import pytest
 
 import cpmkit as ck
 from cpmkit.forms.collocation.conservation.components import components
-from cpmkit.forms.collocation.discretization import discretize
+from cpmkit.forms.collocation.discretization import build_tables
 
 FREE, FIXED = ck.Neumann(0.0), ck.Dirichlet(1.0)
 TILTED = np.array([0.3, 0.2, 1.0]) / np.linalg.norm([0.3, 0.2, 1.0])
@@ -66,12 +66,12 @@ def test_parts_that_meet_where_walls_cross_count_as_one_and_say_so():
 
 def test_a_strip_narrower_than_a_spacing_is_a_piece():
     walls = scene(circle("low", 0.2, TILTED, both=FREE), circle("high", 0.27, TILTED, both=FREE))
-    assert components(discretize(walls, 0.1))[0] == 3
+    assert components(build_tables(walls, 0.1))[0] == 3
 
 
 def test_ghosts_belong_to_the_piece_that_they_carry():
     cut = scene(circle("wall", 0.2, TILTED, both=FREE))
-    tables = discretize(cut, 0.15)
+    tables = build_tables(cut, 0.15)
     count, label = components(tables)
     inner, (ghosts,) = tables.layout.band.inner, tables.layout.ghosts
     up = tables.layout.band.feet.points @ TILTED > 0.2

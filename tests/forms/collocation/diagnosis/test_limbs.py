@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import cpmkit as ck
-from cpmkit.forms.collocation.assembly import build_operator
 from cpmkit.forms.collocation.conservation.balance import Leak
 from cpmkit.forms.collocation.diagnosis.definiteness import lowest_eigenvalue
 from cpmkit.forms.collocation.diagnosis.survey import remaining
@@ -98,9 +97,9 @@ def test_where_c_lifts_the_operator_or_limbs_are_thick_nothing_is_refused():
 def test_arnoldi_finds_the_lowest_eigenvalue_only_where_there_is_one():
     for diameter, gap, negative in ((2, 2, True), (3, 4.5, False)):
         scene = two(diameter, gap, ck.Poisson(0.0))
-        operator = build_operator(ck.discretize(scene, 1.0), scene.problem.terms())
+        operator = ck.discretize(scene, 1.0).stiffness(scene.problem.terms())
         value, products = lowest_eigenvalue(operator, -1e-3)
-        lowest = np.linalg.eigvals(operator.matrix().toarray()).real.min()
+        lowest = np.linalg.eigvals(operator.to_csr().toarray()).real.min()
         assert (value is not None) == negative == (lowest < -1e-3)
         assert products <= 120
         if negative:
@@ -120,7 +119,7 @@ def test_a_rim_as_sharp_as_the_grid_and_the_dziuk_surface_are_told():
 
 def test_a_run_that_grows_without_a_cause_is_refused(monkeypatch):
     """The probe switched off: the run itself tells."""
-    monkeypatch.setattr("cpmkit.families.evolution.stepping.check_definite", lambda *_: 0)
+    monkeypatch.setattr("cpmkit.forms.collocation.form.Collocation.indefinite", lambda *_: ("", 0))
     for problem in (
         ck.Heat(one_and_nothing, until=4000.0, step=10.0),
         ck.Wave(one_and_nothing, until=200.0, step=0.4),
