@@ -46,7 +46,7 @@ _PUBLIC = {
     "VertexData": "scene.vertex_data",
     "assemble": "families.steady",
     "build_band": "grid.band",
-    "discretize": "forms.collocation.form",
+    "discretize": "solving",
     "estimate_error": "estimate",
     "explain": "forecast.explanation",
     "load": "saving.loading",

@@ -107,13 +107,16 @@ def solve(
     from cpmkit import solve as solve_scene
     from cpmkit.runtime.telling import overheard
     from cpmkit.saving.results import check_request, write_results
+    from cpmkit.solving import for_any_backend
 
     with overheard() as heard, told_progress(scene, quiet) as progress:
         try:
             loaded = load_scene(scene)
             folder = output or loaded.output.folder
             check_request(loaded.output, loaded.scene.surface, folder)
-            options = loaded.options if backend == "cpm" else _options_of(backend, loaded.options)
+            options = loaded.options
+            if backend != "cpm":
+                options = {"backend": backend, **for_any_backend(options)}
             options |= {key: file for key, file in (("checkpoint", checkpoint), ("resume", resume)) if file}
             solution = solve_scene(loaded.scene, spacing=spacing or loaded.spacing, progress=progress, **options)
         except Exception:
@@ -134,11 +137,6 @@ def solve(
 def _warn(sentences: Iterable[str], err: bool = False) -> None:
     for sentence in sentences:
         click.echo(f"warning    {sentence}", err=err)
-
-
-def _options_of(backend: str, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the options for another back end: the file's others describe the lattice and its solver."""
-    return {"backend": backend, **{name: value for name, value in options.items() if name == "tolerance"}}
 
 
 def _told(solution: Any, summary: Mapping[str, Any]) -> str:

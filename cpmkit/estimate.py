@@ -8,8 +8,12 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import place
+from cpmkit.forms.choice import FORMS, options_of
+from cpmkit.forms.options import Options
+from cpmkit.linear.choice import SolverOptions
 from cpmkit.manifold.abilities import floor_of
 from cpmkit.protocols import Floats
+from cpmkit.runtime.declared import showing
 from cpmkit.runtime.telling import overheard, tell
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.solution import Solution
@@ -56,7 +60,8 @@ class ErrorEstimate:
         )
 
 
-def estimate_error(scene: Scene, spacing: float, *, order: int = 2, **options: Any) -> ErrorEstimate:
+@showing(Options, *FORMS.values(), SolverOptions)
+def estimate_error(scene: Scene, spacing: float, **options: Any) -> ErrorEstimate:
     """Solve a scene at ``spacing`` and at twice it, and estimate the error of the finer solution.
 
     On a single position of the lattice the estimate is within a factor of two or three of the true error; where the
@@ -68,10 +73,9 @@ def estimate_error(scene: Scene, spacing: float, *, order: int = 2, **options: A
         What is solved.
     spacing : float
         Of the finer solution.
-    order : int
-        As for :func:`cpmkit.solve`; the error is taken to fall with this power of the spacing, 3 counting as 2.
     **options
-        As for :func:`cpmkit.solve`.
+        As for :func:`cpmkit.solve`. The error is taken to fall with the power ``order`` of the spacing, 3 counting as
+        2.
 
     Returns
     -------
@@ -91,13 +95,14 @@ def estimate_error(scene: Scene, spacing: float, *, order: int = 2, **options: A
     True
     """
     with overheard():
-        solution = solve(scene, spacing, order=order, **options)
-        coarse = solve(scene, 2 * spacing, order=order, **options)
+        solution = solve(scene, spacing, **options)
+        coarse = solve(scene, 2 * spacing, **options)
     tell(solution.warnings)
     points = solution.discretized.points
     points = points[np.linspace(0, len(points) - 1, min(COMPARED, len(points))).astype(np.int64)]
     fine = solution.evaluate(points).reshape(len(points), -1)
     apart = np.abs(fine - coarse.evaluate(points).reshape(len(points), -1))
+    order = options_of(scene.surface, spacing, options)[0].own.order
     power = 2 if order == 3 else order
     span = fine.max(axis=0) - fine.min(axis=0)
     return ErrorEstimate(

@@ -25,8 +25,6 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 Side = Literal["left", "right"]
-#: Whether sheets of a surface that share a band are told apart, and sharp bends unfolded.
-Parting = bool | Literal["unfolded"]
 #: Both sides of a boundary.
 SIDES: tuple[Side, Side] = ("left", "right")
 

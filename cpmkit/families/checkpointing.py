@@ -4,58 +4,16 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from cpmkit.errors import InputError, shown
-from cpmkit.files.whole_files import check_name
+from cpmkit.files.whole_files import check_name, check_place
 from cpmkit.runtime.arrays import whole
+from cpmkit.runtime.declared import Declared, option
 from cpmkit.scene.equations import Equation
 from cpmkit.scene.equations_in_time import Evolution
-
-#: Steps between two checkpoints unless asked otherwise.
-EVERY = 100
-
-
-@dataclass(frozen=True)
-class Checkpointing:
-    """Where the state of a run is written and read.
-
-    Attributes
-    ----------
-    write : Path or None
-        Written every so many steps, each time whole.
-    every : int
-        Steps in between.
-    resume : Path or None
-        Where the run goes on from.
-    """
-
-    write: Path | None = None
-    every: int = EVERY
-    resume: Path | None = None
-
-
-def check_checkpointing(
-    problem: Equation, write: str | Path | None, every: int, resume: str | Path | None
-) -> Checkpointing:
-    """Return the request, checked before anything is built.
-
-    Raises
-    ------
-    InputError
-        If the problem has no time, ``every`` is no number of steps, or a file cannot be what is asked of it.
-    """
-    if (write or resume) and not isinstance(problem, Evolution):
-        raise InputError(
-            f"checkpoint and resume are for problems in time, not for {problem.kind!r}; leave them out, or use Heat."
-        )
-    asked = Checkpointing(_path(write, "checkpoint"), whole(every, "checkpoint_every", 1), _path(resume, "resume"))
-    if asked.write is not None and (asked.write.suffix != ".npz" or not asked.write.parent.is_dir()):
-        raise InputError(f"a checkpoint must be an .npz file in a folder that exists, got {shown(str(asked.write))}.")
-    if asked.resume is not None and not asked.resume.is_file():
-        raise InputError(f"no checkpoint {shown(str(asked.resume))}; give the file that an earlier run wrote.")
-    return asked
 
 
 def _path(given: Any, what: str) -> Path | None:
@@ -66,3 +24,43 @@ def _path(given: Any, what: str) -> Path | None:
         raise InputError(f"{what} must be the path of an .npz file, got {shown(given)}.")
     check_name(Path(given))
     return Path(given)
+
+
+@dataclass(frozen=True)
+class Checkpointing(Declared):
+    """Where the state of a run is written and read."""
+
+    checkpoint: Path | None = option(
+        None,
+        "Of problems in time: an .npz file in which the state of the run is kept, written every ``checkpoint_every`` "
+        "steps and at the end, each time whole.",
+        _path,
+    )
+    checkpoint_every: int = option(100, "Steps between two checkpoints.", partial(whole, least=1))
+    resume: Path | None = option(
+        None,
+        "A checkpoint of the same problem: the run goes on from there, and ends with the same values, bit by bit, as "
+        "without the interruption. A later ``until`` makes a run longer.",
+        _path,
+    )
+
+    def check_for(self, problem: Equation) -> None:
+        """Refuse, before anything is built, what cannot be done for an equation.
+
+        Raises
+        ------
+        InputError
+            If the problem has no time, or a file cannot be what is asked of it.
+        """
+        write, resume = self.checkpoint, self.resume
+        if (write or resume) and not isinstance(problem, Evolution):
+            raise InputError(
+                f"checkpoint and resume are for problems in time, not for {problem.kind!r}; leave them out, or use "
+                "Heat."
+            )
+        if write is not None and (write.suffix != ".npz" or not write.parent.is_dir()):
+            raise InputError(f"a checkpoint must be an .npz file in a folder that exists, got {shown(str(write))}.")
+        if resume is not None and not resume.is_file():
+            raise InputError(f"no checkpoint {shown(str(resume))}; give the file that an earlier run wrote.")
+        if write is not None:
+            check_place(write)

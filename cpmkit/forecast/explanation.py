@@ -9,17 +9,19 @@ from typing import Any
 import numpy as np
 
 from cpmkit.forecast.rehearsal import Counts, count
-from cpmkit.forecast.resolution import needed_spacing
-from cpmkit.forecast.running_out import memory_ran_out
+from cpmkit.forecast.running_out import memory_told
+from cpmkit.forms.choice import FORMS, options_of
 from cpmkit.forms.collocation.conservation.flux_balance import check_balance
 from cpmkit.forms.collocation.diagnosis.clusters import Cluster
 from cpmkit.forms.collocation.diagnosis.remainder import Remainder
+from cpmkit.forms.options import Options
 from cpmkit.grid.fitting import check_fits
-from cpmkit.linear.choice import check_solver, check_tolerance, choose_solver
+from cpmkit.linear.choice import SolverOptions, choose_solver
 from cpmkit.manifold.abilities import floor_of
 from cpmkit.manifold.localized import largest_dim, localize
-from cpmkit.protocols import HasNormals, HasTangents, Parting, Progress, nothing
+from cpmkit.protocols import HasNormals, HasTangents, Progress, nothing
 from cpmkit.runtime import memory
+from cpmkit.runtime.declared import showing
 from cpmkit.scene.condition import Condition
 from cpmkit.scene.laws import is_wall
 from cpmkit.scene.scene import Scene
@@ -105,20 +107,8 @@ class Explanation:
         return "\n".join(lines)
 
 
-def explain(
-    scene: Scene,
-    spacing: float | None = None,
-    *,
-    degree: int = 3,
-    order: int = 2,
-    origin: Any = None,
-    sheets: Parting = True,
-    balance: int = 0,
-    solver: str = "auto",
-    tolerance: float = 1e-10,
-    progress: Progress = nothing,
-    **solver_options: Any,
-) -> Explanation:
+@showing(Options, *FORMS.values(), SolverOptions)
+def explain(scene: Scene, spacing: float | None = None, *, progress: Progress = nothing, **options: Any) -> Explanation:
     """Say what :func:`cpmkit.solve` with the same arguments will build, why, and at what cost.
 
     Large scenes are rehearsed on three coarse lattices; nothing is built at the spacing itself.
@@ -128,17 +118,12 @@ def explain(
     InputError, SceneError, ResolutionError
         As ``solve`` would.
     """
-    check_tolerance(tolerance)  # nothing that is built depends on it
-    check_solver(solver, solver_options)
+    asked, rest = options_of(scene.surface, spacing, options)
+    solver = SolverOptions.of(rest).solver
+    spacing, degree, order, balance = asked.spacing, asked.own.degree, asked.own.order, asked.own.balance
     check_balance(scene, balance)
-    spacing = needed_spacing(scene, spacing)
-    limit = memory.memory_limit()
-    try:
-        counts = count(scene, spacing, progress, degree=degree, order=order, origin=origin, sheets=sheets)
-    except Exception as error:
-        if memory.ran_out(error):
-            raise memory_ran_out(scene, spacing, degree, solver, error, limit) from error
-        raise
+    with memory_told(scene, asked, solver):
+        counts = count(scene, asked, progress)
     chosen = choose_solver(solver, counts["unknowns"], largest_dim(scene.surface), scene.problem.factorise_up_to)
     surface = localize(scene.surface, np.zeros(scene.surface.dim))
     check_fits(surface, counts["unknowns"], spacing, degree, chosen)

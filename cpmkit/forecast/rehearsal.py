@@ -8,8 +8,7 @@ queries are a sum of such terms and a constant, none of them negative, and three
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,9 +18,12 @@ from cpmkit.forms.collocation.diagnosis.refusals import check_layout
 from cpmkit.forms.collocation.diagnosis.remainder import Remainder
 from cpmkit.forms.collocation.diagnosis.survey import remaining
 from cpmkit.forms.collocation.layout import Layout, lay_out
+from cpmkit.forms.collocation.options import CollocationOptions
+from cpmkit.forms.options import Options
 from cpmkit.grid.band import cell_levels, nodes_of_blocks
 from cpmkit.grid.fitting import check_fits
-from cpmkit.grid.stencils import base_offset, check_degree
+from cpmkit.grid.lattice import lattice_of
+from cpmkit.grid.stencils import base_offset
 from cpmkit.manifold.localized import largest_dim, localize
 from cpmkit.protocols import Progress, nothing
 from cpmkit.scene.scene import Scene
@@ -71,12 +73,13 @@ class Counts:
         return round(self.values[name])
 
 
-def count(scene: Scene, spacing: float, progress: Progress = nothing, **options: Any) -> Counts:
-    """Return the counts of ``scene`` at ``spacing``; ``progress`` is told of the stage "rehearsal"."""
+def count(scene: Scene, options: Options[CollocationOptions], progress: Progress = nothing) -> Counts:
+    """Return the counts of ``scene``; ``progress`` is told of the stage "rehearsal"."""
     progress("rehearsal", 0.0)
-    finest = _rehearsal_spacing(scene, spacing, options.get("degree", 3))
+    spacing = options.spacing
+    finest = _rehearsal_spacing(scene, spacing, options.own.degree)
     progress("rehearsal", 0.1)
-    layout = lay_out(scene, finest, **options)
+    layout = lay_out(scene, replace(options, spacing=finest))
     if finest == spacing:
         check_layout(layout, scene)
     fine = _counts(layout)
@@ -92,7 +95,7 @@ def count(scene: Scene, spacing: float, progress: Progress = nothing, **options:
     if finest == spacing:
         return Counts(_summed(fine), True, *seen)
     spacings = [finest, 2 * finest, 4 * finest]
-    rehearsed = [fine, *(_counts(lay_out(scene, coarse, **options)) for coarse in spacings[1:])]
+    rehearsed = [fine, *(_counts(lay_out(scene, replace(options, spacing=one))) for one in spacings[1:])]
     progress("rehearsal", 1.0)
     m = largest_dim(scene.surface)
     dims = {f"{QUERIES} surface": m}
@@ -115,9 +118,9 @@ def _rehearsal_spacing(scene: Scene, spacing: float, degree: int) -> float:
     ResolutionError
         If the spacing itself would need more memory than the machine has.
     """
-    lattice = scene.lattice(spacing)
+    lattice = lattice_of(scene.surface, spacing)
     surface = localize(scene.surface, lattice.origin)
-    levels = cell_levels(surface, lattice.spacing, base_offset(check_degree(degree)))
+    levels = cell_levels(surface, lattice.spacing, base_offset(degree))
     side, blocks = next((side, len(blocks)) for side, blocks in levels if side == 1 or len(blocks) > REHEARSED_CELLS)
     m = surface.largest_dim
     unknowns = nodes_of_blocks(blocks, side, surface.dim, m, degree)

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 
 import numpy as np
 
 from cpmkit.errors import ResolutionError
+from cpmkit.forms.collocation.options import CollocationOptions
+from cpmkit.forms.options import Options
 from cpmkit.grid.fitting import fitting_spacing, or_another_solver, rounded_up, unknowns_at_one
 from cpmkit.linear.choice import choose_solver
 from cpmkit.manifold.localized import localize
@@ -17,32 +21,42 @@ from cpmkit.scene.scene import Scene
 COARSER = 1.5
 
 
-def memory_ran_out(
-    scene: Scene, spacing: float | None, degree: int, solver: str, error: BaseException, limit: memory.Limit
-) -> ResolutionError:
-    """Return what to raise in place of an error: what is needed, what there was, and a spacing that would fit.
+@contextmanager
+def memory_told(
+    scene: Scene, options: Options[CollocationOptions] | None = None, solver: str = "auto"
+) -> Iterator[None]:
+    """Where memory runs out inside, say what is needed, what there was, and a spacing that would fit.
 
-    The tables that the error's traceback holds are let go first. ``limit`` is that of before the work.
+    The tables that the error's traceback holds are let go first. The ``options`` are None for another back end.
+
+    Raises
+    ------
+    ResolutionError
+        In place of the error.
     """
-    traceback.clear_frames(error.__traceback__)
-    if spacing is None:
-        return ResolutionError(f"Memory ran out, and {limit}; a coarser mesh, or a larger spacing, needs less.")
+    limit = memory.memory_limit()
     try:
-        needed, fits, chosen = _needed(scene, spacing, degree, solver, limit)
-    except (MemoryError, ValueError, ArithmeticError):
-        needed, fits, chosen = "", 0.0, solver
+        yield
+    except Exception as error:
+        if not memory.ran_out(error):
+            raise
+        traceback.clear_frames(error.__traceback__)
+        raise ResolutionError(_sentence(scene, options, solver, limit)) from error
+
+
+def _sentence(scene: Scene, options: Options[CollocationOptions] | None, solver: str, limit: memory.Limit) -> str:
+    if options is None:
+        return f"Memory ran out, and {limit}; a coarser mesh, or a larger spacing, needs less."
+    spacing, degree, needed, fits = options.spacing, options.own.degree, "", 0.0
+    with suppress(MemoryError, ValueError, ArithmeticError):
+        source = localize(scene.surface, np.zeros(scene.surface.dim))
+        unknowns = unknowns_at_one(source, degree) / spacing**source.largest_dim
+        solver = choose_solver(solver, round(unknowns), source.largest_dim, scene.problem.factorise_up_to)
+        size = unknowns * memory.bytes_per_unknown(source.dim, degree, solver) / 2**30
+        fits = fitting_spacing(source, degree, limit.bytes, solver)
+        needed = f"about {unknowns:.2g} unknowns need {size:.2g} GiB or more with the solver {solver!r}, and "
     fits = max(fits, rounded_up(COARSER * spacing))
-    return ResolutionError(
+    return (
         f"Memory ran out at spacing={spacing:g}: {needed}{limit}, libraries included; "
-        f"try spacing={fits:g} or more{or_another_solver(chosen)}."
+        f"try spacing={fits:g} or more{or_another_solver(solver)}."
     )
-
-
-def _needed(scene: Scene, spacing: float, degree: int, solver: str, limit: memory.Limit) -> tuple[str, float, str]:
-    """Return what a solve needs, in words, the spacing that would fit, and the solver."""
-    source = localize(scene.surface, np.zeros(scene.surface.dim))
-    unknowns = unknowns_at_one(source, degree) / spacing**source.largest_dim
-    chosen = choose_solver(solver, round(unknowns), source.largest_dim, scene.problem.factorise_up_to)
-    needed = unknowns * memory.bytes_per_unknown(source.dim, degree, chosen)
-    told = f"about {unknowns:.2g} unknowns need {needed / 2**30:.2g} GiB or more with the solver {chosen!r}, and "
-    return told, fitting_spacing(source, degree, limit.bytes, chosen), chosen

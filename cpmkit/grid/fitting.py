@@ -1,19 +1,54 @@
-"""Whether a solve fits into memory; where it does not, the spacing that would."""
+"""Which spacing is right: one that is given, one to start with, and the finest that fits into memory."""
 
 from __future__ import annotations
 
 import math
 
-from cpmkit.errors import ResolutionError
-from cpmkit.manifold.localized import Localized
-from cpmkit.runtime import memory
+import numpy as np
 
+from cpmkit.errors import InputError, ResolutionError
+from cpmkit.manifold.localized import Localized, localize
+from cpmkit.protocols import ClosestPointSource
+from cpmkit.runtime import memory
+from cpmkit.runtime.arrays import positive
+
+#: A suggested spacing gives about this many cells on the manifold, by its dimension.
+CELLS = {0: 1, 1: 200, 2: 10_000, 3: 60_000}
 #: Blocks of the manifold from which the number of unknowns is foretold.
 COUNTED = 12_000
 #: Such blocks are cells of at least this share of the largest side of the surface; half a cell is beyond it.
 FINEST = 1 / 4095.5
 #: Share of the memory that a spacing which is named leaves unused.
 SPARE = 0.2
+
+
+def needed_spacing(surface: ClosestPointSource, spacing: float | None) -> float:
+    """Return ``spacing`` if it is one.
+
+    Raises
+    ------
+    InputError
+        If there is none, with a suggestion, or it is not above zero.
+    """
+    if spacing is None:
+        raise InputError(
+            "spacing is needed, in the scene's unit of length; "
+            f"for this surface try spacing={suggest_spacing(surface):g}."
+        )
+    return positive(spacing, "spacing")
+
+
+def suggest_spacing(surface: ClosestPointSource) -> float:
+    """Return a spacing, rounded to two digits, at which a scene is quick to solve and its surface's shape is seen."""
+    from cpmkit.grid.band import cell_levels
+
+    source = localize(surface, np.zeros(surface.dim))
+    bounds, manifold_dim = source.bounds, source.largest_dim
+    size = float((bounds[1] - bounds[0]).max()) or 1.0
+    trial = size / 16
+    count = next(len(blocks) for side, blocks in cell_levels(source, trial, 0.0) if side == 1)
+    spacing = trial * (count / CELLS[manifold_dim]) ** (1 / max(manifold_dim, 1))
+    return float(f"{spacing:.2g}")
 
 
 def check_fits(

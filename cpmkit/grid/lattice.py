@@ -12,8 +12,11 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import ResolutionError
-from cpmkit.protocols import Floats, Ints
+from cpmkit.protocols import ClosestPointSource, Floats, Ints
+from cpmkit.runtime.arrays import as_vector
 
+#: The largest spacing, as a share of the manifold's largest side, at which the band still tells its parts apart.
+COARSEST = 0.25
 #: Rounding of coordinates that costs more than this share of a surface's size is told.
 LOST = 1e-7
 #: So many roundings are lost where closest points are computed far out: spheres of classes of one's own, at 1e8 to
@@ -63,6 +66,27 @@ class Lattice:
     def to_local(self, points: Floats) -> Floats:
         """Return points given in the scene's coordinates relative to the origin."""
         return points - self.origin
+
+
+def lattice_of(surface: ClosestPointSource, spacing: float, origin: Any = None) -> Lattice:
+    """Return the lattice of this spacing; a node lies at ``origin``, by default the centre of the surface's bounds.
+
+    Raises
+    ------
+    InputError
+        If the origin is not d numbers.
+    ResolutionError
+        If the spacing is more than a quarter of the manifold's largest side.
+    """
+    bounds = np.asarray(surface.bounds, dtype=np.float64)
+    largest = float((bounds[1] - bounds[0]).max())
+    if spacing > COARSEST * largest > 0:
+        raise ResolutionError(
+            f"spacing={spacing:g} is too coarse for a manifold whose largest side is {largest:.3g}; "
+            f"use {COARSEST * largest:.3g} or less."
+        )
+    centre: Floats = 0.5 * (bounds[0] + bounds[1])
+    return Lattice(centre if origin is None else as_vector(origin, surface.dim, "origin"), float(spacing))
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from cpmkit.protocols import Floats, Ints
 DEGREES = (2, 3, 4, 5)
 
 
-def check_degree(degree: int) -> int:
+def check_degree(degree: int, what: str = "degree") -> int:
     """Return ``degree`` if interpolation of that degree is offered.
 
     Raises
@@ -22,7 +22,7 @@ def check_degree(degree: int) -> int:
         reason = (
             " (degree 1 does not converge: the second differences of its error do not vanish)" if degree == 1 else ""
         )
-        raise InputError(f"degree must be one of 2, 3, 4, 5, got {shown(degree)}{reason}; 3 is the default.")
+        raise InputError(f"{what} must be one of 2, 3, 4, 5, got {shown(degree)}{reason}; 3 is the default.")
     return int(degree)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 from cpmkit.errors import InputError, shown
@@ -11,6 +12,7 @@ from cpmkit.linear.reference import Reference
 from cpmkit.plugins import call, factory, installed_kinds
 from cpmkit.protocols import LinearSolver
 from cpmkit.runtime.arrays import positive, whole
+from cpmkit.runtime.declared import Declared, declared, option
 
 #: Up to this many unknowns, by dimension of the manifold, a direct factorisation is the quicker one.
 DIRECT_UP_TO = {0: 10**6, 1: 100_000, 2: 6_000, 3: 3_000}
@@ -29,42 +31,10 @@ def choose_solver(name: str, unknowns: int, manifold_dim: int, factor: float = 1
     return "direct" if unknowns <= factor * DIRECT_UP_TO.get(manifold_dim, 0) else "reference"
 
 
-def check_solver(name: str, options: Mapping[str, Any]) -> str:
-    """Return ``name`` if a solver has it and takes the options; ``auto`` takes those of every built-in one.
-
-    Raises
-    ------
-    InputError
-        If the name is neither auto, nor a built-in solver, nor a kind of an installed plugin, or an option is unknown
-        or not what is accepted.
-    """
-    if name not in ACCEPTED:
-        if name not in [installed.kind for installed in installed_kinds()]:
-            raise InputError(
-                f"solver must be auto, {', '.join(SOLVERS)}, or the kind of a solver's plugin, got {shown(name)}."
-            )
-        make_solver(name, options)
-        return name
-    unknown = [key for key in options if key not in ACCEPTED[name]]
-    if unknown:
-        accepted = ", ".join(ACCEPTED[name]) or "none"
-        raise InputError(f"the solver {name!r} has no option {unknown[0]!r}; accepted are {accepted}.")
-    if "max_iterations" in options:
-        whole(options["max_iterations"], f"max_iterations of the solver {name!r}", 1)
-    return name
-
-
-def check_tolerance(tolerance: Any) -> float:
-    """Return the relative residual that is asked for, if it is above zero and below one.
-
-    Raises
-    ------
-    InputError
-        If it is not: at 1, u = 0 fulfils it, and nothing would be solved.
-    """
-    value = positive(tolerance, "tolerance")
-    if value >= 1:
-        raise InputError(f"tolerance must be below 1, got {value:g}: u = 0 has a relative residual of 1; use 1e-10.")
+def _check_tolerance(tolerance: Any, what: str) -> float:
+    value = positive(tolerance, what)
+    if value >= 1:  # nothing would be solved
+        raise InputError(f"{what} must be below 1, got {value:g}: u = 0 has a relative residual of 1; use 1e-10.")
     return value
 
 
@@ -82,3 +52,42 @@ def make_solver(name: str, options: Mapping[str, Any]) -> LinearSolver:
         return SOLVERS[name](**{key: value for key, value in options.items() if key in ACCEPTED[name]})
     made: LinearSolver = call(factory(name, "cpmkit_solvers"), f"the solver {name!r}", options)
     return made
+
+
+@dataclass(frozen=True)
+class SolverOptions(Declared):
+    """How linear systems are solved; ``further`` are options of the solver's own, ``auto`` takes all built-in ones'.
+
+    Raises
+    ------
+    InputError
+        If the name is neither auto, nor a built-in solver, nor a kind of an installed plugin, or an option is unknown
+        or not what is accepted.
+    """
+
+    solver: str = option("auto", "``auto``, ``direct``, ``reference``, or the kind of a solver that a plugin offers.")
+    tolerance: float = option(1e-10, "Relative residual, recomputed after the solve.", _check_tolerance)
+    further: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        name, further = self.solver, self.further
+        if name not in ACCEPTED:
+            if name not in [installed.kind for installed in installed_kinds()]:
+                raise InputError(
+                    f"solver must be auto, {', '.join(SOLVERS)}, or the kind of a solver's plugin, got {shown(name)}."
+                )
+            make_solver(name, further)
+            return
+        unknown = [key for key in further if key not in ACCEPTED[name]]
+        if unknown:
+            accepted = ", ".join(ACCEPTED[name]) or "none"
+            raise InputError(f"the solver {name!r} has no option {unknown[0]!r}; accepted are {accepted}.")
+        if "max_iterations" in further:
+            whole(further["max_iterations"], f"max_iterations of the solver {name!r}", 1)
+
+    @classmethod
+    def of(cls, given: Mapping[str, Any]) -> SolverOptions:
+        """Return the options among keyword arguments; all that are not declared are the solver's own."""
+        own = {name: given[name] for name in declared(cls) if name in given}
+        return cls(**own, further={name: value for name, value in given.items() if name not in own})

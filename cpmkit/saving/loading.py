@@ -11,6 +11,7 @@ import numpy as np
 
 from cpmkit.errors import InputError, shown
 from cpmkit.files.plain_values import made
+from cpmkit.forms.choice import options_of
 from cpmkit.forms.collocation.conservation.balance import Leak
 from cpmkit.forms.collocation.conservation.flux_balance import Balance
 from cpmkit.forms.collocation.discretization import Discretization, build_tables
@@ -131,14 +132,12 @@ def _rebuilt(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any], 
         raise of_another_scene(path, f"it lies in {len(lattice['origin'])} dimensions")
     if not _is_near(lattice, scene):
         raise of_another_scene(path, "its nodes are elsewhere")
-    tables = build_tables(
-        scene,
-        float(lattice["spacing"]),
-        degree=int(lattice["degree"]),
-        order=int(lattice["order"]),
-        origin=lattice["origin"],
-        sheets=lattice["sheets"].item() if "sheets" in lattice else True,
-    )
+    given = {name: array.item() if array.ndim == 0 else array for name, array in lattice.items()}
+    try:
+        options, _ = options_of(scene.surface, given["spacing"], given)
+    except InputError as error:
+        raise InputError(f"{shown(path.name)} is damaged: {error}") from error
+    tables = build_tables(scene, options)
     if not _fits(tables, lattice, scene):
         raise of_another_scene(path, "its nodes are others")
     if not _sides_agree(tables, lattice):

@@ -13,6 +13,7 @@ import numpy as np
 from cpmkit.errors import InputError, shown
 from cpmkit.files.plain_values import ANYTHING, TEXT, Kind, check_fields, list_of, number, table_of, whole
 from cpmkit.files.saved_arrays import SavedArray, read_json_table, read_saved
+from cpmkit.forms.choice import every_option
 from cpmkit.protocols import SIDES
 from cpmkit.saving.export import FORMAT
 from cpmkit.saving.summary import describe_scene
@@ -33,9 +34,6 @@ MESH = (
 LATTICE = (
     SavedArray("lattice_spacing", "f"),
     SavedArray("lattice_origin", "f", ("dim",)),
-    SavedArray("lattice_degree", "i"),
-    SavedArray("lattice_order", "i"),
-    SavedArray("lattice_sheets", "bU", needed=False),
     SavedArray("lattice_nodes", "i", ("inner", "dim")),
     SavedArray("lattice_ghosts", "i", ("ghosts", 2)),
     SavedArray("lattice_left", "b", ("ghosts",), needed=False),
@@ -46,6 +44,8 @@ LATTICE = (
     SavedArray("lattice_eigenvalues", "f", ("channels",), needed=False),
     SavedArray("lattice_laplacian", "f", ("unknowns", "channels"), needed=False),
 )
+#: An option's own check says what it accepts; one that is not in the file has its default.
+OPTION = SavedArray("", "bifU", needed=False)
 #: What of a summary is read.
 TABLE = table_of(ANYTHING)
 SUMMARY = {"discretization": TABLE}
@@ -86,7 +86,8 @@ def read_solution(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
             "scene again, or read the file with the version that its summary names."
         )
     on_lattice = bool(read_saved(path, [replace(row, needed=False) for row in LATTICE if not row.shape], WHAT))
-    arrays = read_saved(path, (*FORMATS, *MESH, *(LATTICE if on_lattice else ())), WHAT)
+    options = [replace(OPTION, name=f"lattice_{name}") for name in every_option()]
+    arrays = read_saved(path, (*FORMATS, *MESH, *((*options, *LATTICE) if on_lattice else ())), WHAT)
     _check_mesh(path, arrays)
     summary = read_json_table(arrays["summary"], path, "summary")
     where = f"the summary of {shown(path.name)}"

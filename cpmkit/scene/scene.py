@@ -10,12 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import ResolutionError, SceneError, shown
-from cpmkit.grid.lattice import Lattice
+from cpmkit.errors import SceneError, shown
 from cpmkit.manifold.answers import check_source
 from cpmkit.manifold.localized import Localized
 from cpmkit.protocols import SIDES, BoundarySet, ClosestPointSource, Floats, NamesLeft, Side
-from cpmkit.runtime.arrays import as_vector, positive
+from cpmkit.runtime.arrays import as_vector
 from cpmkit.scene.alike import alike
 from cpmkit.scene.condition import Condition
 from cpmkit.scene.conditions import Neumann
@@ -23,8 +22,6 @@ from cpmkit.scene.data import Data, channel_count
 from cpmkit.scene.equations import Equation
 from cpmkit.scene.left import Left, find_left
 
-#: The largest spacing, as a share of the manifold's largest side, at which the band still tells its parts apart.
-COARSEST = 0.25
 #: Where data of the equation and of the edge are asked; numbers from zero are boundaries.
 SURFACE, EDGE = -1, -2
 #: What may be given for a side, and across.
@@ -235,24 +232,3 @@ class Scene:
     @cached_property
     def _places(self) -> dict[int, Floats]:
         return {}
-
-    def lattice(self, spacing: float, origin: Any = None) -> Lattice:
-        """Return the lattice of this spacing; a node lies at ``origin``, by default the centre of the bounds.
-
-        Raises
-        ------
-        InputError
-            If the spacing is not above zero, or the origin is not d numbers.
-        ResolutionError
-            If the spacing is more than a quarter of the manifold's largest side.
-        """
-        positive(spacing, "spacing")
-        bounds = np.asarray(self.surface.bounds, dtype=np.float64)
-        largest = float((bounds[1] - bounds[0]).max())
-        if spacing > COARSEST * largest > 0:
-            raise ResolutionError(
-                f"spacing={spacing:g} is too coarse for a manifold whose largest side is {largest:.3g}; "
-                f"use {COARSEST * largest:.3g} or less."
-            )
-        centre: Floats = 0.5 * (bounds[0] + bounds[1])
-        return Lattice(centre if origin is None else as_vector(origin, self.surface.dim, "origin"), float(spacing))

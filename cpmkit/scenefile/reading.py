@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cpmkit.errors import SceneError, shown
+from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.files.data_files import find_file
 from cpmkit.files.toml_files import made_from_toml
-from cpmkit.linear.choice import ACCEPTED
+from cpmkit.forms.choice import DEFAULT, form_options
+from cpmkit.forms.options import Options
+from cpmkit.linear.choice import ACCEPTED, SolverOptions
 from cpmkit.plugins import call, check_keys, factory, offered, source, takes
 from cpmkit.protocols import BoundarySet, ClosestPointSource
+from cpmkit.runtime.declared import declared, take
 from cpmkit.runtime.key_types import check_types
 from cpmkit.runtime.suggestions import did_you_mean
 from cpmkit.scene.compound_equations import Biharmonic, Eigen
@@ -57,8 +61,7 @@ class SceneFile:
     spacing : float or None
         Of the lattice; None if the file gives none.
     options : dict
-        Further keyword arguments of ``solve``: degree, order, origin, sheets, balance, solver, tolerance,
-        max_iterations.
+        Further keyword arguments of ``solve``.
     output : OutputRequest
         What is written where.
     """
@@ -131,29 +134,36 @@ def read_options(tables: Mapping[str, Any]) -> tuple[float | None, dict[str, Any
     Raises
     ------
     SceneError
-        If a key or the type of its value is not accepted.
+        If a key or its value is not accepted.
     """
     grid = as_table(tables.get("discretization", {}), "[discretization]")
-    _check_keys(grid, ("spacing", "degree", "order", "origin", "sheets", "balance"), "[discretization]")
+    with _told_of("[discretization]"):
+        kind = form_options(grid.get("form", DEFAULT), grid)
+        _check_keys(grid, (*declared(Options), *declared(kind)), "[discretization]")
+        own, common = take(kind, grid)
+        take(Options, {"spacing": 1.0, **common}, own=own)  # one may be given elsewhere
     solver = as_table(tables.get("solver", {}), "[solver]")
-    kind = solver.get("kind", "auto")
-    if not isinstance(kind, str):
-        raise SceneError(f"kind of [solver] must be a name such as 'direct', got {shown(kind)}.")
-    if kind in ACCEPTED:  # a plugin's solver has keys of its own
-        _check_keys(solver, ("kind", "tolerance", *ACCEPTED[kind]), "[solver]")
-    check_types(_grid_types, "[discretization]", grid)
-    check_types(_solver_types, "[solver]", solver)
-    spacing = grid.pop("spacing", None)
+    name = solver.get("kind", SolverOptions.solver)
+    if not isinstance(name, str):
+        raise SceneError(f"kind of [solver] must be a name such as 'direct', got {shown(name)}.")
     renamed = {("solver" if key == "kind" else key): value for key, value in solver.items()}
+    if name in ACCEPTED:  # a plugin's solver has keys of its own
+        keys = ("kind" if key == "solver" else key for key in declared(SolverOptions))
+        _check_keys(solver, (*keys, *ACCEPTED[name]), "[solver]")
+        with _told_of("[solver]"):
+            SolverOptions.of(renamed)
+    spacing = grid.pop("spacing", None)
     return spacing, {**grid, **renamed}
 
 
-def _grid_types(spacing: float, degree: int, order: int, sheets: bool | str, balance: int) -> None:
-    """Declare the types of the keys of [discretization]."""
-
-
-def _solver_types(tolerance: float, max_iterations: int) -> None:
-    """Declare the types of the keys of [solver]."""
+@contextmanager
+def _told_of(where: str) -> Iterator[None]:
+    try:
+        yield
+    except InputError as error:
+        if isinstance(error, SceneError):  # names its table itself
+            raise
+        raise SceneError(f"{where}: {error}") from error
 
 
 def _source(

@@ -16,12 +16,13 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import SceneError
+from cpmkit.forms.choice import options_of
 from cpmkit.forms.collocation.discretization import Discretization
 from cpmkit.forms.collocation.form import discretize
 from cpmkit.forms.collocation.operator import ExtensionOperator
 from cpmkit.forms.collocation.work import measure_work
 from cpmkit.grid.band import Band
-from cpmkit.linear.choice import choose_solver, make_solver
+from cpmkit.linear.choice import SolverOptions, choose_solver, make_solver
 from cpmkit.manifold.localized import Localized, largest_dim, localize
 from cpmkit.protocols import Bools, BoundarySet, Floats, Progress, nothing
 from cpmkit.scene.data import evaluate_data
@@ -40,12 +41,8 @@ def solve_by_fixed_nodes(
     spacing: float,
     *,
     method: str,
-    degree: int = 3,
-    origin: Any = None,
-    solver: str = "auto",
-    tolerance: float = 1e-10,
     progress: Progress = nothing,
-    **solver_options: Any,
+    **options: Any,
 ) -> Solution:
     """Solve a scene whose boundaries hold one Dirichlet condition each, by fixing nodes near them.
 
@@ -55,7 +52,7 @@ def solve_by_fixed_nodes(
         Of a steady problem: one linear system.
     method : str
         ``nearest`` or ``ball``.
-    spacing, degree, origin, solver, tolerance, progress, **solver_options
+    spacing, progress, **options
         As for :func:`cpmkit.solve`.
 
     Returns
@@ -71,7 +68,9 @@ def solve_by_fixed_nodes(
     check_fixable(scene, method)
     clock = [time.perf_counter()]
     bare = replace(scene, boundaries=())
-    form = discretize(bare, spacing, degree=degree, origin=origin, progress=progress)
+    asked, rest = options_of(scene.surface, spacing, options)
+    solver = SolverOptions.of(rest)
+    form = discretize(bare, asked, progress)
     tables = form.tables
     sources = [localize(boundary.source, tables.layout.lattice.origin) for boundary in scene.boundaries]
     fixed, values = _fixed_nodes(scene, tables, sources, METHODS[method])
@@ -79,20 +78,20 @@ def solve_by_fixed_nodes(
     stiffness = form.stiffness(terms)
     operator, b = _without(stiffness, form.load(terms.f) + form.data(stiffness), fixed, values)
     clock.append(time.perf_counter())
-    chosen = choose_solver(solver, operator.size, largest_dim(scene.surface))
-    prepared = make_solver(chosen, solver_options).prepare(operator)
-    values[~fixed], report = prepared.solve(b, tolerance, progress=progress)
+    chosen = choose_solver(solver.solver, operator.size, largest_dim(scene.surface))
+    prepared = make_solver(chosen, solver.further).prepare(operator)
+    values[~fixed], report = prepared.solve(b, solver.tolerance, progress=progress)
     clock.append(time.perf_counter())
     seconds = {"build": clock[1] - clock[0], "solve": clock[2] - clock[1]}
-    asked = {
+    queries = {
         boundary.name: source.queries["points"] for boundary, source in zip(scene.boundaries, sources, strict=True)
     }
     work = measure_work(tables, operator, report)
     work = replace(
         work,
         ghosts=0,
-        closest_point_queries=work.closest_point_queries + sum(asked.values()),
-        queries={**work.queries, **asked},
+        closest_point_queries=work.closest_point_queries + sum(queries.values()),
+        queries={**work.queries, **queries},
     )
     return Solution(form, values, report, work, seconds)
 

@@ -11,7 +11,7 @@ from cpmkit.plugins import factory
 from cpmkit.scene.scene import Scene
 from cpmkit.studies.baselines import check_fixable
 from cpmkit.studies.studyfile import Study
-from cpmkit.studies.sweep import BASELINES, CLOSEST_POINTS
+from cpmkit.studies.sweep import BASELINES, closest_points
 
 #: A last time step shorter than this share of the others is rounding.
 ROUNDING = 1e-9
@@ -34,7 +34,7 @@ def check_study(study: Study) -> None:
     for method in study.sweep.methods:
         if method in BASELINES:
             check_fixable(study.scene, method)
-    others = [method for method in study.sweep.methods if method not in (*CLOSEST_POINTS, *BASELINES)]
+    others = [method for method in study.sweep.methods if method not in (*closest_points(), *BASELINES)]
     for backend in [*others, *([] if study.exact.reference is None else [study.exact.reference])]:
         factory(backend, "cpmkit_backends")
 

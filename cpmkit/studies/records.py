@@ -11,6 +11,8 @@ from typing import Any
 
 from cpmkit.errors import InputError
 from cpmkit.files.plain_values import TEXT, Kind, check_fields, list_of, number, or_none, table_of, whole
+from cpmkit.forms.choice import every_option
+from cpmkit.studies.sweep import listed
 
 Record = dict[str, Any]
 FILE = "records.jsonl"
@@ -23,8 +25,6 @@ RUN = {
     "content": TEXT,
     "method": TEXT,
     "spacing": number(1 / LARGEST, LARGEST),
-    "degree": or_none(whole(1, 100)),
-    "order": or_none(whole(1, 100)),
     "origin": or_none(COUNT),
 }
 #: What was measured, unless the run ended with an error.
@@ -71,8 +71,10 @@ def _record(line: bytes, where: str) -> Record:
         record = None
     if not isinstance(record, dict):
         raise InputError(f"{where} is not a JSON object; remove that line, its run is made again.")
+    accepts = {name: every_option()[name].accepts for name in listed()}
+    options = {name: or_none(Kind("a value that it takes", check)) for name, check in accepts.items()}
     try:
-        check_fields(record, RUN | ({} if "error" in record else MEASURED), where, OPTIONAL)
+        check_fields(record, RUN | ({} if "error" in record else MEASURED), where, OPTIONAL | options)
     except InputError as error:
         raise InputError(f"{str(error).removesuffix('.')}; remove that line, its run is made again.") from error
     return record

@@ -27,7 +27,7 @@ class Report:
     title : str
         Of the study.
     series : sequence of Series
-        Methods, degrees and orders.
+        Methods and their options.
     failed : int
         Runs that ended with an error.
     files : sequence of Path
@@ -73,7 +73,7 @@ def write_report(folder: Path, content: str | None = None) -> Report:
     title, failed = _one_line(records[0]["title"]), sum("error" in record for record in records)
     compares = series[0].reference is not None
     figures = {CONVERGENCE: (difference_figure if compares else convergence_figure)(series, title)}
-    if len({(one.method, one.degree) for one in series}) > 1:
+    if len({(one.method, one.options.get("degree")) for one in series}) > 1:
         figures[WORK] = work_figure(series, title)
     for name, figure in figures.items():
         with written_whole(folder / name) as file:

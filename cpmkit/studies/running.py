@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,11 +14,12 @@ import numpy as np
 from cpmkit.errors import ConvergenceError, InputError, ResolutionError
 from cpmkit.files.whole_files import check_place
 from cpmkit.forms.collocation.form import Collocation
+from cpmkit.grid.lattice import lattice_of
 from cpmkit.protocols import Progress, nothing
 from cpmkit.runtime.telling import overheard
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.solution import Solution
-from cpmkit.solving import solve
+from cpmkit.solving import for_any_backend, solve
 from cpmkit.studies.baselines import solve_by_fixed_nodes
 from cpmkit.studies.checking import at_spacing, check_study
 from cpmkit.studies.records import (
@@ -31,7 +32,7 @@ from cpmkit.studies.records import (
     read_records,
 )
 from cpmkit.studies.studyfile import Study
-from cpmkit.studies.sweep import BASELINES, CLOSEST_POINTS, Run
+from cpmkit.studies.sweep import BASELINES, Run, closest_points
 from cpmkit.studies.truth import Truth, truth_of
 
 #: What of a solve's work is recorded, where the method has it.
@@ -102,7 +103,7 @@ def run_study(
     file = folder / FILE
     check_place(file)
     drop_unfinished_line(file)
-    done = {_run_of(record) for record in of_content(read_records(file), study.content)}
+    done = {Run.of(record) for record in of_content(read_records(file), study.content)}
     waiting = [run for run in runs if run not in done]
     if not waiting:
         return Outcome(0, len(runs), 0, file)
@@ -137,10 +138,6 @@ def _share_of(progress: Progress, run: str, stage: str, share: float) -> None:
     progress(run, min(share, UNFINISHED))
 
 
-def _run_of(record: Record) -> Run:
-    return Run(**{field.name: record[field.name] for field in fields(Run)})
-
-
 def make_run(study: Study, run: Run, truth: Truth, progress: Progress = nothing) -> Record:
     """Solve once, and return the record: parameters, errors, work and seconds."""
     named = {"study": study.name, "title": study.title, "content": study.content}
@@ -164,15 +161,14 @@ def make_run(study: Study, run: Run, truth: Truth, progress: Progress = nothing)
 
 
 def _solve(scene: Scene, run: Run, options: dict[str, Any], progress: Progress) -> Solution:
-    if run.degree is None:  # a plugin's back end, which makes of the spacing what it likes
-        common = {name: value for name, value in options.items() if name == "tolerance"}
-        return solve(scene, run.spacing, backend=run.method, progress=progress, **common)
-    lattice = scene.lattice(run.spacing, options.get("origin"))
-    placed = {**options, "degree": run.degree, "origin": lattice.origin + run.shift(scene.surface.dim)}
+    set_by = closest_points()
+    if run.method not in (*set_by, *BASELINES):  # a plugin's back end, which makes of the spacing what it likes
+        return solve(scene, run.spacing, backend=run.method, progress=progress, **for_any_backend(options))
+    lattice = lattice_of(scene.surface, run.spacing, options.get("origin"))
+    placed = {**options, **dict(run.options), "origin": lattice.origin + run.shift(scene.surface.dim)}
     if run.method in BASELINES:
         return solve_by_fixed_nodes(scene, run.spacing, method=run.method, progress=progress, **placed)
-    assert run.order is not None
-    return solve(scene, run.spacing, order=run.order, progress=progress, **CLOSEST_POINTS[run.method], **placed)
+    return solve(scene, run.spacing, progress=progress, **placed, **set_by[run.method])
 
 
 def _measured(solution: Solution, truth: Truth) -> Record:

@@ -1,15 +1,16 @@
-"""Records, gathered into series: one method, degree and order over all spacings."""
+"""Records, gathered into series: one method with its options over all spacings."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from cpmkit.studies.records import Record
+from cpmkit.studies.sweep import Run
 
 #: Fewer spacings give no order.
 FEWEST = 2
@@ -63,13 +64,13 @@ class Entry:
 
 @dataclass(frozen=True)
 class Series:
-    """One method, degree and order over all spacings that are recorded without an error.
+    """One method with its options over all spacings that are recorded without an error.
 
     Attributes
     ----------
     method : str
-    degree, order : int or None
-        None where the method has none.
+    options : mapping
+        Those of its options whose values a study lists.
     label : str
         Names what distinguishes the series from the others.
     entries : sequence of Entry
@@ -79,8 +80,7 @@ class Series:
     """
 
     method: str
-    degree: int | None
-    order: int | None
+    options: Mapping[str, Any]
     label: str
     entries: Sequence[Entry]
     reference: str | None
@@ -114,14 +114,15 @@ def gather(records: Sequence[Record]) -> list[Series]:
 
 
 def _key(record: Record) -> tuple[Any, ...]:
-    return record["method"], record["degree"], record["order"]
+    run = Run.of(record)
+    return run.method, run.options
 
 
 def _series(key: tuple[Any, ...], keys: Sequence[tuple[Any, ...]], records: Sequence[Record]) -> Series:
     spacings = sorted({record["spacing"] for record in records}, reverse=True)
     entries = [_entry(spacing, [record for record in records if record["spacing"] == spacing]) for spacing in spacings]
-    method, degree, order = key
-    return Series(method, degree, order, _label(key, keys), entries, records[0].get("reference"))
+    method, options = key
+    return Series(method, dict(options), _label(key, keys), entries, records[0].get("reference"))
 
 
 def _entry(spacing: float, records: Sequence[Record]) -> Entry:
@@ -139,11 +140,11 @@ def _shift(records: Sequence[Record]) -> float:
 
 
 def _label(key: tuple[Any, ...], keys: Sequence[tuple[Any, ...]]) -> str:
-    """Return the method's name where methods differ, and degree and order where these do or nothing else does."""
-    method, degree, order = key
-    methods, degrees, orders = ({other[k] for other in keys if other[k] is not None} for k in range(3))
+    """Return the method's name where methods differ, and each option that does; the order where nothing does."""
+    (method, options), methods = key, {other for other, _ in keys}
+    differ = [name for name, _ in options if len({dict(other).get(name) for _, other in keys} - {None}) > 1]
     name = "with sheets" if method == "cpm" and methods & {"plain", "unfolded"} else NAMES.get(method, method)
     parts = [name] if len(methods) > 1 else []
-    parts += [f"degree {degree}"] if degree is not None and len(degrees) > 1 else []
-    parts += [f"order {order}"] if order is not None and (len(orders) > 1 or not parts) else []
+    parts += [f"{name} {value}" for name, value in options if name in differ]
+    parts = parts or [f"{name} {value}" for name, value in options if name == "order"]
     return ", ".join(parts) or name

@@ -14,6 +14,7 @@ from typing import Any
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.files.data_files import find_file
 from cpmkit.files.toml_files import made_from_toml
+from cpmkit.forms.choice import every_option
 from cpmkit.formulas.expressions import Expression
 from cpmkit.plugins import call
 from cpmkit.scene.scene import Scene
@@ -21,16 +22,8 @@ from cpmkit.scenefile.condition_tables import as_table
 from cpmkit.scenefile.reading import read_options, read_scene
 from cpmkit.studies.formulas import expand, expand_all, expand_names
 from cpmkit.studies.sampling import VERTICES
-from cpmkit.studies.sweep import Sweep
+from cpmkit.studies.sweep import Sweep, listed, read_sweep
 
-#: Keys of [discretization] that a study varies, and how its file says it.
-SWEPT = {
-    "spacing": "spacings of [sweep]",
-    "degree": "degrees of [sweep]",
-    "order": "orders of [sweep]",
-    "sheets": "methods of [sweep], as 'cpm', 'plain' or 'unfolded'",
-    "balance": "methods of [sweep], as 'balanced'",
-}
 #: Kinds of problems with a time step.
 TIMED = ("heat", "wave")
 #: Characters of a title.
@@ -150,18 +143,29 @@ def _study(tables: dict[str, Any], path: Path) -> Study:
     title = tables.get("title", path.stem)
     if not isinstance(title, str) or len(title) > LONGEST_TITLE:
         raise SceneError(f"title must be text of at most {LONGEST_TITLE} characters, got {shown(title)}.")
-    swept = [key for key in as_table(tables.get("discretization", {}), "[discretization]") if key in SWEPT]
-    if swept:
-        raise SceneError(f"a study's {swept[0]} stands in {SWEPT[swept[0]]}, not in [discretization].")
+    swept = _swept()
+    for key in as_table(tables.get("discretization", {}), "[discretization]"):
+        if key in swept:
+            raise SceneError(f"a study's {key} stands in {swept[key]}, not in [discretization].")
     known = expand_names(as_table(tables.get("let", {}), "[let]"))
     scene = {
         key: expand_all(value, known) for key, value in tables.items() if key not in ("title", "let", "exact", "sweep")
     }
     exact: Exact = call(Exact, "[exact]", tables["exact"])
     exact = exact if exact.u is None else replace(exact, u=expand(exact.u, known))
-    sweep: Sweep = call(Sweep, "[sweep]", tables["sweep"])
+    sweep = read_sweep(tables["sweep"])
     read_options(scene)
     return Study(path.stem, title, path.parent, scene, exact, sweep, _content(scene, exact, sweep, path.parent))
+
+
+def _swept() -> dict[str, str]:
+    """Return the keys of [discretization] that a study varies, and where its file says it."""
+    said = {name: f"{key} of [sweep]" for name, key in {"spacing": "spacings", **listed()}.items()}
+    for name, one in every_option().items():
+        if one.methods:
+            *others, last = one.methods
+            said[name] = f"methods of [sweep], as {', '.join(map(repr, ['cpm', *others]))} or {last!r}"
+    return said
 
 
 def _content(scene: Mapping[str, Any], exact: Exact, sweep: Sweep, folder: Path) -> str:

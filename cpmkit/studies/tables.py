@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from cpmkit.errors import printable
 from cpmkit.studies.records import Record
 from cpmkit.studies.series import Series
+from cpmkit.studies.sweep import listed
 
 
 def orders_table(series: Sequence[Series]) -> str:
@@ -56,7 +57,7 @@ def told(record: Record) -> str:
 
 def named(record: Record) -> str:
     """Return which run a record is of."""
-    told = (f"{key} {record[key]}" for key in ("degree", "order", "spacing", "origin") if record[key] is not None)
+    told = (f"{key} {record[key]}" for key in (*listed(), "spacing", "origin") if record.get(key) is not None)
     return ", ".join([printable(record["method"]), *told])
 
 

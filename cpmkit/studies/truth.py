@@ -10,7 +10,7 @@ from cpmkit.errors import SceneError
 from cpmkit.protocols import Floats
 from cpmkit.runtime.telling import overheard
 from cpmkit.scene.data import evaluate_data
-from cpmkit.solving import solve
+from cpmkit.solving import for_any_backend, solve
 from cpmkit.studies.checking import check_comparable, end_of
 from cpmkit.studies.sampling import sample_points
 from cpmkit.studies.studyfile import Study
@@ -57,7 +57,6 @@ def truth_of(study: Study) -> Truth:
     if study.solution is not None:
         return Truth(points, evaluate_data(study.solution, points, 1, "u of [exact]", end_of(scene))[:, 0])
     assert study.exact.reference is not None
-    common = {name: value for name, value in study.options.items() if name == "tolerance"}
     with overheard():
-        solution = solve(scene, backend=study.exact.reference, **common)
+        solution = solve(scene, backend=study.exact.reference, **for_any_backend(study.options))
     return Truth(points, solution.evaluate(points))

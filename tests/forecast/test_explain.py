@@ -49,7 +49,8 @@ def test_each_part_has_its_reason_and_what_is_not_required_is_not_built():
 
 def test_nothing_is_asked_of_a_surface_that_a_scene_does_not_require():
     """No boundary and a closed surface: cells and nodes are asked for, nothing else."""
-    from cpmkit.forms.collocation.layout import lay_out
+    from layouts import lay_out
+
     from cpmkit.grid.band import cell_levels
     from cpmkit.manifold.localized import localize
 
@@ -61,7 +62,7 @@ def test_nothing_is_asked_of_a_surface_that_a_scene_does_not_require():
 
 
 def test_order_one_makes_no_mirror_query():
-    from cpmkit.forms.collocation.layout import lay_out
+    from layouts import lay_out
 
     scene, _, _ = sphere_poisson([[1.0, 2.0, 3.0]])
     assert lay_out(scene, 0.1, order=1).queries["surface"] < lay_out(scene, 0.1).queries["surface"]

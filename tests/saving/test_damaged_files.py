@@ -179,7 +179,7 @@ def test_arrays_of_a_solution_that_do_not_fit_are_refused(files, tmp_path):
         ({"cells": solution["cells"].astype(float)}, "holds cells as float64"),
         ({"lattice_spacing": None}, "lacks the array 'lattice_spacing'"),
         ({"lattice_spacing": np.array(np.inf)}, "lattice_spacing holds NaN or infinity"),
-        ({"lattice_degree": np.array("a")}, "holds lattice_degree as"),
+        ({"lattice_degree": np.array("a")}, r"'saved\.npz' is damaged: degree must be one of 2, 3, 4, 5, got 'a'"),
         ({"lattice_nodes": solution["lattice_nodes"].astype(float)}, "holds lattice_nodes as float64"),
         ({"lattice_unknowns": None}, "lacks the array 'lattice_unknowns'"),
         ({"lattice_origin": np.zeros(3)}, "where .* belong"),

@@ -73,7 +73,7 @@ def test_a_degree_that_is_not_offered(degree):
 def test_an_order_that_is_not_offered(order):
     with pytest.raises(ck.InputError) as error:
         ck.solve(sphere_scene(), 0.2, order=order)
-    one_sentence(error, "order must be 1, 2, 3 or 4")
+    one_sentence(error, "order must be a whole number from 1 to 4")
 
 
 def test_fourth_order_with_too_low_a_degree():

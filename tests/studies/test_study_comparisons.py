@@ -19,7 +19,10 @@ def series_of(name, folder, cheap=True, **changes):
     study = load_study(STUDIES / f"{name}.toml")
     outcome = run_study(replace(study, sweep=replace(study.sweep, **changes)), folder, cheap=cheap)
     assert outcome.failed == 0
-    return {(one.method, one.degree, one.order): one for one in gather(read_records(outcome.file))}
+    return {
+        (one.method, *(one.options.get(name) for name in ("degree", "order"))): one
+        for one in gather(read_records(outcome.file))
+    }
 
 
 @pytest.mark.slow
@@ -43,7 +46,7 @@ def test_on_the_open_curve_orders_are_those_asked_for_and_the_ball_is_worst(tmp_
 
 
 def test_degree_2_is_of_second_order_too_if_irregularly(tmp_path):
-    series = series_of("degrees-poisson", tmp_path, orders=[2])
+    series = series_of("degrees-poisson", tmp_path, lists={"degree": [2, 3], "order": [2]})
     assert series["cpm", 3, 2].fitted_order >= 1.8
     assert series["cpm", 2, 2].fitted_order >= 1.3
 

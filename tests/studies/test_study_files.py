@@ -35,7 +35,10 @@ def orders(name, folder):
     """Return the fitted orders of the cheap variant by order of the conditions, and the series."""
     outcome = run_study(load_study(STUDIES / f"{name}.toml"), folder, cheap=True)
     assert outcome.failed == 0
-    series = {(one.method, one.degree, one.order): one for one in gather(read_records(outcome.file))}
+    series = {
+        (one.method, *(one.options.get(name) for name in ("degree", "order"))): one
+        for one in gather(read_records(outcome.file))
+    }
     return {key: one.fitted_order for key, one in series.items()}, series
 
 

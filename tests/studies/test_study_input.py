@@ -136,8 +136,8 @@ kind = "laplace"
         ),
         ("[0.2, 0.1]", "[0.2, 0.1]\norigins = true", "origins of .sweep. must be a whole number"),
         ("[0.2, 0.1]", "[0.2, 0.1]\norigins = 10000\ndegrees = [2, 3, 4]\norders = [1, 2]", "makes 120000 runs"),
-        ("[0.2, 0.1]", "[0.2, 0.1]\norders = [4]", "order 4 needs degrees of 4 or 5, and degrees of .sweep. has 3"),
-        ("[0.2, 0.1]", "[0.2, 0.1]\ndegrees = [true]", "degrees of .sweep. must be among"),
+        ("[0.2, 0.1]", "[0.2, 0.1]\norders = [4]", "order=4 needs degree 4 or 5, got degree=3"),
+        ("[0.2, 0.1]", "[0.2, 0.1]\ndegrees = [true]", "degrees of .sweep. must be one of 2, 3, 4, 5, got True"),
         ("[0.2, 0.1]", "[0.2, 0.1]\nstep_per_spacing = true", "step_per_spacing of .sweep. must be a number, got True"),
         ("[0.2, 0.1]", '["0.1"]', "each spacing of .sweep. must be a finite number above zero, got '0.1'"),
         ("[0.2, 0.1]", "[true]", "each spacing of .sweep. must be a finite number above zero, got True"),
@@ -198,7 +198,7 @@ def test_a_study_that_fails_at_once_leaves_no_folder(tmp_path):
 
 
 def test_no_run_is_made_twice():
-    sweep = Sweep([0.2, 0.2, 0.1], degrees=[3, 3], methods=["cpm", "cpm"])
+    sweep = Sweep({"degree": [3, 3]}, [0.2, 0.2, 0.1], methods=["cpm", "cpm"])
     assert len(sweep.runs()) == 2
 
 

@@ -92,8 +92,8 @@ def _run(context: SolveContext, plan: RunPlan, solver: ShiftedSolver) -> RunStat
     while state.done < total:
         state = _advanced(state, plan, solver, scheme, growth)
         context.progress("steps", state.done / total)
-        if asked.write is not None and (state.done % asked.every == 0 or state.done == total):
-            write_checkpoint(asked.write, plan, state, solver.tally)
+        if asked.checkpoint is not None and (state.done % asked.checkpoint_every == 0 or state.done == total):
+            write_checkpoint(asked.checkpoint, plan, state, solver.tally)
     return state
 
 

@@ -16,6 +16,8 @@ from cpmkit.forms.collocation.diagnosis.refusals import check_effect, check_layo
 from cpmkit.forms.collocation.extension import Unknowns, extend
 from cpmkit.forms.collocation.ghosts.nodes import Ghosts
 from cpmkit.forms.collocation.layout import Layout, lay_out
+from cpmkit.forms.collocation.options import CollocationOptions
+from cpmkit.forms.options import Options
 from cpmkit.grid.band import Band
 from cpmkit.grid.stencils import cross_offsets, cross_weights, difference_reach
 from cpmkit.protocols import Floats, Ints, Progress, nothing
@@ -145,26 +147,15 @@ class Discretization:
         return read
 
 
-def build_tables(scene: Scene, spacing: float, *, progress: Progress = nothing, **options: Any) -> Discretization:
-    """Build the tables for ``scene`` at ``spacing``.
-
-    Parameters
-    ----------
-    scene : Scene
-        Surface, boundaries, edge, problem.
-    spacing : float
-        Of the lattice, in the scene's unit.
-    progress : callable, optional
-        Told the stage and the share of it that is done.
-    **options
-        ``degree``, ``order``, ``origin`` and ``sheets``, as for :func:`cpmkit.solve`.
+def build_tables(scene: Scene, options: Options[CollocationOptions], progress: Progress = nothing) -> Discretization:
+    """Build the tables for a scene; ``progress`` is told the stage and the share of it that is done.
 
     Raises
     ------
     InputError, SceneError, ResolutionError
-        If an argument, a boundary or the spacing does not fit.
+        If the lattice's origin, a boundary or the spacing does not fit.
     """
-    layout = lay_out(scene, spacing, progress=progress, **options)
+    layout = lay_out(scene, options, progress)
     check_layout(layout, scene)
     tables = tabulate(layout, progress)
     check_effect(layout, tables.extension, tables.neighbours)

@@ -22,10 +22,12 @@ from cpmkit.forms.collocation.diagnosis.warnings import warnings_of
 from cpmkit.forms.collocation.discretization import Discretization, build_tables
 from cpmkit.forms.collocation.linearized import Flow, flows_of, linearized
 from cpmkit.forms.collocation.operator import BoundaryMass, ExtensionOperator
+from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.collocation.reading.points import Reader
 from cpmkit.forms.collocation.stability import check_waves
 from cpmkit.forms.collocation.work import Work, measure_work
 from cpmkit.forms.contract import Discretized, Settled
+from cpmkit.forms.options import Options
 from cpmkit.linear.operators import Border, Bordered
 from cpmkit.protocols import Floats, Ints, Operator, Progress, Side, Stiffness, nothing
 from cpmkit.scene.data import Data
@@ -52,16 +54,18 @@ class Collocation(Discretized):
         What is discretised.
     tables : Discretization
         The band and its tables.
-    balance : int
-        Degree of the polynomials against which fluxes balance, 0 for none; of steady problems.
     """
 
     scene: Scene
     tables: Discretization
-    balance: int = 0
 
     form: ClassVar[str] = "collocation"
     cannot: ClassVar[Mapping[str, str]] = {}
+
+    @property
+    def balance(self) -> int:
+        """Degree of the polynomials against which fluxes balance, 0 for none; of steady problems."""
+        return self.tables.layout.options.own.balance
 
     @property
     def size(self) -> int:
@@ -258,7 +262,7 @@ class Collocation(Discretized):
         bare = operator.operator if isinstance(operator, Bordered) else operator
         told, products = wrong_sign(self.tables, self.scene, bare)
         steady = self.scene.problem.family == "steady"
-        if told and not (steady and not self.tables.layout.parted):
+        if told and not (steady and not self.tables.layout.options.own.sheets):
             raise ResolutionError(told)
         return told, products
 
@@ -301,12 +305,11 @@ class Collocation(Discretized):
         return measure_work(self.tables, operator, report)
 
     def describe(self) -> dict[str, Any]:
-        """Return degree, order, origin, and by how much boundaries were snapped."""
+        """Return the form's options, the origin, and by how much boundaries were snapped."""
         layout = self.tables.layout
         seen = zip(self.scene.boundaries, layout.sight.sighted, strict=True)
         return {
-            "degree": layout.band.degree,
-            "order": layout.order,
+            **layout.options.own.as_dict(),
             "origin": layout.lattice.origin.tolist(),
             "snapped_by": {boundary.name: one.gap for boundary, one in seen},
         }
@@ -314,7 +317,7 @@ class Collocation(Discretized):
     def arrays(self) -> dict[str, Any]:
         """Return the options of the lattice, the nodes and the ghosts."""
         return {
-            **{name: np.array(value) for name, value in self.tables.layout.options.items()},
+            **{name: np.array(value) for name, value in self.tables.layout.options.as_dict().items()},
             "nodes": self.tables.layout.band.nodes[: self.tables.layout.band.inner],
             "ghosts": self.tables.unknowns.ghost_nodes,
             "left": self.tables.unknowns.ghost_sides,
@@ -332,27 +335,12 @@ class Collocation(Discretized):
         return feet_of_twins(self.tables.layout)
 
 
-def discretize(
-    scene: Scene, spacing: float, *, balance: int = 0, progress: Progress = nothing, **options: Any
-) -> Collocation:
-    """Discretise ``scene`` at ``spacing``, by collocation.
-
-    Parameters
-    ----------
-    scene : Scene
-        Surface, boundaries, edge, problem.
-    spacing : float
-        Of the lattice, in the scene's unit.
-    balance : int
-        Degree of the polynomials against which fluxes balance, for steady problems.
-    progress : callable, optional
-        Told the stage and the share of it that is done.
-    **options
-        ``degree``, ``order``, ``origin`` and ``sheets``, as for :func:`cpmkit.solve`.
+def discretize(scene: Scene, options: Options[CollocationOptions], progress: Progress = nothing) -> Collocation:
+    """Discretise a scene by collocation; ``progress`` is told the stage and the share of it that is done.
 
     Raises
     ------
     InputError, SceneError, ResolutionError
-        If an argument, a boundary or the spacing does not fit.
+        If the lattice's origin, a boundary or the spacing does not fit.
     """
-    return Collocation(scene, build_tables(scene, spacing, progress=progress, **options), balance)
+    return Collocation(scene, build_tables(scene, options, progress))

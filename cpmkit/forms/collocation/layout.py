@@ -6,11 +6,9 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import InputError, shown
 from cpmkit.forms.collocation.boundary.beside_rims import RimStrip, beside_rims
 from cpmkit.forms.collocation.boundary.edge import PastEdge, read_at_feet, read_past_edge
 from cpmkit.forms.collocation.boundary.encounters import SectorJump, Strip, encounters
@@ -23,13 +21,15 @@ from cpmkit.forms.collocation.boundary.side_readings import DOUBTFUL, node_sourc
 from cpmkit.forms.collocation.boundary.tips import Blur, blurs
 from cpmkit.forms.collocation.diagnosis.limbs import Limbs, limbs_side_by_side
 from cpmkit.forms.collocation.ghosts.nodes import Ghosts, Sight, build_ghosts
+from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.collocation.sheets.twins import part_sheets
 from cpmkit.forms.collocation.tube_width import check_one_sheet, check_room
+from cpmkit.forms.options import Options
 from cpmkit.grid.band import Band, build_band
-from cpmkit.grid.lattice import Lattice
-from cpmkit.grid.stencils import check_degree, difference_reach, reading_radius
+from cpmkit.grid.lattice import Lattice, lattice_of
+from cpmkit.grid.stencils import difference_reach, reading_radius
 from cpmkit.manifold.localized import Localized, localize
-from cpmkit.protocols import Ints, Parting, Progress, nothing
+from cpmkit.protocols import Ints, Progress, nothing
 from cpmkit.scene.scene import Scene
 
 
@@ -39,6 +39,8 @@ class Layout:
 
     Attributes
     ----------
+    options : Options
+        What makes the same layout of a like scene: the origin is the lattice's.
     lattice : Lattice
         Origin and spacing.
     surface : Localized
@@ -57,8 +59,6 @@ class Layout:
         Right-hand sides that are solved together.
     crossings, strips : sequences of SectorJump and Strip
         Where boundaries cross with different data, or run side by side nearer than a spacing.
-    order : int
-        Order of the conditions, 1 to 4; at 4 the Laplacian is of fourth order too.
     rim_strips : sequence of RimStrip
         Boundaries beside a rim or on it.
     facing : sequence of FacingRims
@@ -67,10 +67,9 @@ class Layout:
         Where the sides of a boundary are not told apart.
     junctions : sequence of Junction
         Where three curves or more meet.
-    parted : bool or "unfolded"
-        False where sheets that share a band were not looked for.
     """
 
+    options: Options[CollocationOptions]
     lattice: Lattice
     surface: Localized
     band: Band
@@ -79,14 +78,12 @@ class Layout:
     sight: Sight
     ghosts: Sequence[Ghosts]
     channels: int
-    order: int
     crossings: Sequence[SectorJump] = ()
     strips: Sequence[Strip] = ()
     rim_strips: Sequence[RimStrip] = ()
     facing: Sequence[FacingRims] = ()
     blurs: Sequence[Blur] = ()
     junctions: Sequence[Junction] = ()
-    parted: Parting = True
 
     @cached_property
     def limbs(self) -> Limbs:
@@ -94,20 +91,14 @@ class Layout:
         return limbs_side_by_side(self.surface, self.band)
 
     @property
+    def order(self) -> int:
+        """Order of the conditions, 1 to 4; at 4 the Laplacian is of fourth order too."""
+        return self.options.own.order
+
+    @property
     def size(self) -> int:
         """Number of unknowns: inner nodes and ghosts."""
         return self.band.inner + sum(ghosts.unknowns for ghosts in self.ghosts)
-
-    @property
-    def options(self) -> dict[str, Any]:
-        """Arguments of :func:`lay_out` that make the same layout of a like scene."""
-        return {
-            "spacing": self.lattice.spacing,
-            "origin": self.lattice.origin,
-            "degree": self.band.degree,
-            "order": self.order,
-            "sheets": self.parted,
-        }
 
     @property
     def queries(self) -> Counter[str]:
@@ -118,28 +109,19 @@ class Layout:
         return counted
 
 
-def lay_out(
-    scene: Scene,
-    spacing: float,
-    *,
-    degree: int = 3,
-    order: int = 2,
-    origin: Any = None,
-    sheets: Parting = True,
-    progress: Progress = nothing,
-) -> Layout:
-    """Lay a scene out on a lattice; the parameters are those of :func:`cpmkit.solve`.
+def lay_out(scene: Scene, options: Options[CollocationOptions], progress: Progress = nothing) -> Layout:
+    """Lay a scene out on a lattice.
 
     Raises
     ------
     InputError, SceneError, ResolutionError
-        If an argument, a boundary or the spacing does not fit.
+        If the lattice's origin, a boundary or the spacing does not fit.
     """
-    check_order(order, check_degree(degree))
-    check_parting(sheets, order)
-    lattice = scene.lattice(spacing, origin)
+    order, sheets = options.own.order, options.own.sheets
+    lattice = lattice_of(scene.surface, options.spacing, options.origin)
+    options = replace(options, origin=lattice.origin)
     surface = localize(scene.surface, lattice.origin)
-    band = build_band(surface, lattice.spacing, degree, progress, difference_reach(order))
+    band = build_band(surface, lattice.spacing, options.own.degree, progress, difference_reach(order))
     if order == 4:
         check_room(surface, band)
         if sheets:
@@ -154,7 +136,7 @@ def lay_out(
         progress("boundaries", (index + 1) / len(scene.boundaries))
     reading = replace(past.reading, terms=[_located(term, seen, band) for term in past.reading.terms])
     sources = _off_boundaries(past, seen, band, order)
-    laid = Layout(lattice, surface, band, reading, sources, seen, ghosts, scene.channels, order, parted=sheets)
+    laid = Layout(options, lattice, surface, band, reading, sources, seen, ghosts, scene.channels)
     return _looked_over(laid, scene.problem.start_time)
 
 
@@ -174,37 +156,6 @@ def _looked_over(layout: Layout, time: float | None) -> Layout:
         blurs=blurs(seen, band, lattice, layout.channels, time),
         junctions=[replace(one, point=lattice.to_scene(one.point[None])[0]) for one in branches],
     )
-
-
-def check_order(order: int, degree: int) -> None:
-    """Refuse an order that is not offered, or not with this degree.
-
-    Raises
-    ------
-    InputError
-        If the order is not 1 to 4, or is 4 with a degree below 4: interpolation would keep it at 2.
-    """
-    if not isinstance(order, (int, np.integer)) or order not in (1, 2, 3, 4) or isinstance(order, bool):
-        raise InputError(f"order must be 1, 2, 3 or 4, got {shown(order)}; 2 is the default.")
-    if order == 4 and degree < 4:
-        raise InputError(f"order=4 needs degree 4 or 5, got degree={degree}; interpolation would keep it at order 2.")
-
-
-def check_parting(sheets: Any, order: int) -> None:
-    """Refuse a value of ``sheets`` that is not offered, or not at this order.
-
-    Raises
-    ------
-    InputError
-        If it is neither true, false nor "unfolded", or is that at order 4: its tube has no room for sharp bends.
-    """
-    if not isinstance(sheets, bool) and sheets != "unfolded":
-        raise InputError(
-            f"sheets must be true, false or 'unfolded', got {sheets!r}; true parts sheets that share a band, "
-            "'unfolded' unfolds sharp bends, too."
-        )
-    if sheets == "unfolded" and order == 4:
-        raise InputError("order=4 unfolds nothing: it needs a tube in which no surface bends sharply; use order=2.")
 
 
 def _located(term: Term, seen: Sight, band: Band) -> Term:

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from cpmkit.errors import InputError
-from cpmkit.forecast.resolution import needed_spacing
+from cpmkit.grid.fitting import needed_spacing
 from cpmkit.protocols import ClosestPointSource, Floats, HasMesh, Ints
 from cpmkit.scene.scene import Scene
 
@@ -68,7 +68,7 @@ def triangulate(scene: Scene, spacing: float | None) -> Triangulation:
             f"of manifold_dim {surface.manifold_dim} gives no triangles; use backend='cpm'."
         )
     own = own_mesh(surface) if spacing is None else None
-    vertices, faces = own or surface.mesh(needed_spacing(scene, spacing))
+    vertices, faces = own or surface.mesh(needed_spacing(surface, spacing))
     if faces.shape[1] != 3:
         raise InputError(
             f"backend='fem' needs triangles, and {type(surface).__name__} gives only points; use backend='cpm'."

@@ -8,13 +8,13 @@ from importlib import import_module
 
 import numpy as np
 import pytest
+from layouts import build_tables
 from model_problems import on_circle
 from scipy.sparse import issparse
 
 import cpmkit as ck
-from cpmkit.families.checkpointing import EVERY, check_checkpointing
+from cpmkit.families.checkpointing import Checkpointing
 from cpmkit.families.context import SolveContext
-from cpmkit.forms.collocation.discretization import build_tables
 from cpmkit.forms.collocation.form import Collocation
 from cpmkit.linear.choice import make_solver
 from cpmkit.manifold.localized import Localized
@@ -85,7 +85,7 @@ def solve_on(tables, scene, solver):
         1e-8,
         nothing,
         time.perf_counter(),
-        check_checkpointing(scene.problem, None, EVERY, None),
+        Checkpointing(),
     )
     module, function = FAMILIES[scene.problem.family]
     return getattr(import_module(module), function)(context)

@@ -29,8 +29,6 @@ from cpmkit.protocols import Floats, HasMesh, Ints
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.scene import Scene
 
-#: 165 polynomials in space; higher ones see what a spacing does not resolve.
-HIGHEST = 8
 #: Combinations of polynomials are left out whose mean square is this small beside the largest: on a sphere, say,
 #: x^2 + y^2 + z^2 is no other function than 1.
 DEPENDENT = 1e-10
@@ -79,19 +77,14 @@ class Balance:
         ]
 
 
-def check_balance(scene: Scene, degree: Any) -> None:
-    """Refuse a degree that is not offered, and scenes whose fluxes are not balanced.
+def check_balance(scene: Scene, degree: int) -> None:
+    """Refuse scenes whose fluxes are not balanced, if they are to be.
 
     Raises
     ------
     InputError
         In one sentence.
     """
-    if type(degree) is not int or not 0 <= degree <= HIGHEST:
-        raise InputError(
-            f"balance must be the degree of the polynomials against which fluxes balance, a whole number from 0, "
-            f"for the mean alone, to {HIGHEST}, got {degree!r}."
-        )
     if degree == 0:
         return
     problem = scene.problem

@@ -92,7 +92,7 @@ def told_of(tables: Discretization, scene: Scene, value: float) -> str:
     layout = tables.layout
     limbs = limbs_of(layout) if surveyed(layout) else None
     where = f" near {place(limbs.place)}" if limbs is not None else ""
-    hint = "" if layout.parted == "unfolded" else ', or sheets="unfolded"'
+    hint = "" if layout.options.own.sheets == "unfolded" else ', or sheets="unfolded"'
     return (
         f"spacing={layout.lattice.spacing:g} is too coarse for this surface{where}: parts of it that are two spacings "
         f"thick or so read each other, and the operator of {scene.problem} has an eigenvalue of the wrong sign, "

@@ -42,7 +42,7 @@ PARTED = 1.0
 
 def surveyed(layout: Layout) -> bool:
     """True where :func:`remaining` finds something if there is something: on hypersurfaces whose sheets are parted."""
-    return layout.parted and layout.order < 4 and layout.surface.manifold_dim == layout.surface.dim - 1
+    return layout.options.own.sheets and layout.order < 4 and layout.surface.manifold_dim == layout.surface.dim - 1
 
 
 def remaining(layout: Layout, spacing: float | None = None) -> tuple[Remainder, ...]:

@@ -121,7 +121,11 @@ def _sheets(layout: Layout, missed: float) -> list[str]:
     if surveyed(layout):
         found = remaining(layout)
         sentences = [replace(one, error=max(one.error, min(missed, 1.0))).sentence for one in found]
-        if layout.parted == "unfolded" and layout.surface.source.exact and any(one.kind == "crease" for one in found):
+        if (
+            layout.options.own.sheets == "unfolded"
+            and layout.surface.source.exact
+            and any(one.kind == "crease" for one in found)
+        ):
             sentences.append(
                 "Unfolding goes astray at creases of exact closest points, whose nodes outside have their feet on the "
                 "crease itself; use closest points that are smooth, or sheets=True."

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from closed_problems import on_half_sphere
+from layouts import build_tables
 from model_problems import on_circle, order_of, origins, rotation, sphere_points
 
 import cpmkit as ck
 from cpmkit.forms.collocation.conservation.free_constants import find_border
 from cpmkit.forms.collocation.conservation.mean_weights import mean_weights
-from cpmkit.forms.collocation.discretization import build_tables
 
 SPACINGS = (0.2, 0.1, 0.067)
 HEIGHT = 0.2

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from layouts import lay_out
 
 import cpmkit as ck
 from cpmkit.forms.collocation.conservation.balance import Leak
 from cpmkit.forms.collocation.diagnosis.definiteness import lowest_eigenvalue
 from cpmkit.forms.collocation.diagnosis.survey import remaining
 from cpmkit.forms.collocation.diagnosis.valleys import limbs_of
-from cpmkit.forms.collocation.layout import lay_out
 from cpmkit.protocols import ClosestPoints
 
 AXES = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from layouts import lay_out
 
 import cpmkit as ck
 from cpmkit.combinations.rectangle import rectangle
 from cpmkit.forms.collocation.diagnosis.survey import remaining
-from cpmkit.forms.collocation.layout import lay_out
 
 
 def told(source, spacing, **options):

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from layouts import lay_out
 from model_problems import rotation
 
 import cpmkit as ck
 from cpmkit.forms.collocation.diagnosis.survey import remaining
-from cpmkit.forms.collocation.layout import lay_out
 
 
 def close(surface, spacing=0.1):

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from layouts import lay_out
 from model_problems import order_of, sphere_points
 from scipy.integrate import quad
 from sheet_problems import circles, spiral
@@ -13,7 +14,6 @@ from trimesh.creation import box
 import cpmkit as ck
 from cpmkit.forms.collocation.conservation.mean_weights import mean_weights
 from cpmkit.forms.collocation.extension import stencil_nodes
-from cpmkit.forms.collocation.layout import lay_out
 from cpmkit.forms.collocation.sheets.sheets import NEAR
 from cpmkit.grid.stencils import stencil_cells
 from cpmkit.manifold.localized import localize
@@ -123,7 +123,7 @@ def test_unfolding_is_saved_and_loaded(tmp_path):
     solution.save(tmp_path / "unfolded.npz")
     loaded = ck.load(tmp_path / "unfolded.npz", screened)
     assert (loaded.values == solution.values).all()
-    assert loaded.discretized.tables.layout.options["sheets"] == "unfolded"
+    assert loaded.discretized.tables.layout.options.own.sheets == "unfolded"
 
 
 def test_an_explanation_tells_of_the_unfolded_twins():

@@ -1,0 +1,27 @@
+"""How a scene is discretised, as one value: what all forms share, and what belongs to the one that is taken."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Generic, TypeVar
+
+from cpmkit.runtime.arrays import positive
+from cpmkit.runtime.declared import KEY, Declared, Option, option
+
+Own = TypeVar("Own", bound=Declared)
+
+
+@dataclass(frozen=True, eq=False)
+class Options(Declared, Generic[Own]):
+    """How a scene is discretised; ``own`` are the options that belong to the form."""
+
+    spacing: float = field(
+        metadata={KEY: Option("Distance of neighbouring lattice nodes, in the scene's unit of length.", positive)}
+    )
+    own: Own
+    origin: Any = option(None, "Position of a lattice node, (d,); by default the centre of the surface's bounds.")
+    form: str = option("collocation", "How the equation is put on the lattice: ``collocation``, the paper's method.")
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the values of all options, the form's own among them, by their names."""
+        return {**super().as_dict(), **self.own.as_dict()}

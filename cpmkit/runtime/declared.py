@@ -1,0 +1,103 @@
+"""Options, each declared once: its name, its default, what is accepted, and the sentence that documents it.
+
+A frozen dataclass is the declaration. Signatures, docstrings, keys of files, what is saved and what studies vary are
+read off it, so that one more field is one more option everywhere.
+"""
+
+from __future__ import annotations
+
+import inspect
+import textwrap
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
+from functools import partial
+from typing import Any, TypeVar
+
+from cpmkit.errors import InputError
+
+Made = TypeVar("Made", bound="Declared")
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+#: Under this key a field's metadata hold what is declared of the option.
+KEY = "option"
+_filled = partial(textwrap.fill, width=114, initial_indent="    ", subsequent_indent="    ")
+
+
+@dataclass(frozen=True)
+class Option:
+    """What is declared of an option, beside its name, its type and its default.
+
+    Attributes
+    ----------
+    told : str
+        What it does and what it accepts, in sentences.
+    check : callable
+        Given a value and what to call it; returns the value as it is kept, or raises an InputError.
+    plural : str
+        Under this key a study lists the values that it tries.
+    methods : mapping
+        Instead of a list: the methods of a study that set the option, and to what.
+    """
+
+    told: str
+    check: Callable[[Any, str], Any]
+    plural: str = ""
+    methods: Mapping[str, Any] = field(default_factory=dict)
+
+    def accepts(self, value: Any) -> bool:
+        """Tell whether a value passes the check."""
+        try:
+            self.check(value, "")
+        except InputError:
+            return False
+        return True
+
+
+def option(default: Any, told: str, check: Callable[[Any, str], Any] = lambda value, _: value, **study: Any) -> Any:
+    """Return the field of an option; ``study`` is its ``plural`` or its ``methods``."""
+    return field(default=default, metadata={KEY: Option(told, check, **study)})
+
+
+@dataclass(frozen=True)
+class Declared:
+    """Options that belong together. All are checked when they are made; their values are numbers, flags or text."""
+
+    def __post_init__(self) -> None:
+        for name, one in declared(type(self)).items():
+            object.__setattr__(self, name, one.check(getattr(self, name), name))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the values of the options by their names."""
+        return {name: getattr(self, name) for name in declared(type(self))}
+
+
+def declared(kind: type[Declared]) -> dict[str, Option]:
+    """Return the options that a class declares, by their names."""
+    return {one.name: one.metadata[KEY] for one in fields(kind) if KEY in one.metadata}
+
+
+def take(kind: type[Made], given: Mapping[str, Any], **further: Any) -> tuple[Made, dict[str, Any]]:
+    """Return ``kind`` made of what is given of its options, and of ``further`` fields, and what else is given."""
+    own = {name: given[name] for name in declared(kind) if name in given and name not in further}
+    return kind(**own, **further), {name: value for name, value in given.items() if name not in own}
+
+
+def showing(*kinds: type[Declared]) -> Callable[[Function], Function]:
+    """Let ``**options`` of a function show as the options that ``kinds`` declare, in its signature and docstring."""
+
+    def show(function: Function) -> Function:
+        signature = inspect.signature(function)
+        *kept, rest = signature.parameters.values()
+        own = {one.name: one for kind in kinds for one in fields(kind) if KEY in one.metadata}
+        shown = [
+            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=one.default, annotation=one.type)
+            for name, one in own.items()
+            if name not in signature.parameters
+        ]
+        told = [f"{one.name} : {one.annotation}\n{_filled(own[one.name].metadata[KEY].told)}\n" for one in shown]
+        doc = inspect.cleandoc(function.__doc__ or "")
+        function.__doc__ = doc.replace("\n**options\n", f"\n{''.join(told)}**options\n")
+        vars(function).update(__signature__=signature.replace(parameters=[*kept, *shown, rest]))
+        return function
+
+    return show

@@ -1,0 +1,12 @@
+"""Layouts and tables of a scene, asked for as `cpmkit.solve` is: by a spacing and keyword arguments."""
+
+from cpmkit.forms import choice
+from cpmkit.forms.collocation import discretization, layout
+
+
+def lay_out(scene, spacing, **options):
+    return layout.lay_out(scene, choice.options_of(scene.surface, spacing, options)[0])
+
+
+def build_tables(scene, spacing, **options):
+    return discretization.build_tables(scene, choice.options_of(scene.surface, spacing, options)[0])
