@@ -51,6 +51,7 @@ _PUBLIC = {
     "explain": "forecast.explanation",
     "load": "saving.loading",
     "load_scene": "scenefile.reading",
+    "prepare": "solving",
     "read_mesh": "plugins",
     "solve": "solving",
     "source": "plugins",

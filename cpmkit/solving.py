@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 
 from cpmkit.errors import InputError
 from cpmkit.families.checkpointing import Checkpointing
-from cpmkit.families.context import SolveContext
+from cpmkit.families.context import Kept, SolveContext
 from cpmkit.families.nonlinear import solve_nonlinear
 from cpmkit.forecast.running_out import memory_told
 from cpmkit.forms.choice import FORMS, options_of
@@ -23,10 +24,12 @@ from cpmkit.grid.fitting import check_fits
 from cpmkit.linear.choice import SolverOptions, choose_solver, make_solver
 from cpmkit.manifold.localized import largest_dim, localize
 from cpmkit.plugins import call, factory
-from cpmkit.protocols import Progress, nothing
+from cpmkit.protocols import Floats, Progress, nothing
 from cpmkit.runtime.declared import showing, take
 from cpmkit.runtime.telling import tell
+from cpmkit.scene.equations import Equation
 from cpmkit.scene.laws import Nonlinear
+from cpmkit.scene.restating import restated
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.solution import Solution
 
@@ -86,43 +89,12 @@ def solve(
     >>> ck.solve(scene, spacing=0.05).evaluate([[0, 1], [-1, 0]]).round(3)
     array([0.25, 0.5 ])
     """
-    if backend == "cpm":
-        solution = _solve_here(scene, spacing, progress, options)
-    else:
-        solution = _solve_elsewhere(backend, scene, spacing, progress, options)
-    tell(solution.warnings)
-    return solution
-
-
-def _solve_here(scene: Scene, spacing: float | None, progress: Progress, given: Mapping[str, Any]) -> Solution:
-    """Solve by the closest point method."""
-    options, rest = options_of(scene.surface, spacing, given)
-    checkpointing, rest = take(Checkpointing, rest)
-    solver = SolverOptions.of(rest)
-    check_balance(scene, options.own.balance)
+    if backend != "cpm":
+        return _told(_solve_elsewhere(backend, scene, spacing, progress, options))
+    checkpointing, rest = take(Checkpointing, options)
     checkpointing.check_for(scene.problem)
-    with memory_told(scene, options, solver.solver):
-        return _solved(scene, options, solver, checkpointing, progress)
-
-
-def _solved(
-    scene: Scene, options: Options[Any], solver: SolverOptions, checkpointing: Checkpointing, progress: Progress
-) -> Solution:
-    """Build the tables and solve; whoever calls it holds neither, should memory run out."""
-    start = time.perf_counter()
-    discretized = form.discretize(scene, options, progress)
-    dim, unknowns = largest_dim(scene.surface), discretized.size
-    chosen = choose_solver(solver.solver, unknowns, dim, scene.problem.factorise_up_to)
-    if chosen == "direct":  # what others need was checked before the tables were made
-        source = localize(scene.surface, np.zeros(scene.surface.dim))
-        check_fits(source, unknowns, options.spacing, options.own.degree, chosen)
-    made = make_solver(chosen, solver.further)
-    context = SolveContext(discretized, made, chosen, solver.tolerance, progress, start, checkpointing)
-    module, function = FAMILIES[scene.problem.family]
-    solve_family: Callable[[SolveContext], Solution] = getattr(import_module(module), function)
-    if any(isinstance(condition.law, Nonlinear) for condition in scene.conditions):
-        return solve_nonlinear(context, solve_family)
-    return solve_family(context)
+    started = time.perf_counter()
+    return prepare(scene, spacing, progress=progress, **rest).run(scene, checkpointing, started=started)
 
 
 def _solve_elsewhere(
@@ -172,3 +144,153 @@ def discretize(scene: Scene, spacing: float, *, progress: Progress = nothing, **
     if others:
         raise InputError(f"discretize has no option {next(iter(others))!r}; accepted are {', '.join(asked.as_dict())}.")
     return form.discretize(scene, asked, progress)
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A scene on a form's unknowns, for many equations and right-hand sides; see :func:`prepare`.
+
+    Attributes
+    ----------
+    discretized : Discretized
+        The scene with its tables.
+    options : Options
+        How it is discretised.
+    solver : SolverOptions
+        How linear systems are solved.
+    progress : callable
+        Told the stage and the share of it that is done.
+    kept : Kept
+        Operators and factors that were used last.
+    """
+
+    discretized: Discretized
+    options: Options[Any]
+    solver: SolverOptions
+    progress: Progress = nothing
+    kept: Kept = field(default_factory=Kept)
+
+    @showing(Checkpointing)
+    def solve(
+        self,
+        *,
+        problem: Equation | None = None,
+        data: Mapping[str, Any] | None = None,
+        guess: Solution | None = None,
+        **options: Any,
+    ) -> Solution:
+        """Solve an equation on the tables that are there.
+
+        Parameters
+        ----------
+        problem : Equation, optional
+            Another equation than the scene's.
+        data : mapping, optional
+            Other conditions of the same kinds, which differ in their data alone, by boundary: ``{"cut":
+            Dirichlet(2)}``, ``{"cut": {"left": ..., "right": ...}}``, and ``{"edge": ...}`` for the edge.
+        guess : Solution, optional
+            Of the same tables, near which an iterative solver starts; of steady problems.
+        **options
+            Any other is refused.
+
+        Returns
+        -------
+        Solution
+
+        Raises
+        ------
+        CpmkitError
+            One sentence: what was got, what is accepted, what to do.
+        """
+        checkpointing, others = take(Checkpointing, options)
+        if others:
+            raise InputError(
+                f"Prepared.solve has no option {next(iter(others))!r}; those of the solver are given to prepare."
+            )
+        scene = restated(self.discretized.scene, problem, data)
+        checkpointing.check_for(scene.problem)
+        start = None if guess is None else guess.values
+        if start is not None and start.shape != (self.discretized.size, scene.channels):
+            raise InputError(
+                f"guess must be a solution on the same tables, ({self.discretized.size}, {scene.channels}) values, got "
+                f"{start.shape}."
+            )
+        return self.run(scene, checkpointing, start)
+
+    def run(
+        self,
+        scene: Scene,
+        checkpointing: Checkpointing,
+        guess: Floats | None = None,
+        started: float | None = None,
+    ) -> Solution:
+        """Solve a scene that differs from the prepared one in its equation and data alone."""
+        started = time.perf_counter() if started is None else started
+        form = self.discretized if scene is self.discretized.scene else self.discretized.restated(scene)
+        with memory_told(scene, self.options, self.solver.solver):
+            chosen = choose_solver(
+                self.solver.solver, form.size, largest_dim(scene.surface), scene.problem.factorise_up_to
+            )
+            if chosen == "direct":  # what others need was checked before the tables were made
+                source = localize(scene.surface, np.zeros(scene.surface.dim))
+                check_fits(source, form.size, self.options.spacing, self.options.own.degree, chosen)
+            made = make_solver(chosen, self.solver.further)
+            context = SolveContext(
+                form, made, chosen, self.solver.tolerance, self.progress, started, checkpointing, guess, self.kept
+            )
+            return _told(_solve_family(context))
+
+
+def _solve_family(context: SolveContext) -> Solution:
+    """Solve by the family of the scene's equation, by Newton's method where fluxes depend on the solution."""
+    module, function = FAMILIES[context.scene.problem.family]
+    solve_family: Callable[[SolveContext], Solution] = getattr(import_module(module), function)
+    if any(isinstance(condition.law, Nonlinear) for condition in context.scene.conditions):
+        return solve_nonlinear(context, solve_family)
+    return solve_family(context)
+
+
+def _told(solution: Solution) -> Solution:
+    tell(solution.warnings)
+    return solution
+
+
+@showing(Options, *FORMS.values(), SolverOptions)
+def prepare(scene: Scene, spacing: float | None = None, *, progress: Progress = nothing, **options: Any) -> Prepared:
+    """Discretise a scene once, for many equations and right-hand sides on it.
+
+    Parameters
+    ----------
+    scene : Scene
+        With the equation that is solved unless another is given.
+    spacing : float
+        Spacing of the lattice, in the scene's unit of length.
+    progress : callable, optional
+        ``progress(stage, fraction)``.
+    **options
+        Further ones of the solver.
+
+    Returns
+    -------
+    Prepared
+
+    Raises
+    ------
+    CpmkitError
+        One sentence: what was got, what is accepted, what to do.
+
+    Examples
+    --------
+    The tables and the factors are made once.
+
+    >>> import cpmkit as ck
+    >>> circle = ck.source("analytic.circle")
+    >>> prepared = ck.prepare(ck.Scene(circle, ck.ScreenedPoisson(1.0)), spacing=0.1)
+    >>> [float(prepared.solve(problem=ck.ScreenedPoisson(f)).evaluate([[1, 0]])[0].round(6)) for f in (1.0, 3.0)]
+    [1.0, 3.0]
+    """
+    asked, rest = options_of(scene.surface, spacing, options)
+    solver = SolverOptions.of(rest)
+    check_balance(scene, asked.own.balance)
+    with memory_told(scene, asked, solver.solver):
+        return Prepared(form.discretize(scene, asked, progress), asked, solver, progress)

@@ -2,12 +2,50 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field
+from typing import Any
 
 from cpmkit.families.checkpointing import Checkpointing
 from cpmkit.forms.contract import Discretized
-from cpmkit.protocols import LinearSolver, Operator, PreparedSolver, Progress
+from cpmkit.protocols import Floats, LinearSolver, Operator, PreparedSolver, Progress
+from cpmkit.scene.equations import Terms
 from cpmkit.scene.scene import Scene
+
+#: So many operators are kept with their factors: of a run in time, those of shortened steps before frames, too.
+KEPT = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Kept:
+    """What was made of a discretised scene, by what it was made for; what was used last is kept."""
+
+    made: dict[Hashable, Any] = field(default_factory=dict)
+
+    def get(self, key: Hashable, make: Callable[[], Any]) -> Any:
+        """Return what was made for ``key``, or make it."""
+        self.made[key] = self.made.pop(key) if key in self.made else make()
+        while len(self.made) > KEPT:
+            del self.made[next(iter(self.made))]
+        return self.made[key]
+
+
+def left_side(terms: Terms) -> Hashable:
+    """Return what tells the operators of two equations apart: all terms but f, functions by themselves."""
+    return tuple(_Itself(one) if callable(one) else one for one in (terms.c, terms.diffusivity, terms.velocity))
+
+
+@dataclass(frozen=True, eq=False)
+class _Itself:
+    """A key that is equal to another of the same thing alone, and keeps it alive."""
+
+    thing: Any
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Itself) and other.thing is self.thing
+
+    def __hash__(self) -> int:
+        return id(self.thing)
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +68,10 @@ class SolveContext:
         ``time.perf_counter()`` when the solve began.
     checkpointing : Checkpointing
         Where the state of a run in time is written and read.
+    guess : (n, channels) float64, optional
+        Where the iteration of a steady problem starts.
+    kept : Kept
+        Operators and prepared solvers, shared by all solves on the same tables.
     """
 
     discretized: Discretized
@@ -39,6 +81,8 @@ class SolveContext:
     progress: Progress
     started: float
     checkpointing: Checkpointing
+    guess: Floats | None = None
+    kept: Kept = field(default_factory=Kept)
 
     @property
     def scene(self) -> Scene:

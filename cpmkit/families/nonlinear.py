@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import ConvergenceError, SceneError, place
-from cpmkit.families.context import SolveContext
+from cpmkit.families.context import Kept, SolveContext
 from cpmkit.solution.solution import Solution
 
 #: At most this many steps.
@@ -50,7 +50,7 @@ def solve_nonlinear(context: SolveContext, solve_linear: Callable[[SolveContext]
     seen = [np.full(len(flux.points), flux.guess) for flux in fluxes]
     applications = iterations = 0
     for step in range(1, STEPS + 1):
-        solution = solve_linear(replace(context, discretized=form.linearized(seen)))
+        solution = solve_linear(replace(context, discretized=form.linearized(seen), kept=Kept()))
         if not all(flux.grows(v) for flux, v in zip(fluxes, seen, strict=True)):
             _check_balance(solution)
         applications += solution.report.operator_applications

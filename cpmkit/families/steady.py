@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
-from cpmkit.families.context import SolveContext
+from cpmkit.families.context import SolveContext, left_side
 from cpmkit.families.eigen.resonance import near_resonance, unresolved_waves
 from cpmkit.forms.contract import Discretized
 from cpmkit.linear.operators import Bordered, LinearSystem
+from cpmkit.protocols import Operator, PreparedSolver, Stiffness
 from cpmkit.solution.solution import Solution
 
 
@@ -21,11 +22,33 @@ def assemble(form: Discretized) -> LinearSystem:
     form : Discretized
         The discretised scene.
     """
-    terms = form.scene.problem.terms()
-    stiffness = form.stiffness(terms)
+    stiffness, operator = _operators(form)
+    return LinearSystem(operator, form.load(form.scene.problem.terms().f) + form.data(stiffness))
+
+
+def _operators(form: Discretized) -> tuple[Stiffness, Operator]:
+    """Return A as it is, and with its free constants moved out of the kernel."""
+    stiffness = form.stiffness(form.scene.problem.terms())
     free = form.free_constants(stiffness)
-    operator = stiffness if free is None else Bordered(stiffness, free)
-    return LinearSystem(operator, form.load(terms.f) + form.data(stiffness))
+    return stiffness, stiffness if free is None else Bordered(stiffness, free)
+
+
+@dataclass(frozen=True, eq=False)
+class _Ready:
+    """A, what solves with it, and what looking for an eigenvalue of the wrong sign found after so many products."""
+
+    stiffness: Stiffness
+    operator: Operator
+    prepared: PreparedSolver
+    wrong: str
+    looked: int
+
+
+def _ready(context: SolveContext) -> _Ready:
+    form = context.discretized
+    stiffness, operator = _operators(form)
+    wrong, looked = form.indefinite(operator)
+    return _Ready(stiffness, operator, context.prepare(operator), wrong, looked)
 
 
 def solve_steady(context: SolveContext) -> Solution:
@@ -41,13 +64,12 @@ def solve_steady(context: SolveContext) -> Solution:
     form, terms = context.discretized, context.scene.problem.terms()
     poor = unresolved_waves(form.spacing, terms)
     form.check()
-    system = assemble(form)
-    operator, b = system.operator, system.right_side
-    wrong, looked = form.indefinite(operator)
+    ready: _Ready = context.kept.get(("steady", left_side(terms)), lambda: _ready(context))
+    operator, prepared, wrong = ready.operator, ready.prepared, ready.wrong
+    b = form.load(terms.f) + form.data(ready.stiffness)
     built = time.perf_counter()
-    prepared = context.prepare(operator)
-    values, report = prepared.solve(b, context.tolerance, progress=context.progress)
-    report = replace(report, operator_applications=report.operator_applications + looked)
+    values, report = prepared.solve(b, context.tolerance, context.guess, context.progress)
+    report = replace(report, operator_applications=report.operator_applications + ready.looked)
     work: Any = form.work(operator, report)
     settled = form.settle(operator, b, values)
     if settled.queries:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 
 import numpy as np
@@ -163,6 +163,10 @@ class Discretized(ABC):
         InputError, SceneError, ResolutionError
             In one sentence.
         """
+
+    def restated(self, scene: Scene) -> Self:
+        """Return the same unknowns with another scene, which differs in its equation and its data alone."""
+        return replace(self, scene=scene)  # type: ignore[type-var]
 
     def require(self, ability: str) -> None:
         """Refuse an ability that the form lacks.

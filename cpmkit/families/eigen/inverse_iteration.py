@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import SceneError
-from cpmkit.families.context import SolveContext
+from cpmkit.families.context import SolveContext, left_side
 from cpmkit.protocols import Floats, Operator, PreparedSolver, Stiffness
 from cpmkit.scene.compound_equations import Eigen
 
@@ -78,8 +78,13 @@ def inverse_iteration(context: SolveContext, problem: Eigen, stiffness: Stiffnes
         unit = float(form.read(problem.diffusivity, "the diffusivity").mean()) / length**2
         near = float(form.read(problem.c, "the factor c").min()) if problem.near is None else problem.near
         shift = near - beside * unit
-    operator = stiffness.less(shift, mass)
-    return InverseIteration(context, operator, context.prepare(operator), mass, shift, unit)
+
+    def ready() -> tuple[Operator, PreparedSolver]:
+        operator = stiffness.less(shift, mass)
+        return operator, context.prepare(operator)
+
+    operator, prepared = context.kept.get(("less", left_side(problem.terms()), shift), ready)
+    return InverseIteration(context, operator, prepared, mass, shift, unit)
 
 
 def _check_reached(context: SolveContext, stiffness: Stiffness, mass: Any) -> None:

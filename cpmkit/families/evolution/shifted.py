@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from cpmkit.families.context import SolveContext
+from cpmkit.families.context import SolveContext, left_side
 from cpmkit.families.evolution.semidiscrete import SemiDiscrete
 from cpmkit.linear.report import SolveReport
 from cpmkit.protocols import Floats, PreparedSolver
-
-#: Prepared solvers that are kept: steps, the shortened ones before frames, and those that follow.
-KEPT = 3
 
 
 @dataclass
@@ -50,14 +47,11 @@ class ShiftedSolver:
         With the solver and its tolerance.
     tally : Tally
         Counts what was done.
-    prepared : dict
-        The solvers used last, by factor.
     """
 
     problem: SemiDiscrete
     context: SolveContext
     tally: Tally = field(default_factory=Tally)
-    prepared: dict[float, PreparedSolver] = field(default_factory=dict)
 
     def solve(self, factor: float, right_side: Floats, guess: Floats) -> Floats:
         """Return u (n, channels).
@@ -67,10 +61,8 @@ class ShiftedSolver:
         ConvergenceError
             If the solver does not reach the tolerance.
         """
-        solver = self.prepared.pop(factor, None) or self._prepare(factor)
-        self.prepared[factor] = solver
-        while len(self.prepared) > KEPT:
-            del self.prepared[next(iter(self.prepared))]
+        key = ("shifted", left_side(self.context.scene.problem.terms()), factor)
+        solver: PreparedSolver = self.context.kept.get(key, lambda: self._prepare(factor))
         u, report = solver.solve(right_side, self.context.tolerance, guess)
         self.tally.add(report)
         return u
