@@ -12,7 +12,7 @@ import click
 from cpmkit import plugins
 from cpmkit.cli import main
 
-FACTORY_HOOKS = ("cpmkit_sources", "cpmkit_boundaries", "cpmkit_solvers", "cpmkit_backends")
+FACTORY_HOOKS = ("cpmkit_sources", "cpmkit_boundaries", "cpmkit_conditions", "cpmkit_solvers", "cpmkit_backends")
 
 
 def write_all(folder: Path) -> list[Path]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, ClassVar
 
-from cpmkit.scene.data import Data
+from cpmkit.scene.data import Data, check_order
 from cpmkit.scene.laws import Interface, Law, OneSided, data_of
 
 if TYPE_CHECKING:
@@ -28,6 +28,9 @@ class Condition(ABC):
 
     kind: ClassVar[str]
     order: int | None = None
+
+    def __post_init__(self) -> None:
+        check_order(self.order, type(self).__name__)
 
     @property
     @abstractmethod

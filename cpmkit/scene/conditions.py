@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 from cpmkit.errors import InputError, shown
 from cpmkit.scene.condition import Condition
-from cpmkit.scene.data import Data, as_number, check_order, takes_time
+from cpmkit.scene.data import Data, as_number, takes_time
 from cpmkit.scene.laws import Flux, Mixed, Value
 
 
@@ -44,9 +44,6 @@ class Dirichlet(Condition):
     order: int | None = None
     kind: ClassVar[str] = "dirichlet"
 
-    def __post_init__(self) -> None:
-        check_order(self.order, "Dirichlet")
-
     @property
     def law(self) -> Value:
         """The value."""
@@ -68,9 +65,6 @@ class Neumann(Condition):
     flux: Data = 0.0
     order: int | None = None
     kind: ClassVar[str] = "neumann"
-
-    def __post_init__(self) -> None:
-        check_order(self.order, "Neumann")
 
     @property
     def law(self) -> Flux:
@@ -117,7 +111,7 @@ class Robin(Condition):
     kind: ClassVar[str] = "robin"
 
     def __post_init__(self) -> None:
-        check_order(self.order, "Robin")
+        super().__post_init__()
         for name, other in (("alpha", "Dirichlet"), ("beta", "Neumann")):
             given = getattr(self, name)
             if name == "beta" and callable(given) and not takes_time(given):

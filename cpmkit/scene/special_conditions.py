@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 from cpmkit.errors import InputError, shown
 from cpmkit.runtime.arrays import number, positive
 from cpmkit.scene.condition import Condition
-from cpmkit.scene.data import Data, check_order, takes_time
+from cpmkit.scene.data import Data, takes_time
 from cpmkit.scene.laws import Interface, Nonlinear, Spectral, Support
 
 
@@ -86,9 +86,6 @@ class Steklov(Condition):
     order: int | None = None
     kind: ClassVar[str] = "steklov"
 
-    def __post_init__(self) -> None:
-        check_order(self.order, "Steklov")
-
     @property
     def law(self) -> Spectral:
         """The flux in proportion to the value."""
@@ -116,9 +113,6 @@ class SimplySupported(Condition):
     laplacian: Data = 0.0
     order: int | None = None
     kind: ClassVar[str] = "simply_supported"
-
-    def __post_init__(self) -> None:
-        check_order(self.order, "SimplySupported")
 
     @property
     def law(self) -> Support:
@@ -171,7 +165,7 @@ class NonlinearFlux(Condition):
             given = getattr(self, name)
             if not callable(given) and not (optional and given is None):
                 raise InputError(f"{name} of NonlinearFlux must be a function of the values of u, got {shown(given)}.")
-        check_order(self.order, "NonlinearFlux")
+        super().__post_init__()
         object.__setattr__(self, "guess", number(self.guess, "guess of NonlinearFlux"))
 
     @property

@@ -7,7 +7,7 @@ from typing import Any
 
 from cpmkit.errors import SceneError, shown
 from cpmkit.formulas.expressions import Expression
-from cpmkit.plugins import call
+from cpmkit.plugins import call, factory
 from cpmkit.runtime.arrays import number, whole
 from cpmkit.runtime.suggestions import did_you_mean
 from cpmkit.scene.condition import Condition
@@ -25,15 +25,17 @@ CONDITIONS: dict[str, Any] = {
     "steklov": Steklov,
     "simply_supported": SimplySupported,
 }
+#: What is given for those that take a list.
+LISTS = {"robin": ("alpha", "beta", "gamma"), "simply_supported": ("u", "Lap u")}
 
 
 def read_side(key: str, value: Any, dim: int, where: str) -> Any:
     """Return what a boundary's key for its sides holds: a point, a transmission, or a condition."""
     if key == "left_of":
         return value
-    if key != "across":
-        return read_condition(value, dim, where)
     table = as_table(value, where)
+    if key != "across" or "kind" in table:
+        return read_condition(table, dim, where)
     for name in ("jump", "flux", "left", "right"):
         if name in table:
             table[name] = read_data(table[name], dim, f"{name} of {where}")
@@ -43,15 +45,24 @@ def read_side(key: str, value: Any, dim: int, where: str) -> Any:
 def read_condition(table: Any, dim: int, where: str) -> Condition:
     """Return the condition that a table with one kind, and perhaps an order, describes.
 
+    The kind is a key, of which the value is the datum, or, of a plugin's conditions, ``kind = NAME`` beside its keys.
+
     Raises
     ------
     SceneError
         If the kind or its value is not accepted.
+    PluginError
+        If no installed plugin offers the kind.
     """
     table = as_table(table, where)
-    order = table.pop("order", None)
-    if order is not None:
-        whole(order, f"order of {where}", 1, 4)
+    order = {"order": table.pop("order")} if "order" in table else {}
+    for given in order.values():
+        whole(given, f"order of {where}", 1, 4)
+    if isinstance(table.get("kind"), str):
+        make = factory(table.pop("kind"), "cpmkit_conditions")
+        keys = {key: read_data(value, dim, f"{key} of {where}") for key, value in table.items()}
+        offered: Condition = call(make, where, {**keys, **order})
+        return offered
     kinds = list(table)
     if "clamped" in kinds:
         raise SceneError(
@@ -63,23 +74,24 @@ def read_condition(table: Any, dim: int, where: str) -> Condition:
             f"{where} must be one of {', '.join(f'{{ {kind} = ... }}' for kind in CONDITIONS)}, got "
             f"{shown(table)}{near}."
         )
-    value = table[kinds[0]]
-    if kinds[0] == "robin":
-        if not isinstance(value, list) or len(value) != 3:
-            raise SceneError(f"robin of {where} must be [alpha, beta, gamma], got {shown(value)}.")
-        beta: Any = read_data(value[1], dim, where)
-        alpha = number(value[0], f"alpha of {where}")
-        return Robin(alpha, beta, read_data(value[2], dim, where), order=order)
-    if kinds[0] == "steklov":
+    made: Condition = CONDITIONS[kinds[0]](*_entries(kinds[0], table[kinds[0]], dim, where), **order)
+    return made
+
+
+def _entries(kind: str, value: Any, dim: int, where: str) -> list[Any]:
+    """Return what a kind of condition is made with: one datum, or as many as its list has."""
+    if kind == "steklov":
         if value is not True:
             raise SceneError(f"steklov of {where} must be true, got {shown(value)}; it has no data.")
-        return Steklov(order=order)
-    if kinds[0] == "simply_supported":
-        if not isinstance(value, list) or len(value) != 2:
-            raise SceneError(f"simply_supported of {where} must be [u, Lap u], got {shown(value)}.")
-        return SimplySupported(read_data(value[0], dim, where), read_data(value[1], dim, where), order=order)
-    made: Condition = CONDITIONS[kinds[0]](read_data(value, dim, where), order=order)
-    return made
+        return []
+    if kind not in LISTS:
+        return [read_data(value, dim, where)]
+    if not isinstance(value, list) or len(value) != len(LISTS[kind]):
+        raise SceneError(f"{kind} of {where} must be [{', '.join(LISTS[kind])}], got {shown(value)}.")
+    return [
+        number(entry, f"alpha of {where}") if name == "alpha" else read_data(entry, dim, where)
+        for name, entry in zip(LISTS[kind], value, strict=True)
+    ]
 
 
 def read_edge(table: Any, where: str) -> Any:
