@@ -166,3 +166,22 @@ def test_a_flux_that_does_not_change_with_u_fixes_no_constant(solver):
     assert solved(ck.NonlinearFlux(lambda u: -(u**3))).min() > 1.0
     with pytest.raises(ck.SceneError, match=r"does not change with u at the values .*; give another guess"):
         solved(ck.NonlinearFlux(lambda u: -(u**3), guess=0.0))
+
+
+def test_different_fluxes_at_one_place_are_refused():
+    circle, axis = tilted_circle()
+    boundaries = [
+        ck.Boundary(name, circle, left=ck.NonlinearFlux(flux), right=ck.Dirichlet(1.0), left_of=axis)
+        for name, flux in (("one", lambda u: -u), ("other", lambda u: -2 * u))
+    ]
+    with pytest.raises(ck.SceneError, match=r"'one' and 'other' lie at the same place, .* hold different conditions"):
+        ck.solve(ck.Scene(ck.source("analytic.sphere"), ck.ScreenedPoisson(1.0), boundaries), 0.2)
+
+
+def test_an_equation_in_time_does_not_take_it():
+    with pytest.raises(ck.SceneError, match="the edge's condition: 'nonlinear flux' needs a steady equation"):
+        ck.Scene(
+            ck.source("analytic.arc", start=0.0, end=2.0),
+            ck.Heat(1.0, until=1.0, step=0.1),
+            edge=ck.NonlinearFlux(lambda u: -u),
+        )
