@@ -219,7 +219,7 @@ def read_mesh(file: str | Path) -> tuple[Floats, Ints]:
     Parameters
     ----------
     file : path
-        Found as :func:`cpmkit.files.data_files.find_file` says.
+        Found as :func:`cpmkit.source` finds files.
 
     Returns
     -------

@@ -1,24 +1,36 @@
-"""Pages of the reference that are read off the code: the kinds with their keys, and the commands with their help."""
+"""Pages of the reference that are read off the code: kinds with their keys, commands, what a plugin may import."""
 
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
 
-from cpmkit import plugins
+from cpmkit import plugin, plugins
 from cpmkit.cli import main
 
+API = Path(__file__).parent / "reference" / "api.md"
+#: What carries no docstring.
+DATA = {
+    "Bools": "A NumPy array of bool.",
+    "COORDINATES": "The names of the coordinates in formulas of position.",
+    "FUNCTIONS": "The functions that formulas offer, by name.",
+    "Floats": "A NumPy array of float64.",
+    "Ints": "A NumPy array of int64.",
+    "Progress": "A callable that gets the name of a stage and the share of it that is done, from 0 to 1.",
+    "Side": '``"left"`` or ``"right"``.',
+}
 FACTORY_HOOKS = ("cpmkit_sources", "cpmkit_boundaries", "cpmkit_conditions", "cpmkit_solvers", "cpmkit_backends")
 
 
 def write_all(folder: Path) -> list[Path]:
     """Write every page into ``folder``, which is made if need be, and return the files."""
     folder.mkdir(parents=True, exist_ok=True)
-    pages = {"kinds.md": kinds_page(), "cli.md": commands_page()}
+    pages = {"kinds.md": kinds_page(), "cli.md": commands_page(), "plugin-api.md": facade_page()}
     for name, text in pages.items():
         (folder / name).write_text(text, encoding="utf-8")
     return [folder / name for name in pages]
@@ -78,3 +90,27 @@ def _commands(group: click.Group, context: click.Context, path: str) -> list[str
 
 def _help(context: click.Context) -> str:
     return f"```text\n{context.command.get_help(context)}\n```\n"
+
+
+def facade_page() -> str:
+    """Return a section for each group of the names that a plugin may import."""
+    parts = []
+    for group, names in plugin.GROUPS.items():
+        entries = "\n\n".join(_of_facade(name) for name in names)
+        parts.append(f"## {group}\n\n```{{eval-rst}}\n{entries}\n```\n")
+    return "\n".join(parts)
+
+
+def _of_facade(name: str) -> str:
+    """Return a name's documentation, or the link to where the page on Python has it."""
+    value, target = getattr(plugin, name), f"cpmkit.plugin.{name}"
+    if name in DATA:
+        return f".. py:data:: {target}\n\n   {DATA[name]}"
+    sort = ("exc" if issubclass(value, Exception) else "class") if inspect.isclass(value) else "func"
+    there = re.search(rf"^\.\. auto\w+:: (cpmkit\.(?:\w+\.)*{name})$", API.read_text(encoding="utf-8"), re.MULTILINE)
+    if there:
+        return f"``{name}`` is :py:{sort}:`{there[1]}`."
+    if sort == "func":
+        return f".. autofunction:: {target}"
+    calls = "\n   :special-members: __call__" if "__call__" in vars(value) else ""
+    return f".. autoclass:: {target}\n   :members:{calls}"

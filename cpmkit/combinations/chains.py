@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cpmkit.combinations.vectors import dots
+from cpmkit.manifold.vectors import dots
 from cpmkit.protocols import Bools, Floats, Ints
 
 #: Neighbours that are looked at.

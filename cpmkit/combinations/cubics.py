@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cpmkit.combinations.vectors import dots, norms
+from cpmkit.manifold.vectors import dots, norms
 from cpmkit.protocols import Bools, Floats, Ints
 
 #: Cubics, or capsules, that one capsule of the next level holds.

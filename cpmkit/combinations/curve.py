@@ -10,8 +10,8 @@ import numpy as np
 
 from cpmkit.combinations.cubics import Cubics
 from cpmkit.combinations.tracing import Knots
-from cpmkit.combinations.vectors import dots, norms, unit
 from cpmkit.errors import InputError
+from cpmkit.manifold.vectors import dots, norms, unit
 from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 from cpmkit.runtime.arrays import as_points, as_vector, positive
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.combinations.vectors import dots, norms
+from cpmkit.manifold.vectors import dots, norms
 from cpmkit.protocols import Bools, ClosestPointSource, Floats
 
 #: Rounds at most, and when a step has ended the descent, relative to the size of the numbers.

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.combinations.position_function import PositionFunction
-from cpmkit.combinations.vectors import dots, norms, unit
 from cpmkit.manifold.localized import Localized
 from cpmkit.manifold.tangent_space import normals, outward_conormals, tangents
+from cpmkit.manifold.vectors import dots, norms, unit
 from cpmkit.protocols import Bools, ClosestPoints, Floats
 
 #: Steps of the secant method on the way to the cut.

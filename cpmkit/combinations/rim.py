@@ -10,8 +10,8 @@ import numpy as np
 from cpmkit.combinations.curve import TracedCurve
 from cpmkit.combinations.level_cut import LevelCut
 from cpmkit.combinations.points import PointSet
-from cpmkit.combinations.vectors import dots
 from cpmkit.errors import InputError
+from cpmkit.manifold.vectors import dots
 from cpmkit.protocols import ClosestPoints, ClosestPointSource, Floats, Ints
 
 

@@ -10,8 +10,8 @@ from cpmkit.combinations.chains import Chain, chains
 from cpmkit.combinations.crossings import apart, crossings
 from cpmkit.combinations.cubics import Cubics, hermite
 from cpmkit.combinations.level_cut import STEP, LevelCut
-from cpmkit.combinations.vectors import dots, norms
 from cpmkit.errors import InputError
+from cpmkit.manifold.vectors import dots, norms
 from cpmkit.protocols import ClosestPoints, Floats, Ints
 
 #: Points that are linked to a curve lie at least 0.1 and at most about this many spacings apart.

@@ -12,9 +12,9 @@ from cpmkit.combinations.points import PointSet
 from cpmkit.combinations.position_function import PositionFunction, position_function
 from cpmkit.combinations.rim import CurveRim, Rim, point_rim
 from cpmkit.combinations.trimmed_part import PASSING, Trimmed
-from cpmkit.combinations.vectors import norms
 from cpmkit.grid.band import cell_levels
 from cpmkit.manifold.abilities import with_abilities
+from cpmkit.manifold.vectors import norms
 from cpmkit.protocols import ClosestPoints, ClosestPointSource
 
 #: A foot closer to the edge than this, relative to the size, or than four times the edge's deviation, lies on it.

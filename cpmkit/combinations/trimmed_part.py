@@ -13,8 +13,8 @@ from cpmkit.combinations.clipping import clipped
 from cpmkit.combinations.descent import descend
 from cpmkit.combinations.position_function import PositionFunction
 from cpmkit.combinations.rim import Rim
-from cpmkit.combinations.vectors import dots, norms
 from cpmkit.manifold.abilities import EDGES, edge_limit_of, floor_of, warnings_of
+from cpmkit.manifold.vectors import dots, norms
 from cpmkit.protocols import (
     Bools,
     ClosestPoints,

@@ -47,7 +47,7 @@ def read_array(path: Path, what: str = "an array of numbers") -> np.ndarray:
         raise InputError(f"{shown(path.name)} cannot be read: {error.strerror or error}.") from error
 
 
-def bytes_of(path: Path) -> bytes:
+def read_bytes(path: Path) -> bytes:
     """Return what is in a file.
 
     Raises

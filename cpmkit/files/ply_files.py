@@ -44,7 +44,7 @@ class Element:
 
 
 @dataclass(frozen=True, eq=False)
-class Lists:
+class PlyLists:
     """One list a row: their lengths (n,) and all entries, those of one row after those of another."""
 
     counts: Ints
@@ -74,7 +74,7 @@ def read_ply(data: bytes) -> dict[str, Table]:
     return tables
 
 
-def vertices_of(tables: dict[str, Table]) -> Floats:
+def ply_vertices(tables: dict[str, Table]) -> Floats:
     """Return (n, 3) the vertices in the tables of a PLY file.
 
     Raises
@@ -146,7 +146,7 @@ def _joined(element: Element, rows: list[list[np.ndarray]]) -> Table:
         parts = [row[place] for row in rows]
         entries = np.concatenate(parts) if parts else np.zeros(0)
         counts = np.array([len(part) for part in parts], dtype=np.int64)
-        table[one.name] = Lists(counts, entries) if one.length else entries
+        table[one.name] = PlyLists(counts, entries) if one.length else entries
     return table
 
 
@@ -191,7 +191,9 @@ class _Stream:
             if one.length and (rows[f"{place}#"] != len(part)).any():
                 return None
             entries = rows[str(place)].astype(one.type)
-            table[one.name] = Lists(np.full(element.count, len(part)), entries.reshape(-1)) if one.length else entries
+            table[one.name] = (
+                PlyLists(np.full(element.count, len(part)), entries.reshape(-1)) if one.length else entries
+            )
         self.place = start + element.count * record.itemsize
         return table
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cpmkit.manifold.vectors import unit
 from cpmkit.meshes.cells import edges_of
 from cpmkit.protocols import ClosestPointSource, Floats, Ints
 
@@ -115,9 +116,7 @@ def _away(a: Floats, b: Floats, c: Floats) -> Floats:
     length2 = np.sum(along * along, axis=1, keepdims=True)
     across = a - c
     across = across - np.sum(across * along, axis=1, keepdims=True) / np.where(length2 > 0, length2, 1.0) * along
-    length = np.linalg.norm(across, axis=1, keepdims=True)
-    away: Floats = across / np.where(length > 0, length, 1.0)
-    return away
+    return unit(across)
 
 
 def middles_on(surface: ClosestPointSource, points: Floats, edges: Edges) -> Floats:

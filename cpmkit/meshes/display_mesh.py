@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cpmkit.errors import InputError
+from cpmkit.manifold.vectors import unit
 from cpmkit.meshes.cells import with_corners
 from cpmkit.meshes.cut import Pieces, cut
 from cpmkit.meshes.refinement import refine
@@ -118,7 +119,7 @@ def display_mesh(solution: Solution) -> DisplayMesh:
         points=cut_points,
         cells=pieces.cells,
         values=evaluate_on_sides(solution, cut_points, pieces.sides),
-        normals=None if normals is None else _unit(pieces.attributes[:, dim:]),
+        normals=None if normals is None else unit(pieces.attributes[:, dim:]),
         original=len(points),
         sides=pieces.sides,
     )
@@ -145,7 +146,7 @@ def vertex_normals(points: Floats, triangles: Ints) -> Floats:
     for axis in range(3):
         weights = np.repeat(twice_area[:, axis], 3)
         total[:, axis] = np.bincount(triangles.ravel(), weights, minlength=len(points))
-    return _unit(total)
+    return unit(total)
 
 
 def plane_normals(points: Floats) -> Floats:
@@ -162,12 +163,6 @@ def plane_normals(points: Floats) -> Floats:
     spread, axes = np.linalg.eigh(np.einsum("pki,pkj->pij", offsets, offsets))
     normals: Floats = np.where(spread[:, 1:2] > 1e-9 * spread[:, 2:], axes[:, :, 0], 0.0)
     return normals
-
-
-def _unit(vectors: Floats) -> Floats:
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    unit: Floats = np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
-    return unit
 
 
 def evaluate_on_sides(solution: Solution, points: Floats, sides: Ints) -> Floats:

@@ -232,3 +232,20 @@ class Scene:
     @cached_property
     def _places(self) -> dict[int, Floats]:
         return {}
+
+
+def edge_condition(edge: Condition | Mapping[int, Condition], loop: int) -> Condition:
+    """Return the condition of edge ``loop``.
+
+    Raises
+    ------
+    SceneError
+        If the edge is a table and the loop is not in it.
+    """
+    if not isinstance(edge, Mapping):
+        return edge
+    if loop not in edge:
+        raise SceneError(
+            f"the surface has an edge loop {loop} for which `edge` gives no condition; it has {sorted(edge)}."
+        )
+    return edge[loop]

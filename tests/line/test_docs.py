@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import cpmkit
+import cpmkit.plugin
 from cpmkit import hookspecs, load_scene, plugins
 from cpmkit.cli import main
 from cpmkit.errors import SceneError
@@ -168,6 +169,14 @@ def test_every_public_name_is_documented():
     text = (DOCS / "reference" / "api.md").read_text()
     for name in cpmkit.__all__:
         assert re.search(rf"^\.\. auto\w+:: cpmkit\.{name}$", text, re.MULTILINE), name
+
+
+def test_every_name_that_a_plugin_may_import_is_documented():
+    page = from_docs("generated_pages").facade_page()
+    for group, names in cpmkit.plugin.GROUPS.items():
+        section = page.partition(f"## {group}\n")[2].partition("\n## ")[0]
+        for name in names:
+            assert f"cpmkit.plugin.{name}\n" in section + "\n" or f"``{name}`` is " in section, name
 
 
 def test_drawings(tmp_path):

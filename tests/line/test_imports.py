@@ -32,6 +32,7 @@ def imported_by(statement):
     [
         "import cpmkit",
         "import cpmkit.cli",
+        "import cpmkit.plugin",
         "import cpmkit.saving.export, cpmkit.view, cpmkit.meshes.display_mesh, cpmkit.doctor",
         COMMAND.format(["--help"]),
         COMMAND.format(["solve", "--help"]),
@@ -43,7 +44,9 @@ def test_nothing_heavy_and_no_plugin_is_imported(statement):
     assert imported_by(statement) & (LIBRARIES | PLUGINS) == set()
 
 
-@pytest.mark.parametrize("statement", ["import cpmkit", COMMAND.format(["--help"]), COMMAND.format(["plugins"])])
+@pytest.mark.parametrize(
+    "statement", ["import cpmkit", "import cpmkit.plugin", COMMAND.format(["--help"]), COMMAND.format(["plugins"])]
+)
 def test_not_even_numpy_is_imported(statement):
     assert "numpy" not in imported_by(statement)
 

@@ -115,13 +115,6 @@ def test_its_own_tests_pass_against_the_installed_wheel(site, tmp_path):
     assert "skipped" not in told
 
 
-def test_it_imports_no_other_plugin_and_nothing_private():
-    for file in (EXAMPLE / "cpmkit_neural").glob("*.py"):
-        modules = re.findall(r"^\s*(?:from|import) (cpmkit\S*)", file.read_text(encoding="utf-8"), re.MULTILINE)
-        for module in modules:
-            assert re.match(r"cpmkit(_neural)?(\.[a-z]\w*)*$", module), (file.name, module)
-
-
 def test_the_tutorial_reads_every_file_aloud():
     text = TUTORIAL.read_text(encoding="utf-8")
     read = re.findall(r"^```\{literalinclude\} \.\./\.\./examples/cpmkit-neural/(\S+)", text, re.MULTILINE)

@@ -5,9 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cpmkit.protocols import Floats
-from cpmkit.testing import ConformanceCase
-from cpmkit_neural.feet import unit
+from cpmkit.plugin import ConformanceCase, Floats, unit
 from cpmkit_neural.field import SineNetwork, read_network
 from cpmkit_neural.source import NeuralSurface, neural_surface
 

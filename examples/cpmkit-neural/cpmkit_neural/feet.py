@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from cpmkit.protocols import Bools, Floats
+from cpmkit.plugin import Bools, Floats, dots, norms, unit
 from cpmkit_neural.field import SineNetwork
 
 #: A step of Newton's method shorter than this, relative to the size, is the last: the next would be its square.
@@ -19,7 +19,7 @@ def project(field: SineNetwork, p: Floats, reach: float, size: float) -> tuple[F
     for _ in range(PROJECTIONS):
         phi, gradient = field.gradient(q[rows])
         with np.errstate(divide="ignore", invalid="ignore"):
-            step = (phi / dot(gradient, gradient))[:, None] * gradient
+            step = (phi / dots(gradient, gradient))[:, None] * gradient
         length = norms(step)
         near = length <= reach  # False for NaN
         q[rows[near]] -= step[near]
@@ -48,7 +48,7 @@ def descend(field: SineNetwork, x: Floats, start: Floats, reach: float, size: fl
         change = trial - here
         # |x - trial|^2 - |x - y|^2 without cancellation, against what rounding makes of it
         noise = 8 * np.finfo(float).eps * size * (norms(across) + size)
-        nearer = found & (dot(change, change - 2 * across) <= noise)
+        nearer = found & (dots(change, change - 2 * across) <= noise)
         y[rows[nearer]] = trial[nearer]
         longest[rows] = np.where(nearer, reach, 0.3 * norms(step))
         converged[rows] = nearer & (length <= SHORT * size)
@@ -65,8 +65,8 @@ def newton_step(field: SineNetwork, across: Floats, y: Floats) -> Floats:
     I + lambda H, seen in the tangent plane, is made positive, or the steps could lead to the farthest point.
     """
     _, gradient, hessian = field.hessian(y)
-    square = dot(gradient, gradient)
-    multiplier = (dot(across, gradient) / square)[:, None, None]
+    square = dots(gradient, gradient)
+    multiplier = (dots(across, gradient) / square)[:, None, None]
     tangential = tangent_projection(unit(gradient))
     bending = np.eye(3) + tangential @ (multiplier * hessian) @ tangential
     values, axes = np.linalg.eigh(bending)
@@ -79,20 +79,3 @@ def newton_step(field: SineNetwork, across: Floats, y: Floats) -> Floats:
 def tangent_projection(normal: Floats) -> Floats:
     """Return matrices (n, 3, 3) that take the part of a vector at right angles to a unit normal (n, 3)."""
     return np.eye(3) - normal[:, :, None] * normal[:, None, :]
-
-
-def dot(a: Floats, b: Floats) -> Floats:
-    """Return the inner products (n,) of the rows."""
-    products: Floats = np.einsum("ni,ni->n", a, b)
-    return products
-
-
-def norms(a: Floats) -> Floats:
-    """Return the lengths (n,) of the rows."""
-    lengths: Floats = np.linalg.norm(a, axis=1)
-    return lengths
-
-
-def unit(a: Floats) -> Floats:
-    """Return the rows scaled to length one."""
-    return a / norms(a)[:, None]

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import InputError
-from cpmkit.protocols import Floats
+from cpmkit.plugin import Floats, InputError
 
 #: The six second derivatives in space: xx, xy, xz, yy, yz, zz.
 ROW, COLUMN = np.triu_indices(3)

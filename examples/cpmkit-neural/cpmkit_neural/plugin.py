@@ -4,13 +4,12 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cpmkit.errors import InputError
-from cpmkit.hookspecs import hookimpl
+from cpmkit.plugin import InputError, hookimpl
 from cpmkit_neural.field import read_network
 from cpmkit_neural.source import NeuralSurface, neural_surface
 
 if TYPE_CHECKING:
-    from cpmkit.testing import ConformanceCase
+    from cpmkit.plugin import ConformanceCase
 
 
 def neural_field(*, file: str | Path, bounds: Any = None, resolution: float = 64) -> NeuralSurface:

@@ -6,10 +6,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial import KDTree
 
-from cpmkit.errors import InputError
-from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
-from cpmkit.runtime.arrays import as_points, positive
-from cpmkit_neural.feet import descend, dot, norms, project, tangent_projection, unit
+from cpmkit.plugin import Bools, ClosestPoints, Floats, InputError, Ints, as_points, dots, norms, positive, unit
+from cpmkit_neural.feet import descend, project, tangent_projection
 from cpmkit_neural.field import SineNetwork
 from cpmkit_neural.tetrahedra import zero_triangles
 
@@ -80,7 +78,7 @@ class NeuralSurface:
         feet = self.closest_point(vertices)
         corners = feet.points[triangles]
         facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        inward = dot(facing, self.normals(feet)[triangles].sum(axis=1)) < 0
+        inward = dots(facing, self.normals(feet)[triangles].sum(axis=1)) < 0
         return feet.points, np.where(inward[:, None], triangles[:, ::-1], triangles)
 
     def _feet(self, x: Floats) -> ClosestPoints:

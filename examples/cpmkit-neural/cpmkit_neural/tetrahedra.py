@@ -4,7 +4,7 @@ from itertools import permutations
 
 import numpy as np
 
-from cpmkit.protocols import Floats, Ints
+from cpmkit.plugin import Floats, Ints
 
 #: Of a tetrahedron with so many negative corners, which come first: the edges at which its triangles have corners.
 CUTS = {

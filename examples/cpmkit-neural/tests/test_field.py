@@ -6,7 +6,7 @@ from cpmkit_neural.cases import SPOT, rounded_cube
 from cpmkit_neural.field import read_network
 from cpmkit_neural.plugin import neural_field
 
-from cpmkit.errors import InputError
+from cpmkit.plugin import InputError
 
 
 def test_derivatives_of_one_layer_are_those_of_its_closed_form():

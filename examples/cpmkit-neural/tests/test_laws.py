@@ -2,7 +2,7 @@
 
 from cpmkit_neural.plugin import cpmkit_conformance_cases
 
-from cpmkit.testing import parametrize_with_laws
+from cpmkit.plugin import parametrize_with_laws
 
 
 @parametrize_with_laws(cpmkit_conformance_cases())

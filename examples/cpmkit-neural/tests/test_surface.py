@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from cpmkit_neural.cases import SPOT, rounded_cube, spot
-from cpmkit_neural.feet import descend, norms
+from cpmkit_neural.feet import descend
 from cpmkit_neural.plugin import neural_field
 
-from cpmkit.errors import InputError
+from cpmkit.plugin import InputError, norms
 
 
 def near(cow, radius, count):

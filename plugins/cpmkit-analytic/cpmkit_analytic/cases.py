@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.protocols import Floats
-from cpmkit.testing import ConformanceCase
+from cpmkit.plugin import ConformanceCase, Floats
 from cpmkit_analytic import factories
-from cpmkit_analytic.motion import Moved
+from cpmkit_analytic.placed import Placed
 
 Draw = Callable[[np.random.Generator, int], Floats]
 
@@ -47,9 +46,9 @@ def conformance_cases() -> list[ConformanceCase]:
 
 def _case(shape: str, name: str, keys: dict[str, Any], draw: Draw) -> ConformanceCase:
     """Return the case of a source whose keys other than the motion leave it in canonical position."""
-    factory: Callable[..., Moved] = getattr(factories, shape)
+    factory: Callable[..., Placed] = getattr(factories, shape)
 
-    def make() -> Moved:
+    def make() -> Placed:
         return factory(**keys)
 
     def samples(rng: np.random.Generator, n: int) -> Floats:

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cpmkit.protocols import Floats, Ints
-from cpmkit_analytic.directions import unit
+from cpmkit.plugin import Floats, Ints
+from cpmkit_analytic.directions import unit_or
 from cpmkit_analytic.revolution import intervals
 from cpmkit_analytic.shapes import Feet, inside
 
@@ -84,7 +84,7 @@ class Circle:
 
     def feet(self, q: Floats) -> Feet:
         """Return the direction from the centre, scaled to the radius; from the axis, the angle 0."""
-        direction = unit(q[:, :2], (1.0, 0.0))
+        direction = unit_or(q[:, :2], (1.0, 0.0))
         angle = np.arctan2(direction[:, 1], direction[:, 0])
         return Feet(_in_plane(self.radius * direction, self.dim), inside(q), angle[:, None])
 
@@ -95,7 +95,7 @@ class Circle:
 
     def tangents(self, p: Floats) -> Floats:
         """Return the counterclockwise direction."""
-        outward = unit(p[:, :2], (1.0, 0.0))
+        outward = unit_or(p[:, :2], (1.0, 0.0))
         return _in_plane(np.stack([-outward[:, 1], outward[:, 0]], axis=1), self.dim)
 
     def normals(self, p: Floats) -> Floats:
@@ -128,7 +128,7 @@ class Arc(Circle):
         From the axis every point of the arc is equally near: the middle is taken.
         """
         middle = self.start + 0.5 * self.sweep
-        direction = unit(q[:, :2], (float(np.cos(middle)), float(np.sin(middle))))
+        direction = unit_or(q[:, :2], (float(np.cos(middle)), float(np.sin(middle))))
         past_start = np.mod(np.arctan2(direction[:, 1], direction[:, 0]) - self.start, TURN)
         nearer_end = np.where(past_start - self.sweep <= TURN - past_start, self.sweep, 0.0)
         covered = past_start <= self.sweep

@@ -1,19 +1,13 @@
-"""Lengths and directions of many vectors, safe from overflow, underflow and zero."""
+"""Directions of many vectors, safe from overflow, underflow and zero."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.protocols import Floats
+from cpmkit.plugin import Floats, norms
 
 
-def norms(vectors: Floats) -> Floats:
-    """Return the lengths (n,) of vectors (n, d)."""
-    lengths: Floats = np.sqrt(np.einsum("nd,nd->n", vectors, vectors))
-    return lengths
-
-
-def unit(vectors: Floats, default: tuple[float, ...]) -> Floats:
+def unit_or(vectors: Floats, default: tuple[float, ...]) -> Floats:
     """Return vectors (n, d) scaled to length one, and ``default`` for the zero vector.
 
     Each is divided by its largest component first: the square of 1e-170 would vanish, and a query
@@ -21,5 +15,4 @@ def unit(vectors: Floats, default: tuple[float, ...]) -> Floats:
     """
     largest = np.abs(vectors).max(axis=1, keepdims=True, initial=0.0)
     scaled = np.where(largest > 0, vectors, default) / np.where(largest > 0, largest, 1.0)
-    directions: Floats = scaled / norms(scaled)[:, None]
-    return directions
+    return scaled / norms(scaled)[:, None]

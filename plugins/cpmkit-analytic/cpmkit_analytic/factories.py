@@ -12,13 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import InputError, shown
-from cpmkit.protocols import Floats
-from cpmkit.runtime.arrays import as_vector
-from cpmkit.runtime.arrays import length as as_length
+from cpmkit.plugin import Floats, InputError, as_vector, shown
+from cpmkit.plugin import length as as_length
 from cpmkit_analytic.curves import TURN, Arc, Circle, Point, Segment
 from cpmkit_analytic.frames import as_direction, as_place, as_position, plane_frame, space_frame
-from cpmkit_analytic.motion import Moved, place
+from cpmkit_analytic.placed import Placed, place
 from cpmkit_analytic.solids import Box
 from cpmkit_analytic.surfaces import Cap, Cylinder, Sphere, Torus
 
@@ -28,13 +26,13 @@ UP = (0.0, 0.0, 1.0)
 ROUNDING = 1e-12
 
 
-def point(*, at: Any, rotation: Any = None, translation: Any = None, scale: Any = 1.0) -> Moved:
+def point(*, at: Any, rotation: Any = None, translation: Any = None, scale: Any = 1.0) -> Placed:
     """Return the point ``at``, 2 or 3 numbers."""
     center = as_position(at, "at")
     return place(Point(len(center)), center, np.eye(len(center))).moved(rotation, translation, scale)
 
 
-def segment(*, start: Any, end: Any, rotation: Any = None, translation: Any = None, scale: Any = 1.0) -> Moved:
+def segment(*, start: Any, end: Any, rotation: Any = None, translation: Any = None, scale: Any = 1.0) -> Placed:
     """Return the segment from ``start`` (end 0) to ``end`` (end 1), each 2 or 3 numbers."""
     origin = as_position(start, "start")
     across = as_place(end, len(origin), "end") - origin
@@ -55,7 +53,7 @@ def circle(
     rotation: Any = None,
     translation: Any = None,
     scale: Any = 1.0,
-) -> Moved:
+) -> Placed:
     """Return a circle: in the plane, or in space if ``normal`` or a ``center`` of 3 numbers is given.
 
     It runs counterclockwise about ``normal``, which is (0, 0, 1) unless given.
@@ -76,7 +74,7 @@ def arc(
     rotation: Any = None,
     translation: Any = None,
     scale: Any = 1.0,
-) -> Moved:
+) -> Placed:
     """Return the arc from the angle ``start`` (end 0) counterclockwise to the angle ``end`` (end 1).
 
     Angles are counted about ``normal`` from the part of ``x_axis`` across it; unless given, that is the
@@ -96,7 +94,7 @@ def arc(
 
 def sphere(
     *, center: Any = ORIGIN, radius: Any = 1.0, rotation: Any = None, translation: Any = None, scale: Any = 1.0
-) -> Moved:
+) -> Placed:
     """Return a sphere; around a ``center`` of 2 numbers, the circle."""
     middle, length = as_position(center, "center"), as_length(radius, "radius")
     shape = Circle(2, length) if len(middle) == 2 else Sphere(length)
@@ -112,7 +110,7 @@ def cap(
     rotation: Any = None,
     translation: Any = None,
     scale: Any = 1.0,
-) -> Moved:
+) -> Placed:
     """Return the points x of a sphere with (x - center) . axis >= height, ``axis`` scaled to length one.
 
     ``height`` is a length, 0 for the half sphere, and smaller than the radius in size. The rim is edge loop 0.
@@ -135,7 +133,7 @@ def torus(
     rotation: Any = None,
     translation: Any = None,
     scale: Any = 1.0,
-) -> Moved:
+) -> Placed:
     """Return the points at the distance ``minor`` from a circle of radius ``major`` around ``axis``."""
     shape = Torus(as_length(major, "major"), as_length(minor, "minor"))
     if not shape.minor < shape.major:
@@ -152,7 +150,7 @@ def cylinder(
     rotation: Any = None,
     translation: Any = None,
     scale: Any = 1.0,
-) -> Moved:
+) -> Placed:
     """Return the open lateral surface of a cylinder, ``center`` in its middle.
 
     Edge loop 0 is the rim at the end that ``axis`` points away from, 1 the rim that it points to.
@@ -161,7 +159,7 @@ def cylinder(
     return place(shape, as_place(center, 3, "center"), space_frame(axis)).moved(rotation, translation, scale)
 
 
-def box(*, lower: Any, upper: Any, rotation: Any = None, translation: Any = None, scale: Any = 1.0) -> Moved:
+def box(*, lower: Any, upper: Any, rotation: Any = None, translation: Any = None, scale: Any = 1.0) -> Placed:
     """Return a full rectangle in the plane or cuboid in space, between the corners ``lower`` and ``upper``.
 
     Its sides are the edges: 0 and 1 where x is least and greatest, 2 and 3 where y is, 4 and 5 where z is, before

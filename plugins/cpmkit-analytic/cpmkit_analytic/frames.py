@@ -6,9 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import InputError, shown
-from cpmkit.protocols import Floats
-from cpmkit.runtime.arrays import as_positions, as_vector
+from cpmkit.plugin import Floats, InputError, as_positions, as_vector, shown
 
 
 def as_position(x: Any, what: str) -> Floats:

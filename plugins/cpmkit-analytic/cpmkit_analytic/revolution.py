@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.protocols import Floats, Ints
+from cpmkit.plugin import Floats, Ints
 
 
 def intervals(length: float, spacing: float, least: int = 1) -> int:

@@ -1,4 +1,4 @@
-"""What a shape says of itself in its own frame; :mod:`cpmkit_analytic.motion` carries it into the world."""
+"""What a shape says of itself in its own frame; :mod:`cpmkit_analytic.placed` carries it into the world."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from cpmkit.protocols import Floats, Ints
+from cpmkit.plugin import Floats, Ints
 
 
 class Feet(NamedTuple):

@@ -7,8 +7,7 @@ from itertools import product
 
 import numpy as np
 
-from cpmkit.combinations.rectangle import rectangle
-from cpmkit.protocols import Floats, Ints
+from cpmkit.plugin import Floats, Ints, rectangle
 from cpmkit_analytic.shapes import Feet
 
 

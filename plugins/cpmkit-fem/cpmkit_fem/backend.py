@@ -6,12 +6,7 @@ import time
 
 import numpy as np
 
-from cpmkit.errors import SceneError
-from cpmkit.protocols import Backend, Progress, nothing
-from cpmkit.runtime.arrays import positive
-from cpmkit.scene.data import evaluate_data
-from cpmkit.scene.equations import Equation
-from cpmkit.scene.scene import Scene
+from cpmkit.plugin import Backend, Equation, Progress, Scene, SceneError, evaluate_data, nothing, positive
 from cpmkit_fem.assembly import stiffness_and_mass
 from cpmkit_fem.pins import pin
 from cpmkit_fem.rim import inflow, rim_of

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.protocols import ClosestPointSource, Ints
+from cpmkit.plugin import ClosestPointSource, Ints
 from cpmkit_fem.triangulation import Triangulation
 
 #: A curve crosses an edge if it comes nearer to it, between ends that it separates, than this share of its length.

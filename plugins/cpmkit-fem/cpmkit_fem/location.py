@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.protocols import Floats, Ints
+from cpmkit.plugin import Floats, Ints
 
 #: Centroids that are asked for at first; four times as many for the queries that these do not settle.
 FIRST = 8

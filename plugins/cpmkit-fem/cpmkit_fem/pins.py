@@ -10,11 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.errors import SceneError
-from cpmkit.protocols import BoundarySet, Floats, Ints
-from cpmkit.scene.data import evaluate_data
-from cpmkit.scene.laws import Value
-from cpmkit.scene.scene import Scene
+from cpmkit.plugin import BoundarySet, Floats, Ints, Scene, SceneError, Value, evaluate_data
 from cpmkit_fem.gaps import ends_in_gaps
 from cpmkit_fem.rim import Rim
 from cpmkit_fem.triangulation import Triangulation

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from cpmkit.hookspecs import hookimpl
-from cpmkit.protocols import Backend
+from cpmkit.plugin import Backend, hookimpl
 from cpmkit_fem.backend import fem
 
 

@@ -7,13 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.errors import SceneError
-from cpmkit.forms.collocation.boundary.edge import edge_condition
-from cpmkit.protocols import Floats, Ints
-from cpmkit.scene.condition import Condition
-from cpmkit.scene.data import evaluate_data
-from cpmkit.scene.laws import Flux, Value
-from cpmkit.scene.scene import Scene
+from cpmkit.plugin import Condition, Floats, Flux, Ints, Scene, SceneError, Value, edge_condition, evaluate_data
 from cpmkit_fem.triangulation import Triangulation
 
 #: Loops are told apart from this share of an edge outside of it.

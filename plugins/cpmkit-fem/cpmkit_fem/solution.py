@@ -7,15 +7,12 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from cpmkit.solution.abstract import ReadableSolution
 
-from cpmkit.errors import InputError
-from cpmkit.protocols import Floats, Ints, Side
-from cpmkit.runtime.arrays import as_points
+from cpmkit.plugin import Floats, InputError, Ints, Side, Solution, as_points
 from cpmkit_fem.location import nearest_on_triangles
 
 if TYPE_CHECKING:
-    from cpmkit.meshes.display_mesh import DisplayMesh
+    from cpmkit.plugin import DisplayMesh
 
 
 @dataclass(frozen=True)
@@ -46,7 +43,7 @@ class FemWork:
 
 
 @dataclass(frozen=True, eq=False)
-class FemSolution(ReadableSolution):
+class FemSolution(Solution):
     """The solution of a scene by linear finite elements.
 
     Attributes
@@ -111,7 +108,7 @@ class FemSolution(ReadableSolution):
 
     def make_display_mesh(self) -> DisplayMesh:
         """Return the triangulation with the solution at its vertices."""
-        from cpmkit.meshes.display_mesh import DisplayMesh, vertex_normals
+        from cpmkit.plugin import DisplayMesh, vertex_normals
 
         normals = vertex_normals(self.vertices, self.faces) if self.scene.surface.dim == 3 else None
         return DisplayMesh(self.vertices, self.faces, self.values, normals, len(self.vertices))

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from skfem.mapping import Mapping
 
-from cpmkit.protocols import Floats, Ints
+from cpmkit.plugin import Floats, Ints
 
 
 class SurfaceMapping(Mapping):  # type: ignore[misc]  # scikit-fem ships types that strict checks refuse

@@ -7,10 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.errors import ResolutionError, SceneError, place
-from cpmkit.linear.report import SolveReport, judge
-from cpmkit.protocols import Floats, Ints, Progress
-from cpmkit.scene.scene import Scene
+from cpmkit.plugin import Floats, Ints, Progress, ResolutionError, Scene, SceneError, SolveReport, judge, place
 from cpmkit_fem.pins import Pins
 from cpmkit_fem.triangulation import Triangulation
 

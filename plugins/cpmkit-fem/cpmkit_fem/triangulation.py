@@ -7,10 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cpmkit.errors import InputError
-from cpmkit.grid.fitting import needed_spacing
-from cpmkit.protocols import ClosestPointSource, Floats, HasMesh, Ints
-from cpmkit.scene.scene import Scene
+from cpmkit.plugin import ClosestPointSource, Floats, HasMesh, InputError, Ints, Scene, needed_spacing
 
 #: Vertices nearer than this share of the size are one: seams of parametrisations are closed.
 WELDED = 1e-12

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.protocols import Floats
-from cpmkit.testing import ConformanceCase
+from cpmkit.plugin import ConformanceCase, Floats
 from cpmkit_levelset import factories
 from cpmkit_levelset.levelset import LevelSet
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.protocols import Bools, Floats
-from cpmkit_levelset.manifold import Shape, ZeroSet, dot, norms
+from cpmkit.plugin import Bools, Floats, dots, norms
+from cpmkit_levelset.manifold import Shape, ZeroSet
 
 ITERATIONS = 40
 #: Where the squared distance bends less than this, near a centre of curvature, the step is made as if it bent so.
@@ -98,7 +98,7 @@ def _downhill(zero_set: ZeroSet, x: Floats, y: Floats, step: Floats, stride: flo
         trial, on = zero_set.project(y[rows] + share * step[rows], 2 * stride)
         change = trial - y[rows]
         # |x - trial|^2 - |x - y|^2, without the cancellation that far queries would suffer
-        gain = dot(change, change - 2 * (x[rows] - y[rows]))
+        gain = dots(change, change - 2 * (x[rows] - y[rows]))
         good = on & (gain <= noise[rows])
         best[rows[good]], moved[rows[good]] = trial[good], True
         rows, share = rows[~good], CUT * share

@@ -14,16 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import InputError, shown
-from cpmkit.files.array_files import read_array
-from cpmkit.files.data_files import existing_file
-from cpmkit.protocols import Floats
-from cpmkit.runtime.arrays import as_vector, positive, whole
+from cpmkit.plugin import Floats, InputError, as_vector, existing_file, norms, positive, read_array, shown, whole
 from cpmkit_levelset.fields import STEP, Field, FunctionField, check_gradient
 from cpmkit_levelset.formulas import formula_field
 from cpmkit_levelset.gridfield import NODES, GridField
 from cpmkit_levelset.levelset import LevelSet, level_set
-from cpmkit_levelset.manifold import norms
 
 #: Cells of the lattice of samples along the longest side of the bounds.
 RESOLUTION = 64

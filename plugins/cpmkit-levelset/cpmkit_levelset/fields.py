@@ -8,8 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from cpmkit.errors import InputError
-from cpmkit.protocols import Floats
+from cpmkit.plugin import Floats, InputError
 
 #: Step of the central differences that replace a missing Hessian, relative to the size of the bounds.
 STEP = 1e-5

@@ -8,10 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import SceneError, shown
-from cpmkit.formulas.derivatives import FormulaJets, formula_jets
-from cpmkit.formulas.trees import COORDINATES, FUNCTIONS, formula_tree
-from cpmkit.protocols import Floats
+from cpmkit.plugin import COORDINATES, FUNCTIONS, Floats, FormulaJets, SceneError, formula_jets, formula_tree, shown
 
 #: What formulas offer and level sets do not: it has no second derivative.
 ROUGH = ("sign", "floor", "minimum", "maximum")

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.plugin import Bools, Floats, Ints
 
 #: Grid points along each axis that a cell's polynomial runs through.
 NODES = 6

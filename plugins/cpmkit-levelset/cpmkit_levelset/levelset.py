@@ -7,11 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
-from cpmkit.errors import InputError
-from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
-from cpmkit.runtime.arrays import as_points, as_vector, positive
+from cpmkit.plugin import Bools, ClosestPoints, Floats, InputError, Ints, as_points, as_vector, norms, positive
 from cpmkit_levelset.fields import Field
-from cpmkit_levelset.manifold import ZeroSet, norms, unit
+from cpmkit_levelset.manifold import ZeroSet, unit_or_nan
 from cpmkit_levelset.marching import marching_simplices
 from cpmkit_levelset.sampling import COVERING, in_chunks, sample_lattice, surface_samples, ways_out
 from cpmkit_levelset.search import Layer, layer, search
@@ -98,7 +96,7 @@ class LevelSet:
 
     def normals(self, feet: ClosestPoints, /) -> Floats:
         """Return (n, d) unit normals at ``feet``: where phi grows."""
-        return unit(self.field.gradient(feet.points - self.shift)[1])
+        return unit_or_nan(self.field.gradient(feet.points - self.shift)[1])
 
     def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
         """Return vertices (v, d) on the level set and cells (m, d), triangles or segments, of about ``spacing``.

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cpmkit.protocols import Bools, Floats
+from cpmkit.plugin import Bools, Floats, dots, norms
 from cpmkit_levelset.fields import Field
 
 #: How often a point is moved by phi / |grad phi| on its way to the surface.
@@ -84,7 +84,7 @@ class ZeroSet:
         tangents = tangent_basis(gradients)
         across = x - y
         with np.errstate(all="ignore"):
-            multipliers = _combination(gradients, [dot(across, g) for g in gradients])
+            multipliers = _combination(gradients, [dots(across, g) for g in gradients])
             hessian = sum(m[:, None, None] * jet[2] for m, jet in zip(multipliers, jets, strict=True))
             bending = np.einsum("nai,nij,nbj->nab", tangents, hessian, tangents, optimize=False)
             force = np.einsum("nai,ni->na", tangents, across, optimize=False)
@@ -103,9 +103,9 @@ def _combination(gradients: list[Floats], values: list[Floats]) -> list[Floats]:
     """Return weights w (n,), one a field, such that v = sum w_k grad_k has grad_k . v = values_k."""
     if len(gradients) == 1:
         (g,), (value,) = gradients, values
-        return [value / dot(g, g)]
+        return [value / dots(g, g)]
     (g, h), (first, second) = gradients, values
-    a, b, c = dot(g, g), dot(g, h), dot(h, h)
+    a, b, c = dots(g, g), dots(g, h), dots(h, h)
     determinant = a * c - b * b
     return [(c * first - b * second) / determinant, (a * second - b * first) / determinant]
 
@@ -117,40 +117,26 @@ def tangent_basis(gradients: list[Floats]) -> Floats:
         if d == 2 and len(gradients) == 2:
             return np.empty((n, 0, d))
         if d == 2:
-            x, y = unit(gradients[0]).T
+            x, y = unit_or_nan(gradients[0]).T
             return np.stack([-y, x], axis=1)[:, None]
         if len(gradients) == 2:
-            return unit(cross(*gradients))[:, None]
-        normal = unit(gradients[0])
+            return unit_or_nan(cross(*gradients))[:, None]
+        normal = unit_or_nan(gradients[0])
         helper = np.zeros_like(normal)
         helper[np.arange(n), np.abs(normal).argmin(axis=1)] = 1.0
-        first = unit(cross(normal, helper))
+        first = unit_or_nan(cross(normal, helper))
         return np.stack([first, cross(normal, first)], axis=1)
 
 
 def normal_basis(gradients: list[Floats]) -> list[Floats]:
     """Return orthonormal vectors (n, d), one a gradient, that span the gradients (n, d)."""
-    first = unit(gradients[0])
+    first = unit_or_nan(gradients[0])
     if len(gradients) == 1:
         return [first]
-    return [first, unit(gradients[1] - dot(gradients[1], first)[:, None] * first)]
+    return [first, unit_or_nan(gradients[1] - dots(gradients[1], first)[:, None] * first)]
 
 
-def dot(a: Floats, b: Floats) -> Floats:
-    """Return the inner products (n,) of the rows."""
-    total = a[:, 0] * b[:, 0]
-    for k in range(1, a.shape[1]):
-        total = total + a[:, k] * b[:, k]
-    return total
-
-
-def norms(a: Floats) -> Floats:
-    """Return the lengths (n,) of the rows, without overflow of large ones."""
-    length = np.hypot(a[:, 0], a[:, 1])
-    return np.hypot(length, a[:, 2]) if a.shape[1] == 3 else length
-
-
-def unit(a: Floats) -> Floats:
+def unit_or_nan(a: Floats) -> Floats:
     """Return the rows scaled to length one; a vanishing row becomes NaN."""
     with np.errstate(all="ignore"):
         return a / norms(a)[:, None]

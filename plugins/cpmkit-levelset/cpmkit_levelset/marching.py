@@ -6,7 +6,7 @@ from itertools import permutations
 
 import numpy as np
 
-from cpmkit.protocols import Floats, Ints
+from cpmkit.plugin import Floats, Ints
 from cpmkit_levelset.sampling import SampleLattice
 
 

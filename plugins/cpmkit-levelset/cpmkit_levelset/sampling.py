@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cpmkit.errors import InputError
-from cpmkit.protocols import Bools, Floats
+from cpmkit.plugin import Bools, Floats, InputError, norms
 from cpmkit_levelset.fields import Field
-from cpmkit_levelset.manifold import ZeroSet, norms
+from cpmkit_levelset.manifold import ZeroSet
 
 #: Rows that are evaluated at a time: temporary arrays stay in the cache.
 CHUNK = 32768

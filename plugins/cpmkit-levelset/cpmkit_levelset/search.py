@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.plugin import Bools, Floats, Ints, dots, norms
 from cpmkit_levelset.descent import descend
-from cpmkit_levelset.manifold import ZeroSet, normal_basis, norms
+from cpmkit_levelset.manifold import ZeroSet, normal_basis
 
 #: How many of the nearest samples are looked at: first by every query, then by those for which that was too few.
 TIERS = (12, 192)
@@ -80,7 +80,7 @@ class Layer:
     @cached_property
     def rough(self) -> Bools:
         """(k,) at which samples the zero set bends too much for the models."""
-        bend = np.sqrt(_dots(self.bends, self.bends)).max(axis=1, initial=0.0)
+        bend = np.sqrt(dots(self.bends, self.bends)).max(axis=1, initial=0.0)
         rough: Bools = ~(bend * self.covering * ROUGH <= 1.0)
         return rough
 
@@ -89,11 +89,11 @@ class Layer:
         across = x[:, None] - self.samples[near]
         r, m = self.covering, self.tangents.shape[1]
         lowest, minimum = np.zeros(near.shape), self.samples[near]
-        bends = np.sqrt(_dots(self.bends[near], self.bends[near])).max(axis=2, initial=0.0)
+        bends = np.sqrt(dots(self.bends[near], self.bends[near])).max(axis=2, initial=0.0)
         promising = np.ones(near.shape, dtype=bool)
         for i in range(m):
             tangent = self.tangents[near, i]
-            force, bending = _dots(tangent, across), 1.0 - _dots(self.bends[near, i], across)
+            force, bending = dots(tangent, across), 1.0 - dots(self.bends[near, i], across)
             size = np.abs(force)
             with np.errstate(all="ignore"):
                 inside = size <= r * bending
@@ -193,15 +193,7 @@ def _may_be_nearer(gap: Floats, lowest: Floats, best: Floats) -> Bools:
 def _close(many: Floats, points: Floats, reach: float) -> Bools:
     """Return (n, k): which of ``many`` (n, k, d) lie within ``reach`` of ``points`` (n, d); beside NaN lies none."""
     across = many - points[:, None]
-    return _dots(across, across) <= reach**2
-
-
-def _dots(a: Floats, b: Floats) -> Floats:
-    """Return inner products along the last axis."""
-    total = a[..., 0] * b[..., 0]
-    for k in range(1, a.shape[-1]):
-        total = total + a[..., k] * b[..., k]
-    return total
+    return dots(across, across) <= reach**2
 
 
 def _principal(zero_set: ZeroSet, samples: Floats) -> tuple[Floats, Floats]:

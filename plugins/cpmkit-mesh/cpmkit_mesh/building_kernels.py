@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.runtime.compilation import compiled
+from cpmkit.plugin import compiled
 
 BINS = 16
 LEAF = 4

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.plugin import Bools, Floats, Ints
 from cpmkit_mesh.reading import distinct_faces
 from cpmkit_mesh.topology import topology
 

@@ -7,21 +7,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.protocols import Floats, Ints
+from cpmkit.plugin import Floats, Ints
 from cpmkit_mesh.factory import triangles
 from cpmkit_mesh.mesh_curves import edge_loop, feature_edges
 from cpmkit_mesh.polyline import Polyline, polyline
 from cpmkit_mesh.triangles import TriangleMesh
 
 if TYPE_CHECKING:
-    from cpmkit.testing import ConformanceCase
+    from cpmkit.plugin import ConformanceCase
 
 Mesh = tuple[Floats, Ints]
 
 
 def cases() -> list[ConformanceCase]:
     """Return a case for each sort of mesh and polyline that this distribution answers for."""
-    from cpmkit.testing import ConformanceCase
+    from cpmkit.plugin import ConformanceCase
 
     meshes = {"closed": _torus(), "open": _cone(), "two components": _two_tori()}
     found = []
@@ -42,7 +42,7 @@ def cases() -> list[ConformanceCase]:
 
 def _mesh_curves() -> list[ConformanceCase]:
     """Return cases of the curves that a mesh brings with it: closed ones, one that ends, some that meet."""
-    from cpmkit.testing import ConformanceCase
+    from cpmkit.plugin import ConformanceCase
 
     (cone, sides), (wedge, planes), (box, walls) = _cone(), _wedge(), _box()
     ring = np.stack([np.arange(48), (np.arange(48) + 1) % 48], axis=1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.protocols import Floats, Ints
+from cpmkit.plugin import Floats, Ints, unit
 
 
 def face_normals(vertices: Floats, faces: Ints) -> Floats:
@@ -17,9 +17,3 @@ def doubled_areas(vertices: Floats, faces: Ints) -> Floats:
     """Return (m,) twice the area of each face."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     return np.linalg.norm(np.cross(b - a, c - a), axis=1)
-
-
-def unit(vectors: Floats) -> Floats:
-    """Return ``vectors`` (n, 3) at length one; those of length zero stay zero."""
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0.0)

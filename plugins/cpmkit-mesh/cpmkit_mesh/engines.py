@@ -15,9 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import InputError, MissingDependencyError
-from cpmkit.protocols import Floats, Ints
-from cpmkit.runtime.threads import thread_count
+from cpmkit.plugin import Floats, InputError, Ints, MissingDependencyError, thread_count
 from cpmkit_mesh.tree import Nearest, Tree, nearest, nearest_in
 
 ENGINES = ("own", "fcl", "open3d")

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import InputError, shown
+from cpmkit.plugin import InputError, shown
 from cpmkit_mesh.engines import ENGINES
 from cpmkit_mesh.folds import in_degrees
 from cpmkit_mesh.normals import corner_normals

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.protocols import Bools, Floats, Ints
-from cpmkit.runtime.threads import run_parcels
-from cpmkit_mesh.directions import face_normals, unit
+from cpmkit.plugin import Bools, Floats, Ints, run_parcels, unit
+from cpmkit_mesh.directions import face_normals
 from cpmkit_mesh.topology import Topology
 from cpmkit_mesh.tree import Nearest, Tree, nearest_in
 

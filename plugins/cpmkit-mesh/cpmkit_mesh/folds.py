@@ -7,9 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import InputError
-from cpmkit.protocols import Bools, Floats, Ints
-from cpmkit.runtime.arrays import positive
+from cpmkit.plugin import Bools, Floats, InputError, Ints, positive
 from cpmkit_mesh.directions import doubled_areas, face_normals
 from cpmkit_mesh.topology import BLOCKED, Topology
 

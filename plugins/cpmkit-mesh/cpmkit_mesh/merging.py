@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.protocols import Floats, Ints
+from cpmkit.plugin import Floats, Ints
 from cpmkit_mesh.chains import components
 from cpmkit_mesh.topology import topology
 

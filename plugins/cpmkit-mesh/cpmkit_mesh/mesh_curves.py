@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import InputError
+from cpmkit.plugin import InputError
 from cpmkit_mesh.chains import Chains, in_chains
 from cpmkit_mesh.factory import triangles
 from cpmkit_mesh.folds import crowded_edges, in_degrees

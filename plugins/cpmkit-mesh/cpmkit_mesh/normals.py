@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.protocols import Floats, Ints
-from cpmkit_mesh.directions import face_normals, unit
+from cpmkit.plugin import Floats, Ints, unit
+from cpmkit_mesh.directions import face_normals
 from cpmkit_mesh.tilting import tilted_to_chords, with_tilted_rim
 from cpmkit_mesh.topology import Topology
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.errors import InputError
-from cpmkit.protocols import Floats, Ints
+from cpmkit.plugin import Floats, InputError, Ints
 from cpmkit_mesh.polygons import Polygons
 from cpmkit_mesh.text import floats_of, ints_of, lines_of
 

@@ -6,8 +6,7 @@ import re
 
 import numpy as np
 
-from cpmkit.errors import InputError
-from cpmkit.protocols import Floats
+from cpmkit.plugin import Floats, InputError
 from cpmkit_mesh.polygons import Polygons
 from cpmkit_mesh.text import floats_of, ints_of, lines_of
 

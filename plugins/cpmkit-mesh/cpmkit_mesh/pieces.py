@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.plugin import Bools, Floats, Ints
 from cpmkit_mesh.chains import components
 from cpmkit_mesh.topology import BLOCKED, Topology
 from cpmkit_mesh.tree import build_tree, nearest

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from cpmkit.hookspecs import hookimpl
-from cpmkit.protocols import ClosestPointSource
+from cpmkit.plugin import ClosestPointSource, hookimpl
 from cpmkit_mesh.factory import triangles
 from cpmkit_mesh.mesh_curves import edge_loop, feature_edges
 from cpmkit_mesh.polyline import polyline
@@ -15,7 +14,7 @@ from cpmkit_mesh.reading import read_mesh
 __all__ = ["cpmkit_conformance_cases", "cpmkit_sources", "read_mesh"]  # cpmkit.read_mesh calls the last
 
 if TYPE_CHECKING:
-    from cpmkit.testing import ConformanceCase
+    from cpmkit.plugin import ConformanceCase
 
 
 @hookimpl

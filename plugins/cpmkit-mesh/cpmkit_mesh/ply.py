@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.errors import InputError
-from cpmkit.files.ply_files import Lists, read_ply, vertices_of
-from cpmkit.protocols import Floats
+from cpmkit.plugin import Floats, InputError, PlyLists, ply_vertices, read_ply
 from cpmkit_mesh.polygons import Polygons
 
 #: What the list of a face's vertices is called.
@@ -22,13 +20,13 @@ def read_ply_mesh(data: bytes) -> tuple[Floats, Polygons]:
         If it is none, is damaged, or a face names a vertex that is not there.
     """
     tables = read_ply(data)
-    vertices, faces = vertices_of(tables), tables.get("face", {})
+    vertices, faces = ply_vertices(tables), tables.get("face", {})
     if "tristrips" in tables:
         raise InputError("it holds strips of triangles, which are not read; save it with faces.")
     lists = next((faces[name] for name in NAMES if name in faces), None)
     if lists is None:
         return vertices, Polygons(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))
-    if not isinstance(lists, Lists):
+    if not isinstance(lists, PlyLists):
         raise InputError("the vertices of its faces are no lists.")
     if len(lists.counts) and lists.counts.min() < 3:
         raise InputError(f"face {int(np.argmin(lists.counts)) + 1} has {lists.counts.min()} corners, three are needed.")

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.errors import InputError
-from cpmkit.protocols import Floats, Ints
+from cpmkit.plugin import Floats, InputError, Ints
 
 #: A fan whose least triangle has this share of the mean one's area is taken from the first corner, as it is written.
 FIRST = 1e-3

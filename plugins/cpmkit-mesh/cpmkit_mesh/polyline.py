@@ -9,11 +9,19 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import InputError
-from cpmkit.files.array_files import read_array
-from cpmkit.files.data_files import existing_file
-from cpmkit.protocols import ClosestPoints, Floats, Ints
-from cpmkit.runtime.arrays import as_points, as_positions, as_vector, one_row_each
+from cpmkit.plugin import (
+    ClosestPoints,
+    Floats,
+    InputError,
+    Ints,
+    as_points,
+    as_positions,
+    as_vector,
+    existing_file,
+    one_row_each,
+    read_array,
+    unit,
+)
 from cpmkit_mesh.reading import as_numbers
 from cpmkit_mesh.tree import Tree, build_tree, nearest
 
@@ -124,7 +132,7 @@ class Polyline:
 
     @cached_property
     def _directions(self) -> Floats:
-        return _unit(self.vertices[self.segments[:, 1]] - self.vertices[self.segments[:, 0]])
+        return unit(self.vertices[self.segments[:, 1]] - self.vertices[self.segments[:, 0]])
 
     @cached_property
     def _bisectors(self) -> Floats:
@@ -135,7 +143,7 @@ class Polyline:
         arriving[end], leaving[start] = self._directions, self._directions
         both = arriving + leaving
         turned_back = np.linalg.norm(both, axis=1) <= AT_VERTEX
-        return _unit(np.where(turned_back[:, None], arriving, both))
+        return unit(np.where(turned_back[:, None], arriving, both))
 
     @cached_property
     def _tree(self) -> Tree:
@@ -192,7 +200,3 @@ def _one_chain(given: Floats, kept: Ints, closed: bool) -> Polyline:
 def _in_space(points: Floats) -> Floats:
     """Return (n, 3) points, those of the plane with a third coordinate of zero."""
     return points if points.shape[1] == 3 else np.hstack([points, np.zeros((len(points), 1))])
-
-
-def _unit(vectors: Floats) -> Floats:
-    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)

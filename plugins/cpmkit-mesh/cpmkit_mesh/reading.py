@@ -7,11 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import InputError, shown
-from cpmkit.files.array_files import bytes_of
-from cpmkit.files.data_files import existing_file
-from cpmkit.protocols import Floats, Ints
-from cpmkit.runtime.arrays import check_size
+from cpmkit.plugin import Floats, InputError, Ints, check_size, existing_file, read_bytes, shown
 from cpmkit_mesh.polygons import Polygons, as_triangles
 
 FORMATS = (".obj", ".ply", ".stl", ".off")
@@ -65,7 +61,7 @@ def _parsed(file: Path) -> tuple[Floats, Polygons]:
     suffix = file.suffix.lower()
     reader = {".obj": read_obj, ".ply": read_ply_mesh, ".stl": read_stl, ".off": read_off}[suffix]
     try:
-        return reader(bytes_of(file))
+        return reader(read_bytes(file))
     except OSError as error:
         raise InputError(f"{shown(file.name)} cannot be read: {error.strerror or error}.") from error
     except MemoryError as error:

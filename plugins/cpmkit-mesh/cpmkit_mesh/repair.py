@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.errors import InputError, place
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.plugin import Bools, Floats, InputError, Ints, place
 from cpmkit_mesh.caps import caps_of, without_caps
 from cpmkit_mesh.directions import doubled_areas
 from cpmkit_mesh.merging import merge_rims

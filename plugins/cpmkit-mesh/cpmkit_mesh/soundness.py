@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.errors import place
-from cpmkit.protocols import Floats, Ints
+from cpmkit.plugin import Floats, Ints, place
 from cpmkit_mesh.chains import components
 from cpmkit_mesh.directions import doubled_areas
 from cpmkit_mesh.folds import Folds, crowded_edges

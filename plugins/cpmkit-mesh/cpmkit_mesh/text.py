@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cpmkit.errors import InputError
-from cpmkit.protocols import Floats, Ints
+from cpmkit.plugin import Floats, InputError, Ints
 
 
 def lines_of(data: bytes) -> list[str]:

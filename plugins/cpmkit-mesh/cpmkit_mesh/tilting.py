@@ -10,8 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.protocols import Floats, Ints
-from cpmkit_mesh.directions import unit
+from cpmkit.plugin import Floats, Ints, unit
 from cpmkit_mesh.topology import FIRST_BOUNDARY, Topology
 
 #: Directions in which the neighbours of a rim vertex spread less than this are not corrected.

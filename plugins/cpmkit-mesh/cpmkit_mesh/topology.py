@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.protocols import Floats, Ints
+from cpmkit.plugin import Floats, Ints
 
 #: What stands in ``neighbours`` where more than two triangles meet, and the walk has no one way on.
 BLOCKED = -1

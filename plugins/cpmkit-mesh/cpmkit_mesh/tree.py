@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cpmkit.protocols import Floats, Ints
-from cpmkit.runtime.threads import run_parcels
+from cpmkit.plugin import Floats, Ints, run_parcels
 
 #: Twice the area over the square of the longest edge, below which a triangle counts as a sliver.
 THIN = 1e-2

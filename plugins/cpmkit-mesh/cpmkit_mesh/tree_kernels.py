@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.runtime.compilation import compiled, inlined
+from cpmkit.plugin import compiled, inlined
 from cpmkit_mesh.building_kernels import STACK
 
 #: How a primitive is measured: a triangle, a triangle too thin for plain formulas, a segment.

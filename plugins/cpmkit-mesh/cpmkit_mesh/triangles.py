@@ -7,10 +7,18 @@ from functools import cached_property
 
 import numpy as np
 
-from cpmkit.errors import InputError
-from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
-from cpmkit.runtime.arrays import as_points, as_vector, one_row_each, positive
-from cpmkit_mesh.directions import unit
+from cpmkit.plugin import (
+    Bools,
+    ClosestPoints,
+    Floats,
+    InputError,
+    Ints,
+    as_points,
+    as_vector,
+    one_row_each,
+    positive,
+    unit,
+)
 from cpmkit_mesh.engines import Search, search_with
 from cpmkit_mesh.feet import Patches, distinct, local_minima, patches, with_nearest
 from cpmkit_mesh.folds import Folds, folds

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.protocols import Floats, Ints
+from cpmkit.plugin import Floats, Ints
 from cpmkit_mesh.directions import doubled_areas
 
 #: Largest error of a solution as a share of its range, over the turning angle's square (smooth) and over itself

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.runtime.compilation import compiled, inlined
+from cpmkit.plugin import compiled, inlined
 
 BLOCKED, FIRST_BOUNDARY = -1, -2
 #: Triangles that a walk may visit, and times that it may come back from the boundary.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.protocols import Bools, Ints
+from cpmkit.plugin import Bools, Ints
 from cpmkit_mesh.chains import components
 from cpmkit_mesh.topology import Topology
 

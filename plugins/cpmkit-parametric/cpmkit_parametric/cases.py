@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.protocols import Floats
-from cpmkit.testing import ConformanceCase
+from cpmkit.plugin import ConformanceCase, Floats
 from cpmkit_parametric import factories, shapes
 from cpmkit_parametric.sources import Parametric
 

@@ -12,8 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cpmkit.errors import InputError
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.plugin import Bools, Floats, InputError, Ints
 from cpmkit_parametric.domain import Domain
 from cpmkit_parametric.maps import UnitMap
 

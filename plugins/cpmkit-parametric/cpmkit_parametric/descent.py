@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.protocols import Bools, Floats
+from cpmkit.plugin import Bools, Floats
 from cpmkit_parametric.domain import Domain
 from cpmkit_parametric.maps import UnitMap
 

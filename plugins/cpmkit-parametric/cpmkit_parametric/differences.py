@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.protocols import Bools, Floats
+from cpmkit.plugin import Bools, Floats
 
 #: Step as a share of the range: for features of a 50th of the range, truncation and rounding are both about 1e-13.
 STEP = 1e-3

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.errors import InputError
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.plugin import Bools, Floats, InputError, Ints
 from cpmkit_parametric.maps import UnitMap
 
 #: Glued ends must meet to this share of the size; a side shorter than it is a point.

@@ -12,10 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import InputError, shown
-from cpmkit.formulas.trees import formula_tree
-from cpmkit.protocols import Bools, Floats
-from cpmkit.runtime.arrays import as_vector
+from cpmkit.plugin import Bools, Floats, InputError, as_vector, formula_tree, shown
 from cpmkit_parametric.cells import build_tree
 from cpmkit_parametric.differences import Differences
 from cpmkit_parametric.domain import Domain, check_glued, find_sides

@@ -8,10 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.formulas.derivatives import FormulaJets, formula_jets
-from cpmkit.formulas.steps import Steps, program
-from cpmkit.formulas.trees import formula_tree
-from cpmkit.protocols import Floats
+from cpmkit.plugin import Floats, FormulaJets, formula_jets, formula_tree
 
 #: Value (n, d), first derivatives (n, m, d) and second derivatives (n, m, m, d).
 Jet = tuple[Floats, Floats, Floats]
@@ -70,5 +67,5 @@ def constant(text: str, what: str) -> float:
     SceneError
         If it does not parse, or uses what is not offered; ``what`` names it.
     """
-    steps = Steps()
-    return float(program(steps, [steps.add_tree(formula_tree(text, (), what))])({}, 1)[0, 0])
+    jets = formula_jets([formula_tree(text, (), what)], (), what)
+    return float(jets.rows(0, np.empty((0, 1)))[0, 0])

@@ -8,8 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from cpmkit.errors import InputError
-from cpmkit.protocols import Floats
+from cpmkit.plugin import Floats, InputError
 from cpmkit_parametric.formulas import Jet, symmetric
 
 

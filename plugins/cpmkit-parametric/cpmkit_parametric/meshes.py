@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.protocols import Floats, Ints
+from cpmkit.plugin import Floats, Ints
 from cpmkit_parametric.domain import Domain, Sides
 from cpmkit_parametric.maps import UnitMap
 

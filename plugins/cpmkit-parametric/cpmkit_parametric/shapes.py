@@ -9,9 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import InputError, shown
-from cpmkit.formulas.trees import formula_tree
-from cpmkit.runtime.arrays import as_vector, positive, whole
+from cpmkit.plugin import InputError, as_vector, formula_tree, positive, shown, whole
 from cpmkit_parametric.factories import as_flag, as_range, build, curve, surface
 from cpmkit_parametric.formulas import formula_map
 from cpmkit_parametric.maps import Map, UnitMap

@@ -7,8 +7,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from cpmkit.protocols import ClosestPoints, Floats, Ints
-from cpmkit.runtime.arrays import as_points, as_vector, positive
+from cpmkit.plugin import ClosestPoints, Floats, Ints, as_points, as_vector, positive
 from cpmkit_parametric.cells import CellTree
 from cpmkit_parametric.descent import descend
 from cpmkit_parametric.domain import Domain, Sides

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cpmkit.protocols import Bools, Floats, Ints
-from cpmkit.runtime.threads import run_parcels
+from cpmkit.plugin import Bools, Floats, Ints, run_parcels
 from cpmkit_pointcloud.patches import Patches, exponents
 
 #: Samples whose neighbours are collected at a time.

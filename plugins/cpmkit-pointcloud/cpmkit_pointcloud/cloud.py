@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.errors import InputError
-from cpmkit.protocols import ClosestPoints, Floats, Ints
-from cpmkit.runtime.arrays import as_points, as_vector, one_row_each, positive
+from cpmkit.plugin import ClosestPoints, Floats, InputError, Ints, as_points, as_vector, one_row_each, positive
 from cpmkit_pointcloud.blend import Blend, project, surface_normals
 from cpmkit_pointcloud.floor import fitted_floor, slope_error
 from cpmkit_pointcloud.patches import curvatures

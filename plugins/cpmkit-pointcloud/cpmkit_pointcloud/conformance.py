@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.protocols import Floats
+from cpmkit.plugin import Floats
 from cpmkit_pointcloud.factory import points
 
 if TYPE_CHECKING:
-    from cpmkit.testing import ConformanceCase
+    from cpmkit.plugin import ConformanceCase
 
 Draw = Callable[[np.random.Generator, int], Floats]
 
@@ -22,7 +22,7 @@ def cases() -> list[ConformanceCase]:
 
     The radius is that up to which ``distance`` is the feet's own, half the smallest radius of curvature.
     """
-    from cpmkit.testing import ConformanceCase
+    from cpmkit.plugin import ConformanceCase
 
     ball, ring = sphere(2000), torus(3000)
     kind = "pointcloud.points"

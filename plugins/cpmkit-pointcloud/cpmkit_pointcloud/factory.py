@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import InputError
-from cpmkit.protocols import Floats
+from cpmkit.plugin import Floats, InputError
 from cpmkit_pointcloud.blend import REACHED, blend, shrunk
 from cpmkit_pointcloud.cloud import OrientedPointCloud, PointCloud
 from cpmkit_pointcloud.nearest import NearestSamples

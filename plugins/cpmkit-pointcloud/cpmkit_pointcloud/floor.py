@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.protocols import Floats
+from cpmkit.plugin import Floats
 from cpmkit_pointcloud.patches import Patches, exponents, fit_patches, neighbourhoods, patch_normals
 
 if TYPE_CHECKING:

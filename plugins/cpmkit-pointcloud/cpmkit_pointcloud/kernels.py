@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.runtime.compilation import compiled
+from cpmkit.plugin import compiled
 
 #: Rounds after which a search gives up.
 ROUNDS = 60

@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.errors import InputError
-from cpmkit.protocols import ClosestPoints, Floats, Ints
-from cpmkit.runtime.arrays import as_points, as_vector, one_row_each, positive
+from cpmkit.plugin import ClosestPoints, Floats, InputError, Ints, as_points, as_vector, one_row_each, positive
 from cpmkit_pointcloud.floor import plain_floor
 from cpmkit_pointcloud.samples import as_cells, ask, thinned, tree_of
 

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.protocols import Bools, Floats, Ints
-from cpmkit.runtime.threads import run_parcels
+from cpmkit.plugin import Bools, Floats, Ints, run_parcels, unit
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -71,8 +70,7 @@ def patch_normals(patches: Patches) -> Floats:
     first, second = (patches.coefficients[:, columns.index(term), None] for term in ((1, 0), (0, 1)))
     frames = patches.frames
     normals = frames[:, -1] - first * frames[:, 0] - (second * frames[:, 1] if frames.shape[1] == 3 else 0.0)
-    unit: Floats = normals / np.linalg.norm(normals, axis=1, keepdims=True)
-    return unit
+    return unit(normals)
 
 
 def exponents(degree: int, variables: int = 2) -> list[tuple[int, int]]:

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from cpmkit.hookspecs import hookimpl
-from cpmkit.protocols import ClosestPointSource
+from cpmkit.plugin import ClosestPointSource, hookimpl
 from cpmkit_pointcloud.factory import points
 
 if TYPE_CHECKING:
-    from cpmkit.testing import ConformanceCase
+    from cpmkit.plugin import ConformanceCase
 
 
 @hookimpl

@@ -9,12 +9,19 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import InputError, MissingDependencyError, shown
-from cpmkit.files.array_files import bytes_of, read_array
-from cpmkit.files.data_files import existing_file
-from cpmkit.files.ply_files import read_ply, vertices_of
-from cpmkit.protocols import Floats, Ints
-from cpmkit.runtime.arrays import as_positions
+from cpmkit.plugin import (
+    Floats,
+    InputError,
+    Ints,
+    MissingDependencyError,
+    as_positions,
+    existing_file,
+    ply_vertices,
+    read_array,
+    read_bytes,
+    read_ply,
+    shown,
+)
 
 TEXT = (".xyz", ".txt", ".csv")
 FORMATS = (".ply", *TEXT, ".npy", ".pcd")
@@ -59,14 +66,14 @@ def _read_npy(file: Path) -> np.ndarray:
 
 def _read_ply(file: Path) -> np.ndarray:
     try:
-        return vertices_of(read_ply(bytes_of(file)))
+        return ply_vertices(read_ply(read_bytes(file)))
     except InputError as error:
         raise InputError(f"{shown(file.name)} does not parse as PLY: {error}") from error
 
 
 def _read_rows(file: Path) -> np.ndarray:
     """Read rows of numbers; what is in a file of something else is not repeated."""
-    lines = bytes_of(file).decode("utf-8-sig", errors="replace").splitlines()
+    lines = read_bytes(file).decode("utf-8-sig", errors="replace").splitlines()
     kind = file.suffix[1:].upper()
     try:
         with warnings.catch_warnings():

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.protocols import Floats, Ints
+from cpmkit.plugin import Floats, Ints
 from cpmkit_pointcloud.blend import Blend, project
 
 if TYPE_CHECKING:

@@ -6,9 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.protocols import Floats, Ints
-from cpmkit.runtime.arrays import positive
-from cpmkit.runtime.threads import thread_count
+from cpmkit.plugin import Floats, Ints, positive, thread_count
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.errors import SceneError
 from cpmkit.forms.collocation.boundary.past_rim import replaced
 from cpmkit.forms.collocation.boundary.reading import Datum, Reading
 from cpmkit.forms.collocation.ghosts.continuation import (
@@ -37,6 +36,7 @@ from cpmkit.manifold.walking import walk
 from cpmkit.protocols import ClosestPoints, Floats, Ints
 from cpmkit.scene.condition import Condition
 from cpmkit.scene.laws import OneSided, beta_at, is_wall
+from cpmkit.scene.scene import edge_condition
 
 #: Nodes nearer to their foot than this share of the spacing do not tell the direction of the conormal.
 TOUCHING = 1e-6
@@ -61,23 +61,6 @@ class PastEdge:
     reading: Reading
     mirrored: Reading
     sources: Reading
-
-
-def edge_condition(edge: Condition | Mapping[int, Condition], loop: int) -> Condition:
-    """Return the condition of edge ``loop``.
-
-    Raises
-    ------
-    SceneError
-        If the edge is a table and the loop is not in it.
-    """
-    if not isinstance(edge, Mapping):
-        return edge
-    if loop not in edge:
-        raise SceneError(
-            f"the surface has an edge loop {loop} for which `edge` gives no condition; it has {sorted(edge)}."
-        )
-    return edge[loop]
 
 
 def read_past_edge(

@@ -8,7 +8,7 @@ import numpy as np
 
 from cpmkit.errors import InputError, ResolutionError, SceneError, place
 from cpmkit.forms.collocation.boundary.conductivities import check_conductivities
-from cpmkit.forms.collocation.boundary.edge import WHAT, edge_condition
+from cpmkit.forms.collocation.boundary.edge import WHAT
 from cpmkit.forms.collocation.layout import Layout
 from cpmkit.meshes.cells import with_corners
 from cpmkit.meshes.curved_cells import find_edges
@@ -17,7 +17,7 @@ from cpmkit.runtime.arrays import whole
 from cpmkit.scene.alike import alike
 from cpmkit.scene.condition import Condition
 from cpmkit.scene.laws import Interface, Mixed, beta_at, is_wall
-from cpmkit.scene.scene import Scene
+from cpmkit.scene.scene import Scene, edge_condition
 
 #: The dimension of a solid in space.
 SPACE = 3

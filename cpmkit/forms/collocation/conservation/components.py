@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.forms.collocation.boundary.edge import edge_condition
 from cpmkit.forms.collocation.discretization import Discretization
 from cpmkit.forms.collocation.layout import Layout
 from cpmkit.protocols import Bools, Ints
 from cpmkit.scene.laws import fixes_constant, is_wall
-from cpmkit.scene.scene import Scene
+from cpmkit.scene.scene import Scene, edge_condition
 
 #: A weight below this reads nothing.
 ROUNDING = 1e-12

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cpmkit.errors import ResolutionError, SceneError, place
-from cpmkit.forms.collocation.boundary.edge import edge_condition
 from cpmkit.forms.collocation.boundary.effect import check_given
 from cpmkit.forms.collocation.boundary.encounters import DIFFERENT, Strip
 from cpmkit.forms.collocation.boundary.facing_rims import BRIDGED, WIDE
@@ -17,7 +16,7 @@ from cpmkit.scene.alike import alike
 from cpmkit.scene.condition import Condition
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.laws import Interface, Nonlinear, Value, data_of
-from cpmkit.scene.scene import Scene
+from cpmkit.scene.scene import Scene, edge_condition
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.forms.collocation.boundary.edge import edge_condition
 from cpmkit.forms.collocation.boundary.frame import Frame
 from cpmkit.forms.collocation.extension import stencil_nodes
 from cpmkit.grid.stencils import stencil_cells
@@ -22,6 +21,7 @@ from cpmkit.manifold.tangent_space import outward_conormals
 from cpmkit.protocols import SIDES, Bools, ClosestPoints, Floats, Ints, Side
 from cpmkit.scene.condition import Condition
 from cpmkit.scene.laws import Value
+from cpmkit.scene.scene import edge_condition
 
 if TYPE_CHECKING:
     from cpmkit.forms.collocation.reading.points import Reader

@@ -7,15 +7,23 @@ from typing import Any, cast
 
 import numpy as np
 
-from cpmkit.combinations.rotation import as_rotation, rotate
-from cpmkit.protocols import ClosestPoints, Floats, Ints
-from cpmkit.runtime.arrays import as_points, as_vector, length, positive
-from cpmkit_analytic.directions import norms
+from cpmkit.plugin import (
+    ClosestPoints,
+    Floats,
+    Ints,
+    as_points,
+    as_rotation,
+    as_vector,
+    length,
+    norms,
+    positive,
+    rotate,
+)
 from cpmkit_analytic.shapes import HasShapeNormals, HasShapeTangents, Shape
 
 
 @dataclass(frozen=True, eq=False)
-class Moved:
+class Placed:
     """The points ``center + axes @ p`` for p on a canonical shape.
 
     Distances are measured in the frame of the shape, after the centre has been taken off: they
@@ -72,11 +80,11 @@ class Moved:
         vertices, cells = self.shape.mesh(positive(spacing, "spacing"))
         return self._to_world(vertices), cells
 
-    def translated(self, offset: Floats, /) -> Moved:
+    def translated(self, offset: Floats, /) -> Placed:
         """Return the same shape moved by ``offset`` (d,); the centre alone is rounded, once."""
         return replace(self, center=self.center + as_vector(offset, self.dim, "offset"))
 
-    def moved(self, rotation: Any = None, translation: Any = None, scale: Any = 1.0) -> Moved:
+    def moved(self, rotation: Any = None, translation: Any = None, scale: Any = 1.0) -> Placed:
         """Return ``translation + scale * rotation @ x`` for the points x of this source.
 
         Parameters
@@ -104,8 +112,8 @@ class Moved:
         return rotate(self.axes, p) + self.center
 
 
-class MovedSurface(Moved):
-    """A moved hypersurface: it has an outside."""
+class PlacedSurface(Placed):
+    """A hypersurface at its place: it has an outside."""
 
     def normals(self, feet: ClosestPoints, /) -> Floats:
         """Return the outward unit normals (n, d); of a curve in the plane, those at the right hand of travel."""
@@ -113,8 +121,8 @@ class MovedSurface(Moved):
         return rotate(self.axes, shape.normals(self._to_shape(feet.points)))
 
 
-class MovedCurve(Moved):
-    """A moved curve: it is walked along."""
+class PlacedCurve(Placed):
+    """A curve at its place: it is walked along."""
 
     def tangents(self, feet: ClosestPoints, /) -> Floats:
         """Return the unit tangents (n, d) in the direction of travel."""
@@ -122,17 +130,17 @@ class MovedCurve(Moved):
         return rotate(self.axes, shape.tangents(self._to_shape(feet.points)))
 
 
-class MovedPlaneCurve(MovedCurve, MovedSurface):
-    """A moved curve in the plane: both."""
+class PlacedPlaneCurve(PlacedCurve, PlacedSurface):
+    """A curve at its place in the plane: both."""
 
 
-def place(shape: Shape, center: Floats, axes: Floats) -> Moved:
+def place(shape: Shape, center: Floats, axes: Floats) -> Placed:
     """Return the shape at its place, as a source that has the abilities of its dimension and no other."""
     abilities = (shape.manifold_dim == 1, shape.manifold_dim == shape.dim - 1)
     classes = {
-        (False, False): Moved,
-        (False, True): MovedSurface,
-        (True, False): MovedCurve,
-        (True, True): MovedPlaneCurve,
+        (False, False): Placed,
+        (False, True): PlacedSurface,
+        (True, False): PlacedCurve,
+        (True, True): PlacedPlaneCurve,
     }
     return classes[abilities](shape, center, axes)

@@ -1,0 +1,208 @@
+"""What a plugin imports of cpmkit: these names, and no other module.
+
+They stand in :data:`GROUPS` by what they serve, and are imported on first use: a plugin that reads no file loads no
+reader. Everything else in cpmkit may change without notice. import-linter holds the plugins of the repository to it.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from cpmkit.combinations.rectangle import rectangle as rectangle
+    from cpmkit.combinations.rotation import as_rotation as as_rotation
+    from cpmkit.combinations.rotation import rotate as rotate
+    from cpmkit.errors import ConvergenceError as ConvergenceError
+    from cpmkit.errors import CpmkitError as CpmkitError
+    from cpmkit.errors import CpmkitWarning as CpmkitWarning
+    from cpmkit.errors import InputError as InputError
+    from cpmkit.errors import MissingDependencyError as MissingDependencyError
+    from cpmkit.errors import ResolutionError as ResolutionError
+    from cpmkit.errors import SceneError as SceneError
+    from cpmkit.errors import place as place
+    from cpmkit.errors import shown as shown
+    from cpmkit.files.array_files import read_array as read_array
+    from cpmkit.files.array_files import read_bytes as read_bytes
+    from cpmkit.files.data_files import existing_file as existing_file
+    from cpmkit.files.ply_files import PlyLists as PlyLists
+    from cpmkit.files.ply_files import ply_vertices as ply_vertices
+    from cpmkit.files.ply_files import read_ply as read_ply
+    from cpmkit.formulas.derivatives import FormulaJets as FormulaJets
+    from cpmkit.formulas.derivatives import formula_jets as formula_jets
+    from cpmkit.formulas.trees import COORDINATES as COORDINATES
+    from cpmkit.formulas.trees import FUNCTIONS as FUNCTIONS
+    from cpmkit.formulas.trees import formula_tree as formula_tree
+    from cpmkit.grid.fitting import needed_spacing as needed_spacing
+    from cpmkit.hookspecs import hookimpl as hookimpl
+    from cpmkit.linear.report import SolveReport as SolveReport
+    from cpmkit.linear.report import judge as judge
+    from cpmkit.manifold.vectors import dots as dots
+    from cpmkit.manifold.vectors import norms as norms
+    from cpmkit.manifold.vectors import unit as unit
+    from cpmkit.meshes.display_mesh import DisplayMesh as DisplayMesh
+    from cpmkit.meshes.display_mesh import vertex_normals as vertex_normals
+    from cpmkit.protocols import Backend as Backend
+    from cpmkit.protocols import Bools as Bools
+    from cpmkit.protocols import BoundarySet as BoundarySet
+    from cpmkit.protocols import ClosestPoints as ClosestPoints
+    from cpmkit.protocols import ClosestPointSource as ClosestPointSource
+    from cpmkit.protocols import Floats as Floats
+    from cpmkit.protocols import HasFeet as HasFeet
+    from cpmkit.protocols import HasFloor as HasFloor
+    from cpmkit.protocols import HasLeft as HasLeft
+    from cpmkit.protocols import HasManyEdges as HasManyEdges
+    from cpmkit.protocols import HasMembers as HasMembers
+    from cpmkit.protocols import HasMesh as HasMesh
+    from cpmkit.protocols import HasNormals as HasNormals
+    from cpmkit.protocols import HasTangents as HasTangents
+    from cpmkit.protocols import HasTranslation as HasTranslation
+    from cpmkit.protocols import HasValues as HasValues
+    from cpmkit.protocols import HasWarnings as HasWarnings
+    from cpmkit.protocols import Ints as Ints
+    from cpmkit.protocols import LinearSolver as LinearSolver
+    from cpmkit.protocols import NamesLeft as NamesLeft
+    from cpmkit.protocols import Progress as Progress
+    from cpmkit.protocols import Side as Side
+    from cpmkit.protocols import nothing as nothing
+    from cpmkit.runtime.arrays import as_points as as_points
+    from cpmkit.runtime.arrays import as_positions as as_positions
+    from cpmkit.runtime.arrays import as_vector as as_vector
+    from cpmkit.runtime.arrays import check_size as check_size
+    from cpmkit.runtime.arrays import length as length
+    from cpmkit.runtime.arrays import one_row_each as one_row_each
+    from cpmkit.runtime.arrays import positive as positive
+    from cpmkit.runtime.arrays import whole as whole
+    from cpmkit.runtime.compilation import compiled as compiled
+    from cpmkit.runtime.compilation import inlined as inlined
+    from cpmkit.runtime.threads import run_parcels as run_parcels
+    from cpmkit.runtime.threads import thread_count as thread_count
+    from cpmkit.scene.condition import Condition as Condition
+    from cpmkit.scene.data import evaluate_data as evaluate_data
+    from cpmkit.scene.equations import Equation as Equation
+    from cpmkit.scene.laws import Flux as Flux
+    from cpmkit.scene.laws import Value as Value
+    from cpmkit.scene.scene import Scene as Scene
+    from cpmkit.scene.scene import edge_condition as edge_condition
+    from cpmkit.solution.solution import Solution as Solution
+    from cpmkit.testing import ConformanceCase as ConformanceCase
+    from cpmkit.testing import parametrize_with_laws as parametrize_with_laws
+    from cpmkit.testing import run_laws as run_laws
+
+#: The names by what they serve, each with the module that holds it.
+GROUPS = {
+    "Types": {
+        "Bools": "protocols",
+        "ClosestPointSource": "protocols",
+        "ClosestPoints": "protocols",
+        "Floats": "protocols",
+        "Ints": "protocols",
+        "Progress": "protocols",
+        "Side": "protocols",
+    },
+    "Abilities of sources": {
+        "HasFeet": "protocols",
+        "HasFloor": "protocols",
+        "HasLeft": "protocols",
+        "HasManyEdges": "protocols",
+        "HasMembers": "protocols",
+        "HasMesh": "protocols",
+        "HasNormals": "protocols",
+        "HasTangents": "protocols",
+        "HasTranslation": "protocols",
+        "HasValues": "protocols",
+        "HasWarnings": "protocols",
+        "NamesLeft": "protocols",
+    },
+    "Errors": {
+        "ConvergenceError": "errors",
+        "CpmkitError": "errors",
+        "CpmkitWarning": "errors",
+        "InputError": "errors",
+        "MissingDependencyError": "errors",
+        "ResolutionError": "errors",
+        "SceneError": "errors",
+        "place": "errors",
+        "shown": "errors",
+    },
+    "Checking input": {
+        "as_points": "runtime.arrays",
+        "as_positions": "runtime.arrays",
+        "as_rotation": "combinations.rotation",
+        "as_vector": "runtime.arrays",
+        "check_size": "runtime.arrays",
+        "length": "runtime.arrays",
+        "one_row_each": "runtime.arrays",
+        "positive": "runtime.arrays",
+        "whole": "runtime.arrays",
+    },
+    "Reading files": {
+        "PlyLists": "files.ply_files",
+        "existing_file": "files.data_files",
+        "ply_vertices": "files.ply_files",
+        "read_array": "files.array_files",
+        "read_bytes": "files.array_files",
+        "read_ply": "files.ply_files",
+    },
+    "Formulas": {
+        "COORDINATES": "formulas.trees",
+        "FUNCTIONS": "formulas.trees",
+        "FormulaJets": "formulas.derivatives",
+        "formula_jets": "formulas.derivatives",
+        "formula_tree": "formulas.trees",
+    },
+    "Compiled kernels and threads": {
+        "compiled": "runtime.compilation",
+        "inlined": "runtime.compilation",
+        "run_parcels": "runtime.threads",
+        "thread_count": "runtime.threads",
+    },
+    "Vectors and meshes": {
+        "dots": "manifold.vectors",
+        "norms": "manifold.vectors",
+        "rectangle": "combinations.rectangle",
+        "rotate": "combinations.rotation",
+        "unit": "manifold.vectors",
+    },
+    "Scenes and solutions, for back ends and solvers": {
+        "Backend": "protocols",
+        "BoundarySet": "protocols",
+        "Condition": "scene.condition",
+        "DisplayMesh": "meshes.display_mesh",
+        "Equation": "scene.equations",
+        "LinearSolver": "protocols",
+        "Flux": "scene.laws",
+        "Scene": "scene.scene",
+        "Solution": "solution.solution",
+        "Value": "scene.laws",
+        "SolveReport": "linear.report",
+        "edge_condition": "scene.scene",
+        "evaluate_data": "scene.data",
+        "judge": "linear.report",
+        "needed_spacing": "grid.fitting",
+        "nothing": "protocols",
+        "vertex_normals": "meshes.display_mesh",
+    },
+    "Hooks": {
+        "hookimpl": "hookspecs",
+    },
+    "Testing": {
+        "ConformanceCase": "testing",
+        "parametrize_with_laws": "testing",
+        "run_laws": "testing",
+    },
+}
+_MODULES = {name: module for group in GROUPS.values() for name, module in group.items()}
+
+if not TYPE_CHECKING:  # or every name would exist for a type checker, the misspelt ones too
+
+    def __getattr__(name: str) -> Any:
+        if name not in _MODULES:
+            raise AttributeError(f"cpmkit.plugin offers no {name!r}; docs/reference/plugin-api.md has what it offers.")
+        value = getattr(import_module(f"cpmkit.{_MODULES[name]}"), name)
+        globals()[name] = value
+        return value
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *_MODULES])

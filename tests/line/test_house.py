@@ -1,0 +1,115 @@
+"""The house is built as it says: rooms import what is below them, and plugins import the facade alone."""
+
+import ast
+import os
+import shutil
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import cpmkit.plugin
+
+ROOT = Path(__file__).parents[2]
+PLUGINS = sorted(ROOT.glob("plugins/*/cpmkit_*"))
+EXAMPLE = ROOT / "examples" / "cpmkit-neural" / "cpmkit_neural"
+NAMES = {name: module for group in cpmkit.plugin.GROUPS.values() for name, module in group.items()}
+LINT = "from importlinter.cli import lint_imports_command; lint_imports_command(['--no-cache'])"
+
+
+def imports(file):
+    """Yield the module and the names of each ``from module import names`` of a file, wherever it stands."""
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom):
+            yield node.module, {one.name for one in node.names}
+        if isinstance(node, ast.Import):
+            yield from ((one.name, set()) for one in node.names)
+
+
+@pytest.fixture
+def house(tmp_path):
+    """Copy the packages and the contracts: what is planted there stays there."""
+    for package in (ROOT / "cpmkit", *PLUGINS):
+        shutil.copytree(package, tmp_path / package.name, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "pyproject.toml", tmp_path)
+    return tmp_path
+
+
+def linted(house):
+    """Return the exit status of import-linter in a copy, and what it says."""
+    environment = {**os.environ, "PYTHONPATH": str(house), "NO_COLOR": "1"}
+    done = subprocess.run(
+        [sys.executable, "-c", LINT], cwd=house, env=environment, capture_output=True, text=True, check=False
+    )
+    return done.returncode, done.stdout + done.stderr
+
+
+def test_all_contracts_are_kept(house):
+    status, told = linted(house)
+    assert status == 0, told
+    assert "0 broken" in told
+
+
+@pytest.mark.parametrize(
+    ("file", "planted", "broken"),
+    [
+        ("cpmkit/grid/band.py", "from cpmkit.solving import solve", "A room knows the rooms below it alone"),
+        ("cpmkit_mesh/tree.py", "from cpmkit.protocols import Floats", "A plugin imports the facade alone"),
+        ("cpmkit_levelset/search.py", "import cpmkit as ck", "A plugin imports the facade alone"),
+        (
+            "cpmkit_fem/pins.py",
+            "def late():\n    import cpmkit.scene.scene",
+            "A plugin imports the facade alone",
+        ),
+        ("cpmkit_fem/pins.py", "import cpmkit_mesh", "No plugin knows another"),
+    ],
+)
+def test_a_planted_import_breaks_the_contract_that_forbids_it(house, file, planted, broken):
+    with (house / file).open("a", encoding="utf-8") as opened:
+        opened.write(f"\n{planted}\n")
+    status, told = linted(house)
+    assert status == 1, told
+    assert f"{broken} BROKEN" in told
+
+
+@pytest.mark.parametrize("package", [*PLUGINS, EXAMPLE], ids=lambda package: package.name)
+def test_plugins_import_names_of_the_facade_even_for_their_types(package):
+    """import-linter looks past imports for type checkers, and knows nothing of what an example installs."""
+    for file in package.rglob("*.py"):
+        for module, names in imports(file):
+            if module.partition(".")[0] == "cpmkit":
+                assert module == "cpmkit.plugin", file
+                assert names <= set(NAMES), file
+
+
+def test_the_table_of_the_facade_is_what_type_checkers_see():
+    seen = {name: module for module, names in imports(ROOT / "cpmkit" / "plugin.py") for name in names}
+    assert {name: f"cpmkit.{module}" for name, module in NAMES.items()} == {
+        name: module for name, module in seen.items() if module.partition(".")[0] == "cpmkit"
+    }
+    assert len(NAMES) == sum(map(len, cpmkit.plugin.GROUPS.values()))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_each_name_of_the_facade_is_that_of_its_module(name):
+    assert getattr(cpmkit.plugin, name) is getattr(import_module(f"cpmkit.{NAMES[name]}"), name)
+
+
+def test_each_name_of_the_facade_serves_a_plugin_or_is_a_part_of_its_contract():
+    """A facade grows by itself: what nobody imports goes, but for the contracts that authors are held to."""
+    used = {
+        name
+        for package in [*PLUGINS, EXAMPLE]
+        for file in package.rglob("*.py")
+        for _, names in imports(file)
+        for name in names
+    }
+    contracts = {name for name, module in NAMES.items() if module in ("protocols", "errors", "testing")}
+    assert set(NAMES) - used - contracts == set()
+
+
+def test_an_unknown_name_is_refused_by_naming_the_page():
+    with pytest.raises(AttributeError, match=r"offers no 'solve'; .*plugin-api\.md"):
+        cpmkit.plugin.solve  # noqa: B018
