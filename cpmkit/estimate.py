@@ -11,7 +11,7 @@ from cpmkit.errors import place
 from cpmkit.forms.choice import FORMS, options_of
 from cpmkit.forms.options import Options
 from cpmkit.linear.choice import SolverOptions
-from cpmkit.manifold.abilities import floor_of
+from cpmkit.manifold.abilities import advice_of
 from cpmkit.protocols import Floats
 from cpmkit.runtime.declared import showing
 from cpmkit.runtime.telling import overheard, tell
@@ -107,7 +107,7 @@ def estimate_error(scene: Scene, spacing: float, **options: Any) -> ErrorEstimat
     span = fine.max(axis=0) - fine.min(axis=0)
     return ErrorEstimate(
         apart.max(axis=0) / (2**power - 1),
-        floor_of(scene.surface, spacing) * span,
+        advice_of(scene.surface, spacing).floor * span,
         points[int(apart.max(axis=1).argmax())],
         solution,
         coarse,

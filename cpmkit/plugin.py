@@ -42,15 +42,16 @@ if TYPE_CHECKING:
     from cpmkit.manifold.vectors import unit as unit
     from cpmkit.meshes.display_mesh import DisplayMesh as DisplayMesh
     from cpmkit.meshes.display_mesh import vertex_normals as vertex_normals
+    from cpmkit.protocols import Advice as Advice
     from cpmkit.protocols import Backend as Backend
     from cpmkit.protocols import Bools as Bools
     from cpmkit.protocols import BoundarySet as BoundarySet
     from cpmkit.protocols import ClosestPoints as ClosestPoints
     from cpmkit.protocols import ClosestPointSource as ClosestPointSource
     from cpmkit.protocols import Floats as Floats
-    from cpmkit.protocols import HasFeet as HasFeet
-    from cpmkit.protocols import HasFloor as HasFloor
+    from cpmkit.protocols import HasAdvice as HasAdvice
     from cpmkit.protocols import HasLeft as HasLeft
+    from cpmkit.protocols import HasLocalMinima as HasLocalMinima
     from cpmkit.protocols import HasManyEdges as HasManyEdges
     from cpmkit.protocols import HasMembers as HasMembers
     from cpmkit.protocols import HasMesh as HasMesh
@@ -58,7 +59,6 @@ if TYPE_CHECKING:
     from cpmkit.protocols import HasTangents as HasTangents
     from cpmkit.protocols import HasTranslation as HasTranslation
     from cpmkit.protocols import HasValues as HasValues
-    from cpmkit.protocols import HasWarnings as HasWarnings
     from cpmkit.protocols import Ints as Ints
     from cpmkit.protocols import LinearSolver as LinearSolver
     from cpmkit.protocols import NamesLeft as NamesLeft
@@ -101,9 +101,10 @@ GROUPS = {
         "Side": "protocols",
     },
     "Abilities of sources": {
-        "HasFeet": "protocols",
-        "HasFloor": "protocols",
+        "Advice": "protocols",
+        "HasAdvice": "protocols",
         "HasLeft": "protocols",
+        "HasLocalMinima": "protocols",
         "HasManyEdges": "protocols",
         "HasMembers": "protocols",
         "HasMesh": "protocols",
@@ -111,7 +112,6 @@ GROUPS = {
         "HasTangents": "protocols",
         "HasTranslation": "protocols",
         "HasValues": "protocols",
-        "HasWarnings": "protocols",
         "NamesLeft": "protocols",
     },
     "Errors": {

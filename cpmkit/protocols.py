@@ -154,10 +154,10 @@ class HasTangents(Protocol):
 
 
 @runtime_checkable
-class HasFeet(Protocol):
+class HasLocalMinima(Protocol):
     """A source that finds more than the closest point: a foot on each of several sheets that lie near a query."""
 
-    def feet(self, x: Floats, radius: float, /) -> tuple[Ints, ClosestPoints]:
+    def local_minima(self, x: Floats, radius: float, /) -> tuple[Ints, ClosestPoints]:
         """Return all feet of each row of ``x`` (n, d) within ``radius``.
 
         A foot is a point of the manifold that no other in its surroundings is nearer than: a local minimum of the
@@ -244,37 +244,29 @@ class HasManyEdges(Protocol):
         """A multiple of 1000 that all numbers in ``edge`` are below: a union numbers the next member's on from it."""
 
 
+@dataclass(frozen=True)
+class Advice:
+    """What a reader of a solution should know of the source.
+
+    Attributes
+    ----------
+    floor : float
+        The error that the source alone leaves in a solution, as a share of its range: a mesh, a cloud or samples on a
+        grid stand for a smooth manifold only to some accuracy. 0 where the source states none.
+    warnings : tuple of str
+        One sentence for each thing that may spoil a solution: creases, merged or doubtful samples.
+    """
+
+    floor: float = 0.0
+    warnings: tuple[str, ...] = ()
+
+
 @runtime_checkable
-class HasWarnings(Protocol):
-    """A source that knows what about itself may spoil a solution: creases, merged or doubtful samples."""
+class HasAdvice(Protocol):
+    """A source that knows how accurate it is, or what about itself may spoil a solution."""
 
-    def warnings(self, spacing: float, /) -> Sequence[str]:
-        """Return one sentence for each thing that a reader of a solution at ``spacing`` should know."""
-
-
-@runtime_checkable
-class HasFloor(Protocol):
-    """A source that stands for a smooth manifold only to some accuracy: a mesh, a cloud, samples on a grid."""
-
-    def floor(self, spacing: float, /) -> float:
-        """Return the error that the source alone leaves in a solution at ``spacing``, as a share of its range."""
-
-
-#: What a source may do beyond answering; each combination says in its table of abilities what becomes of each.
-OPTIONAL_ABILITIES: tuple[type, ...] = (
-    HasNormals,
-    HasTangents,
-    HasFeet,
-    HasLeft,
-    NamesLeft,
-    HasValues,
-    HasMesh,
-    HasTranslation,
-    HasMembers,
-    HasManyEdges,
-    HasWarnings,
-    HasFloor,
-)
+    def advice(self, spacing: float, /) -> Advice:
+        """Return what a reader of a solution at ``spacing`` should know."""
 
 
 class Operator(Protocol):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partialmethod
 from itertools import product
 from typing import Any
 
@@ -11,26 +12,9 @@ import numpy as np
 
 from cpmkit.combinations.rotation import as_rotation, rotate
 from cpmkit.combinations.union import Union, union
-from cpmkit.manifold.abilities import edge_limit_of, floor_of, warnings_of, with_abilities
+from cpmkit.manifold.abilities import advice_of, edge_limit_of, with_abilities
 from cpmkit.manifold.answers import check_source
-from cpmkit.protocols import (
-    ClosestPoints,
-    ClosestPointSource,
-    Floats,
-    HasFeet,
-    HasFloor,
-    HasLeft,
-    HasManyEdges,
-    HasMembers,
-    HasMesh,
-    HasNormals,
-    HasTangents,
-    HasTranslation,
-    HasValues,
-    HasWarnings,
-    Ints,
-    NamesLeft,
-)
+from cpmkit.protocols import Advice, ClosestPoints, ClosestPointSource, Floats, Ints
 from cpmkit.runtime.arrays import as_points, as_vector, positive
 
 
@@ -86,18 +70,6 @@ class Moved:
         """
         return self._world_record(self.of.closest_point(self._to_own(as_points(x, self.dim))))
 
-    def translated(self, offset: Floats, /) -> Moved:
-        """Return the same source moved by ``offset`` (d,); the translation alone is rounded, once."""
-        return replace(self, translation=self.translation + as_vector(offset, self.dim, "offset"))
-
-    def warnings(self, spacing: float, /) -> Sequence[str]:
-        """Return what the source that is moved has to say at this spacing, in its own coordinates."""
-        return warnings_of(self.of, spacing / self.scale)
-
-    def floor(self, spacing: float, /) -> float:
-        """Return the error that the source alone leaves, as a share of the solution's range."""
-        return floor_of(self.of, spacing / self.scale)
-
     def _to_own(self, x: Floats) -> Floats:
         return np.ascontiguousarray(rotate(self.rotation.T, x - self.translation) / self.scale)
 
@@ -110,90 +82,59 @@ class Moved:
     def _own_record(self, feet: ClosestPoints) -> ClosestPoints:
         return replace(feet, points=self._to_own(feet.points), distance=feet.distance / self.scale)
 
+    def _turned(self, name: str, feet: ClosestPoints, /) -> Floats:
+        """Return the unit vectors (n, d) of what is moved that it calls ``name``, turned with it."""
+        return rotate(self.rotation, getattr(self.of, name)(self._own_record(feet)))
 
-class _WithFeet(Moved):
-    def feet(self, x: Floats, radius: float, /) -> tuple[Ints, ClosestPoints]:
-        """Return the rows (k,) of ``x`` (n, d) and their feet within ``radius``, the nearest first."""
-        own = self._to_own(as_points(x, self.dim))
-        rows, feet = self.of.feet(own, positive(radius, "radius") / self.scale)
-        return rows, self._world_record(feet)
+    _normals = partialmethod(_turned, "normals")
+    _tangents = partialmethod(_turned, "tangents")
+    _leftward = partialmethod(_turned, "leftward")
 
-
-class _WithNormals(Moved):
-    def normals(self, feet: ClosestPoints, /) -> Floats:
-        """Return the unit normals (n, d) of what is moved, turned with it."""
-        return rotate(self.rotation, self.of.normals(self._own_record(feet)))
-
-
-class _WithTangents(Moved):
-    def tangents(self, feet: ClosestPoints, /) -> Floats:
-        """Return the unit tangents (n, d) of what is moved, turned with it."""
-        return rotate(self.rotation, self.of.tangents(self._own_record(feet)))
-
-
-class _WithLeft(Moved):
-    def leftward(self, feet: ClosestPoints, /) -> Floats:
-        """Return the unit vectors (n, d) to the left of what is moved, turned with it."""
-        return rotate(self.rotation, self.of.leftward(self._own_record(feet)))
-
-
-class _NamingLeft(Moved):
     @property
-    def left_of(self) -> Floats | None:
+    def _left_of(self) -> Floats | None:
         """(d,) the point on the left that what is moved names, moved with it."""
         point = self.of.left_of
         return None if point is None else self._to_world(as_vector(point, self.dim, "left_of")[None])[0]
 
+    def _local_minima(self, x: Floats, radius: float, /) -> tuple[Ints, ClosestPoints]:
+        """Return the rows (k,) of ``x`` (n, d) and their feet within ``radius``, the nearest first."""
+        own = self._to_own(as_points(x, self.dim))
+        rows, feet = self.of.local_minima(own, positive(radius, "radius") / self.scale)
+        return rows, self._world_record(feet)
 
-class _WithMembers(Moved):
     @property
-    def members(self) -> Sequence[Any]:
-        """The members, each moved."""
-        parts = {"rotation": self.rotation, "translation": self.translation, "scale": self.scale}
-        return [moved(of=member, **parts) for member in self.of.members]
-
-
-class _WithManyEdges(Moved):
-    @property
-    def edge_limit(self) -> int:
-        """What all numbers of edges are below."""
-        return edge_limit_of(self.of)
-
-
-class _WithValues(Moved):
-    @property
-    def value_count(self) -> int:
-        """How many rows :meth:`interpolate` expects."""
+    def _value_count(self) -> int:
+        """How many rows of data what is moved expects."""
         return int(self.of.value_count)
 
-    def interpolate(self, values: Floats, feet: ClosestPoints, /) -> Floats:
+    def _interpolate(self, values: Floats, feet: ClosestPoints, /) -> Floats:
         """Return ``values`` (value_count, ...) interpolated at ``feet``."""
         read: Floats = self.of.interpolate(values, self._own_record(feet))
         return read
 
-
-class _WithMesh(Moved):
-    def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
+    def _mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
         """Return vertices (v, d) and cells (m, k) of about ``spacing``."""
         vertices, cells = self.of.mesh(positive(spacing, "spacing") / self.scale)
         return self._to_world(vertices), cells
 
+    def _translated(self, offset: Floats, /) -> Moved:
+        """Return the same source moved by ``offset`` (d,); the translation alone is rounded, once."""
+        return replace(self, translation=self.translation + as_vector(offset, self.dim, "offset"))
 
-#: What is made of each ability of what is moved. (A union is taken apart before: its members are moved.)
-PASSING = {
-    HasFeet: _WithFeet,
-    HasNormals: _WithNormals,
-    HasTangents: _WithTangents,
-    HasLeft: _WithLeft,
-    NamesLeft: _NamingLeft,
-    HasValues: _WithValues,
-    HasMesh: _WithMesh,
-    HasMembers: _WithMembers,
-    HasManyEdges: _WithManyEdges,
-    HasTranslation: True,
-    HasWarnings: True,
-    HasFloor: True,
-}
+    @property
+    def _members(self) -> Sequence[Any]:
+        """The members, each moved."""
+        parts = {"rotation": self.rotation, "translation": self.translation, "scale": self.scale}
+        return [moved(of=member, **parts) for member in self.of.members]
+
+    @property
+    def _edge_limit(self) -> int:
+        """What all numbers of edges are below."""
+        return edge_limit_of(self.of)
+
+    def _advice(self, spacing: float, /) -> Advice:
+        """Return what the source that is moved has to say at this spacing, in its own coordinates."""
+        return advice_of(self.of, spacing / self.scale)
 
 
 def moved(*, of: ClosestPointSource, rotation: Any = None, translation: Any = None, scale: Any = 1.0) -> Any:
@@ -227,4 +168,4 @@ def moved(*, of: ClosestPointSource, rotation: Any = None, translation: Any = No
         )
     turn = as_rotation(rotation, of.dim)
     offset = as_vector(np.zeros(of.dim) if translation is None else translation, of.dim, "translation")
-    return with_abilities(Moved, PASSING, of)(of, turn, offset, positive(scale, "scale"))
+    return with_abilities(Moved, "moved", of)(of, turn, offset, positive(scale, "scale"))

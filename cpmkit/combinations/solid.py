@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,27 +10,9 @@ import numpy as np
 from cpmkit.combinations.rectangle import rectangle
 from cpmkit.combinations.union import Union
 from cpmkit.errors import InputError
-from cpmkit.manifold.abilities import EDGES, floor_of, warnings_of, with_abilities
+from cpmkit.manifold.abilities import EDGES, advice_of, with_abilities
 from cpmkit.manifold.answers import check_source
-from cpmkit.protocols import (
-    Bools,
-    ClosestPoints,
-    ClosestPointSource,
-    Floats,
-    HasFeet,
-    HasFloor,
-    HasLeft,
-    HasManyEdges,
-    HasMembers,
-    HasMesh,
-    HasNormals,
-    HasTangents,
-    HasTranslation,
-    HasValues,
-    HasWarnings,
-    Ints,
-    NamesLeft,
-)
+from cpmkit.protocols import Advice, Bools, ClosestPoints, ClosestPointSource, Floats, HasNormals, HasTangents, Ints
 from cpmkit.runtime.arrays import as_points, positive
 
 #: Points along each side of the box on which an open rim is looked for.
@@ -105,51 +86,25 @@ class Solid:
             odd ^= outward * height(part, part.closest_point(x), x) <= 0
         return self.of.closest_point(x), odd
 
-    @property
-    def edge_limit(self) -> int:
-        """What all numbers of edges are below."""
-        return EDGES * (len(self.of.members) if isinstance(self.of, Union) else 1)
-
-    def warnings(self, spacing: float, /) -> Sequence[str]:
-        """Return what the hypersurface has to say at this spacing."""
-        return warnings_of(self.of, spacing)
-
-    def floor(self, spacing: float, /) -> float:
-        """Return the error that the hypersurface alone leaves, as a share of the solution's range."""
-        return floor_of(self.of, spacing)
-
-
-class _WithMesh(Solid):
-    def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
+    def _mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
         """Return triangles (m, 3) of about ``spacing``: in the plane of the inside, in space of what is seen of it."""
         if self.dim == 3:
             mesh: tuple[Floats, Ints] = self.of.mesh(spacing)
             return mesh
         return filled(self, positive(spacing, "spacing"))
 
-
-class _WithTranslation(Solid):
-    def translated(self, offset: Floats, /) -> Solid:
+    def _translated(self, offset: Floats, /) -> Solid:
         """Return the solid moved by ``offset`` (d,)."""
         return type(self)(self.of.translated(offset), self.outward)
 
+    @property
+    def _edge_limit(self) -> int:
+        """What all numbers of edges are below."""
+        return EDGES * (len(self.of.members) if isinstance(self.of, Union) else 1)
 
-_FILLS = "a solid fills space: it has no direction of its own and is nowhere a boundary"
-#: What is made of each ability of the hypersurface.
-PASSING = {
-    HasMesh: _WithMesh,
-    HasTranslation: _WithTranslation,
-    HasManyEdges: True,
-    HasWarnings: True,
-    HasFloor: True,
-    HasNormals: _FILLS,
-    HasTangents: _FILLS,
-    HasLeft: _FILLS,
-    NamesLeft: _FILLS,
-    HasFeet: "a point inside is its own and only foot: a solid has no sheets",
-    HasMembers: "what several members enclose is one solid, holes and all",
-    HasValues: "data of the hypersurface say nothing about the points inside",
-}
+    def _advice(self, spacing: float, /) -> Advice:
+        """Return what the hypersurface has to say at this spacing."""
+        return advice_of(self.of, spacing)
 
 
 def height(hypersurface: Any, feet: ClosestPoints, x: Floats) -> Floats:
@@ -206,9 +161,7 @@ def solid(*, of: ClosestPointSource) -> Any:
     check_source(of, "what encloses the solid")
     parts = of.members if isinstance(of, Union) else [of]
     outward = tuple(_outward(part) for part in parts)
-    base = _WithMesh if of.dim == 2 else Solid  # in the plane the inside is meshed, whatever the curve can do
-    passing = {ability: how for ability, how in PASSING.items() if how is not base}
-    return with_abilities(base, passing, of)(of, outward)
+    return with_abilities(Solid, "solid", of)(of, outward)
 
 
 def _outward(part: ClosestPointSource) -> float:

@@ -11,7 +11,7 @@ from cpmkit.combinations.level_cut import STEP, LevelCut
 from cpmkit.combinations.points import PointSet
 from cpmkit.combinations.position_function import PositionFunction, position_function
 from cpmkit.combinations.rim import CurveRim, Rim, point_rim
-from cpmkit.combinations.trimmed_part import PASSING, Trimmed
+from cpmkit.combinations.trimmed_part import Trimmed
 from cpmkit.grid.band import cell_levels
 from cpmkit.manifold.abilities import with_abilities
 from cpmkit.manifold.vectors import norms
@@ -63,7 +63,7 @@ def trimmed(*, of: ClosestPointSource, trim: Any, resolution: int | None = None)
     steepest = float(norms(cut.phi.gradient(along, STEP * cut.size)).max())
     covering, asked = COVERING * COARSER * cut.spacing, PositionFunction(function, np.zeros(of.dim), "trim")
     kept = samples.points + cut.phi.origin
-    return with_abilities(Trimmed, PASSING, of)(of, asked, rim, kept, covering, steepest * tolerance, tolerance)
+    return with_abilities(Trimmed, "trimmed", of)(of, asked, rim, kept, covering, steepest * tolerance, tolerance)
 
 
 def _samples(cut: LevelCut) -> ClosestPoints:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partialmethod
 from typing import Any
 
 import numpy as np
@@ -13,26 +12,9 @@ from cpmkit.combinations.clipping import clipped
 from cpmkit.combinations.descent import descend
 from cpmkit.combinations.position_function import PositionFunction
 from cpmkit.combinations.rim import Rim
-from cpmkit.manifold.abilities import EDGES, edge_limit_of, floor_of, warnings_of
+from cpmkit.manifold.abilities import EDGES, advice_of, edge_limit_of
 from cpmkit.manifold.vectors import dots, norms
-from cpmkit.protocols import (
-    Bools,
-    ClosestPoints,
-    Floats,
-    HasFeet,
-    HasFloor,
-    HasLeft,
-    HasManyEdges,
-    HasMembers,
-    HasMesh,
-    HasNormals,
-    HasTangents,
-    HasTranslation,
-    HasValues,
-    HasWarnings,
-    Ints,
-    NamesLeft,
-)
+from cpmkit.protocols import Advice, Bools, ClosestPoints, Floats, Ints
 from cpmkit.runtime.arrays import as_points, as_vector, positive
 
 #: Descents from samples, for a query whose closest point on the whole is cut away.
@@ -123,14 +105,6 @@ class Trimmed:
         found = ClosestPoints(points, distance, edge, feet.element, feet.local, doubtful)
         return found if feet.element is None and feet.local is None else self._placed(found, away)
 
-    def warnings(self, spacing: float, /) -> Sequence[str]:
-        """Return what the whole has to say at this spacing."""
-        return warnings_of(self.of, spacing)
-
-    def floor(self, spacing: float, /) -> float:
-        """Return the error that the whole alone leaves, as a share of the solution's range."""
-        return floor_of(self.of, spacing)
-
     def _inside(self, points: Floats) -> Bools:
         """Return which points of the whole belong to the part and do not lie on its edge."""
         inside: Bools = self.trim(points) < -self.margin
@@ -197,31 +171,17 @@ class Trimmed:
 
         return cKDTree(self.samples)
 
+    def _directions(self, name: str, feet: ClosestPoints, /) -> Floats:
+        """Return the unit vectors (n, d) of the whole that it calls ``name``."""
+        directions: Floats = getattr(self.of, name)(feet)
+        return directions
 
-class _WithNormals(Trimmed):
-    def normals(self, feet: ClosestPoints, /) -> Floats:
-        """Return the unit normals (n, d) of the whole."""
-        normals: Floats = self.of.normals(feet)
-        return normals
+    _normals = partialmethod(_directions, "normals")
+    _tangents = partialmethod(_directions, "tangents")
+    _leftward = partialmethod(_directions, "leftward")
 
-
-class _WithTangents(Trimmed):
-    def tangents(self, feet: ClosestPoints, /) -> Floats:
-        """Return the unit tangents (n, d) of the whole."""
-        tangents: Floats = self.of.tangents(feet)
-        return tangents
-
-
-class _WithLeft(Trimmed):
-    def leftward(self, feet: ClosestPoints, /) -> Floats:
-        """Return the unit vectors (n, d) to the left of the whole."""
-        left: Floats = self.of.leftward(feet)
-        return left
-
-
-class _NamingLeft(Trimmed):
     @property
-    def left_of(self) -> Floats | None:
+    def _left_of(self) -> Floats | None:
         """(d,) the point on the left that the whole names; None where what it is left of is cut away."""
         point = self.of.left_of
         if point is None:
@@ -229,37 +189,24 @@ class _NamingLeft(Trimmed):
         foot = self.of.closest_point(as_vector(point, self.dim, "left_of")[None]).points
         return as_vector(point, self.dim, "left_of") if self._inside(foot)[0] else None
 
-
-class _WithManyEdges(Trimmed):
     @property
-    def edge_limit(self) -> int:
-        """What all numbers of edges are below: those of the whole come after the rim's."""
-        return edge_limit_of(self.of) + EDGES
-
-
-class _WithValues(Trimmed):
-    @property
-    def value_count(self) -> int:
+    def _value_count(self) -> int:
         """How many rows of data the whole expects."""
         return int(self.of.value_count)
 
-    def interpolate(self, values: Floats, feet: ClosestPoints, /) -> Floats:
+    def _interpolate(self, values: Floats, feet: ClosestPoints, /) -> Floats:
         """Return ``values`` (value_count, ...), one row for each of the whole's, interpolated at the feet."""
         read: Floats = self.of.interpolate(values, feet)
         return read
 
-
-class _WithMesh(Trimmed):
-    def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
+    def _mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
         """Return the mesh of the whole, cut along the edge: vertices (v, d), and cells (m, k) of about ``spacing``."""
         coarsest = float(np.ptp(self.bounds, axis=0).max()) / LEAST_CELLS
         vertices, cells = self.of.mesh(min(positive(spacing, "spacing"), coarsest))
         beyond = self.trim(vertices) + self.margin
         return clipped(vertices, cells, beyond, lambda points: self.rim.source.closest_point(points).points)
 
-
-class _WithTranslation(Trimmed):
-    def translated(self, offset: Floats, /) -> Trimmed:
+    def _translated(self, offset: Floats, /) -> Trimmed:
         """Return the part moved by ``offset`` (d,)."""
         shift = as_vector(offset, self.dim, "offset")
         return replace(
@@ -270,19 +217,11 @@ class _WithTranslation(Trimmed):
             samples=self.samples + shift,
         )
 
+    @property
+    def _edge_limit(self) -> int:
+        """What all numbers of edges are below: those of the whole come after the rim's."""
+        return edge_limit_of(self.of) + EDGES
 
-#: What is made of each ability of the whole.
-PASSING = {
-    HasFeet: "where a foot of the whole is cut away the nearest may lie on the edge; other sheets are found by walking",
-    HasMembers: "the part answers as one: where its edge lies depends on the whole",
-    HasLeft: _WithLeft,
-    NamesLeft: _NamingLeft,
-    HasManyEdges: _WithManyEdges,
-    HasWarnings: True,
-    HasFloor: True,
-    HasNormals: _WithNormals,
-    HasTangents: _WithTangents,
-    HasValues: _WithValues,
-    HasMesh: _WithMesh,
-    HasTranslation: _WithTranslation,
-}
+    def _advice(self, spacing: float, /) -> Advice:
+        """Return what the whole has to say at this spacing."""
+        return advice_of(self.of, spacing)

@@ -2,35 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partialmethod
 from typing import Any
 
 import numpy as np
 
 from cpmkit.errors import InputError
-from cpmkit.manifold.abilities import edge_limit_of, feet_of, floor_of, warnings_of, with_abilities
+from cpmkit.manifold.abilities import advice_of, edge_limit_of, local_minima_of, with_abilities
 from cpmkit.manifold.answers import check_source
-from cpmkit.protocols import (
-    Bools,
-    ClosestPoints,
-    ClosestPointSource,
-    Floats,
-    HasFeet,
-    HasFloor,
-    HasLeft,
-    HasManyEdges,
-    HasMembers,
-    HasMesh,
-    HasNormals,
-    HasTangents,
-    HasTranslation,
-    HasValues,
-    HasWarnings,
-    Ints,
-    NamesLeft,
-)
+from cpmkit.protocols import Advice, Bools, ClosestPoints, ClosestPointSource, Floats, HasMembers, Ints
 from cpmkit.runtime.arrays import as_points, as_vector, positive
 
 
@@ -91,11 +73,6 @@ class Union:
         """What is added to the numbers of each member's edges; at last the limit of all."""
         return tuple(np.cumsum([0] + [edge_limit_of(member) for member in self.members]).tolist())
 
-    @property
-    def edge_limit(self) -> int:
-        """What all numbers of edges are below."""
-        return self.first_edges[-1]
-
     def _of_member(self, number: int, feet: ClosestPoints) -> ClosestPoints:
         first, limit = self.first_edges[number : number + 2]
         edge = np.where(feet.edge >= 0, feet.edge + first, -1)
@@ -106,13 +83,66 @@ class Union:
             )
         return ClosestPoints(feet.points, feet.distance, edge, np.full(len(feet), number), doubtful=doubtful_of(feet))
 
-    def warnings(self, spacing: float, /) -> Sequence[str]:
-        """Return what the members have to say at this spacing."""
-        return [sentence for member in self.members for sentence in warnings_of(member, spacing)]
+    def _local_minima(self, x: Floats, radius: float, /) -> tuple[Ints, ClosestPoints]:
+        """Return the rows (k,) of ``x`` (n, d) and the feet of all members within ``radius``, the nearest first.
 
-    def floor(self, spacing: float, /) -> float:
-        """Return the largest of the members' floors."""
-        return max(floor_of(member, spacing) for member in self.members)
+        A member that finds no further feet of its own gives its closest points.
+
+        Raises
+        ------
+        InputError
+            If ``x`` holds NaN or infinity, its shape is not (n, d), or ``radius`` is not a number above zero.
+        """
+        x, radius = as_points(x, self.dim), positive(radius, "radius")
+        found = [local_minima_of(member, x, radius) for member in self.members]
+        rows = np.concatenate([at for at, _ in found])
+        feet = ClosestPoints.join([self._of_member(number, own) for number, (_, own) in enumerate(found)])
+        order = np.lexsort((feet.distance, rows))
+        return rows[order], feet.take(order)
+
+    def _directions(self, name: str, feet: ClosestPoints, /) -> Floats:
+        """Return the unit vectors (n, d) that the members call ``name``, each asked with records of its own.
+
+        A record of the union names the member, not the place on it.
+        """
+        if feet.element is None:
+            raise InputError("feet must be records that this union answered: they lack element.")
+        answers = np.empty_like(feet.points)
+        for number in np.unique(feet.element):
+            rows, member = np.flatnonzero(feet.element == number), self.members[number]
+            own = member.closest_point(np.ascontiguousarray(feet.points[rows]))
+            answers[rows] = getattr(member, name)(own)
+        return answers
+
+    _normals = partialmethod(_directions, "normals")
+    _tangents = partialmethod(_directions, "tangents")
+    _leftward = partialmethod(_directions, "leftward")
+
+    def _mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
+        """Return the members' meshes as one; rows of smaller cells end in -1."""
+        meshes = [member.mesh(spacing) for member in self.members]
+        corners = max(cells.shape[1] for _, cells in meshes)
+        first = np.cumsum([0] + [len(vertices) for vertices, _ in meshes])
+        padded = [
+            np.pad(cells + start, ((0, 0), (0, corners - cells.shape[1])), constant_values=-1)
+            for (_, cells), start in zip(meshes, first, strict=False)
+        ]
+        return np.concatenate([vertices for vertices, _ in meshes]), np.concatenate(padded)
+
+    def _translated(self, offset: Floats, /) -> Union:
+        """Return the union of the members moved by ``offset`` (d,)."""
+        shift = as_vector(offset, self.dim, "offset")
+        return replace(self, members=tuple(member.translated(shift) for member in self.members))
+
+    @property
+    def _edge_limit(self) -> int:
+        """What all numbers of edges are below."""
+        return self.first_edges[-1]
+
+    def _advice(self, spacing: float, /) -> Advice:
+        """Return what all members have to say at this spacing, and the largest of their floors."""
+        told = [advice_of(member, spacing) for member in self.members]
+        return Advice(max(one.floor for one in told), tuple(text for one in told for text in one.warnings))
 
 
 def doubtful_of(feet: ClosestPoints) -> Bools:
@@ -130,93 +160,6 @@ def _where(chosen: Bools, a: ClosestPoints, b: ClosestPoints) -> ClosestPoints:
         np.where(chosen, a.element, b.element),
         doubtful=np.where(chosen, doubtful_of(a), doubtful_of(b)),
     )
-
-
-class _WithFeet(Union):
-    def feet(self, x: Floats, radius: float, /) -> tuple[Ints, ClosestPoints]:
-        """Return the rows (k,) of ``x`` (n, d) and the feet of all members within ``radius``, the nearest first.
-
-        A member that finds no further feet of its own gives its closest points.
-
-        Raises
-        ------
-        InputError
-            If ``x`` holds NaN or infinity, its shape is not (n, d), or ``radius`` is not a number above zero.
-        """
-        x, radius = as_points(x, self.dim), positive(radius, "radius")
-        found = [feet_of(member, x, radius) for member in self.members]
-        rows = np.concatenate([at for at, _ in found])
-        feet = ClosestPoints.join([self._of_member(number, own) for number, (_, own) in enumerate(found)])
-        order = np.lexsort((feet.distance, rows))
-        return rows[order], feet.take(order)
-
-
-class _WithNormals(Union):
-    def normals(self, feet: ClosestPoints, /) -> Floats:
-        """Return the unit normals (n, d) of the members."""
-        return _by_member(self.members, feet, lambda member, own: member.normals(own))
-
-
-class _WithTangents(Union):
-    def tangents(self, feet: ClosestPoints, /) -> Floats:
-        """Return the unit tangents (n, d) of the members."""
-        return _by_member(self.members, feet, lambda member, own: member.tangents(own))
-
-
-class _WithLeft(Union):
-    def leftward(self, feet: ClosestPoints, /) -> Floats:
-        """Return the unit vectors (n, d) to the left of the members."""
-        return _by_member(self.members, feet, lambda member, own: member.leftward(own))
-
-
-class _WithMesh(Union):
-    def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
-        """Return the members' meshes as one; rows of smaller cells end in -1."""
-        meshes = [member.mesh(spacing) for member in self.members]
-        corners = max(cells.shape[1] for _, cells in meshes)
-        first = np.cumsum([0] + [len(vertices) for vertices, _ in meshes])
-        padded = [
-            np.pad(cells + start, ((0, 0), (0, corners - cells.shape[1])), constant_values=-1)
-            for (_, cells), start in zip(meshes, first, strict=False)
-        ]
-        return np.concatenate([vertices for vertices, _ in meshes]), np.concatenate(padded)
-
-
-class _WithTranslation(Union):
-    def translated(self, offset: Floats, /) -> Union:
-        """Return the union of the members moved by ``offset`` (d,)."""
-        shift = as_vector(offset, self.dim, "offset")
-        return replace(self, members=tuple(member.translated(shift) for member in self.members))
-
-
-#: What is made of each ability that all members have. Each has at least its closest point to give as a foot.
-PASSING = {
-    HasFeet: _WithFeet,
-    HasNormals: _WithNormals,
-    HasTangents: _WithTangents,
-    HasLeft: _WithLeft,
-    HasMesh: _WithMesh,
-    HasTranslation: _WithTranslation,
-    HasMembers: True,
-    HasManyEdges: True,
-    HasWarnings: True,
-    HasFloor: True,
-    NamesLeft: "one point cannot be left of all members: the solver asks each for its own",
-    HasValues: "nothing says which member's rows come first; give data as functions of position",
-}
-#: Of members of different dimensions these are left out: the solver asks the members.
-_ALIKE = (HasFeet, HasNormals, HasTangents, HasLeft)
-
-
-def _by_member(members: Sequence[Any], feet: ClosestPoints, ask: Callable[[Any, ClosestPoints], Floats]) -> Floats:
-    """Ask each member with records of its own: a union's name the member, not the place on it."""
-    if feet.element is None:
-        raise InputError("feet must be records that this union answered: they lack element.")
-    answers = np.empty_like(feet.points)
-    for number in np.unique(feet.element):
-        rows = np.flatnonzero(feet.element == number)
-        answers[rows] = ask(members[number], members[number].closest_point(np.ascontiguousarray(feet.points[rows])))
-    return answers
 
 
 def union(*, members: Sequence[ClosestPointSource]) -> Any:
@@ -253,7 +196,4 @@ def union(*, members: Sequence[ClosestPointSource]) -> Any:
     dims = sorted({member.dim for member in flat})
     if len(dims) > 1:
         raise InputError("All members must lie in the same space, got some in the plane and some in space.")
-    mixed = len({member.manifold_dim for member in flat}) > 1
-    base, left_out = (Union, _ALIKE) if mixed else (_WithFeet, (HasFeet,))
-    passing = {ability: how for ability, how in PASSING.items() if ability not in left_out}
-    return with_abilities(base, passing, *flat)(tuple(flat))
+    return with_abilities(Union, "union", *flat)(tuple(flat))

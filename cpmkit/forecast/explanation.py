@@ -17,7 +17,7 @@ from cpmkit.forms.collocation.diagnosis.remainder import Remainder
 from cpmkit.forms.options import Options
 from cpmkit.grid.fitting import check_fits
 from cpmkit.linear.choice import SolverOptions, choose_solver
-from cpmkit.manifold.abilities import floor_of
+from cpmkit.manifold.abilities import advice_of
 from cpmkit.manifold.localized import largest_dim, localize
 from cpmkit.protocols import HasNormals, HasTangents, Progress, nothing
 from cpmkit.runtime import memory
@@ -157,7 +157,7 @@ def _floor(scene: Scene, counts: Counts, spacing: float) -> float:
     """Return the share of the solution's range by which the representation alone may be off."""
     bounds = np.asarray(scene.surface.bounds, dtype=np.float64)
     noise = max(counts.noise, float(np.finfo(np.float64).eps * (bounds[1] - bounds[0]).max()))
-    return max(floor_of(scene.surface, spacing), NOISE_GROWS * noise / spacing)
+    return max(advice_of(scene.surface, spacing).floor, NOISE_GROWS * noise / spacing)
 
 
 def _surface_parts(counts: Counts, degree: int) -> list[Part]:

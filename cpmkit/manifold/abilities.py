@@ -1,87 +1,172 @@
-"""Wrappers that have just the abilities of what they wrap: the core asks for abilities by what methods there are."""
+"""What a source may do beyond answering, and what becomes of it in each wrapper: one table.
+
+The core asks for abilities by what methods there are, so a wrapper has to have just those of what it wraps. It writes
+each ability once, under a private name (``_normals`` for ``normals``); :func:`with_abilities` shows those under their
+public names that the table passes on.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import cache
+from inspect import getattr_static
 from typing import Any, TypeVar
 
 import numpy as np
 
 from cpmkit.protocols import (
+    Advice,
     ClosestPoints,
     ClosestPointSource,
     Floats,
-    HasFeet,
-    HasFloor,
+    HasAdvice,
+    HasLeft,
+    HasLocalMinima,
     HasManyEdges,
-    HasWarnings,
+    HasMembers,
+    HasMesh,
+    HasNormals,
+    HasTangents,
+    HasTranslation,
+    HasValues,
     Ints,
+    NamesLeft,
 )
 
 Base = TypeVar("Base")
-
-
-#: What a combination makes of each optional ability of its sources: the subclass that passes it on, True where the
-#: combination has it in any case, or the reason why it has not. ``TABLE`` in :mod:`cpmkit.combinations.table` has all.
-Passing = Mapping[Any, Any]
+#: Tells from an ability and the sources that are wrapped whether the wrapper has it.
+Rule = Callable[[Any, tuple[Any, ...]], bool]
 
 #: Numbers of edges are below this, unless a source says otherwise.
 EDGES = 1000
 
 
-def with_abilities(base: type[Base], passing: Passing, *sources: object) -> type[Base]:
-    """Return ``base`` extended by what passes on those abilities that all ``sources`` have.
+def always(_ability: Any, _sources: tuple[Any, ...]) -> bool:
+    """Whatever the sources can do."""
+    return True
+
+
+def shared(ability: Any, sources: tuple[Any, ...]) -> bool:
+    """Where all sources have it."""
+    return all(isinstance(source, ability) for source in sources)
+
+
+def of_one_dimension(_ability: Any, sources: tuple[Any, ...]) -> bool:
+    """Where all sources have one dimension: of a mixed union the solver asks the members."""
+    return len({source.manifold_dim for source in sources}) == 1
+
+
+def shared_by_alike(ability: Any, sources: tuple[Any, ...]) -> bool:
+    """Where all sources have it, and one dimension."""
+    return shared(ability, sources) and of_one_dimension(ability, sources)
+
+
+def shared_or_in_plane(ability: Any, sources: tuple[Any, ...]) -> bool:
+    """Where all sources have it, and in the plane in any case."""
+    return sources[0].dim == 2 or shared(ability, sources)
+
+
+@dataclass(frozen=True)
+class Passing:
+    """When each wrapper, by its kind, has an ability; or the reason why it never has."""
+
+    moved: Rule | str
+    union: Rule | str
+    trimmed: Rule | str
+    solid: Rule | str
+
+
+_FILLS = "a solid fills space: it has no direction of its own and is nowhere a boundary"
+#: Every optional ability, and what becomes of it. (A union is taken apart before it is moved: its members are.)
+ABILITIES: Mapping[type, Passing] = {
+    HasNormals: Passing(moved=shared, union=shared_by_alike, trimmed=shared, solid=_FILLS),
+    HasTangents: Passing(moved=shared, union=shared_by_alike, trimmed=shared, solid=_FILLS),
+    HasLeft: Passing(moved=shared, union=shared_by_alike, trimmed=shared, solid=_FILLS),
+    NamesLeft: Passing(
+        moved=shared,
+        union="one point cannot be left of all members: the solver asks each for its own",
+        trimmed=shared,
+        solid=_FILLS,
+    ),
+    HasLocalMinima: Passing(
+        moved=shared,
+        union=of_one_dimension,  # each member has at least its closest point to give
+        trimmed="where a foot of the whole is cut away the nearest may lie on the edge; other sheets are found by "
+        "walking",
+        solid="a point inside is its own and only foot: a solid has no sheets",
+    ),
+    HasValues: Passing(
+        moved=shared,
+        union="nothing says which member's rows come first; give data as functions of position",
+        trimmed=shared,
+        solid="data of the hypersurface say nothing about the points inside",
+    ),
+    HasMesh: Passing(moved=shared, union=shared, trimmed=shared, solid=shared_or_in_plane),
+    HasTranslation: Passing(moved=always, union=shared, trimmed=shared, solid=shared),
+    HasMembers: Passing(
+        moved=shared,
+        union=always,
+        trimmed="the part answers as one: where its edge lies depends on the whole",
+        solid="what several members enclose is one solid, holes and all",
+    ),
+    HasManyEdges: Passing(moved=shared, union=always, trimmed=shared, solid=always),
+    HasAdvice: Passing(moved=always, union=always, trimmed=always, solid=always),
+}
+
+
+def with_abilities(base: type[Base], wrapper: str, *sources: object) -> type[Base]:
+    """Return ``base`` with those abilities that a wrapper of ``sources`` has.
 
     Parameters
     ----------
     base : type
-        The wrapper, without optional abilities.
-    passing : mapping
-        From a protocol of :mod:`cpmkit.protocols`, for example ``HasNormals``, to the subclass of ``base`` that
-        adds its methods and nothing else; to True or to a reason where nothing is to be added.
+        The wrapper's class, with each method and property of the abilities that it passes on under a private name.
+    wrapper : str
+        Its kind, a column of :data:`ABILITIES`.
     *sources
         What is wrapped.
 
     Examples
     --------
-    >>> class Wrapped: ...
-    >>> class WithNormals(Wrapped):
-    ...     def normals(self, feet): ...
-    >>> from cpmkit import protocols, source
-    >>> passing = {protocols.HasNormals: WithNormals, protocols.HasValues: "there are no vertices"}
-    >>> made = with_abilities(Wrapped, passing, source("analytic.sphere"))
-    >>> isinstance(made(), protocols.HasNormals), made is Wrapped
+    >>> import cpmkit as ck
+    >>> from cpmkit.protocols import HasNormals, HasTangents
+    >>> ball = ck.source("moved", of=ck.source("analytic.sphere"), scale=2.0)
+    >>> isinstance(ball, HasNormals), isinstance(ball, HasTangents)
     (True, False)
     """
-    mixins = {ability: mixin for ability, mixin in passing.items() if isinstance(mixin, type)}
-    chosen = tuple(mixin for ability, mixin in mixins.items() if all(isinstance(source, ability) for source in sources))
-    extended: type[Base] = _composed((*chosen, base)) if chosen else base
+    rules = {ability: getattr(passing, wrapper) for ability, passing in ABILITIES.items()}
+    shown = tuple(ability for ability, rule in rules.items() if callable(rule) and rule(ability, sources))
+    whole: Any = base  # mypy takes no class of an unknown type for hashable
+    extended: type[Base] = _showing(whole, shown)
     return extended
 
 
 @cache
-def _composed(bases: tuple[Any, ...]) -> Any:
-    return type(bases[-1].__name__, bases, {"__module__": bases[-1].__module__, "__doc__": bases[-1].__doc__})
+def _showing(base: Any, abilities: tuple[type, ...]) -> Any:
+    names = [name for ability in abilities for name in members_of(ability)]
+    # A field, as the members of a union, has its public name already.
+    members = {name: getattr_static(base, f"_{name}") for name in names if hasattr(base, f"_{name}")}
+    return type(base.__name__, (base,), {"__module__": base.__module__, "__doc__": base.__doc__, **members})
 
 
-def feet_of(source: ClosestPointSource, x: Floats, radius: float) -> tuple[Ints, ClosestPoints]:
+def members_of(ability: type) -> list[str]:
+    """Return the names of the methods and properties that make an ability."""
+    return [name for name in vars(ability) if not name.startswith("_")]
+
+
+def local_minima_of(source: ClosestPointSource, x: Floats, radius: float) -> tuple[Ints, ClosestPoints]:
     """Return the rows (k,) of ``x`` and their feet within ``radius``; closest points where ``source`` has no others."""
-    if isinstance(source, HasFeet):
-        return source.feet(x, radius)
+    if isinstance(source, HasLocalMinima):
+        return source.local_minima(x, radius)
     feet = source.closest_point(x)
     rows = np.flatnonzero(feet.distance <= radius)
     return rows, feet.take(rows)
 
 
-def warnings_of(source: object, spacing: float) -> Sequence[str]:
-    """Return what ``source`` has to say at ``spacing``; nothing where it has no warnings."""
-    return source.warnings(spacing) if isinstance(source, HasWarnings) else ()
-
-
-def floor_of(source: object, spacing: float) -> float:
-    """Return the floor of ``source`` at ``spacing``, 0 where it states none."""
-    return source.floor(spacing) if isinstance(source, HasFloor) else 0.0
+def advice_of(source: object, spacing: float) -> Advice:
+    """Return what ``source`` says of itself at ``spacing``: no warnings and no floor where it says nothing."""
+    return source.advice(spacing) if isinstance(source, HasAdvice) else Advice()
 
 
 def edge_limit_of(source: object) -> int:

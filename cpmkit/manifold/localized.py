@@ -14,8 +14,8 @@ from cpmkit.protocols import (
     ClosestPoints,
     ClosestPointSource,
     Floats,
-    HasFeet,
     HasLeft,
+    HasLocalMinima,
     HasMembers,
     HasNormals,
     HasTangents,
@@ -107,9 +107,9 @@ class Localized:
         return isinstance(self.source, HasTangents)
 
     @property
-    def has_feet(self) -> bool:
+    def has_local_minima(self) -> bool:
         """True if the source, and each member of a union, finds feet on other sheets than the nearest."""
-        return all(isinstance(member.source, HasFeet) for member in self.members)
+        return all(isinstance(member.source, HasLocalMinima) for member in self.members)
 
     @property
     def has_left(self) -> bool:
@@ -129,14 +129,14 @@ class Localized:
         check_answer(answer, x, self.source, self.shift if self.origin is None else self.origin)
         return self._moved(answer, -self.shift)
 
-    def feet(self, x: Floats, radius: float) -> tuple[Ints, ClosestPoints]:
+    def local_minima(self, x: Floats, radius: float) -> tuple[Ints, ClosestPoints]:
         """Return the rows (k,) of ``x`` (n, d), ascending, and their feet within ``radius``, the nearest first.
 
         Counted as one query a row.
         """
-        assert isinstance(self.source, HasFeet)
+        assert isinstance(self.source, HasLocalMinima)
         self.queries["points"] += len(x)
-        rows, feet = self.source.feet(np.ascontiguousarray(x + self.shift), radius)
+        rows, feet = self.source.local_minima(np.ascontiguousarray(x + self.shift), radius)
         check_answer(feet, x[rows], self.source, self.shift if self.origin is None else self.origin)
         return rows, self._moved(feet, -self.shift)
 

@@ -27,10 +27,10 @@ def feet_from(source: Localized, goal: Floats, start: ClosestPoints, spacing: fl
     By the source's own search where it has one, no farther than ``start`` lies, for that is a point of the sheet; by
     walking along the sheet from there where it has none, and in the place of feet that it does not vouch for.
     """
-    if not source.has_feet:
+    if not source.has_local_minima:
         return np.arange(len(goal)), walk(source, goal, start, spacing, give_up=True)
     reach = np.linalg.norm(goal - start.points, axis=1)
-    rows, feet = source.feet(goal, float(reach.max()))
+    rows, feet = source.local_minima(goal, float(reach.max()))
     near = feet.distance <= reach[rows]
     rows, feet = rows[near], feet.take(near)
     return (rows, feet) if feet.doubtful is None else _without_doubt(source, goal, start, spacing, rows, feet)

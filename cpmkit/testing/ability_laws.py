@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from cpmkit.manifold.abilities import ABILITIES
 from cpmkit.protocols import (
-    OPTIONAL_ABILITIES,
     Floats,
-    HasFloor,
+    HasAdvice,
     HasMesh,
     HasNormals,
     HasTangents,
     HasTranslation,
     HasValues,
-    HasWarnings,
     Ints,
 )
 from cpmkit.testing.law import law, require, require_rows, sure
@@ -111,26 +110,18 @@ def check_mesh(about: Subject) -> None:
 
 
 @law
-def check_warnings(about: Subject) -> None:
-    """Each warning is one sentence: a string that ends with its only full stop."""
-    if not isinstance(about.source, HasWarnings):
+def check_advice(about: Subject) -> None:
+    """Each warning is one sentence, a string that ends with its only full stop; the floor is finite, not negative."""
+    if not isinstance(about.source, HasAdvice):
         return
-    for share in (0.5, 0.05):
-        for warning in about.source.warnings(share * about.size):
+    for share in (0.5, 0.05, 0.005):
+        advice = about.source.advice(share * about.size)
+        for warning in advice.warnings:
             require(isinstance(warning, str), f"A warning is {warning!r}, not a string.")
             whole = warning.endswith(".") and warning == warning.strip() and ". " not in warning
             require(whole, f"The warning {warning!r} is not one sentence that ends with a full stop.")
-
-
-@law
-def check_floor(about: Subject) -> None:
-    """The floor of the error is a finite number, not negative."""
-    if not isinstance(about.source, HasFloor):
-        return
-    for share in (0.5, 0.05, 0.005):
-        floor = about.source.floor(share * about.size)
-        require(isinstance(floor, float), f"The floor is {floor!r}, not a float.")
-        require(np.isfinite(floor) and floor >= 0, f"The floor is {floor}.")
+        require(isinstance(advice.floor, float), f"The floor is {advice.floor!r}, not a float.")
+        require(np.isfinite(advice.floor) and advice.floor >= 0, f"The floor is {advice.floor}.")
 
 
 @law
@@ -144,7 +135,7 @@ def check_translation(about: Subject) -> None:
         return
     offset = about.size * np.array([3.0, -50.0, 0.3])[: about.source.dim]
     moved = source.translated(offset)
-    for ability in OPTIONAL_ABILITIES:
+    for ability in ABILITIES:
         same = isinstance(moved, ability) == isinstance(source, ability)
         require(same, f"Only one of the two has {ability.__name__}.")
     apart = np.abs(moved.bounds - (about.source.bounds + offset)).max()
@@ -163,7 +154,7 @@ def check_translation(about: Subject) -> None:
     for_queries(about, hold, within_radius=not about.source.exact)
 
 
-LAWS = (check_normals, check_tangents, check_values, check_mesh, check_warnings, check_floor, check_translation)
+LAWS = (check_normals, check_tangents, check_values, check_mesh, check_advice, check_translation)
 
 
 def _require_corners(cells: Ints, manifold_dim: int | None) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from cpmkit.testing import ability_laws, foot_laws, form_laws, further_feet_laws, left_laws
+from cpmkit.testing import ability_laws, foot_laws, form_laws, left_laws, local_minima_laws
 from cpmkit.testing.cases import ConformanceCase
 
 #: Every law: called with a case, it returns or raises an AssertionError.
@@ -13,7 +13,7 @@ LAWS: tuple[Callable[[ConformanceCase], None], ...] = (
     *form_laws.LAWS,
     *foot_laws.LAWS,
     *ability_laws.LAWS,
-    *further_feet_laws.LAWS,
+    *local_minima_laws.LAWS,
     *left_laws.LAWS,
 )
 

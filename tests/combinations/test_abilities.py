@@ -1,15 +1,15 @@
 """Every combination passes every ability on with right values, or says in the table why it does not."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import pytest
 
 import cpmkit as ck
 from cpmkit import protocols
-from cpmkit.combinations.table import TABLE
-from cpmkit.protocols import OPTIONAL_ABILITIES
+from cpmkit.manifold.abilities import ABILITIES, Passing
 
+KINDS = [field.name for field in fields(Passing)]
 SHIFT, TURN, SCALE = np.array([3.0, -2.0]), 0.7, 2.0
 ROTATION = np.array([[np.cos(TURN), -np.sin(TURN)], [np.sin(TURN), np.cos(TURN)]])
 VALUES = np.array([[1.0, 5.0], [2.0, 3.0]])
@@ -35,7 +35,7 @@ class Able:
     def closest_point(self, x, /):
         return ck.source("analytic.circle", center=self.center, radius=self.radius).closest_point(x)
 
-    def feet(self, x, radius, /):
+    def local_minima(self, x, radius, /):
         feet = self.closest_point(x)
         rows = np.flatnonzero(feet.distance <= radius)
         return rows, feet.take(rows)
@@ -62,11 +62,8 @@ class Able:
     def translated(self, offset, /):
         return replace(self, center=self.center + offset)
 
-    def warnings(self, spacing, /):
-        return [f"The circle was asked at {spacing:g}."]
-
-    def floor(self, spacing, /):
-        return 1e-3 * spacing
+    def advice(self, spacing, /):
+        return protocols.Advice(1e-3 * spacing, (f"The circle was asked at {spacing:g}.",))
 
     @property
     def members(self):
@@ -99,22 +96,22 @@ def made(kind, of=FIRST):
     return ck.source(kind, of=of, **keys), np.asarray, np.asarray, 1.0
 
 
-@pytest.mark.parametrize("kind", TABLE)
-def test_the_table_answers_for_every_ability(kind):
-    assert set(TABLE[kind]) == set(OPTIONAL_ABILITIES)
-    assert all(len(reason) > 20 for reason in TABLE[kind].values() if isinstance(reason, str))
+def test_the_table_answers_for_every_ability():
+    rules = [getattr(passing, kind) for passing in ABILITIES.values() for kind in KINDS]
+    assert all(len(rule) > 20 for rule in rules if isinstance(rule, str))
+    assert all(rule.__doc__ for rule in rules if not isinstance(rule, str))
     named = {name for name in dir(protocols) if name.startswith(("Has", "NamesLeft"))}
-    assert named == {ability.__name__ for ability in OPTIONAL_ABILITIES}
+    assert named == {ability.__name__ for ability in ABILITIES}
 
 
-@pytest.mark.parametrize("ability", OPTIONAL_ABILITIES, ids=lambda ability: ability.__name__)
-@pytest.mark.parametrize("kind", TABLE)
+@pytest.mark.parametrize("ability", ABILITIES, ids=lambda ability: ability.__name__)
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_combination_has_an_ability_or_says_why_not(kind, ability):
     of = Pair(np.zeros(2)) if ability is protocols.HasMembers and kind == "moved" else FIRST
-    assert isinstance(made(kind, of)[0], ability) == (not isinstance(TABLE[kind][ability], str))
+    assert isinstance(made(kind, of)[0], ability) == (not isinstance(getattr(ABILITIES[ability], kind), str))
 
 
-@pytest.mark.parametrize("kind", [kind for kind in TABLE if kind != "solid"])
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "solid"])
 @pytest.mark.parametrize("name", ["normals", "tangents", "leftward", "interpolate"])
 def test_directions_and_values_are_those_of_the_source(kind, name):
     source, turned, placed, _ = made(kind)
@@ -138,31 +135,43 @@ def test_the_point_on_the_left_is_moved_and_is_dropped_with_what_it_is_left_of()
     assert ck.source("trimmed", of=FIRST, trim="-y").left_of is None
 
 
-@pytest.mark.parametrize("kind", TABLE)
+@pytest.mark.parametrize("kind", KINDS)
 def test_meshes_and_translations_are_those_of_the_source(kind):
     source, _, placed, _ = made(kind)
     offset = np.array([0.5, 7.0])
     there = source.translated(offset)
     x = placed(QUERIES)
     assert there.closest_point(x + offset).points == pytest.approx(source.closest_point(x).points + offset)
-    assert all(isinstance(there, one) == isinstance(source, one) for one in OPTIONAL_ABILITIES)
+    assert all(isinstance(there, one) == isinstance(source, one) for one in ABILITIES)
     assert source.closest_point(source.mesh(0.1)[0]).distance.max() < 1e-9
 
 
-@pytest.mark.parametrize("kind", TABLE)
+@pytest.mark.parametrize("kind", KINDS)
 def test_warnings_and_floors_are_asked_at_the_spacing_of_the_source(kind):
     source, _, _, scale = made(kind)
-    assert source.floor(0.1) == pytest.approx(1e-4 / scale)
-    assert source.warnings(0.1)[-1] == f"The circle was asked at {0.1 / scale:g}."
+    advice = source.advice(0.1)
+    assert advice.floor == pytest.approx(1e-4 / scale)
+    assert advice.warnings[-1] == f"The circle was asked at {0.1 / scale:g}."
 
 
 @pytest.mark.parametrize("kind", ["moved", "union"])
 def test_further_feet_are_found_within_the_radius(kind):
     source, _, placed, scale = made(kind)
-    rows, feet = source.feet(placed(QUERIES), 0.3 * scale)
-    own_rows, own = FIRST.feet(QUERIES, 0.3)
+    rows, feet = source.local_minima(placed(QUERIES), 0.3 * scale)
+    own_rows, own = FIRST.local_minima(QUERIES, 0.3)
     assert rows.tolist() == own_rows.tolist()
     assert feet.points == pytest.approx(placed(own.points))
+
+
+def test_a_wrapper_has_no_more_than_its_sources_and_a_mixed_union_leaves_directions_to_its_members():
+    point = ck.source("analytic.point", at=[9.0, 9.0])
+    for kind in KINDS[:3]:
+        has = {ability for ability in ABILITIES if isinstance(made(kind, ck.source("analytic.circle"))[0], ability)}
+        assert not has & {protocols.HasLeft, protocols.NamesLeft, protocols.HasValues}
+        assert {protocols.HasNormals, protocols.HasMesh, protocols.HasTranslation} <= has
+    mixed, alike = (ck.source("union", members=[FIRST, one]) for one in (point, SECOND))
+    lost = {ability for ability in ABILITIES if isinstance(alike, ability) > isinstance(mixed, ability)}
+    assert lost == {protocols.HasNormals, protocols.HasTangents, protocols.HasLeft, protocols.HasLocalMinima}
 
 
 def test_members_move():

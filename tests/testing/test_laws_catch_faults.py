@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from cpmkit import plugins
-from cpmkit.protocols import ClosestPoints
-from cpmkit.runtime.arrays import as_points, positive
+from cpmkit.plugin import Advice, ClosestPoints, as_points, positive
 from cpmkit.testing import LAWS, ConformanceCase, installed_cases, kinds_without_case, parametrize_with_laws, run_laws
 
 
@@ -44,7 +43,7 @@ class Circle:
         points = self.nearest(x)
         return ClosestPoints(points, np.linalg.norm(x - points, axis=1), np.full(len(x), -1))
 
-    def feet(self, x: np.ndarray, radius: float) -> tuple[np.ndarray, ClosestPoints]:
+    def local_minima(self, x: np.ndarray, radius: float) -> tuple[np.ndarray, ClosestPoints]:
         found = self.closest_point(x)
         rows = np.flatnonzero(found.distance <= positive(radius, "radius"))
         return rows, found.take(rows)
@@ -63,11 +62,8 @@ class Circle:
         start = np.arange(count)
         return self.center + on_circle(2 * np.pi * start / count), np.stack([start, (start + 1) % count], axis=1)
 
-    def warnings(self, spacing: float) -> list[str]:
-        return [] if spacing < 1.0 else [f"At the spacing {spacing:.1f} a circle is a polygon."]
-
-    def floor(self, spacing: float) -> float:
-        return 1e-16
+    def advice(self, spacing: float) -> Advice:
+        return Advice(1e-16, () if spacing < 1.0 else (f"At the spacing {spacing:.1f} a circle is a polygon.",))
 
     def translated(self, offset: np.ndarray) -> Circle:
         return replace(self, center=self.center + offset)
@@ -232,8 +228,8 @@ class PaddedMesh(Circle):
 class WithSecondFeet(Circle):
     """Adds, for queries near the middle, another foot to each: of these ``second`` are the points."""
 
-    def feet(self, x, radius):
-        rows, found = super().feet(x, radius)
+    def local_minima(self, x, radius):
+        rows, found = super().local_minima(x, radius)
         more = np.flatnonzero(np.isin(np.arange(len(x)), rows) & (np.hypot(*(x - self.center).T) < 0.5))
         points = self.second(x[more])
         further = ClosestPoints(points, np.linalg.norm(x[more] - points, axis=1), np.full(len(more), -1))
@@ -266,45 +262,45 @@ class FeetOffTheCurve(WithSecondFeet):
 
 
 class AllFeetHaveRowZero(Circle):
-    def feet(self, x, radius):
-        rows, found = super().feet(x, radius)
+    def local_minima(self, x, radius):
+        rows, found = super().local_minima(x, radius)
         return 0 * rows, found
 
 
 class FeetOfAnyRadius(Circle):
-    def feet(self, x, radius):
-        return super().feet(x, 1e3 * radius)
+    def local_minima(self, x, radius):
+        return super().local_minima(x, 1e3 * radius)
 
 
 class FeetOfNothing(Circle):
-    def feet(self, x, radius):
-        rows, found = super().feet(x, abs(radius) + 1e-9 if radius == radius else 1.0)
+    def local_minima(self, x, radius):
+        rows, found = super().local_minima(x, abs(radius) + 1e-9 if radius == radius else 1.0)
         return rows, found
 
 
 class WarnsOfNothing(Circle):
-    def warnings(self, spacing):
-        return [None]
+    def advice(self, spacing):
+        return Advice(warnings=(None,))
 
 
 class WarnsInTwoSentences(Circle):
-    def warnings(self, spacing):
-        return ["It is coarse. Take a smaller spacing."]
+    def advice(self, spacing):
+        return Advice(warnings=("It is coarse. Take a smaller spacing.",))
 
 
 class WarnsWithoutEnd(Circle):
-    def warnings(self, spacing):
-        return ["It is coarse"]
+    def advice(self, spacing):
+        return Advice(warnings=("It is coarse",))
 
 
 class FloorBelowZero(Circle):
-    def floor(self, spacing):
-        return -1e-3
+    def advice(self, spacing):
+        return Advice(-1e-3)
 
 
 class FloorOfNothing(Circle):
-    def floor(self, spacing):
-        return float("nan") if spacing < 0.1 else 0.1
+    def advice(self, spacing):
+        return Advice(float("nan") if spacing < 0.1 else 0.1)
 
 
 class TranslatedTheOtherWay(Circle):
@@ -368,9 +364,8 @@ FAULTS = {
     "tangents": [LongTangents, TangentsAcrossTheCurve],
     "values": [ZeroData],
     "mesh": [MeshOffTheCurve, MeshWithoutWrap, MeshOfTriangles, PaddedMesh],
-    "warnings": [WarnsOfNothing, WarnsInTwoSentences, WarnsWithoutEnd],
-    "floor": [FloorBelowZero, FloorOfNothing],
-    "feet": [FeetOffTheCurve, AllFeetHaveRowZero, FeetOfAnyRadius],
+    "advice": [WarnsOfNothing, WarnsInTwoSentences, WarnsWithoutEnd, FloorBelowZero, FloorOfNothing],
+    "local_minima": [FeetOffTheCurve, AllFeetHaveRowZero, FeetOfAnyRadius],
     "sheets": [FeetTwice, FarthestFeetToo, FeetBeside],
     "bad_radius": [FeetOfNothing],
     "translation": [TranslatedTheOtherWay, TranslationLosesAbilities],

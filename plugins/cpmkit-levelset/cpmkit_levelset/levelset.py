@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cpmkit.plugin import Bools, ClosestPoints, Floats, InputError, Ints, as_points, as_vector, norms, positive
+from cpmkit.plugin import Advice, Bools, ClosestPoints, Floats, InputError, Ints, as_points, as_vector, norms, positive
 from cpmkit_levelset.fields import Field
 from cpmkit_levelset.manifold import ZeroSet, unit_or_nan
 from cpmkit_levelset.marching import marching_simplices
@@ -113,9 +113,9 @@ class LevelSet:
         feet = self.closest_point(vertices + self.shift)
         return feet.points, self._oriented(feet, cells)
 
-    def floor(self, _spacing: float, /) -> float:
-        """Return the error that the field's own leaves in a solution at any spacing, as a share of its range."""
-        return FLOOR * self.slope_error
+    def advice(self, _spacing: float, /) -> Advice:
+        """Return the error that the field's own leaves in a solution at any spacing."""
+        return Advice(FLOOR * self.slope_error)
 
     def translated(self, offset: Floats, /) -> LevelSet:
         """Return the same level set moved by ``offset`` (d,)."""

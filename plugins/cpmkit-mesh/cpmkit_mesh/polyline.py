@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.plugin import (
+    Advice,
     ClosestPoints,
     Floats,
     InputError,
@@ -109,13 +110,13 @@ class Polyline:
         t = t.reshape(-1, *(1,) * (values.ndim - 1))
         return (1.0 - t) * values[ends[:, 0]] + t * values[ends[:, 1]]
 
-    def floor(self, _spacing: float, /) -> float:
-        """Return the error that the corners leave in a solution on the polyline, as a share of its range."""
+    def advice(self, _spacing: float, /) -> Advice:
+        """Return the error that the corners leave in a solution on the polyline."""
         start, end = self.segments.T
         along = np.concatenate([self._directions, self._directions])
         cosine = np.einsum("nd,nd->n", along, self._bisectors[np.concatenate([start, end])])
         turn = 2.0 * np.arccos(np.clip(cosine, -1.0, 1.0))
-        return min(1.0, CORNERS * float(np.sqrt(np.mean(turn**2))))
+        return Advice(min(1.0, CORNERS * float(np.sqrt(np.mean(turn**2)))))
 
     def mesh(self, _spacing: float, /) -> tuple[Floats, Ints]:
         """Return the polyline's own vertices (k, d) and segments (m, 2), whatever the spacing."""

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from cpmkit.plugin import (
+    Advice,
     Bools,
     ClosestPoints,
     Floats,
@@ -108,7 +109,7 @@ class TriangleMesh:
         found = self._search(x)
         return self._records(found, self._made_smooth(x, found))
 
-    def feet(self, x: Floats, radius: float, /) -> tuple[Ints, ClosestPoints]:
+    def local_minima(self, x: Floats, radius: float, /) -> tuple[Ints, ClosestPoints]:
         """Return all feet of ``x`` (n, 3) within ``radius``: the rows (k,) of ``x``, and the feet, nearest first.
 
         They are the local minima of the distance to the triangles, as many as there are sheets: on the hollow side of
@@ -143,13 +144,10 @@ class TriangleMesh:
         offset = as_vector(offset, 3, "offset")
         return replace(self, vertices=self.vertices + offset, shift=self.shift + offset)
 
-    def warnings(self, spacing: float, /) -> tuple[str, ...]:
-        """Return a sentence for each thing that was changed in the mesh, or may spoil a solution on it."""
-        return warnings_of(self, spacing)
-
-    def floor(self, _spacing: float, /) -> float:
-        """Return the error that the mesh leaves in a solution at any spacing, as a share of its range."""
-        return floor_of(turning_angle(self.vertices, self.faces, self.normals_at_corners), self.smooth)
+    def advice(self, spacing: float, /) -> Advice:
+        """Return what was changed in the mesh, or may spoil a solution on it, and the error that it leaves in any."""
+        angle = turning_angle(self.vertices, self.faces, self.normals_at_corners)
+        return Advice(floor_of(angle, self.smooth), warnings_of(self, spacing))
 
     @cached_property
     def folds(self) -> Folds:

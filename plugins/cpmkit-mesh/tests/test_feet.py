@@ -9,7 +9,7 @@ from cpmkit_mesh.tree import build_tree, nearest_in
 
 import cpmkit as ck
 from cpmkit.manifold.localized import localize
-from cpmkit.protocols import HasFeet
+from cpmkit.protocols import HasLocalMinima
 from cpmkit.testing import ConformanceCase, run_laws
 
 
@@ -83,7 +83,7 @@ def test_feet_are_the_minima_that_a_search_of_all_triangles_finds(sphere, cap):
     rng = np.random.default_rng(1)
     for mesh in map(faceted, meshes(rng, sphere, cap)):
         x = rng.uniform(*(mesh.bounds + [[-0.3], [0.3]]), (25, 3))
-        rows, feet = mesh.feet(x, 0.8)
+        rows, feet = mesh.local_minima(x, 0.8)
         for row in range(len(x)):
             points, distance = all_minima(mesh, x[row], 0.8)
             own = rows == row
@@ -96,7 +96,7 @@ def test_a_thin_box_has_a_foot_on_each_side():
     """Between its plates two, and near a side wall three; on top one and, through the plate, a second."""
     mesh = faceted(box([0, 0, 0], [1, 1, 0.1], 4))
     x = np.array([[0.45, 0.52, 0.03], [0.05, 0.52, 0.03], [0.45, 0.52, 0.2], [0.45, 0.52, 0.6]])
-    rows, feet = mesh.feet(x, 0.35)
+    rows, feet = mesh.local_minima(x, 0.35)
     np.testing.assert_array_equal(rows, [0, 0, 1, 1, 1, 2, 2])
     np.testing.assert_allclose(feet.distance, [0.03, 0.07, 0.03, 0.05, 0.07, 0.1, 0.2], atol=1e-15)
     np.testing.assert_allclose(feet.points[3], [0, 0.52, 0.03], atol=1e-15)
@@ -107,7 +107,7 @@ def test_a_folded_plate_has_two_feet_inside_the_fold_and_one_outside(closest):
     points, faces = wedge(0.6, 8)
     mesh = triangles(vertices=points, faces=faces, closest=closest)
     inside, outside = [0.5, 0.02, 0.62], [0.5, 0.0, -0.1]
-    rows, feet = mesh.feet(np.array([inside, outside]), 0.5)
+    rows, feet = mesh.local_minima(np.array([inside, outside]), 0.5)
     np.testing.assert_array_equal(rows, [0, 0, 1])
     np.testing.assert_array_less(feet.points[1, 1] * feet.points[0, 1], 0)
     np.testing.assert_allclose(feet.points[2], [0.5, 0, 0], atol=1e-12)
@@ -120,7 +120,7 @@ def test_a_smooth_mesh_finds_both_of_two_spheres(sphere):
     rng = np.random.default_rng(2)
     direction = rng.normal(size=(500, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    rows, feet = mesh.feet(rng.uniform(0.97, 1.13, (500, 1)) * direction, 0.2)
+    rows, feet = mesh.local_minima(rng.uniform(0.97, 1.13, (500, 1)) * direction, 0.2)
     np.testing.assert_array_equal(rows, np.repeat(np.arange(500), 2))
     radius = np.sort(np.linalg.norm(feet.points, axis=1).reshape(-1, 2), axis=1)
     np.testing.assert_allclose(radius, [[1, 1.1]] * 500, atol=5e-3)
@@ -134,7 +134,7 @@ def test_the_first_foot_is_the_closest_point_to_the_last_digit(troublesome):
     for closest in ("faceted", "smooth"):
         mesh = triangles(vertices=points, faces=faces, closest=closest)
         x = np.random.default_rng(3).uniform(*mesh.bounds, (2000, 3))
-        nearest, (rows, feet) = mesh.closest_point(x), mesh.feet(x, 60.0)
+        nearest, (rows, feet) = mesh.closest_point(x), mesh.local_minima(x, 60.0)
         near = np.flatnonzero(nearest.distance <= 60)
         first = np.searchsorted(rows, near)
         np.testing.assert_array_equal(np.unique(rows), near)
@@ -149,7 +149,7 @@ def test_answers_do_not_depend_on_the_number_of_threads(monkeypatch, sphere):
     answers = []
     for threads in ("1", "3"):
         monkeypatch.setenv("CPMKIT_THREADS", threads)
-        answers.append(mesh.feet(x, 0.4))
+        answers.append(mesh.local_minima(x, 0.4))
     (rows, feet), (others, there) = answers
     np.testing.assert_array_equal(rows, others)
     np.testing.assert_array_equal(feet.points, there.points)
@@ -179,7 +179,7 @@ def test_thin_parts_of_a_fish_have_a_foot_on_each_side(real_mesh):
     nearest = mesh.closest_point(below)
     thin = np.einsum("nk,nk->n", mesh.normals(nearest), normals) < -0.9
     assert thin.sum() > 300
-    rows, found = mesh.feet(below[thin], 0.031 * size)
+    rows, found = mesh.local_minima(below[thin], 0.031 * size)
     own = np.linalg.norm(found.points - middle[thin][rows], axis=1) < 0.004 * size
     assert len(np.unique(rows[own])) > 0.9 * thin.sum()
 
@@ -190,18 +190,18 @@ def test_feet_pass_through_motions_and_unions_and_are_asked_from_the_lattice(sph
     turned = ck.source("moved", of=ball, rotation=[0.3, -1.1, 0.7], translation=[4.0, -2.0, 7.0], scale=3.0)
     both = ck.source("union", members=[ball, ck.source("analytic.sphere", radius=1.2)])
     for kind, make in (("moved", lambda: turned), ("union", lambda: both)):
-        assert isinstance(make(), HasFeet)
+        assert isinstance(make(), HasLocalMinima)
         run_laws(ConformanceCase(kind, "with a mesh", make, None, 0.15, 0.3))
-    rows, feet = both.feet([[1.1, 0, 0], [0, 0.9, 0]], 0.2)
+    rows, feet = both.local_minima([[1.1, 0, 0], [0, 0.9, 0]], 0.2)
     assert rows.tolist() == [0, 0, 1]
     assert sorted(feet.element[:2]) == [0, 1]
     mixed = ck.source("union", members=[ball, ck.source("analytic.segment", start=[1.0, 0, 0], end=[3.0, 0, 0])])
-    assert not isinstance(mixed, HasFeet)
-    assert localize(ball, np.zeros(3)).has_feet
-    assert not localize(both, np.zeros(3)).has_feet
+    assert not isinstance(mixed, HasLocalMinima)
+    assert localize(ball, np.zeros(3)).has_local_minima
+    assert not localize(both, np.zeros(3)).has_local_minima
     origin = np.array([0.5, -3.0, 0.25])
     local = localize(both, origin)
-    there = local.feet(np.array([[1.1, 0, 0]]) - origin, 0.2)[1]
+    there = local.local_minima(np.array([[1.1, 0, 0]]) - origin, 0.2)[1]
     np.testing.assert_allclose(there.points + origin, feet.points[:2], atol=1e-14)
     assert local.queries["points"] == 1
 
@@ -209,4 +209,4 @@ def test_feet_pass_through_motions_and_unions_and_are_asked_from_the_lattice(sph
 def test_every_case_of_a_mesh_has_the_ability():
     made = [case.make() for case in cases() if case.kind == "mesh.triangles"]
     assert len(made) == 6
-    assert all(isinstance(mesh, HasFeet) for mesh in made)
+    assert all(isinstance(mesh, HasLocalMinima) for mesh in made)

@@ -33,7 +33,7 @@ def test_every_hole_of_the_aeroplane_is_a_loop(real_mesh):
 
 def test_the_aeroplane_has_creases_and_says_so(real_mesh):
     mesh = triangles(file=real_mesh("plane_holes.obj"))
-    (sentence,) = mesh.warnings(0.15)
+    (sentence,) = mesh.advice(0.15).warnings
     assert "edges of the mesh turn by more than 40 degrees, the sharpest by 132 near" in sentence
     creases = feature_edges(surface=mesh)
     assert len(creases.segments) == int((mesh.folds.angle > np.deg2rad(40)).sum())
@@ -41,8 +41,8 @@ def test_the_aeroplane_has_creases_and_says_so(real_mesh):
 
 
 def test_meshes_of_smooth_things_are_not_reported(real_mesh):
-    assert triangles(file=real_mesh("spot.obj")).warnings(0.05) == ()
-    assert triangles(file=real_mesh("mountain.obj")).warnings(0.6) == ()
+    assert triangles(file=real_mesh("spot.obj")).advice(0.05).warnings == ()
+    assert triangles(file=real_mesh("mountain.obj")).advice(0.6).warnings == ()
 
 
 def test_a_ring_on_the_mountain_parts_its_summit_from_its_rim(real_mesh):

@@ -25,7 +25,7 @@ def soup(points, faces, noise):
 
 
 def told(mesh, spacing=0.1):
-    return " ".join(mesh.warnings(spacing))
+    return " ".join(mesh.advice(spacing).warnings)
 
 
 def assert_same_surface(mesh, other, tolerance=1e-12):
@@ -115,7 +115,7 @@ def test_what_was_left_out_is_told(sphere):
     points, faces = sphere(1)
     cells = np.concatenate([faces, faces[:2, ::-1], [[0, 0, 1]]])
     mesh = triangles(vertices=np.concatenate([points, [[np.nan, 0, 0], [np.inf, 1, 1]]]), faces=cells)
-    unused, left_out = mesh.warnings(0.1)[:2]
+    unused, left_out = mesh.advice(0.1).warnings[:2]
     assert unused.startswith(f"2 vertices of the mesh hold NaN or infinity, the first is number {len(points)};")
     assert left_out.startswith("3 of 35 triangles of the mesh name a place twice or repeat an earlier triangle")
 

@@ -8,7 +8,7 @@ from cpmkit_mesh import triangles
 
 import cpmkit as ck
 from cpmkit.errors import InputError
-from cpmkit.protocols import HasFloor, HasWarnings
+from cpmkit.plugin import HasAdvice
 
 
 def ridge(degrees, edge, half=1.0):
@@ -35,7 +35,7 @@ def tee(per_side=4):
 
 
 def warned(mesh, spacing, **keys):
-    return triangles(vertices=mesh[0], faces=mesh[1], **keys).warnings(spacing)
+    return triangles(vertices=mesh[0], faces=mesh[1], **keys).advice(spacing).warnings
 
 
 def test_a_coarse_but_smooth_mesh_is_not_reported(sphere):
@@ -106,7 +106,7 @@ def test_triangles_given_twice_count_once(sphere):
     points, faces = sphere(2)
     once = triangles(vertices=points, faces=faces)
     twice = triangles(vertices=points, faces=np.concatenate([faces, faces[:, ::-1]]))
-    assert [text.split(" of ")[0] for text in twice.warnings(0.1)] == [str(len(faces))]
+    assert [text.split(" of ")[0] for text in twice.advice(0.1).warnings] == [str(len(faces))]
     x = np.random.default_rng(1).normal(size=(500, 3))
     np.testing.assert_array_equal(twice.closest_point(x).points, once.closest_point(x).points)
     np.testing.assert_array_equal(twice.closest_point(x).element, once.closest_point(x).element)
@@ -119,24 +119,23 @@ def test_the_floor_is_predicted_to_a_factor_of_three(sphere, level, closest):
     scene = ck.Scene(mesh, ck.ScreenedPoisson(lambda x: 3 * x[:, 2] / np.linalg.norm(x, axis=1), c=1.0))
     points = sphere(4)[0]
     share = np.abs(ck.solve(scene, 0.05).evaluate(points) - points[:, 2]).max() / 2.0
-    assert share / 3 < mesh.floor(0.05) < 3 * share
+    assert share / 3 < mesh.advice(0.05).floor < 3 * share
 
 
 def test_the_floor_falls_with_the_edges_and_does_not_depend_on_units_or_spacing(sphere):
     floors = {
-        closest: [triangles(vertices=p, faces=f, closest=closest).floor(0.1) for p, f in map(sphere, (2, 3, 4))]
+        closest: [triangles(vertices=p, faces=f, closest=closest).advice(0.1).floor for p, f in map(sphere, (2, 3, 4))]
         for closest in ("smooth", "faceted")
     }
     assert np.allclose(np.log2(np.divide(floors["smooth"][:-1], floors["smooth"][1:])), 2, atol=0.1)
     assert np.allclose(np.log2(np.divide(floors["faceted"][:-1], floors["faceted"][1:])), 1, atol=0.1)
     points, faces = sphere(3)
-    assert triangles(vertices=1e-6 * points, faces=faces).floor(1e-7) == pytest.approx(floors["smooth"][1])
+    assert triangles(vertices=1e-6 * points, faces=faces).advice(1e-7).floor == pytest.approx(floors["smooth"][1])
     flat = ridge(0, 0.1)
-    assert triangles(vertices=flat[0], faces=flat[1]).floor(0.1) == pytest.approx(0, abs=1e-12)
+    assert triangles(vertices=flat[0], faces=flat[1]).advice(0.1).floor == pytest.approx(0, abs=1e-12)
 
 
 def test_every_mesh_says_so(sphere):
     for mesh in (sphere(1), tee()):
         source = triangles(vertices=mesh[0], faces=mesh[1])
-        assert isinstance(source, HasWarnings)
-        assert isinstance(source, HasFloor)
+        assert isinstance(source, HasAdvice)

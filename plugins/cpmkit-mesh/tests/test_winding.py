@@ -46,7 +46,7 @@ def test_what_most_faces_call_left_is_left(sphere, share):
 def test_one_reversed_face_changes_nothing_but_the_warning(sphere):
     points, faces = sphere(2)
     even, odd = (triangles(vertices=points, faces=cells) for cells in (faces, some_reversed(faces, 0)))
-    assert even.warnings(0.1) == ()
+    assert even.advice(0.1).warnings == ()
     assert isinstance(odd, HasNormals)
     x = np.random.default_rng(1).normal(size=(300, 3))
     one, other = even.closest_point(x), odd.closest_point(x)
@@ -71,7 +71,7 @@ def test_each_piece_has_its_own_majority(sphere):
     outward[5], inward[7] = outward[5, ::-1], inward[7, ::-1]
     both = np.concatenate([points, points + [4, 0, 0]])
     mesh = triangles(vertices=both, faces=np.concatenate([outward, inward + len(points)]))
-    assert "2 of 256 triangles" in mesh.warnings(0.1)[0]
+    assert "2 of 256 triangles" in mesh.advice(0.1).warnings[0]
     normals = mesh.normals(mesh.closest_point(np.array([[1.0, 0, 0], [5, 0, 0]])))
     np.testing.assert_allclose(normals, [[1, 0, 0], [-1, 0, 0]], atol=1e-2)
 
@@ -81,8 +81,11 @@ def test_a_strip_with_one_side_stays_as_it_is(sphere):
     mesh = triangles(vertices=points, faces=faces)
     assert not isinstance(mesh, HasNormals)
     np.testing.assert_array_equal(mesh.given_faces, faces)
-    assert [text for text in mesh.warnings(0.1) if "one side only, as a Moebius strip" in text]
+    assert [text for text in mesh.advice(0.1).warnings if "one side only, as a Moebius strip" in text]
     ball, cells = sphere(1)
     cells = some_reversed(cells, 0)
     both = triangles(vertices=np.concatenate([points, ball + 9]), faces=np.concatenate([faces, cells + len(points)]))
-    assert [text.split(" ")[0] for text in both.warnings(0.1)][:2] == ["1", "A"]  # the ball is mended all the same
+    assert [text.split(" ")[0] for text in both.advice(0.1).warnings][:2] == [
+        "1",
+        "A",
+    ]  # the ball is mended all the same

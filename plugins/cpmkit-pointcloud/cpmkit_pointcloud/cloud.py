@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.plugin import ClosestPoints, Floats, InputError, Ints, as_points, as_vector, one_row_each, positive
+from cpmkit.plugin import Advice, ClosestPoints, Floats, InputError, Ints, as_points, as_vector, one_row_each, positive
 from cpmkit_pointcloud.blend import Blend, project, surface_normals
 from cpmkit_pointcloud.floor import fitted_floor, slope_error
 from cpmkit_pointcloud.patches import curvatures
@@ -133,9 +133,12 @@ class PointCloud:
         index, weights = weights_at(feet.points, self.points, self._tree, tangents)
         return np.einsum("nk,nk...->n...", weights, values[self.given[index]])
 
-    def warnings(self, spacing: float, /) -> list[str]:
-        """Return a sentence for each sort of sample that may spoil a solution, whatever its spacing."""
-        del spacing
+    def advice(self, spacing: float, /) -> Advice:
+        """Return the error that the samples' distances and noise leave, and the sorts of them that may spoil more."""
+        slope, width = self._slope
+        return Advice(fitted_floor(slope, width, positive(spacing, "spacing"), self.dim), tuple(self._warnings()))
+
+    def _warnings(self) -> list[str]:
         count, degree, found = len(self.points), self.surface.patches.degree, []
         if self.duplicates > REPEATED * self.value_count:
             found.append(
@@ -160,11 +163,6 @@ class PointCloud:
                 "closed = false; if not, samples lack there."
             )
         return found
-
-    def floor(self, spacing: float, /) -> float:
-        """Return the error that the samples' distances and noise leave in a solution, as a share of its range."""
-        slope, width = self._slope
-        return fitted_floor(slope, width, positive(spacing, "spacing"), self.dim)
 
     @cached_property
     def open_samples(self) -> tuple[int, int]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.plugin import ClosestPoints, Floats, InputError, Ints, as_points, as_vector, one_row_each, positive
+from cpmkit.plugin import Advice, ClosestPoints, Floats, InputError, Ints, as_points, as_vector, one_row_each, positive
 from cpmkit_pointcloud.floor import plain_floor
 from cpmkit_pointcloud.samples import as_cells, ask, thinned, tree_of
 
@@ -68,9 +68,9 @@ class NearestSamples:
             raise InputError("feet must be records that this cloud answered: they lack element.")
         return one_row_each(values, self.value_count, "points")[feet.element]
 
-    def floor(self, spacing: float, /) -> float:
-        """Return the error that the distances between samples leave in a solution, as a share of its range."""
-        return plain_floor(self.points, self._tree, positive(spacing, "spacing"))
+    def advice(self, spacing: float, /) -> Advice:
+        """Return the error that the distances between samples leave in a solution."""
+        return Advice(plain_floor(self.points, self._tree, positive(spacing, "spacing")))
 
     def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
         """Return the samples (v, d), thinned to about half of ``spacing``, as cells (v, 1)."""

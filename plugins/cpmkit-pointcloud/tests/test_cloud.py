@@ -134,13 +134,13 @@ def test_an_open_curve_ends_near_its_last_samples():
 
 
 def test_what_may_spoil_a_solution_is_said_in_sentences():
-    assert points(points=BALL).warnings(0.1) == []
+    assert points(points=BALL).advice(0.1).warnings == ()
     sheets = np.concatenate([BALL, 0.9 * BALL, BALL[:100]])
-    repeated, thick = points(points=sheets).warnings(0.1)
+    repeated, thick = points(points=sheets).advice(0.1).warnings
     assert "100 of 4100 points of the cloud lie where an earlier one lies" in repeated
     assert "The neighbours of 4000 of 4000 samples of the cloud lie on no smooth surface" in thick
     t = np.linspace(0.0, 1.0, 200)[:, None]
-    (lowered,) = points(points=np.concatenate([t * [1, 0, 0], BALL + [5.0, 0, 0]]), closed=False).warnings(0.1)
+    (lowered,) = points(points=np.concatenate([t * [1, 0, 0], BALL + [5.0, 0, 0]]), closed=False).advice(0.1).warnings
     assert "samples of the cloud the neighbours determine no patch of degree 2" in lowered
 
 
@@ -203,4 +203,4 @@ def test_the_uneven_vertices_of_a_real_mesh_are_searched_to_an_end(real_mesh):
     queries = np.ascontiguousarray(vertices[::50] + 0.1)
     feet = cloud.closest_point(queries)
     assert (feet.distance <= 0.1 * np.sqrt(3) + 1e-9).all()
-    assert any("the surface ends" in sentence for sentence in cloud.warnings(0.1))
+    assert any("the surface ends" in sentence for sentence in cloud.advice(0.1).warnings)

@@ -42,7 +42,7 @@ def left_by(cloud, spacing):
 )
 def test_the_floor_of_random_samples(count, noise, options, spacing):
     cloud = points(points=random_sphere(count, noise), **options)
-    assert 1 / 3 < cloud.floor(spacing) / left_by(cloud, spacing) < 3
+    assert 1 / 3 < cloud.advice(spacing).floor / left_by(cloud, spacing) < 3
 
 
 def test_it_holds_for_conditions_on_a_curve_too():
@@ -50,20 +50,20 @@ def test_it_holds_for_conditions_on_a_curve_too():
     cloud = points(points=random_sphere(10000, 1e-3))
     noisy = ck.Scene(cloud, scene.problem, scene.boundaries)
     wrong = np.abs(ck.solve(noisy, 0.1).evaluate(where) - ck.solve(scene, 0.1).evaluate(where)).max() / np.ptp(exact)
-    assert 1 / 3 < cloud.floor(0.1) / wrong < 3
+    assert 1 / 3 < cloud.advice(0.1).floor / wrong < 3
 
 
 def test_a_lattice_finer_than_the_neighbourhoods_follows_the_bumps():
     cloud = points(points=random_sphere(2000, 1e-4))
-    floors = [cloud.floor(spacing) for spacing in (1.0, 0.2, 0.1, 0.05, 1e-6)]
+    floors = [cloud.advice(spacing).floor for spacing in (1.0, 0.2, 0.1, 0.05, 1e-6)]
     assert floors == sorted(floors, reverse=True)
     assert floors[2] / floors[3] == pytest.approx(4.0, rel=0.1)
     assert 0.0 < floors[-1] < 1e-2 * floors[0]
 
 
 def test_the_floor_is_a_share_whatever_the_cloud():
-    assert points(points=[[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], closed=False).floor(0.1) == 0.0
-    assert points(points=[[0.0, 0.0]], method="nearest").floor(0.1) == 0.0
-    assert points(points=np.random.default_rng(0).uniform(size=(500, 3)), closed=False).floor(1e-3) <= 1.0
+    assert points(points=[[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], closed=False).advice(0.1).floor == 0.0
+    assert points(points=[[0.0, 0.0]], method="nearest").advice(0.1).floor == 0.0
+    assert points(points=np.random.default_rng(0).uniform(size=(500, 3)), closed=False).advice(1e-3).floor <= 1.0
     even = points(points=sphere(500))
-    assert even.floor(0.1) == pytest.approx(even.translated(np.array([5.0, 0, 0])).floor(0.1), rel=1e-6)
+    assert even.advice(0.1).floor == pytest.approx(even.translated(np.array([5.0, 0, 0])).advice(0.1).floor, rel=1e-6)

@@ -13,7 +13,7 @@ from cpmkit.forms.collocation.diagnosis.meetings import meetings
 from cpmkit.forms.collocation.diagnosis.survey import remaining, surveyed
 from cpmkit.forms.collocation.layout import Layout
 from cpmkit.forms.collocation.tube_width import share_stretched
-from cpmkit.manifold import abilities
+from cpmkit.manifold.abilities import advice_of
 from cpmkit.protocols import SIDES
 from cpmkit.scene.laws import Mixed, Value
 
@@ -37,7 +37,7 @@ def warnings_of(layout: Layout, missed: float = 0.0) -> tuple[str, ...]:
     expected to cost less, they are told to cost that (of 28 solutions on real meshes the larger of the two was within
     three times of the largest error 23 times, that of the bends alone 15).
     """
-    own = abilities.warnings_of(layout.surface.source, layout.lattice.spacing)
+    own = advice_of(layout.surface.source, layout.lattice.spacing).warnings
     far = layout.lattice.lost_digits(layout.surface.bounds, not layout.surface.shift.any())
     checks = (_doubtful, partial(_sheets, missed=missed), _boundaries, _encounters, _gaps, _pins, meetings)
     return (*own, *far, *(text for check in checks for text in check(layout)))

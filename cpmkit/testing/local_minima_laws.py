@@ -1,4 +1,4 @@
-"""The laws of further feet, on every sheet near a query; a source without the ability keeps them all."""
+"""The laws of local minima of the distance: a foot on every sheet near a query. Without the ability all are kept."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from cpmkit.errors import InputError
-from cpmkit.protocols import ClosestPoints, ClosestPointSource, Floats, HasFeet, HasMembers, Ints
+from cpmkit.protocols import ClosestPoints, ClosestPointSource, Floats, HasLocalMinima, HasMembers, Ints
 from cpmkit.testing.law import law, require, require_rows, sure
 from cpmkit.testing.queries import Subject, for_queries
 
@@ -20,19 +20,19 @@ AROUND = 1e-5
 
 
 @law
-def check_feet(about: Subject) -> None:
+def check_local_minima(about: Subject) -> None:
     """Feet within a radius lie on the manifold at their distance, by rows and nearest first, the closest point first.
 
     A larger radius adds feet and takes none away.
     """
     source = about.source
-    if not isinstance(source, HasFeet):
+    if not isinstance(source, HasLocalMinima):
         return
     small, large = (share * about.size for share in RADII)
 
     def hold(x: Floats) -> None:
         closest = about.source.closest_point(x)
-        rows, feet = source.feet(x, large)
+        rows, feet = source.local_minima(x, large)
         _require_order(about, x, rows, feet)
         expected = np.flatnonzero(closest.distance <= large)
         require(np.array_equal(np.unique(rows), expected), "Not those queries have feet whose closest point is near.")
@@ -47,7 +47,7 @@ def check_feet(about: Subject) -> None:
         require_rows(excess <= allowed, x[rows], "distance is above |x - points| by", excess)
         if about.source.exact:
             require_rows(-excess <= allowed, x[rows], "distance is below |x - points| by", -excess)
-        within = source.feet(x, small)[1]
+        within = source.local_minima(x, small)[1]
         same = np.array_equal(within.points, feet.points[feet.distance <= small])
         require(same, "The feet within a small radius are not those that a large one finds there.")
 
@@ -63,11 +63,11 @@ def check_sheets(about: Subject) -> None:
     no local minimum beside the other.
     """
     source = about.source
-    if not isinstance(source, HasFeet):
+    if not isinstance(source, HasLocalMinima):
         return
 
     def hold(x: Floats) -> None:
-        rows, feet = source.feet(x, RADII[1] * about.size)
+        rows, feet = source.local_minima(x, RADII[1] * about.size)
         for member, chosen in _by_member(about.source, feet):
             _require_distinct(x, rows[chosen], feet.take(chosen), about)
             chosen = chosen[sure(feet.take(chosen))]
@@ -86,10 +86,10 @@ def check_sheets(about: Subject) -> None:
 def check_bad_radius(about: Subject) -> None:
     """Feet are refused with InputError for wrong queries, as closest points are, and for a radius not above zero."""
     source = about.source
-    if not isinstance(source, HasFeet):
+    if not isinstance(source, HasLocalMinima):
         return
     good, dim = about.centre[None], about.source.dim
-    rows, feet = source.feet(np.empty((0, dim)), about.size)
+    rows, feet = source.local_minima(np.empty((0, dim)), about.size)
     require(len(rows) == len(feet) == 0, "No queries have feet.")
     for x, radius in (
         (good * np.nan, 1.0),
@@ -99,13 +99,13 @@ def check_bad_radius(about: Subject) -> None:
         (good, float("nan")),
     ):
         try:
-            source.feet(x, radius)
+            source.local_minima(x, radius)
         except InputError:
             continue
         raise AssertionError(f"Queries of shape {x.shape} with a radius of {radius} are accepted.")
 
 
-LAWS = (check_feet, check_sheets, check_bad_radius)
+LAWS = (check_local_minima, check_sheets, check_bad_radius)
 
 
 def _reach(x: Floats, rows: Ints, feet: ClosestPoints) -> Floats:
