@@ -26,11 +26,6 @@ def cpmkit_sources() -> Mapping[str, Callable[..., ClosestPointSource]]:  # type
 
 
 @hookspec
-def cpmkit_boundaries() -> Mapping[str, Callable[..., BoundarySet]]:  # type: ignore[empty-body]
-    """Return a factory for each kind of boundary that is more than a source with conditions."""
-
-
-@hookspec
 def cpmkit_conditions() -> Mapping[str, Callable[..., Condition]]:  # type: ignore[empty-body]
     """Return a factory for each kind of condition; its keyword arguments are the keys beside ``kind``."""
 

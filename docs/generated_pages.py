@@ -24,7 +24,7 @@ DATA = {
     "Progress": "A callable that gets the name of a stage and the share of it that is done, from 0 to 1.",
     "Side": '``"left"`` or ``"right"``.',
 }
-FACTORY_HOOKS = ("cpmkit_sources", "cpmkit_boundaries", "cpmkit_conditions", "cpmkit_solvers", "cpmkit_backends")
+FACTORY_HOOKS = ("cpmkit_sources", "cpmkit_conditions", "cpmkit_solvers", "cpmkit_backends")
 
 
 def write_all(folder: Path) -> list[Path]:

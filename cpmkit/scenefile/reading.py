@@ -14,8 +14,8 @@ from cpmkit.files.toml_files import made_from_toml
 from cpmkit.forms.choice import DEFAULT, form_options
 from cpmkit.forms.options import Options
 from cpmkit.linear.choice import ACCEPTED, SolverOptions
-from cpmkit.plugins import call, check_keys, factory, offered, source, takes
-from cpmkit.protocols import BoundarySet, ClosestPointSource
+from cpmkit.plugins import call, check_keys, factory, source, takes
+from cpmkit.protocols import ClosestPointSource
 from cpmkit.runtime.declared import declared, take
 from cpmkit.runtime.key_types import check_types
 from cpmkit.runtime.suggestions import did_you_mean
@@ -199,23 +199,17 @@ def _made(value: Any, folder: Path, where: str) -> Any:
     return value
 
 
-def _boundary(table: dict[str, Any], number: int, folder: Path, surface: ClosestPointSource) -> BoundarySet:
+def _boundary(table: dict[str, Any], number: int, folder: Path, surface: ClosestPointSource) -> Boundary:
     name = _name(table.pop("name", f"boundary {number}"), number)
     where = f"[[boundary]] {name!r}"
     sides = {key: table.pop(key) for key in SIDE_KEYS if key in table}
-    make = offered(table["kind"], "cpmkit_boundaries") if isinstance(table.get("kind"), str) else None
-    own = _source(table, folder, where, surface) if make is None else None
-    carriers = [("surface", surface)] if own is None else [("boundary", own), ("surface", surface)]
+    own = _source(table, folder, where, surface)
+    carriers = [("boundary", own), ("surface", surface)]
     conditions: dict[str, Any] = {
         key: read_side(key, value, surface.dim, f"{key} of {where}")
         for key, value in with_vertex_data(sides, folder, carriers, where).items()
     }
-    if make is None:
-        assert own is not None
-        return Boundary(name, own, **conditions)
-    del table["kind"]
-    made: BoundarySet = call(make, where, {"name": name, **_keys(table, folder, where), **conditions})
-    return made
+    return Boundary(name, own, **conditions)
 
 
 def _name(name: Any, number: int) -> str:

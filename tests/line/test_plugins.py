@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pluggy
 import pytest
-from model_problems import circle_jump, on_circle
+from model_problems import circle_jump
 
 import cpmkit as ck
 from cpmkit import plugins
@@ -39,18 +39,11 @@ def install(monkeypatch):
 
 
 class GoodPlugin:
-    """A surface, a boundary that knows its own conditions, and a solver."""
+    """A surface and a solver."""
 
     @hookimpl
     def cpmkit_sources(self):
         return {"fake.ring": lambda *, size=1.0: ck.source("analytic.circle", center=(0, 0), radius=size)}
-
-    @hookimpl
-    def cpmkit_boundaries(self):
-        def cut(name, *, angle, both):
-            return ck.Boundary(name, ck.source("analytic.point", at=on_circle(np.array([angle]))[0]), both=both)
-
-        return {"fake.cut": cut}
 
     @hookimpl
     def cpmkit_solvers(self):
@@ -61,7 +54,7 @@ class GoodPlugin:
         return {"fake.solver": patient}
 
 
-KINDS = ("fake.ring", "fake.cut", "fake.solver")
+KINDS = ("fake.ring", "fake.solver")
 
 
 @pytest.fixture
@@ -85,19 +78,17 @@ def test_a_kind_loads_its_plugin_and_no_other(good):
     assert not any("mesh" in str(plugin) for plugin in plugins.manager().get_plugins())
 
 
-def test_a_boundary_of_a_plugin_in_a_scene_file(good, tmp_path):
+def test_a_source_of_a_plugin_in_a_scene_file(good, tmp_path):
     path = tmp_path / "scene.toml"
     path.write_text(
         '[surface]\nkind = "fake.ring"\n[problem]\nkind = "laplace"\n'
-        '[[boundary]]\nname = "cut"\nkind = "fake.cut"\nangle = 1.0\nboth = { dirichlet = "x" }\n'
+        '[[boundary]]\nname = "cut"\nkind = "analytic.point"\nat = [0.0, 1.0]\nboth = { dirichlet = "y" }\n'
     )
     scene = ck.load_scene(path).scene
     assert [boundary.name for boundary in scene.boundaries] == ["cut"]
-    np.testing.assert_allclose(ck.solve(scene, 0.1).evaluate([[-1.0, 0.0]]), np.cos(1.0), rtol=1e-9)
-    path.write_text(path.read_text().replace("angle", "angel"))
-    with pytest.raises(
-        ck.SceneError, match=r"'cut' has the unknown key 'angel'.*'angle'.*; accepted are name, angle, both"
-    ):
+    np.testing.assert_allclose(ck.solve(scene, 0.1).evaluate([[-1.0, 0.0]]), 1.0, rtol=1e-9)
+    path.write_text(path.read_text().replace('fake.ring"', 'fake.ring"\nsise = 1.0'))
+    with pytest.raises(ck.SceneError, match=r"unknown key 'sise'.*'size'.*; accepted are size"):
         ck.load_scene(path)
 
 
