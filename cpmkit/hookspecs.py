@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import pluggy
 
 if TYPE_CHECKING:
-    from cpmkit.protocols import BoundarySet, ClosestPointSource
+    from cpmkit.protocols import ClosestPointSource
     from cpmkit.scene.condition import Condition
     from cpmkit.testing import ConformanceCase
 

@@ -28,6 +28,10 @@ if TYPE_CHECKING:
     from cpmkit.files.ply_files import PlyLists as PlyLists
     from cpmkit.files.ply_files import ply_vertices as ply_vertices
     from cpmkit.files.ply_files import read_ply as read_ply
+    from cpmkit.forms.contract import Discretized as Discretized
+    from cpmkit.forms.contract import MeasuredWork as MeasuredWork
+    from cpmkit.forms.contract import PlainWork as PlainWork
+    from cpmkit.forms.contract import StateFlux as StateFlux
     from cpmkit.formulas.derivatives import FormulaJets as FormulaJets
     from cpmkit.formulas.derivatives import formula_jets as formula_jets
     from cpmkit.formulas.trees import COORDINATES as COORDINATES
@@ -35,6 +39,7 @@ if TYPE_CHECKING:
     from cpmkit.formulas.trees import formula_tree as formula_tree
     from cpmkit.grid.fitting import needed_spacing as needed_spacing
     from cpmkit.hookspecs import hookimpl as hookimpl
+    from cpmkit.linear.operators import Border as Border
     from cpmkit.linear.report import SolveReport as SolveReport
     from cpmkit.linear.report import judge as judge
     from cpmkit.manifold.vectors import dots as dots
@@ -42,6 +47,7 @@ if TYPE_CHECKING:
     from cpmkit.manifold.vectors import unit as unit
     from cpmkit.meshes.display_mesh import DisplayMesh as DisplayMesh
     from cpmkit.meshes.display_mesh import vertex_normals as vertex_normals
+    from cpmkit.protocols import SIDES as SIDES
     from cpmkit.protocols import Advice as Advice
     from cpmkit.protocols import Backend as Backend
     from cpmkit.protocols import Bools as Bools
@@ -62,8 +68,11 @@ if TYPE_CHECKING:
     from cpmkit.protocols import Ints as Ints
     from cpmkit.protocols import LinearSolver as LinearSolver
     from cpmkit.protocols import NamesLeft as NamesLeft
+    from cpmkit.protocols import Operator as Operator
+    from cpmkit.protocols import PreparedSolver as PreparedSolver
     from cpmkit.protocols import Progress as Progress
     from cpmkit.protocols import Side as Side
+    from cpmkit.protocols import Stiffness as Stiffness
     from cpmkit.protocols import nothing as nothing
     from cpmkit.runtime.arrays import as_points as as_points
     from cpmkit.runtime.arrays import as_positions as as_positions
@@ -78,9 +87,19 @@ if TYPE_CHECKING:
     from cpmkit.runtime.threads import run_parcels as run_parcels
     from cpmkit.runtime.threads import thread_count as thread_count
     from cpmkit.scene.condition import Condition as Condition
+    from cpmkit.scene.data import Data as Data
     from cpmkit.scene.data import evaluate_data as evaluate_data
+    from cpmkit.scene.data import takes_time as takes_time
     from cpmkit.scene.equations import Equation as Equation
+    from cpmkit.scene.equations import Terms as Terms
     from cpmkit.scene.laws import Flux as Flux
+    from cpmkit.scene.laws import Interface as Interface
+    from cpmkit.scene.laws import Law as Law
+    from cpmkit.scene.laws import Mixed as Mixed
+    from cpmkit.scene.laws import Nonlinear as Nonlinear
+    from cpmkit.scene.laws import OneSided as OneSided
+    from cpmkit.scene.laws import Spectral as Spectral
+    from cpmkit.scene.laws import Support as Support
     from cpmkit.scene.laws import Value as Value
     from cpmkit.scene.scene import Scene as Scene
     from cpmkit.scene.scene import edge_condition as edge_condition
@@ -164,21 +183,44 @@ GROUPS = {
         "rotate": "combinations.rotation",
         "unit": "manifold.vectors",
     },
-    "Scenes and solutions, for back ends and solvers": {
-        "Backend": "protocols",
+    "Scenes, and the laws of their conditions": {
         "BoundarySet": "protocols",
         "Condition": "scene.condition",
-        "DisplayMesh": "meshes.display_mesh",
+        "Data": "scene.data",
         "Equation": "scene.equations",
-        "LinearSolver": "protocols",
         "Flux": "scene.laws",
+        "Interface": "scene.laws",
+        "Law": "scene.laws",
+        "Mixed": "scene.laws",
+        "Nonlinear": "scene.laws",
+        "OneSided": "scene.laws",
+        "SIDES": "protocols",
         "Scene": "scene.scene",
-        "Solution": "solution.solution",
+        "Spectral": "scene.laws",
+        "Support": "scene.laws",
+        "Terms": "scene.equations",
         "Value": "scene.laws",
-        "SolveReport": "linear.report",
         "edge_condition": "scene.scene",
         "evaluate_data": "scene.data",
+        "takes_time": "scene.data",
+    },
+    "Linear solvers": {
+        "LinearSolver": "protocols",
+        "Operator": "protocols",
+        "PreparedSolver": "protocols",
+        "SolveReport": "linear.report",
         "judge": "linear.report",
+    },
+    "Forms and back ends": {
+        "Backend": "protocols",
+        "Border": "linear.operators",
+        "Discretized": "forms.contract",
+        "DisplayMesh": "meshes.display_mesh",
+        "MeasuredWork": "forms.contract",
+        "PlainWork": "forms.contract",
+        "Solution": "solution.solution",
+        "StateFlux": "forms.contract",
+        "Stiffness": "protocols",
         "needed_spacing": "grid.fitting",
         "nothing": "protocols",
         "vertex_normals": "meshes.display_mesh",

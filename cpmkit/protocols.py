@@ -340,7 +340,7 @@ class Backend(Protocol):
     """
 
     def __call__(self, scene: Scene, spacing: float | None, *, tolerance: float, progress: Progress) -> Any:
-        """Return a :class:`~cpmkit.solution.abstract.Solution`; ``spacing`` is None where the caller gave none.
+        """Return a :class:`cpmkit.Solution`; ``spacing`` is None where the caller gave none.
 
         Raises
         ------

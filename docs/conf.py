@@ -33,6 +33,7 @@ napoleon_use_param = False
 napoleon_use_rtype = False
 napoleon_use_ivar = True
 # "(n, d) float64" names no class: only names of this project are held to exist.
+suppress_warnings = ["ref.python"]  # "(n, channels)" in a docstring names no attribute, of whatever class
 nitpick_ignore_regex = [("py:.*", r"(?!cpmkit).*")]
 
 draw_all(HERE / "generated")

@@ -18,10 +18,14 @@ API = Path(__file__).parent / "reference" / "api.md"
 DATA = {
     "Bools": "A NumPy array of bool.",
     "COORDINATES": "The names of the coordinates in formulas of position.",
+    "Data": "A number, one entry a channel, or a callable of points (n, d) and, if it has a parameter t, of the time.",
     "FUNCTIONS": "The functions that formulas offer, by name.",
     "Floats": "A NumPy array of float64.",
     "Ints": "A NumPy array of int64.",
+    "Law": "Any of the standard laws.",
+    "OneSided": "Any of the standard laws but Interface.",
     "Progress": "A callable that gets the name of a stage and the share of it that is done, from 0 to 1.",
+    "SIDES": "Both sides, left first.",
     "Side": '``"left"`` or ``"right"``.',
 }
 FACTORY_HOOKS = ("cpmkit_sources", "cpmkit_conditions", "cpmkit_solvers", "cpmkit_backends")
