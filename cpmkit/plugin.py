@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from cpmkit.grid.fitting import needed_spacing as needed_spacing
     from cpmkit.hookspecs import hookimpl as hookimpl
     from cpmkit.linear.operators import Border as Border
+    from cpmkit.linear.operators import CsrOperator as CsrOperator
     from cpmkit.linear.report import SolveReport as SolveReport
     from cpmkit.linear.report import judge as judge
     from cpmkit.manifold.vectors import dots as dots
@@ -214,6 +215,7 @@ GROUPS = {
     "Forms and back ends": {
         "Backend": "protocols",
         "Border": "linear.operators",
+        "CsrOperator": "linear.operators",
         "Discretized": "forms.contract",
         "DisplayMesh": "meshes.display_mesh",
         "MeasuredWork": "forms.contract",

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
+    from cpmkit.forms.contract import Discretized
     from cpmkit.linear.report import SolveReport
     from cpmkit.scene.condition import Condition
     from cpmkit.scene.scene import Scene
@@ -334,18 +335,19 @@ class LinearSolver(Protocol):
 
 
 class Backend(Protocol):
-    """Another way from a scene to its solution; a plugin's factory in ``cpmkit_backends`` returns one.
+    """A form of a plugin: another way of discretising scenes; a plugin's factory in ``cpmkit_backends`` returns one.
 
-    It may take further keyword arguments, which ``solve`` hands on.
+    What it makes is solved by the same families and linear solvers as everything else. ``discretize`` may take further
+    keyword arguments: options of the form, which ``solve`` hands on.
     """
 
-    def __call__(self, scene: Scene, spacing: float | None, *, tolerance: float, progress: Progress) -> Any:
-        """Return a :class:`cpmkit.Solution`; ``spacing`` is None where the caller gave none.
+    def discretize(self, scene: Scene, spacing: float | None, *, progress: Progress) -> Discretized:
+        """Return the scene on the form's unknowns; ``spacing`` is None where the caller gave none.
 
         Raises
         ------
         CpmkitError
-            One sentence: what the back end cannot do, and which one can.
+            One sentence: what the form cannot do, and which one can.
         """
 
 

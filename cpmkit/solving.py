@@ -1,4 +1,4 @@
-"""The line from a scene to its solution: discretise, assemble, solve; or hand the scene to another back end."""
+"""The line from a scene to its solution: discretise, by whatever form, choose a solver, and let a family solve."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from cpmkit.forms.collocation.conservation.flux_balance import check_balance
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.options import Options
 from cpmkit.grid.fitting import check_fits
-from cpmkit.linear.choice import SolverOptions, choose_solver, make_solver
+from cpmkit.linear.choice import ACCEPTED, SolverOptions, choose_solver, make_solver
 from cpmkit.manifold.localized import largest_dim, localize
-from cpmkit.plugins import call, factory
-from cpmkit.protocols import Floats, Progress, nothing
-from cpmkit.runtime.declared import showing, take
+from cpmkit.plugins import call, check_keys, factory, takes
+from cpmkit.protocols import Backend, Floats, Progress, nothing
+from cpmkit.runtime.declared import declared, showing, take
 from cpmkit.runtime.telling import tell
 from cpmkit.scene.equations import Equation
 from cpmkit.scene.laws import Nonlinear
@@ -56,13 +56,13 @@ def solve(
         Spacing of the lattice, in the scene's unit of length. There is no default; without one, the
         error suggests one. Another back end may do without: ``fem`` solves on a mesh's own triangles.
     backend : str
-        ``cpm``, or the name of a back end that a plugin offers, such as ``fem``. One of those takes
-        ``tolerance``, ``progress`` and options of its own; the others below belong to ``cpm``. Its solution reads,
-        saves and draws like the one described here.
+        ``cpm``, or the name of a form that a plugin offers, such as ``fem``. It may have options of its own, and
+        those below that describe a lattice belong to ``cpm``; equations, solvers, checkpoints and solutions are the
+        same.
     progress : callable, optional
         ``progress(stage, fraction)``.
     **options
-        Further ones of the solver; ``reference`` takes ``max_iterations``. For another back end, its own options.
+        Further ones of the solver; ``reference`` takes ``max_iterations``. Those of a plugin's form.
 
     Returns
     -------
@@ -89,34 +89,15 @@ def solve(
     >>> ck.solve(scene, spacing=0.05).evaluate([[0, 1], [-1, 0]]).round(3)
     array([0.25, 0.5 ])
     """
-    if backend != "cpm":
-        return _told(_solve_elsewhere(backend, scene, spacing, progress, options))
     checkpointing, rest = take(Checkpointing, options)
     checkpointing.check_for(scene.problem)
     started = time.perf_counter()
-    return prepare(scene, spacing, progress=progress, **rest).run(scene, checkpointing, started=started)
-
-
-def _solve_elsewhere(
-    backend: str, scene: Scene, spacing: float | None, progress: Progress, options: Mapping[str, Any]
-) -> Solution:
-    """Solve by a plugin's back end; an option that it does not take is answered with those that it takes.
-
-    Raises
-    ------
-    PluginError
-        If no installed plugin offers the back end.
-    """
-    solve_by = call(factory(backend, "cpmkit_backends"), f"the back end {backend!r}", {})
-    tolerance = SolverOptions(**for_any_backend(options)).tolerance
-    table = {"scene": scene, "spacing": spacing, "progress": progress, **options, "tolerance": tolerance}
-    with memory_told(scene):
-        solution: Solution = call(solve_by, f"the back end {backend!r}", table)
-    return solution
+    prepared = prepare(scene, spacing, backend=backend, progress=progress, **rest)
+    return prepared.run(scene, checkpointing, started=started)
 
 
 def for_any_backend(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return those options of :func:`solve` that every back end takes; the others describe the lattice, or a solver."""
+    """Return those options of a scene file that every form is given; the others describe the lattice, or its solver."""
     return {name: value for name, value in options.items() if name == "tolerance"}
 
 
@@ -154,20 +135,20 @@ class Prepared:
     ----------
     discretized : Discretized
         The scene with its tables.
-    options : Options
-        How it is discretised.
     solver : SolverOptions
         How linear systems are solved.
     progress : callable
         Told the stage and the share of it that is done.
+    options : Options, optional
+        How it is discretised by the closest point method.
     kept : Kept
         Operators and factors that were used last.
     """
 
     discretized: Discretized
-    options: Options[Any]
     solver: SolverOptions
     progress: Progress = nothing
+    options: Options[Any] | None = None
     kept: Kept = field(default_factory=Kept)
 
     @showing(Checkpointing)
@@ -228,17 +209,18 @@ class Prepared:
         started = time.perf_counter() if started is None else started
         form = self.discretized if scene is self.discretized.scene else self.discretized.restated(scene)
         with memory_told(scene, self.options, self.solver.solver):
-            chosen = choose_solver(
-                self.solver.solver, form.size, largest_dim(scene.surface), scene.problem.factorise_up_to
-            )
-            if chosen == "direct":  # what others need was checked before the tables were made
+            factor = scene.problem.factorise_up_to * form.factorise_up_to
+            chosen = choose_solver(self.solver.solver, form.size, largest_dim(scene.surface), factor)
+            if chosen == "direct" and self.options is not None:  # what others need was checked before the tables
                 source = localize(scene.surface, np.zeros(scene.surface.dim))
-                check_fits(source, form.size, self.options.spacing, self.options.own.degree, chosen)
+                check_fits(source, form.size, form.spacing, self.options.own.degree, chosen)
             made = make_solver(chosen, self.solver.further)
             context = SolveContext(
                 form, made, chosen, self.solver.tolerance, self.progress, started, checkpointing, guess, self.kept
             )
-            return _told(_solve_family(context))
+            solution = _solve_family(context)
+        tell(solution.warnings)
+        return solution
 
 
 def _solve_family(context: SolveContext) -> Solution:
@@ -250,13 +232,10 @@ def _solve_family(context: SolveContext) -> Solution:
     return solve_family(context)
 
 
-def _told(solution: Solution) -> Solution:
-    tell(solution.warnings)
-    return solution
-
-
 @showing(Options, *FORMS.values(), SolverOptions)
-def prepare(scene: Scene, spacing: float | None = None, *, progress: Progress = nothing, **options: Any) -> Prepared:
+def prepare(
+    scene: Scene, spacing: float | None = None, *, backend: str = "cpm", progress: Progress = nothing, **options: Any
+) -> Prepared:
     """Discretise a scene once, for many equations and right-hand sides on it.
 
     Parameters
@@ -265,10 +244,12 @@ def prepare(scene: Scene, spacing: float | None = None, *, progress: Progress = 
         With the equation that is solved unless another is given.
     spacing : float
         Spacing of the lattice, in the scene's unit of length.
+    backend : str
+        ``cpm``, or the name of a back end that a plugin offers, as for :func:`cpmkit.solve`.
     progress : callable, optional
         ``progress(stage, fraction)``.
     **options
-        Further ones of the solver.
+        Further ones of the solver. For another back end, its own options.
 
     Returns
     -------
@@ -289,8 +270,33 @@ def prepare(scene: Scene, spacing: float | None = None, *, progress: Progress = 
     >>> [float(prepared.solve(problem=ck.ScreenedPoisson(f)).evaluate([[1, 0]])[0].round(6)) for f in (1.0, 3.0)]
     [1.0, 3.0]
     """
+    if backend != "cpm":
+        return _prepare_elsewhere(backend, scene, spacing, progress, options)
     asked, rest = options_of(scene.surface, spacing, options)
     solver = SolverOptions.of(rest)
     check_balance(scene, asked.own.balance)
     with memory_told(scene, asked, solver.solver):
-        return Prepared(form.discretize(scene, asked, progress), asked, solver, progress)
+        return Prepared(form.discretize(scene, asked, progress), solver, progress, asked)
+
+
+def _prepare_elsewhere(
+    backend: str, scene: Scene, spacing: float | None, progress: Progress, given: Mapping[str, Any]
+) -> Prepared:
+    """Discretise by a plugin's form; an option that it does not take is answered with those that it takes.
+
+    Raises
+    ------
+    PluginError
+        If no installed plugin offers the form.
+    """
+    what = f"the back end {backend!r}"
+    made: Backend = call(factory(backend, "cpmkit_backends"), what, {})
+    own = {name: value for name, value in given.items() if takes(made.discretize, name)}
+    rest = {name: value for name, value in given.items() if name not in own}
+    built_in = given.get("solver", "auto") in list(ACCEPTED)  # a plugin's solver checks its options itself
+    of_solver = (*declared(SolverOptions), *(ACCEPTED["auto"] if built_in else rest))
+    check_keys(made.discretize, what, given, (*declared(Checkpointing), *of_solver))
+    solver = SolverOptions.of(rest)
+    table = {"scene": scene, "spacing": spacing, "progress": progress, **own}
+    with memory_told(scene):
+        return Prepared(call(made.discretize, what, table), solver, progress)

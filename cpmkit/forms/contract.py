@@ -126,6 +126,9 @@ class Discretized(ABC):
         "explicit steps": "use scheme 'implicit', or the form 'collocation'",
     }
 
+    #: How many times more unknowns than of the form ``collocation`` a factorisation is worth.
+    factorise_up_to: ClassVar[float] = 1.0
+
     scene: Scene
 
     # What there is

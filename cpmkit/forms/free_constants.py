@@ -34,7 +34,7 @@ class Defect:
     near : tuple of float
         A point of the piece.
     share : float
-        Its share of the band's nodes.
+        Its share of the nodes.
     bounded_by : tuple of str
         Names and sides of the boundaries around it.
     parts : int
@@ -73,7 +73,7 @@ class Defect:
     def warnings(self) -> list[str]:
         """What a reader of the solution should know, in sentences."""
         walls = f", bounded by {', '.join(self.bounded_by)}" if self.bounded_by else ""
-        where = f"near {place(self.near)}, {self.share:.0%} of the band{walls}"
+        where = f"near {place(self.near)}, {self.share:.0%} of the nodes{walls}"
         told = []
         if self.relative > self.explained:
             worst = self.value[self._shares.index(self.relative)]
@@ -114,7 +114,9 @@ def free_pieces(stiffness: Operator, mass: Operator | None) -> Border | None:
         return None
     indicator = indicator[:, free].tocsr()
     weights = indicator.toarray() if mass is None else mass.apply(indicator.toarray())
-    return Border(indicator, csr_array((weights / weights.sum(axis=0)).T))
+    mean = csr_array((weights / weights.sum(axis=0)).T)
+    members = np.diff(indicator.tocsc().indptr)  # a load of mean one, as the indicator is, keeps the shift's size
+    return Border(indicator, mean, None if mass is None else csr_array(mean.T * members))
 
 
 def defects_of(
@@ -126,9 +128,10 @@ def defects_of(
     points: Floats,
 ) -> tuple[Floats, tuple[Defect, ...]]:
     """Return u (n, channels) with mean zero on each free piece, and what of b has no solution there."""
-    u, _ = operator.border.centred(u)
-    indicator = operator.border.indicator.toarray()
+    u, means = operator.border.centred(u)
+    indicator, carried = operator.border.indicator.toarray(), operator.border.carried
     measure = (indicator if mass is None else mass.apply(indicator)).sum(axis=0)
+    values = operator.shift * (means.T * (carried.sum(axis=0) / measure)).T
     found = []
     for k, on in enumerate((at_points(indicator) > MOSTLY).T):
         members = np.flatnonzero(on)
@@ -140,7 +143,7 @@ def defects_of(
                 share=len(members) / max(len(points), 1),
                 bounded_by=(),
                 parts=1,
-                value=tuple((indicator[:, k] @ b / measure[k]).tolist()),
+                value=tuple(values[k].tolist()),
                 data_size=tuple((indicator[:, k] @ np.abs(b) / measure[k]).tolist()),
                 explained=min(EXPLAINED / steps**2, GROSS),
             )

@@ -14,6 +14,11 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
+#: Of a symmetric matrix the pivot is the diagonal entry, unless it is below this share of the largest in its column: a
+#: matrix with eigenvalues of both signs, of waves or shifted between eigenvalues, may have pivots near zero.
+PIVOT = 1e-3
+
+
 @dataclass(frozen=True, eq=False)
 class Update:
     """What ``U V`` adds to a factorised matrix P: ``(P + U V)^-1 = P^-1 - (P^-1 U) (1 + V P^-1 U)^-1 V P^-1``.
@@ -46,14 +51,14 @@ class Factors:
     lu : SuperLU
         Of A; where there is a border, of A with one node of each piece held.
     update : Update or None
-        From there to ``A + s B W``.
+        From there to ``A + s F W``.
     """
 
     lu: Any
     update: Update | None
 
     def solve(self, b: Floats) -> Floats:
-        """Return u with ``A u = b``, or ``(A + s B W) u = b``, for b of shape (n, channels)."""
+        """Return u with ``A u = b``, or ``(A + s F W) u = b``, for b of shape (n, channels)."""
         u: Floats = self.lu.solve(b)
         return u if self.update is None else self.update.apply(u)
 
@@ -80,7 +85,7 @@ def _factors(matrix: csr_array, symmetric: bool) -> Any:
 
     if not symmetric:
         return splu(matrix.tocsc())
-    return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=PIVOT, options={"SymmetricMode": True})
 
 
 def _heaviest(border: Border) -> csr_array:
@@ -93,10 +98,10 @@ def _heaviest(border: Border) -> csr_array:
 
 
 def _update(lu: Any, border: Border, held: csr_array, scale: float) -> Update:
-    """Return the update by ``s B W - s H H'``, which lets the ``held`` nodes H go and lifts the constants."""
+    """Return the update by ``s F W - s H H'``, which lets the ``held`` nodes H go and lifts the constants."""
     from scipy.sparse import hstack, vstack
 
-    columns = scale * hstack([border.indicator, -held]).toarray()
+    columns = scale * hstack([border.carried, -held]).toarray()
     stacked: Any = vstack([border.mean, held.T])
     rows = stacked.tocsr()
     solved = lu.solve(columns)

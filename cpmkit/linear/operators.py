@@ -1,4 +1,4 @@
-"""Operators that are made of others: with the free constants moved out of the kernel, or with a complex shift.
+"""Operators: one sparse matrix, and those made of others, with constants moved out of the kernel or a complex shift.
 
 What a form assembles keeps :class:`cpmkit.protocols.Operator`; solvers see nothing else.
 """
@@ -21,12 +21,71 @@ KERNEL_SHIFT = 0.1
 
 
 @dataclass(frozen=True, eq=False)
+class CsrOperator:
+    """One sparse matrix as an operator, a form's A or M.
+
+    Attributes
+    ----------
+    matrix : csr_array (n, n)
+        The matrix.
+    symmetric : bool
+        Whether it is surely symmetric.
+    """
+
+    matrix: csr_array
+    symmetric: bool = False
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return int(self.matrix.shape[0])
+
+    @property
+    def nonzeros(self) -> int:
+        """Entries stored."""
+        return int(self.matrix.nnz)
+
+    @cached_property
+    def diagonal(self) -> Floats:
+        """(n, 1) of the matrix."""
+        return np.asarray(self.matrix.diagonal()[:, None])
+
+    def apply(self, u: Floats) -> Floats:
+        """Return the product with u of shape (n,) or (n, channels)."""
+        return np.asarray(self.matrix @ u)
+
+    def apply_rows(self, u: Floats, rows: Ints) -> Floats:
+        """Return the entries ``rows`` of the product."""
+        return np.asarray(self.matrix[rows] @ u)
+
+    def to_csr(self) -> csr_array:
+        """Return the matrix."""
+        return self.matrix
+
+    def shifted(self, factor: float, mass: Operator | None = None) -> CsrOperator:
+        """Return ``M + factor A``, M the identity where no mass is given."""
+        return _sum_of(1.0, mass, factor, self)
+
+    def less(self, shift: float, mass: Operator | None = None) -> CsrOperator:
+        """Return ``A - shift M``, M the identity where no mass is given."""
+        return _sum_of(-shift, mass, 1.0, self)
+
+
+def _sum_of(weight: float, mass: Operator | None, factor: float, operator: CsrOperator) -> CsrOperator:
+    from scipy.sparse import eye_array
+
+    matrix = eye_array(operator.size, format="csr") if mass is None else mass.to_csr()
+    symmetric = operator.symmetric and (mass is None or mass.symmetric)
+    return CsrOperator((weight * matrix + factor * operator.matrix).tocsr(), symmetric)
+
+
+@dataclass(frozen=True, eq=False)
 class Border:
     """What makes a system regular whose solution is fixed up to a constant only, on some pieces of the manifold.
 
-    With the means W u of the pieces and their indicators B, ``A u + B lambda = b``, ``W u = 0``; lambda is the part
-    of b that has no solution. As A B = 0 and W B = 1, the solution of ``(A + s B W) u = b`` is the same but for its
-    means ``lambda / s``.
+    With the means W u of the pieces, their indicators B, and what a constant f on each adds to b, F,
+    ``A u + F lambda = b``, ``W u = 0``; lambda is the part of b that has no solution. As A B = 0 and W B = 1, the
+    solution of ``(A + s F W) u = b`` is the same but for its means ``lambda / s``.
 
     Attributes
     ----------
@@ -34,10 +93,18 @@ class Border:
         B: ones at the unknowns of each piece.
     mean : csr_array (k, n)
         W: the mean over each piece.
+    load : csr_array (n, k), optional
+        F, in any scale; B where the form's mass is the identity.
     """
 
     indicator: csr_array
     mean: csr_array
+    load: csr_array | None = None
+
+    @property
+    def carried(self) -> csr_array:
+        """F."""
+        return self.indicator if self.load is None else self.load
 
     def centred(self, u: Floats) -> tuple[Floats, Floats]:
         """Return u less its mean on each piece, and the means (k, channels)."""
@@ -47,14 +114,14 @@ class Border:
 
 @dataclass(frozen=True, eq=False)
 class Bordered:
-    """``A + s B W``: an operator whose kernel, constants on some pieces, is moved away from zero.
+    """``A + s F W``: an operator whose kernel, constants on some pieces, is moved away from zero.
 
     Attributes
     ----------
     operator : Operator
         A.
     border : Border
-        B and W.
+        F and W.
     """
 
     operator: Operator
@@ -72,7 +139,7 @@ class Bordered:
 
     @property
     def symmetric(self) -> bool:
-        """Not known to be: B W is symmetric only where W weighs all unknowns alike."""
+        """Not known to be: F W is symmetric only where W weighs the unknowns as F does."""
         return False
 
     @property
@@ -90,16 +157,16 @@ class Bordered:
         return KERNEL_SHIFT * float(np.max(np.abs(self.diagonal)))
 
     def apply(self, u: Floats) -> Floats:
-        """Return ``(A + s B W) u`` for u of shape (n,) or (n, channels)."""
-        return np.asarray(self.operator.apply(u) + self.shift * (self.border.indicator @ (self.border.mean @ u)))
+        """Return ``(A + s F W) u`` for u of shape (n,) or (n, channels)."""
+        return np.asarray(self.operator.apply(u) + self.shift * (self.border.carried @ (self.border.mean @ u)))
 
     def apply_rows(self, u: Floats, rows: Ints) -> Floats:
         """Return the entries ``rows`` of :meth:`apply`."""
-        moved = self.border.indicator[rows] @ (self.border.mean @ u)
+        moved = self.border.carried[rows] @ (self.border.mean @ u)
         return np.asarray(self.operator.apply_rows(u, rows) + self.shift * moved)
 
     def to_csr(self) -> csr_array:
-        """Return A, singular: B W has full rows, and would fill it."""
+        """Return A, singular: F W has full rows, and would fill it."""
         return self.operator.to_csr()
 
 

@@ -122,7 +122,7 @@ def _light(arrays: Mapping[str, Any], summary: Mapping[str, Any]) -> SavedSoluti
 
 def _rebuilt(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any], scene: Scene) -> Solution:
     lattice = {name.removeprefix("lattice_"): array for name, array in arrays.items() if name.startswith("lattice_")}
-    if not lattice:
+    if "nodes" not in lattice:
         raise InputError(
             f"{shown(path.name)} holds a solution of another back end than 'cpm'; load it without a scene."
         )

@@ -38,6 +38,9 @@ LATTICE = (
     SavedArray("lattice_ghosts", "i", ("ghosts", 2)),
     SavedArray("lattice_left", "b", ("ghosts",), needed=False),
     SavedArray("lattice_unknowns", "f", ("unknowns", "channels")),
+)
+#: What solutions of some families have beside their unknowns, on a lattice or on a mesh.
+FURTHER = (
     SavedArray("lattice_time", "f", needed=False),
     SavedArray("lattice_frame_times", "f", ("frames",), needed=False),
     SavedArray("lattice_frames", "f", ("frames", "unknowns", "channels"), needed=False),
@@ -87,7 +90,7 @@ def read_solution(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
         )
     on_lattice = bool(read_saved(path, [replace(row, needed=False) for row in LATTICE if not row.shape], WHAT))
     options = [replace(OPTION, name=f"lattice_{name}") for name in every_option()]
-    arrays = read_saved(path, (*FORMATS, *MESH, *((*options, *LATTICE) if on_lattice else ())), WHAT)
+    arrays = read_saved(path, (*FORMATS, *MESH, *FURTHER, *((*options, *LATTICE) if on_lattice else ())), WHAT)
     _check_mesh(path, arrays)
     summary = read_json_table(arrays["summary"], path, "summary")
     where = f"the summary of {shown(path.name)}"

@@ -60,8 +60,9 @@ def near_resonance(context: SolveContext, prepared: PreparedSolver, u: Floats) -
     size = np.linalg.norm(u, axis=0)
     if not square or not size.all():
         return []
+    mass = context.discretized.mass
     try:
-        step, _ = prepared.solve(u, max(context.tolerance, ROUGHLY))
+        step, _ = prepared.solve(u if mass is None else mass.apply(u), max(context.tolerance, ROUGHLY))
     except ConvergenceError:
         return [
             f"Whether an eigenvalue lies near k^2={square:.6g} could not be told: the solver did not converge on it."

@@ -79,9 +79,12 @@ class Growth:
 
 
 def growth_of(problem: SemiDiscrete, scene: Scene, start: Moment) -> Growth | None:
-    """Return the bound of a run, None where there is none: data that depend on time, or an operator without a sign."""
-    evolution = scene.problem
-    if problem.moves or not problem.form.surely_positive() or not isinstance(evolution, Evolution):
+    """Return the bound of a run, None where there is none: data that depend on time, or an operator without a sign.
+
+    Nor is there one where the form has a mass: the norm of b tells nothing of that of ``M^-1 b``.
+    """
+    evolution, form = scene.problem, problem.form
+    if problem.moves or form.mass is not None or not form.surely_positive() or not isinstance(evolution, Evolution):
         return None
     size, forced = float(np.linalg.norm(start.u)), float(np.linalg.norm(problem.steady))
     if isinstance(evolution, Wave):

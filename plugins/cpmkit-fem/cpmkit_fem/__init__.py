@@ -1,7 +1,7 @@
-"""Linear finite elements on a triangulation: a reference that shares nothing with the closest point method."""
+"""Linear finite elements on a triangulation: a reference that shares no stencil with the closest point method."""
 
 from cpmkit_fem import plugin
-from cpmkit_fem.backend import fem, solve_fem
-from cpmkit_fem.solution import FemSolution, FemWork
+from cpmkit_fem.backend import fem
+from cpmkit_fem.form import FemWork, FiniteElements
 
-__all__ = ["FemSolution", "FemWork", "fem", "plugin", "solve_fem"]
+__all__ = ["FemWork", "FiniteElements", "fem", "plugin"]

@@ -12,11 +12,13 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
-def stiffness_and_mass(vertices: Floats, faces: Ints) -> tuple[csr_array, csr_array]:
-    """Return the integrals of grad u . grad v and of u v over a triangulated surface.
+def stiffness_and_mass(
+    vertices: Floats, faces: Ints, diffusivity: Floats | None = None, density: Floats | None = None
+) -> tuple[csr_array, csr_array]:
+    """Return the integrals of a grad u . grad v and of c u v over a triangulated surface.
 
-    The first is the cotangent Laplacian (Pinkall and Polthier 1993; Dziuk 1988), positive
-    semi-definite; the second is the consistent mass matrix.
+    Without a and c the first is the cotangent Laplacian (Pinkall and Polthier 1993; Dziuk 1988), positive
+    semi-definite, and the second the consistent mass matrix.
 
     Parameters
     ----------
@@ -24,6 +26,8 @@ def stiffness_and_mass(vertices: Floats, faces: Ints) -> tuple[csr_array, csr_ar
         d = 2 or 3.
     faces : (m, 3) int64
         Triangles with an area above zero.
+    diffusivity, density : (v,) float64, optional
+        a and c at the vertices, linear in between; 1 unless given.
 
     Returns
     -------
@@ -35,13 +39,16 @@ def stiffness_and_mass(vertices: Floats, faces: Ints) -> tuple[csr_array, csr_ar
 
     from cpmkit_fem.surface_mapping import SurfaceMapping
 
-    def gradients(u: Any, v: Any, _: Any) -> Any:
-        return dot(grad(u), grad(v))
+    def gradients(u: Any, v: Any, given: Any) -> Any:
+        return dot(grad(u), grad(v)) * given.weight
 
-    def products(u: Any, v: Any, _: Any) -> Any:
-        return u * v
+    def products(u: Any, v: Any, given: Any) -> Any:
+        return u * v * given.weight
 
     mesh = MeshTri(np.ascontiguousarray(vertices.T), np.ascontiguousarray(faces.T))
-    basis = Basis(mesh, ElementTriP1(), mapping=SurfaceMapping(mesh.p, mesh.t), intorder=2)
-    stiffness, mass = (csr_array(BilinearForm(form).assemble(basis)) for form in (gradients, products))
-    return stiffness, mass
+    mapping, matrices = SurfaceMapping(mesh.p, mesh.t), []
+    for form, weight in ((gradients, diffusivity), (products, density)):
+        basis = Basis(mesh, ElementTriP1(), mapping=mapping, intorder=2 if weight is None else 3)
+        at_points: Any = 1.0 if weight is None else basis.interpolate(weight)
+        matrices.append(csr_array(BilinearForm(form).assemble(basis, weight=at_points)))
+    return matrices[0], matrices[1]

@@ -6,13 +6,14 @@ second where the boundary runs along edges of the mesh.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.plugin import BoundarySet, Floats, Ints, Scene, SceneError, Value, evaluate_data
+from cpmkit.plugin import SIDES, BoundarySet, Data, Floats, Ints, Scene, SceneError, Value, evaluate_data, takes_time
 from cpmkit_fem.gaps import ends_in_gaps
-from cpmkit_fem.rim import Rim
+from cpmkit_fem.rim import WHAT, RimPart
 from cpmkit_fem.triangulation import Triangulation
 
 #: Points a side of each triangle near a boundary whose feet sample the boundary.
@@ -21,6 +22,45 @@ SAMPLES = 3
 EQUAL = 1e-12
 #: A boundary passes through a vertex if it is nearer than this share of an edge.
 THROUGH = 1e-6
+ACCEPTED = "backend='fem' keeps one value a vertex and takes the same Dirichlet data on both sides; use backend='cpm'"
+
+
+@dataclass(frozen=True, eq=False)
+class Claim:
+    """Vertices that one condition pins, and where each reads its value.
+
+    Attributes
+    ----------
+    vertices : (k,) int64
+    distance : (k,) float64
+        From the condition's place.
+    points : (k, d) float64
+        Points of it, of which the data are asked.
+    data : tuple of Data
+        Those of the one condition, or of both sides, which must agree.
+    what : str
+        Named in errors.
+    """
+
+    vertices: Ints
+    distance: Floats
+    points: Floats
+    data: tuple[Data, ...]
+    what: str
+
+    def values(self, channels: int, time: float | None) -> Floats:
+        """Return the data (k, channels).
+
+        Raises
+        ------
+        SceneError
+            If they differ on the two sides.
+        """
+        values = [evaluate_data(data, self.points, channels, self.what, time) for data in self.data]
+        size = np.abs(values).max(initial=0.0)
+        if any(np.abs(other - values[0]).max(initial=0.0) > EQUAL * size for other in values[1:]):
+            raise SceneError(f"{self.what} has different data on its two sides; {ACCEPTED}.")
+        return values[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,54 +70,80 @@ class Pins:
     Attributes
     ----------
     vertices : (p,) int64
-    values : (p, channels) float64
     warnings : tuple of str
         How far from their boundary the pinned vertices lie.
+    claims : sequence of Claim
+        Of all conditions.
+    picked : (p,) int64
+        The row of the joined claims that each vertex takes.
+    channels : int
+        Of the values.
     """
 
     vertices: Ints
-    values: Floats
     warnings: tuple[str, ...]
+    claims: Sequence[Claim]
+    picked: Ints
+    channels: int
+
+    @property
+    def move(self) -> bool:
+        """Whether the values depend on the time."""
+        return any(takes_time(data) for claim in self.claims for data in claim.data)
+
+    def values(self, time: float | None = None) -> Floats:
+        """Return the values (p, channels)."""
+        none = np.zeros((0, self.channels))
+        return np.concatenate([none, *(claim.values(self.channels, time) for claim in self.claims)])[self.picked]
 
 
-def pin(scene: Scene, mesh: Triangulation, rim: Rim) -> Pins:
+def pin(scene: Scene, mesh: Triangulation, rim: Sequence[RimPart]) -> Pins:
     """Return all pinned vertices; one that several conditions claim takes the nearest one's value.
 
     Raises
     ------
     SceneError
-        If a boundary holds anything but one Dirichlet condition for both sides, or lies off the mesh.
+        If a boundary holds anything but Dirichlet conditions on both sides, or lies off the mesh.
     """
-    claims = [_nearest_vertices(boundary, scene, mesh) for boundary in scene.boundaries]
-    warnings = [
-        f"The boundary {boundary.name!r} pins {len(vertices)} vertices up to {distance.max():.3g} away from it "
+    claims = [_nearest_vertices(boundary, mesh) for boundary in scene.boundaries]
+    warnings = tuple(
+        f"The {claim.what} pins {len(claim.vertices)} vertices up to {claim.distance.max():.3g} away from it "
         f"(a mean edge is {mesh.mean_edge:.3g}): the answer is of first order there."
-        for boundary, (vertices, distance, _) in zip(scene.boundaries, claims, strict=True)
-        if distance.max() > THROUGH * mesh.mean_edge
+        for claim in claims
+        if claim.distance.max() > THROUGH * mesh.mean_edge
+    )
+    claims += [
+        Claim(part.on, np.zeros(len(part.on)), part.points, (part.law.datum,), WHAT)
+        for part in rim
+        if isinstance(part.law, Value)
     ]
-    for condition, edges in rim.conditions(scene):
-        law = condition.law
-        if isinstance(law, Value):
-            on = np.unique(rim.edges[edges])
-            values = evaluate_data(law.datum, mesh.vertices[on], scene.channels, "the edge's condition")
-            claims.append((on, np.zeros(len(on)), values))
-    if not claims:
-        return Pins(np.zeros(0, dtype=np.int64), np.zeros((0, scene.channels)), ())
-    vertices, distance, values = (np.concatenate(part) for part in zip(*claims, strict=True))
-    order = np.lexsort((distance, vertices))
+    none = np.zeros(0, dtype=np.int64)
+    vertices = np.concatenate([none, *(claim.vertices for claim in claims)])
+    order = np.lexsort((np.concatenate([none, *(claim.distance for claim in claims)]), vertices))
     pinned, first = np.unique(vertices[order], return_index=True)
-    return Pins(pinned, values[order[first]], tuple(warnings))
+    return Pins(pinned, warnings, claims, order[first], scene.channels)
 
 
-def _nearest_vertices(boundary: BoundarySet, scene: Scene, mesh: Triangulation) -> tuple[Ints, Floats, Floats]:
-    """Return the vertices nearest to some point of the boundary, without gaps, their distance and their values."""
+def _nearest_vertices(boundary: BoundarySet, mesh: Triangulation) -> Claim:
+    """Return the vertices nearest to some point of the boundary, without gaps."""
     from scipy.spatial import cKDTree
 
-    samples = _samples(boundary, mesh)
-    nearest = np.unique(cKDTree(mesh.vertices).query(samples)[1])
+    nearest = np.unique(cKDTree(mesh.vertices).query(_samples(boundary, mesh))[1])
     vertices = np.union1d(nearest, ends_in_gaps(boundary.source, mesh, nearest))
     feet = boundary.source.closest_point(mesh.vertices[vertices])
-    return vertices, feet.distance, _one_value(boundary, feet.points, scene.channels)
+    return Claim(vertices, feet.distance, feet.points, _data_of(boundary), f"boundary {boundary.name!r}")
+
+
+def _data_of(boundary: BoundarySet) -> tuple[Data, ...]:
+    """Return the Dirichlet data of a boundary, once where one condition holds on both sides."""
+    sides = [boundary.condition(side) for side in SIDES]
+    data = [one.law.datum for one in sides if isinstance(one.law, Value)]
+    if len(data) < len(sides):
+        left, right = sides
+        raise SceneError(
+            f"boundary {boundary.name!r} has {left.kind} on its left and {right.kind} on its right; {ACCEPTED}."
+        )
+    return tuple(data[:1] if sides[0] is sides[1] else data)
 
 
 def _samples(boundary: BoundarySet, mesh: Triangulation) -> Floats:
@@ -95,23 +161,3 @@ def _samples(boundary: BoundarySet, mesh: Triangulation) -> Floats:
     spread = np.einsum("wc,mcd->mwd", weights, corners[near]).reshape(-1, mesh.vertices.shape[1])
     points: Floats = boundary.source.closest_point(spread).points
     return points
-
-
-def _one_value(boundary: BoundarySet, points: Floats, channels: int) -> Floats:
-    """Return the data (p, channels) at points of the boundary, the same on both sides."""
-    left, right = boundary.condition("left"), boundary.condition("right")
-    accepted = (
-        "backend='fem' keeps one value a vertex and takes the same Dirichlet data on both sides; use backend='cpm'"
-    )
-    one, other = left.law, right.law
-    if not (isinstance(one, Value) and isinstance(other, Value)):
-        raise SceneError(
-            f"boundary {boundary.name!r} has {left.kind} on its left and {right.kind} on its right; {accepted}."
-        )
-    what = f"boundary {boundary.name!r}"
-    values = evaluate_data(one.datum, points, channels, what)
-    if left is not right:
-        others = evaluate_data(other.datum, points, channels, what)
-        if np.abs(values - others).max(initial=0.0) > EQUAL * np.abs([values, others]).max(initial=0.0):
-            raise SceneError(f"boundary {boundary.name!r} has different data on its two sides; {accepted}.")
-    return values

@@ -1,4 +1,4 @@
-"""What this distribution offers to cpmkit: the back end ``fem``."""
+"""What this distribution offers to cpmkit: the form ``fem``."""
 
 from __future__ import annotations
 
@@ -10,5 +10,5 @@ from cpmkit_fem.backend import fem
 
 @hookimpl
 def cpmkit_backends() -> Mapping[str, Callable[[], Backend]]:
-    """Return the factory of the back end."""
+    """Return the factory of the form."""
     return {"fem": fem}

@@ -90,3 +90,22 @@ def test_the_mapping_picks_triangles(octahedron):
     np.testing.assert_allclose(mapping.F(X)[:, :, 2].T, vertices[faces[:, 1]], rtol=1e-14)
     product = np.einsum("iamq,ajmq->ijmq", mapping.invDF(X), mapping.DF(X))
     np.testing.assert_allclose(product, np.broadcast_to(np.eye(2)[:, :, None, None], product.shape), atol=1e-12)
+
+
+def test_coefficients_are_linear_between_vertices(octahedron):
+    vertices, faces = bumpy(octahedron)
+    plain, mass = stiffness_and_mass(vertices, faces)
+    for one, other in zip(
+        stiffness_and_mass(vertices, faces, *np.full((2, len(vertices)), 3.0)), (plain, mass), strict=True
+    ):
+        np.testing.assert_allclose(one.toarray(), 3 * other.toarray(), atol=1e-14 * abs(other).max())
+    a, c = np.random.default_rng(5).uniform(1, 2, (2, len(vertices)))
+    stiffness, weighted = stiffness_and_mass(vertices, faces, a, c)
+    np.testing.assert_allclose(weighted.sum(), (mass @ c).sum(), rtol=1e-13)
+    corner = np.flatnonzero((faces == 0).any(axis=1))
+    apart = sum(
+        a[faces[k]].mean() * stiffness_and_mass(vertices[faces[k]], np.array([[0, 1, 2]]))[0].toarray()[at, at]
+        for k in corner
+        for at in np.flatnonzero(faces[k] == 0)
+    )
+    np.testing.assert_allclose(stiffness[0, 0], apart, rtol=1e-13)

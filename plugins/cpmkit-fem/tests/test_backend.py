@@ -1,4 +1,4 @@
-"""The back end is found by its name, refuses in one sentence what it cannot do, and stays lazy."""
+"""The form is found by its name, refuses in one sentence what it cannot do, and stays lazy."""
 
 import json
 import subprocess
@@ -102,9 +102,7 @@ def test_names_of_back_ends():
     assert "fem" not in kinds_without_case()
 
 
-@pytest.mark.parametrize(
-    "option", [{"degree": 2}, {"order": 1}, {"origin": [0, 0, 0]}, {"solver": "direct"}, {"pace": 2}]
-)
+@pytest.mark.parametrize("option", [{"degree": 2}, {"order": 1}, {"origin": [0, 0, 0]}, {"balance": 3}, {"pace": 2}])
 def test_options_of_the_lattice_are_refused(option):
     scene = ck.Scene(SPHERE, ck.ScreenedPoisson(1.0))
     with pytest.raises(
@@ -135,7 +133,7 @@ def test_a_spacing_is_needed_where_there_is_no_mesh(octahedron):
         solve(spacing=-1, both=ck.Dirichlet(1.0))
     vertices, faces = octahedron(2)
     mesh = ck.source("mesh.triangles", vertices=vertices, faces=faces)
-    assert len(solve(mesh, spacing=None, both=ck.Dirichlet(1.0)).faces) == len(faces)
+    assert len(solve(mesh, spacing=None, both=ck.Dirichlet(1.0)).discretized.faces) == len(faces)
 
 
 @pytest.mark.parametrize(
@@ -158,7 +156,7 @@ def test_its_solution_is_summed_up_in_the_words_of_every_other():
     own, other = ck.solve(scene, 0.3, backend="fem").summary(), ck.solve(scene, 0.3).summary()
     assert own.keys() == other.keys()
     assert own["scene"] == other["scene"]
-    assert own["discretization"].keys() == {"backend", "spacing", "degree", "channels"}
+    assert own["discretization"].keys() == {"backend", "spacing", "degree", "channels", "balance"}
     assert {"cpmkit-fem", "scikit-fem"} <= own["versions"].keys()
 
 
@@ -179,18 +177,39 @@ def test_the_nearer_boundary_wins_a_vertex(octahedron):
         np.testing.assert_allclose(solution.values, 1.0, rtol=1e-12)
 
 
-def test_a_piece_that_nothing_fixes(octahedron):
-    with pytest.raises(ck.SceneError, match="1 of the mesh's 1 pieces"):
-        solve(problem=ck.Poisson(lambda x: x[:, 0]))
-    vertices, faces = octahedron(2)
-    two = ck.source(
-        "mesh.triangles",
-        vertices=np.concatenate([vertices, vertices + [5, 0, 0]]),
-        faces=np.concatenate([faces, faces + len(vertices)]),
-    )
-    with pytest.raises(ck.SceneError, match=r"1 of the mesh's 2 pieces: the one near \(6, 0, 0\), 50% of the vertices"):
-        solve(two, both=ck.Dirichlet(1.0))
-    assert np.isfinite(solve(two, ck.ScreenedPoisson(1.0), both=ck.Dirichlet(1.0)).values).all()
+def test_solvers_are_those_of_every_form():
+    scene = ck.Scene(SPHERE, ck.ScreenedPoisson(lambda x: x[:, 0]))
+    factorised, iterated = (ck.solve(scene, 0.2, backend="fem", solver=name) for name in ("auto", "reference"))
+    assert [one.report.solver for one in (factorised, iterated)] == ["direct", "reference"]
+    np.testing.assert_allclose(iterated.values, factorised.values, atol=1e-8)
+    with pytest.raises(ck.InputError, match="solver must be auto"):
+        ck.solve(scene, 0.2, backend="fem", solver="fast")
+    with pytest.raises(ck.ConvergenceError):
+        ck.solve(scene, 0.2, backend="fem", solver="reference", max_iterations=2)
+
+
+@pytest.mark.parametrize(
+    ("problem", "what"),
+    [
+        (ck.Elliptic(1.0, velocity=lambda x: np.cross([0, 0, 1.0], x), c=1.0), "takes no velocity"),
+        (ck.Wave(1.0, until=1.0, step=0.01), "no explicit steps, which 'wave' needs; use scheme 'implicit', or"),
+        (ck.Biharmonic(1.0), "no second Laplacian, which 'biharmonic' needs; use"),
+    ],
+)
+def test_what_it_cannot_do_is_told_with_what_can(problem, what):
+    with pytest.raises(ck.SceneError, match=f"{what}.* backend='cpm'"):
+        solve(problem=problem)
+
+
+def test_what_it_does_not_read():
+    solution = solve(both=ck.Dirichlet(1.0))
+    for asked in (
+        lambda: solution.gradient([[0, 0, 1]]),
+        lambda: solution.flux("equator", "left"),
+        lambda: solution.signed_distance("equator", [[0, 0, 1]]),
+    ):
+        with pytest.raises(ck.InputError, match="the form 'fem'"):
+            asked()
 
 
 def test_surfaces_that_give_no_triangles():
@@ -239,8 +258,9 @@ def test_reading():
             solution.evaluate(points, side=side)
     with pytest.raises(ck.InputError, match="NaN or infinity"):
         solution.evaluate([[np.nan, 0, 0]])
-    np.testing.assert_allclose(solution.evaluate(solution.vertices), solution.values[:, 0], atol=1e-13)
-    assert "FemSolution of laplace" in repr(solution)
+    np.testing.assert_allclose(solution.evaluate(solution.discretized.vertices), solution.values[:, 0], atol=1e-13)
+    assert "Solution of laplace" in repr(solution)
+    assert "form fem" in repr(solution)
 
 
 def test_scikit_fem_is_imported_by_its_own_solve_alone():

@@ -20,7 +20,7 @@ def test_second_order_on_meshes_of_the_sphere(octahedron):
         vertices, faces = octahedron(times)
         surface = ck.source("mesh.triangles", vertices=vertices, faces=faces)
         solution = ck.solve(ck.Scene(surface, ck.ScreenedPoisson(lambda x: 3 * x[:, 2])), backend="fem")
-        np.testing.assert_array_equal(solution.vertices, vertices)
+        np.testing.assert_array_equal(solution.discretized.vertices, vertices)
         errors.append(np.sqrt(np.mean((solution.evaluate(POINTS) - POINTS[:, 2]) ** 2)))
         spacings.append(solution.spacing)
     assert 1.85 < order_of(spacings, errors) < 2.2
@@ -34,8 +34,8 @@ def test_second_order_where_the_curve_runs_through_vertices(octahedron):
         vertices, faces = octahedron(times)
         surface = ck.source("mesh.triangles", vertices=vertices, faces=faces)
         solution = ck.solve(ck.Scene(surface, scene.problem, scene.boundaries), backend="fem")
-        on = np.abs(solution.vertices[:, 2]) < 1e-14
-        assert len(solution.vertices) - solution.work.unknowns == on.sum() == 4 * 2**times
+        on = np.abs(solution.discretized.vertices[:, 2]) < 1e-14
+        assert len(solution.discretized.vertices) - solution.work.unknowns == on.sum() == 4 * 2**times
         assert solution.warnings == ()
         errors.append(np.abs(solution.evaluate(points) - exact).max())
     assert 1.7 < order_of([4, 2, 1], errors) < 2.2
@@ -48,7 +48,7 @@ def test_first_order_where_the_curve_misses_the_vertices():
     assert 0.8 < order_of(spacings, errors) < 1.6
     solution = ck.solve(scene, 0.1, backend="fem")
     assert "first order" in solution.warnings[0]
-    pinned = len(solution.vertices) - solution.work.unknowns
+    pinned = len(solution.discretized.vertices) - solution.work.unknowns
     assert 1 < pinned / (2 * np.pi / solution.spacing) < 2  # a chain of vertices, not a strip
 
 
@@ -57,7 +57,7 @@ def test_the_pinned_vertices_leave_no_gap():
     wall = ck.Boundary("wall", circle, both=ck.Dirichlet(0.0))
     source = ck.Boundary("source", ck.source("analytic.point", at=rotation()[0]), both=ck.Dirichlet(1.0))
     solution = ck.solve(ck.Scene(ck.source("analytic.sphere"), ck.Laplace(), [wall, source]), 0.1, backend="fem")
-    height = solution.vertices @ rotation()[0]
+    height = solution.discretized.vertices @ rotation()[0]
     assert np.abs(solution.values[height < 0.1]).max() < 1e-12
     assert solution.values[height > 0.9].min() > 0.1
 
@@ -87,7 +87,7 @@ def test_a_condition_for_each_loop():
     cylinder = ck.source("analytic.cylinder", radius=0.5, length=2.0)
     edge = {0: ck.Dirichlet([-1.0, 4.0]), 1: ck.Neumann([1.0, 0.0])}
     solution = ck.solve(ck.Scene(cylinder, ck.Laplace(), edge=edge), 0.2, backend="fem")
-    np.testing.assert_allclose(solution.values[:, 0], solution.vertices[:, 2], atol=1e-12)
+    np.testing.assert_allclose(solution.values[:, 0], solution.discretized.vertices[:, 2], atol=1e-12)
     np.testing.assert_allclose(solution.values[:, 1], 4.0, rtol=1e-12)
 
 

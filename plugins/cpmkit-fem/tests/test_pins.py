@@ -16,7 +16,7 @@ def pinned(vertices, faces, curve):
     surface = ck.source("mesh.triangles", vertices=vertices, faces=faces)
     scene = ck.Scene(surface, ck.Laplace(), [ck.Boundary("curve", curve, both=ck.Dirichlet(0.0))])
     mesh = triangulate(scene, None)
-    return mesh, pin(scene, mesh, rim_of(mesh)).vertices
+    return mesh, pin(scene, mesh, rim_of(scene, mesh)).vertices
 
 
 @pytest.mark.parametrize("height", [1.0, 0.3])

@@ -1,0 +1,68 @@
+"""The operator A of linear elements: unknowns are all vertices, and pinned ones have a row of their own.
+
+With f the free vertices, p the pinned ones and g their values, ``A = [K_ff 0; 0 D]`` and ``b = [b_f - K_fp g; D g]``,
+D the diagonal of K: A is symmetric where K is, and its solution has u = g at pinned vertices.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cpmkit.plugin import CsrOperator, Floats, Ints
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class VertexOperator(CsrOperator):
+    """A, with what data of the conditions need of the equation's terms.
+
+    Attributes
+    ----------
+    matrix : csr_array (v, v)
+        A.
+    coupling : csr_array (v, p)
+        What a value at a pinned vertex takes from b: K_fp, and -D at the vertex itself.
+    rims : sequence of csr_array (v, v)
+        For each part of the rim, the integrals of a u v divided by the law's alpha.
+    fixed : bool
+        Whether c alone surely fixes the solution.
+    """
+
+    coupling: csr_array
+    rims: Sequence[csr_array]
+    fixed: bool
+
+
+def pinned_operator(matrix: csr_array, pins: Ints, rims: Sequence[csr_array], fixed: bool) -> VertexOperator:
+    """Return A of a symmetric K (v, v) with ``pins`` (p,)."""
+    diagonal = np.zeros(len(matrix.indptr) - 1)
+    diagonal[pins] = np.abs(matrix.diagonal()[pins])
+    rows = diagonal_matrix(diagonal)
+    made = without(matrix, pins, columns=True) + rows
+    coupling = without(matrix, pins, columns=False)[:, pins] - rows[:, pins]
+    return VertexOperator(made.tocsr(), True, coupling=coupling.tocsr(), rims=rims, fixed=fixed)
+
+
+def without(matrix: csr_array, pins: Ints, columns: bool) -> csr_array:
+    """Return the matrix (v, v) with zero rows at ``pins`` (p,), and zero columns if asked for."""
+    free = np.ones(matrix.shape[0])
+    free[pins] = 0.0
+    kept = diagonal_matrix(free)
+    made: csr_array = (kept @ matrix @ kept if columns else kept @ matrix).tocsr()
+    made.eliminate_zeros()
+    return made
+
+
+def diagonal_matrix(diagonal: Floats) -> csr_array:
+    """Return a matrix (v, v) of its diagonal (v,)."""
+    from scipy.sparse import diags_array
+
+    made: csr_array = diags_array(diagonal).tocsr()
+    made.eliminate_zeros()
+    return made
