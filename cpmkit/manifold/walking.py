@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from cpmkit.manifold.localized import Localized
-from cpmkit.manifold.tangent_space import normals
+from cpmkit.manifold.tangent_space import project_tangent
 from cpmkit.protocols import ClosestPoints, Floats, Ints
 
 #: The way to a foot on a sheet is walked in steps of this many spacings: no farther than the next sheet is.
 STRIDE = 0.5
+#: A step of more than this share of a stride tells in which direction one came.
+WHOLE = 0.5
 #: At most so many steps; a node is within a stencil's reach of the foot that it is looked for from.
 STRIDES = 60
 #: A walk that moves less than this many spacings has arrived.
@@ -28,7 +32,7 @@ def feet_from(source: Localized, goal: Floats, start: ClosestPoints, spacing: fl
     walking along the sheet from there where it has none, and in the place of feet that it does not vouch for.
     """
     if not source.has_local_minima:
-        return np.arange(len(goal)), walk(source, goal, start, spacing, give_up=True)
+        return np.arange(len(goal)), walk(source, goal, start, spacing, give_up=True).feet
     reach = np.linalg.norm(goal - start.points, axis=1)
     rows, feet = source.local_minima(goal, float(reach.max()))
     near = feet.distance <= reach[rows]
@@ -42,34 +46,45 @@ def _without_doubt(
     """Return the feet with doubtful ones replaced by those that walking leads to."""
     assert feet.doubtful is not None
     unsure, sure = np.unique(rows[feet.doubtful]), ~feet.doubtful
-    walked = walk(source, goal[unsure], start.take(unsure), spacing, give_up=True)
+    walked = walk(source, goal[unsure], start.take(unsure), spacing, give_up=True).feet
     rows = np.concatenate([rows[sure], unsure])
     order = np.argsort(rows, kind="stable")
     return rows[order], ClosestPoints.join([feet.take(sure), walked]).take(order)
 
 
-def walk(source: Localized, goal: Floats, start: ClosestPoints, spacing: float, give_up: bool = False) -> ClosestPoints:
-    """Return the feet reached from ``start`` by walking along the surface until ``goal`` (n, d) lies straight above.
+@dataclass(frozen=True, eq=False)
+class Walk:
+    """Feet that were walked to, and the unit vectors (n, d) of the last whole strides; zero where none was made."""
+
+    feet: ClosestPoints
+    last: Floats
+
+
+def walk(source: Localized, goal: Floats, start: ClosestPoints, spacing: float, give_up: bool = False) -> Walk:
+    """Return the feet reached from ``start`` by walking along the source until ``goal`` (n, d) lies straight above.
 
     A leap to the foot of the goal's projection could land on another sheet, and past an end of the surface it would.
     The way ahead is the tangential part of what is left to the goal; as it shrinks by ``1 - height * curvature`` times
     what is walked, the step is chosen from how much it shrank in the last one (Barzilai and Borwein 1988).
     """
-    feet, walking = start, np.arange(len(goal))
+    feet, strides, walking = start, np.zeros_like(goal), np.arange(len(goal))
+    if source.manifold_dim == 0:
+        return Walk(feet, strides)
     checked, steps = np.full(len(goal), np.inf), np.ones((len(goal), 1))
     last: tuple[Floats, Floats] | None = None
     for count in range(STRIDES):
         here = feet.take(walking)
-        n = normals(source, here, 0.5 * spacing)
-        away = goal[walking] - here.points
-        ahead = away - np.sum(away * n, axis=1, keepdims=True) * n
+        ahead = project_tangent(source, here, goal[walking] - here.points, 0.5 * spacing)
         length = np.linalg.norm(ahead, axis=1, keepdims=True)
         if last is not None:
             steps = _steps(here.points - last[0], last[1] - ahead)
         step = np.minimum(steps, STRIDE * spacing / np.maximum(length, ARRIVED * spacing)) * ahead
         reached = source.closest_point(here.points + step)
-        going = np.linalg.norm(reached.points - here.points, axis=1) > ARRIVED * spacing
-        feet = feet.replaced(walking, reached)
+        taken = reached.points - here.points
+        moved = np.linalg.norm(taken, axis=1)
+        whole = moved > WHOLE * STRIDE * spacing
+        strides[walking[whole]] = taken[whole] / moved[whole, None]
+        feet, going = feet.replaced(walking, reached), moved > ARRIVED * spacing
         if give_up and count % CHECKED == 0:
             going &= length[:, 0] <= checked[walking]
             checked[walking] = length[:, 0]
@@ -77,7 +92,7 @@ def walk(source: Localized, goal: Floats, start: ClosestPoints, spacing: float, 
         walking = walking[going]
         if not len(walking):
             break
-    return feet
+    return Walk(feet, strides)
 
 
 def _steps(walked: Floats, shrunk: Floats) -> Floats:

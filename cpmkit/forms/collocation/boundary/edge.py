@@ -145,7 +145,7 @@ def _reached(surface: Localized, band: Band, rows: Ints, goal: Floats) -> Floats
     """Return the points of the surface nearest to ``goal`` (n, d), on the nodes' own sheet where there are several."""
     if band.sheets is None:
         return surface.closest_point(goal).points
-    return walk(surface, goal, band.feet.take(rows), band.spacing).points
+    return walk(surface, goal, band.feet.take(rows), band.spacing).feet.points
 
 
 def _continue(surface: Localized, band: Band, lattice: Lattice, law: OneSided, order: int, rows: Ints) -> Continued:

@@ -12,8 +12,8 @@ import numpy as np
 
 from cpmkit.forms.collocation.sheets.sheets import APART, Sheets, same_sheet
 from cpmkit.manifold.localized import Localized
-from cpmkit.manifold.tangent_space import normals, project_tangent
-from cpmkit.manifold.walking import ARRIVED, STRIDE, STRIDES, walk
+from cpmkit.manifold.tangent_space import normals
+from cpmkit.manifold.walking import walk
 from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 
 #: Normals that turn farther than this (cosine) do not tell whether two points lie on one sheet,
@@ -120,7 +120,7 @@ class BoundaryOnSheets:
 
         Where the walk strays to another sheet, over a sharp rim, the sample is the foot.
         """
-        feet = _walked(self.source, start, at.points, self.spacing).feet
+        feet = walk(self.source, at.points, start, self.spacing).feet
         away, own = self._ways(Placed.on(self.surface, feet.points, self.spacing), at)
         strayed = np.flatnonzero(~own)
         samples = start.take(strayed)
@@ -140,7 +140,7 @@ class BoundaryOnSheets:
             rows = np.flatnonzero(possible & ~own)
             if not len(rows):
                 break
-            walked = _walked(self.surface, start.feet.take(rows), goal.points[rows], self.spacing)
+            walked = walk(self.surface, goal.points[rows], start.feet.take(rows), self.spacing)
             missed = np.linalg.norm(walked.feet.points - goal.points[rows], axis=1)
             own[rows] = missed <= REACHED * self.spacing
             if not forth:
@@ -184,39 +184,10 @@ class BoundaryOnSheets:
         return self.source.closest_point(self.samples.points[best]), found
 
 
-@dataclass(frozen=True, eq=False)
-class _Walked:
-    """Feet that were walked to, and the unit vectors (n, d) of the last strides; zero where none was made."""
-
-    feet: ClosestPoints
-    last: Floats
-
-
-def _walked(source: Localized, start: ClosestPoints, goal: Floats, spacing: float) -> _Walked:
-    """Walk along a source from ``start`` towards ``goal`` (n, d)."""
-    feet, last, walking = start, np.zeros_like(goal), np.arange(len(goal))
-    if source.manifold_dim == 0:
-        return _Walked(feet, last)
-    for _ in range(STRIDES):
-        here = feet.take(walking)
-        ahead = project_tangent(source, here, goal[walking] - here.points, 0.5 * spacing)
-        length = np.linalg.norm(ahead, axis=1, keepdims=True)
-        step = np.minimum(1.0, STRIDE * spacing / np.maximum(length, ARRIVED * spacing)) * ahead
-        reached = source.closest_point(here.points + step)
-        taken = reached.points - here.points
-        moved = np.linalg.norm(taken, axis=1)
-        whole = moved > 0.5 * STRIDE * spacing
-        last[walking[whole]] = taken[whole] / moved[whole, None]
-        feet, walking = feet.replaced(walking, reached), walking[moved > ARRIVED * spacing]
-        if not len(walking):
-            break
-    return _Walked(feet, last)
-
-
 def nearest_from(
     surface: Localized, start: Floats, goal: Floats, spacing: float, sheets: Sheets | None
 ) -> ClosestPoints:
     """Return the points of the surface nearest to ``goal`` (n, d), on the sheets of its points ``start`` (n, d)."""
     if sheets is None:
         return surface.closest_point(goal)
-    return walk(surface, goal, surface.closest_point(start), spacing)
+    return walk(surface, goal, surface.closest_point(start), spacing).feet
