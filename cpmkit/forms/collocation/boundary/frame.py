@@ -63,8 +63,6 @@ class Frame:
         v, the conormal that points to the left; zero where the boundary has no sides.
     director : (k, d) float64
         D; zero where nothing is crossed.
-    lift : (k,) float64
-        ``|(z - y) . n|``, how far the point lies off the tangent plane at y; zero where n is not asked for.
     """
 
     rows: Ints
@@ -74,7 +72,6 @@ class Frame:
     signed: Floats
     left: Floats
     director: Floats
-    lift: Floats
 
     def take(self, index: Ints | Bools) -> Frame:
         """Return the entries at ``index``, with their row numbers."""
@@ -196,18 +193,16 @@ class Sighted:
         if not self.has_sides:
             director = self._from_point(on, away, spacing)
             nowhere = np.zeros(len(rows), dtype=bool)
-            unsigned, flat = np.full(len(rows), np.nan), np.zeros(len(rows))
-            return Frame(rows, on.points, nowhere, distance, unsigned, 0 * away, director, flat)
+            unsigned = np.full(len(rows), np.nan)
+            return Frame(rows, on.points, nowhere, distance, unsigned, 0 * away, director)
         axis, left = axis_and_left(self.source, self.surface, self.named.signs, on, feet, 0.5 * spacing)
         signed = np.sum(away * left, axis=1)
         if way is not None:
             signed = np.where(np.abs(signed) < UNCLEAR * distance, np.sum(way * left, axis=1), signed)
         signed = np.where(np.abs(signed) < ON_BOUNDARY * spacing, ON_BOUNDARY * spacing, signed)
-        on_surface = self.dimension == 2 and self.surface.dim == 3
-        lift = np.abs(np.sum(away * axis, axis=1)) if on_surface else np.zeros(len(rows))
         director = signed[:, None] * self._director_axis(axis, left)
         end = self._open_ends(feet, on, spacing)
-        frame = Frame(rows, on.points, end, distance, signed, left, director, lift)
+        frame = Frame(rows, on.points, end, distance, signed, left, director)
         if way is None:
             return frame
         return frame.take((np.abs(signed) >= UNCLEAR * distance) | (distance <= NEAR * spacing))

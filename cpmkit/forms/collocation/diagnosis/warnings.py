@@ -26,8 +26,6 @@ JUMP = 2.0
 JUMP_SHARE = 5e-3
 #: A boundary that lies more spacings off the surface than this was hardly meant to.
 FAR_OFF = 0.5
-#: So may this share of a boundary's ghosts stand on another sheet.
-OFF_SHEET_SHARE = 1e-2
 
 
 def warnings_of(layout: Layout, missed: float = 0.0) -> tuple[str, ...]:
@@ -144,13 +142,6 @@ def _sheets(layout: Layout, missed: float) -> list[str]:
 def _boundaries(layout: Layout) -> list[str]:
     found = []
     for boundary, ghosts in zip(layout.sight.boundaries, layout.ghosts, strict=True):
-        astray = int(ghosts.off_sheet[: ghosts.unknowns].sum())
-        if astray > OFF_SHEET_SHARE * ghosts.unknowns:
-            found.append(
-                f"{astray} of {ghosts.unknowns} ghosts of boundary {boundary.name!r} stand on another part of the "
-                "surface that lies within the band of this one: values of one may show on the other; a smaller "
-                "spacing parts them."
-            )
         asked = min(boundary.condition(side).order or layout.order for side in SIDES)
         fallen = int(np.count_nonzero(ghosts.orders[: ghosts.unknowns] == 1)) if asked > 1 else 0
         if fallen:

@@ -25,8 +25,6 @@ from cpmkit.scene.data import Data
 
 #: Below this share of the spacing, the direction from a ghost to the boundary is taken from the conormal.
 TOUCHING = 1e-3
-#: A foot that is lifted off the tangent plane by more than this share of its distance lies on another sheet.
-OFF_SHEET = 0.75
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,9 +47,6 @@ class Ghosts:
         Where right-hand sides are read: just inside the side that each ghost carries, and, at order 3 and 4, behind.
     frames : sequence of Frame
         How the ghosts' stencils see each boundary.
-    off_sheet : (g,) bool
-        True where the node's foot does not lie beside the boundary but above it: on another sheet. Where sheets were
-        parted there are none.
     carries_left : (g,) bool
         True where the ghost carries the left side's solution.
     orders : (g,) int64
@@ -67,7 +62,6 @@ class Ghosts:
     reading: Reading
     sources: Reading
     frames: Sequence[Frame]
-    off_sheet: Bools
     carries_left: Bools
     orders: Ints
     behind: Floats
@@ -119,8 +113,6 @@ def build_ghosts(index: int, sight: Sight, band: Band, lattice: Lattice, mirrore
     made = ghost_reading(crossing, lattice, order, 2 * reading_radius(band.dim, band.degree) * band.spacing)
     numbers = np.full(len(band.nodes), -1)
     numbers[seen.rows] = np.arange(len(seen.rows))
-    parted = sight.sighted[index].sheets is not None
-    off_sheet = (seen.lift > OFF_SHEET * seen.distance + 0.5 * band.spacing) & (not parted)
     return Ghosts(
         seen.rows,
         unknowns,
@@ -129,7 +121,6 @@ def build_ghosts(index: int, sight: Sight, band: Band, lattice: Lattice, mirrore
         _past_edge(made.reading, mirrored, seen.rows, apart),
         made.sources,
         made.frames,
-        off_sheet,
         seen.signed < 0,
         made.orders,
         made.behind,

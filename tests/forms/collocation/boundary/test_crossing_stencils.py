@@ -12,7 +12,7 @@ LEFT, RIGHT = np.array([[1.0, 0.0, 0.0]]), np.array([[-1.0, 0.0, 0.0]])
 def seen_from_the_left(distance):
     """How one boundary sees a single stencil on its left, so far away."""
     one, none = np.zeros(1), np.zeros((1, 2))
-    return Frame(np.array([0]), none, one.astype(bool), np.array([distance]), one + 1, none, LEFT, one)
+    return Frame(np.array([0]), none, one.astype(bool), np.array([distance]), one + 1, none, LEFT)
 
 
 def chosen(distances, own, directors):
