@@ -139,14 +139,13 @@ def _noise(layout: Layout) -> float:
 
 
 def _counts(layout: Layout) -> dict[str, float]:
-    rows = len(layout.band.nodes) + sum(len(ghosts.nodes) for ghosts in layout.ghosts)
     counts = {
         "inner": layout.band.inner,
         "twins": layout.band.inner - layout.band.first_twin,
         "unfolded": int(layout.band.is_unfolded.sum()),
         "nodes": len(layout.band.nodes),
-        "rows": rows,
-        "unknowns": layout.size,
+        "rows": layout.numbering.rows,
+        "unknowns": layout.numbering.unknowns,
         "past edge": int(np.count_nonzero(layout.band.feet.edge >= 0)),
     }
     for number, ghosts in enumerate(layout.ghosts):

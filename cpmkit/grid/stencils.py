@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from cpmkit.errors import InputError, shown
+from cpmkit.errors import InputError, ResolutionError, shown
 from cpmkit.protocols import Floats, Ints
+
+if TYPE_CHECKING:
+    from cpmkit.grid.band import Band
 
 DEGREES = (2, 3, 4, 5)
 
@@ -129,3 +134,21 @@ def cross_weights(dim: int, reach: int = 1) -> tuple[Floats, float]:
 def reading_radius(dim: int, degree: int) -> float:
     """Return the distance, in spacings, within which a stencil reads nodes: ``sqrt(d) (p + 1) / 2``."""
     return float(np.sqrt(dim) * (degree + 1) / 2)
+
+
+def stencil_nodes(band: Band, cells: Ints) -> Ints:
+    """Return the inner nodes (n, (p + 1)^d), int32, of the stencils of ``cells`` (n, d).
+
+    Each cell is looked up once, however many of the points lie in it.
+    """
+    codes = band.codes.encode(cells)
+    _, first, member = np.unique(codes, return_index=True, return_inverse=True)
+    nodes = band.find_inner(cells[first][:, None] + tensor_offsets(band.degree, band.dim))
+    incomplete = np.asarray((nodes < 0).any(axis=1))
+    if incomplete.any():
+        lost = int(np.count_nonzero(incomplete[member.ravel()]))
+        raise ResolutionError(
+            f"{lost} interpolation stencils leave the band: the source's distances or bounds contradict its closest "
+            "points; run `cpmkit.testing.run_laws` on it."
+        )
+    return np.asarray(nodes.astype(np.int32)[member.ravel()])

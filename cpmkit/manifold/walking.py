@@ -95,6 +95,11 @@ def walk(source: Localized, goal: Floats, start: ClosestPoints, spacing: float, 
     return Walk(feet, strides)
 
 
+def nearest_from(source: Localized, start: ClosestPoints | None, goal: Floats, spacing: float) -> ClosestPoints:
+    """Return the points of a source nearest to ``goal`` (n, d), on the sheets of its points ``start`` if given."""
+    return source.closest_point(goal) if start is None else walk(source, goal, start, spacing).feet
+
+
 def _steps(walked: Floats, shrunk: Floats) -> Floats:
     """Return by what to multiply the way ahead (n, 1), after walking ``walked`` (n, d) has ``shrunk`` (n, d) it."""
     slope = np.sum(walked * shrunk, axis=1, keepdims=True) / np.sum(walked * walked, axis=1, keepdims=True)

@@ -58,13 +58,13 @@ def _coefficient(tables: Discretization, data: Data, what: str) -> Floats:
     """Return a coefficient of one channel at the unknowns, (n, 1)."""
     if not callable(data):
         return np.full((tables.unknowns.count, 1), evaluate_data(data, np.zeros((1, 1)), 1, what)[0, 0])
-    return tables.read_at_rows(data, what)[tables.unknown_rows]
+    return tables.read_at_rows(data, what)[tables.numbering.row_of_unknown]
 
 
 def _diffusive(tables: Discretization, diffusivity: Data) -> Floats:
     """Return the weights (n, 2 d) of the neighbours in ``spacing^2 div(a grad u)``: a at the midpoints."""
     a = _diffusivity(tables, diffusivity)
-    here = a[tables.unknown_rows]
+    here = a[tables.numbering.row_of_unknown]
     there = a[tables.neighbours]
     return np.asarray(0.5 * (here[:, None] + there))
 
@@ -123,7 +123,7 @@ def _advective(tables: Discretization, velocity: Field, diffusive: Floats) -> Fl
         If advection over one spacing outweighs diffusion more than twice: the solution would oscillate.
     """
     spacing, dim = tables.layout.lattice.spacing, tables.layout.lattice.dim
-    v = tables.read_at_rows(velocity, "the velocity", None)[tables.unknown_rows]
+    v = tables.read_at_rows(velocity, "the velocity", None)[tables.numbering.row_of_unknown]
     if v.shape[1] != dim:
         raise InputError(f"the velocity must be vectors of shape (n, {dim}), got (n, {v.shape[1]}).")
     peclet = float((np.abs(v).max(axis=1) * spacing / diffusive.min(axis=1)).max(initial=0.0))

@@ -9,18 +9,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.forms.collocation.boundary.crossing import View, visible_ghosts
-from cpmkit.forms.collocation.boundary.frame import Frame, stack
+from cpmkit.forms.collocation.boundary.frame import stack
 from cpmkit.forms.collocation.boundary.reading import Datum, Reading, Term, sum_of_data
 from cpmkit.forms.collocation.diagnosis.refusals import check_effect, check_layout
-from cpmkit.forms.collocation.extension import Unknowns, extend
-from cpmkit.forms.collocation.ghosts.nodes import Ghosts
+from cpmkit.forms.collocation.extension import extend
 from cpmkit.forms.collocation.layout import Layout, lay_out
+from cpmkit.forms.collocation.numbering import Numbering
 from cpmkit.forms.collocation.options import CollocationOptions
+from cpmkit.forms.collocation.selection import Centres, Unknowns
 from cpmkit.forms.options import Options
-from cpmkit.grid.band import Band
 from cpmkit.grid.stencils import cross_offsets, cross_weights, difference_reach
-from cpmkit.protocols import Floats, Ints, Progress, nothing
+from cpmkit.protocols import ClosestPoints, Floats, Ints, Progress, nothing
 from cpmkit.scene.data import Data, evaluate_data
 from cpmkit.scene.laws import Law
 from cpmkit.scene.scene import Scene
@@ -37,8 +36,6 @@ class Discretization:
     ----------
     layout : Layout
         Lattice, band, boundaries and ghosts.
-    unknowns : Unknowns
-        The band's inner nodes and the ghosts of each boundary.
     extension : csr_array (rows, unknowns)
         E: one row an outer node, then one a ghost. Its arrays are read-only: every operator shares them.
     data : sequence of Datum
@@ -49,7 +46,6 @@ class Discretization:
     """
 
     layout: Layout
-    unknowns: Unknowns
     extension: csr_array
     data: Sequence[Datum]
     neighbours: Ints
@@ -72,9 +68,14 @@ class Discretization:
         return read_only(csr_array((np.ravel(weights), columns, starts), shape=shape))
 
     @property
-    def unknown_rows(self) -> Ints:
-        """(unknowns,) the row of E that belongs to each unknown."""
-        return _unknown_rows(self.layout.band, self.layout.ghosts)
+    def unknowns(self) -> Unknowns:
+        """What stencils read: the band's inner nodes, and the ghosts of each boundary."""
+        return self.layout.unknowns
+
+    @property
+    def numbering(self) -> Numbering:
+        """The numbers of rows of E and of unknowns."""
+        return self.layout.numbering
 
     def datum(self, time: float | None = None) -> Floats:
         """Return what the boundary data add to E u at ``time``, (rows, channels)."""
@@ -83,14 +84,8 @@ class Discretization:
     @cached_property
     def sources(self) -> Reading:
         """Where the unknowns read right-hand sides and initial data: nodes at their feet, ghosts on their side."""
-        nodes = self.layout.sources
-        inner = np.where(np.arange(len(nodes)) < self.layout.band.inner, np.arange(len(nodes)), -1)
-        readings, numbers, first = [nodes], [inner], self.layout.band.inner
-        for ghosts in self.layout.ghosts:
-            readings.append(ghosts.sources)
-            count = np.arange(len(ghosts.nodes))
-            numbers.append(np.where(count < ghosts.unknowns, count + first, -1))
-            first += ghosts.unknowns
+        readings = [self.layout.sources, *(ghosts.sources for ghosts in self.layout.ghosts)]
+        numbers = np.split(self.numbering.unknown_of_row, self.numbering.first_rows[:-1])
         kept = [number >= 0 for number in numbers]
         return Reading(
             np.concatenate([reading.points[keep] for reading, keep in zip(readings, kept, strict=True)]),
@@ -139,11 +134,13 @@ class Discretization:
         """Return the matrix (rows, unknowns) that reads u at a datum's points, in its rows, from their sides."""
         from scipy.sparse import csr_array
 
-        view = _all_views(self.layout.sight.frames, self.layout.ghosts, len(self.layout.band.nodes))
         order = np.argsort(datum.rows)
         rows, points = datum.rows[order], self.layout.lattice.to_local(datum.points[order])
-        place = csr_array((np.ones(len(rows)), (rows, np.arange(len(rows)))), shape=(len(view.own), len(rows)))
-        read: csr_array = (place @ extend(self.unknowns, points, view.select(rows))).tocsr()
+        centres = _all_centres(self.layout).take(rows)
+        if self.layout.band.sheets is not None:
+            centres = replace(centres, feet=self.layout.surface.closest_point(points), normals=None)
+        place = csr_array((np.ones(len(rows)), (rows, np.arange(len(rows)))), shape=(self.numbering.rows, len(rows)))
+        read: csr_array = (place @ extend(self.unknowns, points, centres)).tocsr()
         return read
 
 
@@ -164,17 +161,17 @@ def build_tables(scene: Scene, options: Options[CollocationOptions], progress: P
 
 def tabulate(layout: Layout, progress: Progress = nothing) -> Discretization:
     """Build E and N for a layout; no closest point is asked for."""
-    ghosts = layout.ghosts
-    unknowns = Unknowns(layout.band, ghosts)
-    rows = _all_readings(layout.reading, ghosts)
-    view = _all_views(layout.sight.frames, ghosts, len(layout.band.nodes))
-    extension = extend(unknowns, rows.points, view, rows.coefficient, lambda stage, share: progress(stage, 0.8 * share))
+    unknowns, rows = layout.unknowns, _all_readings(layout)
+    centres = _all_centres(layout, rows)
+    extension = extend(
+        unknowns, rows.points, centres, rows.coefficient, lambda stage, share: progress(stage, 0.8 * share)
+    )
     if rows.terms:
         extension = _with_terms(extension, unknowns, rows.terms)
-    neighbours = _neighbours(unknowns, view, difference_reach(layout.order))
+    neighbours = _neighbours(unknowns, centres, difference_reach(layout.order))
     neighbours.flags.writeable = False
     progress("tables", 1.0)
-    return Discretization(layout, unknowns, read_only(extension), rows.data, neighbours)
+    return Discretization(layout, read_only(extension), rows.data, neighbours)
 
 
 def read_only(matrix: csr_array) -> csr_array:
@@ -193,8 +190,8 @@ def _with_terms(extension: csr_array, unknowns: Unknowns, terms: Sequence[Term])
     from scipy.sparse import csr_array
 
     for term in terms:
-        view = View(term.frames, np.full(len(term.points), term.own))
-        read = extend(unknowns, term.points, view, term.coefficient)
+        centres = Centres(term.frames, np.full(len(term.points), term.own), term.feet)
+        read = extend(unknowns, term.points, centres, term.coefficient)
         place = csr_array(
             (np.ones(len(term.rows)), (term.rows, np.arange(len(term.rows)))),
             shape=(extension.shape[0], len(term.rows)),
@@ -207,62 +204,55 @@ def _with_terms(extension: csr_array, unknowns: Unknowns, terms: Sequence[Term])
 
 def _renumbered(term: Term, rows: Ints) -> Term:
     """Return a term with row k of its batch called ``rows[k]``; -1 leaves it out. Its frames go."""
-    kept = rows[term.rows] >= 0
-    return Term(rows[term.rows[kept]], term.points[kept], term.coefficient[kept])
+    kept = term.take(rows[term.rows] >= 0)
+    return replace(kept, rows=rows[kept.rows])
 
 
-def _all_readings(nodes: Reading, ghosts: Sequence[Ghosts]) -> Reading:
+def _all_readings(layout: Layout) -> Reading:
     """Return what all rows of E read: the band's nodes, then each boundary's ghosts."""
-    parts = [nodes, *(one.reading for one in ghosts)]
-    numbers = np.split(np.arange(sum(map(len, parts))), np.cumsum([len(part) for part in parts])[:-1])
+    parts, numbering = [layout.reading, *(one.reading for one in layout.ghosts)], layout.numbering
+    numbers = np.split(np.arange(numbering.rows), numbering.first_rows[:-1])
     numbered = list(zip(parts, numbers, strict=True))
     return Reading(
         np.concatenate([part.points for part in parts]),
         np.concatenate([part.coefficient for part in parts]),
         [datum.renumbered(rows) for part, rows in numbered for datum in part.data],
         [replace(term, rows=rows[term.rows]) for part, rows in numbered for term in part.terms],
+        _joined([part.feet for part in parts]),
     )
 
 
-def _first_rows(nodes: int, ghosts: Sequence[Ghosts]) -> Ints:
-    """Return the first row of E of each boundary's ghosts, and the number of rows."""
-    return np.cumsum([nodes] + [len(one.nodes) for one in ghosts]).astype(np.int64)
+def _joined(feet: Sequence[ClosestPoints | None]) -> ClosestPoints | None:
+    """Return the records of all rows, None where they were not kept."""
+    known = [one for one in feet if one is not None]
+    return ClosestPoints.join(known) if len(known) == len(feet) else None
 
 
-def _unknown_rows(band: Band, ghosts: Sequence[Ghosts]) -> Ints:
-    """Return the row of E that belongs to each unknown: the inner nodes', then those of each boundary's ghosts."""
-    first = _first_rows(len(band.nodes), ghosts)
-    parts = [np.arange(band.inner), *(first[k] + np.arange(one.unknowns) for k, one in enumerate(ghosts))]
-    return np.concatenate(parts)
-
-
-def _all_views(frames: Sequence[Frame], ghosts: Sequence[Ghosts], nodes: int) -> View:
-    """Return how all rows of E see the boundaries."""
-    first = _first_rows(nodes, ghosts)
-    stacked = [
-        stack([(0, frame), *((int(first[k]), one.frames[index]) for k, one in enumerate(ghosts))])
-        for index, frame in enumerate(frames)
+def _all_centres(layout: Layout, rows: Reading | None = None) -> Centres:
+    """Return how all rows of E see the boundaries, and on which sheets they read if it is asked what they do."""
+    band, own, first = layout.band, layout.numbering.boundary_of_row, layout.numbering.first_rows
+    frames = [
+        stack([(0, frame), *((int(first[k]), one.frames[index]) for k, one in enumerate(layout.ghosts))])
+        for index, frame in enumerate(layout.sight.frames)
     ]
-    own = np.repeat(np.arange(-1, len(ghosts)), np.diff(first, prepend=0))
-    return View(stacked, own)
+    if band.sheets is None or rows is None:
+        return Centres(frames, own)
+    normals = np.full(rows.points.shape, np.nan)
+    at_feet = np.flatnonzero((rows.points[: len(band.nodes)] == band.feet.points).all(axis=1))
+    normals[at_feet] = band.sheets.normals[at_feet]
+    return Centres(frames, own, rows.feet, normals)
 
 
-def _neighbours(unknowns: Unknowns, view: View, reach: int) -> Ints:
+def _neighbours(unknowns: Unknowns, centres: Centres, reach: int) -> Ints:
     """Return which rows of E (unknowns, k) the difference stencil of each unknown reads.
 
     A neighbour across a boundary is read through its ghost. A ghost's neighbour on the ghost's own side is
     that neighbour's ghost; one on the side that it carries, or past an open end, is the node itself.
     """
-    band, ghosts = unknowns.band, unknowns.ghosts
-    first = _first_rows(len(band.nodes), ghosts)
-    centres = np.concatenate([np.arange(band.inner), *(one.nodes[: one.unknowns] for one in ghosts)])
-    rows = _unknown_rows(band, ghosts)
-    nodes = band.find(band.nodes[centres][:, None] + cross_offsets(band.dim, reach))
-    if band.sheets is not None:
-        anchors, every = band.sheets.anchor[centres], np.ones(len(band.nodes), dtype=bool)
-        band.sheets.choose(band.feet.take(anchors), band.sheets.normals[anchors], nodes, every)
-    seen, directors = view.select(rows), [one.director for one in ghosts]
-    label, number = visible_ghosts(seen, nodes, [one.numbers for one in ghosts], directors)
-    columns = np.where(label >= 0, first[label] + number, nodes)
-    narrow = first[-1] <= np.iinfo(np.int32).max
-    return columns.astype(np.int32 if narrow else np.int64)
+    band, numbering = unknowns.band, unknowns.numbering
+    nodes = np.concatenate([np.arange(band.inner), *(one.nodes[: one.unknowns] for one in unknowns.ghosts)])
+    beside = band.find(band.nodes[nodes][:, None] + cross_offsets(band.dim, reach))
+    anchors = Centres.of_nodes(band, nodes if band.sheets is None else band.sheets.anchor[nodes])
+    seen = centres.take(numbering.row_of_unknown)
+    columns = unknowns.select_rows(replace(anchors, frames=seen.frames, own=seen.own), beside)
+    return columns.astype(np.int32 if numbering.rows <= np.iinfo(np.int32).max else np.int64)

@@ -176,7 +176,7 @@ class Collocation(Discretized):
         inner = self.tables.layout.band.inner
         past = np.flatnonzero(self.tables.layout.band.feet.edge[:inner] >= 0)
         unknowns = np.concatenate([past, np.arange(inner, self.size)])
-        rows = self.tables.unknown_rows[unknowns]
+        rows = self.tables.numbering.row_of_unknown[unknowns]
         continued, extension = u.copy(), self.tables.extension[rows]
         for _ in range(ROUNDS):
             continued[unknowns] = extension @ continued + datum[rows]

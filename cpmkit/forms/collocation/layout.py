@@ -21,7 +21,9 @@ from cpmkit.forms.collocation.boundary.side_readings import DOUBTFUL, node_sourc
 from cpmkit.forms.collocation.boundary.tips import Blur, blurs
 from cpmkit.forms.collocation.diagnosis.limbs import Limbs, limbs_side_by_side
 from cpmkit.forms.collocation.ghosts.nodes import Ghosts, Sight, build_ghosts
+from cpmkit.forms.collocation.numbering import Numbering
 from cpmkit.forms.collocation.options import CollocationOptions
+from cpmkit.forms.collocation.selection import Unknowns
 from cpmkit.forms.collocation.sheets.twins import part_sheets
 from cpmkit.forms.collocation.tube_width import check_one_sheet, check_room
 from cpmkit.forms.options import Options
@@ -90,15 +92,20 @@ class Layout:
         """Stencils that read another limb beside their own; looked for once, for checks, warnings and balancing ask."""
         return limbs_side_by_side(self.surface, self.band)
 
+    @cached_property
+    def unknowns(self) -> Unknowns:
+        """What stencils read: the band's inner nodes, and the ghosts of each boundary."""
+        return Unknowns(self.band, self.ghosts)
+
     @property
     def order(self) -> int:
         """Order of the conditions, 1 to 4; at 4 the Laplacian is of fourth order too."""
         return self.options.own.order
 
     @property
-    def size(self) -> int:
-        """Number of unknowns: inner nodes and ghosts."""
-        return self.band.inner + sum(ghosts.unknowns for ghosts in self.ghosts)
+    def numbering(self) -> Numbering:
+        """The numbers of rows of E and of unknowns."""
+        return self.unknowns.numbering
 
     @property
     def queries(self) -> Counter[str]:

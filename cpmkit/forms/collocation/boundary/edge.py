@@ -32,7 +32,7 @@ from cpmkit.grid.band import Band
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.localized import Localized
 from cpmkit.manifold.tangent_space import outward_conormals
-from cpmkit.manifold.walking import walk
+from cpmkit.manifold.walking import nearest_from
 from cpmkit.protocols import ClosestPoints, Floats, Ints
 from cpmkit.scene.condition import Condition
 from cpmkit.scene.laws import OneSided, beta_at, is_wall
@@ -116,36 +116,42 @@ def _mirrored(
 ) -> Reading:
     """Return what all nodes read at order 1 or 2, ``most``, one point each."""
     points, coefficient = band.feet.points.copy(), np.ones(len(band.nodes))
+    feet = None if band.sheets is None else band.feet
     data: list[Datum] = []
     for rows, law, own in loops:
         read = _mirror(surface, band, lattice, law, min(own or order, most), rows)
         points[rows], coefficient[rows] = read.points, read.coefficient
+        feet = None if feet is None or read.feet is None else feet.replaced(rows, read.feet)
         data += [datum.renumbered(rows) for datum in read.data]
-    return Reading(points, coefficient, data)
+    return Reading(points, coefficient, data, feet=feet)
 
 
 def _mirror(surface: Localized, band: Band, lattice: Lattice, law: OneSided, order: int, rows: Ints) -> Reading:
     """Return what nodes past one loop read at order 1 or 2."""
     foot, beyond = band.feet.points[rows], band.positions[rows] - band.feet.points[rows]
     if is_wall(law):
-        points = foot if order == 1 else _reached(surface, band, rows, foot - beyond)
-        return Reading(points, np.ones(len(rows)))
+        on = band.feet.take(rows) if order == 1 else _reached(surface, band, rows, foot - beyond)
+        return Reading(on.points, np.ones(len(rows)), feet=on)
     outward = _outward(surface, band.feet.take(rows), beyond, band.spacing)
     t = np.maximum(np.sum(beyond * outward, axis=1), 0.0)
     mirror = foot - beyond - (mirror_distance(law, t, band.spacing) - t)[:, None] * outward
-    points = foot if order == 1 else _reached(surface, band, rows, mirror)
+    on = band.feet.take(rows) if order == 1 else _reached(surface, band, rows, mirror)
     where = lattice.to_scene(foot)
     first = np.full(len(rows), order == 1)
     beta = beta_at(law, where, WHAT)
     coefficient, factor = coefficient_and_factor(law, beta, t, 2 * t, first, band.spacing)
-    return Reading(points, coefficient, [Datum(np.arange(len(rows)), factor, where, law.datum, WHAT, law)])
+    data = [Datum(np.arange(len(rows)), factor, where, law.datum, WHAT, law)]
+    return Reading(on.points, coefficient, data, feet=on)
 
 
-def _reached(surface: Localized, band: Band, rows: Ints, goal: Floats) -> Floats:
+def _reached(surface: Localized, band: Band, rows: Ints, goal: Floats) -> ClosestPoints:
     """Return the points of the surface nearest to ``goal`` (n, d), on the nodes' own sheet where there are several."""
-    if band.sheets is None:
-        return surface.closest_point(goal).points
-    return walk(surface, goal, band.feet.take(rows), band.spacing).feet.points
+    return nearest_from(surface, _start(band, rows), goal, band.spacing)
+
+
+def _start(band: Band, rows: Ints) -> ClosestPoints | None:
+    """Return the records of the nodes' feet, to walk from along their sheets; None where the surface has one."""
+    return None if band.sheets is None else band.feet.take(rows)
 
 
 def _continue(surface: Localized, band: Band, lattice: Lattice, law: OneSided, order: int, rows: Ints) -> Continued:
@@ -155,7 +161,8 @@ def _continue(surface: Localized, band: Band, lattice: Lattice, law: OneSided, o
     """
     foot, offset = band.feet.points[rows], band.positions[rows] - band.feet.points[rows]
     outward = _outward(surface, band.feet.take(rows), offset, band.spacing)
-    inside = points_inwards(surface, foot, -outward, points_inside(law, order), band.spacing, band.sheets)
+    count = points_inside(law, order)
+    inside = points_inwards(surface, foot, -outward, count, band.spacing, _start(band, rows))
     kept = np.flatnonzero(inside.sound)
     inside, rows = inside.take(kept), rows[kept]
     t = beyond_edge(offset[kept], outward[kept], inside.curvature)

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from cpmkit.forms.collocation.boundary.frame import Frame, Sighted
-from cpmkit.forms.collocation.boundary.reading import Reading, Term
+from cpmkit.forms.collocation.boundary.reading import Reading
 from cpmkit.forms.collocation.ghosts.geometry import ALONGSIDE
 from cpmkit.grid.band import Band
 from cpmkit.manifold.tangent_space import outward_conormals
@@ -47,11 +47,11 @@ def replaced(reading: Reading, rows: Ints, other: Reading) -> Reading:
     chosen = np.isin(np.arange(len(reading)), rows)
     here, there = np.where(chosen, -1, np.arange(len(reading))), np.where(chosen, np.arange(len(reading)), -1)
     data = [datum.renumbered(here) for datum in reading.data] + [datum.renumbered(there) for datum in other.data]
-    terms = []
-    for term in reading.terms:
-        kept = ~chosen[term.rows]
-        terms.append(Term(term.rows[kept], term.points[kept], term.coefficient[kept]))
-    return Reading(points, coefficient, data, terms)
+    terms = [term.take(~chosen[term.rows]) for term in reading.terms]
+    feet = reading.feet
+    if feet is not None and other.feet is not None:
+        feet = feet.replaced(rows, other.feet.take(rows))
+    return Reading(points, coefficient, data, terms, feet)
 
 
 def straight_ahead(

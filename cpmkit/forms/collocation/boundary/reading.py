@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.protocols import Floats, Ints
+from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 from cpmkit.scene.data import Data, evaluate_data, takes_time
 from cpmkit.scene.laws import Law
 
@@ -83,6 +83,8 @@ class Term:
         How the points see each boundary; their rows count the points.
     own : int
         The boundary whose ghosts read; -1 where nodes do.
+    feet : ClosestPoints, optional
+        The surface's records of the points: where several of its sheets share the band.
     """
 
     rows: Ints
@@ -90,6 +92,12 @@ class Term:
     coefficient: Floats
     frames: Sequence[Frame] = ()
     own: int = -1
+    feet: ClosestPoints | None = None
+
+    def take(self, kept: Bools) -> Term:
+        """Return some of the points; how they see boundaries is looked for later."""
+        feet = None if self.feet is None else self.feet.take(kept)
+        return Term(self.rows[kept], self.points[kept], self.coefficient[kept], feet=feet)
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,12 +114,15 @@ class Reading:
         What boundary data add.
     terms : sequence of Term
         Further points that some rows read.
+    feet : ClosestPoints, optional
+        The surface's records of the points: where several of its sheets share the band.
     """
 
     points: Floats
     coefficient: Floats
     data: Sequence[Datum] = ()
     terms: Sequence[Term] = ()
+    feet: ClosestPoints | None = None
 
     def __len__(self) -> int:
         return len(self.points)

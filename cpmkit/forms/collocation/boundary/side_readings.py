@@ -11,8 +11,8 @@ import numpy as np
 from cpmkit.forms.collocation.boundary.frame import Frame, Sighted
 from cpmkit.forms.collocation.boundary.reading import Reading, Term
 from cpmkit.forms.collocation.ghosts.geometry import INSIDE, Crossing, beyond_another
-from cpmkit.forms.collocation.sheets.boundary_on_sheets import nearest_from
-from cpmkit.protocols import Bools, Floats
+from cpmkit.manifold.walking import nearest_from
+from cpmkit.protocols import Bools, ClosestPoints, Floats
 
 #: Data are read at this distance from the boundary, in spacings, and at multiples of it: two points, or three where
 #: the conditions are of order 3 or 4. (At 0.25 the Dziuk surface of the studies is a fifth less accurate at 0.1.)
@@ -32,7 +32,7 @@ def read_within(crossing: Crossing, spacing: float, order: int) -> Reading:
     near = seen.foot + INSIDE * spacing * crossing.direction
     if not own.has_sides or not len(near):
         return Reading(near, np.ones(len(near)))
-    points, sound = _points_within(own, seen.foot, crossing.direction, order)
+    points, sound = _points_within(own, seen.foot, crossing.start, crossing.direction, order)
     rows = np.flatnonzero(sound)
     reach = 2 * len(points) * WITHIN * spacing
     sound[rows[beyond_another(crossing, rows, points[-1][rows], reach, spacing)]] = False
@@ -44,17 +44,20 @@ def node_sources(feet: Floats, own: Sighted, others: list[Sighted], seen: Frame,
     spacing, sign = own.spacing, np.sign(seen.signed)[:, None]
     on = np.abs(seen.signed)[:, None] < INSIDE * spacing
     near = np.where(on, feet + sign * INSIDE * spacing * seen.left, feet)
-    points, sound = _points_within(own, seen.foot, sign * seen.left, order)
+    start = None if own.sheets is None else own.surface.closest_point(seen.foot)
+    points, sound = _points_within(own, seen.foot, start, sign * seen.left, order)
     for other in others:
         sound &= other.source.closest_point(seen.foot).distance > 2 * len(points) * WITHIN * spacing
     return _continued_to(near, points, sound, np.abs(seen.signed) / (WITHIN * spacing))
 
 
-def _points_within(own: Sighted, foot: Floats, direction: Floats, order: int) -> tuple[list[Floats], Bools]:
+def _points_within(
+    own: Sighted, foot: Floats, start: ClosestPoints | None, direction: Floats, order: int
+) -> tuple[list[Floats], Bools]:
     """Return points (n, d) of the surface one behind the other from feet on a boundary, and where there are all."""
     points, sound, step = [], np.ones(len(foot), dtype=bool), WITHIN * own.spacing
     for k in range(1, 3 if order < 3 else 4):
-        one = nearest_from(own.surface, foot, foot + k * step * direction, own.spacing, own.sheets)
+        one = nearest_from(own.surface, start, foot + k * step * direction, own.spacing)
         sound &= (np.linalg.norm(one.points - foot, axis=1) > CROWDED * k * step) & (one.edge < 0)
         points.append(one.points)
     return points, sound

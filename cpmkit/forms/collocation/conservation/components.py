@@ -29,7 +29,7 @@ def unpinned(tables: Discretization, scene: Scene) -> tuple[int, Ints]:
     free[label[: tables.layout.band.inner]] = True  # a ghost without nodes around it lies past an open end
     free[label[_pinning(tables)]] = False
     if callable(c):
-        free[label[tables.read_at_rows(c, "the factor c")[tables.unknown_rows, 0] != 0]] = False
+        free[label[tables.read_at_rows(c, "the factor c")[tables.numbering.row_of_unknown, 0] != 0]] = False
     return _numbered(free, label)
 
 
@@ -38,7 +38,7 @@ def without_flux(tables: Discretization, scene: Scene) -> tuple[int, Ints]:
 
     No boundary touches them, and their edges, if they have any, are walls.
     """
-    if any(ghosts.unknowns for ghosts in tables.layout.ghosts):
+    if any(tables.numbering.unknown_ghosts):
         return 0, np.full(tables.unknowns.count, -1)
     count, label = components(tables)
     closed = np.ones(count, dtype=bool)
@@ -96,9 +96,7 @@ def _across_transmissions(layout: Layout) -> Ints:
 
 def _joined_by_differences(tables: Discretization, count: int) -> tuple[int, Ints]:
     """Return the components of the first ``count`` unknowns that difference stencils join."""
-    unknown_of_row = np.full(tables.extension.shape[0], -1)
-    unknown_of_row[tables.unknown_rows] = np.arange(len(tables.unknown_rows))
-    read = unknown_of_row[tables.neighbours[:count]].ravel()
+    read = tables.numbering.unknown_of_row[tables.neighbours[:count]].ravel()
     reader = np.repeat(np.arange(count), tables.neighbours.shape[1])
     within = (read >= 0) & (read < count)
     return _connected(np.stack([reader, read])[:, within], count)
@@ -133,7 +131,7 @@ def _reads_between(tables: Discretization, count: int, label: Ints) -> Ints:
 
 def _pinning(tables: Discretization) -> Ints:
     """Return the unknowns whose extension has data of a law that involves the value itself: ghosts and edge nodes."""
-    pinned = np.zeros(tables.extension.shape[0], dtype=bool)
+    pinned = np.zeros(tables.numbering.rows, dtype=bool)
     for datum in tables.data:
         pinned[datum.rows[fixes_constant(datum.law, datum.points, datum.what)]] = True
-    return np.flatnonzero(pinned[tables.unknown_rows])
+    return np.flatnonzero(pinned[tables.numbering.row_of_unknown])

@@ -79,7 +79,7 @@ def _data_sizes(tables: Discretization, scene: Scene, operator: Bordered) -> Flo
     border, bare = operator.border, operator.operator
     assert isinstance(bare, ExtensionOperator)
     f = np.abs(tables.read_sources(scene.problem.terms().f, "the right-hand side f"))
-    fluxes = np.abs(tables.datum()[tables.unknown_rows])
+    fluxes = np.abs(tables.datum()[tables.numbering.row_of_unknown])
     conductivity = bare.scale * float(np.abs(bare.differences.data).max())
     total = np.maximum(border.indicator.T @ np.maximum(mean_weights(tables), 0.0), np.finfo(float).tiny)[:, None]
     nodes = (np.arange(len(f)) < tables.layout.band.inner) * 1.0
@@ -123,12 +123,11 @@ def _walls(tables: Discretization, scene: Scene, members: Ints) -> tuple[str, ..
     """Return the names and sides of the boundaries around a piece."""
     inside = np.zeros(tables.unknowns.count, dtype=bool)
     inside[members] = True
-    walls, first = [], tables.layout.band.inner
-    for boundary, ghosts in zip(scene.boundaries, tables.layout.ghosts, strict=True):
-        carried = inside[first : first + ghosts.unknowns]
+    walls = []
+    for index, (boundary, ghosts) in enumerate(zip(scene.boundaries, tables.layout.ghosts, strict=True)):
+        carried = inside[tables.numbering.unknowns_of(index)]
         left = ghosts.carries_left[: ghosts.unknowns]
         walls += [
             f"{boundary.name!r} ({side})" for side, on in (("left", left), ("right", ~left)) if np.any(carried & on)
         ]
-        first += ghosts.unknowns
     return tuple(walls)

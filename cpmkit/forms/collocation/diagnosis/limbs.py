@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.forms.collocation.extension import stencil_nodes
+from cpmkit.forms.collocation.selection import Centres, Unknowns
 from cpmkit.forms.collocation.sheets.sheets import same_sheet
 from cpmkit.forms.collocation.sheets.turning import directions
 from cpmkit.grid.band import Band
-from cpmkit.grid.stencils import stencil_cells, tensor_weights
+from cpmkit.grid.stencils import stencil_cells, stencil_nodes, tensor_weights
 from cpmkit.manifold.localized import Localized
 from cpmkit.protocols import Bools, Floats, Ints
 
@@ -124,10 +124,7 @@ def _readings(surface: Localized, band: Band, pairs: _Pairs) -> Limbs:
     beside = np.flatnonzero(np.isfinite(distance))
     rows = _some(beside, STENCILS)
     cells, fractions = stencil_cells(feet[rows], h, band.degree)
-    columns = stencil_nodes(band, cells).astype(np.int64)
-    if band.sheets is not None:
-        readable = np.arange(len(feet)) < band.inner
-        band.sheets.choose(band.feet.take(rows), band.sheets.normals[rows], columns, readable)
+    columns = Unknowns(band).select(Centres.of_nodes(band, rows), stencil_nodes(band, cells)).astype(np.int64)
     z, own, other = feet[columns], pairs.here[pair[rows]][:, None], pairs.there[pair[rows]][:, None]
     beyond = np.linalg.norm(z - other, axis=-1) < np.linalg.norm(z - own, axis=-1)
     weights = np.abs(tensor_weights(fractions, band.degree))

@@ -59,7 +59,7 @@ def check_effect(layout: Layout, extension: csr_array, neighbours: Ints) -> None
     ResolutionError
         If there is one.
     """
-    nodes, inner = len(layout.band.nodes), layout.band.inner
+    numbering, nodes, inner = layout.numbering, layout.numbering.nodes, layout.numbering.inner
     read, stepped = np.zeros(extension.shape[1], dtype=bool), np.zeros(extension.shape[0], dtype=bool)
     for start in range(0, extension.indptr[nodes], CHUNK):
         read[extension.indices[start : min(start + CHUNK, extension.indptr[nodes])]] = True
@@ -67,12 +67,10 @@ def check_effect(layout: Layout, extension: csr_array, neighbours: Ints) -> None
         stepped[neighbours[start : min(start + CHUNK, inner)]] = True
     repeated = {one.second for one in layout.strips if one.coincide}
     repeated |= {one.boundary for one in layout.rim_strips if one.on_rim}
-    column, row = inner, nodes
-    for number, ghosts in enumerate(layout.ghosts):
-        seen = read[column : column + ghosts.unknowns].any() or stepped[row : row + len(ghosts.nodes)].any()
+    for number in range(len(layout.ghosts)):
+        seen = read[numbering.unknowns_of(number)].any() or stepped[numbering.rows_of(number)].any()
         if not seen and number not in repeated:
             raise ResolutionError(_without_effect(layout, number))
-        column, row = column + ghosts.unknowns, row + len(ghosts.nodes)
 
 
 def _without_effect(layout: Layout, number: int) -> str:

@@ -13,10 +13,9 @@ import numpy as np
 
 from cpmkit.forms.collocation.boundary.reading import Datum, Reading, Term
 from cpmkit.forms.collocation.ghosts.formulas import polynomial_weights
-from cpmkit.forms.collocation.sheets.boundary_on_sheets import nearest_from
-from cpmkit.forms.collocation.sheets.sheets import Sheets
 from cpmkit.manifold.localized import Localized
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.manifold.walking import nearest_from
+from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 from cpmkit.scene.laws import OneSided, beta_at
 
 #: Distance of the points, in spacings. (1.25 and 1.5 have 1.2 to 5 times the error on arcs, caps and circles on the
@@ -42,20 +41,24 @@ class Inside:
         The curvature vector of the arc at the foot: it points to the centre, its length is one over the radius.
     sound : (n,) bool
         False where a point is not where it should be: the manifold ends or folds before.
+    feet : list of ClosestPoints
+        The surface's records of the k points.
     """
 
     points: Floats
     positions: Floats
     curvature: Floats
     sound: Bools
+    feet: list[ClosestPoints]
 
     def take(self, index: Bools | Ints) -> Inside:
         """Return the entries at ``index``."""
-        return Inside(self.points[index], self.positions[index], self.curvature[index], self.sound[index])
+        feet = [one.take(index) for one in self.feet]
+        return Inside(self.points[index], self.positions[index], self.curvature[index], self.sound[index], feet)
 
     def terms(self, rows: Ints, weights: Floats) -> list[Term]:
         """Return what the rows ``rows`` read at the points, with ``weights`` (n, k)."""
-        return [Term(rows, self.points[:, j], weights[:, j]) for j in range(weights.shape[1])]
+        return [Term(rows, self.points[:, j], weights[:, j], feet=self.feet[j]) for j in range(weights.shape[1])]
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +107,8 @@ def continued(plain: Reading, parts: Sequence[Continued]) -> Reading:
     for part in parts:
         place[part.rows], coefficient[part.rows] = -1, 0.0
     data = [datum.renumbered(place) for datum in plain.data] + [datum for part in parts for datum in part.data]
-    return Reading(plain.points, coefficient, data, [term for part in parts for term in part.terms])
+    terms = [term for part in parts for term in part.terms]
+    return Reading(plain.points, coefficient, data, terms, plain.feet)
 
 
 def continued_sources(plain: Reading, parts: Sequence[Continued]) -> Reading:
@@ -117,20 +121,26 @@ def continued_sources(plain: Reading, parts: Sequence[Continued]) -> Reading:
 
 
 def points_inwards(
-    surface: Localized, foot: Floats, inward: Floats, count: int, spacing: float, sheets: Sheets | None = None
+    surface: Localized, foot: Floats, inward: Floats, count: int, spacing: float, start: ClosestPoints | None = None
 ) -> Inside:
-    """Return ``count`` (2 or more) points behind each ``foot`` (n, d), in the unit directions ``inward`` (n, d)."""
+    """Return ``count`` (2 or more) points behind each ``foot`` (n, d), in the unit directions ``inward`` (n, d).
+
+    Where the surface has several sheets in one band, ``start`` are its records of the feet, whose sheets are kept.
+    """
     step = STEP * spacing
     ahead = foot[:, None] + step * np.arange(1, count + 1)[:, None] * inward[:, None]
-    start = np.repeat(foot, count, axis=0)
-    feet = nearest_from(surface, start, ahead.reshape(-1, foot.shape[1]), spacing, sheets)
+    start = None if start is None else start.take(np.repeat(np.arange(len(foot)), count))
+    feet = nearest_from(surface, start, ahead.reshape(-1, foot.shape[1]), spacing)
     points = feet.points.reshape(ahead.shape)
     chords = np.linalg.norm(points - foot[:, None], axis=2)
     wanted = step * np.arange(1, count + 1)
     sound = (np.diff(chords, axis=1, prepend=0.0) > CROWDED * step).all(axis=1)
     sound &= (feet.edge.reshape(chords.shape) < 0).all(axis=1)
     curvature = _curvature(points[:, :2] - foot[:, None], np.where(sound[:, None], chords[:, :2], wanted[:2]))
-    return Inside(points, arc_length(chords, np.linalg.norm(curvature, axis=1)[:, None]), curvature, sound)
+    positions = arc_length(chords, np.linalg.norm(curvature, axis=1)[:, None])
+    return Inside(
+        points, positions, curvature, sound, [feet.take(np.arange(j, len(feet), count)) for j in range(count)]
+    )
 
 
 def _curvature(chords: Floats, lengths: Floats) -> Floats:

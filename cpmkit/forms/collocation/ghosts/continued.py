@@ -47,7 +47,7 @@ def _points(crossing: Crossing, rows: Ints, direction: Floats, count: int, spaci
     """Return points behind the feet of the ghosts ``rows``, and for which nothing is in their way."""
     foot = crossing.seen.foot[rows]
     own = crossing.sighted[crossing.index]
-    inside = points_inwards(own.surface, foot, direction, count, spacing, own.sheets)
+    inside = points_inwards(own.surface, foot, direction, count, spacing, crossing.start_of(rows))
     reach = 2 * float(np.linalg.norm(inside.points - foot[:, None], axis=2).max())
     blocked = beyond_another(crossing, rows, inside.points[:, -1], reach, spacing)
     return inside, inside.sound & ~blocked & own.has_sides

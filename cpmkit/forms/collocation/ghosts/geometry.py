@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from cpmkit.forms.collocation.boundary.frame import Frame, Sighted
-from cpmkit.protocols import Bools, BoundarySet, Floats, Ints
+from cpmkit.protocols import Bools, BoundarySet, ClosestPoints, Floats, Ints
 from cpmkit.scene.alike import alike
 from cpmkit.scene.condition import Condition
 from cpmkit.scene.data import Data
@@ -40,6 +41,8 @@ class Crossing:
         True for nodes past an edge from which the boundary keeps what it carries; they have their place for a foot.
     diffusivity : Data
         Of the problem: the conductivities of a transmission.
+    own_feet : ClosestPoints, optional
+        The surface's records of the nodes' feet: where several of its sheets share the band.
     """
 
     index: int
@@ -50,6 +53,17 @@ class Crossing:
     direction: Floats
     apart: Bools
     diffusivity: Data = 1.0
+    own_feet: ClosestPoints | None = None
+
+    @cached_property
+    def start(self) -> ClosestPoints | None:
+        """The surface's records of the boundary's points, to walk from along their sheets; None where it has one."""
+        own = self.sighted[self.index]
+        return None if own.sheets is None else own.surface.closest_point(self.seen.foot)
+
+    def start_of(self, rows: Ints | Bools) -> ClosestPoints | None:
+        """Return the same of the ghosts ``rows``."""
+        return None if self.start is None else self.start.take(rows)
 
     @property
     def what(self) -> str:

@@ -16,9 +16,9 @@ from cpmkit.forms.collocation.ghosts.continued import continue_ghosts
 from cpmkit.forms.collocation.ghosts.formulas import coefficient_and_factor, mirror_distance
 from cpmkit.forms.collocation.ghosts.geometry import Crossing, beyond_another
 from cpmkit.forms.collocation.ghosts.transmitted import transmission_weights
-from cpmkit.forms.collocation.sheets.boundary_on_sheets import nearest_from
 from cpmkit.grid.lattice import Lattice
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.manifold.walking import nearest_from
+from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 from cpmkit.scene.laws import Interface, OneSided, beta_at
 
 
@@ -65,7 +65,7 @@ def ghost_reading(crossing: Crossing, lattice: Lattice, order: int, radius: floa
 
 def _plain(crossing: Crossing, lattice: Lattice, alone: Bools, orders: Ints) -> tuple[Reading, list[Term], Ints]:
     """Return what the ghosts ``alone`` read at one point, or a transmission's at two, and the orders of all."""
-    mirror, orders = _mirrors(crossing, orders, alone, lattice.spacing)
+    mirror, feet, orders = _mirrors(crossing, orders, alone, lattice.spacing)
     coefficient = np.zeros(len(alone))
     data: list[Datum] = []
     own_terms: list[Term] = []
@@ -78,7 +78,7 @@ def _plain(crossing: Crossing, lattice: Lattice, alone: Bools, orders: Ints) -> 
         elif not isinstance(law, Interface):
             coefficient[rows], added = _mirrored(crossing, lattice, law, rows, mirror, orders)
             data += added
-    return Reading(mirror, coefficient, data), own_terms, orders
+    return Reading(mirror, coefficient, data, feet=feet), own_terms, orders
 
 
 def _mirrored(
@@ -107,11 +107,16 @@ def _transmitted(
         Datum(rows, jump, where, law.jump, f"the jump of {crossing.what}", law),
         Datum(rows, flux, where, law.flux, f"the flux of {crossing.what}", law),
     ]
-    return carried, data, Term(rows, crossing.foot_point[rows], own)
+    feet = None if crossing.own_feet is None else crossing.own_feet.take(rows)
+    return carried, data, Term(rows, crossing.foot_point[rows], own, feet=feet)
 
 
-def _mirrors(crossing: Crossing, orders: Ints, alone: Bools, spacing: float) -> tuple[Floats, Ints]:
+def _mirrors(
+    crossing: Crossing, orders: Ints, alone: Bools, spacing: float
+) -> tuple[Floats, ClosestPoints | None, Ints]:
     """Return the points (g, d) that ghosts read alone, and the orders, 1 where the mirror cannot be read.
+
+    With the points come their records where several sheets share the band.
 
     A transmission's ghosts have no other reading than the mirror's, whatever lies between.
     """
@@ -119,13 +124,16 @@ def _mirrors(crossing: Crossing, orders: Ints, alone: Bools, spacing: float) -> 
     for condition, rows in crossing.sides():
         h[rows] = mirror_distance(condition.law, seen.distance[rows], spacing)
     coupled = crossing.boundaries[crossing.index].condition("left").couples
-    mirror, second = seen.foot.copy(), np.flatnonzero(alone & ((orders == 2) | coupled))
+    mirror, feet = seen.foot.copy(), crossing.start
+    second = np.flatnonzero(alone & ((orders == 2) | coupled))
     if len(second):
         ahead = seen.foot[second] + h[second, None] * crossing.direction[second]
         own = crossing.sighted[crossing.index]
-        mirror[second] = nearest_from(own.surface, seen.foot[second], ahead, spacing, own.sheets).points
-        if coupled:
-            return mirror, orders
-        beyond = second[beyond_another(crossing, second, mirror[second], 2 * float(h.max()), spacing)]
-        orders[beyond], mirror[beyond] = 1, seen.foot[beyond]
-    return mirror, orders
+        reached = nearest_from(own.surface, crossing.start_of(second), ahead, spacing)
+        if not coupled:
+            beyond = beyond_another(crossing, second, reached.points, 2 * float(h.max()), spacing)
+            orders[second[beyond]] = 1
+            second, reached = second[~beyond], reached.take(~beyond)
+        mirror[second] = reached.points
+        feet = None if feet is None else feet.replaced(second, reached)
+    return mirror, feet, orders

@@ -109,7 +109,10 @@ def build_ghosts(index: int, sight: Sight, band: Band, lattice: Lattice, mirrore
     seen, places, apart = straight_ahead(own, band, seen, sight.behind, coupled)
     foot_point = np.where(apart[:, None], places, mirrored.points[seen.rows])
     direction = _direction(seen, foot_point, band.spacing)
-    crossing = Crossing(index, sight.boundaries, sight.sighted, seen, foot_point, direction, apart, sight.diffusivity)
+    own_feet = None if mirrored.feet is None else mirrored.feet.take(seen.rows)
+    crossing = Crossing(
+        index, sight.boundaries, sight.sighted, seen, foot_point, direction, apart, sight.diffusivity, own_feet
+    )
     made = ghost_reading(crossing, lattice, order, 2 * reading_radius(band.dim, band.degree) * band.spacing)
     numbers = np.full(len(band.nodes), -1)
     numbers[seen.rows] = np.arange(len(seen.rows))
@@ -138,7 +141,7 @@ def _past_edge(reading: Reading, mirrored: Reading, nodes: Ints, apart: Bools) -
     data = [datum.scaled(coefficient) for datum in reading.data]
     data += [datum.renumbered(place) for datum in mirrored.data]
     terms = [replace(term, coefficient=term.coefficient * coefficient[term.rows]) for term in reading.terms]
-    return Reading(reading.points, reading.coefficient * coefficient, data, terms)
+    return Reading(reading.points, reading.coefficient * coefficient, data, terms, reading.feet)
 
 
 def _ghost_nodes(sighted: Sighted, seen: Frame, band: Band, differences: int) -> tuple[Frame, int]:

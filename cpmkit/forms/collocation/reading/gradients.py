@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.forms.collocation.boundary.crossing import View
 from cpmkit.forms.collocation.boundary.frame import Frame
-from cpmkit.forms.collocation.extension import Unknowns, see, stencil_nodes
 from cpmkit.forms.collocation.reading import one_sided
-from cpmkit.grid.stencils import stencil_cells, tensor_slopes
+from cpmkit.forms.collocation.selection import Centres, Unknowns
+from cpmkit.grid.stencils import stencil_cells, stencil_nodes, tensor_slopes
 from cpmkit.manifold.tangent_space import project_tangent
 from cpmkit.protocols import ClosestPoints, Floats, Ints, Side
 
@@ -75,21 +74,19 @@ def _continue_from_inside(
 
 def _tangential(reader: Reader, values: Floats, feet: ClosestPoints, frames: Sequence[Frame]) -> Floats:
     """Return the gradient (n, channels, d) of the interpolant at ``feet``, projected on the tangent space."""
-    view = View.of_points(frames, len(feet))
-    return _projected(reader, feet, interpolant_gradient(reader.tables.unknowns, values, feet.points, view))
+    return _projected(reader, feet, interpolant_gradient(reader.tables.unknowns, values, feet, frames))
 
 
-def interpolant_gradient(unknowns: Unknowns, values: Floats, points: Floats, view: View) -> Floats:
-    """Return the gradient (n, channels, d) of the interpolant of ``values`` (unknowns, channels) at ``points``."""
-    columns, slopes = _slopes(unknowns, points, view)
+def interpolant_gradient(unknowns: Unknowns, values: Floats, feet: ClosestPoints, frames: Sequence[Frame]) -> Floats:
+    """Return the gradient (n, channels, d) of the interpolant of ``values`` (unknowns, channels) at ``feet``."""
+    columns, slopes = _slopes(unknowns, feet, frames)
     return np.asarray(np.einsum("nds,nsc->ncd", slopes, values[columns], optimize=True))
 
 
-def _slopes(unknowns: Unknowns, points: Floats, view: View) -> tuple[Ints, Floats]:
-    """Return the unknowns (n, s) that the interpolant reads at points, and their weights (n, d, s) in its gradient."""
-    cells, fractions = stencil_cells(points, unknowns.band.spacing, unknowns.band.degree)
-    columns = stencil_nodes(unknowns.band, cells)
-    see(unknowns, points, view, columns)
+def _slopes(unknowns: Unknowns, feet: ClosestPoints, frames: Sequence[Frame]) -> tuple[Ints, Floats]:
+    """Return the unknowns (n, s) that the interpolant reads at feet, and their weights (n, d, s) in its gradient."""
+    cells, fractions = stencil_cells(feet.points, unknowns.band.spacing, unknowns.band.degree)
+    columns = unknowns.select(Centres.of_points(feet, frames), stencil_nodes(unknowns.band, cells))
     return columns, tensor_slopes(fractions, unknowns.band.degree) / unknowns.band.spacing
 
 
@@ -98,7 +95,7 @@ def interpolant_gradient_rows(reader: Reader, feet: ClosestPoints, frames: Seque
     from scipy.sparse import csr_array
 
     unknowns = reader.tables.unknowns
-    columns, slopes = _slopes(unknowns, feet.points, View.of_points(frames, len(feet)))
+    columns, slopes = _slopes(unknowns, feet, frames)
     n, width = columns.shape
     weights = _projected(reader, feet, np.moveaxis(slopes, 1, 2))
     starts = np.arange(n + 1) * width

@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cpmkit.forms.collocation.boundary.frame import Frame
-from cpmkit.forms.collocation.extension import stencil_nodes
-from cpmkit.grid.stencils import stencil_cells
+from cpmkit.grid.stencils import stencil_cells, stencil_nodes
 from cpmkit.manifold.tangent_space import outward_conormals
 from cpmkit.protocols import SIDES, Bools, ClosestPoints, Floats, Ints, Side
 from cpmkit.scene.condition import Condition

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.errors import InputError
-from cpmkit.forms.collocation.boundary.crossing import View
 from cpmkit.forms.collocation.boundary.frame import ON_BOUNDARY, Frame
 from cpmkit.forms.collocation.discretization import Discretization
 from cpmkit.forms.collocation.extension import extend
 from cpmkit.forms.collocation.reading.gradients import interpolant_gradient_rows, surface_gradient
 from cpmkit.forms.collocation.reading.strips import fill_strips
+from cpmkit.forms.collocation.selection import Centres
 from cpmkit.grid.stencils import reading_radius
 from cpmkit.manifold.tangent_space import outward_conormals
 from cpmkit.protocols import SIDES, ClosestPoints, Floats, Side
@@ -67,19 +67,20 @@ class Reader:
         read = np.empty((len(local), values.shape[1]))
         for start in range(0, len(local), CHUNK):
             part = slice(start, start + CHUNK)
-            feet = self.project(local[part]).points
-            frames = self.boundary_frames(feet, wanted)
-            found = np.asarray(extend(self.tables.unknowns, feet, View.of_points(frames, len(feet))) @ values)
+            feet = self.project(local[part])
+            frames = self.boundary_frames(feet.points, wanted)
+            centres = Centres.of_points(feet, frames)
+            found = np.asarray(extend(self.tables.unknowns, feet.points, centres) @ values)
             if layout.strips:
-                fill_strips(found, feet, layout.strips, self.scene.boundaries, frames, layout.lattice, time)
+                fill_strips(found, feet.points, layout.strips, self.scene.boundaries, frames, layout.lattice, time)
             read[part] = found
         return read
 
     def rows(self, points: Any, side: Side | Mapping[str, Side] | None = None) -> csr_array:
         """Return the matrix (k, unknowns) that interpolates at points; strips between boundaries are not filled."""
-        feet = self.project(self.localized(points)).points
-        frames = self.boundary_frames(feet, self.sides(side))
-        return extend(self.tables.unknowns, feet, View.of_points(frames, len(feet)))
+        feet = self.project(self.localized(points))
+        centres = Centres.of_points(feet, self.boundary_frames(feet.points, self.sides(side)))
+        return extend(self.tables.unknowns, feet.points, centres)
 
     def gradient_rows(self, points: Any, side: Side | Mapping[str, Side] | None = None) -> tuple[csr_array, ...]:
         """Return the d matrices (k, unknowns) of the interpolant's tangential gradient."""

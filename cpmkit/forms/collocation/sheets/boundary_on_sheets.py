@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.forms.collocation.sheets.sheets import APART, Sheets, same_sheet
+from cpmkit.forms.collocation.sheets.sheets import APART, same_sheet
 from cpmkit.manifold.localized import Localized
 from cpmkit.manifold.tangent_space import normals
 from cpmkit.manifold.walking import walk
@@ -182,12 +182,3 @@ class BoundaryOnSheets:
             choice = rank.argmin(axis=1)
             best[rows], found[rows] = near[rows - begin, choice], np.isfinite(rank[rows - begin, choice])
         return self.source.closest_point(self.samples.points[best]), found
-
-
-def nearest_from(
-    surface: Localized, start: Floats, goal: Floats, spacing: float, sheets: Sheets | None
-) -> ClosestPoints:
-    """Return the points of the surface nearest to ``goal`` (n, d), on the sheets of its points ``start`` (n, d)."""
-    if sheets is None:
-        return surface.closest_point(goal)
-    return walk(surface, goal, surface.closest_point(start), spacing).feet

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.forms.collocation.extension import stencil_nodes
 from cpmkit.forms.collocation.sheets.sheets import same_sheet
 from cpmkit.forms.collocation.sheets.turning import directions
 from cpmkit.grid.band import Band
-from cpmkit.grid.stencils import stencil_cells, tensor_weights
+from cpmkit.grid.stencils import stencil_cells, stencil_nodes, tensor_weights
 from cpmkit.protocols import Bools, Floats, Ints
 
 #: Feet of neighbouring nodes this many spacings above each other, where normals are parallel, lie on two sheets.
@@ -118,7 +117,7 @@ def gaps_of_mixed(band: Band) -> Gaps:
     sheets, rows, points = band.sheets, band.sheets.mixed, band.feet.points
     cells, fractions = stencil_cells(points[rows], band.spacing, band.degree)
     columns = stencil_nodes(band, cells).astype(np.int64)
-    missed = sheets.choose(
+    columns, missed = sheets.select_twins(
         band.feet.take(rows), sheets.normals[rows], columns, np.arange(len(points)) < band.inner, every=True
     )
     foreign = np.zeros(columns.shape, dtype=bool)

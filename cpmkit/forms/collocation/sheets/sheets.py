@@ -123,7 +123,7 @@ class Sheets:
         """Return how many twins each of ``sites`` (...) has."""
         return np.asarray(self.first[sites + 1] - self.first[sites])
 
-    def choose(
+    def select_twins(
         self,
         at: ClosestPoints,
         normals: Floats,
@@ -131,8 +131,8 @@ class Sheets:
         readable: Bools,
         near: float = NEAR,
         every: bool = False,
-    ) -> Missed:
-        """Replace, in stencils, sites of another sheet by twins on the stencil's own.
+    ) -> tuple[Ints, Missed]:
+        """Return stencils (n, s) with sites of another sheet replaced by twins on their own, and what is missed.
 
         Parameters
         ----------
@@ -141,7 +141,7 @@ class Sheets:
         normals : (n, d) float64
             There.
         columns : (n, s) int
-            Sites that they read; changed in place.
+            Sites that they read.
         readable : (sites,) bool
             Which twins can be read here.
         near : float
@@ -149,6 +149,7 @@ class Sheets:
         every : bool
             True to look at sites without twins, too: for what is missed.
         """
+        selected = columns.copy()
         row, column = np.nonzero(np.ones_like(columns) if every else self.counts(columns))
         site = columns[row, column]
         foreign = ~self._own(at.points[row], normals[row], site)
@@ -159,15 +160,15 @@ class Sheets:
             left, twin = left[fit], twin[fit]
             own = self._own(at.points[row[left]], normals[row[left]], twin)
             found[left[own]] = twin[own]
-        columns[row, column] = np.where(found >= 0, found, site)
+        selected[row, column] = np.where(found >= 0, found, site)
         row, column, site = row[found < 0], column[found < 0], site[found < 0]
         if not self.unfolded:
-            return Missed(row, column, at.take(row))
+            return selected, Missed(row, column, at.take(row))
         goal = np.asarray(self.spacing * self.nodes[site], dtype=np.float64)
         feet = unfold(self.source, at.take(row), normals[row], goal, self.spacing, self.signed)
-        columns[row, column], distance = self._nearest(site, feet.points, readable)
+        selected[row, column], distance = self._nearest(site, feet.points, readable)
         missed = distance > near * self.spacing
-        return Missed(row[missed], column[missed], feet.take(missed))
+        return selected, Missed(row[missed], column[missed], feet.take(missed))
 
     def _own(self, feet: Floats, normals: Floats, site: Ints) -> Bools:
         facing = SHARP if self.unfolded else FACING

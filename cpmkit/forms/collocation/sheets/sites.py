@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.forms.collocation.extension import stencil_nodes
 from cpmkit.forms.collocation.sheets.sheets import CLOSE, Sheets
 from cpmkit.grid.band import Band
-from cpmkit.grid.stencils import cross_offsets, stencil_cells
+from cpmkit.grid.stencils import cross_offsets, stencil_cells, stencil_nodes
 from cpmkit.manifold.localized import Localized
 from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 
@@ -101,11 +100,11 @@ def wanted(source: Localized, band: Band, sites: Sites, queue: Ints, unfolded: b
     sheets, n = sites.sheets(source, band, unfolded), sites.normals
     cells = stencil_cells(sites.feet.points[queue], band.spacing, band.degree)[0]
     read = stencil_nodes(band, cells).astype(np.int64)
-    one = sheets.choose(sites.feet.take(queue), n[queue], read, sites.unknown, every=True)
+    _, one = sheets.select_twins(sites.feet.take(queue), n[queue], read, sites.unknown, every=True)
     centres = queue[sites.unknown[queue]]
     around = band.find(band.nodes[sites.base[centres]][:, None] + cross_offsets(band.dim))
     anchors, all_sites = sites.anchor[centres], np.ones(len(sites), dtype=bool)
-    other = sheets.choose(sites.feet.take(anchors), n[anchors], around, all_sites, CLOSE, every=True)
+    _, other = sheets.select_twins(sites.feet.take(anchors), n[anchors], around, all_sites, CLOSE, every=True)
     nodes = sites.base[np.concatenate([read[one.row, one.column], around[other.row, other.column]])]
     unknown = np.repeat([True, False], [len(one.row), len(other.row)])
     by = np.concatenate([queue[one.row], anchors[other.row]])

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from cpmkit.forms.collocation.boundary.crossing import View, visible_ghosts
 from cpmkit.forms.collocation.boundary.frame import Frame
+from cpmkit.forms.collocation.selection import Centres, visible_ghosts
 
 LEFT, RIGHT = np.array([[1.0, 0.0, 0.0]]), np.array([[-1.0, 0.0, 0.0]])
 
@@ -17,8 +17,8 @@ def seen_from_the_left(distance):
 
 def chosen(distances, own, directors):
     """The boundary and ghost that a stencil reads in its one node, which has a ghost of each boundary."""
-    view = View([seen_from_the_left(distance) for distance in distances], np.array([own]))
-    label, number = visible_ghosts(view, np.array([[0]]), [np.array([0])] * len(distances), directors)
+    centres = Centres([seen_from_the_left(distance) for distance in distances], np.array([own]))
+    label, number = visible_ghosts(centres, np.array([[0]]), [np.array([0])] * len(distances), directors)
     return label[0, 0], number[0, 0]
 
 

@@ -13,9 +13,8 @@ from trimesh.creation import box
 
 import cpmkit as ck
 from cpmkit.forms.collocation.conservation.mean_weights import mean_weights
-from cpmkit.forms.collocation.extension import stencil_nodes
 from cpmkit.forms.collocation.sheets.sheets import NEAR
-from cpmkit.grid.stencils import stencil_cells
+from cpmkit.grid.stencils import stencil_cells, stencil_nodes
 from cpmkit.manifold.localized import localize
 from cpmkit.manifold.tangent_space import normals
 from cpmkit.manifold.unfolding import unfold
@@ -72,8 +71,8 @@ def test_a_stencil_reads_of_unfolded_twins_those_whose_feet_are_near():
     band = lay_out(thin_ellipse(0.05)[0], 0.1, sheets="unfolded").band
     sheets, rows = band.sheets, np.arange(band.inner)
     read = stencil_nodes(band, stencil_cells(band.feet.points[rows], 0.1, band.degree)[0]).astype(np.int64)
-    before, readable = read.copy(), np.arange(len(band.nodes)) < band.inner
-    missed = sheets.choose(band.feet.take(rows), sheets.normals[rows], read, readable)
+    before, readable = read, np.arange(len(band.nodes)) < band.inner
+    read, missed = sheets.select_twins(band.feet.take(rows), sheets.normals[rows], before, readable)
     rolled = band.is_unfolded[read]
     rolled[missed.row, missed.column] = False
     assert rolled.sum() > 100

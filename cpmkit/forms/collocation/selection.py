@@ -1,0 +1,193 @@
+"""Which unknown, or which row of E, a stencil reads in each of its nodes: the node's own, its twin's or its ghost's.
+
+A stencil reads, in each node, the value that belongs to its own sheet of the surface and to its own side of every
+boundary. One function chooses, for interpolation and difference stencils alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cpmkit.forms.collocation.numbering import Numbering
+from cpmkit.manifold.tangent_space import normals
+from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
+
+if TYPE_CHECKING:
+    from cpmkit.forms.collocation.boundary.frame import Frame
+    from cpmkit.forms.collocation.ghosts.nodes import Ghosts
+    from cpmkit.grid.band import Band
+
+
+@dataclass(frozen=True, eq=False)
+class Centres:
+    """Where n stencils are centred on a surface.
+
+    Attributes
+    ----------
+    frames : sequence of Frame
+        How each boundary sees the centres; their rows number the stencils.
+    own : (n,) int64
+        The boundary whose ghost the stencil belongs to; -1 where it belongs to a node or a point.
+    feet : ClosestPoints, optional
+        The surface's records of the centres: where several of its sheets share the band.
+    normals : (n, d) float64, optional
+        Of the surface, NaN where nobody asked for them.
+    """
+
+    frames: Sequence[Frame]
+    own: Ints
+    feet: ClosestPoints | None = None
+    normals: Floats | None = None
+
+    @classmethod
+    def of_points(cls, feet: ClosestPoints, frames: Sequence[Frame] = ()) -> Centres:
+        """Return the centres of stencils at points of the surface that belong to no ghost."""
+        return cls(frames, np.full(len(feet), -1), feet)
+
+    @classmethod
+    def of_nodes(cls, band: Band, nodes: Ints) -> Centres:
+        """Return the centres of stencils at the feet of nodes (n,), which see no boundary."""
+        n = None if band.sheets is None else band.sheets.normals[nodes]
+        return cls((), np.full(len(nodes), -1), band.feet.take(nodes), n)
+
+    def take(self, rows: Ints) -> Centres:
+        """Return the centres of the stencils ``rows`` (ascending), numbered from zero."""
+        frames = []
+        for frame in self.frames:
+            place = np.searchsorted(rows, frame.rows)
+            inside = (place < len(rows)) & (rows[np.minimum(place, len(rows) - 1)] == frame.rows)
+            frames.append(frame.take(inside).renumbered(place[inside]))
+        feet = None if self.feet is None else self.feet.take(rows)
+        return Centres(frames, self.own[rows], feet, None if self.normals is None else self.normals[rows])
+
+
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    """What can be read: the inner nodes of a band, and after them the ghosts of each boundary.
+
+    Attributes
+    ----------
+    band : Band
+        The nodes.
+    ghosts : sequence of Ghosts
+        One a boundary.
+    """
+
+    band: Band
+    ghosts: Sequence[Ghosts] = ()
+
+    @cached_property
+    def numbering(self) -> Numbering:
+        """The numbers of rows of E and of unknowns."""
+        return Numbering.of(self.band, self.ghosts)
+
+    @property
+    def count(self) -> int:
+        """Number of unknowns."""
+        return self.numbering.unknowns
+
+    @property
+    def ghost_nodes(self) -> Ints:
+        """(g, 2) the number of its boundary, and of its node in the band, of each ghost that is an unknown."""
+        parts = [
+            np.stack([np.full(ghosts.unknowns, index), ghosts.nodes[: ghosts.unknowns]], axis=1)
+            for index, ghosts in enumerate(self.ghosts)
+        ]
+        return np.concatenate([np.zeros((0, 2), dtype=np.int64), *parts])
+
+    @property
+    def ghost_sides(self) -> Bools:
+        """(g,) whether each ghost that is an unknown carries the left of its boundary."""
+        return np.concatenate([np.zeros(0, bool), *(one.carries_left[: one.unknowns] for one in self.ghosts)])
+
+    def select(self, centres: Centres, columns: Ints) -> Ints:
+        """Return the unknowns (n, s) that n stencils read in the inner nodes ``columns`` (n, s), those of its own side.
+
+        First that of its own sheet, then, where a boundary runs between, the ghost that continues its side.
+        """
+        numbers = [one.unknown_numbers for one in self.ghosts]
+        return self._select(centres, columns, self.band.inner, numbers, self.numbering.first_unknowns)
+
+    def select_rows(self, centres: Centres, columns: Ints) -> Ints:
+        """Return the rows of E (n, s) that n stencils read in the nodes ``columns`` (n, s) of the band, likewise."""
+        numbers = [one.numbers for one in self.ghosts]
+        return self._select(centres, columns, len(self.band.nodes), numbers, self.numbering.first_rows)
+
+    def _select(self, centres: Centres, columns: Ints, readable: int, numbers: Sequence[Ints], first: Ints) -> Ints:
+        """Return the choice among the sites below ``readable`` and the ghosts of these ``numbers``."""
+        nodes = self._on_own_sheet(centres, columns, readable)
+        if not any(len(frame.rows) for frame in centres.frames):
+            return nodes
+        touched = np.unique(np.concatenate([frame.rows for frame in centres.frames]))
+        directors = [one.director for one in self.ghosts]
+        label, number = visible_ghosts(centres.take(touched), nodes[touched], numbers, directors)
+        selected = nodes.copy()
+        selected[touched] = np.where(label >= 0, first[label] + number, nodes[touched])
+        return selected
+
+    def _on_own_sheet(self, centres: Centres, columns: Ints, readable: int) -> Ints:
+        """Return stencils (n, s) with nodes of other sheets replaced by their twins."""
+        sheets = self.band.sheets
+        if sheets is None:
+            return columns
+        touched = np.flatnonzero(sheets.counts(columns).any(axis=1))
+        if not len(touched):
+            return columns
+        assert centres.feet is not None  # recorded wherever several sheets share the band
+        feet, n = centres.feet.take(touched), np.full((len(touched), self.band.dim), np.nan)
+        if centres.normals is not None:
+            n = centres.normals[touched]
+        asked = np.isnan(n).any(axis=1)
+        n[asked] = normals(sheets.source, feet.take(asked), 0.5 * self.band.spacing)
+        selected = columns.copy()
+        may_be_read = np.arange(len(self.band.nodes)) < readable
+        selected[touched] = sheets.select_twins(feet, n, columns[touched], may_be_read)[0]
+        return selected
+
+
+def visible_ghosts(
+    centres: Centres, nodes: Ints, numbers: Sequence[Ints], directors: Sequence[Floats]
+) -> tuple[Ints, Ints]:
+    """Choose a ghost for the stencil nodes that lie across a boundary.
+
+    A node is replaced where the directors of stencil and node have a negative product and the node
+    has a ghost there (past an open end it has none). Where several boundaries are crossed, the
+    stencil's own comes first, else the one nearest to it. (Differs from adding the weight once a
+    boundary, which counts it twice where two are crossed.)
+
+    Parameters
+    ----------
+    centres : Centres
+        Of n stencils.
+    nodes : (n, s) int64
+        Node numbers of the stencils.
+    numbers : sequence of (nodes,) int64
+        For each boundary, the number of each node's ghost, -1 where it has none that can be read here.
+    directors : sequence of (ghosts, d) float64
+        For each boundary, the directors of its ghosts' nodes.
+
+    Returns
+    -------
+    label, number : (n, s) int64
+        The boundary whose ghost is read and the ghost's number; -1 where the node itself is.
+    """
+    label = np.full(nodes.shape, -1)
+    number = np.full(nodes.shape, -1)
+    nearest = np.full(nodes.shape, np.inf)
+    for index, seen in enumerate(centres.frames):
+        rows = seen.rows
+        ghost = numbers[index][nodes[rows]]
+        row, column = np.nonzero(ghost >= 0)
+        found = ghost[row, column]
+        across = np.einsum("kd,kd->k", seen.director[row], directors[index][found]) < 0
+        rank = np.where(centres.own[rows] == index, -1.0, seen.distance)[row]
+        row = rows[row]
+        taken = across & (rank < nearest[row, column])
+        row, column = row[taken], column[taken]
+        label[row, column], number[row, column], nearest[row, column] = index, found[taken], rank[taken]
+    return label, number

@@ -1,0 +1,56 @@
+"""What stencils read is chosen by one function, which writes to nothing and asks for no closest point a second time."""
+
+import numpy as np
+import pytest
+from layouts import lay_out
+
+import cpmkit as ck
+from cpmkit.forms.collocation.discretization import tabulate
+from cpmkit.forms.collocation.numbering import Numbering
+from cpmkit.forms.collocation.selection import Centres
+from cpmkit.grid.stencils import stencil_cells, stencil_nodes
+
+
+def cut_spiral(**conditions):
+    """A curve whose turns lie two spacings apart, with a cut in the middle turn."""
+    curve = ck.source("parametric.curve", x=["(1 + 0.03*t)*cos(t)", "(1 + 0.03*t)*sin(t)"], range=[0, 16])
+    cut = ck.source("analytic.point", at=[1.24 * np.cos(8), 1.24 * np.sin(8)])
+    return ck.Scene(curve, ck.ScreenedPoisson(1.0, c=1.0), [ck.Boundary("cut", cut, **conditions)])
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+@pytest.mark.parametrize(
+    "conditions", [{"both": ck.Dirichlet(1.0)}, {"both": ck.Neumann(0.0)}, {"across": ck.Transmission()}]
+)
+def test_rows_know_their_feet_and_normals(conditions, order):
+    layout = lay_out(cut_spiral(**conditions), 0.1, order=order)
+    assert layout.band.inner > layout.band.first_twin + 100
+    asked = layout.queries
+    tables = tabulate(layout)
+    assert layout.queries == asked
+    ones = tables.extension @ np.ones(tables.unknowns.count)
+    np.testing.assert_allclose(ones[: layout.band.own_inner], 1.0, atol=1e-12)
+
+
+def test_stencils_are_not_written_to_and_read_twins_and_ghosts():
+    layout = lay_out(cut_spiral(both=ck.Dirichlet(1.0)), 0.1)
+    band, nodes = layout.band, np.arange(layout.band.inner)
+    (frame,) = layout.sight.frames
+    inner = frame.take(frame.rows < band.inner)
+    columns = stencil_nodes(band, stencil_cells(band.feet.points[nodes], band.spacing, band.degree)[0])
+    columns.flags.writeable = False
+    read = layout.unknowns.select(Centres.of_points(band.feet.take(nodes), [inner]), columns)
+    changed = read != columns
+    assert (read[changed] >= band.first_twin).all()
+    assert np.count_nonzero(read[changed] < band.inner) > 100  # twins
+    assert np.count_nonzero(read >= band.inner) > 10  # ghosts
+
+
+def test_rows_and_unknowns_are_told_apart():
+    numbering = Numbering(nodes=5, inner=3, ghosts=(4, 0, 2), unknown_ghosts=(2, 0, 1))
+    assert (numbering.rows, numbering.unknowns) == (11, 6)
+    np.testing.assert_array_equal(numbering.row_of_unknown, [0, 1, 2, 5, 6, 9])
+    np.testing.assert_array_equal(numbering.unknown_of_row, [0, 1, 2, -1, -1, 3, 4, -1, -1, 5, -1])
+    np.testing.assert_array_equal(numbering.boundary_of_row, [-1] * 5 + [0] * 4 + [2] * 2)
+    assert [numbering.rows_of(k) for k in range(3)] == [slice(5, 9), slice(9, 9), slice(9, 11)]
+    assert [numbering.unknowns_of(k) for k in range(3)] == [slice(3, 5), slice(5, 5), slice(5, 6)]
