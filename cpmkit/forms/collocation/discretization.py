@@ -9,17 +9,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.forms.collocation.boundary.frame import stack
 from cpmkit.forms.collocation.boundary.reading import Datum, Reading, Term, sum_of_data
 from cpmkit.forms.collocation.diagnosis.refusals import check_effect, check_layout
-from cpmkit.forms.collocation.extension import extend
+from cpmkit.forms.collocation.extension import extend, extend_rows, row_centres
 from cpmkit.forms.collocation.layout import Layout, lay_out
 from cpmkit.forms.collocation.numbering import Numbering
 from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.collocation.selection import Centres, Unknowns
 from cpmkit.forms.options import Options
 from cpmkit.grid.stencils import cross_offsets, cross_weights, difference_reach
-from cpmkit.protocols import ClosestPoints, Floats, Ints, Progress, nothing
+from cpmkit.protocols import Floats, Ints, Progress, nothing
 from cpmkit.scene.data import Data, evaluate_data
 from cpmkit.scene.laws import Law
 from cpmkit.scene.scene import Scene
@@ -136,7 +135,7 @@ class Discretization:
 
         order = np.argsort(datum.rows)
         rows, points = datum.rows[order], self.layout.lattice.to_local(datum.points[order])
-        centres = _all_centres(self.layout).take(rows)
+        centres = row_centres(self.layout).take(rows)
         if self.layout.band.sheets is not None:
             centres = replace(centres, feet=self.layout.surface.closest_point(points), normals=None)
         place = csr_array((np.ones(len(rows)), (rows, np.arange(len(rows)))), shape=(self.numbering.rows, len(rows)))
@@ -161,17 +160,11 @@ def build_tables(scene: Scene, options: Options[CollocationOptions], progress: P
 
 def tabulate(layout: Layout, progress: Progress = nothing) -> Discretization:
     """Build E and N for a layout; no closest point is asked for."""
-    unknowns, rows = layout.unknowns, _all_readings(layout)
-    centres = _all_centres(layout, rows)
-    extension = extend(
-        unknowns, rows.points, centres, rows.coefficient, lambda stage, share: progress(stage, 0.8 * share)
-    )
-    if rows.terms:
-        extension = _with_terms(extension, unknowns, rows.terms)
-    neighbours = _neighbours(unknowns, centres, difference_reach(layout.order))
+    extension, data, centres = extend_rows(layout, lambda stage, share: progress(stage, 0.8 * share))
+    neighbours = _neighbours(layout.unknowns, centres, difference_reach(layout.order))
     neighbours.flags.writeable = False
     progress("tables", 1.0)
-    return Discretization(layout, read_only(extension), rows.data, neighbours)
+    return Discretization(layout, read_only(extension), data, neighbours)
 
 
 def read_only(matrix: csr_array) -> csr_array:
@@ -185,62 +178,10 @@ def read_only(matrix: csr_array) -> csr_array:
     return matrix
 
 
-def _with_terms(extension: csr_array, unknowns: Unknowns, terms: Sequence[Term]) -> csr_array:
-    """Return E with further points read by some rows."""
-    from scipy.sparse import csr_array
-
-    for term in terms:
-        centres = Centres(term.frames, np.full(len(term.points), term.own), term.feet)
-        read = extend(unknowns, term.points, centres, term.coefficient)
-        place = csr_array(
-            (np.ones(len(term.rows)), (term.rows, np.arange(len(term.rows)))),
-            shape=(extension.shape[0], len(term.rows)),
-        )
-        extension = extension + place @ read
-    extension.eliminate_zeros()
-    made: csr_array = extension.tocsr()
-    return made
-
-
 def _renumbered(term: Term, rows: Ints) -> Term:
     """Return a term with row k of its batch called ``rows[k]``; -1 leaves it out. Its frames go."""
     kept = term.take(rows[term.rows] >= 0)
     return replace(kept, rows=rows[kept.rows])
-
-
-def _all_readings(layout: Layout) -> Reading:
-    """Return what all rows of E read: the band's nodes, then each boundary's ghosts."""
-    parts, numbering = [layout.reading, *(one.reading for one in layout.ghosts)], layout.numbering
-    numbers = np.split(np.arange(numbering.rows), numbering.first_rows[:-1])
-    numbered = list(zip(parts, numbers, strict=True))
-    return Reading(
-        np.concatenate([part.points for part in parts]),
-        np.concatenate([part.coefficient for part in parts]),
-        [datum.renumbered(rows) for part, rows in numbered for datum in part.data],
-        [replace(term, rows=rows[term.rows]) for part, rows in numbered for term in part.terms],
-        _joined([part.feet for part in parts]),
-    )
-
-
-def _joined(feet: Sequence[ClosestPoints | None]) -> ClosestPoints | None:
-    """Return the records of all rows, None where they were not kept."""
-    known = [one for one in feet if one is not None]
-    return ClosestPoints.join(known) if len(known) == len(feet) else None
-
-
-def _all_centres(layout: Layout, rows: Reading | None = None) -> Centres:
-    """Return how all rows of E see the boundaries, and on which sheets they read if it is asked what they do."""
-    band, own, first = layout.band, layout.numbering.boundary_of_row, layout.numbering.first_rows
-    frames = [
-        stack([(0, frame), *((int(first[k]), one.frames[index]) for k, one in enumerate(layout.ghosts))])
-        for index, frame in enumerate(layout.sight.frames)
-    ]
-    if band.sheets is None or rows is None:
-        return Centres(frames, own)
-    normals = np.full(rows.points.shape, np.nan)
-    at_feet = np.flatnonzero((rows.points[: len(band.nodes)] == band.feet.points).all(axis=1))
-    normals[at_feet] = band.sheets.normals[at_feet]
-    return Centres(frames, own, rows.feet, normals)
 
 
 def _neighbours(unknowns: Unknowns, centres: Centres, reach: int) -> Ints:

@@ -7,13 +7,18 @@ is on the point's own side of every boundary*.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cpmkit.forms.collocation.boundary.frame import stack
+from cpmkit.forms.collocation.boundary.reading import Datum, Reading, Term
+from cpmkit.forms.collocation.layout import Layout
 from cpmkit.forms.collocation.selection import Centres, Unknowns
 from cpmkit.grid.stencils import stencil_cells, stencil_nodes, tensor_weights
-from cpmkit.protocols import Floats, Progress, nothing
+from cpmkit.protocols import ClosestPoints, Floats, Progress, nothing
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -69,3 +74,65 @@ def extend(
         weights *= coefficient[:, None]
     starts = np.arange(n + 1, dtype=np.int32 if columns.size < 2**31 else np.int64) * width
     return csr_array((weights.ravel(), columns.ravel(), starts), shape=(n, unknowns.count))
+
+
+def extend_rows(layout: Layout, progress: Progress = nothing) -> tuple[csr_array, Sequence[Datum], Centres]:
+    """Return E (rows, unknowns), what boundary data add to E u, and where the rows' stencils are centred."""
+    rows = _all_readings(layout)
+    centres = row_centres(layout, rows)
+    extension = extend(layout.unknowns, rows.points, centres, rows.coefficient, progress)
+    if rows.terms:
+        extension = _with_terms(extension, layout.unknowns, rows.terms)
+    return extension, rows.data, centres
+
+
+def _with_terms(extension: csr_array, unknowns: Unknowns, terms: Sequence[Term]) -> csr_array:
+    """Return E with further points read by some rows."""
+    from scipy.sparse import csr_array
+
+    for term in terms:
+        centres = Centres(term.frames, np.full(len(term.points), term.own), term.feet)
+        read = extend(unknowns, term.points, centres, term.coefficient)
+        place = csr_array(
+            (np.ones(len(term.rows)), (term.rows, np.arange(len(term.rows)))),
+            shape=(extension.shape[0], len(term.rows)),
+        )
+        extension = extension + place @ read
+    extension.eliminate_zeros()
+    made: csr_array = extension.tocsr()
+    return made
+
+
+def _all_readings(layout: Layout) -> Reading:
+    """Return what all rows of E read: the band's nodes, then each boundary's ghosts."""
+    parts, numbering = [layout.reading, *(one.reading for one in layout.ghosts)], layout.numbering
+    numbers = np.split(np.arange(numbering.rows), numbering.first_rows[:-1])
+    numbered = list(zip(parts, numbers, strict=True))
+    return Reading(
+        np.concatenate([part.points for part in parts]),
+        np.concatenate([part.coefficient for part in parts]),
+        [datum.renumbered(rows) for part, rows in numbered for datum in part.data],
+        [replace(term, rows=rows[term.rows]) for part, rows in numbered for term in part.terms],
+        _joined([part.feet for part in parts]),
+    )
+
+
+def _joined(feet: Sequence[ClosestPoints | None]) -> ClosestPoints | None:
+    """Return the records of all rows, None where they were not kept."""
+    known = [one for one in feet if one is not None]
+    return ClosestPoints.join(known) if len(known) == len(feet) else None
+
+
+def row_centres(layout: Layout, rows: Reading | None = None) -> Centres:
+    """Return how all rows of E see the boundaries, and on which sheets they read if it is asked what they do."""
+    band, own, first = layout.band, layout.numbering.boundary_of_row, layout.numbering.first_rows
+    frames = [
+        stack([(0, frame), *((int(first[k]), one.frames[index]) for k, one in enumerate(layout.ghosts))])
+        for index, frame in enumerate(layout.sight.frames)
+    ]
+    if band.sheets is None or rows is None:
+        return Centres(frames, own)
+    normals = np.full(rows.points.shape, np.nan)
+    at_feet = np.flatnonzero((rows.points[: len(band.nodes)] == band.feet.points).all(axis=1))
+    normals[at_feet] = band.sheets.normals[at_feet]
+    return Centres(frames, own, rows.feet, normals)
