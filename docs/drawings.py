@@ -156,7 +156,7 @@ def ghost() -> Figure:
     chosen = int(np.argmin(np.linalg.norm(own - [0.9, 0.8], axis=1)))
     x, z = own[chosen], band.feet.points[ghosts.nodes[chosen]]
     seen = _frame(solution, z[None])
-    y, mirror = seen.foot[0], ghosts.reading.points[chosen]
+    y, mirror = seen.foot[0], ghosts.formula.points[chosen]
     axes.plot(*np.stack([x, z]).T, "--", color=INK, lw=1)
     for point, name, offset in (
         (x, "$x$, where the ghost stands", (14, -4)),

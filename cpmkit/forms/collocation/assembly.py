@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from cpmkit.errors import InputError, ResolutionError
-from cpmkit.forms.collocation.boundary.reading import Reading
+from cpmkit.forms.collocation.boundary.row_formula import RowFormula
 from cpmkit.forms.collocation.discretization import Discretization
 from cpmkit.forms.collocation.ghosts.nodes import Ghosts
 from cpmkit.forms.collocation.operator import ExtensionOperator
@@ -83,7 +83,7 @@ def _diffusivity(tables: Discretization, data: Data) -> Floats:
             raise InputError(f"the diffusivity must be above zero, got {a.min():g}.")
         return np.asarray(np.log(a))
 
-    reading, sources = layout.reading, layout.sources
+    reading, sources = layout.formula, layout.sources
     near = np.linalg.norm(reading.points - sources.points, axis=1, keepdims=True) < NEAR * layout.lattice.spacing
     here, mirror = log_at(sources.points), log_at(np.where(near, sources.points, reading.points))
     log = np.where(sources.coefficient == 1, 2 * here - mirror, sources.coefficient * here)
@@ -100,11 +100,11 @@ def _of_ghosts(ghosts: Ghosts, log_at: Callable[[Floats], Floats]) -> Floats:
     near, far = np.flatnonzero(ghosts.behind < 1), np.flatnonzero(ghosts.behind >= 1)
     log = here.copy()
     log[near] -= ghosts.behind[near] * (first - here)[near]
-    log[far] += here[far] - log_at(ghosts.reading.points[far])
+    log[far] += here[far] - log_at(ghosts.formula.points[far])
     return np.exp(log)
 
 
-def _with_terms(values: Floats, reading: Reading, log_at: Callable[[Floats], Floats]) -> Floats:
+def _with_terms(values: Floats, reading: RowFormula, log_at: Callable[[Floats], Floats]) -> Floats:
     """Return ``values`` (n,) and what the terms of a reading add."""
     total = values.copy()
     for term in reading.terms:

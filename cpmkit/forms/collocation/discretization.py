@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.forms.collocation.boundary.reading import Datum, Reading, Term, sum_of_data
+from cpmkit.forms.collocation.boundary.row_formula import BoundaryData, ExtraPoint, RowFormula, sum_of_data
 from cpmkit.forms.collocation.diagnosis.refusals import check_effect, check_layout
 from cpmkit.forms.collocation.extension import extend, extend_rows, row_centres
 from cpmkit.forms.collocation.layout import Layout, lay_out
@@ -37,7 +37,7 @@ class Discretization:
         Lattice, band, boundaries and ghosts.
     extension : csr_array (rows, unknowns)
         E: one row an outer node, then one a ghost. Its arrays are read-only: every operator shares them.
-    data : sequence of Datum
+    data : sequence of BoundaryData
         What the boundary data add to E u.
     neighbours : (unknowns, k) int, read-only
         Rows of E that the difference stencil of each unknown reads, in the order of
@@ -46,7 +46,7 @@ class Discretization:
 
     layout: Layout
     extension: csr_array
-    data: Sequence[Datum]
+    data: Sequence[BoundaryData]
     neighbours: Ints
 
     @cached_property
@@ -81,12 +81,12 @@ class Discretization:
         return sum_of_data(self.data, self.extension.shape[0], self.layout.channels, time)
 
     @cached_property
-    def sources(self) -> Reading:
+    def sources(self) -> RowFormula:
         """Where the unknowns read right-hand sides and initial data: nodes at their feet, ghosts on their side."""
         readings = [self.layout.sources, *(ghosts.sources for ghosts in self.layout.ghosts)]
         numbers = np.split(self.numbering.unknown_of_row, self.numbering.first_rows[:-1])
         kept = [number >= 0 for number in numbers]
-        return Reading(
+        return RowFormula(
             np.concatenate([reading.points[keep] for reading, keep in zip(readings, kept, strict=True)]),
             np.concatenate([reading.coefficient[keep] for reading, keep in zip(readings, kept, strict=True)]),
             (),
@@ -129,7 +129,7 @@ class Discretization:
         made: csr_array = read.tocsr()
         return made
 
-    def read_at_datum(self, datum: Datum) -> csr_array:
+    def read_at_datum(self, datum: BoundaryData) -> csr_array:
         """Return the matrix (rows, unknowns) that reads u at a datum's points, in its rows, from their sides."""
         from scipy.sparse import csr_array
 
@@ -178,7 +178,7 @@ def read_only(matrix: csr_array) -> csr_array:
     return matrix
 
 
-def _renumbered(term: Term, rows: Ints) -> Term:
+def _renumbered(term: ExtraPoint, rows: Ints) -> ExtraPoint:
     """Return a term with row k of its batch called ``rows[k]``; -1 leaves it out. Its frames go."""
     kept = term.take(rows[term.rows] >= 0)
     return replace(kept, rows=rows[kept.rows])

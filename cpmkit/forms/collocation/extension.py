@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cpmkit.forms.collocation.boundary.frame import stack
-from cpmkit.forms.collocation.boundary.reading import Datum, Reading, Term
+from cpmkit.forms.collocation.boundary.row_formula import BoundaryData, ExtraPoint, RowFormula
 from cpmkit.forms.collocation.layout import Layout
 from cpmkit.forms.collocation.selection import Centres, Unknowns
 from cpmkit.grid.stencils import stencil_cells, stencil_nodes, tensor_weights
@@ -76,7 +76,7 @@ def extend(
     return csr_array((weights.ravel(), columns.ravel(), starts), shape=(n, unknowns.count))
 
 
-def extend_rows(layout: Layout, progress: Progress = nothing) -> tuple[csr_array, Sequence[Datum], Centres]:
+def extend_rows(layout: Layout, progress: Progress = nothing) -> tuple[csr_array, Sequence[BoundaryData], Centres]:
     """Return E (rows, unknowns), what boundary data add to E u, and where the rows' stencils are centred."""
     rows = _all_readings(layout)
     centres = row_centres(layout, rows)
@@ -86,7 +86,7 @@ def extend_rows(layout: Layout, progress: Progress = nothing) -> tuple[csr_array
     return extension, rows.data, centres
 
 
-def _with_terms(extension: csr_array, unknowns: Unknowns, terms: Sequence[Term]) -> csr_array:
+def _with_terms(extension: csr_array, unknowns: Unknowns, terms: Sequence[ExtraPoint]) -> csr_array:
     """Return E with further points read by some rows."""
     from scipy.sparse import csr_array
 
@@ -103,12 +103,12 @@ def _with_terms(extension: csr_array, unknowns: Unknowns, terms: Sequence[Term])
     return made
 
 
-def _all_readings(layout: Layout) -> Reading:
+def _all_readings(layout: Layout) -> RowFormula:
     """Return what all rows of E read: the band's nodes, then each boundary's ghosts."""
-    parts, numbering = [layout.reading, *(one.reading for one in layout.ghosts)], layout.numbering
+    parts, numbering = [layout.formula, *(one.formula for one in layout.ghosts)], layout.numbering
     numbers = np.split(np.arange(numbering.rows), numbering.first_rows[:-1])
     numbered = list(zip(parts, numbers, strict=True))
-    return Reading(
+    return RowFormula(
         np.concatenate([part.points for part in parts]),
         np.concatenate([part.coefficient for part in parts]),
         [datum.renumbered(rows) for part, rows in numbered for datum in part.data],
@@ -123,7 +123,7 @@ def _joined(feet: Sequence[ClosestPoints | None]) -> ClosestPoints | None:
     return ClosestPoints.join(known) if len(known) == len(feet) else None
 
 
-def row_centres(layout: Layout, rows: Reading | None = None) -> Centres:
+def row_centres(layout: Layout, rows: RowFormula | None = None) -> Centres:
     """Return how all rows of E see the boundaries, and on which sheets they read if it is asked what they do."""
     band, own, first = layout.band, layout.numbering.boundary_of_row, layout.numbering.first_rows
     frames = [

@@ -11,7 +11,7 @@ import numpy as np
 
 from cpmkit.errors import ResolutionError
 from cpmkit.forms.collocation.assembly import build_operator
-from cpmkit.forms.collocation.boundary.reading import sum_of_data
+from cpmkit.forms.collocation.boundary.row_formula import sum_of_data
 from cpmkit.forms.collocation.conservation.components import without_flux
 from cpmkit.forms.collocation.conservation.flux_balance import Balancing, prepare_balance
 from cpmkit.forms.collocation.conservation.free_constants import find_border, means_over

@@ -16,7 +16,7 @@ from cpmkit.forms.collocation.boundary.facing_rims import FacingRims, facing_rim
 from cpmkit.forms.collocation.boundary.junctions import Junction, junctions
 from cpmkit.forms.collocation.boundary.past_rim import kept_apart
 from cpmkit.forms.collocation.boundary.prepare import sight
-from cpmkit.forms.collocation.boundary.reading import Reading, Term
+from cpmkit.forms.collocation.boundary.row_formula import ExtraPoint, RowFormula
 from cpmkit.forms.collocation.boundary.side_readings import DOUBTFUL, node_sources
 from cpmkit.forms.collocation.boundary.tips import Blur, blurs
 from cpmkit.forms.collocation.diagnosis.limbs import Limbs, limbs_side_by_side
@@ -49,9 +49,9 @@ class Layout:
         The manifold, relative to the lattice's origin.
     band : Band
         Its nodes and their closest points.
-    reading : Reading
+    formula : RowFormula
         What each node of the band reads, the edge's conditions applied.
-    sources : Reading
+    sources : RowFormula
         Where each node reads right-hand sides.
     sight : Sight
         The boundaries, and how the band's nodes see them.
@@ -75,8 +75,8 @@ class Layout:
     lattice: Lattice
     surface: Localized
     band: Band
-    reading: Reading
-    sources: Reading
+    formula: RowFormula
+    sources: RowFormula
     sight: Sight
     ghosts: Sequence[Ghosts]
     channels: int
@@ -141,7 +141,7 @@ def lay_out(scene: Scene, options: Options[CollocationOptions], progress: Progre
     for index in range(len(scene.boundaries)):
         ghosts.append(build_ghosts(index, seen, band, lattice, past.mirrored, order))
         progress("boundaries", (index + 1) / len(scene.boundaries))
-    reading = replace(past.reading, terms=[_located(term, seen, band) for term in past.reading.terms])
+    reading = replace(past.formula, terms=[_located(term, seen, band) for term in past.formula.terms])
     sources = _off_boundaries(past, seen, band, order)
     laid = Layout(options, lattice, surface, band, reading, sources, seen, ghosts, scene.channels)
     return _looked_over(laid, scene.problem.start_time)
@@ -165,13 +165,13 @@ def _looked_over(layout: Layout, time: float | None) -> Layout:
     )
 
 
-def _located(term: Term, seen: Sight, band: Band) -> Term:
+def _located(term: ExtraPoint, seen: Sight, band: Band) -> ExtraPoint:
     """Return a term of the band's nodes with how its points see the boundaries."""
     radius = 2 * reading_radius(band.dim, band.degree) * band.spacing
     return replace(term, frames=[one.frame(term.points, radius, band.spacing) for one in seen.sighted])
 
 
-def _off_boundaries(past: PastEdge, seen: Sight, band: Band, order: int) -> Reading:
+def _off_boundaries(past: PastEdge, seen: Sight, band: Band, order: int) -> RowFormula:
     """Return where the nodes read right-hand sides, those nearly on a boundary inside the side that they count to."""
     sources = past.sources
     for number, frame in enumerate(seen.frames):
@@ -184,11 +184,11 @@ def _off_boundaries(past: PastEdge, seen: Sight, band: Band, order: int) -> Read
     return sources
 
 
-def _with_rows(reading: Reading, rows: Ints, other: Reading) -> Reading:
+def _with_rows(reading: RowFormula, rows: Ints, other: RowFormula) -> RowFormula:
     """Return a reading with ``rows`` read as the other says, whose rows count those."""
     points, coefficient = reading.points.copy(), reading.coefficient.copy()
     points[rows], coefficient[rows] = other.points, other.coefficient
-    return Reading(
+    return RowFormula(
         points, coefficient, (), [*reading.terms, *(replace(term, rows=rows[term.rows]) for term in other.terms)]
     )
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cpmkit.errors import ResolutionError, place
-from cpmkit.forms.collocation.boundary.reading import Datum
+from cpmkit.forms.collocation.boundary.row_formula import BoundaryData
 from cpmkit.forms.collocation.discretization import Discretization, read_only
 from cpmkit.protocols import Floats
 from cpmkit.scene.laws import Flux, Mixed, Nonlinear
@@ -31,7 +31,7 @@ class Flow:
     Attributes
     ----------
     law : Nonlinear
-    datum : Datum
+    datum : BoundaryData
         Which rows, F in each, and where it is read.
     reads : csr_array (rows, unknowns)
         Reads u at the boundary, each row from the side that it carries.
@@ -42,7 +42,7 @@ class Flow:
     """
 
     law: Nonlinear
-    datum: Datum
+    datum: BoundaryData
     reads: csr_array
     carried: csr_array
     half: Floats
@@ -75,12 +75,12 @@ def flows_of(tables: Discretization) -> list[Flow]:
     return [_flow(datum.law, datum, tables) for datum in tables.data if isinstance(datum.law, Nonlinear)]
 
 
-def _flow(law: Nonlinear, datum: Datum, tables: Discretization) -> Flow:
+def _flow(law: Nonlinear, datum: BoundaryData, tables: Discretization) -> Flow:
     from scipy.sparse import diags_array
 
     layout, rows = tables.layout, datum.rows
-    coefficient = np.concatenate([layout.reading.coefficient, *(one.reading.coefficient for one in layout.ghosts)])
-    at_foot = (layout.reading.points == layout.band.feet.points).all(axis=1)  # past an edge, at first order
+    coefficient = np.concatenate([layout.formula.coefficient, *(one.formula.coefficient for one in layout.ghosts)])
+    at_foot = (layout.formula.points == layout.band.feet.points).all(axis=1)  # past an edge, at first order
     first = np.concatenate([at_foot, *(one.orders == 1 for one in layout.ghosts)])[rows]
     others = np.concatenate([np.zeros(0, dtype=np.int64), *(one.rows for one in tables.data if one is not datum)])
     plain = (coefficient[rows] == 1) & ~np.isin(rows, others)  # what reads several points has no coefficient

@@ -7,8 +7,7 @@ from model_problems import circle_jump, max_error, on_circle, order_of, origins,
 from scipy.spatial import ConvexHull
 
 import cpmkit as ck
-from cpmkit.forms.collocation.ghosts.continuation import arc_length, points_inwards
-from cpmkit.forms.collocation.ghosts.formulas import polynomial_weights
+from cpmkit.forms.collocation.ghosts.continuation import arc_length, points_inwards, polynomial_weights
 from cpmkit.manifold.localized import localize
 
 SPACINGS = (0.1, 0.05, 0.025, 0.0125)

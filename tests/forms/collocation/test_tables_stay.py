@@ -42,7 +42,7 @@ def arrays_of(thing, path):
             yield from arrays_of(one, f"{path}[{number}]")
     elif is_dataclass(thing) and type(thing).__module__.startswith("cpmkit.") and not isinstance(thing, Localized):
         for field in fields(thing):
-            if field.name not in ("source", "surface", "boundaries", "data") or "Datum" in type(thing).__name__:
+            if field.name not in ("source", "surface", "boundaries", "data") or "BoundaryData" in type(thing).__name__:
                 yield from arrays_of(getattr(thing, field.name), f"{path}.{field.name}")
 
 

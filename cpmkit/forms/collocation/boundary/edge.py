@@ -14,20 +14,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.forms.collocation.boundary.past_rim import replaced
-from cpmkit.forms.collocation.boundary.reading import Datum, Reading
+from cpmkit.forms.collocation.boundary.row_formula import BoundaryData, RowFormula
 from cpmkit.forms.collocation.ghosts.continuation import (
     Continued,
     beyond_edge,
     continue_rows,
     continued,
     continued_sources,
+    points_inside,
     points_inwards,
 )
-from cpmkit.forms.collocation.ghosts.formulas import (
-    coefficient_and_factor,
-    mirror_distance,
-    points_inside,
-)
+from cpmkit.forms.collocation.ghosts.formulas import coefficient_and_factor
+from cpmkit.forms.collocation.ghosts.geometry import mirror_distance
 from cpmkit.grid.band import Band
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.localized import Localized
@@ -50,17 +48,17 @@ class PastEdge:
 
     Attributes
     ----------
-    reading : Reading
+    formula : RowFormula
         Of each node.
-    mirrored : Reading
+    mirrored : RowFormula
         The same at order 2 at most, with one point a node: ghosts of nodes past the edge build on it.
-    sources : Reading
+    sources : RowFormula
         Where f is read for each node; only points, coefficients and terms count.
     """
 
-    reading: Reading
-    mirrored: Reading
-    sources: Reading
+    formula: RowFormula
+    mirrored: RowFormula
+    sources: RowFormula
 
 
 def read_past_edge(
@@ -71,7 +69,7 @@ def read_past_edge(
     mirrored = _mirrored(surface, band, lattice, loops, order)
     finer = [(rows, law, own or order) for rows, law, own in loops if (own or order) > 2]
     parts = [_continue(surface, band, lattice, law, asked, rows) for rows, law, asked in finer]
-    sources = Reading(band.feet.points, np.ones(len(band.nodes)))
+    sources = RowFormula(band.feet.points, np.ones(len(band.nodes)))
     if not parts:
         return PastEdge(mirrored, mirrored, sources)
     return PastEdge(continued(mirrored, parts), mirrored, continued_sources(sources, parts))
@@ -89,8 +87,8 @@ def read_at_feet(
     if not len(rows):
         return past
     at_feet = _mirrored(surface, band, lattice, _loops(band, edge, rows), 1, most=1)
-    sources = Reading(band.feet.points, np.ones(len(band.nodes)))
-    reading, mirrored = (replaced(one, rows, at_feet) for one in (past.reading, past.mirrored))
+    sources = RowFormula(band.feet.points, np.ones(len(band.nodes)))
+    reading, mirrored = (replaced(one, rows, at_feet) for one in (past.formula, past.mirrored))
     return PastEdge(reading, mirrored, replaced(past.sources, rows, sources))
 
 
@@ -113,25 +111,25 @@ def _mirrored(
     loops: Sequence[tuple[Ints, OneSided, int | None]],
     order: int,
     most: int = 2,
-) -> Reading:
+) -> RowFormula:
     """Return what all nodes read at order 1 or 2, ``most``, one point each."""
     points, coefficient = band.feet.points.copy(), np.ones(len(band.nodes))
     feet = None if band.sheets is None else band.feet
-    data: list[Datum] = []
+    data: list[BoundaryData] = []
     for rows, law, own in loops:
         read = _mirror(surface, band, lattice, law, min(own or order, most), rows)
         points[rows], coefficient[rows] = read.points, read.coefficient
         feet = None if feet is None or read.feet is None else feet.replaced(rows, read.feet)
         data += [datum.renumbered(rows) for datum in read.data]
-    return Reading(points, coefficient, data, feet=feet)
+    return RowFormula(points, coefficient, data, feet=feet)
 
 
-def _mirror(surface: Localized, band: Band, lattice: Lattice, law: OneSided, order: int, rows: Ints) -> Reading:
+def _mirror(surface: Localized, band: Band, lattice: Lattice, law: OneSided, order: int, rows: Ints) -> RowFormula:
     """Return what nodes past one loop read at order 1 or 2."""
     foot, beyond = band.feet.points[rows], band.positions[rows] - band.feet.points[rows]
     if is_wall(law):
         on = band.feet.take(rows) if order == 1 else _reached(surface, band, rows, foot - beyond)
-        return Reading(on.points, np.ones(len(rows)), feet=on)
+        return RowFormula(on.points, np.ones(len(rows)), feet=on)
     outward = _outward(surface, band.feet.take(rows), beyond, band.spacing)
     t = np.maximum(np.sum(beyond * outward, axis=1), 0.0)
     mirror = foot - beyond - (mirror_distance(law, t, band.spacing) - t)[:, None] * outward
@@ -140,8 +138,8 @@ def _mirror(surface: Localized, band: Band, lattice: Lattice, law: OneSided, ord
     first = np.full(len(rows), order == 1)
     beta = beta_at(law, where, WHAT)
     coefficient, factor = coefficient_and_factor(law, beta, t, 2 * t, first, band.spacing)
-    data = [Datum(np.arange(len(rows)), factor, where, law.datum, WHAT, law)]
-    return Reading(on.points, coefficient, data, feet=on)
+    data = [BoundaryData(np.arange(len(rows)), factor, where, law.datum, WHAT, law)]
+    return RowFormula(on.points, coefficient, data, feet=on)
 
 
 def _reached(surface: Localized, band: Band, rows: Ints, goal: Floats) -> ClosestPoints:

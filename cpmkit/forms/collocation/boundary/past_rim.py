@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from cpmkit.forms.collocation.boundary.frame import Frame, Sighted
-from cpmkit.forms.collocation.boundary.reading import Reading
+from cpmkit.forms.collocation.boundary.row_formula import RowFormula
 from cpmkit.forms.collocation.ghosts.geometry import ALONGSIDE
 from cpmkit.grid.band import Band
 from cpmkit.manifold.tangent_space import outward_conormals
@@ -24,7 +24,7 @@ from cpmkit.protocols import Bools, Floats, Ints
 TOUCHING = 0.1
 
 
-def kept_apart(sighted: Sequence[Sighted], band: Band, mirrored: Reading, radius: float) -> Ints:
+def kept_apart(sighted: Sequence[Sighted], band: Band, mirrored: RowFormula, radius: float) -> Ints:
     """Return the nodes (k,) past an edge whose mirror points lie beyond a boundary, as seen from their feet."""
     past = np.flatnonzero((band.feet.edge >= 0) & (mirrored.points != band.feet.points).any(axis=1))
     apart = np.zeros(len(past), dtype=bool)
@@ -38,7 +38,7 @@ def kept_apart(sighted: Sequence[Sighted], band: Band, mirrored: Reading, radius
     return past[apart]
 
 
-def replaced(reading: Reading, rows: Ints, other: Reading) -> Reading:
+def replaced(reading: RowFormula, rows: Ints, other: RowFormula) -> RowFormula:
     """Return a reading whose ``rows`` are those of another, which has no terms."""
     if not len(rows):
         return reading
@@ -51,22 +51,17 @@ def replaced(reading: Reading, rows: Ints, other: Reading) -> Reading:
     feet = reading.feet
     if feet is not None and other.feet is not None:
         feet = feet.replaced(rows, other.feet.take(rows))
-    return Reading(points, coefficient, data, terms, feet)
+    return RowFormula(points, coefficient, data, terms, feet)
 
 
-def straight_ahead(
-    sighted: Sighted, band: Band, seen: Frame, behind: Ints, coupled: bool
-) -> tuple[Frame, Floats, Bools]:
+def straight_ahead(sighted: Sighted, band: Band, seen: Frame, behind: Ints) -> tuple[Frame, Floats, Bools]:
     """Return the frame of nodes with those past an edge behind a boundary where they stand, their places, and which.
 
     Those are the nodes ``behind`` and others to whose feet the boundary runs parallel inside. They stand in the
     tangent plane of the edge, at places (g, d); zero for all others, whose entries stay as they are.
-    A transmission's stay so all: they read where they stand, too.
     """
     places, apart = np.zeros((len(seen.rows), band.dim)), np.zeros(len(seen.rows), dtype=bool)
     past = np.flatnonzero(band.feet.edge[seen.rows] >= 0)
-    if not sighted.has_sides or coupled or not len(past):
-        return seen, places, apart
     nodes = seen.rows[past]
     feet = band.feet.take(nodes)
     outward = outward_conormals(sighted.surface, feet, 0.5 * band.spacing)

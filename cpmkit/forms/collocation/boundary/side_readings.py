@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from cpmkit.forms.collocation.boundary.frame import Frame, Sighted
-from cpmkit.forms.collocation.boundary.reading import Reading, Term
-from cpmkit.forms.collocation.ghosts.geometry import INSIDE, Crossing, beyond_another
+from cpmkit.forms.collocation.boundary.row_formula import ExtraPoint, RowFormula
+from cpmkit.forms.collocation.ghosts.geometry import INSIDE, GhostGeometry, beyond_another
 from cpmkit.manifold.walking import nearest_from
 from cpmkit.protocols import Bools, ClosestPoints, Floats
 
@@ -23,23 +23,23 @@ CROWDED = 0.75
 DOUBTFUL = 0.1
 
 
-def read_within(crossing: Crossing, spacing: float, order: int) -> Reading:
+def read_within(geometry: GhostGeometry, order: int) -> RowFormula:
     """Return where the ghosts of a boundary read right-hand sides: at points inside, as if on the boundary.
 
     Where another boundary or an edge is in the way, or the boundary has no sides, just inside.
     """
-    seen, own = crossing.seen, crossing.sighted[crossing.index]
-    near = seen.foot + INSIDE * spacing * crossing.direction
+    seen, own, spacing = geometry.seen, geometry.own, geometry.spacing
+    near = seen.foot + INSIDE * spacing * geometry.direction
     if not own.has_sides or not len(near):
-        return Reading(near, np.ones(len(near)))
-    points, sound = _points_within(own, seen.foot, crossing.start, crossing.direction, order)
+        return RowFormula(near, np.ones(len(near)))
+    points, sound = _points_within(own, seen.foot, geometry.start, geometry.direction, order)
     rows = np.flatnonzero(sound)
     reach = 2 * len(points) * WITHIN * spacing
-    sound[rows[beyond_another(crossing, rows, points[-1][rows], reach, spacing)]] = False
+    sound[rows[beyond_another(geometry, rows, points[-1][rows], reach)]] = False
     return _continued_to(near, points, sound, np.zeros(len(near)))
 
 
-def node_sources(feet: Floats, own: Sighted, others: list[Sighted], seen: Frame, order: int) -> Reading:
+def node_sources(feet: Floats, own: Sighted, others: list[Sighted], seen: Frame, order: int) -> RowFormula:
     """Return where nodes with ``feet`` (k, d) nearly on a boundary, ``seen`` by it, read right-hand sides."""
     spacing, sign = own.spacing, np.sign(seen.signed)[:, None]
     on = np.abs(seen.signed)[:, None] < INSIDE * spacing
@@ -63,7 +63,7 @@ def _points_within(
     return points, sound
 
 
-def _continued_to(near: Floats, points: list[Floats], sound: Bools, at: Floats) -> Reading:
+def _continued_to(near: Floats, points: list[Floats], sound: Bools, at: Floats) -> RowFormula:
     """Return the polynomial through data at 1, 2, ..., read ``at`` (n,); at ``near`` where points are not sound."""
     rows, count = np.flatnonzero(sound), len(points)
     first, coefficient, terms = near.copy(), np.ones(len(near)), []
@@ -73,5 +73,5 @@ def _continued_to(near: Floats, points: list[Floats], sound: Bools, at: Floats) 
         if k == 1:
             first[rows], coefficient[rows] = points[0][rows], weight
         else:
-            terms.append(Term(rows, points[k - 1][rows], weight))
-    return Reading(first, coefficient, (), terms)
+            terms.append(ExtraPoint(rows, points[k - 1][rows], weight))
+    return RowFormula(first, coefficient, (), terms)

@@ -68,7 +68,7 @@ def _past_edge(tables: Discretization, away: Floats) -> Floats:
     """
     band = tables.layout.band
     rows = np.flatnonzero(band.feet.edge[: len(away)] >= 0)
-    inwards = tables.layout.reading.points[rows] - band.feet.points[rows]
+    inwards = tables.layout.formula.points[rows] - band.feet.points[rows]
     length = np.linalg.norm(inwards, axis=1)
     known = length > SMALL * band.spacing  # the mirror point of a node beside the end is the end itself, to rounding
     along = np.divide(-np.sum(away[rows] * inwards, axis=1), length, out=np.zeros(len(rows)), where=known)

@@ -11,12 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cpmkit.forms.collocation.boundary.reading import Datum, Reading, Term
-from cpmkit.forms.collocation.ghosts.formulas import polynomial_weights
+from cpmkit.forms.collocation.boundary.row_formula import BoundaryData, ExtraPoint, RowFormula
 from cpmkit.manifold.localized import Localized
 from cpmkit.manifold.walking import nearest_from
 from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
-from cpmkit.scene.laws import OneSided, beta_at
+from cpmkit.scene.laws import Law, OneSided, Value, beta_at
 
 #: Distance of the points, in spacings. (1.25 and 1.5 have 1.2 to 5 times the error on arcs, caps and circles on the
 #: sphere, and vary more with the position of the lattice.)
@@ -56,9 +55,9 @@ class Inside:
         feet = [one.take(index) for one in self.feet]
         return Inside(self.points[index], self.positions[index], self.curvature[index], self.sound[index], feet)
 
-    def terms(self, rows: Ints, weights: Floats) -> list[Term]:
+    def terms(self, rows: Ints, weights: Floats) -> list[ExtraPoint]:
         """Return what the rows ``rows`` read at the points, with ``weights`` (n, k)."""
-        return [Term(rows, self.points[:, j], weights[:, j], feet=self.feet[j]) for j in range(weights.shape[1])]
+        return [ExtraPoint(rows, self.points[:, j], weights[:, j], feet=self.feet[j]) for j in range(weights.shape[1])]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,22 +68,22 @@ class Continued:
     ----------
     rows : (k,) int64
         Which rows of a batch these are.
-    terms, own_terms : list of Term
+    terms, own_terms : list of ExtraPoint
         Points that they read; of ghosts, seen from the side that they carry, and from the side on which they stand.
-    data : list of Datum
+    data : list of BoundaryData
         What the condition's data add.
     here : (k,) float64
         Factor of a right-hand side read at the boundary.
-    ahead : list of Term
+    ahead : list of ExtraPoint
         Where else it is read.
     """
 
     rows: Ints
-    terms: list[Term]
-    own_terms: list[Term]
-    data: list[Datum]
+    terms: list[ExtraPoint]
+    own_terms: list[ExtraPoint]
+    data: list[BoundaryData]
     here: Floats
-    ahead: list[Term]
+    ahead: list[ExtraPoint]
 
 
 def continue_rows(
@@ -97,27 +96,69 @@ def continue_rows(
     beta = beta_at(law, where, what)
     weights, factor = polynomial_weights(law.alpha, beta, inside.positions, at, spacing)
     ahead, here = polynomial_weights(0.0, np.ones(len(rows)), inside.positions, at, spacing)
-    data = [Datum(rows, factor, where, law.datum, what, law)]
+    data = [BoundaryData(rows, factor, where, law.datum, what, law)]
     return Continued(rows, inside.terms(rows, weights), [], data, here, inside.terms(rows, ahead))
 
 
-def continued(plain: Reading, parts: Sequence[Continued]) -> Reading:
+def continued(plain: RowFormula, parts: Sequence[Continued]) -> RowFormula:
     """Return a reading with some of its rows replaced by those that continue polynomials."""
     place, coefficient = np.arange(len(plain)), plain.coefficient.copy()
     for part in parts:
         place[part.rows], coefficient[part.rows] = -1, 0.0
     data = [datum.renumbered(place) for datum in plain.data] + [datum for part in parts for datum in part.data]
     terms = [term for part in parts for term in part.terms]
-    return Reading(plain.points, coefficient, data, terms, plain.feet)
+    return RowFormula(plain.points, coefficient, data, terms, plain.feet)
 
 
-def continued_sources(plain: Reading, parts: Sequence[Continued]) -> Reading:
+def continued_sources(plain: RowFormula, parts: Sequence[Continued]) -> RowFormula:
     """Return where right-hand sides are read, those of rows that continue polynomials continued too."""
     here = np.ones(len(plain))
     for part in parts:
         here[part.rows] = part.here
     terms = [replace(term, coefficient=term.coefficient * here[term.rows]) for term in plain.terms]
-    return Reading(plain.points, plain.coefficient * here, (), terms + [term for part in parts for term in part.ahead])
+    return RowFormula(
+        plain.points, plain.coefficient * here, (), terms + [term for part in parts for term in part.ahead]
+    )
+
+
+def points_inside(law: Law, order: int) -> int:
+    """Return at how many points inside a ghost of ``order`` 3 or 4 reads: the degree of its polynomial.
+
+    The slope of a cubic costs an order that its value keeps, so a flux gets one point more.
+    """
+    return order - 1 if isinstance(law, Value) else order
+
+
+def polynomial_weights(
+    alpha: float, beta: Floats, positions: Floats, at: Floats, spacing: float
+) -> tuple[Floats, Floats]:
+    """Return the weights (n, k) of values inside and the factor (n,) of gamma in a polynomial's value outside.
+
+    The polynomial has degree k, takes the values at ``-positions``, and fulfils ``alpha p' + beta p = gamma`` at 0.
+
+    Parameters
+    ----------
+    alpha, beta : float, (n,) float64
+        Of the condition.
+    positions : (n, k) float64
+        Arc lengths from the boundary to the points inside.
+    at : (n,) float64
+        Arc length from the boundary to the ghost outside.
+    spacing : float
+        Unit of length in which the small systems are well scaled.
+    """
+    n, k = positions.shape
+    powers = np.arange(k + 1)
+    system = np.empty((n, k + 1, k + 1))
+    system[:, :k] = (-positions / spacing)[:, :, None] ** powers
+    system[:, k] = 0.0
+    unit = spacing if alpha else 1.0
+    system[:, k, 0] = beta * unit
+    if k:
+        system[:, k, 1] = alpha * unit / spacing
+    value = (at / spacing)[:, None] ** powers
+    weights = np.linalg.solve(system.transpose(0, 2, 1), value[:, :, None])[:, :, 0]
+    return np.asarray(weights[:, :k]), np.asarray(weights[:, k] * unit)
 
 
 def points_inwards(

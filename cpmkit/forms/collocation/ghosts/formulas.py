@@ -14,16 +14,93 @@ reads itself with weight -1, which no smoother damps.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from cpmkit.errors import ResolutionError
-from cpmkit.protocols import Bools, Floats
-from cpmkit.scene.laws import Law, OneSided, Value
+from cpmkit.forms.collocation.boundary.row_formula import BoundaryData, ExtraPoint, RowFormula
+from cpmkit.forms.collocation.ghosts.continuation import Continued, continued
+from cpmkit.forms.collocation.ghosts.continued import continue_ghosts
+from cpmkit.forms.collocation.ghosts.geometry import GhostGeometry
+from cpmkit.forms.collocation.ghosts.transmitted import transmitted
+from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.scene.laws import Interface, OneSided, Value, beta_at
 
 
-def mirror_distance(law: Law, t: Floats, spacing: float) -> Floats:
-    """Return how far beyond the boundary a second-order ghost at distance ``t`` (n,) reads."""
-    return np.maximum(t, 0.5 * spacing) if isinstance(law, Value) else t
+@dataclass(frozen=True, eq=False)
+class GhostFormula:
+    """What the ghosts of a boundary read, edges aside.
+
+    Attributes
+    ----------
+    rows : RowFormula
+        What they read on the side that they carry, and data.
+    own_points : list of ExtraPoint
+        What they read on the side on which they stand.
+    parts : list of Continued
+        Those of them that continue polynomials.
+    orders : (g,) int64
+        Order of each, lower than asked where there is no room.
+    alone : (g,) bool
+        True for those that read at one point, or at that and their own.
+    """
+
+    rows: RowFormula
+    own_points: list[ExtraPoint]
+    parts: list[Continued]
+    orders: Ints
+    alone: Bools
+
+
+def ghost_formula(geometry: GhostGeometry, order: int) -> GhostFormula:
+    """Return what the ghosts of a boundary read at an order, less where their condition says so; edges aside.
+
+    A ghost whose mirror point lies beyond another boundary is of order 1. A transmission's has no other reading.
+    """
+    count, points, feet = len(geometry), geometry.seen.foot.copy(), geometry.start
+    coefficient, orders, alone = np.zeros(count), np.empty(count, dtype=np.int64), np.ones(count, dtype=bool)
+    parts: list[Continued] = []
+    data: list[BoundaryData] = []
+    own_points: list[ExtraPoint] = []
+    for condition, side in geometry.sides():
+        law, asked = condition.law, condition.order or order
+        orders[side] = np.where(geometry.apart[side], min(asked, 2), asked)
+        if asked > 2 or isinstance(law, Interface):
+            made, orders[side] = continue_ghosts(geometry, law, side, orders[side])
+            parts += made
+            for part in made:
+                alone[part.rows] = False
+        rows = side[alone[side]]
+        second = rows[(orders[rows] == 2) | isinstance(law, Interface)]
+        if len(second) and not isinstance(law, Interface):
+            orders[second[geometry.is_hidden[second]]] = 1
+            second = second[~geometry.is_hidden[second]]
+        if len(second):
+            points[second] = geometry.mirror.points[second]
+            feet = None if feet is None else feet.replaced(second, geometry.mirror.take(second))
+        if isinstance(law, Interface):
+            if len(rows):
+                coefficient[rows], added, beside = transmitted(geometry, law, rows)
+                own_points.append(beside)
+                data += added
+        else:
+            coefficient[rows], added = _mirrored(geometry, law, rows, points[rows], orders[rows] == 1)
+            data += added
+    plain = RowFormula(points, coefficient, data, feet=feet)
+    own_points += [term for part in parts for term in part.own_terms]
+    return GhostFormula(continued(plain, parts) if parts else plain, own_points, parts, orders, alone)
+
+
+def _mirrored(
+    geometry: GhostGeometry, law: OneSided, rows: Ints, points: Floats, first: Bools
+) -> tuple[Floats, list[BoundaryData]]:
+    """Return the coefficients (k,) of the ghosts ``rows`` of order 2, or ``first``, and their data."""
+    where = geometry.at_boundary(rows)
+    s = np.linalg.norm(geometry.foot_point[rows] - points, axis=1)
+    beta = beta_at(law, where, geometry.what)
+    coefficient, factor = coefficient_and_factor(law, beta, geometry.seen.distance[rows], s, first, geometry.spacing)
+    return coefficient, [BoundaryData(rows, factor, where, law.datum, geometry.what, law)]
 
 
 def coefficient_and_factor(
@@ -64,43 +141,3 @@ def coefficient_and_factor(
         )
     coefficient = np.where(first_order, alpha / first, (alpha - 0.5 * beta * s) / second)
     return coefficient, np.where(first_order, t / first, s / second)
-
-
-def points_inside(law: Law, order: int) -> int:
-    """Return at how many points inside a ghost of ``order`` 3 or 4 reads: the degree of its polynomial.
-
-    The slope of a cubic costs an order that its value keeps, so a flux gets one point more.
-    """
-    return order - 1 if isinstance(law, Value) else order
-
-
-def polynomial_weights(
-    alpha: float, beta: Floats, positions: Floats, at: Floats, spacing: float
-) -> tuple[Floats, Floats]:
-    """Return the weights (n, k) of values inside and the factor (n,) of gamma in a polynomial's value outside.
-
-    The polynomial has degree k, takes the values at ``-positions``, and fulfils ``alpha p' + beta p = gamma`` at 0.
-
-    Parameters
-    ----------
-    alpha, beta : float, (n,) float64
-        Of the condition.
-    positions : (n, k) float64
-        Arc lengths from the boundary to the points inside.
-    at : (n,) float64
-        Arc length from the boundary to the ghost outside.
-    spacing : float
-        Unit of length in which the small systems are well scaled.
-    """
-    n, k = positions.shape
-    powers = np.arange(k + 1)
-    system = np.empty((n, k + 1, k + 1))
-    system[:, :k] = (-positions / spacing)[:, :, None] ** powers
-    system[:, k] = 0.0
-    unit = spacing if alpha else 1.0
-    system[:, k, 0] = beta * unit
-    if k:
-        system[:, k, 1] = alpha * unit / spacing
-    value = (at / spacing)[:, None] ** powers
-    weights = np.linalg.solve(system.transpose(0, 2, 1), value[:, :, None])[:, :, 0]
-    return np.asarray(weights[:, :k]), np.asarray(weights[:, k] * unit)

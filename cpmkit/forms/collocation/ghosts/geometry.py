@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from cpmkit.forms.collocation.boundary.frame import Frame, Sighted
+from cpmkit.forms.collocation.boundary.row_formula import ExtraPoint
+from cpmkit.grid.lattice import Lattice
+from cpmkit.manifold.walking import nearest_from
 from cpmkit.protocols import Bools, BoundarySet, ClosestPoints, Floats, Ints
 from cpmkit.scene.alike import alike
 from cpmkit.scene.condition import Condition
 from cpmkit.scene.data import Data
-from cpmkit.scene.laws import Value
+from cpmkit.scene.laws import Law, Value
 
 #: Data that jump across a boundary are read this share of the spacing inside the side they belong to.
 INSIDE = 1e-6
@@ -21,9 +24,16 @@ INSIDE = 1e-6
 ALONGSIDE = 0.9
 
 
+def mirror_distance(law: Law, t: Floats, spacing: float) -> Floats:
+    """Return how far beyond the boundary a second-order ghost at distance ``t`` (n,) reads."""
+    return np.maximum(t, 0.5 * spacing) if isinstance(law, Value) else t
+
+
 @dataclass(frozen=True, eq=False)
-class Crossing:
+class GhostGeometry:
     """The ghosts of boundary ``index``: the frame of their nodes, the nodes' feet, and directions across.
+
+    What they read at any order is a function of this: points that were asked for are kept.
 
     Attributes
     ----------
@@ -31,6 +41,8 @@ class Crossing:
         The boundary's number.
     boundaries, sighted : sequences
         All boundaries of the scene.
+    lattice : Lattice
+        Its spacing is that of the ghosts.
     seen : Frame
         How the boundary sees the nodes' feet.
     foot_point : (g, d) float64
@@ -48,6 +60,7 @@ class Crossing:
     index: int
     boundaries: Sequence[BoundarySet]
     sighted: Sequence[Sighted]
+    lattice: Lattice
     seen: Frame
     foot_point: Floats
     direction: Floats
@@ -55,15 +68,51 @@ class Crossing:
     diffusivity: Data = 1.0
     own_feet: ClosestPoints | None = None
 
+    def __len__(self) -> int:
+        return len(self.seen.rows)
+
+    @property
+    def spacing(self) -> float:
+        """Of the lattice."""
+        return self.lattice.spacing
+
+    @property
+    def own(self) -> Sighted:
+        """The boundary itself."""
+        return self.sighted[self.index]
+
     @cached_property
     def start(self) -> ClosestPoints | None:
         """The surface's records of the boundary's points, to walk from along their sheets; None where it has one."""
-        own = self.sighted[self.index]
-        return None if own.sheets is None else own.surface.closest_point(self.seen.foot)
+        return None if self.own.sheets is None else self.own.surface.closest_point(self.seen.foot)
 
     def start_of(self, rows: Ints | Bools) -> ClosestPoints | None:
         """Return the same of the ghosts ``rows``."""
         return None if self.start is None else self.start.take(rows)
+
+    @cached_property
+    def _ahead(self) -> Floats:
+        """(g,) how far beyond the boundary ghosts of order 2 look."""
+        ahead = np.empty(len(self))
+        for condition, rows in self.sides():
+            ahead[rows] = mirror_distance(condition.law, self.seen.distance[rows], self.spacing)
+        return ahead
+
+    @cached_property
+    def mirror(self) -> ClosestPoints:
+        """The g points at which ghosts of order 2 read."""
+        ahead = self.seen.foot + self._ahead[:, None] * self.direction
+        return nearest_from(self.own.surface, self.start, ahead, self.spacing)
+
+    @cached_property
+    def is_hidden(self) -> Bools:
+        """(g,) whose mirror points lie beyond another boundary."""
+        reach = 2 * float(self._ahead.max(initial=0.0))
+        return beyond_another(self, np.arange(len(self)), self.mirror.points, reach)
+
+    def at_boundary(self, rows: Ints) -> Floats:
+        """Return the boundary's points (k, d) of the ghosts ``rows``, in the scene's coordinates."""
+        return self.lattice.to_scene(self.seen.foot[rows])
 
     @property
     def what(self) -> str:
@@ -78,7 +127,7 @@ class Crossing:
             return [(left, np.arange(len(seen.rows)))]
         return [(left, np.flatnonzero(seen.signed < 0)), (right, np.flatnonzero(seen.signed >= 0))]
 
-    def frames(self, rows: Ints, points: Floats, radius: float, spacing: float, own_side: bool = False) -> list[Frame]:
+    def frames(self, rows: Ints, points: Floats, radius: float, own_side: bool = False) -> list[Frame]:
         """Return how the ghosts ``rows`` see each boundary from ``points``.
 
         Their own they see from the side that they carry, or from the one on which they stand; the others from there.
@@ -86,9 +135,14 @@ class Crossing:
         own = self.seen.take(rows) if own_side else self.seen.take(rows).reversed()
         own = own.renumbered(np.arange(len(rows)))
         return [
-            own if other == self.index else sighted.frame(points, radius, spacing)
+            own if other == self.index else sighted.frame(points, radius, self.spacing)
             for other, sighted in enumerate(self.sighted)
         ]
+
+    def located(self, term: ExtraPoint, radius: float, own_side: bool = False) -> ExtraPoint:
+        """Return a point that ghosts read with how they see each boundary from there."""
+        frames = self.frames(term.rows, term.points, radius, own_side)
+        return replace(term, own=self.index, frames=frames)
 
 
 def _holds_one_value(boundary: BoundarySet) -> bool:
@@ -97,7 +151,7 @@ def _holds_one_value(boundary: BoundarySet) -> bool:
     return isinstance(left.law, Value) and alike(left, right)
 
 
-def beyond_another(crossing: Crossing, rows: Ints, points: Floats, reach: float, spacing: float) -> Bools:
+def beyond_another(geometry: GhostGeometry, rows: Ints, points: Floats, reach: float) -> Bools:
     """Tell which points read by the ghosts ``rows`` lie beyond another boundary than their own.
 
     Points on a surface do not count: the solution goes on around them. Nor does a boundary that starts
@@ -105,16 +159,16 @@ def beyond_another(crossing: Crossing, rows: Ints, points: Floats, reach: float,
     3.6e-3 if such ghosts were of order 1), nor one that is met at an angle and holds one value for both sides, across
     which the solution goes on (an arc that ends on a circle, spacing 0.1: error 3e-3 instead of 1.5e-2).
     """
-    foot, beyond = crossing.seen.foot[rows], np.zeros(len(rows), dtype=bool)
-    others = [other for other, one in enumerate(crossing.sighted) if other != crossing.index and one.has_sides]
+    foot, beyond, spacing = geometry.seen.foot[rows], np.zeros(len(rows), dtype=bool), geometry.spacing
+    others = [other for other, one in enumerate(geometry.sighted) if other != geometry.index and one.has_sides]
     for other in others:
-        at_point = crossing.sighted[other].frame(points, reach, spacing)
-        at_foot = crossing.sighted[other].frame(foot[at_point.rows], 2 * reach, spacing)
+        at_point = geometry.sighted[other].frame(points, reach, spacing)
+        at_foot = geometry.sighted[other].frame(foot[at_point.rows], 2 * reach, spacing)
         facing = at_point.take(at_foot.rows)
         opposite = np.sum(facing.director * at_foot.director, axis=1) < 0
         opposite &= np.abs(at_foot.signed) > INSIDE * spacing  # where they meet, neither lies beyond the other
-        if _holds_one_value(crossing.boundaries[other]):
-            own = crossing.seen.left[rows][facing.rows]
+        if _holds_one_value(geometry.boundaries[other]):
+            own = geometry.seen.left[rows][facing.rows]
             opposite &= np.abs(np.sum(own * at_foot.left, axis=1)) > ALONGSIDE
         beyond[facing.rows[opposite & ~facing.end & ~at_foot.end]] = True
     return beyond

@@ -14,9 +14,11 @@ import numpy as np
 
 from cpmkit.forms.collocation.boundary.frame import Frame, Sighted, near
 from cpmkit.forms.collocation.boundary.past_rim import straight_ahead
-from cpmkit.forms.collocation.boundary.reading import Reading
-from cpmkit.forms.collocation.ghosts.geometry import Crossing
-from cpmkit.forms.collocation.ghosts.mirrored import ghost_reading
+from cpmkit.forms.collocation.boundary.row_formula import RowFormula
+from cpmkit.forms.collocation.boundary.side_readings import WITHIN, read_within
+from cpmkit.forms.collocation.ghosts.continuation import continued_sources
+from cpmkit.forms.collocation.ghosts.formulas import ghost_formula
+from cpmkit.forms.collocation.ghosts.geometry import GhostGeometry
 from cpmkit.grid.band import Band
 from cpmkit.grid.lattice import Lattice
 from cpmkit.grid.stencils import difference_reach, reading_radius
@@ -33,38 +35,47 @@ class Ghosts:
 
     Attributes
     ----------
-    nodes : (g,) int64
-        Numbers of the nodes in the band.
+    geometry : GhostGeometry
+        Where they stand, and which way leads across.
     unknowns : int
         How many of the ghosts are unknowns.
     numbers : (band nodes,) int64
         For each node of the band its ghost, -1 where it has none.
-    director : (g, d) float64
-        D of the nodes; the ghosts themselves see the boundary from -D.
-    reading : Reading
+    formula : RowFormula
         What the ghosts read.
-    sources : Reading
+    sources : RowFormula
         Where right-hand sides are read: just inside the side that each ghost carries, and, at order 3 and 4, behind.
     frames : sequence of Frame
         How the ghosts' stencils see each boundary.
-    carries_left : (g,) bool
-        True where the ghost carries the left side's solution.
     orders : (g,) int64
         Order of each ghost.
     behind : (g,) float64
         How far behind the boundary those read that read at one point, over where their right-hand sides are; NaN else.
     """
 
-    nodes: Ints
+    geometry: GhostGeometry
     unknowns: int
     numbers: Ints
-    director: Floats
-    reading: Reading
-    sources: Reading
+    formula: RowFormula
+    sources: RowFormula
     frames: Sequence[Frame]
-    carries_left: Bools
     orders: Ints
     behind: Floats
+
+    @property
+    def nodes(self) -> Ints:
+        """(g,) numbers of the nodes in the band."""
+        return self.geometry.seen.rows
+
+    @property
+    def director(self) -> Floats:
+        """(g, d) D of the nodes; the ghosts themselves see the boundary from -D."""
+        return self.geometry.seen.director
+
+    @property
+    def carries_left(self) -> Bools:
+        """(g,) whether the ghost carries the left side's solution."""
+        return self.geometry.seen.signed < 0
 
     @cached_property
     def unknown_numbers(self) -> Ints:
@@ -97,40 +108,53 @@ class Sight:
     diffusivity: Data = 1.0
 
 
-def build_ghosts(index: int, sight: Sight, band: Band, lattice: Lattice, mirrored: Reading, order: int) -> Ghosts:
+def build_ghosts(index: int, sight: Sight, band: Band, lattice: Lattice, mirrored: RowFormula, order: int) -> Ghosts:
     """Return the ghosts of boundary ``index``.
 
     A node has a ghost if it is within the reach of a stencil from the boundary, and the boundary's
     point nearest to its foot is no open end. ``mirrored`` is what the band's nodes read, one point each.
     """
-    seen, unknowns = _ghost_nodes(sight.sighted[index], sight.frames[index], band, difference_reach(order))
-    own = sight.sighted[index]
-    coupled = sight.boundaries[index].condition("left").couples
-    seen, places, apart = straight_ahead(own, band, seen, sight.behind, coupled)
-    foot_point = np.where(apart[:, None], places, mirrored.points[seen.rows])
-    direction = _direction(seen, foot_point, band.spacing)
-    own_feet = None if mirrored.feet is None else mirrored.feet.take(seen.rows)
-    crossing = Crossing(
-        index, sight.boundaries, sight.sighted, seen, foot_point, direction, apart, sight.diffusivity, own_feet
-    )
-    made = ghost_reading(crossing, lattice, order, 2 * reading_radius(band.dim, band.degree) * band.spacing)
+    geometry, unknowns = _geometry(index, sight, band, lattice, mirrored, difference_reach(order))
+    made, seen, radius = ghost_formula(geometry, order), geometry.seen, 2 * reading_radius(band.dim, band.degree)
+    radius *= band.spacing
+    terms = [geometry.located(term, radius) for term in made.rows.terms]
+    terms += [geometry.located(term, radius, own_side=True) for term in made.own_points]
+    sources = read_within(geometry, order)
+    behind = np.linalg.norm(made.rows.points - seen.foot, axis=1) / (WITHIN * band.spacing)
     numbers = np.full(len(band.nodes), -1)
-    numbers[seen.rows] = np.arange(len(seen.rows))
+    numbers[seen.rows] = np.arange(len(geometry))
     return Ghosts(
-        seen.rows,
+        geometry,
         unknowns,
         numbers,
-        seen.director,
-        _past_edge(made.reading, mirrored, seen.rows, apart),
-        made.sources,
-        made.frames,
-        seen.signed < 0,
+        _past_edge(replace(made.rows, terms=terms), mirrored, seen.rows, geometry.apart),
+        continued_sources(sources, made.parts) if made.parts else sources,
+        geometry.frames(np.arange(len(geometry)), made.rows.points, radius),
         made.orders,
-        made.behind,
+        np.where(made.alone, behind, np.nan),
     )
 
 
-def _past_edge(reading: Reading, mirrored: Reading, nodes: Ints, apart: Bools) -> Reading:
+def _geometry(
+    index: int, sight: Sight, band: Band, lattice: Lattice, mirrored: RowFormula, differences: int
+) -> tuple[GhostGeometry, int]:
+    """Return where the ghosts of a boundary stand, and how many of them are unknowns."""
+    own = sight.sighted[index]
+    seen, unknowns = _ghost_nodes(own, sight.frames[index], band, differences)
+    foot_point, apart = mirrored.points[seen.rows], np.zeros(len(seen.rows), dtype=bool)
+    coupled = sight.boundaries[index].condition("left").couples  # those read where they stand, too
+    if own.has_sides and not coupled and (band.feet.edge[seen.rows] >= 0).any():
+        seen, places, apart = straight_ahead(own, band, seen, sight.behind)
+        foot_point = np.where(apart[:, None], places, foot_point)
+    direction = _direction(seen, foot_point, band.spacing)
+    feet = None if mirrored.feet is None else mirrored.feet.take(seen.rows)
+    made = GhostGeometry(
+        index, sight.boundaries, sight.sighted, lattice, seen, foot_point, direction, apart, sight.diffusivity, feet
+    )
+    return made, unknowns
+
+
+def _past_edge(reading: RowFormula, mirrored: RowFormula, nodes: Ints, apart: Bools) -> RowFormula:
     """Return the ghosts' reading where their nodes stand past an edge: the edge's formula of the ghost's.
 
     Not of those that continue what lies behind their boundary, ``apart`` from the edge.
@@ -141,7 +165,7 @@ def _past_edge(reading: Reading, mirrored: Reading, nodes: Ints, apart: Bools) -
     data = [datum.scaled(coefficient) for datum in reading.data]
     data += [datum.renumbered(place) for datum in mirrored.data]
     terms = [replace(term, coefficient=term.coefficient * coefficient[term.rows]) for term in reading.terms]
-    return Reading(reading.points, reading.coefficient * coefficient, data, terms, reading.feet)
+    return RowFormula(reading.points, reading.coefficient * coefficient, data, terms, reading.feet)
 
 
 def _ghost_nodes(sighted: Sighted, seen: Frame, band: Band, differences: int) -> tuple[Frame, int]:

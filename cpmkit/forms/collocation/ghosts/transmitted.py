@@ -8,8 +8,43 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.protocols import Bools, Floats
+from cpmkit.forms.collocation.boundary.conductivities import conductivities
+from cpmkit.forms.collocation.boundary.row_formula import BoundaryData, ExtraPoint
+from cpmkit.forms.collocation.ghosts.continuation import Continued, Inside, arc_length, polynomial_weights
+from cpmkit.forms.collocation.ghosts.geometry import GhostGeometry
+from cpmkit.protocols import Bools, Floats, Ints
 from cpmkit.scene.laws import Interface
+
+
+def transmitted(geometry: GhostGeometry, law: Interface, rows: Ints) -> tuple[Floats, list[BoundaryData], ExtraPoint]:
+    """Return how ghosts of order 1 read: the factors (k,) of u(mirror), the data, and u where they stand."""
+    seen = geometry.seen.take(rows)
+    s = np.linalg.norm(geometry.foot_point[rows] - geometry.mirror.points[rows], axis=1)
+    materials = conductivities(law, geometry.diffusivity, seen, seen.signed < 0, geometry.lattice)
+    own, carried, jump, flux = transmission_weights(law, *materials, s, seen.signed < 0)
+    feet = None if geometry.own_feet is None else geometry.own_feet.take(rows)
+    return carried, _data(geometry, law, rows, jump, flux), ExtraPoint(rows, geometry.foot_point[rows], own, feet=feet)
+
+
+def couple(geometry: GhostGeometry, law: Interface, rows: Ints, inside: Inside, behind: Inside) -> Continued:
+    """Return what the ghosts ``rows`` read at points on the side that they carry, ``inside``, and on their own."""
+    seen, spacing = geometry.seen.take(rows), geometry.spacing
+    materials = conductivities(law, geometry.diffusivity, seen, seen.signed < 0, geometry.lattice)
+    at = arc_length(seen.distance, np.linalg.norm(behind.curvature, axis=1))
+    own, carried, jump, flux = coupled_weights(
+        law, materials, behind.positions, inside.positions, at, seen.signed < 0, spacing
+    )
+    ahead, here = polynomial_weights(0.0, np.ones(len(rows)), inside.positions, at, spacing)
+    data = _data(geometry, law, rows, jump, flux)
+    return Continued(rows, inside.terms(rows, carried), behind.terms(rows, own), data, here, inside.terms(rows, ahead))
+
+
+def _data(geometry: GhostGeometry, law: Interface, rows: Ints, jump: Floats, flux: Floats) -> list[BoundaryData]:
+    where, what = geometry.at_boundary(rows), geometry.what
+    return [
+        BoundaryData(rows, jump, where, law.jump, f"the jump of {what}", law),
+        BoundaryData(rows, flux, where, law.flux, f"the flux of {what}", law),
+    ]
 
 
 def transmission_weights(

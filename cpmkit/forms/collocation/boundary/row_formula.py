@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Datum:
+class BoundaryData:
     """What boundary data add to some rows: ``factor * data(points)``.
 
     Attributes
@@ -48,17 +48,17 @@ class Datum:
         """True where the data change in time."""
         return takes_time(self.data)
 
-    def scaled(self, coefficient: Floats) -> Datum:
+    def scaled(self, coefficient: Floats) -> BoundaryData:
         """Return the datum with each row of the batch multiplied by its ``coefficient`` (n,)."""
         return replace(self, factor=self.factor * coefficient[self.rows])
 
-    def renumbered(self, rows: Ints) -> Datum:
+    def renumbered(self, rows: Ints) -> BoundaryData:
         """Return the datum with row k of the batch called ``rows[k]``; -1 leaves it out."""
         kept = rows[self.rows] >= 0
         return replace(self, rows=rows[self.rows[kept]], factor=self.factor[kept], points=self.points[kept])
 
 
-def sum_of_data(data: Iterable[Datum], rows: int, channels: int, time: float | None = None) -> Floats:
+def sum_of_data(data: Iterable[BoundaryData], rows: int, channels: int, time: float | None = None) -> Floats:
     """Return what all ``data`` add to each of so many rows, (rows, channels)."""
     total = np.zeros((rows, channels))
     for datum in data:
@@ -68,7 +68,7 @@ def sum_of_data(data: Iterable[Datum], rows: int, channels: int, time: float | N
 
 
 @dataclass(frozen=True, eq=False)
-class Term:
+class ExtraPoint:
     """A further point that some rows read.
 
     Attributes
@@ -94,14 +94,14 @@ class Term:
     own: int = -1
     feet: ClosestPoints | None = None
 
-    def take(self, kept: Bools) -> Term:
+    def take(self, kept: Bools) -> ExtraPoint:
         """Return some of the points; how they see boundaries is looked for later."""
         feet = None if self.feet is None else self.feet.take(kept)
-        return Term(self.rows[kept], self.points[kept], self.coefficient[kept], feet=feet)
+        return ExtraPoint(self.rows[kept], self.points[kept], self.coefficient[kept], feet=feet)
 
 
 @dataclass(frozen=True, eq=False)
-class Reading:
+class RowFormula:
     """What a batch of n rows reads.
 
     Attributes
@@ -110,9 +110,9 @@ class Reading:
         Points of the manifold, relative to the lattice's origin.
     coefficient : (n,) float64
         Factor of what is read there.
-    data : sequence of Datum
+    data : sequence of BoundaryData
         What boundary data add.
-    terms : sequence of Term
+    terms : sequence of ExtraPoint
         Further points that some rows read.
     feet : ClosestPoints, optional
         The surface's records of the points: where several of its sheets share the band.
@@ -120,8 +120,8 @@ class Reading:
 
     points: Floats
     coefficient: Floats
-    data: Sequence[Datum] = ()
-    terms: Sequence[Term] = ()
+    data: Sequence[BoundaryData] = ()
+    terms: Sequence[ExtraPoint] = ()
     feet: ClosestPoints | None = None
 
     def __len__(self) -> int:
