@@ -35,7 +35,7 @@ class Condition(ABC):
     @property
     @abstractmethod
     def law(self) -> Law:
-        """Which of the standard laws it is."""
+        """Which of the standard laws it is, one object at every call: by it the data that it gives are known again."""
 
     @property
     def couples(self) -> bool:

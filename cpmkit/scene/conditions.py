@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, ClassVar
 
 from cpmkit.errors import InputError, shown
@@ -44,7 +45,7 @@ class Dirichlet(Condition):
     order: int | None = None
     kind: ClassVar[str] = "dirichlet"
 
-    @property
+    @cached_property
     def law(self) -> Value:
         """The value."""
         return Value(self.value)
@@ -66,7 +67,7 @@ class Neumann(Condition):
     order: int | None = None
     kind: ClassVar[str] = "neumann"
 
-    @property
+    @cached_property
     def law(self) -> Flux:
         """The flux."""
         return Flux(self.flux)
@@ -126,7 +127,7 @@ class Robin(Condition):
                 )
             object.__setattr__(self, name, number)
 
-    @property
+    @cached_property
     def law(self) -> Mixed:
         """The value and the flux in one relation."""
         return Mixed(self.alpha, self.beta, self.gamma)

@@ -9,18 +9,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cpmkit.errors import SceneError
+from cpmkit.forms.collocation.boundary.edge import WHAT as EDGE
 from cpmkit.forms.collocation.boundary.row_formula import BoundaryData, ExtraPoint, RowFormula, sum_of_data
 from cpmkit.forms.collocation.diagnosis.refusals import check_effect, check_layout
 from cpmkit.forms.collocation.extension import extend, extend_rows, row_centres
-from cpmkit.forms.collocation.layout import Layout, lay_out
+from cpmkit.forms.collocation.layout import Layout, lay_out, with_data_of
 from cpmkit.forms.collocation.numbering import Numbering
 from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.collocation.selection import Centres, Unknowns
 from cpmkit.forms.options import Options
 from cpmkit.grid.stencils import cross_offsets, cross_weights, difference_reach
-from cpmkit.protocols import Floats, Ints, Progress, nothing
+from cpmkit.protocols import SIDES, Floats, Ints, Progress, nothing
+from cpmkit.scene.alike import alike
 from cpmkit.scene.data import Data, evaluate_data
-from cpmkit.scene.laws import Law
+from cpmkit.scene.laws import Interface, Law
 from cpmkit.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -197,3 +200,52 @@ def _neighbours(unknowns: Unknowns, centres: Centres, reach: int) -> Ints:
     seen = centres.take(numbering.row_of_unknown)
     columns = unknowns.select_rows(replace(anchors, frames=seen.frames, own=seen.own), beside)
     return columns.astype(np.int32 if numbering.rows <= np.iinfo(np.int32).max else np.int64)
+
+
+def restated(tables: Discretization, old: Scene, new: Scene) -> Discretization:
+    """Return the tables of the scene ``old`` with the data of ``new``, which differs in its equation and data alone.
+
+    Raises
+    ------
+    SceneError
+        If the tables hold what would change: the equation's diffusivity on both sides of a boundary that couples them,
+        or a wall, whose flux of zero has no rows.
+    """
+    laws = list(zip(_laws(old), _laws(new), strict=True))
+    coupled = [law for (_, law), _ in laws if isinstance(law, Interface) and None in (law.left, law.right)]
+    if coupled and old.problem.terms().diffusivity != new.problem.terms().diffusivity:
+        raise SceneError(
+            "the tables hold the diffusivity of the equation that they were made for, on both sides of a transmission; "
+            "give Transmission its left and right, or use cpmkit.solve."
+        )
+    held = {_owner(datum) for datum in tables.data}
+    for (what, before), (_, after) in laws:
+        if (id(before), what) not in held and not alike(before, after):
+            raise SceneError(
+                f"{what} has no data in the tables, a flux of zero has none, and takes no others; use cpmkit.solve."
+            )
+    layout = with_data_of(tables.layout, new)
+    check_layout(layout, new)
+    known = {(id(before), what): after for (what, before), (_, after) in laws}
+    return replace(tables, layout=layout, data=[_with_data(one, known[_owner(one)]) for one in tables.data])
+
+
+def _laws(scene: Scene) -> list[tuple[str, Law]]:
+    """Return the laws of a scene, each with what it is of, as :class:`BoundaryData` tells it."""
+    edge = [(EDGE, one.law) for one in scene.edge_conditions]
+    sides = [(f"boundary {one.name!r}", one.condition(side).law) for one in scene.boundaries for side in SIDES]
+    return sides + edge
+
+
+def _part(datum: BoundaryData) -> str:
+    """Return which datum of its law it is: the jump or the flux of an interface, else the one there is."""
+    return next((name for name in ("jump", "flux") if datum.what.startswith(f"the {name} of ")), "datum")
+
+
+def _owner(datum: BoundaryData) -> tuple[int, str]:
+    """Return the law that a datum is of, and what that is of."""
+    return id(datum.law), datum.what.removeprefix(f"the {_part(datum)} of ")
+
+
+def _with_data(datum: BoundaryData, law: Law) -> BoundaryData:
+    return replace(datum, law=law, data=getattr(law, _part(datum)))

@@ -19,7 +19,7 @@ from cpmkit.forms.collocation.conservation.settling import settled, with_balance
 from cpmkit.forms.collocation.diagnosis.clusters import feet_of_twins
 from cpmkit.forms.collocation.diagnosis.definiteness import cure_of, is_suspect, told_of, wrong_sign
 from cpmkit.forms.collocation.diagnosis.warnings import warnings_of
-from cpmkit.forms.collocation.discretization import Discretization, build_tables
+from cpmkit.forms.collocation.discretization import Discretization, build_tables, restated
 from cpmkit.forms.collocation.linearized import Flow, flows_of, linearized
 from cpmkit.forms.collocation.operator import BoundaryMass, ExtensionOperator
 from cpmkit.forms.collocation.options import CollocationOptions
@@ -96,6 +96,10 @@ class Collocation(Discretized):
     @cached_property
     def _balancing(self) -> Balancing:
         return prepare_balance(self.scene, self.tables)
+
+    def restated(self, scene: Scene) -> Collocation:
+        """Return the same tables for a scene that differs in its equation and its data alone."""
+        return replace(self, scene=scene, tables=restated(self.tables, self.scene, scene))
 
     # Equations
 

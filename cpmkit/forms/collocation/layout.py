@@ -150,19 +150,29 @@ def lay_out(scene: Scene, options: Options[CollocationOptions], progress: Progre
 def _looked_over(layout: Layout, time: float | None) -> Layout:
     """Return the layout with what its boundaries, rims and curves do to each other."""
     seen, lattice, band = layout.sight, layout.lattice, layout.band
-    crossings, strips = encounters(seen, lattice, layout.channels, time)
     beside = beside_rims(seen.sighted, layout.surface, band)
     facing = facing_rims(layout.surface, band)
     branches = junctions(layout.surface, band)
-    return replace(
+    layout = replace(
         layout,
-        crossings=crossings,
-        strips=strips,
         rim_strips=[replace(one, points=lattice.to_scene(one.points)) for one in beside],
         facing=[replace(one, point=lattice.to_scene(one.point[None])[0]) for one in facing],
-        blurs=blurs(seen, band, lattice, layout.channels, time),
         junctions=[replace(one, point=lattice.to_scene(one.point[None])[0]) for one in branches],
     )
+    return _compared(layout, time)
+
+
+def _compared(layout: Layout, time: float | None) -> Layout:
+    """Return the layout with what the data of boundaries that meet do to each other."""
+    seen, lattice, channels = layout.sight, layout.lattice, layout.channels
+    crossings, strips = encounters(seen, lattice, channels, time)
+    return replace(layout, crossings=crossings, strips=strips, blurs=blurs(seen, layout.band, lattice, channels, time))
+
+
+def with_data_of(layout: Layout, scene: Scene) -> Layout:
+    """Return the layout of a scene that differs in its equation and its data alone."""
+    seen = replace(layout.sight, boundaries=scene.boundaries)
+    return _compared(replace(layout, sight=seen, channels=scene.channels), scene.problem.start_time)
 
 
 def _located(term: ExtraPoint, seen: Sight, band: Band) -> ExtraPoint:

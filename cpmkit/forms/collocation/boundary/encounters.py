@@ -11,7 +11,7 @@ from cpmkit.forms.collocation.boundary.frame import Frame, Sighted
 from cpmkit.forms.collocation.ghosts.geometry import ALONGSIDE, INSIDE
 from cpmkit.forms.collocation.ghosts.nodes import Sight
 from cpmkit.grid.lattice import Lattice
-from cpmkit.protocols import SIDES, BoundarySet, Floats
+from cpmkit.protocols import SIDES, Bools, BoundarySet, Floats
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.laws import Value
 
@@ -88,7 +88,7 @@ def encounters(
             continue
         feet, distance, signed, along = met
         aligned = np.abs(along) > ALONGSIDE
-        crossing = _crossing_point(feet, signed, lattice.spacing)
+        crossing = _crossing_point(feet, signed, aligned, lattice.spacing)
         if crossing is not None:
             point = lattice.to_scene(crossing[None])
             jump = _conflict(sight.boundaries[first], sight.boundaries[second], point, channels, time)
@@ -121,11 +121,15 @@ def _feet_beside(other: Sighted, own: Frame, spacing: float) -> tuple[Floats, Fl
     return own.foot[rows], seen.distance[inside], seen.signed[inside], along
 
 
-def _crossing_point(feet: Floats, signed: Floats, spacing: float) -> Floats | None:
-    """Return where the points ``feet`` of a boundary go over to the other side of one; None where they do not."""
+def _crossing_point(feet: Floats, signed: Floats, aligned: Bools, spacing: float) -> Floats | None:
+    """Return where the points ``feet`` of a boundary go over to the other side of one; None where they do not.
+
+    A point on both, where they are not ``aligned``, counts to both sides.
+    """
     from scipy.spatial import cKDTree
 
-    left, right = feet[signed > INSIDE * spacing], feet[signed < -INSIDE * spacing]
+    on = ~aligned & (np.abs(signed) <= INSIDE * spacing)
+    left, right = feet[on | (signed > INSIDE * spacing)], feet[on | (signed < -INSIDE * spacing)]
     if not len(left) or not len(right):
         return None
     apart, partner = (np.asarray(found) for found in cKDTree(left).query(right))
