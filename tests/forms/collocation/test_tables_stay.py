@@ -134,13 +134,15 @@ def test_an_estimate_leaves_the_tables_as_they_are_and_a_loaded_solution_has_the
     scene = scene_of("arc", ck.ScreenedPoisson(1.0))
     solution = ck.estimate_error(scene, 0.05).solution
     solution.save(tmp_path / "solution.npz")
-    assert prints_of(ck.load(tmp_path / "solution.npz", scene).tables) == prints_of(solution.discretized.tables)
-    assert prints_of(ck.solve(scene, 0.05).tables) == prints_of(solution.discretized.tables)
+    assert prints_of(ck.load(tmp_path / "solution.npz", scene).discretized.tables) == prints_of(
+        solution.discretized.tables
+    )
+    assert prints_of(ck.solve(scene, 0.05).discretized.tables) == prints_of(solution.discretized.tables)
 
 
 @pytest.mark.parametrize("name", ["arc", "disc"])
 def test_shared_matrices_are_read_only(name):
-    tables = ck.solve(scene_of(name, PROBLEMS["elliptic"]), scenes()[name][3]).tables
+    tables = ck.solve(scene_of(name, PROBLEMS["elliptic"]), scenes()[name][3]).discretized.tables
     matrices = (tables.extension, tables.differences)
     parts = [getattr(one, part) for one in matrices for part in ("data", "indices", "indptr")]
     for array in (tables.neighbours, *parts):

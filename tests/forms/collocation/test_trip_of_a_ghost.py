@@ -34,7 +34,8 @@ STATIONS = [
     "assembly",  # A
 ]
 #: What lies beneath: the lattice and its stencils, the manifold.
-BENEATH = ["grid/band", "grid/lattice", "grid/stencils", "manifold/answers", "manifold/localized", "manifold/walking"]
+BENEATH = ["grid/band", "grid/lattice", "grid/stencils", "manifold/answers", "manifold/localized", "manifold/vectors"]
+BENEATH += ["manifold/walking"]
 
 
 @pytest.fixture

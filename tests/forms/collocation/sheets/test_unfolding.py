@@ -140,7 +140,7 @@ def test_means_do_not_count_the_unfolded_twins():
     length, moment = (
         quad(lambda t, k=k: np.cos(t) ** k * np.hypot(np.sin(t), b * np.cos(t)), 0, np.pi)[0] for k in (0, 2)
     )
-    tables = ck.solve(thin_ellipse(b)[0], 0.05, sheets="unfolded").tables
+    tables = ck.solve(thin_ellipse(b)[0], 0.05, sheets="unfolded").discretized.tables
     weights, unfolded = mean_weights(tables), tables.layout.band.is_unfolded
     x = tables.layout.lattice.to_scene(tables.layout.band.feet.points[: len(weights)])[:, 0]
     assert unfolded.any()
