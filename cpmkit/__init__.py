@@ -14,7 +14,7 @@ __version__ = "0.1.0"
 #: Public names and the modules that hold them, imported on first use.
 _PUBLIC = {
     "Biharmonic": "scene.compound_equations",
-    "Boundary": "scene.scene",
+    "Boundary": "scene.boundary",
     "ClosestPoints": "protocols",
     "ClosestPointSource": "protocols",
     "ConvergenceError": "errors",

@@ -85,7 +85,7 @@ def count(scene: Scene, options: Options[CollocationOptions], progress: Progress
     fine = _counts(layout)
     seen = (
         tuple(one.gap for one in layout.sight.sighted),
-        tuple(one.left_told for one in layout.sight.sighted),
+        tuple(one.oriented.left_in_words for one in layout.sight.sighted),
         _noise(layout),
         clusters_of_twins(layout),
         remaining(layout, spacing if finest != spacing else None),

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from cpmkit.manifold.conormal import axis_and_left
-from cpmkit.manifold.localized import Localized, localize
+from cpmkit.manifold.localized import Localized
 from cpmkit.manifold.orientation import AS_GIVEN, Orientation
-from cpmkit.protocols import BoundarySet, ClosestPointSource, Floats, HasMembers, NamesLeft
+from cpmkit.protocols import BoundarySet, Floats, HasMembers, NamesLeft
 from cpmkit.scene.left_parts import STEP, TELLING, LeftPart, NamedBy, lean
 
 
@@ -63,15 +63,14 @@ class Left:
         return replace(self, across=self.across.moved(offset), along=self.along.moved(offset), origin=origin)
 
 
-def find_left(boundary: BoundarySet, surface: ClosestPointSource, dimension: int) -> Left:
-    """Return what tells the left of ``boundary`` in a ``surface`` that has ``dimension`` there.
+def find_left(boundary: BoundarySet, source: Localized, manifold: Localized, dimension: int, origin: Floats) -> Left:
+    """Return what tells the left of ``boundary`` in a ``manifold`` that has ``dimension`` there.
 
     Where sources know their signs, nothing is asked. Otherwise the boundary is sampled at a density of its own, and
     denser until neighbouring directions agree; signs are carried from sample to sample, and of each connected piece
-    ``left_of`` chooses the one that is left open, or else a rule.
+    ``left_of`` chooses the one that is left open, or else a rule. ``source`` is the boundary's, and like the manifold
+    seen from ``origin`` (d,).
     """
-    origin: Floats = np.asarray(boundary.source.bounds, dtype=np.float64).mean(axis=0)
-    source, manifold = localize(boundary.source, origin), localize(surface, origin)
     if source.manifold_dim != dimension - 1:
         return Left(AS_GIVEN, AS_GIVEN, "nothing", False, origin)
     travel = source.manifold_dim == 0 or source.knows_directions(source.manifold_dim)

@@ -51,7 +51,7 @@ class LeftPart:
     @classmethod
     def of(cls, source: Localized, surface: Localized, dimension: int) -> LeftPart:
         """Return it sampled densely enough, signs carried."""
-        for found, spacing in _samplings(source, surface):
+        for found, spacing in samplings(source, surface):
             samples = _off_corners(source, found, 0.5 * spacing)
             on = surface.closest_point(samples.points)
             part, sure = cls._sampled(source, surface, dimension, samples, on, spacing)
@@ -158,7 +158,7 @@ def _by_rule(signs: Orientation, mask: Bools, centre: Floats) -> float:
     return by_rule(signs.points[mask], signs.directions[mask], centre, signs.travel)
 
 
-def _samplings(source: Localized, surface: Localized) -> Iterator[tuple[ClosestPoints, float]]:
+def samplings(source: Localized, surface: Localized) -> Iterator[tuple[ClosestPoints, float]]:
     """Yield samples of a source, denser and denser, and their spacing."""
     size = float(np.ptp(source.bounds, axis=0).max())
     if not size > 0:

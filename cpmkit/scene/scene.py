@@ -6,100 +6,23 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
-from typing import Any
 
 import numpy as np
 
 from cpmkit.errors import SceneError, shown
 from cpmkit.manifold.answers import check_source
 from cpmkit.manifold.localized import Localized
-from cpmkit.protocols import SIDES, BoundarySet, ClosestPointSource, Floats, NamesLeft, Side
-from cpmkit.runtime.arrays import as_vector
-from cpmkit.scene.alike import alike
+from cpmkit.protocols import SIDES, BoundarySet, ClosestPointSource, Floats
+from cpmkit.scene.boundary import ONE
 from cpmkit.scene.condition import Condition
 from cpmkit.scene.conditions import Neumann
 from cpmkit.scene.data import Data, channel_count
 from cpmkit.scene.equations import Equation
-from cpmkit.scene.left import Left, find_left
+from cpmkit.scene.orient import orient
+from cpmkit.scene.oriented import OrientedBoundary
 
 #: Where data of the equation and of the edge are asked; numbers from zero are boundaries.
 SURFACE, EDGE = -1, -2
-#: What may be given for a side, and across.
-ONE = "Dirichlet, Neumann, Robin or another condition of one side"
-ACROSS = "Transmission or another condition that couples both sides"
-
-
-@dataclass(frozen=True, eq=False)
-class Boundary:
-    """A point or curve inside the manifold, with one condition for both sides or one for each.
-
-    Left is where ``(z - y) . (n x t) > 0``: at your left hand when you walk along the curve with your
-    head along the surface's normal. A point on a curve has its left where the curve comes from.
-
-    Parameters
-    ----------
-    name : str
-        For reports, and to ask for a side when a solution is read.
-    source : ClosestPointSource
-        Where the boundary lies.
-    both, left, right : Condition
-        Either ``both``, or ``left`` and ``right``.
-    across : Condition
-        Instead of these: one that couples both sides, such as Transmission.
-    left_of : (d,) array, optional
-        A point on the left, needed where the conditions differ and the surface has no normals of its own, or the
-        boundary no direction. Unless given, that of the source where it names one.
-
-    Raises
-    ------
-    SceneError
-        If a condition is given on one side only, or on none.
-
-    Examples
-    --------
-    >>> import cpmkit as ck
-    >>> pin = ck.source("analytic.point", at=[1, 0])
-    >>> ck.Boundary("pin", pin, left=ck.Dirichlet(1), right=ck.Neumann(0)).condition("right").kind
-    'neumann'
-    >>> ck.Boundary("pin", pin, left=ck.Dirichlet(1))
-    Traceback (most recent call last):
-    cpmkit.errors.SceneError: boundary 'pin' has conditions on left; give `both`, or `left` and `right`, or `across`.
-    """
-
-    name: str
-    source: ClosestPointSource
-    both: Condition | None = None
-    left: Condition | None = None
-    right: Condition | None = None
-    left_of: Any = None
-    across: Condition | None = None
-
-    def __post_init__(self) -> None:
-        given = [side for side in ("both", "left", "right", "across") if getattr(self, side) is not None]
-        if given not in (["both"], ["left", "right"], ["across"]):
-            raise SceneError(
-                f"boundary {self.name!r} has conditions on {' and '.join(given) or 'no side'}; "
-                "give `both`, or `left` and `right`, or `across`."
-            )
-        for side in given:
-            one, across = getattr(self, side), side == "across"
-            if not isinstance(one, Condition) or one.couples != across:
-                raise SceneError(f"boundary {self.name!r}: `{side}` must be {ACROSS if across else ONE}, got {one!r}.")
-        if alike(self.left, self.right):  # equal data on both sides need no left
-            object.__setattr__(self, "right", self.left)
-        check_source(self.source, f"boundary {self.name!r}")
-        if self.left_of is None:
-            object.__setattr__(self, "left_of", self.source.left_of if isinstance(self.source, NamesLeft) else None)
-        if self.left_of is not None:
-            object.__setattr__(
-                self, "left_of", as_vector(self.left_of, self.source.dim, f"left_of of boundary {self.name!r}")
-            )
-
-    def condition(self, side: Side, /) -> Condition:
-        """Return what holds on ``side``."""
-        condition = self.both or self.across or (self.left if side == "left" else self.right)
-        assert condition is not None
-        return condition
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,18 +103,22 @@ class Scene:
         """The condition of the edge, or those of all its loops."""
         return list(self.edge.values()) if isinstance(self.edge, Mapping) else [self.edge]
 
-    def left(self, boundary: BoundarySet, dimension: int) -> Left:
-        """Return what tells the left of one of the boundaries, where the manifold has ``dimension``.
+    def oriented(self, boundary: BoundarySet) -> OrientedBoundary:
+        """Return one of the boundaries with what tells its left.
 
         It is found once: all spacings, lattices and levels share it.
+
+        Raises
+        ------
+        SceneError
+            If the boundary is of the wrong dimension, or asks for sides that it has not.
         """
-        key = (id(boundary), dimension)  # the scene keeps its boundaries alive
-        if key not in self._lefts:
-            self._lefts[key] = find_left(boundary, self.surface, dimension)
-        return self._lefts[key]
+        if id(boundary) not in self._oriented:  # the scene keeps its boundaries alive
+            self._oriented[id(boundary)] = orient(boundary, self.surface)
+        return self._oriented[id(boundary)]
 
     @cached_property
-    def _lefts(self) -> dict[tuple[int, int], Left]:
+    def _oriented(self) -> dict[int, OrientedBoundary]:
         return {}
 
     def _conditions(self) -> list[tuple[str, Condition]]:

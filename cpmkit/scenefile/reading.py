@@ -19,11 +19,12 @@ from cpmkit.protocols import ClosestPointSource
 from cpmkit.runtime.declared import declared, take
 from cpmkit.runtime.key_types import check_types
 from cpmkit.runtime.suggestions import did_you_mean
+from cpmkit.scene.boundary import Boundary
 from cpmkit.scene.compound_equations import Biharmonic, Eigen
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.equations import Elliptic, Equation, Field, Helmholtz, Laplace, Poisson, ScreenedPoisson
 from cpmkit.scene.equations_in_time import Evolution, Heat, Wave
-from cpmkit.scene.scene import Boundary, Scene
+from cpmkit.scene.scene import Scene
 from cpmkit.scene.vertex_data import with_vertex_data
 from cpmkit.scenefile.condition_tables import as_table, read_data, read_edge, read_side
 from cpmkit.scenefile.output_request import OutputRequest, PictureRequest, check_links, output_folder

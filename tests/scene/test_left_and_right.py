@@ -33,7 +33,7 @@ def scene(surface, *boundaries):
 def signed(of, point, spacing, origin=0.0):
     """Return the signed distance, left positive, of a point from a scene's first boundary on some lattice."""
     lattice = Lattice(np.broadcast_to(origin, of.surface.dim) * 1.0, spacing)
-    seen = sight(of.boundaries[0], localize(of.surface, lattice.origin), lattice, spacing, of.left)
+    seen = sight(of.boundaries[0], localize(of.surface, lattice.origin), lattice, spacing, of.oriented)
     return seen.frame(lattice.to_local(np.atleast_2d(point)), np.inf, spacing).signed[0]
 
 
@@ -115,20 +115,6 @@ def test_left_is_the_same_at_every_spacing_and_on_every_lattice():
             assert sides == [True] * 3  # outward normals by the rule, as the sphere's own
 
 
-def test_left_is_found_once_a_scene():
-    curve = Bare(circle(0.3))
-    given = scene(Bare(SPHERE), unlike(curve, left_of=TOP))
-    first = given.left(given.boundaries[0], 2)
-    ck.solve(given, 0.25)
-    assert given.left(given.boundaries[0], 2) is first
-    assert sum(first.queries) < 60 * len(first.across.points)
-
-
-def test_nothing_is_asked_where_the_sources_say_which_side_is_left():
-    given = scene(SPHERE, unlike(circle(0.3)))
-    assert given.left(given.boundaries[0], 2).queries == (0, 0)
-
-
 @pytest.mark.parametrize(("scale", "offset"), [(1e-6, 0.0), (1.0, 1e6), (1e6, -1e9)])
 def test_left_does_not_depend_on_size_and_place(scale, offset):
     moved = [ck.source("moved", of=one, scale=scale, translation=[offset] * 3) for one in (SPHERE, circle(0.3))]
@@ -164,7 +150,7 @@ def test_equal_data_need_no_left_on_a_surface_that_has_none():
     core = ck.source("analytic.circle", normal=TOP)
     for left, right in ((ck.Dirichlet([1.0, 2.0]), ck.Dirichlet((1, 2))), (ck.Neumann(0.0), ck.Neumann(0))):
         equal = scene(STRIP, ck.Boundary("core", core, left=left, right=right))
-        assert not equal.left(equal.boundaries[0], 2).known
+        assert not equal.oriented(equal.boundaries[0]).left.known
         assert np.isfinite(signed(equal, [1.1, 0.0, 0.0], 0.1))
     with pytest.raises(ck.SceneError, match="has no left side"):
         signed(scene(STRIP, unlike(core, left_of=[1.2, 0, 0])), [1.1, 0.0, 0.0], 0.1)

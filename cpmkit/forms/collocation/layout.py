@@ -208,10 +208,7 @@ def _see_boundaries(
 ) -> tuple[Sight, PastEdge]:
     """Return how the nodes see the boundaries, and what they read where one keeps them from their mirror points."""
     reach = reading_radius(band.dim, band.degree) * band.spacing
-    sighted = [
-        replace(sight(boundary, surface, lattice, reach, scene.left), sheets=band.sheets)
-        for boundary in scene.boundaries
-    ]
+    sighted = [sight(boundary, surface, lattice, reach, scene.oriented, band.sheets) for boundary in scene.boundaries]
     uncoupled = [
         one for one, boundary in zip(sighted, scene.boundaries, strict=True) if not boundary.condition("left").couples
     ]

@@ -17,11 +17,10 @@ import numpy as np
 
 from cpmkit.forms.collocation.sheets.boundary_on_sheets import NEAR, BoundaryOnSheets, Placed
 from cpmkit.forms.collocation.sheets.sheets import Sheets
-from cpmkit.manifold.conormal import axis_and_left
 from cpmkit.manifold.localized import Localized
-from cpmkit.manifold.tangent_space import outward_conormals, project_tangent
+from cpmkit.manifold.tangent_space import project_tangent
 from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
-from cpmkit.scene.left import Left
+from cpmkit.scene.oriented import OrientedBoundary
 
 #: A point nearer to the boundary than this many spacings counts as left of it.
 ON_BOUNDARY = 1e-9
@@ -32,15 +31,6 @@ BLOCK = 4
 UNCLEAR = 0.5
 #: The direction of a director whose sign alone counts.
 FIRST_AXIS = np.array([1.0, 0.0, 0.0])
-
-#: Of a surface and of a curve, in words.
-_DIRECTIONS = ("normals", "tangents")
-#: What names the left of a boundary, in words.
-_NAMED = {
-    "left_of": "left is named by left_of",
-    "rule": "left is named by a rule alone",
-    "nothing": "it has no left, their sign comes back reversed",
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,18 +101,12 @@ def near(source: Localized, points: Floats, radius: float, spacing: float) -> tu
 
 @dataclass(frozen=True, eq=False)
 class Sighted:
-    """A boundary's source with the signs that decide its left.
+    """An oriented boundary as a lattice sees it.
 
     Attributes
     ----------
-    source : Localized
-        Where the boundary lies, relative to the lattice's origin.
-    surface : Localized
-        The manifold it lies in.
-    named : Left
-        What tells its left, relative to the lattice's origin.
-    dimension : int
-        Of the manifold along the boundary.
+    oriented : OrientedBoundary
+        Where it lies and what tells its left, relative to the lattice's origin.
     gap : float
         How far the boundary is from the manifold at most, where it was sampled: by so much it is snapped.
     samples : (s, d) float64
@@ -133,41 +117,26 @@ class Sighted:
         Where the manifold has several sheets in one band: the boundary is seen on its own alone.
     """
 
-    source: Localized
-    surface: Localized
-    named: Left
-    dimension: int
+    oriented: OrientedBoundary
     gap: float
     samples: Floats
     spacing: float
     sheets: Sheets | None = None
 
     @property
+    def source(self) -> Localized:
+        """Where the boundary lies."""
+        return self.oriented.source
+
+    @property
+    def surface(self) -> Localized:
+        """The manifold it lies in."""
+        return self.oriented.surface
+
+    @property
     def has_sides(self) -> bool:
-        """True where the boundary cuts the manifold in two locally: it has one dimension less."""
-        return self.source.manifold_dim == self.dimension - 1
-
-    @property
-    def has_left(self) -> bool:
-        """True where the boundary has sides, and which of them is left is the same all along it."""
-        return self.has_sides and self.named.known
-
-    @property
-    def missing(self) -> str:
-        """The directions that the boundary and the manifold do not give, in words; empty where they give all."""
-        source, surface, missing = self.source, self.surface, []
-        if self.dimension < surface.dim and not surface.knows_directions(self.dimension):
-            missing.append(f"the manifold has no {_DIRECTIONS[self.dimension == 1]} of its own")
-        if source.manifold_dim and not source.knows_directions(source.manifold_dim):
-            missing.append(f"the boundary has no {_DIRECTIONS[source.manifold_dim == 1]} of its own")
-        return " and ".join(missing)
-
-    @property
-    def left_told(self) -> str:
-        """What names the left, and what is taken by differences; empty where the sources know it by themselves."""
-        if not self.has_sides or self.named.named_by == "source":
-            return ""
-        return f"{self.missing}: taken by differences, {_NAMED[self.named.named_by]}"
+        """True where the boundary cuts the manifold in two locally."""
+        return self.oriented.has_sides
 
     @cached_property
     def on_sheets(self) -> BoundaryOnSheets | None:
@@ -195,28 +164,17 @@ class Sighted:
             nowhere = np.zeros(len(rows), dtype=bool)
             unsigned = np.full(len(rows), np.nan)
             return Frame(rows, on.points, nowhere, distance, unsigned, 0 * away, director)
-        axis, left = axis_and_left(self.source, self.surface, self.named.signs, on, feet, 0.5 * spacing)
+        axis, left = self.oriented.axis_and_left(feet, on, 0.5 * spacing)
         signed = np.sum(away * left, axis=1)
         if way is not None:
             signed = np.where(np.abs(signed) < UNCLEAR * distance, np.sum(way * left, axis=1), signed)
         signed = np.where(np.abs(signed) < ON_BOUNDARY * spacing, ON_BOUNDARY * spacing, signed)
         director = signed[:, None] * self._director_axis(axis, left)
-        end = self._open_ends(feet, on, spacing)
+        end = self.oriented.open_ends(feet, on, 0.5 * spacing)
         frame = Frame(rows, on.points, end, distance, signed, left, director)
         if way is None:
             return frame
         return frame.take((np.abs(signed) >= UNCLEAR * distance) | (distance <= NEAR * spacing))
-
-    def _open_ends(self, feet: ClosestPoints, on: ClosestPoints, spacing: float) -> Bools:
-        """Return which feet lie on an end of the boundary around which the solution goes on.
-
-        Where the manifold ends less than half a spacing farther on, the boundary meets its rim and parts it.
-        """
-        end = feet.edge >= 0
-        rows = np.flatnonzero(end)
-        ahead = outward_conormals(self.source, feet.take(rows), 0.5 * spacing)
-        end[rows] = self.surface.closest_point(on.points[rows] + 0.5 * spacing * ahead).edge < 0
-        return end
 
     def _from_point(self, on: ClosestPoints, away: Floats, spacing: float) -> Floats:
         """Return directors T (z - y), seen from a point on a surface.
@@ -246,6 +204,6 @@ class Sighted:
         and values bleed across the curve. Where the normal comes back reversed, that is D; where the direction of
         travel does, D = ((z - y) . v) v, which sees the sign of neither.
         """
-        if self.named.known:
+        if self.oriented.left.known:
             return FIRST_AXIS[: self.surface.dim]
-        return axis if self.named.travels else left
+        return axis if self.oriented.left.travels else left

@@ -61,7 +61,11 @@ def blurs(sight: Sight, band: Band, lattice: Lattice, channels: int, time: float
     """Return where the sides of boundaries with unlike sides are not told apart."""
     found: list[Blur] = []
     for number, (boundary, one) in enumerate(zip(sight.boundaries, sight.sighted, strict=True)):
-        if one.has_sides and one.dimension > 1 and not alike(boundary.condition("left"), boundary.condition("right")):
+        if (
+            one.has_sides
+            and one.oriented.dimension > 1
+            and not alike(boundary.condition("left"), boundary.condition("right"))
+        ):
             found += _tips(number, boundary, sight, lattice, channels, time)
             found += _flanks(number, sight, band, lattice)
             found += _ring(number, sight, lattice)
@@ -115,7 +119,7 @@ def _flanks(number: int, sight: Sight, band: Band, lattice: Lattice) -> list[Blu
 
 def _ring(number: int, sight: Sight, lattice: Lattice) -> list[Blur]:
     one, frame = sight.sighted[number], sight.frames[number]
-    if one.source.manifold_dim != 1 or one.dimension != 2 or not len(frame.rows) or frame.end.any():
+    if one.source.manifold_dim != 1 or one.oriented.dimension != 2 or not len(frame.rows) or frame.end.any():
         return []
     samples = one.samples
     if (one.source.closest_point(samples).edge >= 0).any():

@@ -172,9 +172,9 @@ class Reader:
         if isinstance(side, Mapping):
             wanted = {self._index(name): one for name, one in side.items()}
         else:
-            wanted = {index: side for index, one in enumerate(sighted) if one.has_left}
+            wanted = {index: side for index, one in enumerate(sighted) if one.oriented.has_left}
         for index, one in wanted.items():
-            if one not in SIDES or not sighted[index].has_left:
+            if one not in SIDES or not sighted[index].oriented.has_left:
                 name = self.scene.boundaries[index].name
                 raise InputError(
                     f"side of {name!r} must be 'left' or 'right' of a boundary that has sides, got {one!r}."

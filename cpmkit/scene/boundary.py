@@ -1,0 +1,90 @@
+"""A point or curve inside a manifold, with what holds on its sides."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from cpmkit.errors import SceneError
+from cpmkit.manifold.answers import check_source
+from cpmkit.protocols import ClosestPointSource, NamesLeft, Side
+from cpmkit.runtime.arrays import as_vector
+from cpmkit.scene.alike import alike
+from cpmkit.scene.condition import Condition
+
+#: What may be given for a side, and across.
+ONE = "Dirichlet, Neumann, Robin or another condition of one side"
+ACROSS = "Transmission or another condition that couples both sides"
+
+
+@dataclass(frozen=True, eq=False)
+class Boundary:
+    """A point or curve inside the manifold, with one condition for both sides or one for each.
+
+    Left is where ``(z - y) . (n x t) > 0``: at your left hand when you walk along the curve with your
+    head along the surface's normal. A point on a curve has its left where the curve comes from.
+
+    Parameters
+    ----------
+    name : str
+        For reports, and to ask for a side when a solution is read.
+    source : ClosestPointSource
+        Where the boundary lies.
+    both, left, right : Condition
+        Either ``both``, or ``left`` and ``right``.
+    across : Condition
+        Instead of these: one that couples both sides, such as Transmission.
+    left_of : (d,) array, optional
+        A point on the left, needed where the conditions differ and the surface has no normals of its own, or the
+        boundary no direction. Unless given, that of the source where it names one.
+
+    Raises
+    ------
+    SceneError
+        If a condition is given on one side only, or on none.
+
+    Examples
+    --------
+    >>> import cpmkit as ck
+    >>> pin = ck.source("analytic.point", at=[1, 0])
+    >>> ck.Boundary("pin", pin, left=ck.Dirichlet(1), right=ck.Neumann(0)).condition("right").kind
+    'neumann'
+    >>> ck.Boundary("pin", pin, left=ck.Dirichlet(1))
+    Traceback (most recent call last):
+    cpmkit.errors.SceneError: boundary 'pin' has conditions on left; give `both`, or `left` and `right`, or `across`.
+    """
+
+    name: str
+    source: ClosestPointSource
+    both: Condition | None = None
+    left: Condition | None = None
+    right: Condition | None = None
+    left_of: Any = None
+    across: Condition | None = None
+
+    def __post_init__(self) -> None:
+        given = [side for side in ("both", "left", "right", "across") if getattr(self, side) is not None]
+        if given not in (["both"], ["left", "right"], ["across"]):
+            raise SceneError(
+                f"boundary {self.name!r} has conditions on {' and '.join(given) or 'no side'}; "
+                "give `both`, or `left` and `right`, or `across`."
+            )
+        for side in given:
+            one, across = getattr(self, side), side == "across"
+            if not isinstance(one, Condition) or one.couples != across:
+                raise SceneError(f"boundary {self.name!r}: `{side}` must be {ACROSS if across else ONE}, got {one!r}.")
+        if alike(self.left, self.right):  # equal data on both sides need no left
+            object.__setattr__(self, "right", self.left)
+        check_source(self.source, f"boundary {self.name!r}")
+        if self.left_of is None:
+            object.__setattr__(self, "left_of", self.source.left_of if isinstance(self.source, NamesLeft) else None)
+        if self.left_of is not None:
+            object.__setattr__(
+                self, "left_of", as_vector(self.left_of, self.source.dim, f"left_of of boundary {self.name!r}")
+            )
+
+    def condition(self, side: Side, /) -> Condition:
+        """Return what holds on ``side``."""
+        condition = self.both or self.across or (self.left if side == "left" else self.right)
+        assert condition is not None
+        return condition

@@ -1,0 +1,113 @@
+"""A boundary as geometry: where it lies in its manifold, and which side of it is left. No lattice is needed for it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cpmkit.manifold.conormal import axis_and_left
+from cpmkit.manifold.localized import Localized
+from cpmkit.manifold.tangent_space import outward_conormals
+from cpmkit.protocols import Bools, BoundarySet, ClosestPoints, Floats
+from cpmkit.scene.left import Left
+
+#: Of a surface and of a curve, in words.
+_DIRECTIONS = ("normals", "tangents")
+#: What names the left of a boundary, in words.
+_NAMED = {
+    "left_of": "left is named by left_of",
+    "rule": "left is named by a rule alone",
+    "nothing": "it has no left, their sign comes back reversed",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class OrientedBoundary:
+    """A boundary in its manifold, with what tells its left; :meth:`cpmkit.Scene.oriented` keeps one for each.
+
+    Points and vectors are relative to ``left.origin``. Of a point z of the manifold, y = cp_S(cp_C(z)) is the foot on
+    the boundary, snapped to the manifold, and z is on the left where (z - y) . v > 0.
+
+    Attributes
+    ----------
+    boundary : BoundarySet
+        As the scene gives it.
+    source, surface : Localized
+        Where the boundary lies, and the manifold.
+    dimension : int
+        Of the manifold along the boundary.
+    left : Left
+        What tells its left.
+    """
+
+    boundary: BoundarySet
+    source: Localized
+    surface: Localized
+    dimension: int
+    left: Left
+
+    @property
+    def has_sides(self) -> bool:
+        """True where the boundary cuts the manifold in two locally: it has one dimension less."""
+        return self.source.manifold_dim == self.dimension - 1
+
+    @property
+    def has_left(self) -> bool:
+        """True where the boundary has sides, and which of them is left is the same all along it."""
+        return self.has_sides and self.left.known
+
+    def seen_from(self, origin: Floats, source: Localized, surface: Localized) -> OrientedBoundary:
+        """Return the same relative to another origin (d,), from which ``source`` and ``surface`` are seen."""
+        return replace(self, source=source, surface=surface, left=self.left.seen_from(origin))
+
+    def feet(self, points: Floats) -> tuple[ClosestPoints, ClosestPoints]:
+        """Return the closest points on the boundary of ``points`` (n, d), and the manifold's records of these, y."""
+        feet = self.source.closest_point(points)
+        return feet, self.surface.closest_point(feet.points)
+
+    def axis_and_left(self, feet: ClosestPoints, on: ClosestPoints, step: float) -> tuple[Floats, Floats]:
+        """Return the manifold's normal n (n, d) and the conormal v (n, d) to the left, as :meth:`feet` returns these.
+
+        Of unit length, by differences of ``step`` where the sources have none; where n is not needed, v again.
+        """
+        return axis_and_left(self.source, self.surface, self.left.signs, on, feet, step)
+
+    def open_ends(self, feet: ClosestPoints, on: ClosestPoints, step: float) -> Bools:
+        """Return which feet (n,) lie on an end of the boundary around which the solution goes on.
+
+        Where the manifold ends less than a ``step`` farther on, the boundary meets its rim and parts it.
+        """
+        end = feet.edge >= 0
+        rows = np.flatnonzero(end)
+        ahead = outward_conormals(self.source, feet.take(rows), step)
+        end[rows] = self.surface.closest_point(on.points[rows] + step * ahead).edge < 0
+        return end
+
+    def signed_distance(self, points: Floats, step: float) -> Floats:
+        """Return (z - y) . v (n,) of ``points`` z of the manifold, positive on the left.
+
+        NaN where a point has no side: past an open end, and where the boundary has no left.
+        """
+        if not self.has_left:
+            return np.full(len(points), np.nan)
+        feet, on = self.feet(points)
+        signed = np.sum((points - on.points) * self.axis_and_left(feet, on, step)[1], axis=1)
+        return np.where(self.open_ends(feet, on, step), np.nan, signed)
+
+    @property
+    def lacking(self) -> str:
+        """The directions that the boundary and the manifold do not give, in words; empty where they give all."""
+        source, surface, lacking = self.source, self.surface, []
+        if self.dimension < surface.dim and not surface.knows_directions(self.dimension):
+            lacking.append(f"the manifold has no {_DIRECTIONS[self.dimension == 1]} of its own")
+        if source.manifold_dim and not source.knows_directions(source.manifold_dim):
+            lacking.append(f"the boundary has no {_DIRECTIONS[source.manifold_dim == 1]} of its own")
+        return " and ".join(lacking)
+
+    @property
+    def left_in_words(self) -> str:
+        """What names the left, and what is taken by differences; empty where the sources know it by themselves."""
+        if not self.has_sides or self.left.named_by == "source":
+            return ""
+        return f"{self.lacking}: taken by differences, {_NAMED[self.left.named_by]}"
