@@ -8,10 +8,11 @@ from typing import Any
 
 from cpmkit.errors import SceneError
 from cpmkit.scene.alike import alike
+from cpmkit.scene.boundary import Boundary
 from cpmkit.scene.condition import Condition
 from cpmkit.scene.equations import Equation
 from cpmkit.scene.laws import Interface, Law, Mixed, Nonlinear
-from cpmkit.scene.scene import Boundary, Scene
+from cpmkit.scene.scene import Scene
 
 #: The word under which the data of the edge are given.
 EDGE = "edge"

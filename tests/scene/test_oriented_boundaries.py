@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 from bare import Bare
+from layouts import lay_out
 
 import cpmkit as ck
-from cpmkit.forms.collocation.layout import lay_out
 from cpmkit.scene.orient import orient
 
 SPHERE = ck.source("analytic.sphere")
