@@ -2,6 +2,7 @@
 
 Inner nodes are those that an interpolation stencil of a surface point reads: the unknowns. Outer
 nodes are their difference neighbours, at which only the extension E u is needed.
+Differs from King et al. (2024), eq. 4: nodes that no stencil reads are left out, though they lie within that radius.
 """
 
 from __future__ import annotations
@@ -124,6 +125,7 @@ def cell_levels(source: Localized, spacing: float, offset: float | Floats) -> It
     A block is kept if the distance at its centre is at most half its diagonal. As distance is
     1-Lipschitz and never above the true one, no block that holds a point of the manifold is lost,
     whatever its number of pieces; at the last level, side 1, the blocks are cells.
+    Differs from King et al. (2024), section 5.1, Algorithm 1, which searches from one node and finds one piece.
     """
     cells = _numbered(source.bounds, spacing, offset)
     extent = int((cells[1] - cells[0]).max()) + 1

@@ -70,6 +70,7 @@ def lagrange_weights(fractions: Floats, degree: int) -> Floats:
 
 def tensor_weights(fractions: Floats, degree: int) -> Floats:
     """Return the weights (n, (degree + 1)^d) of tensor-product interpolation, last axis fastest."""
+    # King et al. (2024), eq. 1: the weights of the closest point extension.
     lines = lagrange_weights(fractions, degree)
     weights = lines[:, 0]
     for axis in range(1, lines.shape[1]):
@@ -125,6 +126,7 @@ def cross_weights(dim: int, reach: int = 1) -> tuple[Floats, float]:
     """Return the weights (2 d reach,) of the difference neighbours in ``spacing^2`` Lap, and that of the node itself.
 
     ``1, -2, 1`` along each axis, or, of fourth order, ``-1/12, 4/3, -5/2, 4/3, -1/12``.
+    King et al. (2024), eq. 2, knows the second order alone.
     """
     if reach == 1:
         return np.ones(2 * dim), -2.0 * dim
@@ -133,6 +135,7 @@ def cross_weights(dim: int, reach: int = 1) -> tuple[Floats, float]:
 
 def reading_radius(dim: int, degree: int) -> float:
     """Return the distance, in spacings, within which a stencil reads nodes: ``sqrt(d) (p + 1) / 2``."""
+    # King et al. (2024), eq. 4 with q = 0.
     return float(np.sqrt(dim) * (degree + 1) / 2)
 
 

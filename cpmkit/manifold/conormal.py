@@ -1,4 +1,7 @@
-"""The normal of a manifold and the conormal to the left, at feet on a boundary."""
+"""The normal of a manifold and the conormal to the left, at feet on a boundary.
+
+King et al. (2024), section 4.7 and eq. 18: v = n x t is its binormal b, and the normal of S_perp in its eq. 11.
+"""
 
 from __future__ import annotations
 

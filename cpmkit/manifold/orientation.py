@@ -1,4 +1,7 @@
-"""A sign for normals and tangents that come from closest points alone, carried along the boundary."""
+"""A sign for normals and tangents that come from closest points alone, carried along the boundary.
+
+Differs from King et al. (2024), section 4.7, where vectors are given signs stencil by stencil.
+"""
 
 from __future__ import annotations
 

@@ -19,6 +19,7 @@ def jacobian(source: Localized, points: Floats, step: float) -> Floats:
     """Return the Jacobian (n, d, d) of the closest point map at ``points``, by central differences, symmetrised.
 
     On a manifold it is the projection on the tangent space (Maerz and Macdonald 2012).
+    King et al. (2024), section 4.7, interpolates it from the nodes; here it is taken at the feet themselves.
     """
     dim = source.dim
     shifts = step * np.concatenate([np.eye(dim), -np.eye(dim)])

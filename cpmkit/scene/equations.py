@@ -140,6 +140,7 @@ class Poisson(Equation):
 class Laplace(Equation):
     """-Lap u = 0."""
 
+    # King et al. (2024), eq. 20.
     kind: ClassVar[str] = "laplace"
 
     def terms(self) -> Terms:
@@ -166,6 +167,7 @@ class ScreenedPoisson(Equation):
 
     f: Data
     c: float = 1.0
+    # King et al. (2024), eq. 19; with c = 1 / t, eq. 23.
     kind: ClassVar[str] = "screened"
 
     def __post_init__(self) -> None:

@@ -150,6 +150,7 @@ class Heat(Evolution):
     scheme: str = "bdf2"
     start: str = "smooth"
     frames: int | Sequence[float] = 0
+    # King et al. (2024), eq. 18.
     kind: ClassVar[str] = "heat"
 
     def __post_init__(self) -> None:

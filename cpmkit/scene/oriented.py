@@ -76,6 +76,7 @@ class OrientedBoundary:
     def open_ends(self, feet: ClosestPoints, on: ClosestPoints, step: float) -> Bools:
         """Return which feet (n,) lie on an end of the boundary around which the solution goes on.
 
+        Differs from King et al. (2024), eq. 16: an end on a rim parts the manifold, and is none of them.
         Where the manifold ends less than a ``step`` farther on, the boundary meets its rim and parts it.
         """
         end = feet.edge >= 0
@@ -87,6 +88,7 @@ class OrientedBoundary:
     def signed_distance(self, points: Floats, step: float) -> Floats:
         """Return (z - y) . v (n,) of ``points`` z of the manifold, positive on the left.
 
+        King et al. (2024), eq. 11, whose y is cp_C(x).
         NaN where a point has no side: past an open end, and where the boundary has no left.
         """
         if not self.has_left:

@@ -1,7 +1,7 @@
 """Two older ways to hold Dirichlet data in a band, which studies compare with: they fix nodes instead of adding any.
 
-``nearest`` fixes the nodes nearest to the boundary (King et al. 2024, "A Nearest Point Approach for Dirichlet
-IBCs"), ``ball`` all nodes within the tube's radius of it (Auer, Macdonald, Treib, Schneider and Westermann 2012).
+``nearest`` fixes the nodes nearest to the boundary (King et al. (2024), section 4.8),
+``ball`` all nodes within the tube's radius of it (Auer, Macdonald, Treib, Schneider and Westermann 2012).
 Both are of first order, know no sides and hold no other condition.
 """
 
@@ -151,7 +151,7 @@ def _nearest(band: Band, source: Localized, distance: Floats) -> Bools:
 
 
 def _ball(band: Band, source: Localized, distance: Floats) -> Bools:
-    """Return which inner nodes lie within the radius of the paper's tube (its section on banding) of the boundary."""
+    """Return which inner nodes lie within the radius of the tube, King et al. (2024), eq. 4, of the boundary."""
     del source
     half = 0.5 * (band.degree + 1)
     return np.asarray(distance <= SLACK * np.hypot(np.sqrt(band.dim - 1) * half, 1 + half) * band.spacing)

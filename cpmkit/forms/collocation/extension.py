@@ -62,6 +62,7 @@ def extend(
 
     band, n = unknowns.band, len(points)
     width = (band.degree + 1) ** band.dim
+    # King et al. (2024), eq. 1, at any points of the manifold.
     weights = np.empty((n, width))
     columns = np.empty((n, width), dtype=np.int32)
     for start in range(0, n, CHUNK):

@@ -207,6 +207,7 @@ def _see_boundaries(
     scene: Scene, surface: Localized, band: Band, lattice: Lattice, past: PastEdge
 ) -> tuple[Sight, PastEdge]:
     """Return how the nodes see the boundaries, and what they read where one keeps them from their mirror points."""
+    # King et al. (2024), section 4.6: boundaries are looked for within twice the reach.
     reach = reading_radius(band.dim, band.degree) * band.spacing
     sighted = [sight(boundary, surface, lattice, reach, scene.oriented, band.sheets) for boundary in scene.boundaries]
     uncoupled = [

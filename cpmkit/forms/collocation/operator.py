@@ -1,4 +1,6 @@
-"""The operator of the collocation form: A = c I - M with M = diag(L) + (L - diag L) E (King et al. 2024).
+"""The operator of the collocation form: A = c I - M with M = diag(L) + (L - diag L) E.
+
+King et al. (2024), eq. 3 and section 5.3; in its section 5.4, a screened problem needs n = -1, not 1.
 
 L is the cross Laplacian, of second or fourth order, or its like with a variable diffusivity and a velocity:
 ``A u = diagonal u - W (E u + g)`` with the weights W of the difference neighbours. The ghosts' rows are rows of the PDE

@@ -2,6 +2,7 @@
 
 A stencil reads, in each node, the value that belongs to its own sheet of the surface and to its own side of every
 boundary. One function chooses, for interpolation and difference stencils alike.
+King et al. (2024), eq. 12, as eq. 13 for the stencils of nodes and eq. 14 for those of ghosts.
 """
 
 from __future__ import annotations

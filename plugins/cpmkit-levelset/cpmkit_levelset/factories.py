@@ -144,7 +144,7 @@ def dziuk(*, trim: Any = None, resolution: Any = RESOLUTION) -> LevelSet:
 def decotetrahedron(*, trim: Any = None, resolution: Any = RESOLUTION) -> LevelSet:
     """Return the sum of (x_i - 2)^2 (x_i + 2)^2 - 10 x_i^2, with 3 (x^2 y^2 + x^2 z^2 + y^2 z^2) + 6 x y z, = -22.
 
-    Four lobes on a hollow body (King et al., 2024, section 6, after 3D-XplorMath); its size is about 6.
+    Four lobes on a hollow body (King et al. (2024), section 7.2, after 3D-XplorMath); its size is about 6.
     """
     lobes = " + ".join(f"({c} - 2)**2*({c} + 2)**2 - 10*{c}**2" for c in "xyz")
     phi = f"{lobes} + 3*(x**2*y**2 + x**2*z**2 + y**2*z**2) + 6*x*y*z + 22"

@@ -23,7 +23,7 @@ MOST_WINDINGS = 1000
 def torus_knot(*, a: Any = 3, b: Any = 7, major: Any = 3.0, minor: Any = 1.0, translation: Any = None) -> Curve:
     """Return the knot that winds ``a`` times about the axis and ``b`` times about the core of a torus.
 
-    King et al. (2024), equation of the torus knot, whose ``major`` is 3 and ``minor`` 1. The trefoil is a = 2, b = 3.
+    King et al. (2024), eq. 21, where ``major`` is 3 and ``minor`` 1. The trefoil is a = 2, b = 3.
     """
     a, b = whole(a, "a", 1, MOST_WINDINGS), whole(b, "b", 1, MOST_WINDINGS)
     if gcd(a, b) != 1:
@@ -48,7 +48,7 @@ def helix(*, radius: Any = 1.0, pitch: Any = 1.0, turns: Any = 2.0, translation:
 
 
 def planar_curve(*, a: Any = 3, b: Any = 4, c: Any = -0.5, translation: Any = None) -> Curve:
-    """Return the closed diffusion curve in the plane of King et al. (2024): (v cos t + c, v sin t + c)."""
+    """Return the closed diffusion curve in the plane of King et al. (2024), eq. 22: (v cos t + c, v sin t + c)."""
     a, b = whole(a, "a", 1, MOST_WINDINGS), whole(b, "b", 1, MOST_WINDINGS)
     shift = float(as_vector([c], 1, "c")[0])
     v = f"(cos(t)*({(a + b) / 2!r} + sin({a}*t) + sin({b}*t)) + {(a + b) / 2!r})/{a + b}"

@@ -1,5 +1,7 @@
 """The rim of an open surface or the ends of an open curve: where nodes past the edge read.
 
+King et al. (2024), eq. 5 (nodes past the edge), eq. 7 (their mirror points), eq. 8 (Dirichlet values).
+
 A node whose foot lies on the edge reads the manifold at a mirror point inside, by the same formula as
 a ghost, with z = y the foot, ``t = (x - y) . b`` and ``s = 2 (x - y) . b``. Zero Neumann, the default,
 needs no conormal b: at order 2 the mirror ``cp_S(2 y - x)``, at order 1 the foot itself. At order 3 and 4

@@ -5,6 +5,7 @@ travel of C at y, v = n x t, which points to the left; in an area of the plane n
 solid in space v is the normal of the surface C. The side of a point is decided here once, as the
 director D, and used everywhere: two points are on opposite sides where D_i . D_j < 0. D is (z - y) . v
 times one fixed vector, or times n, which is local and does not see the sign of n, where that comes back reversed.
+King et al. (2024): z - y is eq. 10 (there y is cp_C(x)), (z - y) . v is eq. 11, ((z - y) . v) v is eq. 17.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 from cpmkit.scene.oriented import OrientedBoundary
 
 #: A point nearer to the boundary than this many spacings counts as left of it.
+#: (Differs from King et al. (2024), section 4.2: 0.1 spacing^2, on either side.)
 ON_BOUNDARY = 1e-9
 #: Blocks of this many spacings are asked before the points in them are.
 BLOCK = 4
@@ -179,6 +181,7 @@ class Sighted:
     def _from_point(self, on: ClosestPoints, away: Floats, spacing: float) -> Floats:
         """Return directors T (z - y), seen from a point on a surface.
 
+        King et al. (2024), section 4.5 and eq. 17 without the tangent.
         A foot on the point itself gets a tiny director along one tangent, chosen once, so that stencils
         see the point there too. (Differs from "zero means no crossing": on a lattice with a node above the
         point, a whole line of nodes then has its foot there and none of them would feel the condition; a pin

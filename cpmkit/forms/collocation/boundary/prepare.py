@@ -1,4 +1,7 @@
-"""From a scene's boundary to one that the lattice can work with: sampled at its density, and near enough."""
+"""From a scene's boundary to one that the lattice can work with: sampled at its density, and near enough.
+
+Differs from King et al. (2024), section 4, where C lies in S: here C may be off it by its ``gap``, and is snapped.
+"""
 
 from __future__ import annotations
 

@@ -2,6 +2,7 @@
 
 Ghosts of order 3 and 4 continue the polynomial through the values there. The chord of an arc of curvature
 kappa is shorter than it by ``kappa^2 s^3 / 24``: of third order, so it is corrected by the circle through the points.
+King et al. (2024), section 8, leaves boundaries of these orders open.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ the mirror at distance ``h = max(t, spacing/2)``, ``-(t/h) u(mirror) + (1 + t/h)
 order 1, with u read on the boundary: ``[alpha u + t gamma] / (alpha + beta t)``, for Dirichlet g;
 order 3 and 4: the polynomial through the values at points inside that fulfils the condition.
 
-Differs from King et al. (2024), eq. 7 and section 4.3: there h = t, and a ghost on the boundary then
+Differs from King et al. (2024), eq. 8 and section 4.3: there h = t, and a ghost on the boundary then
 reads itself with weight -1, which no smoother damps.
 """
 

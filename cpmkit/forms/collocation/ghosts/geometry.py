@@ -101,6 +101,7 @@ class GhostGeometry:
     @cached_property
     def mirror(self) -> ClosestPoints:
         """The g points at which ghosts of order 2 read."""
+        # King et al. (2024), eq. 15, has cp_S(2 y - x); here it is cp_S(2 y - z), or farther behind y.
         ahead = self.seen.foot + self._ahead[:, None] * self.direction
         return nearest_from(self.own.surface, self.start, ahead, self.spacing)
 

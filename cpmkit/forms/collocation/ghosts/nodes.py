@@ -1,5 +1,7 @@
 """Ghosts: a second unknown at the nodes near a boundary, that carries the solution of the other side.
 
+King et al. (2024), eq. 9: its BC DOFs, here within the radius of interpolation alone, eq. 4 with q = 0.
+
 A ghost stands where its node stands, on one side of the boundary, and continues the solution from
 the other side across it, by the formula of the condition that holds there.
 """

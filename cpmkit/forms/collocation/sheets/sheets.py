@@ -1,5 +1,7 @@
 """Several sheets of a surface in one band: a lattice node may hold one unknown for each sheet on which it has a foot.
 
+King et al. (2024), section 8, proposes such unknowns.
+
 A site is a node together with a foot. Every node of the band has one, its closest point; where another sheet's
 stencils need the node too, it gets a twin, a further site at the same node with its foot on that sheet.
 """
