@@ -8,6 +8,7 @@ sys.path.insert(0, str(HERE))
 
 from drawings import draw_all  # noqa: E402 - found through the line above
 from generated_pages import write_all  # noqa: E402
+from house import write_all as write_house  # noqa: E402
 
 import cpmkit  # noqa: E402
 
@@ -38,3 +39,4 @@ nitpick_ignore_regex = [("py:.*", r"(?!cpmkit).*")]
 
 draw_all(HERE / "generated")
 write_all(HERE / "generated")
+write_house(HERE / "generated")
