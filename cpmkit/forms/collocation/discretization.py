@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.errors import SceneError
-from cpmkit.forms.collocation.boundary.edge import WHAT as EDGE
 from cpmkit.forms.collocation.boundary.row_formula import BoundaryData, ExtraPoint, RowFormula, sum_of_data
 from cpmkit.forms.collocation.diagnosis.refusals import check_effect, check_layout
 from cpmkit.forms.collocation.extension import extend, extend_rows, row_centres
+from cpmkit.forms.collocation.ghosts.edge import WHAT as EDGE
 from cpmkit.forms.collocation.layout import Layout, lay_out, with_data_of
 from cpmkit.forms.collocation.numbering import Numbering
 from cpmkit.forms.collocation.options import CollocationOptions

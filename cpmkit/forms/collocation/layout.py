@@ -9,21 +9,21 @@ from functools import cached_property
 
 import numpy as np
 
-from cpmkit.forms.collocation.boundary.beside_rims import RimStrip, beside_rims
-from cpmkit.forms.collocation.boundary.edge import PastEdge, read_at_feet, read_past_edge
-from cpmkit.forms.collocation.boundary.encounters import SectorJump, Strip, encounters
-from cpmkit.forms.collocation.boundary.facing_rims import FacingRims, facing_rims
-from cpmkit.forms.collocation.boundary.junctions import Junction, junctions
-from cpmkit.forms.collocation.boundary.past_rim import kept_apart
 from cpmkit.forms.collocation.boundary.prepare import sight
 from cpmkit.forms.collocation.boundary.row_formula import ExtraPoint, RowFormula
-from cpmkit.forms.collocation.boundary.side_readings import DOUBTFUL, node_sources
-from cpmkit.forms.collocation.boundary.tips import Blur, blurs
-from cpmkit.forms.collocation.diagnosis.limbs import Limbs, limbs_side_by_side
+from cpmkit.forms.collocation.encounters.beside_rims import RimStrip, beside_rims
+from cpmkit.forms.collocation.encounters.boundaries import SectorJump, Strip, encounters
+from cpmkit.forms.collocation.encounters.facing_rims import FacingRims, facing_rims
+from cpmkit.forms.collocation.encounters.junctions import Junction, junctions
+from cpmkit.forms.collocation.encounters.tips import Blur, blurs
+from cpmkit.forms.collocation.ghosts.edge import PastEdge, read_at_feet, read_past_edge
 from cpmkit.forms.collocation.ghosts.nodes import Ghosts, Sight, build_ghosts
+from cpmkit.forms.collocation.ghosts.past_rim import kept_apart
+from cpmkit.forms.collocation.ghosts.side_readings import DOUBTFUL, node_sources
 from cpmkit.forms.collocation.numbering import Numbering
 from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.collocation.selection import Unknowns
+from cpmkit.forms.collocation.sheets.limbs import Limbs, limbs_side_by_side
 from cpmkit.forms.collocation.sheets.twins import part_sheets
 from cpmkit.forms.collocation.tube_width import check_one_sheet, check_room
 from cpmkit.forms.options import Options

@@ -25,7 +25,7 @@ STATIONS = [
     "ghosts/geometry",  # the way across, and the mirror point
     "ghosts/formulas",  # the formula of the condition
     "boundary/row_formula",  # points, coefficients, data
-    "boundary/side_readings",  # where right-hand sides are read
+    "ghosts/side_readings",  # where right-hand sides are read
     "layout",
     "numbering",
     "extension",  # E

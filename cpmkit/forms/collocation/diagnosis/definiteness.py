@@ -8,16 +8,20 @@ first. An eigenvalue counts as found when its residual is half of it.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from cpmkit.errors import place
 from cpmkit.forms.collocation.diagnosis.survey import remaining, surveyed
 from cpmkit.forms.collocation.diagnosis.valleys import limbs_of
 from cpmkit.forms.collocation.diagnosis.warnings import JUMP_SHARE, share_of_jumps
-from cpmkit.forms.collocation.discretization import Discretization
 from cpmkit.forms.collocation.layout import Layout
 from cpmkit.protocols import Floats, Operator
 from cpmkit.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from cpmkit.forms.collocation.discretization import Discretization
 
 #: Products at most, and after how many each time the eigenvalues are looked at: on a palm with four fingers 40
 #: to 120 find what is below zero from 1.5 to 2.3 spacings a finger.

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from cpmkit.errors import place
-from cpmkit.forms.collocation.boundary.facing_rims import BRIDGED, WIDE
-from cpmkit.forms.collocation.boundary.tips import sentences
+from cpmkit.forms.collocation.encounters.facing_rims import BRIDGED, WIDE
+from cpmkit.forms.collocation.encounters.tips import sentences
 from cpmkit.forms.collocation.layout import Layout
 
 

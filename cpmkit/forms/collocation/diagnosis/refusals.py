@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cpmkit.errors import ResolutionError, SceneError, place
-from cpmkit.forms.collocation.boundary.effect import check_given
-from cpmkit.forms.collocation.boundary.encounters import DIFFERENT, Strip
-from cpmkit.forms.collocation.boundary.facing_rims import BRIDGED, WIDE
+from cpmkit.forms.collocation.diagnosis.effect import check_given
+from cpmkit.forms.collocation.encounters.boundaries import DIFFERENT, Strip
+from cpmkit.forms.collocation.encounters.facing_rims import BRIDGED, WIDE
 from cpmkit.forms.collocation.layout import Layout
 from cpmkit.protocols import SIDES, Floats, Ints
 from cpmkit.scene.alike import alike

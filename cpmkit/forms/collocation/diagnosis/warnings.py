@@ -8,9 +8,9 @@ from functools import partial
 import numpy as np
 
 from cpmkit.errors import place
-from cpmkit.forms.collocation.boundary.encounters import DISTURBED
 from cpmkit.forms.collocation.diagnosis.meetings import meetings
 from cpmkit.forms.collocation.diagnosis.survey import remaining, surveyed
+from cpmkit.forms.collocation.encounters.boundaries import DISTURBED
 from cpmkit.forms.collocation.layout import Layout
 from cpmkit.forms.collocation.tube_width import share_stretched
 from cpmkit.manifold.abilities import advice_of

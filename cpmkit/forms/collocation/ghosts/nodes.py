@@ -15,12 +15,12 @@ from functools import cached_property
 import numpy as np
 
 from cpmkit.forms.collocation.boundary.frame import Frame, Sighted, near
-from cpmkit.forms.collocation.boundary.past_rim import straight_ahead
 from cpmkit.forms.collocation.boundary.row_formula import RowFormula
-from cpmkit.forms.collocation.boundary.side_readings import WITHIN, read_within
 from cpmkit.forms.collocation.ghosts.continuation import continued_sources
 from cpmkit.forms.collocation.ghosts.formulas import ghost_formula
 from cpmkit.forms.collocation.ghosts.geometry import GhostGeometry
+from cpmkit.forms.collocation.ghosts.past_rim import straight_ahead
+from cpmkit.forms.collocation.ghosts.side_readings import WITHIN, read_within
 from cpmkit.grid.band import Band
 from cpmkit.grid.lattice import Lattice
 from cpmkit.grid.stencils import difference_reach, reading_radius

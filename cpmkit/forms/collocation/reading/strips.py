@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cpmkit.forms.collocation.boundary.encounters import STRIP, Strip
 from cpmkit.forms.collocation.boundary.frame import Frame
+from cpmkit.forms.collocation.encounters.boundaries import STRIP, Strip
 from cpmkit.grid.lattice import Lattice
 from cpmkit.protocols import SIDES, Bools, BoundarySet, Floats
 from cpmkit.scene.data import evaluate_data

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.forms.collocation.boundary.past_rim import replaced
 from cpmkit.forms.collocation.boundary.row_formula import BoundaryData, RowFormula
 from cpmkit.forms.collocation.ghosts.continuation import (
     Continued,
@@ -28,6 +27,7 @@ from cpmkit.forms.collocation.ghosts.continuation import (
 )
 from cpmkit.forms.collocation.ghosts.formulas import coefficient_and_factor
 from cpmkit.forms.collocation.ghosts.geometry import mirror_distance
+from cpmkit.forms.collocation.ghosts.past_rim import replaced
 from cpmkit.grid.band import Band
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.localized import Localized

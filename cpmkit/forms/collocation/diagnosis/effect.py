@@ -8,7 +8,7 @@ import numpy as np
 
 from cpmkit.errors import InputError, ResolutionError, SceneError, place
 from cpmkit.forms.collocation.boundary.conductivities import check_conductivities
-from cpmkit.forms.collocation.boundary.edge import WHAT
+from cpmkit.forms.collocation.ghosts.edge import WHAT
 from cpmkit.forms.collocation.layout import Layout
 from cpmkit.meshes.cells import with_corners
 from cpmkit.meshes.curved_cells import find_edges

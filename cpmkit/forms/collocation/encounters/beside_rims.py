@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.forms.collocation.boundary.encounters import STRIP
 from cpmkit.forms.collocation.boundary.frame import Sighted
+from cpmkit.forms.collocation.encounters.boundaries import STRIP
 from cpmkit.forms.collocation.ghosts.geometry import ALONGSIDE
 from cpmkit.grid.band import Band
 from cpmkit.manifold.localized import Localized

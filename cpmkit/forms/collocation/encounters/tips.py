@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.errors import place
-from cpmkit.forms.collocation.boundary.encounters import DIFFERENT
+from cpmkit.forms.collocation.encounters.boundaries import DIFFERENT
 from cpmkit.forms.collocation.ghosts.nodes import Sight
 from cpmkit.grid.band import Band
 from cpmkit.grid.lattice import Lattice
