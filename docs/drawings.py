@@ -15,7 +15,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import cpmkit as ck
-from cpmkit.forms.collocation.boundary.frame import Frame
+from cpmkit.forms.collocation.boundary.side_view import SideView
 
 LEFT, RIGHT, NOWHERE = np.array([0.85, 0.45, 0.20]), np.array([0.22, 0.47, 0.72]), np.array([0.80, 0.80, 0.80])
 INK, GREY = "#1b1b1b", "#8a8a8a"
@@ -75,9 +75,9 @@ def _sphere(axes: Any, curve: ck.ClosestPointSource, angles: tuple[float, float]
 
     guesses = np.array([[np.cos(angle), np.sin(angle), 0.3] for angle in angles])
     feet = curve.closest_point(guesses)
-    frame = _frame(solution, feet.points)
+    view = _side_view(solution, feet.points)
     tangent, normal = curve.tangents(feet), sphere.normals(sphere.closest_point(feet.points))
-    for at, t, n, v in zip(feet.points, tangent, normal, frame.left, strict=True):
+    for at, t, n, v in zip(feet.points, tangent, normal, view.conormal, strict=True):
         for vector, name in ((t, "$t$"), (n, "$n$"), (v, "$v$")):
             _arrow(axes, [at @ right, at @ above], [vector @ right, vector @ above], name, 0.4)
     axes.set(xlim=(-1.1, 1.1), ylim=(-1.1, 1.15), aspect="equal")
@@ -99,8 +99,8 @@ def corner() -> Figure:
     along = solution.scene.boundaries[0].source
     at = np.array([[-0.45, -0.3, 0.0], [0.2, 0.0, 0.0], [-0.25, 0.45, 0.0]])
     feet = along.closest_point(at)
-    frame = _frame(solution, feet.points)
-    for foot, t, v in zip(feet.points, along.tangents(feet), frame.left, strict=True):
+    view = _side_view(solution, feet.points)
+    for foot, t, v in zip(feet.points, along.tangents(feet), view.conormal, strict=True):
         _arrow(axes, foot[:2], t[:2], "", 0.3)
         _arrow(axes, foot[:2], v[:2], "$v$", 0.3)
         beside = foot + 0.3 * t - 0.09 * v
@@ -155,7 +155,7 @@ def ghost() -> Figure:
 
     chosen = int(np.argmin(np.linalg.norm(own - [0.9, 0.8], axis=1)))
     x, z = own[chosen], band.feet.points[ghosts.nodes[chosen]]
-    seen = _frame(solution, z[None])
+    seen = _side_view(solution, z[None])
     y, mirror = seen.foot[0], ghosts.formula.points[chosen]
     axes.plot(*np.stack([x, z]).T, "--", color=INK, lw=1)
     for point, name, offset in (
@@ -183,10 +183,12 @@ def _cut_circle(spacing: float) -> ck.Solution:
     return _two_sided(ck.source("analytic.circle"), point, spacing)
 
 
-def _frame(solution: ck.Solution, points: Any) -> Frame:
+def _side_view(solution: ck.Solution, points: Any) -> SideView:
     """Return how the boundary of ``solution`` sees ``points``, in the scene's coordinates."""
     lattice = solution.discretized.tables.layout.lattice
-    return solution.discretized.tables.layout.sight.sighted[0].frame(lattice.to_local(points), np.inf, solution.spacing)
+    return solution.discretized.tables.layout.boundaries.on_lattice[0].side_view(
+        lattice.to_local(points), np.inf, solution.spacing
+    )
 
 
 def _side_colours(signed: Any) -> Any:

@@ -84,8 +84,8 @@ def count(scene: Scene, options: Options[CollocationOptions], progress: Progress
         check_layout(layout, scene)
     fine = _counts(layout)
     seen = (
-        tuple(one.gap for one in layout.sight.sighted),
-        tuple(one.oriented.left_in_words for one in layout.sight.sighted),
+        tuple(one.gap for one in layout.boundaries.on_lattice),
+        tuple(one.oriented.left_in_words for one in layout.boundaries.on_lattice),
         _noise(layout),
         clusters_of_twins(layout),
         remaining(layout, spacing if finest != spacing else None),

@@ -241,7 +241,7 @@ def test_a_cut_keeps_its_left_on_a_surface_without_normals(how):
     boundary = ck.Boundary("cut", wrapped, left=ck.Dirichlet(1.0), right=ck.Dirichlet(0.0))
     scene = ck.Scene(sphere, ck.Laplace(), [boundary])
     layout = ck.discretize(scene, 0.25).tables.layout
-    frame = layout.sight.sighted[0].frame(layout.lattice.to_local(np.array([below, above])), np.inf, 0.25)
-    assert (frame.signed > 0).tolist() == [True, False]
+    view = layout.boundaries.on_lattice[0].side_view(layout.lattice.to_local(np.array([below, above])), np.inf, 0.25)
+    assert (view.signed > 0).tolist() == [True, False]
     if how != "trimmed":
         assert ck.solve(scene, 0.25).evaluate([[0, 0, -1.0], [0, 0, 1.0]]) == pytest.approx([1.0, 0.0], abs=1e-6)

@@ -8,7 +8,7 @@ import pytest
 from bare import Bare
 
 import cpmkit as ck
-from cpmkit.forms.collocation.boundary.prepare import sight
+from cpmkit.forms.collocation.boundary.on_band import put_on_lattice
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.localized import localize
 
@@ -33,8 +33,8 @@ def scene(surface, *boundaries):
 def signed(of, point, spacing, origin=0.0):
     """Return the signed distance, left positive, of a point from a scene's first boundary on some lattice."""
     lattice = Lattice(np.broadcast_to(origin, of.surface.dim) * 1.0, spacing)
-    seen = sight(of.boundaries[0], localize(of.surface, lattice.origin), lattice, spacing, of.oriented)
-    return seen.frame(lattice.to_local(np.atleast_2d(point)), np.inf, spacing).signed[0]
+    seen = put_on_lattice(of.boundaries[0], localize(of.surface, lattice.origin), lattice, spacing, of.oriented)
+    return seen.side_view(lattice.to_local(np.atleast_2d(point)), np.inf, spacing).signed[0]
 
 
 @pytest.mark.parametrize("sides", ["both", "left and right"])

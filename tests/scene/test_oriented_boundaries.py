@@ -72,7 +72,7 @@ def test_all_spacings_and_the_boundary_itself_agree_on_left():
         signs = [np.sign(itself.signed_distance(points - itself.left.origin, 0.01))]
         for spacing, origin in ((0.2, None), (0.13, [0.03, 0.01, 0.0])):
             layout = lay_out(scene, spacing, origin=origin)
-            view = layout.sight.sighted[0].frame(layout.lattice.to_local(points), np.inf, spacing)
+            view = layout.boundaries.on_lattice[0].side_view(layout.lattice.to_local(points), np.inf, spacing)
             signs.append(np.sign(view.signed))
         up = np.sign(points[:, 2] - 0.3) * np.sign(boundary.left_of[2])
         assert all(np.array_equal(one, up) for one in signs)

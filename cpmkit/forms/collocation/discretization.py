@@ -182,7 +182,7 @@ def read_only(matrix: csr_array) -> csr_array:
 
 
 def _renumbered(term: ExtraPoint, rows: Ints) -> ExtraPoint:
-    """Return a term with row k of its batch called ``rows[k]``; -1 leaves it out. Its frames go."""
+    """Return a term with row k of its batch called ``rows[k]``; -1 leaves it out. Its side views go."""
     kept = term.take(rows[term.rows] >= 0)
     return replace(kept, rows=rows[kept.rows])
 
@@ -198,7 +198,7 @@ def _neighbours(unknowns: Unknowns, centres: Centres, reach: int) -> Ints:
     beside = band.find(band.nodes[nodes][:, None] + cross_offsets(band.dim, reach))
     anchors = Centres.of_nodes(band, nodes if band.sheets is None else band.sheets.anchor[nodes])
     seen = centres.take(numbering.row_of_unknown)
-    columns = unknowns.select_rows(replace(anchors, frames=seen.frames, own=seen.own), beside)
+    columns = unknowns.select_rows(replace(anchors, side_views=seen.side_views, own=seen.own), beside)
     return columns.astype(np.int32 if numbering.rows <= np.iinfo(np.int32).max else np.int64)
 
 

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.forms.collocation.boundary.frame import stack
 from cpmkit.forms.collocation.boundary.row_formula import BoundaryData, ExtraPoint, RowFormula
+from cpmkit.forms.collocation.boundary.side_view import stack
 from cpmkit.forms.collocation.layout import Layout
 from cpmkit.forms.collocation.selection import Centres, Unknowns
 from cpmkit.grid.stencils import stencil_cells, stencil_nodes, tensor_weights
@@ -92,7 +92,7 @@ def _with_terms(extension: csr_array, unknowns: Unknowns, terms: Sequence[ExtraP
     from scipy.sparse import csr_array
 
     for term in terms:
-        centres = Centres(term.frames, np.full(len(term.points), term.own), term.feet)
+        centres = Centres(term.side_views, np.full(len(term.points), term.own), term.feet)
         read = extend(unknowns, term.points, centres, term.coefficient)
         place = csr_array(
             (np.ones(len(term.rows)), (term.rows, np.arange(len(term.rows)))),
@@ -127,13 +127,13 @@ def _joined(feet: Sequence[ClosestPoints | None]) -> ClosestPoints | None:
 def row_centres(layout: Layout, rows: RowFormula | None = None) -> Centres:
     """Return how all rows of E see the boundaries, and on which sheets they read if it is asked what they do."""
     band, own, first = layout.band, layout.numbering.boundary_of_row, layout.numbering.first_rows
-    frames = [
-        stack([(0, frame), *((int(first[k]), one.frames[index]) for k, one in enumerate(layout.ghosts))])
-        for index, frame in enumerate(layout.sight.frames)
+    side_views = [
+        stack([(0, view), *((int(first[k]), one.side_views[index]) for k, one in enumerate(layout.ghosts))])
+        for index, view in enumerate(layout.boundaries.side_views)
     ]
     if band.sheets is None or rows is None:
-        return Centres(frames, own)
+        return Centres(side_views, own)
     normals = np.full(rows.points.shape, np.nan)
     at_feet = np.flatnonzero((rows.points[: len(band.nodes)] == band.feet.points).all(axis=1))
     normals[at_feet] = band.sheets.normals[at_feet]
-    return Centres(frames, own, rows.feet, normals)
+    return Centres(side_views, own, rows.feet, normals)

@@ -311,7 +311,7 @@ class Collocation(Discretized):
     def describe(self) -> dict[str, Any]:
         """Return the form's options, the origin, and by how much boundaries were snapped."""
         layout = self.tables.layout
-        seen = zip(self.scene.boundaries, layout.sight.sighted, strict=True)
+        seen = zip(self.scene.boundaries, layout.boundaries.on_lattice, strict=True)
         return {
             **layout.options.own.as_dict(),
             "origin": layout.lattice.origin.tolist(),

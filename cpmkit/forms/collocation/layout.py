@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cpmkit.forms.collocation.boundary.prepare import sight
+from cpmkit.forms.collocation.boundary.on_band import BoundariesOnBand, put_on_lattice
 from cpmkit.forms.collocation.boundary.row_formula import ExtraPoint, RowFormula
 from cpmkit.forms.collocation.encounters.beside_rims import RimStrip, beside_rims
 from cpmkit.forms.collocation.encounters.boundaries import SectorJump, Strip, encounters
@@ -17,7 +17,7 @@ from cpmkit.forms.collocation.encounters.facing_rims import FacingRims, facing_r
 from cpmkit.forms.collocation.encounters.junctions import Junction, junctions
 from cpmkit.forms.collocation.encounters.tips import Blur, blurs
 from cpmkit.forms.collocation.ghosts.edge import PastEdge, read_at_feet, read_past_edge
-from cpmkit.forms.collocation.ghosts.nodes import Ghosts, Sight, build_ghosts
+from cpmkit.forms.collocation.ghosts.nodes import Ghosts, build_ghosts
 from cpmkit.forms.collocation.ghosts.past_rim import kept_apart
 from cpmkit.forms.collocation.ghosts.side_readings import DOUBTFUL, node_sources
 from cpmkit.forms.collocation.numbering import Numbering
@@ -53,7 +53,7 @@ class Layout:
         What each node of the band reads, the edge's conditions applied.
     sources : RowFormula
         Where each node reads right-hand sides.
-    sight : Sight
+    boundaries : BoundariesOnBand
         The boundaries, and how the band's nodes see them.
     ghosts : sequence of Ghosts
         One a boundary.
@@ -77,7 +77,7 @@ class Layout:
     band: Band
     formula: RowFormula
     sources: RowFormula
-    sight: Sight
+    boundaries: BoundariesOnBand
     ghosts: Sequence[Ghosts]
     channels: int
     crossings: Sequence[SectorJump] = ()
@@ -111,8 +111,8 @@ class Layout:
     def queries(self) -> Counter[str]:
         """Closest point queries made so far, by name of what was asked."""
         counted = Counter({"surface": self.surface.queries["points"]})
-        for boundary, sighted in zip(self.sight.boundaries, self.sight.sighted, strict=True):
-            counted[boundary.name] = sighted.source.queries["points"]
+        for boundary, on_lattice in zip(self.boundaries.given, self.boundaries.on_lattice, strict=True):
+            counted[boundary.name] = on_lattice.source.queries["points"]
         return counted
 
 
@@ -149,8 +149,8 @@ def lay_out(scene: Scene, options: Options[CollocationOptions], progress: Progre
 
 def _looked_over(layout: Layout, time: float | None) -> Layout:
     """Return the layout with what its boundaries, rims and curves do to each other."""
-    seen, lattice, band = layout.sight, layout.lattice, layout.band
-    beside = beside_rims(seen.sighted, layout.surface, band)
+    seen, lattice, band = layout.boundaries, layout.lattice, layout.band
+    beside = beside_rims(seen.on_lattice, layout.surface, band)
     facing = facing_rims(layout.surface, band)
     branches = junctions(layout.surface, band)
     layout = replace(
@@ -164,32 +164,32 @@ def _looked_over(layout: Layout, time: float | None) -> Layout:
 
 def _compared(layout: Layout, time: float | None) -> Layout:
     """Return the layout with what the data of boundaries that meet do to each other."""
-    seen, lattice, channels = layout.sight, layout.lattice, layout.channels
+    seen, lattice, channels = layout.boundaries, layout.lattice, layout.channels
     crossings, strips = encounters(seen, lattice, channels, time)
     return replace(layout, crossings=crossings, strips=strips, blurs=blurs(seen, layout.band, lattice, channels, time))
 
 
 def with_data_of(layout: Layout, scene: Scene) -> Layout:
     """Return the layout of a scene that differs in its equation and its data alone."""
-    seen = replace(layout.sight, boundaries=scene.boundaries)
-    return _compared(replace(layout, sight=seen, channels=scene.channels), scene.problem.start_time)
+    seen = replace(layout.boundaries, given=scene.boundaries)
+    return _compared(replace(layout, boundaries=seen, channels=scene.channels), scene.problem.start_time)
 
 
-def _located(term: ExtraPoint, seen: Sight, band: Band) -> ExtraPoint:
+def _located(term: ExtraPoint, seen: BoundariesOnBand, band: Band) -> ExtraPoint:
     """Return a term of the band's nodes with how its points see the boundaries."""
     radius = 2 * reading_radius(band.dim, band.degree) * band.spacing
-    return replace(term, frames=[one.frame(term.points, radius, band.spacing) for one in seen.sighted])
+    return replace(term, side_views=[one.side_view(term.points, radius, band.spacing) for one in seen.on_lattice])
 
 
-def _off_boundaries(past: PastEdge, seen: Sight, band: Band, order: int) -> RowFormula:
+def _off_boundaries(past: PastEdge, seen: BoundariesOnBand, band: Band, order: int) -> RowFormula:
     """Return where the nodes read right-hand sides, those nearly on a boundary inside the side that they count to."""
     sources = past.sources
-    for number, frame in enumerate(seen.frames):
-        close = (np.abs(frame.signed) < DOUBTFUL * band.spacing) & ~frame.end & (band.feet.edge[frame.rows] < 0)
+    for number, view in enumerate(seen.side_views):
+        close = (np.abs(view.signed) < DOUBTFUL * band.spacing) & ~view.end & (band.feet.edge[view.rows] < 0)
         if close.any():
-            own = frame.take(close)
-            others = [one for other, one in enumerate(seen.sighted) if other != number]
-            read = node_sources(sources.points[own.rows], seen.sighted[number], others, own, order)
+            own = view.take(close)
+            others = [one for other, one in enumerate(seen.on_lattice) if other != number]
+            read = node_sources(sources.points[own.rows], seen.on_lattice[number], others, own, order)
             sources = _with_rows(sources, own.rows, read)
     return sources
 
@@ -205,15 +205,19 @@ def _with_rows(reading: RowFormula, rows: Ints, other: RowFormula) -> RowFormula
 
 def _see_boundaries(
     scene: Scene, surface: Localized, band: Band, lattice: Lattice, past: PastEdge
-) -> tuple[Sight, PastEdge]:
+) -> tuple[BoundariesOnBand, PastEdge]:
     """Return how the nodes see the boundaries, and what they read where one keeps them from their mirror points."""
     # King et al. (2024), section 4.6: boundaries are looked for within twice the reach.
     reach = reading_radius(band.dim, band.degree) * band.spacing
-    sighted = [sight(boundary, surface, lattice, reach, scene.oriented, band.sheets) for boundary in scene.boundaries]
+    on_lattice = [
+        put_on_lattice(boundary, surface, lattice, reach, scene.oriented, band.sheets) for boundary in scene.boundaries
+    ]
     uncoupled = [
-        one for one, boundary in zip(sighted, scene.boundaries, strict=True) if not boundary.condition("left").couples
+        one
+        for one, boundary in zip(on_lattice, scene.boundaries, strict=True)
+        if not boundary.condition("left").couples
     ]
     behind = kept_apart(uncoupled, band, past.mirrored, 2 * reach)
     past = read_at_feet(surface, band, lattice, scene.edge, past, behind)
-    frames = [one.frame(past.mirrored.points, 2 * reach, band.spacing) for one in sighted]
-    return Sight(scene.boundaries, sighted, frames, behind, scene.problem.terms().diffusivity), past
+    side_views = [one.side_view(past.mirrored.points, 2 * reach, band.spacing) for one in on_lattice]
+    return BoundariesOnBand(scene.boundaries, on_lattice, side_views, behind, scene.problem.terms().diffusivity), past

@@ -19,7 +19,7 @@ from cpmkit.manifold.tangent_space import normals
 from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 
 if TYPE_CHECKING:
-    from cpmkit.forms.collocation.boundary.frame import Frame
+    from cpmkit.forms.collocation.boundary.side_view import SideView
     from cpmkit.forms.collocation.ghosts.nodes import Ghosts
     from cpmkit.grid.band import Band
 
@@ -30,7 +30,7 @@ class Centres:
 
     Attributes
     ----------
-    frames : sequence of Frame
+    side_views : sequence of SideView
         How each boundary sees the centres; their rows number the stencils.
     own : (n,) int64
         The boundary whose ghost the stencil belongs to; -1 where it belongs to a node or a point.
@@ -40,15 +40,15 @@ class Centres:
         Of the surface, NaN where nobody asked for them.
     """
 
-    frames: Sequence[Frame]
+    side_views: Sequence[SideView]
     own: Ints
     feet: ClosestPoints | None = None
     normals: Floats | None = None
 
     @classmethod
-    def of_points(cls, feet: ClosestPoints, frames: Sequence[Frame] = ()) -> Centres:
+    def of_points(cls, feet: ClosestPoints, side_views: Sequence[SideView] = ()) -> Centres:
         """Return the centres of stencils at points of the surface that belong to no ghost."""
-        return cls(frames, np.full(len(feet), -1), feet)
+        return cls(side_views, np.full(len(feet), -1), feet)
 
     @classmethod
     def of_nodes(cls, band: Band, nodes: Ints) -> Centres:
@@ -58,13 +58,13 @@ class Centres:
 
     def take(self, rows: Ints) -> Centres:
         """Return the centres of the stencils ``rows`` (ascending), numbered from zero."""
-        frames = []
-        for frame in self.frames:
-            place = np.searchsorted(rows, frame.rows)
-            inside = (place < len(rows)) & (rows[np.minimum(place, len(rows) - 1)] == frame.rows)
-            frames.append(frame.take(inside).renumbered(place[inside]))
+        side_views = []
+        for view in self.side_views:
+            place = np.searchsorted(rows, view.rows)
+            inside = (place < len(rows)) & (rows[np.minimum(place, len(rows) - 1)] == view.rows)
+            side_views.append(view.take(inside).renumbered(place[inside]))
         feet = None if self.feet is None else self.feet.take(rows)
-        return Centres(frames, self.own[rows], feet, None if self.normals is None else self.normals[rows])
+        return Centres(side_views, self.own[rows], feet, None if self.normals is None else self.normals[rows])
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,9 +122,9 @@ class Unknowns:
     def _select(self, centres: Centres, columns: Ints, readable: int, numbers: Sequence[Ints], first: Ints) -> Ints:
         """Return the choice among the sites below ``readable`` and the ghosts of these ``numbers``."""
         nodes = self._on_own_sheet(centres, columns, readable)
-        if not any(len(frame.rows) for frame in centres.frames):
+        if not any(len(view.rows) for view in centres.side_views):
             return nodes
-        touched = np.unique(np.concatenate([frame.rows for frame in centres.frames]))
+        touched = np.unique(np.concatenate([view.rows for view in centres.side_views]))
         directors = [one.director for one in self.ghosts]
         label, number = visible_ghosts(centres.take(touched), nodes[touched], numbers, directors)
         selected = nodes.copy()
@@ -180,7 +180,7 @@ def visible_ghosts(
     label = np.full(nodes.shape, -1)
     number = np.full(nodes.shape, -1)
     nearest = np.full(nodes.shape, np.inf)
-    for index, seen in enumerate(centres.frames):
+    for index, seen in enumerate(centres.side_views):
         rows = seen.rows
         ghost = numbers[index][nodes[rows]]
         row, column = np.nonzero(ghost >= 0)

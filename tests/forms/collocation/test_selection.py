@@ -35,8 +35,8 @@ def test_rows_know_their_feet_and_normals(conditions, order):
 def test_stencils_are_not_written_to_and_read_twins_and_ghosts():
     layout = lay_out(cut_spiral(both=ck.Dirichlet(1.0)), 0.1)
     band, nodes = layout.band, np.arange(layout.band.inner)
-    (frame,) = layout.sight.frames
-    inner = frame.take(frame.rows < band.inner)
+    (view,) = layout.boundaries.side_views
+    inner = view.take(view.rows < band.inner)
     columns = stencil_nodes(band, stencil_cells(band.feet.points[nodes], band.spacing, band.degree)[0])
     columns.flags.writeable = False
     read = layout.unknowns.select(Centres.of_points(band.feet.take(nodes), [inner]), columns)

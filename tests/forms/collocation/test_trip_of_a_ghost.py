@@ -3,7 +3,7 @@
 The trip is measured, not listed: from where the ghosts of a boundary are found among the band's nodes (their closest
 points on it are asked for) to E, N, the data and A, which keeps these tables; `operator` runs where A is applied.
 Beneath it lie the rooms that know no ghost; beside it what is made once a scene, the boundary with its sides
-(`boundary/prepare`) and the band, and what is asked of the layout for warnings.
+(`boundary/on_band`) and the band, and what is asked of the layout for warnings.
 """
 
 import sys
@@ -21,7 +21,7 @@ CORE = Path(ck.__file__).parent
 #: The stations of the method, in the order in which a ghost passes them, for one sheet, no edge and order 2.
 STATIONS = [
     "ghosts/nodes",  # which nodes have a ghost
-    "boundary/frame",  # their distances and sides
+    "boundary/side_view",  # their distances and sides
     "ghosts/geometry",  # the way across, and the mirror point
     "ghosts/formulas",  # the formula of the condition
     "boundary/row_formula",  # points, coefficients, data

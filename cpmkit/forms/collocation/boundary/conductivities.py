@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cpmkit.errors import InputError, SceneError, place
-from cpmkit.forms.collocation.boundary.frame import Frame
+from cpmkit.forms.collocation.boundary.side_view import SideView
 from cpmkit.grid.lattice import Lattice
 from cpmkit.protocols import Bools, Floats
 from cpmkit.scene.data import Data, evaluate_data
@@ -23,7 +23,7 @@ ASTRAY = 0.1
 
 
 def conductivities(
-    law: Interface, diffusivity: Data, seen: Frame, carries_left: Bools, lattice: Lattice
+    law: Interface, diffusivity: Data, seen: SideView, carries_left: Bools, lattice: Lattice
 ) -> tuple[Floats, Floats]:
     """Return the conductivities (n,) on the side on which ghosts stand, and on the side that they carry."""
     sides = [
@@ -33,7 +33,7 @@ def conductivities(
     return np.where(carries_left, sides[1], sides[0]), np.where(carries_left, sides[0], sides[1])
 
 
-def check_conductivities(what: str, law: Interface, diffusivity: Data, seen: Frame, lattice: Lattice) -> None:
+def check_conductivities(what: str, law: Interface, diffusivity: Data, seen: SideView, lattice: Lattice) -> None:
     """Refuse conductivities of an interface that are not those of the problem beside the boundary.
 
     Raises
@@ -58,7 +58,7 @@ def check_conductivities(what: str, law: Interface, diffusivity: Data, seen: Fra
         )
 
 
-def _beside(data: Data, seen: Frame, sign: float, lattice: Lattice) -> Floats:
+def _beside(data: Data, seen: SideView, sign: float, lattice: Lattice) -> Floats:
     """Return data (n,) at the boundary, continued from one side: to second order where they are smooth there."""
     if not callable(data):
         return _at(data, seen, 0.0, lattice)
@@ -66,9 +66,9 @@ def _beside(data: Data, seen: Frame, sign: float, lattice: Lattice) -> Floats:
     return np.asarray(np.exp(np.where(np.abs(near - far) < SMOOTH, 2 * near - far, far)))
 
 
-def _at(data: Data, seen: Frame, share: float, lattice: Lattice) -> Floats:
+def _at(data: Data, seen: SideView, share: float, lattice: Lattice) -> Floats:
     """Return data (n,) so many spacings to the left of the boundary."""
-    points = lattice.to_scene(seen.foot + share * lattice.spacing * seen.left)
+    points = lattice.to_scene(seen.foot + share * lattice.spacing * seen.conormal)
     values = evaluate_data(data, points, 1, "a conductivity of Transmission, or the diffusivity,")[:, 0]
     if np.any(values <= 0):
         raise InputError(f"the diffusivity must be above zero, got {values.min():g}.")

@@ -13,7 +13,7 @@ from cpmkit.scene.data import Data, evaluate_data, takes_time
 from cpmkit.scene.laws import Law
 
 if TYPE_CHECKING:
-    from cpmkit.forms.collocation.boundary.frame import Frame
+    from cpmkit.forms.collocation.boundary.side_view import SideView
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +79,7 @@ class ExtraPoint:
         Points of the manifold, relative to the lattice's origin.
     coefficient : (k,) float64
         Factor of what is read.
-    frames : sequence of Frame
+    side_views : sequence of SideView
         How the points see each boundary; their rows count the points.
     own : int
         The boundary whose ghosts read; -1 where nodes do.
@@ -90,7 +90,7 @@ class ExtraPoint:
     rows: Ints
     points: Floats
     coefficient: Floats
-    frames: Sequence[Frame] = ()
+    side_views: Sequence[SideView] = ()
     own: int = -1
     feet: ClosestPoints | None = None
 

@@ -83,9 +83,9 @@ def node_pieces(tables: Discretization) -> Ints:
 def _across_transmissions(layout: Layout) -> Ints:
     """Return the pairs (2, k) of neighbouring inner nodes with a transmission, and no other boundary, between them."""
     sides = np.zeros((len(layout.ghosts), len(layout.band.nodes)))
-    for index, (seen, ghosts) in enumerate(zip(layout.sight.frames, layout.ghosts, strict=True)):
+    for index, (seen, ghosts) in enumerate(zip(layout.boundaries.side_views, layout.ghosts, strict=True)):
         sides[index, seen.rows] = np.nan_to_num(np.sign(seen.signed)) * (ghosts.numbers[seen.rows] >= 0)
-    coupled = [boundary.condition("left").couples for boundary in layout.sight.boundaries]
+    coupled = [boundary.condition("left").couples for boundary in layout.boundaries.given]
     if not any(coupled):
         return np.zeros((2, 0), dtype=np.int64)
     one, other = layout.band.neighbours()

@@ -50,9 +50,9 @@ def _places(tables: Discretization) -> tuple[Floats, Floats]:
     nodes = _bump(distance / reach, band.degree)
     nodes[band.is_unfolded] = 0.0  # the tube around the surface does not hold them
     bumps, places = [nodes], [past / band.spacing]
-    for frame, ghosts in zip(tables.layout.sight.frames, tables.layout.ghosts, strict=True):
+    for view, ghosts in zip(tables.layout.boundaries.side_views, tables.layout.ghosts, strict=True):
         beyond = np.full(len(band.nodes), TAIL)
-        beyond[frame.rows] = np.nan_to_num(np.abs(frame.signed) / band.spacing, nan=TAIL)
+        beyond[view.rows] = np.nan_to_num(np.abs(view.signed) / band.spacing, nan=TAIL)
         stands = ghosts.nodes[: ghosts.unknowns]
         bumps.append(nodes[stands] * _tail(places[0][stands]))
         places.append(beyond[stands])

@@ -43,7 +43,7 @@ def check_given(scene: Scene, layout: Layout) -> None:
             kind = condition.kind.capitalize()
             raise InputError(f"beta of {kind} of {what} is zero at all {len(points)} points; use Neumann.")
     diffusivity = scene.problem.terms().diffusivity
-    for boundary, seen in zip(scene.boundaries, layout.sight.frames, strict=True):
+    for boundary, seen in zip(scene.boundaries, layout.boundaries.side_views, strict=True):
         across = boundary.condition("left").law
         if isinstance(across, Interface):
             check_conductivities(f"boundary {boundary.name!r}", across, diffusivity, seen, layout.lattice)
@@ -96,7 +96,7 @@ def _loops(surface: ClosestPointSource, spacing: float) -> dict[int, Floats] | N
 def _places(scene: Scene, layout: Layout) -> Iterator[tuple[str, Condition, Floats]]:
     """Yield each condition with its name and the points (n, d) at which it is read, in the scene's coordinates."""
     to_scene, feet = layout.lattice.to_scene, layout.band.feet
-    for boundary, seen, ghosts in zip(scene.boundaries, layout.sight.frames, layout.ghosts, strict=True):
+    for boundary, seen, ghosts in zip(scene.boundaries, layout.boundaries.side_views, layout.ghosts, strict=True):
         foot = seen.foot[np.searchsorted(seen.rows, ghosts.nodes)]
         if alike(boundary.condition("left"), boundary.condition("right")):
             yield f"boundary {boundary.name!r}", boundary.condition("left"), to_scene(foot)

@@ -11,7 +11,7 @@ from cpmkit.forms.collocation.layout import Layout
 def meetings(layout: Layout, spacing: float | None = None) -> list[str]:
     """Return one sentence for each thing found, judged for ``spacing`` where the layout is a coarser rehearsal."""
     h = layout.lattice.spacing if spacing is None else spacing
-    names = [boundary.name for boundary in layout.sight.boundaries]
+    names = [boundary.name for boundary in layout.boundaries.given]
     return [
         *_facing(layout, h),
         *_beside_rims(layout, names, h),

@@ -75,18 +75,18 @@ def check_effect(layout: Layout, extension: csr_array, neighbours: Ints) -> None
 
 def _without_effect(layout: Layout, number: int) -> str:
     """Return the sentence on a boundary that the lattice does not see."""
-    seen, spacing = layout.sight.sighted[number], layout.lattice.spacing
+    seen, spacing = layout.boundaries.on_lattice[number], layout.lattice.spacing
     samples, extent = seen.samples, float(np.linalg.norm(np.ptp(seen.source.bounds, axis=0)))
     near = place(layout.lattice.to_scene(samples.mean(axis=0)[None])[0])
     cure = min(SEEN * extent, 0.5 * spacing) or 0.5 * spacing
     return (
-        f"spacing={spacing:g} is too coarse for boundary {layout.sight.boundaries[number].name!r} near {near}, "
+        f"spacing={spacing:g} is too coarse for boundary {layout.boundaries.given[number].name!r} near {near}, "
         f"{extent:.3g} in extent: it would have no effect; use {cure:.2g} or less."
     )
 
 
 def _check_fluxes_at_points(layout: Layout) -> None:
-    for boundary, seen in zip(layout.sight.boundaries, layout.sight.sighted, strict=True):
+    for boundary, seen in zip(layout.boundaries.given, layout.boundaries.on_lattice, strict=True):
         kinds = {one.kind for one in map(boundary.condition, SIDES) if not isinstance(one.law, Value)}
         if seen.has_sides or not kinds:
             continue
@@ -100,7 +100,7 @@ def _check_fluxes_at_points(layout: Layout) -> None:
 def _check_same_place(layout: Layout, scene: Scene) -> None:
     for one in layout.strips:
         if one.coincide and _contradict(layout, one, scene.problem.start_time):
-            names = [layout.sight.boundaries[number].name for number in (one.first, one.second)]
+            names = [layout.boundaries.given[number].name for number in (one.first, one.second)]
             raise SceneError(
                 f"boundaries {names[0]!r} and {names[1]!r} lie at the same place, near {place(one.point)}, and hold "
                 "different conditions; keep one of them, with `left` and `right` where its sides differ."
@@ -108,7 +108,7 @@ def _check_same_place(layout: Layout, scene: Scene) -> None:
 
 
 def _contradict(layout: Layout, strip: Strip, time: float | None) -> bool:
-    first, second = (layout.sight.boundaries[number] for number in (strip.first, strip.second))
+    first, second = (layout.boundaries.given[number] for number in (strip.first, strip.second))
     return any(
         not _alike(first.condition(a), second.condition(b), strip.point[None], layout.channels, time)
         for a, b in zip(SIDES, SIDES[::-1] if strip.reversed else SIDES, strict=True)
@@ -137,7 +137,7 @@ def _alike(one: Condition, other: Condition, points: Floats, channels: int, time
 def _check_rims(layout: Layout, scene: Scene) -> None:
     spacing, time = layout.lattice.spacing, scene.problem.start_time
     for one in layout.rim_strips:
-        boundary, edge = layout.sight.boundaries[one.boundary], edge_condition(scene.edge, one.loop)
+        boundary, edge = layout.boundaries.given[one.boundary], edge_condition(scene.edge, one.loop)
         conditions = [boundary.condition(side) for side in SIDES]
         if one.on_rim and not all(_alike(each, edge, one.points, layout.channels, time) for each in conditions):
             raise SceneError(

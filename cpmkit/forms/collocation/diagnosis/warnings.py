@@ -43,7 +43,7 @@ def warnings_of(layout: Layout, missed: float = 0.0) -> tuple[str, ...]:
 
 def _encounters(layout: Layout) -> list[str]:
     """Name crossings of different values, and strips too narrow for the grid."""
-    names, spacing = [boundary.name for boundary in layout.sight.boundaries], layout.lattice.spacing
+    names, spacing = [boundary.name for boundary in layout.boundaries.given], layout.lattice.spacing
     found = []
     if layout.crossings:
         one = layout.crossings[0]
@@ -75,16 +75,16 @@ def _gaps(layout: Layout) -> list[str]:
     return [
         f"Boundary {boundary.name!r} lies up to {seen.gap:.3g} off the surface, {seen.gap / spacing:.2g} spacings; it "
         "was snapped to the closest points."
-        for boundary, seen in zip(layout.sight.boundaries, layout.sight.sighted, strict=True)
+        for boundary, seen in zip(layout.boundaries.given, layout.boundaries.on_lattice, strict=True)
         if seen.gap > FAR_OFF * spacing
     ]
 
 
 def _pins(layout: Layout) -> list[str]:
     """Name points on a surface that hold a value beside other values: the continuous problem does not feel them."""
-    boundaries = layout.sight.boundaries
+    boundaries = layout.boundaries.given
     valued = [one for one in boundaries if any(isinstance(one.condition(side).law, (Value, Mixed)) for side in SIDES)]
-    thin = {one.name for one, seen in zip(boundaries, layout.sight.sighted, strict=True) if not seen.has_sides}
+    thin = {one.name for one, seen in zip(boundaries, layout.boundaries.on_lattice, strict=True) if not seen.has_sides}
     pins = [one.name for one in valued if one.name in thin]
     if not pins or len(valued) < 2:
         return []
@@ -141,7 +141,7 @@ def _sheets(layout: Layout, missed: float) -> list[str]:
 
 def _boundaries(layout: Layout) -> list[str]:
     found = []
-    for boundary, ghosts in zip(layout.sight.boundaries, layout.ghosts, strict=True):
+    for boundary, ghosts in zip(layout.boundaries.given, layout.ghosts, strict=True):
         asked = min(boundary.condition(side).order or layout.order for side in SIDES)
         fallen = int(np.count_nonzero(ghosts.orders[: ghosts.unknowns] == 1)) if asked > 1 else 0
         if fallen:

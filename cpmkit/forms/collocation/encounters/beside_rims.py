@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.forms.collocation.boundary.frame import Sighted
+from cpmkit.forms.collocation.boundary.side_view import BoundaryOnLattice
 from cpmkit.forms.collocation.encounters.boundaries import STRIP
 from cpmkit.forms.collocation.ghosts.geometry import ALONGSIDE
 from cpmkit.grid.band import Band
@@ -48,19 +48,19 @@ class RimStrip:
     on_rim: bool
 
 
-def beside_rims(sighted: Sequence[Sighted], surface: Localized, band: Band) -> list[RimStrip]:
+def beside_rims(on_lattice: Sequence[BoundaryOnLattice], surface: Localized, band: Band) -> list[RimStrip]:
     """Return the boundaries beside rims, relative to the lattice's origin; nothing is asked for without rims."""
     past = np.flatnonzero(band.feet.edge >= 0)
     found: list[RimStrip] = []
     if not len(past):
         return found
-    for number, one in enumerate(sighted):
+    for number, one in enumerate(on_lattice):
         if one.has_sides:
             found += _beside(number, one, surface, band, past)
     return found
 
 
-def _beside(number: int, one: Sighted, surface: Localized, band: Band, past: Ints) -> list[RimStrip]:
+def _beside(number: int, one: BoundaryOnLattice, surface: Localized, band: Band, past: Ints) -> list[RimStrip]:
     from scipy.spatial import cKDTree
 
     h, points = band.spacing, surface.closest_point(one.samples).points
@@ -73,9 +73,9 @@ def _beside(number: int, one: Sighted, surface: Localized, band: Band, past: Int
     inside = np.sum((rim.points - points) * outward, axis=1, keepdims=True)
     foot = surface.closest_point(points + (inside + PAST * h) * outward)
     width = np.linalg.norm(foot.points - points, axis=1)
-    seen = one.frame(points, h, h)
+    seen = one.side_view(points, h, h)
     beside = (width[seen.rows] < STRIP * h) & (foot.edge[seen.rows] >= 0) & ~seen.end
-    beside &= np.abs(np.sum(seen.left * outward[seen.rows], axis=1)) > ALONGSIDE
+    beside &= np.abs(np.sum(seen.conormal * outward[seen.rows], axis=1)) > ALONGSIDE
     rows = seen.rows[beside]
     rows = rows[np.argsort(width[rows], kind="stable")]
     if not len(rows):

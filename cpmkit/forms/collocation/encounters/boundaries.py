@@ -7,9 +7,9 @@ from itertools import combinations
 
 import numpy as np
 
-from cpmkit.forms.collocation.boundary.frame import Frame, Sighted
+from cpmkit.forms.collocation.boundary.on_band import BoundariesOnBand
+from cpmkit.forms.collocation.boundary.side_view import BoundaryOnLattice, SideView
 from cpmkit.forms.collocation.ghosts.geometry import ALONGSIDE, INSIDE
-from cpmkit.forms.collocation.ghosts.nodes import Sight
 from cpmkit.grid.lattice import Lattice
 from cpmkit.protocols import SIDES, Bools, BoundarySet, Floats
 from cpmkit.scene.data import evaluate_data
@@ -75,15 +75,15 @@ class Strip:
 
 
 def encounters(
-    sight: Sight, lattice: Lattice, channels: int, time: float | None = None
+    boundaries: BoundariesOnBand, lattice: Lattice, channels: int, time: float | None = None
 ) -> tuple[list[SectorJump], list[Strip]]:
     """Return the crossings with different data, and the strips, of all pairs of boundaries with sides."""
     crossings: list[SectorJump] = []
     strips: list[Strip] = []
-    with_sides = [number for number, one in enumerate(sight.sighted) if one.has_sides]
-    thinned = {number: _thinned(sight.frames[number], lattice.spacing) for number in with_sides}
+    with_sides = [number for number, one in enumerate(boundaries.on_lattice) if one.has_sides]
+    thinned = {number: _thinned(boundaries.side_views[number], lattice.spacing) for number in with_sides}
     for first, second in combinations(with_sides, 2):
-        met = _feet_beside(sight.sighted[second], thinned[first], lattice.spacing)
+        met = _feet_beside(boundaries.on_lattice[second], thinned[first], lattice.spacing)
         if met is None:
             continue
         feet, distance, signed, along = met
@@ -91,7 +91,7 @@ def encounters(
         crossing = _crossing_point(feet, signed, aligned, lattice.spacing)
         if crossing is not None:
             point = lattice.to_scene(crossing[None])
-            jump = _conflict(sight.boundaries[first], sight.boundaries[second], point, channels, time)
+            jump = _conflict(boundaries.given[first], boundaries.given[second], point, channels, time)
             if jump > 0:
                 crossings.append(SectorJump(first, second, point[0], jump))
         beside = np.flatnonzero((distance < STRIP * lattice.spacing) & aligned)
@@ -104,20 +104,22 @@ def encounters(
     return crossings, strips
 
 
-def _thinned(frame: Frame, spacing: float) -> Frame:
-    """Return one entry of a frame for each cell of half a spacing that its feet lie in."""
-    _, first = np.unique(np.floor(frame.foot / (0.5 * spacing)).astype(np.int64), axis=0, return_index=True)
-    return frame.take(np.sort(first))
+def _thinned(view: SideView, spacing: float) -> SideView:
+    """Return one entry of a view for each cell of half a spacing that its feet lie in."""
+    _, first = np.unique(np.floor(view.foot / (0.5 * spacing)).astype(np.int64), axis=0, return_index=True)
+    return view.take(np.sort(first))
 
 
-def _feet_beside(other: Sighted, own: Frame, spacing: float) -> tuple[Floats, Floats, Floats, Floats] | None:
+def _feet_beside(
+    other: BoundaryOnLattice, own: SideView, spacing: float
+) -> tuple[Floats, Floats, Floats, Floats] | None:
     """Return points of one boundary near another: feet (k, d), distance, signed distance, cosine of the conormals."""
-    seen = other.frame(own.foot, LOOK * spacing, spacing)
+    seen = other.side_view(own.foot, LOOK * spacing, spacing)
     inside = ~seen.end & ~own.end[seen.rows]
     if not inside.any():
         return None
     rows = seen.rows[inside]
-    along = np.sum(own.left[rows] * seen.left[inside], axis=1)
+    along = np.sum(own.conormal[rows] * seen.conormal[inside], axis=1)
     return own.foot[rows], seen.distance[inside], seen.signed[inside], along
 
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.errors import place
+from cpmkit.forms.collocation.boundary.on_band import BoundariesOnBand
 from cpmkit.forms.collocation.encounters.boundaries import DIFFERENT
-from cpmkit.forms.collocation.ghosts.nodes import Sight
 from cpmkit.grid.band import Band
 from cpmkit.grid.lattice import Lattice
 from cpmkit.protocols import BoundarySet, Floats
@@ -57,30 +57,37 @@ class Blur:
     more: int = 0
 
 
-def blurs(sight: Sight, band: Band, lattice: Lattice, channels: int, time: float | None = None) -> list[Blur]:
+def blurs(
+    boundaries: BoundariesOnBand, band: Band, lattice: Lattice, channels: int, time: float | None = None
+) -> list[Blur]:
     """Return where the sides of boundaries with unlike sides are not told apart."""
     found: list[Blur] = []
-    for number, (boundary, one) in enumerate(zip(sight.boundaries, sight.sighted, strict=True)):
+    for number, (boundary, one) in enumerate(zip(boundaries.given, boundaries.on_lattice, strict=True)):
         if (
             one.has_sides
             and one.oriented.dimension > 1
             and not alike(boundary.condition("left"), boundary.condition("right"))
         ):
-            found += _tips(number, boundary, sight, lattice, channels, time)
-            found += _flanks(number, sight, band, lattice)
-            found += _ring(number, sight, lattice)
+            found += _tips(number, boundary, boundaries, lattice, channels, time)
+            found += _flanks(number, boundaries, band, lattice)
+            found += _ring(number, boundaries, lattice)
     return found
 
 
 def _tips(
-    number: int, boundary: BoundarySet, sight: Sight, lattice: Lattice, channels: int, time: float | None
+    number: int,
+    boundary: BoundarySet,
+    boundaries: BoundariesOnBand,
+    lattice: Lattice,
+    channels: int,
+    time: float | None,
 ) -> list[Blur]:
-    frame, h = sight.frames[number], lattice.spacing
-    ends = frame.foot[frame.end]
+    view, h = boundaries.side_views[number], lattice.spacing
+    ends = view.foot[view.end]
     if not len(ends):
         return []
     ends = ends[np.unique(np.round(ends / h).astype(np.int64), axis=0, return_index=True)[1]]
-    for other, one in enumerate(sight.sighted):
+    for other, one in enumerate(boundaries.on_lattice):
         if other != number:
             ends = ends[one.source.closest_point(ends).distance > CLOSED * h]
     places = lattice.to_scene(ends)
@@ -94,20 +101,20 @@ def _tips(
     return []
 
 
-def _flanks(number: int, sight: Sight, band: Band, lattice: Lattice) -> list[Blur]:
+def _flanks(number: int, boundaries: BoundariesOnBand, band: Band, lattice: Lattice) -> list[Blur]:
     """Find the medial axis of a boundary near it: there feet of neighbouring nodes jump from flank to flank."""
-    frame, h = sight.frames[number], lattice.spacing
-    near = frame.take((frame.distance < NEAR * h) & ~frame.end)
+    view, h = boundaries.side_views[number], lattice.spacing
+    near = view.take((view.distance < NEAR * h) & ~view.end)
     place = np.full(len(band.nodes), -1)
     place[near.rows] = np.arange(len(near.rows))
     one, other = (place[each] for each in band.neighbours())
     both = (one >= 0) & (other >= 0)
     one, other = one[both], other[both]
-    facing = np.sum(near.left[one] * near.left[other], axis=1) < FLANKS
+    facing = np.sum(near.conormal[one] * near.conormal[other], axis=1) < FLANKS
     facing &= near.signed[one] * near.signed[other] > 0
     one, other = one[facing], other[facing]
     chord = near.foot[other] - near.foot[one]
-    into = np.sign(near.signed[one])[:, None] * near.left[one]
+    into = np.sign(near.signed[one])[:, None] * near.conormal[one]
     opposite = np.sum(chord * into, axis=1) > 0.5 * np.linalg.norm(chord, axis=1)
     if not opposite.any():
         return []
@@ -117,16 +124,16 @@ def _flanks(number: int, sight: Sight, band: Band, lattice: Lattice) -> list[Blu
     return [Blur("flanks", number, lattice.to_scene(middle[None])[0], float(width[widest]))]
 
 
-def _ring(number: int, sight: Sight, lattice: Lattice) -> list[Blur]:
-    one, frame = sight.sighted[number], sight.frames[number]
-    if one.source.manifold_dim != 1 or one.oriented.dimension != 2 or not len(frame.rows) or frame.end.any():
+def _ring(number: int, boundaries: BoundariesOnBand, lattice: Lattice) -> list[Blur]:
+    one, view = boundaries.on_lattice[number], boundaries.side_views[number]
+    if one.source.manifold_dim != 1 or one.oriented.dimension != 2 or not len(view.rows) or view.end.any():
         return []
     samples = one.samples
     if (one.source.closest_point(samples).edge >= 0).any():
         return []
     centre = samples.mean(axis=0)
     length = 2 * np.pi * float(np.linalg.norm(samples - centre, axis=1).mean())
-    if length >= RING * lattice.spacing or np.linalg.norm(frame.left.mean(axis=0)) < LIKE:
+    if length >= RING * lattice.spacing or np.linalg.norm(view.conormal.mean(axis=0)) < LIKE:
         return []
     return [Blur("ring", number, lattice.to_scene(centre[None])[0], length)]
 

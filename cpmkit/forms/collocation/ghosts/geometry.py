@@ -8,8 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from cpmkit.forms.collocation.boundary.frame import Frame, Sighted
 from cpmkit.forms.collocation.boundary.row_formula import ExtraPoint
+from cpmkit.forms.collocation.boundary.side_view import BoundaryOnLattice, SideView
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.walking import nearest_from
 from cpmkit.protocols import Bools, BoundarySet, ClosestPoints, Floats, Ints
@@ -31,7 +31,7 @@ def mirror_distance(law: Law, t: Floats, spacing: float) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class GhostGeometry:
-    """The ghosts of boundary ``index``: the frame of their nodes, the nodes' feet, and directions across.
+    """The ghosts of boundary ``index``: the view of their nodes, the nodes' feet, and directions across.
 
     What they read at any order is a function of this: points that were asked for are kept.
 
@@ -39,11 +39,11 @@ class GhostGeometry:
     ----------
     index : int
         The boundary's number.
-    boundaries, sighted : sequences
+    boundaries, on_lattice : sequences
         All boundaries of the scene.
     lattice : Lattice
         Its spacing is that of the ghosts.
-    seen : Frame
+    seen : SideView
         How the boundary sees the nodes' feet.
     foot_point : (g, d) float64
         Those feet.
@@ -59,9 +59,9 @@ class GhostGeometry:
 
     index: int
     boundaries: Sequence[BoundarySet]
-    sighted: Sequence[Sighted]
+    on_lattice: Sequence[BoundaryOnLattice]
     lattice: Lattice
-    seen: Frame
+    seen: SideView
     foot_point: Floats
     direction: Floats
     apart: Bools
@@ -77,9 +77,9 @@ class GhostGeometry:
         return self.lattice.spacing
 
     @property
-    def own(self) -> Sighted:
+    def own(self) -> BoundaryOnLattice:
         """The boundary itself."""
-        return self.sighted[self.index]
+        return self.on_lattice[self.index]
 
     @cached_property
     def start(self) -> ClosestPoints | None:
@@ -128,7 +128,7 @@ class GhostGeometry:
             return [(left, np.arange(len(seen.rows)))]
         return [(left, np.flatnonzero(seen.signed < 0)), (right, np.flatnonzero(seen.signed >= 0))]
 
-    def frames(self, rows: Ints, points: Floats, radius: float, own_side: bool = False) -> list[Frame]:
+    def side_views(self, rows: Ints, points: Floats, radius: float, own_side: bool = False) -> list[SideView]:
         """Return how the ghosts ``rows`` see each boundary from ``points``.
 
         Their own they see from the side that they carry, or from the one on which they stand; the others from there.
@@ -136,14 +136,14 @@ class GhostGeometry:
         own = self.seen.take(rows) if own_side else self.seen.take(rows).reversed()
         own = own.renumbered(np.arange(len(rows)))
         return [
-            own if other == self.index else sighted.frame(points, radius, self.spacing)
-            for other, sighted in enumerate(self.sighted)
+            own if other == self.index else on_lattice.side_view(points, radius, self.spacing)
+            for other, on_lattice in enumerate(self.on_lattice)
         ]
 
     def located(self, term: ExtraPoint, radius: float, own_side: bool = False) -> ExtraPoint:
         """Return a point that ghosts read with how they see each boundary from there."""
-        frames = self.frames(term.rows, term.points, radius, own_side)
-        return replace(term, own=self.index, frames=frames)
+        side_views = self.side_views(term.rows, term.points, radius, own_side)
+        return replace(term, own=self.index, side_views=side_views)
 
 
 def _holds_one_value(boundary: BoundarySet) -> bool:
@@ -161,15 +161,15 @@ def beyond_another(geometry: GhostGeometry, rows: Ints, points: Floats, reach: f
     which the solution goes on (an arc that ends on a circle, spacing 0.1: error 3e-3 instead of 1.5e-2).
     """
     foot, beyond, spacing = geometry.seen.foot[rows], np.zeros(len(rows), dtype=bool), geometry.spacing
-    others = [other for other, one in enumerate(geometry.sighted) if other != geometry.index and one.has_sides]
+    others = [other for other, one in enumerate(geometry.on_lattice) if other != geometry.index and one.has_sides]
     for other in others:
-        at_point = geometry.sighted[other].frame(points, reach, spacing)
-        at_foot = geometry.sighted[other].frame(foot[at_point.rows], 2 * reach, spacing)
+        at_point = geometry.on_lattice[other].side_view(points, reach, spacing)
+        at_foot = geometry.on_lattice[other].side_view(foot[at_point.rows], 2 * reach, spacing)
         facing = at_point.take(at_foot.rows)
         opposite = np.sum(facing.director * at_foot.director, axis=1) < 0
         opposite &= np.abs(at_foot.signed) > INSIDE * spacing  # where they meet, neither lies beyond the other
         if _holds_one_value(geometry.boundaries[other]):
-            own = geometry.seen.left[rows][facing.rows]
-            opposite &= np.abs(np.sum(own * at_foot.left, axis=1)) > ALONGSIDE
+            own = geometry.seen.conormal[rows][facing.rows]
+            opposite &= np.abs(np.sum(own * at_foot.conormal, axis=1)) > ALONGSIDE
         beyond[facing.rows[opposite & ~facing.end & ~at_foot.end]] = True
     return beyond

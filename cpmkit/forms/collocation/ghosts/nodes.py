@@ -14,8 +14,9 @@ from functools import cached_property
 
 import numpy as np
 
-from cpmkit.forms.collocation.boundary.frame import Frame, Sighted, near
+from cpmkit.forms.collocation.boundary.on_band import BoundariesOnBand
 from cpmkit.forms.collocation.boundary.row_formula import RowFormula
+from cpmkit.forms.collocation.boundary.side_view import BoundaryOnLattice, SideView, near
 from cpmkit.forms.collocation.ghosts.continuation import continued_sources
 from cpmkit.forms.collocation.ghosts.formulas import ghost_formula
 from cpmkit.forms.collocation.ghosts.geometry import GhostGeometry
@@ -24,8 +25,7 @@ from cpmkit.forms.collocation.ghosts.side_readings import WITHIN, read_within
 from cpmkit.grid.band import Band
 from cpmkit.grid.lattice import Lattice
 from cpmkit.grid.stencils import difference_reach, reading_radius
-from cpmkit.protocols import Bools, BoundarySet, Floats, Ints
-from cpmkit.scene.data import Data
+from cpmkit.protocols import Bools, Floats, Ints
 
 #: Below this share of the spacing, the direction from a ghost to the boundary is taken from the conormal.
 TOUCHING = 1e-3
@@ -47,7 +47,7 @@ class Ghosts:
         What the ghosts read.
     sources : RowFormula
         Where right-hand sides are read: just inside the side that each ghost carries, and, at order 3 and 4, behind.
-    frames : sequence of Frame
+    side_views : sequence of SideView
         How the ghosts' stencils see each boundary.
     orders : (g,) int64
         Order of each ghost.
@@ -60,7 +60,7 @@ class Ghosts:
     numbers: Ints
     formula: RowFormula
     sources: RowFormula
-    frames: Sequence[Frame]
+    side_views: Sequence[SideView]
     orders: Ints
     behind: Floats
 
@@ -85,38 +85,15 @@ class Ghosts:
         return np.where(self.numbers < self.unknowns, self.numbers, -1)
 
 
-@dataclass(frozen=True, eq=False)
-class Sight:
-    """All boundaries of a scene, and how the band's nodes see them.
-
-    Attributes
-    ----------
-    boundaries : sequence of BoundarySet
-        As the scene gives them.
-    sighted : sequence of Sighted
-        Their sources with signs.
-    frames : sequence of Frame
-        How the band's nodes see each boundary.
-    behind : (k,) int64
-        The nodes past an edge that read their feet, because their mirror points lie beyond a boundary.
-    diffusivity : Data
-        Of the problem.
-    """
-
-    boundaries: Sequence[BoundarySet]
-    sighted: Sequence[Sighted]
-    frames: Sequence[Frame]
-    behind: Ints
-    diffusivity: Data = 1.0
-
-
-def build_ghosts(index: int, sight: Sight, band: Band, lattice: Lattice, mirrored: RowFormula, order: int) -> Ghosts:
+def build_ghosts(
+    index: int, boundaries: BoundariesOnBand, band: Band, lattice: Lattice, mirrored: RowFormula, order: int
+) -> Ghosts:
     """Return the ghosts of boundary ``index``.
 
     A node has a ghost if it is within the reach of a stencil from the boundary, and the boundary's
     point nearest to its foot is no open end. ``mirrored`` is what the band's nodes read, one point each.
     """
-    geometry, unknowns = _geometry(index, sight, band, lattice, mirrored, difference_reach(order))
+    geometry, unknowns = _geometry(index, boundaries, band, lattice, mirrored, difference_reach(order))
     made, seen, radius = ghost_formula(geometry, order), geometry.seen, 2 * reading_radius(band.dim, band.degree)
     radius *= band.spacing
     terms = [geometry.located(term, radius) for term in made.rows.terms]
@@ -131,27 +108,36 @@ def build_ghosts(index: int, sight: Sight, band: Band, lattice: Lattice, mirrore
         numbers,
         _past_edge(replace(made.rows, terms=terms), mirrored, seen.rows, geometry.apart),
         continued_sources(sources, made.parts) if made.parts else sources,
-        geometry.frames(np.arange(len(geometry)), made.rows.points, radius),
+        geometry.side_views(np.arange(len(geometry)), made.rows.points, radius),
         made.orders,
         np.where(made.alone, behind, np.nan),
     )
 
 
 def _geometry(
-    index: int, sight: Sight, band: Band, lattice: Lattice, mirrored: RowFormula, differences: int
+    index: int, boundaries: BoundariesOnBand, band: Band, lattice: Lattice, mirrored: RowFormula, differences: int
 ) -> tuple[GhostGeometry, int]:
     """Return where the ghosts of a boundary stand, and how many of them are unknowns."""
-    own = sight.sighted[index]
-    seen, unknowns = _ghost_nodes(own, sight.frames[index], band, differences)
+    own = boundaries.on_lattice[index]
+    seen, unknowns = _ghost_nodes(own, boundaries.side_views[index], band, differences)
     foot_point, apart = mirrored.points[seen.rows], np.zeros(len(seen.rows), dtype=bool)
-    coupled = sight.boundaries[index].condition("left").couples  # those read where they stand, too
+    coupled = boundaries.given[index].condition("left").couples  # those read where they stand, too
     if own.has_sides and not coupled and (band.feet.edge[seen.rows] >= 0).any():
-        seen, places, apart = straight_ahead(own, band, seen, sight.behind)
+        seen, places, apart = straight_ahead(own, band, seen, boundaries.behind)
         foot_point = np.where(apart[:, None], places, foot_point)
     direction = _direction(seen, foot_point, band.spacing)
     feet = None if mirrored.feet is None else mirrored.feet.take(seen.rows)
     made = GhostGeometry(
-        index, sight.boundaries, sight.sighted, lattice, seen, foot_point, direction, apart, sight.diffusivity, feet
+        index,
+        boundaries.given,
+        boundaries.on_lattice,
+        lattice,
+        seen,
+        foot_point,
+        direction,
+        apart,
+        boundaries.diffusivity,
+        feet,
     )
     return made, unknowns
 
@@ -170,12 +156,12 @@ def _past_edge(reading: RowFormula, mirrored: RowFormula, nodes: Ints, apart: Bo
     return RowFormula(reading.points, reading.coefficient * coefficient, data, terms, reading.feet)
 
 
-def _ghost_nodes(sighted: Sighted, seen: Frame, band: Band, differences: int) -> tuple[Frame, int]:
-    """Return the frame of the nodes that have a ghost, unknowns first, and the number of unknowns."""
+def _ghost_nodes(on_lattice: BoundaryOnLattice, seen: SideView, band: Band, differences: int) -> tuple[SideView, int]:
+    """Return the view of the nodes that have a ghost, unknowns first, and the number of unknowns."""
     reach = reading_radius(band.dim, band.degree) * band.spacing
-    reach += sighted.gap
+    reach += on_lattice.gap
     positions = band.positions[seen.rows]
-    close, feet = near(sighted.source, positions, reach + differences * band.spacing, band.spacing)
+    close, feet = near(on_lattice.source, positions, reach + differences * band.spacing, band.spacing)
     kept = ~seen.end[close]
     close, distance = close[kept], feet.distance[kept]
     unknown = (seen.rows[close] < band.inner) & (distance <= reach)
@@ -183,10 +169,10 @@ def _ghost_nodes(sighted: Sighted, seen: Frame, band: Band, differences: int) ->
     return seen.take(order), int(unknown.sum())
 
 
-def _direction(seen: Frame, foot_point: Floats, spacing: float) -> Floats:
+def _direction(seen: SideView, foot_point: Floats, spacing: float) -> Floats:
     """Return unit vectors (g, d) from the nodes' feet towards the boundary and on into the side that is carried."""
     towards = seen.foot - foot_point
     touching = seen.distance < TOUCHING * spacing
     length = np.where(touching, 1.0, seen.distance)[:, None]
-    across = -np.sign(np.nan_to_num(seen.signed))[:, None] * seen.left
+    across = -np.sign(np.nan_to_num(seen.signed))[:, None] * seen.conormal
     return np.where(touching[:, None], across, towards / length)

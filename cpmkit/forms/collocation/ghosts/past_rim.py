@@ -13,8 +13,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from cpmkit.forms.collocation.boundary.frame import Frame, Sighted
 from cpmkit.forms.collocation.boundary.row_formula import RowFormula
+from cpmkit.forms.collocation.boundary.side_view import BoundaryOnLattice, SideView
 from cpmkit.forms.collocation.ghosts.geometry import ALONGSIDE
 from cpmkit.grid.band import Band
 from cpmkit.manifold.tangent_space import outward_conormals
@@ -24,14 +24,14 @@ from cpmkit.protocols import Bools, Floats, Ints
 TOUCHING = 0.1
 
 
-def kept_apart(sighted: Sequence[Sighted], band: Band, mirrored: RowFormula, radius: float) -> Ints:
+def kept_apart(on_lattice: Sequence[BoundaryOnLattice], band: Band, mirrored: RowFormula, radius: float) -> Ints:
     """Return the nodes (k,) past an edge whose mirror points lie beyond a boundary, as seen from their feet."""
     past = np.flatnonzero((band.feet.edge >= 0) & (mirrored.points != band.feet.points).any(axis=1))
     apart = np.zeros(len(past), dtype=bool)
-    for one in sighted:
+    for one in on_lattice:
         if one.has_sides and len(past):
-            at_feet = one.frame(band.feet.points[past], radius, band.spacing)
-            at_mirror = one.frame(mirrored.points[past[at_feet.rows]], radius, band.spacing)
+            at_feet = one.side_view(band.feet.points[past], radius, band.spacing)
+            at_mirror = one.side_view(mirrored.points[past[at_feet.rows]], radius, band.spacing)
             at_feet = at_feet.take(at_mirror.rows)
             opposite = (np.sum(at_mirror.director * at_feet.director, axis=1) < 0) & ~at_mirror.end & ~at_feet.end
             apart[at_feet.rows[opposite]] = True
@@ -54,8 +54,10 @@ def replaced(reading: RowFormula, rows: Ints, other: RowFormula) -> RowFormula:
     return RowFormula(points, coefficient, data, terms, feet)
 
 
-def straight_ahead(sighted: Sighted, band: Band, seen: Frame, behind: Ints) -> tuple[Frame, Floats, Bools]:
-    """Return the frame of nodes with those past an edge behind a boundary where they stand, their places, and which.
+def straight_ahead(
+    on_lattice: BoundaryOnLattice, band: Band, seen: SideView, behind: Ints
+) -> tuple[SideView, Floats, Bools]:
+    """Return the view of nodes with those past an edge behind a boundary where they stand, their places, and which.
 
     Those are the nodes ``behind`` and others to whose feet the boundary runs parallel inside. They stand in the
     tangent plane of the edge, at places (g, d); zero for all others, whose entries stay as they are.
@@ -64,19 +66,19 @@ def straight_ahead(sighted: Sighted, band: Band, seen: Frame, behind: Ints) -> t
     past = np.flatnonzero(band.feet.edge[seen.rows] >= 0)
     nodes = seen.rows[past]
     feet = band.feet.take(nodes)
-    outward = outward_conormals(sighted.surface, feet, 0.5 * band.spacing)
+    outward = outward_conormals(on_lattice.surface, feet, 0.5 * band.spacing)
     apart[past] = np.isin(nodes, behind) | _parallel(seen.take(past), feet.points, outward, band.spacing)
     beyond = np.maximum(np.sum((band.positions[nodes] - feet.points) * outward, axis=1, keepdims=True), 0.0)
     places[past] = feet.points + beyond * outward
-    on = sighted.surface.closest_point(sighted.source.closest_point(places[apart]).points).points
+    on = on_lattice.surface.closest_point(on_lattice.source.closest_point(places[apart]).points).points
     foot, distance = seen.foot.copy(), seen.distance.copy()
     foot[apart], distance[apart] = on, np.linalg.norm(places[apart] - on, axis=1)
     return replace(seen, foot=foot, distance=distance), places, apart
 
 
-def _parallel(seen: Frame, feet: Floats, outward: Floats, spacing: float) -> Bools:
+def _parallel(seen: SideView, feet: Floats, outward: Floats, spacing: float) -> Bools:
     """Tell at which feet on an edge the boundary runs alongside it, on the inner side."""
     inwards = np.sum((feet - seen.foot) * outward, axis=1)
     touching = np.linalg.norm(feet - seen.foot, axis=1) < TOUCHING * spacing
-    across = np.abs(np.sum(seen.left * outward, axis=1)) > ALONGSIDE
+    across = np.abs(np.sum(seen.conormal * outward, axis=1)) > ALONGSIDE
     return np.asarray(across & (touching | (inwards > ALONGSIDE * np.linalg.norm(feet - seen.foot, axis=1))))

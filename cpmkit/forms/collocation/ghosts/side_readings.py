@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.forms.collocation.boundary.frame import Frame, Sighted
 from cpmkit.forms.collocation.boundary.row_formula import ExtraPoint, RowFormula
+from cpmkit.forms.collocation.boundary.side_view import BoundaryOnLattice, SideView
 from cpmkit.forms.collocation.ghosts.geometry import INSIDE, GhostGeometry, beyond_another
 from cpmkit.manifold.walking import nearest_from
 from cpmkit.protocols import Bools, ClosestPoints, Floats
@@ -39,20 +39,22 @@ def read_within(geometry: GhostGeometry, order: int) -> RowFormula:
     return _continued_to(near, points, sound, np.zeros(len(near)))
 
 
-def node_sources(feet: Floats, own: Sighted, others: list[Sighted], seen: Frame, order: int) -> RowFormula:
+def node_sources(
+    feet: Floats, own: BoundaryOnLattice, others: list[BoundaryOnLattice], seen: SideView, order: int
+) -> RowFormula:
     """Return where nodes with ``feet`` (k, d) nearly on a boundary, ``seen`` by it, read right-hand sides."""
     spacing, sign = own.spacing, np.sign(seen.signed)[:, None]
     on = np.abs(seen.signed)[:, None] < INSIDE * spacing
-    near = np.where(on, feet + sign * INSIDE * spacing * seen.left, feet)
+    near = np.where(on, feet + sign * INSIDE * spacing * seen.conormal, feet)
     start = None if own.sheets is None else own.surface.closest_point(seen.foot)
-    points, sound = _points_within(own, seen.foot, start, sign * seen.left, order)
+    points, sound = _points_within(own, seen.foot, start, sign * seen.conormal, order)
     for other in others:
         sound &= other.source.closest_point(seen.foot).distance > 2 * len(points) * WITHIN * spacing
     return _continued_to(near, points, sound, np.abs(seen.signed) / (WITHIN * spacing))
 
 
 def _points_within(
-    own: Sighted, foot: Floats, start: ClosestPoints | None, direction: Floats, order: int
+    own: BoundaryOnLattice, foot: Floats, start: ClosestPoints | None, direction: Floats, order: int
 ) -> tuple[list[Floats], Bools]:
     """Return points (n, d) of the surface one behind the other from feet on a boundary, and where there are all."""
     points, sound, step = [], np.ones(len(foot), dtype=bool), WITHIN * own.spacing

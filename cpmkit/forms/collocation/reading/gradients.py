@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.forms.collocation.boundary.frame import Frame
+from cpmkit.forms.collocation.boundary.side_view import SideView
 from cpmkit.forms.collocation.reading import one_sided
 from cpmkit.forms.collocation.selection import Centres, Unknowns
 from cpmkit.grid.stencils import stencil_cells, stencil_nodes, tensor_slopes
@@ -47,9 +47,9 @@ def surface_gradient(reader: Reader, values: Floats, local: Floats, wanted: Mapp
     for start in range(0, len(local), CHUNK):
         part = slice(start, start + CHUNK)
         feet = reader.project(local[part])
-        frames = reader.boundary_frames(feet.points, wanted)
-        gradient[part] = _tangential(reader, values, feet, frames)
-        _continue_from_inside(reader, values, feet, frames, wanted, gradient[part])
+        side_views = reader.side_views(feet.points, wanted)
+        gradient[part] = _tangential(reader, values, feet, side_views)
+        _continue_from_inside(reader, values, feet, side_views, wanted, gradient[part])
     return gradient
 
 
@@ -57,45 +57,49 @@ def _continue_from_inside(
     reader: Reader,
     values: Floats,
     feet: ClosestPoints,
-    frames: Sequence[Frame],
+    side_views: Sequence[SideView],
     wanted: Mapping[int, Side],
     gradient: Floats,
 ) -> None:
     """Replace the ``gradient`` (n, channels, d) of points beside a bend by that continued from farther inside."""
-    bends = one_sided.find_bends(reader, feet, frames)
-    inside = one_sided.sample(reader, feet, frames, bends, wanted)
+    bends = one_sided.find_bends(reader, feet, side_views)
+    inside = one_sided.sample(reader, feet, side_views, bends, wanted)
     rows, weights = inside.rows, inside.weights
     if not len(rows):
         return
-    read = _tangential(reader, values, inside.feet, reader.boundary_frames(inside.feet.points, wanted))
+    read = _tangential(reader, values, inside.feet, reader.side_views(inside.feet.points, wanted))
     continued = np.einsum("ks,kscd->kcd", weights, read.reshape(*weights.shape, *read.shape[1:]))
     gradient[rows] = _projected(reader, feet.take(rows), continued)
 
 
-def _tangential(reader: Reader, values: Floats, feet: ClosestPoints, frames: Sequence[Frame]) -> Floats:
+def _tangential(reader: Reader, values: Floats, feet: ClosestPoints, side_views: Sequence[SideView]) -> Floats:
     """Return the gradient (n, channels, d) of the interpolant at ``feet``, projected on the tangent space."""
-    return _projected(reader, feet, interpolant_gradient(reader.tables.unknowns, values, feet, frames))
+    return _projected(reader, feet, interpolant_gradient(reader.tables.unknowns, values, feet, side_views))
 
 
-def interpolant_gradient(unknowns: Unknowns, values: Floats, feet: ClosestPoints, frames: Sequence[Frame]) -> Floats:
+def interpolant_gradient(
+    unknowns: Unknowns, values: Floats, feet: ClosestPoints, side_views: Sequence[SideView]
+) -> Floats:
     """Return the gradient (n, channels, d) of the interpolant of ``values`` (unknowns, channels) at ``feet``."""
-    columns, slopes = _slopes(unknowns, feet, frames)
+    columns, slopes = _slopes(unknowns, feet, side_views)
     return np.asarray(np.einsum("nds,nsc->ncd", slopes, values[columns], optimize=True))
 
 
-def _slopes(unknowns: Unknowns, feet: ClosestPoints, frames: Sequence[Frame]) -> tuple[Ints, Floats]:
+def _slopes(unknowns: Unknowns, feet: ClosestPoints, side_views: Sequence[SideView]) -> tuple[Ints, Floats]:
     """Return the unknowns (n, s) that the interpolant reads at feet, and their weights (n, d, s) in its gradient."""
     cells, fractions = stencil_cells(feet.points, unknowns.band.spacing, unknowns.band.degree)
-    columns = unknowns.select(Centres.of_points(feet, frames), stencil_nodes(unknowns.band, cells))
+    columns = unknowns.select(Centres.of_points(feet, side_views), stencil_nodes(unknowns.band, cells))
     return columns, tensor_slopes(fractions, unknowns.band.degree) / unknowns.band.spacing
 
 
-def interpolant_gradient_rows(reader: Reader, feet: ClosestPoints, frames: Sequence[Frame]) -> tuple[csr_array, ...]:
+def interpolant_gradient_rows(
+    reader: Reader, feet: ClosestPoints, side_views: Sequence[SideView]
+) -> tuple[csr_array, ...]:
     """Return the d matrices (n, unknowns) of the interpolant's gradient at ``feet``, on the tangent space."""
     from scipy.sparse import csr_array
 
     unknowns = reader.tables.unknowns
-    columns, slopes = _slopes(unknowns, feet, frames)
+    columns, slopes = _slopes(unknowns, feet, side_views)
     n, width = columns.shape
     weights = _projected(reader, feet, np.moveaxis(slopes, 1, 2))
     starts = np.arange(n + 1) * width

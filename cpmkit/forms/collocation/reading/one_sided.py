@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.forms.collocation.boundary.frame import Frame
+from cpmkit.forms.collocation.boundary.side_view import SideView
 from cpmkit.grid.stencils import stencil_cells, stencil_nodes
 from cpmkit.manifold.tangent_space import outward_conormals
 from cpmkit.protocols import SIDES, Bools, ClosestPoints, Floats, Ints, Side
@@ -60,9 +60,9 @@ class Inside:
     weights: Floats
 
 
-def find_bends(reader: Reader, feet: ClosestPoints, frames: Sequence[Frame]) -> Bends:
+def find_bends(reader: Reader, feet: ClosestPoints, side_views: Sequence[SideView]) -> Bends:
     """Return those points of a batch that lie beside a bend, each with the one nearest to it."""
-    found = [*_at_boundaries(reader, frames), _at_edge(reader, feet)]
+    found = [*_at_boundaries(reader, side_views), _at_edge(reader, feet)]
     rows, distance = (np.concatenate([getattr(one, name) for one in found]) for name in ("rows", "distance"))
     inward = np.concatenate([one.inward for one in found])
     near = np.flatnonzero(distance < STEPS[0] * reader.spacing)
@@ -72,14 +72,14 @@ def find_bends(reader: Reader, feet: ClosestPoints, frames: Sequence[Frame]) -> 
 
 
 def sample(
-    reader: Reader, feet: ClosestPoints, frames: Sequence[Frame], bends: Bends, wanted: Mapping[int, Side]
+    reader: Reader, feet: ClosestPoints, side_views: Sequence[SideView], bends: Bends, wanted: Mapping[int, Side]
 ) -> Inside:
     """Return the samples inside of those bends that have room for them."""
     ways = np.array(STEPS) * reader.spacing
     offsets = (ways - bends.distance[:, None])[:, :, None] * bends.inward[:, None]
     targets = (feet.points[bends.rows][:, None] + offsets).reshape(-1, feet.points.shape[1])
     samples = reader.tables.layout.surface.closest_point(targets)
-    sound = _sound(reader, samples, frames, np.repeat(bends.rows, len(ways)), wanted)
+    sound = _sound(reader, samples, side_views, np.repeat(bends.rows, len(ways)), wanted)
     kept = sound.reshape(-1, len(ways)).all(axis=1)
     weights = _parabola(ways, bends.distance[kept])
     return Inside(bends.rows[kept], samples.take(np.repeat(kept, len(ways))), weights)
@@ -99,14 +99,14 @@ def _bends(condition: Condition, order: int) -> bool:
     return (condition.order or order) <= 2 and isinstance(condition.law, Value)
 
 
-def _at_boundaries(reader: Reader, frames: Sequence[Frame]) -> list[Bends]:
+def _at_boundaries(reader: Reader, side_views: Sequence[SideView]) -> list[Bends]:
     found = []
     order = reader.tables.layout.order
-    for boundary, seen in zip(reader.scene.boundaries, frames, strict=True):
+    for boundary, seen in zip(reader.scene.boundaries, side_views, strict=True):
         left = seen.signed >= 0
         sides = [_bends(boundary.condition(side), order) for side in SIDES]
         rows = np.flatnonzero(~np.isnan(seen.signed) & ~seen.end & np.where(left, *sides))
-        inward = np.where(left, 1.0, -1.0)[rows, None] * seen.left[rows]
+        inward = np.where(left, 1.0, -1.0)[rows, None] * seen.conormal[rows]
         found.append(Bends(seen.rows[rows], np.abs(seen.signed[rows]), inward))
     return found
 
@@ -133,12 +133,12 @@ def _at_edge(reader: Reader, feet: ClosestPoints) -> Bends:
 
 
 def _sound(
-    reader: Reader, samples: ClosestPoints, frames: Sequence[Frame], rows: Ints, wanted: Mapping[int, Side]
+    reader: Reader, samples: ClosestPoints, side_views: Sequence[SideView], rows: Ints, wanted: Mapping[int, Side]
 ) -> Bools:
     """Tell which samples, of the points ``rows``, lie on their points' sides and away from every bend."""
     sound: Bools = samples.edge < 0
-    seen = reader.boundary_frames(samples.points, wanted)
-    for at_point, at_sample in zip(frames, seen, strict=True):
+    seen = reader.side_views(samples.points, wanted)
+    for at_point, at_sample in zip(side_views, seen, strict=True):
         place = np.searchsorted(at_point.rows, rows[at_sample.rows])
         known = place < len(at_point.rows)
         known[known] = at_point.rows[place[known]] == rows[at_sample.rows[known]]

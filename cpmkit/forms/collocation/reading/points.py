@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.errors import InputError
-from cpmkit.forms.collocation.boundary.frame import ON_BOUNDARY, Frame
+from cpmkit.forms.collocation.boundary.side_view import ON_BOUNDARY, SideView
 from cpmkit.forms.collocation.discretization import Discretization
 from cpmkit.forms.collocation.extension import extend
 from cpmkit.forms.collocation.reading.gradients import interpolant_gradient_rows, surface_gradient
@@ -68,24 +68,24 @@ class Reader:
         for start in range(0, len(local), CHUNK):
             part = slice(start, start + CHUNK)
             feet = self.project(local[part])
-            frames = self.boundary_frames(feet.points, wanted)
-            centres = Centres.of_points(feet, frames)
+            side_views = self.side_views(feet.points, wanted)
+            centres = Centres.of_points(feet, side_views)
             found = np.asarray(extend(self.tables.unknowns, feet.points, centres) @ values)
             if layout.strips:
-                fill_strips(found, feet.points, layout.strips, self.scene.boundaries, frames, layout.lattice, time)
+                fill_strips(found, feet.points, layout.strips, self.scene.boundaries, side_views, layout.lattice, time)
             read[part] = found
         return read
 
     def rows(self, points: Any, side: Side | Mapping[str, Side] | None = None) -> csr_array:
         """Return the matrix (k, unknowns) that interpolates at points; strips between boundaries are not filled."""
         feet = self.project(self.localized(points))
-        centres = Centres.of_points(feet, self.boundary_frames(feet.points, self.sides(side)))
+        centres = Centres.of_points(feet, self.side_views(feet.points, self.sides(side)))
         return extend(self.tables.unknowns, feet.points, centres)
 
     def gradient_rows(self, points: Any, side: Side | Mapping[str, Side] | None = None) -> tuple[csr_array, ...]:
         """Return the d matrices (k, unknowns) of the interpolant's tangential gradient."""
         feet = self.project(self.localized(points))
-        return interpolant_gradient_rows(self, feet, self.boundary_frames(feet.points, self.sides(side)))
+        return interpolant_gradient_rows(self, feet, self.side_views(feet.points, self.sides(side)))
 
     def gradient(self, values: Floats, points: Any, side: Side | Mapping[str, Side] | None = None) -> Floats:
         """Return the surface gradient (k, channels, d) of ``values`` at points (k, d)."""
@@ -94,11 +94,11 @@ class Reader:
     def outflow(self, values: Floats, boundary: str, side: Side, points: Any) -> Floats:
         """Return du/db (k, channels) at points near a boundary, b out of the side: -v on the left, +v on the right."""
         ((index, _),) = self.sides({boundary: side}).items()
-        on = self.tables.layout.sight.sighted[index].source.closest_point(self.localized(points)).points
+        on = self.tables.layout.boundaries.on_lattice[index].source.closest_point(self.localized(points)).points
         feet = self.project(on)
-        seen = self.boundary_frames(feet.points, {index: side})[index]
+        seen = self.side_views(feet.points, {index: side})[index]
         gradient = surface_gradient(self, values, feet.points, {index: side})
-        along_left = np.einsum("ncd,nd->nc", gradient, seen.left)
+        along_left = np.einsum("ncd,nd->nc", gradient, seen.conormal)
         return np.asarray(-along_left if side == "left" else along_left)
 
     def rim_outflow(self, values: Floats, points: Floats) -> Floats:
@@ -116,7 +116,7 @@ class Reader:
         """
         index = self._index(name)
         local = self.project(self.localized(points)).points
-        seen = self.tables.layout.sight.sighted[index].frame(local, 2 * self.radius, self.spacing)
+        seen = self.tables.layout.boundaries.on_lattice[index].side_view(local, 2 * self.radius, self.spacing)
         signed = np.full(len(local), np.nan)
         signed[seen.rows] = np.where(seen.end, np.nan, seen.signed)
         return signed
@@ -138,13 +138,13 @@ class Reader:
             )
         return feet
 
-    def boundary_frames(self, local: Floats, wanted: Mapping[int, Side]) -> list[Frame]:
+    def side_views(self, local: Floats, wanted: Mapping[int, Side]) -> list[SideView]:
         """Return how each boundary sees points of the manifold; those on boundary k from the side ``wanted[k]``."""
-        frames = []
-        for index, sighted in enumerate(self.tables.layout.sight.sighted):
-            seen = sighted.frame(local, 2 * self.radius, self.spacing)
-            frames.append(_from_side(seen, wanted[index], self.spacing) if index in wanted else seen)
-        return frames
+        side_views = []
+        for index, on_lattice in enumerate(self.tables.layout.boundaries.on_lattice):
+            seen = on_lattice.side_view(local, 2 * self.radius, self.spacing)
+            side_views.append(_from_side(seen, wanted[index], self.spacing) if index in wanted else seen)
+        return side_views
 
     def localized(self, points: Any) -> Floats:
         """Return points (k, d), checked, relative to the lattice's origin."""
@@ -166,15 +166,15 @@ class Reader:
         InputError
             If it names no boundary, or one without sides.
         """
-        sighted = self.tables.layout.sight.sighted
+        on_lattice = self.tables.layout.boundaries.on_lattice
         if side is None:
             return {}
         if isinstance(side, Mapping):
             wanted = {self._index(name): one for name, one in side.items()}
         else:
-            wanted = {index: side for index, one in enumerate(sighted) if one.oriented.has_left}
+            wanted = {index: side for index, one in enumerate(on_lattice) if one.oriented.has_left}
         for index, one in wanted.items():
-            if one not in SIDES or not sighted[index].oriented.has_left:
+            if one not in SIDES or not on_lattice[index].oriented.has_left:
                 name = self.scene.boundaries[index].name
                 raise InputError(
                     f"side of {name!r} must be 'left' or 'right' of a boundary that has sides, got {one!r}."
@@ -182,8 +182,8 @@ class Reader:
         return wanted
 
 
-def _from_side(seen: Frame, side: Side, spacing: float) -> Frame:
-    """Return the frame with the points on the boundary moved to ``side``."""
+def _from_side(seen: SideView, side: Side, spacing: float) -> SideView:
+    """Return the view with the points on the boundary moved to ``side``."""
     on = np.abs(seen.signed) < READ_FROM_SIDE * spacing
     signed = np.where(on, (1.0 if side == "left" else -1.0) * ON_BOUNDARY * spacing, seen.signed)
     return replace(seen, signed=signed, director=seen.director * (signed / seen.signed)[:, None])

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cpmkit.forms.collocation.boundary.frame import Frame
+from cpmkit.forms.collocation.boundary.side_view import SideView
 from cpmkit.forms.collocation.encounters.boundaries import STRIP, Strip
 from cpmkit.grid.lattice import Lattice
 from cpmkit.protocols import SIDES, Bools, BoundarySet, Floats
@@ -19,7 +19,7 @@ def fill_strips(
     points: Floats,
     strips: Sequence[Strip],
     boundaries: Sequence[BoundarySet],
-    frames: Sequence[Frame],
+    side_views: Sequence[SideView],
     lattice: Lattice,
     time: float | None = None,
 ) -> None:
@@ -29,7 +29,7 @@ def fill_strips(
     the solution is that to first order. Between two fluxes nothing is known, and nothing is changed.
     """
     for strip in strips:
-        first, second = frames[strip.first], frames[strip.second]
+        first, second = side_views[strip.first], side_views[strip.second]
         _, own, other = np.intersect1d(first.rows, second.rows, return_indices=True)
         a, b = first.take(own), second.take(other)
         z = points[a.rows]
@@ -46,7 +46,7 @@ def fill_strips(
 
 
 def _given(
-    boundary: BoundarySet, seen: Frame, lattice: Lattice, channels: int, time: float | None
+    boundary: BoundarySet, seen: SideView, lattice: Lattice, channels: int, time: float | None
 ) -> tuple[Floats, Bools]:
     """Return the values (k, channels) that a boundary holds on the sides that the points lie on, and where it does."""
     values, fixed = np.zeros((len(seen.rows), channels)), np.zeros(len(seen.rows), dtype=bool)

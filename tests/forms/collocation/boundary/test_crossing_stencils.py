@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cpmkit.forms.collocation.boundary.frame import Frame
+from cpmkit.forms.collocation.boundary.side_view import SideView
 from cpmkit.forms.collocation.selection import Centres, visible_ghosts
 
 LEFT, RIGHT = np.array([[1.0, 0.0, 0.0]]), np.array([[-1.0, 0.0, 0.0]])
@@ -12,7 +12,7 @@ LEFT, RIGHT = np.array([[1.0, 0.0, 0.0]]), np.array([[-1.0, 0.0, 0.0]])
 def seen_from_the_left(distance):
     """How one boundary sees a single stencil on its left, so far away."""
     one, none = np.zeros(1), np.zeros((1, 2))
-    return Frame(np.array([0]), none, one.astype(bool), np.array([distance]), one + 1, none, LEFT)
+    return SideView(np.array([0]), none, one.astype(bool), np.array([distance]), one + 1, none, LEFT)
 
 
 def chosen(distances, own, directors):

@@ -51,7 +51,7 @@ def test_a_band_without_conflict_has_no_table():
     scene = ck.Scene(torus, ck.Laplace(), [ck.Boundary("top", circle, both=ck.Dirichlet(1.0))])
     layout = ck.solve(scene, 0.1).discretized.tables.layout
     assert layout.band.sheets is None
-    assert all(one.sheets is None for one in layout.sight.sighted)
+    assert all(one.sheets is None for one in layout.boundaries.on_lattice)
 
 
 def test_an_explanation_names_the_twins():

@@ -1,33 +1,60 @@
-"""From a scene's boundary to one that the lattice can work with: sampled at its density, and near enough.
+"""A scene's boundaries on a lattice: near enough, sampled at its density, and how a band's nodes see them.
 
 Differs from King et al. (2024), section 4, where C lies in S: here C may be off it by its ``gap``, and is snapped.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from cpmkit.errors import SceneError
-from cpmkit.forms.collocation.boundary.frame import Sighted
+from cpmkit.forms.collocation.boundary.side_view import BoundaryOnLattice, SideView
 from cpmkit.forms.collocation.sheets.sheets import Sheets
 from cpmkit.grid.band import surface_cells
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.localized import Localized, localize
-from cpmkit.protocols import BoundarySet, ClosestPoints, Floats
+from cpmkit.protocols import BoundarySet, ClosestPoints, Floats, Ints
+from cpmkit.scene.data import Data
 from cpmkit.scene.orient import dimension_along
 from cpmkit.scene.oriented import OrientedBoundary
 
 
-def sight(
+@dataclass(frozen=True, eq=False)
+class BoundariesOnBand:
+    """All boundaries of a scene, and how the band's nodes see them.
+
+    Attributes
+    ----------
+    given : sequence of BoundarySet
+        As the scene gives them.
+    on_lattice : sequence of BoundaryOnLattice
+        As the lattice sees them.
+    side_views : sequence of SideView
+        How the band's nodes see each boundary.
+    behind : (k,) int64
+        The nodes past an edge that read their feet, because their mirror points lie beyond a boundary.
+    diffusivity : Data
+        Of the problem.
+    """
+
+    given: Sequence[BoundarySet]
+    on_lattice: Sequence[BoundaryOnLattice]
+    side_views: Sequence[SideView]
+    behind: Ints
+    diffusivity: Data = 1.0
+
+
+def put_on_lattice(
     boundary: BoundarySet,
     surface: Localized,
     lattice: Lattice,
     radius: float,
     oriented: Callable[[BoundarySet], OrientedBoundary],
     sheets: Sheets | None = None,
-) -> Sighted:
+) -> BoundaryOnLattice:
     """Return ``boundary`` as the lattice sees it.
 
     Parameters
@@ -58,7 +85,7 @@ def sight(
     found = oriented(boundary).seen_from(lattice.origin, source, surface)
     surface.queries["points"] += found.left.queries[0]
     source.queries["points"] += found.left.queries[1]
-    return Sighted(found, gap, samples, lattice.spacing, sheets)
+    return BoundaryOnLattice(found, gap, samples, lattice.spacing, sheets)
 
 
 def _samples(name: str, source: Localized, surface: Localized, spacing: float) -> Floats:

@@ -36,7 +36,7 @@ FIRST_AXIS = np.array([1.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class SideView:
     """Some of a batch of surface points, as one boundary sees them.
 
     Attributes
@@ -51,8 +51,8 @@ class Frame:
         ``|z - y|``.
     signed : (k,) float64
         ``(z - y) . v``, positive on the left; NaN where the boundary has no sides.
-    left : (k, d) float64
-        v, the conormal that points to the left; zero where the boundary has no sides.
+    conormal : (k, d) float64
+        v, the one that points to the left; zero where the boundary has no sides.
     director : (k, d) float64
         D; zero where nothing is crossed.
     """
@@ -62,26 +62,26 @@ class Frame:
     end: Bools
     distance: Floats
     signed: Floats
-    left: Floats
+    conormal: Floats
     director: Floats
 
-    def take(self, index: Ints | Bools) -> Frame:
+    def take(self, index: Ints | Bools) -> SideView:
         """Return the entries at ``index``, with their row numbers."""
-        return Frame(*[getattr(self, field.name)[index] for field in fields(self)])
+        return SideView(*[getattr(self, field.name)[index] for field in fields(self)])
 
-    def renumbered(self, rows: Ints) -> Frame:
+    def renumbered(self, rows: Ints) -> SideView:
         """Return the same entries under other row numbers."""
         return replace(self, rows=rows)
 
-    def reversed(self) -> Frame:
-        """Return the frame as seen from the opposite side."""
+    def reversed(self) -> SideView:
+        """Return the same as seen from the opposite side."""
         return replace(self, director=-self.director, signed=-self.signed)
 
 
-def stack(frames: Sequence[tuple[int, Frame]]) -> Frame:
-    """Return several frames as one, the rows of each moved up by the number beside it."""
-    parts = [frame.renumbered(frame.rows + offset) for offset, frame in frames]
-    return Frame(*[np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Frame)])
+def stack(side_views: Sequence[tuple[int, SideView]]) -> SideView:
+    """Return several as one, the rows of each moved up by the number beside it."""
+    parts = [view.renumbered(view.rows + offset) for offset, view in side_views]
+    return SideView(*[np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(SideView)])
 
 
 def near(source: Localized, points: Floats, radius: float, spacing: float) -> tuple[Ints, ClosestPoints]:
@@ -102,7 +102,7 @@ def near(source: Localized, points: Floats, radius: float, spacing: float) -> tu
 
 
 @dataclass(frozen=True, eq=False)
-class Sighted:
+class BoundaryOnLattice:
     """An oriented boundary as a lattice sees it.
 
     Attributes
@@ -148,7 +148,7 @@ class Sighted:
         samples = Placed.on(self.surface, self.samples, self.spacing)
         return BoundaryOnSheets(self.source, self.surface, samples, self.spacing, self.sheets.signed)
 
-    def frame(self, points: Floats, radius: float, spacing: float) -> Frame:
+    def side_view(self, points: Floats, radius: float, spacing: float) -> SideView:
         """Return how the boundary sees those surface ``points`` (n, d) that lie within ``radius`` of it.
 
         Where several sheets share a band, it sees those alone on whose sheet it runs, from its nearest part there.
@@ -165,7 +165,7 @@ class Sighted:
             director = self._from_point(on, away, spacing)
             nowhere = np.zeros(len(rows), dtype=bool)
             unsigned = np.full(len(rows), np.nan)
-            return Frame(rows, on.points, nowhere, distance, unsigned, 0 * away, director)
+            return SideView(rows, on.points, nowhere, distance, unsigned, 0 * away, director)
         axis, left = self.oriented.axis_and_left(feet, on, 0.5 * spacing)
         signed = np.sum(away * left, axis=1)
         if way is not None:
@@ -173,10 +173,10 @@ class Sighted:
         signed = np.where(np.abs(signed) < ON_BOUNDARY * spacing, ON_BOUNDARY * spacing, signed)
         director = signed[:, None] * self._director_axis(axis, left)
         end = self.oriented.open_ends(feet, on, 0.5 * spacing)
-        frame = Frame(rows, on.points, end, distance, signed, left, director)
+        view = SideView(rows, on.points, end, distance, signed, left, director)
         if way is None:
-            return frame
-        return frame.take((np.abs(signed) >= UNCLEAR * distance) | (distance <= NEAR * spacing))
+            return view
+        return view.take((np.abs(signed) >= UNCLEAR * distance) | (distance <= NEAR * spacing))
 
     def _from_point(self, on: ClosestPoints, away: Floats, spacing: float) -> Floats:
         """Return directors T (z - y), seen from a point on a surface.
