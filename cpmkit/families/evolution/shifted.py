@@ -61,7 +61,8 @@ class ShiftedSolver:
         ConvergenceError
             If the solver does not reach the tolerance.
         """
-        key = ("shifted", left_side(self.context.scene.problem.terms()), factor)
+        terms, form = self.context.scene.problem.terms(), self.context.discretized
+        key = ("shifted", left_side(terms), form.data_move, factor)  # a form's mass may tell whether its data move
         solver: PreparedSolver = self.context.kept.get(key, lambda: self._prepare(factor))
         u, report = solver.solve(right_side, self.context.tolerance, guess)
         self.tally.add(report)

@@ -33,8 +33,8 @@ from cpmkit.plugin import (
 from cpmkit_fem.assembly import stiffness_and_mass
 from cpmkit_fem.location import nearest_on_triangles
 from cpmkit_fem.operator import VertexOperator, pinned_operator, without
-from cpmkit_fem.pins import Pins
-from cpmkit_fem.rim import RimPart
+from cpmkit_fem.pins import Pins, pin
+from cpmkit_fem.rim import RimPart, rim_of
 from cpmkit_fem.triangulation import Triangulation
 
 if TYPE_CHECKING:
@@ -130,12 +130,20 @@ class FiniteElements(Discretized):
         """(v, d) the vertices."""
         return self.vertices
 
+    def restated(self, scene: Scene) -> FiniteElements:
+        """Return the same triangulation and matrices with another scene, whose conditions have other data at most."""
+        pairs = zip(scene.boundaries, self.scene.boundaries, strict=True)
+        if scene.edge is self.scene.edge and all(one is other for one, other in pairs):
+            return replace(self, scene=scene, pins=replace(self.pins, channels=scene.channels))
+        rim = rim_of(scene, self.mesh)
+        return replace(self, scene=scene, rim=rim, pins=pin(scene, self.mesh, rim))
+
     # Equations
 
     @cached_property
     def mass(self) -> CsrOperator:
-        """M, with no rows at pinned vertices, and columns there only where their values move in time."""
-        moves = self.pins.move
+        """M, with no rows at pinned vertices, and columns there only where data, and so their values, move in time."""
+        moves = self.data_move
         return CsrOperator(without(self.mass_matrix, self.pins.vertices, columns=not moves), symmetric=not moves)
 
     def stiffness(self, terms: Terms) -> VertexOperator:

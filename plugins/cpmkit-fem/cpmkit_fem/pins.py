@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.plugin import SIDES, BoundarySet, Data, Floats, Ints, Scene, SceneError, Value, evaluate_data, takes_time
+from cpmkit.plugin import SIDES, BoundarySet, Data, Floats, Ints, Scene, SceneError, Value, evaluate_data
 from cpmkit_fem.gaps import ends_in_gaps
 from cpmkit_fem.rim import WHAT, RimPart
 from cpmkit_fem.triangulation import Triangulation
@@ -85,11 +85,6 @@ class Pins:
     claims: Sequence[Claim]
     picked: Ints
     channels: int
-
-    @property
-    def move(self) -> bool:
-        """Whether the values depend on the time."""
-        return any(takes_time(data) for claim in self.claims for data in claim.data)
 
     def values(self, time: float | None = None) -> Floats:
         """Return the values (p, channels)."""

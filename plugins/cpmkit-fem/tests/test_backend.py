@@ -279,14 +279,3 @@ assert "skfem" in sys.modules
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-
-
-@pytest.mark.parametrize(
-    ("condition", "kind"), [(ck.Robin(1.0, 2.0), "Robin"), (ck.NonlinearFlux(np.sin), "Nonlinear")]
-)
-def test_an_edge_takes_values_and_fluxes_alone(octahedron, condition, kind):
-    vertices, faces = octahedron(2)
-    upper = faces[(vertices[faces][:, :, 2] > -1e-9).all(axis=1)]
-    half = ck.source("mesh.triangles", vertices=vertices, faces=upper)
-    with pytest.raises(ck.SceneError, match=f"'fem' takes Dirichlet and Neumann conditions, not {kind}"):
-        ck.solve(ck.Scene(half, ck.ScreenedPoisson(1.0), edge=condition), None, backend="fem")

@@ -157,6 +157,28 @@ def test_a_flux_that_depends_on_the_solution():
     assert 1.7 < order_of(SPACINGS, errors) < 2.4
 
 
+def test_a_prepared_scene_takes_other_data_and_equations(octahedron):
+    """Matrices and factors that are kept belong to the data that they are used with, moving ones included."""
+    vertices, faces = octahedron(3)
+    upper = faces[(vertices[faces, 2] > -1e-9).all(axis=1)]
+    half = ck.source("mesh.triangles", vertices=vertices, faces=upper)
+    tropic = ck.source("analytic.circle", normal=[0, 0, 1], center=[0, 0, 0.5**0.5], radius=0.5**0.5)
+    heat = ck.Heat(0.0, until=0.5, step=0.1, f=1.0)
+
+    def scene(value, flux, problem=heat):
+        return ck.Scene(half, problem, [ck.Boundary("tropic", tropic, both=value)], edge=flux)
+
+    still, moving = ck.Dirichlet(0.0), ck.Dirichlet(lambda x, t: t + 0 * x[:, 0])
+    prepared = ck.prepare(scene(still, ck.Neumann(0.0)), backend="fem")
+    for value, flux in ((still, 0.0), (moving, 0.0), (still, 2.0), (ck.Dirichlet(3.0), 1.0)):
+        flux = ck.Neumann(flux)
+        again = prepared.solve(data={"tropic": value, "edge": flux})
+        np.testing.assert_array_equal(again.values, ck.solve(scene(value, flux), backend="fem").values)
+    two = ck.ScreenedPoisson([1.0, 2.0])
+    wanted = ck.solve(scene(still, ck.Neumann(0.0), two), backend="fem").values
+    np.testing.assert_array_equal(prepared.solve(problem=two).values, wanted)
+
+
 def test_families_know_no_form():
     """Both forms solve heat through one function of one module, which has imported neither."""
     from cpmkit.families.evolution import stepping

@@ -196,8 +196,3 @@ def test_wrong_arguments_are_refused(keys):
 def test_more_eigenvalues_than_unknowns_are_refused():
     with pytest.raises(ck.InputError, match="count=500 is too many"):
         ck.solve(ck.Scene(CIRCLE, ck.Eigen(count=500)), 0.1)
-
-
-def test_another_back_end_refuses_it():
-    with pytest.raises(ck.SceneError, match="use backend='cpm'"):
-        ck.solve(ck.Scene(SPHERE, ck.Eigen()), 0.3, backend="fem")
