@@ -37,7 +37,7 @@ def cpmkit_solvers() -> Mapping[str, Callable[..., Any]]:  # type: ignore[empty-
 
 @hookspec
 def cpmkit_backends() -> Mapping[str, Callable[..., Any]]:  # type: ignore[empty-body]
-    """Return a factory for each back end: a way from a scene and a resolution to a solution."""
+    """Return a factory for each form, also called a back end: a way of discretising scenes."""
 
 
 @hookspec

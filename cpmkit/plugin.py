@@ -104,7 +104,6 @@ if TYPE_CHECKING:
     from cpmkit.scene.laws import Value as Value
     from cpmkit.scene.scene import Scene as Scene
     from cpmkit.scene.scene import edge_condition as edge_condition
-    from cpmkit.solution.solution import Solution as Solution
     from cpmkit.testing import ConformanceCase as ConformanceCase
     from cpmkit.testing import parametrize_with_laws as parametrize_with_laws
     from cpmkit.testing import run_laws as run_laws
@@ -220,7 +219,6 @@ GROUPS = {
         "DisplayMesh": "meshes.display_mesh",
         "MeasuredWork": "forms.contract",
         "PlainWork": "forms.contract",
-        "Solution": "solution.solution",
         "StateFlux": "forms.contract",
         "Stiffness": "protocols",
         "needed_spacing": "grid.fitting",

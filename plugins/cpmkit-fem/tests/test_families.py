@@ -15,12 +15,10 @@ SPACINGS = [0.2, 0.1, 0.05]
 EQUATOR = ck.source("analytic.circle", normal=[0, 0, 1])
 
 
-def errors_of(problem, exact, boundaries=(), edge=None, surface=SPHERE, points=POINTS):
-    made = {} if edge is None else {"edge": edge}
-    scenes = ck.Scene(surface, problem, list(boundaries), **made) if not callable(problem) else None
+def errors_of(problem, exact, boundaries=(), surface=SPHERE, points=POINTS, spacings=SPACINGS, **edge):
     errors = []
-    for h in SPACINGS:
-        scene = scenes or ck.Scene(surface, problem(h), list(boundaries), **made)
+    for h in spacings:
+        scene = ck.Scene(surface, problem(h) if callable(problem) else problem, list(boundaries), **edge)
         errors.append(np.abs(ck.solve(scene, h, backend="fem").evaluate(points) - exact).max())
     return errors
 
@@ -52,18 +50,19 @@ def test_heat_between_data_that_move():
 
     slope = -np.sqrt(1 - height**2)
     for edge in (ck.Dirichlet(u), ck.Neumann(lambda x, t: slope * np.exp(-t) + 0 * x[:, 0])):
-        boundaries = [ck.Boundary("tropic", tropic, both=ck.Dirichlet(u))]
-        errors = errors_of(heat, u(points, until), boundaries, edge, cap, points)
-        assert errors[-1] < 5e-3
-        assert errors_of(heat, u(points, until), [], edge, cap, points)[-1] < 1e-3
+        for boundaries in ([], [ck.Boundary("tropic", tropic, both=ck.Dirichlet(u))]):
+            asked = {"surface": cap, "points": points, "spacings": [0.1], "edge": edge}
+            (error,) = errors_of(heat, u(points, until), boundaries, **asked)
+            assert error < (4e-2 if boundaries else 4e-3)  # beside a circle that misses vertices, of first order
 
 
 def test_columns_of_the_mass_matter_where_data_move():
-    """With all of the rim at t and f = 1 the solution is t, to rounding: what the free vertices lack, the rim has."""
-    cap = ck.source("analytic.cap", height=0.2)
-    problem = ck.Heat(0.0, until=1.0, step=0.1, f=1.0)
-    solution = ck.solve(ck.Scene(cap, problem, edge=ck.Dirichlet(lambda x, t: t + 0 * x[:, 0])), 0.3, backend="fem")
-    np.testing.assert_allclose(solution.values, 1.0, rtol=1e-12)
+    """With the rim and the pole at t and f = 1 the solution is t, to rounding, by what pinned vertices add to M u'."""
+    cap, problem = ck.source("analytic.cap", height=0.2), ck.Heat(0.0, until=1.0, step=0.1, f=1.0)
+    moving = ck.Dirichlet(lambda x, t: t + 0 * x[:, 0])
+    for boundaries in ([], [ck.Boundary("pole", ck.source("analytic.point", at=[0, 0, 1]), both=moving)]):
+        solution = ck.solve(ck.Scene(cap, problem, boundaries, edge=moving), 0.3, backend="fem")
+        np.testing.assert_allclose(solution.values, 1.0, rtol=1e-12)
 
 
 def test_a_run_goes_on_from_its_checkpoint(tmp_path):
@@ -142,7 +141,7 @@ def test_a_diffusivity_that_varies_and_robin():
     slope = -np.sqrt(1 - height**2)
     beta = ck.Robin(2.0, lambda x: 3 + x[:, 0], lambda x: 2 * slope + (3 + x[:, 0]) * height)
     for edge in (ck.Neumann(slope), beta):
-        errors = errors_of(problem, points[:, 2], [], edge, cap, points)
+        errors = errors_of(problem, points[:, 2], surface=cap, points=points, edge=edge)
         assert 1.7 < order_of(SPACINGS, errors) < 2.4
 
 
@@ -153,7 +152,7 @@ def test_a_flux_that_depends_on_the_solution():
     points = POINTS[POINTS[:, 2] > height]
     slope = -np.sqrt(1 - height**2)
     edge = ck.NonlinearFlux(lambda u: slope * (u / height) ** 4, guess=0.4)
-    errors = errors_of(ck.Poisson(lambda x: 2 * x[:, 2]), points[:, 2], [], edge, cap, points)
+    errors = errors_of(ck.Poisson(lambda x: 2 * x[:, 2]), points[:, 2], surface=cap, points=points, edge=edge)
     assert 1.7 < order_of(SPACINGS, errors) < 2.4
 
 
