@@ -88,9 +88,10 @@ def read_solution(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
             f"{shown(path.name)} is of format {saved}, and this cpmkit reads format {FORMAT}; solve the "
             "scene again, or read the file with the version that its summary names."
         )
-    on_lattice = bool(read_saved(path, [replace(row, needed=False) for row in LATTICE if not row.shape], WHAT))
     options = [replace(OPTION, name=f"lattice_{name}") for name in every_option()]
-    arrays = read_saved(path, (*FORMATS, *MESH, *FURTHER, *((*options, *LATTICE) if on_lattice else ())), WHAT)
+    rows = {row.name: row for row in (*options, *LATTICE)}
+    on_lattice = bool(read_saved(path, [replace(row, needed=False) for row in rows.values() if not row.shape], WHAT))
+    arrays = read_saved(path, (*FORMATS, *MESH, *FURTHER, *(rows.values() if on_lattice else ())), WHAT)
     _check_mesh(path, arrays)
     summary = read_json_table(arrays["summary"], path, "summary")
     where = f"the summary of {shown(path.name)}"

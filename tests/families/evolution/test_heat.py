@@ -10,6 +10,7 @@ from model_problems import angle_after, on_circle, order_of, sphere_points
 import cpmkit as ck
 from cpmkit.families.evolution.schedule import schedule
 from cpmkit.families.evolution.semidiscrete import SemiDiscrete
+from cpmkit.forms.collocation.form import Collocation
 
 THETA_C = 1.022 * np.pi
 SCHEMES = {"backward-euler": 1, "bdf2": 2, "crank-nicolson": 2}
@@ -186,7 +187,7 @@ def test_nothing_need_pin_the_solution():
 def start_error(h, monkeypatch=None):
     """Error after five steps of 1e-12 on an arc with Dirichlet ends, and on a circle with a Dirichlet cut."""
     if monkeypatch is not None:
-        monkeypatch.setattr(SemiDiscrete, "_continued", lambda self, u, datum: u)
+        monkeypatch.setattr(Collocation, "_continued", lambda self, u, datum: u)
 
     def u(x):
         return np.sin(2 * np.arctan2(x[:, 1], x[:, 0])) + x[:, 0]
