@@ -12,7 +12,7 @@ from typing import Any
 
 import click
 
-from cpmkit.command_group import CommandGroup, told_progress, traceback_option
+from cpmkit.command_group import CommandGroup, progress_callback, traceback_option
 from cpmkit.studies.commands import study
 
 
@@ -105,11 +105,11 @@ def solve(
     """
     from cpmkit import load_scene
     from cpmkit import solve as solve_scene
-    from cpmkit.runtime.telling import overheard
+    from cpmkit.runtime.warn import collected_warnings
     from cpmkit.saving.results import check_request, write_results
     from cpmkit.solving import for_any_backend
 
-    with overheard() as heard, told_progress(scene, quiet) as progress:
+    with collected_warnings() as heard, progress_callback(scene, quiet) as progress:
         try:
             loaded = load_scene(scene)
             folder = output or loaded.output.folder
@@ -129,7 +129,7 @@ def solve(
     elif quiet:
         _warn(warnings, err=True)
     else:
-        click.echo(_told(solution, written.summary))
+        click.echo(_summary_text(solution, written.summary))
         _warn(warnings)
     written.check()
 
@@ -139,7 +139,7 @@ def _warn(sentences: Iterable[str], err: bool = False) -> None:
         click.echo(f"warning    {sentence}", err=err)
 
 
-def _told(solution: Any, summary: Mapping[str, Any]) -> str:
+def _summary_text(solution: Any, summary: Mapping[str, Any]) -> str:
     """Return the summary of a solve for people."""
     work, report, seconds = solution.work, solution.report, summary["seconds"]
     stages = ", ".join(f"{stage} {spent:.1f}" for stage, spent in seconds.items())
@@ -169,9 +169,9 @@ def explain(scene: Path, spacing: float | None, as_json: bool) -> None:
     """
     from cpmkit import explain as explain_scene
     from cpmkit import load_scene
-    from cpmkit.runtime.telling import overheard
+    from cpmkit.runtime.warn import collected_warnings
 
-    with overheard() as heard, told_progress(scene) as progress:
+    with collected_warnings() as heard, progress_callback(scene) as progress:
         try:
             loaded = load_scene(scene)
             explanation = explain_scene(

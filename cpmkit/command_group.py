@@ -14,16 +14,16 @@ from typing import Any
 import click
 
 from cpmkit.errors import CpmkitError, PluginError, shown
-from cpmkit.plugins import COMMANDS
+from cpmkit.plugins import COMMANDS_GROUP
 from cpmkit.runtime.memory import memory_limit, ran_out
 
 #: Keys of what a command leaves in its context: the file it works on, the stage it is at, whether to show tracebacks.
-FILE, STAGE, TRACEBACK = "cpmkit.file", "cpmkit.stage", "cpmkit.traceback"
+FILE_KEY, STAGE_KEY, TRACEBACK_KEY = "cpmkit.file", "cpmkit.stage", "cpmkit.traceback"
 #: Exit code where the user interrupted the run: 128 and the number of the signal, as shells have it.
-INTERRUPTED = 130
+INTERRUPTED_EXIT_CODE = 130
 
 
-class Defect(click.ClickException):
+class UnexpectedError(click.ClickException):
     """An error that nobody raised on purpose."""
 
     exit_code = 3
@@ -62,34 +62,34 @@ class CommandGroup(click.Group):
         except (click.ClickException, click.exceptions.Exit, click.Abort):
             raise
         except KeyboardInterrupt as error:
-            click.echo(f"\nInterrupted{_during(ctx)}.", err=True)
-            raise click.exceptions.Exit(INTERRUPTED) from error
+            click.echo(f"\nInterrupted{_at_stage(ctx)}.", err=True)
+            raise click.exceptions.Exit(INTERRUPTED_EXIT_CODE) from error
         except Exception as error:
             if isinstance(error, OSError) and error.errno == errno.EPIPE:  # nobody reads on; click ends quietly
                 raise
-            if ctx.meta.get(TRACEBACK):
+            if ctx.meta.get(TRACEBACK_KEY):
                 click.echo(traceback.format_exc(), err=True)
-            raise _told(ctx, error) from error
+            raise _error_sentence(ctx, error) from error
 
 
-def _told(ctx: click.Context, error: Exception) -> click.ClickException:
+def _error_sentence(ctx: click.Context, error: Exception) -> click.ClickException:
     """Return the sentence for an error."""
     if isinstance(error, CpmkitError):
         return click.ClickException(str(error))
     if ran_out(error):
-        return click.ClickException(f"Memory ran out{_during(ctx)}: {memory_limit()}; a larger spacing needs less.")
+        return click.ClickException(f"Memory ran out{_at_stage(ctx)}: {memory_limit()}; a larger spacing needs less.")
     if isinstance(error, OSError) and error.strerror:
         name = f": {shown(error.filename)}" if error.filename else ""
-        return click.ClickException(f"The system refused{_during(ctx)}: {error.strerror}{name}.")
+        return click.ClickException(f"The system refused{_at_stage(ctx)}: {error.strerror}{name}.")
     what = f"{type(error).__name__}: {shown(str(error))}" if str(error) else type(error).__name__
-    return Defect(
-        f"{what}{_during(ctx)}. This is a bug in cpmkit or in a plugin; the option --traceback shows where it arose, "
+    return UnexpectedError(
+        f"{what}{_at_stage(ctx)}. This is a bug in cpmkit or in a plugin; the option --traceback shows where it arose, "
         "for a report."
     )
 
 
-def _during(ctx: click.Context) -> str:
-    stage, file = ctx.meta.get(STAGE), ctx.meta.get(FILE)
+def _at_stage(ctx: click.Context) -> str:
+    stage, file = ctx.meta.get(STAGE_KEY), ctx.meta.get(FILE_KEY)
     if stage:
         return f" during the stage {stage!r}" + (f" of {file}" if file else "")
     return f" for {file}" if file else ""
@@ -98,7 +98,7 @@ def _during(ctx: click.Context) -> str:
 def _note_traceback(ctx: click.Context, parameter: click.Parameter, value: bool) -> None:
     del parameter
     if value:
-        ctx.meta[TRACEBACK] = True
+        ctx.meta[TRACEBACK_KEY] = True
 
 
 def traceback_option(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -114,27 +114,27 @@ def traceback_option(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 @contextmanager
-def told_progress(file: Path, quiet: bool = False) -> Iterator[Callable[[str, float], None]]:
+def progress_callback(file: Path, quiet: bool = False) -> Iterator[Callable[[str, float], None]]:
     """Yield a callback for the progress of work on ``file``: shown unless ``quiet``, and remembered for errors."""
-    from cpmkit.protocols import nothing
+    from cpmkit.protocols import no_progress
     from cpmkit.runtime.progress import ProgressLine
 
     meta = click.get_current_context().meta
-    meta[FILE] = file
+    meta[FILE_KEY] = file
     closed = sys.stderr is None  # by the shell's 2>&-
-    with nullcontext(nothing) if quiet or closed else ProgressLine(sys.stderr) as show:
+    with nullcontext(no_progress) if quiet or closed else ProgressLine(sys.stderr) as show:
 
         def progress(stage: str, fraction: float) -> None:
-            meta[STAGE] = stage
+            meta[STAGE_KEY] = stage
             show(stage, fraction)
 
         progress("read", 0.0)
         yield progress
-        del meta[STAGE]  # what fails from here on belongs to none
+        del meta[STAGE_KEY]  # what fails from here on belongs to none
 
 
 def _offered() -> Mapping[str, EntryPoint]:
-    return {point.name: point for point in sorted(entry_points(group=COMMANDS), key=lambda point: point.name)}
+    return {point.name: point for point in sorted(entry_points(group=COMMANDS_GROUP), key=lambda point: point.name)}
 
 
 def _origin(point: EntryPoint) -> str:

@@ -13,7 +13,7 @@ from typing import Any
 from cpmkit.errors import CpmkitError
 from cpmkit.plugins import installed_kinds
 from cpmkit.runtime.memory import memory_limit
-from cpmkit.runtime.telling import overheard
+from cpmkit.runtime.warn import collected_warnings
 
 #: Distributions whose versions matter, the required ones first.
 DISTRIBUTIONS = (
@@ -22,7 +22,7 @@ DISTRIBUTIONS = (
 )
 
 #: Variables that change what cpmkit does.
-VARIABLES = ("CPMKIT_DATA", "CPMKIT_CACHE", "CPMKIT_FETCH", "CPMKIT_THREADS", "VTK_DEFAULT_OPENGL_WINDOW")
+ENVIRONMENT_VARIABLES = ("CPMKIT_DATA", "CPMKIT_CACHE", "CPMKIT_FETCH", "CPMKIT_THREADS", "VTK_DEFAULT_OPENGL_WINDOW")
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ def diagnose(scene: str | Path | None = None) -> Diagnosis:
     versions = {name: _version(name) for name in DISTRIBUTIONS}
     kinds = {kind.kind: f"{kind.distribution} {kind.version}" for kind in installed_kinds()}
     opengl = probe()
-    with overheard() as heard:
+    with collected_warnings() as heard:
         problem = None if scene is None else _loading(scene)
     return Diagnosis(
         system=f"Python {platform.python_version()}, {platform.platform()}",
@@ -96,7 +96,7 @@ def diagnose(scene: str | Path | None = None) -> Diagnosis:
         kinds=kinds,
         processors=_processors(),
         memory=str(memory_limit()),
-        variables={name: os.environ[name] for name in VARIABLES if name in os.environ},
+        variables={name: os.environ[name] for name in ENVIRONMENT_VARIABLES if name in os.environ},
         opengl=opengl,
         scene=problem,
         advice=(*heard, *_advice(versions, kinds, opengl)),

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 #: Characters of what was given that a message repeats.
-ECHO = 200
+ECHOED_CHARACTERS = 200
 
 
 class CpmkitError(Exception):
@@ -55,7 +55,7 @@ class ConvergenceError(CpmkitError, ArithmeticError):
 
 def printable(text: str) -> str:
     """Return ``text`` with control characters, which could steer a terminal, written as escapes; newlines stay."""
-    return "".join(one if one.isprintable() or one == "\n" else ascii(one)[1:-1] for one in text)
+    return "".join(letter if letter.isprintable() or letter == "\n" else ascii(letter)[1:-1] for letter in text)
 
 
 def shown(value: object) -> str:
@@ -70,7 +70,7 @@ def shown(value: object) -> str:
         text = repr(value)
     except (ValueError, RecursionError):  # an integer of thousands of digits, tables inside tables
         text = f"a {type(value).__name__}"
-    return printable(text if len(text) <= ECHO else text[:ECHO] + "...")
+    return printable(text if len(text) <= ECHOED_CHARACTERS else text[:ECHOED_CHARACTERS] + "...")
 
 
 def place(point: Iterable[float]) -> str:

@@ -14,15 +14,15 @@ from cpmkit.linear.choice import SolverOptions
 from cpmkit.manifold.abilities import advice_of
 from cpmkit.protocols import Floats
 from cpmkit.runtime.declared import showing
-from cpmkit.runtime.telling import overheard, tell
+from cpmkit.runtime.warn import collected_warnings, warn_each
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.solution import Solution
 from cpmkit.solving import solve
 
 #: At about so many feet of nodes the two solutions are compared.
-COMPARED = 4000
+COMPARED_FEET = 4000
 #: What a cautious user multiplies the estimate by.
-SAFETY = 2.0
+ERROR_SAFETY_FACTOR = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,12 +50,12 @@ class ErrorEstimate:
     @property
     def bound(self) -> Floats:
         """Twice the estimate and the source's floor: what the error hardly exceeds, (channels,)."""
-        return np.asarray(SAFETY * self.error + self.floor)
+        return np.asarray(ERROR_SAFETY_FACTOR * self.error + self.floor)
 
     def __str__(self) -> str:
-        told = ", ".join(f"{error:.2g}" for error in self.error)
+        errors = ", ".join(f"{error:.2g}" for error in self.error)
         return (
-            f"error about {told} at spacing {self.solution.spacing:g}, at most {float(self.bound.max()):.2g}, "
+            f"error about {errors} at spacing {self.solution.spacing:g}, at most {float(self.bound.max()):.2g}, "
             f"largest near {place(self.at)}"
         )
 
@@ -94,12 +94,12 @@ def estimate_error(scene: Scene, spacing: float, **options: Any) -> ErrorEstimat
     >>> bool(0.3 < estimate.error[0] / abs(estimate.solution.evaluate([[1, 0]])[0] - 1) < 3)
     True
     """
-    with overheard():
+    with collected_warnings():
         solution = solve(scene, spacing, **options)
         coarse = solve(scene, 2 * spacing, **options)
-    tell(solution.warnings)
+    warn_each(solution.warnings)
     points = solution.discretized.points
-    points = points[np.linspace(0, len(points) - 1, min(COMPARED, len(points))).astype(np.int64)]
+    points = points[np.linspace(0, len(points) - 1, min(COMPARED_FEET, len(points))).astype(np.int64)]
     fine = solution.evaluate(points).reshape(len(points), -1)
     apart = np.abs(fine - coarse.evaluate(points).reshape(len(points), -1))
     order = options_of(scene.surface, spacing, options)[0].own.order

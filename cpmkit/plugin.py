@@ -74,7 +74,7 @@ if TYPE_CHECKING:
     from cpmkit.protocols import Progress as Progress
     from cpmkit.protocols import Side as Side
     from cpmkit.protocols import Stiffness as Stiffness
-    from cpmkit.protocols import nothing as nothing
+    from cpmkit.protocols import no_progress as no_progress
     from cpmkit.runtime.arrays import as_points as as_points
     from cpmkit.runtime.arrays import as_positions as as_positions
     from cpmkit.runtime.arrays import as_vector as as_vector
@@ -222,7 +222,7 @@ GROUPS = {
         "StateFlux": "forms.contract",
         "Stiffness": "protocols",
         "needed_spacing": "grid.fitting",
-        "nothing": "protocols",
+        "no_progress": "protocols",
         "vertex_normals": "meshes.display_mesh",
     },
     "Hooks": {

@@ -24,8 +24,8 @@ from cpmkit.runtime.suggestions import did_you_mean
 if TYPE_CHECKING:
     from cpmkit.protocols import ClosestPointSource, Floats, Ints
 
-KINDS = "cpmkit.kinds"
-COMMANDS = "cpmkit.commands"
+KINDS_GROUP = "cpmkit.kinds"
+COMMANDS_GROUP = "cpmkit.commands"
 
 
 @dataclass(frozen=True)
@@ -59,13 +59,13 @@ def installed_kinds() -> list[InstalledKind]:
             point.dist.version if point.dist else "?",
             point.value,
         )
-        for point in entry_points(group=KINDS)
+        for point in entry_points(group=KINDS_GROUP)
     ]
     return sorted(found, key=lambda kind: kind.kind)
 
 
 def _entry_point(kind: str) -> EntryPoint:
-    points = list(entry_points(group=KINDS, name=kind))
+    points = list(entry_points(group=KINDS_GROUP, name=kind))
     if not points:
         raise PluginError(_unknown_kind(kind))
     return points[0]

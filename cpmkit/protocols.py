@@ -33,7 +33,7 @@ SIDES: tuple[Side, Side] = ("left", "right")
 Progress = Callable[[str, float], None]
 
 
-def nothing(stage: str, fraction: float) -> None:
+def no_progress(stage: str, fraction: float) -> None:
     """Report no progress."""
 
 
@@ -313,7 +313,7 @@ class PreparedSolver(Protocol):
     """A solver that has made what it needs of one operator: factors, coarser levels."""
 
     def solve(
-        self, b: Floats, tolerance: float, guess: Floats | None = None, progress: Progress = nothing
+        self, b: Floats, tolerance: float, guess: Floats | None = None, progress: Progress = no_progress
     ) -> tuple[Floats, SolveReport]:
         """Return u (n, channels) with A u = b for all channels, and a report; ``guess`` is where an iteration starts.
 

@@ -21,12 +21,12 @@ from cpmkit.forms.collocation.conservation.flux_balance import check_balance
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.options import Options
 from cpmkit.grid.fitting import check_fits
-from cpmkit.linear.choice import ACCEPTED, SolverOptions, choose_solver, make_solver
-from cpmkit.manifold.localized import largest_dim, localize
+from cpmkit.linear.choice import SOLVER_OPTIONS, SolverOptions, choose_solver, make_solver
+from cpmkit.manifold.local_source import largest_dim, localize
 from cpmkit.plugins import call, check_keys, factory, takes
-from cpmkit.protocols import Backend, Floats, Progress, nothing
+from cpmkit.protocols import Backend, Floats, Progress, no_progress
 from cpmkit.runtime.declared import declared, showing, take
-from cpmkit.runtime.telling import tell
+from cpmkit.runtime.warn import warn_each
 from cpmkit.scene.equations import Equation
 from cpmkit.scene.laws import Nonlinear
 from cpmkit.scene.restating import restated
@@ -44,7 +44,12 @@ FAMILIES = {
 
 @showing(Options, *FORMS.values(), SolverOptions, Checkpointing)
 def solve(
-    scene: Scene, spacing: float | None = None, *, backend: str = "cpm", progress: Progress = nothing, **options: Any
+    scene: Scene,
+    spacing: float | None = None,
+    *,
+    backend: str = "cpm",
+    progress: Progress = no_progress,
+    **options: Any,
 ) -> Solution:
     """Solve a scene, by the closest point method unless another back end is asked for.
 
@@ -102,7 +107,7 @@ def for_any_backend(options: Mapping[str, Any]) -> dict[str, Any]:
 
 
 @showing(Options, *FORMS.values())
-def discretize(scene: Scene, spacing: float, *, progress: Progress = nothing, **options: Any) -> Discretized:
+def discretize(scene: Scene, spacing: float, *, progress: Progress = no_progress, **options: Any) -> Discretized:
     """Discretise ``scene`` at ``spacing``.
 
     Parameters
@@ -147,7 +152,7 @@ class Prepared:
 
     discretized: Discretized
     solver: SolverOptions
-    progress: Progress = nothing
+    progress: Progress = no_progress
     options: Options[Any] | None = None
     kept: Kept = field(default_factory=Kept)
 
@@ -219,7 +224,7 @@ class Prepared:
                 form, made, chosen, self.solver.tolerance, self.progress, started, checkpointing, guess, self.kept
             )
             solution = _solve_family(context)
-        tell(solution.warnings)
+        warn_each(solution.warnings)
         return solution
 
 
@@ -234,7 +239,12 @@ def _solve_family(context: SolveContext) -> Solution:
 
 @showing(Options, *FORMS.values(), SolverOptions)
 def prepare(
-    scene: Scene, spacing: float | None = None, *, backend: str = "cpm", progress: Progress = nothing, **options: Any
+    scene: Scene,
+    spacing: float | None = None,
+    *,
+    backend: str = "cpm",
+    progress: Progress = no_progress,
+    **options: Any,
 ) -> Prepared:
     """Discretise a scene once, for many equations and right-hand sides on it.
 
@@ -293,8 +303,8 @@ def _prepare_elsewhere(
     made: Backend = call(factory(backend, "cpmkit_backends"), what, {})
     own = {name: value for name, value in given.items() if takes(made.discretize, name)}
     rest = {name: value for name, value in given.items() if name not in own}
-    built_in = given.get("solver", "auto") in list(ACCEPTED)  # a plugin's solver checks its options itself
-    of_solver = (*declared(SolverOptions), *(ACCEPTED["auto"] if built_in else rest))
+    built_in = given.get("solver", "auto") in list(SOLVER_OPTIONS)  # a plugin's solver checks its options itself
+    of_solver = (*declared(SolverOptions), *(SOLVER_OPTIONS["auto"] if built_in else rest))
     check_keys(made.discretize, what, given, (*declared(Checkpointing), *of_solver))
     solver = SolverOptions.of(rest)
     table = {"scene": scene, "spacing": spacing, "progress": progress, **own}

@@ -10,11 +10,11 @@ from cpmkit.manifold.vectors import dots
 from cpmkit.protocols import Bools, Floats, Ints
 
 #: Neighbours that are looked at.
-NEIGHBOURS = 24
+CHAIN_NEIGHBOURS = 24
 #: Least cosine between the way to the next point and the tangents at both, and between the conormals there.
-AHEAD, SAME_SIDE = 0.5, 0.25
+LEAST_AHEAD_COSINE, LEAST_CONORMAL_COSINE = 0.5, 0.25
 #: How much more a way to the side counts than a way ahead.
-SIDEWAYS = 4.0
+SIDEWAYS_WEIGHT = 4.0
 
 
 class Chain(NamedTuple):
@@ -66,15 +66,15 @@ def _links(points: Floats, tangents: Floats, conormals: Floats, reach: float) ->
     from scipy.spatial import cKDTree
 
     n = len(points)
-    distance, other = cKDTree(points).query(points, min(NEIGHBOURS, n), distance_upper_bound=reach)
+    distance, other = cKDTree(points).query(points, min(CHAIN_NEIGHBOURS, n), distance_upper_bound=reach)
     distance, other = (np.reshape(found, (n, -1))[:, 1:] for found in (distance, other))
-    there = np.isfinite(distance)
-    other = np.where(there, other, 0)
-    way = points[other] - points[:, None]
-    ahead = dots(way, tangents[:, None])
-    fits = there & (dots(conormals[other], conormals[:, None]) >= SAME_SIDE)
-    fits &= np.minimum(np.abs(ahead), np.abs(dots(way, tangents[other]))) >= AHEAD * distance
-    cost = np.where(fits, (1 + SIDEWAYS) * distance**2 - SIDEWAYS * ahead**2, np.inf)
+    within_reach = np.isfinite(distance)
+    other = np.where(within_reach, other, 0)
+    chord = points[other] - points[:, None]
+    ahead = dots(chord, tangents[:, None])
+    fits = within_reach & (dots(conormals[other], conormals[:, None]) >= LEAST_CONORMAL_COSINE)
+    fits &= np.minimum(np.abs(ahead), np.abs(dots(chord, tangents[other]))) >= LEAST_AHEAD_COSINE * distance
+    cost = np.where(fits, (1 + SIDEWAYS_WEIGHT) * distance**2 - SIDEWAYS_WEIGHT * ahead**2, np.inf)
     forward, backward = (_next(other, np.where(side, cost, np.inf)) for side in (ahead > 0, ahead <= 0))
     wishes = np.concatenate([np.stack([np.arange(n), wish], axis=1)[wish >= 0] for wish in (forward, backward)])
     ordered, times = np.unique(np.sort(wishes, axis=1), axis=0, return_counts=True)

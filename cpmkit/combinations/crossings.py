@@ -7,22 +7,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cpmkit.combinations.level_cut import STEP, LevelCut
+from cpmkit.combinations.level_cut import CUT_DIFFERENCE_SHARE, LevelCut
 from cpmkit.errors import InputError
 from cpmkit.grid.band import cell_levels
 from cpmkit.manifold.tangent_space import outward_conormals
 from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 
-#: Blocks of so many samples a side are the first that are passed over where the function is far from zero.
-FILTERED = 4
+#: Side, in samples, of the coarsest blocks that are skipped where the function is far from zero.
+FILTER_BLOCK_SAMPLES = 4
 #: Neighbours of opposite sign lie within so many spacings.
-REACH = 2.5
+SIGN_CHANGE_SPACINGS = 2.5
 #: Rounds of the search for a zero between two neighbours: to a share of their distance, and to rounding.
-ROUGH, FINE = 3, 60
+ROUGH_ZERO_ROUNDS, FINE_ZERO_ROUNDS = 3, 60
 #: A zero at which the function is not below this share of its values at the neighbours is a jump between two sheets.
-JUMP = 0.25
+JUMP_VALUE_SHARE = 0.25
 #: How far past the edge, in spacings, the points lie whose feet are on it.
-PAST_EDGE = 0.25
+PAST_EDGE_SPACINGS = 0.25
 
 
 class Crossings(NamedTuple):
@@ -41,12 +41,17 @@ def crossings(cut: LevelCut) -> Crossings:
         If the function does not change its sign on the manifold.
     """
     seeds, values = samples_near_zero(cut)
-    low, high = _neighbours(seeds.points, values, REACH * cut.spacing)
+    low, high = _neighbours(seeds.points, values, SIGN_CHANGE_SPACINGS * cut.spacing)
     if not len(low):
         raise InputError(_no_crossing(cut, seeds, values))
     points = cut.surface.manifold_dim == 1
     inside = zeros_between(
-        cut, seeds.points[low], seeds.points[high], values[low], values[high], FINE if points else ROUGH
+        cut,
+        seeds.points[low],
+        seeds.points[high],
+        values[low],
+        values[high],
+        FINE_ZERO_ROUNDS if points else ROUGH_ZERO_ROUNDS,
     )
     if not len(inside):
         place = (seeds.points[low[0]] + cut.phi.origin).tolist()
@@ -68,13 +73,13 @@ def samples_near_zero(cut: LevelCut) -> tuple[ClosestPoints, Floats]:
     """
     dim, spacing = cut.surface.dim, cut.spacing
     children = np.stack(np.meshgrid(*[np.arange(2)] * dim, indexing="ij"), axis=-1).reshape(-1, dim)
-    side, blocks = next(level for level in cell_levels(cut.surface, spacing, 0.5) if level[0] <= FILTERED)
+    side, blocks = next(level for level in cell_levels(cut.surface, spacing, 0.5) if level[0] <= FILTER_BLOCK_SAMPLES)
     while True:
         centres = np.asarray(((blocks + 0.5) * side - 0.5) * spacing, dtype=np.float64)
         diagonal = np.sqrt(dim) * side * spacing
         feet = cut.surface.closest_point(centres)
         values = cut.phi(feet.points)
-        near = feet.distance <= 0.5 * diagonal * (1 + STEP)
+        near = feet.distance <= 0.5 * diagonal * (1 + CUT_DIFFERENCE_SHARE)
         near |= (feet.distance <= diagonal) & ((feet.edge >= 0) | (side > 1))  # beside the edge a ring more
         variation = np.zeros(len(blocks))
         variation[near] = cut.phi.variation(feet.points[near], diagonal)
@@ -103,7 +108,9 @@ def zeros_between(
 
     share = bracketed_zeros(ask, low, high, rounds)
     feet = cut.surface.closest_point(a + share[:, None] * (b - a) + beside)
-    return feet.take(np.abs(cut.phi(feet.points)) <= JUMP * np.minimum(-low, high) + STEP * (high - low))
+    return feet.take(
+        np.abs(cut.phi(feet.points)) <= JUMP_VALUE_SHARE * np.minimum(-low, high) + CUT_DIFFERENCE_SHARE * (high - low)
+    )
 
 
 def bracketed_zeros(ask: Callable[[Floats, Ints], Floats], low: Floats, high: Floats, rounds: int) -> Floats:
@@ -148,19 +155,23 @@ def _neighbours(points: Floats, values: Floats, reach: float) -> tuple[Ints, Int
 
 def _edge_zeros(cut: LevelCut, seeds: ClosestPoints, values: Floats) -> ClosestPoints:
     """Return the zeros on the edge, each once: along feet of lines that run past the edge."""
-    low, high = _neighbours(seeds.points, values, REACH * cut.spacing)
+    low, high = _neighbours(seeds.points, values, SIGN_CHANGE_SPACINGS * cut.spacing)
     used, place = np.unique(np.concatenate([low, high]), return_inverse=True)
     if not len(used):
         return seeds.take(used)
-    outward = PAST_EDGE * cut.spacing * outward_conormals(cut.surface, seeds.take(used), STEP * cut.size)
+    outward = (
+        PAST_EDGE_SPACINGS
+        * cut.spacing
+        * outward_conormals(cut.surface, seeds.take(used), CUT_DIFFERENCE_SHARE * cut.size)
+    )
     first, second = place[: len(low)], place[len(low) :]
     past = 0.5 * (outward[first] + outward[second])
-    found = zeros_between(cut, seeds.points[low], seeds.points[high], values[low], values[high], FINE, past)
+    found = zeros_between(cut, seeds.points[low], seeds.points[high], values[low], values[high], FINE_ZERO_ROUNDS, past)
     found = found.take(found.edge >= 0)
-    return found.take(apart(found.points, 0.1 * cut.spacing))
+    return found.take(spaced_apart(found.points, 0.1 * cut.spacing))
 
 
-def apart(points: Floats, distance: float) -> Bools:
+def spaced_apart(points: Floats, distance: float) -> Bools:
     """Return which points (n, d) to keep so that no two of them are nearer than ``distance``."""
     from scipy.spatial import cKDTree
 

@@ -11,15 +11,15 @@ from cpmkit.manifold.vectors import dots, norms
 from cpmkit.protocols import Bools, Floats, Ints
 
 #: Cubics, or capsules, that one capsule of the next level holds.
-BRANCHES = 4
+CAPSULE_CHILDREN = 4
 #: Newton starts from the nearest of this number of points, and one, of a cubic.
-SAMPLES = 4
+NEWTON_STARTS = 4
 #: Newton steps at most; the bracket is halved where a step leaves it.
-STEPS = 60
+CUBIC_NEWTON_STEPS = 60
 #: Rounding of a distance, relative to it.
-ROUNDING = 8e-16
+DISTANCE_ROUNDING = 8e-16
 #: Queries that are answered at a time: temporary arrays stay in the cache.
-PARCEL = 8192
+CUBIC_PARCEL_QUERIES = 8192
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,13 +80,13 @@ class Cubics:
 
     @cached_property
     def levels(self) -> list[Capsules]:
-        """The tree, from the cubics themselves to at most ``BRANCHES`` capsules; neighbours lie side by side."""
+        """The tree, from the cubics to at most ``CAPSULE_CHILDREN`` capsules; neighbours lie side by side."""
         start, end = self.control[:, 0], self.control[:, 3]
         radius = np.maximum(*(_to_segment(self.control[:, k], start, end) for k in (1, 2)))
         levels, piece = [Capsules(start, end, radius, np.ones(len(start), dtype=bool))], (self.piece, self.piece)
-        while len(levels[-1].start) > BRANCHES:
-            first = np.arange(0, len(levels[-1].start), BRANCHES)
-            last = np.minimum(first + BRANCHES, len(levels[-1].start)) - 1
+        while len(levels[-1].start) > CAPSULE_CHILDREN:
+            first = np.arange(0, len(levels[-1].start), CAPSULE_CHILDREN)
+            last = np.minimum(first + CAPSULE_CHILDREN, len(levels[-1].start)) - 1
             levels.append(_around(levels[-1], first, last, piece[0][first] == piece[1][last]))
             piece = piece[0][first], piece[1][last]
         return levels
@@ -94,8 +94,8 @@ class Cubics:
     def nearest(self, x: Floats) -> tuple[Ints, Floats]:
         """Return for each query (n, d) the cubic of the nearest point and its s."""
         segment, s = np.empty(len(x), dtype=np.int64), np.empty(len(x))
-        for start in range(0, len(x), PARCEL):
-            part = slice(start, start + PARCEL)
+        for start in range(0, len(x), CUBIC_PARCEL_QUERIES):
+            part = slice(start, start + CUBIC_PARCEL_QUERIES)
             segment[part], s[part] = self._nearest(x[part])
         return segment, s
 
@@ -120,29 +120,29 @@ class Cubics:
             most = np.where(capsules.whole[nodes], distance + radius, np.inf)
             first = np.flatnonzero(np.diff(rows, prepend=-1))
             bound = np.minimum.reduceat(most, first) if len(first) else most
-            kept = distance - radius <= bound[rows] + ROUNDING * distance
+            kept = distance - radius <= bound[rows] + DISTANCE_ROUNDING * distance
             rows, nodes = rows[kept], nodes[kept]
             if level:
                 below = len(self.levels[level - 1].start)
-                rows = np.repeat(rows, BRANCHES)
-                nodes = (BRANCHES * nodes[:, None] + np.arange(BRANCHES)).ravel()
+                rows = np.repeat(rows, CAPSULE_CHILDREN)
+                nodes = (CAPSULE_CHILDREN * nodes[:, None] + np.arange(CAPSULE_CHILDREN)).ravel()
                 rows, nodes = rows[nodes < below], nodes[nodes < below]
         return rows, nodes
 
     def _descend(self, x: Floats, segment: Ints) -> tuple[Floats, Floats]:
         """Return s of the nearest point on one cubic each, and the distance, by Newton's method in a bracket."""
         s = self._sampled(x, segment)
-        low, high = np.maximum(s - 1 / SAMPLES, 0.0), np.minimum(s + 1 / SAMPLES, 1.0)
+        low, high = np.maximum(s - 1 / NEWTON_STARTS, 0.0), np.minimum(s + 1 / NEWTON_STARTS, 1.0)
         a, b, c, d = (self.coefficients[segment, k] for k in range(4))
         q, rows = x - a, np.arange(len(x))
-        for _ in range(STEPS):
+        for _ in range(CUBIC_NEWTON_STEPS):
             if not len(rows):
                 break
             u = s[rows, None]
-            way = u * (b[rows] + u * (c[rows] + u * d[rows])) - q[rows]
+            offset = u * (b[rows] + u * (c[rows] + u * d[rows])) - q[rows]
             slope = b[rows] + u * (2 * c[rows] + 3 * u * d[rows])
-            pull = dots(way, slope)
-            stiffness = dots(slope, slope) + dots(way, 2 * c[rows] + 6 * u * d[rows])
+            pull = dots(offset, slope)
+            stiffness = dots(slope, slope) + dots(offset, 2 * c[rows] + 6 * u * d[rows])
             low[rows], high[rows] = np.where(pull < 0, s[rows], low[rows]), np.where(pull < 0, high[rows], s[rows])
             with np.errstate(all="ignore"):
                 newton = s[rows] - pull / stiffness
@@ -151,12 +151,12 @@ class Cubics:
             following = np.where(fine, newton, 0.5 * (low[rows] + high[rows]))
             moved = np.abs(following - s[rows])
             s[rows] = following
-            rows = rows[moved > ROUNDING]
+            rows = rows[moved > DISTANCE_ROUNDING]
         return s, norms(self.at(segment, s) - x)
 
     def _sampled(self, x: Floats, segment: Ints) -> Floats:
-        """Return (n,) the s of the nearest of ``SAMPLES`` + 1 points of a cubic, the first of equals."""
-        shares = np.linspace(0.0, 1.0, SAMPLES + 1)
+        """Return (n,) the s of the nearest of ``NEWTON_STARTS`` + 1 points of a cubic, the first of equals."""
+        shares = np.linspace(0.0, 1.0, NEWTON_STARTS + 1)
         distances = [norms(self.at(segment, np.full(len(x), share)) - x) for share in shares]
         return np.asarray(shares[np.argmin(distances, axis=0)])
 

@@ -16,7 +16,7 @@ from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 from cpmkit.runtime.arrays import as_points, as_vector, positive
 
 #: How far from the curve, relative to the largest side of its bounds, :attr:`TracedCurve.left_of` lies.
-BESIDE = 1e-3
+LEFT_OF_OFFSET_SHARE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,7 @@ class TracedCurve:
     def left_of(self) -> Floats:
         """(d,) a point at the left of the curve, where the function that cuts is positive."""
         first = self.pieces[0]
-        beside = BESIDE * float(np.ptp(self.bounds, axis=0).max())
+        beside = LEFT_OF_OFFSET_SHARE * float(np.ptp(self.bounds, axis=0).max())
         middle = len(first.points) // 2
         place: Floats = first.points[middle] + beside * first.conormals[middle] + self.shift
         return place

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.combinations.crossings import apart, crossings
+from cpmkit.combinations.crossings import crossings, spaced_apart
 from cpmkit.combinations.curve import TracedCurve
 from cpmkit.combinations.level_cut import LevelCut
 from cpmkit.combinations.points import PointSet
@@ -14,15 +14,15 @@ from cpmkit.combinations.position_function import PositionFunction, plane_distan
 from cpmkit.combinations.tracing import trace
 from cpmkit.errors import InputError
 from cpmkit.manifold.answers import check_source
-from cpmkit.manifold.localized import localize
+from cpmkit.manifold.local_source import localize
 from cpmkit.protocols import ClosestPointSource
 
 #: Samples along the largest side of a surface, and of a curve, unless ``resolution`` says otherwise.
 SURFACE_RESOLUTION, CURVE_RESOLUTION = 128, 1024
 #: Zeros on a curve nearer than this, relative to the size, are one.
-SAME_POINT = 1e-9
+SAME_ZERO_SHARE = 1e-9
 #: Of points at which phi touches zero or nearly so, its gradient along the curve is below this share of that in space.
-TOUCHES = 1e-6
+TOUCHING_SLOPE_SHARE = 1e-6
 
 
 def plane_cut(
@@ -113,10 +113,10 @@ def _points(cut: LevelCut) -> PointSet:
     """Return the zeros on a curve, by increasing coordinates."""
     feet = crossings(cut).inside
     _, _, share = cut.directions(feet)
-    if (share < TOUCHES).any():
+    if (share < TOUCHING_SLOPE_SHARE).any():
         place = (feet.points[np.argmin(share)] + cut.phi.origin).tolist()
         raise InputError(f"{cut.phi.what} does not cut the curve at {place}, it touches it there; change it a little.")
-    places = feet.points[apart(feet.points, SAME_POINT * cut.size)]
+    places = feet.points[spaced_apart(feet.points, SAME_ZERO_SHARE * cut.size)]
     return PointSet(places[np.lexsort(places.T[::-1])], cut.phi.origin)
 
 

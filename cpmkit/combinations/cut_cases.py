@@ -17,14 +17,14 @@ from cpmkit.testing import ConformanceCase
 
 Draw = Callable[[np.random.Generator, int], Floats]
 
-SPOTS = np.array([[0.3, -1.0, 2.0], [0.0, 0.0, 0.5], [1.0, 1.0, 1.0], [-2.0, 0.4, 0.1]])
+SPOT_POINTS = np.array([[0.3, -1.0, 2.0], [0.0, 0.0, 0.5], [1.0, 1.0, 1.0], [-2.0, 0.4, 0.1]])
 
 
 def conformance_cases() -> list[ConformanceCase]:
     """Return cases of the kinds ``points``, ``cut.plane``, ``cut.function`` and ``trimmed``."""
     return [
-        _case("points", "in the plane", lambda: points(at=SPOTS[:, :2]), _spots(2)),
-        _case("points", "in space, far from zero", lambda: points(at=1e9 + SPOTS)),
+        _case("points", "in the plane", lambda: points(at=SPOT_POINTS[:, :2]), _spots(2)),
+        _case("points", "in space, far from zero", lambda: points(at=1e9 + SPOT_POINTS)),
         _case("cut.plane", "sphere, one loop", lambda: plane_cut(surface=_sphere(), **_SLICE), _sphere_cut),
         _case("cut.plane", "torus, two loops", _two_loops),
         _case("cut.plane", "cylinder, two open pieces", _open_pieces),
@@ -88,7 +88,7 @@ def _shorter_arc() -> Any:
 
 
 def _spots(dim: int) -> Draw:
-    return lambda rng, n: SPOTS[rng.integers(0, len(SPOTS), n), :dim]
+    return lambda rng, n: SPOT_POINTS[rng.integers(0, len(SPOT_POINTS), n), :dim]
 
 
 def _sphere_cut(rng: np.random.Generator, n: int) -> Floats:

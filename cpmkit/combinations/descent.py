@@ -8,9 +8,9 @@ from cpmkit.manifold.vectors import dots, norms
 from cpmkit.protocols import Bools, ClosestPointSource, Floats
 
 #: Rounds at most, and when a step has ended the descent, relative to the size of the numbers.
-ROUNDS, ENDED = 100, 1e-13
-#: The share of the way to the query that the first probe goes, and the most that a probe goes.
-FIRST_SHARE, MOST = 0.5, 0.9
+PROBE_ROUNDS, LAST_PROBE_SHARE = 100, 1e-13
+#: The first probe goes this share of the way to the query, later ones at most this share.
+FIRST_PROBE_SHARE, LONGEST_PROBE_SHARE = 0.5, 0.9
 
 
 def descend(of: ClosestPointSource, x: Floats, start: Floats, reach: float) -> tuple[Floats, Bools]:
@@ -29,29 +29,29 @@ def descend(of: ClosestPointSource, x: Floats, start: Floats, reach: float) -> t
         The longest step.
     """
     y, distance, step = start.copy(), norms(x - start), np.zeros_like(x)
-    share, most, longest = (np.full(len(x), value) for value in (FIRST_SHARE, MOST, reach))
+    share, most, longest = (np.full(len(x), value) for value in (FIRST_PROBE_SHARE, LONGEST_PROBE_SHARE, reach))
     ahead, ended, rows = np.zeros_like(x), np.zeros(len(x), dtype=bool), np.arange(len(x))
-    rounding = ENDED * (np.abs(x).max(axis=1, initial=0.0) + np.abs(start).max(axis=1, initial=0.0))
-    for k in range(ROUNDS):
+    rounding = LAST_PROBE_SHARE * (np.abs(x).max(axis=1, initial=0.0) + np.abs(start).max(axis=1, initial=0.0))
+    for k in range(PROBE_ROUNDS):
         if not len(rows):
             break
         base = y[rows] + ahead[rows]
         foot = of.closest_point(base + share[rows, None] * (x[rows] - base)).points
-        way, reached = foot - y[rows], norms(x[rows] - foot)
-        length = norms(way)
+        advance, reached = foot - y[rows], norms(x[rows] - foot)
+        length = norms(advance)
         taken = (length <= longest[rows] + 2 * norms(ahead[rows])) & (reached <= distance[rows] + rounding[rows])
         moved = rows[taken]
         ended[rows] = taken & (length <= rounding[rows])
         if k % 3 == 1:  # two plain steps tell how fast they shrink, and so where they lead
-            shrink = dots(way, step[rows]) / np.maximum(dots(step[rows], step[rows]), np.finfo(float).tiny)
+            shrink = dots(advance, step[rows]) / np.maximum(dots(step[rows], step[rows]), np.finfo(float).tiny)
             shrink = np.where(taken, np.clip(shrink, 0.0, 0.95), 0.0)
-            ahead[rows] = (shrink / (1 - shrink))[:, None] * way
+            ahead[rows] = (shrink / (1 - shrink))[:, None] * advance
         else:
             ahead[rows] = 0.0
             # after a step back a longer share is not tried again
             most[rows] = np.where(taken | (k % 3 == 2), most[rows], 0.5 * share[rows])
         y[moved], distance[moved], longest[moved] = foot[taken], reached[taken], 2 * length[taken]
-        step[rows] = np.where(taken[:, None], way, 0.0)
+        step[rows] = np.where(taken[:, None], advance, 0.0)
         share[rows] = np.minimum(most[rows], np.where(taken, 1.5, 1.0) * share[rows])
         rows = rows[~ended[rows]]
     return y, ended

@@ -7,18 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.combinations.position_function import PositionFunction
-from cpmkit.manifold.localized import Localized
+from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.tangent_space import normals, outward_conormals, tangents
 from cpmkit.manifold.vectors import dots, norms, unit
 from cpmkit.protocols import Bools, ClosestPoints, Floats
 
 #: Steps of the secant method on the way to the cut.
-SECANTS = 12
+SECANT_STEPS = 12
 #: A point is on the cut when the last step was shorter than this, relative to the size; or, of a manifold that knows
 #: itself less well, relative to the spacing.
-ON_CUT, NEARLY_ON_CUT = 1e-14, 1e-6
+ON_CUT_SHARE, NEARLY_ON_CUT_SPACINGS = 1e-14, 1e-6
 #: The step of differences, relative to the size.
-STEP = 1e-4
+CUT_DIFFERENCE_SHARE = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class LevelCut:
         Distance of the samples with which zeros are looked for.
     """
 
-    surface: Localized
+    surface: LocalSource
     phi: PositionFunction
     size: float
     spacing: float
@@ -56,27 +56,31 @@ class LevelCut:
         nor the function's surface gradient are asked for. A step is no longer than a spacing.
         """
         y, value = feet.points.copy(), self.phi(feet.points)
-        gradient = self.phi.gradient(y, STEP * self.size)
+        gradient = self.phi.gradient(y, CUT_DIFFERENCE_SHARE * self.size)
         with np.errstate(all="ignore"):
             step = -value[:, None] * gradient / dots(gradient, gradient)[:, None]
         length, rows = np.full(len(y), np.inf), np.arange(len(y))
-        for k in range(SECANTS):
+        for k in range(SECANT_STEPS):
             following = norms(step[rows])
             # the first step knows the slope in space only and may be shorter than the second
-            stalled = (k > 1) & (following >= length[rows]) & (length[rows] <= NEARLY_ON_CUT * self.spacing)
+            stalled = (k > 1) & (following >= length[rows]) & (length[rows] <= NEARLY_ON_CUT_SPACINGS * self.spacing)
             rows = rows[np.isfinite(following) & ~stalled]
             if not len(rows):
                 break
             length[rows] = norms(step[rows])
-            limited = step[rows] * np.minimum(1.0, self.spacing / np.maximum(length[rows], ON_CUT * self.size))[:, None]
+            limited = (
+                step[rows] * np.minimum(1.0, self.spacing / np.maximum(length[rows], ON_CUT_SHARE * self.size))[:, None]
+            )
             moved = self.surface.closest_point(y[rows] + limited).points
             across, before = moved - y[rows], value[rows]
             y[rows], value[rows] = moved, self.phi(moved)
             with np.errstate(all="ignore"):
                 step[rows] = -value[rows, None] * across / (value[rows] - before)[:, None]
-            rows = rows[(length[rows] > ON_CUT * self.size) & (value[rows] != 0)]
+            rows = rows[(length[rows] > ON_CUT_SHARE * self.size) & (value[rows] != 0)]
         length = np.where(value == 0, 0.0, length)
-        return self.surface.closest_point(y), length <= max(ON_CUT * self.size, NEARLY_ON_CUT * self.spacing)
+        return self.surface.closest_point(y), length <= max(
+            ON_CUT_SHARE * self.size, NEARLY_ON_CUT_SPACINGS * self.spacing
+        )
 
     def directions(self, feet: ClosestPoints) -> tuple[Floats, Floats, Floats]:
         """Return, at points of the cut, its unit tangents, unit conormals towards phi > 0, and phi's surface gradient.
@@ -84,7 +88,7 @@ class LevelCut:
         Tangents (n, d) have any sign; of a point on a curve they are zero. The length of the gradient is (n,), as a
         share of the gradient in space: it vanishes where the cut branches or only touches.
         """
-        step = STEP * self.size
+        step = CUT_DIFFERENCE_SHARE * self.size
         edge = np.flatnonzero(feet.edge >= 0)
         if self.knows_directions or not len(edge):
             return self._directions(feet)
@@ -102,7 +106,7 @@ class LevelCut:
         return whole
 
     def _directions(self, feet: ClosestPoints) -> tuple[Floats, Floats, Floats]:
-        step, dim = STEP * self.size, self.surface.dim
+        step, dim = CUT_DIFFERENCE_SHARE * self.size, self.surface.dim
         gradient = self.phi.gradient(feet.points, step)
         if self.surface.manifold_dim == dim:
             across, along = gradient, np.stack([gradient[:, 1], -gradient[:, 0]], axis=1)

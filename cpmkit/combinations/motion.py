@@ -164,7 +164,7 @@ def moved(*, of: ClosestPointSource, rotation: Any = None, translation: Any = No
     check_source(of, "what is moved")
     if isinstance(of, Union):
         return union(
-            members=[moved(of=one, rotation=rotation, translation=translation, scale=scale) for one in of.members]
+            members=[moved(of=member, rotation=rotation, translation=translation, scale=scale) for member in of.members]
         )
     turn = as_rotation(rotation, of.dim)
     offset = as_vector(np.zeros(of.dim) if translation is None else translation, of.dim, "translation")

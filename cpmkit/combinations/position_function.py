@@ -102,11 +102,11 @@ def plane_distance(point: Any, normal: Any, dim: int) -> PlaneDistance:
     InputError
         If a vector has another length than ``dim``, is not finite, or the normal is zero.
     """
-    at, direction = as_vector(point, dim, "point"), as_vector(normal, dim, "normal")
+    base, direction = as_vector(point, dim, "point"), as_vector(normal, dim, "normal")
     if not direction.any():
         raise InputError(f"normal must not be zero, got {shown(normal)}.")
     direction = direction / np.abs(direction).max()
-    return PlaneDistance(at, direction / np.linalg.norm(direction))
+    return PlaneDistance(base, direction / np.linalg.norm(direction))
 
 
 def position_function(function: Any, dim: int, what: str) -> Callable[[Floats], Any]:

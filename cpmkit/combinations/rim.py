@@ -15,7 +15,7 @@ from cpmkit.manifold.vectors import dots
 from cpmkit.protocols import ClosestPoints, ClosestPointSource, Floats, Ints
 
 
-class Rim(Protocol):
+class MeshRim(Protocol):
     """The points at which a manifold is cut off."""
 
     @property
@@ -35,7 +35,7 @@ class Rim(Protocol):
     def numbers_of_whole(self, edge: Ints, /) -> Ints:
         """Return the ``edge`` (n,) of feet inside the part, given those that the whole says."""
 
-    def translated(self, offset: Floats, /) -> Rim:
+    def translated(self, offset: Floats, /) -> MeshRim:
         """Return the rim moved by ``offset`` (d,)."""
 
 

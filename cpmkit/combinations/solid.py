@@ -10,13 +10,13 @@ import numpy as np
 from cpmkit.combinations.rectangle import rectangle
 from cpmkit.combinations.union import Union
 from cpmkit.errors import InputError
-from cpmkit.manifold.abilities import EDGES, advice_of, with_abilities
+from cpmkit.manifold.abilities import MOST_EDGES, advice_of, with_abilities
 from cpmkit.manifold.answers import check_source
 from cpmkit.protocols import Advice, Bools, ClosestPoints, ClosestPointSource, Floats, HasNormals, HasTangents, Ints
 from cpmkit.runtime.arrays import as_points, positive
 
 #: Points along each side of the box on which an open rim is looked for.
-PROBES = 24
+RIM_PROBES = 24
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ class Solid:
         x = as_points(x, self.dim)
         feet, inside = self._feet_and_inside(x)
         element = np.zeros(len(x), dtype=np.int64) if feet.element is None else feet.element
-        number = EDGES * element if isinstance(self.of, Union) else np.zeros(len(x), dtype=np.int64)
+        number = MOST_EDGES * element if isinstance(self.of, Union) else np.zeros(len(x), dtype=np.int64)
         return ClosestPoints(
             np.where(inside[:, None], x, feet.points),
             np.where(inside, 0.0, feet.distance),
@@ -100,7 +100,7 @@ class Solid:
     @property
     def _edge_limit(self) -> int:
         """What all numbers of edges are below."""
-        return EDGES * (len(self.of.members) if isinstance(self.of, Union) else 1)
+        return MOST_EDGES * (len(self.of.members) if isinstance(self.of, Union) else 1)
 
     def _advice(self, spacing: float, /) -> Advice:
         """Return what the hypersurface has to say at this spacing."""
@@ -181,7 +181,9 @@ def _outward(part: ClosestPointSource) -> float:
         raise InputError(f"{type(part).__name__} has no normals that tell inside from outside; give a source that has.")
     lower, upper = np.asarray(part.bounds, dtype=np.float64)
     size = float((upper - lower).max())
-    axes = [np.linspace(low - 0.1 * size, high + 0.1 * size, PROBES) for low, high in zip(lower, upper, strict=True)]
+    axes = [
+        np.linspace(low - 0.1 * size, high + 0.1 * size, RIM_PROBES) for low, high in zip(lower, upper, strict=True)
+    ]
     probes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, part.dim)
     if (part.closest_point(probes).edge >= 0).any():
         raise InputError(f"{type(part).__name__} is open and encloses nothing; give a closed one.")

@@ -7,24 +7,24 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cpmkit.combinations.chains import Chain, chains
-from cpmkit.combinations.crossings import apart, crossings
+from cpmkit.combinations.crossings import crossings, spaced_apart
 from cpmkit.combinations.cubics import Cubics, hermite
-from cpmkit.combinations.level_cut import STEP, LevelCut
+from cpmkit.combinations.level_cut import CUT_DIFFERENCE_SHARE, LevelCut
 from cpmkit.errors import InputError
 from cpmkit.manifold.vectors import dots, norms
 from cpmkit.protocols import ClosestPoints, Floats, Ints
 
 #: Points that are linked to a curve lie at least 0.1 and at most about this many spacings apart.
-LINK = 3.5
+LINK_SPACINGS = 3.5
 #: The cubics are refined until they lie this near to the cut, relative to the size, at their middles.
-TOLERANCE = 1e-12
+TRACING_TOLERANCE_SHARE = 1e-12
 #: Halving a cubic takes the distance to a sixteenth on a smooth surface. Where it is not below this share so many
 #: times running, the surface is not smooth there; at more than so many such places at once refining them ends.
-SMOOTH, STRIKES, KINKS = 0.125, 2, 32
+SMOOTH_HALVING_SHARE, ROUGH_HALVINGS, MOST_KINKS = 0.125, 2, 32
 #: Halvings of a cubic at most; and the shortest, relative to the size, where directions come from differences.
-HALVINGS, SHORTEST = 12, 8 * STEP
+CUBIC_HALVINGS, SHORTEST_CUBIC_SHARE = 12, 8 * CUT_DIFFERENCE_SHARE
 #: Below this share of its length in space phi's gradient along the surface counts as vanishing.
-FLAT = 0.05
+VANISHING_GRADIENT_SHARE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,19 +67,19 @@ def trace(cut: LevelCut) -> list[Knots]:
     inside, good = cut.project(_thinned(found.inside, 0.5 * cut.spacing))
     inside = inside.take(good & (inside.edge < 0))
     inside = inside.take(_away_from(inside.points, found.at_edge.points, 0.25 * cut.spacing))
-    inside = inside.take(apart(inside.points, 0.1 * cut.spacing))
+    inside = inside.take(spaced_apart(inside.points, 0.1 * cut.spacing))
     feet = ClosestPoints.join([inside, found.at_edge])
     if not len(inside):
-        raise InputError(_lost(cut, found.inside.points.mean(axis=0), False))
+        raise InputError(_lost_sentence(cut, found.inside.points.mean(axis=0), False))
     tangents, conormals, share = cut.directions(feet)
-    pieces = chains(feet.points, tangents, conormals, LINK * cut.spacing)
-    pieces = _checked(cut, feet, share, pieces)
-    knots = [_refined(cut, _evenly(cut, feet, tangents, conormals, piece)) for piece in pieces]
+    pieces = chains(feet.points, tangents, conormals, LINK_SPACINGS * cut.spacing)
+    pieces = _checked_chains(cut, feet, share, pieces)
+    knots = [_refined(cut, _evenly_spaced(cut, feet, tangents, conormals, piece)) for piece in pieces]
     return sorted(knots, key=lambda piece: -_length(piece))
 
 
 def _length(piece: Knots) -> float:
-    return float(one_piece(piece).lengths.sum())
+    return float(joined_cubics(piece).lengths.sum())
 
 
 def _thinned(feet: ClosestPoints, side: float) -> ClosestPoints:
@@ -96,7 +96,7 @@ def _away_from(points: Floats, others: Floats, distance: float) -> Ints:
     return np.flatnonzero(cKDTree(others).query(points)[0] > distance)
 
 
-def _checked(cut: LevelCut, feet: ClosestPoints, share: Floats, pieces: list[Chain]) -> list[Chain]:
+def _checked_chains(cut: LevelCut, feet: ClosestPoints, share: Floats, pieces: list[Chain]) -> list[Chain]:
     """Return the chains, without points by themselves beside one; they must be closed or end on the surface's edge."""
     from scipy.spatial import cKDTree
 
@@ -110,12 +110,14 @@ def _checked(cut: LevelCut, feet: ClosestPoints, share: Floats, pieces: list[Cha
         loose = ends[feet.edge[ends] < 0] if (feet.edge[ends] < 0).any() else ends
         lost = int(loose[np.argmin(share[loose])])
         ends = np.unique(np.concatenate([piece.order[[0, -1]] for piece in pieces if not piece.closed]))
-        meeting = norms(feet.points[ends] - feet.points[lost]) <= 2 * LINK * cut.spacing
-        raise InputError(_lost(cut, feet.points[lost], bool(meeting.sum() > 2 or share[lost] < FLAT)))
+        meeting = norms(feet.points[ends] - feet.points[lost]) <= 2 * LINK_SPACINGS * cut.spacing
+        raise InputError(
+            _lost_sentence(cut, feet.points[lost], bool(meeting.sum() > 2 or share[lost] < VANISHING_GRADIENT_SHARE))
+        )
     return chained
 
 
-def _lost(cut: LevelCut, point: Floats, branches: bool) -> str:
+def _lost_sentence(cut: LevelCut, point: Floats, branches: bool) -> str:
     what, place = cut.phi.what, np.round(point + cut.phi.origin, 6).tolist()
     if branches:
         return (
@@ -128,7 +130,7 @@ def _lost(cut: LevelCut, point: Floats, branches: bool) -> str:
     )
 
 
-def _evenly(cut: LevelCut, feet: ClosestPoints, tangents: Floats, conormals: Floats, piece: Chain) -> Knots:
+def _evenly_spaced(cut: LevelCut, feet: ClosestPoints, tangents: Floats, conormals: Floats, piece: Chain) -> Knots:
     """Return knots about a spacing apart along one chain, in the direction of travel."""
     p, t, v = feet.points[piece.order], tangents[piece.order], conormals[piece.order]
     following = np.roll(p, -1, axis=0) - p
@@ -136,7 +138,7 @@ def _evenly(cut: LevelCut, feet: ClosestPoints, tangents: Floats, conormals: Flo
     if not piece.closed:
         along[0], along[-1] = following[0], following[-2]
     rough = Knots(p, np.where(dots(along, t)[:, None] < 0, -t, t), v, piece.closed)
-    curve = one_piece(rough)
+    curve = joined_cubics(rough)
     reached = np.concatenate([[0.0], np.cumsum(curve.lengths)])
     count = max(int(np.ceil(reached[-1] / cut.spacing)), 8 if piece.closed else 2)
     wanted = np.linspace(0.0, reached[-1], count + 1)[: -1 if piece.closed else None]
@@ -149,7 +151,7 @@ def _evenly(cut: LevelCut, feet: ClosestPoints, tangents: Floats, conormals: Flo
         even = ClosestPoints.join([ends.take(np.array([0])), even.take(inner), ends.take(np.array([1]))])
         good[[0, -1]] = True
     if not good.all():
-        raise InputError(_lost(cut, even.points[np.argmin(good)], False))
+        raise InputError(_lost_sentence(cut, even.points[np.argmin(good)], False))
     return _travelled(cut, even, curve.slope(segment, s), piece.closed)
 
 
@@ -166,19 +168,19 @@ def _travelled(cut: LevelCut, feet: ClosestPoints, along: Floats, closed: bool) 
 
 def _refined(cut: LevelCut, knots: Knots) -> Knots:
     """Return knots so dense that the cubics between them lie on the cut, as far as the surface is smooth."""
-    tolerance, deviation = TOLERANCE * cut.size, 0.0
+    tolerance, deviation = TRACING_TOLERANCE_SHARE * cut.size, 0.0
     asked = np.arange(len(knots.cubics()))
     parent, strikes = np.full(len(asked), np.inf), np.zeros(len(asked), dtype=np.int64)
-    shortest = 0.0 if cut.knows_directions else SHORTEST * cut.size
-    for k in range(HALVINGS + 1):
-        curve = one_piece(knots)
+    shortest = 0.0 if cut.knows_directions else SHORTEST_CUBIC_SHARE * cut.size
+    for k in range(CUBIC_HALVINGS + 1):
+        curve = joined_cubics(knots)
         middle = curve.at(asked, np.full(len(asked), 0.5))
         feet, good = cut.project(cut.surface.closest_point(middle))
         off = norms(feet.points - middle)
         far = good & (off > tolerance)
-        strikes = np.where(off < SMOOTH * parent, 0, strikes + 1)
-        rough = far & (strikes >= STRIKES)
-        halved = far & ~(rough & (rough.sum() > KINKS)) & (curve.lengths[asked] > shortest) & (k < HALVINGS)
+        strikes = np.where(off < SMOOTH_HALVING_SHARE * parent, 0, strikes + 1)
+        rough = far & (strikes >= ROUGH_HALVINGS)
+        halved = far & ~(rough & (rough.sum() > MOST_KINKS)) & (curve.lengths[asked] > shortest) & (k < CUBIC_HALVINGS)
         deviation = max(deviation, float(off[~halved].max(initial=0.0)))
         if not halved.any():
             break
@@ -198,7 +200,7 @@ def _with_middles(cut: LevelCut, knots: Knots, curve: Cubics, segments: Ints, fe
     return Knots(points, tangents, np.insert(knots.conormals, segments + 1, v, axis=0), knots.closed)
 
 
-def one_piece(knots: Knots) -> Cubics:
+def joined_cubics(knots: Knots) -> Cubics:
     """Return the cubics between knots."""
     coefficients = knots.cubics()
     return Cubics(coefficients, np.zeros(len(coefficients), dtype=np.int64))

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from cpmkit.combinations.cut import check_cuttable, cut_of, level_cut
-from cpmkit.combinations.level_cut import STEP, LevelCut
+from cpmkit.combinations.level_cut import CUT_DIFFERENCE_SHARE, LevelCut
 from cpmkit.combinations.points import PointSet
 from cpmkit.combinations.position_function import PositionFunction, position_function
-from cpmkit.combinations.rim import CurveRim, Rim, point_rim
+from cpmkit.combinations.rim import CurveRim, MeshRim, point_rim
 from cpmkit.combinations.trimmed_part import Trimmed
 from cpmkit.grid.band import cell_levels
 from cpmkit.manifold.abilities import with_abilities
@@ -18,11 +18,11 @@ from cpmkit.manifold.vectors import norms
 from cpmkit.protocols import ClosestPoints, ClosestPointSource
 
 #: A foot closer to the edge than this, relative to the size, or than four times the edge's deviation, lies on it.
-ON_EDGE = 1e-11
+ON_TRIMMED_EDGE_SHARE = 1e-11
 #: How much coarser than those that find the edge the samples are that tell which parts of the manifold are near.
-COARSER = 2
+COARSE_SAMPLE_FACTOR = 2
 #: A point of the manifold is within this many sample distances of a sample.
-COVERING = 1.75
+COVERING_SAMPLE_DISTANCES = 1.75
 
 
 def trimmed(*, of: ClosestPointSource, trim: Any, resolution: int | None = None) -> Any:
@@ -55,20 +55,23 @@ def trimmed(*, of: ClosestPointSource, trim: Any, resolution: int | None = None)
     function = position_function(trim, of.dim, "trim")
     cut = level_cut(of, function, "trim", resolution)
     where = cut_of(cut)
-    samples = _samples(cut)
+    samples = _kept_samples(cut)
     own_ends = np.unique(samples.edge[samples.edge >= 0])
-    rim: Rim = point_rim(cut, where, own_ends) if isinstance(where, PointSet) else CurveRim(where)
-    tolerance = max(ON_EDGE * cut.size, 4 * rim.deviation)
+    rim: MeshRim = point_rim(cut, where, own_ends) if isinstance(where, PointSet) else CurveRim(where)
+    tolerance = max(ON_TRIMMED_EDGE_SHARE * cut.size, 4 * rim.deviation)
     along = where.mesh(cut.spacing)[0] - cut.phi.origin
-    steepest = float(norms(cut.phi.gradient(along, STEP * cut.size)).max())
-    covering, asked = COVERING * COARSER * cut.spacing, PositionFunction(function, np.zeros(of.dim), "trim")
+    steepest = float(norms(cut.phi.gradient(along, CUT_DIFFERENCE_SHARE * cut.size)).max())
+    covering, asked = (
+        COVERING_SAMPLE_DISTANCES * COARSE_SAMPLE_FACTOR * cut.spacing,
+        PositionFunction(function, np.zeros(of.dim), "trim"),
+    )
     kept = samples.points + cut.phi.origin
     return with_abilities(Trimmed, "trimmed", of)(of, asked, rim, kept, covering, steepest * tolerance, tolerance)
 
 
-def _samples(cut: LevelCut) -> ClosestPoints:
+def _kept_samples(cut: LevelCut) -> ClosestPoints:
     """Return samples of the part that is kept, the ends of a curve among them."""
-    spacing = COARSER * cut.spacing
+    spacing = COARSE_SAMPLE_FACTOR * cut.spacing
     cells = next(blocks for side, blocks in cell_levels(cut.surface, spacing, 0.5) if side == 1)
     if cut.surface.manifold_dim == 1:  # the foot of a cell may miss the end in it, that of one beside it does not
         beside = np.stack(np.meshgrid(*[np.arange(-1, 2)] * cut.surface.dim, indexing="ij"), axis=-1)

@@ -11,18 +11,18 @@ import numpy as np
 from cpmkit.combinations.clipping import clipped
 from cpmkit.combinations.descent import descend
 from cpmkit.combinations.position_function import PositionFunction
-from cpmkit.combinations.rim import Rim
-from cpmkit.manifold.abilities import EDGES, advice_of, edge_limit_of
+from cpmkit.combinations.rim import MeshRim
+from cpmkit.manifold.abilities import MOST_EDGES, advice_of, edge_limit_of
 from cpmkit.manifold.vectors import dots, norms
 from cpmkit.protocols import Advice, Bools, ClosestPoints, Floats, Ints
 from cpmkit.runtime.arrays import as_points, as_vector, positive
 
 #: Descents from samples, for a query whose closest point on the whole is cut away.
-DESCENTS = 3
+TRIMMED_DESCENTS = 3
 #: A query seen from the edge under a smaller sine than this, inwards, has its foot there.
-INWARD = 1e-6
+INWARD_SINE = 1e-6
 #: A mesh has at least this many cells along the largest side.
-LEAST_CELLS = 16
+TRIMMED_LEAST_CELLS = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ class Trimmed:
 
     of: Any
     trim: PositionFunction
-    rim: Rim
+    rim: MeshRim
     samples: Floats
     covering: float
     margin: float
@@ -112,7 +112,7 @@ class Trimmed:
 
     def _placed(self, found: ClosestPoints, rows: Ints) -> ClosestPoints:
         """Return the records with element and local of the feet at ``rows``, as the whole gives them."""
-        there = self.of.closest_point(np.ascontiguousarray(found.points[rows]))
+        whole_feet = self.of.closest_point(np.ascontiguousarray(found.points[rows]))
 
         def put(old: Any, new: Any) -> Any:
             if old is None:
@@ -121,7 +121,7 @@ class Trimmed:
             filled[rows] = new
             return filled
 
-        return replace(found, element=put(found.element, there.element), local=put(found.local, there.local))
+        return replace(found, element=put(found.element, whole_feet.element), local=put(found.local, whole_feet.local))
 
     def _beyond(self, x: Floats) -> tuple[Floats, Floats, Ints, Bools]:
         """Return feet of queries whose closest point on the whole is cut away: on the edge, or on another part."""
@@ -129,11 +129,11 @@ class Trimmed:
         points, distance, doubtful = rim.points.copy(), rim.distance.copy(), np.zeros(len(x), dtype=bool)
         edge = self.rim.numbers(rim)
         starts, left = self._starts(x, rim)
-        for tried in range(DESCENTS + 1):
+        for tried in range(TRIMMED_DESCENTS + 1):
             rows = np.flatnonzero(left.any(axis=1))
             if not len(rows):
                 break
-            if tried == DESCENTS:
+            if tried == TRIMMED_DESCENTS:
                 doubtful[rows] = True
                 break
             pick = left[rows].argmax(axis=1)
@@ -156,8 +156,8 @@ class Trimmed:
         The first is the foot on the edge itself, where the query is seen from it inwards. The others are samples,
         but for those beside that foot: what they stand for is farther than the edge, or found from it.
         """
-        inwards = dots(x - rim.points, self.rim.outward(rim)) < -INWARD * rim.distance - self.tolerance
-        count = min(2 * DESCENTS, len(self.samples))
+        inwards = dots(x - rim.points, self.rim.outward(rim)) < -INWARD_SINE * rim.distance - self.tolerance
+        count = min(2 * TRIMMED_DESCENTS, len(self.samples))
         gap, near = self._tree.query(x, np.arange(1, count + 1))
         samples = self.samples[near]
         beside = norms(samples - rim.points[:, None]) <= 3 * self.covering
@@ -201,7 +201,7 @@ class Trimmed:
 
     def _mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
         """Return the mesh of the whole, cut along the edge: vertices (v, d), and cells (m, k) of about ``spacing``."""
-        coarsest = float(np.ptp(self.bounds, axis=0).max()) / LEAST_CELLS
+        coarsest = float(np.ptp(self.bounds, axis=0).max()) / TRIMMED_LEAST_CELLS
         vertices, cells = self.of.mesh(min(positive(spacing, "spacing"), coarsest))
         beyond = self.trim(vertices) + self.margin
         return clipped(vertices, cells, beyond, lambda points: self.rim.source.closest_point(points).points)
@@ -220,7 +220,7 @@ class Trimmed:
     @property
     def _edge_limit(self) -> int:
         """What all numbers of edges are below: those of the whole come after the rim's."""
-        return edge_limit_of(self.of) + EDGES
+        return edge_limit_of(self.of) + MOST_EDGES
 
     def _advice(self, spacing: float, /) -> Advice:
         """Return what the whole has to say at this spacing."""

@@ -18,10 +18,10 @@ from cpmkit.families.context import Kept, SolveContext
 from cpmkit.solution.solution import Solution
 
 #: At most this many steps.
-STEPS = 30
+MOST_NEWTON_STEPS = 30
 #: Newton's method has converged when u changes by less than this share, on the boundaries: below it a linear solve
 #: to the default tolerance may not agree with itself.
-CHANGE = 1e-8
+CONVERGED_CHANGE_SHARE = 1e-8
 
 
 def solve_nonlinear(context: SolveContext, solve_linear: Callable[[SolveContext], Solution]) -> Solution:
@@ -47,18 +47,20 @@ def solve_nonlinear(context: SolveContext, solve_linear: Callable[[SolveContext]
     if scene.channels > 1:
         raise SceneError(f"a nonlinear flux takes one channel, the scene has {scene.channels}; solve them one by one.")
     fluxes = form.state_fluxes
-    seen = [np.full(len(flux.points), flux.guess) for flux in fluxes]
+    boundary_values = [np.full(len(flux.points), flux.guess) for flux in fluxes]
     applications = iterations = 0
-    for step in range(1, STEPS + 1):
-        solution = solve_linear(replace(context, discretized=form.linearized(seen), kept=Kept()))
-        if not all(flux.grows(v) for flux, v in zip(fluxes, seen, strict=True)):
+    for step in range(1, MOST_NEWTON_STEPS + 1):
+        solution = solve_linear(replace(context, discretized=form.linearized(boundary_values), kept=Kept()))
+        if not all(flux.grows(v) for flux, v in zip(fluxes, boundary_values, strict=True)):
             _check_balance(solution)
         applications += solution.report.operator_applications
         iterations += solution.report.iterations
-        before, seen = seen, [flux.read(solution.values) for flux in fluxes]
-        change = max((float(np.abs(a - b).max(initial=0.0)) for a, b in zip(seen, before, strict=True)), default=0.0)
-        size = max((float(np.abs(values).max(initial=0.0)) for values in seen), default=0.0)
-        if step > 1 and change <= CHANGE * size + np.finfo(float).tiny:
+        before, boundary_values = boundary_values, [flux.read(solution.values) for flux in fluxes]
+        change = max(
+            (float(np.abs(a - b).max(initial=0.0)) for a, b in zip(boundary_values, before, strict=True)), default=0.0
+        )
+        size = max((float(np.abs(values).max(initial=0.0)) for values in boundary_values), default=0.0)
+        if step > 1 and change <= CONVERGED_CHANGE_SHARE * size + np.finfo(float).tiny:
             report = replace(
                 solution.report,
                 iterations=iterations,
@@ -70,8 +72,8 @@ def solve_nonlinear(context: SolveContext, solve_linear: Callable[[SolveContext]
             seconds = {**solution.seconds, "solve": time.perf_counter() - context.started - solution.seconds["build"]}
             return replace(solution, discretized=form, report=report, work=work, seconds=seconds)
     raise ConvergenceError(
-        f"Newton's method did not settle in {STEPS} steps: u still changes by {change:.2g} on the boundaries; give a "
-        "guess nearer to the solution, or check that the flux does not grow with u.",
+        f"Newton's method did not settle in {MOST_NEWTON_STEPS} steps: u still changes by {change:.2g} on the "
+        "boundaries; give a guess nearer to the solution, or check that the flux does not grow with u.",
         solution.report,
     )
 

@@ -16,11 +16,11 @@ from cpmkit.errors import InputError, shown
 from cpmkit.runtime.memory import available_bytes
 
 #: Kinds of NumPy types that are read: truth values, whole numbers, floating point numbers, text.
-READ = "biufUS"
+READ_KINDS = "biufUS"
 #: Kinds that are numbers.
-NUMBERS = "iuf"
+NUMBER_KINDS = "iuf"
 #: What NumPy, zip and Python's tokenizer raise on damaged files.
-DAMAGED = (ValueError, TypeError, KeyError, EOFError, SyntaxError, OverflowError, RecursionError, MemoryError,
+DAMAGE_ERRORS = (ValueError, TypeError, KeyError, EOFError, SyntaxError, OverflowError, RecursionError, MemoryError,
            NotImplementedError, RuntimeError, tokenize.TokenError, zipfile.BadZipFile, zlib.error)  # fmt: skip
 
 
@@ -42,7 +42,7 @@ def read_array(path: Path, what: str = "an array of numbers") -> np.ndarray:
     try:
         with path.open("rb") as opened:
             left = path.stat().st_size
-            return _member(opened, left, path.name, f"a .npy file with {what}", NUMBERS)
+            return _member(opened, left, path.name, f"a .npy file with {what}", NUMBER_KINDS)
     except OSError as error:
         raise InputError(f"{shown(path.name)} cannot be read: {error.strerror or error}.") from error
 
@@ -82,28 +82,28 @@ def read_arrays(
     wanted = tuple(names)
     try:
         with zipfile.ZipFile(path) as archive:
-            members = [one for one in archive.infolist() if _is_wanted(one.filename.removesuffix(".npy"), wanted)]
-            _check_size(sum(one.file_size for one in members), path.name)
-            for one in members:
-                with archive.open(one) as opened:
+            members = [entry for entry in archive.infolist() if _is_wanted(entry.filename.removesuffix(".npy"), wanted)]
+            _check_size(sum(entry.file_size for entry in members), path.name)
+            for entry in members:
+                with archive.open(entry) as opened:
                     shape, _, dtype, _ = _header(opened)
-                    check(one.filename.removesuffix(".npy"), shape, dtype)
+                    check(entry.filename.removesuffix(".npy"), shape, dtype)
             read = {}
-            for one in members:
-                name = one.filename.removesuffix(".npy")
-                with archive.open(one) as opened:
-                    read[name] = _member(opened, one.file_size, path.name, what, READ)
+            for entry in members:
+                name = entry.filename.removesuffix(".npy")
+                with archive.open(entry) as opened:
+                    read[name] = _member(opened, entry.file_size, path.name, what, READ_KINDS)
             return read
     except OSError as error:
         raise InputError(f"{shown(path.name)} cannot be read: {error.strerror or error}.") from error
-    except DAMAGED as error:
+    except DAMAGE_ERRORS as error:
         if isinstance(error, InputError):
             raise
         raise InputError(f"{shown(path.name)} is damaged or not {what}.") from error
 
 
 def _is_wanted(name: str, wanted: tuple[str, ...]) -> bool:
-    return any(name.startswith(one[:-1]) if one.endswith("*") else name == one for one in wanted)
+    return any(name.startswith(pattern[:-1]) if pattern.endswith("*") else name == pattern for pattern in wanted)
 
 
 def _check_size(needed: int, name: str) -> None:
@@ -118,7 +118,7 @@ def _member(opened: IO[bytes], length: int, name: str, what: str, kinds: str) ->
     """Read one array whose bytes, header included, are ``length``."""
     try:
         shape, fortran, dtype, header = _header(opened)
-    except DAMAGED as error:
+    except DAMAGE_ERRORS as error:
         raise InputError(f"{shown(name)} is not {what}, or its header is damaged.") from error
     if dtype.kind not in kinds:
         raise InputError(f"{shown(name)} holds {shown(dtype.name)} where {what} was expected.")
@@ -128,7 +128,7 @@ def _member(opened: IO[bytes], length: int, name: str, what: str, kinds: str) ->
     _check_size(needed, name)
     try:
         return np.frombuffer(opened.read(needed), dtype=dtype).reshape(shape, order="F" if fortran else "C").copy()
-    except DAMAGED as error:
+    except DAMAGE_ERRORS as error:
         raise InputError(f"{shown(name)} ends before its last number: it is cut off or damaged.") from error
 
 

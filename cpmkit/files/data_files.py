@@ -6,12 +6,12 @@ import os
 from pathlib import Path
 from typing import Any
 
-from cpmkit.errors import ECHO, InputError, shown
+from cpmkit.errors import ECHOED_CHARACTERS, InputError, shown
 
 #: The public collection odedstein/meshes; a mesh is fetched from here only on request and only with the extra `data`.
-ORIGIN = "https://raw.githubusercontent.com/odedstein/meshes"
+MESHES_URL = "https://raw.githubusercontent.com/odedstein/meshes"
 #: Commit, path and SHA-256 of the meshes that the examples use.
-KNOWN = {
+KNOWN_MESHES = {
     "nefertiti-lowres.obj": (
         "49649a22cf07bb8afb8a1017775e5fe8448a5ac2/objects/nefertiti/nefertiti-lowres.obj",
         "3ae65c1ec016d2903af36e2fff43c8dd7cd982cec45ce09fc57f18a5ee1c3ffb",
@@ -73,12 +73,12 @@ def find_file(name: str | Path, beside: Path | None = None) -> Path:
     for folder in folders:
         if _is_file(folder / name):
             return folder / name
-    fetched = _fetch(str(name)) if str(name) in KNOWN and os.environ.get("CPMKIT_FETCH") != "0" else None
+    fetched = _fetch(str(name)) if str(name) in KNOWN_MESHES and os.environ.get("CPMKIT_FETCH") != "0" else None
     if fetched is not None:
         return fetched
     hint = (
-        f"; {name} is one of the meshes at {ORIGIN}, download it into one of these folders"
-        if str(name) in KNOWN
+        f"; {name} is one of the meshes at {MESHES_URL}, download it into one of these folders"
+        if str(name) in KNOWN_MESHES
         else ""
     )
     places = ", ".join(_described(folder) for folder in folders)
@@ -88,7 +88,7 @@ def find_file(name: str | Path, beside: Path | None = None) -> Path:
 def _described(folder: Path) -> str:
     """Return the name of a folder, and that it may not be searched where that is so."""
     text = str(folder)
-    text = text if len(text) <= ECHO else text[:ECHO] + "..."
+    text = text if len(text) <= ECHOED_CHARACTERS else text[:ECHOED_CHARACTERS] + "..."
     try:
         return text if os.access(folder, os.X_OK) or not folder.is_dir() else f"{text} (which may not be searched)"
     except (OSError, ValueError):
@@ -102,8 +102,8 @@ def _fetch(name: str) -> Path | None:
     except ImportError:
         return None
     pooch.get_logger().setLevel("WARNING")  # nothing is printed by the library
-    path, checksum = KNOWN[name]
-    url = f"{os.environ.get('CPMKIT_ORIGIN', ORIGIN)}/{path}"
+    path, checksum = KNOWN_MESHES[name]
+    url = f"{os.environ.get('CPMKIT_ORIGIN', MESHES_URL)}/{path}"
     try:
         kept = pooch.retrieve(url, f"sha256:{checksum}", fname=name, path=cache_folder(), downloader=_download)
         return Path(kept)

@@ -29,7 +29,7 @@ class Kind:
     accepts: Callable[[Any], bool]
 
 
-def number(least: float = -math.inf, most: float = math.inf) -> Kind:
+def numbers(least: float = -math.inf, most: float = math.inf) -> Kind:
     """Return the kind of finite numbers from ``least`` to ``most``; true and false are none."""
 
     def accepts(value: Any) -> bool:
@@ -41,7 +41,7 @@ def number(least: float = -math.inf, most: float = math.inf) -> Kind:
     return Kind(f"a finite number{_range(least, most)}", accepts)
 
 
-def whole(least: float = -math.inf, most: float = math.inf) -> Kind:
+def whole_numbers(least: float = -math.inf, most: float = math.inf) -> Kind:
     """Return the kind of whole numbers from ``least`` to ``most``."""
     return Kind(
         f"a whole number{_range(least, most)}",
@@ -94,7 +94,7 @@ def check_fields(
     return table
 
 
-def made(record: type[Made], saved: Any, where: str) -> Made:
+def record_from_table(record: type[Made], saved: Any, where: str) -> Made:
     """Return a dataclass of plain fields from the table that it was saved as; keys that it does not know are left out.
 
     Raises
@@ -122,10 +122,10 @@ def made(record: type[Made], saved: Any, where: str) -> Made:
 
 def _kind(hint: Any) -> Kind:
     """Return the kind of values that an annotation stands for."""
-    plain = {str: TEXT, bool: FLAG, int: whole(0), float: number()}
+    plain = {str: TEXT, bool: FLAG, int: whole_numbers(0), float: numbers()}
     if hint in plain:
         return plain[hint]
-    arguments = [_kind(one) for one in get_args(hint) if one not in (NoneType, Ellipsis)]
+    arguments = [_kind(argument) for argument in get_args(hint) if argument not in (NoneType, Ellipsis)]
     if get_origin(hint) is tuple:
         return list_of(arguments[0])
     if get_origin(hint) in (Union, UnionType) and len(arguments) == 1:

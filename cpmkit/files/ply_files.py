@@ -11,18 +11,18 @@ from cpmkit.errors import InputError, shown
 from cpmkit.protocols import Floats, Ints
 
 #: Types of properties, as NumPy names them.
-TYPES = {
+PLY_TYPES = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4",
     "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4",
     "int64": "i8", "uint64": "u8", "float32": "f4", "float64": "f8",
 }  # fmt: skip
-FORMS = ("ascii", "binary_little_endian", "binary_big_endian")
+PLY_ENCODINGS = ("ascii", "binary_little_endian", "binary_big_endian")
 #: Entries that a list may have.
-MOST = 1 << 40
+MOST_LIST_ENTRIES = 1 << 40
 #: What is said of a file that is too short.
-CUT_OFF = "it says that it has {count} rows of {name}, and ends before: it is cut off or damaged."
+CUT_OFF_SENTENCE = "it says that it has {count} rows of {name}, and ends before: it is cut off or damaged."
 #: Bytes in which a header must end.
-HEADER = 1 << 20
+MOST_HEADER_BYTES = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def ply_vertices(tables: dict[str, Table]) -> Floats:
 def _header(data: bytes) -> tuple[str, list[Element], bytes]:
     if not data.removeprefix(b"\xef\xbb\xbf").startswith(b"ply"):
         raise InputError("it does not begin with ply.")
-    end = data.find(b"end_header", 0, HEADER)
+    end = data.find(b"end_header", 0, MOST_HEADER_BYTES)
     if end < 0:
         raise InputError("its header has no end_header.")
     form, elements = "", []
@@ -99,7 +99,7 @@ def _header(data: bytes) -> tuple[str, list[Element], bytes]:
         words = line.split()
         if not words or words[0] in ("comment", "obj_info"):
             continue
-        if words[0] == "format" and len(words) == 3 and words[1] in FORMS:
+        if words[0] == "format" and len(words) == 3 and words[1] in PLY_ENCODINGS:
             form = words[1]
         elif words[0] == "element" and len(words) == 3 and words[2].isdecimal() and len(words[2]) < 16:
             elements.append(Element(words[1], int(words[2])))
@@ -117,10 +117,10 @@ def _header(data: bytes) -> tuple[str, list[Element], bytes]:
 
 
 def _property(words: list[str]) -> Property | None:
-    if len(words) == 3 and words[1] in TYPES:
-        return Property(words[2], TYPES[words[1]])
-    if len(words) == 5 and words[1] == "list" and words[2] in TYPES and words[3] in TYPES:
-        return Property(words[4], TYPES[words[3]], TYPES[words[2]])
+    if len(words) == 3 and words[1] in PLY_TYPES:
+        return Property(words[2], PLY_TYPES[words[1]])
+    if len(words) == 5 and words[1] == "list" and words[2] in PLY_TYPES and words[3] in PLY_TYPES:
+        return Property(words[4], PLY_TYPES[words[3]], PLY_TYPES[words[2]])
     return None
 
 
@@ -135,7 +135,7 @@ def _numbers(body: bytes) -> Floats:
 
 
 def _of_doubles(element: Element) -> Element:
-    doubles = [Property(one.name, "f8", one.length and "f8") for one in element.properties]
+    doubles = [Property(item.name, "f8", item.length and "f8") for item in element.properties]
     return Element(element.name, element.count, doubles)
 
 
@@ -151,7 +151,7 @@ def _joined(element: Element, rows: list[list[np.ndarray]]) -> Table:
 
 
 def _length(value: Any) -> int:
-    if not 0 <= value <= MOST or value != int(value):
+    if not 0 <= value <= MOST_LIST_ENTRIES or value != int(value):
         raise InputError("it holds a list whose length is no whole number.")
     return int(value)
 
@@ -172,7 +172,7 @@ class _Stream:
         if not element.properties:
             return {}
         if element.count > self.left:
-            raise InputError(CUT_OFF.format(count=element.count, name=shown(element.name)))
+            raise InputError(CUT_OFF_SENTENCE.format(count=element.count, name=shown(element.name)))
         if element.count and (table := self._alike(element)) is not None:
             return table
         return _joined(element, [self._row(element) for _ in range(element.count)])
@@ -208,14 +208,14 @@ class _Stream:
 
     def _row(self, element: Element) -> list[np.ndarray]:
         row = []
-        for one in element.properties:
-            count = _length(self._take(1, one.length, element)[0]) if one.length else 1
-            row.append(self._take(count, one.type, element))
+        for item in element.properties:
+            count = _length(self._take(1, item.length, element)[0]) if item.length else 1
+            row.append(self._take(count, item.type, element))
         return row
 
     def _take(self, count: int, kind: str, element: Element) -> np.ndarray:
         dtype = np.dtype(self.order + kind)
         if count * dtype.itemsize > self.left:
-            raise InputError(CUT_OFF.format(count=element.count, name=shown(element.name)))
+            raise InputError(CUT_OFF_SENTENCE.format(count=element.count, name=shown(element.name)))
         self.place += count * dtype.itemsize
         return np.frombuffer(self.data, dtype, count, self.place - count * dtype.itemsize)

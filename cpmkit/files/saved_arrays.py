@@ -14,10 +14,10 @@ from cpmkit.errors import InputError, shown
 from cpmkit.files.array_files import read_arrays
 
 #: What arrays of each kind of NumPy type are made on reading.
-MADE = {"b": np.bool_, "i": np.int64, "f": np.float64, "U": np.str_}
+DTYPE_OF_KIND = {"b": np.bool_, "i": np.int64, "f": np.float64, "U": np.str_}
 #: Bytes of a text.
-MOST_TEXT = 1 << 26
-NAMES = {"b": "truth values", "i": "whole numbers", "f": "numbers", "U": "text"}
+MOST_TEXT_BYTES = 1 << 26
+KIND_WORDS = {"b": "truth values", "i": "whole numbers", "f": "numbers", "U": "text"}
 
 
 @dataclass(frozen=True)
@@ -62,10 +62,10 @@ def read_saved(
         fits = len(shape) == len(expected) and all(
             isinstance(size, str) or size == given for size, given in zip(expected, shape, strict=True)
         )
-        if dtype.kind == "U" and dtype.itemsize > MOST_TEXT:
+        if dtype.kind == "U" and dtype.itemsize > MOST_TEXT_BYTES:
             raise InputError(f"{shown(path.name)} holds {dtype.itemsize} bytes of text as {name}; it is damaged.")
         if not fits or dtype.kind not in row.kinds:
-            kinds = " or ".join(NAMES[kind] for kind in row.kinds)
+            kinds = " or ".join(KIND_WORDS[kind] for kind in row.kinds)
             raise InputError(
                 f"{shown(path.name)} holds {name} as {dtype.name} of shape {shape}, where {kinds} of shape "
                 f"({', '.join(map(str, expected))}) belong in {what}; it is damaged, or not one."
@@ -79,7 +79,7 @@ def read_saved(
     for name, array in arrays.items():
         if array.dtype.kind == "f" and not np.isfinite(array).all():
             raise InputError(f"{shown(path.name)} is not {what} as it was written: {name} holds NaN or infinity.")
-    return {name: array.astype(MADE[array.dtype.kind], copy=False) for name, array in arrays.items()}
+    return {name: array.astype(DTYPE_OF_KIND[array.dtype.kind], copy=False) for name, array in arrays.items()}
 
 
 def _sizes(row: SavedArray, shape: tuple[int, ...]) -> list[int]:

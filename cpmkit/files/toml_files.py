@@ -13,14 +13,14 @@ from cpmkit.errors import SceneError, shown
 Made = TypeVar("Made")
 
 #: Bytes of a file; more belong into array files that it names.
-LARGEST = 16 * 2**20
+MOST_TOML_BYTES = 16 * 2**20
 #: Tables and lists inside tables and lists.
-DEEPEST = 40
+DEEPEST_NESTING = 40
 #: TOML's own bound on whole numbers.
-HIGHEST = 2**63
+WHOLE_NUMBER_BOUND = 2**63
 
 
-def made_from_toml(path: str | Path, make: Callable[[dict[str, Any], Path], Made], what: str, like: str) -> Made:
+def from_toml(path: str | Path, make: Callable[[dict[str, Any], Path], Made], what: str, like: str) -> Made:
     """Return what ``make`` makes of a file's tables and path.
 
     Parameters
@@ -54,16 +54,16 @@ def _tables(path: Path, what: str, like: str) -> dict[str, Any]:
         if not path.is_file():
             raise SceneError(f"no {what} {shown(str(path))}; give the path of a TOML file{like}.")
         with path.open("rb") as file:
-            content = file.read(LARGEST + 1)
+            content = file.read(MOST_TOML_BYTES + 1)
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
         raise SceneError(f"the {what} {shown(str(path))} cannot be read: {reason}.") from error
-    if len(content) > LARGEST:
-        raise SceneError(f"{path.name} has more than {LARGEST // 2**20} MiB; write long lists into .npy files.")
+    if len(content) > MOST_TOML_BYTES:
+        raise SceneError(f"{path.name} has more than {MOST_TOML_BYTES // 2**20} MiB; write long lists into .npy files.")
     try:
         return tomllib.loads(content.decode("utf-8-sig"))
     except RecursionError as error:
-        raise SceneError(f"{path.name} nests more than {DEEPEST} tables or lists in each other.") from error
+        raise SceneError(f"{path.name} nests more than {DEEPEST_NESTING} tables or lists in each other.") from error
     except ValueError as error:  # no UTF-8, no TOML, or a number of thousands of digits
         reason = "a number has too many digits" if "digits" in str(error) else str(error).rstrip(".")
         raise SceneError(f"{path.name} is not TOML: {reason}.") from error
@@ -74,9 +74,9 @@ def _check_values(tables: dict[str, Any]) -> None:
     waiting: list[tuple[str, Any, int]] = [("the file", tables, 0)]
     while waiting:
         where, value, depth = waiting.pop()
-        if depth > DEEPEST:
-            raise SceneError(f"{where} nests more than {DEEPEST} tables or lists in each other.")
-        if isinstance(value, int) and not -HIGHEST <= value < HIGHEST:
+        if depth > DEEPEST_NESTING:
+            raise SceneError(f"{where} nests more than {DEEPEST_NESTING} tables or lists in each other.")
+        if isinstance(value, int) and not -WHOLE_NUMBER_BOUND <= value < WHOLE_NUMBER_BOUND:
             raise SceneError(f"{where} is a whole number beyond 9.2e18; write it with an exponent, such as 1e20.")
         if isinstance(value, str):
             _check_text(value, where)
@@ -98,6 +98,6 @@ def _check_text(text: str, where: str) -> None:
     """Refuse control characters: they could steer a terminal, and end names of files."""
     if text.isprintable():
         return
-    control = next((one for one in text if unicodedata.category(one) == "Cc" and one not in "\n\t"), None)
+    control = next((letter for letter in text if unicodedata.category(letter) == "Cc" and letter not in "\n\t"), None)
     if control is not None:
         raise SceneError(f"{where} holds the control character {control!r}; leave it out.")

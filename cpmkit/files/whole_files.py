@@ -13,9 +13,9 @@ from pathlib import Path
 from cpmkit.errors import InputError, shown
 
 #: Bytes of a folder's name, and of a file's: what is unfinished and the frames of a series have longer names.
-LONGEST_FOLDER, LONGEST_NAME = 255, 200
+MOST_FOLDER_BYTES, MOST_FILE_NAME_BYTES = 255, 200
 #: Bytes of a path with all its folders.
-LONGEST_PATH = 4000
+MOST_PATH_BYTES = 4000
 
 
 @contextmanager
@@ -107,12 +107,12 @@ def check_name(path: Path) -> None:
         raise InputError(f"{shown(str(path))} is no name of a file: it holds the character NUL.")
     check_encoding(path)
     lengths = [len(os.fsencode(part)) for part in path.parts]
-    limits = [*(LONGEST_FOLDER for _ in lengths[1:]), LONGEST_NAME]
+    limits = [*(MOST_FOLDER_BYTES for _ in lengths[1:]), MOST_FILE_NAME_BYTES]
     for part, length, limit in zip(path.parts, lengths, limits, strict=False):
         if length > limit:
             raise InputError(f"The name {shown(part)} has {length} bytes; accepted are {limit} at most.")
-    if sum(lengths) + len(lengths) > LONGEST_PATH:
-        raise InputError(f"The path {shown(str(path))} is too long; accepted are {LONGEST_PATH} bytes at most.")
+    if sum(lengths) + len(lengths) > MOST_PATH_BYTES:
+        raise InputError(f"The path {shown(str(path))} is too long; accepted are {MOST_PATH_BYTES} bytes at most.")
 
 
 def check_encoding(path: Path) -> None:

@@ -8,31 +8,31 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.forecast.rehearsal import Counts, count
+from cpmkit.forecast.cost import Counts, predict
 from cpmkit.forecast.running_out import memory_told
 from cpmkit.forms.choice import FORMS, options_of
 from cpmkit.forms.collocation.conservation.flux_balance import check_balance
-from cpmkit.forms.collocation.diagnosis.clusters import Cluster
-from cpmkit.forms.collocation.diagnosis.remainder import Remainder
+from cpmkit.forms.collocation.diagnosis.twin_clusters import TwinCluster
+from cpmkit.forms.collocation.diagnosis.unresolved import UnresolvedFeature
 from cpmkit.forms.options import Options
 from cpmkit.grid.fitting import check_fits
 from cpmkit.linear.choice import SolverOptions, choose_solver
 from cpmkit.manifold.abilities import advice_of
-from cpmkit.manifold.localized import largest_dim, localize
-from cpmkit.protocols import HasNormals, HasTangents, Progress, nothing
+from cpmkit.manifold.local_source import largest_dim, localize
+from cpmkit.protocols import HasNormals, HasTangents, Progress, no_progress
 from cpmkit.runtime import memory
 from cpmkit.runtime.declared import showing
 from cpmkit.scene.condition import Condition
-from cpmkit.scene.laws import is_wall
+from cpmkit.scene.laws import is_zero_neumann
 from cpmkit.scene.scene import Scene
 
 #: Boundaries that lie farther off the manifold than this share of the spacing are said to be snapped.
-TOLD_GAP = 1e-6
+SNAPPED_GAP_SPACINGS = 1e-6
 #: Noise of closest points appears in the solution, as a share of its range, times this over the spacing (measured
 #: on a circle with a jump, noise of 1e-9 to 1e-4 of its radius, spacings of 0.1 to 0.003).
-NOISE_GROWS = 6.0
-#: So many clusters of twins are named.
-NAMED = 3
+NOISE_FACTOR = 6.0
+#: Number of clusters of twins that are listed.
+NAMED_CLUSTERS = 3
 
 
 @dataclass(frozen=True)
@@ -80,8 +80,8 @@ class Explanation:
     floor: float
     solver: str
     exact: bool
-    doubled: tuple[Cluster, ...] = ()
-    remains: tuple[Remainder, ...] = ()
+    doubled: tuple[TwinCluster, ...] = ()
+    remains: tuple[UnresolvedFeature, ...] = ()
     told: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
@@ -97,18 +97,20 @@ class Explanation:
         lines += [f"memory at the peak     about {self.bytes / 2**20:,.1f} MiB"]
         lines.append(f"error of the source    about {self.floor:.0e} of the solution's range, at any spacing")
         if self.doubled:
-            rest = sum(one.twins for one in self.doubled[NAMED:])
-            named = [*map(str, self.doubled[:NAMED]), *([f"{rest:,} elsewhere"] if rest else [])]
+            rest = sum(cluster.twins for cluster in self.doubled[NAMED_CLUSTERS:])
+            named = [*map(str, self.doubled[:NAMED_CLUSTERS]), *([f"{rest:,} elsewhere"] if rest else [])]
             lines += ["", f"twins{'' if self.exact else ' at a coarser spacing'}: " + "; ".join(named)]
         if self.remains or self.told:
-            lines += ["", *(one.sentence for one in self.remains), *self.told]
+            lines += ["", *(feature.sentence for feature in self.remains), *self.told]
         if self.left_out:
             lines += ["", "not built: " + "; ".join(self.left_out)]
         return "\n".join(lines)
 
 
 @showing(Options, *FORMS.values(), SolverOptions)
-def explain(scene: Scene, spacing: float | None = None, *, progress: Progress = nothing, **options: Any) -> Explanation:
+def explain(
+    scene: Scene, spacing: float | None = None, *, progress: Progress = no_progress, **options: Any
+) -> Explanation:
     """Say what :func:`cpmkit.solve` with the same arguments will build, why, and at what cost.
 
     Large scenes are rehearsed on three coarse lattices; nothing is built at the spacing itself.
@@ -123,7 +125,7 @@ def explain(scene: Scene, spacing: float | None = None, *, progress: Progress = 
     spacing, degree, order, balance = asked.spacing, asked.own.degree, asked.own.order, asked.own.balance
     check_balance(scene, balance)
     with memory_told(scene, asked, solver):
-        counts = count(scene, asked, progress)
+        counts = predict(scene, asked, progress)
     chosen = choose_solver(solver, counts["unknowns"], largest_dim(scene.surface), scene.problem.factorise_up_to)
     surface = localize(scene.surface, np.zeros(scene.surface.dim))
     check_fits(surface, counts["unknowns"], spacing, degree, chosen)
@@ -157,7 +159,7 @@ def _floor(scene: Scene, counts: Counts, spacing: float) -> float:
     """Return the share of the solution's range by which the representation alone may be off."""
     bounds = np.asarray(scene.surface.bounds, dtype=np.float64)
     noise = max(counts.noise, float(np.finfo(np.float64).eps * (bounds[1] - bounds[0]).max()))
-    return max(advice_of(scene.surface, spacing).floor, NOISE_GROWS * noise / spacing)
+    return max(advice_of(scene.surface, spacing).floor, NOISE_FACTOR * noise / spacing)
 
 
 def _surface_parts(counts: Counts, degree: int) -> list[Part]:
@@ -192,7 +194,7 @@ def _boundary_parts(scene: Scene, counts: Counts, order: int, spacing: float) ->
         left, right = boundary.condition("left"), boundary.condition("right")
         sides = _named(left) if left is right else f"{_named(left)} left, {_named(right)} right"
         why = f"second unknowns that continue each side across it: {sides}, order {order}"
-        if counts.gaps[number] > TOLD_GAP * spacing:
+        if counts.gaps[number] > SNAPPED_GAP_SPACINGS * spacing:
             why += f"; snapped by up to {counts.gaps[number]:.3g}"
         if counts.lefts[number]:
             why += f"; {counts.lefts[number]}"
@@ -223,4 +225,4 @@ def _left_out(scene: Scene, counts: Counts, order: int) -> list[str]:
 
 
 def _named(condition: Condition) -> str:
-    return "zero Neumann" if is_wall(condition.law) else condition.kind.replace("_", " ").capitalize()
+    return "zero Neumann" if is_zero_neumann(condition.law) else condition.kind.replace("_", " ").capitalize()

@@ -1,4 +1,4 @@
-"""What is told where memory ran out although it seemed to fit."""
+"""The error raised where memory runs out although the estimate fitted."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import numpy as np
 from cpmkit.errors import ResolutionError
 from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.options import Options
-from cpmkit.grid.fitting import fitting_spacing, or_another_solver, rounded_up, unknowns_at_one
+from cpmkit.grid.fitting import fitting_spacing, other_solver_hint, rounded_up, unknowns_at_one
 from cpmkit.linear.choice import choose_solver
-from cpmkit.manifold.localized import localize
+from cpmkit.manifold.local_source import localize
 from cpmkit.runtime import memory
 from cpmkit.scene.scene import Scene
 
 #: Where memory ran out although a spacing seemed to fit, one this many times as large is named.
-COARSER = 1.5
+COARSER_SPACING_FACTOR = 1.5
 
 
 @contextmanager
@@ -55,8 +55,8 @@ def _sentence(scene: Scene, options: Options[CollocationOptions] | None, solver:
         size = unknowns * memory.bytes_per_unknown(source.dim, degree, solver) / 2**30
         fits = fitting_spacing(source, degree, limit.bytes, solver)
         needed = f"about {unknowns:.2g} unknowns need {size:.2g} GiB or more with the solver {solver!r}, and "
-    fits = max(fits, rounded_up(COARSER * spacing))
+    fits = max(fits, rounded_up(COARSER_SPACING_FACTOR * spacing))
     return (
         f"Memory ran out at spacing={spacing:g}: {needed}{limit}, libraries included; "
-        f"try spacing={fits:g} or more{or_another_solver(solver)}."
+        f"try spacing={fits:g} or more{other_solver_hint(solver)}."
     )

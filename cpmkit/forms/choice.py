@@ -15,7 +15,7 @@ from cpmkit.runtime.declared import Declared, Option, declared, take
 #: The options of each form, by its name.
 FORMS: dict[str, type[Declared]] = {"collocation": CollocationOptions}
 #: The form that is taken unless another is asked for.
-DEFAULT: str = Options.form
+DEFAULT_FORM: str = Options.form
 
 
 def options_of(
@@ -28,7 +28,7 @@ def options_of(
     InputError
         If there is no spacing, an option is of another form, or a value is not accepted.
     """
-    own, rest = take(form_options(given.get("form", DEFAULT), given), given)
+    own, rest = take(form_options(given.get("form", DEFAULT_FORM), given), given)
     return take(Options, rest, spacing=needed_spacing(surface, spacing), own=own)
 
 

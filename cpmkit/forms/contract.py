@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 import numpy as np
 
 from cpmkit.errors import InputError, SceneError
-from cpmkit.forms.free_constants import Defect, defects_of, free_pieces
+from cpmkit.forms.free_constants import UnbalancedData, defects_of, free_pieces
 from cpmkit.linear.operators import Border, Bordered
 from cpmkit.protocols import SIDES, Floats, Operator, Side, Stiffness
 from cpmkit.scene.data import Data, evaluate_data, takes_time
@@ -84,7 +84,7 @@ class Settled:
     """
 
     values: Floats
-    defects: tuple[Defect, ...] = ()
+    defects: tuple[UnbalancedData, ...] = ()
     leaks: tuple[Any, ...] = ()
     balance: Any = None
     missed: float = 0.0
@@ -345,7 +345,7 @@ class Discretized(ABC):
         if not isinstance(operator, Bordered):
             return Settled(u)
         u, defects = defects_of(operator, b, u, self.mass, self.at_points, self.points)
-        return Settled(u, defects, warnings=tuple(text for one in defects for text in one.warnings))
+        return Settled(u, defects, warnings=tuple(text for defect in defects for text in defect.warnings))
 
     # Telling
 

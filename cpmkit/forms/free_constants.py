@@ -17,17 +17,17 @@ from cpmkit.errors import place
 from cpmkit.linear.operators import Border, Bordered
 from cpmkit.protocols import Floats, Operator
 
-#: A defect of this share of the data is told on any lattice.
-GROSS = 0.5
-#: A defect above this many times ``(spacing / size)^2`` of the data is told, ``spacing / size`` at first order. Smooth
-#: data that balance leave about 1 or less on spheres, caps, circles and arcs, and less than 8 where f is a bump of a
-#: fifth of the size, on tori and ellipses that the band resolves.
-EXPLAINED = 10.0
+#: A defect above this share of the data is reported on any lattice.
+GROSS_DEFECT_SHARE = 0.5
+#: A defect above this multiple of ``(spacing / size)^2`` times the data is reported (at first order of ``spacing /
+#: size``). Smooth data that balance leave about 1 or less on spheres, caps, circles and arcs, and less than 8 where f
+#: is a bump of a fifth of the size, on tori and ellipses that the band resolves.
+EXPLAINED_DEFECT_FACTOR = 10.0
 
 
 @dataclass(frozen=True)
-class Defect:
-    """What of the data has no solution on a piece of the manifold on which the solution is fixed by its mean.
+class UnbalancedData:
+    """The part of the data that has no solution on a piece of the manifold where the solution is fixed by its mean.
 
     Attributes
     ----------
@@ -74,21 +74,21 @@ class Defect:
         """What a reader of the solution should know, in sentences."""
         walls = f", bounded by {', '.join(self.bounded_by)}" if self.bounded_by else ""
         where = f"near {place(self.near)}, {self.share:.0%} of the nodes{walls}"
-        told = []
+        sentences = []
         if self.relative > self.explained:
             worst = self.value[self._shares.index(self.relative)]
-            told.append(
+            sentences.append(
                 f"The data do not balance on the piece of the manifold {where}: f brings in {worst:.4g} a unit of "
                 f"measure more than flows out, {self.relative:.2g} of the data's mean size where the spacing explains "
                 f"{self.explained:.2g}; f less that was solved, check f and the fluxes."
             )
         if self.parts > 1:
-            told.append(
+            sentences.append(
                 f"Boundaries that cross cut the piece of the manifold {where}, into {self.parts} parts, which hang "
                 "together at the crossings: one constant is free for all of them, and data that do not balance on "
                 "each part flow through the crossings."
             )
-        return told
+        return sentences
 
 
 #: A piece is free where A times its indicator is below this share of the diagonal.
@@ -126,7 +126,7 @@ def defects_of(
     mass: Operator | None,
     at_points: Callable[[Floats], Floats],
     points: Floats,
-) -> tuple[Floats, tuple[Defect, ...]]:
+) -> tuple[Floats, tuple[UnbalancedData, ...]]:
     """Return u (n, channels) with mean zero on each free piece, and what of b has no solution there."""
     u, means = operator.border.centred(u)
     indicator, carried = operator.border.indicator.toarray(), operator.border.carried
@@ -138,14 +138,14 @@ def defects_of(
         extent = float(np.ptp(points[members], axis=0).max()) if len(members) else 0.0
         steps = max(len(members) ** 0.5, 1.0) if extent else 1.0
         found.append(
-            Defect(
+            UnbalancedData(
                 near=tuple(points[members[len(members) // 2]].tolist()) if len(members) else (),
                 share=len(members) / max(len(points), 1),
                 bounded_by=(),
                 parts=1,
                 value=tuple(values[k].tolist()),
                 data_size=tuple((indicator[:, k] @ np.abs(b) / measure[k]).tolist()),
-                explained=min(EXPLAINED / steps**2, GROSS),
+                explained=min(EXPLAINED_DEFECT_FACTOR / steps**2, GROSS_DEFECT_SHARE),
             )
         )
     return u, tuple(found)

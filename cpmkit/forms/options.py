@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
 from cpmkit.runtime.arrays import positive
-from cpmkit.runtime.declared import KEY, Declared, Option, option
+from cpmkit.runtime.declared import OPTION_KEY, Declared, Option, option
 
 Own = TypeVar("Own", bound=Declared)
 
@@ -16,7 +16,9 @@ class Options(Declared, Generic[Own]):
     """How a scene is discretised; ``own`` are the options that belong to the form."""
 
     spacing: float = field(
-        metadata={KEY: Option("Distance of neighbouring lattice nodes, in the scene's unit of length.", positive)}
+        metadata={
+            OPTION_KEY: Option("Distance of neighbouring lattice nodes, in the scene's unit of length.", positive)
+        }
     )
     own: Own
     origin: Any = option(None, "Position of a lattice node, (d,); by default the centre of the surface's bounds.")

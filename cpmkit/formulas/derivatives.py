@@ -15,7 +15,7 @@ from cpmkit.formulas.steps import Program, Steps, program
 from cpmkit.protocols import Floats
 
 #: Formulas that need more steps with their derivatives are refused: each step is taken at every point.
-MOST_STEPS = 4_000
+MOST_FORMULA_STEPS = 4_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ def formula_jets(trees: Sequence[ast.expr], names: Sequence[str], what: str) -> 
     Raises
     ------
     SceneError
-        If they need more than :data:`MOST_STEPS` steps; ``what`` names them.
+        If they need more than :data:`MOST_FORMULA_STEPS` steps; ``what`` names them.
     """
     steps = Steps()
     zero = steps.number(0.0)
@@ -61,10 +61,10 @@ def formula_jets(trees: Sequence[ast.expr], names: Sequence[str], what: str) -> 
     first = [*values, *chain(*slopes)]
     programs = tuple(program(steps, outputs) for outputs in (values, first, [*first, *chain(*curvatures)]))
     needed = len(programs[2].instructions)
-    if needed > MOST_STEPS:
+    if needed > MOST_FORMULA_STEPS:
         raise SceneError(
-            f"{what} takes {needed} operations with its first two derivatives; at most {MOST_STEPS} are accepted, "
-            "use a shorter formula, or give a function from Python."
+            f"{what} takes {needed} operations with its first two derivatives; at most {MOST_FORMULA_STEPS} are "
+            "accepted, use a shorter formula, or give a function from Python."
         )
     return FormulaJets(tuple(names), (programs[0], programs[1], programs[2]))
 
@@ -109,11 +109,11 @@ class Derivatives:
         return self.steps.apply("where", smaller, *((first, second) if kind == "minimum" else (second, first)))
 
     def _times(self, a: int, b: int) -> int:
-        for one, other in ((a, b), (b, a)):
-            if self.steps.value(one) == 1.0:
-                return other
-            if self.steps.value(one) == -1.0:
-                return self.steps.apply("negative", other)
+        for first, second in ((a, b), (b, a)):
+            if self.steps.value(first) == 1.0:
+                return second
+            if self.steps.value(first) == -1.0:
+                return self.steps.apply("negative", second)
         return self.steps.apply("multiply", a, b)
 
     def _plus(self, a: int | None, b: int) -> int:

@@ -43,9 +43,9 @@ OPERATORS: dict[type[ast.AST], str] = {
     ast.LtE: "less_equal", ast.Gt: "less", ast.GtE: "less_equal",
 }  # fmt: skip
 #: Powers up to this are products: NumPy's general power takes ten times longer.
-HIGHEST_PRODUCT = 12
+HIGHEST_PRODUCT_POWER = 12
 #: So many points are computed at a time: their intermediate values stay in the processor's cache.
-BATCH = 8192
+BATCH_POINTS = 8192
 
 #: A number ("number", bits), a variable ("name", name), or a kernel's name and the places of its operands.
 Step = tuple[Any, ...]
@@ -84,7 +84,7 @@ class Steps:
         number = self.value(exponent)
         if number == 0.5:
             return self.apply("sqrt", base)
-        if number is None or not number.is_integer() or not 1 <= abs(number) <= HIGHEST_PRODUCT:
+        if number is None or not number.is_integer() or not 1 <= abs(number) <= HIGHEST_PRODUCT_POWER:
             return self.apply("power", base, exponent)
         square, product, rest = base, -1, int(abs(number))
         while rest:
@@ -176,8 +176,8 @@ class Program:
         table = np.empty((len(self.outputs), count))
         needed = {name: np.asarray(variables[name], dtype=np.float64) for name in self.variables}
         with np.errstate(all="ignore"):
-            for start in range(0, count, BATCH):
-                part = slice(start, start + BATCH)
+            for start in range(0, count, BATCH_POINTS):
+                part = slice(start, start + BATCH_POINTS)
                 values = {self.variables[n]: array[part] if array.ndim else array for n, array in needed.items()}
                 self._run(values, table[:, part])
         return table

@@ -25,9 +25,9 @@ OPERATIONS = (
     ast.Add, ast.Sub, ast.Mult, ast.Div, ast.Pow, ast.Mod, ast.USub, ast.UAdd, ast.Lt, ast.LtE, ast.Gt, ast.GtE,
 )  # fmt: skip
 #: A longer formula is refused before it is parsed.
-LONGEST = 20_000
+MOST_FORMULA_CHARACTERS = 20_000
 #: A formula of more numbers, names and operations is refused.
-MOST_PARTS = 4_000
+MOST_FORMULA_PARTS = 4_000
 
 
 def formula_tree(text: Any, names: Sequence[str], what: str = "the formula") -> ast.expr:
@@ -51,10 +51,10 @@ def formula_tree(text: Any, names: Sequence[str], what: str = "the formula") -> 
         raise SceneError(f"{what} must be a formula such as 'x**2 + y', got {shown(text)}.")
     tree = parse(text, what)
     parts = [node for node in ast.walk(tree) if isinstance(node, ast.expr)]
-    if len(parts) > MOST_PARTS:
+    if len(parts) > MOST_FORMULA_PARTS:
         raise SceneError(
-            f"{what} {shown(text)} has {len(parts)} numbers, names and operations; at most {MOST_PARTS} are accepted, "
-            "give such data by the vertex or from Python."
+            f"{what} {shown(text)} has {len(parts)} numbers, names and operations; at most {MOST_FORMULA_PARTS} are "
+            "accepted, give such data by the vertex or from Python."
         )
     called = {id(node.func) for node in parts if isinstance(node, ast.Call)}
     for node in parts:
@@ -73,10 +73,10 @@ def parse(text: str, what: str = "the formula") -> ast.expr:
     SceneError
         If it is too long or nested too deeply, or does not parse.
     """
-    if len(text) > LONGEST:
+    if len(text) > MOST_FORMULA_CHARACTERS:
         raise SceneError(
-            f"{what} {shown(text)} has {len(text)} characters; at most {LONGEST} are accepted, give such data by the "
-            "vertex or from Python."
+            f"{what} {shown(text)} has {len(text)} characters; at most {MOST_FORMULA_CHARACTERS} are accepted, give "
+            "such data by the vertex or from Python."
         )
     if "#" in text:
         raise SceneError(f"{what} {shown(text)} holds a #; comments stand outside of the quotes.")

@@ -18,21 +18,21 @@ from cpmkit.errors import ResolutionError
 from cpmkit.grid.fitting import check_fits
 from cpmkit.grid.lattice import Codes, find
 from cpmkit.grid.stencils import base_offset, stencil_range
-from cpmkit.manifold.localized import Localized
-from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints, Progress, nothing
+from cpmkit.manifold.local_source import LocalSource
+from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints, Progress, no_progress
 from cpmkit.runtime.arrays import check_size, length
 
 if TYPE_CHECKING:
     from cpmkit.forms.collocation.sheets.sheets import Sheets
 
 #: Share of a cell's half diagonal by which a cell is kept although the surface seems to miss it: rounding.
-SLACK = 1e-6
+CELL_SLACK_SHARE = 1e-6
 #: Cells along an axis that can be numbered.
-MOST = 2.0**40
+MOST_CELLS_PER_AXIS = 2.0**40
 #: From so many blocks on, they tell how large the band will be.
-TELLING = 20_000
+TELLING_BLOCKS = 20_000
 #: Nodes whose closest points are asked for at a time.
-PARCEL = 1 << 17
+BAND_PARCEL_NODES = 1 << 17
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,8 +96,8 @@ class Band:
         for axis in np.eye(self.dim, dtype=np.int64):
             beside = self.find_inner(self.nodes[nodes] + axis)
             pairs.append(np.stack([nodes[beside >= 0], beside[beside >= 0]]))
-        one, other = np.concatenate(pairs, axis=1)
-        return one, other
+        first, second = np.concatenate(pairs, axis=1)
+        return first, second
 
     def find_inner(self, nodes: Ints) -> Ints:
         """Return the numbers of integer ``nodes`` (..., d) among the inner nodes, -1 where they are none."""
@@ -119,7 +119,7 @@ class Band:
         return self.codes.encode(self.nodes[self.inner : stop])
 
 
-def cell_levels(source: Localized, spacing: float, offset: float | Floats) -> Iterator[tuple[int, Ints]]:
+def cell_levels(source: LocalSource, spacing: float, offset: float | Floats) -> Iterator[tuple[int, Ints]]:
     """Yield, from coarse to fine, the side in cells and the indices (k, d) of all blocks that the manifold may meet.
 
     A block is kept if the distance at its centre is at most half its diagonal. As distance is
@@ -137,7 +137,7 @@ def cell_levels(source: Localized, spacing: float, offset: float | Floats) -> It
     blocks = blocks.reshape(-1, dim)
     while True:
         centres = ((blocks + 0.5) * side - offset) * spacing
-        reach = 0.5 * np.sqrt(dim) * side * spacing * (1 + SLACK)
+        reach = 0.5 * np.sqrt(dim) * side * spacing * (1 + CELL_SLACK_SHARE)
         blocks = blocks[source.closest_point(centres).distance <= reach]
         yield side, blocks
         if side == 1:
@@ -161,16 +161,16 @@ def _numbered(bounds: Floats, spacing: float, offset: float | Floats) -> Ints:
     farthest = float(np.abs(bounds).max())
     check_size(bounds, "coordinates relative to the lattice's origin")
     length(spacing, "spacing")
-    if farthest > MOST * spacing:
+    if farthest > MOST_CELLS_PER_AXIS * spacing:
         raise ResolutionError(
             f"spacing={spacing:g} is too small to number the nodes: the source reaches {farthest:.3g} from the "
-            f"lattice's origin, and a spacing of {farthest / MOST:.2g} or more could be numbered; a far larger one is "
-            "needed to fit into memory."
+            f"lattice's origin, and a spacing of {farthest / MOST_CELLS_PER_AXIS:.2g} or more could be numbered; a far "
+            "larger one is needed to fit into memory."
         )
     return np.floor(bounds / spacing + offset).astype(np.int64)
 
 
-def surface_cells(source: Localized, spacing: float, degree: int) -> Ints:
+def surface_cells(source: LocalSource, spacing: float, degree: int) -> Ints:
     """Return the interpolation cells (c, d) that hold the manifold, and a few at its side.
 
     Raises
@@ -181,7 +181,7 @@ def surface_cells(source: Localized, spacing: float, degree: int) -> Ints:
     manifold_dim = source.largest_dim
     for side, blocks in cell_levels(source, spacing, base_offset(degree)):
         unknowns = nodes_of_blocks(len(blocks), side, source.dim, manifold_dim, degree)
-        if side == 1 or len(blocks) > TELLING:
+        if side == 1 or len(blocks) > TELLING_BLOCKS:
             # While blocks are coarse, thin parts look as thick as a block: only a clear excess is refused early.
             check_fits(source, unknowns, spacing, degree, excess=1.0 if side == 1 else 4.0)
     return blocks
@@ -197,7 +197,7 @@ def nodes_of_blocks(blocks: int, side: int, dim: int, manifold_dim: int, degree:
 
 
 def build_band(
-    source: Localized, spacing: float, degree: int, progress: Progress = nothing, differences: int = 1
+    source: LocalSource, spacing: float, degree: int, progress: Progress = no_progress, differences: int = 1
 ) -> Band:
     """Find the nodes of the band of ``source`` and their closest points.
 
@@ -226,11 +226,13 @@ def build_band(
     return Band(spacing, degree, nodes, len(inner), _feet(source, nodes, spacing, progress), codes)
 
 
-def _feet(source: Localized, nodes: Ints, spacing: float, progress: Progress) -> ClosestPoints:
+def _feet(source: LocalSource, nodes: Ints, spacing: float, progress: Progress) -> ClosestPoints:
     """Return the closest points of all nodes, asked in parcels."""
     parts = []
-    for start in range(0, len(nodes), PARCEL):
+    for start in range(0, len(nodes), BAND_PARCEL_NODES):
         progress("band", start / len(nodes))
-        parts.append(source.closest_point(np.asarray(nodes[start : start + PARCEL] * spacing, dtype=np.float64)))
+        parts.append(
+            source.closest_point(np.asarray(nodes[start : start + BAND_PARCEL_NODES] * spacing, dtype=np.float64))
+        )
     progress("band", 1.0)
     return ClosestPoints.join(parts)

@@ -7,19 +7,19 @@ import math
 import numpy as np
 
 from cpmkit.errors import InputError, ResolutionError
-from cpmkit.manifold.localized import Localized, localize
+from cpmkit.manifold.local_source import LocalSource, localize
 from cpmkit.protocols import ClosestPointSource
 from cpmkit.runtime import memory
 from cpmkit.runtime.arrays import positive
 
 #: A suggested spacing gives about this many cells on the manifold, by its dimension.
-CELLS = {0: 1, 1: 200, 2: 10_000, 3: 60_000}
+SUGGESTED_CELLS = {0: 1, 1: 200, 2: 10_000, 3: 60_000}
 #: Blocks of the manifold from which the number of unknowns is foretold.
-COUNTED = 12_000
+COUNTED_BLOCKS = 12_000
 #: Such blocks are cells of at least this share of the largest side of the surface; half a cell is beyond it.
-FINEST = 1 / 4095.5
+FINEST_CELL_SHARE = 1 / 4095.5
 #: Share of the memory that a spacing which is named leaves unused.
-SPARE = 0.2
+SPARE_MEMORY_SHARE = 0.2
 
 
 def needed_spacing(surface: ClosestPointSource, spacing: float | None) -> float:
@@ -47,12 +47,12 @@ def suggest_spacing(surface: ClosestPointSource) -> float:
     size = float((bounds[1] - bounds[0]).max()) or 1.0
     trial = size / 16
     count = next(len(blocks) for side, blocks in cell_levels(source, trial, 0.0) if side == 1)
-    spacing = trial * (count / CELLS[manifold_dim]) ** (1 / max(manifold_dim, 1))
+    spacing = trial * (count / SUGGESTED_CELLS[manifold_dim]) ** (1 / max(manifold_dim, 1))
     return float(f"{spacing:.2g}")
 
 
 def check_fits(
-    source: Localized,
+    source: LocalSource,
     unknowns: float,
     spacing: float,
     degree: int,
@@ -85,20 +85,20 @@ def check_fits(
         raise ResolutionError(
             f"spacing={spacing:g} needs about {unknowns:.2g} unknowns and {needed / 2**30:.3g} GiB"
             f"{' with the solver ' + repr(solver) if solver != 'reference' else ''}, and {limit}; "
-            f"spacing={fits:g} or more would fit{or_another_solver(solver)}."
+            f"spacing={fits:g} or more would fit{other_solver_hint(solver)}."
         )
 
 
-def fitting_spacing(source: Localized, degree: int, available: int, solver: str = "reference") -> float:
+def fitting_spacing(source: LocalSource, degree: int, available: int, solver: str = "reference") -> float:
     """Return a spacing, rounded up to two digits, at which a solve fits into so many bytes.
 
     It does not depend on the spacing that was asked for, nor on where the lattice is.
     """
-    unknowns = (1 - SPARE) * max(available, 1) / memory.bytes_per_unknown(source.dim, degree, solver)
+    unknowns = (1 - SPARE_MEMORY_SHARE) * max(available, 1) / memory.bytes_per_unknown(source.dim, degree, solver)
     return rounded_up((unknowns_at_one(source, degree) / unknowns) ** (1 / max(source.largest_dim, 1)))
 
 
-def unknowns_at_one(source: Localized, degree: int) -> float:
+def unknowns_at_one(source: LocalSource, degree: int) -> float:
     """Return how many unknowns a band has, times the spacing to the power of the manifold's dimension.
 
     Counted from the blocks that the manifold meets, coarse ones: thin parts look as thick as a block.
@@ -106,9 +106,9 @@ def unknowns_at_one(source: Localized, degree: int) -> float:
     from cpmkit.grid.band import cell_levels, nodes_of_blocks
 
     extent = float((source.bounds[1] - source.bounds[0]).max()) or 1.0
-    cell = extent * FINEST
+    cell = extent * FINEST_CELL_SHARE
     levels = cell_levels(source, cell, -source.bounds[0] / cell)
-    side, count = next((side, len(blocks)) for side, blocks in levels if side == 1 or len(blocks) > COUNTED)
+    side, count = next((side, len(blocks)) for side, blocks in levels if side == 1 or len(blocks) > COUNTED_BLOCKS)
     m = source.largest_dim
     return nodes_of_blocks(count, side, source.dim, m, degree) * cell**m
 
@@ -119,6 +119,6 @@ def rounded_up(value: float) -> float:
     return float(f"{math.ceil(value / unit * (1 - 1e-9)) * unit:.2g}")
 
 
-def or_another_solver(solver: str) -> str:
+def other_solver_hint(solver: str) -> str:
     """Return what else would fit where the direct solver is too large, as the end of a sentence."""
     return ", or solver='reference'" if solver == "direct" else ""

@@ -16,12 +16,12 @@ from cpmkit.protocols import ClosestPointSource, Floats, Ints
 from cpmkit.runtime.arrays import as_vector
 
 #: The largest spacing, as a share of the manifold's largest side, at which the band still tells its parts apart.
-COARSEST = 0.25
-#: Rounding of coordinates that costs more than this share of a surface's size is told.
-LOST = 1e-7
+COARSEST_SPACING_SHARE = 0.25
+#: Rounding of coordinates above this share of a surface's size is reported.
+LOST_SIZE_SHARE = 1e-7
 #: So many roundings are lost where closest points are computed far out: spheres of classes of one's own, at 1e8 to
 #: 1e12, were up to one of them off, a capsule of radius 1e-3 at 1e5 a hundred. Sources that are translated lose 0.02.
-FAR_OUT = 100.0
+FAR_OUT_ROUNDINGS = 100.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,8 +55,8 @@ class Lattice:
         with the scene's coordinates, and loses more.
         """
         far, size = float(np.abs(bounds + self.origin).max()), float(np.ptp(bounds, axis=0).max())
-        loss = float(np.spacing(far)) * (1.0 if translated else FAR_OUT)
-        if loss <= LOST * size:
+        loss = float(np.spacing(far)) * (1.0 if translated else FAR_OUT_ROUNDINGS)
+        if loss <= LOST_SIZE_SHARE * size:
             return ()
         return (
             f"The surface lies {far:.2g} from zero, where coordinates are rounded to {np.spacing(far):.1g}: a solution "
@@ -80,10 +80,10 @@ def lattice_of(surface: ClosestPointSource, spacing: float, origin: Any = None) 
     """
     bounds = np.asarray(surface.bounds, dtype=np.float64)
     largest = float((bounds[1] - bounds[0]).max())
-    if spacing > COARSEST * largest > 0:
+    if spacing > COARSEST_SPACING_SHARE * largest > 0:
         raise ResolutionError(
             f"spacing={spacing:g} is too coarse for a manifold whose largest side is {largest:.3g}; "
-            f"use {COARSEST * largest:.3g} or less."
+            f"use {COARSEST_SPACING_SHARE * largest:.3g} or less."
         )
     centre: Floats = 0.5 * (bounds[0] + bounds[1])
     return Lattice(centre if origin is None else as_vector(origin, surface.dim, "origin"), float(spacing))

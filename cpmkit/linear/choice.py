@@ -15,10 +15,10 @@ from cpmkit.runtime.arrays import positive, whole
 from cpmkit.runtime.declared import Declared, declared, option
 
 #: Up to this many unknowns, by dimension of the manifold, a direct factorisation is the quicker one.
-DIRECT_UP_TO = {0: 10**6, 1: 100_000, 2: 6_000, 3: 3_000}
+DIRECT_UNKNOWNS = {0: 10**6, 1: 100_000, 2: 6_000, 3: 3_000}
 SOLVERS: Mapping[str, Callable[..., LinearSolver]] = {"direct": Direct, "reference": Reference}
 #: Options of the built-in solvers.
-ACCEPTED = {"auto": ("max_iterations",), "direct": (), "reference": ("max_iterations",)}
+SOLVER_OPTIONS = {"auto": ("max_iterations",), "direct": (), "reference": ("max_iterations",)}
 
 
 def choose_solver(name: str, unknowns: int, manifold_dim: int, factor: float = 1.0) -> str:
@@ -28,7 +28,7 @@ def choose_solver(name: str, unknowns: int, manifold_dim: int, factor: float = 1
     """
     if name != "auto":
         return name
-    return "direct" if unknowns <= factor * DIRECT_UP_TO.get(manifold_dim, 0) else "reference"
+    return "direct" if unknowns <= factor * DIRECT_UNKNOWNS.get(manifold_dim, 0) else "reference"
 
 
 def _check_tolerance(tolerance: Any, what: str) -> float:
@@ -49,7 +49,7 @@ def make_solver(name: str, options: Mapping[str, Any]) -> LinearSolver:
         If ``name`` is the kind of something else.
     """
     if name in SOLVERS:
-        return SOLVERS[name](**{key: value for key, value in options.items() if key in ACCEPTED[name]})
+        return SOLVERS[name](**{key: value for key, value in options.items() if key in SOLVER_OPTIONS[name]})
     made: LinearSolver = call(factory(name, "cpmkit_solvers"), f"the solver {name!r}", options)
     return made
 
@@ -72,16 +72,16 @@ class SolverOptions(Declared):
     def __post_init__(self) -> None:
         super().__post_init__()
         name, further = self.solver, self.further
-        if name not in ACCEPTED:
+        if name not in SOLVER_OPTIONS:
             if name not in [installed.kind for installed in installed_kinds()]:
                 raise InputError(
                     f"solver must be auto, {', '.join(SOLVERS)}, or the kind of a solver's plugin, got {shown(name)}."
                 )
             make_solver(name, further)
             return
-        unknown = [key for key in further if key not in ACCEPTED[name]]
+        unknown = [key for key in further if key not in SOLVER_OPTIONS[name]]
         if unknown:
-            accepted = ", ".join(ACCEPTED[name]) or "none"
+            accepted = ", ".join(SOLVER_OPTIONS[name]) or "none"
             raise InputError(f"the solver {name!r} has no option {unknown[0]!r}; accepted are {accepted}.")
         if "max_iterations" in further:
             whole(further["max_iterations"], f"max_iterations of the solver {name!r}", 1)

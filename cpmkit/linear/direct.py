@@ -9,7 +9,7 @@ from typing import Any
 from cpmkit.errors import SceneError
 from cpmkit.linear.factorization import Factors, factorize
 from cpmkit.linear.report import SolveReport, judge
-from cpmkit.protocols import Floats, Operator, Progress, nothing
+from cpmkit.protocols import Floats, Operator, Progress, no_progress
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Factorized:
     factors: Factors
 
     def solve(
-        self, b: Floats, tolerance: float, guess: Floats | None = None, progress: Progress = nothing
+        self, b: Floats, tolerance: float, guess: Floats | None = None, progress: Progress = no_progress
     ) -> tuple[Floats, SolveReport]:
         """Solve for all channels.
 

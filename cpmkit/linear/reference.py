@@ -15,17 +15,17 @@ from typing import Any
 import numpy as np
 
 from cpmkit.linear.report import SolveReport, judge
-from cpmkit.protocols import Floats, Operator, Progress, nothing
+from cpmkit.protocols import Floats, Operator, Progress, no_progress
 from cpmkit.runtime.threads import run_parcels
 
 #: The recursive residual is driven this much below the tolerance, because it drifts from the true one.
-MARGIN = 0.5
+RECURSIVE_TOLERANCE_SHARE = 0.5
 #: The recursion starts afresh where its shadow residual is orthogonal to the residual to this relative accuracy.
-BREAKDOWN = 1e-14
+BREAKDOWN_COSINE = 1e-14
 #: Rows of the vectors that a thread works on at a time: they fit its cache.
-PARCEL = 1 << 14
+REFERENCE_PARCEL_ROWS = 1 << 14
 #: At most this many fresh starts from the true residual.
-RESTARTS = 8
+MOST_RESTARTS = 8
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Iterated:
     max_iterations: int
 
     def solve(
-        self, b: Floats, tolerance: float, guess: Floats | None = None, progress: Progress = nothing
+        self, b: Floats, tolerance: float, guess: Floats | None = None, progress: Progress = no_progress
     ) -> tuple[Floats, SolveReport]:
         """Solve all channels.
 
@@ -67,13 +67,13 @@ class Iterated:
         u = np.zeros_like(b) if guess is None else guess.copy()
         u[:, size == 0] = 0.0  # the solution there; no guess gets nearer, and there is no relative residual to aim at
         iterations = products = 0
-        for _ in range(RESTARTS):
+        for _ in range(MOST_RESTARTS):
             residual = b - self.operator.apply(u)
             open_ = np.flatnonzero(np.linalg.norm(residual, axis=0) > tolerance * size)
             products += b.shape[1]
             if not len(open_) or iterations >= self.max_iterations:
                 break
-            target, left = MARGIN * tolerance * size[open_], self.max_iterations - iterations
+            target, left = RECURSIVE_TOLERANCE_SHARE * tolerance * size[open_], self.max_iterations - iterations
             start = np.ascontiguousarray(residual[:, open_])
             step, taken, applied = _bicgstab(self.operator, start, target, left, progress)
             u[:, open_] += step
@@ -113,7 +113,7 @@ def _bicgstab(
         size = np.sqrt(square.real)
         done = size <= target
         progress("solve", float(np.clip(1 - np.log(np.maximum(size / target, 1.0)).max() / start, 0, 1)))
-        broken = np.abs(rho) <= BREAKDOWN * shadow_size * size
+        broken = np.abs(rho) <= BREAKDOWN_COSINE * shadow_size * size
         if done.all() or np.any(broken & ~done) or not np.isfinite(size).all():
             break
         beta = _ratio(rho, before) * _ratio(alpha, omega)
@@ -126,13 +126,13 @@ def _bicgstab(
 def _dots(*pairs: tuple[Floats, Floats]) -> Floats:
     """Return the scalar products a* b (pairs, channels), summed parcel by parcel in a fixed order."""
     rows, channels = pairs[0][0].shape
-    parts = np.empty((-(-rows // PARCEL), len(pairs), channels), dtype=pairs[0][0].dtype)
+    parts = np.empty((-(-rows // REFERENCE_PARCEL_ROWS), len(pairs), channels), dtype=pairs[0][0].dtype)
 
     def add(start: int, stop: int) -> None:
         for number, (a, b) in enumerate(pairs):
-            parts[start // PARCEL, number] = np.einsum("nc,nc->c", a[start:stop].conj(), b[start:stop])
+            parts[start // REFERENCE_PARCEL_ROWS, number] = np.einsum("nc,nc->c", a[start:stop].conj(), b[start:stop])
 
-    run_parcels(add, rows, PARCEL)
+    run_parcels(add, rows, REFERENCE_PARCEL_ROWS)
     return np.asarray(parts.sum(axis=0))
 
 
@@ -142,7 +142,7 @@ def _subtract(residual: Floats, factor: Floats, image: Floats) -> None:
     def work(start: int, stop: int) -> None:
         residual[start:stop] -= factor * image[start:stop]
 
-    run_parcels(work, len(residual), PARCEL)
+    run_parcels(work, len(residual), REFERENCE_PARCEL_ROWS)
 
 
 def _advance(x: Floats, alpha: Floats, direction: Floats, omega: Floats, half: Floats) -> None:
@@ -151,7 +151,7 @@ def _advance(x: Floats, alpha: Floats, direction: Floats, omega: Floats, half: F
     def work(start: int, stop: int) -> None:
         x[start:stop] += alpha * direction[start:stop] + omega * half[start:stop]
 
-    run_parcels(work, len(x), PARCEL)
+    run_parcels(work, len(x), REFERENCE_PARCEL_ROWS)
 
 
 def _turn(direction: Floats, residual: Floats, beta: Floats, omega: Floats, image: Floats) -> None:
@@ -161,7 +161,7 @@ def _turn(direction: Floats, residual: Floats, beta: Floats, omega: Floats, imag
         part = direction[start:stop] - omega * image[start:stop]
         direction[start:stop] = residual[start:stop] + beta * part
 
-    run_parcels(work, len(direction), PARCEL)
+    run_parcels(work, len(direction), REFERENCE_PARCEL_ROWS)
 
 
 def _ratio(a: Floats, b: Floats) -> Floats:

@@ -39,7 +39,7 @@ Base = TypeVar("Base")
 Rule = Callable[[Any, tuple[Any, ...]], bool]
 
 #: Numbers of edges are below this, unless a source says otherwise.
-EDGES = 1000
+MOST_EDGES = 1000
 
 
 def always(_ability: Any, _sources: tuple[Any, ...]) -> bool:
@@ -171,4 +171,4 @@ def advice_of(source: object, spacing: float) -> Advice:
 
 def edge_limit_of(source: object) -> int:
     """Return what all numbers of edges of ``source`` are below."""
-    return int(source.edge_limit) if isinstance(source, HasManyEdges) else EDGES
+    return int(source.edge_limit) if isinstance(source, HasManyEdges) else MOST_EDGES

@@ -7,17 +7,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.manifold.localized import Localized
+from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.orientation import Orientation
 from cpmkit.manifold.tangent_space import normals, tangents, tangents_and_corners
 from cpmkit.protocols import ClosestPoints, Floats
 
 
 def axis_and_left(
-    source: Localized,
-    surface: Localized,
+    source: LocalSource,
+    surface: LocalSource,
     signs: tuple[Orientation, Orientation],
-    on: ClosestPoints,
+    on_surface: ClosestPoints,
     feet: ClosestPoints,
     step: float,
 ) -> tuple[Floats, Floats]:
@@ -39,25 +39,25 @@ def axis_and_left(
     dimension = (source.manifold_dim or 0) + 1
     axis = None
     if dimension == 2 and surface.dim == 3:
-        axis = across.apply(on.points, normals(surface, on, step))
-    left = np.empty_like(on.points)
-    for member, rows, own in source.by_member(feet):
+        axis = across.apply(on_surface.points, normals(surface, on_surface, step))
+    left = np.empty_like(on_surface.points)
+    for member, rows, member_feet in source.by_member(feet):
         if member.has_left:
-            left[rows] = member.leftward(own)
+            left[rows] = member.leftward(member_feet)
         elif dimension == 1:
-            left[rows] = -across.apply(on.points[rows], tangents(surface, on.take(rows), step))
+            left[rows] = -across.apply(on_surface.points[rows], tangents(surface, on_surface.take(rows), step))
         elif dimension == 3:
-            left[rows] = along.apply(own.points, normals(member, own, step))
+            left[rows] = along.apply(member_feet.points, normals(member, member_feet, step))
         elif axis is None:
-            tangent = _travel(member, along, own, step)
+            tangent = _travel(member, along, member_feet, step)
             left[rows] = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
         else:
-            across_it = np.cross(axis[rows], _travel(member, along, own, step))
+            across_it = np.cross(axis[rows], _travel(member, along, member_feet, step))
             left[rows] = across_it / np.linalg.norm(across_it, axis=1, keepdims=True)
     return (left if axis is None else axis), left
 
 
-def _travel(source: Localized, along: Orientation, feet: ClosestPoints, step: float) -> Floats:
+def _travel(source: LocalSource, along: Orientation, feet: ClosestPoints, step: float) -> Floats:
     """Return the direction of travel (n, d) at feet on a curve; at a corner about the bisector of both directions."""
     directions, corner = tangents_and_corners(source, feet, step)
     directions = along.apply(feet.points, directions)

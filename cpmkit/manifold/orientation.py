@@ -15,17 +15,18 @@ import numpy as np
 from cpmkit.protocols import Bools, Floats, Ints
 
 #: Samples within so many times their spacing may be neighbours.
-REACH = 2.5
+NEIGHBOUR_SPACINGS = 2.5
 #: Neighbours on a curve lie ahead or behind: the least cosine between the chord and the tangents at both.
-AHEAD = 0.25
+NEIGHBOUR_CHORD_COSINE = 0.25
 #: The chord of two points nearer than this share of the spacing tells nothing.
-SHORT = 0.02
+SHORT_CHORD_SPACINGS = 0.02
 #: Neighbours whose directions agree by less than this (cosine, after the turn on the way) are not sure of each other.
-SURE = 0.7
-#: Nor are those to which the chord between them leans more differently than this (cosine): a corner lies between them.
-LEVEL = 0.2
+SURE_COSINE = 0.7
+#: The same if the cosines between the chord and the two directions differ by more than this: a corner lies between
+#: them.
+UNEVEN_COSINE = 0.2
 #: Of so many samples around a point the one whose direction agrees best gives it the sign.
-ASKED = 6
+SIGN_SAMPLES = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,11 +54,11 @@ class Orientation:
         """Return ``directions`` (n, d) at ``points`` (n, d) with the sign of the sample near by that agrees best."""
         if self.points is None or self.directions is None or not len(points):
             return directions
-        count = min(ASKED, len(self.points))
+        count = min(SIGN_SAMPLES, len(self.points))
         near = np.reshape(self._tree.query(points, count)[1], (len(points), count))
         chords = points[:, None] - self.points[near]
         agreement: Floats = agreements(
-            self.directions[near], directions[:, None], chords, SHORT * self.spacing, self.travel
+            self.directions[near], directions[:, None], chords, SHORT_CHORD_SPACINGS * self.spacing, self.travel
         )
         best = np.take_along_axis(agreement, np.abs(agreement).argmax(axis=1)[:, None], 1)
         return np.asarray(np.where(best >= 0, directions, -directions))
@@ -65,7 +66,7 @@ class Orientation:
     def mean(self, points: Floats) -> Floats:
         """Return the mean direction (n, d) of the samples nearest to ``points`` (n, d), of length one."""
         assert self.directions is not None
-        count = min(ASKED, len(self.directions))
+        count = min(SIGN_SAMPLES, len(self.directions))
         near = np.reshape(self._tree.query(points, count)[1], (len(points), count))
         mean = self.directions[near].sum(axis=1)
         return np.asarray(mean / np.linalg.norm(mean, axis=1, keepdims=True))
@@ -110,17 +111,19 @@ def neighbours(points: Floats, spacing: float, tangents: Floats | None) -> Ints:
     """Return the pairs (k, 2) of samples that follow each other; on a curve, with ``tangents`` of any sign."""
     from scipy.spatial import cKDTree
 
-    pairs: Ints = cKDTree(points).query_pairs(REACH * spacing, output_type="ndarray").astype(np.int64)
+    pairs: Ints = cKDTree(points).query_pairs(NEIGHBOUR_SPACINGS * spacing, output_type="ndarray").astype(np.int64)
     if tangents is None or not len(pairs):
         return pairs
     chord = points[pairs[:, 1]] - points[pairs[:, 0]]
     length = np.linalg.norm(chord, axis=1)
-    ahead = [np.abs(np.sum(chord * tangents[pairs[:, end]], axis=1)) >= AHEAD * length for end in (0, 1)]
+    ahead = [
+        np.abs(np.sum(chord * tangents[pairs[:, end]], axis=1)) >= NEIGHBOUR_CHORD_COSINE * length for end in (0, 1)
+    ]
     return np.asarray(pairs[ahead[0] & ahead[1]])
 
 
 @dataclass(frozen=True, eq=False)
-class Carried:
+class Propagated:
     """Directions whose signs were carried from sample to sample.
 
     Attributes
@@ -140,16 +143,16 @@ class Carried:
     consistent: bool
 
 
-def carry(points: Floats, directions: Floats, pairs: Ints, spacing: float, travel: bool) -> Carried:
+def propagate_signs(points: Floats, directions: Floats, pairs: Ints, spacing: float, travel: bool) -> Propagated:
     """Give ``directions`` (s, d) at samples ``points`` signs that agree, over the surest of the ``pairs`` first."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
 
     count, (first, second) = len(points), pairs.T
     chord = points[second] - points[first]
-    agreement = agreements(directions[first], directions[second], chord, SHORT * spacing, travel)
+    agreement = agreements(directions[first], directions[second], chord, SHORT_CHORD_SPACINGS * spacing, travel)
     leaning = [np.abs(np.sum(chord * directions[end], axis=1)) for end in (first, second)]
-    length = np.maximum(np.linalg.norm(chord, axis=1), SHORT * spacing)
+    length = np.maximum(np.linalg.norm(chord, axis=1), SHORT_CHORD_SPACINGS * spacing)
     uneven = np.abs(leaning[0] - leaning[1]) / length
     weight = 1.001 - np.minimum(np.abs(agreement), 1.0) + uneven  # zero would be no link
     tree = minimum_spanning_tree(csr_array((weight, (first, second)), shape=(count, count)))
@@ -159,13 +162,13 @@ def carry(points: Floats, directions: Floats, pairs: Ints, spacing: float, trave
         members = np.flatnonzero(piece == number)
         _, parent = breadth_first_order(tree, members[0], directed=False)
         above = np.where(parent[members] < 0, members, parent[members]).astype(np.int64)
-        way = points[members] - points[above]
-        over = agreements(directions[above], directions[members], way, SHORT * spacing, travel)
+        step = points[members] - points[above]
+        over = agreements(directions[above], directions[members], step, SHORT_CHORD_SPACINGS * spacing, travel)
         sign[members] = _signs_from_root((over >= 0) | (above == members), members, above)
-    clear = (np.abs(agreement) >= SURE) & (uneven <= LEVEL)
+    clear = (np.abs(agreement) >= SURE_COSINE) & (uneven <= UNEVEN_COSINE)
     consistent = not np.any((sign[first] * sign[second] * agreement < 0) & clear)
-    sure = bool(tree.data.max(initial=0.0) <= 1.001 - SURE)
-    return Carried(directions * sign[:, None], np.asarray(piece, dtype=np.int64), sure, consistent)
+    sure = bool(tree.data.max(initial=0.0) <= 1.001 - SURE_COSINE)
+    return Propagated(directions * sign[:, None], np.asarray(piece, dtype=np.int64), sure, consistent)
 
 
 def _signs_from_root(agrees: Bools, members: Ints, above: Ints) -> Floats:
@@ -183,7 +186,7 @@ def _signs_from_root(agrees: Bools, members: Ints, above: Ints) -> Floats:
         sign, up = sign * sign[up], further
 
 
-def by_rule(points: Floats, directions: Floats, centre: Floats, travel: bool) -> float:
+def sign_by_rule(points: Floats, directions: Floats, centre: Floats, travel: bool) -> float:
     """Return the sign that a rule gives to ``directions`` (s, d) of one piece, whatever the lattice.
 
     Normals point away from ``centre`` (d,), tangents run counter-clockwise about the axis that has the largest share;
@@ -195,14 +198,14 @@ def by_rule(points: Floats, directions: Floats, centre: Floats, travel: bool) ->
         turning = np.cross(away, directions) if points.shape[1] == 3 else away[:, :1] * directions[:, 1:]
         if points.shape[1] == 2:
             turning = turning - away[:, 1:] * directions[:, :1]
-        moments.insert(1, turning.mean(axis=0) / _size(away))
+        moments.insert(1, turning.mean(axis=0) / _largest_length(away))
     else:
-        moments.insert(0, np.array([np.sum(away * directions, axis=1).mean() / _size(away)]))
+        moments.insert(0, np.array([np.sum(away * directions, axis=1).mean() / _largest_length(away)]))
     decided = next((moment for moment in moments if np.abs(moment).max() > 0.05), moments[-1])
     return -1.0 if decided[np.argmax(np.abs(decided))] < 0 else 1.0
 
 
-def _size(away: Floats) -> float:
+def _largest_length(away: Floats) -> float:
     return float(np.linalg.norm(away, axis=1).max()) or 1.0
 
 

@@ -6,16 +6,16 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cpmkit.manifold.localized import Localized
+from cpmkit.manifold.local_source import LocalSource
 from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 
 #: An eigenvalue of the closest point map's Jacobian above this belongs to a tangent direction.
-TANGENT = 0.5
+TANGENT_EIGENVALUE = 0.5
 #: Where that of a curve's direction is not above the next by so much, the curve has a corner there.
-STRAIGHT = 0.7
+CORNER_EIGENVALUE_GAP = 0.7
 
 
-def jacobian(source: Localized, points: Floats, step: float) -> Floats:
+def jacobian(source: LocalSource, points: Floats, step: float) -> Floats:
     """Return the Jacobian (n, d, d) of the closest point map at ``points``, by central differences, symmetrised.
 
     On a manifold it is the projection on the tangent space (Maerz and Macdonald 2012).
@@ -28,42 +28,44 @@ def jacobian(source: Localized, points: Floats, step: float) -> Floats:
     return 0.5 * (columns + columns.transpose(0, 2, 1))
 
 
-def normals(surface: Localized, feet: ClosestPoints, step: float) -> Floats:
+def normals(surface: LocalSource, feet: ClosestPoints, step: float) -> Floats:
     """Return unit normals (n, d) of a hypersurface at ``feet``; a source without its own gives them any sign."""
 
-    def of_member(member: Localized, own: ClosestPoints, _: Ints) -> Floats:
+    def of_member(member: LocalSource, member_feet: ClosestPoints, _: Ints) -> Floats:
         if member.has_normals:
-            return member.normals(own)
-        return np.linalg.eigh(jacobian(member, own.points, step))[1][:, :, 0]
+            return member.normals(member_feet)
+        return np.linalg.eigh(jacobian(member, member_feet.points, step))[1][:, :, 0]
 
     return _by_member(surface, feet, of_member)
 
 
-def tangents(curve: Localized, feet: ClosestPoints, step: float) -> Floats:
+def tangents(curve: LocalSource, feet: ClosestPoints, step: float) -> Floats:
     """Return unit tangents (n, d) of a curve at ``feet``; a source without its own gives them any sign."""
     return tangents_and_corners(curve, feet, step)[0]
 
 
-def tangents_and_corners(curve: Localized, feet: ClosestPoints, step: float) -> tuple[Floats, Bools]:
+def tangents_and_corners(curve: LocalSource, feet: ClosestPoints, step: float) -> tuple[Floats, Bools]:
     """Return the same, and where (n,) a source without tangents of its own has a corner, and thus no direction."""
     corner = np.zeros(len(feet), dtype=bool)
 
-    def of_member(member: Localized, own: ClosestPoints, rows: Ints) -> Floats:
+    def of_member(member: LocalSource, member_feet: ClosestPoints, rows: Ints) -> Floats:
         if member.has_tangents:
-            return member.tangents(own)
-        values, axes = np.linalg.eigh(jacobian(member, own.points, step))
-        corner[rows] = values[:, -1] - values[:, -2] < STRAIGHT
+            return member.tangents(member_feet)
+        values, axes = np.linalg.eigh(jacobian(member, member_feet.points, step))
+        corner[rows] = values[:, -1] - values[:, -2] < CORNER_EIGENVALUE_GAP
         return np.asarray(axes[:, :, -1])
 
     return _by_member(curve, feet, of_member), corner
 
 
-def project_tangent(surface: Localized, feet: ClosestPoints, vectors: Floats, step: float) -> Floats:
+def project_tangent(surface: LocalSource, feet: ClosestPoints, vectors: Floats, step: float) -> Floats:
     """Return ``vectors`` (n, d) projected on the tangent space at ``feet``."""
-    return _by_member(surface, feet, lambda member, own, rows: _projected(member, own, vectors[rows], step))
+    return _by_member(
+        surface, feet, lambda member, member_feet, rows: _projected(member, member_feet, vectors[rows], step)
+    )
 
 
-def _projected(surface: Localized, feet: ClosestPoints, vectors: Floats, step: float) -> Floats:
+def _projected(surface: LocalSource, feet: ClosestPoints, vectors: Floats, step: float) -> Floats:
     if surface.manifold_dim == surface.dim:
         return vectors
     if surface.manifold_dim == 2:
@@ -73,16 +75,16 @@ def _projected(surface: Localized, feet: ClosestPoints, vectors: Floats, step: f
         t = tangents(surface, feet, step)
         return np.asarray(np.sum(vectors * t, axis=1, keepdims=True) * t)
     values, axes = np.linalg.eigh(jacobian(surface, feet.points, step))
-    kept = np.einsum("nij,ni->nj", axes, vectors) * (values > TANGENT)
+    kept = np.einsum("nij,ni->nj", axes, vectors) * (values > TANGENT_EIGENVALUE)
     return np.asarray(np.einsum("nij,nj->ni", axes, kept))
 
 
-def outward_conormals(surface: Localized, edge: ClosestPoints, step: float) -> Floats:
+def outward_conormals(surface: LocalSource, edge: ClosestPoints, step: float) -> Floats:
     """Return the outward conormals (n, d) at feet ``edge`` on an open manifold's edge."""
-    return _by_member(surface, edge, lambda member, own, _: _outward(member, own, step))
+    return _by_member(surface, edge, lambda member, member_feet, _: _outward(member, member_feet, step))
 
 
-def _outward(surface: Localized, edge: ClosestPoints, step: float) -> Floats:
+def _outward(surface: LocalSource, edge: ClosestPoints, step: float) -> Floats:
     """Return the outward conormals of one member.
 
     ``b = -unit of T sum_k [cp(y + h e_k) + cp(y - h e_k) - 2 y]``, T the tangent projection: inside a
@@ -107,10 +109,10 @@ def _unit(vectors: Floats) -> Floats:
 
 
 def _by_member(
-    surface: Localized, feet: ClosestPoints, ask: Callable[[Localized, ClosestPoints, Ints], Floats]
+    surface: LocalSource, feet: ClosestPoints, ask: Callable[[LocalSource, ClosestPoints, Ints], Floats]
 ) -> Floats:
     """Ask the members of a union for vectors (n, d), each at its own feet: others near by do not disturb it."""
     answers = np.empty_like(feet.points)
-    for member, rows, own in surface.by_member(feet):
-        answers[rows] = ask(member, own, rows)
+    for member, rows, member_feet in surface.by_member(feet):
+        answers[rows] = ask(member, member_feet, rows)
     return answers

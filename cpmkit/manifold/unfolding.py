@@ -9,26 +9,26 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.manifold.localized import Localized
+from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.tangent_space import normals
 from cpmkit.protocols import ClosestPoints, Floats
 
 #: The way is gone in steps of this many spacings, which follow bends of about that radius.
-STRIDE = 0.5
+UNFOLDING_STRIDE_SPACINGS = 0.5
 #: At most so many steps: a stencil's reach, and as much again.
-STRIDES = 40
-#: What is left of a way is nothing below this many spacings.
-ARRIVED = 1e-6
-#: A step that leads less far than this share of its length has met a crease or an end.
-STUCK = 0.3
-#: A direction that is turned into the new tangent plane and keeps less of its length is not turned.
-STEEP = 0.05
-#: Opposite normals (cosine) do not tell how to turn.
-OPPOSITE = -0.98
+MOST_UNFOLDING_STRIDES = 40
+#: A remaining way below so many spacings counts as zero.
+UNFOLDED_REST_SPACINGS = 1e-6
+#: A step that moves the foot by less than this share of its length has met a crease or an end.
+STUCK_STEP_SHARE = 0.3
+#: Least length of a unit direction after it is rotated into the new tangent plane; below it the old direction is kept.
+LEAST_TURNED_LENGTH = 0.05
+#: Below this cosine normals are opposite, and the rotation between them is undefined.
+OPPOSITE_NORMALS_COSINE = -0.98
 
 
 def unfold(
-    source: Localized, start: ClosestPoints, normal: Floats, goal: Floats, spacing: float, signed: bool
+    source: LocalSource, start: ClosestPoints, normal: Floats, goal: Floats, spacing: float, signed: bool
 ) -> ClosestPoints:
     """Return the points reached from ``start`` by going along the surface as far as ``goal`` (n, d) is.
 
@@ -49,32 +49,36 @@ def unfold(
     """
     away = goal - start.points
     ahead = away - np.sum(away * normal, axis=1, keepdims=True) * normal
-    left = np.linalg.norm(ahead, axis=1)
-    ahead /= np.maximum(left, ARRIVED * spacing)[:, None]
-    feet, normal, going = start, normal.copy(), np.flatnonzero(left > ARRIVED * spacing)
-    for _ in range(STRIDES):
+    rest = np.linalg.norm(ahead, axis=1)
+    ahead /= np.maximum(rest, UNFOLDED_REST_SPACINGS * spacing)[:, None]
+    feet, normal, going = start, normal.copy(), np.flatnonzero(rest > UNFOLDED_REST_SPACINGS * spacing)
+    for _ in range(MOST_UNFOLDING_STRIDES):
         if not len(going):
             break
-        step = np.minimum(left[going], STRIDE * spacing)
-        here = feet.points[going]
-        reached = source.closest_point(here + step[:, None] * ahead[going])
-        moved = np.linalg.norm(reached.points - here, axis=1)
-        there = normals(source, reached, 0.5 * spacing)
+        step = np.minimum(rest[going], UNFOLDING_STRIDE_SPACINGS * spacing)
+        position = feet.points[going]
+        reached = source.closest_point(position + step[:, None] * ahead[going])
+        moved = np.linalg.norm(reached.points - position, axis=1)
+        reached_normal = normals(source, reached, 0.5 * spacing)
         if not signed:
-            there = np.where(np.sum(normal[going] * there, axis=1, keepdims=True) < 0, -there, there)
-        ahead[going], normal[going] = _turned(ahead[going], normal[going], there)
+            reached_normal = np.where(
+                np.sum(normal[going] * reached_normal, axis=1, keepdims=True) < 0, -reached_normal, reached_normal
+            )
+        ahead[going], normal[going] = _rotated_by_normals(ahead[going], normal[going], reached_normal)
         feet = feet.replaced(going, reached)
-        left[going] -= np.where(moved > STUCK * step, np.minimum(moved, step) + ARRIVED * spacing, step)
-        going = going[left[going] > ARRIVED * spacing]
+        rest[going] -= np.where(
+            moved > STUCK_STEP_SHARE * step, np.minimum(moved, step) + UNFOLDED_REST_SPACINGS * spacing, step
+        )
+        going = going[rest[going] > UNFOLDED_REST_SPACINGS * spacing]
     return feet
 
 
-def _turned(ahead: Floats, normal: Floats, reached: Floats) -> tuple[Floats, Floats]:
+def _rotated_by_normals(ahead: Floats, normal: Floats, reached: Floats) -> tuple[Floats, Floats]:
     """Return directions and normals turned by the smallest rotation that takes these to the normals ``reached``."""
     along = np.sum(normal * reached, axis=1, keepdims=True)
-    lean = np.sum(reached * ahead, axis=1, keepdims=True) / np.maximum(1 + along, 1 + OPPOSITE)
+    lean = np.sum(reached * ahead, axis=1, keepdims=True) / np.maximum(1 + along, 1 + OPPOSITE_NORMALS_COSINE)
     turned = ahead - (normal + reached) * lean
     turned -= np.sum(turned * reached, axis=1, keepdims=True) * reached
     length = np.linalg.norm(turned, axis=1, keepdims=True)
-    sound = (length > STEEP) & (along > OPPOSITE)
-    return np.where(sound, turned / np.maximum(length, STEEP), ahead), np.where(sound, reached, normal)
+    sound = (length > LEAST_TURNED_LENGTH) & (along > OPPOSITE_NORMALS_COSINE)
+    return np.where(sound, turned / np.maximum(length, LEAST_TURNED_LENGTH), ahead), np.where(sound, reached, normal)

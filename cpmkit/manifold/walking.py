@@ -6,26 +6,26 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.manifold.localized import Localized
+from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.tangent_space import project_tangent
 from cpmkit.protocols import ClosestPoints, Floats, Ints
 
-#: The way to a foot on a sheet is walked in steps of this many spacings: no farther than the next sheet is.
-STRIDE = 0.5
+#: Longest stride (spacings) towards a foot on a sheet: shorter than the distance to the next sheet.
+STRIDE_SPACINGS = 0.5
 #: A step of more than this share of a stride tells in which direction one came.
 WHOLE = 0.5
-#: At most so many steps; a node is within a stencil's reach of the foot that it is looked for from.
-STRIDES = 60
+#: Most strides; a node is within a stencil's reach of the foot from which the walk starts.
+MOST_STRIDES = 60
 #: A walk that moves less than this many spacings has arrived.
-ARRIVED = 1e-7
-#: After so many steps, and so many again, a walk to where there may be no foot must have come nearer, or it
-#: is given up: around a bend that is sharper than the goal is high there is no place to arrive at.
-CHECKED = 4
-#: A step is at most this many times the way ahead.
-LONGEST = 4.0
+ARRIVED_SPACINGS = 1e-7
+#: A walk that may have no foot to reach is checked each so many strides, and given up if it has come no nearer: around
+#: a bend of smaller radius than the goal's height there is none.
+STRIDES_PER_CHECK = 4
+#: A step is at most this multiple of the remaining way.
+LONGEST_STEP_FACTOR = 4.0
 
 
-def feet_from(source: Localized, goal: Floats, start: ClosestPoints, spacing: float) -> tuple[Ints, ClosestPoints]:
+def feet_from(source: LocalSource, goal: Floats, start: ClosestPoints, spacing: float) -> tuple[Ints, ClosestPoints]:
     """Return feet of ``goal`` (n, d) and whose they are, those of one row by their distance.
 
     By the source's own search where it has one, no farther than ``start`` lies, for that is a point of the sheet; by
@@ -37,11 +37,11 @@ def feet_from(source: Localized, goal: Floats, start: ClosestPoints, spacing: fl
     rows, feet = source.local_minima(goal, float(reach.max()))
     near = feet.distance <= reach[rows]
     rows, feet = rows[near], feet.take(near)
-    return (rows, feet) if feet.doubtful is None else _without_doubt(source, goal, start, spacing, rows, feet)
+    return (rows, feet) if feet.doubtful is None else _with_doubtful_walked(source, goal, start, spacing, rows, feet)
 
 
-def _without_doubt(
-    source: Localized, goal: Floats, start: ClosestPoints, spacing: float, rows: Ints, feet: ClosestPoints
+def _with_doubtful_walked(
+    source: LocalSource, goal: Floats, start: ClosestPoints, spacing: float, rows: Ints, feet: ClosestPoints
 ) -> tuple[Ints, ClosestPoints]:
     """Return the feet with doubtful ones replaced by those that walking leads to."""
     assert feet.doubtful is not None
@@ -60,7 +60,7 @@ class Walk:
     last: Floats
 
 
-def walk(source: Localized, goal: Floats, start: ClosestPoints, spacing: float, give_up: bool = False) -> Walk:
+def walk(source: LocalSource, goal: Floats, start: ClosestPoints, spacing: float, give_up: bool = False) -> Walk:
     """Return the feet reached from ``start`` by walking along the source until ``goal`` (n, d) lies straight above.
 
     A leap to the foot of the goal's projection could land on another sheet, and past an end of the surface it would.
@@ -72,35 +72,35 @@ def walk(source: Localized, goal: Floats, start: ClosestPoints, spacing: float, 
         return Walk(feet, strides)
     checked, steps = np.full(len(goal), np.inf), np.ones((len(goal), 1))
     last: tuple[Floats, Floats] | None = None
-    for count in range(STRIDES):
-        here = feet.take(walking)
-        ahead = project_tangent(source, here, goal[walking] - here.points, 0.5 * spacing)
+    for count in range(MOST_STRIDES):
+        current = feet.take(walking)
+        ahead = project_tangent(source, current, goal[walking] - current.points, 0.5 * spacing)
         length = np.linalg.norm(ahead, axis=1, keepdims=True)
         if last is not None:
-            steps = _steps(here.points - last[0], last[1] - ahead)
-        step = np.minimum(steps, STRIDE * spacing / np.maximum(length, ARRIVED * spacing)) * ahead
-        reached = source.closest_point(here.points + step)
-        taken = reached.points - here.points
+            steps = _step_factors(current.points - last[0], last[1] - ahead)
+        step = np.minimum(steps, STRIDE_SPACINGS * spacing / np.maximum(length, ARRIVED_SPACINGS * spacing)) * ahead
+        reached = source.closest_point(current.points + step)
+        taken = reached.points - current.points
         moved = np.linalg.norm(taken, axis=1)
-        whole = moved > WHOLE * STRIDE * spacing
+        whole = moved > WHOLE * STRIDE_SPACINGS * spacing
         strides[walking[whole]] = taken[whole] / moved[whole, None]
-        feet, going = feet.replaced(walking, reached), moved > ARRIVED * spacing
-        if give_up and count % CHECKED == 0:
+        feet, going = feet.replaced(walking, reached), moved > ARRIVED_SPACINGS * spacing
+        if give_up and count % STRIDES_PER_CHECK == 0:
             going &= length[:, 0] <= checked[walking]
             checked[walking] = length[:, 0]
-        last = (here.points[going], ahead[going])
+        last = (current.points[going], ahead[going])
         walking = walking[going]
         if not len(walking):
             break
     return Walk(feet, strides)
 
 
-def nearest_from(source: Localized, start: ClosestPoints | None, goal: Floats, spacing: float) -> ClosestPoints:
+def nearest_on_sheet(source: LocalSource, start: ClosestPoints | None, goal: Floats, spacing: float) -> ClosestPoints:
     """Return the points of a source nearest to ``goal`` (n, d), on the sheets of its points ``start`` if given."""
     return source.closest_point(goal) if start is None else walk(source, goal, start, spacing).feet
 
 
-def _steps(walked: Floats, shrunk: Floats) -> Floats:
+def _step_factors(walked: Floats, shrunk: Floats) -> Floats:
     """Return by what to multiply the way ahead (n, 1), after walking ``walked`` (n, d) has ``shrunk`` (n, d) it."""
     slope = np.sum(walked * shrunk, axis=1, keepdims=True) / np.sum(walked * walked, axis=1, keepdims=True)
-    return np.asarray(1 / np.clip(slope, 1 / LONGEST, None))
+    return np.asarray(1 / np.clip(slope, 1 / LONGEST_STEP_FACTOR, None))

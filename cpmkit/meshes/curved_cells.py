@@ -11,11 +11,11 @@ from cpmkit.meshes.cells import edges_of
 from cpmkit.protocols import ClosestPointSource, Floats, Ints
 
 #: The rule of degree 4 with 6 points (Dunavant 1985): ``a`` of its barycentric points (a, a, 1 - 2 a), and weights.
-TRIANGLE = ((0.445948490915964886, 0.223381589678011466), (0.091576213509770743, 0.109951743655321867))
+TRIANGLE_RULE = ((0.445948490915964886, 0.223381589678011466), (0.091576213509770743, 0.109951743655321867))
 #: Beyond the middle of an edge on the rim, the rim is looked for this share of the edge's length outwards.
-OUTWARDS = 0.5
-#: A middle that would be moved farther than this share of its edge's length stays where it is.
-MOVED = 0.25
+OUTWARD_EDGE_SHARE = 0.5
+#: A midpoint whose foot is farther away than this share of its edge's length stays on the chord.
+MOVED_MIDDLE_SHARE = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,7 @@ class CurvedCells:
 
     def rule(self) -> tuple[Floats, Floats, Floats]:
         """Return points (m, q, d) and weights (m, q) to integrate over the cells, and the share (q, k) of each node."""
-        shares, slopes, weights = RULES[self.cells.shape[1]]()
+        shares, slopes, weights = RULES_BY_NODES[self.cells.shape[1]]()
         corners = self.nodes[self.cells]
         points = np.einsum("qk,mkd->mqd", shares, corners)
         tangents = np.einsum("qka,mkd->mqad", slopes, corners)
@@ -51,7 +51,7 @@ def _measure(tangents: Floats) -> Floats:
 
 def _of_triangles() -> tuple[Floats, Floats, Floats]:
     points, weights = [], []
-    for a, weight in TRIANGLE:
+    for a, weight in TRIANGLE_RULE:
         points += [(a, a, 1 - 2 * a), (a, 1 - 2 * a, a), (1 - 2 * a, a, a)]
         weights += [0.5 * weight] * 3
     bary = np.array(points)
@@ -76,7 +76,7 @@ def _of_points() -> tuple[Floats, Floats, Floats]:
     return np.ones((1, 1)), np.zeros((1, 1, 0)), np.ones(1)
 
 
-RULES = {6: _of_triangles, 3: _of_segments, 1: _of_points}
+RULES_BY_NODES = {6: _of_triangles, 3: _of_segments, 1: _of_points}
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,11 +106,11 @@ def find_edges(points: Floats, cells: Ints) -> Edges:
         uses = np.bincount(of_cells.ravel(), minlength=len(ends))
         cell, corner = np.nonzero(uses[of_cells] == 1)
         a, b, c = (points[cells[cell, (corner + k) % 3]] for k in range(3))
-        outward[of_cells[cell, corner]] = _away(a, b, c)
+        outward[of_cells[cell, corner]] = _unit_away(a, b, c)
     return Edges(ends, of_cells, outward)
 
 
-def _away(a: Floats, b: Floats, c: Floats) -> Floats:
+def _unit_away(a: Floats, b: Floats, c: Floats) -> Floats:
     """Return unit vectors across the edges from a to b, away from c."""
     along = b - a
     length2 = np.sum(along * along, axis=1, keepdims=True)
@@ -125,14 +125,14 @@ def middles_on(surface: ClosestPointSource, points: Floats, edges: Edges) -> Flo
     straight, length = 0.5 * (a + b), np.linalg.norm(b - a, axis=1)
     moved = surface.closest_point(np.ascontiguousarray(straight)).points
     single = np.flatnonzero(edges.outward.any(axis=1))
-    beyond = straight[single] + OUTWARDS * length[single, None] * edges.outward[single]
+    beyond = straight[single] + OUTWARD_EDGE_SHARE * length[single, None] * edges.outward[single]
     rim = surface.closest_point(np.ascontiguousarray(beyond))
     moved = moved.copy()
     moved[single[rim.edge >= 0]] = rim.points[rim.edge >= 0]
-    return kept_near(straight, moved, length)
+    return moved_if_near(straight, moved, length)
 
 
-def kept_near(straight: Floats, moved: Floats, length: Floats) -> Floats:
+def moved_if_near(straight: Floats, moved: Floats, length: Floats) -> Floats:
     """Return ``moved``, or ``straight`` where the way is long beside the edge: there it led to another place."""
-    far = np.linalg.norm(moved - straight, axis=1) > MOVED * length
+    far = np.linalg.norm(moved - straight, axis=1) > MOVED_MIDDLE_SHARE * length
     return np.where(far[:, None], straight, moved)

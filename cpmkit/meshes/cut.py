@@ -10,10 +10,10 @@ from cpmkit.meshes.cells import edges_of, padded, renumbered, with_corners
 from cpmkit.protocols import Bools, ClosestPointSource, Floats, Ints
 
 #: A vertex nearer to a boundary than this share of the spacing lies on it.
-ON_CURVE = 1e-6
+ON_CURVE_SPACINGS = 1e-6
 
 #: An edge crosses a boundary if the zero on it lies nearer to the boundary than this share of its length.
-CROSSES = 0.5
+CROSSED_EDGE_SHARE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,7 @@ def cut(pieces: Pieces, boundary: int, distance: Floats, dim: int, curve: Closes
     curve : ClosestPointSource
         Where the boundary lies.
     spacing : float
-        Of the solution, the unit of :data:`ON_CURVE`.
+        Of the solution, the unit of :data:`ON_CURVE_SPACINGS`.
     """
     count, points = len(distance), pieces.attributes[:, :dim]
     sign = _signs(points, distance, curve, spacing)
@@ -50,11 +50,11 @@ def cut(pieces: Pieces, boundary: int, distance: Floats, dim: int, curve: Closes
         part = with_corners(pieces.cells, corners)
         if not len(part):
             continue
-        own, cell_edges = edges_of(part, count)
-        crossed = _crossed(points, own, distance, sign, curve)
+        part_edges, cell_edges = edges_of(part, count)
+        crossed = _crossed(points, part_edges, distance, sign, curve)
         # The crossing of edge e is called vertex count + e; only those that are used will be made.
         after, side = split(part, count + len(edges) + cell_edges, crossed[cell_edges], sign)
-        edges = np.concatenate([edges, own])
+        edges = np.concatenate([edges, part_edges])
         cells.append(after)
         sides.append(side)
     after = padded(cells)
@@ -62,9 +62,9 @@ def cut(pieces: Pieces, boundary: int, distance: Floats, dim: int, curve: Closes
     number = np.zeros(count + len(edges), dtype=np.int64)
     number[:count] = np.arange(count)
     number[count + used] = count + np.arange(len(used))
-    on = np.concatenate([sign == 0, np.ones(len(used), dtype=bool)])
+    on_boundary = np.concatenate([sign == 0, np.ones(len(used), dtype=bool)])
     with_crossings = _append_crossings(pieces, edges[used], distance, renumbered(after, number))
-    return _part(with_crossings, boundary, on, np.concatenate(sides))
+    return _part(with_crossings, boundary, on_boundary, np.concatenate(sides))
 
 
 def _signs(points: Floats, distance: Floats, curve: ClosestPointSource, spacing: float) -> Floats:
@@ -74,8 +74,8 @@ def _signs(points: Floats, distance: Floats, curve: ClosestPointSource, spacing:
     another sheet, such as the other leg of an animal; that is no place on the boundary.
     """
     sign: Floats = np.sign(distance)
-    zero = np.flatnonzero(np.abs(distance) < ON_CURVE * spacing)
-    sign[zero] = np.where(_apart(points[zero], curve) < CROSSES * spacing, 0.0, np.nan)
+    zero = np.flatnonzero(np.abs(distance) < ON_CURVE_SPACINGS * spacing)
+    sign[zero] = np.where(_distance_from_curve(points[zero], curve) < CROSSED_EDGE_SHARE * spacing, 0.0, np.nan)
     return sign
 
 
@@ -90,7 +90,7 @@ def _crossed(points: Floats, edges: Ints, distance: Floats, sign: Floats, curve:
     crossed: Bools = sign[a] * sign[b] < 0
     candidates = edges[crossed]
     length = np.linalg.norm(points[candidates[:, 1]] - points[candidates[:, 0]], axis=1)
-    crossed[crossed] = _apart(_zero(points, candidates, distance), curve) < CROSSES * length
+    crossed[crossed] = _distance_from_curve(_zero(points, candidates, distance), curve) < CROSSED_EDGE_SHARE * length
     return crossed
 
 
@@ -102,7 +102,7 @@ def _zero(attributes: Floats, edges: Ints, distance: Floats) -> Floats:
     return interpolated
 
 
-def _apart(points: Floats, curve: ClosestPointSource) -> Floats:
+def _distance_from_curve(points: Floats, curve: ClosestPointSource) -> Floats:
     """Return how far ``points`` are from ``curve``."""
     apart: Floats = np.linalg.norm(curve.closest_point(np.ascontiguousarray(points)).points - points, axis=1)
     return apart
@@ -177,11 +177,11 @@ def _append_crossings(pieces: Pieces, edges: Ints, distance: Floats, cells: Ints
     )
 
 
-def _part(pieces: Pieces, boundary: int, on: Bools, side: Floats) -> Pieces:
-    """Give the right side copies of the vertices ``on`` the boundary; the vertices themselves become the left's."""
-    copied = np.flatnonzero(on)
-    copy = np.arange(len(on))
-    copy[copied] = len(on) + np.arange(len(copied))
+def _part(pieces: Pieces, boundary: int, on_boundary: Bools, side: Floats) -> Pieces:
+    """Give the right side copies of the vertices ``on_boundary``; the vertices themselves become the left's."""
+    copied = np.flatnonzero(on_boundary)
+    copy = np.arange(len(on_boundary))
+    copy[copied] = len(on_boundary) + np.arange(len(copied))
     left, right = pieces.sides.copy(), pieces.sides[copied].copy()
     left[copied, boundary], right[:, boundary] = 1, -1
     return Pieces(

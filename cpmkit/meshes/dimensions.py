@@ -27,8 +27,8 @@ def cells_of_dimension(cells: Ints, surface: ClosestPointSource, dim: int) -> In
     if dim not in shown or not shown <= whole:
         names = {0: "points", 1: "segments", 2: "triangles"}
         raise InputError(
-            f"The mesh of {type(surface).__name__} has {' and '.join(names[one] for one in sorted(shown))} where a "
-            f"manifold of dimension {dim} is integrated over; curves, surfaces and areas of the plane with a mesh that "
-            "fills them are accepted."
+            f"The mesh of {type(surface).__name__} has {' and '.join(names[dimension] for dimension in sorted(shown))} "
+            f"where a manifold of dimension {dim} is integrated over; curves, surfaces and areas of the plane with a "
+            "mesh that fills them are accepted."
         )
     return with_corners(cells, dim + 1)

@@ -26,10 +26,10 @@ if TYPE_CHECKING:
     from cpmkit.solution.solution import Solution
 
 #: In spacings; longer edges are halved, for between its vertices a cell shows less than the solution knows.
-LONGEST_EDGE = 2.0
+LONGEST_EDGE_SPACINGS = 2.0
 
 #: Points of a cloud, itself included, whose plane gives the normal at one of them.
-AROUND = 9
+PLANE_NEIGHBOURS = 9
 
 #: Rounds of projections that lead to the crossing of two curves.
 CROSSING_ROUNDS = 20
@@ -109,7 +109,7 @@ def display_mesh(solution: Solution) -> DisplayMesh:
     normals = _normals(surface, points, cells)
     attributes = points if normals is None else np.hstack([points, normals])
     dim, boundaries = points.shape[1], solution.scene.boundaries
-    attributes, cells = refine(attributes, cells, dim, LONGEST_EDGE * solution.spacing)
+    attributes, cells = refine(attributes, cells, dim, LONGEST_EDGE_SPACINGS * solution.spacing)
     pieces = Pieces(attributes, np.zeros((len(attributes), len(boundaries)), dtype=np.int64), cells)
     for index, boundary in enumerate(boundaries):
         distance = solution.signed_distance(boundary.name, np.ascontiguousarray(pieces.attributes[:, :dim]))
@@ -132,9 +132,13 @@ def _normals(surface: ClosestPointSource, points: Floats, cells: Ints) -> Floats
         return None
     normals = vertex_normals(points, triangles)
     if len(dots):
-        at = np.ascontiguousarray(points[dots])
-        own = surface.normals(surface.closest_point(at)) if isinstance(surface, HasNormals) else plane_normals(at)
-        normals[dots] = own
+        positions = np.ascontiguousarray(points[dots])
+        dot_normals = (
+            surface.normals(surface.closest_point(positions))
+            if isinstance(surface, HasNormals)
+            else plane_normals(positions)
+        )
+        normals[dots] = dot_normals
     return normals
 
 
@@ -158,7 +162,7 @@ def plane_normals(points: Floats) -> Floats:
 
     if len(points) < 3:
         return np.zeros_like(points)
-    around = points[cKDTree(points).query(points, k=min(AROUND, len(points)))[1]]
+    around = points[cKDTree(points).query(points, k=min(PLANE_NEIGHBOURS, len(points)))[1]]
     offsets = around - around.mean(axis=1, keepdims=True)
     spread, axes = np.linalg.eigh(np.einsum("pki,pkj->pij", offsets, offsets))
     normals: Floats = np.where(spread[:, 1:2] > 1e-9 * spread[:, 2:], axes[:, :, 0], 0.0)
@@ -170,10 +174,10 @@ def evaluate_on_sides(solution: Solution, points: Floats, sides: Ints) -> Floats
     values = np.empty((len(points), solution.channels))
     boundaries = solution.scene.boundaries
     moved = moved_onto_boundaries(solution.scene, points, sides)
-    for combination, here in _by_sides(sides):
+    for combination, rows in _by_sides(sides):
         on = [(boundary, code) for boundary, code in zip(boundaries, combination, strict=False) if code]
         side: dict[str, Side] = {boundary.name: "left" if code > 0 else "right" for boundary, code in on}
-        values[here] = solution.evaluate(moved[here], side=side or None).reshape(len(here), -1)
+        values[rows] = solution.evaluate(moved[rows], side=side or None).reshape(len(rows), -1)
     return values
 
 
@@ -184,11 +188,11 @@ def moved_onto_boundaries(scene: Scene, points: Floats, sides: Ints) -> Floats:
     curves cross, projections in turn lead to the crossing.
     """
     moved = np.array(points)
-    for combination, here in _by_sides(sides):
+    for combination, rows in _by_sides(sides):
         curves = [one.source for one, code in zip(scene.boundaries, combination, strict=False) if code]
         for _ in range(1 if len(curves) < 2 else CROSSING_ROUNDS):
             for curve in curves:
-                moved[here] = curve.closest_point(moved[here]).points
+                moved[rows] = curve.closest_point(moved[rows]).points
     return moved
 
 

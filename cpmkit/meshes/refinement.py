@@ -12,7 +12,7 @@ from cpmkit.protocols import Floats, Ints
 
 #: The corners of the pieces of a triangle (a, b, c) by the number of its long edges, among a, b, c (0 to 2)
 #: and the middles of ab, bc, ca (3 to 5). Of one long edge it is ab, of two they are ab and bc.
-PIECES = {
+PIECES_BY_LONG_EDGES = {
     0: [(0, 1, 2)],
     1: [(0, 3, 2), (3, 1, 2)],
     2: [(3, 1, 4), (0, 3, 4), (0, 4, 2)],
@@ -74,5 +74,9 @@ def _halved_triangles(cells: Ints, middles: Ints) -> Ints:
     first = np.where(long.sum(axis=1) == 1, long.argmax(axis=1), long.argmin(axis=1) + 1)
     corners, halves = rotated(cells, middles, first)
     vertices = np.concatenate([corners, halves]).T
-    parts = [vertices[long.sum(axis=1) == count][:, piece] for count, pieces in PIECES.items() for piece in pieces]
+    parts = [
+        vertices[long.sum(axis=1) == count][:, piece]
+        for count, pieces in PIECES_BY_LONG_EDGES.items()
+        for piece in pieces
+    ]
     return np.concatenate(parts)

@@ -10,7 +10,7 @@ from cpmkit.errors import InputError, shown
 from cpmkit.protocols import Floats
 
 #: Coordinates and lengths are at most this, and lengths at least one over this: fourth powers of them are numbers.
-LARGEST = 1e50
+LARGEST_LENGTH = 1e50
 
 
 def as_points(x: Any, dim: int, what: str = "points") -> Floats:
@@ -59,14 +59,15 @@ def check_size(points: Floats, what: str) -> None:
         If they are.
     """
     farthest = float(np.abs(points).max(initial=0.0))
-    if farthest > LARGEST:
+    if farthest > LARGEST_LENGTH:
         raise InputError(
-            f"{what} must lie within {LARGEST:g} of zero, got {farthest:.3g}; choose a larger unit of length."
+            f"{what} must lie within {LARGEST_LENGTH:g} of zero, got {farthest:.3g}; choose a larger unit of length."
         )
     extent = float(np.ptp(points, axis=0).max()) if len(points) else 0.0
-    if 0.0 < extent < 1.0 / LARGEST:
+    if 0.0 < extent < 1.0 / LARGEST_LENGTH:
         raise InputError(
-            f"{what} must be at least {1.0 / LARGEST:g} across, got {extent:.3g}; choose a smaller unit of length."
+            f"{what} must be at least {1.0 / LARGEST_LENGTH:g} across, got {extent:.3g}; choose a smaller unit of "
+            "length."
         )
 
 
@@ -79,9 +80,10 @@ def length(x: Any, what: str) -> float:
         If it is not.
     """
     value = positive(x, what)
-    if not 1.0 / LARGEST <= value <= LARGEST:
+    if not 1.0 / LARGEST_LENGTH <= value <= LARGEST_LENGTH:
         raise InputError(
-            f"{what} must be from {1.0 / LARGEST:g} to {LARGEST:g}, got {shown(x)}; choose another unit of length."
+            f"{what} must be from {1.0 / LARGEST_LENGTH:g} to {LARGEST_LENGTH:g}, got {shown(x)}; choose another unit "
+            "of length."
         )
     return value
 

@@ -13,7 +13,7 @@ from cpmkit.errors import CpmkitWarning
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 #: Told where compiled kernels cannot be kept.
-NOT_KEPT = (
+NOT_KEPT_SENTENCE = (
     "There is no folder in which compiled kernels can be kept, so that each run compiles them anew, which takes some "
     "twenty seconds; name one that may be written to in the environment variable NUMBA_CACHE_DIR."
 )
@@ -45,7 +45,7 @@ def _njit() -> Any:
 
 @cache
 def _tell_once() -> None:
-    warnings.warn(NOT_KEPT, CpmkitWarning, stacklevel=2)
+    warnings.warn(NOT_KEPT_SENTENCE, CpmkitWarning, stacklevel=2)
 
 
 def inlined(function: Function) -> Function:

@@ -19,7 +19,7 @@ Made = TypeVar("Made", bound="Declared")
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 #: Under this key a field's metadata hold what is declared of the option.
-KEY = "option"
+OPTION_KEY = "option"
 _filled = partial(textwrap.fill, width=114, initial_indent="    ", subsequent_indent="    ")
 
 
@@ -55,7 +55,7 @@ class Option:
 
 def option(default: Any, told: str, check: Callable[[Any, str], Any] = lambda value, _: value, **study: Any) -> Any:
     """Return the field of an option; ``study`` is its ``plural`` or its ``methods``."""
-    return field(default=default, metadata={KEY: Option(told, check, **study)})
+    return field(default=default, metadata={OPTION_KEY: Option(told, check, **study)})
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class Declared:
 
 def declared(kind: type[Declared]) -> dict[str, Option]:
     """Return the options that a class declares, by their names."""
-    return {one.name: one.metadata[KEY] for one in fields(kind) if KEY in one.metadata}
+    return {one.name: one.metadata[OPTION_KEY] for one in fields(kind) if OPTION_KEY in one.metadata}
 
 
 def take(kind: type[Made], given: Mapping[str, Any], **further: Any) -> tuple[Made, dict[str, Any]]:
@@ -88,13 +88,13 @@ def showing(*kinds: type[Declared]) -> Callable[[Function], Function]:
     def show(function: Function) -> Function:
         signature = inspect.signature(function)
         *kept, rest = signature.parameters.values()
-        own = {one.name: one for kind in kinds for one in fields(kind) if KEY in one.metadata}
+        own = {one.name: one for kind in kinds for one in fields(kind) if OPTION_KEY in one.metadata}
         shown = [
             inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=one.default, annotation=one.type)
             for name, one in own.items()
             if name not in signature.parameters
         ]
-        told = [f"{one.name} : {one.annotation}\n{_filled(own[one.name].metadata[KEY].told)}\n" for one in shown]
+        told = [f"{one.name} : {one.annotation}\n{_filled(own[one.name].metadata[OPTION_KEY].told)}\n" for one in shown]
         doc = inspect.cleandoc(function.__doc__ or "")
         function.__doc__ = doc.replace("\n**options\n", f"\n{''.join(told)}**options\n")
         vars(function).update(__signature__=signature.replace(parameters=[*kept, *shown, rest]))

@@ -9,7 +9,7 @@ from typing import Any, Union, get_args, get_origin, get_type_hints
 from cpmkit.errors import SceneError, shown
 
 #: How messages name the types that are checked; a parameter with any other is left to its factory.
-NAMES = {bool: "true or false", int: "a whole number", float: "a number", str: "text", NoneType: ""}
+TYPE_WORDS = {bool: "true or false", int: "a whole number", float: "a number", str: "text", NoneType: ""}
 
 
 def check_types(make: Callable[..., Any], what: str, table: Mapping[str, Any]) -> None:
@@ -24,7 +24,7 @@ def check_types(make: Callable[..., Any], what: str, table: Mapping[str, Any]) -
     for key, value in table.items():
         accepted = _plain(hints.get(key))
         if accepted and not any(_is(value, kind) for kind in accepted):
-            names = " or ".join(NAMES[kind] for kind in accepted if NAMES[kind])
+            names = " or ".join(TYPE_WORDS[kind] for kind in accepted if TYPE_WORDS[kind])
             place = what[:1].lower() + what[1:]
             raise SceneError(f"{key} of {place} must be {names}, got {shown(value)}.")
 
@@ -39,7 +39,7 @@ def _hints(make: Callable[..., Any]) -> dict[str, Any]:
 def _plain(hint: Any) -> tuple[type, ...]:
     """Return the types of a hint, none if there is another than the plain ones among them."""
     kinds = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
-    return tuple(kinds) if all(isinstance(kind, type) and kind in NAMES for kind in kinds) else ()
+    return tuple(kinds) if all(isinstance(kind, type) and kind in TYPE_WORDS for kind in kinds) else ()
 
 
 def _is(value: Any, kind: type) -> bool:

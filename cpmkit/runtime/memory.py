@@ -10,14 +10,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 #: Bytes of one entry of a sparse matrix: a float64 and an int32 index.
-ENTRY = 12
+ENTRY_BYTES = 12
 #: Where the kernel shows control groups.
-GROUPS = Path("/sys/fs/cgroup")
-OWN_GROUPS = Path("/proc/self/cgroup")
+CONTROL_GROUPS = Path("/sys/fs/cgroup")
+OWN_CONTROL_GROUPS = Path("/proc/self/cgroup")
 #: Limits that ``ulimit`` sets: their names, its option, and the row of /proc/self/status that counts against each.
 ULIMITS = (("RLIMIT_AS", "-v", "VmSize"), ("RLIMIT_DATA", "-d", "VmData"))
 #: What errors of other types say where memory ran out.
-SIGNS = {
+OUT_OF_MEMORY_PHRASES = {
     ImportError: ("failed to map segment", "Cannot allocate memory"),
     RuntimeError: ("can't start new thread",),
 }
@@ -56,7 +56,11 @@ def ran_out(error: BaseException) -> bool:
     """Return whether an error says that memory ran out: an allocation, a thread, or a library that found no room."""
     if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
         return True
-    return any(sign in str(error) for sign in SIGNS[type(error)]) if type(error) in SIGNS else False
+    return (
+        any(sign in str(error) for sign in OUT_OF_MEMORY_PHRASES[type(error)])
+        if type(error) in OUT_OF_MEMORY_PHRASES
+        else False
+    )
 
 
 def _process_limits() -> Iterator[Limit]:
@@ -83,14 +87,14 @@ def _in_use(row: str) -> int:
 def _group_limits() -> Iterator[Limit]:
     """Yield the limits of this process's control groups, version 1 and 2, and of those that they are in."""
     try:
-        lines = OWN_GROUPS.read_text(encoding="utf-8", errors="replace").splitlines()
+        lines = OWN_CONTROL_GROUPS.read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:
         return
     for number, controllers, path in (line.split(":", 2) for line in lines if line.count(":") >= 2):
         if number == "0" and not controllers:
-            roots, file = [GROUPS, GROUPS / "unified"], "memory.max"
+            roots, file = [CONTROL_GROUPS, CONTROL_GROUPS / "unified"], "memory.max"
         elif "memory" in controllers.split(","):
-            roots, file = [GROUPS / "memory"], "memory.limit_in_bytes"
+            roots, file = [CONTROL_GROUPS / "memory"], "memory.limit_in_bytes"
         else:
             continue
         inner = Path(path.lstrip("/"))
@@ -124,11 +128,11 @@ def peak_bytes(rows: float, unknowns: float, dim: int, degree: int, channels: in
         ``direct`` assembles the matrix and factorises it.
     """
     stencil: int = (degree + 1) ** dim
-    tables = rows * (stencil * ENTRY + 10 * dim * 8) + unknowns * 2 * dim * (ENTRY + 8)
+    tables = rows * (stencil * ENTRY_BYTES + 10 * dim * 8) + unknowns * 2 * dim * (ENTRY_BYTES + 8)
     if solver == "direct":
         # About 2.1 entries of A a stencil entry in the plane and 2.3 in space; SuperLU's fill was measured.
         fill = 14 if dim == 2 else 60
-        return tables + unknowns * stencil * ENTRY * 2.2 + unknowns * fill * stencil
+        return tables + unknowns * stencil * ENTRY_BYTES * 2.2 + unknowns * fill * stencil
     return tables + unknowns * channels * 8 * 12
 
 

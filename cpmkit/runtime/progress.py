@@ -7,13 +7,13 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import TextIO
 
-#: A stage that is over sooner than this many seconds leaves no trace.
-PATIENCE = 1.0
+#: Stages shorter than so many seconds are not shown.
+QUIET_SECONDS = 1.0
 
 #: Seconds between two drawings of the bar.
-FLICKER = 0.1
+REDRAWING_SECONDS = 0.1
 
-WIDTH = 30
+BAR_CHARACTERS = 30
 
 
 class ProgressLine:
@@ -36,7 +36,7 @@ class ProgressLine:
         self._moves = stream.isatty()
         self._stage: str | None = None
         self._since = clock()
-        self._drawn = self._since - FLICKER
+        self._drawn = self._since - REDRAWING_SECONDS
 
     def __call__(self, stage: str, fraction: float) -> None:
         """Note that ``fraction`` of ``stage`` is done; 1, or another stage than before, ends a stage."""
@@ -44,11 +44,11 @@ class ProgressLine:
             self.finish()
             self._stage = stage
         now = self._clock()
-        if self._moves and now - self._drawn >= FLICKER:
+        if self._moves and now - self._drawn >= REDRAWING_SECONDS:
             self._drawn = now
             share = min(max(fraction, 0.0), 1.0)
-            bar = "#" * round(share * WIDTH)
-            self._write(f"\r{stage:<12} [{bar:.<{WIDTH}}] {share:4.0%}")
+            bar = "#" * round(share * BAR_CHARACTERS)
+            self._write(f"\r{stage:<12} [{bar:.<{BAR_CHARACTERS}}] {share:4.0%}")
         if fraction >= 1:
             self.finish()
 
@@ -59,9 +59,9 @@ class ProgressLine:
         now = self._clock()
         if self._moves:
             self._write("\r\x1b[K")
-        if now - self._since > PATIENCE:
+        if now - self._since > QUIET_SECONDS:
             self._write(f"{self._stage:<12} {now - self._since:.1f} s\n")
-        self._stage, self._since, self._drawn = None, now, now - FLICKER
+        self._stage, self._since, self._drawn = None, now, now - REDRAWING_SECONDS
 
     def __enter__(self) -> ProgressLine:
         return self

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 
 #: Longer words are not compared: comparing takes the product of their lengths.
-LONGEST_WORD = 100
+MOST_WORD_CHARACTERS = 100
 
 
 def did_you_mean(given: object, accepted: Iterable[str]) -> str:
@@ -17,7 +17,7 @@ def did_you_mean(given: object, accepted: Iterable[str]) -> str:
     >>> did_you_mean("lefft", ["left", "right"]), did_you_mean("top", ["left", "right"])
     (" (did you mean 'left'?)", '')
     """
-    if not isinstance(given, str) or len(given) > LONGEST_WORD:
+    if not isinstance(given, str) or len(given) > MOST_WORD_CHARACTERS:
         return ""
     near = get_close_matches(given.lower(), list(accepted), n=1, cutoff=0.7)
     return f" (did you mean {near[0]!r}?)" if near else ""

@@ -15,7 +15,7 @@ from functools import cache
 from cpmkit.errors import InputError
 
 #: Queries in a parcel: few enough that a busy core does not hold up the rest.
-PARCEL = 4096
+THREAD_PARCEL_QUERIES = 4096
 
 
 def thread_count() -> int:
@@ -43,7 +43,7 @@ if hasattr(os, "register_at_fork"):  # a forked child inherits the pool but none
     os.register_at_fork(after_in_child=_pool.cache_clear)
 
 
-def run_parcels(work: Callable[[int, int], object], count: int, size: int = PARCEL) -> None:
+def run_parcels(work: Callable[[int, int], object], count: int, size: int = THREAD_PARCEL_QUERIES) -> None:
     """Call ``work(start, stop)`` for the parcels of ``range(count)``, each of at most ``size``, on all threads.
 
     An exception in a parcel is raised here.

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from cpmkit.solution.solution import Solution
 
 #: Of the arrays in a .npz; :func:`cpmkit.load` reads no other.
-FORMAT = 1
+FORMAT_VERSION = 1
 
 
 def save(solution: Solution, path: str | Path) -> None:
@@ -137,7 +137,7 @@ def _ply_header(points: int, faces: int) -> bytes:
 
 def _save_npz(solution: Solution, path: Path) -> None:
     arrays = {f"lattice_{name}": array for name, array in solution.arrays().items()}
-    arrays |= {"format": np.array(FORMAT), "summary": np.array(json.dumps(solution.summary()))}
+    arrays |= {"format": np.array(FORMAT_VERSION), "summary": np.array(json.dumps(solution.summary()))}
     if isinstance(solution.scene.surface, HasMesh):
         mesh = solution.display_mesh()
         arrays |= {

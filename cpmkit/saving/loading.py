@@ -10,14 +10,14 @@ from typing import Any, NoReturn, overload
 import numpy as np
 
 from cpmkit.errors import InputError, shown
-from cpmkit.files.plain_values import made
+from cpmkit.files.plain_values import record_from_table
 from cpmkit.forms.choice import options_of
-from cpmkit.forms.collocation.conservation.balance import Leak
+from cpmkit.forms.collocation.conservation.balance import MeanImbalance
 from cpmkit.forms.collocation.conservation.flux_balance import Balance
 from cpmkit.forms.collocation.discretization import Discretization, build_tables
 from cpmkit.forms.collocation.form import Collocation
 from cpmkit.forms.collocation.work import Work
-from cpmkit.forms.free_constants import Defect
+from cpmkit.forms.free_constants import UnbalancedData
 from cpmkit.linear.report import SolveReport
 from cpmkit.protocols import Floats, Ints
 from cpmkit.saving.saved_solutions import check_same_scene, of_another_scene, read_solution
@@ -25,9 +25,9 @@ from cpmkit.scene.scene import Scene
 from cpmkit.solution.solution import Solution
 
 #: No inner node of a band is farther from the bounds of the surface than so many spacings.
-REACH = 12
+MOST_BAND_SPACINGS = 12
 #: Share of the ghosts that may stand on their boundary.
-TIES = 0.05
+ON_BOUNDARY_GHOSTS_SHARE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,10 +108,10 @@ def load(path: str | Path, scene: Scene | str | Path | None = None) -> Solution 
         from cpmkit.scenefile.reading import load_scene
 
         scene = load_scene(scene).scene
-    return _light(arrays, summary) if scene is None else _rebuilt(path, arrays, summary, scene)
+    return _mesh_alone(arrays, summary) if scene is None else _rebuilt(path, arrays, summary, scene)
 
 
-def _light(arrays: Mapping[str, Any], summary: Mapping[str, Any]) -> SavedSolution:
+def _mesh_alone(arrays: Mapping[str, Any], summary: Mapping[str, Any]) -> SavedSolution:
     mesh = {name: arrays[name] for name in ("points", "cells", "values") if name in arrays}
     if not mesh:
         none = np.zeros((0, 0))
@@ -138,7 +138,7 @@ def _rebuilt(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any], 
     except InputError as error:
         raise InputError(f"{shown(path.name)} is damaged: {error}") from error
     tables = build_tables(scene, options)
-    if not _fits(tables, lattice, scene):
+    if not _fits_layout(tables, lattice, scene):
         raise of_another_scene(path, "its nodes are others")
     if not _sides_agree(tables, lattice):
         raise of_another_scene(path, "left and right of its boundaries are others")
@@ -146,20 +146,24 @@ def _rebuilt(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any], 
     return Solution(
         Collocation(scene, tables),
         lattice["unknowns"],
-        made(SolveReport, summary["report"], f"report in {where}"),
-        made(Work, summary["work"], f"work in {where}"),
+        record_from_table(SolveReport, summary["report"], f"report in {where}"),
+        record_from_table(Work, summary["work"], f"work in {where}"),
         summary["seconds"],
         warnings=tuple(summary["warnings"]),
-        defects=tuple(made(Defect, one, f"a defect in {where}") for one in summary.get("defects", ())),
-        leaks=tuple(made(Leak, one, f"a leak in {where}") for one in summary.get("leaks", ())),
-        balance=None if balance is None else made(Balance, balance, f"balance in {where}"),
+        defects=tuple(
+            record_from_table(UnbalancedData, one, f"a defect in {where}") for one in summary.get("defects", ())
+        ),
+        leaks=tuple(record_from_table(MeanImbalance, one, f"a leak in {where}") for one in summary.get("leaks", ())),
+        balance=None if balance is None else record_from_table(Balance, balance, f"balance in {where}"),
     )
 
 
 def _sides_agree(tables: Discretization, lattice: Mapping[str, Any]) -> bool:
     """Tell whether the ghosts carry the sides that were saved; a node on a boundary may be on either by rounding."""
     left = tables.unknowns.ghost_sides
-    return "left" not in lattice or int(np.count_nonzero(left != lattice["left"])) <= TIES * len(left)
+    return "left" not in lattice or int(np.count_nonzero(left != lattice["left"])) <= ON_BOUNDARY_GHOSTS_SHARE * len(
+        left
+    )
 
 
 def _is_near(lattice: Mapping[str, Any], scene: Scene) -> bool:
@@ -167,10 +171,12 @@ def _is_near(lattice: Mapping[str, Any], scene: Scene) -> bool:
     bounds, spacing = np.asarray(scene.surface.bounds, dtype=np.float64), lattice["spacing"]
     with np.errstate(over="ignore", invalid="ignore"):
         nodes = lattice["origin"] + spacing * lattice["nodes"]
-    return bool(spacing > 0 and len(nodes) and np.all(np.abs(nodes - np.clip(nodes, *bounds)) <= REACH * spacing))
+    return bool(
+        spacing > 0 and len(nodes) and np.all(np.abs(nodes - np.clip(nodes, *bounds)) <= MOST_BAND_SPACINGS * spacing)
+    )
 
 
-def _fits(tables: Discretization, lattice: Mapping[str, Any], scene: Scene) -> bool:
+def _fits_layout(tables: Discretization, lattice: Mapping[str, Any], scene: Scene) -> bool:
     band, unknowns = tables.layout.band, lattice["unknowns"]
     channels = getattr(scene.problem, "count", tables.layout.channels)
     return bool(

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Written:
+class WrittenResults:
     """What became of the results.
 
     Attributes
@@ -51,9 +51,11 @@ class Written:
                 raise error
         if self.failures:
             missing = "; ".join(sentence.removesuffix(".") for sentence in self.summary["unwritten"].values())
-            there = [*self.summary["files"], *([self.summary["picture"]["file"]] if self.summary["picture"] else [])]
-            told = f"written into {self.summary['folder']} were {', '.join(there)}" if there else "nothing was written"
-            raise InputError(f"{missing}; {told}.")
+            written = [*self.summary["files"], *([self.summary["picture"]["file"]] if self.summary["picture"] else [])]
+            outcome = (
+                f"written into {self.summary['folder']} were {', '.join(written)}" if written else "nothing was written"
+            )
+            raise InputError(f"{missing}; {outcome}.")
 
 
 def check_request(request: OutputRequest, surface: ClosestPointSource, folder: Path) -> None:
@@ -83,7 +85,7 @@ def write_results(
     folder: Path,
     progress: Progress,
     warnings: Sequence[str] | None = None,
-) -> Written:
+) -> WrittenResults:
     """Write all that ``request`` asks for into ``folder``, made if need be; what is there already is replaced.
 
     A file that cannot be written keeps none of the others from being written, the summary last. Every file there is
@@ -98,13 +100,13 @@ def write_results(
     start = time.perf_counter()
     for index, file in enumerate(others):
         progress("write", index / len(others))
-        with _noted(failures, file):
-            save(solution, _made(folder / file))
+        with _collecting_failures(failures, file):
+            save(solution, _with_folder(folder / file))
         seconds["write"] = time.perf_counter() - start
     if request.picture is not None:
         progress("picture", 0.0)
         start = time.perf_counter()
-        with _noted(failures, request.picture.file):
+        with _collecting_failures(failures, request.picture.file):
             drawn = _draw(solution, request.picture, folder)
         seconds["picture"] = time.perf_counter() - start
     summary = {
@@ -117,15 +119,15 @@ def write_results(
         "seconds": seconds,
     }
     for file in summaries:
-        with _noted(failures, file):
-            write_summary(summary, _made(folder / file))
+        with _collecting_failures(failures, file):
+            write_summary(summary, _with_folder(folder / file))
     lost = {file: _sentence(folder / file, error) for file, error in failures.items()}
     files = [file for file in summary["files"] if file not in failures]
-    return Written({**summary, "files": files, "unwritten": lost}, failures)
+    return WrittenResults({**summary, "files": files, "unwritten": lost}, failures)
 
 
 @contextmanager
-def _noted(failures: dict[str, Exception], file: str) -> Iterator[None]:
+def _collecting_failures(failures: dict[str, Exception], file: str) -> Iterator[None]:
     """Note what is raised in the block; a solution that took hours is not lost because one of its files is."""
     try:
         yield
@@ -140,17 +142,17 @@ def _sentence(file: Path, error: Exception) -> str:
 
 
 def _draw(solution: Solution, asked: PictureRequest, folder: Path) -> dict[str, Any]:
-    file = _made(folder / asked.file)
+    file = _with_folder(folder / asked.file)
     options: dict[str, Any] = {"width": asked.width, "view": asked.view, "up": asked.up, "curves": asked.curves}
     drawn = picture(solution, file, **options)
-    told = {"file": asked.file, "renderer": drawn.renderer, "reason": drawn.reason}
+    entry = {"file": asked.file, "renderer": drawn.renderer, "reason": drawn.reason}
     if not asked.frames:
-        return told
+        return entry
     frames = draw_frames(solution, file, **options)
-    return {**told, "frames": [str(frame.file.relative_to(folder)) for frame in frames]}
+    return {**entry, "frames": [str(frame.file.relative_to(folder)) for frame in frames]}
 
 
-def _made(path: Path) -> Path:
+def _with_folder(path: Path) -> Path:
     """Return ``path``, whose folder exists afterwards."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -11,27 +11,27 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import InputError, shown
-from cpmkit.files.plain_values import ANYTHING, TEXT, Kind, check_fields, list_of, number, table_of, whole
+from cpmkit.files.plain_values import ANYTHING, TEXT, Kind, check_fields, list_of, numbers, table_of, whole_numbers
 from cpmkit.files.saved_arrays import SavedArray, read_json_table, read_saved
 from cpmkit.forms.choice import every_option
 from cpmkit.protocols import SIDES
-from cpmkit.saving.export import FORMAT
+from cpmkit.saving.export import FORMAT_VERSION
 from cpmkit.saving.summary import describe_scene
 from cpmkit.scene.scene import Scene
 
 #: Channels that a summary may tell of.
-MOST = 1_000_000
-WHAT = "a solution that was saved as .npz"
+MOST_CHANNELS = 1_000_000
+SAVED_SOLUTION_WORDS = "a solution that was saved as .npz"
 #: The arrays of a display mesh, and of the lattice: what is saved beside them is not read.
-FORMATS = (SavedArray("format", "i"),)
-MESH = (
+FORMAT_ARRAYS = (SavedArray("format", "i"),)
+MESH_ARRAYS = (
     SavedArray("summary", "U"),
     SavedArray("points", "f", ("vertices", "dim"), needed=False),
     SavedArray("cells", "i", ("cells", "corners"), needed=False),
     SavedArray("values", "f", ("vertices", "channels"), needed=False),
     SavedArray("original", "i", needed=False),
 )
-LATTICE = (
+LATTICE_ARRAYS = (
     SavedArray("lattice_spacing", "f"),
     SavedArray("lattice_origin", "f", ("dim",)),
     SavedArray("lattice_nodes", "i", ("inner", "dim")),
@@ -48,24 +48,26 @@ FURTHER = (
     SavedArray("lattice_laplacian", "f", ("unknowns", "channels"), needed=False),
 )
 #: An option's own check says what it accepts; one that is not in the file has its default.
-OPTION = SavedArray("", "bifU", needed=False)
+OPTION_ARRAY = SavedArray("", "bifU", needed=False)
 #: What of a summary is read.
-TABLE = table_of(ANYTHING)
-SUMMARY = {"discretization": TABLE}
-REBUILT = {
-    "scene": TABLE,
-    "report": TABLE,
-    "work": TABLE,
-    "seconds": table_of(number(0)),
+ANY_TABLE = table_of(ANYTHING)
+SUMMARY_KEYS = {"discretization": ANY_TABLE}
+REBUILT_KEYS = {
+    "scene": ANY_TABLE,
+    "report": ANY_TABLE,
+    "work": ANY_TABLE,
+    "seconds": table_of(numbers(0)),
     "warnings": list_of(TEXT),
 }
-LISTED = {"defects": list_of(TABLE), "leaks": list_of(TABLE)}
-BOUNDARY = Kind(
+LISTED_KEYS = {"defects": list_of(ANY_TABLE), "leaks": list_of(ANY_TABLE)}
+BOUNDARY_TABLE = Kind(
     "a table with a name and its conditions",
-    lambda one: TABLE.accepts(one) and "name" in one and all(isinstance(text, str) and text for text in one.values()),
+    lambda one: (
+        ANY_TABLE.accepts(one) and "name" in one and all(isinstance(text, str) and text for text in one.values())
+    ),
 )
-PROBLEM = Kind("a table with a kind", lambda one: TABLE.accepts(one) and TEXT.accepts(one.get("kind")))
-SCENE = {"problem": PROBLEM, "boundaries": list_of(BOUNDARY)}
+PROBLEM_TABLE = Kind("a table with a kind", lambda one: ANY_TABLE.accepts(one) and TEXT.accepts(one.get("kind")))
+SCENE_KEYS = {"problem": PROBLEM_TABLE, "boundaries": list_of(BOUNDARY_TABLE)}
 
 
 def read_solution(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -82,24 +84,30 @@ def read_solution(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
         exists = False
     if not exists:
         raise InputError(f"There is no file {shown(str(path))}; give the path of a solution that was saved as .npz.")
-    saved = int(read_saved(path, FORMATS, WHAT)["format"])
-    if saved != FORMAT:
+    saved = int(read_saved(path, FORMAT_ARRAYS, SAVED_SOLUTION_WORDS)["format"])
+    if saved != FORMAT_VERSION:
         raise InputError(
-            f"{shown(path.name)} is of format {saved}, and this cpmkit reads format {FORMAT}; solve the "
+            f"{shown(path.name)} is of format {saved}, and this cpmkit reads format {FORMAT_VERSION}; solve the "
             "scene again, or read the file with the version that its summary names."
         )
-    options = [replace(OPTION, name=f"lattice_{name}") for name in every_option()]
-    rows = {row.name: row for row in (*options, *LATTICE)}
-    on_lattice = bool(read_saved(path, [replace(row, needed=False) for row in rows.values() if not row.shape], WHAT))
-    arrays = read_saved(path, (*FORMATS, *MESH, *FURTHER, *(rows.values() if on_lattice else ())), WHAT)
+    options = [replace(OPTION_ARRAY, name=f"lattice_{name}") for name in every_option()]
+    rows = {row.name: row for row in (*options, *LATTICE_ARRAYS)}
+    on_lattice = bool(
+        read_saved(path, [replace(row, needed=False) for row in rows.values() if not row.shape], SAVED_SOLUTION_WORDS)
+    )
+    arrays = read_saved(
+        path, (*FORMAT_ARRAYS, *MESH_ARRAYS, *FURTHER, *(rows.values() if on_lattice else ())), SAVED_SOLUTION_WORDS
+    )
     _check_mesh(path, arrays)
     summary = read_json_table(arrays["summary"], path, "summary")
     where = f"the summary of {shown(path.name)}"
-    check_fields(summary, SUMMARY, where)
-    check_fields(summary["discretization"], {}, f"discretization in {where}", {"channels": whole(1, MOST)})
+    check_fields(summary, SUMMARY_KEYS, where)
+    check_fields(
+        summary["discretization"], {}, f"discretization in {where}", {"channels": whole_numbers(1, MOST_CHANNELS)}
+    )
     if on_lattice:
-        check_fields(summary, REBUILT, where, LISTED)
-        check_fields(summary["scene"], SCENE, f"scene in {where}")
+        check_fields(summary, REBUILT_KEYS, where, LISTED_KEYS)
+        check_fields(summary["scene"], SCENE_KEYS, f"scene in {where}")
     return arrays, summary
 
 

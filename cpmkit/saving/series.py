@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from cpmkit.view import Picture
 
 #: Of the folder beside the index.
-SUFFIX = "_frames"
+FRAMES_SUFFIX = "_frames"
 
 
 def frames_of(solution: Solution, what: str) -> tuple[EvolvedSolution, ...]:
@@ -76,7 +76,7 @@ def save_series(solution: Solution, path: Path) -> None:
 
 def frames_folder(path: Path) -> Path:
     """Return the folder beside the index ``path`` that holds the frames."""
-    return path.with_name(path.stem + SUFFIX)
+    return path.with_name(path.stem + FRAMES_SUFFIX)
 
 
 def draw_frames(solution: Solution, path: Path, **options: Any) -> list[Picture]:

@@ -64,14 +64,14 @@ def describe_scene(scene: Scene) -> dict[str, Any]:
 
 def _condition(condition: Condition) -> str:
     """Return a condition's kind and its data, one alone without its name."""
-    told = {name: _plain(value) for name, value in _arguments(condition).items() if (name, value) != ("order", None)}
-    alone = len(told) == 1 and "order" not in told
-    return " ".join([condition.kind, *(f"{value}" if alone else f"{name}={value}" for name, value in told.items())])
+    data = {name: _plain(value) for name, value in _arguments(condition).items() if (name, value) != ("order", None)}
+    alone = len(data) == 1 and "order" not in data
+    return " ".join([condition.kind, *(f"{value}" if alone else f"{name}={value}" for name, value in data.items())])
 
 
 def _arguments(made: Any) -> dict[str, Any]:
     """Return what an equation or a condition was made with."""
-    return {one.name: getattr(made, one.name) for one in fields(made) if one.init} if is_dataclass(made) else {}
+    return {entry.name: getattr(made, entry.name) for entry in fields(made) if entry.init} if is_dataclass(made) else {}
 
 
 def _plain(value: Any) -> Any:

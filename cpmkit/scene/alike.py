@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from cpmkit.scene.condition import Condition
 
 
-def alike(first: Any, second: Any) -> bool:
+def same_condition(first: Any, second: Any) -> bool:
     """Tell whether two conditions are of one kind with equal numbers, equal formulas or the same callables."""
     if first is second:
         return True
@@ -30,7 +30,7 @@ def sides_differ(left: Condition, right: Condition) -> bool:
     law = left.law
     if isinstance(law, Interface):
         return not (law.left == law.right and _equal(law.jump, 0.0))
-    return not alike(left, right)
+    return not same_condition(left, right)
 
 
 def _equal(first: Any, second: Any) -> bool:

@@ -9,12 +9,12 @@ from cpmkit.errors import SceneError
 from cpmkit.manifold.answers import check_source
 from cpmkit.protocols import ClosestPointSource, NamesLeft, Side
 from cpmkit.runtime.arrays import as_vector
-from cpmkit.scene.alike import alike
+from cpmkit.scene.alike import same_condition
 from cpmkit.scene.condition import Condition
 
 #: What may be given for a side, and across.
 ONE = "Dirichlet, Neumann, Robin or another condition of one side"
-ACROSS = "Transmission or another condition that couples both sides"
+COUPLING_WORDS = "Transmission or another condition that couples both sides"
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +72,10 @@ class Boundary:
         for side in given:
             one, across = getattr(self, side), side == "across"
             if not isinstance(one, Condition) or one.couples != across:
-                raise SceneError(f"boundary {self.name!r}: `{side}` must be {ACROSS if across else ONE}, got {one!r}.")
-        if alike(self.left, self.right):  # equal data on both sides need no left
+                raise SceneError(
+                    f"boundary {self.name!r}: `{side}` must be {COUPLING_WORDS if across else ONE}, got {one!r}."
+                )
+        if same_condition(self.left, self.right):  # equal data on both sides need no left
             object.__setattr__(self, "right", self.left)
         check_source(self.source, f"boundary {self.name!r}")
         if self.left_of is None:

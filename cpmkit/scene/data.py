@@ -16,7 +16,7 @@ from cpmkit.runtime.arrays import number, whole
 #: of the time.
 Data = float | list[Any] | tuple[Any, ...] | Floats | Callable[..., Any]
 #: What data may be in size: sums of their squares are numbers.
-LARGEST = 1e100
+LARGEST_DATUM = 1e100
 
 
 def takes_time(data: Data) -> bool:
@@ -28,9 +28,9 @@ def takes_time(data: Data) -> bool:
         return any(takes_time(entry) for entry in data)
     if not callable(data):
         return False
-    told = getattr(data, "takes_time", None)
-    if isinstance(told, bool):
-        return told
+    declared = getattr(data, "takes_time", None)
+    if isinstance(declared, bool):
+        return declared
     try:
         asked = inspect.signature(data).parameters.get("t")
     except (TypeError, ValueError):  # some built-in functions tell no signature
@@ -90,10 +90,10 @@ def evaluate_data(data: Data, points: Floats, channels: int | None, what: str, t
         raise InputError(
             f"{what} must be finite, got NaN or infinity at {int((~np.isfinite(values)).any(axis=1).sum())} points."
         )
-    if np.abs(values).max(initial=0.0) > LARGEST:
+    if np.abs(values).max(initial=0.0) > LARGEST_DATUM:
         raise InputError(
-            f"{what} must be at most {LARGEST:g} in size, for its squares are summed, got {np.abs(values).max():.3g}; "
-            "choose another unit."
+            f"{what} must be at most {LARGEST_DATUM:g} in size, for its squares are summed, got "
+            f"{np.abs(values).max():.3g}; choose another unit."
         )
     return np.ascontiguousarray(values)
 

@@ -55,13 +55,13 @@ class Terms:
         return f"{second}{first}{zeroth} = f"
 
     @property
-    def pins(self) -> bool:
+    def fixes_constant(self) -> bool:
         """True where c alone may fix the solution: a callable c fixes it on the pieces where it is not zero."""
         return callable(self.c) or self.c != 0
 
-    def fixes(self, points: Floats) -> bool:
+    def fixes_constant_at(self, points: Floats) -> bool:
         """Tell whether c alone fixes the solution on a piece of the manifold that has ``points`` (n, d) on it."""
-        return self.pins and bool(np.any(evaluate_data(self.c, points, 1, "the factor c")))
+        return self.fixes_constant and bool(np.any(evaluate_data(self.c, points, 1, "the factor c")))
 
 
 def check_factor(c: Data, what: str) -> None:

@@ -20,9 +20,9 @@ from cpmkit.scene.equations import Equation, Field, Terms, check_factor
 
 HEAT_SCHEMES = ("bdf2", "backward-euler", "crank-nicolson")
 WAVE_SCHEMES = ("leapfrog", "implicit")
-STARTS = ("smooth", "plain")
+HEAT_STARTS = ("smooth", "plain")
 #: More steps than this are a mistake in the unit of time.
-MOST_STEPS = 10_000_000
+MOST_TIME_STEPS = 10_000_000
 #: More frames than this, each a whole solution, are a mistake.
 MOST_FRAMES = 100_000
 
@@ -64,10 +64,10 @@ class Evolution(Equation):
     def _check(self, schemes: Sequence[str], coefficients: dict[str, object]) -> None:
         for name in ("until", "step"):
             object.__setattr__(self, name, positive(getattr(self, name), f"{name} of {self.kind}"))
-        if self.until / self.step > MOST_STEPS:
+        if self.until / self.step > MOST_TIME_STEPS:
             raise InputError(
                 f"until={self.until:g} with step={self.step:g} of {self.kind} makes {self.until / self.step:.3g} "
-                f"steps; at most {MOST_STEPS} are accepted, use a longer step."
+                f"steps; at most {MOST_TIME_STEPS} are accepted, use a longer step."
             )
         if self.scheme not in schemes:
             raise InputError(f"scheme of {self.kind} must be {' or '.join(schemes)}, got {shown(self.scheme)}.")
@@ -158,8 +158,8 @@ class Heat(Evolution):
         if not callable(self.kappa):
             positive(self.kappa, "kappa of heat")
         check_factor(self.c, "c of heat")
-        if self.start not in STARTS:
-            raise InputError(f"start of heat must be {' or '.join(STARTS)}, got {shown(self.start)}.")
+        if self.start not in HEAT_STARTS:
+            raise InputError(f"start of heat must be {' or '.join(HEAT_STARTS)}, got {shown(self.start)}.")
 
     def terms(self) -> Terms:
         """Return the terms of the spatial part."""

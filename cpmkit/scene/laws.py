@@ -19,7 +19,7 @@ from cpmkit.protocols import Bools, Floats
 from cpmkit.scene.data import Data, evaluate_data
 
 #: Step of the differences that replace a slope, as a share of the value.
-DIFFERENCE = 1e-6
+SLOPE_DIFFERENCE_SHARE = 1e-6
 
 
 class _Standard:
@@ -114,7 +114,7 @@ class Nonlinear(_Standard):
         if self.slope is not None:
             return _called(self.slope, values, points)
         size = np.abs(values)
-        step = DIFFERENCE * np.maximum(size, size.max(initial=0.0) or 1.0)
+        step = SLOPE_DIFFERENCE_SHARE * np.maximum(size, size.max(initial=0.0) or 1.0)
         ahead, behind = (_called(self.flux, values + sign * step, points) for sign in (1, -1))
         return np.asarray((ahead - behind) / (2 * step))
 
@@ -148,7 +148,7 @@ def data_of(law: Law) -> list[tuple[str, Data]]:
     return [] if isinstance(law, (Spectral, Nonlinear)) else [("datum", law.datum)]
 
 
-def is_wall(law: Law) -> bool:
+def is_zero_neumann(law: Law) -> bool:
     """Tell whether nothing flows through: the flux is zero everywhere."""
     return isinstance(law, Flux) and not callable(law.datum) and not np.any(np.asarray(law.datum, dtype=object))
 
@@ -175,7 +175,7 @@ def takes_nothing(law: Law) -> bool:
 def _called(function: Callable[..., object], values: Floats, points: Floats) -> Floats:
     """Return a flux or its slope (n,), of values alone or of values and points."""
     parameters = inspect.signature(function).parameters.values()
-    several = sum(one.default is one.empty for one in parameters) > 1
+    several = sum(parameter.default is parameter.empty for parameter in parameters) > 1
     found = np.asarray(function(values, points) if several else function(values), dtype=np.float64)
     found = np.broadcast_to(found, values.shape) if found.ndim == 0 else found
     if found.shape != values.shape or not np.isfinite(found).all():

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from cpmkit.manifold.conormal import axis_and_left
-from cpmkit.manifold.localized import Localized
+from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.orientation import AS_GIVEN, Orientation
 from cpmkit.protocols import BoundarySet, Floats, HasMembers, NamesLeft
-from cpmkit.scene.left_parts import STEP, TELLING, LeftPart, NamedBy, lean
+from cpmkit.scene.left_parts import LEAST_DIFFERENCE_SHARE, TELLING_CHORD_COSINE, LeftPart, NamedBy, cosines_to_left
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +63,9 @@ class Left:
         return replace(self, across=self.across.moved(offset), along=self.along.moved(offset), origin=origin)
 
 
-def find_left(boundary: BoundarySet, source: Localized, manifold: Localized, dimension: int, origin: Floats) -> Left:
+def find_left(
+    boundary: BoundarySet, source: LocalSource, manifold: LocalSource, dimension: int, origin: Floats
+) -> Left:
     """Return what tells the left of ``boundary`` in a ``manifold`` that has ``dimension`` there.
 
     Where sources know their signs, nothing is asked. Otherwise the boundary is sampled at a density of its own, and
@@ -92,20 +94,20 @@ def find_left(boundary: BoundarySet, source: Localized, manifold: Localized, dim
     along = AS_GIVEN if travel else Orientation.joined([part.along for part in parts])
     consistent, travels = (all(getattr(part, name) for part in parts) for name in ("consistent", "travels"))
     order: tuple[NamedBy, ...] = ("rule", "left_of", "source")
-    by_what = next(one for one in order if one in named) if consistent else "nothing"
+    by_what = next(name for name in order if name in named) if consistent else "nothing"
     beside = parts[ruled].beside() + origin if by_what == "rule" and ruled is not None else None
     queries = manifold.queries["points"], source.queries["points"]
     return Left(across, along, by_what, travels, origin, beside, queries)
 
 
-def _contradicts(source: Localized, surface: Localized, left_of: Floats) -> bool:
+def _contradicts(source: LocalSource, surface: LocalSource, left_of: Floats) -> bool:
     """Tell whether a point is on the right, as the sources' own directions have it."""
-    on = surface.closest_point(left_of[None])
-    feet = source.closest_point(on.points)
-    step = STEP * float(np.ptp(surface.bounds, axis=0).max())
-    at = surface.closest_point(feet.points)
-    left = axis_and_left(source, surface, (AS_GIVEN, AS_GIVEN), at, feet, step)[1]
-    return bool(lean(on.points - at.points, left)[0] < -TELLING)
+    on_surface = surface.closest_point(left_of[None])
+    feet = source.closest_point(on_surface.points)
+    step = LEAST_DIFFERENCE_SHARE * float(np.ptp(surface.bounds, axis=0).max())
+    at_boundary = surface.closest_point(feet.points)
+    left = axis_and_left(source, surface, (AS_GIVEN, AS_GIVEN), at_boundary, feet, step)[1]
+    return bool(cosines_to_left(on_surface.points - at_boundary.points, left)[0] < -TELLING_CHORD_COSINE)
 
 
 def _left_points(boundary: BoundarySet) -> list[Floats | None]:

@@ -10,21 +10,29 @@ import numpy as np
 
 from cpmkit.grid.band import cell_levels
 from cpmkit.manifold.conormal import axis_and_left
-from cpmkit.manifold.localized import Localized
-from cpmkit.manifold.orientation import AS_GIVEN, Carried, Orientation, by_rule, carry, neighbours, piece_masks
+from cpmkit.manifold.local_source import LocalSource
+from cpmkit.manifold.orientation import (
+    AS_GIVEN,
+    Orientation,
+    Propagated,
+    neighbours,
+    piece_masks,
+    propagate_signs,
+    sign_by_rule,
+)
 from cpmkit.manifold.tangent_space import normals, tangents, tangents_and_corners
 from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 
 #: Samples along the largest side of a boundary, by its dimension: more are taken until neighbours agree.
-SAMPLES = {0: (32,), 1: (32, 64, 128, 256, 512), 2: (16, 32, 64)}
+BOUNDARY_SAMPLES = {0: (32,), 1: (32, 64, 128, 256, 512), 2: (16, 32, 64)}
 #: Samples nearer than this share of their spacing are one.
-THINNED = 0.25
+THINNED_SPACING_SHARE = 0.25
 #: The least step of differences on the manifold, and its spacing of samples for a single point, as shares of its size.
-STEP, FOR_A_POINT = 1e-4, 1 / 64
-#: A point tells the left of a piece where the chord to it leans to one side by more than this (cosine).
-TELLING = 1e-3
+LEAST_DIFFERENCE_SHARE, POINT_SAMPLING_SHARE = 1e-4, 1 / 64
+#: A point determines the left of a piece if the cosine between its chord and the left direction exceeds this.
+TELLING_CHORD_COSINE = 1e-3
 #: The two points that name the sides lie so far from the boundary, as a share of its size.
-BESIDE = 0.1
+NAMING_POINT_SHARE = 0.1
 
 #: What says which side is left: the sources themselves, a point, or a rule. Nothing: the sign comes back reversed.
 NamedBy = Literal["source", "left_of", "rule", "nothing"]
@@ -34,8 +42,8 @@ NamedBy = Literal["source", "left_of", "rule", "nothing"]
 class LeftPart:
     """A source that is no union, a boundary or a member of one, with signs along it."""
 
-    source: Localized
-    surface: Localized
+    source: LocalSource
+    surface: LocalSource
     dimension: int
     samples: ClosestPoints
     on: ClosestPoints
@@ -49,12 +57,12 @@ class LeftPart:
     spacing: float
 
     @classmethod
-    def of(cls, source: Localized, surface: Localized, dimension: int) -> LeftPart:
+    def of(cls, source: LocalSource, surface: LocalSource, dimension: int) -> LeftPart:
         """Return it sampled densely enough, signs carried."""
         for found, spacing in samplings(source, surface):
             samples = _off_corners(source, found, 0.5 * spacing)
-            on = surface.closest_point(samples.points)
-            part, sure = cls._sampled(source, surface, dimension, samples, on, spacing)
+            on_surface = surface.closest_point(samples.points)
+            part, sure = cls._sampled(source, surface, dimension, samples, on_surface, spacing)
             if sure:
                 break
         return part
@@ -62,36 +70,49 @@ class LeftPart:
     @classmethod
     def _sampled(
         cls,
-        source: Localized,
-        surface: Localized,
+        source: LocalSource,
+        surface: LocalSource,
         dimension: int,
         samples: ClosestPoints,
-        on: ClosestPoints,
+        on_surface: ClosestPoints,
         spacing: float,
     ) -> tuple[LeftPart, bool]:
         step = 0.5 * spacing
-        wide = max(step, STEP * float(np.ptp(surface.bounds, axis=0).max()))
+        wide = max(step, LEAST_DIFFERENCE_SHARE * float(np.ptp(surface.bounds, axis=0).max()))
         travel = tangents(source, samples, step) if source.manifold_dim == 1 else None
-        way = tangents(surface, on, wide) if dimension == 1 else travel
-        pairs = neighbours(samples.points, spacing, way)
+        travelled = tangents(surface, on_surface, wide) if dimension == 1 else travel
+        pairs = neighbours(samples.points, spacing, travelled)
         along, across, found = AS_GIVEN, AS_GIVEN, []
         given_across = np.ones(len(samples), dtype=bool)
         given_along = source.manifold_dim == 0 or source.knows_directions(source.manifold_dim or 0)
         if source.manifold_dim:
             directions = normals(source, samples, step) if travel is None else travel
-            own = np.full(len(samples), given_along)
-            found.append(_carried(samples.points, directions, pairs, spacing, travel is not None, own))
+            is_given = np.full(len(samples), given_along)
+            found.append(_with_agreeing_signs(samples.points, directions, pairs, spacing, travel is not None, is_given))
             along = Orientation(samples.points, found[0].directions, spacing, travel is not None)
         travels = all(carried.consistent for carried in found)
         if dimension < source.dim:
-            directions = way if dimension == 1 and way is not None else normals(surface, on, wide)
-            given_across = _own_directions(surface, on, dimension)
-            found.append(_carried(on.points, directions, pairs, spacing, dimension == 1, given_across))
-            across = Orientation(on.points, found[-1].directions, spacing, dimension == 1)
+            directions = travelled if dimension == 1 and travelled is not None else normals(surface, on_surface, wide)
+            given_across = _own_directions(surface, on_surface, dimension)
+            found.append(
+                _with_agreeing_signs(on_surface.points, directions, pairs, spacing, dimension == 1, given_across)
+            )
+            across = Orientation(on_surface.points, found[-1].directions, spacing, dimension == 1)
         consistent, piece = all(carried.consistent for carried in found), found[0].piece
         own_signs = given_across, given_along
         part = cls(
-            source, surface, dimension, samples, on, across, along, *own_signs, piece, consistent, travels, spacing
+            source,
+            surface,
+            dimension,
+            samples,
+            on_surface,
+            across,
+            along,
+            *own_signs,
+            piece,
+            consistent,
+            travels,
+            spacing,
         )
         return part, all(carried.sure for carried in found)
 
@@ -103,7 +124,7 @@ class LeftPart:
         for number, mask in enumerate(piece_masks(self.piece)):
             if self.given_along and self.given_across[mask].any():
                 continue
-            if leans is not None and abs(leans[number]) > TELLING:
+            if leans is not None and abs(leans[number]) > TELLING_CHORD_COSINE:
                 named.add("left_of")
                 flipped[mask] = np.sign(leans[number])
             else:
@@ -118,9 +139,9 @@ class LeftPart:
         """Return the sign that makes what a piece does not know by itself follow the rule."""
         sign = 1.0
         if not self.given_across[mask].any():
-            sign *= _by_rule(self.across, mask, self.surface.bounds.mean(axis=0))
+            sign *= _sign_of_mean(self.across, mask, self.surface.bounds.mean(axis=0))
         if not self.given_along:
-            sign *= _by_rule(self.along, mask, self.source.bounds.mean(axis=0))
+            sign *= _sign_of_mean(self.along, mask, self.source.bounds.mean(axis=0))
         return sign
 
     def _lean(self, point: Floats) -> Floats:
@@ -134,7 +155,7 @@ class LeftPart:
         feet = self.samples.take(nearest).replaced(np.array([at]), feet)
         on = self.surface.closest_point(feet.points)
         _, left = axis_and_left(self.source, self.surface, (self.across, self.along), on, feet, 0.5 * self.spacing)
-        return lean(goal - on.points, left)
+        return cosines_to_left(goal - on.points, left)
 
     def beside(self) -> Floats:
         """Return a point of the manifold on the left and one on the right, (2, d)."""
@@ -142,38 +163,38 @@ class LeftPart:
         feet, on = self.samples.take(middle), self.on.take(middle)
         _, left = axis_and_left(self.source, self.surface, (self.across, self.along), on, feet, 0.5 * self.spacing)
         size = float(np.ptp(self.source.bounds, axis=0).max()) or self.spacing
-        ways = BESIDE * size * np.array([[1.0], [-1.0]]) * left
+        ways = NAMING_POINT_SHARE * size * np.array([[1.0], [-1.0]]) * left
         return self.surface.closest_point(on.points + ways).points
 
 
-def lean(ways: Floats, left: Floats) -> Floats:
+def cosines_to_left(ways: Floats, left: Floats) -> Floats:
     """Return the cosines (n,) of ``ways`` (n, d) with unit vectors; zero of no way."""
     length = np.linalg.norm(ways, axis=1)
     return np.asarray(np.sum(ways * left, axis=1) / np.where(length > 0, length, 1.0))
 
 
-def _by_rule(signs: Orientation, mask: Bools, centre: Floats) -> float:
+def _sign_of_mean(signs: Orientation, mask: Bools, centre: Floats) -> float:
     assert signs.points is not None
     assert signs.directions is not None
-    return by_rule(signs.points[mask], signs.directions[mask], centre, signs.travel)
+    return sign_by_rule(signs.points[mask], signs.directions[mask], centre, signs.travel)
 
 
-def samplings(source: Localized, surface: Localized) -> Iterator[tuple[ClosestPoints, float]]:
+def samplings(source: LocalSource, surface: LocalSource) -> Iterator[tuple[ClosestPoints, float]]:
     """Yield samples of a source, denser and denser, and their spacing."""
     size = float(np.ptp(source.bounds, axis=0).max())
     if not size > 0:
         middle = source.bounds.mean(axis=0)[None]
-        yield source.closest_point(middle), FOR_A_POINT * float(np.ptp(surface.bounds, axis=0).max())
+        yield source.closest_point(middle), POINT_SAMPLING_SHARE * float(np.ptp(surface.bounds, axis=0).max())
         return
-    for count in SAMPLES[source.manifold_dim or 0]:
+    for count in BOUNDARY_SAMPLES[source.manifold_dim or 0]:
         spacing = size / count
         cells = next(blocks for side, blocks in cell_levels(source, spacing, 0.5) if side == 1)
         points = source.closest_point(np.asarray(cells * spacing, dtype=np.float64)).points
-        _, kept = np.unique(np.round(points / (THINNED * spacing)), axis=0, return_index=True)
+        _, kept = np.unique(np.round(points / (THINNED_SPACING_SHARE * spacing)), axis=0, return_index=True)
         yield source.closest_point(points[np.sort(kept)]), spacing
 
 
-def _off_corners(source: Localized, samples: ClosestPoints, step: float) -> ClosestPoints:
+def _off_corners(source: LocalSource, samples: ClosestPoints, step: float) -> ClosestPoints:
     """Return the samples at which a curve has a direction; all, where it has none anywhere."""
     if source.manifold_dim != 1 or source.has_tangents:
         return samples
@@ -181,19 +202,21 @@ def _off_corners(source: Localized, samples: ClosestPoints, step: float) -> Clos
     return samples if corner.all() else samples.take(~corner)
 
 
-def _own_directions(surface: Localized, on: ClosestPoints, dimension: int) -> Bools:
+def _own_directions(surface: LocalSource, on_surface: ClosestPoints, dimension: int) -> Bools:
     """Return at which feet (n,) the manifold gives its own normals, or tangents, where it is a curve."""
-    own = np.zeros(len(on), dtype=bool)
-    for member, rows, _ in surface.by_member(on):
-        own[rows] = member.has_tangents if dimension == 1 else member.has_normals
-    return own
+    given = np.zeros(len(on_surface), dtype=bool)
+    for member, rows, _ in surface.by_member(on_surface):
+        given[rows] = member.has_tangents if dimension == 1 else member.has_normals
+    return given
 
 
-def _carried(points: Floats, directions: Floats, pairs: Ints, spacing: float, travel: bool, own: Bools) -> Carried:
+def _with_agreeing_signs(
+    points: Floats, directions: Floats, pairs: Ints, spacing: float, travel: bool, is_given: Bools
+) -> Propagated:
     """Carry signs, of each piece such that they agree with those that the source itself gives there."""
-    found = carry(points, directions, pairs, spacing, travel)
+    found = propagate_signs(points, directions, pairs, spacing, travel)
     for mask in piece_masks(found.piece):
-        given = mask & own
+        given = mask & is_given
         if np.sum(found.directions[given] * directions[given]) < 0:
             found.directions[mask] *= -1
     return found

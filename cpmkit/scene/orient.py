@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from cpmkit.errors import SceneError, shown
-from cpmkit.manifold.localized import Localized, localize
+from cpmkit.manifold.local_source import LocalSource, localize
 from cpmkit.protocols import BoundarySet, ClosestPointSource, Floats, Ints
-from cpmkit.scene.alike import alike, sides_differ
+from cpmkit.scene.alike import same_condition, sides_differ
 from cpmkit.scene.left import find_left
 from cpmkit.scene.left_parts import samplings
 from cpmkit.scene.oriented import OrientedBoundary
@@ -34,7 +34,7 @@ def orient(boundary: BoundarySet, surface: ClosestPointSource) -> OrientedBounda
     return oriented
 
 
-def dimension_along(name: str, source: Localized, surface: Localized, dimensions: Ints) -> int:
+def dimension_along(name: str, source: LocalSource, surface: LocalSource, dimensions: Ints) -> int:
     """Return the one dimension that a manifold has along a boundary, of those (n,) that it has at points of that.
 
     Raises
@@ -64,14 +64,14 @@ def _check_sides(oriented: OrientedBoundary) -> None:
     """Refuse conditions that differ between sides that the boundary does not have, or that chance would name."""
     boundary = oriented.boundary
     on_left, on_right = boundary.condition("left"), boundary.condition("right")
-    if not oriented.has_sides and not (alike(on_left, on_right) and not on_left.couples):
+    if not oriented.has_sides and not (same_condition(on_left, on_right) and not on_left.couples):
         raise SceneError(
             f"boundary {boundary.name!r} has dimension {oriented.source.manifold_dim} where the manifold has "
             f"{oriented.dimension}, so it has no left and right; give `both`, one of Dirichlet, Neumann or Robin."
         )
     if not oriented.has_sides:
         return
-    if not oriented.left.known and (on_left.couples or not alike(on_left, on_right)):
+    if not oriented.left.known and (on_left.couples or not same_condition(on_left, on_right)):
         raise SceneError(
             f"boundary {boundary.name!r} has no left side: the "
             f"{'boundary' if not oriented.left.travels else 'manifold'}'s own direction comes back reversed along it; "
@@ -86,14 +86,15 @@ def _check_sides(oriented: OrientedBoundary) -> None:
         )
     if oriented.left.beside is not None:
         apart = float(np.linalg.norm(np.subtract(*oriented.left.beside)))
-        one, other = (_shown_point(point, 0.01 * apart) for point in oriented.left.beside)
+        first, second = (_shown_point(point, 0.01 * apart) for point in oriented.left.beside)
         raise SceneError(
-            f"boundary {boundary.name!r} has unlike conditions on its sides, and {_silent(boundary)}: "
-            f"{oriented.lacking}; give left_of, a point on the left, here {one} for one side or {other} for the other."
+            f"boundary {boundary.name!r} has unlike conditions on its sides, and {_has_no_data(boundary)}: "
+            f"{oriented.lacking}; give left_of, a point on the left, here {first} for one side or {second} for the "
+            "other."
         )
 
 
-def _silent(boundary: BoundarySet) -> str:
+def _has_no_data(boundary: BoundarySet) -> str:
     if boundary.left_of is None:
         return "nothing says which side is left"
     return f"left_of={shown(boundary.left_of)} is on neither side of some piece of it"

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cpmkit.manifold.conormal import axis_and_left
-from cpmkit.manifold.localized import Localized
+from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.tangent_space import outward_conormals
 from cpmkit.protocols import Bools, BoundarySet, ClosestPoints, Floats
 from cpmkit.scene.left import Left
@@ -15,7 +15,7 @@ from cpmkit.scene.left import Left
 #: Of a surface and of a curve, in words.
 _DIRECTIONS = ("normals", "tangents")
 #: What names the left of a boundary, in words.
-_NAMED = {
+_LEFT_NAMED_BY = {
     "left_of": "left is named by left_of",
     "rule": "left is named by a rule alone",
     "nothing": "it has no left, their sign comes back reversed",
@@ -42,8 +42,8 @@ class OrientedBoundary:
     """
 
     boundary: BoundarySet
-    source: Localized
-    surface: Localized
+    source: LocalSource
+    surface: LocalSource
     dimension: int
     left: Left
 
@@ -57,7 +57,7 @@ class OrientedBoundary:
         """True where the boundary has sides, and which of them is left is the same all along it."""
         return self.has_sides and self.left.known
 
-    def seen_from(self, origin: Floats, source: Localized, surface: Localized) -> OrientedBoundary:
+    def seen_from(self, origin: Floats, source: LocalSource, surface: LocalSource) -> OrientedBoundary:
         """Return the same relative to another origin (d,), from which ``source`` and ``surface`` are seen."""
         return replace(self, source=source, surface=surface, left=self.left.seen_from(origin))
 
@@ -66,14 +66,14 @@ class OrientedBoundary:
         feet = self.source.closest_point(points)
         return feet, self.surface.closest_point(feet.points)
 
-    def axis_and_left(self, feet: ClosestPoints, on: ClosestPoints, step: float) -> tuple[Floats, Floats]:
+    def axis_and_left(self, feet: ClosestPoints, on_surface: ClosestPoints, step: float) -> tuple[Floats, Floats]:
         """Return the manifold's normal n (n, d) and the conormal v (n, d) to the left, as :meth:`feet` returns these.
 
         Of unit length, by differences of ``step`` where the sources have none; where n is not needed, v again.
         """
-        return axis_and_left(self.source, self.surface, self.left.signs, on, feet, step)
+        return axis_and_left(self.source, self.surface, self.left.signs, on_surface, feet, step)
 
-    def open_ends(self, feet: ClosestPoints, on: ClosestPoints, step: float) -> Bools:
+    def open_ends(self, feet: ClosestPoints, on_surface: ClosestPoints, step: float) -> Bools:
         """Return which feet (n,) lie on an end of the boundary around which the solution goes on.
 
         Differs from King et al. (2024), eq. 16: an end on a rim parts the manifold, and is none of them.
@@ -82,7 +82,7 @@ class OrientedBoundary:
         end = feet.edge >= 0
         rows = np.flatnonzero(end)
         ahead = outward_conormals(self.source, feet.take(rows), step)
-        end[rows] = self.surface.closest_point(on.points[rows] + step * ahead).edge < 0
+        end[rows] = self.surface.closest_point(on_surface.points[rows] + step * ahead).edge < 0
         return end
 
     def signed_distance(self, points: Floats, step: float) -> Floats:
@@ -112,4 +112,4 @@ class OrientedBoundary:
         """What names the left, and what is taken by differences; empty where the sources know it by themselves."""
         if not self.has_sides or self.left.named_by == "source":
             return ""
-        return f"{self.lacking}: taken by differences, {_NAMED[self.left.named_by]}"
+        return f"{self.lacking}: taken by differences, {_LEFT_NAMED_BY[self.left.named_by]}"

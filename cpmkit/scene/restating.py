@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from cpmkit.errors import SceneError
-from cpmkit.scene.alike import alike
+from cpmkit.scene.alike import same_condition
 from cpmkit.scene.boundary import Boundary
 from cpmkit.scene.condition import Condition
 from cpmkit.scene.equations import Equation
@@ -29,10 +29,13 @@ def restated(scene: Scene, problem: Equation | None, data: Mapping[str, Any] | N
     if problem is None and not data:
         return scene
     data = dict(data or {})
-    boundaries = [_with_data(one, data.pop(one.name)) if one.name in data else one for one in scene.boundaries]
+    boundaries = [
+        _with_data(boundary, data.pop(boundary.name)) if boundary.name in data else boundary
+        for boundary in scene.boundaries
+    ]
     edge = _edge_with_data(scene.edge, data.pop(EDGE)) if EDGE in data else scene.edge
     if data:
-        names = [EDGE, *(repr(one.name) for one in scene.boundaries)]
+        names = [EDGE, *(repr(boundary.name) for boundary in scene.boundaries)]
         raise SceneError(f"data are given for {next(iter(data))!r}; the scene has {', '.join(names)}.")
     return replace(scene, problem=problem or scene.problem, boundaries=boundaries, edge=edge)
 
@@ -52,8 +55,8 @@ def _with_data(boundary: Any, given: Any) -> Boundary:
         )
     for side, one in new.items():
         _check_same(held[side], one, f"boundary {boundary.name!r}, {side},")
-    if "left" in held and alike(*held.values()) != alike(*new.values()):
-        count = "one condition" if alike(*held.values()) else "two conditions"
+    if "left" in held and same_condition(*held.values()) != same_condition(*new.values()):
+        count = "one condition" if same_condition(*held.values()) else "two conditions"
         raise SceneError(f"boundary {boundary.name!r} has {count} for its sides in the tables; use cpmkit.solve.")
     return replace(boundary, **new)
 

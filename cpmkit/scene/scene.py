@@ -11,7 +11,7 @@ import numpy as np
 
 from cpmkit.errors import SceneError, shown
 from cpmkit.manifold.answers import check_source
-from cpmkit.manifold.localized import Localized
+from cpmkit.manifold.local_source import LocalSource
 from cpmkit.protocols import SIDES, BoundarySet, ClosestPointSource, Floats
 from cpmkit.scene.boundary import ONE
 from cpmkit.scene.condition import Condition
@@ -22,7 +22,7 @@ from cpmkit.scene.orient import orient
 from cpmkit.scene.oriented import OrientedBoundary
 
 #: Where data of the equation and of the edge are asked; numbers from zero are boundaries.
-SURFACE, EDGE = -1, -2
+SURFACE_DATA, EDGE_DATA = -1, -2
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,12 +135,12 @@ class Scene:
     def _data(self) -> list[tuple[str, Data, int]]:
         """Return all data, what they are, and the place at which they can be asked, a number for :meth:`_place`."""
         places = [number for number, _ in enumerate(self.boundaries) for _ in SIDES]
-        places += [EDGE] * len(self.edge_conditions)
+        places += [EDGE_DATA] * len(self.edge_conditions)
         found: list[tuple[str, Data, int]] = []
         for (what, one), place in zip(self._conditions(), places, strict=True):
             data = one.data()
             found += [(what if len(data) == 1 else f"the {name} of {what}", datum, place) for name, datum in data]
-        return found + [(what, data, SURFACE) for what, data in self.problem.data()]
+        return found + [(what, data, SURFACE_DATA) for what, data in self.problem.data()]
 
     def _place(self, number: int) -> Floats:
         """Return a point (1, d) of a boundary, by its number, of the manifold's edge or of the manifold.
@@ -151,9 +151,9 @@ class Scene:
             source = self.boundaries[number].source if number >= 0 else self.surface
             bounds = np.asarray(source.bounds, dtype=np.float64)
             centre = bounds.mean(axis=0)
-            asked = centre[None] if number != EDGE else np.array([*product(*bounds.T), centre])
-            seen = Localized(source, np.zeros(source.dim)).closest_point(asked)
-            self._places[number] = seen.points[np.argmax(seen.edge >= 0)][None] if number == EDGE else seen.points
+            asked = centre[None] if number != EDGE_DATA else np.array([*product(*bounds.T), centre])
+            foot = LocalSource(source, np.zeros(source.dim)).closest_point(asked)
+            self._places[number] = foot.points[np.argmax(foot.edge >= 0)][None] if number == EDGE_DATA else foot.points
         return self._places[number]
 
     @cached_property

@@ -17,7 +17,7 @@ from cpmkit.scene.special_conditions import SimplySupported, Steklov, Transmissi
 from cpmkit.scene.vertex_data import VertexData
 
 #: The number of a rim.
-LOOP = re.compile(r"[0-9]{1,6}")
+LOOP_NUMBER = re.compile(r"[0-9]{1,6}")
 CONDITIONS: dict[str, Any] = {
     "dirichlet": Dirichlet,
     "neumann": Neumann,
@@ -26,7 +26,7 @@ CONDITIONS: dict[str, Any] = {
     "simply_supported": SimplySupported,
 }
 #: What is given for those that take a list.
-LISTS = {"robin": ("alpha", "beta", "gamma"), "simply_supported": ("u", "Lap u")}
+LIST_ENTRIES = {"robin": ("alpha", "beta", "gamma"), "simply_supported": ("u", "Lap u")}
 
 
 def read_side(key: str, value: Any, dim: int, where: str) -> Any:
@@ -84,20 +84,20 @@ def _entries(kind: str, value: Any, dim: int, where: str) -> list[Any]:
         if value is not True:
             raise SceneError(f"steklov of {where} must be true, got {shown(value)}; it has no data.")
         return []
-    if kind not in LISTS:
+    if kind not in LIST_ENTRIES:
         return [read_data(value, dim, where)]
-    if not isinstance(value, list) or len(value) != len(LISTS[kind]):
-        raise SceneError(f"{kind} of {where} must be [{', '.join(LISTS[kind])}], got {shown(value)}.")
+    if not isinstance(value, list) or len(value) != len(LIST_ENTRIES[kind]):
+        raise SceneError(f"{kind} of {where} must be [{', '.join(LIST_ENTRIES[kind])}], got {shown(value)}.")
     return [
         number(entry, f"alpha of {where}") if name == "alpha" else read_data(entry, dim, where)
-        for name, entry in zip(LISTS[kind], value, strict=True)
+        for name, entry in zip(LIST_ENTRIES[kind], value, strict=True)
     ]
 
 
 def read_edge(table: Any, where: str) -> Any:
     """Return a function of the dimension that makes the edge's condition, or one a loop number."""
     table = as_table(table, where)
-    if table and all(LOOP.fullmatch(key) for key in table):
+    if table and all(LOOP_NUMBER.fullmatch(key) for key in table):
         return lambda dim: {int(key): read_condition(value, dim, f"edge {key}") for key, value in table.items()}
     return lambda dim: read_condition(table, dim, "edge")
 

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
 from cpmkit.errors import SceneError, shown
-from cpmkit.files.whole_files import LONGEST_NAME, check_name
+from cpmkit.files.whole_files import MOST_FILE_NAME_BYTES, check_name
 from cpmkit.runtime.arrays import as_vector, whole
 
 #: Bytes of a file's name with its folders.
-LONGEST_PATH = 1000
+MOST_OUTPUT_BYTES = 1000
 #: Pixels of a picture's width.
-WIDTHS = (16, 16_384)
+WIDTH_PIXELS = (16, 16_384)
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class PictureRequest:
 
     def __post_init__(self) -> None:
         relative_name(self.file, "file of the picture")
-        whole(self.width, "the picture's width in pixels", *WIDTHS)
+        whole(self.width, "the picture's width in pixels", *WIDTH_PIXELS)
         for name in ("view", "up"):
             if getattr(self, name) is not None:
                 object.__setattr__(
@@ -95,10 +95,10 @@ def relative_name(name: object, what: str) -> str:
         lengths = [len(part.encode()) for part in PurePosixPath(name).parts]
     except UnicodeEncodeError as error:
         raise SceneError(f"{what} must be a name that UTF-8 can hold, got {shown(name)}.") from error
-    if "\0" in name or max(lengths) > LONGEST_NAME or sum(lengths) > LONGEST_PATH:
+    if "\0" in name or max(lengths) > MOST_FILE_NAME_BYTES or sum(lengths) > MOST_OUTPUT_BYTES:
         raise SceneError(
-            f"{what} must be a name of at most {LONGEST_NAME} bytes, with folders {LONGEST_PATH}, and without NUL, got "
-            f"{shown(name)}."
+            f"{what} must be a name of at most {MOST_FILE_NAME_BYTES} bytes, with folders {MOST_OUTPUT_BYTES}, and "
+            f"without NUL, got {shown(name)}."
         )
     return name
 

@@ -10,10 +10,10 @@ from typing import Any
 
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.files.data_files import find_file
-from cpmkit.files.toml_files import made_from_toml
-from cpmkit.forms.choice import DEFAULT, form_options
+from cpmkit.files.toml_files import from_toml
+from cpmkit.forms.choice import DEFAULT_FORM, form_options
 from cpmkit.forms.options import Options
-from cpmkit.linear.choice import ACCEPTED, SolverOptions
+from cpmkit.linear.choice import SOLVER_OPTIONS, SolverOptions
 from cpmkit.plugins import call, check_keys, factory, source, takes
 from cpmkit.protocols import ClosestPointSource
 from cpmkit.runtime.declared import declared, take
@@ -29,7 +29,7 @@ from cpmkit.scene.vertex_data import with_vertex_data
 from cpmkit.scenefile.condition_tables import as_table, read_data, read_edge, read_side
 from cpmkit.scenefile.output_request import OutputRequest, PictureRequest, check_links, output_folder
 
-TABLES = ("surface", "boundary", "problem", "discretization", "solver", "output")
+SCENE_TABLES = ("surface", "boundary", "problem", "discretization", "solver", "output")
 PROBLEMS = {
     "laplace": Laplace,
     "poisson": Poisson,
@@ -44,11 +44,11 @@ PROBLEMS = {
 #: Keys of a boundary beside those of its kind.
 SIDE_KEYS = ("both", "left", "right", "left_of", "across")
 #: Characters of a boundary's name.
-LONGEST_NAME = 100
+MOST_NAME_CHARACTERS = 100
 #: Keys of [problem] that hold numbers or formulas; a velocity holds one a coordinate.
-FORMULAS = ("f", "c", "diffusivity", "kappa", "initial", "initial_rate")
+FORMULA_KEYS = ("f", "c", "diffusivity", "kappa", "initial", "initial_rate")
 #: Of these the keys that hold one for all channels.
-COEFFICIENTS = ("c", "diffusivity", "kappa")
+COEFFICIENT_KEYS = ("c", "diffusivity", "kappa")
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,11 +83,11 @@ def load_scene(path: str | Path) -> SceneFile:
     PluginError
         If a kind is offered by no installed plugin.
     """
-    return made_from_toml(path, _scene_file, "scene file", ", such as examples/01-first-curves.toml")
+    return from_toml(path, _scene_file, "scene file", ", such as examples/01-first-curves.toml")
 
 
 def _scene_file(tables: dict[str, Any], path: Path) -> SceneFile:
-    _check_keys(tables, TABLES, "the scene")
+    _check_keys(tables, SCENE_TABLES, "the scene")
     scene = read_scene(tables, path.parent)
     spacing, options = read_options(tables)
     output = _output(as_table(tables.get("output", {}), "[output]"), path)
@@ -139,7 +139,7 @@ def read_options(tables: Mapping[str, Any]) -> tuple[float | None, dict[str, Any
     """
     grid = as_table(tables.get("discretization", {}), "[discretization]")
     with _told_of("[discretization]"):
-        kind = form_options(grid.get("form", DEFAULT), grid)
+        kind = form_options(grid.get("form", DEFAULT_FORM), grid)
         _check_keys(grid, (*declared(Options), *declared(kind)), "[discretization]")
         own, common = take(kind, grid)
         take(Options, {"spacing": 1.0, **common}, own=own)  # one may be given elsewhere
@@ -148,9 +148,9 @@ def read_options(tables: Mapping[str, Any]) -> tuple[float | None, dict[str, Any
     if not isinstance(name, str):
         raise SceneError(f"kind of [solver] must be a name such as 'direct', got {shown(name)}.")
     renamed = {("solver" if key == "kind" else key): value for key, value in solver.items()}
-    if name in ACCEPTED:  # a plugin's solver has keys of its own
+    if name in SOLVER_OPTIONS:  # a plugin's solver has keys of its own
         keys = ("kind" if key == "solver" else key for key in declared(SolverOptions))
-        _check_keys(solver, (*keys, *ACCEPTED[name]), "[solver]")
+        _check_keys(solver, (*keys, *SOLVER_OPTIONS[name]), "[solver]")
         with _told_of("[solver]"):
             SolverOptions.of(renamed)
     spacing = grid.pop("spacing", None)
@@ -187,16 +187,16 @@ def _keys(table: dict[str, Any], folder: Path, where: str) -> dict[str, Any]:
     """Return the table with the path of the file that it names, and with sources in place of the tables in it."""
     if "file" in table and not isinstance(table["file"], str):
         raise SceneError(f"file of {where} must be the name of a file, got {shown(table['file'])}.")
-    keys = {key: _made(value, folder, f"{key} of {where}") for key, value in table.items()}
+    keys = {key: _made_source(value, folder, f"{key} of {where}") for key, value in table.items()}
     return {**keys, "file": str(find_file(keys["file"], folder))} if "file" in keys else keys
 
 
-def _made(value: Any, folder: Path, where: str) -> Any:
+def _made_source(value: Any, folder: Path, where: str) -> Any:
     """Return the source that a table with a kind describes, a list with its tables made, anything else as it is."""
     if isinstance(value, dict):
         return _source(dict(value), folder, where)
     if isinstance(value, list):
-        return [_made(entry, folder, f"entry {number} of {where}") for number, entry in enumerate(value, 1)]
+        return [_made_source(entry, folder, f"entry {number} of {where}") for number, entry in enumerate(value, 1)]
     return value
 
 
@@ -214,9 +214,10 @@ def _boundary(table: dict[str, Any], number: int, folder: Path, surface: Closest
 
 
 def _name(name: Any, number: int) -> str:
-    if not isinstance(name, str) or not name.strip() or not name.isprintable() or len(name) > LONGEST_NAME:
+    if not isinstance(name, str) or not name.strip() or not name.isprintable() or len(name) > MOST_NAME_CHARACTERS:
         raise SceneError(
-            f"name of [[boundary]] {number} must be one line of at most {LONGEST_NAME} characters, got {shown(name)}."
+            f"name of [[boundary]] {number} must be one line of at most {MOST_NAME_CHARACTERS} characters, got "
+            f"{shown(name)}."
         )
     return name
 
@@ -228,8 +229,8 @@ def _problem(table: dict[str, Any], dim: int) -> Equation:
         raise SceneError(f"the kind of [problem] must be one of {', '.join(PROBLEMS)}, got {shown(kind)}{near}.")
     check_keys(PROBLEMS[kind], f"[problem] of kind {kind!r}", table)
     check_types(PROBLEMS[kind], f"[problem] of kind {kind!r}", table)
-    for key in FORMULAS:
-        if key in COEFFICIENTS and isinstance(table.get(key), list):
+    for key in FORMULA_KEYS:
+        if key in COEFFICIENT_KEYS and isinstance(table.get(key), list):
             raise SceneError(f"{key} of [problem] must be one number or formula, got {shown(table[key])}.")
         if key in table:
             table[key] = read_data(table[key], dim, f"{key} of [problem]")

@@ -10,19 +10,19 @@ import numpy as np
 from cpmkit.errors import InputError
 from cpmkit.grid.band import surface_cells
 from cpmkit.grid.lattice import Codes
-from cpmkit.manifold.localized import localize
+from cpmkit.manifold.local_source import localize
 from cpmkit.meshes.cells import with_corners
-from cpmkit.meshes.curved_cells import OUTWARDS, CurvedCells, find_edges, middles_on
-from cpmkit.meshes.display_mesh import LONGEST_EDGE, mesh_of
+from cpmkit.meshes.curved_cells import OUTWARD_EDGE_SHARE, CurvedCells, find_edges, middles_on
+from cpmkit.meshes.display_mesh import LONGEST_EDGE_SPACINGS, mesh_of
 from cpmkit.meshes.refinement import refine
 from cpmkit.protocols import ClosestPoints, ClosestPointSource, Floats, HasMesh, Ints
 
 #: Width, in spacings, of the bump that stands for a boundary without a mesh.
-WIDTH = 3.0
+BUMP_WIDTH_SPACINGS = 3.0
 #: The bump is (1 - r^2)^POWER, r in widths.
-POWER = 4
-#: A rim is asked for this share of a spacing beyond where its mesh is.
-BEYOND = 0.25
+BUMP_POWER = 4
+#: Feet on a rim are found from points this share of a spacing beyond its mesh.
+BEYOND_RIM_SPACINGS = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,14 +39,14 @@ def boundary_rule(source: ClosestPointSource, surface: ClosestPointSource, spaci
     if not isinstance(source, HasMesh):
         return _from_bump(source, surface, spacing, dim)
     points, cells = source.mesh(spacing)
-    points, cells = refine(points, cells, points.shape[1], LONGEST_EDGE * spacing)
+    points, cells = refine(points, cells, points.shape[1], LONGEST_EDGE_SPACINGS * spacing)
     cells = with_corners(cells, dim + 1)
     edges = find_edges(points, cells)
     nodes = np.concatenate([source.closest_point(points).points, middles_on(source, points, edges)])
     nodes = surface.closest_point(nodes).points
-    at, weights, _ = CurvedCells(nodes, np.hstack([cells, len(points) + edges.of_cells])).rule()
-    on = source.closest_point(at.reshape(-1, at.shape[2])).points
-    return BoundaryRule(surface.closest_point(on).points, weights.ravel())
+    rule_points, weights, _ = CurvedCells(nodes, np.hstack([cells, len(points) + edges.of_cells])).rule()
+    on_source = source.closest_point(rule_points.reshape(-1, rule_points.shape[2])).points
+    return BoundaryRule(surface.closest_point(on_source).points, weights.ravel())
 
 
 def _from_bump(source: ClosestPointSource, surface: ClosestPointSource, spacing: float, dim: int) -> BoundaryRule:
@@ -57,16 +57,21 @@ def _from_bump(source: ClosestPointSource, surface: ClosestPointSource, spacing:
     """
     local = localize(source, np.zeros(source.dim))
     cells = surface_cells(local, spacing, 3)
-    reach = int(np.ceil(WIDTH)) + 1
+    reach = int(np.ceil(BUMP_WIDTH_SPACINGS)) + 1
     codes = Codes.around(cells, reach)
     near = np.unique(codes.encode(cells))
     for axis in range(source.dim):
         near = codes.dilate(near, axis, range(-reach, reach + 1))
     feet = source.closest_point(np.asarray(codes.decode(near) * spacing, dtype=np.float64))
-    feet = feet.take((feet.distance < WIDTH * spacing) & (feet.edge < 0))
+    feet = feet.take((feet.distance < BUMP_WIDTH_SPACINGS * spacing) & (feet.edge < 0))
     normal = source.dim - dim
-    volume = pi ** (normal / 2) * gamma(POWER + 1) / gamma(POWER + 1 + normal / 2) * (WIDTH * spacing) ** normal
-    weights = (1 - (feet.distance / (WIDTH * spacing)) ** 2) ** POWER * spacing**source.dim / volume
+    volume = (
+        pi ** (normal / 2)
+        * gamma(BUMP_POWER + 1)
+        / gamma(BUMP_POWER + 1 + normal / 2)
+        * (BUMP_WIDTH_SPACINGS * spacing) ** normal
+    )
+    weights = (1 - (feet.distance / (BUMP_WIDTH_SPACINGS * spacing)) ** 2) ** BUMP_POWER * spacing**source.dim / volume
     return BoundaryRule(surface.closest_point(feet.points).points, weights)
 
 
@@ -79,7 +84,7 @@ def rim_rule(surface: ClosestPointSource, spacing: float, loop: int | None) -> t
         If the surface has no mesh or no such edge, or is a solid in space.
     """
     points, cells = mesh_of(surface)(spacing)
-    points, cells = refine(points, cells, points.shape[1], LONGEST_EDGE * spacing)
+    points, cells = refine(points, cells, points.shape[1], LONGEST_EDGE_SPACINGS * spacing)
     if surface.dim == 3 and surface.manifold_dim == 3:
         raise InputError("The flux through the surface of a solid in space is not offered; ask for a boundary's.")
     parts = [_rim_of_triangles(surface, points, with_corners(cells, 3), spacing)]
@@ -105,7 +110,7 @@ def _rim_of_triangles(
     curved = CurvedCells(nodes, np.hstack([edges.ends[single], len(points) + single[:, None]]))
     at, weights, _ = curved.rule()
     outward = np.repeat(edges.outward[single], at.shape[1], axis=0)
-    beyond = at.reshape(-1, points.shape[1]) + min(BEYOND, OUTWARDS) * spacing * outward
+    beyond = at.reshape(-1, points.shape[1]) + min(BEYOND_RIM_SPACINGS, OUTWARD_EDGE_SHARE) * spacing * outward
     return surface.closest_point(beyond), weights.ravel()
 
 
@@ -117,4 +122,4 @@ def _rim_of_segments(
     ends = ends[uses[ends[:, 0]] == 1]
     outward = points[ends[:, 0]] - points[ends[:, 1]]
     outward = outward / np.linalg.norm(outward, axis=1, keepdims=True)
-    return surface.closest_point(points[ends[:, 0]] + BEYOND * spacing * outward), np.ones(len(ends))
+    return surface.closest_point(points[ends[:, 0]] + BEYOND_RIM_SPACINGS * spacing * outward), np.ones(len(ends))

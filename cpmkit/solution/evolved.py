@@ -14,7 +14,7 @@ from cpmkit.scene.equations_in_time import Evolution
 from cpmkit.solution.solution import Solution
 
 #: Bytes of a value, and how often frames are in memory while they are saved.
-BYTES, COPIES = 8, 2
+VALUE_BYTES, FRAME_COPIES = 8, 2
 
 
 def check_frames_fit(frames: int, unknowns: int, channels: int) -> None:
@@ -25,7 +25,7 @@ def check_frames_fit(frames: int, unknowns: int, channels: int) -> None:
     ResolutionError
         With the number of frames that would fit.
     """
-    each, available = COPIES * BYTES * unknowns * channels, available_bytes()
+    each, available = FRAME_COPIES * VALUE_BYTES * unknowns * channels, available_bytes()
     if frames * each > available:
         raise ResolutionError(
             f"{frames} frames of {unknowns} unknowns need {frames * each / 2**30:.3g} GiB, and "

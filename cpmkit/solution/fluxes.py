@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from cpmkit.solution.solution import Solution
 
 #: The word that stands for the edge of the manifold.
-EDGE = "edge"
+EDGE_WORD = "edge"
 
 
 def flux_density(solution: Solution, boundary: str, side: Side | None, points: Any) -> Floats:
@@ -25,11 +25,11 @@ def flux_density(solution: Solution, boundary: str, side: Side | None, points: A
 
 def flux(solution: Solution, boundary: str | int, side: Side | None) -> float | Floats:
     """Return the integral of du/db; see :meth:`Solution.flux`."""
-    scene, names = solution.scene, [one.name for one in solution.scene.boundaries]
-    if boundary not in names and (boundary == EDGE or isinstance(boundary, int)):
+    scene, names = solution.scene, [boundary.name for boundary in solution.scene.boundaries]
+    if boundary not in names and (boundary == EDGE_WORD or isinstance(boundary, int)):
         if side is not None:
             raise InputError(f"the edge has one side only; leave side out, got {side!r}.")
-        feet, weights = rim_rule(scene.surface, solution.spacing, None if boundary == EDGE else int(boundary))
+        feet, weights = rim_rule(scene.surface, solution.spacing, None if boundary == EDGE_WORD else int(boundary))
         total = weights @ solution.discretized.rim_outflow(solution.values, feet.points)
     else:
         one, name = _one_side(str(boundary), side), str(boundary)

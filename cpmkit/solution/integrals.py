@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.errors import InputError
-from cpmkit.meshes.curved_cells import CurvedCells, find_edges, kept_near, middles_on
+from cpmkit.meshes.curved_cells import CurvedCells, find_edges, middles_on, moved_if_near
 from cpmkit.meshes.dimensions import cells_of_dimension, dimensions_of
 from cpmkit.meshes.display_mesh import evaluate_on_sides, moved_onto_boundaries
 from cpmkit.protocols import ClosestPointSource, Floats, Ints
@@ -27,8 +27,8 @@ def integrate(solution: Solution, function: Integrand | None, dim: int | None) -
     points, weights, shares = CurvedCells(nodes, cells).rule()
     read = np.einsum("qk,mkc->mqc", shares, values[cells]).reshape(-1, values.shape[1])
     if function is not None:
-        on = solution.scene.surface.closest_point(points.reshape(-1, points.shape[2])).points
-        read = _integrand(function, on, read)
+        on_surface = solution.scene.surface.closest_point(points.reshape(-1, points.shape[2])).points
+        read = _integrand(function, on_surface, read)
     total: Floats = weights.ravel() @ read
     return float(total[0]) if len(total) == 1 else total
 
@@ -73,7 +73,7 @@ def _nodes_with_values(solution: Solution, dim: int) -> tuple[Floats, Floats, In
     straight = 0.5 * (points[a] + points[b])[on_boundary]
     length = np.linalg.norm(points[a] - points[b], axis=1)[on_boundary]
     moved = scene.surface.closest_point(moved_onto_boundaries(scene, straight, shared[on_boundary])).points
-    middles[on_boundary] = kept_near(straight, moved, length)
+    middles[on_boundary] = moved_if_near(straight, moved, length)
     off = (np.linalg.norm(moved - middles[on_boundary], axis=1) > 0)[:, None]
     shared[on_boundary] = np.where(off, 0, shared[on_boundary])
     values = np.concatenate([mesh.values, evaluate_on_sides(solution, middles, shared)])

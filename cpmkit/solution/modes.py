@@ -39,4 +39,6 @@ class EigenSolution(Solution):
         return {**super().summary(), "eigenvalues": self.eigenvalues.tolist()}
 
     def __repr__(self) -> str:
-        return "\n  ".join([super().__repr__(), f"eigenvalues {', '.join(f'{one:.6g}' for one in self.eigenvalues)}"])
+        return "\n  ".join(
+            [super().__repr__(), f"eigenvalues {', '.join(f'{value:.6g}' for value in self.eigenvalues)}"]
+        )

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cpmkit.forms.contract import Discretized, MeasuredWork
-from cpmkit.forms.free_constants import Defect
+from cpmkit.forms.free_constants import UnbalancedData
 from cpmkit.linear.report import SolveReport
 from cpmkit.protocols import Floats, Side
 from cpmkit.scene.scene import Scene
@@ -53,7 +53,7 @@ class Solution:
     work: MeasuredWork
     seconds: Mapping[str, float]
     warnings: tuple[str, ...] = field(default=(), kw_only=True)
-    defects: tuple[Defect, ...] = field(default=(), kw_only=True)
+    defects: tuple[UnbalancedData, ...] = field(default=(), kw_only=True)
     leaks: tuple[Any, ...] = field(default=(), kw_only=True)
     balance: Any = field(default=None, kw_only=True)
 

@@ -23,17 +23,17 @@ from cpmkit.forms.collocation.operator import ExtensionOperator
 from cpmkit.forms.collocation.work import measure_work
 from cpmkit.grid.band import Band
 from cpmkit.linear.choice import SolverOptions, choose_solver, make_solver
-from cpmkit.manifold.localized import Localized, largest_dim, localize
-from cpmkit.protocols import Bools, BoundarySet, Floats, Progress, nothing
+from cpmkit.manifold.local_source import LocalSource, largest_dim, localize
+from cpmkit.protocols import Bools, BoundarySet, Floats, Progress, no_progress
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.laws import Value
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.solution import Solution
 
 #: Nodes this many spacings from a boundary are projected onto it, with this many points a side of their cells between.
-REACH, SAMPLES = 2.0, 4
+PROJECTED_REACH_SPACINGS, CELL_SIDE_SAMPLES = 2.0, 4
 #: Nodes at just the radius of the tube are in it.
-SLACK = 1 + 1e-4
+TUBE_RADIUS_FACTOR = 1 + 1e-4
 
 
 def solve_by_fixed_nodes(
@@ -41,7 +41,7 @@ def solve_by_fixed_nodes(
     spacing: float,
     *,
     method: str,
-    progress: Progress = nothing,
+    progress: Progress = no_progress,
     **options: Any,
 ) -> Solution:
     """Solve a scene whose boundaries hold one Dirichlet condition each, by fixing nodes near them.
@@ -118,7 +118,10 @@ def check_fixable(scene: Scene, method: str) -> None:
 
 
 def _fixed_nodes(
-    scene: Scene, tables: Discretization, sources: list[Localized], choose: Callable[[Band, Localized, Floats], Bools]
+    scene: Scene,
+    tables: Discretization,
+    sources: list[LocalSource],
+    choose: Callable[[Band, LocalSource, Floats], Bools],
 ) -> tuple[Bools, Floats]:
     """Return which inner nodes are fixed (n,), and values (n, channels): of several boundaries the nearest one's."""
     layout = tables.layout
@@ -137,10 +140,10 @@ def _values(boundary: BoundarySet, points: Floats, channels: int) -> Floats:
     return evaluate_data(boundary.condition("left").one_sided.datum, points, channels, f"boundary {boundary.name!r}")
 
 
-def _nearest(band: Band, source: Localized, distance: Floats) -> Bools:
+def _nearest(band: Band, source: LocalSource, distance: Floats) -> Bools:
     """Return which inner nodes are the nearest one of some point of the boundary, of points close together."""
-    near = band.positions[: band.inner][distance <= REACH * band.spacing]
-    steps = (np.arange(SAMPLES) / SAMPLES - 0.5) * band.spacing
+    near = band.positions[: band.inner][distance <= PROJECTED_REACH_SPACINGS * band.spacing]
+    steps = (np.arange(CELL_SIDE_SAMPLES) / CELL_SIDE_SAMPLES - 0.5) * band.spacing
     around = np.array(list(product(steps, repeat=band.dim)))
     samples = source.closest_point((near[:, None] + around).reshape(-1, band.dim)).points
     nodes = np.unique(np.rint(samples / band.spacing).astype(np.int64), axis=0)
@@ -150,14 +153,14 @@ def _nearest(band: Band, source: Localized, distance: Floats) -> Bools:
     return chosen
 
 
-def _ball(band: Band, source: Localized, distance: Floats) -> Bools:
+def _ball(band: Band, source: LocalSource, distance: Floats) -> Bools:
     """Return which inner nodes lie within the radius of the tube, King et al. (2024), eq. 4, of the boundary."""
     del source
     half = 0.5 * (band.degree + 1)
-    return np.asarray(distance <= SLACK * np.hypot(np.sqrt(band.dim - 1) * half, 1 + half) * band.spacing)
+    return np.asarray(distance <= TUBE_RADIUS_FACTOR * np.hypot(np.sqrt(band.dim - 1) * half, 1 + half) * band.spacing)
 
 
-METHODS: Mapping[str, Callable[[Band, Localized, Floats], Bools]] = {"nearest": _nearest, "ball": _ball}
+METHODS: Mapping[str, Callable[[Band, LocalSource, Floats], Bools]] = {"nearest": _nearest, "ball": _ball}
 
 
 def _without(operator: ExtensionOperator, b: Floats, fixed: Bools, values: Floats) -> tuple[ExtensionOperator, Floats]:

@@ -7,14 +7,12 @@ from dataclasses import fields, replace
 from typing import Any
 
 from cpmkit.errors import SceneError
+from cpmkit.families.evolution.schedule import ROUNDED_STEP_SHARE
 from cpmkit.plugins import factory
 from cpmkit.scene.scene import Scene
 from cpmkit.studies.baselines import check_fixable
 from cpmkit.studies.studyfile import Study
 from cpmkit.studies.sweep import BASELINES, closest_points
-
-#: A last time step shorter than this share of the others is rounding.
-ROUNDING = 1e-9
 
 
 def check_study(study: Study) -> None:
@@ -66,7 +64,7 @@ def at_spacing(scene: Scene, step_per_spacing: float | None, spacing: float) -> 
     problem: Any = scene.problem
     if not {"step", "until"} <= {field.name for field in fields(problem)}:
         raise SceneError(f"step_per_spacing of [sweep] is for problems with a time step, not for {problem.kind!r}.")
-    steps = math.ceil(problem.until / (step_per_spacing * spacing) - ROUNDING)
+    steps = math.ceil(problem.until / (step_per_spacing * spacing) - ROUNDED_STEP_SHARE)
     return replace(scene, problem=replace(problem, step=problem.until / max(steps, 1)))
 
 

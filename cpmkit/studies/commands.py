@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from cpmkit.command_group import told_progress, traceback_option
+from cpmkit.command_group import progress_callback, traceback_option
 
 
 @click.group()
@@ -41,14 +41,14 @@ def run_study(file: Path, output: Path | None, cheap: bool, spacings: tuple[floa
 
     One line is recorded for each run as soon as it is made, so a study that is stopped goes on where it was.
     """
+    from cpmkit.studies.running import ignore_record
     from cpmkit.studies.running import run_study as run
-    from cpmkit.studies.running import unheard
     from cpmkit.studies.studyfile import load_study
-    from cpmkit.studies.tables import told
+    from cpmkit.studies.tables import run_sentence
 
     folder = output or Path(file.stem)
-    with told_progress(file, quiet) as progress:
-        recorded = unheard if quiet else lambda record: click.echo(told(record), err=True)
+    with progress_callback(file, quiet) as progress:
+        recorded = ignore_record if quiet else lambda record: click.echo(run_sentence(record), err=True)
         outcome = run(load_study(file), folder, cheap=cheap, spacings=spacings, progress=progress, recorded=recorded)
     if not quiet:
         click.echo(f"runs       {outcome.made} made, {outcome.failed} with errors, {outcome.skipped} recorded before")

@@ -6,10 +6,10 @@ import math
 from collections.abc import Sequence
 
 from cpmkit.studies.series import Entry, Series
-from cpmkit.studies.tables import row, rule
+from cpmkit.studies.tables import table_row, table_rule
 
 #: What is shown of each method, by the name that an entry has for it.
-SHOWN = {
+SHOWN_ENTRIES = {
     "rms_error": "rms mean kept",
     "rms_without_mean": "rms mean removed",
     "error": "largest",
@@ -27,15 +27,23 @@ def comparison_table(studies: Sequence[tuple[str, Sequence[Series]]]) -> str:
     """
     ordered = sorted((one for _, series in studies for one in series), key=lambda one: one.method != "cpm")
     labels = list(dict.fromkeys(one.label for one in ordered))  # twins are those of the first
-    rows = [["", "spacing", "unknowns", "twins", *(f"{name}, {label}" for name in SHOWN.values() for label in labels)]]
+    rows = [
+        [
+            "",
+            "spacing",
+            "unknowns",
+            "twins",
+            *(f"{name}, {label}" for name in SHOWN_ENTRIES.values() for label in labels),
+        ]
+    ]
     for title, series in studies:
         found = {(one.label, entry.spacing): entry for one in series for entry in one.entries}
         for spacing in sorted({spacing for _, spacing in found}, reverse=True):
             entries = [found.get((label, spacing)) for label in labels]
             rows.append([title, f"{spacing:g}", *_size(entries), *_differences(entries)])
     filled = [k for k in range(len(rows[0])) if any(cells[k] for cells in rows[1:])]
-    header, *lines = [row([cells[k] for k in filled]) for cells in rows]
-    return "\n".join([header, rule(1, len(filled) - 1), *lines])
+    header, *lines = [table_row([cells[k] for k in filled]) for cells in rows]
+    return "\n".join([header, table_rule(1, len(filled) - 1), *lines])
 
 
 def told_of_differences(series: Sequence[Series]) -> str:
@@ -56,5 +64,5 @@ def _size(entries: Sequence[Entry | None]) -> list[str]:
 
 
 def _differences(entries: Sequence[Entry | None]) -> list[str]:
-    values = [math.nan if entry is None else entry.percent(name) for name in SHOWN for entry in entries]
+    values = [math.nan if entry is None else entry.percent(name) for name in SHOWN_ENTRIES for entry in entries]
     return ["" if math.isnan(value) else f"{value:.2f}" for value in values]

@@ -19,9 +19,9 @@ STYLES = ("-", "--", "-.", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (3, 1)))
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 GREY = "#777777"
 #: Of a line of the title.
-CHARACTERS = 68
+TITLE_LINE_CHARACTERS = 68
 #: Slopes that are drawn for comparison.
-SLOPES = (1, 2)
+REFERENCE_SLOPES = (1, 2)
 
 
 def convergence_figure(series: Sequence[Series], title: str) -> Figure:
@@ -36,7 +36,7 @@ def convergence_figure(series: Sequence[Series], title: str) -> Figure:
         fitted = "" if order is None else f" (fitted order {order:.2f})"
         _line(axes, number, one.spacings, one.errors, one.label + fitted)
     axes.set(xlabel="spacing", ylabel="greatest error")
-    axes.set_title(_plain(fill(title, CHARACTERS)), fontsize=11)
+    axes.set_title(_plain(fill(title, TITLE_LINE_CHARACTERS)), fontsize=11)
     _spacing_ticks(axes, series)
     axes.grid(alpha=0.25)
     _legend(figure, columns=1)
@@ -56,7 +56,7 @@ def difference_figure(series: Sequence[Series], title: str) -> Figure:
         _spacing_ticks(axes, series)
         axes.grid(alpha=0.25)
     figure.axes[0].set_ylabel(_plain(f"rms difference from {series[0].reference}, % of half the range"))
-    figure.suptitle(_plain(fill(title, 2 * CHARACTERS)))
+    figure.suptitle(_plain(fill(title, 2 * TITLE_LINE_CHARACTERS)))
     _legend(figure, columns=3)
     return figure
 
@@ -75,7 +75,7 @@ def work_figure(series: Sequence[Series], title: str) -> Figure:
         axes.xaxis.set_minor_formatter(NullFormatter())
         axes.grid(alpha=0.25)
     figure.axes[0].set_ylabel("greatest error")
-    figure.suptitle(_plain(fill(title, 2 * CHARACTERS)))
+    figure.suptitle(_plain(fill(title, 2 * TITLE_LINE_CHARACTERS)))
     _legend(figure, columns=3)
     return figure
 
@@ -103,7 +103,7 @@ def _slopes(axes: Any, series: Sequence[Series]) -> None:
     if len(spacings) == 1 or not coarsest:
         return
     start = np.exp(np.mean(np.log(coarsest)))
-    for slope in SLOPES:
+    for slope in REFERENCE_SLOPES:
         errors = start * (spacings / spacings[-1]) ** slope
         axes.plot(spacings, errors, color=GREY, linestyle=":", linewidth=1.2)
         axes.annotate(

@@ -9,13 +9,13 @@ from typing import Any
 from unicodedata import normalize
 
 from cpmkit.errors import SceneError, shown
-from cpmkit.formulas.trees import CONSTANTS, COORDINATES, FUNCTIONS, LONGEST, formula_tree, parse
+from cpmkit.formulas.trees import CONSTANTS, COORDINATES, FUNCTIONS, MOST_FORMULA_CHARACTERS, formula_tree, parse
 
-TAKEN = {*COORDINATES, *CONSTANTS, *FUNCTIONS, "t"}
+TAKEN_NAMES = {*COORDINATES, *CONSTANTS, *FUNCTIONS, "t"}
 #: The variables of formulas anywhere in a scene: of position and time, and of parametric curves and surfaces.
-VARIABLES = (*COORDINATES, "t", "u", "v")
+FORMULA_VARIABLES = (*COORDINATES, "t", "u", "v")
 #: Values of these keys are names or files, never formulas.
-NO_FORMULAS = ("kind", "name", "file", "values", "of", "closest", "scheme", "start")
+KEYS_WITHOUT_FORMULAS = ("kind", "name", "file", "values", "of", "closest", "scheme", "start")
 
 
 def expand_names(table: Any) -> dict[str, str]:
@@ -35,7 +35,7 @@ def expand_names(table: Any) -> dict[str, str]:
         raise SceneError(f"[let] must be a table of names and formulas, got {shown(table)}.")
     known: dict[str, str] = {}
     for name, formula in table.items():
-        if not name.isidentifier() or iskeyword(name) or normalize("NFKC", name) != name or name in TAKEN:
+        if not name.isidentifier() or iskeyword(name) or normalize("NFKC", name) != name or name in TAKEN_NAMES:
             raise SceneError(
                 f"the name {shown(name)} of [let] is taken or no name; use letters, digits and underscores."
             )
@@ -44,7 +44,7 @@ def expand_names(table: Any) -> dict[str, str]:
             raise SceneError(f"{name} of [let] must be a formula or a number, got {shown(formula)}.")
         parse(text, f"{name} of [let]")
         known[name] = expand(text, known)
-        formula_tree(known[name], VARIABLES, f"{name} of [let]")
+        formula_tree(known[name], FORMULA_VARIABLES, f"{name} of [let]")
     return known
 
 
@@ -62,10 +62,10 @@ def expand(formula: str, known: Mapping[str, str]) -> str:
         return formula
     names = [node for node in ast.walk(tree) if isinstance(node, ast.Name) and node.id in known]
     length = len(formula) + sum(len(known[node.id]) for node in names)
-    if length > LONGEST:
+    if length > MOST_FORMULA_CHARACTERS:
         raise SceneError(
-            f"the formula {shown(formula)} becomes {length} characters long with the names of [let]; at most {LONGEST} "
-            "are accepted, use fewer."
+            f"the formula {shown(formula)} becomes {length} characters long with the names of [let]; at most "
+            f"{MOST_FORMULA_CHARACTERS} are accepted, use fewer."
         )
     lines = [line.encode() for line in formula.strip().split("\n")]  # columns are counted in bytes
     for node in sorted(names, key=lambda node: (node.lineno, node.col_offset), reverse=True):
@@ -82,7 +82,7 @@ def expand_all(value: Any, known: Mapping[str, str]) -> Any:
         return [expand_all(entry, known) for entry in value]
     if isinstance(value, dict):
         return {
-            key: _tables_in(entry, known) if key in NO_FORMULAS else expand_all(entry, known)
+            key: _tables_in(entry, known) if key in KEYS_WITHOUT_FORMULAS else expand_all(entry, known)
             for key, entry in value.items()
         }
     return value

@@ -10,44 +10,46 @@ from pathlib import Path
 from typing import Any
 
 from cpmkit.errors import InputError
-from cpmkit.files.plain_values import TEXT, Kind, check_fields, list_of, number, or_none, table_of, whole
+from cpmkit.files.plain_values import TEXT, Kind, check_fields, list_of, numbers, or_none, table_of, whole_numbers
 from cpmkit.forms.choice import every_option
 from cpmkit.studies.sweep import listed
 
 Record = dict[str, Any]
-FILE = "records.jsonl"
+RECORDS_FILE = "records.jsonl"
 #: Numbers of a record are smaller: figures can show no larger ones, and no counter runs so far.
-LARGEST = 1e100
-COUNT, SIZE = whole(0, LARGEST), number(0, LARGEST)
+LARGEST_RECORDED = 1e100
+COUNT_KIND, SIZE_KIND = whole_numbers(0, LARGEST_RECORDED), numbers(0, LARGEST_RECORDED)
 #: What tells a run, in every record.
-RUN = {
+RUN_ENTRIES = {
     "title": TEXT,
     "content": TEXT,
     "method": TEXT,
-    "spacing": number(1 / LARGEST, LARGEST),
-    "origin": or_none(COUNT),
+    "spacing": numbers(1 / LARGEST_RECORDED, LARGEST_RECORDED),
+    "origin": or_none(COUNT_KIND),
 }
 #: What was measured, unless the run ended with an error.
-MEASURED = {
-    "max_error": SIZE,
-    "rms_error": SIZE,
-    "unknowns": whole(1, LARGEST),
-    "iterations": COUNT,
-    "cpu_seconds": SIZE,
+MEASURED_ENTRIES = {
+    "max_error": SIZE_KIND,
+    "rms_error": SIZE_KIND,
+    "unknowns": whole_numbers(1, LARGEST_RECORDED),
+    "iterations": COUNT_KIND,
+    "cpu_seconds": SIZE_KIND,
 }
-LEAK = Kind(
+LEAK_KIND = Kind(
     "a table with the list of numbers shift",
-    lambda one: isinstance(one, Mapping) and list_of(number(-LARGEST, LARGEST)).accepts(one.get("shift")),
+    lambda one: (
+        isinstance(one, Mapping) and list_of(numbers(-LARGEST_RECORDED, LARGEST_RECORDED)).accepts(one.get("shift"))
+    ),
 )
-OPTIONAL = {
+OPTIONAL_ENTRIES = {
     "study": TEXT,
     "reference": or_none(TEXT),
     "error": TEXT,
-    "rms_without_mean": SIZE,
-    "half_range": SIZE,
-    "twins": or_none(COUNT),
-    "leaks": list_of(LEAK),
-    "seconds": table_of(SIZE),
+    "rms_without_mean": SIZE_KIND,
+    "half_range": SIZE_KIND,
+    "twins": or_none(COUNT_KIND),
+    "leaks": list_of(LEAK_KIND),
+    "seconds": table_of(SIZE_KIND),
 }
 
 
@@ -74,7 +76,9 @@ def _record(line: bytes, where: str) -> Record:
     accepts = {name: every_option()[name].accepts for name in listed()}
     options = {name: or_none(Kind("a value that it takes", check)) for name, check in accepts.items()}
     try:
-        check_fields(record, RUN | ({} if "error" in record else MEASURED), where, OPTIONAL | options)
+        check_fields(
+            record, RUN_ENTRIES | ({} if "error" in record else MEASURED_ENTRIES), where, OPTIONAL_ENTRIES | options
+        )
     except InputError as error:
         raise InputError(f"{str(error).removesuffix('.')}; remove that line, its run is made again.") from error
     return record

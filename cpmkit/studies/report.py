@@ -10,11 +10,11 @@ from cpmkit.errors import InputError, printable
 from cpmkit.files.whole_files import written_whole
 from cpmkit.studies.comparison import comparison_table, told_of_differences
 from cpmkit.studies.figures import convergence_figure, difference_figure, work_figure
-from cpmkit.studies.records import FILE, Record, of_content, read_records
+from cpmkit.studies.records import RECORDS_FILE, Record, of_content, read_records
 from cpmkit.studies.series import Series, gather
-from cpmkit.studies.tables import costs_table, named, orders_table, told_of_errors
+from cpmkit.studies.tables import costs_table, error_sentence, orders_table, run_name
 
-PAGE, CONVERGENCE, WORK = "report.md", "convergence.png", "work.png"
+REPORT_PAGE, CONVERGENCE_FIGURE, WORK_FIGURE = "report.md", "convergence.png", "work.png"
 DOTS_PER_INCH = 110
 
 
@@ -60,26 +60,26 @@ def write_report(folder: Path, content: str | None = None) -> Report:
     InputError
         If there is no such record, or no run without an error.
     """
-    every = read_records(folder / FILE)
+    every = read_records(folder / RECORDS_FILE)
     records = of_content(every, content or every[-1]["content"]) if every else []
     if not records:
         reason = f"{len(every)} records, none of the study file as it is now" if every else "no records"
-        raise InputError(f"{folder / FILE} holds {reason}; run `cpmkit study run` first.")
+        raise InputError(f"{folder / RECORDS_FILE} holds {reason}; run `cpmkit study run` first.")
     series = gather(records)
     if not series:
         raise InputError(
-            f"all {len(records)} runs of {folder / FILE} ended with errors, first {records[0]['error']!r}."
+            f"all {len(records)} runs of {folder / RECORDS_FILE} ended with errors, first {records[0]['error']!r}."
         )
     title, failed = _one_line(records[0]["title"]), sum("error" in record for record in records)
     compares = series[0].reference is not None
-    figures = {CONVERGENCE: (difference_figure if compares else convergence_figure)(series, title)}
+    figures = {CONVERGENCE_FIGURE: (difference_figure if compares else convergence_figure)(series, title)}
     if len({(one.method, one.options.get("degree")) for one in series}) > 1:
-        figures[WORK] = work_figure(series, title)
+        figures[WORK_FIGURE] = work_figure(series, title)
     for name, figure in figures.items():
         with written_whole(folder / name) as file:
             figure.savefig(file, dpi=DOTS_PER_INCH)
-    report = Report(title, series, failed, [folder / PAGE, *(folder / name for name in figures)])
-    with written_whole(folder / PAGE) as file:
+    report = Report(title, series, failed, [folder / REPORT_PAGE, *(folder / name for name in figures)])
+    with written_whole(folder / REPORT_PAGE) as file:
         file.write_text(_page(report, records, list(figures), len(every) - len(records)), encoding="utf-8")
     return report
 
@@ -101,15 +101,15 @@ def table_of(reports: Sequence[Report]) -> str:
 
 def _page(report: Report, records: Sequence[Record], figures: Sequence[str], left_out: int) -> str:
     """Return the whole page: errors and orders, figures, costs, and the runs that ended with errors."""
-    told = told_of_differences(report.series) if report.compares else told_of_errors(records)
-    parts = [f"# {report.title}", table_of([report]), told]
+    errors_line = told_of_differences(report.series) if report.compares else error_sentence(records)
+    parts = [f"# {report.title}", table_of([report]), errors_line]
     parts += [f"![{report.title}]({figure})" for figure in figures]
     parts += ["## What it cost", costs_table(report.series)]
     failed = [record for record in records if "error" in record]
     if failed:
         parts += [
             "## Runs that ended with an error",
-            "\n".join(f"- {named(one)}: {_one_line(one['error'])}" for one in failed),
+            "\n".join(f"- {run_name(run)}: {_one_line(run['error'])}" for run in failed),
         ]
     if left_out:
         parts.append(f"{left_out} records belong to the study file as it was before, and are left out.")

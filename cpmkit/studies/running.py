@@ -15,16 +15,16 @@ from cpmkit.errors import ConvergenceError, InputError, ResolutionError
 from cpmkit.files.whole_files import check_place
 from cpmkit.forms.collocation.form import Collocation
 from cpmkit.grid.lattice import lattice_of
-from cpmkit.protocols import Progress, nothing
-from cpmkit.runtime.telling import overheard
+from cpmkit.protocols import Progress, no_progress
+from cpmkit.runtime.warn import collected_warnings
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.solution import Solution
 from cpmkit.solving import for_any_backend, solve
 from cpmkit.studies.baselines import solve_by_fixed_nodes
 from cpmkit.studies.checking import at_spacing, check_study
 from cpmkit.studies.records import (
-    FILE,
-    LARGEST,
+    LARGEST_RECORDED,
+    RECORDS_FILE,
     Record,
     append_record,
     drop_unfinished_line,
@@ -36,9 +36,9 @@ from cpmkit.studies.sweep import BASELINES, Run, closest_points
 from cpmkit.studies.truth import Truth, truth_of
 
 #: What of a solve's work is recorded, where the method has it.
-WORK = ("unknowns", "nonzeros", "operator_applications", "closest_point_queries", "table_bytes")
+WORK_ENTRIES = ("unknowns", "nonzeros", "operator_applications", "closest_point_queries", "table_bytes")
 #: A run whose last stage is over still has to be measured and recorded.
-UNFINISHED = 0.99
+UNFINISHED_SHARE = 0.99
 
 
 @dataclass(frozen=True)
@@ -59,8 +59,8 @@ class Outcome:
     file: Path
 
 
-def unheard(record: Record) -> None:
-    """Tell nobody of a record."""
+def ignore_record(record: Record) -> None:
+    """Ignore a record."""
     del record
 
 
@@ -70,8 +70,8 @@ def run_study(
     *,
     cheap: bool = False,
     spacings: Sequence[float] = (),
-    progress: Progress = nothing,
-    recorded: Callable[[Record], None] = unheard,
+    progress: Progress = no_progress,
+    recorded: Callable[[Record], None] = ignore_record,
 ) -> Outcome:
     """Make the runs of a study that are not recorded in ``folder`` yet.
 
@@ -100,7 +100,7 @@ def run_study(
         If the study itself is wrong: its scene, its formulas or its options.
     """
     runs = _chosen(study.sweep.runs(cheap), spacings)
-    file = folder / FILE
+    file = folder / RECORDS_FILE
     check_place(file)
     drop_unfinished_line(file)
     done = {Run.of(record) for record in of_content(read_records(file), study.content)}
@@ -133,26 +133,26 @@ def _chosen(runs: Sequence[Run], spacings: Sequence[float]) -> Sequence[Run]:
 
 
 def _share_of(progress: Progress, run: str, stage: str, share: float) -> None:
-    """Tell how far a stage of a run is; the run itself ends later."""
+    """Report the progress of a stage of a run; the run itself ends later."""
     del stage
-    progress(run, min(share, UNFINISHED))
+    progress(run, min(share, UNFINISHED_SHARE))
 
 
-def make_run(study: Study, run: Run, truth: Truth, progress: Progress = nothing) -> Record:
+def make_run(study: Study, run: Run, truth: Truth, progress: Progress = no_progress) -> Record:
     """Solve once, and return the record: parameters, errors, work and seconds."""
     named = {"study": study.name, "title": study.title, "content": study.content}
     record: Record = {**named, "reference": study.exact.reference, **run.as_dict()}
     scene = at_spacing(study.scene, study.sweep.step_per_spacing, run.spacing)
     start = time.process_time()
     try:
-        with overheard():  # they are recorded
+        with collected_warnings():  # they are recorded
             solution = _solve(scene, run, study.options, progress)
     except (ResolutionError, ConvergenceError) as error:
         return {**record, "error": f"{type(error).__name__}: {error}"}
     cpu_seconds = time.process_time() - start
     with np.errstate(over="ignore"):
         measured = _measured(solution, truth)
-    if not 0 <= measured["max_error"] < LARGEST:
+    if not 0 <= measured["max_error"] < LARGEST_RECORDED:
         return {
             **record,
             "error": f"ResolutionError: the solution is off by {measured['max_error']:g}, beyond all use.",
@@ -179,7 +179,7 @@ def _measured(solution: Solution, truth: Truth) -> Record:
         "rms_error": float(np.sqrt(np.mean(error**2))),
         "rms_without_mean": float(np.std(error)),
         "half_range": truth.half_range,
-        **{name: work.get(name) for name in WORK},
+        **{name: work.get(name) for name in WORK_ENTRIES},
         "twins": _twins(solution),
         "leaks": [leak.as_dict() for leak in solution.leaks],
         "iterations": solution.report.iterations,

@@ -9,12 +9,12 @@ from cpmkit.protocols import ClosestPointSource, Floats, HasMesh
 from cpmkit.scene.scene import Scene
 
 #: In place of a number of points: the vertices of the mesh that the surface is.
-VERTICES = "vertices"
-SEED = 7
+VERTICES_WORD = "vertices"
+SAMPLING_SEED = 7
 #: Points nearer to a boundary than this share of the size are left out: data may jump there.
-CLEAR = 1e-6
+CLEAR_OF_BOUNDARIES_SHARE = 1e-6
 #: The box from which points are projected is larger than the bounds by this share on each side.
-MARGIN = 0.1
+BOX_MARGIN_SHARE = 0.1
 
 
 def sample_points(scene: Scene, wanted: int | str) -> Floats:
@@ -38,11 +38,11 @@ def sample_points(scene: Scene, wanted: int | str) -> Floats:
     if isinstance(wanted, str):
         points = _vertices(surface, size)
     else:
-        lower, upper = bounds[0] - MARGIN * size, bounds[1] + MARGIN * size
-        queries = np.random.default_rng(SEED).uniform(lower, upper, (wanted, surface.dim))
+        lower, upper = bounds[0] - BOX_MARGIN_SHARE * size, bounds[1] + BOX_MARGIN_SHARE * size
+        queries = np.random.default_rng(SAMPLING_SEED).uniform(lower, upper, (wanted, surface.dim))
         points = surface.closest_point(queries).points
     for boundary in scene.boundaries:
-        points = points[boundary.source.closest_point(points).distance > CLEAR * size]
+        points = points[boundary.source.closest_point(points).distance > CLEAR_OF_BOUNDARIES_SHARE * size]
     return np.ascontiguousarray(points)
 
 
@@ -53,6 +53,6 @@ def _vertices(surface: ClosestPointSource, size: float) -> Floats:
         if np.array_equal(vertices, finer):
             return vertices
     raise SceneError(
-        f"points = {VERTICES!r} of [exact] needs a surface that is a mesh, such as mesh.triangles, got "
+        f"points = {VERTICES_WORD!r} of [exact] needs a surface that is a mesh, such as mesh.triangles, got "
         f"{type(surface).__name__}; give a number of points."
     )

@@ -13,10 +13,10 @@ from cpmkit.studies.records import Record
 from cpmkit.studies.sweep import Run
 
 #: Fewer spacings give no order.
-FEWEST = 2
+LEAST_SPACINGS = 2
 #: Spacings nearer to one another than this share are one.
-CLOSE = 1e-9
-NAMES = {
+SAME_SPACING_SHARE = 1e-9
+METHOD_WORDS = {
     "cpm": "closest point method",
     "plain": "without sheets",
     "unfolded": "unfolded",
@@ -98,10 +98,10 @@ class Series:
     @property
     def fitted_order(self) -> float | None:
         """Least-squares slope of log(error) over log(spacing); None of less than two spacings that differ."""
-        if len(self.entries) < FEWEST or min(self.errors) <= 0:
+        if len(self.entries) < LEAST_SPACINGS or min(self.errors) <= 0:
             return None
         across = np.log(self.spacings) - np.mean(np.log(self.spacings))
-        if np.ptp(across) < CLOSE:
+        if np.ptp(across) < SAME_SPACING_SHARE:
             return None
         return float(across @ np.log(self.errors) / (across @ across))
 
@@ -143,7 +143,7 @@ def _label(key: tuple[Any, ...], keys: Sequence[tuple[Any, ...]]) -> str:
     """Return the method's name where methods differ, and each option that does; the order where nothing does."""
     (method, options), methods = key, {other for other, _ in keys}
     differ = [name for name, _ in options if len({dict(other).get(name) for _, other in keys} - {None}) > 1]
-    name = "with sheets" if method == "cpm" and methods & {"plain", "unfolded"} else NAMES.get(method, method)
+    name = "with sheets" if method == "cpm" and methods & {"plain", "unfolded"} else METHOD_WORDS.get(method, method)
     parts = [name] if len(methods) > 1 else []
     parts += [f"{name} {value}" for name, value in options if name in differ]
     parts = parts or [f"{name} {value}" for name, value in options if name == "order"]

@@ -13,7 +13,7 @@ from typing import Any
 
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.files.data_files import find_file
-from cpmkit.files.toml_files import made_from_toml
+from cpmkit.files.toml_files import from_toml
 from cpmkit.forms.choice import every_option
 from cpmkit.formulas.expressions import Expression
 from cpmkit.plugins import call
@@ -21,16 +21,16 @@ from cpmkit.scene.scene import Scene
 from cpmkit.scenefile.condition_tables import as_table
 from cpmkit.scenefile.reading import read_options, read_scene
 from cpmkit.studies.formulas import expand, expand_all, expand_names
-from cpmkit.studies.sampling import VERTICES
+from cpmkit.studies.sampling import VERTICES_WORD
 from cpmkit.studies.sweep import Sweep, listed, read_sweep
 
 #: Kinds of problems with a time step.
-TIMED = ("heat", "wave")
+KINDS_IN_TIME = ("heat", "wave")
 #: Characters of a title.
-LONGEST_TITLE = 300
+MOST_TITLE_CHARACTERS = 300
 #: More sample points than this are a mistake.
-MOST_POINTS = 1_000_000
-TABLES = ("title", "surface", "boundary", "problem", "discretization", "solver", "let", "exact", "sweep")
+MOST_SAMPLE_POINTS = 1_000_000
+STUDY_TABLES = ("title", "surface", "boundary", "problem", "discretization", "solver", "let", "exact", "sweep")
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,10 +59,10 @@ class Exact:
         if (self.u is None) == (self.reference is None):
             got = "neither" if self.u is None else "both"
             raise SceneError(f"[exact] takes either u, a formula, or reference, a back end such as 'fem'; got {got}.")
-        if self.points != VERTICES and (type(self.points) is not int or not 0 < self.points <= MOST_POINTS):
+        if self.points != VERTICES_WORD and (type(self.points) is not int or not 0 < self.points <= MOST_SAMPLE_POINTS):
             raise SceneError(
-                f"points of [exact] must be a whole number above zero, or {VERTICES!r} of a mesh, got "
-                f"{shown(self.points)}; at most {MOST_POINTS} points are accepted."
+                f"points of [exact] must be a whole number above zero, or {VERTICES_WORD!r} of a mesh, got "
+                f"{shown(self.points)}; at most {MOST_SAMPLE_POINTS} points are accepted."
             )
 
 
@@ -103,10 +103,10 @@ class Study:
         tables = dict(self.tables)
         if self.sweep.step_per_spacing is not None:
             kind = tables["problem"].get("kind")
-            if kind not in TIMED:
+            if kind not in KINDS_IN_TIME:
                 raise SceneError(
-                    f"step_per_spacing of [sweep] is for problems with a time step, {' and '.join(TIMED)}, not for "
-                    f"{shown(kind)}."
+                    f"step_per_spacing of [sweep] is for problems with a time step, {' and '.join(KINDS_IN_TIME)}, not "
+                    f"for {shown(kind)}."
                 )
             tables["problem"] = {"step": self.sweep.step_per_spacing * self.sweep.spacings[0], **tables["problem"]}
         return read_scene(tables, self.folder)
@@ -130,19 +130,19 @@ def load_study(path: str | Path) -> Study:
     SceneError
         If the file is missing, does not parse, or holds a key or value that is not accepted.
     """
-    return made_from_toml(path, _study, "study file", " with the tables [exact], [sweep]")
+    return from_toml(path, _study, "study file", " with the tables [exact], [sweep]")
 
 
 def _study(tables: dict[str, Any], path: Path) -> Study:
-    unknown = [key for key in tables if key not in TABLES]
+    unknown = [key for key in tables if key not in STUDY_TABLES]
     if unknown:
-        raise SceneError(f"the study has the unknown key {shown(unknown[0])}; accepted are {', '.join(TABLES)}.")
+        raise SceneError(f"the study has the unknown key {shown(unknown[0])}; accepted are {', '.join(STUDY_TABLES)}.")
     for needed in ("surface", "problem", "exact", "sweep"):
         if not isinstance(tables.get(needed), dict):
             raise SceneError(f"a study needs the table [{needed}].")
     title = tables.get("title", path.stem)
-    if not isinstance(title, str) or len(title) > LONGEST_TITLE:
-        raise SceneError(f"title must be text of at most {LONGEST_TITLE} characters, got {shown(title)}.")
+    if not isinstance(title, str) or len(title) > MOST_TITLE_CHARACTERS:
+        raise SceneError(f"title must be text of at most {MOST_TITLE_CHARACTERS} characters, got {shown(title)}.")
     swept = _swept()
     for key in as_table(tables.get("discretization", {}), "[discretization]"):
         if key in swept:

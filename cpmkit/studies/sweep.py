@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import InputError, SceneError, shown
-from cpmkit.forms.choice import DEFAULT, FORMS, every_option
+from cpmkit.forms.choice import DEFAULT_FORM, FORMS, every_option
 from cpmkit.plugins import call, check_keys
 from cpmkit.protocols import Floats
 from cpmkit.runtime.arrays import positive
@@ -24,7 +24,7 @@ BASELINES = {"nearest": ("degree",), "ball": ("degree",)}
 #: More positions of the lattice, or runs in all, are a mistake.
 MOST_ORIGINS, MOST_RUNS = 10_000, 100_000
 #: The seed of the random positions of the lattice.
-SEED = 1
+ORIGINS_SEED = 1
 
 
 def closest_points() -> dict[str, dict[str, Any]]:
@@ -35,7 +35,7 @@ def closest_points() -> dict[str, dict[str, Any]]:
 
 def listed() -> dict[str, str]:
     """Return the options whose values a study lists, and the key of each list."""
-    return {name: one.plural or f"{name}s" for name, one in declared(FORMS[DEFAULT]).items() if not one.methods}
+    return {name: one.plural or f"{name}s" for name, one in declared(FORMS[DEFAULT_FORM]).items() if not one.methods}
 
 
 def listed_of(method: str) -> tuple[str, ...]:
@@ -105,9 +105,9 @@ class Sweep:
                 positive(self.step_per_spacing, "step_per_spacing of [sweep]")
             for name, values in self.lists.items():
                 for value in values:
-                    declared(FORMS[DEFAULT])[name].check(value, f"{listed()[name]} of [sweep]")
+                    declared(FORMS[DEFAULT_FORM])[name].check(value, f"{listed()[name]} of [sweep]")
             for together in product(*self.lists.values()):
-                FORMS[DEFAULT](**dict(zip(self.lists, together, strict=True)))
+                FORMS[DEFAULT_FORM](**dict(zip(self.lists, together, strict=True)))
         except InputError as error:
             raise SceneError(str(error)) from error
 
@@ -125,7 +125,7 @@ class Sweep:
     def _discretizations(self, method: str) -> Iterator[tuple[tuple[tuple[str, Any], ...], int | None]]:
         """Yield options and number of the origin, None where a method has none."""
         names = listed_of(method)
-        lists = [self.lists.get(name, [getattr(FORMS[DEFAULT], name)]) for name in names]
+        lists = [self.lists.get(name, [getattr(FORMS[DEFAULT_FORM], name)]) for name in names]
         origins = range(self.origins) if self.origins > 1 and names else [None]
         for values in product(*lists):
             yield from product([tuple(zip(names, values, strict=True))], origins)
@@ -156,7 +156,7 @@ class Run:
     def of(cls, record: Mapping[str, Any]) -> Run:
         """Return the run of a record; an option that it does not know yet had its default."""
         names = listed_of(record["method"])
-        options = tuple((name, record.get(name, getattr(FORMS[DEFAULT], name))) for name in names)
+        options = tuple((name, record.get(name, getattr(FORMS[DEFAULT_FORM], name))) for name in names)
         return cls(record["method"], record["spacing"], options, record["origin"])
 
     def as_dict(self) -> dict[str, Any]:
@@ -168,5 +168,5 @@ class Run:
         """Return by how much (d,) the lattice is moved: uniformly distributed between 0 and a spacing."""
         if self.origin is None:
             return np.zeros(dim)
-        positions = np.random.default_rng(SEED).uniform(0, 1, (self.origin + 1, dim))
+        positions = np.random.default_rng(ORIGINS_SEED).uniform(0, 1, (self.origin + 1, dim))
         return np.asarray(self.spacing * positions[self.origin])

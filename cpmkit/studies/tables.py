@@ -13,16 +13,16 @@ from cpmkit.studies.sweep import listed
 def orders_table(series: Sequence[Series]) -> str:
     """Return the errors of each series at each spacing, and the fitted order."""
     spacings = sorted({spacing for one in series for spacing in one.spacings}, reverse=True)
-    lines = [row(["", *(f"{spacing:g}" for spacing in spacings), "order"]), rule(1, len(spacings) + 1)]
+    lines = [table_row(["", *(f"{spacing:g}" for spacing in spacings), "order"]), table_rule(1, len(spacings) + 1)]
     for one in series:
         errors = dict(zip(one.spacings, one.errors, strict=True))
         cells = [f"{errors[spacing]:.2e}" if spacing in errors else "" for spacing in spacings]
         order = one.fitted_order
-        lines.append(row([one.label, *cells, "" if order is None else f"{order:.2f}"]))
+        lines.append(table_row([one.label, *cells, "" if order is None else f"{order:.2f}"]))
     return "\n".join(lines)
 
 
-def told_of_errors(records: Sequence[Record]) -> str:
+def error_sentence(records: Sequence[Record]) -> str:
     """Return what the errors are."""
     origins = {record["origin"] for record in records if record["origin"] is not None}
     error = "the greatest error at any sample point"
@@ -33,39 +33,42 @@ def told_of_errors(records: Sequence[Record]) -> str:
 
 def costs_table(series: Sequence[Series]) -> str:
     """Return unknowns, iterations and seconds of each series at each spacing."""
-    lines = [row(["", "spacing", "greatest error", "rms error", "unknowns", "iterations", "CPU seconds"]), rule(1, 6)]
+    lines = [
+        table_row(["", "spacing", "greatest error", "rms error", "unknowns", "iterations", "CPU seconds"]),
+        table_rule(1, 6),
+    ]
     for one in series:
         for entry in one.entries:
             cells = [f"{entry.spacing:g}", f"{entry.error:.2e}", f"{entry.rms_error:.2e}"]
             cells += [f"{entry.unknowns:,.0f}", f"{entry.iterations:.0f}", f"{entry.cpu_seconds:.1f}"]
-            lines.append(row([one.label, *cells]))
+            lines.append(table_row([one.label, *cells]))
     return "\n".join(lines)
 
 
-def told(record: Record) -> str:
+def run_sentence(record: Record) -> str:
     """Return one line on a run."""
     if "error" in record:
-        return f"{named(record)}: {printable(record['error'])}"
+        return f"{run_name(record)}: {printable(record['error'])}"
     cost = f"{record['unknowns']:,} unknowns, {sum(record['seconds'].values()):.1f} s"
     if record["reference"] is None:
-        return f"{named(record)}: greatest error {record['max_error']:.2e}, {cost}"
+        return f"{run_name(record)}: greatest error {record['max_error']:.2e}, {cost}"
     if record["half_range"] == 0:
-        return f"{named(record)}: rms difference {record['rms_error']:.2e} from a constant, {cost}"
+        return f"{run_name(record)}: rms difference {record['rms_error']:.2e} from a constant, {cost}"
     rms = 100 * record["rms_error"] / record["half_range"]
-    return f"{named(record)}: rms difference {rms:.2f} % of half the range, {cost}"
+    return f"{run_name(record)}: rms difference {rms:.2f} % of half the range, {cost}"
 
 
-def named(record: Record) -> str:
+def run_name(record: Record) -> str:
     """Return which run a record is of."""
-    told = (f"{key} {record[key]}" for key in (*listed(), "spacing", "origin") if record.get(key) is not None)
-    return ", ".join([printable(record["method"]), *told])
+    parameters = (f"{key} {record[key]}" for key in (*listed(), "spacing", "origin") if record.get(key) is not None)
+    return ", ".join([printable(record["method"]), *parameters])
 
 
-def row(cells: Sequence[str]) -> str:
+def table_row(cells: Sequence[str]) -> str:
     """Return a row of a table."""
     return f"| {' | '.join(cells)} |"
 
 
-def rule(left: int, right: int) -> str:
+def table_rule(left: int, right: int) -> str:
     """Return the line below a table's head, for columns of words and then columns of numbers."""
     return "|" + "---|" * left + "--:|" * right

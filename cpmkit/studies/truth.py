@@ -8,7 +8,7 @@ import numpy as np
 
 from cpmkit.errors import SceneError
 from cpmkit.protocols import Floats
-from cpmkit.runtime.telling import overheard
+from cpmkit.runtime.warn import collected_warnings
 from cpmkit.scene.data import evaluate_data
 from cpmkit.solving import for_any_backend, solve
 from cpmkit.studies.checking import check_comparable, end_of
@@ -57,6 +57,6 @@ def truth_of(study: Study) -> Truth:
     if study.solution is not None:
         return Truth(points, evaluate_data(study.solution, points, 1, "u of [exact]", end_of(scene))[:, 0])
     assert study.exact.reference is not None
-    with overheard():
+    with collected_warnings():
         solution = solve(scene, backend=study.exact.reference, **for_any_backend(study.options))
     return Truth(points, solution.evaluate(points))

@@ -16,21 +16,21 @@ from cpmkit.protocols import (
     Ints,
 )
 from cpmkit.testing.law import law, require, require_rows, sure
-from cpmkit.testing.queries import ROUND_OFF, Subject, for_queries
+from cpmkit.testing.queries import ROUND_OFF_SHARE, Subject, for_queries
 
 #: The step across or along the manifold that shows where a normal or tangent points, relative to the size.
-STEP = 1e-5
+DIRECTION_STEP_SHARE = 1e-5
 
 
 @law
-def check_normals(about: Subject) -> None:
+def check_normals(subject: Subject) -> None:
     """Normals are of length one and at right angles to the manifold, with one sign on both sides of it.
 
     A foot that is moved along its normal comes back, to the case's turning angle. At a concave crease
     it cannot, so one of the two sides is enough; and a crease may turn by more than a right angle, so
     signs are compared by majority.
     """
-    source = about.source
+    source = subject.source
     if not isinstance(source, HasNormals):
         return
 
@@ -40,21 +40,23 @@ def check_normals(about: Subject) -> None:
         normals = source.normals(feet)
         _require_unit(normals, feet.points)
         feet, normals = feet.take(feet.edge < 0), normals[feet.edge < 0]
-        step = STEP * about.size * normals
+        step = DIRECTION_STEP_SHARE * subject.size * normals
         sides = [source.closest_point(np.ascontiguousarray(feet.points + s * step)) for s in (1.0, -1.0)]
         slid = np.min([np.linalg.norm(side.points - feet.points, axis=1) for side in sides], axis=0)
-        allowed = (1e-3 + about.case.turning_angle) * STEP * about.size + about.round_off(feet.points)
+        allowed = (1e-3 + subject.case.turning_angle) * DIRECTION_STEP_SHARE * subject.size + subject.round_off(
+            feet.points
+        )
         require_rows(slid <= allowed, feet.points, "Moved along its normal, the foot slides", slid)
         above, below = (source.normals(side) for side in sides)
         _require_agreement(above, below, feet.points, "The two sides have opposite normals")
 
-    for_queries(about, hold, within_radius=True)
+    for_queries(subject, hold, within_radius=True)
 
 
 @law
-def check_tangents(about: Subject) -> None:
+def check_tangents(subject: Subject) -> None:
     """Tangents are of length one, lie along the curve, and point the same way from one foot to the next."""
-    source = about.source
+    source = subject.source
     if not isinstance(source, HasTangents):
         return
 
@@ -64,58 +66,62 @@ def check_tangents(about: Subject) -> None:
         _require_unit(source.tangents(feet), feet.points)
         feet = feet.take(feet.edge < 0)
         tangents = source.tangents(feet)
-        ahead = source.closest_point(np.ascontiguousarray(feet.points + STEP * about.size * tangents))
-        progress = np.einsum("nd,nd->n", ahead.points - feet.points, tangents) / (STEP * about.size)
+        ahead = source.closest_point(np.ascontiguousarray(feet.points + DIRECTION_STEP_SHARE * subject.size * tangents))
+        progress = np.einsum("nd,nd->n", ahead.points - feet.points, tangents) / (DIRECTION_STEP_SHARE * subject.size)
         # At a corner that turns by a the tangent is the bisector, and the foot advances by cos^2(a / 2).
         require_rows(progress > 0.01, feet.points, "Moved along its tangent, the foot advances by the share", progress)
         _require_agreement(source.tangents(ahead), tangents, feet.points, "Neighbours have opposite tangents")
 
-    for_queries(about, hold, within_radius=True)
+    for_queries(subject, hold, within_radius=True)
 
 
 @law
-def check_values(about: Subject) -> None:
+def check_values(subject: Subject) -> None:
     """Interpolated data keep constants and the number of channels."""
-    source = about.source
+    source = subject.source
     if not isinstance(source, HasValues):
         return
     values = np.tile([3.0, -1.0], (source.value_count, 1))
 
     def hold(x: Floats) -> None:
-        read = source.interpolate(values, about.source.closest_point(x))
+        read = source.interpolate(values, subject.source.closest_point(x))
         require(read.shape == (len(x), 2), f"Data of 2 channels at {len(x)} feet are read as {read.shape}.")
-        require_rows((np.abs(read - values[0]) <= ROUND_OFF).all(axis=1), x, "The constants 3, -1 are read as", read)
+        require_rows(
+            (np.abs(read - values[0]) <= ROUND_OFF_SHARE).all(axis=1), x, "The constants 3, -1 are read as", read
+        )
 
-    for_queries(about, hold, within_radius=True)
+    for_queries(subject, hold, within_radius=True)
 
 
 @law
-def check_mesh(about: Subject) -> None:
+def check_mesh(subject: Subject) -> None:
     """The vertices of a mesh lie on the manifold, and its cells, as its dimension has them, name vertices once each."""
-    source = about.source
+    source = subject.source
     if not isinstance(source, HasMesh):
         return
     for share in (0.5, 0.05):
-        vertices, cells = source.mesh(share * about.size)
+        vertices, cells = source.mesh(share * subject.size)
         require(vertices.dtype == np.float64 and cells.dtype == np.int64, f"It holds {vertices.dtype}, {cells.dtype}.")
-        require(vertices.ndim == 2 and vertices.shape[1] == about.source.dim, f"Vertices have shape {vertices.shape}.")
+        require(
+            vertices.ndim == 2 and vertices.shape[1] == subject.source.dim, f"Vertices have shape {vertices.shape}."
+        )
         require(cells.ndim == 2 and len(cells), f"Cells have shape {cells.shape}.")
         _require_corners(cells, source.manifold_dim)
         require(cells.max() < len(vertices), "A cell names a vertex that is not there.")
         ordered = np.sort(cells, axis=1)
         once = (ordered[:, 1:] > ordered[:, :-1]) | (ordered[:, 1:] < 0)
         require(once.all(), "A cell names a vertex twice.")
-        off = about.source.closest_point(np.ascontiguousarray(vertices)).distance
-        require_rows(off <= about.round_off(vertices), vertices, "A vertex lies off the manifold by", off)
+        off = subject.source.closest_point(np.ascontiguousarray(vertices)).distance
+        require_rows(off <= subject.round_off(vertices), vertices, "A vertex lies off the manifold by", off)
 
 
 @law
-def check_advice(about: Subject) -> None:
+def check_advice(subject: Subject) -> None:
     """Each warning is one sentence, a string that ends with its only full stop; the floor is finite, not negative."""
-    if not isinstance(about.source, HasAdvice):
+    if not isinstance(subject.source, HasAdvice):
         return
     for share in (0.5, 0.05, 0.005):
-        advice = about.source.advice(share * about.size)
+        advice = subject.source.advice(share * subject.size)
         for warning in advice.warnings:
             require(isinstance(warning, str), f"A warning is {warning!r}, not a string.")
             whole = warning.endswith(".") and warning == warning.strip() and ". " not in warning
@@ -125,36 +131,40 @@ def check_advice(about: Subject) -> None:
 
 
 @law
-def check_translation(about: Subject) -> None:
+def check_translation(subject: Subject) -> None:
     """A translated source answers as the source does, moved by the offset, and has the same abilities.
 
     Feet are compared by where they lie and how far they are: at a tie rounding may choose another.
     """
-    source = about.source
+    source = subject.source
     if not isinstance(source, HasTranslation):
         return
-    offset = about.size * np.array([3.0, -50.0, 0.3])[: about.source.dim]
+    offset = subject.size * np.array([3.0, -50.0, 0.3])[: subject.source.dim]
     moved = source.translated(offset)
     for ability in ABILITIES:
         same = isinstance(moved, ability) == isinstance(source, ability)
         require(same, f"Only one of the two has {ability.__name__}.")
-    apart = np.abs(moved.bounds - (about.source.bounds + offset)).max()
-    require(apart <= about.round_off(offset[None])[0], f"The bounds move by the offset and {apart}.")
+    apart = np.abs(moved.bounds - (subject.source.bounds + offset)).max()
+    require(apart <= subject.round_off(offset[None])[0], f"The bounds move by the offset and {apart}.")
 
     def hold(x: Floats) -> None:
-        here, there = about.source.closest_point(x), moved.closest_point(x + offset)
-        allowed = 2 * about.round_off(np.abs(x) + np.abs(offset))
-        apart = np.abs(there.distance - here.distance)
+        original, translated = subject.source.closest_point(x), moved.closest_point(x + offset)
+        allowed = 2 * subject.round_off(np.abs(x) + np.abs(offset))
+        apart = np.abs(translated.distance - original.distance)
         require_rows(apart <= allowed, x, "distance changes in translation by", apart)
-        off = about.source.closest_point(np.ascontiguousarray(there.points - offset)).distance
+        off = subject.source.closest_point(np.ascontiguousarray(translated.points - offset)).distance
         require_rows(off <= allowed, x, "The translated foot lies off the translated manifold by", off)
-        apart = np.abs(np.linalg.norm(x + offset - there.points, axis=1) - np.linalg.norm(x - here.points, axis=1))
-        require_rows(apart <= allowed + about.case.turning_angle * here.distance, x, "|x - points| changes by", apart)
+        apart = np.abs(
+            np.linalg.norm(x + offset - translated.points, axis=1) - np.linalg.norm(x - original.points, axis=1)
+        )
+        require_rows(
+            apart <= allowed + subject.case.turning_angle * original.distance, x, "|x - points| changes by", apart
+        )
 
-    for_queries(about, hold, within_radius=not about.source.exact)
+    for_queries(subject, hold, within_radius=not subject.source.exact)
 
 
-LAWS = (check_normals, check_tangents, check_values, check_mesh, check_advice, check_translation)
+ABILITY_LAWS = (check_normals, check_tangents, check_values, check_mesh, check_advice, check_translation)
 
 
 def _require_corners(cells: Ints, manifold_dim: int | None) -> None:
@@ -180,7 +190,7 @@ def _require_unit(vectors: Floats, points: Floats) -> None:
     require(vectors.shape == points.shape, f"There are {vectors.shape} vectors for {points.shape} feet.")
     require(vectors.dtype == np.float64, f"Vectors are {vectors.dtype}, not float64.")
     length = np.linalg.norm(vectors, axis=1)
-    require_rows(np.abs(length - 1) <= ROUND_OFF, points, "A vector has the length", length)
+    require_rows(np.abs(length - 1) <= ROUND_OFF_SHARE, points, "A vector has the length", length)
 
 
 def _require_agreement(first: Floats, second: Floats, points: Floats, message: str) -> None:

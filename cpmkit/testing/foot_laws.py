@@ -10,71 +10,71 @@ from cpmkit.testing.queries import Subject, for_queries, symmetric_points
 
 
 @law
-def check_idempotence(about: Subject) -> None:
+def check_idempotence(subject: Subject) -> None:
     """The closest point of a foot is that foot, at no distance."""
 
     def hold(x: Floats) -> None:
-        feet = about.source.closest_point(x)
+        feet = subject.source.closest_point(x)
         feet = feet.take(sure(feet))
-        again = about.source.closest_point(np.ascontiguousarray(feet.points))
+        again = subject.source.closest_point(np.ascontiguousarray(feet.points))
         apart = np.linalg.norm(again.points - feet.points, axis=1)
-        round_off = about.round_off(feet.points)
+        round_off = subject.round_off(feet.points)
         require_rows(apart <= round_off, feet.points, "A foot moves when asked again, by", apart)
         require_rows(again.distance <= round_off, feet.points, "A foot lies off the manifold by", again.distance)
 
-    for_queries(about, hold, within_radius=not about.source.exact)
+    for_queries(subject, hold, within_radius=not subject.source.exact)
 
 
 @law
-def check_lipschitz(about: Subject) -> None:
+def check_lipschitz(subject: Subject) -> None:
     """Distances differ by no more than the queries are apart."""
 
     def hold(x: Floats) -> None:
         rng = np.random.default_rng(0)
-        steps = about.size * 10.0 ** rng.uniform(-6, 0, (len(x), 1)) * rng.normal(size=x.shape)
+        steps = subject.size * 10.0 ** rng.uniform(-6, 0, (len(x), 1)) * rng.normal(size=x.shape)
         both = np.concatenate([x, x + steps])
-        distance = about.source.closest_point(both).distance
+        distance = subject.source.closest_point(both).distance
         apart = np.linalg.norm(both[:, None] - both, axis=2)
-        round_off = about.round_off(both)
+        round_off = subject.round_off(both)
         excess = np.abs(distance[:, None] - distance) - apart - round_off[:, None] - round_off
         excess = excess.max(axis=1)
         require_rows(excess <= 0, both, "distance grows faster than the query moves, by", excess)
 
-    for_queries(about, hold)
+    for_queries(subject, hold)
 
 
 @law
-def check_distance(about: Subject) -> None:
+def check_distance(subject: Subject) -> None:
     """``distance`` is not negative and never above |x - points|; of an exact source the two are equal."""
 
     def hold(x: Floats) -> None:
-        feet = about.source.closest_point(x)
+        feet = subject.source.closest_point(x)
         excess = feet.distance - np.linalg.norm(x - feet.points, axis=1)
         require_rows(feet.distance >= 0, x, "distance is", feet.distance)
-        require_rows(excess <= about.round_off(x), x, "distance is above |x - points| by", excess)
-        if about.source.exact:
-            require_rows(-excess <= about.round_off(x), x, "distance is below |x - points| by", -excess)
+        require_rows(excess <= subject.round_off(x), x, "distance is above |x - points| by", excess)
+        if subject.source.exact:
+            require_rows(-excess <= subject.round_off(x), x, "distance is below |x - points| by", -excess)
 
-    for_queries(about, hold)
+    for_queries(subject, hold)
 
 
 @law
-def check_nearest(about: Subject) -> None:
+def check_nearest(subject: Subject) -> None:
     """No point of the manifold is nearer than ``distance``: neither a sample nor the foot of another query."""
-    known = about.known_points()
+    known = subject.known_points()
 
     def hold(x: Floats) -> None:
-        feet = about.source.closest_point(x)
+        feet = subject.source.closest_point(x)
         others = feet.points if known is None else np.concatenate([feet.points, known])
         nearest = np.linalg.norm(x[:, None] - others, axis=2).min(axis=1)
         excess = feet.distance - nearest
-        require_rows(excess <= about.round_off(x), x, "A point of the manifold is nearer than distance, by", excess)
+        require_rows(excess <= subject.round_off(x), x, "A point of the manifold is nearer than distance, by", excess)
 
-    for_queries(about, hold)
+    for_queries(subject, hold)
 
 
 @law
-def check_foot(about: Subject) -> None:
+def check_foot(subject: Subject) -> None:
     """A foot of a source that is not exact lies within turning angle x distance of the exact foot.
 
     The exact foot is not known, but its distance is: so |x - points| is at most
@@ -83,46 +83,46 @@ def check_foot(about: Subject) -> None:
     """
 
     def hold(x: Floats) -> None:
-        feet = about.source.closest_point(x)
-        allowed = (1 + about.case.turning_angle) * feet.distance + about.round_off(x)
+        feet = subject.source.closest_point(x)
+        allowed = (1 + subject.case.turning_angle) * feet.distance + subject.round_off(x)
         excess = np.linalg.norm(x - feet.points, axis=1) - allowed
         require_rows((excess <= 0) | ~sure(feet), x, "|x - points| is too large by", excess)
 
-    if not about.source.exact:
-        for_queries(about, hold, within_radius=True)
+    if not subject.source.exact:
+        for_queries(subject, hold, within_radius=True)
 
 
 @law
-def check_degenerate(about: Subject) -> None:
+def check_degenerate(subject: Subject) -> None:
     """A query with many closest points gets one of them, never itself."""
-    x = symmetric_points(about)
-    feet = about.source.closest_point(x)
+    x = symmetric_points(subject)
+    feet = subject.source.closest_point(x)
     require_rows(np.isfinite(feet.points).all(axis=1), x, "The foot is", feet.points)
-    off = about.source.closest_point(np.ascontiguousarray(feet.points)).distance
-    require_rows(off <= about.round_off(x), x, "The foot lies off the manifold by", off)
-    for axis in range(about.source.dim):
-        step = 1e-3 * about.size * np.eye(about.source.dim)[axis]
-        beside = about.source.closest_point(x + step).distance
+    off = subject.source.closest_point(np.ascontiguousarray(feet.points)).distance
+    require_rows(off <= subject.round_off(x), x, "The foot lies off the manifold by", off)
+    for axis in range(subject.source.dim):
+        step = 1e-3 * subject.size * np.eye(subject.source.dim)[axis]
+        beside = subject.source.closest_point(x + step).distance
         drop = beside - np.linalg.norm(step) - np.linalg.norm(x - feet.points, axis=1)
-        require_rows(drop <= about.round_off(x), x, "The foot is nearer than the manifold, by", drop)
+        require_rows(drop <= subject.round_off(x), x, "The foot is nearer than the manifold, by", drop)
 
 
 @law
-def check_bounds(about: Subject) -> None:
+def check_bounds(subject: Subject) -> None:
     """The bounds hold every foot and every sample."""
-    lower, upper = about.source.bounds
-    known = about.known_points()
+    lower, upper = subject.source.bounds
+    known = subject.known_points()
 
     def hold(x: Floats) -> None:
-        points = about.source.closest_point(x).points
+        points = subject.source.closest_point(x).points
         points = points if known is None else np.concatenate([points, known])
         beyond = np.maximum(lower - points, points - upper).max(axis=1)
-        require_rows(beyond <= about.round_off(points), points, "A point of the manifold is outside by", beyond)
+        require_rows(beyond <= subject.round_off(points), points, "A point of the manifold is outside by", beyond)
 
-    for_queries(about, hold)
+    for_queries(subject, hold)
 
 
-LAWS = (
+FOOT_LAWS = (
     check_idempotence,
     check_lipschitz,
     check_distance,

@@ -11,9 +11,9 @@ from cpmkit.testing.queries import Subject, for_queries
 
 
 @law
-def check_statement(about: Subject) -> None:
+def check_statement(subject: Subject) -> None:
     """A source states its dimensions, finite ordered bounds and whether it is exact."""
-    source = about.source
+    source = subject.source
     require(isinstance(source, ClosestPointSource), "It lacks a member of ClosestPointSource.")
     require(source.dim in (2, 3), f"dim is {source.dim!r}, not 2 or 3.")
     allowed = (None, *range(source.dim + 1))
@@ -26,95 +26,95 @@ def check_statement(about: Subject) -> None:
 
 
 @law
-def check_shapes(about: Subject) -> None:
+def check_shapes(subject: Subject) -> None:
     """Every array of an answer has its length, its shape and its type."""
 
     def hold(x: Floats) -> None:
-        _require_arrays(about.source.closest_point(x), x)
+        _require_arrays(subject.source.closest_point(x), x)
 
-    for_queries(about, hold)
+    for_queries(subject, hold)
 
 
 @law
-def check_empty(about: Subject) -> None:
+def check_empty(subject: Subject) -> None:
     """No queries get no answers, in arrays of the right shapes."""
-    x = np.empty((0, about.source.dim))
-    _require_arrays(about.source.closest_point(x), x)
+    x = np.empty((0, subject.source.dim))
+    _require_arrays(subject.source.closest_point(x), x)
 
 
 @law
-def check_input_untouched(about: Subject) -> None:
+def check_input_untouched(subject: Subject) -> None:
     """The queries are not written to."""
 
     def hold(x: Floats) -> None:
         given = x.copy()
-        feet = about.source.closest_point(given)
+        feet = subject.source.closest_point(given)
         require_rows((given == x).all(axis=1), x, "The query was changed", given)
         require(not np.shares_memory(feet.points, given), "The answer shares memory with the queries.")
 
-    for_queries(about, hold)
+    for_queries(subject, hold)
 
 
 @law
-def check_batches(about: Subject) -> None:
+def check_batches(subject: Subject) -> None:
     """An answer does not depend on the queries that are asked with it."""
 
     def hold(x: Floats) -> None:
-        whole = about.source.closest_point(x)
+        whole = subject.source.closest_point(x)
         for parts in (np.array_split(x, 3), [x[i : i + 1] for i in range(min(3, len(x)))]):
-            pieces = [about.source.closest_point(np.ascontiguousarray(part)) for part in parts]
+            pieces = [subject.source.closest_point(np.ascontiguousarray(part)) for part in parts]
             asked = np.concatenate(parts)
             points = np.concatenate([piece.points for piece in pieces])
             edge = np.concatenate([piece.edge for piece in pieces])
             apart = np.linalg.norm(points - whole.points[: len(asked)], axis=1)
-            require_rows(apart <= about.round_off(asked), asked, "Asked in parts, the foot moves by", apart)
+            require_rows(apart <= subject.round_off(asked), asked, "Asked in parts, the foot moves by", apart)
             require_rows(edge == whole.edge[: len(asked)], asked, "Asked in parts, edge becomes", edge)
 
-    for_queries(about, hold)
+    for_queries(subject, hold)
 
 
 @law
-def check_finite(about: Subject) -> None:
+def check_finite(subject: Subject) -> None:
     """Finite queries get finite answers."""
 
     def hold(x: Floats) -> None:
-        feet = about.source.closest_point(x)
+        feet = subject.source.closest_point(x)
         require_rows(np.isfinite(feet.points).all(axis=1), x, "The foot is", feet.points)
         require_rows(np.isfinite(feet.distance), x, "distance is", feet.distance)
         if feet.local is not None:
             require_rows(np.isfinite(feet.local).all(axis=1), x, "local is", feet.local)
 
-    for_queries(about, hold)
+    for_queries(subject, hold)
 
 
 @law
-def check_bad_input(about: Subject) -> None:
+def check_bad_input(subject: Subject) -> None:
     """NaN, infinity and wrong shapes are refused with InputError."""
-    dim = about.source.dim
+    dim = subject.source.dim
     for value in (np.nan, np.inf, -np.inf):
-        x = np.tile(about.centre, (3, 1))
+        x = np.tile(subject.centre, (3, 1))
         x[1, dim - 1] = value
-        _require_refused(about.source, x, f"a coordinate {value}")
+        _require_refused(subject.source, x, f"a coordinate {value}")
     for shape in ((dim,), (4, dim + 1), (4, 1), (2, 2, dim)):
-        _require_refused(about.source, np.zeros(shape), f"the shape {shape}")
+        _require_refused(subject.source, np.zeros(shape), f"the shape {shape}")
 
 
 @law
-def check_edge(about: Subject) -> None:
+def check_edge(subject: Subject) -> None:
     """``edge`` is -1 or the number of an edge: of a curve 0 or 1, of a point none."""
     numbers: dict[int | None, int] = {0: -1, 1: 1}
-    last = numbers.get(about.source.manifold_dim)
+    last = numbers.get(subject.source.manifold_dim)
 
     def hold(x: Floats) -> None:
-        edge = about.source.closest_point(x).edge
+        edge = subject.source.closest_point(x).edge
         require_rows(edge >= -1, x, "edge is", edge)
         if last is not None:
             require_rows(edge <= last, x, "edge is", edge)
 
-    for_queries(about, hold)
+    for_queries(subject, hold)
 
 
-LAWS = (
+FORM_LAWS = (
     check_statement,
     check_shapes,
     check_empty,

@@ -6,47 +6,47 @@ import numpy as np
 
 from cpmkit.protocols import Floats, HasLeft, HasManyEdges, HasTangents, NamesLeft
 from cpmkit.testing.law import law, require, require_rows, sure
-from cpmkit.testing.queries import ROUND_OFF, Subject, for_queries
+from cpmkit.testing.queries import ROUND_OFF_SHARE, Subject, for_queries
 
 
 @law
-def check_left(about: Subject) -> None:
+def check_left(subject: Subject) -> None:
     """Vectors to the left are of length one, at right angles to the curve, and the point on the left is there."""
-    source = about.source
+    source = subject.source
     if not isinstance(source, HasLeft):
         return
 
     def hold(x: Floats) -> None:
-        feet = about.source.closest_point(x)
+        feet = subject.source.closest_point(x)
         feet = feet.take(sure(feet))
         left = source.leftward(feet)
         require(left.shape == feet.points.shape, f"There are {left.shape} vectors for {feet.points.shape} feet.")
         length = np.linalg.norm(left, axis=1)
-        require_rows(np.abs(length - 1) <= ROUND_OFF, feet.points, "A vector to the left has the length", length)
+        require_rows(np.abs(length - 1) <= ROUND_OFF_SHARE, feet.points, "A vector to the left has the length", length)
         if isinstance(source, HasTangents):
             along = np.abs(np.sum(left * source.tangents(feet), axis=1))
-            require_rows(along <= ROUND_OFF, feet.points, "A vector to the left leans along the curve by", along)
+            require_rows(along <= ROUND_OFF_SHARE, feet.points, "A vector to the left leans along the curve by", along)
 
-    for_queries(about, hold, within_radius=True)
+    for_queries(subject, hold, within_radius=True)
     if isinstance(source, NamesLeft) and source.left_of is not None:
         point = np.asarray(source.left_of, dtype=np.float64)[None]
-        feet = about.source.closest_point(point)
+        feet = subject.source.closest_point(point)
         on_left = bool(np.sum((point - feet.points) * source.leftward(feet)) > 0)
         require(on_left, f"left_of, {point[0].tolist()}, is not on the left.")
 
 
 @law
-def check_edge_limit(about: Subject) -> None:
+def check_edge_limit(subject: Subject) -> None:
     """All numbers of edges are below 1000, or below the limit that the source states, a multiple of that."""
-    source = about.source
+    source = subject.source
     limit = source.edge_limit if isinstance(source, HasManyEdges) else 1000
     require(limit > 0 and limit % 1000 == 0, f"The limit of the edges' numbers is {limit}, no multiple of 1000.")
 
     def hold(x: Floats) -> None:
-        largest = int(about.source.closest_point(x).edge.max(initial=-1))
+        largest = int(subject.source.closest_point(x).edge.max(initial=-1))
         require(largest < limit, f"An edge has the number {largest}, the limit is {limit}.")
 
-    for_queries(about, hold, within_radius=False)
+    for_queries(subject, hold, within_radius=False)
 
 
-LAWS = (check_left, check_edge_limit)
+LEFT_LAWS = (check_left, check_edge_limit)

@@ -12,84 +12,84 @@ from cpmkit.testing.law import law, require, require_rows, sure
 from cpmkit.testing.queries import Subject, for_queries
 
 #: The radii that are asked for, relative to the size.
-RADII = (0.2, 0.5)
+ASKED_RADII_SHARES = (0.2, 0.5)
 #: How far towards the query a foot is looked at from, relative to its distance.
-TOWARDS = 1e-3
+TOWARDS_QUERY_SHARE = 1e-3
 #: How far around a foot the manifold is looked at, relative to the size.
-AROUND = 1e-5
+AROUND_FOOT_SHARE = 1e-5
 
 
 @law
-def check_local_minima(about: Subject) -> None:
+def check_local_minima(subject: Subject) -> None:
     """Feet within a radius lie on the manifold at their distance, by rows and nearest first, the closest point first.
 
     A larger radius adds feet and takes none away.
     """
-    source = about.source
+    source = subject.source
     if not isinstance(source, HasLocalMinima):
         return
-    small, large = (share * about.size for share in RADII)
+    small, large = (share * subject.size for share in ASKED_RADII_SHARES)
 
     def hold(x: Floats) -> None:
-        closest = about.source.closest_point(x)
+        closest = subject.source.closest_point(x)
         rows, feet = source.local_minima(x, large)
-        _require_order(about, x, rows, feet)
+        _require_order(subject, x, rows, feet)
         expected = np.flatnonzero(closest.distance <= large)
         require(np.array_equal(np.unique(rows), expected), "Not those queries have feet whose closest point is near.")
         require((feet.distance <= large).all(), "A foot lies beyond the radius.")
         first = np.flatnonzero(np.diff(rows, prepend=-1))
         apart = np.abs(_reach(x, rows, feet)[first] - np.linalg.norm(x - closest.points, axis=1)[rows[first]])
-        allowed = about.round_off(x)[rows]
+        allowed = subject.round_off(x)[rows]
         require_rows(apart <= allowed[first], x[rows[first]], "The first foot is not the closest point, by", apart)
-        off = about.source.closest_point(np.ascontiguousarray(feet.points)).distance
-        require_rows(off <= about.round_off(feet.points), x[rows], "A foot lies off the manifold by", off)
+        off = subject.source.closest_point(np.ascontiguousarray(feet.points)).distance
+        require_rows(off <= subject.round_off(feet.points), x[rows], "A foot lies off the manifold by", off)
         excess = feet.distance - _reach(x, rows, feet)
         require_rows(excess <= allowed, x[rows], "distance is above |x - points| by", excess)
-        if about.source.exact:
+        if subject.source.exact:
             require_rows(-excess <= allowed, x[rows], "distance is below |x - points| by", -excess)
         within = source.local_minima(x, small)[1]
         same = np.array_equal(within.points, feet.points[feet.distance <= small])
         require(same, "The feet within a small radius are not those that a large one finds there.")
 
-    for_queries(about, hold)
+    for_queries(subject, hold)
 
 
 @law
-def check_sheets(about: Subject) -> None:
+def check_sheets(subject: Subject) -> None:
     """Feet of one query are distinct, each is the closest point of what lies a little towards the query, and a minimum.
 
     So the way is normal to the manifold there, or between its normals at a crease, or past its edge. Of an exact source
     points around a foot are farther. Of a union each member is looked at alone: where two touch, a foot on one may be
     no local minimum beside the other.
     """
-    source = about.source
+    source = subject.source
     if not isinstance(source, HasLocalMinima):
         return
 
     def hold(x: Floats) -> None:
-        rows, feet = source.local_minima(x, RADII[1] * about.size)
-        for member, chosen in _by_member(about.source, feet):
-            _require_distinct(x, rows[chosen], feet.take(chosen), about)
+        rows, feet = source.local_minima(x, ASKED_RADII_SHARES[1] * subject.size)
+        for member, chosen in _by_member(subject.source, feet):
+            _require_distinct(x, rows[chosen], feet.take(chosen), subject)
             chosen = chosen[sure(feet.take(chosen))]
-            points, way = feet.points[chosen], TOWARDS * (x[rows[chosen]] - feet.points[chosen])
-            seen = member.closest_point(np.ascontiguousarray(points + way)).points
-            slid = np.linalg.norm(seen - points, axis=1)
-            allowed = about.case.turning_angle * np.linalg.norm(way, axis=1) + about.round_off(points)
+            points, towards = feet.points[chosen], TOWARDS_QUERY_SHARE * (x[rows[chosen]] - feet.points[chosen])
+            nearest = member.closest_point(np.ascontiguousarray(points + towards)).points
+            slid = np.linalg.norm(nearest - points, axis=1)
+            allowed = subject.case.turning_angle * np.linalg.norm(towards, axis=1) + subject.round_off(points)
             require_rows(slid <= allowed, x[rows[chosen]], "Seen from nearer, the foot slides", slid)
             if member.exact:
-                _require_minima(member, x[rows[chosen]], points, about)
+                _require_minima(member, x[rows[chosen]], points, subject)
 
-    for_queries(about, hold, within_radius=not about.source.exact)
+    for_queries(subject, hold, within_radius=not subject.source.exact)
 
 
 @law
-def check_bad_radius(about: Subject) -> None:
+def check_bad_radius(subject: Subject) -> None:
     """Feet are refused with InputError for wrong queries, as closest points are, and for a radius not above zero."""
-    source = about.source
+    source = subject.source
     if not isinstance(source, HasLocalMinima):
         return
-    good, dim = about.centre[None], about.source.dim
-    rows, feet = source.local_minima(np.empty((0, dim)), about.size)
+    good, dim = subject.centre[None], subject.source.dim
+    rows, feet = source.local_minima(np.empty((0, dim)), subject.size)
     require(len(rows) == len(feet) == 0, "No queries have feet.")
     for x, radius in (
         (good * np.nan, 1.0),
@@ -105,19 +105,21 @@ def check_bad_radius(about: Subject) -> None:
         raise AssertionError(f"Queries of shape {x.shape} with a radius of {radius} are accepted.")
 
 
-LAWS = (check_local_minima, check_sheets, check_bad_radius)
+LOCAL_MINIMA_LAWS = (check_local_minima, check_sheets, check_bad_radius)
 
 
 def _reach(x: Floats, rows: Ints, feet: ClosestPoints) -> Floats:
     return np.asarray(np.linalg.norm(x[rows] - feet.points, axis=1))
 
 
-def _require_order(about: Subject, x: Floats, rows: Ints, feet: ClosestPoints) -> None:
+def _require_order(subject: Subject, x: Floats, rows: Ints, feet: ClosestPoints) -> None:
     require(rows.dtype == np.int64 and rows.shape == (len(feet),), f"{rows.dtype} {rows.shape} rows of {len(feet)}.")
     step = np.diff(rows)
     require((step >= 0).all(), "The rows do not ascend.")
     back = -np.diff(feet.distance)[step == 0]
-    require_rows(back <= about.round_off(x)[rows[1:][step == 0]], x[rows[1:]][step == 0], "Feet come nearer, by", back)
+    require_rows(
+        back <= subject.round_off(x)[rows[1:][step == 0]], x[rows[1:]][step == 0], "Feet come nearer, by", back
+    )
 
 
 def _by_member(source: ClosestPointSource, feet: ClosestPoints) -> Iterator[tuple[ClosestPointSource, Ints]]:
@@ -129,21 +131,21 @@ def _by_member(source: ClosestPointSource, feet: ClosestPoints) -> Iterator[tupl
         yield member, np.flatnonzero(feet.element == number)
 
 
-def _require_distinct(x: Floats, rows: Ints, feet: ClosestPoints, about: Subject) -> None:
+def _require_distinct(x: Floats, rows: Ints, feet: ClosestPoints, subject: Subject) -> None:
     """Require that none of the feet of a row lies at the place of another: neighbours along each axis are compared."""
     order = np.lexsort((*feet.points.T, rows))
     ahead = np.roll(order, -1)
     apart = np.linalg.norm(feet.points[ahead] - feet.points[order], axis=1)
-    twice = (rows[ahead] == rows[order]) & (ahead != order) & (apart <= about.round_off(feet.points[order]))
+    twice = (rows[ahead] == rows[order]) & (ahead != order) & (apart <= subject.round_off(feet.points[order]))
     require_rows(~twice, x[rows[order]], "Two feet are apart by", apart)
 
 
-def _require_minima(source: ClosestPointSource, x: Floats, points: Floats, about: Subject) -> None:
+def _require_minima(source: ClosestPointSource, x: Floats, points: Floats, subject: Subject) -> None:
     """Require that points around each foot are not nearer to its query on both sides of it.
 
     On one side they may be: beside the rim of a facet.
     """
-    step = AROUND * about.size * np.random.default_rng(0).normal(size=points.shape)
+    step = AROUND_FOOT_SHARE * subject.size * np.random.default_rng(0).normal(size=points.shape)
     both = [source.closest_point(np.ascontiguousarray(points + sign * step)).points for sign in (1.0, -1.0)]
     gain = np.linalg.norm(x - points, axis=1) - np.max([np.linalg.norm(x - one, axis=1) for one in both], axis=0)
-    require_rows(gain <= about.round_off(x), x, "There are nearer points on both sides of a foot, by", gain)
+    require_rows(gain <= subject.round_off(x), x, "There are nearer points on both sides of a foot, by", gain)

@@ -13,7 +13,7 @@ from cpmkit.protocols import ClosestPointSource, Floats
 from cpmkit.testing.cases import ConformanceCase
 
 #: Round-off that is allowed, relative to the largest coordinate that takes part.
-ROUND_OFF = 1e-12
+ROUND_OFF_SHARE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ class Subject:
     def round_off(self, x: Floats) -> Floats:
         """Return (n,) what rounding may cost at the queries ``x``."""
         largest = np.abs(x).max(axis=1) + np.abs(self.source.bounds).max() + self.size
-        allowed: Floats = ROUND_OFF * largest
+        allowed: Floats = ROUND_OFF_SHARE * largest
         return allowed
 
     def known_points(self, count: int = 256) -> Floats | None:
@@ -57,7 +57,7 @@ def subject(case: ConformanceCase) -> Subject:
     return Subject(case, source, 0.5 * (lower + upper), size)
 
 
-def for_queries(about: Subject, hold: Callable[[Floats], None], within_radius: bool = False) -> None:
+def for_queries(subject: Subject, hold: Callable[[Floats], None], within_radius: bool = False) -> None:
     """Call ``hold`` with batches of queries (n, d), the same in every run; a failing batch is made small.
 
     Parameters
@@ -69,7 +69,9 @@ def for_queries(about: Subject, hold: Callable[[Floats], None], within_radius: b
     within_radius : bool
         Draw queries only up to the case's ``radius`` from the manifold, if it has one.
     """
-    draws = _tube(about, about.case.radius) if within_radius and about.case.radius is not None else _anywhere(about)
+    draws = (
+        _tube(subject, subject.case.radius) if within_radius and subject.case.radius is not None else _anywhere(subject)
+    )
 
     @settings(
         max_examples=20,
@@ -87,22 +89,22 @@ def for_queries(about: Subject, hold: Callable[[Floats], None], within_radius: b
     each()
 
 
-def symmetric_points(about: Subject) -> Floats:
+def symmetric_points(subject: Subject) -> Floats:
     """Return the centre of the bounds, corners, edge and face middles of the box and of the box of half its size.
 
     On shapes with symmetries these are where closest points are not unique.
     """
-    dim = about.source.dim
+    dim = subject.source.dim
     signs = np.stack(np.meshgrid(*[[0.0, -1.0, 1.0]] * dim, indexing="ij"), axis=-1).reshape(-1, dim)
-    half = 0.5 * np.ptp(about.source.bounds, axis=0)
-    half = np.where(half > 0, half, about.size)
-    points: Floats = about.centre + np.concatenate([signs, 0.5 * signs[1:], 1e-170 * signs[1:]]) * half
+    half = 0.5 * np.ptp(subject.source.bounds, axis=0)
+    half = np.where(half > 0, half, subject.size)
+    points: Floats = subject.centre + np.concatenate([signs, 0.5 * signs[1:], 1e-170 * signs[1:]]) * half
     return points
 
 
-def _anywhere(about: Subject) -> st.SearchStrategy[Floats]:
+def _anywhere(subject: Subject) -> st.SearchStrategy[Floats]:
     """Draw a few points that hypothesis chooses, with many at random, some of them on the manifold."""
-    dim, known = about.source.dim, about.known_points()
+    dim, known = subject.source.dim, subject.known_points()
     near = st.floats(-2.0, 2.0)
     lattice = st.integers(-4, 4).map(lambda i: 0.25 * i)
     far = st.floats(-1e6, 1e6)
@@ -111,7 +113,7 @@ def _anywhere(about: Subject) -> st.SearchStrategy[Floats]:
     def batch(points: list[tuple[float, ...]], count: int, seed: int) -> Floats:
         rng = np.random.default_rng(seed)
         relative = np.concatenate([np.array(points), rng.uniform(-1.5, 1.5, (count, dim))])
-        x = about.centre + about.size * relative
+        x = subject.centre + subject.size * relative
         if known is not None:
             x = np.concatenate([x, rng.permutation(known)[: count // 2]])
         return np.ascontiguousarray(x)
@@ -119,13 +121,13 @@ def _anywhere(about: Subject) -> st.SearchStrategy[Floats]:
     return st.builds(batch, chosen, st.sampled_from([0, 40]), st.integers(0, 2**16))
 
 
-def _tube(about: Subject, radius: float) -> st.SearchStrategy[Floats]:
+def _tube(subject: Subject, radius: float) -> st.SearchStrategy[Floats]:
     """Draw points up to ``radius`` from the manifold."""
 
     def batch(count: int, seed: int) -> Floats:
         rng = np.random.default_rng(seed)
-        near = about.centre + about.size * rng.uniform(-0.6, 0.6, (count, about.source.dim))
-        around = about.source.closest_point(near)
+        near = subject.centre + subject.size * rng.uniform(-0.6, 0.6, (count, subject.source.dim))
+        around = subject.source.closest_point(near)
         direction = rng.normal(size=around.points.shape)
         direction /= np.linalg.norm(direction, axis=1, keepdims=True)
         return np.ascontiguousarray(around.points + radius * rng.uniform(0, 1, (count, 1)) * direction)

@@ -10,11 +10,11 @@ from cpmkit.testing.cases import ConformanceCase
 
 #: Every law: called with a case, it returns or raises an AssertionError.
 LAWS: tuple[Callable[[ConformanceCase], None], ...] = (
-    *form_laws.LAWS,
-    *foot_laws.LAWS,
-    *ability_laws.LAWS,
-    *local_minima_laws.LAWS,
-    *left_laws.LAWS,
+    *form_laws.FORM_LAWS,
+    *foot_laws.FOOT_LAWS,
+    *ability_laws.ABILITY_LAWS,
+    *local_minima_laws.LOCAL_MINIMA_LAWS,
+    *left_laws.LEFT_LAWS,
 )
 
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from cpmkit.solution.solution import Solution
 
 #: Seconds after which a renderer that has not answered is given up.
-PATIENCE = 120.0
+RENDERER_SECONDS = 120.0
 
 
 @dataclass(frozen=True)
@@ -170,16 +170,21 @@ def _opengl(drawing: Drawing, path: Path) -> str:
         command = [sys.executable, "-P", "-m", "cpmkit.view.opengl", str(order), str(answer)]
         try:
             done = subprocess.run(
-                command, capture_output=True, text=True, timeout=PATIENCE, env=environment(os.environ), check=False
+                command,
+                capture_output=True,
+                text=True,
+                timeout=RENDERER_SECONDS,
+                env=environment(os.environ),
+                check=False,
             )
         except subprocess.TimeoutExpired:
-            return f"the OpenGL process did not answer within {PATIENCE:.0f} seconds"
+            return f"the OpenGL process did not answer within {RENDERER_SECONDS:.0f} seconds"
         if done.returncode != 0 or not answer.is_file():
             return _reason(done)
         if len(drawing.span):
             from cpmkit.view import software
 
-            software.frame(drawing, answer, path)
+            software.add_colour_bar(drawing, answer, path)
         else:
             path.write_bytes(answer.read_bytes())
     return ""

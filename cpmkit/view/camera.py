@@ -11,14 +11,14 @@ from cpmkit.protocols import Floats
 from cpmkit.runtime.arrays import as_vector
 
 #: Where the camera stands unless asked: a three-quarter view from the front, the right and above.
-VIEW = (0.55, -1.0, 0.6)
-UP = (0.0, 0.0, 1.0)
+VIEW_DIRECTION = (0.55, -1.0, 0.6)
+CAMERA_UP = (0.0, 0.0, 1.0)
 
 #: Free space around the model, as a share of the picture's half width.
-MARGIN = 0.04
+MARGIN_SHARE = 0.04
 
 #: Least and greatest height of a picture as a share of its width.
-ASPECT = (0.4, 1.4)
+ASPECT_BOUNDS = (0.4, 1.4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,13 +73,13 @@ def fit(
         If ``view`` or ``up`` is not three numbers, or the two are parallel.
     """
     axes = axes_of(view, up)
-    seen = points @ axes.T
-    low, high = seen.min(axis=0), seen.max(axis=0)
+    projected = points @ axes.T
+    low, high = projected.min(axis=0), projected.max(axis=0)
     extent = (high - low) / 2
     size = extent.max() if extent.max() > 0 else 1.0
-    margin = MARGIN * size
-    half_width = max(extent[0] + margin, (extent[1] + margin) / ASPECT[1])
-    half_height = max(extent[1] + margin, ASPECT[0] * half_width)
+    margin = MARGIN_SHARE * size
+    half_width = max(extent[0] + margin, (extent[1] + margin) / ASPECT_BOUNDS[1])
+    half_height = max(extent[1] + margin, ASPECT_BOUNDS[0] * half_width)
     height = round(width * half_height / half_width)
     return Camera((low + high) / 2 @ axes, axes, np.array([half_width, half_height]), (width, height))
 
@@ -92,8 +92,8 @@ def axes_of(view: tuple[float, ...] | None, up: tuple[float, ...] | None) -> Flo
     InputError
         As :func:`fit` does.
     """
-    toward = _unit(as_vector(VIEW if view is None else view, 3, "view"), "view")
-    upward = _unit(as_vector(UP if up is None else up, 3, "up"), "up")
+    toward = _unit(as_vector(VIEW_DIRECTION if view is None else view, 3, "view"), "view")
+    upward = _unit(as_vector(CAMERA_UP if up is None else up, 3, "up"), "up")
     if up is None and abs(toward @ upward) > 0.999:
         upward = np.array([0.0, 1.0, 0.0])  # seen from above or below
     right = np.cross(upward, toward)

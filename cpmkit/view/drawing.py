@@ -24,17 +24,17 @@ AMBIENT = 0.5
 LIGHT = (-0.35, 0.5, 1.0)
 
 #: Radius of boundary curves, of pins and of a curve that is itself the surface; shares of the picture's half width.
-CURVE, PIN, STROKE = 0.0045, 0.012, 0.009
+CURVE_RADIUS, PIN_RADIUS, STROKE_RADIUS = 0.0045, 0.012, 0.009
 
 #: A point of a cloud is drawn as a disc with so many corners. On a curve in the plane its radius is half the distance
 #: to the second neighbour, on a surface this share of that to the sixth: uneven clouds, too, are covered.
-CORNERS, NEIGHBOURS, OVERLAP = 8, {2: 2, 3: 6}, {2: 0.5, 3: 0.85}
+DISC_CORNERS, DISC_NEIGHBOURS, DISC_OVERLAP = 8, {2: 2, 3: 6}, {2: 0.5, 3: 0.85}
 
 #: Points whose neighbours are farther away than so many spacings belong to no cloud.
-LONELY = 10.0
+LONELY_SPACINGS = 10.0
 
 #: Width of the colour bar's column as a share of the picture's.
-BAR = 0.12
+BAR_WIDTH = 0.12
 
 INK = (0.12, 0.12, 0.14)
 
@@ -111,18 +111,20 @@ def draw(
     pins = np.concatenate([pins, in_space(solution.doubled)]) if twins else pins
     if mesh.points.shape[1] == 2:
         view, up = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)
-    model_width = width - round(BAR * width) if len(bar) else width
+    model_width = width - round(BAR_WIDTH * width) if len(bar) else width
     camera = fit(np.concatenate([points, curve_points, pins]), model_width, view, up)
     normals = np.zeros((0, 3)) if mesh.normals is None else mesh.normals
     facing = normals[mesh.dots] if len(normals) else np.zeros((len(mesh.dots), 3))
-    radii = _disc_radii(mesh.points[mesh.dots], solution.spacing, STROKE * camera.half[0], PIN * camera.half[0])
+    radii = _disc_radii(
+        mesh.points[mesh.dots], solution.spacing, STROKE_RADIUS * camera.half[0], PIN_RADIUS * camera.half[0]
+    )
     rims, fans = discs(points[mesh.dots], facing, radii, camera.axes[2])
     return Drawing(
         points=np.concatenate([points, rims]),
         triangles=np.concatenate([mesh.triangles, len(points) + fans]),
         segments=mesh.segments,
-        colours=np.concatenate([colours, np.repeat(colours[mesh.dots], CORNERS, axis=0)]),
-        normals=np.concatenate([normals, np.repeat(facing, CORNERS, axis=0)]) if len(normals) else normals,
+        colours=np.concatenate([colours, np.repeat(colours[mesh.dots], DISC_CORNERS, axis=0)]),
+        normals=np.concatenate([normals, np.repeat(facing, DISC_CORNERS, axis=0)]) if len(normals) else normals,
         curve_points=curve_points,
         curve_cells=curve_cells,
         pins=pins,
@@ -155,11 +157,11 @@ def discs(centres: Floats, normals: Floats, radii: Floats, viewer: Floats) -> tu
     first = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
     first /= np.linalg.norm(first, axis=1, keepdims=True)
     second = np.cross(normals, first)
-    angle = 2 * np.pi * np.arange(CORNERS) / CORNERS
+    angle = 2 * np.pi * np.arange(DISC_CORNERS) / DISC_CORNERS
     around = np.cos(angle)[:, None] * first[:, None] + np.sin(angle)[:, None] * second[:, None]
-    corner = np.arange(1, CORNERS - 1)
+    corner = np.arange(1, DISC_CORNERS - 1)
     fan = np.stack([np.zeros_like(corner), corner, corner + 1], axis=1)
-    triangles = CORNERS * np.arange(len(centres))[:, None, None] + fan
+    triangles = DISC_CORNERS * np.arange(len(centres))[:, None, None] + fan
     return (centres[:, None] + radii[:, None, None] * around).reshape(-1, 3), triangles.reshape(-1, 3)
 
 
@@ -170,11 +172,11 @@ def _disc_radii(points: Floats, spacing: float, least: float, alone: float) -> F
     """
     from scipy.spatial import cKDTree
 
-    neighbours, share = NEIGHBOURS[points.shape[1]], OVERLAP[points.shape[1]]
+    neighbours, share = DISC_NEIGHBOURS[points.shape[1]], DISC_OVERLAP[points.shape[1]]
     if len(points) <= neighbours:
         return np.full(len(points), alone)
     reach = np.asarray(cKDTree(points).query(points, k=neighbours + 1)[0])[:, -1]
-    lonely = reach > LONELY * spacing
+    lonely = reach > LONELY_SPACINGS * spacing
     usual = np.median(reach[~lonely]) if not lonely.all() else 0.0
     radii: Floats = np.where(lonely, alone, np.maximum(share * np.minimum(reach, 2 * usual), least))
     return radii

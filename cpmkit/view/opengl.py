@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.protocols import Floats, Ints
-from cpmkit.view.drawing import AMBIENT, CURVE, INK, LIGHT, PIN, STROKE, Drawing
+from cpmkit.view.drawing import AMBIENT, CURVE_RADIUS, INK, LIGHT, PIN_RADIUS, STROKE_RADIUS, Drawing
 
 
 def render(drawing: Drawing, path: Path) -> None:
@@ -34,12 +34,12 @@ def render(drawing: Drawing, path: Path) -> None:
     if len(drawing.triangles):
         _add(plotter, _surface(drawing, rgb), scalars="rgb", rgb=True)
     if len(drawing.segments):
-        strokes = _tubes(drawing.points, drawing.segments, STROKE * drawing.half[0], rgb)
+        strokes = _tubes(drawing.points, drawing.segments, STROKE_RADIUS * drawing.half[0], rgb)
         _add(plotter, strokes, scalars="rgb", rgb=True)
     if len(drawing.curve_cells):
-        _add(plotter, _tubes(drawing.curve_points, drawing.curve_cells, CURVE * drawing.half[0]), color=INK)
+        _add(plotter, _tubes(drawing.curve_points, drawing.curve_cells, CURVE_RADIUS * drawing.half[0]), color=INK)
     if len(drawing.pins):
-        ball = pyvista.Sphere(radius=PIN * drawing.half[0])
+        ball = pyvista.Sphere(radius=PIN_RADIUS * drawing.half[0])
         _add(plotter, pyvista.PolyData(drawing.pins).glyph(geom=ball, scale=False, orient=False), color=INK)
     _aim(plotter, drawing)
     image = plotter.screenshot(str(path), return_img=True)

@@ -12,17 +12,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.protocols import Floats
-from cpmkit.view.drawing import AMBIENT, CURVE, INK, LIGHT, PIN, STROKE, Drawing
+from cpmkit.view.drawing import AMBIENT, CURVE_RADIUS, INK, LIGHT, PIN_RADIUS, STROKE_RADIUS, Drawing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 #: Width of the lines along the edges of faces, in points; thinner ones let the background through between two faces.
-SEAM = 1.0
+SEAM_POINTS = 1.0
 
 #: Dots an inch of the figures; only the ratio to the size of the type matters.
-DPI = 100
+DOTS_PER_FIGURE_INCH = 100
 
 
 def render(drawing: Drawing, path: Path) -> None:
@@ -31,18 +31,20 @@ def render(drawing: Drawing, path: Path) -> None:
 
     figure, axes = _page(drawing)
     shapes, colours = _shapes(drawing)
-    axes.add_collection(PolyCollection(shapes, facecolors=colours, edgecolors=colours, linewidths=SEAM, snap=False))
-    figure.savefig(path, dpi=DPI, facecolor="white")
+    axes.add_collection(
+        PolyCollection(shapes, facecolors=colours, edgecolors=colours, linewidths=SEAM_POINTS, snap=False)
+    )
+    figure.savefig(path, dpi=DOTS_PER_FIGURE_INCH, facecolor="white")
 
 
-def frame(drawing: Drawing, rendered: Path, path: Path) -> None:
+def add_colour_bar(drawing: Drawing, rendered: Path, path: Path) -> None:
     """Put the colour bar beside a picture of the model that another renderer drew; write a PNG file."""
     from matplotlib.image import imread
 
     figure, axes = _page(drawing)
     width, height = drawing.half
     axes.imshow(imread(rendered), extent=(-width, width, -height, height), interpolation="nearest")
-    figure.savefig(path, dpi=DPI, facecolor="white")
+    figure.savefig(path, dpi=DOTS_PER_FIGURE_INCH, facecolor="white")
 
 
 def _page(drawing: Drawing) -> tuple[Figure, Axes]:
@@ -52,7 +54,7 @@ def _page(drawing: Drawing) -> tuple[Figure, Axes]:
 
     width, height = drawing.camera.pixels
     total = int(drawing.width)
-    figure = Figure(figsize=(total / DPI, height / DPI), dpi=DPI)
+    figure = Figure(figsize=(total / DOTS_PER_FIGURE_INCH, height / DOTS_PER_FIGURE_INCH), dpi=DOTS_PER_FIGURE_INCH)
     FigureCanvasAgg(figure)
     axes = figure.add_axes((0, 0, width / total, 1))
     axes.set_axis_off()
@@ -70,19 +72,19 @@ def _add_bar(figure: Figure, span: Floats, left: float) -> None:
 
     column = figure.add_axes((left + 0.1 * (1 - left), 0.15, 0.16 * (1 - left), 0.7))
     figure.colorbar(ScalarMappable(Normalize(*span), "viridis"), cax=column)
-    column.tick_params(labelsize=figure.get_figwidth() * DPI / 90)
+    column.tick_params(labelsize=figure.get_figwidth() * DOTS_PER_FIGURE_INCH / 90)
 
 
 def _shapes(drawing: Drawing) -> tuple[list[Any], Floats]:
     """Return polygons in the camera's plane from back to front, and their colours."""
     place = drawing.camera.project(drawing.points)
     unit = drawing.half[0]
-    faces = [place[drawing.triangles], _ribbons(place[drawing.segments], STROKE * unit)]
+    faces = [place[drawing.triangles], _ribbons(place[drawing.segments], STROKE_RADIUS * unit)]
     colours = [_shaded(drawing), drawing.colours[drawing.segments].mean(axis=1)]
     near = _typical_size(place, drawing)  # lifts boundaries over the faces that they lie in
     curve = drawing.camera.project(drawing.curve_points)[drawing.curve_cells]
-    pins = _discs(drawing.camera.project(drawing.pins), PIN * unit)
-    for shapes in (_ribbons(curve, CURVE * unit), pins):
+    pins = _discs(drawing.camera.project(drawing.pins), PIN_RADIUS * unit)
+    for shapes in (_ribbons(curve, CURVE_RADIUS * unit), pins):
         faces.append(shapes + np.array([0, 0, near]))
         colours.append(np.tile(INK, (len(shapes), 1)))
     depth = np.concatenate([shape[:, :, 2].mean(axis=1) for shape in faces])

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 import cpmkit as ck
 from cpmkit import cli
-from cpmkit.runtime.telling import overheard, tell
+from cpmkit.runtime.warn import collected_warnings, warn_each
 
 #: Nothing flows out of a circle, so a right-hand side of mean 1 has no solution.
 CIRCLE = '[surface]\nkind = "analytic.circle"\n[problem]\nkind = "poisson"\nf = 1.0\n[discretization]\nspacing = 0.1\n'
@@ -60,14 +60,14 @@ def test_an_estimate_warns_once_though_it_solves_twice():
 
 
 def test_each_sentence_is_told_once_and_cannot_steer_a_terminal():
-    shown = told_by(lambda: tell(["a", "b\x1b[2J", "a"], stacklevel=1))
+    shown = told_by(lambda: warn_each(["a", "b\x1b[2J", "a"], stacklevel=1))
     assert [str(one.message) for one in shown] == ["a", "b\\x1b[2J"]
 
 
 def test_only_those_of_cpmkit_are_overheard():
     def work():
-        with overheard() as heard:
-            tell(["a", "a", "b"])
+        with collected_warnings() as heard:
+            warn_each(["a", "a", "b"])
             warnings.warn("of another library", RuntimeWarning, stacklevel=1)
         assert heard == ["a", "b"]
 

@@ -10,7 +10,7 @@ import pytest
 
 import cpmkit as ck
 from cpmkit.grid.fitting import fitting_spacing
-from cpmkit.manifold.localized import localize
+from cpmkit.manifold.local_source import localize
 from cpmkit.runtime import memory
 from cpmkit.runtime.arrays import as_vector
 
@@ -34,8 +34,8 @@ def one_sentence(error, *parts):
 def unlimited(tmp_path, monkeypatch):
     """Let there be a machine of 64 GiB without any other limit, and control groups in ``tmp_path``."""
     monkeypatch.setattr(memory, "machine_bytes", lambda: 64 * GIB)
-    monkeypatch.setattr(memory, "GROUPS", tmp_path)
-    monkeypatch.setattr(memory, "OWN_GROUPS", tmp_path / "own")
+    monkeypatch.setattr(memory, "CONTROL_GROUPS", tmp_path)
+    monkeypatch.setattr(memory, "OWN_CONTROL_GROUPS", tmp_path / "own")
     monkeypatch.setattr(memory, "_process_limits", lambda: ())
     return tmp_path
 
@@ -142,7 +142,7 @@ def test_memory_that_runs_out_while_explaining_is_one_sentence(monkeypatch):
     def fail(*arguments, **options):
         raise MemoryError
 
-    monkeypatch.setattr("cpmkit.forecast.rehearsal.lay_out", fail)
+    monkeypatch.setattr("cpmkit.forecast.cost.lay_out", fail)
     with pytest.raises(ck.ResolutionError) as error:
         ck.explain(scene(), 0.3)
     one_sentence(error, "Memory ran out at spacing=0.3", "or more")

@@ -17,7 +17,7 @@ import pytest
 
 from cpmkit.errors import InputError
 from cpmkit.files.whole_files import unfinished_name, written_whole
-from cpmkit.protocols import nothing
+from cpmkit.protocols import no_progress
 from cpmkit.runtime.progress import ProgressLine
 from cpmkit.saving import results
 from cpmkit.saving.export import save
@@ -143,7 +143,7 @@ def test_a_file_that_fails_keeps_no_other_from_being_written(square, tmp_path, m
 
     monkeypatch.setattr(results, "save", fail)
     request = OutputRequest(tmp_path / "r", ("lost.npz", "u.npz", "summary.json"), None)
-    written = results.write_results(square(3), request, tmp_path / "r", nothing)
+    written = results.write_results(square(3), request, tmp_path / "r", no_progress)
     assert sorted(os.listdir(tmp_path / "r")) == ["summary.json", "u.npz"]
     assert written.summary["files"] == ["u.npz", "summary.json"]
     assert list(written.summary["unwritten"]) == ["lost.npz"]

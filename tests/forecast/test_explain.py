@@ -52,7 +52,7 @@ def test_nothing_is_asked_of_a_surface_that_a_scene_does_not_require():
     from layouts import lay_out
 
     from cpmkit.grid.band import cell_levels
-    from cpmkit.manifold.localized import localize
+    from cpmkit.manifold.local_source import localize
 
     sphere = ck.source("analytic.sphere")
     layout = lay_out(ck.Scene(sphere, ck.ScreenedPoisson(1.0)), 0.1)

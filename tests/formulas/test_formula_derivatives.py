@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cpmkit import SceneError
-from cpmkit.formulas.derivatives import MOST_STEPS, formula_jets
+from cpmkit.formulas.derivatives import MOST_FORMULA_STEPS, formula_jets
 from cpmkit.formulas.trees import formula_tree
 
 NAMES = ("x", "y", "z")
@@ -86,5 +86,5 @@ def test_powers_of_any_size_take_one_operation():
 
 def test_too_many_operations_are_refused():
     text = "*".join(f"(x + {k}*y*z)" for k in range(1, 400))
-    with pytest.raises(SceneError, match=rf"phi takes \d+ operations .* at most {MOST_STEPS}"):
+    with pytest.raises(SceneError, match=rf"phi takes \d+ operations .* at most {MOST_FORMULA_STEPS}"):
         jets(text)

@@ -9,7 +9,7 @@ import cpmkit as ck
 from cpmkit.grid.band import build_band
 from cpmkit.grid.lattice import Codes
 from cpmkit.grid.stencils import cross_offsets, reading_radius, stencil_cells, tensor_offsets
-from cpmkit.manifold.localized import localize
+from cpmkit.manifold.local_source import localize
 from cpmkit.protocols import ClosestPoints
 
 

@@ -14,7 +14,7 @@ from click.testing import CliRunner
 import cpmkit
 from cpmkit import cli, command_group
 from cpmkit.errors import SceneError
-from cpmkit.plugins import COMMANDS
+from cpmkit.plugins import COMMANDS_GROUP
 from cpmkit.runtime.progress import ProgressLine
 from cpmkit.scenefile.output_request import OutputRequest, PictureRequest
 
@@ -167,9 +167,9 @@ def test_plugins_lists_kinds_with_their_distributions(run):
 def plugged(monkeypatch):
     """Offer the commands `greet`, `broken` and `number` as plugins do."""
     points = [
-        EntryPoint("greet", f"{__name__}_commands:greet", COMMANDS),
-        EntryPoint("broken", "cpmkit_absent:command", COMMANDS),
-        EntryPoint("number", "math:pi", COMMANDS),
+        EntryPoint("greet", f"{__name__}_commands:greet", COMMANDS_GROUP),
+        EntryPoint("broken", "cpmkit_absent:command", COMMANDS_GROUP),
+        EntryPoint("number", "math:pi", COMMANDS_GROUP),
     ]
     monkeypatch.setattr(command_group, "entry_points", lambda group: points)
     greet = click.Command("greet", callback=lambda: click.echo("good day"))

@@ -30,7 +30,7 @@ def install(monkeypatch):
     real, fake = plugins.entry_points, []
 
     def entry_points(group, name=None):
-        found = [point for point in real(group=group) if group == plugins.KINDS] + fake
+        found = [point for point in real(group=group) if group == plugins.KINDS_GROUP] + fake
         return [point for point in found if name is None or point.name == name]
 
     monkeypatch.setattr(plugins, "entry_points", entry_points)

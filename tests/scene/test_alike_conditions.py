@@ -5,7 +5,7 @@ import pytest
 
 import cpmkit as ck
 from cpmkit.formulas.expressions import Expression
-from cpmkit.scene.alike import alike, sides_differ
+from cpmkit.scene.alike import same_condition, sides_differ
 
 
 def one(x):
@@ -35,7 +35,7 @@ UNLIKE = [
 
 @pytest.mark.parametrize(("first", "second"), ALIKE)
 def test_what_says_the_same_is_one_condition_for_both_sides(first, second):
-    assert alike(first, second)
+    assert same_condition(first, second)
     assert not sides_differ(first, second)
     given = ck.Boundary("cut", ck.source("analytic.point", at=[1, 0]), left=first, right=second)
     assert given.condition("left") is given.condition("right")
@@ -43,7 +43,7 @@ def test_what_says_the_same_is_one_condition_for_both_sides(first, second):
 
 @pytest.mark.parametrize(("first", "second"), UNLIKE)
 def test_what_says_something_else_is_not(first, second):
-    assert not alike(first, second)
+    assert not same_condition(first, second)
     assert sides_differ(first, second)
     given = ck.Boundary("cut", ck.source("analytic.point", at=[1, 0]), left=first, right=second)
     assert given.condition("right") is second

@@ -10,7 +10,7 @@ from bare import Bare
 import cpmkit as ck
 from cpmkit.forms.collocation.boundary.on_band import put_on_lattice
 from cpmkit.grid.lattice import Lattice
-from cpmkit.manifold.localized import localize
+from cpmkit.manifold.local_source import localize
 
 STRIP = ck.source("parametric.moebius")
 SPHERE = ck.source("analytic.sphere")

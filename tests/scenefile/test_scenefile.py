@@ -131,7 +131,7 @@ def test_a_mesh_is_fetched_into_the_cache_and_its_checksum_verified(tmp_path, mo
     origin.mkdir()
     (origin / "small.obj").write_text("v 0 0 0\n")
     right = hashlib.sha256(b"v 0 0 0\n").hexdigest()
-    monkeypatch.setattr(data, "KNOWN", {"small.obj": ("small.obj", right), "other.obj": ("small.obj", "0" * 64)})
+    monkeypatch.setattr(data, "KNOWN_MESHES", {"small.obj": ("small.obj", right), "other.obj": ("small.obj", "0" * 64)})
     monkeypatch.setenv("CPMKIT_ORIGIN", origin.as_uri())
     monkeypatch.setenv("CPMKIT_CACHE", str(tmp_path / "cache"))
     monkeypatch.delenv("CPMKIT_FETCH", raising=False)

@@ -9,7 +9,7 @@ import numpy as np
 from cpmkit.studies.records import read_records
 from cpmkit.studies.running import make_run, run_study
 from cpmkit.studies.series import gather
-from cpmkit.studies.studyfile import TABLES, Exact, load_study
+from cpmkit.studies.studyfile import STUDY_TABLES, Exact, load_study
 from cpmkit.studies.sweep import Sweep
 from cpmkit.studies.truth import truth_of
 
@@ -43,7 +43,7 @@ def test_every_key_of_a_study_is_documented(tmp_path):
     named = set(re.findall(r"`([^`\n]+)`", text))
     keys = {field.name for kind in (Exact, Sweep) for field in fields(kind)}
     assert {"title", *keys} - named == set()
-    assert {f"[{table}]" for table in TABLES if table not in ("title", "boundary")} - named == set()
+    assert {f"[{table}]" for table in STUDY_TABLES if table not in ("title", "boundary")} - named == set()
     study = load_study(STUDIES / "panel-a-circle-jump.toml")
     record = make_run(study, study.sweep.runs()[0], truth_of(study))
     assert {*record, "error"} - named == set()

@@ -20,7 +20,7 @@ from cpmkit.studies.report import write_report
 from cpmkit.studies.running import make_run, run_study
 from cpmkit.studies.series import gather
 from cpmkit.studies.studyfile import load_study
-from cpmkit.studies.tables import told
+from cpmkit.studies.tables import run_sentence
 
 ROOT = Path(__file__).parents[2]
 STUDIES = ROOT / "examples" / "studies"
@@ -298,7 +298,9 @@ def test_one_spacing_can_be_asked_for(made, folder, tmp_path, monkeypatch):
 def test_a_run_is_told_in_percent_of_the_half_range(folder):
     first, _ = read_records(folder / "records.jsonl")
     percent = 100 * first["rms_error"] / first["half_range"]
-    assert told(first).startswith(f"cpm, degree 3, order 2, spacing 0.2: rms difference {percent:.2f} % of half the")
+    assert run_sentence(first).startswith(
+        f"cpm, degree 3, order 2, spacing 0.2: rms difference {percent:.2f} % of half the"
+    )
 
 
 @pytest.mark.parametrize(

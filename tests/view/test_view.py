@@ -72,7 +72,7 @@ def test_a_crash_of_the_renderer_still_leaves_a_picture(torus, tmp_path, monkeyp
 def test_every_end_of_the_renderer_is_told(torus, tmp_path, monkeypatch, ends, reason):
     run = subprocess.run
     monkeypatch.setattr(subprocess, "run", lambda _, **how: run([sys.executable, "-c", ends], **how))
-    monkeypatch.setattr("cpmkit.view.PATIENCE", 2.0)
+    monkeypatch.setattr("cpmkit.view.RENDERER_SECONDS", 2.0)
     drawn, pixels = show_torus(torus, tmp_path / "torus.png")
     assert drawn.renderer == "matplotlib"
     assert reason in drawn.reason

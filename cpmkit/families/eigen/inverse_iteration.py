@@ -15,8 +15,9 @@ from cpmkit.families.context import SolveContext, left_side
 from cpmkit.protocols import Floats, Operator, PreparedSolver, Stiffness
 from cpmkit.scene.compound_equations import Eigen
 
-#: Where the shift stands, below the number wanted, in eigenvalues of a manifold of this size.
-BELOW, BESIDE = 1.0, 0.05
+#: Distance of the shift from the wanted number, in typical eigenvalues of a manifold of this size: below the spectrum,
+#: or beside a number inside it.
+SHIFT_BELOW_EIGENVALUES, SHIFT_BESIDE_EIGENVALUES = 1.0, 0.05
 
 
 @dataclass(eq=False)
@@ -67,7 +68,7 @@ def inverse_iteration(context: SolveContext, problem: Eigen, stiffness: Stiffnes
     form = context.discretized
     bounds = np.asarray(context.scene.surface.bounds, dtype=np.float64)
     length = float((bounds[1] - bounds[0]).max())
-    beside = BELOW if problem.near is None else BESIDE
+    beside = SHIFT_BELOW_EIGENVALUES if problem.near is None else SHIFT_BESIDE_EIGENVALUES
     mass = form.boundary_mass(stiffness)
     if mass is not None:
         _check_reached(context, stiffness, mass)

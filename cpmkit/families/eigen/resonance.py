@@ -10,16 +10,16 @@ from cpmkit.protocols import Floats, PreparedSolver
 from cpmkit.scene.equations import Terms
 
 #: Above this many radians a spacing, 10 nodes a wavelength, eigenvalues near k^2 are off by more than 1 percent.
-RESOLVED = 0.6
+RESOLVED_RADIANS = 0.6
 #: Above this, 6 nodes a wavelength, by 2 percent and more: beyond the first few eigenvalues none is told from the next.
-COARSEST = 1.0
-#: An eigenvalue lambda of -Lap is off by ``lambda spacing^2 (BY_WAVES lambda + BY_BENDS / radius^2)``, measured on the
-#: circle and the sphere at second order.
-BY_WAVES, BY_BENDS = 0.03, 0.2
+COARSEST_RADIANS = 1.0
+#: An eigenvalue lambda of -Lap is off by ``lambda spacing^2 (ERROR_BY_WAVES lambda + ERROR_BY_BENDS / radius^2)``,
+#: measured on the circle and the sphere at second order.
+ERROR_BY_WAVES, ERROR_BY_BENDS = 0.03, 0.2
 #: An eigenvalue nearer to k^2 than so many times that may lie on its other side.
-NEAR = 2.0
-#: To this relative residual a distance is known well enough.
-ROUGHLY = 1e-3
+NEAR_RESONANCE_ERRORS = 2.0
+#: Relative residual to which the distance to an eigenvalue is computed.
+ROUGH_RESIDUAL = 1e-3
 
 
 def square_of_wavenumber(terms: Terms) -> float:
@@ -38,15 +38,15 @@ def unresolved_waves(spacing: float, terms: Terms) -> list[str]:
         If there are fewer than six nodes a wavelength.
     """
     k = float(np.sqrt(square_of_wavenumber(terms)))
-    if k * spacing <= RESOLVED:
+    if k * spacing <= RESOLVED_RADIANS:
         return []
-    told = (
+    sentence = (
         f"spacing={spacing:g} gives {2 * np.pi / (k * spacing):.2g} nodes a wavelength of {2 * np.pi / k:.3g}, and ten "
-        f"are needed to keep eigenvalues to 1 percent; use {RESOLVED / k:.2g} or less."
+        f"are needed to keep eigenvalues to 1 percent; use {RESOLVED_RADIANS / k:.2g} or less."
     )
-    if k * spacing > COARSEST:
-        raise ResolutionError(told)
-    return [told]
+    if k * spacing > COARSEST_RADIANS:
+        raise ResolutionError(sentence)
+    return [sentence]
 
 
 def near_resonance(context: SolveContext, prepared: PreparedSolver, u: Floats) -> list[str]:
@@ -62,7 +62,7 @@ def near_resonance(context: SolveContext, prepared: PreparedSolver, u: Floats) -
         return []
     mass = context.discretized.mass
     try:
-        step, _ = prepared.solve(u if mass is None else mass.apply(u), max(context.tolerance, ROUGHLY))
+        step, _ = prepared.solve(u if mass is None else mass.apply(u), max(context.tolerance, ROUGH_RESIDUAL))
     except ConvergenceError:
         return [
             f"Whether an eigenvalue lies near k^2={square:.6g} could not be told: the solver did not converge on it."
@@ -71,8 +71,8 @@ def near_resonance(context: SolveContext, prepared: PreparedSolver, u: Floats) -
     bounds = np.asarray(context.scene.surface.bounds, dtype=np.float64)
     radius = 0.5 * float((bounds[1] - bounds[0]).max())
     spacing = context.discretized.spacing
-    error = square * spacing**2 * (BY_WAVES * square + BY_BENDS / radius**2)
-    if gap > NEAR * error:
+    error = square * spacing**2 * (ERROR_BY_WAVES * square + ERROR_BY_BENDS / radius**2)
+    if gap > NEAR_RESONANCE_ERRORS * error:
         return []
     return [
         f"An eigenvalue lies within {gap:.2g} of k^2={square:.6g}, and at spacing={spacing:g} eigenvalues are off by "

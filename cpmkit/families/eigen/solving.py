@@ -22,15 +22,15 @@ from cpmkit.scene.compound_equations import Eigen
 from cpmkit.solution.modes import EigenSolution
 
 #: Further pairs that are sought, so that of a multiple eigenvalue none is missed.
-SPARE = 6
+SPARE_PAIRS = 6
 #: Imaginary parts above this share of an eigenvalue's distance from the shift are no rounding.
-COMPLEX = 1e-8
+COMPLEX_SHARE = 1e-8
 #: Eigenvalues that differ by less than this share of the tolerance are one.
-SAME = 0.1
+SAME_EIGENVALUE_TOLERANCES = 0.1
 #: An eigenvalue below zero is one of the wrong sign if it is farther from it than this share of ``unit``.
-WRONG = 0.2
+WRONG_SIGN_UNITS = 0.2
 #: Values are of the greatest size down to this share of it.
-NEARLY = 1 - 1e-3
+NEARLY_GREATEST_SHARE = 1 - 1e-3
 
 
 def solve_eigen(context: SolveContext) -> EigenSolution:
@@ -56,7 +56,7 @@ def solve_eigen(context: SolveContext) -> EigenSolution:
     built = time.perf_counter()
     values, vectors = _iterate(problem, stepped)
     if stepped.mass is form.mass:  # Steklov's eigenvalues may be of either sign
-        form.check_signs(float(np.min(values.real)), WRONG * abs(stepped.unit))
+        form.check_signs(float(np.min(values.real)), WRONG_SIGN_UNITS * abs(stepped.unit))
     modes = _modes(problem, stepped, values, vectors)
     report = _judge(stepped, float(modes.residuals.max()))
     return EigenSolution(
@@ -82,13 +82,13 @@ def _iterate(problem: Eigen, stepped: InverseIteration) -> tuple[Any, Any]:
     """
     from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
-    context, n, wanted = stepped.context, stepped.operator.size, problem.count + SPARE
+    context, n, wanted = stepped.context, stepped.operator.size, problem.count + SPARE_PAIRS
     if wanted > n - 2:
-        raise InputError(f"count={problem.count} is too many for {n} unknowns; use {n - 2 - SPARE} or less.")
+        raise InputError(f"count={problem.count} is too many for {n} unknowns; use {n - 2 - SPARE_PAIRS} or less.")
     start = np.random.default_rng(0).normal(size=n)
     matrix = LinearOperator((n, n), matvec=stepped.step, dtype=np.float64)
     try:
-        theta, vectors = eigs(matrix, wanted, which="LM", v0=start, tol=SAME * context.tolerance)
+        theta, vectors = eigs(matrix, wanted, which="LM", v0=start, tol=SAME_EIGENVALUE_TOLERANCES * context.tolerance)
     except ArpackNoConvergence as error:
         reason = f"Arnoldi's iteration found {len(error.eigenvalues)} of {wanted} eigenvalues"
         raise ConvergenceError(
@@ -126,8 +126,8 @@ def _modes(problem: Eigen, stepped: InverseIteration, values: Any, vectors: Any)
     order = np.argsort(np.abs(both - about), kind="stable")[: problem.count]
     order = order[np.argsort(both[order].real, kind="stable")]
     both, residuals = both[order], np.concatenate([residuals, residuals[paired]])[order]
-    both.imag[np.abs(both.imag) <= COMPLEX * np.abs(both - stepped.shift)] = 0.0
-    same = SAME * stepped.context.tolerance * np.abs(both - stepped.shift)
+    both.imag[np.abs(both.imag) <= COMPLEX_SHARE * np.abs(both - stepped.shift)] = 0.0
+    same = SAME_EIGENVALUE_TOLERANCES * stepped.context.tolerance * np.abs(both - stepped.shift)
     return Modes(both, _normalised(stepped.context.discretized, both.real, functions[:, order], same), residuals)
 
 
@@ -139,10 +139,10 @@ def _normalised(form: Discretized, values: Floats, functions: Floats, same: Floa
         root = np.linalg.cholesky(form.inner(group, group))
         made.append(group @ np.linalg.inv(root).T)
     result = np.concatenate(made, axis=1)
-    seen = form.at_points(result)
-    size = np.abs(seen)
-    first = np.argmax(size >= NEARLY * size.max(axis=0), axis=0)
-    return np.ascontiguousarray(result * np.sign(seen[first, np.arange(result.shape[1])]))
+    at_points = form.at_points(result)
+    size = np.abs(at_points)
+    first = np.argmax(size >= NEARLY_GREATEST_SHARE * size.max(axis=0), axis=0)
+    return np.ascontiguousarray(result * np.sign(at_points[first, np.arange(result.shape[1])]))
 
 
 def _residuals(stepped: InverseIteration, values: Any, vectors: Any) -> Floats:

@@ -12,18 +12,18 @@ import numpy as np
 
 from cpmkit.errors import InputError, shown
 from cpmkit.families.evolution.run import RunPlan, RunState, describe_run, digest_arrays, digest_run
-from cpmkit.families.evolution.schedule import ROUNDING
-from cpmkit.families.evolution.schemes import REMEMBERED, Moment
-from cpmkit.families.evolution.shifted import Tally
-from cpmkit.files.plain_values import made
+from cpmkit.families.evolution.schedule import ROUNDED_STEP_SHARE
+from cpmkit.families.evolution.schemes import REMEMBERED_MOMENTS, Moment
+from cpmkit.families.evolution.shifted import SolveTally
+from cpmkit.files.plain_values import record_from_table
 from cpmkit.files.saved_arrays import SavedArray, read_json_table, read_saved
 from cpmkit.files.whole_files import written_whole
 from cpmkit.protocols import Floats
 
 #: Arrays of a moment.
-MOMENT = ("u", "rate", "acceleration")
+MOMENT_ARRAYS = ("u", "rate", "acceleration")
 #: What a checkpoint holds. ``digest`` tells the run, ``contents`` all other arrays: no bit of the state may differ.
-TABLE = (
+CHECKPOINT_ARRAYS = (
     SavedArray("run", "U"),
     SavedArray("tally", "U"),
     SavedArray("digest", "U"),
@@ -34,14 +34,14 @@ TABLE = (
     SavedArray("frames", "f", ("frames", "unknowns", "channels")),
     *(
         SavedArray(f"{name}_{k}", "f", ("unknowns", "channels"), needed=False)
-        for name in MOMENT
-        for k in range(REMEMBERED)
+        for name in MOMENT_ARRAYS
+        for k in range(REMEMBERED_MOMENTS)
     ),
 )
-WHAT = "a checkpoint of a run in time"
+CHECKPOINT_WORDS = "a checkpoint of a run in time"
 
 
-def write_checkpoint(path: Path, plan: RunPlan, state: RunState, tally: Tally) -> None:
+def write_checkpoint(path: Path, plan: RunPlan, state: RunState, tally: SolveTally) -> None:
     """Write ``state``, whole or not at all, with all that tells which run it belongs to.
 
     Raises
@@ -52,7 +52,7 @@ def write_checkpoint(path: Path, plan: RunPlan, state: RunState, tally: Tally) -
     arrays: dict[str, Any] = {
         f"{name}_{k}": array
         for k, moment in enumerate(state.history)
-        for name in MOMENT
+        for name in MOMENT_ARRAYS
         if (array := getattr(moment, name)) is not None
     }
     done = plan.steps[: state.done]
@@ -68,7 +68,7 @@ def write_checkpoint(path: Path, plan: RunPlan, state: RunState, tally: Tally) -
         np.savez(unfinished, **arrays)
 
 
-def read_checkpoint(path: Path, plan: RunPlan) -> tuple[RunState, Tally]:
+def read_checkpoint(path: Path, plan: RunPlan) -> tuple[RunState, SolveTally]:
     """Return the state that ``path`` holds.
 
     Raises
@@ -77,17 +77,19 @@ def read_checkpoint(path: Path, plan: RunPlan) -> tuple[RunState, Tally]:
         If it is no checkpoint, is damaged or was altered, or is one of another run: scene, spacing, scheme, step and
         frames so far must agree.
     """
-    (text,) = read_saved(path, TABLE[:1], WHAT).values()
+    (text,) = read_saved(path, CHECKPOINT_ARRAYS[:1], CHECKPOINT_WORDS).values()
     _check_description(path, plan, read_json_table(text, path, "run"))
     unknowns, channels = plan.start.u.shape
-    arrays = read_saved(path, TABLE, WHAT, {"unknowns": unknowns, "channels": channels})
+    arrays = read_saved(path, CHECKPOINT_ARRAYS, CHECKPOINT_WORDS, {"unknowns": unknowns, "channels": channels})
     contents = str(arrays.pop("contents"))
     _check_steps(path, plan, arrays)
     if contents != digest_arrays(arrays):
         raise InputError(f"{shown(path.name)} is not as it was written: its arrays do not match their digest.")
     if str(arrays["digest"]) != digest_run(plan, float(arrays["ends"][-1])):
         raise InputError(f"{_differs(path)}: the scene, its data or the versions of the libraries are not the same.")
-    tally = made(Tally, read_json_table(arrays["tally"], path, "tally"), f"the tally of {shown(path.name)}")
+    tally = record_from_table(
+        SolveTally, read_json_table(arrays["tally"], path, "tally"), f"the tally of {shown(path.name)}"
+    )
     history = tuple(
         Moment(arrays[f"u_{k}"], arrays.get(f"rate_{k}"), float(length), arrays.get(f"acceleration_{k}"))
         for k, length in enumerate(arrays["lengths"])
@@ -113,7 +115,7 @@ def _check_steps(path: Path, plan: RunPlan, arrays: Mapping[str, np.ndarray]) ->
     same = len(done) == len(ends) > 0 and np.array_equal(kept, [step.is_frame for step in done])
     if not same or not _same_times(ends, [step.end for step in done], plan):
         raise InputError(f"{_differs(path)}: its {len(ends)} steps and their frames are not those of this one.")
-    lengths = [0.0, *(step.length for step in done)][-REMEMBERED:]
+    lengths = [0.0, *(step.length for step in done)][-REMEMBERED_MOMENTS:]
     moments = range(len(lengths))
     frames = int(np.count_nonzero(kept)) + (0.0 in plan.evolution.frame_times)
     needed = [f"{name}_{k}" for name in ("u", "rate")[: 1 if plan.start.rate is None else 2] for k in moments]
@@ -127,4 +129,6 @@ def _check_steps(path: Path, plan: RunPlan, arrays: Mapping[str, np.ndarray]) ->
 
 
 def _same_times(given: Floats, expected: Sequence[float], plan: RunPlan) -> bool:
-    return len(given) == len(expected) and bool(np.abs(given - expected).max() <= ROUNDING * plan.evolution.step)
+    return len(given) == len(expected) and bool(
+        np.abs(given - expected).max() <= ROUNDED_STEP_SHARE * plan.evolution.step
+    )

@@ -14,11 +14,11 @@ from cpmkit.scene.data import takes_time
 from cpmkit.scene.equations_in_time import Evolution, Heat, Wave
 from cpmkit.scene.scene import Scene
 
-#: Heat that drifted by more than this share of what there is is told, and by this share of the range of u.
-DRIFTED, SEEN = 2e-2, 2e-3
-#: A solution that is so many times as large as it may become grows from what the grid gets wrong. The norm is that over
-#: the band, whose nodes are not as dense everywhere.
-GROWN = 4.0
+#: A drift is reported if it exceeds this share of the total heat and this share of the range of u.
+DRIFT_SHARE_OF_HEAT, DRIFT_SHARE_OF_RANGE = 2e-2, 2e-3
+#: A solution that exceeds its bound by this factor grows because of discretisation errors. The norm is that over the
+#: band, whose nodes are not as dense everywhere.
+UNSTABLE_GROWTH = 4.0
 
 
 def heat_drift(problem: SemiDiscrete, scene: Scene, start: Floats, u: Floats) -> list[str]:
@@ -37,8 +37,8 @@ def heat_drift(problem: SemiDiscrete, scene: Scene, start: Floats, u: Floats) ->
     size = mean @ np.abs(start) + np.abs(brought)
     span = np.maximum(np.ptp(start, axis=0), np.ptp(u, axis=0))
     share = np.divide(np.abs(drift), size, out=np.zeros_like(drift), where=size > 0)
-    share[np.abs(drift) <= SEEN * span] = 0.0
-    if share.max(initial=0.0) <= DRIFTED:
+    share[np.abs(drift) <= DRIFT_SHARE_OF_RANGE * span] = 0.0
+    if share.max(initial=0.0) <= DRIFT_SHARE_OF_HEAT:
         return []
     worst = np.unravel_index(int(share.argmax()), share.shape)
     verb = "gained" if drift[worst] > 0 else "lost"
@@ -50,7 +50,7 @@ def heat_drift(problem: SemiDiscrete, scene: Scene, start: Floats, u: Floats) ->
 
 
 @dataclass(frozen=True)
-class Growth:
+class GrowthBound:
     """A bound of how large u may become: ``|u| <= start + rate t`` for heat, ``+ rate t + push t^2 / 2`` for waves.
 
     Where A has no eigenvalue below zero and the data do not depend on time, the norm of u grows no faster.
@@ -70,7 +70,7 @@ class Growth:
         """
         bound = self.start + self.rate * time + 0.5 * self.push * time**2
         size = float(np.linalg.norm(u))
-        if size > GROWN * bound > 0:
+        if size > UNSTABLE_GROWTH * bound > 0:
             raise ResolutionError(
                 f"The solution grows without a cause: at time {time:.4g} it is {size / bound:.3g} times as large as "
                 "the data allow; it grows from what the spacing does not resolve, such as limbs that are two spacings "
@@ -78,7 +78,7 @@ class Growth:
             )
 
 
-def growth_of(problem: SemiDiscrete, scene: Scene, start: Moment) -> Growth | None:
+def growth_bound(problem: SemiDiscrete, scene: Scene, start: Moment) -> GrowthBound | None:
     """Return the bound of a run, None where there is none: data that depend on time, or an operator without a sign.
 
     Nor is there one where the form has a mass: the norm of b tells nothing of that of ``M^-1 b``.
@@ -89,5 +89,5 @@ def growth_of(problem: SemiDiscrete, scene: Scene, start: Moment) -> Growth | No
     size, forced = float(np.linalg.norm(start.u)), float(np.linalg.norm(problem.steady))
     if isinstance(evolution, Wave):
         rate = 0.0 if start.rate is None else float(np.linalg.norm(start.rate))
-        return Growth(size, rate, forced)
-    return Growth(size, forced, 0.0)
+        return GrowthBound(size, rate, forced)
+    return GrowthBound(size, forced, 0.0)

@@ -11,25 +11,25 @@ from cpmkit.scene.equations_in_time import Evolution, Wave
 
 #: Crank-Nicolson rings where its last step takes back more than this share of the one before, and both are more than
 #: the second share of the solution.
-RINGING, VISIBLE = 0.5, 1e-4
+RINGING_SHARE_OF_STEP, RINGING_SHARE_OF_SOLUTION = 0.5, 1e-4
 #: Waves are not resolved where A u is more than this share of its largest eigenvalue times u. Of waves that grow it is
 #: 0.49, of a jump 0.3.
-SHORTEST = 0.4
+SHORTEST_WAVE_SHARE = 0.4
 
 
 def run_warnings(problem: SemiDiscrete, evolution: Evolution, history: History) -> tuple[str, ...]:
     """Return one sentence for each thing found at the end of a run."""
-    return (*_ringing(evolution, history), *_unresolved(problem, evolution, history[-1].u))
+    return (*_ringing_sentence(evolution, history), *_unresolved_wave_sentence(problem, evolution, history[-1].u))
 
 
-def _ringing(evolution: Evolution, history: History) -> list[str]:
+def _ringing_sentence(evolution: Evolution, history: History) -> list[str]:
     """Tell where Crank-Nicolson swings back and forth instead of settling."""
     if evolution.scheme != "crank-nicolson" or len(history) < 3:
         return []
     before, after = history[-2].u - history[-3].u, history[-1].u - history[-2].u
     size = float(np.abs(history[-1].u).max(initial=0.0))
     swing = float(np.abs(after).max(initial=0.0))
-    if swing <= VISIBLE * size or not _takes_back(before, after):
+    if swing <= RINGING_SHARE_OF_SOLUTION * size or not _reverses(before, after):
         return []
     return [
         f"The last steps of Crank-Nicolson swing back and forth by {swing / size:.1g} of the solution: it does not "
@@ -37,17 +37,17 @@ def _ringing(evolution: Evolution, history: History) -> list[str]:
     ]
 
 
-def _takes_back(before: Floats, after: Floats) -> bool:
+def _reverses(before: Floats, after: Floats) -> bool:
     """Tell whether one change takes back a good part of the other."""
-    return float(np.sum(before * after)) < -RINGING * float(np.sum(before * before))
+    return float(np.sum(before * after)) < -RINGING_SHARE_OF_STEP * float(np.sum(before * before))
 
 
-def _unresolved(problem: SemiDiscrete, evolution: Evolution, u: Floats) -> list[str]:
+def _unresolved_wave_sentence(problem: SemiDiscrete, evolution: Evolution, u: Floats) -> list[str]:
     """Tell where a wave consists of what the lattice cannot carry."""
     if not isinstance(evolution, Wave):
         return []
     sharpness = float(np.linalg.norm(problem.rate(u, evolution.until))) / problem.largest_eigenvalue
-    if sharpness <= SHORTEST * float(np.linalg.norm(u)):
+    if sharpness <= SHORTEST_WAVE_SHARE * float(np.linalg.norm(u)):
         return []
     return [
         "The solution consists of waves of two spacings, which do not solve the equation: they grew from what the "

@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 #: A last step shorter than this share of the others is rounding.
-ROUNDING = 1e-9
+ROUNDED_STEP_SHARE = 1e-9
 #: Digits of the ratio of a shortened step to the others: equal ones are then equal as numbers, and share a system.
-DIGITS = 9
+STEP_RATIO_DIGITS = 9
 
 
 @dataclass(frozen=True)
@@ -49,9 +49,9 @@ def schedule(until: float, step: float, frames: Sequence[float]) -> list[Step]:
 
 def _between(start: float, stop: float, step: float, is_frame: bool) -> Iterator[Step]:
     ratio = (stop - start) / step
-    whole = int(ratio + ROUNDING)
-    rest = round(ratio - whole, DIGITS)
-    lengths = [step] * whole + ([rest * step] if rest > ROUNDING else []) or [stop - start]
+    whole = int(ratio + ROUNDED_STEP_SHARE)
+    rest = round(ratio - whole, STEP_RATIO_DIGITS)
+    lengths = [step] * whole + ([rest * step] if rest > ROUNDED_STEP_SHARE else []) or [stop - start]
     times = [start, *(start + number * step for number in range(1, len(lengths))), stop]
     for number, length in enumerate(lengths):
         yield Step(times[number], times[number + 1], length, is_frame and number == len(lengths) - 1)

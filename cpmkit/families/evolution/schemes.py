@@ -30,9 +30,9 @@ from cpmkit.families.evolution.shifted import ShiftedSolver
 from cpmkit.protocols import Floats
 
 #: Moments that schemes look back on.
-REMEMBERED = 3
+REMEMBERED_MOMENTS = 3
 #: By how much leapfrog damps the shortest waves of the lattice, per time in which a wave crosses a spacing.
-DAMPING = 0.8
+LEAPFROG_DAMPING = 0.8
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,11 +71,11 @@ def backward_euler(problem: SemiDiscrete, solver: ShiftedSolver, history: Histor
 
 def bdf2(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
     """Take one step of BDF2; the first one of backward Euler."""
-    before, ratio = earlier(history, step.length)
+    before, ratio = previous_moment(history, step.length)
     if before is None:
         return backward_euler(problem, solver, history, step)
     gh = (1 + ratio) / (1 + 2 * ratio) * step.length
-    right_side = problem.weighed(behind(history[-1].u, before.u, ratio)) + gh * problem.forcing(step.end)
+    right_side = problem.weighed(bdf2_start(history[-1].u, before.u, ratio)) + gh * problem.forcing(step.end)
     return Moment(solver.solve(gh, right_side, extrapolate(history, step.length)), None, step.length)
 
 
@@ -112,27 +112,27 @@ def leapfrog(problem: SemiDiscrete, solver: ShiftedSolver, history: History, ste
 def _damping(problem: SemiDiscrete, jerk: Floats, length: float) -> Floats:
     """Return ``-h eps A^2 v0``, with A v0 taken from the change of A u0: of that, boundary data are part."""
     largest, dim = problem.largest_eigenvalue, problem.form.scene.surface.dim
-    strength = DAMPING * length * np.sqrt(largest / (4 * dim))
+    strength = LEAPFROG_DAMPING * length * np.sqrt(largest / (4 * dim))
     return np.asarray(strength / largest**2 * problem.stiffness.apply(jerk))
 
 
 def implicit_wave(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
     """Take one step of BDF2 for values and rates; the first one of backward Euler."""
     now = history[-1]
-    before, ratio = earlier(history, step.length)
+    before, ratio = previous_moment(history, step.length)
     assert now.rate is not None
     if before is None:
         gh, u, rate = step.length, now.u, now.rate
     else:
         assert before.rate is not None
         gh = (1 + ratio) / (1 + 2 * ratio) * step.length
-        u, rate = behind(now.u, before.u, ratio), behind(now.rate, before.rate, ratio)
+        u, rate = bdf2_start(now.u, before.u, ratio), bdf2_start(now.rate, before.rate, ratio)
     right_side = problem.weighed(u + gh * rate) + gh**2 * problem.forcing(step.end)
     values = solver.solve(gh**2, right_side, extrapolate(history, step.length))
     return Moment(values, (values - u) / gh, step.length)
 
 
-def earlier(history: History, length: float) -> tuple[Moment | None, float]:
+def previous_moment(history: History, length: float) -> tuple[Moment | None, float]:
     """Return the moment that BDF2 looks back on, and the step's ``length`` over the time since then.
 
     It lies at least half a step back: from a shortened step to a full one the coefficients would be large.
@@ -145,7 +145,7 @@ def earlier(history: History, length: float) -> tuple[Moment | None, float]:
     return None, 0.0
 
 
-def behind(now: Floats, before: Floats, ratio: float) -> Floats:
+def bdf2_start(now: Floats, before: Floats, ratio: float) -> Floats:
     """Return what BDF2 steps from: ``[(1 + w)^2 now - w^2 before] / (1 + 2 w)``."""
     return np.asarray(((1 + ratio) ** 2 * now - ratio**2 * before) / (1 + 2 * ratio))
 

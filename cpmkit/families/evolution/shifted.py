@@ -11,7 +11,7 @@ from cpmkit.protocols import Floats, PreparedSolver
 
 
 @dataclass
-class Tally:
+class SolveTally:
     """What the steps of a run did so far.
 
     Attributes
@@ -28,7 +28,7 @@ class Tally:
     operator_applications: int = 0
     residual: float = 0.0
 
-    def add(self, other: SolveReport | Tally) -> None:
+    def add(self, other: SolveReport | SolveTally) -> None:
         """Count one solve, or what an earlier part of the run did."""
         self.iterations += other.iterations
         self.operator_applications += other.operator_applications
@@ -51,7 +51,7 @@ class ShiftedSolver:
 
     problem: SemiDiscrete
     context: SolveContext
-    tally: Tally = field(default_factory=Tally)
+    tally: SolveTally = field(default_factory=SolveTally)
 
     def solve(self, factor: float, right_side: Floats, guess: Floats) -> Floats:
         """Return u (n, channels).

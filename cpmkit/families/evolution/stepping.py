@@ -12,12 +12,12 @@ import numpy as np
 from cpmkit.errors import ConvergenceError, ResolutionError
 from cpmkit.families.context import SolveContext
 from cpmkit.families.evolution.checkpoints import read_checkpoint, write_checkpoint
-from cpmkit.families.evolution.conservation import Growth, growth_of, heat_drift
+from cpmkit.families.evolution.conservation import GrowthBound, growth_bound, heat_drift
 from cpmkit.families.evolution.run import RunPlan, RunState
 from cpmkit.families.evolution.run_warnings import run_warnings
 from cpmkit.families.evolution.schedule import Step, schedule
 from cpmkit.families.evolution.schemes import (
-    REMEMBERED,
+    REMEMBERED_MOMENTS,
     Moment,
     Scheme,
     backward_euler,
@@ -28,7 +28,7 @@ from cpmkit.families.evolution.schemes import (
     leapfrog,
 )
 from cpmkit.families.evolution.semidiscrete import SemiDiscrete
-from cpmkit.families.evolution.shifted import ShiftedSolver, Tally
+from cpmkit.families.evolution.shifted import ShiftedSolver, SolveTally
 from cpmkit.forms.contract import Discretized
 from cpmkit.linear.report import SolveReport
 from cpmkit.scene.equations_in_time import Evolution, Heat, Wave
@@ -84,7 +84,7 @@ def _start(form: Discretized, evolution: Heat | Wave, first: Step) -> Moment:
 def _run(context: SolveContext, plan: RunPlan, solver: ShiftedSolver) -> RunState:
     """Take all steps, from the start or from a checkpoint."""
     asked, total, scheme = context.checkpointing, len(plan.steps), scheme_of(plan.evolution)
-    growth = growth_of(plan.problem, context.scene, plan.start)
+    growth = growth_bound(plan.problem, context.scene, plan.start)
     state = RunState(0, (plan.start,), (plan.start.u,) if 0.0 in plan.evolution.frame_times else ())
     if asked.resume is not None:
         state, tally = read_checkpoint(asked.resume, plan)
@@ -103,7 +103,9 @@ def scheme_of(evolution: Evolution) -> Scheme:
     return crank_nicolson if plain and evolution.scheme == "crank-nicolson" else SCHEMES[evolution.scheme]
 
 
-def _advanced(state: RunState, plan: RunPlan, solver: ShiftedSolver, scheme: Scheme, growth: Growth | None) -> RunState:
+def _advanced(
+    state: RunState, plan: RunPlan, solver: ShiftedSolver, scheme: Scheme, growth: GrowthBound | None
+) -> RunState:
     """Return the state one step later."""
     step = plan.steps[state.done]
     try:
@@ -118,20 +120,20 @@ def _advanced(state: RunState, plan: RunPlan, solver: ShiftedSolver, scheme: Sch
         )
     if growth is not None:
         growth.check(moment.u, step.end)
-    history = (*state.history, moment)[-REMEMBERED:]
+    history = (*state.history, moment)[-REMEMBERED_MOMENTS:]
     return RunState(state.done + 1, history, (*state.frames, moment.u) if step.is_frame else state.frames)
 
 
 def _solution(
-    context: SolveContext, plan: RunPlan, state: RunState, tally: Tally, seconds: Mapping[str, float]
+    context: SolveContext, plan: RunPlan, state: RunState, tally: SolveTally, seconds: Mapping[str, float]
 ) -> EvolvedSolution:
     """Return the solution at the end, with its frames."""
     values, total = state.history[-1].u, len(plan.steps)
     report = _report(context, tally, total)
     form = context.discretized
     work = form.work(plan.problem.stiffness, report)
-    told = heat_drift(plan.problem, context.scene, plan.start.u, values)
-    warnings = (*form.warnings(), *run_warnings(plan.problem, plan.evolution, state.history), *told)
+    drift = heat_drift(plan.problem, context.scene, plan.start.u, values)
+    warnings = (*form.warnings(), *run_warnings(plan.problem, plan.evolution, state.history), *drift)
     last = EvolvedSolution(form, values, report, work, seconds, warnings=warnings, time=plan.steps[-1].end, steps=total)
     taken = {0.0: 0, **{step.end: number for number, step in enumerate(plan.steps, 1)}}
     frames = tuple(
@@ -141,7 +143,7 @@ def _solution(
     return replace(last, frames=frames)
 
 
-def _report(context: SolveContext, tally: Tally, steps: int) -> SolveReport:
+def _report(context: SolveContext, tally: SolveTally, steps: int) -> SolveReport:
     reason = (
         f"relative residual {tally.residual:.2e} at most in {steps} steps with {tally.iterations} iterations, "
         f"{context.tolerance:.2e} asked for"

@@ -17,9 +17,9 @@ from cpmkit.scene.data import Data, evaluate_data
 from cpmkit.scene.equations import Field, Terms
 
 #: Central differences oscillate where advection over one spacing outweighs diffusion by more than this.
-CELL_PECLET = 2.0
+MOST_CELL_PECLET = 2.0
 #: A mirror point nearer to its boundary than this share of the spacing may lie on either side, to rounding.
-NEAR = 1e-3
+AMBIGUOUS_MIRROR_SPACINGS = 1e-3
 
 
 def build_operator(tables: Discretization, terms: Terms) -> ExtensionOperator:
@@ -64,9 +64,9 @@ def _coefficient(tables: Discretization, data: Data, what: str) -> Floats:
 def _diffusive(tables: Discretization, diffusivity: Data) -> Floats:
     """Return the weights (n, 2 d) of the neighbours in ``spacing^2 div(a grad u)``: a at the midpoints."""
     a = _diffusivity(tables, diffusivity)
-    here = a[tables.numbering.row_of_unknown]
-    there = a[tables.neighbours]
-    return np.asarray(0.5 * (here[:, None] + there))
+    at_unknowns = a[tables.numbering.row_of_unknown]
+    at_neighbours = a[tables.neighbours]
+    return np.asarray(0.5 * (at_unknowns[:, None] + at_neighbours))
 
 
 def _diffusivity(tables: Discretization, data: Data) -> Floats:
@@ -84,9 +84,12 @@ def _diffusivity(tables: Discretization, data: Data) -> Floats:
         return np.asarray(np.log(a))
 
     reading, sources = layout.formula, layout.sources
-    near = np.linalg.norm(reading.points - sources.points, axis=1, keepdims=True) < NEAR * layout.lattice.spacing
-    here, mirror = log_at(sources.points), log_at(np.where(near, sources.points, reading.points))
-    log = np.where(sources.coefficient == 1, 2 * here - mirror, sources.coefficient * here)
+    near = (
+        np.linalg.norm(reading.points - sources.points, axis=1, keepdims=True)
+        < AMBIGUOUS_MIRROR_SPACINGS * layout.lattice.spacing
+    )
+    at_sources, mirror = log_at(sources.points), log_at(np.where(near, sources.points, reading.points))
+    log = np.where(sources.coefficient == 1, 2 * at_sources - mirror, sources.coefficient * at_sources)
     return np.concatenate([np.exp(_with_terms(log, sources, log_at)), *(_of_ghosts(g, log_at) for g in layout.ghosts)])
 
 
@@ -96,11 +99,11 @@ def _of_ghosts(ghosts: Ghosts, log_at: Callable[[Floats], Floats]) -> Floats:
     Where that lies nearer to the boundary than what is read within the side, it may be on either: the line goes there.
     """
     first = log_at(ghosts.sources.points)
-    here = _with_terms(ghosts.sources.coefficient * first, ghosts.sources, log_at)
+    at_ghosts = _with_terms(ghosts.sources.coefficient * first, ghosts.sources, log_at)
     near, far = np.flatnonzero(ghosts.behind < 1), np.flatnonzero(ghosts.behind >= 1)
-    log = here.copy()
-    log[near] -= ghosts.behind[near] * (first - here)[near]
-    log[far] += here[far] - log_at(ghosts.formula.points[far])
+    log = at_ghosts.copy()
+    log[near] -= ghosts.behind[near] * (first - at_ghosts)[near]
+    log[far] += at_ghosts[far] - log_at(ghosts.formula.points[far])
     return np.exp(log)
 
 
@@ -127,10 +130,10 @@ def _advective(tables: Discretization, velocity: Field, diffusive: Floats) -> Fl
     if v.shape[1] != dim:
         raise InputError(f"the velocity must be vectors of shape (n, {dim}), got (n, {v.shape[1]}).")
     peclet = float((np.abs(v).max(axis=1) * spacing / diffusive.min(axis=1)).max(initial=0.0))
-    if peclet > CELL_PECLET:
+    if peclet > MOST_CELL_PECLET:
         raise ResolutionError(
             f"spacing={spacing:g} is too coarse for the velocity: over one spacing advection outweighs diffusion "
-            f"{peclet:.3g} times, and above {CELL_PECLET:g} the solution oscillates; use "
-            f"{spacing * CELL_PECLET / peclet:.2g} or less."
+            f"{peclet:.3g} times, and above {MOST_CELL_PECLET:g} the solution oscillates; use "
+            f"{spacing * MOST_CELL_PECLET / peclet:.2g} or less."
         )
     return np.asarray(0.5 * spacing * v @ cross_offsets(dim).T)

@@ -13,15 +13,15 @@ from cpmkit.errors import SceneError
 from cpmkit.forms.collocation.boundary.row_formula import BoundaryData, ExtraPoint, RowFormula, sum_of_data
 from cpmkit.forms.collocation.diagnosis.refusals import check_effect, check_layout
 from cpmkit.forms.collocation.extension import extend, extend_rows, row_centres
-from cpmkit.forms.collocation.ghosts.edge import WHAT as EDGE
+from cpmkit.forms.collocation.ghosts.edge import EDGE_CONDITION as EDGE
 from cpmkit.forms.collocation.layout import Layout, lay_out, with_data_of
 from cpmkit.forms.collocation.numbering import Numbering
 from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.collocation.selection import Centres, Unknowns
 from cpmkit.forms.options import Options
 from cpmkit.grid.stencils import cross_offsets, cross_weights, difference_reach
-from cpmkit.protocols import SIDES, Floats, Ints, Progress, nothing
-from cpmkit.scene.alike import alike
+from cpmkit.protocols import SIDES, Floats, Ints, Progress, no_progress
+from cpmkit.scene.alike import same_condition
 from cpmkit.scene.data import Data, evaluate_data
 from cpmkit.scene.laws import Interface, Law
 from cpmkit.scene.scene import Scene
@@ -146,7 +146,9 @@ class Discretization:
         return read
 
 
-def build_tables(scene: Scene, options: Options[CollocationOptions], progress: Progress = nothing) -> Discretization:
+def build_tables(
+    scene: Scene, options: Options[CollocationOptions], progress: Progress = no_progress
+) -> Discretization:
     """Build the tables for a scene; ``progress`` is told the stage and the share of it that is done.
 
     Raises
@@ -161,7 +163,7 @@ def build_tables(scene: Scene, options: Options[CollocationOptions], progress: P
     return tables
 
 
-def tabulate(layout: Layout, progress: Progress = nothing) -> Discretization:
+def tabulate(layout: Layout, progress: Progress = no_progress) -> Discretization:
     """Build E and N for a layout; no closest point is asked for."""
     extension, data, centres = extend_rows(layout, lambda stage, share: progress(stage, 0.8 * share))
     neighbours = _neighbours(layout.unknowns, centres, difference_reach(layout.order))
@@ -197,8 +199,8 @@ def _neighbours(unknowns: Unknowns, centres: Centres, reach: int) -> Ints:
     nodes = np.concatenate([np.arange(band.inner), *(one.nodes[: one.unknowns] for one in unknowns.ghosts)])
     beside = band.find(band.nodes[nodes][:, None] + cross_offsets(band.dim, reach))
     anchors = Centres.of_nodes(band, nodes if band.sheets is None else band.sheets.anchor[nodes])
-    seen = centres.take(numbering.row_of_unknown)
-    columns = unknowns.select_rows(replace(anchors, side_views=seen.side_views, own=seen.own), beside)
+    centre_view = centres.take(numbering.row_of_unknown)
+    columns = unknowns.select_rows(replace(anchors, side_views=centre_view.side_views, own=centre_view.own), beside)
     return columns.astype(np.int32 if numbering.rows <= np.iinfo(np.int32).max else np.int64)
 
 
@@ -220,20 +222,22 @@ def restated(tables: Discretization, old: Scene, new: Scene) -> Discretization:
         )
     held = {_owner(datum) for datum in tables.data}
     for (what, before), (_, after) in laws:
-        if (id(before), what) not in held and not alike(before, after):
+        if (id(before), what) not in held and not same_condition(before, after):
             raise SceneError(
                 f"{what} has no data in the tables, a flux of zero has none, and takes no others; use cpmkit.solve."
             )
     layout = with_data_of(tables.layout, new)
     check_layout(layout, new)
     known = {(id(before), what): after for (what, before), (_, after) in laws}
-    return replace(tables, layout=layout, data=[_with_data(one, known[_owner(one)]) for one in tables.data])
+    return replace(tables, layout=layout, data=[_with_data(datum, known[_owner(datum)]) for datum in tables.data])
 
 
 def _laws(scene: Scene) -> list[tuple[str, Law]]:
     """Return the laws of a scene, each with what it is of, as :class:`BoundaryData` tells it."""
     edge = [(EDGE, one.law) for one in scene.edge_conditions]
-    sides = [(f"boundary {one.name!r}", one.condition(side).law) for one in scene.boundaries for side in SIDES]
+    sides = [
+        (f"boundary {boundary.name!r}", boundary.condition(side).law) for boundary in scene.boundaries for side in SIDES
+    ]
     return sides + edge
 
 

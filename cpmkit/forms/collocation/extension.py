@@ -18,13 +18,13 @@ from cpmkit.forms.collocation.boundary.side_view import stack
 from cpmkit.forms.collocation.layout import Layout
 from cpmkit.forms.collocation.selection import Centres, Unknowns
 from cpmkit.grid.stencils import stencil_cells, stencil_nodes, tensor_weights
-from cpmkit.protocols import ClosestPoints, Floats, Progress, nothing
+from cpmkit.protocols import ClosestPoints, Floats, Progress, no_progress
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 #: Rows that are built at a time: what they need meanwhile is small beside the tables.
-CHUNK = 16384
+EXTENSION_CHUNK_ROWS = 16384
 
 
 def extend(
@@ -32,7 +32,7 @@ def extend(
     points: Floats,
     centres: Centres,
     coefficient: Floats | None = None,
-    progress: Progress = nothing,
+    progress: Progress = no_progress,
 ) -> csr_array:
     """Return the matrix that reads the unknowns at surface ``points``.
 
@@ -65,8 +65,8 @@ def extend(
     # King et al. (2024), eq. 1, at any points of the manifold.
     weights = np.empty((n, width))
     columns = np.empty((n, width), dtype=np.int32)
-    for start in range(0, n, CHUNK):
-        rows = np.arange(start, min(start + CHUNK, n))
+    for start in range(0, n, EXTENSION_CHUNK_ROWS):
+        rows = np.arange(start, min(start + EXTENSION_CHUNK_ROWS, n))
         cells, fractions = stencil_cells(points[rows], band.spacing, band.degree)
         columns[rows] = unknowns.select(centres.take(rows), stencil_nodes(band, cells))
         weights[rows] = tensor_weights(fractions, band.degree)
@@ -77,7 +77,7 @@ def extend(
     return csr_array((weights.ravel(), columns.ravel(), starts), shape=(n, unknowns.count))
 
 
-def extend_rows(layout: Layout, progress: Progress = nothing) -> tuple[csr_array, Sequence[BoundaryData], Centres]:
+def extend_rows(layout: Layout, progress: Progress = no_progress) -> tuple[csr_array, Sequence[BoundaryData], Centres]:
     """Return E (rows, unknowns), what boundary data add to E u, and where the rows' stencils are centred."""
     rows = _all_readings(layout)
     centres = row_centres(layout, rows)
@@ -106,7 +106,7 @@ def _with_terms(extension: csr_array, unknowns: Unknowns, terms: Sequence[ExtraP
 
 def _all_readings(layout: Layout) -> RowFormula:
     """Return what all rows of E read: the band's nodes, then each boundary's ghosts."""
-    parts, numbering = [layout.formula, *(one.formula for one in layout.ghosts)], layout.numbering
+    parts, numbering = [layout.formula, *(group.formula for group in layout.ghosts)], layout.numbering
     numbers = np.split(np.arange(numbering.rows), numbering.first_rows[:-1])
     numbered = list(zip(parts, numbers, strict=True))
     return RowFormula(

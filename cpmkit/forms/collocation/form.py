@@ -12,15 +12,20 @@ import numpy as np
 from cpmkit.errors import ResolutionError
 from cpmkit.forms.collocation.assembly import build_operator
 from cpmkit.forms.collocation.boundary.row_formula import sum_of_data
-from cpmkit.forms.collocation.conservation.components import without_flux
+from cpmkit.forms.collocation.conservation.components import components_without_flux
 from cpmkit.forms.collocation.conservation.flux_balance import Balancing, prepare_balance
 from cpmkit.forms.collocation.conservation.free_constants import find_border, means_over
 from cpmkit.forms.collocation.conservation.settling import settled, with_balanced_fluxes
-from cpmkit.forms.collocation.diagnosis.clusters import feet_of_twins
-from cpmkit.forms.collocation.diagnosis.definiteness import cure_of, is_suspect, told_of, wrong_sign
-from cpmkit.forms.collocation.diagnosis.warnings import warnings_of
+from cpmkit.forms.collocation.diagnosis.definiteness import (
+    find_wrong_sign,
+    is_suspect,
+    resolving_spacing,
+    wrong_sign_sentence,
+)
+from cpmkit.forms.collocation.diagnosis.twin_clusters import twin_feet
+from cpmkit.forms.collocation.diagnosis.warnings import layout_warnings
 from cpmkit.forms.collocation.discretization import Discretization, build_tables, restated
-from cpmkit.forms.collocation.linearized import Flow, flows_of, linearized
+from cpmkit.forms.collocation.linearized import FluxRows, flux_rows_of, linearized
 from cpmkit.forms.collocation.operator import BoundaryMass, ExtensionOperator
 from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.collocation.reading.points import Reader
@@ -29,7 +34,7 @@ from cpmkit.forms.collocation.work import Work, measure_work
 from cpmkit.forms.contract import Discretized, Settled
 from cpmkit.forms.options import Options
 from cpmkit.linear.operators import Border, Bordered
-from cpmkit.protocols import Floats, Ints, Operator, Progress, Side, Stiffness, nothing
+from cpmkit.protocols import Floats, Ints, Operator, Progress, Side, Stiffness, no_progress
 from cpmkit.scene.data import Data
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.laws import Spectral, Support
@@ -41,7 +46,7 @@ if TYPE_CHECKING:
     from cpmkit.linear.report import SolveReport
 
 #: So often are ghosts read at the start: each reads a mirror point, near the boundary through other ghosts.
-ROUNDS = 3
+GHOST_READING_ROUNDS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +187,7 @@ class Collocation(Discretized):
         unknowns = np.concatenate([past, np.arange(inner, self.size)])
         rows = self.tables.numbering.row_of_unknown[unknowns]
         continued, extension = u.copy(), self.tables.extension[rows]
-        for _ in range(ROUNDS):
+        for _ in range(GHOST_READING_ROUNDS):
             continued[unknowns] = extension @ continued + datum[rows]
         return continued
 
@@ -232,9 +237,9 @@ class Collocation(Discretized):
     # Fluxes that depend on the solution
 
     @cached_property
-    def state_fluxes(self) -> list[Flow]:
+    def state_fluxes(self) -> list[FluxRows]:
         """Rows of E whose datum is a nonlinear flux."""
-        return flows_of(self.tables)
+        return flux_rows_of(self.tables)
 
     def linearized(self, seen: Sequence[Floats]) -> Collocation:
         """Return the tables with the fluxes' tangents in their rows; no closest point is asked for."""
@@ -250,7 +255,7 @@ class Collocation(Discretized):
         """Return the means over pieces that nothing flows out of; at order 1 they are off by as much as u."""
         if self.tables.layout.order == 1:
             return None
-        count, piece = without_flux(self.tables, self.scene)
+        count, piece = components_without_flux(self.tables, self.scene)
         return means_over(self.tables, count, piece)[0] if count else None
 
     def indefinite(self, operator: Operator) -> tuple[str, int]:
@@ -264,7 +269,7 @@ class Collocation(Discretized):
         if not self.surely_positive():
             return "", 0
         bare = operator.operator if isinstance(operator, Bordered) else operator
-        told, products = wrong_sign(self.tables, self.scene, bare)
+        told, products = find_wrong_sign(self.tables, self.scene, bare)
         steady = self.scene.problem.family == "steady"
         if told and not (steady and not self.tables.layout.options.own.sheets):
             raise ResolutionError(told)
@@ -278,7 +283,7 @@ class Collocation(Discretized):
     def check_signs(self, least: float, noticed: float) -> None:
         """Refuse eigenvalues below zero where the continuous problem has none."""
         if least < -noticed and self.surely_positive():
-            raise ResolutionError(told_of(self.tables, self.scene, least))
+            raise ResolutionError(wrong_sign_sentence(self.tables, self.scene, least))
 
     def settle(self, operator: Operator, b: Floats, u: Floats) -> Settled:
         """Return u with means put right, and fluxes balanced where that was asked for."""
@@ -293,7 +298,7 @@ class Collocation(Discretized):
 
     def warnings(self, missed: float = 0.0) -> tuple[str, ...]:
         """Return a sentence for each thing that the spacing does not resolve."""
-        return warnings_of(self.tables.layout, missed)
+        return layout_warnings(self.tables.layout, missed)
 
     def cure(self) -> str:
         """Return the spacing at which limbs side by side no longer read each other, as the end of a sentence."""
@@ -301,7 +306,7 @@ class Collocation(Discretized):
             return ""
         return (
             ", or, as parts of the surface that are side by side read each other, a spacing of "
-            f"{cure_of(self.tables.layout):.2g}"
+            f"{resolving_spacing(self.tables.layout):.2g}"
         )
 
     def work(self, operator: Operator, report: SolveReport | None) -> Work:
@@ -336,10 +341,10 @@ class Collocation(Discretized):
     @property
     def doubled(self) -> Floats:
         """(k, d) the feet of the twins."""
-        return feet_of_twins(self.tables.layout)
+        return twin_feet(self.tables.layout)
 
 
-def discretize(scene: Scene, options: Options[CollocationOptions], progress: Progress = nothing) -> Collocation:
+def discretize(scene: Scene, options: Options[CollocationOptions], progress: Progress = no_progress) -> Collocation:
     """Discretise a scene by collocation; ``progress`` is told the stage and the share of it that is done.
 
     Raises

@@ -11,27 +11,27 @@ import numpy as np
 
 from cpmkit.forms.collocation.boundary.on_band import BoundariesOnBand, put_on_lattice
 from cpmkit.forms.collocation.boundary.row_formula import ExtraPoint, RowFormula
-from cpmkit.forms.collocation.encounters.beside_rims import RimStrip, beside_rims
-from cpmkit.forms.collocation.encounters.boundaries import SectorJump, Strip, encounters
-from cpmkit.forms.collocation.encounters.facing_rims import FacingRims, facing_rims
-from cpmkit.forms.collocation.encounters.junctions import Junction, junctions
-from cpmkit.forms.collocation.encounters.tips import Blur, blurs
+from cpmkit.forms.collocation.encounters.beside_rims import RimStrip, find_rim_strips
+from cpmkit.forms.collocation.encounters.boundaries import SectorJump, Strip, find_encounters
+from cpmkit.forms.collocation.encounters.facing_rims import FacingRims, find_facing_rims
+from cpmkit.forms.collocation.encounters.junctions import Junction, find_junctions
+from cpmkit.forms.collocation.encounters.tips import Blur, find_blurs
 from cpmkit.forms.collocation.ghosts.edge import PastEdge, read_at_feet, read_past_edge
 from cpmkit.forms.collocation.ghosts.nodes import Ghosts, build_ghosts
-from cpmkit.forms.collocation.ghosts.past_rim import kept_apart
-from cpmkit.forms.collocation.ghosts.side_readings import DOUBTFUL, node_sources
+from cpmkit.forms.collocation.ghosts.past_rim import mirrors_cut_off
+from cpmkit.forms.collocation.ghosts.side_readings import DOUBTFUL_SIDE_SPACINGS, node_sources
 from cpmkit.forms.collocation.numbering import Numbering
 from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.collocation.selection import Unknowns
-from cpmkit.forms.collocation.sheets.limbs import Limbs, limbs_side_by_side
-from cpmkit.forms.collocation.sheets.twins import part_sheets
-from cpmkit.forms.collocation.tube_width import check_one_sheet, check_room
+from cpmkit.forms.collocation.sheets.limbs import Limbs, find_limbs
+from cpmkit.forms.collocation.sheets.twins import separate_sheets
+from cpmkit.forms.collocation.tube_width import check_one_sheet, check_reach
 from cpmkit.forms.options import Options
 from cpmkit.grid.band import Band, build_band
 from cpmkit.grid.lattice import Lattice, lattice_of
 from cpmkit.grid.stencils import difference_reach, reading_radius
-from cpmkit.manifold.localized import Localized, localize
-from cpmkit.protocols import Ints, Progress, nothing
+from cpmkit.manifold.local_source import LocalSource, localize
+from cpmkit.protocols import Ints, Progress, no_progress
 from cpmkit.scene.scene import Scene
 
 
@@ -59,7 +59,7 @@ class Layout:
         One a boundary.
     channels : int
         Right-hand sides that are solved together.
-    crossings, strips : sequences of SectorJump and Strip
+    sector_jumps, strips : sequences of SectorJump and Strip
         Where boundaries cross with different data, or run side by side nearer than a spacing.
     rim_strips : sequence of RimStrip
         Boundaries beside a rim or on it.
@@ -73,14 +73,14 @@ class Layout:
 
     options: Options[CollocationOptions]
     lattice: Lattice
-    surface: Localized
+    surface: LocalSource
     band: Band
     formula: RowFormula
     sources: RowFormula
     boundaries: BoundariesOnBand
     ghosts: Sequence[Ghosts]
     channels: int
-    crossings: Sequence[SectorJump] = ()
+    sector_jumps: Sequence[SectorJump] = ()
     strips: Sequence[Strip] = ()
     rim_strips: Sequence[RimStrip] = ()
     facing: Sequence[FacingRims] = ()
@@ -90,7 +90,7 @@ class Layout:
     @cached_property
     def limbs(self) -> Limbs:
         """Stencils that read another limb beside their own; looked for once, for checks, warnings and balancing ask."""
-        return limbs_side_by_side(self.surface, self.band)
+        return find_limbs(self.surface, self.band)
 
     @cached_property
     def unknowns(self) -> Unknowns:
@@ -116,7 +116,7 @@ class Layout:
         return counted
 
 
-def lay_out(scene: Scene, options: Options[CollocationOptions], progress: Progress = nothing) -> Layout:
+def lay_out(scene: Scene, options: Options[CollocationOptions], progress: Progress = no_progress) -> Layout:
     """Lay a scene out on a lattice.
 
     Raises
@@ -130,34 +130,34 @@ def lay_out(scene: Scene, options: Options[CollocationOptions], progress: Progre
     surface = localize(scene.surface, lattice.origin)
     band = build_band(surface, lattice.spacing, options.own.degree, progress, difference_reach(order))
     if order == 4:
-        check_room(surface, band)
+        check_reach(surface, band)
         if sheets:
             check_one_sheet(surface, band, lattice)
     elif sheets:
-        band = part_sheets(surface, band, sheets == "unfolded")
+        band = separate_sheets(surface, band, sheets == "unfolded")
     past = read_past_edge(surface, band, lattice, scene.edge, order)
-    seen, past = _see_boundaries(scene, surface, band, lattice, past)
+    sight, past = _see_boundaries(scene, surface, band, lattice, past)
     ghosts = []
     for index in range(len(scene.boundaries)):
-        ghosts.append(build_ghosts(index, seen, band, lattice, past.mirrored, order))
+        ghosts.append(build_ghosts(index, sight, band, lattice, past.mirrored, order))
         progress("boundaries", (index + 1) / len(scene.boundaries))
-    reading = replace(past.formula, terms=[_located(term, seen, band) for term in past.formula.terms])
-    sources = _off_boundaries(past, seen, band, order)
-    laid = Layout(options, lattice, surface, band, reading, sources, seen, ghosts, scene.channels)
-    return _looked_over(laid, scene.problem.start_time)
+    reading = replace(past.formula, terms=[_located(term, sight, band) for term in past.formula.terms])
+    sources = _inside_sources(past, sight, band, order)
+    layout = Layout(options, lattice, surface, band, reading, sources, sight, ghosts, scene.channels)
+    return _with_encounters(layout, scene.problem.start_time)
 
 
-def _looked_over(layout: Layout, time: float | None) -> Layout:
-    """Return the layout with what its boundaries, rims and curves do to each other."""
-    seen, lattice, band = layout.boundaries, layout.lattice, layout.band
-    beside = beside_rims(seen.on_lattice, layout.surface, band)
-    facing = facing_rims(layout.surface, band)
-    branches = junctions(layout.surface, band)
+def _with_encounters(layout: Layout, time: float | None) -> Layout:
+    """Return the layout with the encounters of its boundaries, rims and curves."""
+    sight, lattice, band = layout.boundaries, layout.lattice, layout.band
+    beside = find_rim_strips(sight.on_lattice, layout.surface, band)
+    facing = find_facing_rims(layout.surface, band)
+    branches = find_junctions(layout.surface, band)
     layout = replace(
         layout,
         rim_strips=[replace(one, points=lattice.to_scene(one.points)) for one in beside],
-        facing=[replace(one, point=lattice.to_scene(one.point[None])[0]) for one in facing],
-        junctions=[replace(one, point=lattice.to_scene(one.point[None])[0]) for one in branches],
+        facing=[replace(rims, point=lattice.to_scene(rims.point[None])[0]) for rims in facing],
+        junctions=[replace(junction, point=lattice.to_scene(junction.point[None])[0]) for junction in branches],
     )
     return _compared(layout, time)
 
@@ -165,8 +165,10 @@ def _looked_over(layout: Layout, time: float | None) -> Layout:
 def _compared(layout: Layout, time: float | None) -> Layout:
     """Return the layout with what the data of boundaries that meet do to each other."""
     seen, lattice, channels = layout.boundaries, layout.lattice, layout.channels
-    crossings, strips = encounters(seen, lattice, channels, time)
-    return replace(layout, crossings=crossings, strips=strips, blurs=blurs(seen, layout.band, lattice, channels, time))
+    crossings, strips = find_encounters(seen, lattice, channels, time)
+    return replace(
+        layout, sector_jumps=crossings, strips=strips, blurs=find_blurs(seen, layout.band, lattice, channels, time)
+    )
 
 
 def with_data_of(layout: Layout, scene: Scene) -> Layout:
@@ -175,22 +177,26 @@ def with_data_of(layout: Layout, scene: Scene) -> Layout:
     return _compared(replace(layout, boundaries=seen, channels=scene.channels), scene.problem.start_time)
 
 
-def _located(term: ExtraPoint, seen: BoundariesOnBand, band: Band) -> ExtraPoint:
+def _located(term: ExtraPoint, boundaries: BoundariesOnBand, band: Band) -> ExtraPoint:
     """Return a term of the band's nodes with how its points see the boundaries."""
     radius = 2 * reading_radius(band.dim, band.degree) * band.spacing
-    return replace(term, side_views=[one.side_view(term.points, radius, band.spacing) for one in seen.on_lattice])
+    return replace(term, side_views=[one.side_view(term.points, radius, band.spacing) for one in boundaries.on_lattice])
 
 
-def _off_boundaries(past: PastEdge, seen: BoundariesOnBand, band: Band, order: int) -> RowFormula:
+def _inside_sources(past: PastEdge, boundaries: BoundariesOnBand, band: Band, order: int) -> RowFormula:
     """Return where the nodes read right-hand sides, those nearly on a boundary inside the side that they count to."""
     sources = past.sources
-    for number, view in enumerate(seen.side_views):
-        close = (np.abs(view.signed) < DOUBTFUL * band.spacing) & ~view.end & (band.feet.edge[view.rows] < 0)
+    for number, view in enumerate(boundaries.side_views):
+        close = (
+            (np.abs(view.signed) < DOUBTFUL_SIDE_SPACINGS * band.spacing) & ~view.end & (band.feet.edge[view.rows] < 0)
+        )
         if close.any():
-            own = view.take(close)
-            others = [one for other, one in enumerate(seen.on_lattice) if other != number]
-            read = node_sources(sources.points[own.rows], seen.on_lattice[number], others, own, order)
-            sources = _with_rows(sources, own.rows, read)
+            near_frame = view.take(close)
+            others = [one for other, one in enumerate(boundaries.on_lattice) if other != number]
+            read = node_sources(
+                sources.points[near_frame.rows], boundaries.on_lattice[number], others, near_frame, order
+            )
+            sources = _with_rows(sources, near_frame.rows, read)
     return sources
 
 
@@ -204,7 +210,7 @@ def _with_rows(reading: RowFormula, rows: Ints, other: RowFormula) -> RowFormula
 
 
 def _see_boundaries(
-    scene: Scene, surface: Localized, band: Band, lattice: Lattice, past: PastEdge
+    scene: Scene, surface: LocalSource, band: Band, lattice: Lattice, past: PastEdge
 ) -> tuple[BoundariesOnBand, PastEdge]:
     """Return how the nodes see the boundaries, and what they read where one keeps them from their mirror points."""
     # King et al. (2024), section 4.6: boundaries are looked for within twice the reach.
@@ -217,7 +223,7 @@ def _see_boundaries(
         for one, boundary in zip(on_lattice, scene.boundaries, strict=True)
         if not boundary.condition("left").couples
     ]
-    behind = kept_apart(uncoupled, band, past.mirrored, 2 * reach)
+    behind = mirrors_cut_off(uncoupled, band, past.mirrored, 2 * reach)
     past = read_at_feet(surface, band, lattice, scene.edge, past, behind)
     side_views = [one.side_view(past.mirrored.points, 2 * reach, band.spacing) for one in on_lattice]
     return BoundariesOnBand(scene.boundaries, on_lattice, side_views, behind, scene.problem.terms().diffusivity), past

@@ -17,12 +17,12 @@ from cpmkit.scene.laws import Flux, Mixed, Nonlinear
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-#: A flux that changes with u by less than this, over the distance that its factor is, fixes no constant.
-STILL = 1e-9
+#: A flux fixes no constant if its slope times the row's factor is below this.
+LEAST_FLUX_SLOPE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Flow:
+class FluxRows:
     """Rows of E whose datum is a nonlinear flux, and how they read u at the boundary.
 
     With F the datum's factor, such a row is ``R u + F du/db``, and its value at the boundary ``R u + F0 du/db``: the
@@ -61,38 +61,38 @@ class Flow:
         """Return u (k,) where the datum is read, from the ``values`` (unknowns, 1)."""
         return np.asarray((self.reads @ values)[self.datum.rows, 0])
 
-    def grows(self, seen: Floats) -> bool:
-        """Tell whether the flux changes with u, beyond rounding, where u is ``seen``."""
-        return bool(np.any(np.abs(self.datum.factor * self.slope(seen)) > STILL))
+    def grows(self, values: Floats) -> bool:
+        """Tell whether the flux changes with u, beyond rounding, where u is ``values``."""
+        return bool(np.any(np.abs(self.datum.factor * self.slope(values)) > LEAST_FLUX_SLOPE))
 
-    def slope(self, seen: Floats) -> Floats:
-        """Return j' (k,) where u is ``seen``."""
-        return self.law.slope_at(seen, self.datum.points)
+    def slope(self, values: Floats) -> Floats:
+        """Return j' (k,) where u is ``values``."""
+        return self.law.slope_at(values, self.datum.points)
 
 
-def flows_of(tables: Discretization) -> list[Flow]:
+def flux_rows_of(tables: Discretization) -> list[FluxRows]:
     """Return what the rows of E read whose data are nonlinear fluxes."""
-    return [_flow(datum.law, datum, tables) for datum in tables.data if isinstance(datum.law, Nonlinear)]
+    return [_flux_rows(datum.law, datum, tables) for datum in tables.data if isinstance(datum.law, Nonlinear)]
 
 
-def _flow(law: Nonlinear, datum: BoundaryData, tables: Discretization) -> Flow:
+def _flux_rows(law: Nonlinear, datum: BoundaryData, tables: Discretization) -> FluxRows:
     from scipy.sparse import diags_array
 
     layout, rows = tables.layout, datum.rows
-    coefficient = np.concatenate([layout.formula.coefficient, *(one.formula.coefficient for one in layout.ghosts)])
+    coefficient = np.concatenate([layout.formula.coefficient, *(group.formula.coefficient for group in layout.ghosts)])
     at_foot = (layout.formula.points == layout.band.feet.points).all(axis=1)  # past an edge, at first order
-    first = np.concatenate([at_foot, *(one.orders == 1 for one in layout.ghosts)])[rows]
+    first = np.concatenate([at_foot, *(group.orders == 1 for group in layout.ghosts)])[rows]
     others = np.concatenate([np.zeros(0, dtype=np.int64), *(one.rows for one in tables.data if one is not datum)])
     plain = (coefficient[rows] == 1) & ~np.isin(rows, others)  # what reads several points has no coefficient
     reads = tables.read_at_datum(datum)
     chosen = np.zeros(len(coefficient))
     chosen[rows[plain]] = 1.0
     carried = diags_array(chosen) @ tables.extension + diags_array(1.0 - chosen) @ reads
-    return Flow(law, datum, reads, carried.tocsr(), np.where(plain, np.where(first, 1.0, 0.5), 0.0))
+    return FluxRows(law, datum, reads, carried.tocsr(), np.where(plain, np.where(first, 1.0, 0.5), 0.0))
 
 
 @dataclass(frozen=True, eq=False)
-class Known:
+class KnownValues:
     """Data whose values (n,) are known at the points of a datum, and only there."""
 
     values: Floats
@@ -102,7 +102,7 @@ class Known:
         return self.values
 
 
-def linearized(tables: Discretization, flows: Sequence[Flow], seen: Sequence[Floats]) -> Discretization:
+def linearized(tables: Discretization, flows: Sequence[FluxRows], seen: Sequence[Floats]) -> Discretization:
     """Return the tables with ``du/db = j(v) + j'(v) (u - v)`` in place of the fluxes, v being ``seen`` there.
 
     What does not change with u is a flux, and fixes no constant.
@@ -119,13 +119,13 @@ def linearized(tables: Discretization, flows: Sequence[Flow], seen: Sequence[Flo
         grown = np.zeros(extension.shape[0])
         grown[datum.rows] = factor * slope
         extension = (extension + diags_array(grown) @ flow.carried).tocsr()
-        flux = Known(flow.law.flux_at(v, points) - slope * v)
-        law = Mixed(1.0, Known(-slope), flux) if flow.grows(v) else Flux(flux)
+        flux = KnownValues(flow.law.flux_at(v, points) - slope * v)
+        law = Mixed(1.0, KnownValues(-slope), flux) if flow.grows(v) else Flux(flux)
         data.append(replace(datum, factor=factor, data=flux, law=law))
     return replace(tables, extension=read_only(extension), data=data)
 
 
-def _divisor(flow: Flow, slope: Floats, spacing: float) -> Floats:
+def _divisor(flow: FluxRows, slope: Floats, spacing: float) -> Floats:
     """Return ``1 - F0 slope`` (k,).
 
     Raises

@@ -36,8 +36,8 @@ class Numbering:
     @classmethod
     def of(cls, band: Band, ghosts: Sequence[Ghosts]) -> Numbering:
         """Return the numbering of a band's nodes and the ghosts of each boundary."""
-        counts = tuple(len(one.nodes) for one in ghosts)
-        return cls(len(band.nodes), band.inner, counts, tuple(one.unknowns for one in ghosts))
+        counts = tuple(len(group.nodes) for group in ghosts)
+        return cls(len(band.nodes), band.inner, counts, tuple(group.unknowns for group in ghosts))
 
     @property
     def rows(self) -> int:

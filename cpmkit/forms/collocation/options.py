@@ -13,7 +13,7 @@ from cpmkit.runtime.declared import Declared, option
 
 #: The highest degree of polynomials that fluxes balance against, 165 of them in space; higher ones see what a spacing
 #: does not resolve.
-HIGHEST = 8
+HIGHEST_POLYNOMIAL_DEGREE = 8
 
 
 def _check_sheets(sheets: Any, what: str) -> Any:
@@ -59,7 +59,7 @@ class CollocationOptions(Declared):
         "Where nothing flows out, on closed surfaces and between walls, u is put right by polynomials in the "
         "coordinates up to this degree, at most 8, so that fluxes balance against all of them: 5 leaves a twentieth "
         "to a half of the error, for little work. 0 puts the mean alone right.",
-        partial(whole, most=HIGHEST),
+        partial(whole, most=HIGHEST_POLYNOMIAL_DEGREE),
         methods={"balanced": 5},
     )
 

@@ -104,19 +104,19 @@ class Unknowns:
     @property
     def ghost_sides(self) -> Bools:
         """(g,) whether each ghost that is an unknown carries the left of its boundary."""
-        return np.concatenate([np.zeros(0, bool), *(one.carries_left[: one.unknowns] for one in self.ghosts)])
+        return np.concatenate([np.zeros(0, bool), *(group.carries_left[: group.unknowns] for group in self.ghosts)])
 
     def select(self, centres: Centres, columns: Ints) -> Ints:
         """Return the unknowns (n, s) that n stencils read in the inner nodes ``columns`` (n, s), those of its own side.
 
         First that of its own sheet, then, where a boundary runs between, the ghost that continues its side.
         """
-        numbers = [one.unknown_numbers for one in self.ghosts]
+        numbers = [group.unknown_numbers for group in self.ghosts]
         return self._select(centres, columns, self.band.inner, numbers, self.numbering.first_unknowns)
 
     def select_rows(self, centres: Centres, columns: Ints) -> Ints:
         """Return the rows of E (n, s) that n stencils read in the nodes ``columns`` (n, s) of the band, likewise."""
-        numbers = [one.numbers for one in self.ghosts]
+        numbers = [group.numbers for group in self.ghosts]
         return self._select(centres, columns, len(self.band.nodes), numbers, self.numbering.first_rows)
 
     def _select(self, centres: Centres, columns: Ints, readable: int, numbers: Sequence[Ints], first: Ints) -> Ints:
@@ -125,7 +125,7 @@ class Unknowns:
         if not any(len(view.rows) for view in centres.side_views):
             return nodes
         touched = np.unique(np.concatenate([view.rows for view in centres.side_views]))
-        directors = [one.director for one in self.ghosts]
+        directors = [group.director for group in self.ghosts]
         label, number = visible_ghosts(centres.take(touched), nodes[touched], numbers, directors)
         selected = nodes.copy()
         selected[touched] = np.where(label >= 0, first[label] + number, nodes[touched])
@@ -180,13 +180,13 @@ def visible_ghosts(
     label = np.full(nodes.shape, -1)
     number = np.full(nodes.shape, -1)
     nearest = np.full(nodes.shape, np.inf)
-    for index, seen in enumerate(centres.side_views):
-        rows = seen.rows
+    for index, frame in enumerate(centres.side_views):
+        rows = frame.rows
         ghost = numbers[index][nodes[rows]]
         row, column = np.nonzero(ghost >= 0)
         found = ghost[row, column]
-        across = np.einsum("kd,kd->k", seen.director[row], directors[index][found]) < 0
-        rank = np.where(centres.own[rows] == index, -1.0, seen.distance)[row]
+        across = np.einsum("kd,kd->k", frame.director[row], directors[index][found]) < 0
+        rank = np.where(centres.own[rows] == index, -1.0, frame.distance)[row]
         row = rows[row]
         taken = across & (rank < nearest[row, column])
         row, column = row[taken], column[taken]

@@ -20,9 +20,9 @@ LEAPFROG_DEGREES = (3, 5)
 #: Leapfrog's step is at most this many spacings over speed sqrt(d). The largest eigenvalue of A is at most
 #: 4 d speed^2 / spacing^2 (that of a solid, in the plane and in space; 5.9 and 8.7 instead of 8 and 12 on curves and
 #: surfaces), and the damping takes its share.
-LEAPFROG_AT_MOST = 0.85
+LEAPFROG_MOST_SPACINGS = 0.85
 #: The implicit scheme's step is at least this many spacings over speed: from there on it damps enough, for all degrees.
-IMPLICIT_AT_LEAST = 0.3
+IMPLICIT_LEAST_SPACINGS = 0.3
 
 
 def check_waves(scene: Scene, layout: Layout) -> None:
@@ -38,7 +38,7 @@ def check_waves(scene: Scene, layout: Layout) -> None:
     wave = scene.problem
     if not isinstance(wave, Wave):
         return
-    order = max([layout.order, *(one.order for one in scene.conditions if one.order)])
+    order = max([layout.order, *(condition.order for condition in scene.conditions if condition.order)])
     if order > 2:
         raise InputError(
             f"order={order} does not go with waves: such conditions give the operator complex eigenvalues, under which "
@@ -46,8 +46,8 @@ def check_waves(scene: Scene, layout: Layout) -> None:
         )
     if wave.scheme == "leapfrog":
         _check_leapfrog(wave, layout.band.degree, layout.lattice.spacing, layout.lattice.dim)
-    elif wave.step < IMPLICIT_AT_LEAST * layout.lattice.spacing / wave.speed:
-        least = IMPLICIT_AT_LEAST * layout.lattice.spacing / wave.speed
+    elif wave.step < IMPLICIT_LEAST_SPACINGS * layout.lattice.spacing / wave.speed:
+        least = IMPLICIT_LEAST_SPACINGS * layout.lattice.spacing / wave.speed
         raise ResolutionError(
             f"step={wave.step:g} is too short for the implicit scheme, which would not damp the waves that the spacing "
             f"does not resolve, and they grow; use at least {least:.3g}, or scheme 'leapfrog'."
@@ -60,7 +60,7 @@ def _check_leapfrog(wave: Wave, degree: int, spacing: float, dim: int) -> None:
             f"degree={degree} does not go with leapfrog: interpolation of even degree gives the operator complex "
             "eigenvalues, under which waves grow without bound; use degree 3, or scheme 'implicit'."
         )
-    longest = LEAPFROG_AT_MOST * spacing / (wave.speed * math.sqrt(dim))
+    longest = LEAPFROG_MOST_SPACINGS * spacing / (wave.speed * math.sqrt(dim))
     if min(wave.step, wave.until) > longest:
         raise ResolutionError(
             f"step={wave.step:g} is too long for leapfrog at spacing={spacing:g}; use at most {longest:.3g}, or scheme "

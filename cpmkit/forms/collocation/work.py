@@ -11,7 +11,7 @@ import numpy as np
 from cpmkit.forms.collocation.discretization import Discretization
 from cpmkit.linear.report import SolveReport
 from cpmkit.protocols import Operator
-from cpmkit.runtime.memory import ENTRY
+from cpmkit.runtime.memory import ENTRY_BYTES
 
 
 @dataclass(frozen=True)
@@ -76,6 +76,6 @@ def table_bytes(tables: Discretization) -> int:
     """Return the bytes of E, the neighbours and their weights, the nodes and their closest points."""
     matrix = tables.extension
     stored = sum(part.nbytes for part in (matrix.data, matrix.indices, matrix.indptr))
-    stored += tables.neighbours.nbytes + tables.neighbours.size * ENTRY
+    stored += tables.neighbours.nbytes + tables.neighbours.size * ENTRY_BYTES
     feet = tables.layout.band.feet
     return int(stored + tables.layout.band.nodes.nbytes + feet.points.nbytes + feet.distance.nbytes + feet.edge.nbytes)

@@ -9,7 +9,7 @@ from cpmkit.plugin import ConformanceCase, Floats, unit
 from cpmkit_neural.field import SineNetwork, read_network
 from cpmkit_neural.source import NeuralSurface, neural_surface
 
-SPOT = Path(__file__).with_name("spot.npz")
+SPOT_FILE = Path(__file__).with_name("spot.npz")
 
 
 def conformance_cases() -> list[ConformanceCase]:
@@ -23,7 +23,7 @@ def conformance_cases() -> list[ConformanceCase]:
 @cache  # the laws ask for the source again and again, and it is a value
 def spot() -> NeuralSurface:
     """Return Spot the cow."""
-    return neural_surface(*read_network(SPOT), resolution=64)
+    return neural_surface(*read_network(SPOT_FILE), resolution=64)
 
 
 @cache

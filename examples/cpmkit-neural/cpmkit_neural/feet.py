@@ -6,24 +6,24 @@ from cpmkit.plugin import Bools, Floats, dots, norms, unit
 from cpmkit_neural.field import SineNetwork
 
 #: A step of Newton's method shorter than this, relative to the size, is the last: the next would be its square.
-SHORT = 1e-9
+LAST_STEP_SIZE_SHARE = 1e-9
 #: Where the squared distance bends less than this, near a centre of curvature, it is taken to bend so much.
-LEAST_BENDING = 1e-3
-PROJECTIONS, STEPS = 12, 40
+LEAST_CURVATURE = 1e-3
+MOST_FIELD_PROJECTIONS, NEURAL_NEWTON_STEPS = 12, 40
 
 
 def project(field: SineNetwork, p: Floats, reach: float, size: float) -> tuple[Floats, Bools]:
     """Return points (n, 3) of the surface near ``p``, and where one was found within ``reach``."""
     q, rows = p.copy(), np.arange(len(p))
     found = np.zeros(len(p), dtype=bool)
-    for _ in range(PROJECTIONS):
+    for _ in range(MOST_FIELD_PROJECTIONS):
         phi, gradient = field.gradient(q[rows])
         with np.errstate(divide="ignore", invalid="ignore"):
             step = (phi / dots(gradient, gradient))[:, None] * gradient
         length = norms(step)
         near = length <= reach  # False for NaN
         q[rows[near]] -= step[near]
-        found[rows] = length <= SHORT * size
+        found[rows] = length <= LAST_STEP_SIZE_SHARE * size
         rows = rows[near & ~found[rows]]
         if not len(rows):
             break
@@ -39,19 +39,19 @@ def descend(field: SineNetwork, x: Floats, start: Floats, reach: float, size: fl
     y, rows = start.copy(), np.arange(len(x))
     converged = np.zeros(len(x), dtype=bool)
     longest = np.full(len(x), reach)
-    for _ in range(STEPS):
-        here, across = y[rows], x[rows] - y[rows]
-        step = newton_step(field, across, here)
+    for _ in range(NEURAL_NEWTON_STEPS):
+        position, across = y[rows], x[rows] - y[rows]
+        step = newton_step(field, across, position)
         length = norms(step)
         step *= np.minimum(1.0, longest[rows] / np.maximum(length, 1e-300))[:, None]
-        trial, found = project(field, here + step, 2 * reach, size)
-        change = trial - here
+        trial, found = project(field, position + step, 2 * reach, size)
+        change = trial - position
         # |x - trial|^2 - |x - y|^2 without cancellation, against what rounding makes of it
         noise = 8 * np.finfo(float).eps * size * (norms(across) + size)
         nearer = found & (dots(change, change - 2 * across) <= noise)
         y[rows[nearer]] = trial[nearer]
         longest[rows] = np.where(nearer, reach, 0.3 * norms(step))
-        converged[rows] = nearer & (length <= SHORT * size)
+        converged[rows] = nearer & (length <= LAST_STEP_SIZE_SHARE * size)
         rows = rows[~converged[rows]]
         if not len(rows):
             break
@@ -71,7 +71,7 @@ def newton_step(field: SineNetwork, across: Floats, y: Floats) -> Floats:
     bending = np.eye(3) + tangential @ (multiplier * hessian) @ tangential
     values, axes = np.linalg.eigh(bending)
     slope = tangential @ across[:, :, None]
-    along = axes.transpose(0, 2, 1) @ slope / np.maximum(np.abs(values), LEAST_BENDING)[:, :, None]
+    along = axes.transpose(0, 2, 1) @ slope / np.maximum(np.abs(values), LEAST_CURVATURE)[:, :, None]
     step: Floats = (tangential @ axes @ along)[:, :, 0]
     return step
 

@@ -10,7 +10,7 @@ import numpy as np
 from cpmkit.plugin import Floats, InputError
 
 #: The six second derivatives in space: xx, xy, xz, yy, yz, zz.
-ROW, COLUMN = np.triu_indices(3)
+HESSIAN_ROW, HESSIAN_COLUMN = np.triu_indices(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,7 @@ class SineNetwork:
         """Return phi (n,), its gradient (n, 3) and its Hessian (n, 3, 3)."""
         jet = self._jet(x, 10)
         hessian = np.empty((len(x), 3, 3))
-        hessian[:, ROW, COLUMN] = hessian[:, COLUMN, ROW] = jet[4:].T
+        hessian[:, HESSIAN_ROW, HESSIAN_COLUMN] = hessian[:, HESSIAN_COLUMN, HESSIAN_ROW] = jet[4:].T
         return jet[0], jet[1:4].T, hessian
 
     def _jet(self, x: Floats, count: int) -> Floats:
@@ -67,7 +67,7 @@ def _sine(jet: Floats) -> Floats:
     first = jet[1:4]
     result: Floats = cosine * jet
     result[0] = sine
-    for k, i, j in zip(range(4, len(jet)), ROW, COLUMN, strict=False):
+    for k, i, j in zip(range(4, len(jet)), HESSIAN_ROW, HESSIAN_COLUMN, strict=False):
         result[k] -= sine * first[i] * first[j]
     return result
 

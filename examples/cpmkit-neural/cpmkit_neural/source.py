@@ -12,11 +12,11 @@ from cpmkit_neural.field import SineNetwork
 from cpmkit_neural.tetrahedra import zero_triangles
 
 #: Queries that are answered at a time: temporary arrays stay in the cache.
-PARCEL = 1024
+NEURAL_PARCEL_QUERIES = 1024
 #: How many of the nearest samples are looked at, and from how many of them a query descends at most.
-NEIGHBOURS, STARTS = 48, 8
+NEAREST_SAMPLES, MOST_DESCENT_STARTS = 48, 8
 #: A mesh has at least this many cells along the longest side of the bounds.
-LEAST_CELLS = 32
+NEURAL_LEAST_CELLS = 32
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ class NeuralSurface:
             If ``x`` holds NaN or infinity, or its shape is not (n, 3).
         """
         x = as_points(x, 3)
-        parcels = [x[start : start + PARCEL] for start in range(0, len(x), PARCEL)] or [x]
+        parcels = [x[start : start + NEURAL_PARCEL_QUERIES] for start in range(0, len(x), NEURAL_PARCEL_QUERIES)] or [x]
         return ClosestPoints.join([self._feet(parcel) for parcel in parcels])
 
     def normals(self, feet: ClosestPoints, /) -> Floats:
@@ -73,7 +73,7 @@ class NeuralSurface:
 
     def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
         """Return vertices (v, 3) on the surface and triangles (m, 3), of about ``spacing`` or smaller."""
-        coarsest = np.ptp(self.bounds, axis=0).max() / LEAST_CELLS
+        coarsest = np.ptp(self.bounds, axis=0).max() / NEURAL_LEAST_CELLS
         vertices, triangles = triangulate(self.field, self.bounds, min(positive(spacing, "spacing"), coarsest))
         feet = self.closest_point(vertices)
         corners = feet.points[triangles]
@@ -82,11 +82,11 @@ class NeuralSurface:
         return feet.points, np.where(inward[:, None], triangles[:, ::-1], triangles)
 
     def _feet(self, x: Floats) -> ClosestPoints:
-        found = self.tree.query(x, NEIGHBOURS)
+        found = self.tree.query(x, NEAREST_SAMPLES)
         gap, near = np.asarray(found[0]), np.asarray(found[1])
         points, distance = self.samples[near[:, 0]], gap[:, 0].copy()
         doubtful, untried = np.zeros(len(x), dtype=bool), np.ones(near.shape, dtype=bool)
-        for _ in range(STARTS):
+        for _ in range(MOST_DESCENT_STARTS):
             rows = np.flatnonzero(untried.any(axis=1))
             if not len(rows):
                 break
@@ -151,7 +151,9 @@ def triangulate(field: SineNetwork, bounds: Floats, spacing: float) -> tuple[Flo
     cells = np.ceil(np.ptp(bounds, axis=0) / spacing).astype(np.int64)
     step = np.ptp(bounds, axis=0) / cells
     nodes = bounds[0] + step * np.indices(cells + 1).reshape(3, -1).T
-    values = np.concatenate([field.value(part) for part in np.array_split(nodes, len(nodes) // PARCEL + 1)])
+    values = np.concatenate(
+        [field.value(part) for part in np.array_split(nodes, len(nodes) // NEURAL_PARCEL_QUERIES + 1)]
+    )
     values = values.reshape(cells + 1)
     if not (values < 0).any():
         raise InputError(f"the network is zero nowhere in the bounds: its values start at {values.min():.6g}.")

@@ -7,7 +7,7 @@ import numpy as np
 from cpmkit.plugin import Floats, Ints
 
 #: Of a tetrahedron with so many negative corners, which come first: the edges at which its triangles have corners.
-CUTS = {
+CUT_EDGES = {
     1: [[(0, 1), (0, 2), (0, 3)]],
     2: [[(0, 2), (0, 3), (1, 3)], [(0, 2), (1, 3), (1, 2)]],
     3: [[(0, 3), (1, 3), (2, 3)]],
@@ -27,7 +27,7 @@ def zero_triangles(values: Floats) -> tuple[Floats, Ints]:
         nodes = np.stack([np.ravel_multi_index(tuple(corner), shape) for corner in corners], axis=1)
         negative = flat[nodes] < 0
         nodes = np.take_along_axis(nodes, np.argsort(~negative, axis=1, kind="stable"), axis=1)
-        for count, cut in CUTS.items():
+        for count, cut in CUT_EDGES.items():
             edges.append(nodes[negative.sum(axis=1) == count][:, np.array(cut)].reshape(-1, 3, 2))
     pairs = np.sort(np.concatenate(edges).reshape(-1, 2), axis=1)
     keys, triangles = np.unique(pairs[:, 0] * flat.size + pairs[:, 1], return_inverse=True)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cpmkit_neural.cases import SPOT, rounded_cube
+from cpmkit_neural.cases import SPOT_FILE, rounded_cube
 from cpmkit_neural.field import read_network
 from cpmkit_neural.plugin import neural_field
 
@@ -18,7 +18,7 @@ def test_derivatives_of_one_layer_are_those_of_its_closed_form():
 
 
 def test_derivatives_of_many_layers_are_the_limits_of_differences():
-    network, bounds = read_network(SPOT)
+    network, bounds = read_network(SPOT_FILE)
     x = np.random.default_rng(1).uniform(*bounds, (50, 3))
     _, gradient, hessian = network.hessian(x)
     errors = []
@@ -34,7 +34,7 @@ def test_derivatives_of_many_layers_are_the_limits_of_differences():
 
 @pytest.mark.parametrize("change", ["lacks a bias", "two values", "no network", "text", "objects"])
 def test_other_files_are_refused(change, tmp_path):
-    arrays = dict(np.load(SPOT))
+    arrays = dict(np.load(SPOT_FILE))
     if change == "lacks a bias":
         del arrays["bias1"]
     if change == "two values":

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cpmkit_neural.cases import SPOT, rounded_cube, spot
+from cpmkit_neural.cases import SPOT_FILE, rounded_cube, spot
 from cpmkit_neural.feet import descend
 from cpmkit_neural.plugin import neural_field
 
@@ -67,11 +67,11 @@ def test_the_mesh_is_closed_has_no_handle_and_is_wound_by_its_normals(spacing):
 )
 def test_bounds_that_do_not_hold_the_surface_are_refused(bounds, told):
     with pytest.raises(InputError, match=told):
-        neural_field(file=SPOT, bounds=bounds)
+        neural_field(file=SPOT_FILE, bounds=bounds)
 
 
 def test_a_network_without_bounds_asks_for_them(tmp_path):
-    arrays = dict(np.load(SPOT))
+    arrays = dict(np.load(SPOT_FILE))
     bounds = arrays.pop("bounds")
     np.savez(tmp_path / "bare.npz", **arrays)
     with pytest.raises(InputError, match="give the key bounds"):

@@ -13,8 +13,8 @@ from cpmkit_analytic.placed import Placed
 
 Draw = Callable[[np.random.Generator, int], Floats]
 
-TILT = {"rotation": [0.3, -1.1, 0.7], "translation": [4.0, -2.0, 7.0], "scale": 3.0}
-TURN = {"rotation": 0.9, "translation": [40.0, -20.0], "scale": 0.01}
+TILTED = {"rotation": [0.3, -1.1, 0.7], "translation": [4.0, -2.0, 7.0], "scale": 3.0}
+TURNED = {"rotation": 0.9, "translation": [40.0, -20.0], "scale": 0.01}
 
 
 def conformance_cases() -> list[ConformanceCase]:
@@ -23,24 +23,24 @@ def conformance_cases() -> list[ConformanceCase]:
     return [
         _case("point", "in the plane", {"at": [0.3, -2.0]}, _ring(0.0, everywhere, 2)),
         _case("point", "at the origin of space", {"at": [0, 0, 0]}, _ring(0.0, everywhere, 3)),
-        _case("segment", "in the plane", {"start": [0, 0], "end": [2, 0], **TURN}, _line(2.0, 2)),
-        _case("segment", "in space", {"start": [0, 0, 0], "end": [0, 0, 2], **TILT}, _line(2.0, 3)),
+        _case("segment", "in the plane", {"start": [0, 0], "end": [2, 0], **TURNED}, _line(2.0, 2)),
+        _case("segment", "in space", {"start": [0, 0, 0], "end": [0, 0, 2], **TILTED}, _line(2.0, 3)),
         _case("circle", "in the plane", {}, _ring(1.0, everywhere, 2)),
         _case("circle", "far from zero", {"center": [1e9, 1e9]}, _ring(1.0, everywhere, 2)),
-        _case("circle", "in space", {"normal": [0, 0, 1], "radius": 0.5, **TILT}, _ring(0.5, everywhere, 3)),
-        _case("arc", "in the plane", {"start": 0.7, "end": 5.9, **TURN}, _ring(1.0, beyond, 2)),
-        _case("arc", "in space", {"start": 0.7, "end": 5.9, "normal": [0, 0, 1], **TILT}, _ring(1.0, beyond, 3)),
+        _case("circle", "in space", {"normal": [0, 0, 1], "radius": 0.5, **TILTED}, _ring(0.5, everywhere, 3)),
+        _case("arc", "in the plane", {"start": 0.7, "end": 5.9, **TURNED}, _ring(1.0, beyond, 2)),
+        _case("arc", "in space", {"start": 0.7, "end": 5.9, "normal": [0, 0, 1], **TILTED}, _ring(1.0, beyond, 3)),
         _case("sphere", "unit", {}, _sphere(1.0, -1.0)),
         _case("sphere", "of a micrometre", {"scale": 1e-6}, _sphere(1.0, -1.0)),
-        _case("sphere", "in the plane", {"center": [0, 0], **TURN}, _ring(1.0, everywhere, 2)),
+        _case("sphere", "in the plane", {"center": [0, 0], **TURNED}, _ring(1.0, everywhere, 2)),
         _case("cap", "small", {"height": 0.8}, _sphere(1.0, 0.8)),
-        _case("cap", "nearly closed", {"height": -0.9, **TILT}, _sphere(1.0, -0.9)),
+        _case("cap", "nearly closed", {"height": -0.9, **TILTED}, _sphere(1.0, -0.9)),
         _case("torus", "upright", {"major": 2.0, "minor": 0.5}, _torus(2.0, 0.5)),
-        _case("torus", "moved", {"minor": 0.9, **TILT}, _torus(1.0, 0.9)),
+        _case("torus", "moved", {"minor": 0.9, **TILTED}, _torus(1.0, 0.9)),
         _case("cylinder", "upright", {"length": 3.0}, _cylinder(1.0, 3.0)),
-        _case("box", "in the plane", {"lower": [-1, -2], "upper": [1, 2], **TURN}, _filled([1, 2])),
-        _case("box", "in space", {"lower": [-1, -2, -3], "upper": [1, 2, 3], **TILT}, _filled([1, 2, 3])),
-        _case("cylinder", "moved", {"radius": 2.0, "length": 0.5, **TILT}, _cylinder(2.0, 0.5)),
+        _case("box", "in the plane", {"lower": [-1, -2], "upper": [1, 2], **TURNED}, _filled([1, 2])),
+        _case("box", "in space", {"lower": [-1, -2, -3], "upper": [1, 2, 3], **TILTED}, _filled([1, 2, 3])),
+        _case("cylinder", "moved", {"radius": 2.0, "length": 0.5, **TILTED}, _cylinder(2.0, 0.5)),
     ]
 
 

@@ -11,7 +11,7 @@ from cpmkit_analytic.directions import unit_or
 from cpmkit_analytic.revolution import intervals
 from cpmkit_analytic.shapes import Feet, inside
 
-TURN = 2 * np.pi
+FULL_TURN = 2 * np.pi
 
 
 @dataclass(frozen=True)
@@ -104,8 +104,8 @@ class Circle:
 
     def mesh(self, spacing: float) -> tuple[Floats, Ints]:
         """Return a regular polygon."""
-        count = intervals(TURN * self.radius, spacing, least=3)
-        return self._at(TURN * np.arange(count) / count), _chain(count) % count
+        count = intervals(FULL_TURN * self.radius, spacing, least=3)
+        return self._at(FULL_TURN * np.arange(count) / count), _chain(count) % count
 
     def scaled(self, factor: float) -> Circle:
         """Return the circle ``factor`` times as large."""
@@ -129,8 +129,8 @@ class Arc(Circle):
         """
         middle = self.start + 0.5 * self.sweep
         direction = unit_or(q[:, :2], (float(np.cos(middle)), float(np.sin(middle))))
-        past_start = np.mod(np.arctan2(direction[:, 1], direction[:, 0]) - self.start, TURN)
-        nearer_end = np.where(past_start - self.sweep <= TURN - past_start, self.sweep, 0.0)
+        past_start = np.mod(np.arctan2(direction[:, 1], direction[:, 0]) - self.start, FULL_TURN)
+        nearer_end = np.where(past_start - self.sweep <= FULL_TURN - past_start, self.sweep, 0.0)
         covered = past_start <= self.sweep
         past_start = np.where(covered, past_start, nearer_end)
         angle = self.start + past_start

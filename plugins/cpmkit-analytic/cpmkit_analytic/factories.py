@@ -14,16 +14,16 @@ import numpy as np
 
 from cpmkit.plugin import Floats, InputError, as_vector, shown
 from cpmkit.plugin import length as as_length
-from cpmkit_analytic.curves import TURN, Arc, Circle, Point, Segment
+from cpmkit_analytic.curves import FULL_TURN, Arc, Circle, Point, Segment
 from cpmkit_analytic.frames import as_direction, as_place, as_position, plane_frame, space_frame
 from cpmkit_analytic.placed import Placed, place
 from cpmkit_analytic.solids import Box
 from cpmkit_analytic.surfaces import Cap, Cylinder, Sphere, Torus
 
-ORIGIN = (0.0, 0.0, 0.0)
-UP = (0.0, 0.0, 1.0)
+DEFAULT_CENTRE = (0.0, 0.0, 0.0)
+DEFAULT_NORMAL = (0.0, 0.0, 1.0)
 #: Ends of an arc that are nearer, as a share of a turn, are one point.
-ROUNDING = 1e-12
+CLOSED_ARC_TURNS = 1e-12
 
 
 def point(*, at: Any, rotation: Any = None, translation: Any = None, scale: Any = 1.0) -> Placed:
@@ -82,8 +82,8 @@ def arc(
     """
     middle, axes = _plane_of(center, normal, x_axis)
     first, last = as_vector([start, end], 2, "[start, end]")
-    sweep = float((last - first) % TURN)
-    if not (abs(last - first) < TURN and ROUNDING < sweep / TURN < 1 - ROUNDING):
+    sweep = float((last - first) % FULL_TURN)
+    if not (abs(last - first) < FULL_TURN and CLOSED_ARC_TURNS < sweep / FULL_TURN < 1 - CLOSED_ARC_TURNS):
         raise InputError(
             f"end must differ from start by less than a full turn and not be equal to it, got {shown(start)} and "
             f"{shown(end)}; analytic.circle is the full turn."
@@ -93,7 +93,7 @@ def arc(
 
 
 def sphere(
-    *, center: Any = ORIGIN, radius: Any = 1.0, rotation: Any = None, translation: Any = None, scale: Any = 1.0
+    *, center: Any = DEFAULT_CENTRE, radius: Any = 1.0, rotation: Any = None, translation: Any = None, scale: Any = 1.0
 ) -> Placed:
     """Return a sphere; around a ``center`` of 2 numbers, the circle."""
     middle, length = as_position(center, "center"), as_length(radius, "radius")
@@ -103,9 +103,9 @@ def sphere(
 
 def cap(
     *,
-    center: Any = ORIGIN,
+    center: Any = DEFAULT_CENTRE,
     radius: Any = 1.0,
-    axis: Any = UP,
+    axis: Any = DEFAULT_NORMAL,
     height: Any = 0.0,
     rotation: Any = None,
     translation: Any = None,
@@ -126,8 +126,8 @@ def cap(
 
 def torus(
     *,
-    center: Any = ORIGIN,
-    axis: Any = UP,
+    center: Any = DEFAULT_CENTRE,
+    axis: Any = DEFAULT_NORMAL,
     major: Any = 1.0,
     minor: Any = 0.4,
     rotation: Any = None,
@@ -143,8 +143,8 @@ def torus(
 
 def cylinder(
     *,
-    center: Any = ORIGIN,
-    axis: Any = UP,
+    center: Any = DEFAULT_CENTRE,
+    axis: Any = DEFAULT_NORMAL,
     radius: Any = 1.0,
     length: Any = 2.0,
     rotation: Any = None,
@@ -175,10 +175,10 @@ def box(*, lower: Any, upper: Any, rotation: Any = None, translation: Any = None
 def _plane_of(center: Any, normal: Any, x_axis: Any) -> tuple[Floats, Floats]:
     """Return the centre and the frame of a plane curve: (2,) and (2, 2) in the plane, (3,) and (3, 3) in space."""
     if center is None:
-        center = (0.0, 0.0) if normal is None else ORIGIN
+        center = (0.0, 0.0) if normal is None else DEFAULT_CENTRE
     middle = as_position(center, "center")
     if len(middle) == 3:
-        return middle, space_frame(UP if normal is None else normal, x_axis, "normal")
+        return middle, space_frame(DEFAULT_NORMAL if normal is None else normal, x_axis, "normal")
     if normal is not None:
         raise InputError(f"normal belongs to a center of 3 numbers, got the center {shown(center)}.")
     return middle, plane_frame(x_axis)

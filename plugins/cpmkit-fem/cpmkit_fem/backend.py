@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from cpmkit.plugin import Backend, Progress, ResolutionError, Scene, nothing
+from cpmkit.plugin import Backend, Progress, ResolutionError, Scene, no_progress
 from cpmkit_fem.assembly import stiffness_and_mass
 from cpmkit_fem.form import FiniteElements
 from cpmkit_fem.pins import pin
@@ -25,7 +25,9 @@ def fem() -> Backend:
 class LinearElements:
     """Linear finite elements."""
 
-    def discretize(self, scene: Scene, spacing: float | None = None, *, progress: Progress = nothing) -> FiniteElements:
+    def discretize(
+        self, scene: Scene, spacing: float | None = None, *, progress: Progress = no_progress
+    ) -> FiniteElements:
         """Triangulate a scene.
 
         Parameters

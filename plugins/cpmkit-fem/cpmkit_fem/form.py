@@ -133,7 +133,7 @@ class FiniteElements(Discretized):
     def restated(self, scene: Scene) -> FiniteElements:
         """Return the same triangulation and matrices with another scene, whose conditions have other data at most."""
         pairs = zip(scene.boundaries, self.scene.boundaries, strict=True)
-        if scene.edge is self.scene.edge and all(one is other for one, other in pairs):
+        if scene.edge is self.scene.edge and all(first is second for first, second in pairs):
             return replace(self, scene=scene, pins=replace(self.pins, channels=scene.channels))
         rim = rim_of(scene, self.mesh)
         return replace(self, scene=scene, rim=rim, pins=pin(scene, self.mesh, rim))

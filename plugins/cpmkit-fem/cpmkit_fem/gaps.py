@@ -8,7 +8,7 @@ from cpmkit.plugin import ClosestPointSource, Ints
 from cpmkit_fem.triangulation import Triangulation
 
 #: A curve crosses an edge if it comes nearer to it, between ends that it separates, than this share of its length.
-CROSSED = 0.25
+CROSSED_GAP_SHARE = 0.25
 
 
 def ends_in_gaps(curve: ClosestPointSource, mesh: Triangulation, pinned: Ints) -> Ints:
@@ -30,5 +30,5 @@ def ends_in_gaps(curve: ClosestPointSource, mesh: Triangulation, pinned: Ints) -
     share = feet.distance[start] / (feet.distance[start] + feet.distance[end])
     along = mesh.vertices[end] - mesh.vertices[start]
     miss = curve.closest_point(mesh.vertices[start] + share[:, None] * along).distance
-    crossed = miss <= CROSSED * np.linalg.norm(along, axis=1)
+    crossed = miss <= CROSSED_GAP_SHARE * np.linalg.norm(along, axis=1)
     return np.unique(np.where(share < 0.5, start, end)[crossed])

@@ -7,9 +7,9 @@ import numpy as np
 from cpmkit.plugin import Floats, Ints
 
 #: Centroids that are asked for at first; four times as many for the queries that these do not settle.
-FIRST = 8
+FIRST_CENTROIDS = 8
 #: Pairs of a query and a triangle that are looked at together.
-PAIRS = 1 << 18
+MOST_LOCATION_PAIRS = 1 << 18
 
 
 def nearest_on_triangles(vertices: Floats, faces: Ints, queries: Floats) -> tuple[Ints, Floats]:
@@ -46,10 +46,10 @@ def _nearest_of_one_size(corners: Floats, radius: float, queries: Floats, bound:
     tree = cKDTree(corners.mean(axis=1))
     member, weights = np.zeros(len(queries), dtype=np.int64), np.zeros((len(queries), 3))
     distance = np.full(len(queries), np.inf)
-    rows, count = np.arange(len(queries)), min(FIRST, len(corners))
+    rows, count = np.arange(len(queries)), min(FIRST_CENTROIDS, len(corners))
     while len(rows):
         unsettled = []
-        for part in np.array_split(rows, 1 + len(rows) * count // PAIRS):
+        for part in np.array_split(rows, 1 + len(rows) * count // MOST_LOCATION_PAIRS):
             far, near = map(np.asarray, tree.query(queries[part], k=np.arange(1, count + 1)))
             candidates, lengths = _feet(corners[near], queries[part])
             pick = np.arange(len(part)), np.argmin(lengths, axis=1)

@@ -17,11 +17,11 @@ from cpmkit_fem.rim import WHAT, RimPart
 from cpmkit_fem.triangulation import Triangulation
 
 #: Points a side of each triangle near a boundary whose feet sample the boundary.
-SAMPLES = 3
+TRIANGLE_SIDE_SAMPLES = 3
 #: Data on two sides are equal up to this share of their size.
-EQUAL = 1e-12
+EQUAL_DATA_SHARE = 1e-12
 #: A boundary passes through a vertex if it is nearer than this share of an edge.
-THROUGH = 1e-6
+THROUGH_VERTEX_SHARE = 1e-6
 ACCEPTED = "backend='fem' keeps one value a vertex and takes the same Dirichlet data on both sides; use backend='cpm'"
 
 
@@ -58,7 +58,7 @@ class Claim:
         """
         values = [evaluate_data(data, self.points, channels, self.what, time) for data in self.data]
         size = np.abs(values).max(initial=0.0)
-        if any(np.abs(other - values[0]).max(initial=0.0) > EQUAL * size for other in values[1:]):
+        if any(np.abs(other - values[0]).max(initial=0.0) > EQUAL_DATA_SHARE * size for other in values[1:]):
             raise SceneError(f"{self.what} has different data on its two sides; {ACCEPTED}.")
         return values[0]
 
@@ -105,7 +105,7 @@ def pin(scene: Scene, mesh: Triangulation, rim: Sequence[RimPart]) -> Pins:
         f"The {claim.what} pins {len(claim.vertices)} vertices up to {claim.distance.max():.3g} away from it "
         f"(a mean edge is {mesh.mean_edge:.3g}): the answer is of first order there."
         for claim in claims
-        if claim.distance.max() > THROUGH * mesh.mean_edge
+        if claim.distance.max() > THROUGH_VERTEX_SHARE * mesh.mean_edge
     )
     claims += [
         Claim(part.on, np.zeros(len(part.on)), part.points, (part.law.datum,), WHAT)
@@ -150,9 +150,9 @@ def _samples(boundary: BoundarySet, mesh: Triangulation) -> Floats:
             f"boundary {boundary.name!r} is farther than an edge from every triangle of the mesh; move it onto the "
             "surface."
         )
-    i, j = np.divmod(np.arange((SAMPLES + 1) ** 2), SAMPLES + 1)
-    inside = i + j <= SAMPLES
-    weights = np.stack([i, j, SAMPLES - i - j], axis=1)[inside] / SAMPLES
+    i, j = np.divmod(np.arange((TRIANGLE_SIDE_SAMPLES + 1) ** 2), TRIANGLE_SIDE_SAMPLES + 1)
+    inside = i + j <= TRIANGLE_SIDE_SAMPLES
+    weights = np.stack([i, j, TRIANGLE_SIDE_SAMPLES - i - j], axis=1)[inside] / TRIANGLE_SIDE_SAMPLES
     spread = np.einsum("wc,mcd->mwd", weights, corners[near]).reshape(-1, mesh.vertices.shape[1])
     points: Floats = boundary.source.closest_point(spread).points
     return points

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 #: Loops are told apart from this share of an edge outside of it.
-OUTSIDE = 0.25
+OUTSIDE_EDGE_SHARE = 0.25
 #: A flux that changes with u by less than this, over the length of an edge, fixes no constant.
 STILL = 1e-9
 #: Named in errors.
@@ -138,5 +138,5 @@ def _outside(vertices: Floats, edges: Ints, opposite: Ints) -> Floats:
     middle, along = 0.5 * (start + end), end - start
     inward = vertices[opposite] - middle
     inward -= (np.sum(inward * along, axis=1) / np.sum(along**2, axis=1))[:, None] * along
-    scale = OUTSIDE * np.linalg.norm(along, axis=1) / np.linalg.norm(inward, axis=1)
+    scale = OUTSIDE_EDGE_SHARE * np.linalg.norm(along, axis=1) / np.linalg.norm(inward, axis=1)
     return np.ascontiguousarray(middle - scale[:, None] * inward)

@@ -10,9 +10,9 @@ import numpy as np
 from cpmkit.plugin import ClosestPointSource, Floats, HasMesh, InputError, Ints, Scene, needed_spacing
 
 #: Vertices nearer than this share of the size are one: seams of parametrisations are closed.
-WELDED = 1e-12
+WELDED_SIZE_SHARE = 1e-12
 #: A triangle whose doubled area is below this share of its longest edge squared has no gradient in float64.
-FLAT = 1e-12
+FLAT_TRIANGLE_SHARE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +87,9 @@ def _welded(vertices: Floats, faces: Ints) -> Triangulation:
     from scipy.spatial import cKDTree
 
     rounding = 4 * np.finfo(float).eps * np.abs(vertices).max()
-    pairs = cKDTree(vertices).query_pairs(max(WELDED * np.ptp(vertices, axis=0).max(), rounding), output_type="ndarray")
+    pairs = cKDTree(vertices).query_pairs(
+        max(WELDED_SIZE_SHARE * np.ptp(vertices, axis=0).max(), rounding), output_type="ndarray"
+    )
     if len(pairs):
         n = len(vertices)
         graph = csr_array((np.ones(len(pairs), dtype=np.int8), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
@@ -108,7 +110,7 @@ def _refuse_flat(mesh: Triangulation) -> None:
     first, second = b - a, c - a
     shear = np.sum(first * second, axis=1) / np.sum(first**2, axis=1)
     twice_area = np.linalg.norm(first, axis=1) * np.linalg.norm(second - shear[:, None] * first, axis=1)
-    flat = np.flatnonzero(~(twice_area > FLAT * mesh.longest_edges**2))
+    flat = np.flatnonzero(~(twice_area > FLAT_TRIANGLE_SHARE * mesh.longest_edges**2))
     if len(flat):
         raise InputError(
             f"backend='fem' needs triangles with an area, got {len(flat)} of {len(mesh.faces)} without, the first at "

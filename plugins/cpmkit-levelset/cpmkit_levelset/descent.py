@@ -11,17 +11,17 @@ from __future__ import annotations
 import numpy as np
 
 from cpmkit.plugin import Bools, Floats, dots, norms
-from cpmkit_levelset.manifold import Shape, ZeroSet
+from cpmkit_levelset.manifold import LocalShape, ZeroSet
 
-ITERATIONS = 40
+LEVELSET_DESCENT_STEPS = 40
 #: Where the squared distance bends less than this, near a centre of curvature, the step is made as if it bent so.
-LEAST_BENDING = 1e-3
+LEAST_BENDING_OF_DISTANCE = 1e-3
 #: A Newton step shorter than this, relative to the size, is the last: the next one would be its square.
-SHORT = 1e-9
+LAST_NEWTON_SHARE = 1e-9
 #: A point whose shortest step still was longer than this, relative to the size, has not converged.
-LOOSE = 1e-6
+LOOSE_STEP_SHARE = 1e-6
 #: A step that does not shorten the distance is cut to this share, so many times.
-CUT, CUTS = 0.3, 10
+STEP_CUT_FACTOR, MOST_STEP_CUTS = 0.3, 10
 
 
 def descend(zero_set: ZeroSet, x: Floats, start: Floats, stride: float) -> tuple[Floats, Bools]:
@@ -47,23 +47,23 @@ def descend(zero_set: ZeroSet, x: Floats, start: Floats, stride: float) -> tuple
     y, converged = start.copy(), np.zeros(len(x), dtype=bool)
     rows = np.arange(len(x))
     last = np.full(len(x), np.inf)
-    for _ in range(ITERATIONS):
+    for _ in range(LEVELSET_DESCENT_STEPS):
         step = newton_step(zero_set.shape(x[rows], y[rows]))
         length = norms(step)
         shortened = step * np.divide(stride, length, out=np.ones_like(length), where=length > stride)[:, None]
         y[rows], moved = _downhill(zero_set, x[rows], y[rows], shortened, stride)
         # where steps are short and no longer shrink, rounding or a kink between cells of a grid keeps them up
-        stuck = (length <= LOOSE * zero_set.size) & (length > 0.5 * last[rows])
-        short = (length <= SHORT * zero_set.size) | stuck
+        stuck = (length <= LOOSE_STEP_SHARE * zero_set.size) & (length > 0.5 * last[rows])
+        short = (length <= LAST_NEWTON_SHARE * zero_set.size) | stuck
         last[rows] = length
         converged[rows[short]] = True
         rows = rows[moved & ~short]
         if not len(rows):
             break
-    return y, converged | (last <= LOOSE * zero_set.size)
+    return y, converged | (last <= LOOSE_STEP_SHARE * zero_set.size)
 
 
-def newton_step(shape: Shape) -> Floats:
+def newton_step(shape: LocalShape) -> Floats:
     """Return tangential steps (n, d): (I + bending)^-1 force, with I + bending shifted until it is positive."""
     force, bending = shape.force, shape.bending
     m = force.shape[1]
@@ -85,7 +85,7 @@ def newton_step(shape: Shape) -> Floats:
 
 
 def _raised(bending: Floats) -> Floats:
-    raised: Floats = np.maximum(np.abs(bending), LEAST_BENDING)
+    raised: Floats = np.maximum(np.abs(bending), LEAST_BENDING_OF_DISTANCE)
     return raised
 
 
@@ -94,14 +94,14 @@ def _downhill(zero_set: ZeroSet, x: Floats, y: Floats, step: Floats, stride: flo
     moved, best = np.zeros(len(x), dtype=bool), y.copy()
     rows, share = np.arange(len(x)), 1.0
     noise = 8 * np.finfo(float).eps * zero_set.size * (norms(x - y) + zero_set.size)
-    for _ in range(CUTS):
+    for _ in range(MOST_STEP_CUTS):
         trial, on = zero_set.project(y[rows] + share * step[rows], 2 * stride)
         change = trial - y[rows]
         # |x - trial|^2 - |x - y|^2, without the cancellation that far queries would suffer
         gain = dots(change, change - 2 * (x[rows] - y[rows]))
         good = on & (gain <= noise[rows])
         best[rows[good]], moved[rows[good]] = trial[good], True
-        rows, share = rows[~good], CUT * share
+        rows, share = rows[~good], STEP_CUT_FACTOR * share
         if not len(rows):
             break
     return best, moved

@@ -15,16 +15,16 @@ from typing import Any
 import numpy as np
 
 from cpmkit.plugin import Floats, InputError, as_vector, existing_file, norms, positive, read_array, shown, whole
-from cpmkit_levelset.fields import STEP, Field, FunctionField, check_gradient
+from cpmkit_levelset.fields import HESSIAN_STEP_SHARE, Field, FunctionField, check_gradient
 from cpmkit_levelset.formulas import formula_field
-from cpmkit_levelset.gridfield import NODES, GridField
+from cpmkit_levelset.gridfield import STENCIL_NODES, GridField
 from cpmkit_levelset.levelset import LevelSet, level_set
 
 #: Cells of the lattice of samples along the longest side of the bounds.
-RESOLUTION = 64
+DEFAULT_RESOLUTION = 64
 
 
-def expression(*, phi: Any, bounds: Any, trim: Any = None, resolution: Any = RESOLUTION) -> LevelSet:
+def expression(*, phi: Any, bounds: Any, trim: Any = None, resolution: Any = DEFAULT_RESOLUTION) -> LevelSet:
     """Return the zero set of a formula.
 
     Parameters
@@ -56,7 +56,7 @@ def function(
     bounds: Any,
     hessian: Callable[[Floats], Any] | None = None,
     trim: Any = None,
-    resolution: Any = RESOLUTION,
+    resolution: Any = DEFAULT_RESOLUTION,
 ) -> LevelSet:
     """Return the zero set of a Python function.
 
@@ -85,7 +85,7 @@ def function(
                 "levelset.expression takes formulas."
             )
     size = float(norms((box[1] - box[0])[None])[0])
-    field = FunctionField(box.shape[1], phi, gradient, hessian, STEP * size)
+    field = FunctionField(box.shape[1], phi, gradient, hessian, HESSIAN_STEP_SHARE * size)
     check_gradient(field, box)
     return _made(field, trim, box, resolution)
 
@@ -97,7 +97,7 @@ def grid(
     file: str | Path | None = None,
     origin: Any = None,
     trim: Any = None,
-    resolution: Any = RESOLUTION,
+    resolution: Any = DEFAULT_RESOLUTION,
 ) -> LevelSet:
     """Return the zero set of a function that is given on a regular grid.
 
@@ -135,13 +135,13 @@ def grid(
     )
 
 
-def dziuk(*, trim: Any = None, resolution: Any = RESOLUTION) -> LevelSet:
+def dziuk(*, trim: Any = None, resolution: Any = DEFAULT_RESOLUTION) -> LevelSet:
     """Return (x - z^2)^2 + y^2 + z^2 = 1 (Dziuk, 1988)."""
     phi, box = "(x - z**2)**2 + y**2 + z**2 - 1", [[-1.1, -1.1, -1.1], [1.35, 1.1, 1.1]]
     return expression(phi=phi, bounds=box, trim=trim, resolution=resolution)
 
 
-def decotetrahedron(*, trim: Any = None, resolution: Any = RESOLUTION) -> LevelSet:
+def decotetrahedron(*, trim: Any = None, resolution: Any = DEFAULT_RESOLUTION) -> LevelSet:
     """Return the sum of (x_i - 2)^2 (x_i + 2)^2 - 10 x_i^2, with 3 (x^2 y^2 + x^2 z^2 + y^2 z^2) + 6 x y z, = -22.
 
     Four lobes on a hollow body (King et al. (2024), section 7.2, after 3D-XplorMath); its size is about 6.
@@ -151,13 +151,15 @@ def decotetrahedron(*, trim: Any = None, resolution: Any = RESOLUTION) -> LevelS
     return expression(phi=phi, bounds=[[-4.0] * 3, [4.0] * 3], trim=trim, resolution=resolution)
 
 
-def tooth(*, trim: Any = None, resolution: Any = RESOLUTION) -> LevelSet:
+def tooth(*, trim: Any = None, resolution: Any = DEFAULT_RESOLUTION) -> LevelSet:
     """Return x^4 + y^4 + z^4 = x^2 + y^2 + z^2, without the point at the origin, which is no part of the surface."""
     phi = "x**4 + y**4 + z**4 - (x**2 + y**2 + z**2)"
     return expression(phi=phi, bounds=[[-1.25] * 3, [1.25] * 3], trim=trim, resolution=resolution)
 
 
-def goursat(*, a: Any = 0.0, b: Any = -5.0, c: Any = 11.8, trim: Any = None, resolution: Any = RESOLUTION) -> LevelSet:
+def goursat(
+    *, a: Any = 0.0, b: Any = -5.0, c: Any = 11.8, trim: Any = None, resolution: Any = DEFAULT_RESOLUTION
+) -> LevelSet:
     """Return x^4 + y^4 + z^4 + a (x^2 + y^2 + z^2)^2 + b (x^2 + y^2 + z^2) + c = 0 (Goursat, 1887).
 
     The defaults give the tangle cube. ``a`` must be above -1/3, where the surface is bounded.
@@ -210,8 +212,10 @@ def _as_grid(values: Any) -> Floats:
         samples = np.ascontiguousarray(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"values must be an array of numbers, got {type(values).__name__}.") from error
-    if samples.ndim not in (2, 3) or min(samples.shape) < NODES:
-        raise InputError(f"values must have 2 or 3 axes with {NODES} grid points or more, got shape {samples.shape}.")
+    if samples.ndim not in (2, 3) or min(samples.shape) < STENCIL_NODES:
+        raise InputError(
+            f"values must have 2 or 3 axes with {STENCIL_NODES} grid points or more, got shape {samples.shape}."
+        )
     bad = int((~np.isfinite(samples)).sum())
     if bad:
         raise InputError(f"values must be finite: {bad} of {samples.size} are NaN or infinite.")

@@ -11,7 +11,7 @@ import numpy as np
 from cpmkit.plugin import Floats, InputError
 
 #: Step of the central differences that replace a missing Hessian, relative to the size of the bounds.
-STEP = 1e-5
+HESSIAN_STEP_SHARE = 1e-5
 
 
 class Field(Protocol):

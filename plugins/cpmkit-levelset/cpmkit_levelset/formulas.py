@@ -11,7 +11,7 @@ import numpy as np
 from cpmkit.plugin import COORDINATES, FUNCTIONS, Floats, FormulaJets, SceneError, formula_jets, formula_tree, shown
 
 #: What formulas offer and level sets do not: it has no second derivative.
-ROUGH = ("sign", "floor", "minimum", "maximum")
+ROUGH_FUNCTIONS = ("sign", "floor", "minimum", "maximum")
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def formula_field(text: Any, dim: int, what: str) -> FormulaField:
         raise SceneError(
             f"{what} uses {shown(ast.get_source_segment(text.strip(), rough))}, which has no second derivative "
             f"everywhere; a level set is smooth: use + - * / ** and "
-            f"{', '.join(name for name in FUNCTIONS if name not in ROUGH)}."
+            f"{', '.join(name for name in FUNCTIONS if name not in ROUGH_FUNCTIONS)}."
         )
     jets = formula_jets([tree], names, what)
     if not jets.programs[0].variables:
@@ -77,7 +77,7 @@ def formula_field(text: Any, dim: int, what: str) -> FormulaField:
 def _is_rough(node: ast.AST) -> bool:
     match node:
         case ast.Call(func=ast.Name(id=name)):
-            return name in ROUGH
+            return name in ROUGH_FUNCTIONS
         case ast.BinOp(op=ast.Mod()) | ast.Compare():
             return True
     return False

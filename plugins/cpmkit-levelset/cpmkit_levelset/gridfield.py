@@ -13,9 +13,9 @@ import numpy as np
 from cpmkit.plugin import Bools, Floats, Ints
 
 #: Grid points along each axis that a cell's polynomial runs through.
-NODES = 6
+STENCIL_NODES = 6
 #: Coefficients (power, node) of the six Lagrange polynomials in t - 5/2, for the nodes t = 0, ..., 5.
-LAGRANGE = np.linalg.inv(np.vander(np.arange(NODES) - 2.5, increasing=True))
+LAGRANGE_COEFFICIENTS = np.linalg.inv(np.vander(np.arange(STENCIL_NODES) - 2.5, increasing=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +90,7 @@ class GridField:
         with np.errstate(invalid="ignore"):
             outside: Bools = np.logical_not(((q >= -1e-9) & (q <= last + 1e-9)).all(axis=1))
         q = np.where(outside[:, None], 0.0, q)
-        first = np.clip(np.floor(q).astype(np.int64) - 2 + shift, 0, last - (NODES - 1))
+        first = np.clip(np.floor(q).astype(np.int64) - 2 + shift, 0, last - (STENCIL_NODES - 1))
         table = self._patches(first)
         for axis in range(self.dim):
             weights = _weights(q[:, axis] - first[:, axis] - 2.5, most)
@@ -101,7 +101,8 @@ class GridField:
     def _patches(self, first: Ints) -> Floats:
         """Return (n, 6, 6[, 6]): the values that the polynomials run through, from the grid points ``first`` on."""
         index = tuple(
-            first[:, axis].reshape(-1, *[1] * self.dim) + np.arange(NODES).reshape(-1, *[1] * (self.dim - 1 - axis))
+            first[:, axis].reshape(-1, *[1] * self.dim)
+            + np.arange(STENCIL_NODES).reshape(-1, *[1] * (self.dim - 1 - axis))
             for axis in range(self.dim)
         )
         patches: Floats = self.values[index]
@@ -116,10 +117,10 @@ def _entry(table: Floats, orders: tuple[int, ...]) -> Floats:
 
 def _weights(t: Floats, most: int) -> Floats:
     """Return (n, 6, most + 1): the Lagrange polynomials at ``t`` and their derivatives."""
-    weights = np.empty((len(t), NODES, most + 1))
-    coefficients = LAGRANGE
+    weights = np.empty((len(t), STENCIL_NODES, most + 1))
+    coefficients = LAGRANGE_COEFFICIENTS
     for order in range(most + 1):
-        total = np.zeros((len(t), NODES))
+        total = np.zeros((len(t), STENCIL_NODES))
         for row in coefficients[::-1]:
             total = total * t[:, None] + row
         weights[:, :, order] = total

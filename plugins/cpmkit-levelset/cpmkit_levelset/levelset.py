@@ -11,18 +11,18 @@ from cpmkit.plugin import Advice, Bools, ClosestPoints, Floats, InputError, Ints
 from cpmkit_levelset.fields import Field
 from cpmkit_levelset.manifold import ZeroSet, unit_or_nan
 from cpmkit_levelset.marching import marching_simplices
-from cpmkit_levelset.sampling import COVERING, in_chunks, sample_lattice, surface_samples, ways_out
+from cpmkit_levelset.sampling import COVERING_SPACINGS, in_chunks, sample_lattice, surface_samples, ways_out
 from cpmkit_levelset.search import Layer, layer, search
 
 #: Queries that are answered at a time: temporary arrays stay in the cache.
-PARCEL = 16384
+LEVELSET_PARCEL_QUERIES = 16384
 #: A foot closer than this to the edge, relative to the size, lies on it.
-ON_EDGE = 1e-11
+ON_LEVELSET_EDGE_SHARE = 1e-11
 #: The error of a solution, as a share of its range, over that of the field's slope. Spheres from values on 10 to 28
 #: grid points a side, u = z: 0.06 to 0.4.
-FLOOR = 0.13
+ERROR_PER_FIELD_SLOPE = 0.13
 #: A mesh has at least this many cells along the longest side of the bounds.
-LEAST_CELLS = 16
+LEVELSET_LEAST_CELLS = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,8 +89,8 @@ class LevelSet:
         x = as_points(x, self.dim) - self.shift
         points, distance = np.empty_like(x), np.empty(len(x))
         edge, doubtful = np.full(len(x), -1), np.zeros(len(x), dtype=bool)
-        for start in range(0, len(x), PARCEL):
-            part = slice(start, start + PARCEL)
+        for start in range(0, len(x), LEVELSET_PARCEL_QUERIES):
+            part = slice(start, start + LEVELSET_PARCEL_QUERIES)
             points[part], distance[part], edge[part], doubtful[part] = self._feet(x[part])
         return ClosestPoints(points + self.shift, distance, edge, doubtful=doubtful)
 
@@ -103,7 +103,7 @@ class LevelSet:
 
         Triangles are wound counterclockwise as seen from where phi grows; segments have that on their right.
         """
-        coarsest = float((self.box[1] - self.box[0]).max()) / LEAST_CELLS
+        coarsest = float((self.box[1] - self.box[0]).max()) / LEVELSET_LEAST_CELLS
         lattice = sample_lattice(self.field, self.box, min(positive(spacing, "spacing"), coarsest))
         vertices, cells = marching_simplices(lattice)
         if self.trim is not None:
@@ -115,7 +115,7 @@ class LevelSet:
 
     def advice(self, _spacing: float, /) -> Advice:
         """Return the error that the field's own leaves in a solution at any spacing."""
-        return Advice(FLOOR * self.slope_error)
+        return Advice(ERROR_PER_FIELD_SLOPE * self.slope_error)
 
     def translated(self, offset: Floats, /) -> LevelSet:
         """Return the same level set moved by ``offset`` (d,)."""
@@ -145,7 +145,7 @@ class LevelSet:
         """Return which points of the zero set belong to the piece and do not lie on its edge."""
         assert self.trim is not None
         value, gradient = self.trim.gradient(points)
-        inside: Bools = value < -ON_EDGE * self.surface.zero_set.size * norms(gradient)
+        inside: Bools = value < -ON_LEVELSET_EDGE_SHARE * self.surface.zero_set.size * norms(gradient)
         return inside
 
     def _oriented(self, feet: ClosestPoints, cells: Ints) -> Ints:
@@ -196,7 +196,7 @@ def level_set(field: Field, trim: Field | None, box: Floats, resolution: int) ->
     edge = None
     if trim is not None:
         samples, edge = _trimmed(field, trim, samples, size, spacing)
-    return LevelSet(field, trim, box, layer(zero_set, samples, COVERING * spacing), edge, np.zeros(field.dim))
+    return LevelSet(field, trim, box, layer(zero_set, samples, COVERING_SPACINGS * spacing), edge, np.zeros(field.dim))
 
 
 def _trimmed(field: Field, trim: Field, samples: Floats, size: float, spacing: float) -> tuple[Floats, Layer | None]:
@@ -213,7 +213,7 @@ def _trimmed(field: Field, trim: Field, samples: Floats, size: float, spacing: f
         return samples[inside], None
     if field.dim == 2:
         points = _ends(points, size)
-    return samples[inside | (away <= COVERING * spacing)], layer(rim, points, COVERING * spacing)
+    return samples[inside | (away <= COVERING_SPACINGS * spacing)], layer(rim, points, COVERING_SPACINGS * spacing)
 
 
 def _ends(points: Floats, size: float) -> Floats:

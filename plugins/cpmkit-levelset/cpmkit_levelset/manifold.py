@@ -15,12 +15,12 @@ from cpmkit.plugin import Bools, Floats, dots, norms
 from cpmkit_levelset.fields import Field
 
 #: How often a point is moved by phi / |grad phi| on its way to the surface.
-PROJECTIONS = 12
+MOST_PROJECTIONS = 12
 #: A point is on the surface when the last such move was shorter than this, relative to the size.
-ON_SURFACE = 1e-13
+ON_SURFACE_SHARE = 1e-13
 
 
-class Shape(NamedTuple):
+class LocalShape(NamedTuple):
     """The zero set around points of it: bases and shape operators.
 
     Attributes
@@ -60,12 +60,12 @@ class ZeroSet:
         """
         q, done = p.copy(), np.zeros(len(p), dtype=bool)
         rows = np.arange(len(p))
-        for _ in range(PROJECTIONS):
+        for _ in range(MOST_PROJECTIONS):
             step = self._correction(q[rows])
             length = norms(step)
             fine = length <= reach  # False for NaN
             q[rows[fine]] -= step[fine]
-            ended = length <= ON_SURFACE * self.size
+            ended = length <= ON_SURFACE_SHARE * self.size
             done[rows[ended]] = True
             rows = rows[fine & ~ended]
             if not len(rows):
@@ -77,7 +77,7 @@ class ZeroSet:
         length = norms(self._correction(p))
         return np.where(np.isfinite(length), length, np.inf)
 
-    def shape(self, x: Floats, y: Floats) -> Shape:
+    def shape(self, x: Floats, y: Floats) -> LocalShape:
         """Return how the zero set lies at ``y`` (n, d), seen from the queries ``x`` (n, d)."""
         jets = [field.jet(y) for field in self.fields]
         gradients = [jet[1] for jet in jets]
@@ -88,7 +88,7 @@ class ZeroSet:
             hessian = sum(m[:, None, None] * jet[2] for m, jet in zip(multipliers, jets, strict=True))
             bending = np.einsum("nai,nij,nbj->nab", tangents, hessian, tangents, optimize=False)
             force = np.einsum("nai,ni->na", tangents, across, optimize=False)
-        return Shape(tangents, bending, force)
+        return LocalShape(tangents, bending, force)
 
     def _correction(self, p: Floats) -> Floats:
         pairs = [field.gradient(p) for field in self.fields]

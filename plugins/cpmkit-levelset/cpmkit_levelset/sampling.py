@@ -12,9 +12,9 @@ from cpmkit_levelset.fields import Field
 from cpmkit_levelset.manifold import ZeroSet
 
 #: Rows that are evaluated at a time: temporary arrays stay in the cache.
-CHUNK = 32768
+FIELD_CHUNK_ROWS = 32768
 #: How far, in spacings of the lattice, a point can be from the nearest sample: 0.67 was the most that was measured.
-COVERING = 0.7
+COVERING_SPACINGS = 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,7 @@ def sample_lattice(field: Field, bounds: Floats, spacing: float) -> SampleLattic
 
 
 def surface_samples(zero_set: ZeroSet, lattice: SampleLattice) -> Floats:
-    """Return points (n, d) of the level set, at least one within ``COVERING`` spacings of each of its points.
+    """Return points (n, d) of the level set, at least one within ``COVERING_SPACINGS`` spacings of each of its points.
 
     Every node that is about half a cell's diagonal or less from the level set, to first order, is moved onto it:
     each point of the level set has such a node. Where phi vanishes together with its gradient nothing is
@@ -117,5 +117,5 @@ def _outside(values: Bools, axis: int) -> Bools:
 
 def in_chunks(function: Callable[[Floats], Floats], points: Floats) -> Floats:
     """Return the values (n,) of a function of points, evaluated some thousand at a time."""
-    parts = [function(points[start : start + CHUNK]) for start in range(0, len(points), CHUNK)]
+    parts = [function(points[start : start + FIELD_CHUNK_ROWS]) for start in range(0, len(points), FIELD_CHUNK_ROWS)]
     return np.concatenate(parts) if parts else np.zeros(0)

@@ -21,15 +21,15 @@ from cpmkit_levelset.descent import descend
 from cpmkit_levelset.manifold import ZeroSet, normal_basis
 
 #: How many of the nearest samples are looked at: first by every query, then by those for which that was too few.
-TIERS = (12, 192)
+SAMPLE_TIERS = (12, 192)
 #: Descents from different samples, for one query and tier.
-DESCENTS = 10
+LEVELSET_DESCENTS = 10
 #: What a sample's model says is trusted to this share of the covering radius and of its curvature.
-SAME_BASIN, VARIATION, STATIONARY = 1.25, 0.1, 0.5
+SAME_BASIN_COVERINGS, MODEL_TRUST_SHARE, STATIONARY_COVERINGS = 1.25, 0.1, 0.5
 #: Samples whose radius of curvature is below this many covering radii have no model to trust.
-ROUGH = 1.0
+ROUGH_RADIUS_COVERINGS = 1.0
 #: A model's minimum is looked for up to this many covering radii from its sample.
-FARTHEST = 4.0
+FARTHEST_MINIMUM_COVERINGS = 4.0
 
 Keep = Callable[[Floats], Bools]
 
@@ -81,7 +81,7 @@ class Layer:
     def rough(self) -> Bools:
         """(k,) at which samples the zero set bends too much for the models."""
         bend = np.sqrt(dots(self.bends, self.bends)).max(axis=1, initial=0.0)
-        rough: Bools = ~(bend * self.covering * ROUGH <= 1.0)
+        rough: Bools = ~(bend * self.covering * ROUGH_RADIUS_COVERINGS <= 1.0)
         return rough
 
     def models(self, x: Floats, gap: Floats, near: Ints) -> Models:
@@ -99,14 +99,16 @@ class Layer:
                 inside = size <= r * bending
                 u = force / bending
                 lowest += np.where(inside, -force * u, r * (r * bending - 2 * size))
-                u = np.where(bending > 0, np.clip(u, -FARTHEST * r, FARTHEST * r), np.nan)
-            promising &= size <= r * (np.maximum(bending, 0.0) + STATIONARY * (1.0 + gap * bends))
+                u = np.where(
+                    bending > 0, np.clip(u, -FARTHEST_MINIMUM_COVERINGS * r, FARTHEST_MINIMUM_COVERINGS * r), np.nan
+                )
+            promising &= size <= r * (np.maximum(bending, 0.0) + STATIONARY_COVERINGS * (1.0 + gap * bends))
             minimum = minimum + u[:, :, None] * tangent
-        return Models(lowest - 2 * m * VARIATION * r * r * gap * bends, minimum, promising)
+        return Models(lowest - 2 * m * MODEL_TRUST_SHARE * r * r * gap * bends, minimum, promising)
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class BestPoints:
     """The best points so far (n, d), their distances (n,), infinite for none, and which are beyond doubt (n,)."""
 
     points: Floats
@@ -122,7 +124,7 @@ def layer(zero_set: ZeroSet, samples: Floats, covering: float) -> Layer:
     return Layer(zero_set, samples, cKDTree(samples), tangents, bends, covering)
 
 
-def search(where: Layer, x: Floats, known: Floats | None = None, keep: Keep | None = None) -> Found:
+def search(where: Layer, x: Floats, known: Floats | None = None, keep: Keep | None = None) -> BestPoints:
     """Return the nearest points of a layer for the queries ``x`` (n, d).
 
     Parameters
@@ -138,28 +140,28 @@ def search(where: Layer, x: Floats, known: Floats | None = None, keep: Keep | No
     distance = np.full(n, np.inf) if known is None else known.copy()
     points, sure = np.full((n, d), np.nan), np.zeros(n, dtype=bool)
     rows = np.arange(n)
-    for count in TIERS:
+    for count in SAMPLE_TIERS:
         last = count >= len(where.samples)
-        before = Found(points[rows], distance[rows], sure[rows])
+        before = BestPoints(points[rows], distance[rows], sure[rows])
         after = _descents(where, x[rows], before, min(count, len(where.samples)), keep)
         points[rows], distance[rows], sure[rows] = after.points, after.distance, after.sure
         rows = rows[~after.sure]
         if last or not len(rows):
             break
-    return Found(points, distance, sure)
+    return BestPoints(points, distance, sure)
 
 
-def _descents(where: Layer, x: Floats, before: Found, count: int, keep: Keep | None) -> Found:
+def _descents(where: Layer, x: Floats, before: BestPoints, count: int, keep: Keep | None) -> BestPoints:
     """Descend, for each query, from those of its nearest ``count`` samples that may lead to a nearer point."""
     gap, near = where.tree.query(x, np.arange(1, count + 1))
     lowest, minimum, promising = where.models(x, gap, near)
     points, best = before.points.copy(), before.distance.copy()
-    reach = SAME_BASIN * where.covering
-    untried = promising & ~(_close(minimum, points, reach) | _close(where.samples[near], points, reach))
+    reach = SAME_BASIN_COVERINGS * where.covering
+    untried = promising & ~(_within_reach(minimum, points, reach) | _within_reach(where.samples[near], points, reach))
     untried[:, 0] |= np.isinf(best)  # some point must be found, whatever the models say
     sure, failed = np.zeros(len(x), dtype=bool), np.zeros(len(x), dtype=bool)
     active = np.arange(len(x))
-    for _ in range(DESCENTS + 1):
+    for _ in range(LEVELSET_DESCENTS + 1):
         untried[active] &= _may_be_nearer(gap[active], lowest[active], best[active])
         left = untried[active].any(axis=1)
         sure[active[~left]] = True
@@ -171,7 +173,9 @@ def _descents(where: Layer, x: Floats, before: Found, count: int, keep: Keep | N
         start = where.samples[near[active, pick]]
         foot, converged = descend(where.zero_set, x[active], start, 2 * where.covering)
         failed[active[~converged]] = True
-        untried[active] &= ~(_close(minimum[active], foot, reach) | _close(where.samples[near[active]], foot, reach))
+        untried[active] &= ~(
+            _within_reach(minimum[active], foot, reach) | _within_reach(where.samples[near[active]], foot, reach)
+        )
         distance = norms(x[active] - foot)
         if keep is not None:
             distance = np.where(keep(foot), distance, np.inf)
@@ -179,7 +183,7 @@ def _descents(where: Layer, x: Floats, before: Found, count: int, keep: Keep | N
         points[active[better]], best[active[better]] = foot[better], distance[better]
     # the samples beyond the last may lead to a nearer point if the most that any of these promises would do it
     more = _may_be_nearer(gap[:, -1], lowest.min(axis=1), best) & (count < len(where.samples))
-    return Found(points, best, sure & ~failed & ~more & ~where.rough[near[:, 0]])
+    return BestPoints(points, best, sure & ~failed & ~more & ~where.rough[near[:, 0]])
 
 
 def _may_be_nearer(gap: Floats, lowest: Floats, best: Floats) -> Bools:
@@ -190,7 +194,7 @@ def _may_be_nearer(gap: Floats, lowest: Floats, best: Floats) -> Bools:
         return ~((gap - best) * (gap + best) + lowest > 0)
 
 
-def _close(many: Floats, points: Floats, reach: float) -> Bools:
+def _within_reach(many: Floats, points: Floats, reach: float) -> Bools:
     """Return (n, k): which of ``many`` (n, k, d) lie within ``reach`` of ``points`` (n, d); beside NaN lies none."""
     across = many - points[:, None]
     return dots(across, across) <= reach**2

@@ -9,11 +9,11 @@ import numpy as np
 
 from cpmkit.plugin import compiled
 
-BINS = 16
-LEAF = 4
+SPLIT_BINS = 16
+LEAF_PRIMITIVES = 4
 #: Below this depth nodes are halved by number, which bounds the depth and with it the stacks.
-DEEP = 40
-STACK = 96
+HALVING_DEPTH = 40
+STACK_NODES = 96
 
 
 @compiled
@@ -28,14 +28,14 @@ def build(lower, upper):
     order = np.arange(m)
     boxes = np.empty((2 * m, 6))
     nodes = np.zeros((2 * m, 2), dtype=np.int64)
-    pending = np.empty((2 * STACK, 4), dtype=np.int64)
+    pending = np.empty((2 * STACK_NODES, 4), dtype=np.int64)
     pending[0] = (0, 0, m, 0)
     used, waiting = 1, 1
     while waiting:
         waiting -= 1
         node, start, stop, depth = pending[waiting]
         _bound(lower, upper, order, start, stop, boxes[node])
-        if stop - start <= LEAF:
+        if stop - start <= LEAF_PRIMITIVES:
             nodes[node] = (stop - start, start)
             continue
         middle = _split(lower, upper, order, start, stop, depth)
@@ -67,14 +67,14 @@ def _split(lower, upper, order, start, stop, depth):
             twice_centre = lower[order[i], k] + upper[order[i], k]
             low, high = min(low, twice_centre), max(high, twice_centre)
         if high > low:
-            per_width = BINS * (1 - 1e-12) / (high - low)
+            per_width = SPLIT_BINS * (1 - 1e-12) / (high - low)
             bin_here, cost_here = _best_bin(lower, upper, order, start, stop, k, low, per_width)
             if cost_here < cost:
                 axis, place, least, scale, cost = k, bin_here, low, per_width, cost_here
     half = (start + stop) // 2
     if axis < 0:
         return half
-    if depth >= DEEP:
+    if depth >= HALVING_DEPTH:
         part = order[start:stop].copy()
         order[start:stop] = part[np.argsort(lower[part, axis] + upper[part, axis])]
         return half
@@ -95,8 +95,8 @@ def _best_bin(lower, upper, order, start, stop, axis, least, scale):
     That is the box's extent times the number in it, summed over both sides. For rays the extent would be
     the area; for queries nearby the sum of the sides does slightly better.
     """
-    counts = np.zeros(BINS, dtype=np.int64)
-    box = np.empty((BINS, 6))
+    counts = np.zeros(SPLIT_BINS, dtype=np.int64)
+    box = np.empty((SPLIT_BINS, 6))
     box[:, :3] = np.inf
     box[:, 3:] = -np.inf
     for i in range(start, stop):
@@ -106,12 +106,12 @@ def _best_bin(lower, upper, order, start, stop, axis, least, scale):
         for k in range(3):
             box[b, k] = min(box[b, k], lower[primitive, k])
             box[b, 3 + k] = max(box[b, 3 + k], upper[primitive, k])
-    cost = np.zeros(BINS - 1)
+    cost = np.zeros(SPLIT_BINS - 1)
     for direction in range(2):
         total = 0
         grown = np.array([np.inf, np.inf, np.inf, -np.inf, -np.inf, -np.inf])
-        for step in range(BINS - 1):
-            b = step if direction == 0 else BINS - 1 - step
+        for step in range(SPLIT_BINS - 1):
+            b = step if direction == 0 else SPLIT_BINS - 1 - step
             total += counts[b]
             for k in range(3):
                 grown[k] = min(grown[k], box[b, k])

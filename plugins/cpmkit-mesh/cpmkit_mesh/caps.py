@@ -13,11 +13,11 @@ from cpmkit_mesh.reading import distinct_faces
 from cpmkit_mesh.topology import topology
 
 #: A triangle is a cap if it is lower than this share of its longest edge,
-LOW = 1e-6
+CAP_OF_LONGEST_SHARE = 1e-6
 #: and than this share of its shortest.
-FLAT = 1e-3
+CAP_OF_SHORTEST_SHARE = 1e-3
 #: Rounds in which caps are looked for: of several side by side one is taken out in each.
-ROUNDS = 30
+CAP_ROUNDS = 30
 
 
 def caps_of(points: Floats, faces: Ints) -> tuple[Bools, Ints]:
@@ -26,7 +26,9 @@ def caps_of(points: Floats, faces: Ints) -> tuple[Bools, Ints]:
     longest = length.max(axis=1)
     edges = points[faces[:, 1:]] - points[faces[:, :1]]
     height = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / longest
-    return (height <= LOW * longest) & (height <= FLAT * length.min(axis=1)), length.argmax(axis=1)
+    return (height <= CAP_OF_LONGEST_SHARE * longest) & (
+        height <= CAP_OF_SHORTEST_SHARE * length.min(axis=1)
+    ), length.argmax(axis=1)
 
 
 def without_caps(points: Floats, faces: Ints) -> tuple[Ints, Ints]:
@@ -40,7 +42,7 @@ def without_caps(points: Floats, faces: Ints) -> tuple[Ints, Ints]:
         Their corners: which of ``faces.ravel()`` each one is.
     """
     rows, corners = np.arange(len(faces)), np.arange(3 * len(faces)).reshape(-1, 3)
-    for _ in range(ROUNDS):
+    for _ in range(CAP_ROUNDS):
         cells = faces.ravel()[corners]
         is_cap, apex = caps_of(points, cells)
         caps = np.flatnonzero(is_cap)

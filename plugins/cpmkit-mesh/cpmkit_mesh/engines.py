@@ -20,9 +20,9 @@ from cpmkit_mesh.tree import Nearest, Tree, nearest, nearest_in
 
 ENGINES = ("own", "fcl", "open3d")
 #: Twice the area over the square of the longest edge, below which fcl's answers about a whole mesh are wrong.
-NO_AREA = 1e-12
+SLIVER_SHARE_FOR_FCL = 1e-12
 #: Packages of Debian whose name does not follow from that of their library.
-PACKAGES = {"libGL.so.1": "libgl1", "libEGL.so.1": "libegl1", "libX11.so.6": "libx11-6"}
+DEBIAN_PACKAGES = {"libGL.so.1": "libgl1", "libEGL.so.1": "libegl1", "libX11.so.6": "libx11-6"}
 
 Search = Callable[[Floats], Nearest]
 
@@ -48,7 +48,7 @@ def _fcl(tree: Tree) -> Callable[[Floats], Ints]:
     fcl = _imported("fcl", "python-fcl")
     first, second = tree.frames[:, 1], tree.frames[:, 2]
     longest = np.max([np.sum(edge**2, axis=1) for edge in (first, second, second - first)], axis=0)
-    flat = np.linalg.norm(np.cross(first, second), axis=1) <= NO_AREA * longest
+    flat = np.linalg.norm(np.cross(first, second), axis=1) <= SLIVER_SHARE_FOR_FCL * longest
     if flat.any():
         raise InputError(
             f"{int(flat.sum())} of {len(flat)} triangles have no area, and fcl answers wrongly about a mesh that has "
@@ -112,7 +112,7 @@ def _unloadable(distribution: str, message: str) -> str:
     if library is None:
         return f"{distribution} is installed but does not load: {message}; engine = 'own' needs no other library."
     name = library[1]
-    package = PACKAGES.get(name, name.replace(".so.", "-").lower())
+    package = DEBIAN_PACKAGES.get(name, name.replace(".so.", "-").lower())
     return (
         f"{distribution} is installed but cannot load the system library {name}; on Debian `apt-get install {package}` "
         "adds it, and engine = 'own' needs no other library."

@@ -12,11 +12,11 @@ from cpmkit_mesh.topology import Topology
 from cpmkit_mesh.tree import Nearest, Tree, nearest_in
 
 #: Feet nearer to each other than this share of their distance, or of the mesh's size, are one.
-NEAR, TINY = 1e-6, 1e-9
+SAME_FOOT_DISTANCE_SHARE, SAME_FOOT_SIZE_SHARE = 1e-6, 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Patches:
+class VertexPatches:
     """Which triangles meet at each vertex, by the slots of a tree.
 
     Attributes
@@ -37,7 +37,7 @@ class Patches:
 
 
 @dataclass(frozen=True, eq=False)
-class Minima:
+class LocalMinima:
     """Local minima of the distance: the row of the query and the foot of each, and how many triangles were measured."""
 
     rows: Ints
@@ -45,7 +45,7 @@ class Minima:
     measured: int
 
 
-def patches(tree: Tree, positions: Floats, faces: Ints, adjacency: Topology) -> Patches:
+def patches(tree: Tree, positions: Floats, faces: Ints, adjacency: Topology) -> VertexPatches:
     """Return the patches of ``faces`` (m, 3) between vertices at ``positions`` (k, 3)."""
     from cpmkit_mesh import building_kernels
 
@@ -53,7 +53,7 @@ def patches(tree: Tree, positions: Floats, faces: Ints, adjacency: Topology) -> 
     corner = vertices.ravel()
     first = np.r_[0, np.cumsum(np.bincount(corner, minlength=len(positions)))]
     cones = building_kernels.bound_normals(tree.nodes, vertices, *_around_vertices(positions, faces, adjacency))
-    return Patches(vertices, first, np.argsort(corner, kind="stable") // 3, cones)
+    return VertexPatches(vertices, first, np.argsort(corner, kind="stable") // 3, cones)
 
 
 def _around_vertices(positions: Floats, faces: Ints, adjacency: Topology) -> tuple[Floats, Floats]:
@@ -62,15 +62,15 @@ def _around_vertices(positions: Floats, faces: Ints, adjacency: Topology) -> tup
     The way from a local minimum at a vertex, or on an edge, is a mix of these normals with weights above zero, where
     they are all within a right angle of one direction. Where the mesh ends or branches it is not: the angle is pi.
     """
-    own, corner = np.repeat(face_normals(positions, faces), 3, axis=0), faces.ravel()
-    axes = unit(np.stack([np.bincount(corner, own[:, k], len(positions)) for k in range(3)], axis=1))
+    normal_of_corner, corner = np.repeat(face_normals(positions, faces), 3, axis=0), faces.ravel()
+    axes = unit(np.stack([np.bincount(corner, normal_of_corner[:, k], len(positions)) for k in range(3)], axis=1))
     angles = np.zeros(len(positions))
-    np.maximum.at(angles, corner, np.arccos(np.clip(np.einsum("ij,ij->i", axes[corner], own), -1.0, 1.0)))
+    np.maximum.at(angles, corner, np.arccos(np.clip(np.einsum("ij,ij->i", axes[corner], normal_of_corner), -1.0, 1.0)))
     angles[faces[(adjacency.neighbours < 0).any(axis=1)]] = np.pi
     return axes, angles if adjacency.consistent else np.full(len(angles), np.pi)
 
 
-def local_minima(tree: Tree, around: Patches, x: Floats, radius: float) -> Minima:
+def local_minima(tree: Tree, around: VertexPatches, x: Floats, radius: float) -> LocalMinima:
     """Return the local minima of the distance from each row of ``x`` (n, 3), up to ``radius``, by ascending rows."""
     from cpmkit_mesh import tree_kernels
 
@@ -86,10 +86,10 @@ def local_minima(tree: Tree, around: Patches, x: Floats, radius: float) -> Minim
     rows, slot = (np.concatenate([np.zeros(0, dtype=np.int64), *[part[k] for part in parts]]) for k in range(2))
     found, measured = nearest_in(tree, x[rows], slot), sum(part[2] for part in parts)
     within = found.distance <= radius
-    return Minima(rows[within], taken(found, within), measured)
+    return LocalMinima(rows[within], records_at(found, within), measured)
 
 
-def with_nearest(nearest: Nearest, radius: float, further: Minima) -> Minima:
+def with_nearest(nearest: Nearest, radius: float, further: LocalMinima) -> LocalMinima:
     """Return the nearest point of each query within ``radius``, then its other minima by their distance.
 
     Of several triangles that share the nearest point the search may name another than the minima do.
@@ -99,10 +99,10 @@ def with_nearest(nearest: Nearest, radius: float, further: Minima) -> Minima:
     both = [(getattr(nearest, name)[near], getattr(further.found, name)) for name in nearest.__dataclass_fields__]
     found = Nearest(*[np.concatenate(pair) for pair in both])
     order = np.lexsort((found.distance, behind, rows))
-    return Minima(rows[order], taken(found, order), further.measured)
+    return LocalMinima(rows[order], records_at(found, order), further.measured)
 
 
-def taken(found: Nearest, index: Ints | Bools) -> Nearest:
+def records_at(found: Nearest, index: Ints | Bools) -> Nearest:
     """Return the records at ``index``."""
     return Nearest(found.slot[index], found.local[index], found.foot[index], found.distance[index])
 
@@ -116,6 +116,6 @@ def distinct(x: Floats, rows: Ints, found: Nearest, size: float) -> Bools:
     from cpmkit_mesh import tree_kernels
 
     kept = np.empty(len(rows), dtype=np.bool_)
-    tree_kernels.distinct(rows, found.foot, found.distance, NEAR, TINY * size, kept)
+    tree_kernels.distinct(rows, found.foot, found.distance, SAME_FOOT_DISTANCE_SHARE, SAME_FOOT_SIZE_SHARE * size, kept)
     reach = np.linalg.norm(x[rows] - found.foot, axis=1)
-    return np.asarray(kept & (reach >= (1.0 - NEAR) * found.distance - TINY * size))
+    return np.asarray(kept & (reach >= (1.0 - SAME_FOOT_DISTANCE_SHARE) * found.distance - SAME_FOOT_SIZE_SHARE * size))

@@ -12,7 +12,7 @@ from cpmkit_mesh.directions import doubled_areas, face_normals
 from cpmkit_mesh.topology import BLOCKED, Topology
 
 #: Triangles lower than this share of the mesh's size have no say: files of six digits do not hold their normal.
-FLAT = 1e-5
+LEAST_HEIGHT_SIZE_SHARE = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,7 @@ def folds(vertices: Floats, faces: Ints, adjacency: Topology) -> Folds:
     length = np.linalg.norm(vertices[end] - vertices[start], axis=1)
     twice_area = doubled_areas(vertices, faces)
     heights = np.stack([twice_area[face], twice_area[other]]) / length
-    angle[heights.min(axis=0) < FLAT * np.ptp(vertices, axis=0).max()] = 0.0
+    angle[heights.min(axis=0) < LEAST_HEIGHT_SIZE_SHARE * np.ptp(vertices, axis=0).max()] = 0.0
     return Folds(np.stack([start, end], axis=1), angle, heights.mean(axis=0), length)
 
 

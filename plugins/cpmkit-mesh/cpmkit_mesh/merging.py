@@ -9,13 +9,13 @@ from cpmkit_mesh.chains import components
 from cpmkit_mesh.topology import topology
 
 #: Two vertices are one if they are as near as this share of the shortest edge at them, whatever the size of the mesh.
-OF_EDGE = 1e-6
+MERGED_EDGE_SHARE = 1e-6
 #: So are two that single precision does not tell apart: as near as this share of the mesh's size,
-SINGLE = 5e-7
+SINGLE_PRECISION_SHARE = 5e-7
 #: unless that is more than this share of the shortest edge at them.
-AT_MOST = 1e-3
+MOST_MERGED_EDGE_SHARE = 1e-3
 #: Neighbours of each that are looked at.
-NEIGHBOURS = 8
+MERGED_NEIGHBOURS = 8
 
 
 def merge_rims(points: Floats, faces: Ints) -> Ints:
@@ -32,7 +32,7 @@ def merge_rims(points: Floats, faces: Ints) -> Ints:
         return same
     reach = _reach(points, faces, rim)
     distance, other = cKDTree(points[rim]).query(
-        points[rim], k=min(NEIGHBOURS, len(rim)), distance_upper_bound=float(reach.max()) or np.inf
+        points[rim], k=min(MERGED_NEIGHBOURS, len(rim)), distance_upper_bound=float(reach.max()) or np.inf
     )
     one = np.repeat(np.arange(len(rim)), distance.shape[1])
     distance, other = distance.ravel(), other.ravel()
@@ -59,5 +59,7 @@ def _reach(points: Floats, faces: Ints, rim: Ints) -> Floats:
     np.minimum.at(shortest, start, length)
     np.minimum.at(shortest, end, length)
     size = float(np.ptp(points, axis=0).max())
-    reach: Floats = np.minimum(AT_MOST * shortest, np.maximum(OF_EDGE * shortest, SINGLE * size))[rim]
+    reach: Floats = np.minimum(
+        MOST_MERGED_EDGE_SHARE * shortest, np.maximum(MERGED_EDGE_SHARE * shortest, SINGLE_PRECISION_SHARE * size)
+    )[rim]
     return reach

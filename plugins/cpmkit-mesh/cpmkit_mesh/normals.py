@@ -10,7 +10,7 @@ from cpmkit_mesh.tilting import tilted_to_chords, with_tilted_rim
 from cpmkit_mesh.topology import Topology
 
 #: A mean of unit normals this much shorter than the sum of its weights has no direction.
-VANISHED = 1e-9
+VANISHED_NORMAL_SHARE = 1e-9
 
 
 def corner_normals(vertices: Floats, faces: Ints, adjacency: Topology) -> Floats:
@@ -27,14 +27,16 @@ def corner_normals(vertices: Floats, faces: Ints, adjacency: Topology) -> Floats
     on meshes inscribed in a sphere, where weights by angle or by area are of first order. Elsewhere the
     tilts make them two to three times more accurate.
     """
-    corner, own = faces.ravel(), np.repeat(face_normals(vertices, faces), 3, axis=0)
+    corner, normal_of_corner = faces.ravel(), np.repeat(face_normals(vertices, faces), 3, axis=0)
     weights = _weights(vertices, faces).ravel()
     if not adjacency.consistent:
         reference = np.zeros_like(vertices)
-        reference[corner[::-1]] = own[::-1]
-        weights = weights * _sign(np.einsum("ij,ij->i", own, reference[corner]))
-    total = np.stack([np.bincount(corner, weights * own[:, k], len(vertices)) for k in range(3)], axis=1)
-    vanished = np.linalg.norm(total, axis=1) <= VANISHED * np.bincount(corner, np.abs(weights), len(vertices))
+        reference[corner[::-1]] = normal_of_corner[::-1]
+        weights = weights * _sign(np.einsum("ij,ij->i", normal_of_corner, reference[corner]))
+    total = np.stack([np.bincount(corner, weights * normal_of_corner[:, k], len(vertices)) for k in range(3)], axis=1)
+    vanished = np.linalg.norm(total, axis=1) <= VANISHED_NORMAL_SHARE * np.bincount(
+        corner, np.abs(weights), len(vertices)
+    )
     total[vanished] = 0.0
     normals = unit(total)
     if adjacency.consistent:
@@ -43,9 +45,9 @@ def corner_normals(vertices: Floats, faces: Ints, adjacency: Topology) -> Floats
         normals = tilted_to_chords(vertices, faces, adjacency, normals)
     normals = normals[corner]
     if not adjacency.consistent:
-        normals = normals * _sign(np.einsum("ij,ij->i", own, normals))[:, None]
+        normals = normals * _sign(np.einsum("ij,ij->i", normal_of_corner, normals))[:, None]
     lost = ~normals.any(axis=1)
-    normals[lost] = own[lost]
+    normals[lost] = normal_of_corner[lost]
     normals[~normals.any(axis=1)] = (0.0, 0.0, 1.0)
     return normals.reshape(-1, 3, 3)
 

@@ -9,15 +9,15 @@ from cpmkit_mesh.polygons import Polygons
 from cpmkit_mesh.text import floats_of, ints_of, lines_of
 
 #: Words that begin a line which says nothing about the surface: names, normals, materials, points, lines, curves.
-PASSED_OVER = frozenset(
+SKIPPED_WORDS = frozenset(
     ("vt", "vn", "vp", "g", "s", "mg", "o", "l", "p", "usemtl", "mtllib", "usemap", "maplib", "bevel", "c_interp")
     + ("d_interp", "lod", "shadow_obj", "trace_obj", "ctech", "stech", "cstype", "deg", "bmat", "step", "curv", "curv2")
     + ("parm", "trim", "hole", "scrv", "sp", "end", "con")
 )
 #: Words whose lines would be missed.
-REFUSED = {"surf": "a free-form surface", "call": "a call of another file", "csh": "a command"}
+REFUSED_WORDS = {"surf": "a free-form surface", "call": "a call of another file", "csh": "a command"}
 #: Words in a line of a vertex: v x y z, and further a weight, or a colour, or both.
-LENGTHS = (4, 5, 7, 8)
+VERTEX_LINE_WORDS = (4, 5, 7, 8)
 
 
 def read_obj(data: bytes) -> tuple[Floats, Polygons]:
@@ -37,19 +37,19 @@ def read_obj(data: bytes) -> tuple[Floats, Polygons]:
     for number, words in _split(data):
         word = words[0]
         if word == "v":
-            if len(words) not in LENGTHS or (len(words) in (5, 8) and not _is_one(words[4])):
+            if len(words) not in VERTEX_LINE_WORDS or (len(words) in (5, 8) and not _is_one(words[4])):
                 raise InputError(f"line {number} holds no vertex of three coordinates.")
             coordinates += words[1:4]
             vertex_lines.append(number)
         elif word in ("f", "fo"):
             if len(words) < 4:
                 raise InputError(f"line {number} holds a face of {len(words) - 1} corners, and three are needed.")
-            corners += [one.partition("/")[0] for one in words[1:]]
+            corners += [word.partition("/")[0] for word in words[1:]]
             counts.append(len(words) - 1)
             face_lines.append(number)
             before.append(len(vertex_lines))
-        elif word not in PASSED_OVER:
-            raise InputError(f"line {number} begins with {REFUSED.get(word, 'no word of the format')}.")
+        elif word not in SKIPPED_WORDS:
+            raise InputError(f"line {number} begins with {REFUSED_WORDS.get(word, 'no word of the format')}.")
     size = np.array(counts, dtype=np.int64)
     lines = np.repeat(np.array(face_lines, dtype=np.int64), size)
     index = _from_zero(ints_of(corners, lines), np.repeat(before, size), len(vertex_lines), lines)

@@ -12,7 +12,7 @@ from cpmkit_mesh.topology import BLOCKED, Topology
 from cpmkit_mesh.tree import build_tree, nearest
 
 #: Parts of an edge that may pass through another piece, and how often the nearest of them are parted further.
-ALONG, ROUNDS = 16, 3
+EDGE_PARTS, PART_ROUNDS = 16, 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,8 +48,8 @@ def closest_meeting(vertices: Floats, faces: Ints, piece: Ints, distance: float)
     best: Meeting | None = None
     for digit in range(int(piece.max()).bit_length()):
         half = (piece >> digit) & 1 == 0
-        for one, other in ((half, ~half), (~half, half)):
-            found = _meeting(vertices, faces[one], faces[other], distance)
+        for first, second in ((half, ~half), (~half, half)):
+            found = _meeting(vertices, faces[first], faces[second], distance)
             best = found if found and (best is None or found.distance < best.distance) else best
     return best
 
@@ -61,8 +61,8 @@ def _meeting(vertices: Floats, faces: Ints, others: Ints, distance: float) -> Me
     if not len(ends):
         return None
     tree, start, end = build_tree(corners), vertices[ends[:, 0]], vertices[ends[:, 1]]
-    for _ in range(ROUNDS):
-        parts = np.linspace(0.0, 1.0, ALONG + 1)[:, None, None]
+    for _ in range(PART_ROUNDS):
+        parts = np.linspace(0.0, 1.0, EDGE_PARTS + 1)[:, None, None]
         knots = (1.0 - parts) * start + parts * end
         start, end = knots[:-1].reshape(-1, 3), knots[1:].reshape(-1, 3)
         middle = 0.5 * (start + end)

@@ -8,7 +8,7 @@ from cpmkit.plugin import Floats, InputError, PlyLists, ply_vertices, read_ply
 from cpmkit_mesh.polygons import Polygons
 
 #: What the list of a face's vertices is called.
-NAMES = ("vertex_indices", "vertex_index")
+VERTEX_LIST_NAMES = ("vertex_indices", "vertex_index")
 
 
 def read_ply_mesh(data: bytes) -> tuple[Floats, Polygons]:
@@ -23,7 +23,7 @@ def read_ply_mesh(data: bytes) -> tuple[Floats, Polygons]:
     vertices, faces = ply_vertices(tables), tables.get("face", {})
     if "tristrips" in tables:
         raise InputError("it holds strips of triangles, which are not read; save it with faces.")
-    lists = next((faces[name] for name in NAMES if name in faces), None)
+    lists = next((faces[name] for name in VERTEX_LIST_NAMES if name in faces), None)
     if lists is None:
         return vertices, Polygons(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))
     if not isinstance(lists, PlyLists):

@@ -9,9 +9,9 @@ import numpy as np
 from cpmkit.plugin import Floats, InputError, Ints
 
 #: A fan whose least triangle has this share of the mean one's area is taken from the first corner, as it is written.
-FIRST = 1e-3
+FIRST_FAN_AREA_SHARE = 1e-3
 #: Rounding of areas, as a share of the mean triangle's.
-ROUNDING = 1e-9
+AREA_ROUNDING_SHARE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,14 +58,14 @@ def _best_fans(vertices: Floats, corners: Ints, which: Ints) -> Ints:
     count = corners.shape[1]
     best, least = _fan(corners, 0), _least_share(vertices, _fan(corners, 0))
     for start in range(1, count):
-        rows = np.flatnonzero(least < FIRST)  # NaN, of vertices that are none, is left to later checks
+        rows = np.flatnonzero(least < FIRST_FAN_AREA_SHARE)  # NaN, of vertices that are none, is left to later checks
         if not len(rows):
             break
         fan = _fan(corners[rows], start)
         share = _least_share(vertices, fan)
-        better = share > least[rows] + ROUNDING
+        better = share > least[rows] + AREA_ROUNDING_SHARE
         best[rows[better]], least[rows[better]] = fan[better], share[better]
-    folded = np.flatnonzero(least < -ROUNDING)
+    folded = np.flatnonzero(least < -AREA_ROUNDING_SHARE)
     if len(folded):
         raise InputError(
             f"face {which[folded[0]] + 1} is a polygon of {count} corners that no fan of triangles around a corner "

@@ -28,9 +28,9 @@ from cpmkit_mesh.tree import Tree, build_tree, nearest
 
 #: Error of a solution as a share of its range, over the angle by which a polygon turns at its corners (on circles of
 #: 16 to 64 corners: 0.13 to 0.5).
-CORNERS = 0.3
+ERROR_PER_CORNER_RADIAN = 0.3
 #: A foot that is nearer to a vertex than this share of its segment is at the vertex.
-AT_VERTEX = 1e-9
+AT_VERTEX_SHARE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +97,7 @@ class Polyline:
         """Return (n, d) unit tangents in the direction of travel; at a vertex the bisector of both segments'."""
         segment, t = self._located(feet)
         direction = self._directions[segment]
-        at_start, at_end = t <= AT_VERTEX, t >= 1.0 - AT_VERTEX
+        at_start, at_end = t <= AT_VERTEX_SHARE, t >= 1.0 - AT_VERTEX_SHARE
         direction[at_start] = self._bisectors[self.segments[segment[at_start], 0]]
         direction[at_end] = self._bisectors[self.segments[segment[at_end], 1]]
         return direction
@@ -116,7 +116,7 @@ class Polyline:
         along = np.concatenate([self._directions, self._directions])
         cosine = np.einsum("nd,nd->n", along, self._bisectors[np.concatenate([start, end])])
         turn = 2.0 * np.arccos(np.clip(cosine, -1.0, 1.0))
-        return Advice(min(1.0, CORNERS * float(np.sqrt(np.mean(turn**2)))))
+        return Advice(min(1.0, ERROR_PER_CORNER_RADIAN * float(np.sqrt(np.mean(turn**2)))))
 
     def mesh(self, _spacing: float, /) -> tuple[Floats, Ints]:
         """Return the polyline's own vertices (k, d) and segments (m, 2), whatever the spacing."""
@@ -143,7 +143,7 @@ class Polyline:
         arriving[start], leaving[end] = self._directions, self._directions  # at an end, where only one of both is
         arriving[end], leaving[start] = self._directions, self._directions
         both = arriving + leaving
-        turned_back = np.linalg.norm(both, axis=1) <= AT_VERTEX
+        turned_back = np.linalg.norm(both, axis=1) <= AT_VERTEX_SHARE
         return unit(np.where(turned_back[:, None], arriving, both))
 
     @cached_property

@@ -10,7 +10,7 @@ import numpy as np
 from cpmkit.plugin import Floats, InputError, Ints, check_size, existing_file, read_bytes, shown
 from cpmkit_mesh.polygons import Polygons, as_triangles
 
-FORMATS = (".obj", ".ply", ".stl", ".off")
+MESH_SUFFIXES = (".obj", ".ply", ".stl", ".off")
 
 
 def read_mesh(path: str | Path) -> tuple[Floats, Ints]:
@@ -36,8 +36,10 @@ def read_mesh(path: str | Path) -> tuple[Floats, Ints]:
         If the file is missing, is of another format, is damaged or cut off, or holds no face.
     """
     file = existing_file(path)
-    if file.suffix.lower() not in FORMATS:
-        raise InputError(f"{shown(file.name)} is not a mesh file that can be read; accepted are {', '.join(FORMATS)}.")
+    if file.suffix.lower() not in MESH_SUFFIXES:
+        raise InputError(
+            f"{shown(file.name)} is not a mesh file that can be read; accepted are {', '.join(MESH_SUFFIXES)}."
+        )
     vertices, polygons = _parsed(file)
     if not len(vertices) or not len(polygons.counts):
         raise InputError(

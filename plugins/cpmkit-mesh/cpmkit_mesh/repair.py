@@ -16,7 +16,7 @@ from cpmkit_mesh.topology import Topology, topology
 from cpmkit_mesh.winding import against_the_others
 
 #: A mesh whose triangles all have less than this share of their longest edge's square for an area has none.
-NO_AREA = 1e-12
+LEAST_AREA_SHARE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +99,7 @@ def _turned(faces: Ints, turned: Bools) -> Ints:
 
 def _has_area(points: Floats, faces: Ints) -> bool:
     lengths = np.linalg.norm(points[faces] - points[faces[:, [1, 2, 0]]], axis=2)
-    return bool((doubled_areas(points, faces) > NO_AREA * lengths.max(axis=1, initial=0.0) ** 2).any())
+    return bool((doubled_areas(points, faces) > LEAST_AREA_SHARE * lengths.max(axis=1, initial=0.0) ** 2).any())
 
 
 def _note_unused(vertices: Floats) -> Iterator[str]:

@@ -11,7 +11,7 @@ from cpmkit_mesh.topology import Topology
 from cpmkit_mesh.tree import Nearest, Tree, as_frames
 
 #: Cosine of the turn of a boundary loop above which a vertex is a corner, not the sample of a smooth curve.
-CORNER = np.cos(np.deg2rad(45.0))
+CORNER_COSINE = np.cos(np.deg2rad(45.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +91,8 @@ def _tangents(direction: Floats, links: Ints) -> Floats:
     beyond = direction[links // 2]
     towards = np.where(links % 2 == np.array([1, 0]), 1.0, -1.0)
     beyond = beyond * towards[:, :, None]
-    own = np.repeat(direction[:, None, :], 2, axis=1)
-    smooth = (links >= 0) & (np.einsum("kej,kej->ke", own, beyond) > CORNER)
-    return np.where(smooth[:, :, None], unit((own + beyond).reshape(-1, 3)).reshape(own.shape), own)
+    directions = np.repeat(direction[:, None, :], 2, axis=1)
+    smooth = (links >= 0) & (np.einsum("kej,kej->ke", directions, beyond) > CORNER_COSINE)
+    return np.where(
+        smooth[:, :, None], unit((directions + beyond).reshape(-1, 3)).reshape(directions.shape), directions
+    )

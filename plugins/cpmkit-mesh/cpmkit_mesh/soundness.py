@@ -18,35 +18,40 @@ if TYPE_CHECKING:
 
 #: Connected creases shorter than so many spacings, about the width of the band, are left out: with them every scan
 #: would be reported. Beside them errors are up to 1.9 times those elsewhere, at Nefertiti's folds 1.3 to 3 times.
-SHORT = 8.0
+SHORT_CREASE_SPACINGS = 8.0
 #: So many square roots of the mesh's area of creases, weighed by the square of their angle over a right one, are worth
 #: a warning. Largest errors on a sheet folded once: 0.5, 1, 6 and 12 percent of the range for folds of 45, 60, 90 and
 #: 120 degrees (0.15, 0.27, 0.61, 1.1). Against finite elements, errors (rms, percent) near such creases and elsewhere,
 #: at two spacings: Nefertiti (1.5 to 2.8) 4.3 and 1.6, 2.6 and 1.2; aeroplane (7) 1.0 and 1.8, 1.5 and 0.6; mountain
 #: (up to 0.55) 1.1 and 0.9, 0.6 and 0.5; Spot (0.2) 1.2 and 2.6, 0.4 and 2.1; the fish (0.3), once, 1.2 and 0.8. The
 #: limit was set between these, so they do not test it.
-LONG = 0.6
+LONG_CREASE_ROOTS_OF_AREA = 0.6
 #: Spacings from a crease up to which the surface counts as beside it, and points by which its area is measured.
-BESIDE, ASKED = 2.0, 4096
+BESIDE_CREASE_SPACINGS, AREA_POINTS = 2.0, 4096
 #: A crease is rounded off by interpolated normals where its radius, the width of the triangles beside it over its
 #: angle, is so many spacings. Tubes of 4 to 12 sides, perimeter 2 pi, triangles 0.06 and 0.2 wide, u - u'' = 2 cos s:
 #: error (rms) 0.03 to 0.28 for radii of 0.4 to 1.2 spacings, 0.005 to 0.04 for 1.5 to 5.
-ROUNDED = 1.5
+ROUNDED_CREASE_SPACINGS = 1.5
 #: Pieces that come within so many spacings of each other meet.
-MEETING = 0.5
+MEETING_PIECES_SPACINGS = 0.5
 
 
-def warnings_of(mesh: TriangleMesh, spacing: float) -> tuple[str, ...]:
+def mesh_warnings(mesh: TriangleMesh, spacing: float) -> tuple[str, ...]:
     """Return one sentence for each thing found, places in the user's coordinates."""
-    return (*mesh.notes, *_pieces(mesh, spacing), *_creases(mesh, spacing), *_crowded(mesh, spacing))
+    return (
+        *mesh.notes,
+        *_meeting_pieces_sentences(mesh, spacing),
+        *_crease_sentences(mesh, spacing),
+        *_crowded_edge_sentences(mesh, spacing),
+    )
 
 
-def _pieces(mesh: TriangleMesh, spacing: float) -> list[str]:
+def _meeting_pieces_sentences(mesh: TriangleMesh, spacing: float) -> list[str]:
     piece = pieces(mesh.faces, mesh.adjacency)
     count = int(piece.max()) + 1
     if count == 1:
         return []
-    meeting = closest_meeting(mesh.vertices, mesh.faces, piece, MEETING * spacing)
+    meeting = closest_meeting(mesh.vertices, mesh.faces, piece, MEETING_PIECES_SPACINGS * spacing)
     if meeting is None:
         return [f"The mesh has {count} pieces that share no edge; each is solved by itself."]
     return [
@@ -57,14 +62,14 @@ def _pieces(mesh: TriangleMesh, spacing: float) -> list[str]:
     ]
 
 
-def _creases(mesh: TriangleMesh, spacing: float) -> list[str]:
+def _crease_sentences(mesh: TriangleMesh, spacing: float) -> list[str]:
     creases = mesh.folds.take(mesh.folds.angle > np.deg2rad(mesh.crease_angle))
-    creases = creases.take(_connected_length(creases) > SHORT * spacing)
+    creases = creases.take(_connected_length(creases) > SHORT_CREASE_SPACINGS * spacing)
     areas = 0.5 * doubled_areas(mesh.vertices, mesh.faces)
-    if creases.length @ (creases.angle / (0.5 * np.pi)) ** 2 <= LONG * np.sqrt(areas.sum()):
+    if creases.length @ (creases.angle / (0.5 * np.pi)) ** 2 <= LONG_CREASE_ROOTS_OF_AREA * np.sqrt(areas.sum()):
         return []
     sharpest = int(np.argmax(creases.angle))
-    beside = _share_beside(mesh, creases, areas, BESIDE * spacing)
+    beside = _share_beside(mesh, creases, areas, BESIDE_CREASE_SPACINGS * spacing)
     return [
         f"{len(creases.angle)} edges of the mesh turn by more than {mesh.crease_angle:g} degrees, the sharpest by "
         f"{np.rad2deg(creases.angle[sharpest]):.0f} near {_near(mesh, creases.ends[sharpest])}, and "
@@ -84,8 +89,8 @@ def _connected_length(creases: Folds) -> Floats:
 def _share_beside(mesh: TriangleMesh, creases: Folds, areas: Floats, distance: float) -> float:
     """Return the share of the surface that lies within ``distance`` of the creases, from random points."""
     rng = np.random.default_rng(0)
-    faces = mesh.faces[rng.choice(len(areas), ASKED, p=areas / areas.sum())]
-    points = np.einsum("nc,ncd->nd", rng.dirichlet(np.ones(3), ASKED), mesh.vertices[faces])
+    faces = mesh.faces[rng.choice(len(areas), AREA_POINTS, p=areas / areas.sum())]
+    points = np.einsum("nc,ncd->nd", rng.dirichlet(np.ones(3), AREA_POINTS), mesh.vertices[faces])
     tree = build_tree(mesh.vertices[creases.ends[:, [0, 1, 1]]])
     return float(np.mean(nearest(tree, points).distance <= distance))
 
@@ -101,12 +106,15 @@ def _consequence(smooth: bool, creases: Folds, spacing: float) -> str:
             f"nearest points of flat triangles jump there, and at any spacing {harm}; closest = 'smooth' rounds "
             "creases off, which helps where the triangles beside them are narrow and the spacing is half their width."
         )
-    if typical < ROUNDED * spacing:
-        return f"most are too narrow for the spacing, and {harm}; below {typical / ROUNDED:.2g} most are rounded off."
+    if typical < ROUNDED_CREASE_SPACINGS * spacing:
+        return (
+            f"most are too narrow for the spacing, and {harm}; below {typical / ROUNDED_CREASE_SPACINGS:.2g} most are "
+            "rounded off."
+        )
     return "most are rounded off over the triangles beside them, and the solution may be off by some percent nearby."
 
 
-def _crowded(mesh: TriangleMesh, spacing: float) -> list[str]:
+def _crowded_edge_sentences(mesh: TriangleMesh, spacing: float) -> list[str]:
     crowded = crowded_edges(mesh.faces, mesh.adjacency)
     if np.linalg.norm(mesh.vertices[crowded[:, 1]] - mesh.vertices[crowded[:, 0]], axis=1).sum() < spacing:
         return []

@@ -9,10 +9,10 @@ from cpmkit_mesh.polygons import Polygons
 from cpmkit_mesh.text import floats_of, lines_of
 
 #: One triangle of a binary file, behind 80 bytes of anything and their count.
-RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-HEAD = 84
+STL_RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+STL_HEAD_BYTES = 84
 #: How the lines of a triangle begin.
-FACET = ("facet", "outer", "vertex", "vertex", "vertex", "endloop", "endfacet")
+FACET_WORDS = ("facet", "outer", "vertex", "vertex", "vertex", "endloop", "endfacet")
 
 
 def read_stl(data: bytes) -> tuple[Floats, Polygons]:
@@ -23,13 +23,13 @@ def read_stl(data: bytes) -> tuple[Floats, Polygons]:
     InputError
         If it is none, is cut off, or a line is damaged.
     """
-    claimed = int.from_bytes(data[80:HEAD], "little") if len(data) >= HEAD else -1
-    if claimed >= 0 and len(data) == HEAD + claimed * RECORD.itemsize:
-        corners = np.frombuffer(data, RECORD, offset=HEAD)["corners"].reshape(-1, 3).astype(np.float64)
+    claimed = int.from_bytes(data[80:STL_HEAD_BYTES], "little") if len(data) >= STL_HEAD_BYTES else -1
+    if claimed >= 0 and len(data) == STL_HEAD_BYTES + claimed * STL_RECORD.itemsize:
+        corners = np.frombuffer(data, STL_RECORD, offset=STL_HEAD_BYTES)["corners"].reshape(-1, 3).astype(np.float64)
     elif data.lstrip()[:5].lower() == b"solid":
         corners = _read_text(data)
     elif claimed >= 0:
-        whole = (len(data) - HEAD) / RECORD.itemsize
+        whole = (len(data) - STL_HEAD_BYTES) / STL_RECORD.itemsize
         raise InputError(f"it says {claimed} triangles, and is as long as one of {whole:.6g}.")
     else:
         raise InputError("it is neither a binary STL file nor one that begins with solid.")
@@ -43,11 +43,11 @@ def _read_text(data: bytes) -> Floats:
         raise InputError("its last line is no endsolid: it is cut off.")
     kept = [(row, word) for row, word in zip(rows, first, strict=True) if word not in ("solid", "endsolid")]
     for place, ((number, _), word) in enumerate(kept):
-        if word != FACET[place % len(FACET)]:
-            raise InputError(f"line {number} begins otherwise than with {FACET[place % len(FACET)]}.")
-    if len(kept) % len(FACET):
+        if word != FACET_WORDS[place % len(FACET_WORDS)]:
+            raise InputError(f"line {number} begins otherwise than with {FACET_WORDS[place % len(FACET_WORDS)]}.")
+    if len(kept) % len(FACET_WORDS):
         raise InputError(
-            f"its last triangle, which begins in line {kept[-(len(kept) % len(FACET))][0][0]}, is cut off."
+            f"its last triangle, which begins in line {kept[-(len(kept) % len(FACET_WORDS))][0][0]}, is cut off."
         )
     corners = [row for row, word in kept if word == "vertex"]
     for number, words in corners:

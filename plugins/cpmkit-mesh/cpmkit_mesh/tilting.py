@@ -14,13 +14,13 @@ from cpmkit.plugin import Floats, Ints, unit
 from cpmkit_mesh.topology import FIRST_BOUNDARY, Topology
 
 #: Directions in which the neighbours of a rim vertex spread less than this are not corrected.
-SPREAD = 0.05
+LEAST_NEIGHBOUR_SPREAD = 0.05
 #: A rim normal that would be tilted by more (radians) stands at a crease and is left alone.
-CREASE = 0.2
+MOST_TILT_RADIANS = 0.2
 #: A chord that disagrees with its normals by this much (radians) counts half: the mesh is rough or creased there.
-ROUGH = 0.05
+ROUGH_CHORD_RADIANS = 0.05
 #: Relative accuracy of the tilts.
-PRECISION = 1e-12
+TILT_TOLERANCE = 1e-12
 
 
 def tilted_to_chords(vertices: Floats, faces: Ints, adjacency: Topology, normals: Floats) -> Floats:
@@ -45,11 +45,11 @@ def tilted_to_chords(vertices: Floats, faces: Ints, adjacency: Topology, normals
     along = np.einsum("kj,kej->ke", chord, normals[ends])
     tangential = chord[:, None, :] - along[:, :, None] * normals[ends]
     off = along.sum(axis=1)
-    share = 1.0 / np.hypot(1.0, off / ROUGH)
+    share = 1.0 / np.hypot(1.0, off / ROUGH_CHORD_RADIANS)
     columns = 3 * ends[:, :, None] + np.arange(3)
     entries = (share[:, None, None] * tangential).ravel()
     matrix = csr_array((entries, columns.ravel(), 6 * np.arange(len(ends) + 1)), shape=(len(ends), normals.size))
-    tilt = lsmr(matrix, -share * off, damp=1.0, atol=PRECISION, btol=PRECISION)[0]
+    tilt = lsmr(matrix, -share * off, damp=1.0, atol=TILT_TOLERANCE, btol=TILT_TOLERANCE)[0]
     return unit(normals + tilt.reshape(-1, 3))
 
 
@@ -70,9 +70,9 @@ def with_tilted_rim(vertices: Floats, faces: Ints, adjacency: Topology, normals:
     matrix, right = np.zeros((len(at), 3, 3)), np.zeros((len(at), 3))
     np.add.at(matrix, place, edge[:, :, None] * edge[:, None, :])
     np.add.at(right, place, edge * wanted[:, None])
-    tilt = np.einsum("nij,nj->ni", np.linalg.pinv(matrix, rcond=SPREAD, hermitian=True), right)
+    tilt = np.einsum("nij,nj->ni", np.linalg.pinv(matrix, rcond=LEAST_NEIGHBOUR_SPREAD, hermitian=True), right)
     tilt -= np.einsum("ni,ni->n", tilt, normals[at])[:, None] * normals[at]
-    tilt[np.linalg.norm(tilt, axis=1) > CREASE] = 0.0
+    tilt[np.linalg.norm(tilt, axis=1) > MOST_TILT_RADIANS] = 0.0
     tilted = normals.copy()
     tilted[at] = unit(normals[at] + tilt)
     return tilted

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from cpmkit.plugin import Floats, Ints, run_parcels
 
 #: Twice the area over the square of the longest edge, below which a triangle counts as a sliver.
-THIN = 1e-2
+SLIVER_SHARE = 1e-2
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,9 +55,9 @@ def build_tree(corners: Floats) -> Tree:
     first, second = frames[:, 1], frames[:, 2]
     edges = np.stack([first, second, second - first], axis=1)
     longest = np.einsum("mik,mik->mi", edges, edges).max(axis=1)
-    thin = np.linalg.norm(np.cross(first, second), axis=1) < THIN * longest
-    shape = np.where(thin, tree_kernels.SLIVER, tree_kernels.TRIANGLE)
-    shape[(first == second).all(axis=1)] = tree_kernels.SEGMENT
+    thin = np.linalg.norm(np.cross(first, second), axis=1) < SLIVER_SHARE * longest
+    shape = np.where(thin, tree_kernels.SLIVER_KIND, tree_kernels.TRIANGLE_KIND)
+    shape[(first == second).all(axis=1)] = tree_kernels.SEGMENT_KIND
     return Tree(boxes, nodes, order, frames, shape.astype(np.uint8))
 
 

@@ -9,16 +9,16 @@ from __future__ import annotations
 import numpy as np
 
 from cpmkit.plugin import compiled, inlined
-from cpmkit_mesh.building_kernels import STACK
+from cpmkit_mesh.building_kernels import STACK_NODES
 
 #: How a primitive is measured: a triangle, a triangle too thin for plain formulas, a segment.
-TRIANGLE, SLIVER, SEGMENT = 0, 1, 2
+TRIANGLE_KIND, SLIVER_KIND, SEGMENT_KIND = 0, 1, 2
 #: A foot with a barycentric coordinate below this lies on the edge opposite that corner.
-ON_EDGE = 1e-12
+ON_SIDE_COORDINATE = 1e-12
 #: What rounding may take from a square.
-ROUNDING = 1e-12
+SQUARE_ROUNDING = 1e-12
 #: Normals that miss the query by no more than this, of cosines, may miss it by the rounding of angles.
-SLACK = 1e-7
+CONE_SLACK_COSINE = 1e-7
 
 
 @compiled
@@ -29,8 +29,8 @@ def nearest(x, start, stop, boxes, nodes, frames, shape, slot, local, foot, dist
     coordinates ``local`` (n, 2) of the foot along its first two edges, ``foot`` (n, 3) and
     ``distance`` (n,). Ties go to the primitive met first, the same in every run.
     """
-    waiting_node = np.empty(STACK, dtype=np.uint64)
-    waiting_square = np.empty(STACK)
+    waiting_node = np.empty(STACK_NODES, dtype=np.uint64)
+    waiting_square = np.empty(STACK_NODES)
     for i in range(start, stop):
         px, py, pz = x[i, 0], x[i, 1], x[i, 2]
         best, best_slot, best_v, best_w = np.inf, np.uint64(0), 0.0, 0.0
@@ -85,8 +85,8 @@ def minima(x, start, stop, radius, boxes, nodes, frames, shape, patches, cones):
     Returns for each minimum its row in ``x`` and its slot, in the order of rows; and how many were measured.
     """
     rows, slots = np.empty(64, dtype=np.int64), np.empty(64, dtype=np.int64)
-    waiting_node = np.empty(STACK, dtype=np.uint64)
-    count, measured, limit = 0, 0, radius * radius * (1.0 + ROUNDING)
+    waiting_node = np.empty(STACK_NODES, dtype=np.uint64)
+    count, measured, limit = 0, 0, radius * radius * (1.0 + SQUARE_ROUNDING)
     for i in range(start, stop):
         px, py, pz = x[i, 0], x[i, 1], x[i, 2]
         waiting_node[0] = 0
@@ -133,7 +133,7 @@ def _turned_away(px, py, pz, boxes, cones, node):
         return False
     cosine = cones[node, 3] * np.sqrt(square - ball) - cones[node, 4] * np.sqrt(ball)
     along = dx * cones[node, 0] + dy * cones[node, 1] + dz * cones[node, 2]
-    return cosine > 0.0 and abs(along) < cosine - SLACK * np.sqrt(square)
+    return cosine > 0.0 and abs(along) < cosine - CONE_SLACK_COSINE * np.sqrt(square)
 
 
 @compiled
@@ -147,7 +147,7 @@ def _undercut(px, py, pz, frames, shape, patches, s, square, v, w):
     corner, other, parts = -1, -1, 0
     for k in range(3):
         share = 1.0 - v - w if k == 0 else (v if k == 1 else w)
-        if share > ON_EDGE:
+        if share > ON_SIDE_COORDINATE:
             parts += 1
             corner, other = vertices[s, k], corner
     if parts == 3:
@@ -211,9 +211,9 @@ def _measure(px, py, pz, frames, s, shape):
     qx, qy, qz = px - frames[s, 0, 0], py - frames[s, 0, 1], pz - frames[s, 0, 2]
     bx, by, bz = frames[s, 1, 0], frames[s, 1, 1], frames[s, 1, 2]
     cx, cy, cz = frames[s, 2, 0], frames[s, 2, 1], frames[s, 2, 2]
-    if shape == TRIANGLE:
+    if shape == TRIANGLE_KIND:
         v, w = _foot_in_triangle(qx, qy, qz, bx, by, bz, cx, cy, cz)
-    elif shape == SEGMENT:
+    elif shape == SEGMENT_KIND:
         v, w = _foot_on_edge(qx, qy, qz, bx, by, bz), 0.0
     else:
         v, w = _foot_in_sliver(qx, qy, qz, bx, by, bz, cx, cy, cz)

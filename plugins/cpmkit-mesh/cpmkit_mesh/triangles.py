@@ -21,16 +21,16 @@ from cpmkit.plugin import (
     unit,
 )
 from cpmkit_mesh.engines import Search, search_with
-from cpmkit_mesh.feet import Patches, distinct, local_minima, patches, with_nearest
+from cpmkit_mesh.feet import VertexPatches, distinct, local_minima, patches, with_nearest
 from cpmkit_mesh.folds import Folds, folds
 from cpmkit_mesh.smooth import SmoothPart, follow_normals, smooth_part
-from cpmkit_mesh.soundness import warnings_of
+from cpmkit_mesh.soundness import mesh_warnings
 from cpmkit_mesh.topology import FIRST_BOUNDARY, Topology
 from cpmkit_mesh.tree import Nearest, Tree, build_tree
-from cpmkit_mesh.turning import floor_of, turning_angle
+from cpmkit_mesh.turning import mesh_floor, turning_angle
 
 #: A foot with a barycentric coordinate below this lies on the edge opposite that corner.
-ON_EDGE = 1e-12
+ON_EDGE_COORDINATE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +147,7 @@ class TriangleMesh:
     def advice(self, spacing: float, /) -> Advice:
         """Return what was changed in the mesh, or may spoil a solution on it, and the error that it leaves in any."""
         angle = turning_angle(self.vertices, self.faces, self.normals_at_corners)
-        return Advice(floor_of(angle, self.smooth), warnings_of(self, spacing))
+        return Advice(mesh_floor(angle, self.smooth), mesh_warnings(self, spacing))
 
     @cached_property
     def folds(self) -> Folds:
@@ -190,8 +190,8 @@ class TriangleMesh:
         edge = np.full(len(face), -1)
         if not len(self.adjacency.loop):
             return edge
-        near = np.flatnonzero((local <= ON_EDGE).any(axis=1))
-        zero = local[near] <= ON_EDGE
+        near = np.flatnonzero((local <= ON_EDGE_COORDINATE).any(axis=1))
+        zero = local[near] <= ON_EDGE_COORDINATE
         loops = np.where(zero, self._loop_of_edge[face[near]], -1)
         at_corner = zero.sum(axis=1) == 2
         corner = self.faces[face[near], np.argmax(local[near], axis=1)]
@@ -218,7 +218,7 @@ class TriangleMesh:
         return build_tree(self.vertices[self.faces])
 
     @cached_property
-    def _patches(self) -> Patches:
+    def _patches(self) -> VertexPatches:
         return patches(self._tree, self.vertices, self.faces, self.adjacency)
 
     @cached_property
@@ -237,6 +237,6 @@ class OrientedTriangleMesh(TriangleMesh):
         """Return (n, 3) unit normals at ``feet``, interpolated from the vertices; their sign is the faces' winding."""
         face, local = self._located(feet)
         mixed = np.einsum("nc,nck->nk", local, self.normals_at_corners[face])
-        vanished = np.linalg.norm(mixed, axis=1) <= ON_EDGE
+        vanished = np.linalg.norm(mixed, axis=1) <= ON_EDGE_COORDINATE
         mixed[vanished] = self.normals_at_corners[face[vanished], 0]
         return unit(mixed)

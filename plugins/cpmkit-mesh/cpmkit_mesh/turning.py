@@ -9,7 +9,7 @@ from cpmkit_mesh.directions import doubled_areas
 
 #: Largest error of a solution as a share of its range, over the turning angle's square (smooth) and over itself
 #: (faceted). u = z on spheres of 66 to 4,098 vertices at spacings 0.1 to 0.03: 0.07 to 0.08; 0.06 to 0.22.
-SMOOTH, FACETED = 0.075, 0.13
+SMOOTH_ERROR_PER_RADIAN_SQUARED, FACETED_ERROR_PER_RADIAN = 0.075, 0.13
 
 
 def turning_angle(vertices: Floats, faces: Ints, normals_at_corners: Floats) -> float:
@@ -21,6 +21,8 @@ def turning_angle(vertices: Floats, faces: Ints, normals_at_corners: Floats) -> 
     return float(np.sqrt(np.average((angle**2).mean(axis=1), weights=area))) if area.any() else 0.0
 
 
-def floor_of(turning_angle: float, smooth: bool) -> float:
+def mesh_floor(turning_angle: float, smooth: bool) -> float:
     """Return the error that a mesh leaves in a solution at any spacing, as a share of the solution's range."""
-    return min(1.0, SMOOTH * turning_angle**2 if smooth else FACETED * turning_angle)
+    return min(
+        1.0, SMOOTH_ERROR_PER_RADIAN_SQUARED * turning_angle**2 if smooth else FACETED_ERROR_PER_RADIAN * turning_angle
+    )

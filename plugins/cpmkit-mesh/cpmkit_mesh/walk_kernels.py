@@ -13,13 +13,13 @@ import numpy as np
 
 from cpmkit.plugin import compiled, inlined
 
-BLOCKED, FIRST_BOUNDARY = -1, -2
+BLOCKED_SLOT, FIRST_BOUNDARY_SLOT = -1, -2
 #: Triangles that a walk may visit, and times that it may come back from the boundary.
-LONGEST_WALK = 64
-RETURNS = 3
+MOST_WALKED_TRIANGLES = 64
+MOST_RETURNS = 3
 #: A coordinate this little below zero is rounding; a foot this many distances away is no foot.
-ROUNDING = 1e-12
-FARTHEST = 2.0
+COORDINATE_ROUNDING = 1e-12
+FARTHEST_FOOT_DISTANCES = 2.0
 
 
 @compiled
@@ -41,7 +41,7 @@ def follow(x, start, stop, tiny, mesh, rim, slot, local, foot, distance, doubtfu
         square = 0.0
         for k in range(3):
             square += (x[i, k] - _mix(frames, face, v, w, k)) ** 2
-        if found and square <= (FARTHEST * distance[i]) ** 2:
+        if found and square <= (FARTHEST_FOOT_DISTANCES * distance[i]) ** 2:
             slot[i], local[i, 0], local[i, 1] = face, v, w
             for k in range(3):
                 foot[i, k] = _mix(frames, face, v, w, k)
@@ -59,29 +59,29 @@ def _walk(x, face, v, w, frames, normals, neighbours, rim):
     """Return the triangle and coordinates of the foot, and whether there is one."""
     height = _height(x, face, v, w, frames, normals)
     returns = 0
-    for _ in range(LONGEST_WALK):
+    for _ in range(MOST_WALKED_TRIANGLES):
         v, w, height = _solve(x, face, v, w, height, frames, normals)
         u = 1.0 - v - w
         if not (np.isfinite(u) and np.isfinite(height)):
             return face, 0.0, 0.0, False
         edge, least = (0, u) if u <= v and u <= w else ((1, v) if v <= w else (2, w))
-        if least >= -ROUNDING:
+        if least >= -COORDINATE_ROUNDING:
             v, w = max(v, 0.0), max(w, 0.0)
             total = max(u, 0.0) + v + w
             return face, v / total, w / total, True
         across = neighbours[face, edge]
-        if across == BLOCKED:
+        if across == BLOCKED_SLOT:
             return face, 0.0, 0.0, False
         if across >= 0:
             face, v, w = across, 1.0 / 3.0, 1.0 / 3.0
             height = _height(x, face, v, w, frames, normals)
             continue
-        k, s, inside = _slide(x, FIRST_BOUNDARY - across, rim)
+        k, s, inside = _slide(x, FIRST_BOUNDARY_SLOT - across, rim)
         face, edge = rim[4][k]
         v = 1.0 - s if edge == 0 else (s if edge == 2 else 0.0)
         w = s if edge == 0 else (1.0 - s if edge == 1 else 0.0)
         returns += 1
-        if not inside or returns == RETURNS:
+        if not inside or returns == MOST_RETURNS:
             return face, v, w, True
         height = _height(x, face, v, w, frames, normals)
     return face, 0.0, 0.0, False
@@ -132,7 +132,7 @@ def _slide(x, k, rim):
     """
     links = rim[3]
     came = -1
-    for _ in range(LONGEST_WALK):
+    for _ in range(MOST_WALKED_TRIANGLES):
         at_start, at_end = _ahead(x, k, 0.0, rim), _ahead(x, k, 1.0, rim)
         if at_start > 0.0 and at_end < 0.0:
             s = _between(x, k, at_start, at_end, rim)

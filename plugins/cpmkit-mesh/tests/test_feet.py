@@ -8,7 +8,7 @@ from cpmkit_mesh.feet import local_minima
 from cpmkit_mesh.tree import build_tree, nearest_in
 
 import cpmkit as ck
-from cpmkit.manifold.localized import localize
+from cpmkit.manifold.local_source import localize
 from cpmkit.protocols import HasLocalMinima
 from cpmkit.testing import ConformanceCase, run_laws
 

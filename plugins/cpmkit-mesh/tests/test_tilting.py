@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from cpmkit_mesh import triangles
 from cpmkit_mesh.normals import corner_normals
-from cpmkit_mesh.tilting import ROUGH, tilted_to_chords
+from cpmkit_mesh.tilting import ROUGH_CHORD_RADIANS, tilted_to_chords
 from cpmkit_mesh.topology import topology
 from scipy.spatial import ConvexHull
 
@@ -94,7 +94,7 @@ def test_tilts_are_those_of_least_squares(sphere):
         off = chord @ (before[a] + before[b])
         row = np.zeros_like(points)
         row[a], row[b] = (chord - (chord @ before[k]) * before[k] for k in (a, b))
-        weight = (1 + (off / ROUGH) ** 2) ** -0.5
+        weight = (1 + (off / ROUGH_CHORD_RADIANS) ** 2) ** -0.5
         rows.append(weight * row.ravel())
         right.append(-weight * off)
     matrix = np.concatenate([np.array(rows), np.eye(points.size)])

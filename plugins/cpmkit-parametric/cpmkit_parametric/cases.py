@@ -11,32 +11,37 @@ from cpmkit.plugin import ConformanceCase, Floats
 from cpmkit_parametric import factories, shapes
 from cpmkit_parametric.sources import Parametric
 
-TURN = (0.0, 2 * np.pi)
-EIGHT = {"x": ["sin(t)", "sin(2*t)/2"], "range": TURN, "periodic": True}
-BENT = {"x": ["t", "sqrt(t**2 + 0.0004)"], "range": [-1.0, 1.0]}
-SHEET = {"x": ["u", "v", "(u**2 - v**2)/2"], "u": [-1, 1], "v": [-0.5, 0.5]}
+ANGLES = (0.0, 2 * np.pi)
+FIGURE_EIGHT = {"x": ["sin(t)", "sin(2*t)/2"], "range": ANGLES, "periodic": True}
+BENT_CURVE = {"x": ["t", "sqrt(t**2 + 0.0004)"], "range": [-1.0, 1.0]}
+SADDLE_SHEET = {"x": ["u", "v", "(u**2 - v**2)/2"], "u": [-1, 1], "v": [-0.5, 0.5]}
 
 
 def conformance_cases() -> list[ConformanceCase]:
     """Return cases of all kinds: bounded, periodic, twisted, self-intersecting, tiny and far from zero."""
     return [
-        _case("curve", "circle", {"x": ["cos(t)", "sin(t)"], "range": TURN, "periodic": True}, _circle, TURN),
-        _case("curve", "figure eight", EIGHT, lambda t: [np.sin(t), 0.5 * np.sin(2 * t)], TURN),
-        _case("curve", "sharply bent", BENT, lambda t: [t, np.hypot(t, 0.02)], (-1.0, 1.0)),
+        _case("curve", "circle", {"x": ["cos(t)", "sin(t)"], "range": ANGLES, "periodic": True}, _circle, ANGLES),
+        _case("curve", "figure eight", FIGURE_EIGHT, lambda t: [np.sin(t), 0.5 * np.sin(2 * t)], ANGLES),
+        _case("curve", "sharply bent", BENT_CURVE, lambda t: [t, np.hypot(t, 0.02)], (-1.0, 1.0)),
         _case("curve", "callable", {"x": _twisted_cubic, "range": [-1, 1]}, lambda t: [t, t**2, t**3], (-1.0, 1.0)),
-        _case("torus_knot", "of the paper", {}, _knot, TURN),
+        _case("torus_knot", "of the paper", {}, _knot, ANGLES),
         _case("helix", "two turns", {}, _helix, (0.0, 4 * np.pi)),
         _case("helix", "far from zero", {"translation": [1e9, -1e9, 5e8]}, _helix, (0.0, 4 * np.pi)),
-        _case("planar_curve", "of the paper", {}, _planar, TURN),
+        _case("planar_curve", "of the paper", {}, _planar, ANGLES),
         _case(
-            "surface", "saddle with four sides", SHEET, lambda u, v: [u, v, (u * u - v * v) / 2], (-1, 1), (-0.5, 0.5)
+            "surface",
+            "saddle with four sides",
+            SADDLE_SHEET,
+            lambda u, v: [u, v, (u * u - v * v) / 2],
+            (-1, 1),
+            (-0.5, 0.5),
         ),
-        _case("surface", "torus of a micrometre", {**_small_torus(), "periodic_v": True}, _tiny_torus, TURN, TURN),
-        _case("surface", "cylinder from a callable", _cylinder(), _cylinder_points, TURN, (0.0, 1.0)),
-        _case("revolution", "sphere", _profile(-0.5), _sphere, TURN, (-0.5 * np.pi, 0.5 * np.pi)),
-        _case("revolution", "cap", _profile(0.1), _sphere, TURN, (0.1 * np.pi, 0.5 * np.pi)),
-        _case("moebius", "of half width 0.35", {}, _moebius, TURN, (-0.35, 0.35)),
-        _case("klein", "figure eight", {}, _klein, TURN, TURN),
+        _case("surface", "torus of a micrometre", {**_small_torus(), "periodic_v": True}, _tiny_torus, ANGLES, ANGLES),
+        _case("surface", "cylinder from a callable", _cylinder(), _cylinder_points, ANGLES, (0.0, 1.0)),
+        _case("revolution", "sphere", _profile(-0.5), _sphere, ANGLES, (-0.5 * np.pi, 0.5 * np.pi)),
+        _case("revolution", "cap", _profile(0.1), _sphere, ANGLES, (0.1 * np.pi, 0.5 * np.pi)),
+        _case("moebius", "of half width 0.35", {}, _moebius, ANGLES, (-0.35, 0.35)),
+        _case("klein", "figure eight", {}, _klein, ANGLES, ANGLES),
     ]
 
 
@@ -88,7 +93,7 @@ def _tiny_torus(u: Floats, v: Floats) -> list[Floats]:
 
 
 def _cylinder() -> dict[str, Any]:
-    return {"x": lambda u, v: np.stack(_cylinder_points(u, v), axis=1), "u": TURN, "v": [0, 1], "periodic_u": True}
+    return {"x": lambda u, v: np.stack(_cylinder_points(u, v), axis=1), "u": ANGLES, "v": [0, 1], "periodic_u": True}
 
 
 def _cylinder_points(u: Floats, v: Floats) -> list[Floats]:

@@ -17,18 +17,18 @@ from cpmkit_parametric.domain import Domain
 from cpmkit_parametric.maps import UnitMap
 
 #: Deviations are measured at samples; between them they may be larger.
-SAFETY = 1.5
+DEVIATION_SAFETY_FACTOR = 1.5
 #: Rounding of the disc's distance, as a share of its radius.
-ROUND_OFF = 1e-6
+DISC_ROUNDING_SHARE = 1e-6
 #: Cells are halved until nineteen in twenty deviate by less than this share of their radius.
-FLATNESS = {1: 0.04, 2: 0.08}
+FLAT_CELL_SHARE = {1: 0.04, 2: 0.08}
 MOST_CELLS = {1: 2**15, 2: 2**17}
 #: In a cell that does not wind, no point moves faster than this times the span of the cell.
-FASTEST = 3.0
+FASTEST_CELL_SPANS = 3.0
 #: Starts of the descent for one query; more are found only where the distance is all but constant.
-MOST_STARTS = 8
+MOST_QUERY_STARTS = 8
 #: Pairs of a query and a cell that are held at a time.
-MOST_PAIRS = 1 << 21
+MOST_QUERY_CELL_PAIRS = 1 << 21
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +149,7 @@ class CellTree:
         query, cell = np.repeat(np.arange(len(x)), top), np.tile(np.arange(top), len(x))
         nearest = np.full(len(x), np.inf)
         for level in self.levels:
-            if len(query) > MOST_PAIRS and len(x) > 1:
+            if len(query) > MOST_QUERY_CELL_PAIRS and len(x) > 1:
                 return None
             if level is not self.levels[0]:
                 query, cell = np.repeat(query, 2 ** len(level.shape)), _children(cell, level.shape)
@@ -169,11 +169,11 @@ def _valleys(query: Ints, cell: Ints, distance: Floats, neighbours: Ints) -> tup
     order = np.argsort(code)
     code, query, cell, distance = code[order], query[order], cell[order], distance[order]
     lowest = np.ones(len(code), dtype=np.bool_)
-    own = np.arange(len(code))
+    numbers = np.arange(len(code))
     for column in neighbours.T:
         wanted = query * len(neighbours) + column[cell]
         place = np.minimum(np.searchsorted(code, wanted), len(code) - 1)
-        nearer = (distance[place] < distance) | ((distance[place] == distance) & (place < own))
+        nearer = (distance[place] < distance) | ((distance[place] == distance) & (place < numbers))
         lowest &= ~((code[place] == wanted) & nearer)
     return query[lowest], cell[lowest], distance[lowest]
 
@@ -194,7 +194,7 @@ def build_tree(map: UnitMap, domain: Domain) -> CellTree:
         points = _grid(map, finest)
         level = _level(points, finest)
         cells = int(np.prod(finest))
-        rough = (level.deviations > FLATNESS[m] * SAFETY * level.radii) & (level.radii > 0)
+        rough = (level.deviations > FLAT_CELL_SHARE[m] * DEVIATION_SAFETY_FACTOR * level.radii) & (level.radii > 0)
         winding = _winding(map, level)
         if cells << m > MOST_CELLS[m] or (np.mean(rough) < 0.05 and np.mean(winding) < 0.02):
             break
@@ -214,15 +214,15 @@ def _winding(map: UnitMap, level: Level) -> Bools:
 
     Samples at equal distances alone miss what winds in step with them, and a helix looks straight from afar.
     """
-    own = np.arange(len(level.radii))
-    inside = np.stack(np.unravel_index(own, level.shape), axis=1) + np.random.default_rng(0).uniform(
-        size=(len(own), len(level.shape))
+    numbers = np.arange(len(level.radii))
+    inside = np.stack(np.unravel_index(numbers, level.shape), axis=1) + np.random.default_rng(0).uniform(
+        size=(len(numbers), len(level.shape))
     )
     points, slopes, _ = map.jet(inside / level.shape)
-    winding = level.distances(points, own)[0] > level.deviations
+    winding = level.distances(points, numbers)[0] > level.deviations
     for axis, count in enumerate(level.shape):
         speed = np.linalg.norm(slopes[:, axis], axis=1) / count
-        winding |= speed > FASTEST * np.linalg.norm(level.spans[:, axis], axis=1)
+        winding |= speed > FASTEST_CELL_SPANS * np.linalg.norm(level.spans[:, axis], axis=1)
     return winding
 
 
@@ -266,7 +266,14 @@ def _level(points: Floats, shape: tuple[int, ...]) -> Level:
     along = np.einsum("cpd,cmd->cpm", apart, tangents)
     off = np.linalg.norm(apart - np.einsum("cpm,cmd->cpd", along, tangents), axis=2).max(axis=1)
     radii = np.linalg.norm(along, axis=2).max(axis=1)
-    return Level(shape, np.ascontiguousarray(centres), tangents, radii, SAFETY * off + ROUND_OFF * radii, spans)
+    return Level(
+        shape,
+        np.ascontiguousarray(centres),
+        tangents,
+        radii,
+        DEVIATION_SAFETY_FACTOR * off + DISC_ROUNDING_SHARE * radii,
+        spans,
+    )
 
 
 def _orthonormal(spans: Floats) -> Floats:
@@ -291,9 +298,9 @@ def _children(cell: Ints, shape: tuple[int, ...]) -> Ints:
 
 
 def _fewest(query: Ints, cell: Ints, distance: Floats) -> tuple[Ints, Ints]:
-    """Return the nearest :data:`MOST_STARTS` pairs of each query, sorted by query."""
+    """Return the nearest :data:`MOST_QUERY_STARTS` pairs of each query, sorted by query."""
     order = np.lexsort((distance, query))
     query, cell = query[order], cell[order]
     rank = np.arange(len(query)) - np.searchsorted(query, query)
-    few: Bools = rank < MOST_STARTS
+    few: Bools = rank < MOST_QUERY_STARTS
     return query[few], cell[few]

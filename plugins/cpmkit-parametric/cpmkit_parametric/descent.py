@@ -10,14 +10,14 @@ from cpmkit.plugin import Bools, Floats
 from cpmkit_parametric.domain import Domain
 from cpmkit_parametric.maps import UnitMap
 
-ITERATIONS = 60
-BACKTRACKS = 10
+PARAMETRIC_DESCENT_STEPS = 60
+MOST_BACKTRACKS = 10
 #: A step this short, as a share of size and distance, is the last one: Newton's next would be its square.
-LAST_STEP = 1e-13
+LAST_STEP_SHARE = 1e-13
 #: A descent whose last step is longer is not vouched for.
-VOUCHED = 1e-10
+VOUCHED_STEP_SHARE = 1e-10
 #: Least eigenvalue of the modified Hessian, in units of the metric J'J.
-LEAST = 1e-6
+LEAST_EIGENVALUE = 1e-6
 EPSILON = float(np.finfo(np.float64).eps)
 
 
@@ -59,14 +59,14 @@ def descend(map: UnitMap, domain: Domain, x: Floats, start: Floats, longest: Flo
     s = domain.start(start)
     converged = np.zeros(len(s), dtype=np.bool_)
     active = np.arange(len(s))
-    for _ in range(ITERATIONS):
+    for _ in range(PARAMETRIC_DESCENT_STEPS):
         if not len(active):
             break
         step, length, p = _newton(map, domain, s[active], x[active], longest)
         scale = size + np.linalg.norm(p - x[active], axis=1)
         s[active] = _line_search(map, domain, s[active], x[active], p, step, size)
-        converged[active] = length <= VOUCHED * scale
-        active = active[length > LAST_STEP * scale]
+        converged[active] = length <= VOUCHED_STEP_SHARE * scale
+        active = active[length > LAST_STEP_SHARE * scale]
     return Descent(s, converged)
 
 
@@ -87,7 +87,7 @@ def _newton(map: UnitMap, domain: Domain, s: Floats, x: Floats, longest: Floats)
 
 def _solve_line(A: Floats, H: Floats, g: Floats) -> Floats:
     """Return g / |H| (n, 1)."""
-    positive = np.maximum(np.abs(H[:, 0]), LEAST * A[:, 0])
+    positive = np.maximum(np.abs(H[:, 0]), LEAST_EIGENVALUE * A[:, 0])
     return np.where(positive > 0, g / np.where(positive > 0, positive, 1.0), 0.0)
 
 
@@ -109,7 +109,7 @@ def _solve_plane(A: Floats, H: Floats, g: Floats, held: Bools) -> Floats:
     half = 0.5 * (c * h - 2 * b * k + a * q) / metric
     spread = np.sqrt(np.maximum(half**2 - (h * q - k * k) / metric, 0.0))
     least = half - spread
-    mu = np.where(least < LEAST, np.maximum(np.abs(least), LEAST) - least, 0.0)
+    mu = np.where(least < LEAST_EIGENVALUE, np.maximum(np.abs(least), LEAST_EIGENVALUE) - least, 0.0)
     h, k, q = h + mu * a, k + mu * b, q + mu * c
     determinant = h * q - k * k
     solution = np.stack([q * g[:, 0] - k * g[:, 1], h * g[:, 1] - k * g[:, 0]], axis=1)
@@ -121,7 +121,7 @@ def _line_search(map: UnitMap, domain: Domain, s: Floats, x: Floats, p: Floats, 
     step = step.copy()
     trial = domain.after(s, step)
     worse = np.arange(len(s))
-    for _ in range(BACKTRACKS):
+    for _ in range(MOST_BACKTRACKS):
         q = map.value(trial[worse])
         # |q - x|^2 - |p - x|^2 without cancellation
         change = np.einsum("nd,nd->n", q - p[worse], q + p[worse] - 2 * x[worse])

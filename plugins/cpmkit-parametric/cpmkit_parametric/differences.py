@@ -11,11 +11,11 @@ import numpy as np
 from cpmkit.plugin import Bools, Floats
 
 #: Step as a share of the range: for features of a 50th of the range, truncation and rounding are both about 1e-13.
-STEP = 1e-3
-REACH = 4
-OFFSETS = np.arange(-REACH, REACH + 1.0)
+PARAMETER_STEP_SHARE = 1e-3
+DIFFERENCE_REACH = 4
+DIFFERENCE_OFFSETS = np.arange(-DIFFERENCE_REACH, DIFFERENCE_REACH + 1.0)
 #: Row k holds the coefficient of s^k of the nine Lagrange polynomials.
-COEFFICIENTS = np.linalg.inv(np.vander(OFFSETS, increasing=True))
+DIFFERENCE_COEFFICIENTS = np.linalg.inv(np.vander(DIFFERENCE_OFFSETS, increasing=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,8 +43,8 @@ class Differences:
     def __call__(self, *columns: Floats) -> Sequence[Floats]:
         """Return the derivatives (n, d): x', x'' or x_u, x_v, x_uu, x_uv, x_vv."""
         t = np.stack(columns, axis=1)
-        step = STEP * (self.upper - self.lower)
-        inside = np.clip(t, self.lower + REACH * step, self.upper - REACH * step)
+        step = PARAMETER_STEP_SHARE * (self.upper - self.lower)
+        inside = np.clip(t, self.lower + DIFFERENCE_REACH * step, self.upper - DIFFERENCE_REACH * step)
         centre = np.where(self.periodic, t, inside)
         along = [self._values(t, k, centre[:, k], step[k]) for k in range(t.shape[1])]
         first = [
@@ -60,14 +60,14 @@ class Differences:
 
     def _values(self, t: Floats, k: int, centre: Floats, step: float) -> Floats:
         """Return the nine values (n, 9, d) along parameter k."""
-        nodes = np.repeat(t[:, None], len(OFFSETS), axis=1)
-        nodes[:, :, k] = centre[:, None] + step * OFFSETS
+        nodes = np.repeat(t[:, None], len(DIFFERENCE_OFFSETS), axis=1)
+        nodes[:, :, k] = centre[:, None] + step * DIFFERENCE_OFFSETS
         return self._call(nodes)
 
     def _second(self, centre: Floats, direction: Floats) -> Floats:
         """Return the second derivative (n, d) at ``centre`` by the step ``direction`` (m,)."""
-        values = self._call(centre[:, None] + OFFSETS[:, None] * direction)
-        return np.asarray(2 * np.einsum("k,nkd->nd", COEFFICIENTS[2], values))
+        values = self._call(centre[:, None] + DIFFERENCE_OFFSETS[:, None] * direction)
+        return np.asarray(2 * np.einsum("k,nkd->nd", DIFFERENCE_COEFFICIENTS[2], values))
 
     def _call(self, nodes: Floats) -> Floats:
         values = np.asarray(self.function(*nodes.reshape(-1, nodes.shape[-1]).T), dtype=np.float64)
@@ -76,8 +76,8 @@ class Differences:
 
 def _first_weights(s: Floats) -> Floats:
     """Return the weights (n, 9) of the interpolant's derivative at ``s`` steps from the centre."""
-    powers = np.zeros((len(s), len(OFFSETS)))
+    powers = np.zeros((len(s), len(DIFFERENCE_OFFSETS)))
     powers[:, 1] = 1.0
-    for k in range(2, len(OFFSETS)):
+    for k in range(2, len(DIFFERENCE_OFFSETS)):
         powers[:, k] = k / (k - 1) * powers[:, k - 1] * s
-    return np.asarray(np.einsum("np,pk->nk", powers, COEFFICIENTS))
+    return np.asarray(np.einsum("np,pk->nk", powers, DIFFERENCE_COEFFICIENTS))

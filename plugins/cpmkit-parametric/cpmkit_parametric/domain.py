@@ -10,12 +10,12 @@ from cpmkit.plugin import Bools, Floats, InputError, Ints
 from cpmkit_parametric.maps import UnitMap
 
 #: Glued ends must meet to this share of the size; a side shorter than it is a point.
-MEETING = 1e-9
+GLUED_ENDS_SHARE = 1e-9
 #: A parameter this close to a bound, as a share of the range, is at the bound: rounding.
-AT_BOUND = 1e-13
-SAMPLES = 65
+AT_BOUND_SHARE = 1e-13
+SIDE_SAMPLES = 65
 #: Least distance of a start from a pole, and the largest share of that distance that a step may take.
-OFF_POLE, TOWARDS_POLE = 1e-4, 0.9
+LEAST_POLE_DISTANCE, MOST_POLE_STEP_SHARE = 1e-4, 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,12 +42,12 @@ class Domain:
         s = self.inside(s)
         if self.poles is None:
             return s
-        return np.clip(s, OFF_POLE * self.poles[:, 0], 1 - OFF_POLE * self.poles[:, 1])
+        return np.clip(s, LEAST_POLE_DISTANCE * self.poles[:, 0], 1 - LEAST_POLE_DISTANCE * self.poles[:, 1])
 
     def after(self, s: Floats, step: Floats) -> Floats:
         """Return where a step from ``s`` leads: wrapped, cut at the bounds, and shortened towards poles."""
         if self.poles is not None and self.poles.any():
-            down, up = np.where(self.poles, TOWARDS_POLE, np.inf).T
+            down, up = np.where(self.poles, MOST_POLE_STEP_SHARE, np.inf).T
             with np.errstate(invalid="ignore"):
                 step = np.maximum(step, np.where(np.isfinite(down), -down * s, -np.inf))
                 step = np.minimum(step, np.where(np.isfinite(up), up * (1 - s), np.inf))
@@ -65,8 +65,8 @@ class Domain:
 
     def snapped(self, s: Floats) -> Floats:
         """Return unit parameters with those that rounding keeps off a bound put on it."""
-        s = np.where(~self.periodic & (s < AT_BOUND), 0.0, s)
-        return np.where(~self.periodic & (s > 1 - AT_BOUND), 1.0, s)
+        s = np.where(~self.periodic & (s < AT_BOUND_SHARE), 0.0, s)
+        return np.where(~self.periodic & (s > 1 - AT_BOUND_SHARE), 1.0, s)
 
     def neighbours(self, shape: tuple[int, ...]) -> Ints:
         """Return the numbers (cells, 3^m - 1) of the cells around each cell of a grid; itself where there is none."""
@@ -76,8 +76,8 @@ class Domain:
         centres = (around + 0.5) / shape
         found = np.floor(self.inside(centres) * shape).astype(np.int64)
         beyond = ((around < 0) | (around >= shape)) & ~self.periodic
-        own = np.repeat(cells, len(offsets), axis=0)
-        found = np.where(beyond.any(axis=1)[:, None], own, np.minimum(found, np.array(shape) - 1))
+        from_cells = np.repeat(cells, len(offsets), axis=0)
+        found = np.where(beyond.any(axis=1)[:, None], from_cells, np.minimum(found, np.array(shape) - 1))
         return np.asarray(np.ravel_multi_index(tuple(found.T), shape).reshape(len(cells), -1), dtype=np.int64)
 
     def ends(self, shape: tuple[int, ...]) -> Floats:
@@ -93,9 +93,9 @@ class Domain:
 
 def side_points(map: UnitMap, axis: int, end: float) -> Floats:
     """Return points (k, d) along the side where the parameter ``axis`` is ``end``, 0 or 1."""
-    s = np.full((SAMPLES if map.count == 2 else 1, map.count), end)
+    s = np.full((SIDE_SAMPLES if map.count == 2 else 1, map.count), end)
     if map.count == 2:
-        s[:, 1 - axis] = np.linspace(0, 1, SAMPLES)
+        s[:, 1 - axis] = np.linspace(0, 1, SIDE_SAMPLES)
     return map.value(s)
 
 
@@ -112,7 +112,7 @@ def check_glued(map: UnitMap, domain: Domain, names: str, size: float) -> None:
         if domain.flip and axis == 0:
             end = end[::-1]
         gap = float(np.linalg.norm(start - end, axis=1).max())
-        if gap > MEETING * size:
+        if gap > GLUED_ENDS_SHARE * size:
             how = "with the other parameter flipped" if domain.flip and axis == 0 else "as a periodic one must"
             raise InputError(
                 f"The two ends of the range of {names[axis]} do not meet, {how}: they are up to {gap:.6g} apart; "
@@ -158,7 +158,7 @@ def find_sides(map: UnitMap, domain: Domain, size: float) -> Sides:
         ends = np.array([[-1, -1]] if domain.periodic[0] else [[0, 1]], dtype=np.int64)
         return Sides(ends, np.zeros((1, 2), dtype=np.bool_))
     lengths = np.array([[_length(side_points(map, axis, end)) for end in (0.0, 1.0)] for axis in (0, 1)])
-    collapsed = (lengths <= MEETING * size) & ~domain.periodic[:, None]
+    collapsed = (lengths <= GLUED_ENDS_SHARE * size) & ~domain.periodic[:, None]
     open_sides = ~domain.periodic[:, None] & ~collapsed
     loops = np.where(open_sides, 0, -1)
     bounded = np.flatnonzero(~domain.periodic)

@@ -22,7 +22,7 @@ from cpmkit_parametric.sources import Curve, OrientedSurface, Parametric, PlaneC
 
 Formulas = Sequence[str] | Callable[..., Any]
 #: Given derivatives may differ from differences by this share of the largest.
-AGREEMENT = 1e-4
+DERIVATIVE_MISMATCH_SHARE = 1e-4
 
 
 def curve(
@@ -150,7 +150,7 @@ def _check_derivatives(given: Any, found: Any, width: Floats) -> None:
     scales = (width[:, None], (width[:, None] * width)[..., None])
     for order, scale, a, b in zip(("first", "second"), scales, given[1:], found[1:], strict=True):
         apart, largest = np.abs((a - b) * scale).max(), np.abs(b * scale).max()
-        if not apart <= AGREEMENT * largest:
+        if not apart <= DERIVATIVE_MISMATCH_SHARE * largest:
             raise InputError(
                 f"The {order} derivatives disagree with differences of x by {apart / (largest or 1.0):.2g} of the "
                 "largest; correct derivatives, or leave it out."

@@ -8,12 +8,12 @@ from cpmkit.plugin import Floats, Ints
 from cpmkit_parametric.domain import Domain, Sides
 from cpmkit_parametric.maps import UnitMap
 
-SAMPLES = 1025
+ARC_LENGTH_SAMPLES = 1025
 
 
 def curve_mesh(map: UnitMap, domain: Domain, spacing: float) -> tuple[Floats, Ints]:
     """Return vertices at equal arc lengths and the segments between them, in the direction of travel."""
-    s = np.linspace(0, 1, SAMPLES)
+    s = np.linspace(0, 1, ARC_LENGTH_SAMPLES)
     steps = np.linalg.norm(np.diff(map.value(s[:, None]), axis=0), axis=1)
     arc = np.concatenate([[0.0], np.cumsum(steps)])
     closed = bool(domain.periodic[0])

@@ -15,7 +15,7 @@ from cpmkit_parametric.formulas import formula_map
 from cpmkit_parametric.maps import Map, UnitMap
 from cpmkit_parametric.sources import Curve, OrientedSurface, Surface
 
-TURN = [0.0, 2 * np.pi]
+TURN_RANGE = [0.0, 2 * np.pi]
 #: Of knots and planar curves: with more, the cells of :mod:`cpmkit_parametric.cells` do not resolve them.
 MOST_WINDINGS = 1000
 
@@ -34,7 +34,7 @@ def torus_knot(*, a: Any = 3, b: Any = 7, major: Any = 3.0, minor: Any = 1.0, tr
     v = f"({R!r} + {r!r}*cos({b}*t))"
     return curve(
         x=[f"{v}*cos({a}*t)", f"{v}*sin({a}*t)", f"{r!r}*sin({b}*t)"],
-        range=TURN,
+        range=TURN_RANGE,
         periodic=True,
         translation=translation,
     )
@@ -53,7 +53,10 @@ def planar_curve(*, a: Any = 3, b: Any = 4, c: Any = -0.5, translation: Any = No
     shift = float(as_vector([c], 1, "c")[0])
     v = f"(cos(t)*({(a + b) / 2!r} + sin({a}*t) + sin({b}*t)) + {(a + b) / 2!r})/{a + b}"
     return curve(
-        x=[f"{v}*cos(t) + {shift!r}", f"{v}*sin(t) + {shift!r}"], range=TURN, periodic=True, translation=translation
+        x=[f"{v}*cos(t) + {shift!r}", f"{v}*sin(t) + {shift!r}"],
+        range=TURN_RANGE,
+        periodic=True,
+        translation=translation,
     )
 
 
@@ -93,7 +96,7 @@ def moebius(*, radius: Any = 1.0, half_width: Any = 0.35, translation: Any = Non
     around = f"({R!r} + v*cos(u/2))"
     return surface(
         x=[f"{around}*cos(u)", f"{around}*sin(u)", "v*sin(u/2)"],
-        u=TURN,
+        u=TURN_RANGE,
         v=[-w, w],
         periodic_u=True,
         glue_u="flip",
@@ -113,8 +116,8 @@ def klein(*, radius: Any = 2.0, width: Any = 1.0, translation: Any = None) -> Su
     around = f"({R!r} + {w!r}*(cos(u/2)*sin(v) - sin(u/2)*sin(2*v)))"
     return surface(
         x=[f"{around}*cos(u)", f"{around}*sin(u)", f"{w!r}*(sin(u/2)*sin(v) + cos(u/2)*sin(2*v))"],
-        u=TURN,
-        v=TURN,
+        u=TURN_RANGE,
+        v=TURN_RANGE,
         periodic_u=True,
         periodic_v=True,
         glue_u="flip",

@@ -15,15 +15,15 @@ from cpmkit_parametric.maps import UnitMap
 from cpmkit_parametric.meshes import curve_mesh, surface_mesh
 
 #: Queries that are searched at a time.
-PARCEL = 1 << 14
+PARAMETRIC_PARCEL_QUERIES = 1 << 14
 #: Step, as a share of the range, off a point at which the derivatives do not tell a direction.
-ASIDE = 1e-5
+ASIDE_RANGE_SHARE = 1e-5
 #: Derivatives shorter than this share of the typical one tell no direction.
-VANISHING = 1e-10
+VANISHING_DERIVATIVE_SHARE = 1e-10
 #: Where two branches cross, feet closer than this share of the size leave it open on which one they are.
-COINCIDENT = 1e-4
+COINCIDENT_FEET_SHARE = 1e-4
 #: Unit parameters, and projections on tangent planes, that differ by more than this are two.
-DIFFERENT = 1e-6
+TWO_FEET_SHARE = 1e-6
 
 Own = TypeVar("Own", bound="Parametric")
 
@@ -87,8 +87,10 @@ class Parametric:
             If ``x`` holds NaN or infinity, or its shape is not (n, d).
         """
         queries = as_points(x, self.dim) - self.shift
-        starts = range(0, max(len(queries), 1), PARCEL)
-        return ClosestPoints.join([self._search(queries[start : start + PARCEL]) for start in starts])
+        starts = range(0, max(len(queries), 1), PARAMETRIC_PARCEL_QUERIES)
+        return ClosestPoints.join(
+            [self._search(queries[start : start + PARAMETRIC_PARCEL_QUERIES]) for start in starts]
+        )
 
     def translated(self: Own, offset: Floats, /) -> Own:
         """Return the same image moved by ``offset`` (d,); the shift alone is rounded, once."""
@@ -119,12 +121,12 @@ class Parametric:
         other = best[query]
         apart = np.abs(s - s[other])
         apart = np.where(self.domain.periodic, np.minimum(apart, 1 - apart), apart)
-        coincide = np.linalg.norm(points - points[other], axis=1) <= COINCIDENT * self.size
-        rows = np.flatnonzero(coincide & (apart.max(axis=1) > DIFFERENT))
+        coincide = np.linalg.norm(points - points[other], axis=1) <= COINCIDENT_FEET_SHARE * self.size
+        rows = np.flatnonzero(coincide & (apart.max(axis=1) > TWO_FEET_SHARE))
         pole = self.sides.at_pole(s[rows]) | self.sides.at_pole(s[other[rows]])
         rows = rows[~pole]
         planes = [_projectors(self.map.jet(s[index])[1]) for index in (rows, other[rows])]
-        crossing = np.abs(planes[0] - planes[1]).max(axis=(1, 2), initial=0.0) > DIFFERENT
+        crossing = np.abs(planes[0] - planes[1]).max(axis=(1, 2), initial=0.0) > TWO_FEET_SHARE
         return np.asarray(query[rows[crossing]])
 
     def _unit(self, feet: ClosestPoints) -> Floats:
@@ -140,9 +142,12 @@ class Curve(Parametric):
         """Return the unit tangents (n, d) in the direction of growing t; where x' is zero, along the chord."""
         s = self._unit(feet)
         along = self.map.jet(s)[1][:, 0]
-        resting = np.linalg.norm(along, axis=1) < VANISHING * self.size
+        resting = np.linalg.norm(along, axis=1) < VANISHING_DERIVATIVE_SHARE * self.size
         if resting.any():
-            ahead, behind = (self.map.value(self.domain.inside(s[resting] + step)) for step in (ASIDE, -ASIDE))
+            ahead, behind = (
+                self.map.value(self.domain.inside(s[resting] + step))
+                for step in (ASIDE_RANGE_SHARE, -ASIDE_RANGE_SHARE)
+            )
             along[resting] = ahead - behind
         return _unit_vectors(along)
 
@@ -177,7 +182,7 @@ class OrientedSurface(Surface):
         """Return the unit normals (n, 3) along x_u x x_v; at a pole, the mean around it."""
         s = self._unit(feet)
         normals = self._across(s)
-        poles = np.linalg.norm(normals, axis=1) < VANISHING * self.size**2
+        poles = np.linalg.norm(normals, axis=1) < VANISHING_DERIVATIVE_SHARE * self.size**2
         if poles.any():
             normals[poles] = self._around(s[poles])
         return _unit_vectors(normals)
@@ -192,12 +197,16 @@ class OrientedSurface(Surface):
         for axis in (0, 1):
             if not self.sides.collapsed[axis].any():
                 continue
-            beside = np.clip(s, ASIDE, 1 - ASIDE)
+            beside = np.clip(s, ASIDE_RANGE_SHARE, 1 - ASIDE_RANGE_SHARE)
             for turn in np.arange(8) / 8:
                 beside[:, 1 - axis] = turn
                 at = self.sides.collapsed[axis][(s[:, axis] > 0.5).astype(int)]
                 total += np.where(at[:, None], self._across(beside), 0.0)
-        return np.where(np.any(total != 0, axis=1)[:, None], total, self._across(np.clip(s, ASIDE, 1 - ASIDE)))
+        return np.where(
+            np.any(total != 0, axis=1)[:, None],
+            total,
+            self._across(np.clip(s, ASIDE_RANGE_SHARE, 1 - ASIDE_RANGE_SHARE)),
+        )
 
 
 def _unit_vectors(vectors: Floats) -> Floats:

@@ -13,11 +13,11 @@ from cpmkit.plugin import Bools, Floats, Ints, run_parcels
 from cpmkit_pointcloud.patches import Patches, exponents
 
 #: Samples whose neighbours are collected at a time.
-SAMPLES = 4096
+COLLECTED_SAMPLES = 4096
 #: Queries handed to a thread at a time.
-QUERIES = 2048
+BLEND_PARCEL_QUERIES = 2048
 #: A patch counts as far as about this many neighbours lie: fewer leave holes between random samples.
-REACHED = 20
+REACHED_NEIGHBOURS = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +71,8 @@ def blend(points: Floats, patches: Patches, normals: Floats | None) -> Blend:
 
     tree = cKDTree(points)
     samples, reaching = [], []
-    for start in range(0, len(points), SAMPLES):
-        rows = np.arange(start, min(start + SAMPLES, len(points)))
+    for start in range(0, len(points), COLLECTED_SAMPLES):
+        rows = np.arange(start, min(start + COLLECTED_SAMPLES, len(points)))
         lists = tree.query_ball_point(points[rows], 2.0 * patches.radii[rows], return_sorted=False)
         counts = np.fromiter((len(entry) for entry in lists), dtype=np.int64, count=len(rows))
         samples.append(np.concatenate(lists).astype(np.int32))
@@ -97,7 +97,7 @@ def project(surface: Blend, x: Floats, nearest: Ints, tiny: float, closed: bool)
     def work(start: int, stop: int) -> None:
         kernels.project(x, start, stop, nearest, cloud, tiny, closed, foot, element, edge, doubtful)
 
-    run_parcels(work, n, QUERIES)
+    run_parcels(work, n, BLEND_PARCEL_QUERIES)
     return np.ascontiguousarray(foot[:, :dim]), element, edge, doubtful
 
 
@@ -108,7 +108,7 @@ def surface_normals(surface: Blend, feet: Floats, element: Ints) -> Floats:
     n, dim = feet.shape
     normal = np.empty((n, 3))
     cloud, y = surface.arrays, _in_space(feet)
-    run_parcels(lambda start, stop: kernels.normals(y, start, stop, element, cloud, normal), n, QUERIES)
+    run_parcels(lambda start, stop: kernels.normals(y, start, stop, element, cloud, normal), n, BLEND_PARCEL_QUERIES)
     return np.ascontiguousarray(normal[:, :dim])
 
 

@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
 #: Neighbours that stray from their plane by more than this share of their spread are no piece of a smooth surface.
-THICK = 0.25
+THICK_SPREAD_SHARE = 0.25
 #: Lowered or thick samples are worth a warning from this share of all on, duplicates from the second one.
-SPOILING, REPEATED = 1e-3, 1e-2
+SPOILING_SAMPLES_SHARE, REPEATED_SAMPLES_SHARE = 1e-3, 1e-2
 #: Distances are exact up to this share of the smallest radius of curvature.
-TRUSTED = 0.5
+TRUSTED_RADIUS_SHARE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +84,7 @@ class PointCloud:
     @property
     def thick(self) -> int:
         """How many samples have neighbours that lie on no smooth surface: other sheets, creases, noise, coarseness."""
-        return int((self.surface.patches.thickness > THICK).sum())
+        return int((self.surface.patches.thickness > THICK_SPREAD_SHARE).sum())
 
     @cached_property
     def gap(self) -> float:
@@ -100,7 +100,7 @@ class PointCloud:
         """
         bend = float(curvatures(self.surface.patches).max())
         extent = float(np.linalg.norm(np.ptp(self.points, axis=0)))
-        return min(extent, TRUSTED / bend) if bend > 0.0 else extent
+        return min(extent, TRUSTED_RADIUS_SHARE / bend) if bend > 0.0 else extent
 
     def closest_point(self, x: Floats, /) -> ClosestPoints:
         """Return the closest points of ``x`` (n, d) on the surface.
@@ -117,7 +117,7 @@ class PointCloud:
         x = as_points(x, self.dim)
         to_samples, nearest = ask(self._tree, x)
         feet, sample, edge, doubtful = project(self.surface, x, nearest, self._tiny, self.closed)
-        doubtful |= self.surface.patches.thickness[sample] > THICK
+        doubtful |= self.surface.patches.thickness[sample] > THICK_SPREAD_SHARE
         to_feet = np.linalg.norm(x - feet, axis=1)
         bound = np.maximum(to_samples - self.gap, 0.0)
         distance = np.where(edge < 0, np.maximum(bound, np.minimum(to_feet, self.trusted)), bound)
@@ -140,17 +140,17 @@ class PointCloud:
 
     def _warnings(self) -> list[str]:
         count, degree, found = len(self.points), self.surface.patches.degree, []
-        if self.duplicates > REPEATED * self.value_count:
+        if self.duplicates > REPEATED_SAMPLES_SHARE * self.value_count:
             found.append(
                 f"{self.duplicates} of {self.value_count} points of the cloud lie where an earlier one lies and were "
                 "left out, with their data."
             )
-        if self.lowered > SPOILING * count:
+        if self.lowered > SPOILING_SAMPLES_SHARE * count:
             found.append(
                 f"Around {self.lowered} of {count} samples of the cloud the neighbours determine no patch of degree "
                 f"{degree}, and the surface is less accurate there; more neighbours or a lower degree may help."
             )
-        if self.thick > SPOILING * count:
+        if self.thick > SPOILING_SAMPLES_SHARE * count:
             found.append(
                 f"The neighbours of {self.thick} of {count} samples of the cloud lie on no smooth surface, and the "
                 "solution may be off there; where sheets are close give normals, where there is noise more neighbours, "

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.plugin import Floats, InputError
-from cpmkit_pointcloud.blend import REACHED, blend, shrunk
+from cpmkit_pointcloud.blend import REACHED_NEIGHBOURS, blend, shrunk
 from cpmkit_pointcloud.cloud import OrientedPointCloud, PointCloud
 from cpmkit_pointcloud.nearest import NearestSamples
 from cpmkit_pointcloud.patches import exponents, fit_patches, neighbourhoods
@@ -16,9 +16,9 @@ from cpmkit_pointcloud.reading import as_cloud, as_normals, first_of_each, read_
 from cpmkit_pointcloud.samples import tree_of
 
 #: A cloud that ends at a larger share of its samples is open; at fewer it may only be sampled too thinly there.
-OPEN = 0.01
+OPEN_RIM_SHARE = 0.01
 #: Neighbours of a fit, by the dimension of the space and the degree.
-NEIGHBOURS = {2: {1: 5, 2: 7, 3: 9, 4: 11}, 3: {1: 12, 2: 20, 3: 30, 4: 45}}
+FIT_NEIGHBOURS = {2: {1: 5, 2: 7, 3: 9, 4: 11}, 3: {1: 12, 2: 20, 3: 30, 4: 45}}
 
 
 def points(
@@ -79,10 +79,10 @@ def points(
 
 def _neighbours(degree: Any, neighbours: Any, dim: int) -> int:
     """Return how many neighbours a fit uses, after a check of both options."""
-    if degree not in NEIGHBOURS[dim]:
+    if degree not in FIT_NEIGHBOURS[dim]:
         raise InputError(f"degree must be 1, 2, 3 or 4, got {degree!r}.")
     least = len(exponents(degree, dim - 1))
-    count = NEIGHBOURS[dim][degree] if neighbours is None else neighbours
+    count = FIT_NEIGHBOURS[dim][degree] if neighbours is None else neighbours
     if not isinstance(count, (int, np.integer)) or isinstance(count, bool) or count < least:
         raise InputError(f"neighbours must be a whole number of at least {least} for degree {degree}, got {count!r}.")
     return int(count)
@@ -101,7 +101,7 @@ def _fitted(given: Floats, normals: Floats | None, degree: int, count: int, clos
     rows = np.arange(len(points))
     around = neighbourhoods(points, tree_of(points), count, normals, rows)
     patches = fit_patches(points, around, degree, rows)
-    reached = NEIGHBOURS[2][4] if dim == 2 else REACHED
+    reached = FIT_NEIGHBOURS[2][4] if dim == 2 else REACHED_NEIGHBOURS
     share = min(1.0, (reached / count) ** (1.0 / (dim - 1)))
     surface = blend(points, shrunk(patches, share), normals)
     cloud = (
@@ -116,7 +116,7 @@ def _fitted(given: Floats, normals: Floats | None, degree: int, count: int, clos
 
 def _refuse_open(cloud: PointCloud) -> None:
     ends, asked = cloud.open_samples
-    if ends > OPEN * asked:
+    if ends > OPEN_RIM_SHARE * asked:
         raise InputError(
             f"The cloud is open: at {ends} of {asked} samples the surface ends; set closed = false, which gives it a "
             "rim, or add the samples that lack."

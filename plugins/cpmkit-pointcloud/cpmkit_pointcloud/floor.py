@@ -18,16 +18,16 @@ if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
 #: Samples whose slopes are looked at.
-ASKED = 500
+SLOPE_SAMPLES = 500
 #: What patches of one degree more differ by, over the error of the blended surface's slope: of even degrees 1.2 to
 #: 2.3, of odd ones, which share more with the next, 0.7 to 1.3; on random samples, with noise and without.
-DIFFERENCE = (1.75, 1.0)
+DIFFERENCE_OVER_ERROR = (1.75, 1.0)
 #: Error of a solution as a share of its range, over the slope's error, on curves and on surfaces; over its square.
-SHARE, STRETCH = {2: 3.5, 3: 0.6}, 1.5
+ERROR_PER_SLOPE, ERROR_PER_SLOPE_SQUARED = {2: 3.5, 3: 0.6}, 1.5
 #: Of plain samples: the share over the distance to the nearest sample in spacings, and the largest that was seen.
-PLAIN, WORST = 0.8, 0.3
+PLAIN_ERROR_PER_SPACING, WORST_PLAIN_ERROR = 0.8, 0.3
 #: Neighbours by which the density of plain samples is measured.
-COUNTED = 6
+DENSITY_NEIGHBOURS = 6
 
 
 def slope_error(points: Floats, patches: Patches, tree: cKDTree, normals: Floats | None) -> tuple[float, float]:
@@ -35,7 +35,7 @@ def slope_error(points: Floats, patches: Patches, tree: cKDTree, normals: Floats
 
     It holds what the degree leaves out and what noise does. Of even samples without noise it is up to 4 times that.
     """
-    rows = np.sort(np.random.default_rng(0).choice(len(points), min(ASKED, len(points)), replace=False))
+    rows = np.sort(np.random.default_rng(0).choice(len(points), min(SLOPE_SAMPLES, len(points)), replace=False))
     degree = patches.degree + 1
     needed = len(exponents(degree, points.shape[1] - 1)) + 1
     count = min(max(patches.neighbours, needed), len(points))
@@ -44,7 +44,7 @@ def slope_error(points: Floats, patches: Patches, tree: cKDTree, normals: Floats
     own, other = patch_normals(patches)[rows][determined], patch_normals(finer)[determined]
     other = np.where(np.einsum("nd,nd->n", own, other)[:, None] < 0.0, -other, other)
     square = np.sum((own - other) ** 2, axis=1)
-    slope = np.sqrt(square.sum() / max(len(square), 1)) / DIFFERENCE[patches.degree % 2]
+    slope = np.sqrt(square.sum() / max(len(square), 1)) / DIFFERENCE_OVER_ERROR[patches.degree % 2]
     return float(slope), float(np.median(np.sqrt(patches.radii[rows] * finer.radii)))
 
 
@@ -55,15 +55,15 @@ def fitted_floor(slope: float, width: float, spacing: float, dim: int) -> float:
     spacing. What is left is that a bumpy surface is larger than a smooth one, by the square of its slope.
     """
     followed = min(1.0, (spacing / width) ** 2)
-    return min(1.0, SHARE[dim] * slope * followed + STRETCH * slope**2)
+    return min(1.0, ERROR_PER_SLOPE[dim] * slope * followed + ERROR_PER_SLOPE_SQUARED * slope**2)
 
 
 def plain_floor(points: Floats, tree: cKDTree, spacing: float) -> float:
     """Return the floor of samples that are themselves the surface: every foot jumps from one to the next."""
-    count = min(COUNTED, len(points) - 1)
+    count = min(DENSITY_NEIGHBOURS, len(points) - 1)
     if not count:
         return 0.0
-    rows = np.random.default_rng(0).choice(len(points), min(ASKED, len(points)), replace=False)
+    rows = np.random.default_rng(0).choice(len(points), min(SLOPE_SAMPLES, len(points)), replace=False)
     reach = np.asarray(tree.query(points[rows], k=count + 1)[0])[:, -1]
     slide = np.sqrt(np.mean(reach**2)) / count ** (1.0 / (points.shape[1] - 1))
-    return min(WORST, float(PLAIN * slide / spacing))
+    return min(WORST_PLAIN_ERROR, float(PLAIN_ERROR_PER_SPACING * slide / spacing))

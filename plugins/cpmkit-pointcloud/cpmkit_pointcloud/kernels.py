@@ -13,25 +13,25 @@ import numpy as np
 from cpmkit.plugin import compiled
 
 #: Rounds after which a search gives up.
-ROUNDS = 60
+MOST_SEARCH_ROUNDS = 60
 #: Halvings of a step that left the reach of all patches.
-HALVINGS = 40
+STEP_HALVINGS = 40
 #: Steps onto the surface after the search, at most, and the share of a search's last step at which they end.
-LANDINGS = 6
-ROUNDING = 1e-3
+MOST_LANDINGS = 6
+LANDING_STEP_SHARE = 1e-3
 #: A step goes no farther than this share of the patch's radius.
-STRIDE = 0.5
+STRIDE_RADII = 0.5
 #: Share of its plain value below which the second derivative of the distance counts as lost: a focal point is near.
-FOCAL = 0.1
+FOCAL_SHARE = 0.1
 #: The samples' weighted mean is this share of a radius away from a foot that has left them behind. On a straight
 #: rim it is 0.26; among random samples with 20 in reach it is above 0.45 once in 25,000.
-BEYOND = 0.45
+BEYOND_RIM_RADII = 0.45
 #: That share is met to this accuracy on the rim of an open cloud.
-ON_RIM = 1e-9
+ON_RIM_ACCURACY = 1e-9
 #: Strides, in radii, by which the rim is sought, and how many of them.
-PACE, PACES = 0.25, 12
+PACE_RADII, MOST_PACES = 0.25, 12
 #: Rounds of false position across the rim, of steps along it, and the step in radii at which those end.
-FALSE_POSITIONS, RIM_ROUNDS, RIM_STEP = 60, 30, 1e-6
+FALSE_POSITION_ROUNDS, ALONG_RIM_ROUNDS, LAST_RIM_STEP_RADII = 60, 30, 1e-6
 
 
 @compiled
@@ -141,7 +141,7 @@ def _tangential(x, y, g, j, cloud):
     right1, right2 = away @ p, away @ s
     size = 1.0 + abs(bend) * (abs(qaa) + 2.0 * abs(qab) + abs(qbb))
     determinant = h11 * h22 - h12 * h12
-    if h11 <= FOCAL or h22 <= FOCAL or determinant <= FOCAL * max(h11, h22):
+    if h11 <= FOCAL_SHARE or h22 <= FOCAL_SHARE or determinant <= FOCAL_SHARE * max(h11, h22):
         return (right1 * p + right2 * s) / size
     return ((h22 * right1 - h12 * right2) * p + (h11 * right2 - h12 * right1) * s) / determinant
 
@@ -149,7 +149,7 @@ def _tangential(x, y, g, j, cloud):
 @compiled
 def _land(y, j, cloud, tiny):
     """Move ``y`` onto the surface along the gradient, to rounding; return the nearest sample."""
-    for _ in range(LANDINGS):
+    for _ in range(MOST_LANDINGS):
         j = _nearest_sample(y, j, cloud)
         f, gx, gy, gz, _, _, _ = _blend(y, j, cloud)
         square = gx * gx + gy * gy + gz * gz
@@ -159,7 +159,7 @@ def _land(y, j, cloud, tiny):
         y[0] -= step * gx
         y[1] -= step * gy
         y[2] -= step * gz
-        if abs(f) <= ROUNDING * tiny * np.sqrt(square):
+        if abs(f) <= LANDING_STEP_SHARE * tiny * np.sqrt(square):
             return j
     return j
 
@@ -173,12 +173,12 @@ def _search(x, y, j, cloud, tiny):
     radii = cloud[2]
     reach = np.sqrt((x - y) @ (x - y))
     g, last, last_sample = np.empty(3), y.copy(), j
-    for _ in range(ROUNDS):
+    for _ in range(MOST_SEARCH_ROUNDS):
         f, g[0], g[1], g[2], _, _, _ = _blend(y, j, cloud)
         square = g @ g
         if square == 0.0:
             # Half way back again and again; in the end to the last place itself, and the sample that reached it.
-            for _ in range(HALVINGS):
+            for _ in range(STEP_HALVINGS):
                 y[:] = 0.5 * (y + last)
                 j = _nearest_sample(y, j, cloud)
                 f, g[0], g[1], g[2], _, _, _ = _blend(y, j, cloud)
@@ -189,8 +189,8 @@ def _search(x, y, j, cloud, tiny):
         last[:], last_sample = y, j
         step = _tangential(x, y, g, j, cloud) - (f / square) * g
         length = np.sqrt(step @ step)
-        if length > STRIDE * radii[j]:
-            step *= STRIDE * radii[j] / length
+        if length > STRIDE_RADII * radii[j]:
+            step *= STRIDE_RADII * radii[j] / length
         y += step
         j = _nearest_sample(y, j, cloud)
         if length <= tiny + 1e-15 * reach:
@@ -202,7 +202,7 @@ def _search(x, y, j, cloud, tiny):
 def _beyond(y, j, cloud):
     """Return by how much the samples have been left behind at ``y``: above zero beyond the rim."""
     _, _, _, _, mx, my, mz = _blend(y, j, cloud)
-    return np.sqrt(mx * mx + my * my + mz * mz) - BEYOND
+    return np.sqrt(mx * mx + my * my + mz * mz) - BEYOND_RIM_RADII
 
 
 @compiled
@@ -217,10 +217,10 @@ def _outward(y, j, cloud):
 @compiled
 def _to_rim(y, j, cloud, tiny):
     """Move ``y`` along the surface to where the samples are just left behind, by false position; return its sample."""
-    away, pace = _outward(y, j, cloud), PACE * cloud[2][j]
+    away, pace = _outward(y, j, cloud), PACE_RADII * cloud[2][j]
     start, low, high = y.copy(), 0.0, 0.0
     at_low = at_high = _beyond(y, j, cloud)
-    for _ in range(PACES):
+    for _ in range(MOST_PACES):
         if at_low <= 0.0 <= at_high:
             break
         if at_low > 0.0:
@@ -236,12 +236,12 @@ def _to_rim(y, j, cloud, tiny):
     if not at_low <= 0.0 <= at_high:
         return j
     side = 0
-    for _ in range(FALSE_POSITIONS):
+    for _ in range(FALSE_POSITION_ROUNDS):
         middle = low if at_high == at_low else (low * at_high - high * at_low) / (at_high - at_low)
         y[:] = start + middle * away
         j = _land(y, j, cloud, tiny)
         value = _beyond(y, j, cloud)
-        if abs(value) <= ON_RIM or high - low <= tiny:
+        if abs(value) <= ON_RIM_ACCURACY or high - low <= tiny:
             return j
         if value > 0.0:
             high, at_high, at_low = middle, value, at_low * (0.5 if side == 1 else 1.0)
@@ -256,13 +256,13 @@ def _to_rim(y, j, cloud, tiny):
 def _along_rim(x, y, j, cloud, tiny):
     """Move ``y`` to the foot of ``x`` on the rim: across to the rim and along it by turns; return its sample."""
     j = _to_rim(y, j, cloud, tiny)
-    for _ in range(RIM_ROUNDS):
+    for _ in range(ALONG_RIM_ROUNDS):
         away = _outward(y, j, cloud)
         _, gx, gy, gz, _, _, _ = _blend(y, j, cloud)
         s = np.array([gy * away[2] - gz * away[1], gz * away[0] - gx * away[2], gx * away[1] - gy * away[0]])
         step = ((x - y) @ s) / (s @ s)
-        step = min(max(step * np.sqrt(s @ s), -PACE * cloud[2][j]), PACE * cloud[2][j])
-        if abs(step) <= RIM_STEP * cloud[2][j]:
+        step = min(max(step * np.sqrt(s @ s), -PACE_RADII * cloud[2][j]), PACE_RADII * cloud[2][j])
+        if abs(step) <= LAST_RIM_STEP_RADII * cloud[2][j]:
             return j
         y += step * s / np.sqrt(s @ s)
         j = _land(y, _nearest_sample(y, j, cloud), cloud, tiny)
@@ -288,11 +288,11 @@ def project(x, start, stop, nearest, cloud, tiny, closed, foot, element, edge, d
             y[:] = points[j]
         j = _land(y, j, cloud, tiny)
         beyond = _beyond(y, j, cloud)
-        if not closed and beyond > ON_RIM:
+        if not closed and beyond > ON_RIM_ACCURACY:
             j = _along_rim(x[k], y, j, cloud, tiny)
             beyond, converged = _beyond(y, j, cloud), True
-        edge[k] = 0 if not closed and beyond > -ON_RIM else -1
-        foot[k], element[k], doubtful[k] = y, j, not converged or beyond > ON_RIM
+        edge[k] = 0 if not closed and beyond > -ON_RIM_ACCURACY else -1
+        foot[k], element[k], doubtful[k] = y, j, not converged or beyond > ON_RIM_ACCURACY
 
 
 @compiled

@@ -14,13 +14,13 @@ if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
 #: Samples fitted at a time.
-PARCEL = 2048
+FITTED_PARCEL_SAMPLES = 2048
 #: A singular value this much smaller than the largest leaves its coefficient undetermined.
-RANK = 1e-7
+RANK_TOLERANCE = 1e-7
 #: Falls to exp(-2) at the rim of the neighbourhood: heavier middles fit noise, flatter ones the far curvature.
-DECAY = 2.0
+WEIGHT_DECAY = 2.0
 #: Neighbours with normals: how many times as many are looked at, for some lie on another sheet.
-CANDIDATES = 3
+CANDIDATE_FACTOR = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,20 +84,20 @@ def neighbourhoods(points: Floats, tree: cKDTree, count: int, normals: Floats | 
     With ``normals``, neighbours whose normal points the other way are passed over: they lie on another sheet.
     Where too few are left, the sample stands in for those that lack.
     """
-    wanted = count if normals is None else min(CANDIDATES * count, len(points))
+    wanted = count if normals is None else min(CANDIDATE_FACTOR * count, len(points))
     found = np.empty((len(rows), count), dtype=np.int64)
 
     def look(start: int, stop: int) -> None:
-        own = rows[start:stop]
-        index = tree.query(points[own], k=wanted)[1].reshape(stop - start, wanted)
+        samples = rows[start:stop]
+        index = tree.query(points[samples], k=wanted)[1].reshape(stop - start, wanted)
         if normals is not None:
-            same = np.einsum("nkd,nd->nk", normals[index], normals[own]) > 0.0
+            same = np.einsum("nkd,nd->nk", normals[index], normals[samples]) > 0.0
             order = np.argsort(~same, axis=1, kind="stable")[:, :count]
             index, same = np.take_along_axis(index, order, axis=1), np.take_along_axis(same, order, axis=1)
-            index = np.where(same, index, own[:, None])
+            index = np.where(same, index, samples[:, None])
         found[start:stop] = index
 
-    run_parcels(look, len(rows), PARCEL)
+    run_parcels(look, len(rows), FITTED_PARCEL_SAMPLES)
     return found
 
 
@@ -121,7 +121,7 @@ def fit_patches(points: Floats, neighbours: Ints, degree: int, rows: Ints) -> Pa
     def fit(start: int, stop: int) -> None:
         _fit(points[neighbours[start:stop]] - points[rows[start:stop], None], degree, fitted, slice(start, stop))
 
-    run_parcels(fit, n, PARCEL)
+    run_parcels(fit, n, FITTED_PARCEL_SAMPLES)
     return fitted
 
 
@@ -130,7 +130,7 @@ def _fit(offsets: Floats, degree: int, fitted: Patches, rows: slice) -> None:
     distances = np.linalg.norm(offsets, axis=2)
     radii = distances.max(axis=1)
     scaled = offsets / radii[:, None, None]
-    weights = np.exp(-DECAY * (distances / radii[:, None]) ** 2)
+    weights = np.exp(-WEIGHT_DECAY * (distances / radii[:, None]) ** 2)
     centred = scaled - np.einsum("mk,mkd->md", weights, scaled)[:, None] / weights.sum(axis=1)[:, None, None]
     spread, axes = np.linalg.eigh(np.einsum("mk,mki,mkj->mij", weights, centred, centred))
     frames = np.swapaxes(axes, 1, 2)[:, ::-1]
@@ -159,7 +159,7 @@ def _least_squares(local: Floats, weights: Floats, terms: Sequence[tuple[int, in
     if design.shape[1] < design.shape[2]:
         return np.zeros((len(local), len(terms))), np.zeros(len(local), dtype=np.bool_)
     u, singular, vt = np.linalg.svd(design, full_matrices=False)
-    found = singular[:, -1] > RANK * singular[:, 0]
+    found = singular[:, -1] > RANK_TOLERANCE * singular[:, 0]
     inverse = np.where(found[:, None], 1.0 / np.where(found[:, None], singular, 1.0), 0.0)
     solved = np.einsum("mts,mt->ms", vt, inverse * np.einsum("mks,mk->ms", u, heights))
     return solved, found

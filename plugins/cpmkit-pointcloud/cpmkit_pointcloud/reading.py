@@ -23,8 +23,8 @@ from cpmkit.plugin import (
     shown,
 )
 
-TEXT = (".xyz", ".txt", ".csv")
-FORMATS = (".ply", *TEXT, ".npy", ".pcd")
+TEXT_SUFFIXES = (".xyz", ".txt", ".csv")
+CLOUD_SUFFIXES = (".ply", *TEXT_SUFFIXES, ".npy", ".pcd")
 
 
 def read_points(path: str | Path) -> np.ndarray:
@@ -50,8 +50,10 @@ def read_points(path: str | Path) -> np.ndarray:
     """
     file = existing_file(path)
     suffix = file.suffix.lower()
-    if suffix not in FORMATS:
-        raise InputError(f"{shown(file.name)} is no point cloud that can be read; accepted are {', '.join(FORMATS)}.")
+    if suffix not in CLOUD_SUFFIXES:
+        raise InputError(
+            f"{shown(file.name)} is no point cloud that can be read; accepted are {', '.join(CLOUD_SUFFIXES)}."
+        )
     if suffix == ".pcd":
         return _read_pcd(file)
     try:

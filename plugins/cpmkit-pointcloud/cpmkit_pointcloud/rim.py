@@ -13,21 +13,21 @@ if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
 #: Samples that are asked whether the surface ends there.
-ASKED = 10_000
+RIM_CANDIDATES = 10_000
 #: Neighbours whose directions are compared, on curves and on surfaces.
-AROUND = {2: 3, 3: 16}
+DIRECTION_NEIGHBOURS = {2: 3, 3: 16}
 #: Radians without a neighbour in the tangent plane at a sample on the rim. Among samples inside, 7 in 10,000 have them.
-OPEN_ANGLE = 2.6
+OPEN_ANGLE_RADIANS = 2.6
 #: How far beyond such a sample the surface is asked for, in radii of its patch.
-OUT = 2.0
+OUT_RADII = 2.0
 #: An open cloud has at least so many samples on its rim, and this share of all.
-LEAST, SHARE = {2: 1, 3: 4}, 3e-4
+LEAST_RIM_SAMPLES, LEAST_RIM_SHARE = {2: 1, 3: 4}, 3e-4
 
 
 def rim_samples(surface: Blend, tree: cKDTree, rows: Ints) -> tuple[Ints, Floats]:
     """Return which of the samples ``rows`` have all neighbours on one side, and unit vectors (m, d) to the other."""
     points, dim = surface.points, surface.points.shape[1]
-    count = min(AROUND[dim] + 1, len(points))
+    count = min(DIRECTION_NEIGHBOURS[dim] + 1, len(points))
     index = tree.query(points[rows], k=count)[1].reshape(len(rows), count)[:, 1:]
     frames = surface.patches.frames[rows]
     flat = np.einsum("mtd,mkd->mkt", frames[:, :-1], points[index] - points[rows, None])
@@ -41,15 +41,15 @@ def rim_samples(surface: Blend, tree: cKDTree, rows: Ints) -> tuple[Ints, Floats
     gap = np.take_along_axis(gaps, widest[:, None], 1)[:, 0]
     middle = np.take_along_axis(angle, widest[:, None], 1)[:, 0] + 0.5 * gap
     outward = np.cos(middle)[:, None] * frames[:, 0] + np.sin(middle)[:, None] * frames[:, 1]
-    return rows[gap > OPEN_ANGLE], outward[gap > OPEN_ANGLE]
+    return rows[gap > OPEN_ANGLE_RADIANS], outward[gap > OPEN_ANGLE_RADIANS]
 
 
 def open_samples(surface: Blend, tree: cKDTree, tiny: float) -> tuple[int, int]:
     """Return beyond how many samples the surface ends, and how many were asked; zero where that may be chance."""
     n, dim = surface.points.shape
-    rows = np.sort(np.random.default_rng(0).choice(n, min(ASKED, n), replace=False))
+    rows = np.sort(np.random.default_rng(0).choice(n, min(RIM_CANDIDATES, n), replace=False))
     rim, outward = rim_samples(surface, tree, rows)
-    beyond = np.ascontiguousarray(surface.points[rim] + OUT * surface.patches.radii[rim, None] * outward)
+    beyond = np.ascontiguousarray(surface.points[rim] + OUT_RADII * surface.patches.radii[rim, None] * outward)
     lost = project(surface, beyond, rim, tiny, True)[3]
     ends = int(lost.sum())
-    return (ends if ends >= max(LEAST[dim], SHARE * len(rows)) else 0), len(rows)
+    return (ends if ends >= max(LEAST_RIM_SAMPLES[dim], LEAST_RIM_SHARE * len(rows)) else 0), len(rows)

@@ -12,9 +12,9 @@ if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
 #: Samples around a foot that its value is read from, by the dimension of the space.
-AROUND = {2: 5, 3: 12}
+VALUE_SAMPLES = {2: 5, 3: 12}
 #: Directions in which the samples spread less than this, relative to the widest, carry no slope.
-SPREAD = 1e-9
+LEAST_SPREAD_SHARE = 1e-9
 
 
 def weights_at(feet: Floats, points: Floats, tree: cKDTree, tangents: Floats) -> tuple[Ints, Floats]:
@@ -24,7 +24,7 @@ def weights_at(feet: Floats, points: Floats, tree: cKDTree, tangents: Floats) ->
     (n, d - 1, d), nearer samples counting more: constants and linear functions are read as they are.
     """
     n, dim = feet.shape
-    count = min(AROUND[dim], len(points))
+    count = min(VALUE_SAMPLES[dim], len(points))
     index = tree.query(feet, k=count)[1].reshape(n, count)
     offsets = points[index] - feet[:, None]
     square = np.einsum("nkd,nkd->nk", offsets, offsets)
@@ -33,5 +33,5 @@ def weights_at(feet: Floats, points: Floats, tree: cKDTree, tangents: Floats) ->
     flat = np.einsum("nkd,ntd->nkt", offsets, tangents) / np.sqrt(farthest)[:, :, None]
     design = np.concatenate([np.ones((n, count, 1)), flat], axis=2)
     weighted = design * weights[:, :, None]
-    inverse = np.linalg.pinv(np.swapaxes(design, 1, 2) @ weighted, rcond=SPREAD, hermitian=True)
+    inverse = np.linalg.pinv(np.swapaxes(design, 1, 2) @ weighted, rcond=LEAST_SPREAD_SHARE, hermitian=True)
     return index, np.einsum("nt,nkt->nk", inverse[:, 0], weighted)

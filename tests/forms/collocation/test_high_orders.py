@@ -8,7 +8,7 @@ from scipy.spatial import ConvexHull
 
 import cpmkit as ck
 from cpmkit.forms.collocation.ghosts.continuation import arc_length, points_inwards, polynomial_weights
-from cpmkit.manifold.localized import localize
+from cpmkit.manifold.local_source import localize
 
 SPACINGS = (0.1, 0.05, 0.025, 0.0125)
 COARSE = (0.14, 0.1, 0.07)

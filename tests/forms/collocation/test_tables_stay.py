@@ -17,8 +17,8 @@ from cpmkit.families.checkpointing import Checkpointing
 from cpmkit.families.context import SolveContext
 from cpmkit.forms.collocation.form import Collocation
 from cpmkit.linear.choice import make_solver
-from cpmkit.manifold.localized import Localized
-from cpmkit.protocols import nothing
+from cpmkit.manifold.local_source import LocalSource
+from cpmkit.protocols import no_progress
 from cpmkit.solving import FAMILIES
 
 CUT = ck.source("analytic.point", at=on_circle(np.array([1.0]))[0])
@@ -40,7 +40,7 @@ def arrays_of(thing, path):
     elif isinstance(thing, (list, tuple)):
         for number, one in enumerate(thing):
             yield from arrays_of(one, f"{path}[{number}]")
-    elif is_dataclass(thing) and type(thing).__module__.startswith("cpmkit.") and not isinstance(thing, Localized):
+    elif is_dataclass(thing) and type(thing).__module__.startswith("cpmkit.") and not isinstance(thing, LocalSource):
         for field in fields(thing):
             if field.name not in ("source", "surface", "boundaries", "data") or "BoundaryData" in type(thing).__name__:
                 yield from arrays_of(getattr(thing, field.name), f"{path}.{field.name}")
@@ -83,7 +83,7 @@ def solve_on(tables, scene, solver):
         make_solver(solver, {}),
         solver,
         1e-8,
-        nothing,
+        no_progress,
         time.perf_counter(),
         Checkpointing(),
     )

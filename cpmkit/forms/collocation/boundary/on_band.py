@@ -15,7 +15,7 @@ from cpmkit.forms.collocation.boundary.side_view import BoundaryOnLattice, SideV
 from cpmkit.forms.collocation.sheets.sheets import Sheets
 from cpmkit.grid.band import surface_cells
 from cpmkit.grid.lattice import Lattice
-from cpmkit.manifold.localized import Localized, localize
+from cpmkit.manifold.local_source import LocalSource, localize
 from cpmkit.protocols import BoundarySet, ClosestPoints, Floats, Ints
 from cpmkit.scene.data import Data
 from cpmkit.scene.orient import dimension_along
@@ -49,7 +49,7 @@ class BoundariesOnBand:
 
 def put_on_lattice(
     boundary: BoundarySet,
-    surface: Localized,
+    surface: LocalSource,
     lattice: Lattice,
     radius: float,
     oriented: Callable[[BoundarySet], OrientedBoundary],
@@ -88,7 +88,7 @@ def put_on_lattice(
     return BoundaryOnLattice(found, gap, samples, lattice.spacing, sheets)
 
 
-def _samples(name: str, source: Localized, surface: Localized, spacing: float) -> Floats:
+def _samples(name: str, source: LocalSource, surface: LocalSource, spacing: float) -> Floats:
     """Return points (s, d) of the boundary, about a spacing apart."""
     if source.dim != surface.dim:
         raise SceneError(
@@ -98,9 +98,9 @@ def _samples(name: str, source: Localized, surface: Localized, spacing: float) -
     return source.closest_point(np.asarray((cells + 0.5) * spacing, dtype=np.float64)).points
 
 
-def _gap(name: str, on: ClosestPoints, radius: float) -> float:
+def _gap(name: str, on_surface: ClosestPoints, radius: float) -> float:
     """Return how far the boundary is from the surface at most."""
-    gap = float(on.distance.max())
+    gap = float(on_surface.distance.max())
     if gap > radius:
         raise SceneError(
             f"boundary {name!r} is up to {gap:.3g} away from the surface, more than the tube's radius "

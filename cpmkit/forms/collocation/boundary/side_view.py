@@ -16,23 +16,24 @@ from functools import cached_property
 
 import numpy as np
 
-from cpmkit.forms.collocation.sheets.boundary_on_sheets import NEAR, BoundaryOnSheets, Placed
+from cpmkit.forms.collocation.sheets.boundary_on_sheets import NEAR_BOUNDARY_SPACINGS, BoundaryOnSheets, SurfacePoints
 from cpmkit.forms.collocation.sheets.sheets import Sheets
-from cpmkit.manifold.localized import Localized
+from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.tangent_space import project_tangent
 from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 from cpmkit.scene.oriented import OrientedBoundary
 
 #: A point nearer to the boundary than this many spacings counts as left of it.
 #: (Differs from King et al. (2024), section 4.2: 0.1 spacing^2, on either side.)
-ON_BOUNDARY = 1e-9
+ON_BOUNDARY_SPACINGS = 1e-9
 #: Blocks of this many spacings are asked before the points in them are.
-BLOCK = 4
+BLOCK_SPACINGS = 4
 #: Where several sheets share a band: if the chord from a boundary points to neither side by more than this (cosine),
-#: the way along the surface tells which one it is; if that does not either, points farther than ``NEAR`` have none.
-UNCLEAR = 0.5
+#: the way along the surface tells which one it is; if that does not either, points farther than
+#: ``NEAR_BOUNDARY_SPACINGS`` have none.
+UNCLEAR_SIDE_COSINE = 0.5
 #: The direction of a director whose sign alone counts.
-FIRST_AXIS = np.array([1.0, 0.0, 0.0])
+SIGN_DIRECTION = np.array([1.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,16 +85,16 @@ def stack(side_views: Sequence[tuple[int, SideView]]) -> SideView:
     return SideView(*[np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(SideView)])
 
 
-def near(source: Localized, points: Floats, radius: float, spacing: float) -> tuple[Ints, ClosestPoints]:
+def near(source: LocalSource, points: Floats, radius: float, spacing: float) -> tuple[Ints, ClosestPoints]:
     """Return which of ``points`` (n, d) lie within ``radius`` of the source, and their closest points.
 
     Points are asked in blocks first, and one by one only where the block is near enough.
     """
-    side = BLOCK * spacing
+    side = BLOCK_SPACINGS * spacing
     blocks, member = np.unique(np.floor(points / side).astype(np.int64), axis=0, return_inverse=True)
     reach = radius + 0.5 * np.sqrt(source.dim) * side
     close = source.closest_point(np.asarray((blocks + 0.5) * side, dtype=np.float64)).distance <= reach * (
-        1 + ON_BOUNDARY
+        1 + ON_BOUNDARY_SPACINGS
     )
     rows = np.flatnonzero(close[member.ravel()])
     feet = source.closest_point(points[rows])
@@ -126,12 +127,12 @@ class BoundaryOnLattice:
     sheets: Sheets | None = None
 
     @property
-    def source(self) -> Localized:
+    def source(self) -> LocalSource:
         """Where the boundary lies."""
         return self.oriented.source
 
     @property
-    def surface(self) -> Localized:
+    def surface(self) -> LocalSource:
         """The manifold it lies in."""
         return self.oriented.surface
 
@@ -145,7 +146,7 @@ class BoundaryOnLattice:
         """The boundary as each sheet sees it, where several share a band."""
         if self.sheets is None:
             return None
-        samples = Placed.on(self.surface, self.samples, self.spacing)
+        samples = SurfacePoints.on(self.surface, self.samples, self.spacing)
         return BoundaryOnSheets(self.source, self.surface, samples, self.spacing, self.sheets.signed)
 
     def side_view(self, points: Floats, radius: float, spacing: float) -> SideView:
@@ -169,16 +170,18 @@ class BoundaryOnLattice:
         axis, left = self.oriented.axis_and_left(feet, on, 0.5 * spacing)
         signed = np.sum(away * left, axis=1)
         if way is not None:
-            signed = np.where(np.abs(signed) < UNCLEAR * distance, np.sum(way * left, axis=1), signed)
-        signed = np.where(np.abs(signed) < ON_BOUNDARY * spacing, ON_BOUNDARY * spacing, signed)
+            signed = np.where(np.abs(signed) < UNCLEAR_SIDE_COSINE * distance, np.sum(way * left, axis=1), signed)
+        signed = np.where(np.abs(signed) < ON_BOUNDARY_SPACINGS * spacing, ON_BOUNDARY_SPACINGS * spacing, signed)
         director = signed[:, None] * self._director_axis(axis, left)
         end = self.oriented.open_ends(feet, on, 0.5 * spacing)
         view = SideView(rows, on.points, end, distance, signed, left, director)
         if way is None:
             return view
-        return view.take((np.abs(signed) >= UNCLEAR * distance) | (distance <= NEAR * spacing))
+        return view.take(
+            (np.abs(signed) >= UNCLEAR_SIDE_COSINE * distance) | (distance <= NEAR_BOUNDARY_SPACINGS * spacing)
+        )
 
-    def _from_point(self, on: ClosestPoints, away: Floats, spacing: float) -> Floats:
+    def _from_point(self, on_surface: ClosestPoints, away: Floats, spacing: float) -> Floats:
         """Return directors T (z - y), seen from a point on a surface.
 
         King et al. (2024), section 4.5 and eq. 17 without the tangent.
@@ -187,14 +190,14 @@ class BoundaryOnLattice:
         point, a whole line of nodes then has its foot there and none of them would feel the condition; a pin
         of 1 at the pole of a sphere, a ring of 0.1 elsewhere, read 0.06 at spacing 0.05 instead of 0.9.)
         """
-        director = project_tangent(self.surface, on, away, 0.5 * spacing)
-        touching = np.linalg.norm(director, axis=1) < ON_BOUNDARY * spacing
+        director = project_tangent(self.surface, on_surface, away, 0.5 * spacing)
+        touching = np.linalg.norm(director, axis=1) < ON_BOUNDARY_SPACINGS * spacing
         for axis in np.eye(self.surface.dim):
             tangent = project_tangent(
-                self.surface, on.take(touching), np.tile(axis, (touching.sum(), 1)), 0.5 * spacing
+                self.surface, on_surface.take(touching), np.tile(axis, (touching.sum(), 1)), 0.5 * spacing
             )
             longer = np.linalg.norm(tangent, axis=1) > 0.5
-            director[np.flatnonzero(touching)[longer]] = ON_BOUNDARY * spacing * tangent[longer]
+            director[np.flatnonzero(touching)[longer]] = ON_BOUNDARY_SPACINGS * spacing * tangent[longer]
         return director
 
     def _director_axis(self, axis: Floats, left: Floats) -> Floats:
@@ -208,5 +211,5 @@ class BoundaryOnLattice:
         travel does, D = ((z - y) . v) v, which sees the sign of neither.
         """
         if self.oriented.left.known:
-            return FIRST_AXIS[: self.surface.dim]
+            return SIGN_DIRECTION[: self.surface.dim]
         return axis if self.oriented.left.travels else left

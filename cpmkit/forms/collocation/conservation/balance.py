@@ -1,4 +1,4 @@
-"""What the closest point operators let leak on a surface that nothing flows out of, and the mean put right.
+"""The mean of u on closed pieces: how far the operators miss conservation, and its correction.
 
 Integrated over a closed surface, or one between walls, -div(a grad u) vanishes, so c times the mean of u is the mean
 of f. The operators of the closest point method do not conserve: on meshes with creases and thin parts a small flux is
@@ -12,23 +12,24 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.forms.collocation.conservation.components import without_flux
+from cpmkit.forms.collocation.conservation.components import components_without_flux
 from cpmkit.forms.collocation.conservation.free_constants import means_over
 from cpmkit.forms.collocation.discretization import Discretization
 from cpmkit.protocols import Floats
 from cpmkit.scene.scene import Scene
 
-#: The mean is put right where c times the square of the surface's size is below this: there the leak, wherever it is,
-#: shows as a constant.
-SMALL = 10.0
-#: A u that varies by less than this share of its size is constant, and its mean not off by rounding.
-CONSTANT = 1e-6
-#: A mean that was off by more than this share of the range of u is told.
-TOLD = 1e-2
+#: The mean is corrected where c times the square of the surface's size is below this: there a flux that is lost
+#: anywhere shifts u by a constant.
+SMALL_REACTION = 10.0
+#: A u that varies by less than this share of its size counts as constant: a mean is not reported as wrong because of
+#: rounding.
+CONSTANT_RANGE_SHARE = 1e-6
+#: A mean that was wrong by more than this share of the range of u is reported.
+TOLD_MEAN_SHARE = 1e-2
 
 
 @dataclass(frozen=True)
-class Leak:
+class MeanImbalance:
     """How far c times the mean of u was from the mean of f on a piece that nothing flows out of, and what was done.
 
     Attributes
@@ -52,7 +53,7 @@ class Leak:
     @property
     def warnings(self) -> list[str]:
         """What a reader of the solution should know, in sentences."""
-        if self.share <= TOLD:
+        if self.share <= TOLD_MEAN_SHARE:
             return []
         worst = max(self.imbalance, key=abs)
         return [
@@ -62,7 +63,9 @@ class Leak:
         ]
 
 
-def put_mean_right(tables: Discretization, scene: Scene, b: Floats, u: Floats) -> tuple[Floats, tuple[Leak, ...]]:
+def correct_mean(
+    tables: Discretization, scene: Scene, b: Floats, u: Floats
+) -> tuple[Floats, tuple[MeanImbalance, ...]]:
     """Return u (n, channels) shifted on each piece that nothing flows out of, and what leaked there.
 
     Nothing is done where c varies or is zero, where a velocity carries u along, and where c is so large that a leak
@@ -73,9 +76,9 @@ def put_mean_right(tables: Discretization, scene: Scene, b: Floats, u: Floats) -
     if callable(terms.c) or terms.c <= 0 or terms.velocity is not None:
         return u, ()
     size = float(np.ptp(layout.band.feet.points, axis=0).max())
-    if terms.c * size**2 > SMALL:
+    if terms.c * size**2 > SMALL_REACTION:
         return u, ()
-    count, piece = without_flux(tables, scene)
+    count, piece = components_without_flux(tables, scene)
     if not count:
         return u, ()
     mean, members, piece = means_over(tables, count, piece)
@@ -85,16 +88,16 @@ def put_mean_right(tables: Discretization, scene: Scene, b: Floats, u: Floats) -
     for k in range(count):
         span = span_of(u[members[piece == k]])
         share = float(np.max(np.abs(imbalance[k] / terms.c) / np.where(span > 0, span, np.inf)))
-        if k in open_pieces and (share <= TOLD or layout.order == 1):
+        if k in open_pieces and (share <= TOLD_MEAN_SHARE or layout.order == 1):
             continue
         shift[k] = -imbalance[k] / terms.c
-        leaks.append(Leak(tuple(imbalance[k].tolist()), tuple(shift[k].tolist()), share))
+        leaks.append(MeanImbalance(tuple(imbalance[k].tolist()), tuple(shift[k].tolist()), share))
     u = u.copy()
     u[members] += shift[piece]
     return u, tuple(leaks)
 
 
 def span_of(u: Floats) -> Floats:
-    """Return the range (channels,) of u (n, channels), and of a constant what rounding stays below."""
-    span: Floats = np.maximum(np.ptp(u, axis=0), CONSTANT * np.abs(u).max(axis=0))
+    """Return the range (channels,) of u (n, channels); for a constant u, a bound of its rounding error."""
+    span: Floats = np.maximum(np.ptp(u, axis=0), CONSTANT_RANGE_SHARE * np.abs(u).max(axis=0))
     return span

@@ -7,17 +7,17 @@ import numpy as np
 from cpmkit.forms.collocation.discretization import Discretization
 from cpmkit.forms.collocation.layout import Layout
 from cpmkit.protocols import Bools, Ints
-from cpmkit.scene.laws import fixes_constant, is_wall
+from cpmkit.scene.laws import fixes_constant, is_zero_neumann
 from cpmkit.scene.scene import Scene, edge_condition
 
-#: A weight below this reads nothing.
-ROUNDING = 1e-12
+#: Weights below this are rounding and link no pieces.
+LEAST_LINKING_WEIGHT = 1e-12
 #: Rows of E that are looked through at a time.
-CHUNK = 1 << 17
+COMPONENT_CHUNK_ROWS = 1 << 17
 
 
-def unpinned(tables: Discretization, scene: Scene) -> tuple[int, Ints]:
-    """Return on how many pieces nothing fixes the solution, and which of them each unknown (n,) is on, -1 for none.
+def singular_components(tables: Discretization, scene: Scene) -> tuple[int, Ints]:
+    """Return how many pieces leave the constant free, and the piece (n,) of each unknown, -1 for none of them.
 
     A factor c of u pins the pieces on which it is not zero, a law that involves the value the piece that it bounds.
     """
@@ -27,13 +27,13 @@ def unpinned(tables: Discretization, scene: Scene) -> tuple[int, Ints]:
     count, label = components(tables)
     free = np.zeros(count, dtype=bool)
     free[label[: tables.layout.band.inner]] = True  # a ghost without nodes around it lies past an open end
-    free[label[_pinning(tables)]] = False
+    free[label[_fixing_unknowns(tables)]] = False
     if callable(c):
         free[label[tables.read_at_rows(c, "the factor c")[tables.numbering.row_of_unknown, 0] != 0]] = False
-    return _numbered(free, label)
+    return _chosen_components(free, label)
 
 
-def without_flux(tables: Discretization, scene: Scene) -> tuple[int, Ints]:
+def components_without_flux(tables: Discretization, scene: Scene) -> tuple[int, Ints]:
     """Return how many pieces nothing flows out of, and which of them each unknown (n,) is on, -1 for none.
 
     No boundary touches them, and their edges, if they have any, are walls.
@@ -45,13 +45,13 @@ def without_flux(tables: Discretization, scene: Scene) -> tuple[int, Ints]:
     inner = tables.layout.band.inner
     edge = tables.layout.band.feet.edge[:inner]
     for loop in np.unique(edge[edge >= 0]):
-        if not is_wall(edge_condition(scene.edge, int(loop)).law):
+        if not is_zero_neumann(edge_condition(scene.edge, int(loop)).law):
             closed[label[:inner][edge == loop]] = False
-    return _numbered(closed, label)
+    return _chosen_components(closed, label)
 
 
-def _numbered(chosen: Bools, label: Ints) -> tuple[int, Ints]:
-    """Return how many of the pieces are chosen, and the number among them of each unknown's, -1 for none."""
+def _chosen_components(chosen: Bools, label: Ints) -> tuple[int, Ints]:
+    """Return the number of chosen pieces, and the new number of each unknown's piece, -1 where it is not chosen."""
     number = np.where(chosen, np.cumsum(chosen) - 1, -1)
     return int(chosen.sum()), number[label]
 
@@ -83,15 +83,15 @@ def node_pieces(tables: Discretization) -> Ints:
 def _across_transmissions(layout: Layout) -> Ints:
     """Return the pairs (2, k) of neighbouring inner nodes with a transmission, and no other boundary, between them."""
     sides = np.zeros((len(layout.ghosts), len(layout.band.nodes)))
-    for index, (seen, ghosts) in enumerate(zip(layout.boundaries.side_views, layout.ghosts, strict=True)):
-        sides[index, seen.rows] = np.nan_to_num(np.sign(seen.signed)) * (ghosts.numbers[seen.rows] >= 0)
+    for index, (frame, ghosts) in enumerate(zip(layout.boundaries.side_views, layout.ghosts, strict=True)):
+        sides[index, frame.rows] = np.nan_to_num(np.sign(frame.signed)) * (ghosts.numbers[frame.rows] >= 0)
     coupled = [boundary.condition("left").couples for boundary in layout.boundaries.given]
     if not any(coupled):
         return np.zeros((2, 0), dtype=np.int64)
-    one, other = layout.band.neighbours()
-    crossed = sides[:, one] * sides[:, other] < 0
+    first, second = layout.band.neighbours()
+    crossed = sides[:, first] * sides[:, second] < 0
     chosen = crossed[coupled].any(axis=0) & ~crossed[~np.array(coupled)].any(axis=0)
-    return np.stack([one[chosen], other[chosen]])
+    return np.stack([first[chosen], second[chosen]])
 
 
 def _joined_by_differences(tables: Discretization, count: int) -> tuple[int, Ints]:
@@ -103,7 +103,7 @@ def _joined_by_differences(tables: Discretization, count: int) -> tuple[int, Int
 
 
 def _connected(pairs: Ints, count: int) -> tuple[int, Ints]:
-    """Return how many connected components ``count`` things have that ``pairs`` (2, k) join, and that of each."""
+    """Return how many components a graph of ``count`` nodes with edges ``pairs`` (2, k) has, and all labels."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
 
@@ -118,9 +118,9 @@ def _reads_between(tables: Discretization, count: int, label: Ints) -> Ints:
 
     pieces = csr_array((np.ones(len(label)), (np.arange(len(label)), label)), shape=(len(label), count))
     parts = []
-    for start in range(0, tables.extension.shape[0], CHUNK):
-        rows = abs(tables.extension[start : start + CHUNK].copy())
-        rows.data[rows.data <= ROUNDING] = 0.0
+    for start in range(0, tables.extension.shape[0], COMPONENT_CHUNK_ROWS):
+        rows = abs(tables.extension[start : start + COMPONENT_CHUNK_ROWS].copy())
+        rows.data[rows.data <= LEAST_LINKING_WEIGHT] = 0.0
         parts.append(rows @ pieces)
     stepped = tables.weighted_differences(np.ones(tables.neighbours.shape)) @ vstack(parts).tocsr()
     stepped.eliminate_zeros()
@@ -129,7 +129,7 @@ def _reads_between(tables: Discretization, count: int, label: Ints) -> Ints:
     return np.unique(pairs[:, pairs[0] != pairs[1]], axis=1)
 
 
-def _pinning(tables: Discretization) -> Ints:
+def _fixing_unknowns(tables: Discretization) -> Ints:
     """Return the unknowns whose extension has data of a law that involves the value itself: ghosts and edge nodes."""
     pinned = np.zeros(tables.numbering.rows, dtype=bool)
     for datum in tables.data:

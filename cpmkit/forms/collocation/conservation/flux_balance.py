@@ -1,4 +1,4 @@
-"""Fluxes balanced: a solution put right by a few smooth functions, so that nothing that they see leaks.
+"""Galerkin correction in polynomials of degree k: the solution balances fluxes against all of them.
 
 Multiplied by a smooth v and integrated over a manifold that nothing flows out of, -div(a grad u) + c u = f says that
 ``int a grad u . grad v + c u v = int f v``. The operators of the closest point method do not conserve, so their
@@ -19,10 +19,10 @@ import numpy as np
 
 from cpmkit.errors import InputError
 from cpmkit.forms.collocation.conservation.balance import span_of
-from cpmkit.forms.collocation.conservation.components import without_flux
+from cpmkit.forms.collocation.conservation.components import components_without_flux
 from cpmkit.forms.collocation.conservation.polynomials import Polynomials
 from cpmkit.forms.collocation.conservation.weak_form import WeakForm, curved_cells_of, weak_form
-from cpmkit.forms.collocation.diagnosis.survey import remaining
+from cpmkit.forms.collocation.diagnosis.survey import find_unresolved
 from cpmkit.forms.collocation.discretization import Discretization
 from cpmkit.meshes.dimensions import dimensions_of
 from cpmkit.protocols import Floats, HasMesh, Ints
@@ -31,21 +31,21 @@ from cpmkit.scene.scene import Scene
 
 #: Combinations of polynomials are left out whose mean square is this small beside the largest: on a sphere, say,
 #: x^2 + y^2 + z^2 is no other function than 1.
-DEPENDENT = 1e-10
-#: In spacings; by whether the Laplacian is of fourth order, as integrals over quadratic cells are.
-LONGEST_EDGE = {False: 2.0, True: 1.0}
-#: A solution that was moved by more than this share of its range is told.
-TOLD = 0.05
-#: A correction that moves u by so many times the error that was foretold, and by more than this share of its range, is
-#: none.
-FORETOLD, FAR = 3.0, 0.2
+DEPENDENT_MEAN_SQUARE = 1e-10
+#: Longest mesh edge in spacings: 2, or 1 at order 4, because quadratic cells integrate to fourth order.
+BALANCE_EDGE_SPACINGS = {False: 2.0, True: 1.0}
+#: A correction that changes u by more than this share of its range is reported.
+TOLD_CORRECTION_SHARE = 0.05
+#: A correction is rejected where it changes u by more than this multiple of the predicted error and by more than this
+#: share of the range of u.
+CORRECTION_OVER_FORETOLD, FAR_CORRECTION_SHARE = 3.0, 0.2
 #: A node is on the piece that makes up more than this of what it reads.
-MOSTLY = 0.5
+MAIN_PIECE_SHARE = 0.5
 
 
 @dataclass(frozen=True)
 class Balance:
-    """What balancing the fluxes did.
+    """What the Galerkin correction did.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class Balance:
     @property
     def warnings(self) -> list[str]:
         """What a reader of the solution should know, in sentences."""
-        if max(self.moved) <= TOLD:
+        if max(self.moved) <= TOLD_CORRECTION_SHARE:
             return []
         return [
             f"Balancing the fluxes moved u by {max(self.moved):.1%} of its range: creases or thin parts that the "
@@ -136,12 +136,12 @@ def prepare_balance(scene: Scene, tables: Discretization) -> Balancing:
         If something flows out of every piece of the manifold, c is below zero somewhere, or the surface's mesh does
         not fill it.
     """
-    count, piece = without_flux(tables, scene)
+    count, piece = components_without_flux(tables, scene)
     if not count:
         raise _refused("a manifold with conditions on its edges", "pieces that are closed or end at walls")
     terms = scene.problem.terms()
     layout = tables.layout
-    curved = curved_cells_of(scene.surface, LONGEST_EDGE[layout.order == 4] * layout.lattice.spacing)
+    curved = curved_cells_of(scene.surface, BALANCE_EDGE_SPACINGS[layout.order == 4] * layout.lattice.spacing)
     a = evaluate_data(terms.diffusivity, curved.nodes, 1, "the diffusivity")[:, 0]
     c = evaluate_data(terms.c, curved.nodes, 1, "the factor c")[:, 0]
     if c.min(initial=0.0) < 0:
@@ -162,7 +162,7 @@ class Balanced:
     queries: int
 
 
-def balance_fluxes(
+def galerkin_correction(
     tables: Discretization, scene: Scene, read: Read, raw: Floats, prepared: Balancing, degree: int, leaked: float
 ) -> Balanced | str:
     """Return values whose fluxes balance against all polynomials up to a degree, piece by piece.
@@ -181,7 +181,7 @@ def balance_fluxes(
         rows, unknowns = np.flatnonzero(pieces == k), piece == k
         if not len(rows):  # of a piece so small that its mesh misses it
             continue
-        correction, found = _galerkin(weak, missing, rows, degree, terms.fixes(weak.nodes[rows]))
+        correction, found = _galerkin(weak, missing, rows, degree, terms.fixes_constant_at(weak.nodes[rows]))
         values[unknowns] += tables.read_sources(correction, "what balances the fluxes")[unknowns]
         added[rows] = correction(weak.nodes[rows])
         functions += found
@@ -189,9 +189,9 @@ def balance_fluxes(
     span = span_of(u)
     rms = np.sqrt(weights @ added**2 / weights.sum())
     moved = np.divide(rms, span, out=np.zeros_like(rms), where=span > 0)
-    if (largest := float(moved.max())) > FAR:
-        foretold = max([*(one.error for one in remaining(tables.layout)), leaked])
-        if largest > FORETOLD * foretold:
+    if (largest := float(moved.max())) > FAR_CORRECTION_SHARE:
+        foretold = max([*(feature.error for feature in find_unresolved(tables.layout)), leaked])
+        if largest > CORRECTION_OVER_FORETOLD * foretold:
             return _not_applied(degree, largest, foretold)
     # nodes were asked for when they were made, and when they were read
     return Balanced(values, Balance(degree, functions, tuple(moved.tolist())), 2 * len(u))
@@ -211,7 +211,7 @@ def _pieces_of_nodes(read: Read, nodes: Floats, count: int, piece: Ints) -> Ints
         return np.zeros(len(nodes), dtype=np.int64)
     indicator = (piece[:, None] == np.arange(count)).astype(np.float64)
     share = read(indicator, nodes)
-    return np.where(share.max(axis=1) > MOSTLY, share.argmax(axis=1), -1)
+    return np.where(share.max(axis=1) > MAIN_PIECE_SHARE, share.argmax(axis=1), -1)
 
 
 def _galerkin(
@@ -243,7 +243,7 @@ def _galerkin(
         change[0] -= means  # the first polynomial is 1
         values -= means
     squares, axes = np.linalg.eigh(values.T @ (mass @ values))
-    kept = squares > DEPENDENT * squares[-1]
+    kept = squares > DEPENDENT_MEAN_SQUARE * squares[-1]
     combine = axes[:, kept] / np.sqrt(squares[kept])
     basis = values @ combine
     solved = np.linalg.solve(basis.T @ (form @ basis), basis.T @ missing[rows])

@@ -1,4 +1,4 @@
-"""Problems fixed up to a constant: the pieces of a manifold where they are, and what of the data has no solution.
+"""Problems whose solution is fixed up to a constant on some pieces, and the part of the data that has no solution.
 
 On a closed surface, or a piece of one with Neumann conditions all around, u + constant solves what u solves, and
 the data must balance: what f brings in has to flow out. There the solution of mean zero is taken; what does not
@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.forms.collocation.conservation.components import node_pieces, unpinned
+from cpmkit.forms.collocation.conservation.components import node_pieces, singular_components
 from cpmkit.forms.collocation.conservation.mean_weights import end_weights, mean_weights
 from cpmkit.forms.collocation.discretization import Discretization
 from cpmkit.forms.collocation.layout import Layout
 from cpmkit.forms.collocation.operator import ExtensionOperator
-from cpmkit.forms.free_constants import EXPLAINED, GROSS, Defect
+from cpmkit.forms.free_constants import EXPLAINED_DEFECT_FACTOR, GROSS_DEFECT_SHARE, UnbalancedData
 from cpmkit.linear.operators import Border, Bordered
 from cpmkit.protocols import Floats, Ints
 from cpmkit.scene.scene import Scene
@@ -24,16 +24,16 @@ from cpmkit.scene.scene import Scene
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-#: The weights of nodes past an end may take away this share of a piece's; a piece hardly wider than they reach is
-#: averaged over its own nodes alone.
-TAKEN = 0.5
+#: Nodes past an end may reduce the total weight of a piece to this share; below it, on a piece hardly wider than their
+#: reach, the mean is taken over the piece's own nodes alone.
+PAST_END_WEIGHT_SHARE = 0.5
 
 
 def find_border(tables: Discretization, scene: Scene) -> Border | None:
-    """Return what fixes the solution where the conditions do not: the pieces' indicators and means."""
+    """Return the border that fixes free constants: indicators and means of pieces where no condition does."""
     from scipy.sparse import csr_array
 
-    count, piece = unpinned(tables, scene)
+    count, piece = singular_components(tables, scene)
     if not count:
         return None
     mean, members, piece = means_over(tables, count, piece)
@@ -58,12 +58,14 @@ def _weights(tables: Discretization, count: int, members: Ints, piece: Ints) -> 
     def total(values: Floats) -> Floats:
         return np.bincount(piece, values, count).astype(np.float64)
 
-    wide = total(smooth) > TAKEN * total(np.where(node, np.maximum(smooth, 0.0), 0.0))
+    wide = total(smooth) > PAST_END_WEIGHT_SHARE * total(np.where(node, np.maximum(smooth, 0.0), 0.0))
     weights = np.where(wide[piece], smooth, node)
     return np.asarray(weights / total(weights)[piece])
 
 
-def settle(tables: Discretization, scene: Scene, operator: Bordered, u: Floats) -> tuple[Floats, tuple[Defect, ...]]:
+def remove_constants(
+    tables: Discretization, scene: Scene, operator: Bordered, u: Floats
+) -> tuple[Floats, tuple[UnbalancedData, ...]]:
     """Return a solution (n, channels) of the lifted system with mean zero on each piece, and what does not balance."""
     u, means = operator.border.centred(u)
     sizes = _data_sizes(tables, scene, operator)
@@ -88,20 +90,22 @@ def _data_sizes(tables: Discretization, scene: Scene, operator: Bordered) -> Flo
     return np.asarray(mean_f + flux)
 
 
-def _defect(tables: Discretization, scene: Scene, border: Border, piece: int, value: Floats, size: Floats) -> Defect:
+def _defect(
+    tables: Discretization, scene: Scene, border: Border, piece: int, value: Floats, size: Floats
+) -> UnbalancedData:
     layout = tables.layout
     members = border.indicator.tocsc()[:, [piece]].indices.astype(np.int64)
     nodes = members[members < layout.band.inner]
     feet = layout.band.feet.points[nodes]
     spacings = max(float(np.ptp(feet, axis=0).max()) / layout.lattice.spacing, 1.0)
-    return Defect(
+    return UnbalancedData(
         near=tuple(layout.lattice.to_scene(feet[[len(feet) // 2]])[0].tolist()),
         share=len(nodes) / layout.band.inner,
         bounded_by=_walls(tables, scene, members),
         parts=_count_parts(tables, nodes),
         value=tuple(value.tolist()),
         data_size=tuple(size.tolist()),
-        explained=min(EXPLAINED / spacings ** _order(layout, scene), GROSS),
+        explained=min(EXPLAINED_DEFECT_FACTOR / spacings ** _order(layout, scene), GROSS_DEFECT_SHARE),
     )
 
 
@@ -116,7 +120,7 @@ def _count_parts(tables: Discretization, nodes: Ints) -> int:
 
 def _order(layout: Layout, scene: Scene) -> int:
     """Return the order of the error that the conditions leave, 1 or 2."""
-    return min([2, layout.order, *(one.order for one in scene.conditions if one.order)])
+    return min([2, layout.order, *(condition.order for condition in scene.conditions if condition.order)])
 
 
 def _walls(tables: Discretization, scene: Scene, members: Ints) -> tuple[str, ...]:
@@ -126,8 +130,10 @@ def _walls(tables: Discretization, scene: Scene, members: Ints) -> tuple[str, ..
     walls = []
     for index, (boundary, ghosts) in enumerate(zip(scene.boundaries, tables.layout.ghosts, strict=True)):
         carried = inside[tables.numbering.unknowns_of(index)]
-        left = ghosts.carries_left[: ghosts.unknowns]
+        on_left = ghosts.carries_left[: ghosts.unknowns]
         walls += [
-            f"{boundary.name!r} ({side})" for side, on in (("left", left), ("right", ~left)) if np.any(carried & on)
+            f"{boundary.name!r} ({side})"
+            for side, on in (("left", on_left), ("right", ~on_left))
+            if np.any(carried & on)
         ]
     return tuple(walls)

@@ -13,9 +13,9 @@ from cpmkit.forms.collocation.discretization import Discretization
 from cpmkit.protocols import Floats
 
 #: Nodes farther past an end than this many spacings weigh nothing.
-TAIL = 2.0
+TAIL_SPACINGS = 2.0
 #: Nothing is divided by a smaller distance past or from an end, in spacings.
-SMALL = 1e-6
+LEAST_END_DISTANCE_SPACINGS = 1e-6
 
 
 def mean_weights(tables: Discretization) -> Floats:
@@ -36,8 +36,8 @@ def end_weights(tables: Discretization) -> Floats:
     the measure of the piece.
     """
     bump, beyond = _places(tables)
-    t = np.clip(beyond, SMALL, TAIL)
-    return bump * np.minimum(0.5, 0.5 * (TAIL - t) / t)
+    t = np.clip(beyond, LEAST_END_DISTANCE_SPACINGS, TAIL_SPACINGS)
+    return bump * np.minimum(0.5, 0.5 * (TAIL_SPACINGS - t) / t)
 
 
 def _places(tables: Discretization) -> tuple[Floats, Floats]:
@@ -51,8 +51,8 @@ def _places(tables: Discretization) -> tuple[Floats, Floats]:
     nodes[band.is_unfolded] = 0.0  # the tube around the surface does not hold them
     bumps, places = [nodes], [past / band.spacing]
     for view, ghosts in zip(tables.layout.boundaries.side_views, tables.layout.ghosts, strict=True):
-        beyond = np.full(len(band.nodes), TAIL)
-        beyond[view.rows] = np.nan_to_num(np.abs(view.signed) / band.spacing, nan=TAIL)
+        beyond = np.full(len(band.nodes), TAIL_SPACINGS)
+        beyond[view.rows] = np.nan_to_num(np.abs(view.signed) / band.spacing, nan=TAIL_SPACINGS)
         stands = ghosts.nodes[: ghosts.unknowns]
         bumps.append(nodes[stands] * _tail(places[0][stands]))
         places.append(beyond[stands])
@@ -70,7 +70,9 @@ def _past_edge(tables: Discretization, away: Floats) -> Floats:
     rows = np.flatnonzero(band.feet.edge[: len(away)] >= 0)
     inwards = tables.layout.formula.points[rows] - band.feet.points[rows]
     length = np.linalg.norm(inwards, axis=1)
-    known = length > SMALL * band.spacing  # the mirror point of a node beside the end is the end itself, to rounding
+    known = (
+        length > LEAST_END_DISTANCE_SPACINGS * band.spacing
+    )  # the mirror point of a node beside the end is the end itself, to rounding
     along = np.divide(-np.sum(away[rows] * inwards, axis=1), length, out=np.zeros(len(rows)), where=known)
     past = np.zeros(len(away))
     past[rows] = np.maximum(2 * along - length, 0.0)
@@ -96,4 +98,4 @@ def _tail(beyond: Floats) -> Floats:
     """
     t = np.mod(beyond, 1.0)
     first = 1.0 - 3.5 * t + 2.0 * t**2
-    return np.where(beyond < 1.0, first, np.where(beyond < TAIL, 0.5 - t - first, 0.0))
+    return np.where(beyond < 1.0, first, np.where(beyond < TAIL_SPACINGS, 0.5 - t - first, 0.0))

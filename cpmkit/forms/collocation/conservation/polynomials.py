@@ -10,7 +10,7 @@ import numpy as np
 from cpmkit.protocols import Floats, Ints
 
 #: Points at which a combination is evaluated at a time.
-CHUNK = 1 << 14
+POLYNOMIAL_CHUNK_POINTS = 1 << 14
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,8 +49,8 @@ class Polynomials:
         tensor = np.zeros((self.degree + 1,) * dim + factors.shape[1:])
         tensor[tuple(self.powers.T)] = factors
         sums = np.empty((len(points), factors.shape[1]))
-        for start in range(0, len(points), CHUNK):
-            part = slice(start, start + CHUNK)
+        for start in range(0, len(points), POLYNOMIAL_CHUNK_POINTS):
+            part = slice(start, start + POLYNOMIAL_CHUNK_POINTS)
             *others, last = self._of_axes(points[part])
             left = np.tensordot(last, tensor, axes=(1, dim - 1))
             for of_axis in reversed(others):

@@ -5,9 +5,9 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-from cpmkit.forms.collocation.conservation.balance import put_mean_right
-from cpmkit.forms.collocation.conservation.flux_balance import Balancing, balance_fluxes
-from cpmkit.forms.collocation.conservation.free_constants import settle
+from cpmkit.forms.collocation.conservation.balance import correct_mean
+from cpmkit.forms.collocation.conservation.flux_balance import Balancing, galerkin_correction
+from cpmkit.forms.collocation.conservation.free_constants import remove_constants
 from cpmkit.forms.collocation.discretization import Discretization
 from cpmkit.forms.contract import Settled
 from cpmkit.linear.operators import Bordered
@@ -17,10 +17,15 @@ from cpmkit.scene.scene import Scene
 
 def settled(tables: Discretization, scene: Scene, operator: Operator, b: Floats, u: Floats) -> tuple[Settled, Floats]:
     """Return the solution with its free constants and means put right, and the one whose means were left alone."""
-    raw, defects = settle(tables, scene, operator, u) if isinstance(operator, Bordered) else (u, ())
-    even, leaks = put_mean_right(tables, scene, b, raw)
-    told = (*(text for one in defects for text in one.warnings), *(text for one in leaks for text in one.warnings))
-    return Settled(even, defects, leaks, missed=max((one.share for one in leaks), default=0.0), warnings=told), raw
+    raw, defects = remove_constants(tables, scene, operator, u) if isinstance(operator, Bordered) else (u, ())
+    even, leaks = correct_mean(tables, scene, b, raw)
+    told = (
+        *(text for defect in defects for text in defect.warnings),
+        *(text for imbalance in leaks for text in imbalance.warnings),
+    )
+    return Settled(
+        even, defects, leaks, missed=max((imbalance.share for imbalance in leaks), default=0.0), warnings=told
+    ), raw
 
 
 def with_balanced_fluxes(
@@ -34,7 +39,7 @@ def with_balanced_fluxes(
 ) -> Settled:
     """Return ``raw``, whose means were left alone, with its fluxes balanced; ``plain`` where that explains nothing."""
     start = time.perf_counter()
-    done = balance_fluxes(tables, scene, read, raw, prepared, degree, plain.missed)
+    done = galerkin_correction(tables, scene, read, raw, prepared, degree, plain.missed)
     if isinstance(done, str):
         return Settled(plain.values, plain.defects, plain.leaks, None, plain.missed, (*plain.warnings, done))
     told = (*(text for one in plain.defects for text in one.warnings), *done.balance.warnings)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.meshes.curved_cells import RULES, CurvedCells, find_edges, middles_on
+from cpmkit.meshes.curved_cells import RULES_BY_NODES, CurvedCells, find_edges, middles_on
 from cpmkit.meshes.dimensions import cells_of_dimension, dimensions_of
 from cpmkit.meshes.display_mesh import mesh_of
 from cpmkit.meshes.refinement import refine
@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 #: A cell whose tangents span less than the root of this share of the area that they would at right angles has none.
-FLAT = 1e-20
+DEGENERATE_AREA_SHARE = 1e-20
 #: Cells whose matrices are made at a time.
-CHUNK = 1 << 14
+WEAK_FORM_CHUNK_CELLS = 1 << 14
 
 
 def curved_cells_of(surface: ClosestPointSource, longest: float) -> CurvedCells:
@@ -63,10 +63,10 @@ def weak_form(curved: CurvedCells, diffusivity: Floats, c: Floats) -> WeakForm:
     With tangents T of a cell at a point of the rule and G = T T', grad u . grad v = (du)' inv(G) dv, where d are
     derivatives along the cell's coordinates.
     """
-    shares, slopes, weights = RULES[curved.cells.shape[1]]()
+    shares, slopes, weights = RULES_BY_NODES[curved.cells.shape[1]]()
     forms, masses = [], []
-    for start in range(0, len(curved.cells), CHUNK):
-        cells = curved.cells[start : start + CHUNK]
+    for start in range(0, len(curved.cells), WEAK_FORM_CHUNK_CELLS):
+        cells = curved.cells[start : start + WEAK_FORM_CHUNK_CELLS]
         tangents = np.einsum("qka,mkd->mqad", slopes, curved.nodes[cells])
         determinant, inverse = _inverse(np.einsum("mqad,mqbd->mqab", tangents, tangents))
         measure = weights * np.sqrt(determinant)
@@ -89,7 +89,7 @@ def _inverse(gram: Floats) -> tuple[Floats, Floats]:
         cofactors[..., 0, 1] = cofactors[..., 1, 0] = -gram[..., 0, 1]
     determinant = np.einsum("mqb,mqb->mq", gram[..., 0, :], cofactors[..., 0, :])
     largest = np.prod(np.diagonal(gram, axis1=2, axis2=3), axis=2)
-    determinant = np.where(determinant > FLAT * largest, determinant, 0.0)
+    determinant = np.where(determinant > DEGENERATE_AREA_SHARE * largest, determinant, 0.0)
     return determinant, cofactors / np.where(determinant > 0, determinant, np.inf)[..., None, None]
 
 

@@ -8,24 +8,24 @@ import numpy as np
 
 from cpmkit.errors import InputError, ResolutionError, SceneError, place
 from cpmkit.forms.collocation.boundary.conductivities import check_conductivities
-from cpmkit.forms.collocation.ghosts.edge import WHAT
+from cpmkit.forms.collocation.ghosts.edge import EDGE_CONDITION
 from cpmkit.forms.collocation.layout import Layout
 from cpmkit.meshes.cells import with_corners
 from cpmkit.meshes.curved_cells import find_edges
 from cpmkit.protocols import SIDES, ClosestPointSource, Floats, HasMesh
 from cpmkit.runtime.arrays import whole
-from cpmkit.scene.alike import alike
+from cpmkit.scene.alike import same_condition
 from cpmkit.scene.condition import Condition
-from cpmkit.scene.laws import Interface, Mixed, beta_at, is_wall
+from cpmkit.scene.laws import Interface, Mixed, beta_at, is_zero_neumann
 from cpmkit.scene.scene import Scene, edge_condition
 
 #: The dimension of a solid in space.
-SPACE = 3
+SPACE_DIM = 3
 #: An edge of a mesh is asked this share of a cell past it.
-PAST = 0.05
+PAST_EDGE_CELLS = 0.05
 
 
-def check_given(scene: Scene, layout: Layout) -> None:
+def check_used(scene: Scene, layout: Layout) -> None:
     """Refuse what a scene gives and the layout does not use; no closest point is asked for unless something is refused.
 
     Raises
@@ -43,10 +43,10 @@ def check_given(scene: Scene, layout: Layout) -> None:
             kind = condition.kind.capitalize()
             raise InputError(f"beta of {kind} of {what} is zero at all {len(points)} points; use Neumann.")
     diffusivity = scene.problem.terms().diffusivity
-    for boundary, seen in zip(scene.boundaries, layout.boundaries.side_views, strict=True):
+    for boundary, frame in zip(scene.boundaries, layout.boundaries.side_views, strict=True):
         across = boundary.condition("left").law
         if isinstance(across, Interface):
-            check_conductivities(f"boundary {boundary.name!r}", across, diffusivity, seen, layout.lattice)
+            check_conductivities(f"boundary {boundary.name!r}", across, diffusivity, frame, layout.lattice)
 
 
 def _check_edges(scene: Scene, layout: Layout) -> None:
@@ -55,16 +55,16 @@ def _check_edges(scene: Scene, layout: Layout) -> None:
         missing = sorted({whole(loop, "a key of `edge`, the number of a loop,") for loop in scene.edge} - set(met))
         given = f"`edge` gives a condition for loop {missing[0]}" if missing else ""
     else:
-        missing, given = ([] if met or is_wall(scene.edge.law) else [0]), "`edge` gives a condition"
+        missing, given = ([] if met or is_zero_neumann(scene.edge.law) else [0]), "`edge` gives a condition"
     if not missing:
         return
     spacing, known = layout.lattice.spacing, _loops(scene.surface, layout.lattice.spacing)
-    seen = sorted({*met, *(known or ())})
-    told = f"its loops are {', '.join(map(str, seen))}" if seen else "it is closed"
+    loop_numbers = sorted({*met, *(known or ())})
+    loops_named = f"its loops are {', '.join(map(str, loop_numbers))}" if loop_numbers else "it is closed"
     if known is None:
         raise SceneError(
-            f"{given}, which the manifold has not at spacing={spacing:g}: {told} as far as the nodes tell; leave it "
-            "out, or use a smaller spacing if the edge is shorter than a few of these."
+            f"{given}, which the manifold has not at spacing={spacing:g}: {loops_named} as far as the nodes tell; "
+            "leave it out, or use a smaller spacing if the edge is shorter than a few of these."
         )
     if missing[0] in known or (known and not isinstance(scene.edge, Mapping)):
         where = place(known.get(missing[0], next(iter(known.values()))))
@@ -72,22 +72,22 @@ def _check_edges(scene: Scene, layout: Layout) -> None:
             f"{given}, an edge too short for spacing={spacing:g}: near {where} no node lies past it, and the "
             "condition would have no effect; use a smaller spacing, or leave it out."
         )
-    raise SceneError(f"{given}, which the manifold has not: {told}; leave it out, or correct the number.")
+    raise SceneError(f"{given}, which the manifold has not: {loops_named}; leave it out, or correct the number.")
 
 
 def _loops(surface: ClosestPointSource, spacing: float) -> dict[int, Floats] | None:
     """Return a point (d,) on each edge loop, as a mesh of the surface shows them; None where there is none to ask."""
-    if not isinstance(surface, HasMesh) or surface.manifold_dim == surface.dim == SPACE:
+    if not isinstance(surface, HasMesh) or surface.manifold_dim == surface.dim == SPACE_DIM:
         return None
     points, cells = surface.mesh(spacing)
     triangles, segments = with_corners(cells, 3), with_corners(cells, 2)
     edges = find_edges(points, triangles)
     single = np.flatnonzero(edges.outward.any(axis=1))
     a, b = points[edges.ends[single, 0]], points[edges.ends[single, 1]]
-    beyond = [0.5 * (a + b) + PAST * np.linalg.norm(b - a, axis=1, keepdims=True) * edges.outward[single]]
+    beyond = [0.5 * (a + b) + PAST_EDGE_CELLS * np.linalg.norm(b - a, axis=1, keepdims=True) * edges.outward[single]]
     ends = np.concatenate([segments, segments[:, ::-1]])
     ends = ends[np.bincount(segments.ravel(), minlength=len(points))[ends[:, 0]] == 1]
-    beyond.append(points[ends[:, 0]] + PAST * (points[ends[:, 0]] - points[ends[:, 1]]))
+    beyond.append(points[ends[:, 0]] + PAST_EDGE_CELLS * (points[ends[:, 0]] - points[ends[:, 1]]))
     feet = surface.closest_point(np.concatenate(beyond))
     loops, first = np.unique(feet.edge, return_index=True)
     return {int(loop): feet.points[row] for loop, row in zip(loops, first, strict=True) if loop >= 0}
@@ -98,7 +98,7 @@ def _places(scene: Scene, layout: Layout) -> Iterator[tuple[str, Condition, Floa
     to_scene, feet = layout.lattice.to_scene, layout.band.feet
     for boundary, seen, ghosts in zip(scene.boundaries, layout.boundaries.side_views, layout.ghosts, strict=True):
         foot = seen.foot[np.searchsorted(seen.rows, ghosts.nodes)]
-        if alike(boundary.condition("left"), boundary.condition("right")):
+        if same_condition(boundary.condition("left"), boundary.condition("right")):
             yield f"boundary {boundary.name!r}", boundary.condition("left"), to_scene(foot)
             continue
         for side in SIDES:
@@ -106,6 +106,6 @@ def _places(scene: Scene, layout: Layout) -> Iterator[tuple[str, Condition, Floa
             yield f"boundary {boundary.name!r}", boundary.condition(side), to_scene(foot[carried])
     loops = np.unique(feet.edge[feet.edge >= 0]).tolist()
     conditions = [edge_condition(scene.edge, loop) for loop in loops]
-    for condition in {id(one): one for one in conditions}.values():
+    for condition in {id(condition): condition for condition in conditions}.values():
         chosen = [loop for loop, one in zip(loops, conditions, strict=True) if one is condition]
-        yield WHAT, condition, to_scene(feet.points[np.isin(feet.edge, chosen)])
+        yield EDGE_CONDITION, condition, to_scene(feet.points[np.isin(feet.edge, chosen)])

@@ -8,19 +8,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.forms.collocation.boundary.side_view import BoundaryOnLattice
-from cpmkit.forms.collocation.encounters.boundaries import STRIP
-from cpmkit.forms.collocation.ghosts.geometry import ALONGSIDE
+from cpmkit.forms.collocation.encounters.boundaries import STRIP_SPACINGS
+from cpmkit.forms.collocation.ghosts.geometry import ALONGSIDE_COSINE
 from cpmkit.grid.band import Band
-from cpmkit.manifold.localized import Localized
+from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.tangent_space import outward_conormals
 from cpmkit.protocols import Floats, Ints
 
 #: One nearer than this many spacings lies on it.
-ON_RIM = 1e-3
+ON_RIM_SPACINGS = 1e-3
 #: So many samples of a curve lie on a rim only where it runs along it; a curve that ends there has one or two.
-ALONG = 3
+RIM_RUN_SAMPLES = 3
 #: Step, in spacings, of the differences that give a rim's conormal, and how far past the rim its foot is looked for.
-STEP, PAST = 0.005, 0.05
+RIM_CONORMAL_STEP_SPACINGS, PAST_RIM_SPACINGS = 0.005, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ class RimStrip:
     on_rim: bool
 
 
-def beside_rims(on_lattice: Sequence[BoundaryOnLattice], surface: Localized, band: Band) -> list[RimStrip]:
+def find_rim_strips(on_lattice: Sequence[BoundaryOnLattice], surface: LocalSource, band: Band) -> list[RimStrip]:
     """Return the boundaries beside rims, relative to the lattice's origin; nothing is asked for without rims."""
     past = np.flatnonzero(band.feet.edge >= 0)
     found: list[RimStrip] = []
@@ -60,26 +60,26 @@ def beside_rims(on_lattice: Sequence[BoundaryOnLattice], surface: Localized, ban
     return found
 
 
-def _beside(number: int, one: BoundaryOnLattice, surface: Localized, band: Band, past: Ints) -> list[RimStrip]:
+def _beside(number: int, one: BoundaryOnLattice, surface: LocalSource, band: Band, past: Ints) -> list[RimStrip]:
     from scipy.spatial import cKDTree
 
     h, points = band.spacing, surface.closest_point(one.samples).points
     away, nearest = cKDTree(band.feet.points[past]).query(points)
-    close = np.flatnonzero(away < 3 * STRIP * h)
+    close = np.flatnonzero(away < 3 * STRIP_SPACINGS * h)
     if not len(close):
         return []
     points, rim = points[close], band.feet.take(past[nearest[close]])
-    outward = outward_conormals(surface, rim, STEP * h)
+    outward = outward_conormals(surface, rim, RIM_CONORMAL_STEP_SPACINGS * h)
     inside = np.sum((rim.points - points) * outward, axis=1, keepdims=True)
-    foot = surface.closest_point(points + (inside + PAST * h) * outward)
+    foot = surface.closest_point(points + (inside + PAST_RIM_SPACINGS * h) * outward)
     width = np.linalg.norm(foot.points - points, axis=1)
     seen = one.side_view(points, h, h)
-    beside = (width[seen.rows] < STRIP * h) & (foot.edge[seen.rows] >= 0) & ~seen.end
-    beside &= np.abs(np.sum(seen.conormal * outward[seen.rows], axis=1)) > ALONGSIDE
+    beside = (width[seen.rows] < STRIP_SPACINGS * h) & (foot.edge[seen.rows] >= 0) & ~seen.end
+    beside &= np.abs(np.sum(seen.conormal * outward[seen.rows], axis=1)) > ALONGSIDE_COSINE
     rows = seen.rows[beside]
     rows = rows[np.argsort(width[rows], kind="stable")]
     if not len(rows):
         return []
-    on_rim = width[rows] < ON_RIM * h
-    along = bool(on_rim.all() or on_rim.sum() >= ALONG)
+    on_rim = width[rows] < ON_RIM_SPACINGS * h
+    along = bool(on_rim.all() or on_rim.sum() >= RIM_RUN_SAMPLES)
     return [RimStrip(number, int(foot.edge[rows[0]]), points[rows], float(width[rows[0]]), along)]

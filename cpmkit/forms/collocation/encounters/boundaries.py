@@ -9,7 +9,7 @@ import numpy as np
 
 from cpmkit.forms.collocation.boundary.on_band import BoundariesOnBand
 from cpmkit.forms.collocation.boundary.side_view import BoundaryOnLattice, SideView
-from cpmkit.forms.collocation.ghosts.geometry import ALONGSIDE, INSIDE
+from cpmkit.forms.collocation.ghosts.geometry import ALONGSIDE_COSINE, INSIDE_SIDE_SPACINGS
 from cpmkit.grid.lattice import Lattice
 from cpmkit.protocols import SIDES, Bools, BoundarySet, Floats
 from cpmkit.scene.data import evaluate_data
@@ -17,15 +17,15 @@ from cpmkit.scene.laws import Value
 
 #: Around a crossing of four different values the solution is off within so many spacings (by the jump; outside twice
 #: that it is of order 1 to 2).
-DISTURBED = 4.0
-#: Two boundaries within this many spacings of each other are looked at.
-LOOK = 4.0
+DISTURBED_SPACINGS = 4.0
+#: Pairs of boundaries within so many spacings are examined.
+ENCOUNTER_SPACINGS = 4.0
 #: Boundaries nearer than this many spacings enclose a strip in which no stencil finds room.
-STRIP = 1.0
+STRIP_SPACINGS = 1.0
 #: Boundaries nearer than this many spacings, at so many places of curves, are at the same place.
-SAME_PLACE, ALONG = 1e-3, 3
+SAME_PLACE_SPACINGS, SAME_PLACE_SAMPLES = 1e-3, 3
 #: Data that differ by more than this share of their size are different.
-DIFFERENT = 1e-6
+DIFFERENT_DATA_SHARE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +74,7 @@ class Strip:
     reversed: bool = False
 
 
-def encounters(
+def find_encounters(
     boundaries: BoundariesOnBand, lattice: Lattice, channels: int, time: float | None = None
 ) -> tuple[list[SectorJump], list[Strip]]:
     """Return the crossings with different data, and the strips, of all pairs of boundaries with sides."""
@@ -87,19 +87,19 @@ def encounters(
         if met is None:
             continue
         feet, distance, signed, along = met
-        aligned = np.abs(along) > ALONGSIDE
+        aligned = np.abs(along) > ALONGSIDE_COSINE
         crossing = _crossing_point(feet, signed, aligned, lattice.spacing)
         if crossing is not None:
             point = lattice.to_scene(crossing[None])
-            jump = _conflict(boundaries.given[first], boundaries.given[second], point, channels, time)
+            jump = _largest_jump(boundaries.given[first], boundaries.given[second], point, channels, time)
             if jump > 0:
                 crossings.append(SectorJump(first, second, point[0], jump))
-        beside = np.flatnonzero((distance < STRIP * lattice.spacing) & aligned)
+        beside = np.flatnonzero((distance < STRIP_SPACINGS * lattice.spacing) & aligned)
         if len(beside):
             nearest = beside[distance[beside].argmin()]
             point = lattice.to_scene(feet[nearest][None])[0]
-            same = np.count_nonzero(aligned & (distance < SAME_PLACE * lattice.spacing))
-            coincide = bool(same >= min(ALONG, len(distance)))
+            same = np.count_nonzero(aligned & (distance < SAME_PLACE_SPACINGS * lattice.spacing))
+            coincide = bool(same >= min(SAME_PLACE_SAMPLES, len(distance)))
             strips.append(Strip(first, second, point, float(distance[nearest]), coincide, bool(along[nearest] < 0)))
     return crossings, strips
 
@@ -111,16 +111,16 @@ def _thinned(view: SideView, spacing: float) -> SideView:
 
 
 def _feet_beside(
-    other: BoundaryOnLattice, own: SideView, spacing: float
+    other: BoundaryOnLattice, side_view: SideView, spacing: float
 ) -> tuple[Floats, Floats, Floats, Floats] | None:
     """Return points of one boundary near another: feet (k, d), distance, signed distance, cosine of the conormals."""
-    seen = other.side_view(own.foot, LOOK * spacing, spacing)
-    inside = ~seen.end & ~own.end[seen.rows]
+    other_frame = other.side_view(side_view.foot, ENCOUNTER_SPACINGS * spacing, spacing)
+    inside = ~other_frame.end & ~side_view.end[other_frame.rows]
     if not inside.any():
         return None
-    rows = seen.rows[inside]
-    along = np.sum(own.conormal[rows] * seen.conormal[inside], axis=1)
-    return own.foot[rows], seen.distance[inside], seen.signed[inside], along
+    rows = other_frame.rows[inside]
+    along = np.sum(side_view.conormal[rows] * other_frame.conormal[inside], axis=1)
+    return side_view.foot[rows], other_frame.distance[inside], other_frame.signed[inside], along
 
 
 def _crossing_point(feet: Floats, signed: Floats, aligned: Bools, spacing: float) -> Floats | None:
@@ -130,8 +130,11 @@ def _crossing_point(feet: Floats, signed: Floats, aligned: Bools, spacing: float
     """
     from scipy.spatial import cKDTree
 
-    on = ~aligned & (np.abs(signed) <= INSIDE * spacing)
-    left, right = feet[on | (signed > INSIDE * spacing)], feet[on | (signed < -INSIDE * spacing)]
+    on = ~aligned & (np.abs(signed) <= INSIDE_SIDE_SPACINGS * spacing)
+    left, right = (
+        feet[on | (signed > INSIDE_SIDE_SPACINGS * spacing)],
+        feet[on | (signed < -INSIDE_SIDE_SPACINGS * spacing)],
+    )
     if not len(left) or not len(right):
         return None
     apart, partner = (np.asarray(found) for found in cKDTree(left).query(right))
@@ -141,7 +144,7 @@ def _crossing_point(feet: Floats, signed: Floats, aligned: Bools, spacing: float
     return np.asarray(0.5 * (right[nearest] + left[partner[nearest]]))
 
 
-def _conflict(first: BoundarySet, second: BoundarySet, point: Floats, channels: int, time: float | None) -> float:
+def _largest_jump(first: BoundarySet, second: BoundarySet, point: Floats, channels: int, time: float | None) -> float:
     """Return the largest difference, in one of the four sectors, of the values that two boundaries hold there."""
     values = {}
     for name, boundary in (("first", first), ("second", second)):
@@ -159,4 +162,4 @@ def _conflict(first: BoundarySet, second: BoundarySet, point: Floats, channels: 
         ),
         default=0.0,
     )
-    return worst if worst > DIFFERENT * size else 0.0
+    return worst if worst > DIFFERENT_DATA_SHARE * size else 0.0

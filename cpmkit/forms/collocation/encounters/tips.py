@@ -9,26 +9,26 @@ import numpy as np
 
 from cpmkit.errors import place
 from cpmkit.forms.collocation.boundary.on_band import BoundariesOnBand
-from cpmkit.forms.collocation.encounters.boundaries import DIFFERENT
+from cpmkit.forms.collocation.encounters.boundaries import DIFFERENT_DATA_SHARE
 from cpmkit.grid.band import Band
 from cpmkit.grid.lattice import Lattice
 from cpmkit.protocols import BoundarySet, Floats
-from cpmkit.scene.alike import alike
+from cpmkit.scene.alike import same_condition
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.laws import Value
 
 #: An end this many spacings from another boundary is closed by it.
-CLOSED = 0.5
+CLOSED_END_SPACINGS = 0.5
 #: Conormals at the feet of neighbouring nodes of one side face each other below this cosine: the angle is below 45
 #: degrees, or the flanks run side by side.
-FLANKS = -0.7
+FACING_FLANKS_COSINE = -0.7
 #: Nodes within so many spacings of the boundary are looked at.
-NEAR = 1.0
-#: Conormals of a ring around a limb have a mean of this length; those of a loop on a flat place cancel.
-LIKE = 0.7
+TIP_SEARCH_SPACINGS = 1.0
+#: The conormals of a ring around a limb have a mean at least this long; those of a loop on a flat place cancel.
+LEAST_MEAN_CONORMAL = 0.7
 #: Rings of so many spacings tell their sides apart (around a finger of a hand: 0.53 of the jump leaks at 7.5, 0.002 at
 #: 11 spacings).
-RING = 10.0
+LEAST_RING_SPACINGS = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,7 @@ class Blur:
     more: int = 0
 
 
-def blurs(
+def find_blurs(
     boundaries: BoundariesOnBand, band: Band, lattice: Lattice, channels: int, time: float | None = None
 ) -> list[Blur]:
     """Return where the sides of boundaries with unlike sides are not told apart."""
@@ -66,7 +66,7 @@ def blurs(
         if (
             one.has_sides
             and one.oriented.dimension > 1
-            and not alike(boundary.condition("left"), boundary.condition("right"))
+            and not same_condition(boundary.condition("left"), boundary.condition("right"))
         ):
             found += _tips(number, boundary, boundaries, lattice, channels, time)
             found += _flanks(number, boundaries, band, lattice)
@@ -89,13 +89,13 @@ def _tips(
     ends = ends[np.unique(np.round(ends / h).astype(np.int64), axis=0, return_index=True)[1]]
     for other, one in enumerate(boundaries.on_lattice):
         if other != number:
-            ends = ends[one.source.closest_point(ends).distance > CLOSED * h]
+            ends = ends[one.source.closest_point(ends).distance > CLOSED_END_SPACINGS * h]
     places = lattice.to_scene(ends)
     left, right = (boundary.condition(side).law for side in ("left", "right"))
     if len(places) and isinstance(left, Value) and isinstance(right, Value):
-        values = [evaluate_data(one.datum, places, channels, boundary.name, time) for one in (left, right)]
+        values = [evaluate_data(condition.datum, places, channels, boundary.name, time) for condition in (left, right)]
         apart = np.abs(values[0] - values[1]).max(axis=1)
-        places = places[apart > DIFFERENT * np.abs(values).max()]
+        places = places[apart > DIFFERENT_DATA_SHARE * np.abs(values).max()]
         if len(places):
             return [Blur("tip", number, places[0], 0.0, len(places) - 1)]
     return []
@@ -104,23 +104,23 @@ def _tips(
 def _flanks(number: int, boundaries: BoundariesOnBand, band: Band, lattice: Lattice) -> list[Blur]:
     """Find the medial axis of a boundary near it: there feet of neighbouring nodes jump from flank to flank."""
     view, h = boundaries.side_views[number], lattice.spacing
-    near = view.take((view.distance < NEAR * h) & ~view.end)
+    near = view.take((view.distance < TIP_SEARCH_SPACINGS * h) & ~view.end)
     place = np.full(len(band.nodes), -1)
     place[near.rows] = np.arange(len(near.rows))
-    one, other = (place[each] for each in band.neighbours())
-    both = (one >= 0) & (other >= 0)
-    one, other = one[both], other[both]
-    facing = np.sum(near.conormal[one] * near.conormal[other], axis=1) < FLANKS
-    facing &= near.signed[one] * near.signed[other] > 0
-    one, other = one[facing], other[facing]
-    chord = near.foot[other] - near.foot[one]
-    into = np.sign(near.signed[one])[:, None] * near.conormal[one]
+    first, second = (place[each] for each in band.neighbours())
+    both = (first >= 0) & (second >= 0)
+    first, second = first[both], second[both]
+    facing = np.sum(near.conormal[first] * near.conormal[second], axis=1) < FACING_FLANKS_COSINE
+    facing &= near.signed[first] * near.signed[second] > 0
+    first, second = first[facing], second[facing]
+    chord = near.foot[second] - near.foot[first]
+    into = np.sign(near.signed[first])[:, None] * near.conormal[first]
     opposite = np.sum(chord * into, axis=1) > 0.5 * np.linalg.norm(chord, axis=1)
     if not opposite.any():
         return []
-    one, other, width = one[opposite], other[opposite], np.linalg.norm(chord[opposite], axis=1)
+    first, second, width = first[opposite], second[opposite], np.linalg.norm(chord[opposite], axis=1)
     widest = int(width.argmax())
-    middle = 0.5 * (near.foot[one[widest]] + near.foot[other[widest]])
+    middle = 0.5 * (near.foot[first[widest]] + near.foot[second[widest]])
     return [Blur("flanks", number, lattice.to_scene(middle[None])[0], float(width[widest]))]
 
 
@@ -133,32 +133,35 @@ def _ring(number: int, boundaries: BoundariesOnBand, lattice: Lattice) -> list[B
         return []
     centre = samples.mean(axis=0)
     length = 2 * np.pi * float(np.linalg.norm(samples - centre, axis=1).mean())
-    if length >= RING * lattice.spacing or np.linalg.norm(view.conormal.mean(axis=0)) < LIKE:
+    if (
+        length >= LEAST_RING_SPACINGS * lattice.spacing
+        or np.linalg.norm(view.conormal.mean(axis=0)) < LEAST_MEAN_CONORMAL
+    ):
         return []
     return [Blur("ring", number, lattice.to_scene(centre[None])[0], length)]
 
 
-def sentences(found: Sequence[Blur], names: Sequence[str], spacing: float) -> list[str]:
+def blur_sentences(found: Sequence[Blur], names: Sequence[str], spacing: float) -> list[str]:
     """Return what a reader of the solution should know of each."""
     return [_sentence(one, names[one.boundary], spacing) for one in found]
 
 
-def _sentence(one: Blur, name: str, spacing: float) -> str:
-    where = f"near {place(one.point)}"
-    if one.kind == "tip":
-        more = f" and at {one.more} more ends" if one.more > 1 else " and at its other end" if one.more else ""
+def _sentence(blur: Blur, name: str, spacing: float) -> str:
+    where = f"near {place(blur.point)}"
+    if blur.kind == "tip":
+        more = f" and at {blur.more} more ends" if blur.more > 1 else " and at its other end" if blur.more else ""
         return (
             f"Boundary {name!r} ends {where}{more} with different values on its sides: within about a spacing, "
             f"{spacing:.2g}, of the end they run into each other; give both sides one value there, or a smaller "
             "spacing."
         )
-    if one.kind == "flanks":
+    if blur.kind == "flanks":
         return (
-            f"Boundary {name!r} comes back to itself {where}, its flanks {one.size:.2g} apart, "
-            f"{one.size / spacing:.2g} spacings, or less: the values of the other side show between them; a spacing of "
-            f"{min(one.size / 3, spacing / 2):.2g} confines that to a shorter piece."
+            f"Boundary {name!r} comes back to itself {where}, its flanks {blur.size:.2g} apart, "
+            f"{blur.size / spacing:.2g} spacings, or less: the values of the other side show between them; a spacing "
+            f"of {min(blur.size / 3, spacing / 2):.2g} confines that to a shorter piece."
         )
     return (
-        f"Boundary {name!r} is a closed curve of {one.size / spacing:.2g} spacings around a limb {where}: its two "
-        f"sides are not told apart; a spacing of {one.size / RING:.2g} does."
+        f"Boundary {name!r} is a closed curve of {blur.size / spacing:.2g} spacings around a limb {where}: its two "
+        f"sides are not told apart; a spacing of {blur.size / LEAST_RING_SPACINGS:.2g} does."
     )

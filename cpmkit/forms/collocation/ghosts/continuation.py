@@ -13,18 +13,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cpmkit.forms.collocation.boundary.row_formula import BoundaryData, ExtraPoint, RowFormula
-from cpmkit.manifold.localized import Localized
-from cpmkit.manifold.walking import nearest_from
+from cpmkit.manifold.local_source import LocalSource
+from cpmkit.manifold.walking import nearest_on_sheet
 from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 from cpmkit.scene.laws import Law, OneSided, Value, beta_at
 
 #: Distance of the points, in spacings. (1.25 and 1.5 have 1.2 to 5 times the error on arcs, caps and circles on the
 #: sphere, and vary more with the position of the lattice.)
-STEP = 1.0
+CONTINUATION_STEP_SPACINGS = 1.0
 #: Points nearer to each other than this share of the step have met an edge or a fold.
-CROWDED = 0.5
+CROWDED_STEP_SHARE = 0.5
 #: Below this an arc is as long as its chord.
-STRAIGHT = 1e-7
+STRAIGHT_ARC_RADIANS = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,20 +163,20 @@ def polynomial_weights(
 
 
 def points_inwards(
-    surface: Localized, foot: Floats, inward: Floats, count: int, spacing: float, start: ClosestPoints | None = None
+    surface: LocalSource, foot: Floats, inward: Floats, count: int, spacing: float, start: ClosestPoints | None = None
 ) -> Inside:
     """Return ``count`` (2 or more) points behind each ``foot`` (n, d), in the unit directions ``inward`` (n, d).
 
     Where the surface has several sheets in one band, ``start`` are its records of the feet, whose sheets are kept.
     """
-    step = STEP * spacing
+    step = CONTINUATION_STEP_SPACINGS * spacing
     ahead = foot[:, None] + step * np.arange(1, count + 1)[:, None] * inward[:, None]
     start = None if start is None else start.take(np.repeat(np.arange(len(foot)), count))
-    feet = nearest_from(surface, start, ahead.reshape(-1, foot.shape[1]), spacing)
+    feet = nearest_on_sheet(surface, start, ahead.reshape(-1, foot.shape[1]), spacing)
     points = feet.points.reshape(ahead.shape)
     chords = np.linalg.norm(points - foot[:, None], axis=2)
     wanted = step * np.arange(1, count + 1)
-    sound = (np.diff(chords, axis=1, prepend=0.0) > CROWDED * step).all(axis=1)
+    sound = (np.diff(chords, axis=1, prepend=0.0) > CROWDED_STEP_SHARE * step).all(axis=1)
     sound &= (feet.edge.reshape(chords.shape) < 0).all(axis=1)
     curvature = _curvature(points[:, :2] - foot[:, None], np.where(sound[:, None], chords[:, :2], wanted[:2]))
     positions = arc_length(chords, np.linalg.norm(curvature, axis=1)[:, None])
@@ -198,7 +198,7 @@ def _curvature(chords: Floats, lengths: Floats) -> Floats:
 def arc_length(chords: Floats, curvature: Floats) -> Floats:
     """Return the lengths of arcs over ``chords``: ``(2 / kappa) arcsin(kappa chord / 2)``."""
     angle = np.minimum(0.5 * curvature * chords, 1.0)
-    small = angle < STRAIGHT
+    small = angle < STRAIGHT_ARC_RADIANS
     return np.where(small, chords, chords * np.arcsin(angle) / np.where(small, 1.0, angle))
 
 
@@ -210,5 +210,5 @@ def beyond_edge(offset: Floats, outward: Floats, curvature: Floats) -> Floats:
     kappa = np.linalg.norm(curvature, axis=1)
     a = np.sum(offset * outward, axis=1)
     towards = np.sum(offset * curvature, axis=1)
-    straight = kappa * np.abs(a) < STRAIGHT
+    straight = kappa * np.abs(a) < STRAIGHT_ARC_RADIANS
     return np.asarray(np.where(straight, a, np.arctan2(kappa * a, 1 - towards) / np.where(straight, 1.0, kappa)))

@@ -30,18 +30,18 @@ from cpmkit.forms.collocation.ghosts.geometry import mirror_distance
 from cpmkit.forms.collocation.ghosts.past_rim import replaced
 from cpmkit.grid.band import Band
 from cpmkit.grid.lattice import Lattice
-from cpmkit.manifold.localized import Localized
+from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.tangent_space import outward_conormals
-from cpmkit.manifold.walking import nearest_from
+from cpmkit.manifold.walking import nearest_on_sheet
 from cpmkit.protocols import ClosestPoints, Floats, Ints
 from cpmkit.scene.condition import Condition
-from cpmkit.scene.laws import OneSided, beta_at, is_wall
+from cpmkit.scene.laws import OneSided, beta_at, is_zero_neumann
 from cpmkit.scene.scene import edge_condition
 
 #: Nodes nearer to their foot than this share of the spacing do not tell the direction of the conormal.
-TOUCHING = 1e-6
+UNDIRECTED_EDGE_SPACINGS = 1e-6
 #: Named in errors.
-WHAT = "the edge's condition"
+EDGE_CONDITION = "the edge's condition"
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ class PastEdge:
 
 
 def read_past_edge(
-    surface: Localized, band: Band, lattice: Lattice, edge: Condition | Mapping[int, Condition], order: int
+    surface: LocalSource, band: Band, lattice: Lattice, edge: Condition | Mapping[int, Condition], order: int
 ) -> PastEdge:
     """Return what each node of the band reads, the edge's conditions applied to those past it."""
     loops = _loops(band, edge)
@@ -78,7 +78,7 @@ def read_past_edge(
 
 
 def read_at_feet(
-    surface: Localized,
+    surface: LocalSource,
     band: Band,
     lattice: Lattice,
     edge: Condition | Mapping[int, Condition],
@@ -107,7 +107,7 @@ def _loops(
 
 
 def _mirrored(
-    surface: Localized,
+    surface: LocalSource,
     band: Band,
     lattice: Lattice,
     loops: Sequence[tuple[Ints, OneSided, int | None]],
@@ -126,10 +126,10 @@ def _mirrored(
     return RowFormula(points, coefficient, data, feet=feet)
 
 
-def _mirror(surface: Localized, band: Band, lattice: Lattice, law: OneSided, order: int, rows: Ints) -> RowFormula:
+def _mirror(surface: LocalSource, band: Band, lattice: Lattice, law: OneSided, order: int, rows: Ints) -> RowFormula:
     """Return what nodes past one loop read at order 1 or 2."""
     foot, beyond = band.feet.points[rows], band.positions[rows] - band.feet.points[rows]
-    if is_wall(law):
+    if is_zero_neumann(law):
         on = band.feet.take(rows) if order == 1 else _reached(surface, band, rows, foot - beyond)
         return RowFormula(on.points, np.ones(len(rows)), feet=on)
     outward = _outward(surface, band.feet.take(rows), beyond, band.spacing)
@@ -138,15 +138,15 @@ def _mirror(surface: Localized, band: Band, lattice: Lattice, law: OneSided, ord
     on = band.feet.take(rows) if order == 1 else _reached(surface, band, rows, mirror)
     where = lattice.to_scene(foot)
     first = np.full(len(rows), order == 1)
-    beta = beta_at(law, where, WHAT)
+    beta = beta_at(law, where, EDGE_CONDITION)
     coefficient, factor = coefficient_and_factor(law, beta, t, 2 * t, first, band.spacing)
-    data = [BoundaryData(np.arange(len(rows)), factor, where, law.datum, WHAT, law)]
+    data = [BoundaryData(np.arange(len(rows)), factor, where, law.datum, EDGE_CONDITION, law)]
     return RowFormula(on.points, coefficient, data, feet=on)
 
 
-def _reached(surface: Localized, band: Band, rows: Ints, goal: Floats) -> ClosestPoints:
+def _reached(surface: LocalSource, band: Band, rows: Ints, goal: Floats) -> ClosestPoints:
     """Return the points of the surface nearest to ``goal`` (n, d), on the nodes' own sheet where there are several."""
-    return nearest_from(surface, _start(band, rows), goal, band.spacing)
+    return nearest_on_sheet(surface, _start(band, rows), goal, band.spacing)
 
 
 def _start(band: Band, rows: Ints) -> ClosestPoints | None:
@@ -154,7 +154,7 @@ def _start(band: Band, rows: Ints) -> ClosestPoints | None:
     return None if band.sheets is None else band.feet.take(rows)
 
 
-def _continue(surface: Localized, band: Band, lattice: Lattice, law: OneSided, order: int, rows: Ints) -> Continued:
+def _continue(surface: LocalSource, band: Band, lattice: Lattice, law: OneSided, order: int, rows: Ints) -> Continued:
     """Return what the nodes ``rows`` past one loop read at order 3 or 4.
 
     Where the points inside meet another edge the node is left out.
@@ -166,16 +166,16 @@ def _continue(surface: Localized, band: Band, lattice: Lattice, law: OneSided, o
     kept = np.flatnonzero(inside.sound)
     inside, rows = inside.take(kept), rows[kept]
     t = beyond_edge(offset[kept], outward[kept], inside.curvature)
-    return continue_rows(law, rows, lattice.to_scene(foot[kept]), WHAT, inside, t, band.spacing)
+    return continue_rows(law, rows, lattice.to_scene(foot[kept]), EDGE_CONDITION, inside, t, band.spacing)
 
 
-def _outward(surface: Localized, edge: ClosestPoints, beyond: Floats, spacing: float) -> Floats:
+def _outward(surface: LocalSource, edge: ClosestPoints, beyond: Floats, spacing: float) -> Floats:
     """Return the outward conormals (n, d) at the feet of nodes past the edge, ``beyond`` them.
 
     A node outside a solid lies straight above its foot: there the conormal is known to rounding.
     """
     outward = outward_conormals(surface, edge, 0.5 * spacing)
     straight = surface.dimensions_at(edge) == surface.dim
-    straight &= np.linalg.norm(beyond, axis=1) > TOUCHING * spacing
+    straight &= np.linalg.norm(beyond, axis=1) > UNDIRECTED_EDGE_SPACINGS * spacing
     outward[straight] = beyond[straight] / np.linalg.norm(beyond[straight], axis=1, keepdims=True)
     return outward

@@ -11,17 +11,17 @@ import numpy as np
 from cpmkit.forms.collocation.boundary.row_formula import ExtraPoint
 from cpmkit.forms.collocation.boundary.side_view import BoundaryOnLattice, SideView
 from cpmkit.grid.lattice import Lattice
-from cpmkit.manifold.walking import nearest_from
+from cpmkit.manifold.walking import nearest_on_sheet
 from cpmkit.protocols import Bools, BoundarySet, ClosestPoints, Floats, Ints
-from cpmkit.scene.alike import alike
+from cpmkit.scene.alike import same_condition
 from cpmkit.scene.condition import Condition
 from cpmkit.scene.data import Data
 from cpmkit.scene.laws import Law, Value
 
 #: Data that jump across a boundary are read this share of the spacing inside the side they belong to.
-INSIDE = 1e-6
+INSIDE_SIDE_SPACINGS = 1e-6
 #: Cosine of the angle up to which two boundaries run side by side.
-ALONGSIDE = 0.9
+ALONGSIDE_COSINE = 0.9
 
 
 def mirror_distance(law: Law, t: Floats, spacing: float) -> Floats:
@@ -103,7 +103,7 @@ class GhostGeometry:
         """The g points at which ghosts of order 2 read."""
         # King et al. (2024), eq. 15, has cp_S(2 y - x); here it is cp_S(2 y - z), or farther behind y.
         ahead = self.seen.foot + self._ahead[:, None] * self.direction
-        return nearest_from(self.own.surface, self.start, ahead, self.spacing)
+        return nearest_on_sheet(self.own.surface, self.start, ahead, self.spacing)
 
     @cached_property
     def is_hidden(self) -> Bools:
@@ -124,7 +124,7 @@ class GhostGeometry:
         """Return each condition with the ghosts that carry it: a node on the right has a ghost of the left."""
         boundary, seen = self.boundaries[self.index], self.seen
         left, right = boundary.condition("left"), boundary.condition("right")
-        if alike(left, right):
+        if same_condition(left, right):
             return [(left, np.arange(len(seen.rows)))]
         return [(left, np.flatnonzero(seen.signed < 0)), (right, np.flatnonzero(seen.signed >= 0))]
 
@@ -149,7 +149,7 @@ class GhostGeometry:
 def _holds_one_value(boundary: BoundarySet) -> bool:
     """Tell whether the solution is continuous across a boundary because both sides hold the same value there."""
     left, right = boundary.condition("left"), boundary.condition("right")
-    return isinstance(left.law, Value) and alike(left, right)
+    return isinstance(left.law, Value) and same_condition(left, right)
 
 
 def beyond_another(geometry: GhostGeometry, rows: Ints, points: Floats, reach: float) -> Bools:
@@ -167,9 +167,11 @@ def beyond_another(geometry: GhostGeometry, rows: Ints, points: Floats, reach: f
         at_foot = geometry.on_lattice[other].side_view(foot[at_point.rows], 2 * reach, spacing)
         facing = at_point.take(at_foot.rows)
         opposite = np.sum(facing.director * at_foot.director, axis=1) < 0
-        opposite &= np.abs(at_foot.signed) > INSIDE * spacing  # where they meet, neither lies beyond the other
+        opposite &= (
+            np.abs(at_foot.signed) > INSIDE_SIDE_SPACINGS * spacing
+        )  # where they meet, neither lies beyond the other
         if _holds_one_value(geometry.boundaries[other]):
             own = geometry.seen.conormal[rows][facing.rows]
-            opposite &= np.abs(np.sum(own * at_foot.conormal, axis=1)) > ALONGSIDE
+            opposite &= np.abs(np.sum(own * at_foot.conormal, axis=1)) > ALONGSIDE_COSINE
         beyond[facing.rows[opposite & ~facing.end & ~at_foot.end]] = True
     return beyond

@@ -21,14 +21,14 @@ from cpmkit.forms.collocation.ghosts.continuation import continued_sources
 from cpmkit.forms.collocation.ghosts.formulas import ghost_formula
 from cpmkit.forms.collocation.ghosts.geometry import GhostGeometry
 from cpmkit.forms.collocation.ghosts.past_rim import straight_ahead
-from cpmkit.forms.collocation.ghosts.side_readings import WITHIN, read_within
+from cpmkit.forms.collocation.ghosts.side_readings import SIDE_READING_SPACINGS, read_within
 from cpmkit.grid.band import Band
 from cpmkit.grid.lattice import Lattice
 from cpmkit.grid.stencils import difference_reach, reading_radius
 from cpmkit.protocols import Bools, Floats, Ints
 
 #: Below this share of the spacing, the direction from a ghost to the boundary is taken from the conormal.
-TOUCHING = 1e-3
+UNDIRECTED_GHOST_SPACINGS = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +99,7 @@ def build_ghosts(
     terms = [geometry.located(term, radius) for term in made.rows.terms]
     terms += [geometry.located(term, radius, own_side=True) for term in made.own_points]
     sources = read_within(geometry, order)
-    behind = np.linalg.norm(made.rows.points - seen.foot, axis=1) / (WITHIN * band.spacing)
+    behind = np.linalg.norm(made.rows.points - seen.foot, axis=1) / (SIDE_READING_SPACINGS * band.spacing)
     numbers = np.full(len(band.nodes), -1)
     numbers[seen.rows] = np.arange(len(geometry))
     return Ghosts(
@@ -156,23 +156,25 @@ def _past_edge(reading: RowFormula, mirrored: RowFormula, nodes: Ints, apart: Bo
     return RowFormula(reading.points, reading.coefficient * coefficient, data, terms, reading.feet)
 
 
-def _ghost_nodes(on_lattice: BoundaryOnLattice, seen: SideView, band: Band, differences: int) -> tuple[SideView, int]:
+def _ghost_nodes(
+    on_lattice: BoundaryOnLattice, side_view: SideView, band: Band, differences: int
+) -> tuple[SideView, int]:
     """Return the view of the nodes that have a ghost, unknowns first, and the number of unknowns."""
     reach = reading_radius(band.dim, band.degree) * band.spacing
     reach += on_lattice.gap
-    positions = band.positions[seen.rows]
+    positions = band.positions[side_view.rows]
     close, feet = near(on_lattice.source, positions, reach + differences * band.spacing, band.spacing)
-    kept = ~seen.end[close]
+    kept = ~side_view.end[close]
     close, distance = close[kept], feet.distance[kept]
-    unknown = (seen.rows[close] < band.inner) & (distance <= reach)
+    unknown = (side_view.rows[close] < band.inner) & (distance <= reach)
     order = np.concatenate([close[unknown], close[~unknown]])
-    return seen.take(order), int(unknown.sum())
+    return side_view.take(order), int(unknown.sum())
 
 
-def _direction(seen: SideView, foot_point: Floats, spacing: float) -> Floats:
+def _direction(side_view: SideView, foot_point: Floats, spacing: float) -> Floats:
     """Return unit vectors (g, d) from the nodes' feet towards the boundary and on into the side that is carried."""
-    towards = seen.foot - foot_point
-    touching = seen.distance < TOUCHING * spacing
-    length = np.where(touching, 1.0, seen.distance)[:, None]
-    across = -np.sign(np.nan_to_num(seen.signed))[:, None] * seen.conormal
+    towards = side_view.foot - foot_point
+    touching = side_view.distance < UNDIRECTED_GHOST_SPACINGS * spacing
+    length = np.where(touching, 1.0, side_view.distance)[:, None]
+    across = -np.sign(np.nan_to_num(side_view.signed))[:, None] * side_view.conormal
     return np.where(touching[:, None], across, towards / length)

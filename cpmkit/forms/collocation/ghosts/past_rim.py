@@ -15,16 +15,16 @@ import numpy as np
 
 from cpmkit.forms.collocation.boundary.row_formula import RowFormula
 from cpmkit.forms.collocation.boundary.side_view import BoundaryOnLattice, SideView
-from cpmkit.forms.collocation.ghosts.geometry import ALONGSIDE
+from cpmkit.forms.collocation.ghosts.geometry import ALONGSIDE_COSINE
 from cpmkit.grid.band import Band
 from cpmkit.manifold.tangent_space import outward_conormals
 from cpmkit.protocols import Bools, Floats, Ints
 
 #: Feet nearer to a boundary than this many spacings do not tell the way to it.
-TOUCHING = 0.1
+UNDIRECTED_FOOT_SPACINGS = 0.1
 
 
-def kept_apart(on_lattice: Sequence[BoundaryOnLattice], band: Band, mirrored: RowFormula, radius: float) -> Ints:
+def mirrors_cut_off(on_lattice: Sequence[BoundaryOnLattice], band: Band, mirrored: RowFormula, radius: float) -> Ints:
     """Return the nodes (k,) past an edge whose mirror points lie beyond a boundary, as seen from their feet."""
     past = np.flatnonzero((band.feet.edge >= 0) & (mirrored.points != band.feet.points).any(axis=1))
     apart = np.zeros(len(past), dtype=bool)
@@ -55,30 +55,32 @@ def replaced(reading: RowFormula, rows: Ints, other: RowFormula) -> RowFormula:
 
 
 def straight_ahead(
-    on_lattice: BoundaryOnLattice, band: Band, seen: SideView, behind: Ints
+    on_lattice: BoundaryOnLattice, band: Band, side_view: SideView, behind: Ints
 ) -> tuple[SideView, Floats, Bools]:
     """Return the view of nodes with those past an edge behind a boundary where they stand, their places, and which.
 
     Those are the nodes ``behind`` and others to whose feet the boundary runs parallel inside. They stand in the
     tangent plane of the edge, at places (g, d); zero for all others, whose entries stay as they are.
     """
-    places, apart = np.zeros((len(seen.rows), band.dim)), np.zeros(len(seen.rows), dtype=bool)
-    past = np.flatnonzero(band.feet.edge[seen.rows] >= 0)
-    nodes = seen.rows[past]
+    places, apart = np.zeros((len(side_view.rows), band.dim)), np.zeros(len(side_view.rows), dtype=bool)
+    past = np.flatnonzero(band.feet.edge[side_view.rows] >= 0)
+    nodes = side_view.rows[past]
     feet = band.feet.take(nodes)
     outward = outward_conormals(on_lattice.surface, feet, 0.5 * band.spacing)
-    apart[past] = np.isin(nodes, behind) | _parallel(seen.take(past), feet.points, outward, band.spacing)
+    apart[past] = np.isin(nodes, behind) | _parallel(side_view.take(past), feet.points, outward, band.spacing)
     beyond = np.maximum(np.sum((band.positions[nodes] - feet.points) * outward, axis=1, keepdims=True), 0.0)
     places[past] = feet.points + beyond * outward
     on = on_lattice.surface.closest_point(on_lattice.source.closest_point(places[apart]).points).points
-    foot, distance = seen.foot.copy(), seen.distance.copy()
+    foot, distance = side_view.foot.copy(), side_view.distance.copy()
     foot[apart], distance[apart] = on, np.linalg.norm(places[apart] - on, axis=1)
-    return replace(seen, foot=foot, distance=distance), places, apart
+    return replace(side_view, foot=foot, distance=distance), places, apart
 
 
-def _parallel(seen: SideView, feet: Floats, outward: Floats, spacing: float) -> Bools:
+def _parallel(side_view: SideView, feet: Floats, outward: Floats, spacing: float) -> Bools:
     """Tell at which feet on an edge the boundary runs alongside it, on the inner side."""
-    inwards = np.sum((feet - seen.foot) * outward, axis=1)
-    touching = np.linalg.norm(feet - seen.foot, axis=1) < TOUCHING * spacing
-    across = np.abs(np.sum(seen.conormal * outward, axis=1)) > ALONGSIDE
-    return np.asarray(across & (touching | (inwards > ALONGSIDE * np.linalg.norm(feet - seen.foot, axis=1))))
+    inwards = np.sum((feet - side_view.foot) * outward, axis=1)
+    touching = np.linalg.norm(feet - side_view.foot, axis=1) < UNDIRECTED_FOOT_SPACINGS * spacing
+    across = np.abs(np.sum(side_view.conormal * outward, axis=1)) > ALONGSIDE_COSINE
+    return np.asarray(
+        across & (touching | (inwards > ALONGSIDE_COSINE * np.linalg.norm(feet - side_view.foot, axis=1)))
+    )

@@ -10,17 +10,17 @@ import numpy as np
 
 from cpmkit.forms.collocation.boundary.row_formula import ExtraPoint, RowFormula
 from cpmkit.forms.collocation.boundary.side_view import BoundaryOnLattice, SideView
-from cpmkit.forms.collocation.ghosts.geometry import INSIDE, GhostGeometry, beyond_another
-from cpmkit.manifold.walking import nearest_from
+from cpmkit.forms.collocation.ghosts.geometry import INSIDE_SIDE_SPACINGS, GhostGeometry, beyond_another
+from cpmkit.manifold.walking import nearest_on_sheet
 from cpmkit.protocols import Bools, ClosestPoints, Floats
 
 #: Data are read at this distance from the boundary, in spacings, and at multiples of it: two points, or three where
 #: the conditions are of order 3 or 4. (At 0.25 the Dziuk surface of the studies is a fifth less accurate at 0.1.)
-WITHIN = 0.15
-#: A point inside nearer to the boundary than this share of where it should be has met an edge or a fold.
-CROWDED = 0.75
-#: Nodes with feet nearer to a boundary than this many spacings read right-hand sides so, too.
-DOUBTFUL = 0.1
+SIDE_READING_SPACINGS = 0.15
+#: A point inside whose distance from the boundary is below this share of the intended one has met an edge or a fold.
+LEAST_INSIDE_SHARE = 0.75
+#: Nodes with feet nearer to a boundary than so many spacings read right-hand sides in the same way.
+DOUBTFUL_SIDE_SPACINGS = 0.1
 
 
 def read_within(geometry: GhostGeometry, order: int) -> RowFormula:
@@ -29,39 +29,39 @@ def read_within(geometry: GhostGeometry, order: int) -> RowFormula:
     Where another boundary or an edge is in the way, or the boundary has no sides, just inside.
     """
     seen, own, spacing = geometry.seen, geometry.own, geometry.spacing
-    near = seen.foot + INSIDE * spacing * geometry.direction
+    near = seen.foot + INSIDE_SIDE_SPACINGS * spacing * geometry.direction
     if not own.has_sides or not len(near):
         return RowFormula(near, np.ones(len(near)))
     points, sound = _points_within(own, seen.foot, geometry.start, geometry.direction, order)
     rows = np.flatnonzero(sound)
-    reach = 2 * len(points) * WITHIN * spacing
+    reach = 2 * len(points) * SIDE_READING_SPACINGS * spacing
     sound[rows[beyond_another(geometry, rows, points[-1][rows], reach)]] = False
     return _continued_to(near, points, sound, np.zeros(len(near)))
 
 
 def node_sources(
-    feet: Floats, own: BoundaryOnLattice, others: list[BoundaryOnLattice], seen: SideView, order: int
+    feet: Floats, own: BoundaryOnLattice, others: list[BoundaryOnLattice], side_view: SideView, order: int
 ) -> RowFormula:
-    """Return where nodes with ``feet`` (k, d) nearly on a boundary, ``seen`` by it, read right-hand sides."""
-    spacing, sign = own.spacing, np.sign(seen.signed)[:, None]
-    on = np.abs(seen.signed)[:, None] < INSIDE * spacing
-    near = np.where(on, feet + sign * INSIDE * spacing * seen.conormal, feet)
-    start = None if own.sheets is None else own.surface.closest_point(seen.foot)
-    points, sound = _points_within(own, seen.foot, start, sign * seen.conormal, order)
+    """Return where nodes with ``feet`` (k, d) nearly on a boundary, ``side_view`` by it, read right-hand sides."""
+    spacing, sign = own.spacing, np.sign(side_view.signed)[:, None]
+    on_boundary = np.abs(side_view.signed)[:, None] < INSIDE_SIDE_SPACINGS * spacing
+    near = np.where(on_boundary, feet + sign * INSIDE_SIDE_SPACINGS * spacing * side_view.conormal, feet)
+    start = None if own.sheets is None else own.surface.closest_point(side_view.foot)
+    points, sound = _points_within(own, side_view.foot, start, sign * side_view.conormal, order)
     for other in others:
-        sound &= other.source.closest_point(seen.foot).distance > 2 * len(points) * WITHIN * spacing
-    return _continued_to(near, points, sound, np.abs(seen.signed) / (WITHIN * spacing))
+        sound &= other.source.closest_point(side_view.foot).distance > 2 * len(points) * SIDE_READING_SPACINGS * spacing
+    return _continued_to(near, points, sound, np.abs(side_view.signed) / (SIDE_READING_SPACINGS * spacing))
 
 
 def _points_within(
     own: BoundaryOnLattice, foot: Floats, start: ClosestPoints | None, direction: Floats, order: int
 ) -> tuple[list[Floats], Bools]:
     """Return points (n, d) of the surface one behind the other from feet on a boundary, and where there are all."""
-    points, sound, step = [], np.ones(len(foot), dtype=bool), WITHIN * own.spacing
+    points, sound, step = [], np.ones(len(foot), dtype=bool), SIDE_READING_SPACINGS * own.spacing
     for k in range(1, 3 if order < 3 else 4):
-        one = nearest_from(own.surface, start, foot + k * step * direction, own.spacing)
-        sound &= (np.linalg.norm(one.points - foot, axis=1) > CROWDED * k * step) & (one.edge < 0)
-        points.append(one.points)
+        point = nearest_on_sheet(own.surface, start, foot + k * step * direction, own.spacing)
+        sound &= (np.linalg.norm(point.points - foot, axis=1) > LEAST_INSIDE_SHARE * k * step) & (point.edge < 0)
+        points.append(point.points)
     return points, sound
 
 

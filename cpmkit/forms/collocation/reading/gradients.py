@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from cpmkit.forms.collocation.reading.points import Reader
 
 #: Points at which the gradient is read at a time: their weights are small beside the tables.
-CHUNK = 8192
+GRADIENT_CHUNK_POINTS = 8192
 
 
 def surface_gradient(reader: Reader, values: Floats, local: Floats, wanted: Mapping[int, Side]) -> Floats:
@@ -44,8 +44,8 @@ def surface_gradient(reader: Reader, values: Floats, local: Floats, wanted: Mapp
         The side from which points on a boundary are read, by the boundary's number.
     """
     gradient = np.empty((len(local), values.shape[1], local.shape[1]))
-    for start in range(0, len(local), CHUNK):
-        part = slice(start, start + CHUNK)
+    for start in range(0, len(local), GRADIENT_CHUNK_POINTS):
+        part = slice(start, start + GRADIENT_CHUNK_POINTS)
         feet = reader.project(local[part])
         side_views = reader.side_views(feet.points, wanted)
         gradient[part] = _tangential(reader, values, feet, side_views)
@@ -63,7 +63,7 @@ def _continue_from_inside(
 ) -> None:
     """Replace the ``gradient`` (n, channels, d) of points beside a bend by that continued from farther inside."""
     bends = one_sided.find_bends(reader, feet, side_views)
-    inside = one_sided.sample(reader, feet, side_views, bends, wanted)
+    inside = one_sided.samples_inside(reader, feet, side_views, bends, wanted)
     rows, weights = inside.rows, inside.weights
     if not len(rows):
         return

@@ -27,9 +27,9 @@ if TYPE_CHECKING:
 
 #: Distances, in spacings, from which the gradient is continued. From 2 on it still feels the bend, on an arc at
 #: spacing 0.006 three times as much as from 2.5 on; from 3 on it is three times as far off at spacing 0.05.
-STEPS = (2.5, 3.5, 4.5)
+CONTINUATION_DISTANCES_SPACINGS = (2.5, 3.5, 4.5)
 #: A sample counts as inside if it is as far from all bends as the first step, less this share.
-SLACK = 0.1
+INSIDE_SLACK_SHARE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,7 @@ class Bends:
 
 
 @dataclass(frozen=True, eq=False)
-class Inside:
+class SamplesInside:
     """Where the gradients of some rows are continued from, s samples a row, and the samples' weights (k, s)."""
 
     rows: Ints
@@ -63,52 +63,52 @@ class Inside:
 def find_bends(reader: Reader, feet: ClosestPoints, side_views: Sequence[SideView]) -> Bends:
     """Return those points of a batch that lie beside a bend, each with the one nearest to it."""
     found = [*_at_boundaries(reader, side_views), _at_edge(reader, feet)]
-    rows, distance = (np.concatenate([getattr(one, name) for one in found]) for name in ("rows", "distance"))
-    inward = np.concatenate([one.inward for one in found])
-    near = np.flatnonzero(distance < STEPS[0] * reader.spacing)
+    rows, distance = (np.concatenate([getattr(part, name) for part in found]) for name in ("rows", "distance"))
+    inward = np.concatenate([part.inward for part in found])
+    near = np.flatnonzero(distance < CONTINUATION_DISTANCES_SPACINGS[0] * reader.spacing)
     order = near[np.lexsort((distance[near], rows[near]))]
     first = order[np.unique(rows[order], return_index=True)[1]]
     return Bends(rows[first], distance[first], inward[first])
 
 
-def sample(
+def samples_inside(
     reader: Reader, feet: ClosestPoints, side_views: Sequence[SideView], bends: Bends, wanted: Mapping[int, Side]
-) -> Inside:
+) -> SamplesInside:
     """Return the samples inside of those bends that have room for them."""
-    ways = np.array(STEPS) * reader.spacing
+    ways = np.array(CONTINUATION_DISTANCES_SPACINGS) * reader.spacing
     offsets = (ways - bends.distance[:, None])[:, :, None] * bends.inward[:, None]
     targets = (feet.points[bends.rows][:, None] + offsets).reshape(-1, feet.points.shape[1])
     samples = reader.tables.layout.surface.closest_point(targets)
-    sound = _sound(reader, samples, side_views, np.repeat(bends.rows, len(ways)), wanted)
+    sound = _sound_samples(reader, samples, side_views, np.repeat(bends.rows, len(ways)), wanted)
     kept = sound.reshape(-1, len(ways)).all(axis=1)
     weights = _parabola(ways, bends.distance[kept])
-    return Inside(bends.rows[kept], samples.take(np.repeat(kept, len(ways))), weights)
+    return SamplesInside(bends.rows[kept], samples.take(np.repeat(kept, len(ways))), weights)
 
 
-def _parabola(ways: Floats, at: Floats) -> Floats:
-    """Return the weights (k, s) by which values at distances ``ways`` (s,) give the polynomial's value ``at`` (k,)."""
-    weights = np.empty((len(at), len(ways)))
-    for k, way in enumerate(ways):
-        others = np.delete(ways, k)
-        weights[:, k] = np.prod((at[:, None] - others) / (way - others), axis=1)
+def _parabola(distances: Floats, at: Floats) -> Floats:
+    """Return the weights (k, s) that extrapolate values at ``distances`` (s,) to ``at`` (k,) by a polynomial."""
+    weights = np.empty((len(at), len(distances)))
+    for k, distance in enumerate(distances):
+        others = np.delete(distances, k)
+        weights[:, k] = np.prod((at[:, None] - others) / (distance - others), axis=1)
     return weights
 
 
-def _bends(condition: Condition, order: int) -> bool:
+def _bends_interpolant(condition: Condition, order: int) -> bool:
     """Tell whether ghosts of this condition bend the interpolant: those of order 1 or 2 that carry a value."""
     return (condition.order or order) <= 2 and isinstance(condition.law, Value)
 
 
 def _at_boundaries(reader: Reader, side_views: Sequence[SideView]) -> list[Bends]:
-    found = []
+    bends = []
     order = reader.tables.layout.order
-    for boundary, seen in zip(reader.scene.boundaries, side_views, strict=True):
-        left = seen.signed >= 0
-        sides = [_bends(boundary.condition(side), order) for side in SIDES]
-        rows = np.flatnonzero(~np.isnan(seen.signed) & ~seen.end & np.where(left, *sides))
-        inward = np.where(left, 1.0, -1.0)[rows, None] * seen.conormal[rows]
-        found.append(Bends(seen.rows[rows], np.abs(seen.signed[rows]), inward))
-    return found
+    for boundary, frame in zip(reader.scene.boundaries, side_views, strict=True):
+        on_left = frame.signed >= 0
+        sides = [_bends_interpolant(boundary.condition(side), order) for side in SIDES]
+        rows = np.flatnonzero(~np.isnan(frame.signed) & ~frame.end & np.where(on_left, *sides))
+        inward = np.where(on_left, 1.0, -1.0)[rows, None] * frame.conormal[rows]
+        bends.append(Bends(frame.rows[rows], np.abs(frame.signed[rows]), inward))
+    return bends
 
 
 def _at_edge(reader: Reader, feet: ClosestPoints) -> Bends:
@@ -116,7 +116,7 @@ def _at_edge(reader: Reader, feet: ClosestPoints) -> Bends:
     layout = reader.tables.layout
     band, none = layout.band, Bends(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros((0, feet.points.shape[1])))
     loops = np.unique(band.feet.edge[band.feet.edge >= 0])
-    bent = [loop for loop in loops if _bends(edge_condition(reader.scene.edge, int(loop)), layout.order)]
+    bent = [loop for loop in loops if _bends_interpolant(edge_condition(reader.scene.edge, int(loop)), layout.order)]
     if not bent:
         return none
     nodes = stencil_nodes(band, stencil_cells(feet.points, band.spacing, band.degree)[0])
@@ -132,19 +132,19 @@ def _at_edge(reader: Reader, feet: ClosestPoints) -> Bends:
     return Bends(rows, distance, -outward)
 
 
-def _sound(
+def _sound_samples(
     reader: Reader, samples: ClosestPoints, side_views: Sequence[SideView], rows: Ints, wanted: Mapping[int, Side]
 ) -> Bools:
     """Tell which samples, of the points ``rows``, lie on their points' sides and away from every bend."""
     sound: Bools = samples.edge < 0
-    seen = reader.side_views(samples.points, wanted)
-    for at_point, at_sample in zip(side_views, seen, strict=True):
+    sample_frames = reader.side_views(samples.points, wanted)
+    for at_point, at_sample in zip(side_views, sample_frames, strict=True):
         place = np.searchsorted(at_point.rows, rows[at_sample.rows])
         known = place < len(at_point.rows)
         known[known] = at_point.rows[place[known]] == rows[at_sample.rows[known]]
         opposite = np.sum(at_point.director[place[known]] * at_sample.director[known], axis=1) < 0
         sound[at_sample.rows[known][opposite]] = False
     nearest = np.full(len(samples), np.inf)
-    for bends in (*_at_boundaries(reader, seen), _at_edge(reader, samples)):
+    for bends in (*_at_boundaries(reader, sample_frames), _at_edge(reader, samples)):
         np.minimum.at(nearest, bends.rows, bends.distance)
-    return sound & (nearest > (1 - SLACK) * STEPS[0] * reader.spacing)
+    return sound & (nearest > (1 - INSIDE_SLACK_SHARE) * CONTINUATION_DISTANCES_SPACINGS[0] * reader.spacing)

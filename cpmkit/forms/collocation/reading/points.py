@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.errors import InputError
-from cpmkit.forms.collocation.boundary.side_view import ON_BOUNDARY, SideView
+from cpmkit.forms.collocation.boundary.side_view import ON_BOUNDARY_SPACINGS, SideView
 from cpmkit.forms.collocation.discretization import Discretization
 from cpmkit.forms.collocation.extension import extend
 from cpmkit.forms.collocation.reading.gradients import interpolant_gradient_rows, surface_gradient
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 #: Points nearer to a boundary than this many spacings can be read from the side that the caller names.
-READ_FROM_SIDE = 1e-3
+READ_FROM_SIDE_SPACINGS = 1e-3
 #: Points that are read at a time.
-CHUNK = 1 << 18
+EVALUATION_CHUNK_POINTS = 1 << 18
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +65,8 @@ class Reader:
         wanted, layout = self.sides(side), self.tables.layout
         local = self.localized(points)
         read = np.empty((len(local), values.shape[1]))
-        for start in range(0, len(local), CHUNK):
-            part = slice(start, start + CHUNK)
+        for start in range(0, len(local), EVALUATION_CHUNK_POINTS):
+            part = slice(start, start + EVALUATION_CHUNK_POINTS)
             feet = self.project(local[part])
             side_views = self.side_views(feet.points, wanted)
             centres = Centres.of_points(feet, side_views)
@@ -143,7 +143,7 @@ class Reader:
         side_views = []
         for index, on_lattice in enumerate(self.tables.layout.boundaries.on_lattice):
             seen = on_lattice.side_view(local, 2 * self.radius, self.spacing)
-            side_views.append(_from_side(seen, wanted[index], self.spacing) if index in wanted else seen)
+            side_views.append(_moved_to_side(seen, wanted[index], self.spacing) if index in wanted else seen)
         return side_views
 
     def localized(self, points: Any) -> Floats:
@@ -182,8 +182,8 @@ class Reader:
         return wanted
 
 
-def _from_side(seen: SideView, side: Side, spacing: float) -> SideView:
+def _moved_to_side(side_view: SideView, side: Side, spacing: float) -> SideView:
     """Return the view with the points on the boundary moved to ``side``."""
-    on = np.abs(seen.signed) < READ_FROM_SIDE * spacing
-    signed = np.where(on, (1.0 if side == "left" else -1.0) * ON_BOUNDARY * spacing, seen.signed)
-    return replace(seen, signed=signed, director=seen.director * (signed / seen.signed)[:, None])
+    on_boundary = np.abs(side_view.signed) < READ_FROM_SIDE_SPACINGS * spacing
+    signed = np.where(on_boundary, (1.0 if side == "left" else -1.0) * ON_BOUNDARY_SPACINGS * spacing, side_view.signed)
+    return replace(side_view, signed=signed, director=side_view.director * (signed / side_view.signed)[:, None])

@@ -13,20 +13,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.manifold.localized import Localized
+from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.unfolding import unfold
 from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 
-#: Normals that face each other more than this do not belong to one sheet (cosine).
-FACING = -0.4
-#: Nor, where the surface is unfolded, do normals that turn by more than this (cosine).
-SHARP = 0.6
+#: Normals of one sheet have at least this cosine.
+SAME_SHEET_COSINE = -0.4
+#: The same where the surface is unfolded.
+UNFOLDED_SHEET_COSINE = 0.6
 #: Feet farther from each other than this many spacings, along their mean normal, lie on different sheets.
-APART = 0.5
-#: A foot within so many spacings of an unfolded one serves in its place where u itself is read,
-NEAR = 0.75
-#: and within so many where differences are taken: there a foot costs no unknown, but a row of E.
-CLOSE = 0.1
+SHEET_HEIGHT_SPACINGS = 0.5
+#: Tolerances (spacings) for reusing a foot in place of an unfolded one: for interpolation, where a new foot costs an
+#: unknown,
+REUSED_FOOT_SPACINGS = 0.75
+#: and for differences, where a new foot costs a row of E only.
+REUSED_ROW_SPACINGS = 0.1
 
 
 def same_sheet(
@@ -37,7 +38,7 @@ def same_sheet(
     spacing: float,
     signed: bool,
     slope: float = 0.0,
-    facing: float = FACING,
+    facing: float = SAME_SHEET_COSINE,
 ) -> Bools:
     """Tell which pairs of surface points (..., d) lie on one sheet.
 
@@ -54,20 +55,20 @@ def same_sheet(
     height = 0.5 * np.abs(np.sum(chord * (normals + other_normals), axis=-1))
     bend = 0.5 * np.sqrt(np.sum(chord * chord, axis=-1) * np.sum(turn * turn, axis=-1))
     alike = np.sum(normals * other_normals, axis=-1) >= facing
-    allowed = APART * spacing + bend
+    allowed = SHEET_HEIGHT_SPACINGS * spacing + bend
     if slope:
         allowed += slope * np.linalg.norm(chord, axis=-1)
     return np.asarray(alike & (height <= allowed))
 
 
-def has_signed_normals(source: Localized) -> bool:
+def has_signed_normals(source: LocalSource) -> bool:
     """Tell whether a surface's normals have a sign of their own everywhere."""
     return all(member.has_normals for member in source.members)
 
 
 @dataclass(frozen=True, eq=False)
-class Missed:
-    """Places (row, column) of stencils for which there is no site on the stencil's sheet.
+class Unserved:
+    """Stencil entries (row, column) for which no site exists on the stencil's own sheet.
 
     ``feet`` says where the site would have its foot if it is found by unfolding; else it is where the stencil is.
     """
@@ -105,7 +106,7 @@ class Sheets:
         Sites whose stencils still read a node of another sheet, because no foot on their own was found for it.
     """
 
-    source: Localized
+    source: LocalSource
     spacing: float
     nodes: Ints
     feet: ClosestPoints
@@ -131,9 +132,9 @@ class Sheets:
         normals: Floats,
         columns: Ints,
         readable: Bools,
-        near: float = NEAR,
+        near: float = REUSED_FOOT_SPACINGS,
         every: bool = False,
-    ) -> tuple[Ints, Missed]:
+    ) -> tuple[Ints, Unserved]:
         """Return stencils (n, s) with sites of another sheet replaced by twins on their own, and what is missed.
 
         Parameters
@@ -165,15 +166,15 @@ class Sheets:
         selected[row, column] = np.where(found >= 0, found, site)
         row, column, site = row[found < 0], column[found < 0], site[found < 0]
         if not self.unfolded:
-            return selected, Missed(row, column, at.take(row))
+            return selected, Unserved(row, column, at.take(row))
         goal = np.asarray(self.spacing * self.nodes[site], dtype=np.float64)
         feet = unfold(self.source, at.take(row), normals[row], goal, self.spacing, self.signed)
         selected[row, column], distance = self._nearest(site, feet.points, readable)
         missed = distance > near * self.spacing
-        return selected, Missed(row[missed], column[missed], feet.take(missed))
+        return selected, Unserved(row[missed], column[missed], feet.take(missed))
 
     def _own(self, feet: Floats, normals: Floats, site: Ints) -> Bools:
-        facing = SHARP if self.unfolded else FACING
+        facing = UNFOLDED_SHEET_COSINE if self.unfolded else SAME_SHEET_COSINE
         there = self.feet.points[site], self.normals[site]
         return same_sheet(feet, normals, *there, self.spacing, self.signed, facing=facing)
 

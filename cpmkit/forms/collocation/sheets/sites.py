@@ -1,4 +1,4 @@
-"""Nodes with their feet while twins are looked for, and what the stencils of some of them want."""
+"""Nodes with their feet while twins are being created, and the sites that stencils still miss."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.forms.collocation.sheets.sheets import CLOSE, Sheets
+from cpmkit.forms.collocation.sheets.sheets import REUSED_ROW_SPACINGS, Sheets
 from cpmkit.grid.band import Band
 from cpmkit.grid.stencils import cross_offsets, stencil_cells, stencil_nodes
-from cpmkit.manifold.localized import Localized
+from cpmkit.manifold.local_source import LocalSource
 from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 
 
@@ -50,24 +50,24 @@ class Sites:
             np.concatenate([self.anchor, len(self) + np.arange(len(base)) if anchor is None else anchor]),
         )
 
-    def sheets(self, source: Localized, band: Band, unfolded: bool) -> Sheets:
+    def sheets(self, source: LocalSource, band: Band, unfolded: bool) -> Sheets:
         """Return the table of twins, the first sites being those of the band itself."""
-        first, twins = by_site(self.base, np.arange(len(band.nodes), len(self)))
+        first, twins = twins_by_site(self.base, np.arange(len(band.nodes), len(self)))
         nodes, nothing = band.nodes[self.base], np.zeros(0, dtype=np.int64)
         return Sheets(
             source, band.spacing, nodes, self.feet, self.normals, self.anchor, first, twins, unfolded, nothing
         )
 
 
-def by_site(base: Ints, twins: Ints) -> tuple[Ints, Ints]:
+def twins_by_site(base: Ints, twins: Ints) -> tuple[Ints, Ints]:
     """Return where each site's ``twins`` begin (m + 1,), and the twins in that order; their sites: ``base[twins]``."""
     twins = twins[np.argsort(base[twins], kind="stable")]
     return np.searchsorted(base[twins], np.arange(len(base) + 1)).astype(np.int64), twins
 
 
 @dataclass(frozen=True, eq=False)
-class Wanted:
-    """What stencils want on their own sheet and do not find, by node, and of a node what is to be read first.
+class MissingSites:
+    """Sites that stencils miss on their own sheet, sorted by node; of one node, those where u is read come first.
 
     Attributes
     ----------
@@ -86,13 +86,13 @@ class Wanted:
     unknown: Bools
     feet: ClosestPoints
 
-    def take(self, index: Ints | Bools) -> Wanted:
+    def take(self, index: Ints | Bools) -> MissingSites:
         """Return some of them."""
-        return Wanted(self.nodes[index], self.by[index], self.unknown[index], self.feet.take(index))
+        return MissingSites(self.nodes[index], self.by[index], self.unknown[index], self.feet.take(index))
 
 
-def wanted(source: Localized, band: Band, sites: Sites, queue: Ints, unfolded: bool) -> Wanted:
-    """Return what the stencils of the sites ``queue`` want: those of E, and of the unknowns' differences.
+def find_missing(source: LocalSource, band: Band, sites: Sites, queue: Ints, unfolded: bool) -> MissingSites:
+    """Return the sites missed by the stencils of ``queue``, those of E and those of the unknowns' differences.
 
     Differences of a twin that was found by unfolding are taken on the plane that the surface was unfolded on: its
     neighbours, too, are found from its anchor.
@@ -100,13 +100,17 @@ def wanted(source: Localized, band: Band, sites: Sites, queue: Ints, unfolded: b
     sheets, n = sites.sheets(source, band, unfolded), sites.normals
     cells = stencil_cells(sites.feet.points[queue], band.spacing, band.degree)[0]
     read = stencil_nodes(band, cells).astype(np.int64)
-    _, one = sheets.select_twins(sites.feet.take(queue), n[queue], read, sites.unknown, every=True)
+    _, in_stencils = sheets.select_twins(sites.feet.take(queue), n[queue], read, sites.unknown, every=True)
     centres = queue[sites.unknown[queue]]
     around = band.find(band.nodes[sites.base[centres]][:, None] + cross_offsets(band.dim))
     anchors, all_sites = sites.anchor[centres], np.ones(len(sites), dtype=bool)
-    _, other = sheets.select_twins(sites.feet.take(anchors), n[anchors], around, all_sites, CLOSE, every=True)
-    nodes = sites.base[np.concatenate([read[one.row, one.column], around[other.row, other.column]])]
-    unknown = np.repeat([True, False], [len(one.row), len(other.row)])
-    by = np.concatenate([queue[one.row], anchors[other.row]])
+    _, in_differences = sheets.select_twins(
+        sites.feet.take(anchors), n[anchors], around, all_sites, REUSED_ROW_SPACINGS, every=True
+    )
+    nodes = sites.base[
+        np.concatenate([read[in_stencils.row, in_stencils.column], around[in_differences.row, in_differences.column]])
+    ]
+    unknown = np.repeat([True, False], [len(in_stencils.row), len(in_differences.row)])
+    by = np.concatenate([queue[in_stencils.row], anchors[in_differences.row]])
     order = np.lexsort((~unknown, nodes))
-    return Wanted(nodes, by, unknown, ClosestPoints.join([one.feet, other.feet])).take(order)
+    return MissingSites(nodes, by, unknown, ClosestPoints.join([in_stencils.feet, in_differences.feet])).take(order)

@@ -13,35 +13,36 @@ import numpy as np
 
 from cpmkit.forms.collocation.sheets.sheets import has_signed_normals
 from cpmkit.grid.band import Band
-from cpmkit.manifold.localized import Localized
+from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.tangent_space import jacobian, normals
 from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 
 #: A node nearer to its foot than this many spacings does not tell the normal.
-TOUCHING = 0.1
-#: Neighbours whose normals turn by a larger angle than this (cosine) see different flanks.
-FLANKS = 0.2
-#: Feet of neighbours farther apart than this many spacings say nothing of the curvature between them.
-APART = 2.0
-#: A turn (radians) below this is lost in the facets of a mesh and the noise of a cloud.
-SMALL_TURN = np.deg2rad(5.0)
-#: A turn (radians) above this that remains however near one looks is a crease.
-CREASE = np.deg2rad(10.0)
-#: So often the stretch in which the surface turns is halved; on one sheet that leaves less than ``NEAREST`` spacings.
-HALVINGS, NEAREST = 8, 0.1
-#: Step, in spacings, of the differences that give a normal while looking closely.
-STEP = 1e-4
+ON_FOOT_SPACINGS = 0.1
+#: Neighbours whose normals have a smaller cosine than this see different flanks.
+SAME_FLANK_COSINE = 0.2
+#: Feet of neighbours farther apart than so many spacings do not determine the curvature between them.
+MOST_CHORD_SPACINGS = 2.0
+#: Smaller turns (radians) cannot be told from the facets of a mesh or the noise of a cloud.
+SMALL_TURN_RADIANS = np.deg2rad(5.0)
+#: A larger turn (radians) that remains under bisection is a crease.
+CREASE_TURN_RADIANS = np.deg2rad(10.0)
+#: So often the stretch in which the surface turns is halved; on one sheet that leaves less than
+#: ``HALVED_STRETCH_SPACINGS`` spacings.
+TURN_HALVINGS, HALVED_STRETCH_SPACINGS = 8, 0.1
+#: Step (spacings) of the differences that give normals during bisection.
+TURN_NORMAL_STEP_SPACINGS = 1e-4
 
 
-def reach_of(dim: int, degree: int) -> float:
+def foot_reach_spacings(dim: int, degree: int) -> float:
     """Return how far from its foot, in spacings, a node of the band may lie: a stencil's node, or one beside it."""
     half = 0.5 * (degree + 1)
     return float(np.sqrt((dim - 1) * half**2 + (1 + half) ** 2))
 
 
 @dataclass(frozen=True, eq=False)
-class Directions:
-    """The way from feet to nodes.
+class FootDirections:
+    """Directions and distances from feet to their nodes.
 
     Attributes
     ----------
@@ -58,14 +59,14 @@ class Directions:
     sound: Bools
 
 
-def directions(band: Band) -> Directions:
+def foot_directions(band: Band) -> FootDirections:
     """Return the directions from the feet of all sites of the band to their nodes."""
     away = band.positions - band.feet.points
     length = np.linalg.norm(away, axis=1)
-    sound = (length > TOUCHING * band.spacing) & (band.feet.edge < 0)
+    sound = (length > ON_FOOT_SPACINGS * band.spacing) & (band.feet.edge < 0)
     if band.feet.doubtful is not None:
         sound &= ~band.feet.doubtful
-    return Directions(away / np.where(length > 0, length, 1.0)[:, None], length, sound)
+    return FootDirections(away / np.where(length > 0, length, 1.0)[:, None], length, sound)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,22 +95,22 @@ class Turns:
 
 def sharp_turns(band: Band, sharper: float) -> Turns:
     """Return where the curvature of the surface is above ``sharper``, as neighbouring nodes of the band see it."""
-    away = directions(band)
-    one, other = band.neighbours()
-    sound = away.sound[one] & away.sound[other]
-    one, other = one[sound], other[sound]
-    before, after = away.unit[one], away.unit[other]
-    chord = np.linalg.norm(band.feet.points[one] - band.feet.points[other], axis=1)
+    away = foot_directions(band)
+    first, second = band.neighbours()
+    sound = away.sound[first] & away.sound[second]
+    first, second = first[sound], second[sound]
+    before, after = away.unit[first], away.unit[second]
+    chord = np.linalg.norm(band.feet.points[first] - band.feet.points[second], axis=1)
     turn = np.linalg.norm(after - before, axis=1)
-    seen = (np.sum(before * after, axis=1) > FLANKS) & (chord < APART * band.spacing)
-    seen &= (turn > SMALL_TURN) & (turn > sharper * chord)
-    places = 0.5 * (band.feet.points[one[seen]] + band.feet.points[other[seen]])
+    sharp = (np.sum(before * after, axis=1) > SAME_FLANK_COSINE) & (chord < MOST_CHORD_SPACINGS * band.spacing)
+    sharp &= (turn > SMALL_TURN_RADIANS) & (turn > sharper * chord)
+    places = 0.5 * (band.feet.points[first[sharp]] + band.feet.points[second[sharp]])
     with np.errstate(divide="ignore"):
-        curvature = turn[seen] / chord[seen]
-    return Turns(places, before[seen], after[seen], curvature)
+        curvature = turn[sharp] / chord[sharp]
+    return Turns(places, before[sharp], after[sharp], curvature)
 
 
-def widest(turns: Turns, side: float) -> Turns:
+def strongest_per_cell(turns: Turns, side: float) -> Turns:
     """Return one turn for each cell of a grid of this side: between the two normals in it that differ most.
 
     Around a crease nodes see it from the one flank, the other, or between; only the outermost normals span it.
@@ -118,12 +119,12 @@ def widest(turns: Turns, side: float) -> Turns:
     cells = np.floor(turns.places[order] / side).astype(np.int64)
     _, first, cell = np.unique(cells, axis=0, return_index=True, return_inverse=True)
     sharpest, cell = turns.take(order[first]), cell.ravel()
-    seen, cell = np.concatenate([turns.before[order], turns.after[order]]), np.tile(cell, 2)
+    outermost, cell = np.concatenate([turns.before[order], turns.after[order]]), np.tile(cell, 2)
     middle = (sharpest.before + sharpest.after)[cell]
-    one_side = np.sum(seen * middle, axis=1) > 0  # nodes below the surface see the normal reversed
-    seen, cell, middle = seen[one_side], cell[one_side], middle[one_side]
-    before = seen[_largest(-np.sum(seen * middle, axis=1), cell)]
-    after = seen[_largest(-np.sum(seen * before[cell], axis=1), cell)]
+    one_side = np.sum(outermost * middle, axis=1) > 0  # nodes below the surface see the normal reversed
+    outermost, cell, middle = outermost[one_side], cell[one_side], middle[one_side]
+    before = outermost[_largest(-np.sum(outermost * middle, axis=1), cell)]
+    after = outermost[_largest(-np.sum(outermost * before[cell], axis=1), cell)]
     return Turns(sharpest.places, before, after, sharpest.curvature)
 
 
@@ -134,8 +135,8 @@ def _largest(score: Floats, group: Ints) -> Ints:
 
 
 @dataclass(frozen=True, eq=False)
-class Closely:
-    """What looking closely at turns found.
+class TurnProfile:
+    """Turns after bisection.
 
     Attributes
     ----------
@@ -157,60 +158,64 @@ class Closely:
     @property
     def one_sheet(self) -> Bools:
         """(n,) True where the stretch could be halved; between two sheets it cannot."""
-        return np.asarray(self.stretch < NEAREST)
+        return np.asarray(self.stretch < HALVED_STRETCH_SPACINGS)
 
     @property
     def creased(self) -> Bools:
         """(n,) True where the turn happens at one place."""
-        return np.asarray((self.angle > CREASE) & self.one_sheet)
+        return np.asarray((self.angle > CREASE_TURN_RADIANS) & self.one_sheet)
 
 
-def look_closely(surface: Localized, turns: Turns, spacing: float) -> Closely:
-    """Halve, around each place, the stretch of the surface in which it turns most, and tell what turn is left."""
+def bisect_turns(surface: LocalSource, turns: Turns, spacing: float) -> TurnProfile:
+    """Bisect, around each place, the stretch in which the surface turns most, and return the turn that remains."""
     away = turns.after - turns.before
     step = 0.5 * spacing * away / np.linalg.norm(away, axis=1, keepdims=True)
     ends = [surface.closest_point(turns.places + sign * step) for sign in (-1, 1)]
     a, b = (end.points for end in ends)
     na, nb = (_normals(surface, end, spacing) for end in ends)
-    sign = _sign(na, turns.before)
+    sign = _signs_like(na, turns.before)
     signed = not surface.source.exact and has_signed_normals(surface)
-    na, nb = sign * na, (sign if signed else _sign(nb, turns.after)) * nb
-    whole = _angle(na, nb) / np.linalg.norm(a - b, axis=1)
-    for _ in range(HALVINGS):
+    na, nb = sign * na, (sign if signed else _signs_like(nb, turns.after)) * nb
+    whole = _angles_between(na, nb) / np.linalg.norm(a - b, axis=1)
+    for _ in range(TURN_HALVINGS):
         middle = surface.closest_point(0.5 * (a + b))
         m, nm = middle.points, _normals(surface, middle, spacing)
-        nearer = np.where(np.abs(_along(nm, na)) > np.abs(_along(nm, nb)), na, nb)
-        nm = nm * (sign if signed else _sign(nm, nearer))
-        first = _along(nm, na) < _along(nm, nb)
+        nearer = np.where(np.abs(_scalar_products(nm, na)) > np.abs(_scalar_products(nm, nb)), na, nb)
+        nm = nm * (sign if signed else _signs_like(nm, nearer))
+        first = _scalar_products(nm, na) < _scalar_products(nm, nb)
         a, na = np.where(first, a, m), np.where(first, na, nm)
         b, nb = np.where(first, m, b), np.where(first, nm, nb)
-    angle, stretch = _angle(na, nb), np.linalg.norm(a - b, axis=1)
-    curvature = np.where(angle < SMALL_TURN, angle / np.maximum(stretch, STEP * spacing), whole)
+    angle, stretch = _angles_between(na, nb), np.linalg.norm(a - b, axis=1)
+    curvature = np.where(
+        angle < SMALL_TURN_RADIANS, angle / np.maximum(stretch, TURN_NORMAL_STEP_SPACINGS * spacing), whole
+    )
     along = np.cross(na, nb) if surface.dim == 3 else np.zeros_like(na)
     length = np.linalg.norm(along, axis=1, keepdims=True)
-    return Closely(angle, stretch / spacing, curvature, along / np.where(length > 0, length, 1.0))
+    return TurnProfile(angle, stretch / spacing, curvature, along / np.where(length > 0, length, 1.0))
 
 
-def _normals(surface: Localized, feet: ClosestPoints, spacing: float) -> Floats:
+def _normals(surface: LocalSource, feet: ClosestPoints, spacing: float) -> Floats:
     """Return the normals that the closest points obey: by differences where these are exact, else the source's own.
 
     The normals of a mesh whose nearest points are asked for are those of a smooth surface that it samples.
     """
     if surface.source.exact:
-        return np.asarray(np.linalg.eigh(jacobian(surface, feet.points, STEP * spacing))[1][:, :, 0])
-    return normals(surface, feet, STEP * spacing)
+        return np.asarray(
+            np.linalg.eigh(jacobian(surface, feet.points, TURN_NORMAL_STEP_SPACINGS * spacing))[1][:, :, 0]
+        )
+    return normals(surface, feet, TURN_NORMAL_STEP_SPACINGS * spacing)
 
 
-def _along(one: Floats, other: Floats) -> Floats:
+def _scalar_products(first: Floats, second: Floats) -> Floats:
     """Return the scalar products (n, 1)."""
-    return np.asarray(np.sum(one * other, axis=1, keepdims=True))
+    return np.asarray(np.sum(first * second, axis=1, keepdims=True))
 
 
-def _sign(vectors: Floats, like: Floats) -> Floats:
+def _signs_like(vectors: Floats, like: Floats) -> Floats:
     """Return the signs (n, 1) that make vectors most like others."""
-    return np.where(_along(vectors, like) < 0, -1.0, 1.0)
+    return np.where(_scalar_products(vectors, like) < 0, -1.0, 1.0)
 
 
-def _angle(one: Floats, other: Floats) -> Floats:
+def _angles_between(first: Floats, second: Floats) -> Floats:
     """Return the angles (n,) between unit vectors."""
-    return np.asarray(2 * np.arcsin(np.minimum(0.5 * np.linalg.norm(one - other, axis=1), 1.0)))
+    return np.asarray(2 * np.arcsin(np.minimum(0.5 * np.linalg.norm(first - second, axis=1), 1.0)))

@@ -8,25 +8,24 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.forms.collocation.sheets.new_twins import add_feet, add_unfolded
+from cpmkit.forms.collocation.sheets.new_twins import add_twins_at_feet, add_unfolded_twins
 from cpmkit.forms.collocation.sheets.sheets import Sheets
-from cpmkit.forms.collocation.sheets.sites import Sites, by_site, wanted
+from cpmkit.forms.collocation.sheets.sites import Sites, find_missing, twins_by_site
+from cpmkit.forms.collocation.sheets.turning import ON_FOOT_SPACINGS
 from cpmkit.grid.band import Band
 from cpmkit.grid.lattice import find
 from cpmkit.grid.stencils import cross_offsets, stencil_cells, tensor_offsets
-from cpmkit.manifold.localized import Localized
+from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.tangent_space import normals
 from cpmkit.protocols import Bools, Ints
 
-#: Closest points of neighbouring nodes that lie this many spacings above each other hint at two sheets.
-STEP_UP = 0.3
-#: A node nearer to its foot than this many spacings does not tell the normal.
-TOUCHING = 0.1
-#: At most so many rounds in which twins ask for further twins; the first two bring nearly all.
-GENERATIONS = 8
+#: A height difference (spacings) between feet of neighbouring nodes that suggests two sheets.
+SHEET_STEP_SPACINGS = 0.3
+#: Most rounds in which new twins may need further twins; the first two find nearly all.
+MOST_TWIN_ROUNDS = 8
 
 
-def part_sheets(source: Localized, band: Band, unfolded: bool = False) -> Band:
+def separate_sheets(source: LocalSource, band: Band, unfolded: bool = False) -> Band:
     """Return the band with twins where several sheets share its nodes; the band itself where none do.
 
     Parameters
@@ -40,26 +39,28 @@ def part_sheets(source: Localized, band: Band, unfolded: bool = False) -> Band:
     """
     if source.manifold_dim != source.dim - 1:
         return band
-    flagged = conflicting(band)
+    flagged = nodes_between_sheets(band)
     if not flagged.any():
         return band
     every = np.arange(len(band.nodes))
     sites = Sites(every, band.feet, normals(source, band.feet, 0.5 * band.spacing), every < band.inner, every)
     queue = near = _rows_near(band, flagged)
-    for _ in range(GENERATIONS):
-        grown = add_feet(source, band, sites, wanted(source, band, sites, queue, unfolded=False))
+    for _ in range(MOST_TWIN_ROUNDS):
+        grown = add_twins_at_feet(source, band, sites, find_missing(source, band, sites, queue, unfolded=False))
         if unfolded:
-            grown = add_unfolded(source, band, grown, wanted(source, band, grown, queue, unfolded=True))
+            grown = add_unfolded_twins(source, band, grown, find_missing(source, band, grown, queue, unfolded=True))
         if len(grown) == len(sites):
             break
         queue, sites = np.arange(len(sites), len(grown)), grown
     if len(sites) == len(band.nodes):
         return band
     readers = np.concatenate([near, np.arange(len(band.nodes), len(sites))])
-    return _with_twins(source, band, sites, unfolded, np.unique(wanted(source, band, sites, readers, unfolded).by))
+    return _with_twins(
+        source, band, sites, unfolded, np.unique(find_missing(source, band, sites, readers, unfolded).by)
+    )
 
 
-def conflicting(band: Band) -> Bools:
+def nodes_between_sheets(band: Band) -> Bools:
     """Return which nodes have a neighbour whose closest point lies above or below their own.
 
     The direction from a foot to its node is the normal there: no source is asked.
@@ -67,17 +68,19 @@ def conflicting(band: Band) -> Bools:
     h, flagged = band.spacing, np.zeros(len(band.nodes), dtype=bool)
     away = band.positions - band.feet.points
     length = np.linalg.norm(away, axis=1)
-    direction = np.where((length > TOUCHING * h)[:, None], away / np.maximum(length, TOUCHING * h)[:, None], 0.0)
+    direction = np.where(
+        (length > ON_FOOT_SPACINGS * h)[:, None], away / np.maximum(length, ON_FOOT_SPACINGS * h)[:, None], 0.0
+    )
     for axis in np.eye(band.dim, dtype=np.int64):
         beside = band.find(band.nodes + axis)
-        one = np.flatnonzero(beside >= 0)
-        other = beside[one]
-        chord = band.feet.points[other] - band.feet.points[one]
+        first = np.flatnonzero(beside >= 0)
+        second = beside[first]
+        chord = band.feet.points[second] - band.feet.points[first]
         step = np.maximum(
-            np.abs(np.sum(chord * direction[one], axis=1)), np.abs(np.sum(chord * direction[other], axis=1))
+            np.abs(np.sum(chord * direction[first], axis=1)), np.abs(np.sum(chord * direction[second], axis=1))
         )
-        jumps = step > STEP_UP * h
-        flagged[one[jumps]] = flagged[other[jumps]] = True
+        jumps = step > SHEET_STEP_SPACINGS * h
+        flagged[first[jumps]] = flagged[second[jumps]] = True
     return flagged
 
 
@@ -86,15 +89,15 @@ def _rows_near(band: Band, flagged: Bools) -> Ints:
     nodes = band.nodes[np.flatnonzero(flagged[: band.inner])]
     around = (nodes[:, None] - tensor_offsets(band.degree, band.dim)).reshape(-1, band.dim)
     cells = np.unique(band.codes.encode(around))
-    own = band.codes.encode(stencil_cells(band.feet.points, band.spacing, band.degree)[0])
-    near = find(cells, own) >= 0
+    cell_of_site = band.codes.encode(stencil_cells(band.feet.points, band.spacing, band.degree)[0])
+    near = find(cells, cell_of_site) >= 0
     for offset in cross_offsets(band.dim):
         beside = band.find(band.nodes + offset)
         near |= (beside >= 0) & flagged[beside]
     return np.flatnonzero(near | flagged)
 
 
-def _with_twins(source: Localized, band: Band, sites: Sites, unfolded: bool, mixed: Ints) -> Band:
+def _with_twins(source: LocalSource, band: Band, sites: Sites, unfolded: bool, mixed: Ints) -> Band:
     """Return the band with the twins among its sites: unknown ones after the inner nodes, others after the outer."""
     count = len(band.nodes)
     later = np.arange(count, len(sites))
@@ -103,7 +106,7 @@ def _with_twins(source: Localized, band: Band, sites: Sites, unfolded: bool, mix
     )
     new = np.empty(len(sites), dtype=np.int64)
     new[order] = np.arange(len(sites))
-    first, twins = by_site(new[sites.base[order]], np.flatnonzero(order >= count))
+    first, twins = twins_by_site(new[sites.base[order]], np.flatnonzero(order >= count))
     nodes, feet, anchor = band.nodes[sites.base[order]], sites.feet.take(order), new[sites.anchor[order]]
     n = sites.normals[order]
     return Band(

@@ -6,11 +6,13 @@ from layouts import lay_out
 
 import cpmkit as ck
 from cpmkit.combinations.rectangle import rectangle
-from cpmkit.forms.collocation.diagnosis.survey import remaining
+from cpmkit.forms.collocation.diagnosis.survey import find_unresolved
 
 
 def told(source, spacing, **options):
-    return {one.kind: one for one in remaining(lay_out(ck.Scene(source, ck.ScreenedPoisson(1.0)), spacing, **options))}
+    return {
+        one.kind: one for one in find_unresolved(lay_out(ck.Scene(source, ck.ScreenedPoisson(1.0)), spacing, **options))
+    }
 
 
 def turned(seed):
@@ -168,7 +170,7 @@ def test_a_real_mesh_is_reported_alike_by_the_explanation_and_the_solution(real_
 
 
 def test_an_explanation_from_coarser_lattices_is_of_the_spacing_that_was_asked_for(monkeypatch):
-    monkeypatch.setattr("cpmkit.forecast.rehearsal.REHEARSED_CELLS", 400)
+    monkeypatch.setattr("cpmkit.forecast.cost.REHEARSED_CELLS", 400)
     scene = ck.Scene(ck.source("analytic.torus", major=1.0, minor=0.15), ck.ScreenedPoisson(1.0))
     for spacing, kinds in ((0.06, {"bend"}), (0.03, set())):
         explained = ck.explain(scene, spacing)

@@ -6,11 +6,11 @@ from layouts import lay_out
 from model_problems import rotation
 
 import cpmkit as ck
-from cpmkit.forms.collocation.diagnosis.survey import remaining
+from cpmkit.forms.collocation.diagnosis.survey import find_unresolved
 
 
 def close(surface, spacing=0.1):
-    found = remaining(lay_out(ck.Scene(surface, ck.ScreenedPoisson(1.0)), spacing))
+    found = find_unresolved(lay_out(ck.Scene(surface, ck.ScreenedPoisson(1.0)), spacing))
     return [one for one in found if one.kind == "sheets"]
 
 

@@ -5,10 +5,10 @@ import pytest
 from layouts import lay_out
 
 import cpmkit as ck
-from cpmkit.forms.collocation.conservation.balance import Leak
+from cpmkit.forms.collocation.conservation.balance import MeanImbalance
 from cpmkit.forms.collocation.diagnosis.definiteness import lowest_eigenvalue
-from cpmkit.forms.collocation.diagnosis.survey import remaining
-from cpmkit.forms.collocation.diagnosis.valleys import limbs_of
+from cpmkit.forms.collocation.diagnosis.survey import find_unresolved
+from cpmkit.forms.collocation.diagnosis.valleys import limb_feature
 from cpmkit.protocols import ClosestPoints
 
 AXES = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
@@ -54,7 +54,7 @@ def test_limbs_side_by_side_are_told_with_their_place_their_gap_and_about_their_
     """-Lap u + u = f with f = 1 on one and 0 on the other: so is u."""
     scene = two(diameter, gap, ck.ScreenedPoisson(one_and_nothing))
     layout = lay_out(scene, 1.0)
-    found = limbs_of(layout)
+    found = limb_feature(layout)
     points = layout.lattice.to_scene(layout.band.feet.points)
     solution = ck.solve(scene, 1.0)
     error = np.abs(solution.evaluate(points) - one_and_nothing(points)).max()
@@ -67,7 +67,7 @@ def test_limbs_side_by_side_are_told_with_their_place_their_gap_and_about_their_
 
 def test_limbs_far_apart_and_one_alone_are_not_told():
     for scene in (two(3, 4.5, ck.Poisson(0.0)), ck.Scene(Capsule(1.5, 0.0), ck.Poisson(0.0))):
-        assert limbs_of(lay_out(scene, 1.0)) is None
+        assert limb_feature(lay_out(scene, 1.0)) is None
 
 
 @pytest.mark.parametrize(
@@ -113,7 +113,7 @@ def test_a_rim_as_sharp_as_the_grid_and_the_dziuk_surface_are_told():
     )
     for source, spacing, at_least in ((plate, 0.2, 0.05), (ck.source("levelset.dziuk"), 0.1, 0.005)):
         layout = lay_out(ck.Scene(source, ck.Poisson(0.0)), spacing)
-        (bend,) = [one for one in remaining(layout) if one.kind == "bend"]
+        (bend,) = [one for one in find_unresolved(layout) if one.kind == "bend"]
         assert bend.error > at_least
 
 
@@ -145,7 +145,7 @@ def test_heat_that_leaks_is_told_and_heat_that_stays_is_not():
 
 
 def test_a_mean_that_was_far_off_says_by_how_much_the_rest_may_be_off():
-    (told,) = Leak((0.3,), (-0.3,), 1.1).warnings
+    (told,) = MeanImbalance((0.3,), (-0.3,), 1.1).warnings
     assert "the rest of the solution may be off by up to 110.0% of its range" in told
 
 
@@ -154,7 +154,7 @@ def test_the_error_foretold_is_the_larger_of_what_bends_cost_and_what_the_mean_m
         "levelset.expression", phi="(x**2 + y**2)**4 + (z/0.1)**8 - 1", bounds=[[-1.2, -1.2, -0.4], [1.2, 1.2, 0.4]]
     )
     solution = ck.solve(ck.Scene(plate, ck.ScreenedPoisson(lambda x: 1.0 * (x[:, 2] > 0), c=0.01)), 0.2)
-    (bend,) = [one for one in remaining(solution.discretized.tables.layout) if one.kind == "bend"]
+    (bend,) = [one for one in find_unresolved(solution.discretized.tables.layout) if one.kind == "bend"]
     (leak,) = solution.leaks
     assert leak.share > bend.error
     (told,) = [text for text in solution.warnings if "bends more sharply" in text]

@@ -13,9 +13,9 @@ from trimesh.creation import box
 
 import cpmkit as ck
 from cpmkit.forms.collocation.conservation.mean_weights import mean_weights
-from cpmkit.forms.collocation.sheets.sheets import NEAR
+from cpmkit.forms.collocation.sheets.sheets import REUSED_FOOT_SPACINGS
 from cpmkit.grid.stencils import stencil_cells, stencil_nodes
-from cpmkit.manifold.localized import localize
+from cpmkit.manifold.local_source import localize
 from cpmkit.manifold.tangent_space import normals
 from cpmkit.manifold.unfolding import unfold
 from cpmkit.protocols import ClosestPoints
@@ -80,7 +80,7 @@ def test_a_stencil_reads_of_unfolded_twins_those_whose_feet_are_near():
     goal = 0.1 * band.nodes[before[row, column]]
     wanted = unfold(sheets.source, band.feet.take(row), sheets.normals[row], goal, 0.1, sheets.signed).points
     away = np.linalg.norm(band.feet.points[read[row, column]] - wanted, axis=1)
-    assert away.max() <= NEAR * 0.1
+    assert away.max() <= REUSED_FOOT_SPACINGS * 0.1
 
 
 @pytest.mark.parametrize("b", [0.3, pytest.param(0.2, marks=pytest.mark.slow)])

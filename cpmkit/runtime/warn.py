@@ -1,4 +1,4 @@
-"""Warnings that reach whoever asked for a solution: through Python's own machinery, by one category."""
+"""Warnings of a solve, issued through Python's own machinery in one category."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from typing import Any
 from cpmkit.errors import CpmkitWarning, printable
 
 
-def tell(sentences: Iterable[str], stacklevel: int = 2) -> None:
-    """Warn of each sentence once, in the name of the caller so many levels up."""
+def warn_each(sentences: Iterable[str], stacklevel: int = 2) -> None:
+    """Issue each sentence as a warning, attributed to the caller ``stacklevel`` frames up."""
     for sentence in dict.fromkeys(sentences):
         warnings.warn(printable(sentence), CpmkitWarning, stacklevel=stacklevel + 1)
 
 
 @contextmanager
-def overheard() -> Iterator[list[str]]:
+def collected_warnings() -> Iterator[list[str]]:
     """Collect the sentences of all CpmkitWarnings of the block, each once, in place of showing them; others are shown.
 
     Not for several threads at a time: the filters of Python's warnings belong to the process.

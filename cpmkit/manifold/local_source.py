@@ -25,7 +25,7 @@ from cpmkit.protocols import (
 
 
 @dataclass(frozen=True, eq=False)
-class Localized:
+class LocalSource:
     """A source that is asked and answers relative to ``origin``.
 
     A source that can translate itself (``HasTranslation``) is restated once and keeps its accuracy
@@ -65,11 +65,11 @@ class Localized:
         return np.asarray(self.source.bounds, dtype=np.float64) - self.shift
 
     @cached_property
-    def members(self) -> tuple[Localized, ...]:
+    def members(self) -> tuple[LocalSource, ...]:
         """The members of a union, seen from the same origin; the source itself where it is none."""
         if not isinstance(self.source, HasMembers):
             return (self,)
-        return tuple(Localized(member, self.shift, self.queries, self.origin) for member in self.source.members)
+        return tuple(LocalSource(member, self.shift, self.queries, self.origin) for member in self.source.members)
 
     @property
     def largest_dim(self) -> int:
@@ -78,10 +78,10 @@ class Localized:
 
     def dimensions_at(self, feet: ClosestPoints) -> Ints:
         """Return the dimension (n,) of the manifold at ``feet``; of a mixed union, the member's."""
-        dims = np.array([self.dim if one.manifold_dim is None else one.manifold_dim for one in self.members])
+        dims = np.array([self.dim if member.manifold_dim is None else member.manifold_dim for member in self.members])
         return np.full(len(feet), dims[0]) if len(dims) == 1 else dims[feet.element]
 
-    def by_member(self, feet: ClosestPoints) -> Iterator[tuple[Localized, Ints, ClosestPoints]]:
+    def by_member(self, feet: ClosestPoints) -> Iterator[tuple[LocalSource, Ints, ClosestPoints]]:
         """Yield each member that holds some of ``feet``, their rows, and the member's own records of them."""
         if self.members[0] is self:
             yield self, np.arange(len(feet)), feet
@@ -165,8 +165,8 @@ def largest_dim(source: ClosestPointSource) -> int:
     return max(source.dim if member.manifold_dim is None else member.manifold_dim for member in members)
 
 
-def localize(source: ClosestPointSource, origin: Floats) -> Localized:
+def localize(source: ClosestPointSource, origin: Floats) -> LocalSource:
     """Return ``source`` as seen from ``origin`` (d,)."""
     if origin.any() and isinstance(source, HasTranslation):
-        return Localized(source.translated(-origin), np.zeros_like(origin), origin=np.array(origin))
-    return Localized(source, np.array(origin))
+        return LocalSource(source.translated(-origin), np.zeros_like(origin), origin=np.array(origin))
+    return LocalSource(source, np.array(origin))

@@ -10,11 +10,11 @@ from cpmkit.forms.collocation.layout import Layout
 from cpmkit.protocols import Floats, Ints
 
 #: Twins belong together if they lie in neighbouring cells of a grid of so many spacings, about a stencil's width.
-CELL = 4
+CLUSTER_CELL_SPACINGS = 4
 
 
 @dataclass(frozen=True)
-class Cluster:
+class TwinCluster:
     """Twins that lie together.
 
     Attributes
@@ -34,22 +34,22 @@ class Cluster:
         return f"{self.twins:,} in ({lower}) to ({upper})"
 
 
-def clusters_of_twins(layout: Layout) -> tuple[Cluster, ...]:
-    """Return where the twins are that are unknowns, the largest cluster first; none where no sheets share the band."""
+def find_twin_clusters(layout: Layout) -> tuple[TwinCluster, ...]:
+    """Return clusters of the twins that are unknowns, the largest first; none where no sheets share the band."""
     band = layout.band
     if band.first_twin == band.inner:
         return ()
     nodes = band.nodes[band.first_twin : band.inner]
-    piece = _pieces(nodes // CELL)
-    found = []
+    piece = _pieces(nodes // CLUSTER_CELL_SPACINGS)
+    clusters = []
     for number in np.argsort(-np.bincount(piece), kind="stable"):
-        own = nodes[piece == number]
-        lower, upper = layout.lattice.to_scene(np.stack([own.min(axis=0), own.max(axis=0)]) * band.spacing)
-        found.append(Cluster(len(own), tuple(lower.tolist()), tuple(upper.tolist())))
-    return tuple(found)
+        members = nodes[piece == number]
+        lower, upper = layout.lattice.to_scene(np.stack([members.min(axis=0), members.max(axis=0)]) * band.spacing)
+        clusters.append(TwinCluster(len(members), tuple(lower.tolist()), tuple(upper.tolist())))
+    return tuple(clusters)
 
 
-def feet_of_twins(layout: Layout) -> Floats:
+def twin_feet(layout: Layout) -> Floats:
     """Return the feet (k, d) of the twins that are unknowns, in the scene's coordinates."""
     band = layout.band
     return layout.lattice.to_scene(band.feet.points[band.first_twin : band.inner])
@@ -62,6 +62,6 @@ def _pieces(cells: Ints) -> Ints:
     from scipy.spatial import cKDTree
 
     used, member = np.unique(cells, axis=0, return_inverse=True)
-    one, other = cKDTree(used).query_pairs(1.5, p=np.inf, output_type="ndarray").T
-    graph = coo_array((np.ones(len(one)), (one, other)), shape=(len(used), len(used)))
+    first, second = cKDTree(used).query_pairs(1.5, p=np.inf, output_type="ndarray").T
+    graph = coo_array((np.ones(len(first)), (first, second)), shape=(len(used), len(used)))
     return np.asarray(connected_components(graph, directed=False)[1][member.ravel()], dtype=np.int64)

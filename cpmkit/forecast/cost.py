@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cpmkit.forms.collocation.diagnosis.clusters import Cluster, clusters_of_twins
-from cpmkit.forms.collocation.diagnosis.meetings import meetings
+from cpmkit.forms.collocation.diagnosis.meetings import meeting_sentences
 from cpmkit.forms.collocation.diagnosis.refusals import check_layout
-from cpmkit.forms.collocation.diagnosis.remainder import Remainder
-from cpmkit.forms.collocation.diagnosis.survey import remaining
+from cpmkit.forms.collocation.diagnosis.survey import find_unresolved
+from cpmkit.forms.collocation.diagnosis.twin_clusters import TwinCluster, find_twin_clusters
+from cpmkit.forms.collocation.diagnosis.unresolved import UnresolvedFeature
 from cpmkit.forms.collocation.layout import Layout, lay_out
 from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.options import Options
@@ -24,16 +24,16 @@ from cpmkit.grid.band import cell_levels, nodes_of_blocks
 from cpmkit.grid.fitting import check_fits
 from cpmkit.grid.lattice import lattice_of
 from cpmkit.grid.stencils import base_offset
-from cpmkit.manifold.localized import largest_dim, localize
-from cpmkit.protocols import Progress, nothing
+from cpmkit.manifold.local_source import largest_dim, localize
+from cpmkit.protocols import Progress, no_progress
 from cpmkit.scene.scene import Scene
 
 #: A rehearsal has at most about this many cells on the manifold.
 REHEARSED_CELLS = 12_000
 #: So many feet are asked again.
-PROBED = 1000
+PROBED_FEET = 1000
 #: Name of the count of closest point queries, and beginning of its parts' names.
-QUERIES = "queries"
+QUERIES_KEY = "queries"
 
 
 @dataclass(frozen=True)
@@ -65,15 +65,15 @@ class Counts:
     gaps: tuple[float, ...]
     lefts: tuple[str, ...]
     noise: float
-    doubled: tuple[Cluster, ...] = ()
-    remains: tuple[Remainder, ...] = ()
+    doubled: tuple[TwinCluster, ...] = ()
+    remains: tuple[UnresolvedFeature, ...] = ()
     told: tuple[str, ...] = ()
 
     def __getitem__(self, name: str) -> int:
         return round(self.values[name])
 
 
-def count(scene: Scene, options: Options[CollocationOptions], progress: Progress = nothing) -> Counts:
+def predict(scene: Scene, options: Options[CollocationOptions], progress: Progress = no_progress) -> Counts:
     """Return the counts of ``scene``; ``progress`` is told of the stage "rehearsal"."""
     progress("rehearsal", 0.0)
     spacing = options.spacing
@@ -82,32 +82,32 @@ def count(scene: Scene, options: Options[CollocationOptions], progress: Progress
     layout = lay_out(scene, replace(options, spacing=finest))
     if finest == spacing:
         check_layout(layout, scene)
-    fine = _counts(layout)
+    fine = _counts_of(layout)
     seen = (
         tuple(one.gap for one in layout.boundaries.on_lattice),
         tuple(one.oriented.left_in_words for one in layout.boundaries.on_lattice),
-        _noise(layout),
-        clusters_of_twins(layout),
-        remaining(layout, spacing if finest != spacing else None),
-        tuple(meetings(layout, spacing)),
+        _query_noise(layout),
+        find_twin_clusters(layout),
+        find_unresolved(layout, spacing if finest != spacing else None),
+        tuple(meeting_sentences(layout, spacing)),
     )
     progress("rehearsal", 0.7 if finest != spacing else 1.0)
     if finest == spacing:
-        return Counts(_summed(fine), True, *seen)
+        return Counts(_with_summed_queries(fine), True, *seen)
     spacings = [finest, 2 * finest, 4 * finest]
-    rehearsed = [fine, *(_counts(lay_out(scene, replace(options, spacing=one))) for one in spacings[1:])]
+    rehearsed = [fine, *(_counts_of(lay_out(scene, replace(options, spacing=one))) for one in spacings[1:])]
     progress("rehearsal", 1.0)
     m = largest_dim(scene.surface)
-    dims = {f"{QUERIES} surface": m}
-    dims |= {f"{QUERIES} {one.name}": one.source.manifold_dim or 1 for one in scene.boundaries}
+    dims = {f"{QUERIES_KEY} surface": m}
+    dims |= {f"{QUERIES_KEY} {boundary.name}": boundary.source.manifold_dim or 1 for boundary in scene.boundaries}
     told = {}
     for name in fine:
-        counts = [one[name] for one in rehearsed]
-        if name.startswith(QUERIES):
+        counts = [counts[name] for counts in rehearsed]
+        if name.startswith(QUERIES_KEY):
             told[name] = _sum_of_powers(spacings, counts, spacing, dims[name])
         else:
             told[name] = _leading_terms(spacings, counts, spacing, m)
-    return Counts(_summed(told), False, *seen)
+    return Counts(_with_summed_queries(told), False, *seen)
 
 
 def _rehearsal_spacing(scene: Scene, spacing: float, degree: int) -> float:
@@ -128,9 +128,9 @@ def _rehearsal_spacing(scene: Scene, spacing: float, degree: int) -> float:
     return lattice.spacing * side
 
 
-def _noise(layout: Layout) -> float:
+def _query_noise(layout: Layout) -> float:
     """Return how far the feet of a few nodes move when their closest points are asked for."""
-    nodes = np.linspace(0, len(layout.band.nodes) - 1, PROBED).astype(np.int64)
+    nodes = np.linspace(0, len(layout.band.nodes) - 1, PROBED_FEET).astype(np.int64)
     feet = layout.band.feet.take(np.unique(nodes))
     if feet.doubtful is not None:
         feet = feet.take(~feet.doubtful)
@@ -138,7 +138,7 @@ def _noise(layout: Layout) -> float:
     return float(np.linalg.norm(again - feet.points, axis=1).max(initial=0.0))
 
 
-def _counts(layout: Layout) -> dict[str, float]:
+def _counts_of(layout: Layout) -> dict[str, float]:
     counts = {
         "inner": layout.band.inner,
         "twins": layout.band.inner - layout.band.first_twin,
@@ -151,14 +151,14 @@ def _counts(layout: Layout) -> dict[str, float]:
     for number, ghosts in enumerate(layout.ghosts):
         counts[f"ghosts {number}"] = ghosts.unknowns
     for name, queries in layout.queries.items():
-        counts[f"{QUERIES} {name}"] = queries
+        counts[f"{QUERIES_KEY} {name}"] = queries
     return {name: float(value) for name, value in counts.items()}
 
 
-def _summed(counts: Mapping[str, float]) -> dict[str, float]:
+def _with_summed_queries(counts: Mapping[str, float]) -> dict[str, float]:
     """Return the counts with the queries of all sources as one."""
-    queries = sum(value for name, value in counts.items() if name.startswith(QUERIES))
-    return {**{name: value for name, value in counts.items() if not name.startswith(QUERIES)}, QUERIES: queries}
+    queries = sum(value for name, value in counts.items() if name.startswith(QUERIES_KEY))
+    return {**{name: value for name, value in counts.items() if not name.startswith(QUERIES_KEY)}, QUERIES_KEY: queries}
 
 
 def _leading_terms(spacings: list[float], counts: list[float], spacing: float, m: int) -> float:

@@ -1,7 +1,8 @@
-"""What parting the sheets of a surface leaves undone, each with its share, the error to be expected and its cure.
+"""Features of a surface that the spacing does not resolve: their share, the expected error, the remedy.
 
-The numbers behind the expected errors are in docs/explanation/sheets.md. All are shares of the range of a solution that
-varies on the scale of the surface and flows across what is found; one that does not is hardly disturbed.
+The numbers behind the expected errors are in docs/explanation/sheets.md. They are shares of the range of a solution
+that varies on the scale of the surface and has a flux across the feature; without such a flux the error is much
+smaller.
 """
 
 from __future__ import annotations
@@ -11,15 +12,15 @@ from typing import Any
 
 from cpmkit.errors import place
 
-#: What is expected to cost this share of the range of a solution is told: the fish, the koala, Spot and Nefertiti at
-#: 7,000 to 30,000 unknowns, which differ from finite elements by 0.8 to 2.4 percent, and the Dziuk surface at a spacing
-#: of twice its smallest radius, but not at one of that radius.
-WORTH = 5e-3
+#: Features expected to cost at least this share of the range of a solution are reported: the fish, the koala, Spot and
+#: Nefertiti at 7,000 to 30,000 unknowns, which differ from finite elements by 0.8 to 2.4 percent, and the Dziuk surface
+#: at a spacing of twice its smallest radius, but not at one of that radius.
+TOLD_ERROR_SHARE = 5e-3
 
 
 @dataclass(frozen=True)
-class Remainder:
-    """One thing that the sheets of a band leave.
+class UnresolvedFeature:
+    """One feature of the surface that the band does not resolve.
 
     Attributes
     ----------
