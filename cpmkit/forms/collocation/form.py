@@ -24,17 +24,17 @@ from cpmkit.forms.collocation.diagnosis.definiteness import (
 )
 from cpmkit.forms.collocation.diagnosis.twin_clusters import twin_feet
 from cpmkit.forms.collocation.diagnosis.warnings import layout_warnings
-from cpmkit.forms.collocation.discretization import Discretization, build_tables, restated
+from cpmkit.forms.collocation.discretization import build_tables, restated
 from cpmkit.forms.collocation.linearized import FluxRows, flux_rows_of, linearized
 from cpmkit.forms.collocation.operator import BoundaryMass, ExtensionOperator
 from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.collocation.reading.points import Reader
 from cpmkit.forms.collocation.stability import check_waves
 from cpmkit.forms.collocation.work import Work, measure_work
-from cpmkit.forms.contract import Discretized, Settled
+from cpmkit.forms.contract import Settled
 from cpmkit.forms.options import Options
 from cpmkit.linear.operators import Border, Bordered
-from cpmkit.protocols import Floats, Ints, Operator, Progress, Side, Stiffness, no_progress
+from cpmkit.protocols import Floats, Ints, Operator, Progress, Stiffness, no_progress
 from cpmkit.scene.data import Data
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.laws import Spectral, Support
@@ -50,7 +50,7 @@ GHOST_READING_ROUNDS = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Collocation(Discretized):
+class Collocation(Reader):
     """A scene on the band's nodes and ghosts.
 
     Attributes
@@ -60,9 +60,6 @@ class Collocation(Discretized):
     tables : Discretization
         The band and its tables.
     """
-
-    scene: Scene
-    tables: Discretization
 
     form: ClassVar[str] = "collocation"
     cannot: ClassVar[Mapping[str, str]] = {}
@@ -76,11 +73,6 @@ class Collocation(Discretized):
     def size(self) -> int:
         """Number of unknowns: inner nodes and ghosts."""
         return self.tables.unknowns.count
-
-    @property
-    def spacing(self) -> float:
-        """Spacing of the lattice, in the scene's unit."""
-        return self.tables.layout.lattice.spacing
 
     @cached_property
     def points(self) -> Floats:
@@ -195,45 +187,6 @@ class Collocation(Discretized):
         """Return means of products over the feet, (k, m), and so about over the manifold."""
         return np.asarray(self.at_points(u).T @ self.at_points(v) / len(self._on_manifold))
 
-    @cached_property
-    def reader(self) -> Reader:
-        """What reads values and gradients at points."""
-        return Reader(self.scene, self.tables)
-
-    def rows(self, points: Floats, side: Side | Mapping[str, Side] | None = None) -> csr_array:
-        """Return the matrix (k, n) that interpolates u at points of the manifold."""
-        return self.reader.rows(points, side)
-
-    def gradient_rows(self, points: Floats, side: Side | Mapping[str, Side] | None = None) -> tuple[csr_array, ...]:
-        """Return the d matrices that read the interpolant's tangential gradient."""
-        return self.reader.gradient_rows(points, side)
-
-    def evaluate(
-        self, u: Floats, points: Any, side: Side | Mapping[str, Side] | None = None, time: float | None = None
-    ) -> Floats:
-        """Return the values (k, channels) at points of the manifold."""
-        return self.reader.evaluate(u, points, side, time)
-
-    def gradient(self, u: Floats, points: Any, side: Side | Mapping[str, Side] | None = None) -> Floats:
-        """Return the tangential gradient (k, channels, d), continued from inside beside bends of the extension."""
-        return self.reader.gradient(u, points, side)
-
-    def sides(self, side: Side | Mapping[str, Side] | None) -> Mapping[str, Side]:
-        """Return the side that is asked for, by the boundary's name."""
-        return {self.scene.boundaries[index].name: one for index, one in self.reader.sides(side).items()}
-
-    def outflow(self, u: Floats, boundary: str, side: Side, points: Any) -> Floats:
-        """Return du/db (k, channels), b out of ``side``, at the points of a boundary nearest to ``points``."""
-        return self.reader.outflow(u, boundary, side, points)
-
-    def rim_outflow(self, u: Floats, points: Floats) -> Floats:
-        """Return du/db (k, channels), b outwards, at ``points`` of the edge."""
-        return self.reader.rim_outflow(u, points)
-
-    def signed_distance(self, name: str, points: Any) -> Floats:
-        """Return the distance (k,) of points of the manifold from a boundary, positive on its left."""
-        return self.reader.signed_distance(name, points)
-
     # Fluxes that depend on the solution
 
     @cached_property
@@ -290,9 +243,7 @@ class Collocation(Discretized):
         plain, raw = settled(self.tables, self.scene, operator, b, u)
         if not self.balance:
             return plain
-        return with_balanced_fluxes(
-            self.tables, self.scene, self.reader.evaluate, plain, raw, self._balancing, self.balance
-        )
+        return with_balanced_fluxes(self.tables, self.scene, self.evaluate, plain, raw, self._balancing, self.balance)
 
     # Telling
 

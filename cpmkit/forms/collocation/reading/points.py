@@ -15,6 +15,7 @@ from cpmkit.forms.collocation.extension import extend
 from cpmkit.forms.collocation.reading.gradients import interpolant_gradient_rows, surface_gradient
 from cpmkit.forms.collocation.reading.strips import fill_strips
 from cpmkit.forms.collocation.selection import Centres
+from cpmkit.forms.contract import Discretized
 from cpmkit.grid.stencils import reading_radius
 from cpmkit.manifold.tangent_space import outward_conormals
 from cpmkit.protocols import SIDES, ClosestPoints, Floats, Side
@@ -31,8 +32,8 @@ EVALUATION_CHUNK_POINTS = 1 << 18
 
 
 @dataclass(frozen=True, eq=False)
-class Reader:
-    """What reads values at points: the tables, and the scene with its boundaries' names.
+class Reader(Discretized):
+    """The part of the form that reads values at points: the tables, and the scene with its boundaries' names.
 
     Attributes
     ----------
@@ -62,7 +63,7 @@ class Reader:
         time: float | None = None,
     ) -> Floats:
         """Return ``values`` (unknowns, channels) interpolated at points (k, d), (k, channels); data of ``time``."""
-        wanted, layout = self.sides(side), self.tables.layout
+        wanted, layout = self.side_numbers(side), self.tables.layout
         local = self.localized(points)
         read = np.empty((len(local), values.shape[1]))
         for start in range(0, len(local), EVALUATION_CHUNK_POINTS):
@@ -79,21 +80,21 @@ class Reader:
     def rows(self, points: Any, side: Side | Mapping[str, Side] | None = None) -> csr_array:
         """Return the matrix (k, unknowns) that interpolates at points; strips between boundaries are not filled."""
         feet = self.project(self.localized(points))
-        centres = Centres.of_points(feet, self.side_views(feet.points, self.sides(side)))
+        centres = Centres.of_points(feet, self.side_views(feet.points, self.side_numbers(side)))
         return extend(self.tables.unknowns, feet.points, centres)
 
     def gradient_rows(self, points: Any, side: Side | Mapping[str, Side] | None = None) -> tuple[csr_array, ...]:
         """Return the d matrices (k, unknowns) of the interpolant's tangential gradient."""
         feet = self.project(self.localized(points))
-        return interpolant_gradient_rows(self, feet, self.side_views(feet.points, self.sides(side)))
+        return interpolant_gradient_rows(self, feet, self.side_views(feet.points, self.side_numbers(side)))
 
     def gradient(self, values: Floats, points: Any, side: Side | Mapping[str, Side] | None = None) -> Floats:
         """Return the surface gradient (k, channels, d) of ``values`` at points (k, d)."""
-        return surface_gradient(self, values, self.localized(points), self.sides(side))
+        return surface_gradient(self, values, self.localized(points), self.side_numbers(side))
 
     def outflow(self, values: Floats, boundary: str, side: Side, points: Any) -> Floats:
         """Return du/db (k, channels) at points near a boundary, b out of the side: -v on the left, +v on the right."""
-        ((index, _),) = self.sides({boundary: side}).items()
+        ((index, _),) = self.side_numbers({boundary: side}).items()
         on = self.tables.layout.boundaries.on_lattice[index].source.closest_point(self.localized(points)).points
         feet = self.project(on)
         seen = self.side_views(feet.points, {index: side})[index]
@@ -158,7 +159,11 @@ class Reader:
             )
         return names.index(name)
 
-    def sides(self, side: Side | Mapping[str, Side] | None) -> dict[int, Side]:
+    def sides(self, side: Side | Mapping[str, Side] | None) -> Mapping[str, Side]:
+        """Return the side that is asked for, by the boundary's name."""
+        return {self.scene.boundaries[index].name: one for index, one in self.side_numbers(side).items()}
+
+    def side_numbers(self, side: Side | Mapping[str, Side] | None) -> dict[int, Side]:
         """Return the side that ``side`` asks for, by the boundary's number.
 
         Raises
