@@ -108,131 +108,74 @@ if TYPE_CHECKING:
     from cpmkit.testing import parametrize_with_laws as parametrize_with_laws
     from cpmkit.testing import run_laws as run_laws
 
-#: The names by what they serve, each with the module that holds it.
-GROUPS = {
+#: Names by what they serve and by the module that holds them.
+_NAMES = {
     "Types": {
-        "Bools": "protocols",
-        "ClosestPointSource": "protocols",
-        "ClosestPoints": "protocols",
-        "Floats": "protocols",
-        "Ints": "protocols",
-        "Progress": "protocols",
-        "Side": "protocols",
+        "protocols": "Bools ClosestPointSource ClosestPoints Floats Ints Progress Side",
     },
     "Abilities of sources": {
-        "Advice": "protocols",
-        "HasAdvice": "protocols",
-        "HasLeft": "protocols",
-        "HasLocalMinima": "protocols",
-        "HasManyEdges": "protocols",
-        "HasMembers": "protocols",
-        "HasMesh": "protocols",
-        "HasNormals": "protocols",
-        "HasTangents": "protocols",
-        "HasTranslation": "protocols",
-        "HasValues": "protocols",
-        "NamesLeft": "protocols",
+        "protocols": (
+            "Advice HasAdvice HasLeft HasLocalMinima HasManyEdges HasMembers HasMesh HasNormals HasTangents "
+            "HasTranslation HasValues NamesLeft"
+        ),
     },
     "Errors": {
-        "ConvergenceError": "errors",
-        "CpmkitError": "errors",
-        "CpmkitWarning": "errors",
-        "InputError": "errors",
-        "MissingDependencyError": "errors",
-        "ResolutionError": "errors",
-        "SceneError": "errors",
-        "place": "errors",
-        "shown": "errors",
+        "errors": (
+            "ConvergenceError CpmkitError CpmkitWarning InputError MissingDependencyError ResolutionError "
+            "SceneError place shown"
+        ),
     },
     "Checking input": {
-        "as_points": "runtime.arrays",
-        "as_positions": "runtime.arrays",
-        "as_rotation": "combinations.rotation",
-        "as_vector": "runtime.arrays",
-        "check_size": "runtime.arrays",
-        "length": "runtime.arrays",
-        "one_row_each": "runtime.arrays",
-        "positive": "runtime.arrays",
-        "whole": "runtime.arrays",
+        "runtime.arrays": "as_points as_positions as_vector check_size length one_row_each positive whole",
+        "combinations.rotation": "as_rotation",
     },
     "Reading files": {
-        "PlyLists": "files.ply_files",
-        "existing_file": "files.data_files",
-        "ply_vertices": "files.ply_files",
-        "read_array": "files.array_files",
-        "read_bytes": "files.array_files",
-        "read_ply": "files.ply_files",
+        "files.ply_files": "PlyLists ply_vertices read_ply",
+        "files.data_files": "existing_file",
+        "files.array_files": "read_array read_bytes",
     },
     "Formulas": {
-        "COORDINATES": "formulas.trees",
-        "FUNCTIONS": "formulas.trees",
-        "FormulaJets": "formulas.derivatives",
-        "formula_jets": "formulas.derivatives",
-        "formula_tree": "formulas.trees",
+        "formulas.trees": "COORDINATES FUNCTIONS formula_tree",
+        "formulas.derivatives": "FormulaJets formula_jets",
     },
     "Compiled kernels and threads": {
-        "compiled": "runtime.compilation",
-        "inlined": "runtime.compilation",
-        "run_parcels": "runtime.threads",
-        "thread_count": "runtime.threads",
+        "runtime.compilation": "compiled inlined",
+        "runtime.threads": "run_parcels thread_count",
     },
     "Vectors and meshes": {
-        "dots": "manifold.vectors",
-        "norms": "manifold.vectors",
-        "rectangle": "combinations.rectangle",
-        "rotate": "combinations.rotation",
-        "unit": "manifold.vectors",
+        "manifold.vectors": "dots norms unit",
+        "combinations.rectangle": "rectangle",
+        "combinations.rotation": "rotate",
     },
     "Scenes, and the laws of their conditions": {
-        "BoundarySet": "protocols",
-        "Condition": "scene.condition",
-        "Data": "scene.data",
-        "Equation": "scene.equations",
-        "Flux": "scene.laws",
-        "Interface": "scene.laws",
-        "Law": "scene.laws",
-        "Mixed": "scene.laws",
-        "Nonlinear": "scene.laws",
-        "OneSided": "scene.laws",
-        "SIDES": "protocols",
-        "Scene": "scene.scene",
-        "Spectral": "scene.laws",
-        "Support": "scene.laws",
-        "Terms": "scene.equations",
-        "Value": "scene.laws",
-        "edge_condition": "scene.scene",
-        "evaluate_data": "scene.data",
-        "takes_time": "scene.data",
+        "protocols": "BoundarySet SIDES",
+        "scene.condition": "Condition",
+        "scene.data": "Data evaluate_data takes_time",
+        "scene.equations": "Equation Terms",
+        "scene.laws": "Flux Interface Law Mixed Nonlinear OneSided Spectral Support Value",
+        "scene.scene": "Scene edge_condition",
     },
     "Linear solvers": {
-        "LinearSolver": "protocols",
-        "Operator": "protocols",
-        "PreparedSolver": "protocols",
-        "SolveReport": "linear.report",
-        "judge": "linear.report",
+        "protocols": "LinearSolver Operator PreparedSolver",
+        "linear.report": "SolveReport judge",
     },
     "Forms and back ends": {
-        "Backend": "protocols",
-        "Border": "linear.operators",
-        "CsrOperator": "linear.operators",
-        "Discretized": "forms.contract",
-        "DisplayMesh": "meshes.display_mesh",
-        "MeasuredWork": "forms.contract",
-        "PlainWork": "forms.contract",
-        "StateFlux": "forms.contract",
-        "Stiffness": "protocols",
-        "needed_spacing": "grid.fitting",
-        "no_progress": "protocols",
-        "vertex_normals": "meshes.display_mesh",
+        "protocols": "Backend Stiffness no_progress",
+        "linear.operators": "Border CsrOperator",
+        "forms.contract": "Discretized MeasuredWork PlainWork StateFlux",
+        "meshes.display_mesh": "DisplayMesh vertex_normals",
+        "grid.fitting": "needed_spacing",
     },
     "Hooks": {
-        "hookimpl": "hookspecs",
+        "hookspecs": "hookimpl",
     },
     "Testing": {
-        "ConformanceCase": "testing",
-        "parametrize_with_laws": "testing",
-        "run_laws": "testing",
+        "testing": "ConformanceCase parametrize_with_laws run_laws",
     },
+}
+#: The names by what they serve, each with the module that holds it.
+GROUPS = {
+    group: {name: module for module, names in held.items() for name in names.split()} for group, held in _NAMES.items()
 }
 _MODULES = {name: module for group in GROUPS.values() for name, module in group.items()}
 
