@@ -51,7 +51,7 @@ _PUBLIC = {
     "explain": "forecast.explanation",
     "load": "saving.loading",
     "load_scene": "scenefile.reading",
-    "prepare": "solving",
+    "prepare": "preparing",
     "read_mesh": "plugins",
     "solve": "solving",
     "source": "plugins",

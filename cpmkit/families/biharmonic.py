@@ -86,12 +86,12 @@ def _solve_pair(
     """Return u and v with ``K u - v = r`` and ``c u + K v = q``, and the report."""
     s = float(np.sqrt(c))
     if s:
-        prepared = context.kept.get(("complex", s), lambda: context.prepare(ComplexShift(stiffness, s)))
+        prepared = context.kept.get(("complex", s), context.prepare, ComplexShift(stiffness, s))
         b: Any = q + 1j * s * r
         w, report = prepared.solve(b, context.tolerance, progress=context.progress)
         report = replace(report, operator_applications=2 * report.operator_applications)  # of a real A
         return np.ascontiguousarray(w.imag / s), np.ascontiguousarray(w.real), report
-    prepared = context.kept.get(("complex", 0.0), lambda: context.prepare(stiffness))
+    prepared = context.kept.get(("complex", 0.0), context.prepare, stiffness)
     v, first = prepared.solve(q, context.tolerance, progress=context.progress)
     u, second = prepared.solve(r + v, context.tolerance, progress=context.progress)
     return u, v, _together(first, second)

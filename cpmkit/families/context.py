@@ -22,9 +22,12 @@ class Kept:
 
     made: dict[Hashable, Any] = field(default_factory=dict)
 
-    def get(self, key: Hashable, make: Callable[[], Any]) -> Any:
-        """Return what was made for ``key``, or make it."""
-        self.made[key] = self.made.pop(key) if key in self.made else make()
+    def get(self, key: Hashable, make: Callable[..., Any], *arguments: Any) -> Any:
+        """Return what was made for ``key``, or make it of the ``arguments``.
+
+        No closure: where memory runs out, one would hold the tables.
+        """
+        self.made[key] = self.made.pop(key) if key in self.made else make(*arguments)
         while len(self.made) > KEPT:
             del self.made[next(iter(self.made))]
         return self.made[key]

@@ -64,7 +64,7 @@ def solve_steady(context: SolveContext) -> Solution:
     form, terms = context.discretized, context.scene.problem.terms()
     poor = unresolved_waves(form.spacing, terms)
     form.check()
-    ready: _Ready = context.kept.get(("steady", left_side(terms)), lambda: _ready(context))
+    ready: _Ready = context.kept.get(("steady", left_side(terms)), _ready, context)
     operator, prepared, wrong = ready.operator, ready.prepared, ready.wrong
     b = form.load(terms.f) + form.data(ready.stiffness)
     built = time.perf_counter()

@@ -60,12 +60,21 @@ class Walk:
     last: Floats
 
 
-def walk(source: LocalSource, goal: Floats, start: ClosestPoints, spacing: float, give_up: bool = False) -> Walk:
+def walk(
+    source: LocalSource,
+    goal: Floats,
+    start: ClosestPoints,
+    spacing: float,
+    *,
+    give_up: bool = False,
+    lengthened: bool = True,
+) -> Walk:
     """Return the feet reached from ``start`` by walking along the source until ``goal`` (n, d) lies straight above.
 
     A leap to the foot of the goal's projection could land on another sheet, and past an end of the surface it would.
     The way ahead is the tangential part of what is left to the goal; as it shrinks by ``1 - height * curvature`` times
     what is walked, the step is chosen from how much it shrank in the last one (Barzilai and Borwein 1988).
+    Not ``lengthened``, steps are the way ahead itself, a fifth more of them: they go round sharper folds.
     """
     feet, strides, walking = start, np.zeros_like(goal), np.arange(len(goal))
     if source.manifold_dim == 0:
@@ -76,7 +85,7 @@ def walk(source: LocalSource, goal: Floats, start: ClosestPoints, spacing: float
         current = feet.take(walking)
         ahead = project_tangent(source, current, goal[walking] - current.points, 0.5 * spacing)
         length = np.linalg.norm(ahead, axis=1, keepdims=True)
-        if last is not None:
+        if last is not None and lengthened:
             steps = _step_factors(current.points - last[0], last[1] - ahead)
         step = np.minimum(steps, STRIDE_SPACINGS * spacing / np.maximum(length, ARRIVED_SPACINGS * spacing)) * ahead
         reached = source.closest_point(current.points + step)
@@ -89,6 +98,7 @@ def walk(source: LocalSource, goal: Floats, start: ClosestPoints, spacing: float
             going &= length[:, 0] <= checked[walking]
             checked[walking] = length[:, 0]
         last = (current.points[going], ahead[going])
+        steps = steps[going]
         walking = walking[going]
         if not len(walking):
             break

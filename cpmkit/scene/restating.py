@@ -19,7 +19,7 @@ EDGE = "edge"
 
 
 def restated(scene: Scene, problem: Equation | None, data: Mapping[str, Any] | None) -> Scene:
-    """Return the scene with another ``problem`` and other ``data``; see :meth:`cpmkit.solving.Prepared.solve`.
+    """Return the scene with another ``problem`` and other ``data``; see :meth:`cpmkit.preparing.Prepared.solve`.
 
     Raises
     ------

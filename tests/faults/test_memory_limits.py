@@ -131,7 +131,7 @@ def test_an_allocation_that_fails_lets_go_of_the_tables(monkeypatch):
         held.append(weakref.ref(tables))
         np.empty(10**17)
 
-    monkeypatch.setattr("cpmkit.families.steady.assemble", allocate)
+    monkeypatch.setattr("cpmkit.families.steady._operators", allocate)
     with pytest.raises(ck.ResolutionError, match="Memory ran out") as error:
         ck.solve(scene(), 0.3)
     assert error.value.__cause__ is not None
@@ -152,7 +152,7 @@ def test_other_errors_are_left_alone(monkeypatch):
     def fail(*arguments):
         raise RuntimeError("a defect")
 
-    monkeypatch.setattr("cpmkit.families.steady.assemble", fail)
+    monkeypatch.setattr("cpmkit.families.steady._operators", fail)
     with pytest.raises(RuntimeError, match="a defect"):
         ck.solve(scene(), 0.3)
     assert memory.ran_out(RuntimeError("can't start new thread"))

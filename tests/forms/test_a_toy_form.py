@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 import cpmkit as ck
 from cpmkit.linear.choice import SolverOptions
 from cpmkit.plugin import CsrOperator, Discretized, Nonlinear, Scene
-from cpmkit.solving import Prepared
+from cpmkit.preparing import Prepared
 
 
 @dataclass(frozen=True, eq=False)

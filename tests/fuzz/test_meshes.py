@@ -87,7 +87,7 @@ def check_mesh(vertices, faces):
     size = max((upper - lower).max(), np.abs(source.bounds).max())
     assert (feet.points >= lower - 1e-6 * size).all()
     assert (feet.points <= upper + 1e-6 * size).all()
-    assert all(text.endswith(".") for text in source.warnings(0.1 * float((upper - lower).max())))
+    assert all(text.endswith(".") for text in source.advice(0.1 * float((upper - lower).max())).warnings)
     assert np.isfinite(source.interpolate(np.ones(len(vertices)), feet)).all()
 
 

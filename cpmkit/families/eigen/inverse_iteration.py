@@ -79,13 +79,14 @@ def inverse_iteration(context: SolveContext, problem: Eigen, stiffness: Stiffnes
         unit = float(form.read(problem.diffusivity, "the diffusivity").mean()) / length**2
         near = float(form.read(problem.c, "the factor c").min()) if problem.near is None else problem.near
         shift = near - beside * unit
-
-    def ready() -> tuple[Operator, PreparedSolver]:
-        operator = stiffness.less(shift, mass)
-        return operator, context.prepare(operator)
-
-    operator, prepared = context.kept.get(("less", left_side(problem.terms()), shift), ready)
+    key = ("less", left_side(problem.terms()), shift)
+    operator, prepared = context.kept.get(key, _ready, context, stiffness, shift, mass)
     return InverseIteration(context, operator, prepared, mass, shift, unit)
+
+
+def _ready(context: SolveContext, stiffness: Stiffness, shift: float, mass: Any) -> tuple[Operator, PreparedSolver]:
+    operator = stiffness.less(shift, mass)
+    return operator, context.prepare(operator)
 
 
 def _check_reached(context: SolveContext, stiffness: Stiffness, mass: Any) -> None:

@@ -63,7 +63,7 @@ class ShiftedSolver:
         """
         terms, form = self.context.scene.problem.terms(), self.context.discretized
         key = ("shifted", left_side(terms), form.data_move, factor)  # a form's mass may tell whether its data move
-        solver: PreparedSolver = self.context.kept.get(key, lambda: self._prepare(factor))
+        solver: PreparedSolver = self.context.kept.get(key, self._prepare, factor)
         u, report = solver.solve(right_side, self.context.tolerance, guess)
         self.tally.add(report)
         return u

@@ -18,8 +18,8 @@ from cpmkit.families.context import SolveContext
 from cpmkit.forms.collocation.form import Collocation
 from cpmkit.linear.choice import make_solver
 from cpmkit.manifold.local_source import LocalSource
+from cpmkit.preparing import FAMILIES
 from cpmkit.protocols import no_progress
-from cpmkit.solving import FAMILIES
 
 CUT = ck.source("analytic.point", at=on_circle(np.array([1.0]))[0])
 RING = ck.source("analytic.circle", radius=0.5)

@@ -34,7 +34,14 @@ STATIONS = [
     "assembly",  # A
 ]
 #: What lies beneath: the lattice and its stencils, the manifold.
-BENEATH = ["grid/band", "grid/lattice", "grid/stencils", "manifold/answers", "manifold/localized", "manifold/vectors"]
+BENEATH = [
+    "grid/band",
+    "grid/lattice",
+    "grid/stencils",
+    "manifold/answers",
+    "manifold/local_source",
+    "manifold/vectors",
+]
 BENEATH += ["manifold/walking"]
 
 

@@ -120,7 +120,7 @@ class BoundaryOnSheets:
 
         Where the walk strays to another sheet, over a sharp rim, the sample is the foot.
         """
-        feet = walk(self.source, targets.points, start, self.spacing).feet
+        feet = walk(self.source, targets.points, start, self.spacing, lengthened=False).feet
         away, on_sheet = self._ways(SurfacePoints.on(self.surface, feet.points, self.spacing), targets)
         strayed = np.flatnonzero(~on_sheet)
         samples = start.take(strayed)
@@ -142,7 +142,7 @@ class BoundaryOnSheets:
             rows = np.flatnonzero(possible & ~on_sheet)
             if not len(rows):
                 break
-            walked = walk(self.surface, goal.points[rows], start.feet.take(rows), self.spacing)
+            walked = walk(self.surface, goal.points[rows], start.feet.take(rows), self.spacing, lengthened=False)
             missed = np.linalg.norm(walked.feet.points - goal.points[rows], axis=1)
             on_sheet[rows] = missed <= REACHED_GOAL_SPACINGS * self.spacing
             if not forth:

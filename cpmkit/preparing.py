@@ -1,0 +1,230 @@
+"""A scene discretised once, and solved for many equations and right-hand sides."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from cpmkit.errors import InputError
+from cpmkit.families.checkpointing import Checkpointing
+from cpmkit.families.context import Kept, SolveContext
+from cpmkit.families.nonlinear import solve_nonlinear
+from cpmkit.forecast.running_out import memory_told
+from cpmkit.forms.choice import FORMS, options_of
+from cpmkit.forms.collocation import form
+from cpmkit.forms.collocation.conservation.flux_balance import check_balance
+from cpmkit.forms.contract import Discretized
+from cpmkit.forms.options import Options
+from cpmkit.grid.fitting import check_fits
+from cpmkit.linear.choice import SOLVER_OPTIONS, SolverOptions, choose_solver, make_solver
+from cpmkit.manifold.local_source import largest_dim, localize
+from cpmkit.plugins import call, check_keys, factory, takes
+from cpmkit.protocols import Backend, Floats, Progress, no_progress
+from cpmkit.runtime.declared import declared, showing, take
+from cpmkit.runtime.warn import warn_each
+from cpmkit.scene.equations import Equation
+from cpmkit.scene.laws import Nonlinear
+from cpmkit.scene.restating import restated
+from cpmkit.scene.scene import Scene
+from cpmkit.solution.solution import Solution
+
+#: The module that solves each family of equations, and its function.
+FAMILIES = {
+    "steady": ("cpmkit.families.steady", "solve_steady"),
+    "time": ("cpmkit.families.evolution.stepping", "solve_in_time"),
+    "eigen": ("cpmkit.families.eigen.solving", "solve_eigen"),
+    "biharmonic": ("cpmkit.families.biharmonic", "solve_biharmonic"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A scene on a form's unknowns, for many equations and right-hand sides; see :func:`prepare`.
+
+    Attributes
+    ----------
+    discretized : Discretized
+        The scene with its tables.
+    solver : SolverOptions
+        How linear systems are solved.
+    progress : callable
+        Told the stage and the share of it that is done.
+    options : Options, optional
+        How it is discretised by the closest point method.
+    kept : Kept
+        Operators and factors that were used last.
+    """
+
+    discretized: Discretized
+    solver: SolverOptions
+    progress: Progress = no_progress
+    options: Options[Any] | None = None
+    kept: Kept = field(default_factory=Kept)
+
+    @showing(Checkpointing)
+    def solve(
+        self,
+        *,
+        problem: Equation | None = None,
+        data: Mapping[str, Any] | None = None,
+        guess: Solution | None = None,
+        **options: Any,
+    ) -> Solution:
+        """Solve an equation on the tables that are there.
+
+        Parameters
+        ----------
+        problem : Equation, optional
+            Another equation than the scene's.
+        data : mapping, optional
+            Other conditions of the same kinds, which differ in their data alone, by boundary: ``{"cut":
+            Dirichlet(2)}``, ``{"cut": {"left": ..., "right": ...}}``, and ``{"edge": ...}`` for the edge.
+        guess : Solution, optional
+            Of the same tables, near which an iterative solver starts; of steady problems.
+        **options
+            Any other is refused.
+
+        Returns
+        -------
+        Solution
+
+        Raises
+        ------
+        CpmkitError
+            One sentence: what was got, what is accepted, what to do.
+        """
+        checkpointing, others = take(Checkpointing, options)
+        if others:
+            raise InputError(
+                f"Prepared.solve has no option {next(iter(others))!r}; those of the solver are given to prepare."
+            )
+        scene = restated(self.discretized.scene, problem, data)
+        checkpointing.check_for(scene.problem)
+        start = None if guess is None else guess.values
+        if start is not None and start.shape != (self.discretized.size, scene.channels):
+            raise InputError(
+                f"guess must be a solution on the same tables, ({self.discretized.size}, {scene.channels}) values, got "
+                f"{start.shape}."
+            )
+        with memory_told(scene, self.options, self.solver.solver):
+            solution = self.run(scene, checkpointing, start)
+        warn_each(solution.warnings)
+        return solution
+
+    def run(
+        self,
+        scene: Scene,
+        checkpointing: Checkpointing,
+        guess: Floats | None = None,
+        started: float | None = None,
+    ) -> Solution:
+        """Solve a scene that differs from the prepared one in its equation and data alone."""
+        started = time.perf_counter() if started is None else started
+        form = self.discretized if scene is self.discretized.scene else self.discretized.restated(scene)
+        factor = scene.problem.factorise_up_to * form.factorise_up_to
+        chosen = choose_solver(self.solver.solver, form.size, largest_dim(scene.surface), factor)
+        if chosen == "direct" and self.options is not None:  # what others need was checked before the tables
+            source = localize(scene.surface, np.zeros(scene.surface.dim))
+            check_fits(source, form.size, form.spacing, self.options.own.degree, chosen)
+        made = make_solver(chosen, self.solver.further)
+        tolerance, progress = self.solver.tolerance, self.progress
+        return _solve_family(
+            SolveContext(form, made, chosen, tolerance, progress, started, checkpointing, guess, self.kept)
+        )
+
+
+def _solve_family(context: SolveContext) -> Solution:
+    """Solve by the family of the scene's equation, by Newton's method where fluxes depend on the solution."""
+    module, function = FAMILIES[context.scene.problem.family]
+    solve_family: Callable[[SolveContext], Solution] = getattr(import_module(module), function)
+    if any(isinstance(condition.law, Nonlinear) for condition in context.scene.conditions):
+        return solve_nonlinear(context, solve_family)
+    return solve_family(context)
+
+
+@showing(Options, *FORMS.values(), SolverOptions)
+def prepare(
+    scene: Scene,
+    spacing: float | None = None,
+    *,
+    backend: str = "cpm",
+    progress: Progress = no_progress,
+    **options: Any,
+) -> Prepared:
+    """Discretise a scene once, for many equations and right-hand sides on it.
+
+    Parameters
+    ----------
+    scene : Scene
+        With the equation that is solved unless another is given.
+    spacing : float
+        Spacing of the lattice, in the scene's unit of length.
+    backend : str
+        ``cpm``, or the name of a back end that a plugin offers, as for :func:`cpmkit.solve`.
+    progress : callable, optional
+        ``progress(stage, fraction)``.
+    **options
+        Further ones of the solver. For another back end, its own options.
+
+    Returns
+    -------
+    Prepared
+
+    Raises
+    ------
+    CpmkitError
+        One sentence: what was got, what is accepted, what to do.
+
+    Examples
+    --------
+    The tables and the factors are made once.
+
+    >>> import cpmkit as ck
+    >>> circle = ck.source("analytic.circle")
+    >>> prepared = ck.prepare(ck.Scene(circle, ck.ScreenedPoisson(1.0)), spacing=0.1)
+    >>> [float(prepared.solve(problem=ck.ScreenedPoisson(f)).evaluate([[1, 0]])[0].round(6)) for f in (1.0, 3.0)]
+    [1.0, 3.0]
+    """
+    discretise, solver, asked = ask(backend, scene, spacing, progress, options)
+    with memory_told(scene, asked, solver.solver):
+        return Prepared(discretise(), solver, progress, asked)
+
+
+def ask(
+    backend: str, scene: Scene, spacing: float | None, progress: Progress, given: Mapping[str, Any]
+) -> tuple[Callable[[], Discretized], SolverOptions, Options[Any] | None]:
+    """Return what discretises, how systems are solved, and the options of the closest point method, all checked.
+
+    Raises
+    ------
+    InputError
+        If an option is not accepted.
+    PluginError
+        If no installed plugin offers the back end.
+    """
+    if backend != "cpm":
+        return (*_ask_elsewhere(backend, scene, spacing, progress, given), None)
+    asked, rest = options_of(scene.surface, spacing, given)
+    solver = SolverOptions.of(rest)
+    check_balance(scene, asked.own.balance)
+    return lambda: form.discretize(scene, asked, progress), solver, asked
+
+
+def _ask_elsewhere(
+    backend: str, scene: Scene, spacing: float | None, progress: Progress, given: Mapping[str, Any]
+) -> tuple[Callable[[], Discretized], SolverOptions]:
+    """Return what discretises by a plugin's form; an option that it lacks is answered with those that it takes."""
+    what = f"the back end {backend!r}"
+    made: Backend = call(factory(backend, "cpmkit_backends"), what, {})
+    own = {name: value for name, value in given.items() if takes(made.discretize, name)}
+    rest = {name: value for name, value in given.items() if name not in own}
+    built_in = given.get("solver", "auto") in list(SOLVER_OPTIONS)  # a plugin's solver checks its options itself
+    of_solver = (*declared(SolverOptions), *(SOLVER_OPTIONS["auto"] if built_in else rest))
+    check_keys(made.discretize, what, given, (*declared(Checkpointing), *of_solver))
+    table = {"scene": scene, "spacing": spacing, "progress": progress, **own}
+    return lambda: call(made.discretize, what, table), SolverOptions.of(rest)
