@@ -154,8 +154,19 @@ class Collocation(Reader):
         return u[self._on_manifold]
 
     def put_back(self, values: Floats) -> Floats:
-        """Return the values at the nodes, and what the conditions make of them past boundaries and edges."""
-        u = np.zeros((self.size, values.shape[1]))
+        """Return the values at the nodes, and what the conditions make of them past boundaries and edges.
+
+        Conditions are met by rounds of reading, from the value of the nearest foot on the side that is carried: a
+        ghost that stands on its boundary reads itself, and has no other value.
+        """
+        from scipy.spatial import cKDTree
+
+        layout, clear = self.tables.layout, np.ones(len(self.tables.layout.band.nodes), dtype=bool)
+        for view in layout.boundaries.side_views:  # nearer feet may count to the other side
+            clear[view.rows[np.abs(view.signed) < 0.5 * self.spacing]] = False
+        known = np.flatnonzero(clear[self._on_manifold])
+        feet = layout.band.feet.points[self._on_manifold[known]]
+        u = values[known[cKDTree(feet).query(self.tables.sources.points)[1]]]
         u[self._on_manifold] = values
         return self._continued(u, self.tables.datum())
 
@@ -172,12 +183,17 @@ class Collocation(Reader):
         datum = (self._moved(step) - self._moved(0.0)) / step
         return self._continued(self.tables.read_sources(data, what, 0.0), datum)
 
-    def _continued(self, u: Floats, datum: Floats) -> Floats:
-        """Return u (n, channels) with what the conditions make of it at ghosts and nodes past an edge."""
+    @property
+    def _continued_unknowns(self) -> tuple[Ints, Ints]:
+        """The nodes past an edge and the ghosts, and their rows of E."""
         inner = self.tables.layout.band.inner
         past = np.flatnonzero(self.tables.layout.band.feet.edge[:inner] >= 0)
         unknowns = np.concatenate([past, np.arange(inner, self.size)])
-        rows = self.tables.numbering.row_of_unknown[unknowns]
+        return unknowns, self.tables.numbering.row_of_unknown[unknowns]
+
+    def _continued(self, u: Floats, datum: Floats) -> Floats:
+        """Return u (n, channels) with what the conditions make of it at ghosts and nodes past an edge."""
+        unknowns, rows = self._continued_unknowns
         continued, extension = u.copy(), self.tables.extension[rows]
         for _ in range(GHOST_READING_ROUNDS):
             continued[unknowns] = extension @ continued + datum[rows]
