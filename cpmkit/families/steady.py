@@ -47,7 +47,7 @@ class _Ready:
 def _ready(context: SolveContext) -> _Ready:
     form = context.discretized
     stiffness, operator = _operators(form)
-    wrong, looked = form.indefinite(operator)
+    wrong, looked = form.indefinite(stiffness)
     return _Ready(stiffness, operator, context.prepare(operator), wrong, looked)
 
 

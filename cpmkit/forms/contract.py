@@ -69,7 +69,7 @@ class Settled:
     ----------
     values : (n, channels) float64
         Of mean zero on pieces where a constant is free.
-    defects : tuple of Defect
+    defects : tuple of UnbalancedData
         What of the data has no solution on each of these.
     leaks : tuple
         What the form put right of its own imbalance, and ``balance``, one record, what it did on request.
@@ -310,7 +310,7 @@ class Discretized(ABC):
         """Return the means (k, n) over pieces that nothing flows out of, where the form tells them exactly enough."""
         return None
 
-    def indefinite(self, operator: Operator) -> tuple[str, int]:
+    def indefinite(self, stiffness: Stiffness) -> tuple[str, int]:
         """Return a sentence where A has an eigenvalue of the wrong sign, and the products that it took to look.
 
         Raises

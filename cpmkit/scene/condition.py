@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, ClassVar
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from cpmkit.scene.data import Data, check_order
 from cpmkit.scene.laws import Interface, Law, OneSided, data_of
@@ -32,10 +33,19 @@ class Condition(ABC):
     def __post_init__(self) -> None:
         check_order(self.order, type(self).__name__)
 
+    def __init_subclass__(cls, **keywords: Any) -> None:
+        """Keep the law that a kind answers: by that one object the data that it gives are known again."""
+        super().__init_subclass__(**keywords)
+        own = cls.__dict__.get("law")
+        if isinstance(own, property) and own.fget is not None:
+            kept: cached_property[Law] = cached_property(own.fget)
+            kept.__set_name__(cls, "law")
+            cls.law = kept  # type: ignore[assignment]
+
     @property
     @abstractmethod
     def law(self) -> Law:
-        """Which of the standard laws it is, one object at every call: by it the data that it gives are known again."""
+        """Which of the standard laws it is; asked once."""
 
     @property
     def couples(self) -> bool:

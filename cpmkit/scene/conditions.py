@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, ClassVar
 
 from cpmkit.errors import InputError, shown
@@ -45,7 +44,7 @@ class Dirichlet(Condition):
     order: int | None = None
     kind: ClassVar[str] = "dirichlet"
 
-    @cached_property
+    @property
     def law(self) -> Value:
         """The value."""
         return Value(self.value)
@@ -67,7 +66,7 @@ class Neumann(Condition):
     order: int | None = None
     kind: ClassVar[str] = "neumann"
 
-    @cached_property
+    @property
     def law(self) -> Flux:
         """The flux."""
         return Flux(self.flux)
@@ -127,7 +126,7 @@ class Robin(Condition):
                 )
             object.__setattr__(self, name, number)
 
-    @cached_property
+    @property
     def law(self) -> Mixed:
         """The value and the flux in one relation."""
         return Mixed(self.alpha, self.beta, self.gamma)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, ClassVar
 
 from cpmkit.errors import InputError, shown
@@ -59,7 +58,7 @@ class Transmission(Condition):
         if number(self.resistance, "resistance of Transmission") != 0:
             positive(self.resistance, "resistance of Transmission, where it is not zero,")
 
-    @cached_property
+    @property
     def law(self) -> Interface:
         """The coupling of both sides."""
         return Interface(self.jump, self.flux, self.resistance, self.left, self.right)
@@ -87,7 +86,7 @@ class Steklov(Condition):
     order: int | None = None
     kind: ClassVar[str] = "steklov"
 
-    @cached_property
+    @property
     def law(self) -> Spectral:
         """The flux in proportion to the value."""
         return Spectral()
@@ -115,7 +114,7 @@ class SimplySupported(Condition):
     order: int | None = None
     kind: ClassVar[str] = "simply_supported"
 
-    @cached_property
+    @property
     def law(self) -> Support:
         """The value and its Laplacian."""
         return Support(self.value, self.laplacian)
@@ -169,7 +168,7 @@ class NonlinearFlux(Condition):
         super().__post_init__()
         object.__setattr__(self, "guess", number(self.guess, "guess of NonlinearFlux"))
 
-    @cached_property
+    @property
     def law(self) -> Nonlinear:
         """The flux as a function of the value."""
         return Nonlinear(self.flux, self.slope, self.guess)

@@ -1,11 +1,14 @@
 """Tables once, many equations and right-hand sides: each answer is that of a solve of its own, bit by bit."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 from model_problems import sphere_points
 
 import cpmkit as ck
 from cpmkit.linear import direct
+from cpmkit.plugin import Condition, Mixed
 
 SPHERE = ck.source("analytic.sphere")
 POINTS = sphere_points(30)
@@ -141,6 +144,47 @@ def test_a_transmission_by_the_equations_diffusivity_takes_no_other():
     prepared = ck.prepare(ck.Scene(SPHERE, ck.ScreenedPoisson(1.0), cut), 0.25)
     with pytest.raises(ck.SceneError, match="the tables hold the diffusivity"):
         prepared.solve(problem=ck.Elliptic(1.0, diffusivity=2.0, c=1.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Convection(Condition):
+    """A kind from outside, whose law is made anew whenever it is asked."""
+
+    transfer: float
+    ambient: float
+    kind = "convection"
+
+    @property
+    def law(self):
+        return Mixed(1.0, self.transfer, self.transfer * self.ambient)
+
+
+def test_a_condition_from_outside_is_known_again():
+    def with_ambient(ambient, problem):
+        return ck.Scene(SPHERE, problem, [ck.Boundary("wall", circle([0, 0, 1]), both=Convection(2.0, ambient))])
+
+    prepared = ck.prepare(with_ambient(1.0, ck.ScreenedPoisson(1.0)), 0.25)
+    problem = ck.ScreenedPoisson(product)
+    again = prepared.solve(problem=problem, data={"wall": Convection(2.0, 3.0)})
+    np.testing.assert_array_equal(again.values, ck.solve(with_ambient(3.0, problem), 0.25).values)
+
+
+def test_one_condition_for_several_loops_takes_one():
+    bar, held = ck.source("analytic.segment", start=[0, 0], end=[1, 0]), ck.Dirichlet(0.0)
+    prepared = ck.prepare(ck.Scene(bar, ck.Laplace(), edge={0: held, 1: held}), 0.05)
+    moved = ck.Dirichlet(2.0)
+    np.testing.assert_allclose(prepared.solve(data={"edge": {0: moved, 1: moved}}).evaluate([[0.5, 0]]), 2.0)
+    with pytest.raises(ck.SceneError, match="one object for several loops"):
+        prepared.solve(data={"edge": {0: ck.Dirichlet(1.0), 1: ck.Dirichlet(2.0)}})
+
+
+@pytest.mark.parametrize(
+    "problem", [ck.Heat(1.0, until=0.1, step=0.1), ck.Elliptic(1.0, c=1.0, velocity=lambda x: np.cross([0, 0, 1], x))]
+)
+def test_what_is_not_balanced_is_refused_of_another_equation_too(problem):
+    prepared = ck.prepare(ck.Scene(SPHERE, ck.ScreenedPoisson(1.0)), 0.3, balance=3)
+    with pytest.raises(ck.InputError, match="balance was asked for a problem"):
+        prepared.solve(problem=problem)
 
 
 def test_another_back_end_is_prepared_too():

@@ -211,7 +211,7 @@ def restated(tables: Discretization, old: Scene, new: Scene) -> Discretization:
     ------
     SceneError
         If the tables hold what would change: the equation's diffusivity on both sides of a boundary that couples them,
-        or a wall, whose flux of zero has no rows.
+        a wall, whose flux of zero has no rows, or one condition where there would be several.
     """
     laws = list(zip(_laws(old), _laws(new), strict=True))
     coupled = [law for (_, law), _ in laws if isinstance(law, Interface) and None in (law.left, law.right)]
@@ -220,15 +220,19 @@ def restated(tables: Discretization, old: Scene, new: Scene) -> Discretization:
             "the tables hold the diffusivity of the equation that they were made for, on both sides of a transmission; "
             "give Transmission its left and right, or use cpmkit.solve."
         )
-    held = {_owner(datum) for datum in tables.data}
+    held, known = {_owner(datum) for datum in tables.data}, dict[tuple[int, str], Law]()
     for (what, before), (_, after) in laws:
+        if not same_condition(known.setdefault((id(before), what), after), after):
+            raise SceneError(
+                f"{what} is one object for several loops or sides in the tables, and takes no different data; make "
+                "a condition of each before ck.prepare, or use cpmkit.solve."
+            )
         if (id(before), what) not in held and not same_condition(before, after):
             raise SceneError(
                 f"{what} has no data in the tables, a flux of zero has none, and takes no others; use cpmkit.solve."
             )
     layout = with_data_of(tables.layout, new)
     check_layout(layout, new)
-    known = {(id(before), what): after for (what, before), (_, after) in laws}
     return replace(tables, layout=layout, data=[_with_data(datum, known[_owner(datum)]) for datum in tables.data])
 
 

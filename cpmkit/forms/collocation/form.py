@@ -13,7 +13,7 @@ from cpmkit.errors import ResolutionError
 from cpmkit.forms.collocation.assembly import build_operator
 from cpmkit.forms.collocation.boundary.row_formula import sum_of_data
 from cpmkit.forms.collocation.conservation.components import components_without_flux
-from cpmkit.forms.collocation.conservation.flux_balance import Balancing, prepare_balance
+from cpmkit.forms.collocation.conservation.flux_balance import Balancing, check_balance, prepare_balance
 from cpmkit.forms.collocation.conservation.free_constants import find_border, means_over
 from cpmkit.forms.collocation.conservation.settling import settled, with_balanced_fluxes
 from cpmkit.forms.collocation.diagnosis.definiteness import (
@@ -33,7 +33,7 @@ from cpmkit.forms.collocation.stability import check_waves
 from cpmkit.forms.collocation.work import Work, measure_work
 from cpmkit.forms.contract import Settled
 from cpmkit.forms.options import Options
-from cpmkit.linear.operators import Border, Bordered
+from cpmkit.linear.operators import Border
 from cpmkit.protocols import Floats, Ints, Operator, Progress, Stiffness, no_progress
 from cpmkit.scene.data import Data
 from cpmkit.scene.equations import Terms
@@ -96,6 +96,7 @@ class Collocation(Reader):
 
     def restated(self, scene: Scene) -> Collocation:
         """Return the same tables for a scene that differs in its equation and its data alone."""
+        check_balance(scene, self.balance)
         return replace(self, scene=scene, tables=restated(self.tables, self.scene, scene))
 
     # Equations
@@ -227,7 +228,7 @@ class Collocation(Reader):
         count, piece = components_without_flux(self.tables, self.scene)
         return means_over(self.tables, count, piece)[0] if count else None
 
-    def indefinite(self, operator: Operator) -> tuple[str, int]:
+    def indefinite(self, stiffness: Stiffness) -> tuple[str, int]:
         """Return a sentence where limbs side by side give A an eigenvalue of the wrong sign, and the products.
 
         Raises
@@ -237,8 +238,7 @@ class Collocation(Reader):
         """
         if not self.surely_positive():
             return "", 0
-        bare = operator.operator if isinstance(operator, Bordered) else operator
-        told, products = find_wrong_sign(self.tables, self.scene, bare)
+        told, products = find_wrong_sign(self.tables, self.scene, stiffness)
         steady = self.scene.problem.family == "steady"
         if told and not (steady and not self.tables.layout.options.own.sheets):
             raise ResolutionError(told)
