@@ -29,7 +29,7 @@ class LevelCut:
 
     Attributes
     ----------
-    surface : Localized
+    surface : LocalSource
         The manifold: a surface in space, a region of the plane, or a curve.
     phi : PositionFunction
     size : float

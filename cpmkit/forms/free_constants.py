@@ -23,6 +23,10 @@ GROSS_DEFECT_SHARE = 0.5
 #: size``). Smooth data that balance leave about 1 or less on spheres, caps, circles and arcs, and less than 8 where f
 #: is a bump of a fifth of the size, on tori and ellipses that the band resolves.
 EXPLAINED_DEFECT_FACTOR = 10.0
+#: A piece is free where A times its indicator is below this share of the diagonal.
+ROUNDING = 1e-10
+#: A point is on a piece where the piece's indicator is above this.
+MOSTLY = 0.5
 
 
 @dataclass(frozen=True)
@@ -89,12 +93,6 @@ class UnbalancedData:
                 "each part flow through the crossings."
             )
         return sentences
-
-
-#: A piece is free where A times its indicator is below this share of the diagonal.
-ROUNDING = 1e-10
-#: A point is on a piece where the piece's indicator is above this.
-MOSTLY = 0.5
 
 
 def free_pieces(stiffness: Operator, mass: Operator | None) -> Border | None:

@@ -63,7 +63,7 @@ def check_fits(
 
     Parameters
     ----------
-    source : Localized
+    source : LocalSource
         What the band is around.
     unknowns : float
         That the band has, about.

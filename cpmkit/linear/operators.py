@@ -113,19 +113,10 @@ class Border:
 
 
 @dataclass(frozen=True, eq=False)
-class Bordered:
-    """``A + s F W``: an operator whose kernel, constants on some pieces, is moved away from zero.
-
-    Attributes
-    ----------
-    operator : Operator
-        A.
-    border : Border
-        F and W.
-    """
+class _MadeOfOne:
+    """What is made of one ``operator`` A has its size, and what is stored for it."""
 
     operator: Operator
-    border: Border
 
     @property
     def size(self) -> int:
@@ -136,6 +127,21 @@ class Bordered:
     def nonzeros(self) -> int:
         """Entries stored for A."""
         return self.operator.nonzeros
+
+
+@dataclass(frozen=True, eq=False)
+class Bordered(_MadeOfOne):
+    """``A + s F W``: an operator whose kernel, constants on some pieces, is moved away from zero.
+
+    Attributes
+    ----------
+    operator : Operator
+        A.
+    border : Border
+        F and W.
+    """
+
+    border: Border
 
     @property
     def symmetric(self) -> bool:
@@ -171,7 +177,7 @@ class Bordered:
 
 
 @dataclass(frozen=True, eq=False)
-class ComplexShift:
+class ComplexShift(_MadeOfOne):
     """``A - i s I`` for complex vectors: real and imaginary part are two columns of one product with A.
 
     Attributes
@@ -182,18 +188,7 @@ class ComplexShift:
         The shift.
     """
 
-    operator: Operator
     s: float
-
-    @property
-    def size(self) -> int:
-        """Number of unknowns."""
-        return self.operator.size
-
-    @property
-    def nonzeros(self) -> int:
-        """Entries stored for A."""
-        return self.operator.nonzeros
 
     @property
     def symmetric(self) -> bool:

@@ -25,7 +25,7 @@ def axis_and_left(
 
     Parameters
     ----------
-    source, surface : Localized
+    source, surface : LocalSource
         The boundary, of one dimension less than the manifold there, and the manifold.
     signs : pair of Orientation
         Across: of the manifold's normals, of its tangents where it is a curve. Along: of the boundary's own tangents,

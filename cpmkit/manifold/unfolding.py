@@ -34,7 +34,7 @@ def unfold(
 
     Parameters
     ----------
-    source : Localized
+    source : LocalSource
         The surface.
     start : ClosestPoints
         Where the way begins, n of its points.

@@ -33,7 +33,7 @@ class OrientedBoundary:
     ----------
     boundary : BoundarySet
         As the scene gives it.
-    source, surface : Localized
+    source, surface : LocalSource
         Where the boundary lies, and the manifold.
     dimension : int
         Of the manifold along the boundary.

@@ -38,10 +38,10 @@ class Solution:
         Seconds of each stage; of this machine, on this day.
     warnings : tuple of str
         What a reader of the solution should know.
-    defects : tuple of Defect
+    defects : tuple of UnbalancedData
         One for each piece of the manifold on which the solution is fixed by its mean alone, which is zero: what of
         the data has no solution there.
-    leaks : tuple of Leak
+    leaks : tuple of MeanImbalance
         One for each closed piece on which c times the mean of u was made the mean of f.
     balance : Balance or None
         What balancing the fluxes did, where that was asked for.

@@ -46,7 +46,7 @@ class SemiDiscrete:
 
     @cached_property
     def steady(self) -> Floats:
-        """B (n, channels) at time 0."""
+        """The forcing b (n, channels) at time 0."""
         return self._load + self.form.data(self.stiffness, 0.0)
 
     def forcing(self, time: float) -> Floats:

@@ -45,7 +45,7 @@ class ShiftedSolver:
         With A and M.
     context : SolveContext
         With the solver and its tolerance.
-    tally : Tally
+    tally : SolveTally
         Counts what was done.
     """
 

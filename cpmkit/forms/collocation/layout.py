@@ -45,7 +45,7 @@ class Layout:
         What makes the same layout of a like scene: the origin is the lattice's.
     lattice : Lattice
         Origin and spacing.
-    surface : Localized
+    surface : LocalSource
         The manifold, relative to the lattice's origin.
     band : Band
         Its nodes and their closest points.

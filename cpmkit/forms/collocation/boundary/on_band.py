@@ -61,7 +61,7 @@ def put_on_lattice(
     ----------
     boundary : BoundarySet
         A point or curve of lower dimension than the surface.
-    surface : Localized
+    surface : LocalSource
         The manifold.
     lattice : Lattice
         Its origin and spacing.

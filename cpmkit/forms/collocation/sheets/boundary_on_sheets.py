@@ -68,7 +68,7 @@ class BoundaryOnSheets:
 
     Attributes
     ----------
-    source, surface : Localized
+    source, surface : LocalSource
         The boundary and the surface.
     samples : Placed
         Points of the boundary on the surface, a spacing apart or less.

@@ -84,7 +84,7 @@ class Sheets:
 
     Attributes
     ----------
-    source : Localized
+    source : LocalSource
         The surface.
     spacing : float
         Of the lattice.

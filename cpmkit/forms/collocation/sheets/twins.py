@@ -30,7 +30,7 @@ def separate_sheets(source: LocalSource, band: Band, unfolded: bool = False) -> 
 
     Parameters
     ----------
-    source : Localized
+    source : LocalSource
         A hypersurface; of any other manifold the band is returned as it is.
     band : Band
         With the closest points of its nodes.
