@@ -102,7 +102,7 @@ def estimate_error(scene: Scene, spacing: float, **options: Any) -> ErrorEstimat
     points = points[np.linspace(0, len(points) - 1, min(COMPARED_FEET, len(points))).astype(np.int64)]
     fine = solution.evaluate(points).reshape(len(points), -1)
     apart = np.abs(fine - coarse.evaluate(points).reshape(len(points), -1))
-    order = options_of(scene.surface, spacing, options)[0].own.order
+    order = options_of(scene, spacing, options)[0].own.order
     power = 2 if order == 3 else order
     span = fine.max(axis=0) - fine.min(axis=0)
     return ErrorEstimate(

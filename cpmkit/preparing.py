@@ -8,21 +8,16 @@ from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any
 
-import numpy as np
-
 from cpmkit.errors import InputError
 from cpmkit.families.checkpointing import Checkpointing
 from cpmkit.families.context import Kept, SolveContext
 from cpmkit.families.nonlinear import solve_nonlinear
 from cpmkit.forecast.running_out import memory_told
-from cpmkit.forms.choice import FORMS, options_of
-from cpmkit.forms.collocation import form
-from cpmkit.forms.collocation.conservation.flux_balance import check_balance
+from cpmkit.forms.choice import FORMS, module_of, options_of
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.options import Options
-from cpmkit.grid.fitting import check_fits
 from cpmkit.linear.choice import SOLVER_OPTIONS, SolverOptions, choose_solver, make_solver
-from cpmkit.manifold.local_source import largest_dim, localize
+from cpmkit.manifold.local_source import largest_dim
 from cpmkit.plugins import call, check_keys, factory, takes
 from cpmkit.protocols import Backend, Floats, Progress, no_progress
 from cpmkit.runtime.declared import declared, showing, take
@@ -128,9 +123,8 @@ class Prepared:
         form = self.discretized if scene is self.discretized.scene else self.discretized.restated(scene)
         factor = scene.problem.factorise_up_to * form.factorise_up_to
         chosen = choose_solver(self.solver.solver, form.size, largest_dim(scene.surface), factor)
-        if chosen == "direct" and self.options is not None:  # what others need was checked before the tables
-            source = localize(scene.surface, np.zeros(scene.surface.dim))
-            check_fits(source, form.size, form.spacing, self.options.own.degree, chosen)
+        if chosen == "direct":  # what others need was checked before the tables
+            form.check_factor_fits()
         made = make_solver(chosen, self.solver.further)
         tolerance, progress = self.solver.tolerance, self.progress
         return _solve_family(
@@ -209,9 +203,9 @@ def ask(
     """
     if backend != "cpm":
         return (*_ask_elsewhere(backend, scene, spacing, progress, given), None)
-    asked, rest = options_of(scene.surface, spacing, given)
-    solver = SolverOptions.of(rest)
-    check_balance(scene, asked.own.balance)
+    asked, rest = options_of(scene, spacing, given)
+    solver, form = SolverOptions.of(rest), module_of(asked.form)
+    form.check(scene, asked)
     return lambda: form.discretize(scene, asked, progress), solver, asked
 
 

@@ -9,8 +9,7 @@ from typing import Any
 from cpmkit.errors import InputError
 from cpmkit.families.checkpointing import Checkpointing
 from cpmkit.forecast.running_out import memory_told
-from cpmkit.forms.choice import FORMS, options_of
-from cpmkit.forms.collocation import form
+from cpmkit.forms.choice import FORMS, module_of, options_of
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.options import Options
 from cpmkit.linear.choice import SolverOptions
@@ -109,7 +108,8 @@ def discretize(scene: Scene, spacing: float, *, progress: Progress = no_progress
     InputError, SceneError, ResolutionError
         If an argument, a boundary or the spacing does not fit.
     """
-    asked, others = options_of(scene.surface, spacing, options)
+    asked, others = options_of(scene, spacing, options)
     if others:
         raise InputError(f"discretize has no option {next(iter(others))!r}; accepted are {', '.join(asked.as_dict())}.")
-    return form.discretize(scene, asked, progress)
+    made: Discretized = module_of(asked.form).discretize(scene, asked, progress)
+    return made

@@ -120,7 +120,7 @@ def explain(
     InputError, SceneError, ResolutionError
         As ``solve`` would.
     """
-    asked, rest = options_of(scene.surface, spacing, options)
+    asked, rest = options_of(scene, spacing, options)
     solver = SolverOptions.of(rest).solver
     spacing, degree, order, balance = asked.spacing, asked.own.degree, asked.own.order, asked.own.balance
     check_balance(scene, balance)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from typing import Any
 
 import numpy as np
 
@@ -22,9 +23,7 @@ COARSER_SPACING_FACTOR = 1.5
 
 
 @contextmanager
-def memory_told(
-    scene: Scene, options: Options[CollocationOptions] | None = None, solver: str = "auto"
-) -> Iterator[None]:
+def memory_told(scene: Scene, options: Options[Any] | None = None, solver: str = "auto") -> Iterator[None]:
     """Where memory runs out inside, say what is needed, what there was, and a spacing that would fit.
 
     The tables that the error's traceback holds are let go first. The ``options`` are None for another back end.
@@ -44,8 +43,8 @@ def memory_told(
         raise ResolutionError(_sentence(scene, options, solver, limit)) from error
 
 
-def _sentence(scene: Scene, options: Options[CollocationOptions] | None, solver: str, limit: memory.Limit) -> str:
-    if options is None:
+def _sentence(scene: Scene, options: Options[Any] | None, solver: str, limit: memory.Limit) -> str:
+    if options is None or not isinstance(options.own, CollocationOptions):
         return f"Memory ran out, and {limit}; a coarser mesh, or a larger spacing, needs less."
     spacing, degree, needed, fits = options.spacing, options.own.degree, "", 0.0
     with suppress(MemoryError, ValueError, ArithmeticError):

@@ -3,24 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from importlib import import_module
 from typing import Any
 
 from cpmkit.errors import InputError, shown
 from cpmkit.forms.collocation.options import CollocationOptions
-from cpmkit.forms.options import Options
+from cpmkit.forms.galerkin.options import GalerkinOptions
+from cpmkit.forms.options import AUTO, Options
 from cpmkit.grid.fitting import needed_spacing
-from cpmkit.protocols import ClosestPointSource
+from cpmkit.manifold.local_source import largest_dim
 from cpmkit.runtime.declared import Declared, Option, declared, take
+from cpmkit.scene.scene import Scene
 
 #: The options of each form, by its name.
-FORMS: dict[str, type[Declared]] = {"collocation": CollocationOptions}
-#: The form that is taken unless another is asked for.
-DEFAULT_FORM: str = Options.form
+FORMS: dict[str, type[Declared]] = {"collocation": CollocationOptions, "galerkin": GalerkinOptions}
+#: The form that ``auto`` means where nothing in the scene or the options decides.
+DEFAULT_FORM = "collocation"
+#: The families of equations that the Galerkin form carries.
+GALERKIN_FAMILIES = ("steady",)
 
 
-def options_of(
-    surface: ClosestPointSource, spacing: float | None, given: Mapping[str, Any]
-) -> tuple[Options[Any], dict[str, Any]]:
+def module_of(form: str) -> Any:
+    """Return a form's module: ``check(scene, options)`` refuses, ``discretize(scene, options, progress)`` makes."""
+    return import_module(f"cpmkit.forms.{form}.form")
+
+
+def options_of(scene: Scene, spacing: float | None, given: Mapping[str, Any]) -> tuple[Options[Any], dict[str, Any]]:
     """Return the options among the keyword arguments ``given``, and the other arguments.
 
     Raises
@@ -28,31 +36,67 @@ def options_of(
     InputError
         If there is no spacing, an option is of another form, or a value is not accepted.
     """
-    own, rest = take(form_options(given.get("form", DEFAULT_FORM), given), given)
-    return take(Options, rest, spacing=needed_spacing(surface, spacing), own=own)
+    form, reason = choose_form(scene, given)
+    own, rest = take(FORMS[form], given)
+    asked, rest = take(Options, rest, spacing=needed_spacing(scene.surface, spacing), own=own, form=form, reason=reason)
+    return asked, {name: value for name, value in rest.items() if name != "form"}
+
+
+def choose_form(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
+    """Return the form that discretises a scene, and why it is that one.
+
+    Raises
+    ------
+    InputError
+        If there is no such form, or one of the options ``given`` is of another form only.
+    """
+    asked = given.get("form", AUTO)
+    named = form_named(asked, given)
+    if named is not None:
+        return named, "as asked" if asked != AUTO else f"the only one with the option {_deciding(given)!r}"
+    surface, family = scene.surface, scene.problem.family
+    if surface.manifold_dim is None:
+        return "collocation", "the manifold has parts of several dimensions"
+    if largest_dim(surface) in (0, surface.dim):
+        return "collocation", "the manifold is neither a curve nor a surface"
+    if family not in GALERKIN_FAMILIES or scene.problem.terms().velocity is not None:
+        return "collocation", f"the form 'galerkin' does not yet carry {scene.problem.kind!r}"
+    return DEFAULT_FORM, "the one that is taken unless another is asked for"
+
+
+def form_named(form: Any, names: Iterable[str] = ()) -> str | None:
+    """Return the form that is asked for, or the only one that has all the options ``names``; None where neither says.
+
+    Raises
+    ------
+    InputError
+        If there is no such form, or the options belong to another one, or to several.
+    """
+    if not isinstance(form, str) or (form not in FORMS and form != AUTO):
+        raise InputError(f"form must be {', '.join(map(repr, FORMS))} or {AUTO!r}, got {shown(form)}.")
+    chosen = None if form == AUTO else form
+    for name in names:
+        having = [other for other, kind in FORMS.items() if name in declared(kind)]
+        if len(having) == 1 and chosen is None:
+            chosen = having[0]
+        elif having and chosen is not None and chosen not in having:
+            raise InputError(
+                f"{name} is an option of the form {having[0]!r}, got form={chosen!r}, which takes "
+                f"{', '.join(declared(FORMS[chosen]))}; leave it out, or use form={having[0]!r}."
+            )
+    return chosen
+
+
+def form_options(form: Any, names: Iterable[str] = ()) -> type[Declared]:
+    """Return the class of the options of a form, by its name, or by the ``names`` of options that are given."""
+    return FORMS[form_named(form, names) or DEFAULT_FORM]
+
+
+def _deciding(given: Mapping[str, Any]) -> str:
+    """Return the first option that only one form has."""
+    return next(name for name in given if sum(name in declared(kind) for kind in FORMS.values()) == 1)
 
 
 def every_option() -> dict[str, Option]:
     """Return the options of all forms, and those that they share, by their names."""
     return {name: one for kind in FORMS.values() for name, one in (declared(Options) | declared(kind)).items()}
-
-
-def form_options(form: Any, names: Iterable[str] = ()) -> type[Declared]:
-    """Return the class of a form's options.
-
-    Raises
-    ------
-    InputError
-        If there is no such form, or one of ``names`` is an option of another form only.
-    """
-    if not isinstance(form, str) or form not in FORMS:
-        raise InputError(f"form must be {' or '.join(map(repr, FORMS))}, got {shown(form)}.")
-    own = declared(FORMS[form])
-    for name in names:
-        others = [other for other, kind in FORMS.items() if name in declared(kind) and name not in own]
-        if others:
-            raise InputError(
-                f"{name} is an option of the form {others[0]!r}, got form={form!r}, which takes {', '.join(own)}; "
-                f"leave it out, or use form={others[0]!r}."
-            )
-    return FORMS[form]

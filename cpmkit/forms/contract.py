@@ -116,6 +116,8 @@ class Discretized(ABC):
 
     #: The form's name, for reports.
     form: ClassVar[str]
+    #: What :meth:`work` returns.
+    work_record: ClassVar[type] = PlainWork
     #: Distributions whose versions a summary names.
     libraries: ClassVar[tuple[str, ...]] = ("cpmkit", "numpy", "scipy")
     #: What the form cannot do, by name, and what to do instead: families ask before they start.
@@ -165,6 +167,15 @@ class Discretized(ABC):
         ------
         InputError, SceneError, ResolutionError
             In one sentence.
+        """
+
+    def check_factor_fits(self) -> None:
+        """Refuse a factorisation that the memory of this process cannot hold.
+
+        Raises
+        ------
+        ResolutionError
+            With the spacing that would fit.
         """
 
     def restated(self, scene: Scene) -> Self:
@@ -368,6 +379,10 @@ class Discretized(ABC):
     def arrays(self) -> dict[str, Any]:
         """Return the arrays by which a saved solution is recognised and rebuilt; none where a mesh holds it."""
         return {}
+
+    def differs_from(self, saved: Mapping[str, Any]) -> str:
+        """Return in what a saved solution, known by its :meth:`arrays`, is of another scene; empty where in nothing."""
+        return ""
 
     def fingerprint(self, stiffness: Stiffness) -> list[Floats]:
         """Return arrays that differ where another run in time would differ."""

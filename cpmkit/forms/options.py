@@ -9,11 +9,13 @@ from cpmkit.runtime.arrays import positive
 from cpmkit.runtime.declared import OPTION_KEY, Declared, Option, option
 
 Own = TypeVar("Own", bound=Declared)
+#: In place of a form's name: the one that fits the scene.
+AUTO = "auto"
 
 
 @dataclass(frozen=True, eq=False)
 class Options(Declared, Generic[Own]):
-    """How a scene is discretised; ``own`` are the options that belong to the form."""
+    """How a scene is discretised; ``own`` are the options that belong to the form, ``reason`` why it is that form."""
 
     spacing: float = field(
         metadata={
@@ -22,7 +24,13 @@ class Options(Declared, Generic[Own]):
     )
     own: Own
     origin: Any = option(None, "Position of a lattice node, (d,); by default the centre of the surface's bounds.")
-    form: str = option("collocation", "How the equation is put on the lattice: ``collocation``, the paper's method.")
+    form: str = option(
+        AUTO,
+        "How the equation is put on the lattice: ``collocation``, the paper's method, ``galerkin``, splines with the "
+        "energy summed over samples of the manifold, or ``auto``, which takes the one that fits the scene.",
+        methods={"collocation": "collocation", "galerkin": "galerkin"},
+    )
+    reason: str = ""
 
     def as_dict(self) -> dict[str, Any]:
         """Return the values of all options, the form's own among them, by their names."""

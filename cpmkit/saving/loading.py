@@ -11,12 +11,10 @@ import numpy as np
 
 from cpmkit.errors import InputError, shown
 from cpmkit.files.plain_values import record_from_table
-from cpmkit.forms.choice import options_of
+from cpmkit.forms.choice import module_of, options_of
 from cpmkit.forms.collocation.conservation.balance import MeanImbalance
 from cpmkit.forms.collocation.conservation.flux_balance import Balance
-from cpmkit.forms.collocation.discretization import Discretization, build_tables
-from cpmkit.forms.collocation.form import Collocation
-from cpmkit.forms.collocation.work import Work
+from cpmkit.forms.contract import Discretized
 from cpmkit.forms.free_constants import UnbalancedData
 from cpmkit.linear.report import SolveReport
 from cpmkit.protocols import Floats, Ints
@@ -26,8 +24,6 @@ from cpmkit.solution.solution import Solution
 
 #: No inner node of a band is farther from the bounds of the surface than so many spacings.
 MOST_BAND_SPACINGS = 12
-#: Share of the ghosts that may stand on their boundary.
-ON_BOUNDARY_GHOSTS_SHARE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,20 +130,20 @@ def _rebuilt(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any], 
         raise of_another_scene(path, "its nodes are elsewhere")
     given = {name: array.item() if array.ndim == 0 else array for name, array in lattice.items()}
     try:
-        options, _ = options_of(scene.surface, given["spacing"], given)
+        options, _ = options_of(scene, given["spacing"], given)
     except InputError as error:
         raise InputError(f"{shown(path.name)} is damaged: {error}") from error
-    tables = build_tables(scene, options)
-    if not _fits_layout(tables, lattice, scene):
-        raise of_another_scene(path, "its nodes are others")
-    if not _sides_agree(tables, lattice):
-        raise of_another_scene(path, "left and right of its boundaries are others")
+    form: Discretized = module_of(options.form).discretize(scene, options)
+    channels = getattr(scene.problem, "count", form.channels)
+    differs = form.differs_from(lattice)
+    if differs or lattice["unknowns"].shape != (form.size, channels):
+        raise of_another_scene(path, differs or "its nodes are others")
     balance = summary["discretization"].get("balance")
     return Solution(
-        Collocation(scene, tables),
+        form,
         lattice["unknowns"],
         record_from_table(SolveReport, summary["report"], f"report in {where}"),
-        record_from_table(Work, summary["work"], f"work in {where}"),
+        record_from_table(form.work_record, summary["work"], f"work in {where}"),
         summary["seconds"],
         warnings=tuple(summary["warnings"]),
         defects=tuple(
@@ -158,14 +154,6 @@ def _rebuilt(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any], 
     )
 
 
-def _sides_agree(tables: Discretization, lattice: Mapping[str, Any]) -> bool:
-    """Tell whether the ghosts carry the sides that were saved; a node on a boundary may be on either by rounding."""
-    left = tables.unknowns.ghost_sides
-    return "left" not in lattice or int(np.count_nonzero(left != lattice["left"])) <= ON_BOUNDARY_GHOSTS_SHARE * len(
-        left
-    )
-
-
 def _is_near(lattice: Mapping[str, Any], scene: Scene) -> bool:
     """Tell, before anything is built, whether the nodes lie around the scene's surface."""
     bounds, spacing = np.asarray(scene.surface.bounds, dtype=np.float64), lattice["spacing"]
@@ -173,14 +161,4 @@ def _is_near(lattice: Mapping[str, Any], scene: Scene) -> bool:
         nodes = lattice["origin"] + spacing * lattice["nodes"]
     return bool(
         spacing > 0 and len(nodes) and np.all(np.abs(nodes - np.clip(nodes, *bounds)) <= MOST_BAND_SPACINGS * spacing)
-    )
-
-
-def _fits_layout(tables: Discretization, lattice: Mapping[str, Any], scene: Scene) -> bool:
-    band, unknowns = tables.layout.band, lattice["unknowns"]
-    channels = getattr(scene.problem, "count", tables.layout.channels)
-    return bool(
-        np.array_equal(band.nodes[: band.inner], lattice["nodes"])
-        and np.array_equal(tables.unknowns.ghost_nodes, lattice["ghosts"])
-        and unknowns.shape == (tables.unknowns.count, channels)
     )

@@ -68,7 +68,7 @@ def solve_by_fixed_nodes(
     check_fixable(scene, method)
     clock = [time.perf_counter()]
     bare = replace(scene, boundaries=())
-    asked, rest = options_of(scene.surface, spacing, options)
+    asked, rest = options_of(scene, spacing, {**options, "form": "collocation"})
     solver = SolverOptions.of(rest)
     form = discretize(bare, asked, progress)
     tables = form.tables

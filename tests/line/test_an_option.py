@@ -52,7 +52,7 @@ class WithSmooth(CollocationOptions):
 class OfAnotherForm(Declared):
     """What a second form declares."""
 
-    strength: float = option(1.0, "How strongly conditions are held.")
+    stretch: float = option(1.0, "How strongly conditions are held.")
 
 
 @pytest.fixture
@@ -135,21 +135,21 @@ def test_a_solution_of_before_it_was_declared_has_its_default(tmp_path, monkeypa
 @pytest.mark.usefixtures("another")
 def test_an_option_of_another_form_is_refused_by_name(tmp_path):
     told = (
-        r"strength is an option of the form 'another', got form='collocation', .*; leave it out, or use form='another'"
+        r"stretch is an option of the form 'another', got form='collocation', .*; leave it out, or use form='another'"
     )
     for ask in (ck.solve, ck.explain, ck.discretize):
         with pytest.raises(ck.InputError, match=told):
-            ask(CIRCLE, 0.2, strength=2.0)
+            ask(CIRCLE, 0.2, form="collocation", stretch=2.0)
     with pytest.raises(ck.SceneError, match=told):
-        ck.load_scene(written(tmp_path, f"{TEXT}[discretization]\nstrength = 2.0\n"))
-    assert choice.options_of(CIRCLE.surface, 0.2, {"form": "another", "strength": 2.0})[0].own == OfAnotherForm(2.0)
+        ck.load_scene(written(tmp_path, f"{TEXT}[discretization]\nform = 'collocation'\nstretch = 2.0\n"))
+    assert choice.options_of(CIRCLE, 0.2, {"form": "another", "stretch": 2.0})[0].own == OfAnotherForm(2.0)
     with pytest.raises(ck.InputError, match="degree is an option of the form 'collocation', got form='another'"):
-        choice.options_of(CIRCLE.surface, 0.2, {"form": "another", "degree": 2})
+        choice.options_of(CIRCLE, 0.2, {"form": "another", "degree": 2})
 
 
 @pytest.mark.parametrize("form", ["galerkim", 3, ["collocation"], None])
 def test_a_form_that_is_none_is_refused(form):
-    with pytest.raises(ck.InputError, match="form must be 'collocation', got"):
+    with pytest.raises(ck.InputError, match="form must be 'collocation', 'galerkin' or 'auto', got"):
         ck.solve(CIRCLE, 0.2, form=form)
 
 
@@ -173,6 +173,6 @@ def test_signatures_and_docstrings_show_what_is_declared():
 
 def test_one_value_makes_the_same_tables_again():
     made = ck.discretize(CIRCLE, 0.2, order=3).tables.layout.options
-    assert made.as_dict() == {**choice.options_of(CIRCLE.surface, 0.2, made.as_dict())[0].as_dict()}
+    assert made.as_dict() == {**choice.options_of(CIRCLE, 0.2, made.as_dict())[0].as_dict()}
     finer = replace(made, spacing=0.1)
     assert (finer.spacing, finer.own) == (0.1, made.own)

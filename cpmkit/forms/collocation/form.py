@@ -33,6 +33,7 @@ from cpmkit.forms.collocation.stability import check_waves
 from cpmkit.forms.collocation.work import Work, measure_work
 from cpmkit.forms.contract import Settled
 from cpmkit.forms.options import Options
+from cpmkit.grid.fitting import check_fits
 from cpmkit.linear.operators import Border
 from cpmkit.protocols import Floats, Ints, Operator, Progress, Stiffness, no_progress
 from cpmkit.scene.data import Data
@@ -47,6 +48,8 @@ if TYPE_CHECKING:
 
 #: So often are ghosts read at the start: each reads a mirror point, near the boundary through other ghosts.
 GHOST_READING_ROUNDS = 3
+#: Share of the ghosts that may stand on their boundary.
+ON_BOUNDARY_GHOSTS_SHARE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +66,7 @@ class Collocation(Reader):
 
     form: ClassVar[str] = "collocation"
     cannot: ClassVar[Mapping[str, str]] = {}
+    work_record: ClassVar[type] = Work
 
     @property
     def balance(self) -> int:
@@ -89,6 +93,11 @@ class Collocation(Reader):
         check_waves(self.scene, self.tables.layout)
         if self.balance:
             assert self._balancing
+
+    def check_factor_fits(self) -> None:
+        """Refuse a factorisation that the memory of this process cannot hold."""
+        layout = self.tables.layout
+        check_fits(layout.surface, self.size, self.spacing, layout.band.degree, "direct")
 
     @cached_property
     def _balancing(self) -> Balancing:
@@ -299,6 +308,16 @@ class Collocation(Reader):
             "left": self.tables.unknowns.ghost_sides,
         }
 
+    def differs_from(self, saved: Mapping[str, Any]) -> str:
+        """Compare the nodes, and the sides that ghosts carry; a node on a boundary may be on either by rounding."""
+        band, unknowns = self.tables.layout.band, self.tables.unknowns
+        same = np.array_equal(band.nodes[: band.inner], saved["nodes"])
+        if not same or not np.array_equal(unknowns.ghost_nodes, saved["ghosts"]):
+            return "its nodes are others"
+        turned = np.count_nonzero(unknowns.ghost_sides != saved.get("left", unknowns.ghost_sides))
+        few = turned <= ON_BOUNDARY_GHOSTS_SHARE * len(unknowns.ghost_sides)
+        return "" if few else "left and right of its boundaries are others"
+
     def fingerprint(self, stiffness: Stiffness) -> list[Any]:
         """Return the nodes, E, W and the diagonal."""
         assert isinstance(stiffness, ExtensionOperator)
@@ -309,6 +328,11 @@ class Collocation(Reader):
     def doubled(self) -> Floats:
         """(k, d) the feet of the twins."""
         return twin_feet(self.tables.layout)
+
+
+def check(scene: Scene, options: Options[CollocationOptions]) -> None:
+    """Refuse, before anything is built, fluxes that cannot balance."""
+    check_balance(scene, options.own.balance)
 
 
 def discretize(scene: Scene, options: Options[CollocationOptions], progress: Progress = no_progress) -> Collocation:
