@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import place
-from cpmkit.forms.choice import FORMS, options_of
+from cpmkit.forms.choice import FORMS
 from cpmkit.forms.options import Options
 from cpmkit.linear.choice import SolverOptions
 from cpmkit.manifold.abilities import advice_of
@@ -32,7 +32,7 @@ class ErrorEstimate:
     Attributes
     ----------
     error : (channels,) float64
-        ``max |u - u_coarse| / (2^k - 1)``, k the order, of the solution at the spacing asked for.
+        ``max |u - u_coarse|`` over the form's divisor, which for an order k is 2^k - 1, at the spacing asked for.
     floor : (channels,) float64
         What the source alone leaves, whatever the spacing.
     at : (d,) float64
@@ -102,11 +102,9 @@ def estimate_error(scene: Scene, spacing: float, **options: Any) -> ErrorEstimat
     points = points[np.linspace(0, len(points) - 1, min(COMPARED_FEET, len(points))).astype(np.int64)]
     fine = solution.evaluate(points).reshape(len(points), -1)
     apart = np.abs(fine - coarse.evaluate(points).reshape(len(points), -1))
-    order = options_of(scene, spacing, options)[0].own.order
-    power = 2 if order == 3 else order
     span = fine.max(axis=0) - fine.min(axis=0)
     return ErrorEstimate(
-        apart.max(axis=0) / (2**power - 1),
+        apart.max(axis=0) / solution.discretized.error_divisor(),
         advice_of(scene.surface, spacing).floor * span,
         points[int(apart.max(axis=1).argmax())],
         solution,

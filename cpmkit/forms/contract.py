@@ -368,6 +368,10 @@ class Discretized(ABC):
         """Return what may help an iteration that does not converge, as the end of a sentence."""
         return ""
 
+    def error_divisor(self) -> float:
+        """Return what the difference from a solution at twice the spacing is divided by to estimate the error."""
+        return 3.0
+
     def work(self, operator: Operator, report: SolveReport | None) -> MeasuredWork:
         """Return what a solve cost."""
         return PlainWork(self.size, operator.nonzeros, report.operator_applications if report else 0)

@@ -28,7 +28,7 @@ ORIGINS_SEED = 1
 
 
 def closest_points() -> dict[str, dict[str, Any]]:
-    """Return the methods that are the closest point method, and the options that each sets."""
+    """Return the methods on a lattice, and the options that each sets: ``cpm`` none, a form its name."""
     options = every_option().items()
     return {"cpm": {}} | {method: {name: value} for name, one in options for method, value in one.methods.items()}
 
@@ -40,7 +40,11 @@ def listed() -> dict[str, str]:
 
 def listed_of(method: str) -> tuple[str, ...]:
     """Return those of them that a method has."""
-    return tuple(listed()) if method in closest_points() else BASELINES.get(method, ())
+    methods = closest_points()
+    if method not in methods:
+        return BASELINES.get(method, ())
+    own = declared(FORMS[methods[method].get("form", DEFAULT_FORM)])
+    return tuple(name for name in listed() if name in own)
 
 
 def read_sweep(table: Mapping[str, Any]) -> Sweep:
@@ -126,7 +130,8 @@ class Sweep:
         """Yield options and number of the origin, None where a method has none."""
         names = listed_of(method)
         lists = [self.lists.get(name, [getattr(FORMS[DEFAULT_FORM], name)]) for name in names]
-        origins = range(self.origins) if self.origins > 1 and names else [None]
+        placed = names or method in closest_points()
+        origins = range(self.origins) if self.origins > 1 and placed else [None]
         for values in product(*lists):
             yield from product([tuple(zip(names, values, strict=True))], origins)
 

@@ -1,0 +1,98 @@
+"""What a solve by the Galerkin form will build: samples, patches, splines."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from cpmkit.forecast.parts import Explanation, Part, named, solver_part
+from cpmkit.forecast.running_out import memory_told
+from cpmkit.forms.galerkin.form import Galerkin, discretize
+from cpmkit.forms.galerkin.options import GalerkinOptions
+from cpmkit.forms.options import Options
+from cpmkit.grid.fitting import suggest_spacing
+from cpmkit.linear.choice import choose_solver
+from cpmkit.manifold.abilities import advice_of
+from cpmkit.manifold.local_source import largest_dim
+from cpmkit.protocols import Progress
+from cpmkit.scene.scene import Scene
+
+#: At the peak of a solve, for each stored entry of the matrix: the matrix, its parts and coarser ones, or its factors.
+BYTES_PER_NONZERO = 40.0
+
+
+def explained(scene: Scene, asked: Options[GalerkinOptions], solver: str, progress: Progress) -> Explanation:
+    """Say what the Galerkin form will build; large scenes are rehearsed at two coarser spacings."""
+    progress("rehearsal", 0.0)
+    rehearsed = asked.spacing
+    while rehearsed < suggest_spacing(scene.surface):
+        rehearsed *= 2
+    exact = rehearsed == asked.spacing
+    with memory_told(scene, asked, solver):
+        form = discretize(scene, replace(asked, spacing=rehearsed))
+        counts, ratio = _counts(form), rehearsed / asked.spacing
+        if not exact:
+            progress("rehearsal", 0.7)
+            coarse = _counts(discretize(scene, replace(asked, spacing=2 * rehearsed)))
+            m = largest_dim(scene.surface)
+            counts = {name: _extrapolated(counts[name], coarse[name], ratio, m) for name in counts}
+    progress("rehearsal", 1.0)
+    factor = scene.problem.factorise_up_to * form.factorise_up_to
+    chosen = choose_solver(solver, round(counts["unknowns"]), largest_dim(scene.surface), factor)
+    return Explanation(
+        (*_parts(scene, form, counts, asked), solver_part(scene, chosen, solver)),
+        _left_out(scene),
+        round(counts["unknowns"]),
+        round(counts["queries"]),
+        round(BYTES_PER_NONZERO * counts["nonzeros"]),
+        advice_of(scene.surface, asked.spacing).floor,
+        chosen,
+        exact,
+        told=form.warnings() if exact else (),
+    )
+
+
+def _counts(form: Galerkin) -> dict[str, float]:
+    counts = {
+        "unknowns": form.size,
+        "samples": form.sampled.interior,
+        "patches": len(form.space.parting.cells),
+        "queries": form.sampled.queries,
+        "nonzeros": len(form.space.indices),
+    }
+    for number, _ in enumerate(form.scene.boundaries):
+        counts[f"boundary {number}"] = int((form.sampled.boundary.owner == number).sum())
+    return {name: float(count) for name, count in counts.items()}
+
+
+def _extrapolated(fine: float, coarse: float, ratio: float, m: int) -> float:
+    """Return ``a / h^m + b / h^(m - 1)`` through counts at h = 1 and 2, at h = 1 / ratio."""
+    a = (fine - coarse * 2 ** (m - 1)) / (1 - 0.5)
+    b = fine - a
+    return max(a * ratio**m + b * ratio ** (m - 1), fine)
+
+
+def _parts(scene: Scene, form: Galerkin, counts: Mapping[str, float], asked: Options[GalerkinOptions]) -> list[Part]:
+    said = f"form 'galerkin': {asked.reason}"
+    parts = [
+        Part("samples", f"{round(counts['samples']):,}", f"{said}; every integral is a sum over them"),
+        Part("patches", f"{round(counts['patches']):,}", "what of the samples hangs together inside a lattice cell"),
+        Part("splines", f"{round(counts['unknowns']):,}", f"unknowns: quadratic, strength {asked.own.strength!r}"),
+    ]
+    for number, boundary in enumerate(scene.boundaries):
+        left, right = boundary.condition("left"), boundary.condition("right")
+        sides = named(left) if left is right else f"{named(left)} left, {named(right)} right"
+        why = f"the mesh is cut there, each side has splines of its own: {sides}"
+        if form.sampled.oriented[number].left_in_words:
+            why += f"; {form.sampled.oriented[number].left_in_words}"
+        parts.append(Part(f"samples of {boundary.name!r}", f"{round(counts[f'boundary {number}']):,}", why))
+    return parts
+
+
+def _left_out(scene: Scene) -> tuple[str, ...]:
+    left_out = []
+    if not scene.boundaries:
+        left_out.append("a cut (no boundary)")
+    if scene.problem.kind == "laplace":
+        left_out.append("right-hand side (Laplace)")
+    return tuple(left_out)

@@ -1,0 +1,100 @@
+"""What an explanation of a solve says: its parts, why each is there, and counts."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from cpmkit.forms.collocation.diagnosis.twin_clusters import TwinCluster
+from cpmkit.forms.collocation.diagnosis.unresolved import UnresolvedFeature
+from cpmkit.scene.condition import Condition
+from cpmkit.scene.laws import is_zero_neumann
+from cpmkit.scene.scene import Scene
+
+#: Number of clusters of twins that are listed.
+NAMED_CLUSTERS = 3
+
+
+@dataclass(frozen=True)
+class Part:
+    """One thing that a solve builds: what, how many, and why it is there."""
+
+    name: str
+    amount: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """What a solve will build.
+
+    Attributes
+    ----------
+    parts : tuple of Part
+        What is built, in the order of the line.
+    left_out : tuple of str
+        What the scene does not require and is therefore not built.
+    unknowns, closest_point_queries, bytes : int
+        Predicted to 10 percent, 10 percent and a factor of 2; ``bytes`` is the peak of tables and vectors.
+    floor : float
+        The error that the representation alone leaves, as a share of the solution's range, predicted to a factor
+        of 3: no spacing gets below it. For a mesh, a cloud or samples it is what they say of themselves; in any case
+        rounding and noise of closest points count, ``6 noise / spacing``.
+    solver : str
+        The solver that will be taken.
+    exact : bool
+        True where the counts come from a layout at the spacing itself.
+    doubled : tuple of Cluster
+        Where nodes are doubled because several sheets share them, the largest cluster first.
+    remains : tuple of Remainder
+        What parting the sheets leaves: creases, bends, sheets that are too near; the solution warns of the same.
+    told : tuple of str
+        Sentences on rims that face each other, boundaries beside rims, open ends and branches of curves.
+    """
+
+    parts: tuple[Part, ...]
+    left_out: tuple[str, ...]
+    unknowns: int
+    closest_point_queries: int
+    bytes: int
+    floor: float
+    solver: str
+    exact: bool
+    doubled: tuple[TwinCluster, ...] = ()
+    remains: tuple[UnresolvedFeature, ...] = ()
+    told: tuple[str, ...] = ()
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the explanation as plain values."""
+        return asdict(self)
+
+    def __str__(self) -> str:
+        widths = [max(len(getattr(part, key)) for part in self.parts) for key in ("name", "amount")]
+        lines = [f"{part.name:<{widths[0]}}  {part.amount:>{widths[1]}}  {part.reason}" for part in self.parts]
+        about = "" if self.exact else "about "
+        lines += ["", f"unknowns               {about}{self.unknowns:,}"]
+        lines += [f"closest point queries  {about}{self.closest_point_queries:,}"]
+        lines += [f"memory at the peak     about {self.bytes / 2**20:,.1f} MiB"]
+        lines.append(f"error of the source    about {self.floor:.0e} of the solution's range, at any spacing")
+        if self.doubled:
+            rest = sum(cluster.twins for cluster in self.doubled[NAMED_CLUSTERS:])
+            named = [*map(str, self.doubled[:NAMED_CLUSTERS]), *([f"{rest:,} elsewhere"] if rest else [])]
+            lines += ["", f"twins{'' if self.exact else ' at a coarser spacing'}: " + "; ".join(named)]
+        if self.remains or self.told:
+            lines += ["", *(feature.sentence for feature in self.remains), *self.told]
+        if self.left_out:
+            lines += ["", "not built: " + "; ".join(self.left_out)]
+        return "\n".join(lines)
+
+
+def solver_part(scene: Scene, chosen: str, asked: str) -> Part:
+    """Return the part that is the solver ``chosen``, where ``asked`` was given."""
+    channels = f"{scene.channels} channel{'s' if scene.channels > 1 else ''}"
+    size = "few enough unknowns to factorise" if chosen == "direct" else "too many unknowns to factorise quickly"
+    why = size if asked == "auto" else "as asked"
+    return Part(f"solver {chosen!r}", channels, f"{why}; {scene.problem}")
+
+
+def named(condition: Condition) -> str:
+    """Return the kind of a condition in words."""
+    return "zero Neumann" if is_zero_neumann(condition.law) else condition.kind.replace("_", " ").capitalize()

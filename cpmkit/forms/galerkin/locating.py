@@ -1,0 +1,112 @@
+"""Through which patch a point of the manifold is read: that of the nearest sample on its own sheet and side."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from cpmkit.forms.galerkin.parting import Parting
+from cpmkit.forms.galerkin.sample_mesh import Samples
+from cpmkit.forms.galerkin.sides_of_cells import SidesOfCells
+from cpmkit.grid.lattice import Lattice
+from cpmkit.protocols import Bools, Floats, Ints, Side
+from cpmkit.scene.oriented import OrientedBoundary
+
+#: So many of the nearest samples are compared.
+NEIGHBOURS = 12
+#: A sample whose tangent plane a point is off counts as this much farther away: it may lie on another sheet.
+HEIGHT_FACTOR = 10.0
+#: Points nearer to a boundary than this many spacings are read from the side that the caller names.
+ON_BOUNDARY_SPACINGS = 1e-3
+#: Step of differences, where a boundary's sources give no directions of their own, in spacings.
+DIFFERENCE_SPACINGS = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Locator:
+    """The samples of the manifold, by which points find their patches.
+
+    Attributes
+    ----------
+    lattice : Lattice
+    samples : Samples
+        Those on boundaries included.
+    parting : Parting
+        Of these samples.
+    sides : SidesOfCells
+        On which sides of boundaries the cells beside them lie.
+    boundaries : sequence of OrientedBoundary
+        By their numbers.
+    """
+
+    lattice: Lattice
+    samples: Samples
+    parting: Parting
+    sides: SidesOfCells
+    boundaries: Sequence[OrientedBoundary]
+
+    def patches(self, points: Floats, wanted: Mapping[int, Side]) -> tuple[Ints, Ints]:
+        """Return the patches (k,) that read ``points`` (k, d) of the manifold, and the samples (k,) that led there.
+
+        Of two values on boundary number b, that on the side ``wanted[b]``, on the left where none is named.
+        """
+        distance, near = self._tree.query(points, min(NEIGHBOURS, len(self.samples)))
+        distance, near = distance.reshape(len(points), -1), near.reshape(len(points), -1)
+        height = np.einsum("kqcd,kqd->kqc", self.samples.normals[near], points[:, None] - self.samples.points[near])
+        apart = distance**2 + HEIGHT_FACTOR**2 * (height**2).sum(axis=2)
+        for number in range(len(self.boundaries)):
+            apart[self._across(number, points, near, wanted.get(number, "left"))] = np.inf
+        first = near[np.arange(len(points)), apart.argmin(axis=1)]
+        return self._own_cell(points, near, apart, self.parting.patch[first]), first
+
+    def _across(self, number: int, points: Floats, near: Ints, side: Side) -> Bools:
+        """Return which of the samples ``near`` (k, q) lie across boundary ``number`` from their point."""
+        signs = self.sides.of_boundary(number)[self.samples.cell][near]
+        across = np.zeros(near.shape, dtype=bool)
+        rows = np.flatnonzero((signs > 0).any(axis=1) & (signs < 0).any(axis=1))
+        if len(rows):
+            signed = self.signed_distance(number, points[rows])
+            on = np.abs(signed) < ON_BOUNDARY_SPACINGS * self.lattice.spacing
+            signed[on] = 1.0 if side == "left" else -1.0
+            across[rows] = signs[rows] * np.nan_to_num(signed)[:, None] < 0
+        return across
+
+    def signed_distance(self, number: int, points: Floats) -> Floats:
+        """Return how far (k,) points of the manifold are from a boundary, positive on its left, NaN past its ends."""
+        oriented = self.boundaries[number]
+        at = self.lattice.to_scene(points) - oriented.left.origin
+        return oriented.signed_distance(at, DIFFERENCE_SPACINGS * self.lattice.spacing)
+
+    def _own_cell(self, points: Floats, near: Ints, apart: Floats, patch: Ints) -> Ints:
+        """Return, in place of each ``patch`` (k,), the nearest that touches it and has the point in its cell."""
+        own = np.floor(points / self.lattice.spacing + 0.5).astype(np.int64)
+        found = self.parting.patch[near]
+        fits = (self.parting.cells[found] == own[:, None]).all(axis=2) & np.isfinite(apart)
+        fits &= (found == patch[:, None]) | self._touch(found, patch[:, None])
+        best = np.where(fits, apart, np.inf).argmin(axis=1)
+        rows = np.arange(len(points))
+        return np.where(fits[rows, best], found[rows, best], patch)
+
+    def _touch(self, first: Ints, second: Ints) -> Bools:
+        """Tell which pairs of patches have samples that touch."""
+        count = len(self.parting.cells)
+        asked = np.minimum(first, second) * count + np.maximum(first, second)
+        if not len(self._pairs):
+            return np.zeros(asked.shape, dtype=bool)
+        place = np.minimum(np.searchsorted(self._pairs, asked), len(self._pairs) - 1)
+        return np.asarray(self._pairs[place] == asked)
+
+    @cached_property
+    def _pairs(self) -> Ints:
+        pairs = np.sort(self.parting.touching, axis=1).astype(np.int64)
+        return np.sort(pairs[:, 0] * len(self.parting.cells) + pairs[:, 1])
+
+    @cached_property
+    def _tree(self) -> Any:
+        from scipy.spatial import cKDTree
+
+        return cKDTree(self.samples.points)

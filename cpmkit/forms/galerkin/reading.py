@@ -1,0 +1,160 @@
+"""Reading a solution at points of the manifold, from either side of a boundary."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cpmkit.errors import InputError
+from cpmkit.forms.contract import Discretized
+from cpmkit.forms.galerkin.locating import DIFFERENCE_SPACINGS, Locator
+from cpmkit.forms.galerkin.options import GalerkinOptions
+from cpmkit.forms.galerkin.sampling import SampledScene
+from cpmkit.forms.galerkin.sides_of_cells import SidesOfCells
+from cpmkit.forms.galerkin.space.space import Space
+from cpmkit.forms.galerkin.space.splines import value_rows
+from cpmkit.forms.options import Options
+from cpmkit.manifold.tangent_space import outward_conormals
+from cpmkit.protocols import SIDES, Floats, Side
+from cpmkit.runtime.arrays import as_points
+from cpmkit.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+#: Points farther from the manifold than so many spacings are not read: they may belong to another part of it.
+READING_SPACINGS = 3.0
+#: Points that are read at a time.
+READ_AT_ONCE = 1 << 17
+
+
+@dataclass(frozen=True, eq=False)
+class Reader(Discretized):
+    """The part of the form that reads values at points."""
+
+    scene: Scene
+    options: Options[GalerkinOptions]
+    sampled: SampledScene
+    space: Space
+
+    @property
+    def spacing(self) -> float:
+        """Spacing of the lattice, in the scene's unit."""
+        return self.sampled.lattice.spacing
+
+    @cached_property
+    def points(self) -> Floats:
+        """(p, d) the samples of the manifold."""
+        one = self.sampled
+        return one.lattice.to_scene(one.samples.points[: one.interior])
+
+    @cached_property
+    def _locator(self) -> Locator:
+        one, count = self.sampled, len(self.sampled.half.cell)
+        owner, left = np.full(count, -1), np.zeros(count, dtype=bool)
+        on = np.flatnonzero((one.boundary.half >= 0) & ~one.boundary.extends)
+        owner[one.boundary.half[on]], left[one.boundary.half[on]] = one.boundary.owner[on], one.left[on]
+        for number, oriented in enumerate(one.oriented):
+            if not oriented.has_left:
+                owner[owner == number] = -1
+        sides = SidesOfCells(one.corners, one.half, owner, left)
+        return Locator(one.lattice, one.samples, self.space.parting, sides, one.oriented)
+
+    def evaluate(
+        self, u: Floats, points: Any, side: Side | Mapping[str, Side] | None = None, time: float | None = None
+    ) -> Floats:
+        """Return the values (k, channels) at the manifold's points nearest to ``points`` (k, d)."""
+        del time
+        at = as_points(points, self.scene.surface.dim)
+        parts = [at[start : start + READ_AT_ONCE] for start in range(0, len(at), READ_AT_ONCE)]
+        read = [np.asarray(self.rows(part, side) @ u) for part in parts]
+        return np.concatenate(read) if read else np.zeros((0, u.shape[1]))
+
+    def rows(self, points: Any, side: Side | Mapping[str, Side] | None = None) -> csr_array:
+        """Return the matrix (k, n) that reads u at the manifold's points nearest to ``points`` (k, d)."""
+        return self.reading_rows(points, side)[0]
+
+    def reading_rows(self, points: Any, side: Side | Mapping[str, Side] | None) -> tuple[csr_array, Floats]:
+        """Return the same, and the normals (k, c, d) of the manifold near these points."""
+        feet = self.project(points)
+        patch, nearest = self._locator.patches(feet, self._numbered(side))
+        return value_rows(self.space.parting, patch, feet), self.sampled.samples.normals[nearest]
+
+    def project(self, points: Any) -> Floats:
+        """Return the feet (k, d) of points near the manifold, relative to the lattice's origin.
+
+        Raises
+        ------
+        InputError
+            If a point is farther away than three spacings.
+        """
+        local = self.sampled.lattice.to_local(as_points(points, self.scene.surface.dim))
+        feet = self.sampled.surface.closest_point(local)
+        worst, radius = float(feet.distance.max(initial=0.0)), READING_SPACINGS * self.spacing
+        if worst > radius:
+            raise InputError(
+                f"points must lie within {READING_SPACINGS:g} spacings, {radius:.3g}, of the manifold to be read, "
+                f"the farthest is {worst:.3g} away; take their closest points first."
+            )
+        return feet.points
+
+    def _numbered(self, side: Side | Mapping[str, Side] | None) -> dict[int, Side]:
+        names = [boundary.name for boundary in self.scene.boundaries]
+        return {names.index(name): one for name, one in self.sides(side).items()}
+
+    def sides(self, side: Side | Mapping[str, Side] | None) -> Mapping[str, Side]:
+        """Return the side that is asked for, by the name of each boundary that has sides.
+
+        Raises
+        ------
+        InputError
+            If it names no boundary, or one without sides.
+        """
+        has_left = {
+            boundary.name: oriented.has_left
+            for boundary, oriented in zip(self.scene.boundaries, self.sampled.oriented, strict=True)
+        }
+        if side is None:
+            return {}
+        wanted = side if isinstance(side, Mapping) else {name: side for name, has in has_left.items() if has}
+        for name, one in wanted.items():
+            if name not in has_left:
+                raise InputError(
+                    f"no boundary has the name {name!r}; the scene has {', '.join(map(repr, has_left)) or 'none'}."
+                )
+            if one not in SIDES or not has_left[name]:
+                raise InputError(
+                    f"side of {name!r} must be 'left' or 'right' of a boundary that has sides, got {one!r}."
+                )
+        return wanted
+
+    def signed_distance(self, name: str, points: Any) -> Floats:
+        """Return how far (k,) points of the manifold are from a boundary, positive on its left, NaN past its ends."""
+        names = [boundary.name for boundary in self.scene.boundaries]
+        if name not in names:
+            raise InputError(
+                f"no boundary has the name {name!r}; the scene has {', '.join(map(repr, names)) or 'none'}."
+            )
+        return self._locator.signed_distance(names.index(name), self.project(points))
+
+    def outflow(self, u: Floats, boundary: str, side: Side, points: Any) -> Floats:
+        """Return du/db (k, channels), b out of ``side``, at the points of a boundary nearest to ``points``."""
+        ((number, _),) = self._numbered({boundary: side}).items()
+        oriented, lattice = self.sampled.oriented[number], self.sampled.lattice
+        at = as_points(points, self.scene.surface.dim) - oriented.left.origin
+        feet, on = oriented.feet(at)
+        leftward = oriented.axis_and_left(feet, on, DIFFERENCE_SPACINGS * lattice.spacing)[1]
+        gradient = self.gradient(u, on.points + oriented.left.origin, {boundary: side})
+        along_left = np.einsum("kcd,kd->kc", gradient, leftward)
+        return np.asarray(-along_left if side == "left" else along_left)
+
+    def rim_outflow(self, u: Floats, points: Floats) -> Floats:
+        """Return du/db (k, channels) at ``points`` of the edge, b outwards."""
+        lattice, surface = self.sampled.lattice, self.sampled.surface
+        feet = surface.closest_point(lattice.to_local(as_points(points, self.scene.surface.dim)))
+        outward = outward_conormals(surface, feet, DIFFERENCE_SPACINGS * lattice.spacing)
+        return np.asarray(np.einsum("kcd,kd->kc", self.gradient(u, points), outward))

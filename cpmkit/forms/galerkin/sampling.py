@@ -1,0 +1,143 @@
+"""From a scene to samples: a mesh of the manifold, its boundaries inserted, split, curved, cut and sampled."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples, boundary_samples
+from cpmkit.forms.galerkin.conditions.held import Held, held, needs_rims
+from cpmkit.forms.galerkin.conditions.sides import left_of_boundaries
+from cpmkit.forms.galerkin.insertion.inserting import inserted
+from cpmkit.forms.galerkin.options import GalerkinOptions
+from cpmkit.forms.galerkin.sample_mesh import HalfFacets, SampleMesh, Samples
+from cpmkit.forms.galerkin.samples.curving import curved
+from cpmkit.forms.galerkin.samples.cutting import corners_of, half_facets
+from cpmkit.forms.galerkin.samples.quadrature import samples_of
+from cpmkit.forms.galerkin.samples.soundness import sound
+from cpmkit.forms.galerkin.samples.sources import cells_of
+from cpmkit.forms.galerkin.samples.subdivision import split_at_knots, subdivided
+from cpmkit.forms.options import Options
+from cpmkit.grid.lattice import Lattice, lattice_of
+from cpmkit.manifold.local_source import LocalSource, localize
+from cpmkit.protocols import Bools, Ints, Progress
+from cpmkit.scene.oriented import OrientedBoundary
+from cpmkit.scene.scene import Scene
+
+#: Edges of the sample mesh are at most this many spacings long: three samples a triangle then see every spline.
+LONGEST_EDGE_SPACINGS = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class SampledScene:
+    """A scene's manifold as samples, and its boundaries as facets of the cells between them.
+
+    Attributes
+    ----------
+    lattice : Lattice
+        That all coordinates are relative to.
+    surface : LocalSource
+        The manifold.
+    sources : sequence of LocalSource
+        Where the boundaries lie.
+    oriented : sequence of OrientedBoundary
+        The boundaries with what tells their left.
+    mesh : SampleMesh
+        Split, curved, cut.
+    corners : (m, k) int64
+        The vertices of its cells after cutting.
+    half : HalfFacets
+        Its facets on boundaries and rims.
+    samples : Samples
+        Those of the manifold, those on boundaries after them.
+    boundary : BoundarySamples
+        The latter.
+    left : (b,) bool
+        Which of these are on the left of their boundary.
+    held : sequence of Held
+        Which law holds at which of these.
+    told : tuple of str
+        What a reader of a solution should know of the way here.
+    """
+
+    lattice: Lattice
+    surface: LocalSource
+    sources: Sequence[LocalSource]
+    oriented: Sequence[OrientedBoundary]
+    mesh: SampleMesh
+    corners: Ints
+    half: HalfFacets
+    samples: Samples
+    boundary: BoundarySamples
+    left: Bools
+    held: tuple[Held, ...]
+    told: tuple[str, ...]
+
+    @property
+    def interior(self) -> int:
+        """Number of samples that lie on no boundary: the first ones."""
+        return len(self.samples) - len(self.boundary)
+
+    @property
+    def contacts(self) -> Ints:
+        """(q, k) the vertices of each sample's cell after cutting."""
+        return self.corners[self.samples.cell]
+
+    @property
+    def queries(self) -> int:
+        """Closest points that were asked for, of the manifold and its boundaries."""
+        counted = {id(one.queries): one.queries["points"] for one in (self.surface, *self.sources)}
+        return sum(counted.values())
+
+
+def sample(scene: Scene, options: Options[GalerkinOptions], progress: Progress) -> SampledScene:
+    """Sample a scene at the spacing of the options; ``progress`` is told the stage and the share that is done.
+
+    Raises
+    ------
+    InputError, SceneError, ResolutionError
+        If the lattice's origin, a boundary or the spacing does not fit.
+    """
+    spacing = options.spacing
+    lattice = lattice_of(scene.surface, spacing, options.origin)
+    surface = localize(scene.surface, lattice.origin)
+    oriented = [scene.oriented(boundary) for boundary in scene.boundaries]
+    sources = [localize(boundary.source, lattice.origin) for boundary in scene.boundaries]
+    progress("samples", 0.0)
+    mesh, smooth, told = _cells(surface, spacing)
+    points: dict[int, int] = {}
+    if sources:
+        mesh, record = inserted(mesh, surface, sources, spacing)
+        told += record.warnings(lattice, [boundary.name for boundary in scene.boundaries])
+        points = record.points
+    progress("samples", 0.5)
+    mesh = subdivided(mesh, LONGEST_EDGE_SPACINGS * spacing)
+    if smooth:
+        mesh = curved(mesh, surface, sources, spacing)
+    elif mesh.manifold_dim == 1:
+        mesh = split_at_knots(mesh, spacing)
+    corners, half = corners_of(mesh), half_facets(mesh)
+    boundary = boundary_samples(mesh, half, needs_rims(scene), points)
+    left = left_of_boundaries(mesh, half, corners, boundary, oriented, lattice)
+    laws = held(scene, boundary, left, surface, lattice)
+    progress("samples", 1.0)
+    samples = _joined(samples_of(mesh), boundary.as_samples)
+    return SampledScene(lattice, surface, sources, oriented, mesh, corners, half, samples, boundary, left, laws, told)
+
+
+def _cells(surface: LocalSource, spacing: float) -> tuple[SampleMesh, bool, tuple[str, ...]]:
+    """Return a sound mesh of the manifold, whether its cells are to be curved, and what is to be told of it."""
+    own = cells_of(surface, spacing)
+    assert own is not None
+    mesh, mended = sound(own.mesh)
+    return mesh, own.smooth, mended.warnings()
+
+
+def _joined(first: Samples, second: Samples) -> Samples:
+    parts: list[Any] = [
+        np.concatenate([getattr(first, one.name), getattr(second, one.name)]) for one in fields(Samples)
+    ]
+    return Samples(*parts)
