@@ -35,7 +35,7 @@ LATTICE_ARRAYS = (
     SavedArray("lattice_spacing", "f"),
     SavedArray("lattice_origin", "f", ("dim",)),
     SavedArray("lattice_nodes", "i", ("inner", "dim")),
-    SavedArray("lattice_ghosts", "i", ("ghosts", 2)),
+    SavedArray("lattice_ghosts", "i", ("ghosts", 2), needed=False),
     SavedArray("lattice_left", "b", ("ghosts",), needed=False),
     SavedArray("lattice_unknowns", "f", ("unknowns", "channels")),
 )

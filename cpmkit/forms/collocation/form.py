@@ -299,6 +299,8 @@ class Collocation(Reader):
         layout = self.tables.layout
         seen = zip(self.scene.boundaries, layout.boundaries.on_lattice, strict=True)
         return {
+            "form": layout.options.form,
+            "form_reason": layout.options.reason,
             **layout.options.own.as_dict(),
             "origin": layout.lattice.origin.tolist(),
             "snapped_by": {boundary.name: one.gap for boundary, one in seen},
@@ -317,7 +319,7 @@ class Collocation(Reader):
         """Compare the nodes, and the sides that ghosts carry; a node on a boundary may be on either by rounding."""
         band, unknowns = self.tables.layout.band, self.tables.unknowns
         same = np.array_equal(band.nodes[: band.inner], saved["nodes"])
-        if not same or not np.array_equal(unknowns.ghost_nodes, saved["ghosts"]):
+        if not same or not np.array_equal(unknowns.ghost_nodes, saved.get("ghosts", ())):
             return "its nodes are others"
         turned = np.count_nonzero(unknowns.ghost_sides != saved.get("left", unknowns.ghost_sides))
         few = turned <= ON_BOUNDARY_GHOSTS_SHARE * len(unknowns.ghost_sides)

@@ -13,10 +13,11 @@ from cpmkit.errors import InputError, SceneError
 from cpmkit.forms.contract import StateFlux
 from cpmkit.forms.galerkin.conditions.held import held
 from cpmkit.forms.galerkin.conditions.terms import ConditionTerms, condition_terms
-from cpmkit.forms.galerkin.options import STRENGTHS, GalerkinOptions
+from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.reading import Reader
 from cpmkit.forms.galerkin.sampling import sample
-from cpmkit.forms.galerkin.space.energy import load_of, mass_of, stabilization_of, stiffness_of
+from cpmkit.forms.galerkin.space.energy import STRENGTHS, Strength, load, mass, stiffness, values_at_samples
+from cpmkit.forms.galerkin.space.floor import floored_stiffness
 from cpmkit.forms.galerkin.space.parted import part
 from cpmkit.forms.galerkin.space.space import space_of
 from cpmkit.forms.galerkin.space.splines import derivative_rows, value_rows
@@ -109,7 +110,7 @@ class Galerkin(Reader):
 
     @cached_property
     def _mass(self) -> CsrOperator:
-        return CsrOperator(mass_of(self.space, np.ones(len(self.sampled.samples))), symmetric=True)
+        return CsrOperator(mass(self.space, 1.0), symmetric=True)
 
     def stiffness(self, terms: Terms) -> GalerkinOperator:
         """Return A: the energy of u over the samples, what holds the rest of u, c u v, and the conditions' terms.
@@ -122,11 +123,14 @@ class Galerkin(Reader):
         a = self._at_samples(terms.diffusivity, "the diffusivity")
         if np.any(a <= 0):
             raise InputError(f"the diffusivity must be above zero, got {a.min():g}.")
-        matrix = stiffness_of(self.space, a, STRENGTHS[self.options.own.strength])
-        if callable(terms.c) or terms.c:
-            matrix = matrix + mass_of(self.space, self._at_samples(terms.c, "the factor c"))
+        c = self._at_samples(terms.c, "the factor c") if callable(terms.c) or terms.c else None
+        matrix = floored_stiffness(self.space, a, self._strength, c)
         conditions = self._conditions(terms.diffusivity)
         return GalerkinOperator((matrix + conditions.matrix).tocsr(), True, conditions)
+
+    @property
+    def _strength(self) -> Strength:
+        return STRENGTHS[self.options.own.strength]
 
     def _at_samples(self, data: Data, what: str) -> Floats:
         """Return a coefficient (q,) at all samples; those on boundaries have that of their cell's first."""
@@ -150,7 +154,7 @@ class Galerkin(Reader):
     @cached_property
     def _areas(self) -> Floats:
         """(n,) the integral of each spline over the manifold."""
-        return load_of(self.space, np.ones((len(self.sampled.samples), 1)))[:, 0]
+        return load(self.space, np.ones((len(self.sampled.samples), 1)))[:, 0]
 
     def load(self, f: Data, time: float | None = None) -> Floats:
         """Return the integrals of f times each spline, (n, channels)."""
@@ -159,7 +163,7 @@ class Galerkin(Reader):
     def _integrals(self, values: Floats) -> Floats:
         """Return the integrals (n, k) of ``values`` (p, k) at the points times each spline."""
         none = np.zeros((len(self.sampled.boundary), values.shape[1]))
-        return load_of(self.space, np.concatenate([values, none]))
+        return load(self.space, np.concatenate([values, none]))
 
     def data(self, stiffness: Stiffness, time: float | None = None, of: str = "value") -> Floats:
         """Return what the conditions' data add to b, (n, channels)."""
@@ -188,12 +192,7 @@ class Galerkin(Reader):
 
     def at_points(self, u: Floats) -> Floats:
         """Return the values (p, channels) of u at the samples."""
-        return np.asarray(self._values @ u)
-
-    @cached_property
-    def _values(self) -> csr_array:
-        points, parting = self.sampled.samples.points[: self.sampled.interior], self.space.parting
-        return value_rows(parting, parting.patch[: len(points)], points)
+        return values_at_samples(self.space, u)[: self.sampled.interior]
 
     def put_back(self, values: Floats) -> Floats:
         """Return the splines (n, channels) nearest to ``values`` (p, channels) at the samples, in mean square.
@@ -210,8 +209,8 @@ class Galerkin(Reader):
     def _projection(self) -> Any:
         from scipy.sparse.linalg import factorized
 
-        held_up = stabilization_of(self.space, np.ones(len(self.sampled.samples)), STRENGTHS[self.options.own.strength])
-        return factorized((self.mass.matrix + self.spacing**2 * held_up).tocsc())
+        holding = stiffness(self.space, 1.0, self._strength) - stiffness(self.space, 1.0, Strength(0.0, 0.0, 0.0))
+        return factorized((self.mass.matrix + self.spacing**2 * holding).tocsc())
 
     def gradient(self, u: Floats, points: Any, side: Any = None) -> Floats:
         """Return the tangential gradient (k, channels, d), projected on the splines: 2 to 6 times better than raw."""
@@ -262,7 +261,12 @@ class Galerkin(Reader):
 
     def describe(self) -> dict[str, Any]:
         """Return the form's options, and the lattice's origin."""
-        return {**self.options.own.as_dict(), "origin": self.sampled.lattice.origin.tolist()}
+        return {
+            "form": self.options.form,
+            "form_reason": self.options.reason,
+            **self.options.own.as_dict(),
+            "origin": self.sampled.lattice.origin.tolist(),
+        }
 
     def arrays(self) -> dict[str, Any]:
         """Return the options of the lattice, and the nodes of the splines."""

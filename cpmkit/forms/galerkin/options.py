@@ -6,11 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from cpmkit.errors import InputError, shown
+from cpmkit.forms.galerkin.space.energy import STRENGTHS
 from cpmkit.runtime.declared import Declared, option
-
-#: How strongly what the samples do not see is held, by name: e1 and e2 weigh the first and second derivative across the
-#: manifold, g the third differences along the axes.
-STRENGTHS = {"default": (1e-2, 1e-2, 1e-4), "accurate": (1e-3, 1e-3, 1e-4)}
 
 
 def _check_strength(strength: Any, what: str) -> Any:

@@ -11,7 +11,7 @@ import numpy as np
 from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples, boundary_samples
 from cpmkit.forms.galerkin.conditions.held import Held, held, needs_rims
 from cpmkit.forms.galerkin.conditions.sides import left_of_boundaries
-from cpmkit.forms.galerkin.insertion.inserting import inserted
+from cpmkit.forms.galerkin.insertion.inserted import inserted
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.sample_mesh import HalfFacets, SampleMesh, Samples
 from cpmkit.forms.galerkin.samples.curving import curved
@@ -108,11 +108,10 @@ def sample(scene: Scene, options: Options[GalerkinOptions], progress: Progress) 
     sources = [localize(boundary.source, lattice.origin) for boundary in scene.boundaries]
     progress("samples", 0.0)
     mesh, smooth, told = _cells(surface, spacing)
-    points: dict[int, int] = {}
+    points: dict[int, Ints] = {}
     if sources:
-        mesh, record = inserted(mesh, surface, sources, spacing)
-        told += record.warnings(lattice, [boundary.name for boundary in scene.boundaries])
-        points = record.points
+        insertion = inserted(mesh, sources, spacing)
+        mesh, points = insertion.mesh, insertion.points
     progress("samples", 0.5)
     mesh = subdivided(mesh, LONGEST_EDGE_SPACINGS * spacing)
     if smooth:
@@ -133,7 +132,7 @@ def _cells(surface: LocalSource, spacing: float) -> tuple[SampleMesh, bool, tupl
     own = cells_of(surface, spacing)
     assert own is not None
     mesh, mended = sound(own.mesh)
-    return mesh, own.smooth, mended.warnings()
+    return mesh, own.curved, ()
 
 
 def _joined(first: Samples, second: Samples) -> Samples:

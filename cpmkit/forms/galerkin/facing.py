@@ -1,0 +1,70 @@
+"""How much of the manifold is thin or folded on the lattice: where normals under one spline point in many ways."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cpmkit.forms.galerkin.sample_mesh import SampleMesh
+from cpmkit.forms.galerkin.samples.edges import edges_of
+from cpmkit.forms.galerkin.space.energy import load
+from cpmkit.forms.galerkin.space.space import Space
+from cpmkit.manifold.vectors import norms, unit
+from cpmkit.protocols import Floats, Ints
+
+#: A spline is not faced one way where its mean normal is shorter than this.
+FACED_LENGTH = 0.6
+
+
+@dataclass(frozen=True, eq=False)
+class Turned:
+    """The splines under which the manifold turns: around limbs, creases, at folds and thin edges.
+
+    Attributes
+    ----------
+    share : float
+        Of the manifold's measure, on such splines.
+    near : (d,) float64
+        Relative to the lattice's origin, the node of that whose normals cancel most; NaN where there is none.
+    """
+
+    share: float
+    near: Floats
+
+
+def turned(space: Space, mesh: SampleMesh) -> Turned:
+    """Return how much of the manifold lies on splines with ``|sum w N n| < .6 sum w N``, n the oriented normals.
+
+    Of curves n is the tangent. Cells are oriented by walking over the facets that two of them share.
+    """
+    signs = orientation(mesh)[space.samples.cell]
+    directions = signs[:, None] * _directions(mesh, space)
+    summed = load(space, np.hstack([np.ones((len(directions), 1)), directions]))
+    area, facing = summed[:, 0], norms(summed[:, 1:])
+    is_turned = facing < FACED_LENGTH * area
+    if not is_turned.any():
+        return Turned(0.0, np.full(mesh.dim, np.nan))
+    worst = int(np.argmin(np.where(is_turned & (area > np.median(area)), facing / area, np.inf)))
+    return Turned(float(area[is_turned].sum() / area.sum()), space.parting.spacing * space.parting.nodes[worst])
+
+
+def _directions(mesh: SampleMesh, space: Space) -> Floats:
+    if mesh.manifold_dim == 2:
+        return np.asarray(space.samples.normals[:, 0])
+    ends = mesh.vertices[mesh.cells]
+    return np.asarray(unit(ends[:, 1] - ends[:, 0])[space.samples.cell])
+
+
+def orientation(mesh: SampleMesh) -> Ints:
+    """Return 1 or -1 for each cell (m,), so that neighbours are wound alike; one-sided pieces break somewhere."""
+    from cpmkit.forms.galerkin.facing_kernels import walk
+
+    k = mesh.cells.shape[1]
+    if k == 2:
+        facets, senses = mesh.cells[:, ::-1], np.tile([1, -1], (len(mesh.cells), 1))
+    else:
+        facets = edges_of(mesh).of_cells
+        ends = mesh.facets
+        senses = np.where(ends[:, :, 0] < ends[:, :, 1], 1, -1)
+    return walk(np.ascontiguousarray(facets, dtype=np.int64), np.ascontiguousarray(senses, dtype=np.int64))
