@@ -1,0 +1,126 @@
+"""Moving a mesh onto the manifold: vertices to their feet, and a midpoint for each edge."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from cpmkit.forms.galerkin.sample_mesh import SampleMesh
+from cpmkit.forms.galerkin.samples.edges import Edges, edges_of, edges_on_cut
+from cpmkit.forms.galerkin.samples.rim import Rim, rim_of_edges, rim_of_vertices
+from cpmkit.forms.galerkin.samples.subdivision import split_at_knots
+from cpmkit.manifold.local_source import LocalSource
+from cpmkit.manifold.vectors import norms
+from cpmkit.protocols import Floats, Ints
+
+#: A midpoint whose foot is farther from it than this share of its edge stays on the chord: there is a crease.
+CREASED_EDGE_SHARE = 0.15
+#: The rim is looked for beyond that of the mesh: by as much as rounding, then by so much of the edge there.
+ON_RIM_EDGE_SHARE, RIM_EDGE_SHARES = 1e-6, (0.5, 1.0, 2.0, 4.0)
+#: A vertex moves onto its boundary if that is nearer than this share of the shortest edge there.
+ONTO_BOUNDARY_EDGE_SHARE = 0.3
+#: How often a vertex that has to lie on several things is moved from one to the next.
+PROJECTION_ROUNDS = 4
+
+
+def curved(
+    mesh: SampleMesh, source: LocalSource, boundaries: Sequence[LocalSource | None] = (), spacing: float | None = None
+) -> SampleMesh:
+    """Return quadratic cells on the manifold, with their facets on boundaries and on the rim where those lie.
+
+    Parameters
+    ----------
+    mesh : SampleMesh
+        Flat cells near the manifold, split and cut.
+    source : LocalSource
+        The manifold.
+    boundaries : sequence of LocalSource
+        By their number in ``mesh.owner``; None where a boundary stays where the mesh has it.
+    spacing : float, optional
+        Of the lattice: segments are split where the curve crosses its knot planes.
+    """
+    mesh = moved_to_feet(mesh, source, boundaries)
+    if mesh.manifold_dim == 1 and spacing is not None:
+        mesh = split_at_knots(mesh, spacing, source)
+    return with_midpoints(mesh, source, boundaries)
+
+
+def moved_to_feet(mesh: SampleMesh, source: LocalSource, boundaries: Sequence[LocalSource | None] = ()) -> SampleMesh:
+    """Return the mesh with its vertices on the manifold: those of the rim on its rim, those of boundaries on these.
+
+    What extends a boundary past its tip lies on the manifold alone.
+    """
+    edges = edges_of(mesh)
+    rim = rim_of_vertices(mesh, edges)
+    points = _to_manifold(source, mesh.vertices, rim)
+    for_rim = np.zeros(len(points), dtype=bool)
+    for_rim[rim.rows] = True
+    on = [_vertices_on(mesh, owner) for owner in range(len(boundaries))]
+    times = np.bincount(np.concatenate([for_rim.nonzero()[0], *on]), minlength=len(points))
+    reach = ONTO_BOUNDARY_EDGE_SHARE * _shortest_edges(mesh, edges, np.unique(np.concatenate([np.zeros(0, int), *on])))
+    before = points.copy()
+    for turn in range(PROJECTION_ROUNDS):
+        for rows, boundary in zip(on, boundaries, strict=True):
+            asked = rows if turn == 0 else rows[times[rows] > 1]
+            if boundary is None or not len(asked):
+                continue
+            onto = boundary.closest_point(points[asked]).points
+            points[asked] = _to_manifold(source, onto, rim.among(asked))
+    astray = norms(points - before) > reach
+    points[astray] = before[astray]
+    return replace(mesh, vertices=points)
+
+
+def with_midpoints(mesh: SampleMesh, source: LocalSource, boundaries: Sequence[LocalSource | None] = ()) -> SampleMesh:
+    """Return the mesh with a point of the manifold for each edge, the same for all cells that have the edge."""
+    edges = edges_of(mesh)
+    straight = 0.5 * (mesh.vertices[edges.ends[:, 0]] + mesh.vertices[edges.ends[:, 1]])
+    length, target = edges.lengths(mesh.vertices), straight.copy()
+    rim = rim_of_edges(mesh, edges)
+    if mesh.manifold_dim == 2:
+        number = edges_on_cut(mesh, edges)
+        for owner, boundary in enumerate(boundaries):
+            rows = np.unique(number[(mesh.owner == owner) & ~mesh.extends])
+            if boundary is not None and len(rows):
+                target[rows] = boundary.closest_point(straight[rows]).points
+    target = _to_manifold(source, target, rim)
+    far = norms(target - straight) > CREASED_EDGE_SHARE * length
+    target[far] = straight[far]
+    return replace(mesh, midpoints=target[edges.of_cells])
+
+
+def _to_manifold(source: LocalSource, points: Floats, rim: Rim) -> Floats:
+    """Return the feet (n, d) of ``points``; those of the rim from farther and farther out, until they are on a rim."""
+    asked = np.array(points)
+    asked[rim.rows] += ON_RIM_EDGE_SHARE * rim.outward
+    feet = source.closest_point(asked)
+    moved = np.array(feet.points)
+    left = np.flatnonzero(feet.edge[rim.rows] < 0)
+    for share in RIM_EDGE_SHARES:
+        if not len(left):
+            break
+        rows = rim.rows[left]
+        beyond = source.closest_point(np.ascontiguousarray(points[rows] + share * rim.outward[left]))
+        found = beyond.edge >= 0
+        moved[rows[found]] = beyond.points[found]
+        left = left[~found]
+    return moved
+
+
+def _vertices_on(mesh: SampleMesh, owner: int) -> Ints:
+    return np.unique(mesh.cut[(mesh.owner == owner) & ~mesh.extends])
+
+
+def _shortest_edges(mesh: SampleMesh, edges: Edges, rows: Ints) -> Floats:
+    """Return (v,) the length of the shortest edge at each of the vertices ``rows``, infinity at others."""
+    asked = np.zeros(len(mesh.vertices), dtype=bool)
+    asked[rows] = True
+    shortest = np.full(len(mesh.vertices), np.inf)
+    near = np.flatnonzero(asked[edges.ends].any(axis=1))
+    length = edges.lengths(mesh.vertices)[near]
+    for end in edges.ends[near].T:
+        np.minimum.at(shortest, end, length)
+    shortest[~asked] = np.inf
+    return shortest

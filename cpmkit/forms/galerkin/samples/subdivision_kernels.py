@@ -1,0 +1,85 @@
+"""Triangles split at the middles of their edges."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.runtime.compilation import compiled
+
+#: Squares of diagonals are the same up to this factor: rounding is not to choose.
+SAME_DIAGONAL = 1.0 + 1e-9
+
+
+@compiled
+def long_edges(vertices: Floats, ends: Ints, length: float) -> Bools:
+    """Return which of the edges (e, 2) are longer than ``length``."""
+    long = np.empty(len(ends), np.bool_)
+    for edge in range(len(ends)):
+        squared = 0.0
+        for k in range(vertices.shape[1]):
+            squared += (vertices[ends[edge, 0], k] - vertices[ends[edge, 1], k]) ** 2
+        long[edge] = squared > length * length
+    return long
+
+
+@compiled
+def split(cells: Ints, of_cells: Ints, middle: Ints, vertices: Floats) -> Ints:
+    """Return the pieces of triangles, in their order, wound like them.
+
+    Parameters
+    ----------
+    cells, of_cells : (m, 3) int64
+        Corners, and the edges opposite to them.
+    middle : (e,) int64
+        The vertex in the middle of each edge, -1 where it stays whole.
+    vertices : (v, d) float64
+        Those in the middle among them: of the two diagonals of what is left beside a corner the shorter is taken.
+    """
+    pieces = len(cells)
+    for cell in range(len(cells)):
+        for corner in range(3):
+            pieces += middle[of_cells[cell, corner]] >= 0
+    made = np.empty((pieces, 3), np.int64)
+    at = 0
+    for cell in range(len(cells)):
+        parted = np.empty(3, np.bool_)
+        for corner in range(3):
+            parted[corner] = middle[of_cells[cell, corner]] >= 0
+        count = parted[0] + parted[1] + parted[2]
+        lead = 0  # the corner across from the one edge that differs from the other two
+        for corner in range(3):
+            if (count == 1 and parted[corner]) or (count == 2 and not parted[corner]):
+                lead = corner
+        a, b, c = cells[cell, lead], cells[cell, (lead + 1) % 3], cells[cell, (lead + 2) % 3]
+        across = middle[of_cells[cell, lead]]
+        q, p = middle[of_cells[cell, (lead + 1) % 3]], middle[of_cells[cell, (lead + 2) % 3]]
+        if count == 0:
+            at = _put(made, at, a, b, c)
+        elif count == 1:
+            at = _put(made, at, a, b, across)
+            at = _put(made, at, a, across, c)
+        elif count == 2:
+            at = _put(made, at, a, p, q)
+            from_b = from_c = 0.0
+            for k in range(vertices.shape[1]):
+                from_b += (vertices[b, k] - vertices[q, k]) ** 2
+                from_c += (vertices[c, k] - vertices[p, k]) ** 2
+            if from_b <= SAME_DIAGONAL * from_c:
+                at = _put(made, at, p, b, q)
+                at = _put(made, at, b, c, q)
+            else:
+                at = _put(made, at, p, b, c)
+                at = _put(made, at, p, c, q)
+        else:
+            at = _put(made, at, a, p, q)
+            at = _put(made, at, p, b, across)
+            at = _put(made, at, q, across, c)
+            at = _put(made, at, p, across, q)
+    return made
+
+
+@compiled
+def _put(made: Ints, at: int, a: int, b: int, c: int) -> int:
+    made[at, 0], made[at, 1], made[at, 2] = a, b, c
+    return at + 1
