@@ -8,9 +8,6 @@ from cpmkit.forms.galerkin.sample_mesh import SampleMesh, Samples
 from cpmkit.manifold.vectors import norms, unit
 from cpmkit.protocols import Floats
 
-#: A vector shorter than this share of the squared, or plain, length of its cell tells no direction.
-NO_DIRECTION_SHARE = 1e-14
-
 
 def samples_of(mesh: SampleMesh) -> Samples:
     """Return three samples a cell, those of one after those of another.
@@ -19,20 +16,16 @@ def samples_of(mesh: SampleMesh) -> Samples:
     weights are those of the quadratic cells: |x_1 x x_2| / 6, or the speed.
     """
     shares, slopes, weights = _segment_rule(mesh) if mesh.manifold_dim == 1 else _triangle_rule(mesh)
-    points = _mixed(mesh, shares)
-    along = [_mixed(mesh, slope) for slope in slopes]
-    if mesh.manifold_dim == 1:
-        length, normals = norms(along[0]), _across(along[0])
-    else:
-        (a, b, c), (p, q, r) = along[0].T, along[1].T
-        across = np.stack([b * r - c * q, c * p - a * r, a * q - b * p], axis=1)
-        length = norms(across)
-        size = np.maximum(norms(along[0]), norms(along[1]))
-        flat = np.flatnonzero(length <= NO_DIRECTION_SHARE * size**2)
-        across[flat] = _across(along[0][flat])[:, 0]  # no area, so that the normal counts for nothing
-        normals = unit(across)[:, None]
     cell = np.repeat(np.arange(len(mesh.cells)), len(weights))
-    return Samples(points, np.tile(weights, len(mesh.cells)) * length, np.ascontiguousarray(normals), cell)
+    if mesh.manifold_dim == 1:
+        along = _mixed(mesh, slopes[0])
+        return Samples(_mixed(mesh, shares), np.tile(weights, len(mesh.cells)) * norms(along), _across(along), cell)
+    from cpmkit.forms.galerkin.samples import quadrature_kernels
+
+    midpoints = np.zeros((0, 3, 3)) if mesh.midpoints is None else np.ascontiguousarray(mesh.midpoints)
+    arrays = (np.ascontiguousarray(mesh.vertices), np.ascontiguousarray(mesh.cells), midpoints)
+    found = quadrature_kernels.triangle_samples(*arrays, shares, slopes, weights)
+    return Samples(*found, cell)
 
 
 def _mixed(mesh: SampleMesh, shares: Floats) -> Floats:
@@ -44,8 +37,8 @@ def _mixed(mesh: SampleMesh, shares: Floats) -> Floats:
     return np.ascontiguousarray(mixed.reshape(len(shares), -1, mesh.dim).transpose(1, 0, 2)).reshape(-1, mesh.dim)
 
 
-def _triangle_rule(mesh: SampleMesh) -> tuple[Floats, list[Floats], Floats]:
-    """Return shares (3, nodes), their slopes along the edges from the last corner, and weights (3,).
+def _triangle_rule(mesh: SampleMesh) -> tuple[Floats, Floats, Floats]:
+    """Return shares (3, nodes), their slopes (2, 3, nodes) along edges from the last corner, and weights (3,).
 
     Midpoint j stands opposite to corner j.
     """
@@ -53,24 +46,24 @@ def _triangle_rule(mesh: SampleMesh) -> tuple[Floats, list[Floats], Floats]:
     steps = [np.array([1.0, 0.0, -1.0]), np.array([0.0, 1.0, -1.0])]
     weights = np.full(3, 1 / 6)
     if mesh.midpoints is None:
-        return bary, [np.tile(step, (3, 1)) for step in steps], weights
+        return bary, np.stack([np.tile(step, (3, 1)) for step in steps]), weights
     second, third = np.roll(bary, -1, axis=1), np.roll(bary, -2, axis=1)
     shares = np.hstack([bary * (2 * bary - 1), 4 * second * third])
     slopes = [
         np.hstack([(4 * bary - 1) * step, 4 * (second * np.roll(step, -2) + third * np.roll(step, -1))])
         for step in steps
     ]
-    return shares, slopes, weights
+    return shares, np.stack(slopes), weights
 
 
-def _segment_rule(mesh: SampleMesh) -> tuple[Floats, list[Floats], Floats]:
-    """Return shares (3, nodes), their slopes from start to end, and weights (3,)."""
+def _segment_rule(mesh: SampleMesh) -> tuple[Floats, Floats, Floats]:
+    """Return shares (3, nodes), their slopes (1, 3, nodes) from start to end, and weights (3,)."""
     gauss, weights = np.polynomial.legendre.leggauss(3)
     t = 0.5 * (gauss + 1)
     if mesh.midpoints is None:
-        return np.stack([1 - t, t], axis=1), [np.tile([-1.0, 1.0], (3, 1))], 0.5 * weights
+        return np.stack([1 - t, t], axis=1), np.tile([-1.0, 1.0], (1, 3, 1)), 0.5 * weights
     shares = np.stack([(1 - t) * (1 - 2 * t), t * (2 * t - 1), 4 * t * (1 - t)], axis=1)
-    return shares, [np.stack([4 * t - 3, 4 * t - 1, 4 - 8 * t], axis=1)], 0.5 * weights
+    return shares, np.stack([4 * t - 3, 4 * t - 1, 4 - 8 * t], axis=1)[None], 0.5 * weights
 
 
 def _across(along: Floats) -> Floats:

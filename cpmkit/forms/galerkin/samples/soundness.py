@@ -13,6 +13,8 @@ from cpmkit.protocols import Bools, Floats, Ints
 #: Vertices nearer to each other than this share of the largest side of the mesh's box are one: exact comparison is
 #: defeated by noise of 1e-7, and a seam that is not welded acts as a cut.
 WELDED_SIZE_SHARE = 1e-6
+#: A direction in which few vertices of any mesh lie at the same height.
+SKEW = np.array([0.4619, 0.7253, 0.5104])
 
 
 @dataclass(frozen=True)
@@ -65,32 +67,17 @@ def sound(mesh: SampleMesh) -> tuple[SampleMesh, Mended]:
 
 def _places(vertices: Floats) -> Ints:
     """Return (v,) the first vertex at the place of each."""
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
+    from cpmkit.forms.galerkin.samples import soundness_kernels
 
-    count = len(vertices)
-    tolerance = WELDED_SIZE_SHARE * float(np.ptp(vertices, axis=0).max(initial=0.0)) if count else 0.0
-    pairs = cKDTree(vertices).query_pairs(tolerance, output_type="ndarray") if count else np.zeros((0, 2), dtype=int)
-    if not len(pairs):
-        return np.arange(count)
-    graph = csr_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-    piece = connected_components(graph, directed=False)[1]
-    return np.asarray(np.unique(piece, return_index=True)[1][piece], dtype=np.int64)
+    tolerance = WELDED_SIZE_SHARE * float(np.ptp(vertices, axis=0).max()) if len(vertices) else 0.0
+    along = vertices @ (SKEW[: vertices.shape[1]] / np.linalg.norm(SKEW[: vertices.shape[1]]))
+    found: Ints = soundness_kernels.places(np.ascontiguousarray(vertices), along, np.argsort(along), tolerance)
+    return found
 
 
 def _distinct(cells: Ints, count: int) -> Bools:
     """Return which cells (m,) have different corners, and not those of an earlier cell."""
-    corners = np.sort(cells, axis=1)
-    rows = np.flatnonzero((corners[:, 1:] > corners[:, :-1]).all(axis=1))
-    corners = corners[rows]
-    if count < 2**21:  # three numbers fit in one
-        key = corners[:, 0]
-        for k in range(1, corners.shape[1]):
-            key = (key << 21) | corners[:, k]
-        first = np.unique(key, return_index=True)[1]
-    else:
-        first = np.unique(corners, axis=0, return_index=True)[1]
-    kept = np.zeros(len(cells), dtype=bool)
-    kept[rows[first]] = True
+    from cpmkit.forms.galerkin.samples import soundness_kernels
+
+    kept: Bools = soundness_kernels.distinct(np.sort(cells, axis=1), count)
     return kept
