@@ -17,8 +17,8 @@ from cpmkit.runtime.warn import collected_warnings
 
 #: Distributions whose versions matter, the required ones first.
 DISTRIBUTIONS = (
-    *("cpmkit", "numpy", "scipy", "pluggy", "click"),
-    *("numba", "trimesh", "scikit-fem", "pyvista", "vtk", "matplotlib"),
+    *("cpmkit", "numpy", "scipy", "numba", "pluggy", "click"),
+    *("trimesh", "scikit-fem", "pyvista", "vtk", "matplotlib"),
 )
 
 #: Variables that change what cpmkit does.

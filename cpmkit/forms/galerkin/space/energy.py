@@ -1,0 +1,134 @@
+"""The matrices and loads of the Galerkin form: energies over samples, and what makes them independent of position.
+
+The energy of u is sum w a |tangential part of grad u|^2. It says nothing of how the spline goes on off the manifold;
+there it is held by e1 a |normal part|^2, e2 h^2 a (n' H n)^2 and the ghost penalty, squares of third differences of
+coefficients along the axes. All three vanish where u is constant along normals or, the ghosts, quadratic.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cpmkit.forms.galerkin.space.space import Space
+from cpmkit.protocols import Floats, Ints
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+
+@dataclass(frozen=True)
+class Strength:
+    """How strongly u is held off the manifold: constants without units.
+
+    Attributes
+    ----------
+    e1, e2 : float
+        Of the slope along normals, and of the second derivative.
+    g : float
+        Of the ghost penalty.
+    """
+
+    e1: float
+    e2: float
+    g: float
+
+
+#: Half the error and twice the iterations go from the first to the second.
+STRENGTHS = {"default": Strength(1e-2, 1e-2, 1e-4), "accurate": Strength(1e-3, 1e-3, 1e-4)}
+THIRD_DIFFERENCES = np.array([-1.0, 3.0, -3.0, 1.0])
+SECOND_DIFFERENCES = np.array([1.0, -2.0, 1.0])
+
+
+def stiffness(space: Space, a: Floats | float, strength: Strength) -> csr_array:
+    """Return K + S (n, n), symmetric to the last bit: the energy and what holds u off the manifold.
+
+    Parameters
+    ----------
+    space : Space
+        The splines and their samples.
+    a : float or (q,) or (q, d, d) float64
+        The coefficient at the samples; of a tensor, which is symmetric, the tangential part counts.
+    strength : Strength
+        Of what holds u off the manifold; ``Strength(0, 0, 0)`` leaves K.
+    """
+    data = energy_data(space, a, None, strength)
+    add_ghosts(space, a, strength, data)
+    return space.matrix(data)
+
+
+def mass(space: Space, c: Floats | float) -> csr_array:
+    """Return the matrix (n, n) of sum w c u v, with ``c`` a number or (q,) at the samples."""
+    return space.matrix(energy_data(space, None, c, Strength(0.0, 0.0, 0.0)))
+
+
+def load(space: Space, f: Floats) -> Floats:
+    """Return (n, channels) sum w f v, with ``f`` (q, channels) at the samples."""
+    from cpmkit.forms.galerkin.space.energy_kernels import add_load
+
+    loads = np.zeros((space.parting.size, f.shape[1]))
+    add_load(*_patches(space), space.samples.points, space.samples.weights[:, None] * f, loads)
+    return loads
+
+
+def values_at_samples(space: Space, u: Floats) -> Floats:
+    """Return (q, channels) the values at the samples of the splines with coefficients ``u`` (n, channels)."""
+    from cpmkit.forms.galerkin.space.energy_kernels import read_values
+
+    parting, points = space.parting, space.samples.points
+    values = np.empty((len(points), u.shape[1]))
+    read_values(
+        parting.unknowns, parting.cells, parting.spacing, parting.patch, points, np.ascontiguousarray(u), values
+    )
+    return values
+
+
+def energy_data(space: Space, a: Floats | float | None, c: Floats | float | None, strength: Strength) -> Floats:
+    """Return the entries of the sums over samples, in the pattern of ``space``: no ghosts, no floor."""
+    from cpmkit.forms.galerkin.space.energy_kernels import add_energy
+
+    samples = space.samples
+    q, d = samples.points.shape
+    scalars, tensors, masses = np.zeros(0), np.zeros((0, d, d)), np.zeros(0)
+    if a is not None:
+        scalars = conductivity(space, a)
+        tensors = np.ascontiguousarray(a, dtype=np.float64) if np.ndim(a) == 3 else tensors
+    if c is not None:
+        masses = np.array(np.broadcast_to(c, q), dtype=np.float64)
+    data = np.zeros(len(space.indices))
+    arrays = (samples.points, samples.weights, samples.normals, scalars, tensors, masses)
+    matrix = (space.indptr, space.indices, data)
+    add_energy(*_patches(space), *arrays, strength.e1, strength.e2, matrix)
+    return data
+
+
+def add_ghosts(space: Space, a: Floats | float, strength: Strength, data: Floats) -> None:
+    """Add the ghost penalty g a h^(m - 2) sum (third differences)^2 to the entries ``data``."""
+    means = space.means(conductivity(space, a))
+    scale = strength.g * space.parting.spacing ** (space.manifold_dim - 2)
+    add_differences(space, space.runs, THIRD_DIFFERENCES, scale * means[space.runs].mean(axis=1), data)
+    add_differences(space, space.short_runs, SECOND_DIFFERENCES, scale * means[space.short_runs].mean(axis=1), data)
+
+
+def add_differences(space: Space, runs: Ints, stencil: Floats, factors: Floats, data: Floats) -> None:
+    """Add ``factors`` (r,) times the squares of the differences along ``runs`` (r, k) to the entries ``data``."""
+    from cpmkit.forms.galerkin.space.energy_kernels import add_squares
+
+    add_squares(runs, stencil, factors, (space.indptr, space.indices, data))
+
+
+def conductivity(space: Space, a: Floats | float) -> Floats:
+    """Return (q,) the coefficient at the samples as a number: of a tensor the mean over tangents."""
+    samples = space.samples
+    if np.ndim(a) < 3:
+        return np.array(np.broadcast_to(a, len(samples)), dtype=np.float64)
+    tensors = np.asarray(a)
+    normal = np.einsum("qci,qij,qcj->q", samples.normals, tensors, samples.normals)
+    return np.asarray((np.trace(tensors, axis1=1, axis2=2) - normal) / space.manifold_dim)
+
+
+def _patches(space: Space) -> tuple[Ints, Ints, float, Ints, Ints]:
+    parting = space.parting
+    return parting.unknowns, parting.cells, parting.spacing, space.order, space.start

@@ -1,0 +1,60 @@
+"""What holds unknowns whose splines the manifold only grazes, so that no boundary term outweighs their energy.
+
+Their second differences along the axes are held, inside the heaviest patch that reads them: linear functions feel
+nothing of it, where pulling coefficients to zero would leave an error that grows with refinement and contrast.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cpmkit.forms.galerkin.space.energy import (
+    SECOND_DIFFERENCES,
+    Strength,
+    add_differences,
+    add_ghosts,
+    conductivity,
+    energy_data,
+)
+from cpmkit.forms.galerkin.space.space import Space, lines_through
+from cpmkit.protocols import Floats
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+#: Diagonals over coefficients that are below this share of their median are floored.
+LIGHT_SHARE = 1e-4
+#: The floor, as a share of that median.
+FLOOR_SHARE = 1e-3
+
+
+def floored_stiffness(
+    space: Space, a: Floats | float, strength: Strength, c: Floats | float | None = None
+) -> csr_array:
+    """Return the stiffness of ``a`` plus the mass of ``c``, with the floor under the unknowns that are light.
+
+    Parameters
+    ----------
+    space, a, strength
+        As of `stiffness`.
+    c : float or (q,) float64, optional
+        The coefficient of u v at the samples; None for none.
+    """
+    data = energy_data(space, a, c, strength)
+    diagonal = space.matrix(data).diagonal()
+    add_ghosts(space, a, strength, data)
+    add_floor(space, a, diagonal, data)
+    return space.matrix(data)
+
+
+def add_floor(space: Space, a: Floats | float, diagonal: Floats, data: Floats) -> None:
+    """Add the floor to the entries ``data``; ``diagonal`` (n,) is that of the energy, before ghosts and conditions."""
+    means = space.means(conductivity(space, a))
+    ratio = diagonal / means
+    median = float(np.median(ratio))
+    light = ratio < LIGHT_SHARE * median
+    lines = lines_through(space.parting, space.heaviest[light])
+    factors = np.tile(FLOOR_SHARE * median * means[light], space.parting.dim)
+    add_differences(space, lines, SECOND_DIFFERENCES, factors, data)

@@ -1,0 +1,81 @@
+"""Samples parted into patches, and nodes into unknowns: one rule for sheets, sides, rims and tips.
+
+Samples touch if their cells share a vertex of the mesh that was cut along the boundaries. A patch is a component of the
+samples of one lattice cell; an unknown is a node together with a component of the patches that read it, two patches
+being joined there if samples of theirs touch. No normal is asked, no orientation, no distance.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.forms.galerkin.parting import Parting
+from cpmkit.protocols import Bools, Floats, Ints
+
+#: A piece of the manifold that no side of its bounds makes longer than this, in spacings, has one unknown.
+SPECK_SPACINGS = 2.0
+
+
+def part(points: Floats, contacts: Ints, spacing: float) -> Parting:
+    """Return the parting of samples at ``points`` (q, d), relative to the lattice's origin.
+
+    Parameters
+    ----------
+    points : (q, d) float64
+        The samples, in the unit of ``spacing``.
+    contacts : (q, k) int64
+        The vertices of each sample's cell in the mesh that was cut along the boundaries, numbered from 0.
+    spacing : float
+        h, of the lattice.
+
+    Notes
+    -----
+    A piece of the manifold shorter than `SPECK_SPACINGS` along every axis carries constants alone: all that its
+    patches read is one unknown.
+    """
+    from cpmkit.forms.galerkin.space.parting_kernels import bounds, join_samples, touching_pairs
+
+    contacts = np.ascontiguousarray(contacts, dtype=np.int64)
+    cells = np.floor(points / spacing + 0.5).astype(np.int64)
+    lowest = cells.min(axis=0)
+    code = np.ravel_multi_index(tuple((cells - lowest).T), tuple(np.ptp(cells, axis=0) + 1)).astype(np.int64)
+    root, first, after, holder = join_samples(code, contacts, int(contacts.max()) + 1)
+    roots = np.flatnonzero(root == np.arange(len(root)))
+    roots = roots[np.argsort(code[roots], kind="stable")]
+    numbers = np.empty(len(root), dtype=np.int64)
+    numbers[roots] = np.arange(len(roots))
+    patch = numbers[root]
+    touching = touching_pairs(patch, len(roots), first, after, holder)
+    pieces, label = components(len(roots), touching)
+    extent = bounds(np.ascontiguousarray(points, dtype=np.float64), label[patch], pieces)
+    specks = extent.max(axis=1) < SPECK_SPACINGS * spacing
+    return parting_of(spacing, cells[roots], touching, patch, specks[label])
+
+
+def parting_of(spacing: float, cells: Ints, touching: Ints, patch: Ints, single: Bools) -> Parting:
+    """Return the parting into these patches: ``cells`` (p, d), pairs ``touching`` (t, 2), ``patch`` (q,) of samples.
+
+    ``single`` (p,): patches of pieces that have one unknown each.
+    """
+    from cpmkit.forms.galerkin.space.parting_kernels import number
+
+    unknowns, nodes = number(np.ascontiguousarray(cells), touching, single)
+    return Parting(spacing, cells, unknowns, nodes, touching, patch)
+
+
+def components(patches: int, touching: Ints) -> tuple[int, Ints]:
+    """Return how many pieces the patches make that touch, and the piece of each patch."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    graph = coo_array((np.ones(len(touching)), (touching[:, 0], touching[:, 1])), shape=(patches, patches))
+    count, label = connected_components(graph, directed=False)
+    return int(count), label.astype(np.int64)
+
+
+def pieces(parting: Parting) -> tuple[int, Ints]:
+    """Return how many pieces of the manifold share no unknown, and the piece of each unknown (n,)."""
+    count, label = components(len(parting.cells), parting.touching)
+    of_unknown = np.empty(parting.size, dtype=np.int64)
+    of_unknown[parting.unknowns] = label[:, None]
+    return count, of_unknown

@@ -1,0 +1,170 @@
+"""Compiled: samples joined into patches, and the nodes that patches read into unknowns, by union and find.
+
+Roots are the smallest of their set, so that numbers do not depend on the order of unions.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.runtime.compilation import compiled
+
+
+@compiled
+def find(parent: Ints, i: int) -> int:
+    """Return the root of ``i``, halving the path to it."""
+    while parent[i] != i:
+        parent[i] = parent[parent[i]]
+        i = parent[i]
+    return i
+
+
+@compiled
+def unite(parent: Ints, i: int, j: int) -> None:
+    """Make the sets of ``i`` and ``j`` one."""
+    i, j = find(parent, i), find(parent, j)
+    if i < j:
+        parent[j] = i
+    else:
+        parent[i] = j
+
+
+@compiled
+def grown(values: Ints) -> Ints:
+    """Return the array with room for twice as many."""
+    more = np.empty(2 * len(values), dtype=values.dtype)
+    more[: len(values)] = values
+    return more
+
+
+@compiled
+def join_samples(code: Ints, contacts: Ints, vertices: int) -> tuple[Ints, Ints, Ints, Ints]:
+    """Join the samples of one cell ``code`` (q,) that share one of their ``contacts`` (q, k), numbers of vertices.
+
+    Returns the root of each sample, and a linked list of slots: one for each vertex and each cell that has samples at
+    it. ``first`` (vertices,) is the first slot of a vertex, ``after`` the next one of the same vertex (-1 for none),
+    ``holder`` a sample in it.
+    """
+    q, k = contacts.shape
+    parent = np.arange(q)
+    first = np.full(vertices, -1)
+    after, holder = np.empty(vertices + 1, dtype=np.int64), np.empty(vertices + 1, dtype=np.int64)
+    used = 0
+    for i in range(q):
+        same = i > 0 and code[i] == code[i - 1]
+        for c in range(k):
+            same = same and contacts[i, c] == contacts[i - 1, c]
+        if same:
+            parent[i] = parent[i - 1]
+            continue
+        for c in range(k):
+            v = contacts[i, c]
+            slot = first[v]
+            while slot >= 0 and code[holder[slot]] != code[i]:
+                slot = after[slot]
+            if slot >= 0:
+                unite(parent, holder[slot], i)
+                continue
+            if used == len(after):
+                after, holder = grown(after), grown(holder)
+            after[used], holder[used] = first[v], i
+            first[v] = used
+            used += 1
+    for i in range(q):
+        parent[i] = find(parent, i)
+    return parent, first, after, holder
+
+
+@compiled
+def touching_pairs(patch: Ints, patches: int, first: Ints, after: Ints, holder: Ints) -> Ints:
+    """Return (t, 2) the pairs of patches, the smaller number first, that have slots at one vertex, each pair once."""
+    head = np.full(patches, -1)
+    other, link = np.empty(patches + 1, dtype=np.int64), np.empty(patches + 1, dtype=np.int64)
+    used = 0
+    for v in range(len(first)):
+        one = first[v]
+        while one >= 0:
+            two = after[one]
+            while two >= 0:
+                a, b = patch[holder[one]], patch[holder[two]]
+                a, b = min(a, b), max(a, b)
+                pair = head[a]
+                while pair >= 0 and other[pair] != b:
+                    pair = link[pair]
+                if pair < 0:
+                    if used == len(other):
+                        other, link = grown(other), grown(link)
+                    other[used], link[used] = b, head[a]
+                    head[a] = used
+                    used += 1
+                two = after[two]
+            one = after[one]
+    pairs = np.empty((used, 2), dtype=np.int64)
+    at = 0
+    for a in range(patches):
+        pair = head[a]
+        begin = at
+        while pair >= 0:
+            pairs[at, 0], pairs[at, 1] = a, other[pair]
+            at += 1
+            pair = link[pair]
+        pairs[begin:at, 1].sort()
+    return pairs
+
+
+@compiled
+def bounds(points: Floats, label: Ints, pieces: int) -> Floats:
+    """Return (pieces, d) the extent of the points of each label along the axes."""
+    d = points.shape[1]
+    lower, upper = np.full((pieces, d), np.inf), np.full((pieces, d), -np.inf)
+    for i in range(len(points)):
+        for axis in range(d):
+            lower[label[i], axis] = min(lower[label[i], axis], points[i, axis])
+            upper[label[i], axis] = max(upper[label[i], axis], points[i, axis])
+    extent: Floats = upper - lower
+    return extent
+
+
+@compiled
+def number(cells: Ints, touching: Ints, single: Bools) -> tuple[Ints, Ints]:
+    """Return ``unknowns`` (p, 3^d) and ``nodes`` (n, d): nodes that patches read are one where such patches touch.
+
+    ``cells`` (p, d) are those of the patches, ``touching`` (t, 2) pairs of them; where ``single`` (p,) holds, all that
+    a patch reads is one unknown, and one with those of the patches that it touches. Unknowns are numbered as the
+    patches come to them.
+    """
+    p, d = cells.shape
+    width = 3**d
+    parent = np.arange(p * width)
+    depth = 3 if d == 3 else 1
+    for t in range(len(touching)):
+        a, b = touching[t, 0], touching[t, 1]
+        if single[a]:
+            unite(parent, a * width, b * width)
+            continue
+        di, dj = cells[b, 0] - cells[a, 0], cells[b, 1] - cells[a, 1]
+        dk = cells[b, 2] - cells[a, 2] if d == 3 else 0
+        shift = (di * 3 + dj) * depth + dk
+        for i in range(max(0, di), min(3, 3 + di)):
+            for j in range(max(0, dj), min(3, 3 + dj)):
+                for k in range(max(0, dk), min(depth, depth + dk)):
+                    place = (i * 3 + j) * depth + k
+                    unite(parent, a * width + place, b * width + place - shift)
+    unknowns = np.empty((p, width), dtype=np.int64)
+    nodes = np.empty((p * width, d), dtype=np.int64)
+    numbers = np.empty(p * width, dtype=np.int64)
+    n = 0
+    for a in range(p):
+        for place in range(width):
+            at = a * width + place
+            root = find(parent, a * width) if single[a] else find(parent, at)
+            if root == at:
+                numbers[at] = n
+                rest = width // 2 if single[a] else place
+                for axis in range(d - 1, -1, -1):
+                    nodes[n, axis] = cells[a, axis] + rest % 3 - 1
+                    rest //= 3
+                n += 1
+            unknowns[a, place] = numbers[root]
+    return unknowns, nodes[:n].copy()

@@ -1,0 +1,115 @@
+"""The space of splines over samples: what all its matrices share, whatever their coefficients."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cpmkit.forms.galerkin.parting import Parting
+from cpmkit.forms.galerkin.sample_mesh import Samples
+from cpmkit.protocols import Floats, Ints
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+
+@dataclass(frozen=True, eq=False)
+class Space:
+    """Splines over samples, and the pattern of the matrices of their energies.
+
+    Attributes
+    ----------
+    parting : Parting
+        The unknowns.
+    samples : Samples
+        In the order in which they were parted.
+    order : (q,) int64
+        The samples patch by patch; those of patch p are ``order[start[p] : start[p + 1]]``.
+    start : (p + 1,) int64
+        Where each patch begins in ``order``.
+    heaviest : (n,) int64
+        Where each unknown stands in the heaviest patch that reads it, as an index into ``parting.unknowns.ravel()``.
+    runs : (r, 4) int64
+        Runs of four neighbouring unknowns along an axis, all ways where copies branch.
+    short_runs : (s, 3) int64
+        Runs of three inside the heaviest patch of the unknowns that are in no run of four.
+    indptr, indices : (n + 1,), (z,) int32 or int64
+        The pattern of every matrix, columns ascending.
+    """
+
+    parting: Parting
+    samples: Samples
+    order: Ints
+    start: Ints
+    heaviest: Ints
+    runs: Ints
+    short_runs: Ints
+    indptr: Any
+    indices: Any
+
+    @property
+    def manifold_dim(self) -> int:
+        """Dimension m of the manifold."""
+        return self.parting.dim - int(self.samples.normals.shape[1])
+
+    def matrix(self, data: Floats) -> csr_array:
+        """Return the (n, n) matrix with these entries, which shares the pattern with all others."""
+        from scipy.sparse import csr_array
+
+        n = self.parting.size
+        matrix = csr_array((data, self.indices, self.indptr), shape=(n, n))
+        matrix.has_canonical_format = True
+        return matrix
+
+    def means(self, values: Floats) -> Floats:
+        """Return (n,) the mean of ``values`` (q,) over the samples of the patches that read each unknown."""
+        patches, unknowns = len(self.parting.cells), self.parting.unknowns
+        sums = np.bincount(self.parting.patch, values, minlength=patches)
+        counts = np.diff(self.start).astype(float)
+        width = unknowns.shape[1]
+        totals = [np.bincount(unknowns.ravel(), each.repeat(width)) for each in (sums, counts)]
+        return np.asarray(totals[0] / totals[1])
+
+
+def space_of(parting: Parting, samples: Samples) -> Space:
+    """Return the space of the unknowns of ``parting`` over its ``samples``, which it numbers."""
+    from cpmkit.forms.galerkin.space.pattern_kernels import following, inverted, pattern, runs_of_four
+
+    n, patches, width = parting.size, *parting.unknowns.shape
+    start, order = inverted(parting.patch, patches)
+    starts, places = inverted(parting.unknowns.ravel(), n)
+    weight = np.bincount(parting.patch, samples.weights, minlength=patches)
+    heaviest = _heaviest(weight[places // width], starts, places)
+    strides = [3**axis for axis in reversed(range(parting.dim))]
+    runs = np.concatenate([runs_of_four(*following(parting.unknowns, n, stride)) for stride in strides])
+    alone = np.ones(n, dtype=bool)
+    alone[runs] = False
+    short_runs = np.unique(lines_through(parting, heaviest[alone]), axis=0)
+    short_runs = short_runs[short_runs[:, 0] != short_runs[:, 1]]  # specks have one unknown thrice
+    indptr = np.zeros(n + 1, dtype=np.int32 if len(places) * width < 2**31 else np.int64)
+    run_table = inverted(runs.ravel(), n)
+    indices = pattern(parting.unknowns, starts, places, runs, *run_table, indptr)
+    return Space(parting, samples, order, start, heaviest, runs, short_runs, indptr, indices)
+
+
+def lines_through(parting: Parting, entries: Ints) -> Ints:
+    """Return (d k, 3) the unknowns on the lines along the axes, inside a patch, through k of its places.
+
+    ``entries`` (k,): indices into ``parting.unknowns.ravel()``.
+    """
+    flat = parting.unknowns.ravel()
+    strides = [3**axis for axis in reversed(range(parting.dim))]
+    lines = [(entries - entries // s % 3 * s)[:, None] + s * np.arange(3) for s in strides]
+    return np.asarray(flat[np.concatenate(lines)])
+
+
+def _heaviest(weights: Floats, starts: Ints, places: Ints) -> Ints:
+    """Return for each unknown the one of its ``places`` whose weight is largest, the first of equal ones."""
+    largest = np.maximum.reduceat(weights, starts[:-1])
+    hits = np.flatnonzero(weights == largest.repeat(np.diff(starts)))
+    row = np.searchsorted(starts, hits, side="right") - 1
+    first = np.ones(len(hits), dtype=bool)
+    first[1:] = row[1:] != row[:-1]
+    return np.asarray(places[hits[first]])

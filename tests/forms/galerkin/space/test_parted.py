@@ -1,0 +1,115 @@
+"""An unknown is a node and a component of the patches that read it, for sheets, slits and specks alike."""
+
+import numpy as np
+import pytest
+from galerkin_scenes import SHIFT, plane, plane_circle, space_circle, sphere, together
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from cpmkit.forms.galerkin.space.parted import part, pieces
+
+H = 0.1
+
+
+def parted(drawn, spacing=H):
+    return part(drawn.samples.points, drawn.contacts, spacing)
+
+
+def components(pairs, n):
+    pairs = np.asarray(pairs).reshape(-1, 2)
+    return connected_components(coo_array((np.ones(len(pairs)), pairs.T), shape=(n, n)), directed=False)[1]
+
+
+def read_by_samples(parting):
+    """The unknowns that each sample reads, by node offset."""
+    return parting.unknowns[parting.patch]
+
+
+def same_up_to_numbering(one, two):
+    pairs = np.unique(np.stack([one.ravel(), two.ravel()]), axis=1)
+    return len(np.unique(pairs[0])) == len(np.unique(pairs[1])) == pairs.shape[1]
+
+
+def test_a_sheet_has_one_unknown_a_node():
+    parting = parted(sphere(0.5 * H).moved(SHIFT))
+    # But where a cell holds two parts that come together outside of it only; such copies do no harm.
+    assert len(np.unique(parting.nodes, axis=0)) > 0.99 * parting.size
+    assert parting.size == pytest.approx(4.5 * 4 * np.pi / H**2, rel=0.05)
+    assert pieces(parting)[0] == 1
+
+
+@pytest.mark.parametrize("drawn", [sphere(0.5 * H), plane_circle(H), space_circle(H)], ids=["sphere", "plane", "space"])
+def test_patches_read_the_nodes_around_their_cell(drawn):
+    parting = parted(drawn)
+    around = np.stack(np.meshgrid(*[[-1, 0, 1]] * parting.dim, indexing="ij"), axis=-1).reshape(-1, parting.dim)
+    assert np.array_equal(parting.nodes[parting.unknowns], parting.cells[:, None] + around)
+    assert np.array_equal(parting.cells[parting.patch], np.floor(drawn.samples.points / H + 0.5))
+
+
+@pytest.mark.parametrize("slit", [None, (-1.0, 2.0), (-1.0, 0.55), (0.2, 0.8)])
+def test_the_rule_as_it_is_written(slit):
+    drawn = plane(0.5 * H, slit=slit)
+    parting = parted(drawn)
+    q = len(drawn.contacts)
+    vertex, sample = drawn.contacts.ravel(), np.arange(q).repeat(3)
+    by_vertex = [sample[vertex == v] for v in np.unique(vertex)]
+    touch = np.concatenate([np.stack(np.meshgrid(s, s), axis=-1).reshape(-1, 2) for s in by_vertex])
+    cell = np.unique(parting.cells[parting.patch], axis=0, return_inverse=True)[1].ravel()
+    patch = components(touch[cell[touch[:, 0]] == cell[touch[:, 1]]], q)
+    assert same_up_to_numbering(patch, parting.patch)
+    pairs = np.unique(np.sort(parting.patch[touch], axis=1), axis=0)
+    assert np.array_equal(pairs[pairs[:, 0] < pairs[:, 1]], parting.touching)
+    node = np.unique(parting.nodes[parting.unknowns].reshape(-1, 3), axis=0, return_inverse=True)[1]
+    node = node.reshape(parting.unknowns.shape)
+    joined = []
+    for a, b in parting.touching:
+        _, at, too = np.intersect1d(node[a], node[b], return_indices=True)
+        joined.append(np.stack([27 * a + at, 27 * b + too], axis=1))
+    assert same_up_to_numbering(components(np.concatenate(joined), parting.unknowns.size), parting.unknowns)
+
+
+def test_what_is_cut_through_shares_nothing_and_what_is_slit_hangs_together():
+    whole, slit, halves = (parted(plane(0.5 * H, slit=s)) for s in (None, (0.2, 0.8), (-1.0, 2.0)))
+    assert [pieces(p)[0] for p in (whole, slit, halves)] == [1, 1, 2]
+    assert whole.size < slit.size < halves.size
+    copies = np.unique(slit.nodes, axis=0, return_counts=True)[1]
+    assert copies.max() == 2
+
+
+def test_two_sheets_a_fraction_of_the_spacing_apart_share_nothing():
+    inner, outer = sphere(0.5 * H), sphere(0.5 * H, radius=1 + 0.3 * H)
+    parting = parted(together(inner, outer))
+    count, of_unknown = pieces(parting)
+    apart = parting.patch < 0
+    apart[len(inner.contacts) :] = True
+    assert count == 2
+    assert len(np.unique(parting.nodes, axis=0)) < 0.75 * parting.size
+    assert not set(read_by_samples(parting)[apart].ravel()) & set(read_by_samples(parting)[~apart].ravel())
+    assert len(set(of_unknown[read_by_samples(parting)[apart]].ravel())) == 1
+
+
+@pytest.mark.parametrize("drawn", [plane(0.5 * H, slit=(0.2, 0.8)), plane_circle(H), space_circle(H)])
+def test_neither_the_order_of_samples_nor_whole_spacings_nor_units_count(drawn):
+    drawn = drawn.moved(np.zeros(drawn.samples.points.shape[1]))
+    usual = parted(drawn)
+    order = np.random.default_rng(2).permutation(len(drawn.contacts))
+    shuffled = parted(drawn.reordered(order))
+    assert same_up_to_numbering(read_by_samples(usual)[order], read_by_samples(shuffled))
+    far = np.array([1000, -2000, 30])[: usual.dim]
+    moved = parted(drawn.moved(far * H))
+    assert np.array_equal(moved.unknowns, usual.unknowns)
+    assert np.array_equal(moved.nodes, usual.nodes + far)
+    for unit in (1e-6, 1e6):
+        scaled = parted(drawn.moved(0.0, unit), H * unit)
+        assert np.array_equal(scaled.unknowns, usual.unknowns)
+        assert np.array_equal(scaled.nodes, usual.nodes)
+
+
+def test_a_speck_has_one_unknown_and_what_is_larger_has_more():
+    places = np.random.default_rng(4).uniform(-3, 3, (50, 3))
+    specks = [plane(0.5 * H, side=1.5 * H).moved(place) for place in places]
+    parting = parted(together(sphere(0.5 * H), *specks))
+    count, of_unknown = pieces(parting)
+    assert count == 51
+    assert sorted(np.bincount(of_unknown))[:50] == [1] * 50
+    assert parted(plane(0.5 * H, side=3 * H)).size > 27
