@@ -1,0 +1,78 @@
+"""Coefficients on the sides of boundaries: local widths, and the diffusivity, which may jump there."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cpmkit.errors import InputError
+from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples
+from cpmkit.grid.lattice import Lattice
+from cpmkit.protocols import Bools, Floats
+from cpmkit.scene.data import Data, evaluate_data
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+#: Area by length of what a sample reads, in spacings, where nothing else is near.
+WIDE_SHARE = 0.89
+#: Data are read so many widths inside their side, and twice as far: a curve that is snapped to the surface lies nearer
+#: to where materials meet than that.
+READ_BESIDE_WIDTHS = 0.25
+#: Readings whose logarithms differ by less are of one material, and are continued to the boundary.
+SAME_MATERIAL_LOG_RATIO = 0.4
+
+
+def local_widths(values: csr_array, areas: Floats, samples: BoundarySamples, left: Bools, spacing: float) -> Floats:
+    """Return how wide the manifold is beside boundary samples (b,), h at most: penalties are in units of its inverse.
+
+    ``w(y) = min(h, (sum_j N_j(y) A_j / sum_j N_j(y) L_j) / .89)``, A_j and L_j the integrals of spline j over the
+    manifold and over its side of the boundary.
+
+    Parameters
+    ----------
+    values : csr_array (b, n)
+        The splines N_j at the samples.
+    areas : (n,) float64
+        A_j.
+    samples : BoundarySamples
+        Those at which conditions tie u.
+    left : (b,) bool
+        Which are on the left: sides are measured apart.
+    spacing : float
+        h.
+    """
+    width = np.full(len(samples), float(spacing))
+    for side in (left, ~left):
+        rows = np.flatnonzero(side & (samples.half >= 0))
+        read = values[rows]
+        lengths = read.T @ samples.weights[rows]
+        width[rows] = np.minimum(width[rows], (read @ areas) / (read @ lengths) / WIDE_SHARE)
+    return width
+
+
+def beside(data: Data, samples: BoundarySamples, widths: Floats, lattice: Lattice, what: str) -> Floats:
+    """Return a positive coefficient (b,) at boundary samples, read from inside their cells' side.
+
+    To second order where it is smooth there.
+
+    Raises
+    ------
+    InputError
+        If it is not a positive number everywhere.
+    """
+    if not callable(data):
+        return _read(data, samples.points, lattice, what)
+    near, far = (
+        np.log(_read(data, samples.points - share * widths[:, None] * samples.conormals, lattice, what))
+        for share in (READ_BESIDE_WIDTHS, 2 * READ_BESIDE_WIDTHS)
+    )
+    return np.asarray(np.exp(np.where(np.abs(near - far) < SAME_MATERIAL_LOG_RATIO, 2 * near - far, far)))
+
+
+def _read(data: Data, points: Floats, lattice: Lattice, what: str) -> Floats:
+    values = evaluate_data(data, lattice.to_scene(points), 1, what)[:, 0]
+    if np.any(values <= 0):
+        raise InputError(f"{what} must be above zero, got {values.min():g}.")
+    return values

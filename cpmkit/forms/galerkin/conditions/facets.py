@@ -1,0 +1,77 @@
+"""Points on facets of cells: lengths, and the manifold's tangent space there.
+
+Triangles are quadratic: with barycentric coordinates l and the edge midpoints m opposite to corners x,
+``y = sum_i l_i (2 l_i - 1) x_i + 4 l_(i+1) l_(i+2) m_i``; segments likewise, with one midpoint.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.forms.galerkin.sample_mesh import SampleMesh
+from cpmkit.manifold.vectors import dots, norms
+from cpmkit.protocols import Bools, Floats, Ints
+
+#: Two Gauss points of an edge, and the weight of each.
+EDGE_POINTS, EDGE_WEIGHT = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3.0), 0.5
+
+#: Points, weights, conormals out of the cell, normals of the manifold.
+Facets = tuple[Floats, Floats, Floats, Floats]
+
+
+def on_edge(mesh: SampleMesh, cell: Ints, facet: Ints, reversed_: Bools) -> Facets:
+    """Return two points on edges of triangles: points (n, 2, d), weights, conormals, normals (n, 2, d - 2, d).
+
+    The edges are those opposite to corner ``facet`` (n,) of ``cell`` (n,), counted against the cell's sense where
+    ``reversed_``, so that cells on both sides of an edge give the same points.
+    """
+    tail, head = (facet + 1) % 3, (facet + 2) % 3
+    tail, head = np.where(reversed_, head, tail), np.where(reversed_, tail, head)
+    corners = mesh.vertices[mesh.cells[cell]]
+    mid = _midpoints(mesh, corners, cell)
+    p, q, opposite = (_picked(corners, which) for which in (tail, head, facet))
+    m, beside_tail, beside_head = (_picked(mid, which) for which in (facet, head, tail))
+    s = EDGE_POINTS[:, None]
+    y = (1 - s) * (1 - 2 * s) * p + 4 * s * (1 - s) * m + s * (2 * s - 1) * q
+    along = (4 * s - 3) * p + (4 - 8 * s) * m + (4 * s - 1) * q
+    inward = -opposite + 4 * (1 - s) * beside_tail + 4 * s * beside_head  # derivative by the opposite corner's l
+    inward = inward - ((3 - 4 * s) * p + 4 * s * m)  # less that by the tail's, which is given up for it
+    speed = norms(along)
+    tangent = along / speed[..., None]
+    conormals = _unit(dots(inward, tangent)[..., None] * tangent - inward)
+    normals = np.cross(tangent, conormals)[:, :, None] if mesh.dim == 3 else np.zeros((len(cell), 2, 0, 2))
+    return y, EDGE_WEIGHT * speed, conormals, normals
+
+
+def at_end(mesh: SampleMesh, cell: Ints, facet: Ints, _reversed: Bools) -> Facets:
+    """Return the ends of segments: points (n, 1, d), weights 1, tangents out of the cell, normals (n, 1, d - 1, d)."""
+    corners = mesh.vertices[mesh.cells[cell]]
+    end, other = _picked(corners, 1 - facet), _picked(corners, facet)
+    mid = 0.5 * (end + other) if mesh.midpoints is None else mesh.midpoints[cell]
+    tangent = _unit(3 * end - 4 * mid + other)
+    return end, np.ones(end.shape[:2]), tangent, _across(tangent)
+
+
+def _across(tangent: Floats) -> Floats:
+    """Return orthonormal vectors (n, 1, d - 1, d) across unit tangents (n, 1, d)."""
+    if tangent.shape[-1] == 2:
+        return np.stack([-tangent[..., 1], tangent[..., 0]], axis=-1)[:, :, None]
+    axis = np.eye(3)[np.abs(tangent).argmin(axis=-1)]
+    first = _unit(np.cross(tangent, axis))
+    return np.stack([first, np.cross(tangent, first)], axis=-2)
+
+
+def _midpoints(mesh: SampleMesh, corners: Floats, cell: Ints) -> Floats:
+    """Return the edge midpoints (n, 3, d) of triangles, each opposite to a corner."""
+    if mesh.midpoints is not None:
+        return mesh.midpoints[cell]
+    return np.asarray(0.5 * (np.roll(corners, -1, axis=1) + np.roll(corners, -2, axis=1)))
+
+
+def _picked(values: Floats, which: Ints) -> Floats:
+    """Return one (n, 1, d) of the points (n, k, d) of each cell."""
+    return np.take_along_axis(values, which[:, None, None], axis=1)
+
+
+def _unit(vectors: Floats) -> Floats:
+    return np.asarray(vectors / norms(vectors)[..., None])

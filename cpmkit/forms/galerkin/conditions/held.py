@@ -1,0 +1,209 @@
+"""Which law of a scene holds at which boundary samples."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from cpmkit.errors import InputError, SceneError, place
+from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples
+from cpmkit.grid.lattice import Lattice
+from cpmkit.manifold.local_source import LocalSource
+from cpmkit.protocols import SIDES, Bools, Floats, Ints
+from cpmkit.scene.alike import same_condition
+from cpmkit.scene.condition import Condition
+from cpmkit.scene.laws import Flux, Law, Mixed, Nonlinear, Spectral, Value, beta_at, is_zero_neumann
+from cpmkit.scene.scene import Scene, edge_condition
+
+#: The edge's condition, in sentences.
+EDGE_CONDITION = "the edge's condition"
+#: Loops of the rim are asked for so many spacings past it: a sample may lie inside by a rounding.
+PAST_RIM_SPACINGS = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """A law, and the samples at which it holds.
+
+    Attributes
+    ----------
+    law : Law or None
+        None where u goes on: past the tips of a boundary.
+    what : str
+        Where it holds, in sentences.
+    rows : (k,) int64
+        The samples; of a law that couples sides, those on the left.
+    across : (k,) int64
+        Of a law that couples sides, the samples at the same points on the right; else none.
+    """
+
+    law: Law | None
+    what: str
+    rows: Ints
+    across: Ints
+
+    @property
+    def ties(self) -> bool:
+        """Whether u itself is held there, or coupled to another side, and not its slope alone."""
+        return not isinstance(self.law, (Flux, Nonlinear, Spectral))
+
+    @property
+    def all_rows(self) -> Ints:
+        """The samples on both sides."""
+        return np.concatenate([self.rows, self.across])
+
+
+def needs_rims(scene: Scene) -> bool:
+    """Tell whether a scene's edge holds anything but zero flux, which no sample has to say."""
+    return not all(is_zero_neumann(one.law) for one in scene.edge_conditions)
+
+
+def held(
+    scene: Scene, samples: BoundarySamples, left: Bools, surface: LocalSource, lattice: Lattice
+) -> tuple[Held, ...]:
+    """Return the laws of a scene with the samples at which each holds.
+
+    Parameters
+    ----------
+    scene : Scene
+        With the boundaries that samples are numbered by.
+    samples : BoundarySamples
+        With those on rims, where :func:`needs_rims`.
+    left : (b,) bool
+        Which samples are on the left of their boundary.
+    surface : LocalSource
+        The manifold, seen from the lattice's origin: it tells loops of the rim apart.
+    lattice : Lattice
+        That coordinates are relative to.
+
+    Raises
+    ------
+    SceneError
+        If a law couples sides where there is one alone, or three, if a flux is given at a point of a surface, or the
+        edge has a condition and the manifold no edge.
+    InputError
+        If beta is zero all along.
+    """
+    found = [*_on_boundaries(scene, samples, left, lattice), *_on_rims(scene, samples, surface, lattice)]
+    found += _past_tips(samples)
+    for one in found:
+        where = lattice.to_scene(samples.points[one.rows])
+        if isinstance(one.law, Mixed) and not np.any(beta_at(one.law, where, one.what)):
+            raise InputError(f"beta of {one.what} is zero at all {len(where)} points; use Neumann.")
+    return tuple(found)
+
+
+def _on_boundaries(scene: Scene, samples: BoundarySamples, left: Bools, lattice: Lattice) -> Iterator[Held]:
+    none = np.zeros(0, dtype=np.int64)
+    for number, boundary in enumerate(scene.boundaries):
+        what = f"boundary {boundary.name!r}"
+        on = (samples.owner == number) & ~samples.extends
+        conditions = [boundary.condition(side) for side in SIDES]
+        if not np.any(on):
+            continue
+        if np.any(samples.half[on] < 0):
+            _check_point(what, conditions)
+        if conditions[0].couples:
+            yield Held(conditions[0].law, what, *_facing(what, samples, left, on, lattice))
+        elif same_condition(*conditions):
+            yield Held(conditions[0].law, what, np.flatnonzero(on), none)
+        else:
+            for condition, side in zip(conditions, (left, ~left), strict=True):
+                yield Held(condition.law, what, np.flatnonzero(on & side), none)
+
+
+def _check_point(what: str, conditions: list[Condition]) -> None:
+    kinds = {one.kind for one in conditions if not isinstance(one.law, Value)}
+    if kinds:
+        raise SceneError(
+            f"{what}: a {' or '.join(sorted(kinds))} condition at a point of a surface has no effect: what flows "
+            "through so little vanishes with the spacing; if a point source is meant, let f be a narrow bump with its "
+            "strength as the integral, or use a small circle."
+        )
+
+
+def _facing(what: str, samples: BoundarySamples, left: Bools, on: Bools, lattice: Lattice) -> tuple[Ints, Ints]:
+    """Return the samples on the left and those on the right of one boundary, at the same points.
+
+    Raises
+    ------
+    SceneError
+        Where there are not two sides.
+    """
+    key = 2 * samples.facet + samples.place
+    sides = [
+        rows[np.argsort(key[rows], kind="stable")] for rows in (np.flatnonzero(on & left), np.flatnonzero(on & ~left))
+    ]
+    counts = [np.bincount(key[rows], minlength=int(key.max()) + 1) for rows in sides]
+    bad = np.flatnonzero((counts[0] != counts[1]) | (counts[0] > 1))
+    if len(bad):
+        row = np.flatnonzero(on & (key == bad[0]))
+        alone = "on the manifold's rim" if len(row) == 1 else f"where {len(row)} sheets meet"
+        raise SceneError(
+            f"{what} couples two sides and lies {alone}, near {place(lattice.to_scene(samples.points[row])[0])}; "
+            "end it there, or give conditions of one side."
+        )
+    return sides[0], sides[1]
+
+
+def _on_rims(scene: Scene, samples: BoundarySamples, surface: LocalSource, lattice: Lattice) -> Iterator[Held]:
+    if not needs_rims(scene):
+        return
+    rows, none = np.flatnonzero(samples.owner < 0), np.zeros(0, dtype=np.int64)
+    if not len(rows):
+        raise SceneError("`edge` gives a condition, which the manifold has not: it is closed; leave it out.")
+    if not isinstance(scene.edge, Mapping):
+        yield Held(scene.edge.law, EDGE_CONDITION, rows, none)
+        return
+    loop_of = _loops(samples.take(rows), surface, lattice.spacing)
+    loops = np.unique(loop_of).tolist()
+    missing = sorted(set(scene.edge) - set(loops))
+    if missing:
+        raise SceneError(
+            f"`edge` gives a condition for loop {missing[0]}, which the manifold has not: its loops are "
+            f"{', '.join(map(str, loops))}; leave it out, or correct the number."
+        )
+    for loop in loops:
+        yield Held(edge_condition(scene.edge, loop).law, EDGE_CONDITION, rows[loop_of == loop], none)
+
+
+def _loops(samples: BoundarySamples, surface: LocalSource, spacing: float) -> Ints:
+    """Return the number (k,) of the loop of the rim that each sample lies on."""
+    from scipy.spatial import KDTree
+
+    asked: Floats = samples.points + PAST_RIM_SPACINGS * spacing * samples.conormals
+    loops = surface.closest_point(asked).edge.copy()
+    unknown = loops < 0
+    if unknown.any() and not unknown.all():  # beside corners, where another part is nearer
+        loops[unknown] = loops[~unknown][KDTree(samples.points[~unknown]).query(samples.points[unknown])[1]]
+    return np.asarray(loops, dtype=np.int64)
+
+
+def _past_tips(samples: BoundarySamples) -> list[Held]:
+    """Return where boundaries go on past their tips: all cells beside a facet there are tied, each to the next."""
+    rows = np.flatnonzero(samples.extends)
+    key = 2 * samples.facet[rows] + samples.place[rows]
+    order = np.argsort(key, kind="stable")
+    same = np.flatnonzero(key[order[1:]] == key[order[:-1]])
+    first, second = rows[order[same]], rows[order[same + 1]]
+    return [Held(None, "the continuation past a tip", first, second)] if len(first) else []
+
+
+def point_warnings(scene: Scene, samples: BoundarySamples) -> tuple[str, ...]:
+    """Name points on a surface that hold a value beside other values: the continuous problem does not feel them."""
+    valued = [
+        number
+        for number, one in enumerate(scene.boundaries)
+        if any(isinstance(one.condition(side).law, (Value, Mixed)) for side in SIDES)
+    ]
+    at_points = set(samples.owner[samples.half < 0].tolist())
+    pins = [scene.boundaries[number].name for number in valued if number in at_points]
+    on_rim = any(isinstance(one.law, (Value, Mixed)) for one in scene.edge_conditions)
+    if not pins or len(valued) + on_rim < 2:
+        return ()
+    return (
+        f"Boundary {', '.join(map(repr, pins))}: a point of a surface is too small for the equation to feel a value "
+        "there beside other conditions: it acts as a hole of a third of the spacing; use a small circle instead.",
+    )

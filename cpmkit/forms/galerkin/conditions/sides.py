@@ -1,0 +1,123 @@
+"""Which cells beside a boundary are on its left.
+
+Which half facets are on one side of a boundary, the cells tell: those that meet a common corner between two facets of
+it, where the mesh is cut. What these sides are called, the scene tells (:class:`cpmkit.scene.oriented
+.OrientedBoundary`): once for each connected piece of the boundary, by a vote along it, since a boundary that is drawn
+beside the manifold, or turns sharply, may mistake its left here and there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples
+from cpmkit.forms.galerkin.sample_mesh import HalfFacets, SampleMesh
+from cpmkit.grid.lattice import Lattice
+from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.scene.oriented import OrientedBoundary
+
+#: Step of differences where sources give no directions of their own, in spacings.
+DIFFERENCE_SPACINGS = 0.5
+
+
+def left_of_boundaries(
+    mesh: SampleMesh,
+    half: HalfFacets,
+    corners: Ints,
+    samples: BoundarySamples,
+    boundaries: Sequence[OrientedBoundary],
+    lattice: Lattice,
+) -> Bools:
+    """Return which boundary samples (b,) are on the left of their boundary.
+
+    Parameters
+    ----------
+    mesh : SampleMesh
+        Cut along the boundaries.
+    half : HalfFacets
+        Its facets on boundaries and rims.
+    corners : (m, k) int64
+        The vertices of the cells after cutting.
+    samples : BoundarySamples
+        On these half facets.
+    boundaries : sequence of OrientedBoundary
+        By the numbers in ``mesh.owner``.
+    lattice : Lattice
+        That coordinates are relative to.
+    """
+    n = len(half.cell)
+    rows = np.flatnonzero(samples.half >= 0)
+    votes = np.bincount(samples.half[rows], _votes(samples, boundaries, lattice)[rows], n)
+    group, piece = _groups(mesh, half, corners)
+    by_group = np.bincount(group, votes, n)[group]
+    opposite = np.bincount(piece, votes, n)[piece] - by_group
+    sides = np.bincount(piece[np.unique(group, return_index=True)[1]], minlength=n)[piece]
+    left = np.where(sides == 2, by_group > opposite, by_group > 0)
+    one_sided = (sides == 1) & _seen_twice(half)
+    left = np.where(one_sided, votes > 0, left)
+    return np.asarray((samples.half >= 0) & (samples.owner >= 0) & left[samples.half])
+
+
+def _votes(samples: BoundarySamples, boundaries: Sequence[OrientedBoundary], lattice: Lattice) -> Floats:
+    """Return how surely samples (b,) are on the left: how far out of their cells the conormal to the right points.
+
+    Asked at the middles of facets; continuations of boundaries past their tips have no vote.
+    """
+    votes = np.zeros(len(samples))
+    facets = int(samples.facet.max(initial=-1)) + 1
+    count = np.bincount(samples.facet[samples.facet >= 0], minlength=facets)
+    for number, oriented in enumerate(boundaries):
+        rows = np.flatnonzero((samples.owner == number) & (samples.facet >= 0) & ~samples.extends)
+        if not oriented.has_sides or not len(rows):
+            continue
+        asked, place = np.unique(samples.facet[rows], return_inverse=True)
+        middles = np.stack([np.bincount(place, x) for x in samples.points[rows].T], axis=1) / count[asked, None]
+        feet, on = oriented.feet(lattice.to_scene(middles) - oriented.left.origin)
+        leftward = oriented.axis_and_left(feet, on, DIFFERENCE_SPACINGS * lattice.spacing)[1]
+        votes[rows] = -samples.weights[rows] * np.sum(samples.conormals[rows] * leftward[place], axis=1)
+    return votes
+
+
+def _groups(mesh: SampleMesh, half: HalfFacets, corners: Ints) -> tuple[Ints, Ints]:
+    """Return which half facets (n,) are on one side of their boundary, and of which connected piece of it they are.
+
+    Facets of one boundary hang together at vertices where exactly two facets of boundaries meet.
+    """
+    n, k = len(half.cell), mesh.cells.shape[1]
+    on = half.cut >= 0
+    piece = np.where(on, half.cut, len(mesh.cut) + np.arange(n))
+    if k == 2:  # the boundary is a vertex, and a side of it one segment
+        return np.arange(n), _numbered(piece)
+    places = (half.facet[:, None] + np.arange(1, k)) % k
+    vertex, corner = mesh.cells[half.cell[:, None], places], corners[half.cell[:, None], places]
+    meeting = np.bincount(mesh.cut.ravel(), minlength=len(mesh.vertices))[vertex]
+    rows, places = np.nonzero(on[:, None] & (meeting == 2))
+    owner = mesh.owner[half.cut[rows]]
+    group = _joined(np.arange(n), rows, np.stack([corner[rows, places], owner], axis=1))
+    return group, _joined(_numbered(piece), rows, np.stack([vertex[rows, places], owner], axis=1))
+
+
+def _joined(labels: Ints, rows: Ints, keys: Ints) -> Ints:
+    """Return ``labels`` (n,), all below n, with those of ``rows`` (k,) with common ``keys`` (k, 2) made one."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    n, node = len(labels), np.unique(keys, axis=0, return_inverse=True)[1].ravel()
+    size = n + len(rows)
+    graph = coo_array((np.ones(len(rows)), (labels[rows], n + node)), shape=(size, size))
+    return _numbered(connected_components(graph, directed=False)[1][labels])
+
+
+def _numbered(labels: Ints) -> Ints:
+    return np.asarray(np.unique(labels, return_inverse=True)[1].ravel(), dtype=np.int64)
+
+
+def _seen_twice(half: HalfFacets) -> Bools:
+    """Return which half facets (n,) share their facet with another cell."""
+    on = half.cut >= 0
+    count = np.bincount(half.cut[on], minlength=int(half.cut.max(initial=-1)) + 1)
+    twice = np.zeros(len(half.cut), dtype=bool)
+    twice[on] = count[half.cut[on]] > 1
+    return twice
