@@ -1,0 +1,133 @@
+"""Boundaries into sample meshes."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from cpmkit.forms.galerkin.insertion.curves import insert_curve
+from cpmkit.forms.galerkin.insertion.feet import Triangles
+from cpmkit.forms.galerkin.insertion.points import cut_at_points, positions
+from cpmkit.forms.galerkin.insertion.polylines import Polyline, drawn
+from cpmkit.forms.galerkin.insertion.tips import extend, mend
+from cpmkit.forms.galerkin.insertion.triangulation import Triangulation
+from cpmkit.forms.galerkin.insertion.walk import Walker
+from cpmkit.forms.galerkin.sample_mesh import SampleMesh
+from cpmkit.manifold.local_source import LocalSource
+from cpmkit.protocols import Floats, Ints
+
+#: A boundary lies on an earlier one where it is nearer to it than this share of the spacing.
+SAME_SHARE = 1e-8
+#: Curves are extended past their tips by so many spacings.
+EXTENSION_SPACINGS = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Insertion:
+    """A mesh with boundaries in it, and what is to be told of how they came there.
+
+    Attributes
+    ----------
+    mesh : SampleMesh
+        Flat, with ``cut``, ``owner`` and ``extends``.
+    points : dict
+        The vertices (k,) of each boundary of points on a surface, which cuts nothing.
+    empty : tuple of int
+        Boundaries that left neither edge nor vertex.
+    shared : frozenset of (int, int)
+        A boundary and an earlier one that it lies on in places; the edges there are the earlier one's.
+    counts : dict
+        ``erased`` short loops, ``parted`` curves whose feet do not hang together, ``pruned`` tails, ``joined`` tips,
+        ``tips`` that are left and extended.
+    """
+
+    mesh: SampleMesh
+    points: dict[int, Ints] = field(default_factory=dict)
+    empty: tuple[int, ...] = ()
+    shared: frozenset[tuple[int, int]] = frozenset()
+    counts: dict[str, int] = field(default_factory=dict)
+
+
+def inserted(mesh: SampleMesh, boundaries: Sequence[LocalSource], spacing: float) -> Insertion:
+    """Return the mesh with its boundaries made facets: curves edges of triangles, points vertices.
+
+    Vertices that are added lie on the flat cells given.
+
+    Parameters
+    ----------
+    mesh : SampleMesh
+        Sound, flat, not cut. Its facets may have any number of cells.
+    boundaries : sequence of LocalSource
+        Relative to the same origin; curves and points on a surface, points on a curve.
+    spacing : float
+        h, of the lattice.
+    """
+    if mesh.manifold_dim == 1:
+        cut, empty = cut_at_points(mesh, boundaries)
+        return Insertion(cut, empty=empty)
+    walker, told = _walker(mesh, spacing), Counter[str]()
+    shared, points = set[tuple[int, int]](), dict[int, Ints]()
+    for number, boundary in enumerate(boundaries):
+        walker.owner = number
+        at = [positions(member, mesh.vertices) for member in boundary.members if member.manifold_dim == 0]
+        if at:
+            points[number] = _vertices(walker, np.concatenate(at))
+        for line in _lines(boundary, spacing):
+            walker.same = _coincident(line, boundaries[:number], spacing)
+            shared |= {(number, other) for other in walker.same}
+            insert_curve(walker, Polyline(_in_space(line.points), line.closed), told)
+    walker.same = frozenset()
+    mend(walker, told)
+    extend(walker, EXTENSION_SPACINGS * spacing, told)
+    cut = _with_lines(walker, mesh.dim)
+    empty = tuple(n for n in range(len(boundaries)) if n not in points and n not in cut.owner)
+    return Insertion(cut, points, empty, frozenset(shared), dict(told))
+
+
+def _walker(mesh: SampleMesh, spacing: float) -> Walker:
+    net = Triangulation(_in_space(mesh.vertices), mesh.cells, spacing)
+    return Walker(net, Triangles(net.vertices, net.cells, net.sizes))
+
+
+def _lines(boundary: LocalSource, spacing: float) -> Iterable[Polyline]:
+    for member in boundary.members:
+        if member.manifold_dim == 1:
+            yield from drawn(member, 0.5 * spacing) or []
+
+
+def _coincident(line: Polyline, earlier: Sequence[LocalSource], spacing: float) -> frozenset[int]:
+    """Return the numbers of those boundaries that some points of a line lie on."""
+    box = np.stack([line.points.min(axis=0) - spacing, line.points.max(axis=0) + spacing])
+    found = set()
+    for number, other in enumerate(earlier):
+        if (other.bounds[0] > box[1]).any() or (other.bounds[1] < box[0]).any():
+            continue
+        if (other.closest_point(line.points).distance <= SAME_SHARE * spacing).sum() > 1:
+            found.add(number)
+    return frozenset(found)
+
+
+def _vertices(walker: Walker, points: Floats) -> Ints:
+    """Return the vertices (k,) at the feet of ``points`` (k, d)."""
+    feet = walker.triangles.nearest(_in_space(points))
+    places = np.einsum("nk,nkd->nd", feet.shares, walker.net.vertices[walker.net.cells[feet.cell]])
+    pairs = zip(feet.cell.tolist(), places.tolist(), strict=True)
+    return np.array([walker.inserted(cell, (x, y, z)) for cell, (x, y, z) in pairs], dtype=np.int64)
+
+
+def _with_lines(walker: Walker, dim: int) -> SampleMesh:
+    lines = list(walker.cut.values())
+    return replace(
+        walker.net.mesh(dim),
+        cut=np.array([(line.tail, line.head) for line in lines], dtype=np.int64).reshape(-1, 2),
+        owner=np.array([line.owner for line in lines], dtype=np.int64),
+        extends=np.array([line.extends for line in lines], dtype=bool),
+    )
+
+
+def _in_space(points: Floats) -> Floats:
+    """Return (n, 3) points, those of the plane with a third coordinate of zero."""
+    return points if points.shape[1] == 3 else np.hstack([points, np.zeros((len(points), 1))])

@@ -1,0 +1,108 @@
+"""Curves as polylines that follow them closely, in the direction of travel."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from cpmkit.manifold.local_source import LocalSource
+from cpmkit.manifold.vectors import norms
+from cpmkit.protocols import Floats, HasMesh, Ints
+
+#: A chord is halved where its middle is farther than this share of ``length`` from the curve.
+CHORD_ERROR_SHARE = 2e-3
+#: A foot farther than this share of the chord from its middle lies on another branch.
+OTHER_BRANCH_SHARE = 0.3
+#: Rounds of halving.
+MOST_ROUNDS = 12
+
+
+class Polyline(NamedTuple):
+    """Points (n, d) in the order of travel; a closed one goes on from the last to the first."""
+
+    points: Floats
+    closed: bool
+
+
+def drawn(source: LocalSource, length: float) -> list[Polyline] | None:
+    """Return a curve as it draws itself, closer than ``CHORD_ERROR_SHARE * length``; None where it does not."""
+    if not isinstance(source.source, HasMesh):
+        return None
+    vertices, cells = source.source.mesh(length)
+    if cells.shape[1] != 2:
+        return None
+    vertices = np.asarray(vertices, dtype=np.float64) - source.shift
+    return [followed(source, Polyline(vertices[order], closed), length) for order, closed in chains(cells)]
+
+
+def chains(segments: Ints) -> list[tuple[Ints, bool]]:
+    """Return the vertices along each chain of directed segments (m, 2), and whether it is closed.
+
+    Chains end where a vertex does not end one segment and start one.
+    """
+    starts, ends = segments.T
+    count = int(segments.max(initial=-1)) + 1
+    through = (np.bincount(starts, minlength=count) == 1) & (np.bincount(ends, minlength=count) == 1)
+    following = np.full(count, -1)
+    following[starts] = ends
+    found, seen = [], np.zeros(count, dtype=bool)
+    rest = [[start, end] for start, end in segments.tolist() if not through[start]]
+    for chain in rest:
+        while through[chain[-1]]:
+            seen[chain[-1]] = True
+            chain.append(int(following[chain[-1]]))
+        closed = chain[0] == chain[-1]
+        found.append((np.array(chain[:-1] if closed else chain), closed))
+    for first in np.flatnonzero(through).tolist():
+        if not seen[first]:
+            chain = [first]
+            while not seen[chain[-1]]:
+                seen[chain[-1]] = True
+                chain.append(int(following[chain[-1]]))
+            found.append((np.array(chain[:-1]), True))
+    return found
+
+
+def followed(source: LocalSource, line: Polyline, length: float) -> Polyline:
+    """Return a polyline on a curve with chords halved until they lie close to it."""
+    points = np.concatenate([line.points, line.points[:1]]) if line.closed else line.points
+    fresh = np.ones(len(points) - 1, dtype=bool)
+    for _ in range(MOST_ROUNDS):
+        rows = np.flatnonzero(fresh)
+        if not len(rows):
+            break
+        chord = norms(points[rows + 1] - points[rows])
+        middle = 0.5 * (points[rows] + points[rows + 1])
+        feet = source.closest_point(middle).points
+        off = norms(feet - middle)
+        split = (off > CHORD_ERROR_SHARE * length) & (off < OTHER_BRANCH_SHARE * chord)
+        points = np.insert(points, rows[split] + 1, feet[split], axis=0)
+        halved = np.zeros(len(fresh), dtype=bool)
+        halved[rows[split]] = True
+        fresh = np.repeat(halved, np.where(halved, 2, 1))
+    return Polyline(points[:-1] if line.closed else points, line.closed)
+
+
+def simplified(points: Floats, tolerance: Floats) -> Ints:
+    """Return the rows to keep of a chain ``points`` (n, d): all lie within ``tolerance`` (n,) of the chain of them.
+
+    Douglas and Peucker (1973).
+    """
+    kept = np.zeros(len(points), dtype=bool)
+    kept[[0, -1]] = True
+    todo = [(0, len(points) - 1)]
+    while todo:
+        first, last = todo.pop()
+        if last - first < 2:
+            continue
+        inner = points[first + 1 : last] - points[first]
+        chord = points[last] - points[first]
+        square = float(chord @ chord)
+        share = np.clip(inner @ chord / square, 0.0, 1.0) if square > 0 else np.zeros(len(inner))
+        excess = norms(inner - share[:, None] * chord) / tolerance[first + 1 : last]
+        worst = first + 1 + int(excess.argmax())
+        if excess[worst - first - 1] > 1:
+            kept[worst] = True
+            todo += [(first, worst), (worst, last)]
+    return np.flatnonzero(kept)

@@ -1,0 +1,220 @@
+"""Triangles that can be split at points and at edges; what is far from every curve is never touched."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from cpmkit.forms.galerkin.insertion.triples import Triple, along, between, cross, direction, dot, less
+from cpmkit.forms.galerkin.sample_mesh import SampleMesh
+from cpmkit.manifold.vectors import norms
+from cpmkit.protocols import Floats, Ints
+
+Edge = tuple[int, int]
+
+
+def edge_of(a: int, b: int) -> Edge:
+    """Return the edge between two vertices, whatever its direction."""
+    return (a, b) if a < b else (b, a)
+
+
+@dataclass(eq=False)
+class Triangulation:
+    """A mesh of triangles that is being split. Rows of it are read when they are first asked for.
+
+    Attributes
+    ----------
+    vertices : (v, 3) float64
+        The vertices given.
+    cells : (m, 3) int64
+        The triangles given, the *roots* of those into which they are split.
+    longest : float
+        What :meth:`size` is at most.
+    halves : dict
+        The vertex at which an edge was split; an edge that was split is none any more.
+    """
+
+    vertices: Floats
+    cells: Ints
+    longest: float
+    halves: dict[Edge, int] = field(default_factory=dict)
+    _points: dict[int, Triple] = field(default_factory=dict)
+    _corners: dict[int, tuple[int, int, int]] = field(default_factory=dict)
+    _fans: dict[int, list[int]] = field(default_factory=dict)
+    _root: dict[int, int] = field(default_factory=dict)
+    _parts: dict[int, list[int]] = field(default_factory=dict)
+    _normals: dict[int, Triple] = field(default_factory=dict)
+    _vertex_count: int = 0
+    _cell_count: int = 0
+
+    def __post_init__(self) -> None:
+        self._vertex_count, self._cell_count = len(self.vertices), len(self.cells)
+
+    @cached_property
+    def sizes(self) -> Floats:
+        """(m,) the mean edge of each root, but no more than ``longest``."""
+        corners = self.vertices[self.cells]
+        edges = norms(corners - np.roll(corners, 1, axis=1))
+        return np.asarray(np.minimum(edges.mean(axis=1), self.longest))
+
+    @cached_property
+    def _given_fans(self) -> tuple[Ints, Ints]:
+        """Where the triangles of each vertex start in the list of them, and the list."""
+        from scipy.sparse import coo_array
+
+        m = len(self.cells)
+        ones, cells = np.ones(3 * m, dtype=np.int8), np.repeat(np.arange(m), 3)
+        graph = coo_array((ones, (self.cells.ravel(), cells)), (len(self.vertices), m)).tocsr()
+        return graph.indptr, graph.indices
+
+    def _given_fan(self, vertex: int) -> list[int]:
+        start, cells = self._given_fans
+        found: list[int] = cells[start[vertex] : start[vertex + 1]].tolist()
+        return found
+
+    def at(self, vertex: int) -> Triple:
+        """Return the position of a vertex."""
+        place = self._points.get(vertex)
+        if place is None:
+            x, y, z = self.vertices[vertex].tolist()
+            place = self._points[vertex] = (x, y, z)
+        return place
+
+    def corners(self, cell: int) -> tuple[int, int, int]:
+        """Return the vertices of a triangle."""
+        found = self._corners.get(cell)
+        if found is None:
+            a, b, c = self.cells[cell].tolist()
+            found = self._corners[cell] = (a, b, c)
+        return found
+
+    def fan(self, vertex: int) -> list[int]:
+        """Return the triangles at a vertex."""
+        found = self._fans.get(vertex)
+        if found is None:
+            found = self._fans[vertex] = self._given_fan(vertex)
+        return found
+
+    def cells_at(self, a: int, b: int) -> list[int]:
+        """Return the triangles at an edge: two inside, one on a rim, none where there is no edge."""
+        return [cell for cell in self.fan(a) if b in self.corners(cell)]
+
+    def neighbours(self, vertex: int) -> set[int]:
+        """Return the other ends of the edges at a vertex."""
+        return {other for cell in self.fan(vertex) for other in self.corners(cell)} - {vertex}
+
+    def root(self, cell: int) -> int:
+        """Return the triangle given that a triangle is part of."""
+        return self._root.get(cell, cell)
+
+    def parts(self, root: int) -> list[int]:
+        """Return the triangles into which a root is split."""
+        return self._parts.get(root, [root])
+
+    def size(self, vertex: int) -> float:
+        """Return L, the mean edge of a root at the vertex."""
+        return float(self.sizes[self.root(self.fan(vertex)[0])])
+
+    def normal(self, cell: int) -> Triple:
+        """Return the unit normal of a triangle, that of its root."""
+        root = self.root(cell)
+        found = self._normals.get(root)
+        if found is None:
+            a, b, c = (self.at(int(corner)) for corner in self.cells[root])
+            found = self._normals[root] = direction(cross(less(b, a), less(c, a)))
+        return found
+
+    def vertex_normal(self, vertex: int) -> Triple:
+        """Return the mean of the roots' normals at a vertex, of the sign of the first; splits do not change it."""
+        roots = {self.root(cell) for cell in self.fan(vertex)}
+        total: Triple = (0.0, 0.0, 0.0)
+        for root in sorted(roots):
+            n = self.normal(root)
+            total = along(total, 1.0 if dot(total, n) >= 0 else -1.0, n)
+        return direction(total)
+
+    def on_rim(self, vertex: int) -> bool:
+        """Return whether an edge at the vertex has one triangle only."""
+        times: dict[int, int] = {}
+        for cell in self.fan(vertex):
+            for other in self.corners(cell):
+                times[other] = times.get(other, 0) + 1
+        return 1 in times.values()
+
+    def rim_edge(self, a: int, b: int) -> bool:
+        """Return whether an edge has one triangle only."""
+        return len(self.cells_at(a, b)) == 1
+
+    def rim_root_edge(self, root: int, a: int, b: int) -> bool:
+        """Return whether an edge of a root has no other root beside it, split or not."""
+        return not any({a, b} <= set(self.cells[other].tolist()) for other in self._given_fan(a) if other != root)
+
+    def split_edge(self, a: int, b: int, share: float) -> int:
+        """Return a new vertex on an edge, at ``share`` of the way from a to b; all its triangles are split there."""
+        new = self._new_vertex(between(self.at(a), self.at(b), share))
+        self.halves[edge_of(a, b)] = new
+        for cell in self.cells_at(a, b):
+            corners = self.corners(cell)
+            far = self._new_cell(cell, _with(corners, a, new))
+            self._corners[cell] = _with(corners, b, new)
+            fan = self.fan(b)
+            fan[fan.index(cell)] = far
+            self.fan(sum(corners) - a - b).append(far)
+            self.fan(new).extend((cell, far))
+        return new
+
+    def split_cell(self, cell: int, place: Triple) -> int:
+        """Return a new vertex inside a triangle, which is split in three."""
+        new = self._new_vertex(place)
+        a, b, c = self.corners(cell)
+        second, third = self._new_cell(cell, (b, c, new)), self._new_cell(cell, (c, a, new))
+        self._corners[cell] = (a, b, new)
+        self.fan(a).append(third)
+        self.fan(b).append(second)
+        fan = self.fan(c)
+        fan[fan.index(cell)] = second
+        fan.append(third)
+        self.fan(new).extend((cell, second, third))
+        return new
+
+    def expanded(self, path: list[int]) -> list[int]:
+        """Return a path over vertices with all at which its edges were split since."""
+        found = path[:1]
+        for goal in path[1:]:
+            todo = [goal]
+            while todo:
+                middle = self.halves.get(edge_of(found[-1], todo[-1]))
+                if middle is None:
+                    found.append(todo.pop())
+                else:
+                    todo.append(middle)
+        return found
+
+    def mesh(self, dim: int) -> SampleMesh:
+        """Return the triangles as they are now, in ``dim`` coordinates; no boundary cuts them yet."""
+        new = [self._points[vertex] for vertex in range(len(self.vertices), self._vertex_count)]
+        vertices = np.concatenate([self.vertices, np.array(new).reshape(-1, 3)])[:, :dim]
+        cells = np.concatenate([self.cells, np.empty((self._cell_count - len(self.cells), 3), dtype=np.int64)])
+        known = list(self._corners)
+        cells[known] = np.array([self._corners[cell] for cell in known], dtype=np.int64).reshape(-1, 3)
+        return SampleMesh.of(np.ascontiguousarray(vertices), cells)
+
+    def _new_vertex(self, place: Triple) -> int:
+        new = self._vertex_count
+        self._vertex_count += 1
+        self._points[new], self._fans[new] = place, []
+        return new
+
+    def _new_cell(self, part_of: int, corners: tuple[int, int, int]) -> int:
+        new, root = self._cell_count, self.root(part_of)
+        self._cell_count += 1
+        self._corners[new], self._root[new] = corners, root
+        self._parts.setdefault(root, [root]).append(new)
+        return new
+
+
+def _with(corners: tuple[int, int, int], old: int, new: int) -> tuple[int, int, int]:
+    a, b, c = corners
+    return new if a == old else a, new if b == old else b, new if c == old else c

@@ -1,0 +1,239 @@
+"""From one vertex to another over the triangulation, made edges on the way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from cpmkit.forms.galerkin.insertion.feet import Triangles
+from cpmkit.forms.galerkin.insertion.route import place_of, ways_over_edges
+from cpmkit.forms.galerkin.insertion.triangulation import Edge, Triangulation, edge_of
+from cpmkit.forms.galerkin.insertion.triples import (
+    Triple,
+    along,
+    apart,
+    between,
+    cross,
+    direction,
+    dot,
+    length,
+    less,
+    share_along,
+)
+
+#: Nearer than this, in L, to a vertex or an edge a point is there.
+AT_SHARE = 1e-3
+#: The same for vertices and edges of other boundaries, and of those that the point's own boundary coincides with.
+AT_OTHER_SHARE, AT_SAME_SHARE = 1e-7, 0.03
+#: The same for edges and vertices on a rim.
+AT_RIM_SHARE = 0.02
+#: A walk is at most so many chords and so many L long; else it went astray.
+MOST_CHORDS, MOST_SIZES = 1.6, 0.5
+#: How often a way is halved where a walk goes astray.
+MOST_HALVINGS = 4
+#: The shortest way over edges is taken if it is no longer than so many chords and L.
+MOST_DETOUR_CHORDS, MOST_DETOUR_SIZES = 6.0, 12.0
+
+
+class Line(NamedTuple):
+    """An edge on a boundary, in its direction of travel; ``extends`` where it goes on past a tip."""
+
+    tail: int
+    head: int
+    owner: int
+    extends: bool = False
+
+
+class Hit(NamedTuple):
+    """Where a plane through a vertex leaves its fan: at ``share`` of the way from vertex ``a`` to ``b``."""
+
+    ahead: float
+    a: int
+    b: int
+    share: float
+
+
+@dataclass(eq=False)
+class Walker:
+    """Inserts points and ways into a triangulation, and knows which edges boundaries lie on.
+
+    Attributes
+    ----------
+    net : Triangulation
+    triangles : Triangles
+        The roots, asked for feet.
+    owner : int
+        The number of the boundary that is being inserted.
+    same : frozenset of int
+        Those of earlier boundaries that it coincides with where it is.
+    cut : dict
+        What lies on the edges of boundaries.
+    lines : dict
+        Owners of the boundaries at each vertex.
+    """
+
+    net: Triangulation
+    triangles: Triangles
+    owner: int = 0
+    same: frozenset[int] = frozenset()
+    cut: dict[Edge, Line] = field(default_factory=dict)
+    lines: dict[int, set[int]] = field(default_factory=dict)
+
+    def inserted(self, root: int, place: Triple) -> int:
+        """Return the vertex at a point of a root, a new one unless one lies there."""
+        net = self.net
+        cell, best = root, -np.inf
+        for part in net.parts(root):
+            within = _within(net, part, place)
+            if within > best:
+                cell, best = part, within
+        for a, b in self._edges_first(root, cell):
+            share, size = share_along(place, net.at(a), net.at(b)), net.sizes[root]
+            if apart(place, between(net.at(a), net.at(b), share)) < self._reach(a, b) * size:
+                return self.on_edge(a, b, share, size)
+        return net.split_cell(cell, place)
+
+    def _edges_first(self, root: int, cell: int) -> list[Edge]:
+        """Return the edges at which a point in ``cell`` may lie: boundaries and rims of the root, then its own."""
+        own = _edges(self.net.corners(cell))
+        marked = [
+            edge
+            for part in self.net.parts(root)
+            for edge in _edges(self.net.corners(part))
+            if edge_of(*edge) in self.cut or self.net.rim_edge(*edge)
+        ]
+        return marked + own
+
+    def _reach(self, a: int, b: int) -> float:
+        line = self.cut.get(edge_of(a, b))
+        owner = self.owner if line is None else line.owner
+        if owner in self.same:
+            return AT_SAME_SHARE
+        if owner != self.owner:
+            return AT_OTHER_SHARE
+        return AT_RIM_SHARE if self.net.rim_edge(a, b) else AT_SHARE
+
+    def at_vertex(self, vertex: int) -> float:
+        """Return how near, in L, a point is at a vertex; lines of others stay apart as far as can be."""
+        owners = self.lines.get(vertex)
+        if not owners or self.owner in owners:
+            return AT_SHARE
+        return AT_SAME_SHARE if owners & self.same else AT_OTHER_SHARE
+
+    def on_edge(self, a: int, b: int, share: float, size: float) -> int:
+        """Return the vertex at ``share`` of the way from a to b: one of them, or a new one."""
+        whole = apart(self.net.at(a), self.net.at(b))
+        near_a, near_b = share * whole, (1 - share) * whole
+        if near_a <= near_b and near_a < self.at_vertex(a) * size:
+            return a
+        if near_b < self.at_vertex(b) * size:
+            return b
+        if near_a < self.at_vertex(a) * size:
+            return a
+        return self.split(a, b, share)
+
+    def split(self, a: int, b: int, share: float) -> int:
+        """Return the new vertex at ``share`` of the way from a to b; an edge on a boundary stays on it."""
+        new, line = self.net.split_edge(a, b, share), self.cut.pop(edge_of(a, b), None)
+        if line is not None:
+            self.mark([line.tail, new, line.head], line.owner, line.extends)
+        return new
+
+    def mark(self, path: list[int], owner: int, extends: bool = False) -> None:
+        """Put the edges of a path on a boundary; those that lie on one already stay there."""
+        for a, b in pairwise(path):
+            self.cut.setdefault(edge_of(a, b), Line(a, b, owner, extends))
+            for vertex in (a, b):
+                self.lines.setdefault(vertex, set()).add(owner)
+
+    def way(self, v: int, w: int, halvings: int = MOST_HALVINGS) -> list[int] | None:
+        """Return the vertices of a way over edges from v to w, both with it; None if they do not hang together."""
+        found = self._straight(v, w, halvings)
+        if found is None:
+            found = self._walk(v, w, self.net.vertex_normal(v)) or self._walk(v, w, self.net.vertex_normal(w))
+        return found or self._over_edges(v, w)
+
+    def _straight(self, v: int, w: int, halvings: int) -> list[int] | None:
+        """Walk in the plane of the mean normal; where that goes astray by way of the foot of the middle."""
+        if v == w:
+            return [v]
+        n, other = self.net.vertex_normal(v), self.net.vertex_normal(w)
+        found = self._walk(v, w, direction(along(n, 1.0 if dot(n, other) >= 0 else -1.0, other)))
+        if found is not None or not halvings:
+            return found
+        middle = self._middle(v, w)
+        if middle in (v, w):
+            return None
+        first = self._straight(v, middle, halvings - 1)
+        second = first and self._straight(middle, w, halvings - 1)
+        return first + second[1:] if first and second else None
+
+    def _middle(self, v: int, w: int) -> int:
+        middle = between(self.net.at(v), self.net.at(w), 0.5)
+        foot = self.triangles.nearest(np.array([middle]))
+        root = int(foot.cell[0])
+        return self.inserted(root, place_of(self.net, root, foot.shares[0]))
+
+    def _walk(self, v: int, w: int, normal: Triple) -> list[int] | None:
+        net, goal = self.net, self.net.at(w)
+        left = MOST_CHORDS * apart(net.at(v), goal) + MOST_SIZES * net.size(v)
+        path = [v]
+        while path[-1] != w:
+            here = path[-1]
+            if w in net.neighbours(here):
+                path.append(w)
+                break
+            hit = self.hit(here, less(goal, net.at(here)), normal)
+            if hit is None:
+                return None
+            following = self.on_edge(hit.a, hit.b, hit.share, net.size(here))
+            left -= apart(net.at(here), net.at(following))
+            if left < 0 or following in path:
+                return None
+            path.append(following)
+        return path
+
+    def hit(self, vertex: int, heading: Triple, normal: Triple) -> Hit | None:
+        """Return where the plane of ``heading`` and ``normal`` at a vertex leaves its fan, as far ahead as can be."""
+        net, here, across = self.net, self.net.at(vertex), cross(normal, heading)
+        best: Hit | None = None
+        for cell in net.fan(vertex):
+            a, b = (corner for corner in net.corners(cell) if corner != vertex)
+            from_a, from_b = dot(across, less(net.at(a), here)), dot(across, less(net.at(b), here))
+            if from_a * from_b > 0 or from_a == from_b:
+                continue
+            share = from_a / (from_a - from_b)
+            way = less(between(net.at(a), net.at(b), share), here)
+            ahead = dot(way, heading) / (length(way) or 1.0)
+            if ahead > 0 and (best is None or ahead > best.ahead):
+                best = Hit(ahead, a, b, share)
+        return best
+
+    def _over_edges(self, v: int, w: int) -> list[int] | None:
+        net = self.net
+        limit = MOST_DETOUR_CHORDS * apart(net.at(v), net.at(w)) + MOST_DETOUR_SIZES * net.size(v)
+        ways = ways_over_edges(net, {v: 0.0}, limit, w)
+        if w not in ways:
+            return None
+        path = [w]
+        while path[-1] != v:
+            path.append(ways[path[-1]][1])
+        return path[::-1]
+
+
+def _edges(corners: tuple[int, int, int]) -> list[Edge]:
+    a, b, c = corners
+    return [(a, b), (b, c), (c, a)]
+
+
+def _within(net: Triangulation, cell: int, place: Triple) -> float:
+    """Return how far inside a triangle a point of its plane is: the least distance from an edge, below 0 outside."""
+    corners, normal = net.corners(cell), net.normal(cell)
+    distances = []
+    for a, b in _edges(corners):
+        way = less(net.at(b), net.at(a))
+        distances.append(dot(normal, cross(way, less(place, net.at(a)))) / (length(way) or 1.0))
+    return min(distances)
