@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,9 +14,9 @@ from cpmkit.forms.galerkin.insertion.polylines import Polyline, simplified
 from cpmkit.forms.galerkin.insertion.rims import Run, runs
 from cpmkit.forms.galerkin.insertion.route import chosen
 from cpmkit.forms.galerkin.insertion.triangulation import Triangulation
-from cpmkit.forms.galerkin.insertion.triples import apart
+from cpmkit.forms.galerkin.insertion.triples import Triple, apart
 from cpmkit.forms.galerkin.insertion.walk import Walker
-from cpmkit.protocols import Floats
+from cpmkit.protocols import Floats, Ints
 
 #: A curve is simplified as far as it stays within this share of L, and cut into pieces of at most so many L.
 SIMPLE_SHARE, LONGEST_PIECE_SIZES = 0.01, 2.0
@@ -22,58 +24,74 @@ SIMPLE_SHARE, LONGEST_PIECE_SIZES = 0.01, 2.0
 SHORTEST_LOOP_SIZES = 2.0
 
 
-def insert_curve(walker: Walker, line: Polyline, told: Counter[str]) -> None:
-    """Make a polyline edges of the triangulation.
+class Course(NamedTuple):
+    """A boundary's curve as it is inserted: points (n, 3) that follow one another, and what of it is another's too.
 
-    Parameters
-    ----------
-    walker : Walker
-    line : Polyline
-        In space.
-    told : Counter
-        What there is to tell is counted here: ``erased`` loops, ``parted`` curves whose feet do not hang together.
+    ``on`` (n,) is the earlier boundary on which each lies, -1 where it lies on none.
     """
-    points = pieces(walker.triangles, line)
-    feet = chosen(walker.net, points, walker.triangles.feet(points))
-    for run in runs(walker.net, walker.triangles, points, feet, line.closed):
-        for path in _walked(walker, run, told):
-            walker.mark(without_loops(walker.net, walker.net.expanded(path), told), walker.owner)
+
+    points: Floats
+    closed: bool
+    on: Ints
 
 
-def pieces(triangles: Triangles, line: Polyline) -> Floats:
-    """Return the points (n, 3) of a polyline, simplified and then no farther apart than a few L."""
+def course(triangles: Triangles, line: Polyline, on: Callable[[Floats], Ints]) -> Course:
+    """Return a polyline in space, simplified and then with points no farther apart than a few L.
+
+    ``on`` tells on which earlier boundary points of the curve lie; added points lie where both their neighbours do.
+    """
     points = np.concatenate([line.points, line.points[:1]]) if line.closed else line.points
     size, _ = triangles.nearest_size(points)
     kept = simplified(points, SIMPLE_SHARE * size)
     points, size = points[kept], size[kept]
+    shared = on(points)
     while True:
         chord = np.linalg.norm(np.diff(points, axis=0), axis=1)
-        parts = np.ceil(chord / (LONGEST_PIECE_SIZES * np.minimum(size[:-1], size[1:])))
-        long = np.flatnonzero(parts > 1)
+        long = np.flatnonzero(chord > LONGEST_PIECE_SIZES * np.minimum(size[:-1], size[1:]))
         if not len(long):
-            return points[:-1] if line.closed else points
+            whole = len(points) - line.closed
+            return Course(points[:whole], line.closed, shared[:whole])
         middle = 0.5 * (points[long] + points[long + 1])
         points = np.insert(points, long + 1, middle, axis=0)
         size = np.insert(size, long + 1, triangles.nearest_size(middle)[0])
+        both = np.where(shared[long] == shared[long + 1], shared[long], -1)
+        shared = np.insert(shared, long + 1, both)
 
 
-def _walked(walker: Walker, run: Run, told: Counter[str]) -> Iterable[list[int]]:
+def insert_curve(walker: Walker, line: Course, told: Counter[str]) -> None:
+    """Make a curve edges of the triangulation.
+
+    What there is to tell is counted: ``erased`` loops, ``parted`` curves whose feet do not hang together.
+    """
+    feet = chosen(walker.net, line.points, walker.triangles.feet(line.points))
+    for run in runs(walker.net, walker.triangles, line.points, feet, line.closed):
+        for path in _walked(walker, run, line.on, told):
+            walker.mark(without_loops(walker.net, walker.net.expanded(path), told), walker.owner)
+
+
+def _walked(walker: Walker, run: Run, on: Ints, told: Counter[str]) -> Iterable[list[int]]:
     """Yield the paths of a run: one, unless its feet do not hang together."""
-    targets = list(zip(run.cells.tolist(), run.places.tolist(), strict=True))
-    first = walker.inserted(targets[0][0], tuple(targets[0][1]))
-    path = [first]
-    for cell, place in targets[1:]:
-        vertex = walker.inserted(cell, tuple(place))
-        way = walker.way(path[-1], vertex)
+    owners = np.where(run.points >= 0, on[run.points], -1).tolist()
+    stops = [
+        (_stop(walker, cell, (x, y, z), owner), owner)
+        for cell, (x, y, z), owner in zip(run.cells.tolist(), run.places.tolist(), owners, strict=True)
+    ]
+    path = [stops[0][0]]
+    for (start, before), (goal, owner) in pairwise(stops + stops[:1] if run.closed else stops):
+        along = walker.along_line(start, goal, owner) if before == owner >= 0 else None
+        way = along or walker.way(start, goal)
         if way is None:
             told["parted"] += 1
             yield path
-            path = [vertex]
+            path = [goal]
         else:
             path += way[1:]
-    if run.closed and (way := walker.way(path[-1], first)) is not None:
-        path += way[1:]
     yield path
+
+
+def _stop(walker: Walker, cell: int, place: Triple, owner: int) -> int:
+    vertex = walker.on_line(cell, place, owner) if owner >= 0 else None
+    return walker.inserted(cell, place) if vertex is None else vertex
 
 
 def without_loops(net: Triangulation, path: list[int], told: Counter[str]) -> list[int]:

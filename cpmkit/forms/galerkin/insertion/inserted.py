@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cpmkit.forms.galerkin.insertion.curves import insert_curve
+from cpmkit.forms.galerkin.insertion.curves import Course, course, insert_curve
 from cpmkit.forms.galerkin.insertion.feet import Triangles
 from cpmkit.forms.galerkin.insertion.points import cut_at_points, positions
 from cpmkit.forms.galerkin.insertion.polylines import Polyline, drawn
@@ -21,6 +21,8 @@ from cpmkit.protocols import Floats, Ints
 
 #: A boundary lies on an earlier one where it is nearer to it than this share of the spacing.
 SAME_SHARE = 1e-8
+#: Boundaries nearer to each other than this share of the spacing are inserted without bends towards vertices.
+CLOSE_SHARE = 5e-3
 #: Curves are extended past their tips by so many spacings.
 EXTENSION_SPACINGS = 3.0
 
@@ -69,21 +71,23 @@ def inserted(mesh: SampleMesh, boundaries: Sequence[LocalSource], spacing: float
         cut, empty = cut_at_points(mesh, boundaries)
         return Insertion(cut, empty=empty)
     walker, told = _walker(mesh, spacing), Counter[str]()
-    shared, points = set[tuple[int, int]](), dict[int, Ints]()
+    courses = [_courses(walker, boundaries, number, spacing) for number in range(len(boundaries))]
+    walker.close = frozenset(n for n in range(len(boundaries)) if _runs_close(courses[n], boundaries, n, spacing))
+    points = dict[int, Ints]()
     for number, boundary in enumerate(boundaries):
         walker.owner = number
         at = [positions(member, mesh.vertices) for member in boundary.members if member.manifold_dim == 0]
         if at:
             points[number] = _vertices(walker, np.concatenate(at))
-        for line in _lines(boundary, spacing):
-            walker.same = _coincident(line, boundaries[:number], spacing)
-            shared |= {(number, other) for other in walker.same}
-            insert_curve(walker, Polyline(_in_space(line.points), line.closed), told)
-    walker.same = frozenset()
+        for one in courses[number]:
+            insert_curve(walker, one, told)
     mend(walker, told)
     extend(walker, EXTENSION_SPACINGS * spacing, told)
     cut = _with_lines(walker, mesh.dim)
     empty = tuple(n for n in range(len(boundaries)) if n not in points and n not in cut.owner)
+    shared = {
+        (n, int(k)) for n, lines in enumerate(courses) for line in lines for k in np.unique(line.on[line.on >= 0])
+    }
     return Insertion(cut, points, empty, frozenset(shared), dict(told))
 
 
@@ -92,22 +96,43 @@ def _walker(mesh: SampleMesh, spacing: float) -> Walker:
     return Walker(net, Triangles(net.vertices, net.cells, net.sizes))
 
 
-def _lines(boundary: LocalSource, spacing: float) -> Iterable[Polyline]:
-    for member in boundary.members:
-        if member.manifold_dim == 1:
-            yield from drawn(member, 0.5 * spacing) or []
+def _courses(walker: Walker, boundaries: Sequence[LocalSource], number: int, spacing: float) -> list[Course]:
+    """Return the curves of a boundary."""
+    dim = boundaries[number].dim
+
+    def on(points: Floats) -> Ints:
+        found = np.full(len(points), -1)
+        for other, distance in _distances(points[:, :dim], boundaries[:number], spacing):
+            here = distance <= SAME_SHARE * spacing
+            found[here if here.sum() > 1 else []] = other
+        return found
+
+    lines = [
+        line for member in boundaries[number].members if member.manifold_dim == 1 for line in _drawn(member, spacing)
+    ]
+    return [course(walker.triangles, Polyline(_in_space(line.points), line.closed), on) for line in lines]
 
 
-def _coincident(line: Polyline, earlier: Sequence[LocalSource], spacing: float) -> frozenset[int]:
-    """Return the numbers of those boundaries that some points of a line lie on."""
-    box = np.stack([line.points.min(axis=0) - spacing, line.points.max(axis=0) + spacing])
-    found = set()
-    for number, other in enumerate(earlier):
-        if (other.bounds[0] > box[1]).any() or (other.bounds[1] < box[0]).any():
-            continue
-        if (other.closest_point(line.points).distance <= SAME_SHARE * spacing).sum() > 1:
-            found.add(number)
-    return frozenset(found)
+def _drawn(curve: LocalSource, spacing: float) -> list[Polyline]:
+    return drawn(curve, 0.5 * spacing) or []
+
+
+def _runs_close(lines: Sequence[Course], boundaries: Sequence[LocalSource], own: int, spacing: float) -> bool:
+    """Return whether some points of a boundary's curves lie very near to another boundary, but not on it."""
+    others = [*boundaries[:own], *boundaries[own + 1 :]]
+    for line in lines:
+        for _, distance in _distances(line.points[:, : boundaries[own].dim], others, spacing):
+            if ((distance > SAME_SHARE * spacing) & (distance < CLOSE_SHARE * spacing)).sum() > 1:
+                return True
+    return False
+
+
+def _distances(points: Floats, others: Sequence[LocalSource], spacing: float) -> Iterable[tuple[int, Floats]]:
+    """Yield the number of each boundary of which some points may be near, and their distances from it."""
+    low, high = points.min(axis=0) - spacing, points.max(axis=0) + spacing
+    for number, other in enumerate(others):
+        if (other.bounds[0] <= high).all() and (other.bounds[1] >= low).all():
+            yield number, other.closest_point(points).distance
 
 
 def _vertices(walker: Walker, points: Floats) -> Ints:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,8 +21,12 @@ HALVINGS = 10
 
 
 class Run(NamedTuple):
-    """Feet on roots that a curve passes one after the other; a closed run goes on from the last to the first."""
+    """Feet on roots that a curve passes one after the other; a closed run goes on from the last to the first.
 
+    ``points`` are the numbers of the curve's points, -1 where it passes the rim.
+    """
+
+    points: Ints
     cells: Ints
     places: Floats
     closed: bool
@@ -87,7 +92,7 @@ def _leaving(net: Triangulation, triangles: Triangles, on: Floats, off: Floats) 
         middle = 0.5 * (on + off)
         past = offsets(net, middle[None], triangles.nearest(middle[None]))[0] > OFF_RIM_SHARE
         on, off = (on, middle) if past else (middle, off)
-    return triangles.nearest(off[None])
+    return replace(triangles.nearest(off[None]), point=np.array([-1]))
 
 
 def _joined(parts: list[Feet]) -> Feet:
@@ -96,4 +101,4 @@ def _joined(parts: list[Feet]) -> Feet:
 
 def _run(net: Triangulation, feet: Feet, closed: bool) -> Run:
     corners = net.vertices[net.cells[feet.cell]]
-    return Run(feet.cell, np.einsum("nk,nkd->nd", feet.shares, corners), closed)
+    return Run(feet.point, feet.cell, np.einsum("nk,nkd->nd", feet.shares, corners), closed)

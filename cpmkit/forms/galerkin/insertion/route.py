@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from heapq import heappop, heappush
 from itertools import pairwise
 
@@ -76,7 +77,11 @@ def place_of(net: Triangulation, cell: int, shares: Floats) -> Triple:
 
 
 def ways_over_edges(
-    net: Triangulation, start: dict[int, float], limit: float, goal: int | None = None
+    net: Triangulation,
+    start: dict[int, float],
+    limit: float,
+    goal: int | None = None,
+    beside: Callable[[int], Iterable[int]] | None = None,
 ) -> dict[int, tuple[float, int]]:
     """Return the length of the shortest way over edges to each vertex within ``limit``, and the vertex before it.
 
@@ -88,7 +93,10 @@ def ways_over_edges(
     limit : float
     goal : int, optional
         Where the search may stop.
+    beside : callable, optional
+        Gives the vertices to which ways lead from a vertex; by default over all edges.
     """
+    beside = beside or net.neighbours
     done: dict[int, tuple[float, int]] = {}
     heap = [(way, vertex, vertex) for vertex, way in start.items()]
     heap.sort()
@@ -100,7 +108,17 @@ def ways_over_edges(
         if vertex == goal:
             break
         here = net.at(vertex)
-        for other in net.neighbours(vertex):
+        for other in beside(vertex):
             if other not in done and (reached := way + apart(here, net.at(other))) <= limit:
                 heappush(heap, (reached, other, vertex))
     return done
+
+
+def way_back(ways: dict[int, tuple[float, int]], goal: int) -> list[int] | None:
+    """Return the vertices of the way that was found to ``goal``, from its start on; None if there is none."""
+    if goal not in ways:
+        return None
+    path = [goal]
+    while (before := ways[path[-1]][1]) != path[-1]:
+        path.append(before)
+    return path[::-1]

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections import Counter
 from itertools import pairwise
 
-from cpmkit.forms.galerkin.insertion.triangulation import Edge, edge_of
+from cpmkit.forms.galerkin.insertion.triangulation import edge_of
 from cpmkit.forms.galerkin.insertion.triples import Triple, along, apart, between, direction, length, less, share_along
-from cpmkit.forms.galerkin.insertion.walk import Walker
+from cpmkit.forms.galerkin.insertion.walk import Walker, edges_within
 
 #: Tips nearer than this share of L to a curve or a rim are joined to it; shorter tails are pruned.
 STRAY_SHARE = 0.1
@@ -81,7 +81,7 @@ def _joined(walker: Walker, links: Links, tip: int) -> bool:
     reach = STRAY_SHARE * net.size(tip)
     own = set(_tail(walker, links, tip, OWN_END * reach)[1])
     best, nearest = None, reach
-    for a, b in _edges_within(walker, tip, reach):
+    for a, b in edges_within(net, net.fan(tip), here, reach):
         if not own & {a, b} and (edge_of(a, b) in walker.cut or net.rim_edge(a, b)):
             share = share_along(here, net.at(a), net.at(b))
             gap = apart(here, between(net.at(a), net.at(b), share))
@@ -96,22 +96,6 @@ def _joined(walker: Walker, links: Links, tip: int) -> bool:
         return False
     walker.mark(way if line.head == tip else way[::-1], line.owner)
     return True
-
-
-def _edges_within(walker: Walker, vertex: int, reach: float) -> set[Edge]:
-    """Return the edges within ``reach`` of a vertex, over triangles that hang together there."""
-    net, here = walker.net, walker.net.at(vertex)
-    todo, seen, found = list(net.fan(vertex)), set(net.fan(vertex)), set[Edge]()
-    while todo:
-        a, b, c = net.corners(todo.pop())
-        for p, q in ((a, b), (b, c), (c, a)):
-            near = between(net.at(p), net.at(q), share_along(here, net.at(p), net.at(q)))
-            if apart(here, near) < reach and edge_of(p, q) not in found:
-                found.add(edge_of(p, q))
-                fresh = set(net.cells_at(p, q)) - seen
-                seen |= fresh
-                todo += fresh
-    return found
 
 
 def _heading(walker: Walker, links: Links, tip: int) -> Triple:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cpmkit.forms.galerkin.insertion.feet import Triangles
-from cpmkit.forms.galerkin.insertion.route import place_of, ways_over_edges
+from cpmkit.forms.galerkin.insertion.route import place_of, way_back, ways_over_edges
 from cpmkit.forms.galerkin.insertion.triangulation import Edge, Triangulation, edge_of
 from cpmkit.forms.galerkin.insertion.triples import (
     Triple,
@@ -26,10 +26,12 @@ from cpmkit.forms.galerkin.insertion.triples import (
 
 #: Nearer than this, in L, to a vertex or an edge a point is there.
 AT_SHARE = 1e-3
-#: The same for vertices and edges of other boundaries, and of those that the point's own boundary coincides with.
-AT_OTHER_SHARE, AT_SAME_SHARE = 1e-7, 0.03
+#: The same for vertices and edges of other boundaries.
+AT_OTHER_SHARE = 1e-7
 #: The same for edges and vertices on a rim.
 AT_RIM_SHARE = 0.02
+#: A boundary that coincides with an earlier one is put on what of it lies within this share of L.
+SAME_LINE_SHARE = 0.1
 #: A walk is at most so many chords and so many L long; else it went astray.
 MOST_CHORDS, MOST_SIZES = 1.6, 0.5
 #: How often a way is halved where a walk goes astray.
@@ -67,8 +69,8 @@ class Walker:
         The roots, asked for feet.
     owner : int
         The number of the boundary that is being inserted.
-    same : frozenset of int
-        Those of earlier boundaries that it coincides with where it is.
+    close : frozenset of int
+        Boundaries that run so close to others that a line is not to be bent towards vertices.
     cut : dict
         What lies on the edges of boundaries.
     lines : dict
@@ -78,23 +80,48 @@ class Walker:
     net: Triangulation
     triangles: Triangles
     owner: int = 0
-    same: frozenset[int] = frozenset()
+    close: frozenset[int] = frozenset()
     cut: dict[Edge, Line] = field(default_factory=dict)
     lines: dict[int, set[int]] = field(default_factory=dict)
 
     def inserted(self, root: int, place: Triple) -> int:
         """Return the vertex at a point of a root, a new one unless one lies there."""
         net = self.net
-        cell, best = root, -np.inf
-        for part in net.parts(root):
-            within = _within(net, part, place)
-            if within > best:
-                cell, best = part, within
+        cell = self._part(root, place)
         for a, b in self._edges_first(root, cell):
             share, size = share_along(place, net.at(a), net.at(b)), net.sizes[root]
             if apart(place, between(net.at(a), net.at(b), share)) < self._reach(a, b) * size:
                 return self.on_edge(a, b, share, size)
         return net.split_cell(cell, place)
+
+    def _part(self, root: int, place: Triple) -> int:
+        """Return the part of a root that holds a point."""
+        return max(self.net.parts(root), key=lambda part: _within(self.net, part, place))
+
+    def on_line(self, root: int, place: Triple, owner: int) -> int | None:
+        """Return the vertex, a new one unless one lies there, of a boundary near a point of a root, if there is one."""
+        net, size = self.net, self.net.sizes[root]
+        edges = edges_within(net, [self._part(root, place)], place, SAME_LINE_SHARE * size)
+        gaps = {}
+        for a, b in edges:
+            line = self.cut.get(edge_of(a, b))
+            if line is not None and line.owner == owner:
+                share = share_along(place, net.at(a), net.at(b))
+                gaps[apart(place, between(net.at(a), net.at(b), share))] = (a, b, share)
+        return self.on_edge(*gaps[min(gaps)], size) if gaps else None
+
+    def along_line(self, v: int, w: int, owner: int) -> list[int] | None:
+        """Return the way from v to w along a boundary, if there is a short one."""
+        limit = self._longest(v, w)
+
+        def beside(vertex: int) -> list[int]:
+            lines = ((other, self.cut.get(edge_of(vertex, other))) for other in self.net.neighbours(vertex))
+            return [other for other, line in lines if line is not None and line.owner == owner]
+
+        return way_back(ways_over_edges(self.net, {v: 0.0}, limit, w, beside), w)
+
+    def _longest(self, v: int, w: int) -> float:
+        return MOST_CHORDS * apart(self.net.at(v), self.net.at(w)) + MOST_SIZES * self.net.size(v)
 
     def _edges_first(self, root: int, cell: int) -> list[Edge]:
         """Return the edges at which a point in ``cell`` may lie: boundaries and rims of the root, then its own."""
@@ -109,29 +136,29 @@ class Walker:
 
     def _reach(self, a: int, b: int) -> float:
         line = self.cut.get(edge_of(a, b))
-        owner = self.owner if line is None else line.owner
-        if owner in self.same:
-            return AT_SAME_SHARE
-        if owner != self.owner:
+        if line is not None and line.owner != self.owner:
             return AT_OTHER_SHARE
-        return AT_RIM_SHARE if self.net.rim_edge(a, b) else AT_SHARE
+        return AT_RIM_SHARE if self.net.rim_edge(a, b) else self.at_share
 
-    def at_vertex(self, vertex: int) -> float:
+    def _at_vertex(self, vertex: int) -> float:
         """Return how near, in L, a point is at a vertex; lines of others stay apart as far as can be."""
         owners = self.lines.get(vertex)
-        if not owners or self.owner in owners:
-            return AT_SHARE
-        return AT_SAME_SHARE if owners & self.same else AT_OTHER_SHARE
+        return AT_OTHER_SHARE if owners and self.owner not in owners else self.at_share
+
+    @property
+    def at_share(self) -> float:
+        """How near, in L, a point is at a vertex or an edge."""
+        return AT_OTHER_SHARE if self.owner in self.close else AT_SHARE
 
     def on_edge(self, a: int, b: int, share: float, size: float) -> int:
         """Return the vertex at ``share`` of the way from a to b: one of them, or a new one."""
         whole = apart(self.net.at(a), self.net.at(b))
         near_a, near_b = share * whole, (1 - share) * whole
-        if near_a <= near_b and near_a < self.at_vertex(a) * size:
+        if near_a <= near_b and near_a < self._at_vertex(a) * size:
             return a
-        if near_b < self.at_vertex(b) * size:
+        if near_b < self._at_vertex(b) * size:
             return b
-        if near_a < self.at_vertex(a) * size:
+        if near_a < self._at_vertex(a) * size:
             return a
         return self.split(a, b, share)
 
@@ -179,7 +206,7 @@ class Walker:
 
     def _walk(self, v: int, w: int, normal: Triple) -> list[int] | None:
         net, goal = self.net, self.net.at(w)
-        left = MOST_CHORDS * apart(net.at(v), goal) + MOST_SIZES * net.size(v)
+        left = self._longest(v, w)
         path = [v]
         while path[-1] != w:
             here = path[-1]
@@ -215,13 +242,21 @@ class Walker:
     def _over_edges(self, v: int, w: int) -> list[int] | None:
         net = self.net
         limit = MOST_DETOUR_CHORDS * apart(net.at(v), net.at(w)) + MOST_DETOUR_SIZES * net.size(v)
-        ways = ways_over_edges(net, {v: 0.0}, limit, w)
-        if w not in ways:
-            return None
-        path = [w]
-        while path[-1] != v:
-            path.append(ways[path[-1]][1])
-        return path[::-1]
+        return way_back(ways_over_edges(net, {v: 0.0}, limit, w), w)
+
+
+def edges_within(net: Triangulation, cells: list[int], place: Triple, reach: float) -> set[Edge]:
+    """Return the edges within ``reach`` of a point, of triangles that hang together with ``cells`` there."""
+    todo, seen, found = list(cells), set(cells), set[Edge]()
+    while todo:
+        for p, q in _edges(net.corners(todo.pop())):
+            near = between(net.at(p), net.at(q), share_along(place, net.at(p), net.at(q)))
+            if apart(place, near) < reach and edge_of(p, q) not in found:
+                found.add(edge_of(p, q))
+                fresh = set(net.cells_at(p, q)) - seen
+                seen |= fresh
+                todo += fresh
+    return found
 
 
 def _edges(corners: tuple[int, int, int]) -> list[Edge]:
