@@ -13,6 +13,7 @@ from cpmkit.forms.galerkin.insertion.feet import Triangles
 from cpmkit.forms.galerkin.insertion.points import cut_at_points, positions
 from cpmkit.forms.galerkin.insertion.polylines import Polyline, drawn
 from cpmkit.forms.galerkin.insertion.tips import extend, mend
+from cpmkit.forms.galerkin.insertion.tracing import traced
 from cpmkit.forms.galerkin.insertion.triangulation import Triangulation
 from cpmkit.forms.galerkin.insertion.walk import Walker
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
@@ -85,10 +86,7 @@ def inserted(mesh: SampleMesh, boundaries: Sequence[LocalSource], spacing: float
     extend(walker, EXTENSION_SPACINGS * spacing, told)
     cut = _with_lines(walker, mesh.dim)
     empty = tuple(n for n in range(len(boundaries)) if n not in points and n not in cut.owner)
-    shared = {
-        (n, int(k)) for n, lines in enumerate(courses) for line in lines for k in np.unique(line.on[line.on >= 0])
-    }
-    return Insertion(cut, points, empty, frozenset(shared), dict(told))
+    return Insertion(cut, points, empty, _shared(courses), dict(told))
 
 
 def _walker(mesh: SampleMesh, spacing: float) -> Walker:
@@ -107,14 +105,21 @@ def _courses(walker: Walker, boundaries: Sequence[LocalSource], number: int, spa
             found[here if here.sum() > 1 else []] = other
         return found
 
+    curves = [member for member in boundaries[number].members if member.manifold_dim == 1]
     lines = [
-        line for member in boundaries[number].members if member.manifold_dim == 1 for line in _drawn(member, spacing)
+        line for curve in curves for line in drawn(curve, 0.5 * spacing) or traced(curve, walker.triangles, spacing)
     ]
     return [course(walker.triangles, Polyline(_in_space(line.points), line.closed), on) for line in lines]
 
 
-def _drawn(curve: LocalSource, spacing: float) -> list[Polyline]:
-    return drawn(curve, 0.5 * spacing) or []
+def _shared(courses: Sequence[Sequence[Course]]) -> frozenset[tuple[int, int]]:
+    """Return the pairs of a boundary and an earlier one on which some neighbouring points of it lie."""
+    found = set()
+    for number, lines in enumerate(courses):
+        for line in lines:
+            stretches = line.on[1:][(line.on[1:] == line.on[:-1]) & (line.on[1:] >= 0)]
+            found |= {(number, other) for other in stretches.tolist()}
+    return frozenset(found)
 
 
 def _runs_close(lines: Sequence[Course], boundaries: Sequence[LocalSource], own: int, spacing: float) -> bool:
