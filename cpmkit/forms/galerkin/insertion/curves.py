@@ -21,7 +21,8 @@ from cpmkit.protocols import Floats, Ints
 #: A curve is simplified as far as it stays within this share of L, and cut into pieces of at most so many L.
 SIMPLE_SHARE, LONGEST_PIECE_SIZES = 0.01, 2.0
 #: A curve's own loops shorter than so many L are no part of it: spikes of feet, swallowtails, jitter of a drawing.
-SHORTEST_LOOP_SIZES = 2.0
+#: One that is drawn off the surface has longer ones: by so many times its distance, up to L.
+SHORTEST_LOOP_SIZES, SHORTEST_LOOP_DISTANCES = 2.0, 2.0
 
 
 class Course(NamedTuple):
@@ -64,9 +65,10 @@ def insert_curve(walker: Walker, line: Course, told: Counter[str]) -> None:
     What there is to tell is counted: ``erased`` loops, ``parted`` curves whose feet do not hang together.
     """
     feet = chosen(walker.net, line.points, walker.triangles.feet(line.points))
+    off = float(feet.distance.max())
     for run in runs(walker.net, walker.triangles, line.points, feet, line.closed):
         for path in _walked(walker, run, line.on, told):
-            walker.mark(without_loops(walker.net, walker.net.expanded(path), told), walker.owner)
+            walker.mark(without_loops(walker.net, walker.net.expanded(path), off, told), walker.owner)
 
 
 def _walked(walker: Walker, run: Run, on: Ints, told: Counter[str]) -> Iterable[list[int]]:
@@ -94,16 +96,19 @@ def _stop(walker: Walker, cell: int, place: Triple, owner: int) -> int:
     return walker.inserted(cell, place) if vertex is None else vertex
 
 
-def without_loops(net: Triangulation, path: list[int], told: Counter[str]) -> list[int]:
-    """Return a path with its short loops erased, those through the start of a closed one too."""
-    path = _erased(net, path, told)
+def without_loops(net: Triangulation, path: list[int], off: float, told: Counter[str]) -> list[int]:
+    """Return a path with its short loops erased, those through the start of a closed one too.
+
+    ``off`` is how far from the surface the curve is drawn.
+    """
+    path = _erased(net, path, off, told)
     if len(path) > 2 and path[0] == path[-1]:
         half = len(path) // 2
-        path = _erased(net, path[half:] + path[1 : half + 1], told)
+        path = _erased(net, path[half:] + path[1 : half + 1], off, told)
     return path
 
 
-def _erased(net: Triangulation, path: list[int], told: Counter[str]) -> list[int]:
+def _erased(net: Triangulation, path: list[int], off: float, told: Counter[str]) -> list[int]:
     kept, way = path[:1], [0.0]
     place = {path[0]: 0}
     for vertex in path[1:]:
@@ -111,7 +116,9 @@ def _erased(net: Triangulation, path: list[int], told: Counter[str]) -> list[int
             continue
         reached = way[-1] + apart(net.at(kept[-1]), net.at(vertex))
         before = place.get(vertex)
-        if before is not None and reached - way[before] < SHORTEST_LOOP_SIZES * net.size(vertex):
+        size = net.size(vertex)
+        shortest = SHORTEST_LOOP_SIZES * size + SHORTEST_LOOP_DISTANCES * min(off, size)
+        if before is not None and reached - way[before] < shortest:
             told["erased"] += 1
             for gone in kept[before + 1 :]:
                 if place[gone] > before:

@@ -46,6 +46,7 @@ class Triangulation:
     _root: dict[int, int] = field(default_factory=dict)
     _parts: dict[int, list[int]] = field(default_factory=dict)
     _normals: dict[int, Triple] = field(default_factory=dict)
+    _rims: dict[int, bool] = field(default_factory=dict)
     _vertex_count: int = 0
     _cell_count: int = 0
 
@@ -150,6 +151,13 @@ class Triangulation:
     def rim_root_edge(self, root: int, a: int, b: int) -> bool:
         """Return whether an edge of a root has no other root beside it, split or not."""
         return not any({a, b} <= set(self.cells[other].tolist()) for other in self._given_fan(a) if other != root)
+
+    def has_rim(self, root: int) -> bool:
+        """Return whether an edge of a root has no other root beside it."""
+        if root not in self._rims:
+            a, b, c = self.cells[root].tolist()
+            self._rims[root] = any(self.rim_root_edge(root, *edge) for edge in ((a, b), (b, c), (c, a)))
+        return self._rims[root]
 
     def split_edge(self, a: int, b: int, share: float) -> int:
         """Return a new vertex on an edge, at ``share`` of the way from a to b; all its triangles are split there."""

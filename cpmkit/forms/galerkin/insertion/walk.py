@@ -88,7 +88,7 @@ class Walker:
         """Return the vertex at a point of a root, a new one unless one lies there."""
         net = self.net
         cell = self._part(root, place)
-        for a, b in self._edges_first(root, cell):
+        for a, b in self._lines_first(root, cell):
             share, size = share_along(place, net.at(a), net.at(b)), net.sizes[root]
             if apart(place, between(net.at(a), net.at(b), share)) < self._reach(a, b) * size:
                 return self.on_edge(a, b, share, size)
@@ -123,16 +123,12 @@ class Walker:
     def _longest(self, v: int, w: int) -> float:
         return MOST_CHORDS * apart(self.net.at(v), self.net.at(w)) + MOST_SIZES * self.net.size(v)
 
-    def _edges_first(self, root: int, cell: int) -> list[Edge]:
+    def _lines_first(self, root: int, cell: int) -> list[Edge]:
         """Return the edges at which a point in ``cell`` may lie: boundaries and rims of the root, then its own."""
-        own = _edges(self.net.corners(cell))
-        marked = [
-            edge
-            for part in self.net.parts(root)
-            for edge in _edges(self.net.corners(part))
-            if edge_of(*edge) in self.cut or self.net.rim_edge(*edge)
-        ]
-        return marked + own
+        net, rim = self.net, self.net.has_rim(root)
+        edges = [edge for part in net.parts(root) for edge in _edges(net.corners(part))]
+        lines = [edge for edge in edges if edge_of(*edge) in self.cut or (rim and net.rim_edge(*edge))]
+        return lines + _edges(net.corners(cell))
 
     def _reach(self, a: int, b: int) -> float:
         line = self.cut.get(edge_of(a, b))
