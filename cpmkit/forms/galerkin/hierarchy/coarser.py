@@ -1,0 +1,62 @@
+"""The parting of the next coarser lattice, and its splines in terms of the finer ones.
+
+The coarser lattice has spacing 2h and its origin at h/2, so that its knot planes are every other one of the finer's: a
+cell lies in one coarser cell, a patch in one coarser patch. Which of the copies of a coarser node a finer unknown hangs
+on is told by any patch that reads the unknown: such patches are joined by touching ones that all read it, their coarser
+patches touch or are one, and all of these read the coarser node.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cpmkit.forms.galerkin.parting import Parting
+from cpmkit.forms.galerkin.space.parted import components, parting_of
+from cpmkit.protocols import Bools, Ints
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+#: A piece of the manifold within so many cells along every axis has one unknown. What is within three cells, as is all
+#: that a finer level gives one unknown, lies within two coarser ones.
+SPECK_CELLS = 2
+
+
+def coarser(parting: Parting) -> tuple[Parting, csr_array]:
+    """Return the parting of the lattice of twice the spacing, and the matrix P (n, m) from its unknowns to the finer.
+
+    Notes
+    -----
+    A quadratic spline of spacing 2h is the sum of four of spacing h with the factors (1, 3, 3, 1)/4, along every axis:
+    node J's of 2J - 1 to 2J + 2. Rows of P sum to 1. Coarser patches are components of the patches of one coarser cell
+    that touch; unknowns are made of them as of the finer ones. Samples keep their order.
+    """
+    from scipy.sparse import csr_array
+
+    from cpmkit.forms.galerkin.hierarchy.two_scale_kernels import two_scale
+
+    inside = (parting.cells[parting.touching[:, 0]] >> 1 == parting.cells[parting.touching[:, 1]] >> 1).all(axis=1)
+    count, label = components(len(parting.cells), parting.touching[inside])
+    cells = np.empty((count, parting.dim), dtype=np.int64)
+    cells[label] = parting.cells >> 1
+    touching = _pairs(label[parting.touching[~inside]], count)
+    coarse = parting_of(2 * parting.spacing, cells, touching, label[parting.patch], _specks(cells, touching))
+    indptr, indices, weights = two_scale(parting.cells, parting.unknowns, parting.size, label, cells, coarse.unknowns)
+    return coarse, csr_array((weights, indices, indptr), shape=(parting.size, coarse.size))
+
+
+def _pairs(pairs: Ints, count: int) -> Ints:
+    """Return the distinct pairs of two numbers below ``count``, the smaller first."""
+    codes = np.unique(pairs.min(axis=1) * count + pairs.max(axis=1))
+    return np.stack([codes // count, codes % count], axis=1)
+
+
+def _specks(cells: Ints, touching: Ints) -> Bools:
+    """Return (p,) whether a patch is of a piece that has one unknown."""
+    from cpmkit.forms.galerkin.space.parting_kernels import bounds
+
+    pieces, label = components(len(cells), touching)
+    small: Bools = bounds(cells.astype(np.float64), label, pieces).max(axis=1) < SPECK_CELLS
+    return small[label]

@@ -1,0 +1,39 @@
+"""All levels of a parting, down to a few hundred unknowns."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from cpmkit.forms.galerkin.hierarchy.coarser import coarser
+from cpmkit.forms.galerkin.parting import Parting
+from cpmkit.linear.levels import Level
+from cpmkit.protocols import Ints
+
+#: No coarser level is made of fewer unknowns: they are solved for exactly.
+COARSEST_UNKNOWNS = 400
+#: Nor of a level that has more than this share of the finer one's unknowns: all that is left are specks.
+LEAST_GAIN = 0.9
+
+
+def levels_of(parting: Parting, beside: Ints) -> list[Level]:
+    """Return the steps to coarser levels, from the finest on.
+
+    Parameters
+    ----------
+    parting : Parting
+        The finest.
+    beside : (k,) int64
+        The patches that boundary samples lie in: on each level the unknowns that these read, or that the coarser
+        patches that hold these read, are the strip.
+    """
+    level = replace(parting, patch=np.unique(beside))
+    levels: list[Level] = []
+    while level.size > COARSEST_UNKNOWNS:
+        strip = np.unique(level.unknowns[level.patch])
+        level, prolongation = coarser(level)
+        if level.size > LEAST_GAIN * prolongation.shape[0]:
+            break
+        levels.append(Level(prolongation, strip))
+    return levels

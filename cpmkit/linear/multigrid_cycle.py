@@ -1,0 +1,126 @@
+"""A symmetric V cycle over a form's levels, with coarser operators P' A P."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cpmkit.linear.levels import Level
+from cpmkit.linear.multigrid_exact import Indefinite, PositiveFactors
+from cpmkit.linear.multigrid_lanczos import largest_eigenvalue
+from cpmkit.linear.multigrid_matrix import UnsignedCsr
+from cpmkit.linear.multigrid_smoother import Chebyshev, Smoother, Strip
+from cpmkit.protocols import Floats, Ints
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+#: Products with A of each smoothing, before and after the coarser level.
+SMOOTHING_STEPS = 3
+#: What the eigenvalue that Lanczos' method finds, from below, is multiplied by.
+EIGENVALUE_MARGIN = 1.1
+#: A diagonal entry below this share of the largest is zero: of a piece with one unknown on which a constant is free.
+ROUNDING = 1e-14
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """One level that is smoothed: its matrix, its smoother, and P from the next coarser one."""
+
+    matrix: UnsignedCsr
+    smoother: Smoother
+    prolongation: UnsignedCsr
+
+
+@dataclass(frozen=True, eq=False)
+class Cycle:
+    """A symmetric V cycle.
+
+    Attributes
+    ----------
+    stages : tuple of Stage
+        From the finest on; none where the matrix is small.
+    coarsest : PositiveFactors
+        Of the last level's matrix.
+    """
+
+    stages: tuple[Stage, ...]
+    coarsest: PositiveFactors
+
+    @property
+    def products(self) -> int:
+        """How many products with the finest matrix it takes."""
+        return 2 * self.stages[0].smoother.chebyshev.steps if self.stages else 0
+
+    def apply(self, b: Floats, depth: int = 0) -> Floats:
+        """Return x (n, channels), about the solution of ``A x = b`` on the level at ``depth``."""
+        if depth == len(self.stages):
+            return self.coarsest.solve(b)
+        stage = self.stages[depth]
+        x = stage.smoother.before(b)
+        residual = stage.prolongation.transposed(stage.matrix.residual(x, b))
+        stage.prolongation.add_to(x, self.apply(residual, depth + 1))
+        return stage.smoother.after(x, b)
+
+
+def cycle_of(matrix: csr_array, levels: Sequence[Level], piece: Ints) -> Cycle:
+    """Return the cycle of a symmetric matrix.
+
+    Parameters
+    ----------
+    matrix : csr_array (n, n)
+        A, positive definite but for constants on free pieces.
+    levels : sequence of Level
+        From the finest on.
+    piece : (n,) int64
+        The free piece that an unknown is on, -1 for none.
+
+    Raises
+    ------
+    Indefinite
+        If an eigenvalue of the wrong sign shows.
+    """
+    stages = []
+    for level in levels:
+        P = level.prolongation
+        smoother = _smoother(matrix, _open(level.strip, piece))
+        stages.append(Stage(UnsignedCsr.of(matrix), smoother, UnsignedCsr.of(P)))
+        coarse = np.full(P.shape[1], -1)
+        coarse[P.indices] = np.repeat(piece, np.diff(P.indptr))
+        matrix, piece = (P.T @ (matrix @ P)).tocsr(), coarse
+    return Cycle(tuple(stages), PositiveFactors.of(_held(matrix, piece), "on the coarsest level"))
+
+
+def _smoother(matrix: csr_array, strip: Ints) -> Smoother:
+    exact, diagonal = Strip.of(matrix, strip), matrix.diagonal()
+    swept = abs(diagonal) > ROUNDING * diagonal.max()
+    swept[strip] = False
+    if (diagonal[swept] < 0).any():
+        raise Indefinite("it has entries below zero on the diagonal")
+    inverse = np.zeros(len(diagonal))
+    inverse[swept] = 1 / diagonal[swept]
+    rows = UnsignedCsr.of(matrix)
+    largest = EIGENVALUE_MARGIN * largest_eigenvalue(rows, inverse)
+    return Smoother(Chebyshev(rows, inverse, largest, SMOOTHING_STEPS), exact)
+
+
+def _open(strip: Ints, piece: Ints) -> Ints:
+    """Return the strip without one unknown of each free piece that lies in it whole, on which A is singular."""
+    count = piece.max(initial=-1) + 1
+    inside = np.bincount(piece[strip] + 1, minlength=count + 1) == np.bincount(piece + 1, minlength=count + 1)
+    inside[0] = False
+    labels, first = np.unique(piece[strip], return_index=True)
+    return np.delete(strip, first[inside[labels + 1]])
+
+
+def _held(matrix: csr_array, piece: Ints) -> csr_array:
+    """Return the matrix with one unknown of each free piece held, which fixes the constants there."""
+    from scipy.sparse import dia_array
+
+    labels, first = np.unique(piece, return_index=True)
+    held = np.zeros(len(piece))
+    held[first[labels >= 0]] = matrix.diagonal().max() or 1.0
+    return (matrix + dia_array((held[None, :], [0]), shape=matrix.shape)).tocsr()

@@ -1,0 +1,86 @@
+"""Sparse matrices as compiled kernels take them, cut into parcels of rows for all threads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cpmkit.linear.products import PARCEL_ENTRIES
+from cpmkit.protocols import Floats
+from cpmkit.runtime.threads import run_parcels
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+
+@dataclass(frozen=True, eq=False)
+class UnsignedCsr:
+    """A sparse matrix (n, m) by rows, with unsigned indices; vectors are (n, channels) and contiguous.
+
+    Attributes
+    ----------
+    pointers, columns, entries : (n + 1,) uint64, (z,) uint32, (z,) float64
+        As SciPy's; the columns are shared with it where it has 32 bits for them, the entries always.
+    width : int
+        Number of columns, m.
+    """
+
+    pointers: Any
+    columns: Any
+    entries: Floats
+    width: int
+
+    @classmethod
+    def of(cls, matrix: csr_array) -> UnsignedCsr:
+        """Return the same matrix."""
+        indices = matrix.indices
+        columns = indices.view(np.uint32) if indices.dtype == np.int32 else indices.astype(np.uint32)
+        return cls(matrix.indptr.astype(np.uint64), columns, matrix.data, int(matrix.shape[1]))
+
+    def __len__(self) -> int:
+        return len(self.pointers) - 1
+
+    def residual(self, x: Floats, b: Floats) -> Floats:
+        """Return ``b - A x``."""
+        from cpmkit.linear.multigrid_kernels import subtract
+
+        out = np.empty_like(b)
+        self._parcels(subtract, x, b, out)
+        return out
+
+    def apply(self, x: Floats) -> Floats:
+        """Return ``A x``."""
+        return -self.residual(x, np.zeros((len(self), x.shape[1])))
+
+    def step(self, x: Floats, b: Floats, inverse: Floats, kept: float, added: float, move: Floats) -> Floats:
+        """Return ``x + move`` with the new ``move``, ``kept move + added D^-1 (b - A x)``; ``inverse`` (n,) is D^-1."""
+        from cpmkit.linear.multigrid_kernels import step
+
+        out = np.empty_like(x)
+        self._parcels(step, x, b, inverse, kept, added, move, out)
+        return out
+
+    def add_to(self, fine: Floats, coarse: Floats) -> None:
+        """Add ``A coarse`` to ``fine``."""
+        from cpmkit.linear.multigrid_kernels import prolong
+
+        self._parcels(prolong, coarse, fine)
+
+    def transposed(self, fine: Floats) -> Floats:
+        """Return ``A' fine``."""
+        from cpmkit.linear.multigrid_kernels import restrict
+
+        coarse = np.zeros((self.width, fine.shape[1]))
+        restrict(self.pointers, self.columns, self.entries, fine, coarse)
+        return coarse
+
+    def _parcels(self, kernel: Callable[..., Any], *arguments: Any) -> None:
+        rows = max(PARCEL_ENTRIES * len(self) // max(len(self.entries), 1), 1)
+
+        def work(start: int, stop: int) -> None:
+            kernel(start, stop, self.pointers, self.columns, self.entries, *arguments)
+
+        run_parcels(work, len(self), rows)

@@ -1,0 +1,127 @@
+"""What smooths the error on one level: Chebyshev's iteration, and an exact solve on the strip that conditions tie.
+
+Penalties and couplings make eigenvalues of D^-1 A large that only the strip's unknowns see. The strip is solved for
+exactly, and the iteration runs on the other unknowns, whose eigenvalues no condition moves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cpmkit.linear.multigrid_exact import PositiveFactors
+from cpmkit.linear.multigrid_matrix import UnsignedCsr
+from cpmkit.protocols import Floats, Ints
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+#: The iteration damps the eigenvalues of D^-1 A from this share of the largest on; the coarser levels see the others.
+SMOOTHED_SHARE = 1 / 8
+
+
+@dataclass(frozen=True, eq=False)
+class Chebyshev:
+    """Chebyshev's iteration with D^-1 A on the unknowns where ``inverse`` (n,), which is D^-1, is not zero.
+
+    Attributes
+    ----------
+    matrix : UnsignedCsr
+        A.
+    inverse : (n,) float64
+        D^-1.
+    largest : float
+        The upper end of the interval that it damps, above all eigenvalues.
+    steps : int
+        How many products with A it takes.
+    """
+
+    matrix: UnsignedCsr
+    inverse: Floats
+    largest: float
+    steps: int
+
+    def smoothed(self, x: Floats | None, b: Floats) -> Floats:
+        """Return x, from zero where it is None, after the steps towards ``A x = b``.
+
+        Notes
+        -----
+        Saad, *Iterative methods for sparse linear systems* (2003), algorithm 12.1.
+        """
+        centre, radius = self.largest * (1 + SMOOTHED_SHARE) / 2, self.largest * (1 - SMOOTHED_SHARE) / 2
+        rho = radius / centre
+        if x is None:
+            move = b * (self.inverse / centre)[:, None]
+            x = move
+        else:
+            move = np.zeros_like(b)
+            x = self.matrix.step(x, b, self.inverse, 0.0, 1 / centre, move)
+        for _ in range(self.steps - 1):
+            after = 1 / (2 * centre / radius - rho)
+            x = self.matrix.step(x, b, self.inverse, after * rho, 2 * after / radius, move)
+            rho = after
+        return x
+
+
+@dataclass(frozen=True, eq=False)
+class Strip:
+    """Unknowns (k,) that are solved for exactly while the others are held.
+
+    Attributes
+    ----------
+    unknowns : (k,) int64
+        Their numbers.
+    rows : UnsignedCsr
+        Their rows of A, (k, n).
+    factors : PositiveFactors
+        Of A among them.
+    """
+
+    unknowns: Ints
+    rows: UnsignedCsr
+    factors: PositiveFactors
+
+    @classmethod
+    def of(cls, matrix: csr_array, unknowns: Ints) -> Strip | None:
+        """Return the strip of these unknowns, None where there are none.
+
+        Raises
+        ------
+        Indefinite
+            If A among them has a pivot that is not positive.
+        """
+        if not len(unknowns):
+            return None
+        rows = matrix[unknowns].tocsr()
+        return cls(unknowns, UnsignedCsr.of(rows), PositiveFactors.of(rows[:, unknowns], "beside boundaries"))
+
+    def solve(self, x: Floats | None, b: Floats) -> Floats:
+        """Return x, from zero where it is None, with the strip's equations fulfilled."""
+        if x is None:
+            x = np.zeros_like(b)
+            x[self.unknowns] = self.factors.solve(b[self.unknowns])
+        else:
+            x[self.unknowns] += self.factors.solve(self.rows.residual(x, b[self.unknowns]))
+        return x
+
+
+@dataclass(frozen=True, eq=False)
+class Smoother:
+    """Chebyshev's iteration, after a solve on the strip on the way down and before one on the way up.
+
+    One is the other's adjoint, which makes the cycle symmetric.
+    """
+
+    chebyshev: Chebyshev
+    strip: Strip | None
+
+    def before(self, b: Floats) -> Floats:
+        """Return x, from zero, nearer to the solution of ``A x = b``."""
+        return self.chebyshev.smoothed(None if self.strip is None else self.strip.solve(None, b), b)
+
+    def after(self, x: Floats, b: Floats) -> Floats:
+        """Return x nearer to the solution of ``A x = b``; x may be written to."""
+        x = self.chebyshev.smoothed(x, b)
+        return x if self.strip is None else self.strip.solve(x, b)

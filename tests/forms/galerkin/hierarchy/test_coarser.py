@@ -1,0 +1,119 @@
+"""Coarser splines are finer ones too, patch by patch, whichever of its patches tells a finer unknown's copies."""
+
+from itertools import pairwise, product
+
+import numpy as np
+import pytest
+from galerkin_scenes import circle, plane, plane_circle, space_circle, sphere, together
+from scipy.sparse.csgraph import connected_components
+
+from cpmkit.forms.galerkin.hierarchy.coarser import coarser
+from cpmkit.forms.galerkin.hierarchy.levels import COARSEST_UNKNOWNS, levels_of
+from cpmkit.forms.galerkin.space.parted import part
+from cpmkit.forms.galerkin.space.splines import value_rows
+
+H = 0.05
+UP = np.cross(*np.linalg.qr(np.random.default_rng(3).normal(size=(3, 2)))[0].T)
+SCENES = {
+    "sphere": lambda: sphere(2 * H),
+    "circle": lambda: plane_circle(H),
+    "circle in space": lambda: space_circle(H),
+    "circle with a cut": lambda: circle(H, np.array([1.0, 0.0]), np.array([0.0, 1.0]), np.zeros(2), 2 * np.pi - 1e-9),
+    "two slit squares": lambda: together(*[plane(H, slit=(0.3, 1.1)).moved(0.3 * H * k * UP) for k in (0, 1)]),
+}
+
+
+def parted(name):
+    drawn = SCENES[name]()
+    return drawn.samples.points, part(drawn.samples.points, drawn.contacts, H)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_a_coarser_spline_is_a_finer_one(name):
+    points, fine = parted(name)
+    for _ in range(4):
+        coarse, prolongation = coarser(fine)
+        u = np.random.default_rng(1).standard_normal(coarse.size)
+        moved = points - fine.spacing / 2  # relative to the coarser lattice's origin
+        finer = value_rows(fine, fine.patch, points) @ (prolongation @ u)
+        assert abs(finer - value_rows(coarse, coarse.patch, moved) @ u).max() < 1e-12
+        assert abs(prolongation.sum(axis=1) - 1).max() < 1e-14
+        assert prolongation.has_canonical_format
+        assert np.unique(coarse.unknowns).tolist() == list(range(coarse.size))
+        fine, points = coarse, moved
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_all_patches_that_read_an_unknown_agree_on_its_parents(name):
+    fine = parted(name)[1]
+    coarse, prolongation = coarser(fine)
+    parent = np.empty(len(fine.cells), dtype=np.int64)
+    parent[fine.patch] = coarse.patch
+    for place, unknowns in zip(product(range(3), repeat=fine.dim), fine.unknowns.T, strict=True):
+        node = fine.cells + np.array(place) - 1
+        for choice in product((0, 1), repeat=fine.dim):
+            at = (node >> 1) + np.array(choice) * np.where(node % 2, 1, -1) - coarse.cells[parent] + 1
+            column = coarse.unknowns[parent, np.ravel_multi_index(tuple(at.T), (3,) * fine.dim)]
+            weight = np.where(np.array(choice), 0.25, 0.75).prod()
+            assert np.allclose(np.asarray(prolongation[unknowns, column]), weight, rtol=1e-14)
+
+
+def test_what_does_not_touch_stays_apart():
+    cut, whole = parted("circle with a cut")[1], parted("circle")[1]
+    for _ in range(4):
+        (cut, _), (whole, _) = coarser(cut), coarser(whole)
+        assert len(cut.cells) > len(np.unique(cut.cells, axis=0))
+        assert len(whole.cells) == len(np.unique(whole.cells, axis=0))
+    squares = parted("two slit squares")[1]
+    for _ in range(3):
+        squares = coarser(squares)[0]
+        assert len(squares.nodes) > 2 * len(np.unique(squares.nodes, axis=0))  # two sheets, and more along the slits
+        one, two = (squares.unknowns[half] for half in np.split(squares.patch, 2))
+        assert not len(np.intersect1d(one, two))
+
+
+def test_a_piece_within_two_cells_has_one_unknown():
+    big, small = sphere(2 * H), sphere(2 * H).moved(0.3, scale=2.2 * H)
+    scene, count = together(big, small), len(big.samples)
+    parting = part(scene.samples.points, scene.contacts, H)
+    kept = []
+    for _ in range(4):
+        kept.append(len(np.unique(parting.unknowns[parting.patch[count:]])))
+        parting, prolongation = coarser(parting)
+        assert abs(prolongation.sum(axis=1) - 1).max() < 1e-14
+        if kept[-1] == 1:  # and stays the one of its own
+            alone = np.unique(parting.unknowns[parting.patch[count:]])
+            assert len(alone) == 1
+            assert set(prolongation[:, alone].tocsc().data) == {1.0}
+    assert kept[0] > 100
+    assert kept[-1] == 1
+
+
+def test_levels_end_at_a_few_hundred_unknowns_and_tell_the_strip():
+    points, fine = parted("sphere")
+    beside = np.unique(fine.patch[abs(points[:, 2] - 0.3) < H / 3])
+    levels = levels_of(fine, beside)
+    assert levels[-1].prolongation.shape[1] <= COARSEST_UNKNOWNS < levels[-1].prolongation.shape[0]
+    assert levels[0].strip.tolist() == np.unique(fine.unknowns[beside]).tolist()
+    for level, after in pairwise(levels):
+        fine, prolongation = coarser(fine)
+        assert (prolongation != level.prolongation).nnz == 0
+        assert np.isin(after.strip, np.unique(prolongation[level.strip].indices)).all()
+        assert 0.4 * len(level.strip) < len(after.strip) < 0.7 * len(level.strip)
+    assert levels_of(coarser(fine)[0], np.zeros(0, dtype=np.int64)) == []
+
+
+def test_a_thousand_specks_end_the_levels():
+    one = sphere(1.0).moved(0.0, scale=0.5 * H)
+    scene = together(*[one.moved(4 * H * np.array([i, j, k])) for i, j, k in product(range(10), repeat=3)])
+    fine = part(scene.samples.points, scene.contacts, H)
+    assert fine.size == 1000
+    assert levels_of(fine, np.zeros(0, dtype=np.int64)) == []
+
+
+def test_pieces_keep_apart_on_all_levels():
+    one = sphere(2 * H)
+    scene = together(one, one.moved(0.2 * H), one.moved(np.array([2.0 + 0.3 * H, 0.0, 0.0])))
+    for level in levels_of(part(scene.samples.points, scene.contacts, H), np.zeros(0, dtype=np.int64)):
+        coupled = level.prolongation.T @ level.prolongation
+        assert connected_components(coupled, directed=False)[0] == 3

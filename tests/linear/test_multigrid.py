@@ -1,0 +1,170 @@
+"""Multigrid finds what the direct solver finds, in as many iterations on finer lattices, or says why not."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from galerkin_systems import circle_beside, mass_of, sphere_space, stiffness_of, two_spheres
+
+from cpmkit.errors import ConvergenceError, SceneError
+from cpmkit.forms.free_constants import free_pieces
+from cpmkit.forms.galerkin.hierarchy.levels import levels_of
+from cpmkit.forms.galerkin.space import energy
+from cpmkit.linear import multigrid_cycle
+from cpmkit.linear.direct import Direct
+from cpmkit.linear.multigrid import Multigrid
+from cpmkit.linear.operators import Bordered, CsrOperator
+
+NOWHERE = np.zeros(0, dtype=np.int64)
+sphere = cache(sphere_space)
+
+
+def load(space, *functions):
+    return energy.load(space, np.stack([f(*space.samples.points.T) for f in functions], axis=1))
+
+
+def plus(operator, matrix):
+    return CsrOperator((operator.matrix + matrix).tocsr(), symmetric=True)
+
+
+def smooth(x, y, z):
+    return 3 * z + x * y
+
+
+def iterations(space, operator, beside=NOWHERE, tolerance=1e-10):
+    u, report = Multigrid().prepare(operator, levels_of(space.parting, beside)).solve(load(space, smooth), tolerance)
+    assert report.residual <= tolerance
+    assert np.isfinite(u).all()
+    return report.iterations
+
+
+def test_iterations_do_not_grow():
+    taken = [iterations(space, stiffness_of(space, 1.0)) for space in map(sphere, (0.16, 0.08, 0.05))]
+    assert max(taken) <= 25
+    assert taken[-1] <= taken[0] + 3
+
+
+@pytest.mark.slow
+def test_iterations_do_not_grow_up_to_a_third_of_a_million():
+    taken = [iterations(space, stiffness_of(space, 1.0)) for space in map(sphere_space, (0.05, 0.025, 0.0137))]
+    assert max(taken) <= 25
+    assert taken[-1] <= taken[0] + 3
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1e6])
+def test_no_unit_of_length_matters(unit):
+    space = sphere_space(0.1 * unit, unit)
+    one, other = sphere(0.1), stiffness_of(space, 1 / unit**2)
+    assert abs(iterations(space, other) - iterations(one, stiffness_of(one, 1.0))) <= 1
+    assert iterations(space, CsrOperator(unit**2 * other.matrix, symmetric=True)) == iterations(space, other)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_no_place_of_the_lattice_matters(seed):
+    space = sphere_space(0.15, shift=np.random.default_rng(seed).uniform(-1, 1, 3))
+    assert iterations(space, stiffness_of(space, 1.0)) <= 25
+
+
+def test_a_strip_hides_its_penalties():
+    with_strip, without = [], []
+    for space in map(sphere, (0.16, 0.08, 0.05)):
+        beside, penalty = circle_beside(space, 0.31)
+        operator = plus(stiffness_of(space, 1.0), penalty)
+        with_strip.append(iterations(space, operator, beside))
+        without.append(iterations(space, operator))
+    assert max(with_strip) <= 25
+    assert min(without) > 2 * max(with_strip)
+
+
+def test_a_strip_without_penalties_that_holds_whole_pieces_does_no_harm():
+    space = two_spheres(0.2)
+    stiffness = stiffness_of(space)
+    operator = Bordered(stiffness, free_pieces(stiffness, mass_of(space)))
+    on_one = np.arange(len(space.parting.cells) // 2)
+    assert iterations(space, operator, on_one) <= 25
+
+
+def test_it_finds_what_the_direct_solver_finds():
+    space = sphere(0.1)
+    beside, penalty = circle_beside(space, 0.31)
+    operator = plus(stiffness_of(space), penalty)
+    b = load(space, smooth, lambda x, y, z: np.sign(x), lambda x, y, z: 0 * x)
+    u, report = Multigrid().prepare(operator, levels_of(space.parting, beside)).solve(b, 1e-11)
+    exact, _ = Direct().prepare(operator).solve(b, 1e-10)
+    assert abs(u - exact).max() < 1e-9 * abs(exact).max()
+    assert not u[:, 2].any()
+    assert report.operator_applications >= 7 * report.iterations
+
+
+def test_constants_free_on_two_pieces_are_those_of_the_direct_solver():
+    space = two_spheres(0.12)
+    stiffness, mass = stiffness_of(space), mass_of(space)
+    for border in (free_pieces(stiffness, mass), free_pieces(stiffness, None)):
+        assert border.indicator.shape[1] == 2
+        operator = Bordered(stiffness, border)
+        b = load(space, smooth, lambda x, y, z: x + 2)  # which has no solution: the border takes the means
+        u, report = Multigrid().prepare(operator, levels_of(space.parting, NOWHERE)).solve(b, 1e-11)
+        exact, _ = Direct().prepare(operator).solve(b, 1e-10)
+        assert abs(u - exact).max() < 1e-9 * abs(exact).max()
+        assert report.iterations <= 28
+        again = Multigrid().prepare(operator, levels_of(space.parting, NOWHERE)).solve(b, 1e-9, exact)[1]
+        assert again.iterations == 0
+
+
+def test_a_guess_near_the_solution_saves_iterations():
+    space = sphere(0.1)
+    prepared = Multigrid().prepare(stiffness_of(space, 1.0), levels_of(space.parting, NOWHERE))
+    b = load(space, smooth)
+    u, first = prepared.solve(b, 1e-10)
+    kept = u.copy()
+    near, second = prepared.solve(1.001 * b, 1e-10, u)
+    assert second.iterations < first.iterations
+    assert (u == kept).all()
+    assert abs(near - 1.001 * u).max() < 1e-8 * abs(u).max()
+
+
+@pytest.mark.parametrize("shift", [1.0, 8.0, 200.0])
+def test_an_indefinite_system_is_told(shift):
+    space = sphere(0.1)
+    with pytest.raises(ConvergenceError, match="indefinite") as caught:
+        iterations(space, plus(stiffness_of(space), -shift * mass_of(space).matrix))
+    assert not caught.value.report.converged
+
+
+def test_a_strip_of_the_wrong_sign_is_told():
+    space = sphere(0.1)
+    beside, penalty = circle_beside(space, 0.31)
+    with pytest.raises(ConvergenceError, match=r"indefinite.*beside boundaries"):
+        iterations(space, plus(stiffness_of(space, 1.0), -0.2 * penalty), beside)
+
+
+def test_an_interval_that_is_too_small_gives_no_wrong_answer(monkeypatch):
+    space = sphere(0.1)
+    operator = stiffness_of(space, 1.0)
+    usual = iterations(space, operator)
+    monkeypatch.setattr(multigrid_cycle, "EIGENVALUE_MARGIN", 0.9)
+    assert iterations(space, operator) <= 2 * usual
+    for share in (0.6, 0.3):
+        monkeypatch.setattr(multigrid_cycle, "EIGENVALUE_MARGIN", share)
+        with pytest.raises(ConvergenceError) as caught:
+            iterations(space, operator)
+        assert not caught.value.report.converged
+
+
+def test_what_it_cannot_solve_is_refused_with_what_can():
+    space = sphere(0.1)
+    matrix = stiffness_of(space, 1.0).matrix
+    with pytest.raises(SceneError, match="solver='direct'"):
+        Multigrid().prepare(CsrOperator(matrix, symmetric=False))
+    large = sphere(0.05)
+    with pytest.raises(SceneError, match="coarser levels"):
+        Multigrid().prepare(stiffness_of(large, 1.0))
+    assert Multigrid().prepare(CsrOperator(matrix, symmetric=True)).solve(load(space, smooth), 1e-10)[1].iterations == 1
+
+
+def test_too_few_iterations_are_told():
+    space = sphere(0.1)
+    with pytest.raises(ConvergenceError, match="max_iterations"):
+        Multigrid(3).prepare(stiffness_of(space, 1.0), levels_of(space.parting, NOWHERE)).solve(
+            load(space, smooth), 1e-10
+        )
