@@ -1,0 +1,125 @@
+"""Where lattice edges cross a surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cpmkit.forms.galerkin.contouring.marching import ARRIVED, GRAZING, TOLD_BY_NODE, Seen, first_hits, look
+from cpmkit.forms.galerkin.contouring.nodes import ALIKE_COSINE, Nodes
+from cpmkit.grid.lattice import find
+from cpmkit.manifold.local_source import LocalSource
+from cpmkit.manifold.vectors import dots
+from cpmkit.protocols import Bools, Floats, Ints
+
+#: A plane through a crossing explains what is seen at the edge's other end up to this share of the edge.
+EXPLAINED = 0.1
+#: Crossings of one edge are this share of it apart.
+APART = 0.1
+#: Where the surface looks plane it is asked this far, as a share of the edge, beside the crossing: for the normal.
+BESIDE = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Crossings:
+    """Points at which lattice edges cross the surface.
+
+    Attributes
+    ----------
+    node : (c, 3) int64
+        The lower end of the edge.
+    axis : (c,) int64
+        The edge's axis.
+    points, normals : (c, 3) float64
+        Where it crosses the surface, and the unit normal there, of either sign.
+    """
+
+    node: Ints
+    axis: Ints
+    points: Floats
+    normals: Floats
+
+
+def crossings(source: LocalSource, nodes: Nodes) -> Crossings:
+    """Return where edges between ``nodes`` cross the surface: at most twice an edge, once from either end."""
+    tail, head, axis = _candidates(nodes)
+    s = nodes.spacing
+    along = np.eye(3)[axis]
+    t, normal = np.full(len(tail), np.nan), np.zeros((len(tail), 3))
+    plane = ~nodes.unlike[tail, axis]
+    through = plane & (dots(nodes.normals[tail], nodes.normals[head]) < 0)
+    rows = np.flatnonzero(through & (dots(nodes.normals[tail], along) < 0))
+    t[rows], normal[rows] = _through_plane(source, nodes, tail[rows], head[rows], along[rows])
+    rows = np.flatnonzero(np.isnan(t) & (~plane | through))
+    t[rows], normal[rows] = _marched(source, nodes, tail[rows], head[rows], along[rows], np.full(len(rows), s))
+    grazed = np.flatnonzero(np.isnan(t) & through)  # it crosses all the same, and a hole would be left
+    t[grazed] = s * nodes.distance[tail[grazed]] / (nodes.distance[tail[grazed]] + nodes.distance[head[grazed]])
+    normal[grazed] = nodes.normals[tail[grazed]]
+    same, other = _same_sheet(nodes, head[rows], along[rows], t[rows], normal[rows])
+    bulges = rows[same & ~other & ~through[rows]]  # out and in again between two nodes: neither crossing is kept
+    t[bulges] = np.nan
+    none_left = np.isnan(t[rows]) & ~((nodes.distance[head[rows]] < ARRIVED * s) & ~nodes.rim[head[rows]])
+    back = rows[~same & ~none_left]
+    room = np.where(np.isnan(t[back]), s, s - t[back] - APART * s)
+    t_back, normal_back = _marched(source, nodes, head[back], tail[back], -along[back], room)
+    tails = np.concatenate([tail, tail[back]])
+    t, normal = np.concatenate([t, s - t_back]), np.concatenate([normal, normal_back])
+    axis = np.concatenate([axis, axis[back]])
+    kept = np.flatnonzero(~np.isnan(t))
+    points = nodes.positions[tails[kept]] + t[kept, None] * np.eye(3)[axis[kept]]
+    return Crossings(nodes.index[tails[kept]], axis[kept], points, normal[kept])
+
+
+def _candidates(nodes: Nodes) -> tuple[Ints, Ints, Ints]:
+    """Return the ends and axes of the edges that a distance below their length at both ends lets cross the surface."""
+    tails, heads, axes = [], [], []
+    for axis, stride in enumerate(nodes.codes.strides):
+        head = find(nodes.table, nodes.table + stride)
+        reach = nodes.distance + np.where(head >= 0, nodes.distance[head], np.inf)
+        tail = np.flatnonzero(reach <= nodes.spacing * (1 + 1e-9))
+        tails.append(tail)
+        heads.append(head[tail])
+        axes.append(np.full(len(tail), axis))
+    return np.concatenate(tails), np.concatenate(heads), np.concatenate(axes)
+
+
+def _through_plane(source: LocalSource, nodes: Nodes, tail: Ints, head: Ints, along: Floats) -> tuple[Floats, Floats]:
+    """Return the crossing of edges whose ends lie on both sides of what looks like one plane; NaN where it was not."""
+    s = nodes.spacing
+    d0, d1 = nodes.distance[tail] / s, -nodes.distance[head] / s
+    m0, m1 = dots(nodes.normals[tail], along), -dots(nodes.normals[head], along)
+    t = d0 / (d0 - d1)
+    for _ in range(2):  # Newton's steps on Hermite's cubic
+        a, b = 2 * d0 - 2 * d1 + m0 + m1, -3 * d0 + 3 * d1 - 2 * m0 - m1
+        value, slope = ((a * t + b) * t + m0) * t + d0, (3 * a * t + 2 * b) * t + m0
+        with np.errstate(all="ignore"):
+            t = np.clip(np.where(np.abs(slope) > GRAZING, t - value / slope, t), 0.0, 1.0)
+    asked = np.maximum(t - BESIDE / np.maximum(np.abs(m0), 0.1), 0.0) * s
+    seen = look(source, nodes.positions[tail] + asked[:, None] * along, nodes.normals[tail], s)
+    slope = dots(seen.normal, along)
+    with np.errstate(all="ignore"):
+        t = asked - seen.distance / slope
+    good = seen.inner & (np.abs(slope) > GRAZING) & (seen.distance < 4 * BESIDE * s) & (t > -ARRIVED * s)
+    good &= (t < (1 + ARRIVED) * s) & (np.abs(dots(seen.normal, nodes.normals[tail])) > 0.7)
+    return np.where(good, np.clip(t, 0.0, s), np.nan), seen.normal
+
+
+def _marched(
+    source: LocalSource, nodes: Nodes, tail: Ints, head: Ints, along: Floats, room: Floats
+) -> tuple[Floats, Floats]:
+    s = nodes.spacing
+    seen = Seen(nodes.distance[tail], nodes.normals[tail], ~nodes.rim[tail])
+    ahead = nodes.distance[head]
+    told = (ahead < ARRIVED * s) & ~nodes.rim[head]
+    stop = np.where(told, (1 - TOLD_BY_NODE) * s, np.minimum(s, s - ahead + TOLD_BY_NODE * s))
+    return first_hits(source, nodes.positions[tail], along, s, seen, np.minimum(stop, room))
+
+
+def _same_sheet(nodes: Nodes, head: Ints, along: Floats, t: Floats, normal: Floats) -> tuple[Bools, Bools]:
+    """Return whether the head of an edge sees only the plane through the crossing at ``t``, and its other side."""
+    s = nodes.spacing
+    slope, alike = dots(normal, along), dots(nodes.normals[head], normal)
+    height = np.abs(s - t) * np.abs(slope)
+    explained = (np.abs(height - nodes.distance[head]) < EXPLAINED * s) & (np.abs(alike) > ALIKE_COSINE)
+    return np.asarray(explained), np.asarray(alike * slope > 0)

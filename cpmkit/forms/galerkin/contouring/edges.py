@@ -1,0 +1,100 @@
+"""Edges of triangles: how many triangles each has, and the conormals of those with one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cpmkit.manifold.vectors import dots, norms, unit
+from cpmkit.protocols import Floats, Ints
+
+
+@dataclass(frozen=True, eq=False)
+class Edges:
+    """The edges of triangles; edge j of a triangle is opposite to its corner j.
+
+    Attributes
+    ----------
+    ends : (e, 2) int64
+        Their vertices, the lower number first.
+    of : (m, 3) int64
+        The edges of each triangle.
+    count : (e,) int64
+        How many triangles each has.
+    """
+
+    ends: Ints
+    of: Ints
+    count: Ints
+
+    @property
+    def nonmanifold_share(self) -> float:
+        """The share of edges with three triangles or more."""
+        return float((self.count > 2).mean()) if len(self.count) else 0.0
+
+
+def edges_of(cells: Ints) -> Edges:
+    """Return the edges of triangles or quadrilaterals ``cells`` (m, k), the first from corner 1 to corner 2."""
+    k = cells.shape[1]
+    places = (np.arange(k)[:, None] + [1, 2]) % k
+    ends = np.sort(cells[:, places].reshape(-1, 2), axis=1)
+    size = int(cells.max(initial=0)) + 1
+    codes, of, count = np.unique(ends[:, 0] * size + ends[:, 1], return_inverse=True, return_counts=True)
+    return Edges(np.stack(np.divmod(codes, size), axis=1), of.reshape(-1, k), count.astype(np.int64))
+
+
+@dataclass(frozen=True, eq=False)
+class Border:
+    """The edges of one triangle each.
+
+    Attributes
+    ----------
+    edge : (b,) int64
+        Their numbers among all edges.
+    ends : (b, 2) int64
+        Their vertices.
+    middles, conormals : (b, 3) float64
+        Halfway between those, and the unit vectors in the triangles' planes that point outwards there.
+    """
+
+    edge: Ints
+    ends: Ints
+    middles: Floats
+    conormals: Floats
+
+
+def border_of(vertices: Floats, cells: Ints, edges: Edges) -> Border:
+    """Return the edges that one triangle has alone."""
+    cell, corner = np.nonzero(edges.count[edges.of] == 1)
+    ends = np.stack([cells[cell, (corner + 1) % 3], cells[cell, (corner + 2) % 3]], axis=1)
+    a, b, apex = vertices[ends[:, 0]], vertices[ends[:, 1]], vertices[cells[cell, corner]]
+    middle, along = 0.5 * (a + b), unit(b - a)
+    out = middle - apex
+    conormal = unit(out - dots(out, along)[:, None] * along)
+    flat = norms(conormal) == 0
+    conormal[flat] = unit(out[flat])
+    return Border(edges.of[cell, corner], ends, middle, conormal)
+
+
+def split_fans(cells: Ints, edges: Edges) -> tuple[Ints, Ints]:
+    """Return the triangles with a vertex of its own for each fan, and of which vertex each of those is a copy."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    slots = np.argsort(edges.of.ravel(), kind="stable")
+    same = np.flatnonzero(np.diff(edges.of.ravel()[slots]) == 0)
+    one, other = slots[same], slots[same + 1]
+    pairs = []
+    for step in (1, 2):  # the corners at either end of a shared edge
+        a = one // 3 * 3 + (one + step) % 3
+        matches = [other // 3 * 3 + (other + k) % 3 for k in (1, 2)]
+        alike = cells.ravel()[a] == cells.ravel()[matches[0]]
+        pairs.append((a, np.where(alike, matches[0], matches[1])))
+    rows, columns = (np.concatenate(ends) for ends in zip(*pairs, strict=True))
+    corners = cells.size
+    graph = coo_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(corners, corners))
+    count, fan = connected_components(graph, directed=False)
+    copied = np.empty(count, dtype=np.int64)
+    copied[fan] = cells.ravel()
+    return fan.astype(np.int64).reshape(-1, 3), copied
