@@ -38,7 +38,7 @@ def explained(scene: Scene, asked: Options[GalerkinOptions], solver: str, progre
             counts = {name: _extrapolated(counts[name], coarse[name], ratio, m) for name in counts}
     progress("rehearsal", 1.0)
     factor = scene.problem.factorise_up_to * form.factorise_up_to
-    chosen = choose_solver(solver, round(counts["unknowns"]), largest_dim(scene.surface), factor)
+    chosen = choose_solver(solver, round(counts["unknowns"]), largest_dim(scene.surface), factor, form.has_levels)
     return Explanation(
         (*_parts(scene, form, counts, asked), solver_part(scene, chosen, solver)),
         _left_out(scene),
@@ -69,7 +69,7 @@ def _extrapolated(fine: float, coarse: float, ratio: float, m: int) -> float:
     """Return ``a / h^m + b / h^(m - 1)`` through counts at h = 1 and 2, at h = 1 / ratio."""
     a = (fine - coarse * 2 ** (m - 1)) / (1 - 0.5)
     b = fine - a
-    return max(a * ratio**m + b * ratio ** (m - 1), fine)
+    return float(max(a * ratio**m + b * ratio ** (m - 1), fine))
 
 
 def _parts(scene: Scene, form: Galerkin, counts: Mapping[str, float], asked: Options[GalerkinOptions]) -> list[Part]:

@@ -131,6 +131,9 @@ class Discretized(ABC):
     #: How many times more unknowns than of the form ``collocation`` a factorisation is worth.
     factorise_up_to: ClassVar[float] = 1.0
 
+    #: Whether :meth:`levels` gives a multigrid something to work on.
+    has_levels: ClassVar[bool] = False
+
     scene: Scene
 
     # What there is

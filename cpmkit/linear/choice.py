@@ -8,6 +8,7 @@ from typing import Any
 
 from cpmkit.errors import InputError, shown
 from cpmkit.linear.direct import Direct
+from cpmkit.linear.multigrid import Multigrid
 from cpmkit.linear.reference import Reference
 from cpmkit.plugins import call, factory, installed_kinds
 from cpmkit.protocols import LinearSolver
@@ -16,19 +17,31 @@ from cpmkit.runtime.declared import Declared, declared, option
 
 #: Up to this many unknowns, by dimension of the manifold, a direct factorisation is the quicker one.
 DIRECT_UNKNOWNS = {0: 10**6, 1: 100_000, 2: 6_000, 3: 3_000}
-SOLVERS: Mapping[str, Callable[..., LinearSolver]] = {"direct": Direct, "reference": Reference}
+SOLVERS: Mapping[str, Callable[..., LinearSolver]] = {
+    "direct": Direct,
+    "reference": Reference,
+    "multigrid": Multigrid,
+}
 #: Options of the built-in solvers.
-SOLVER_OPTIONS = {"auto": ("max_iterations",), "direct": (), "reference": ("max_iterations",)}
+SOLVER_OPTIONS = {
+    "auto": ("max_iterations",),
+    "direct": (),
+    "reference": ("max_iterations",),
+    "multigrid": ("max_iterations",),
+}
 
 
-def choose_solver(name: str, unknowns: int, manifold_dim: int, factor: float = 1.0) -> str:
+def choose_solver(name: str, unknowns: int, manifold_dim: int, factor: float = 1.0, has_levels: bool = False) -> str:
     """Return the solver that ``name`` means for this many unknowns; ``auto`` takes the quicker one.
 
-    A ``factor`` above one is for what an iterative solver does slowly or not at all.
+    A ``factor`` above one is for what an iterative solver does slowly or not at all; forms that have coarser levels are
+    solved by multigrid where factors are too large.
     """
     if name != "auto":
         return name
-    return "direct" if unknowns <= factor * DIRECT_UNKNOWNS.get(manifold_dim, 0) else "reference"
+    if unknowns <= factor * DIRECT_UNKNOWNS.get(manifold_dim, 0):
+        return "direct"
+    return "multigrid" if has_levels else "reference"
 
 
 def _check_tolerance(tolerance: Any, what: str) -> float:
@@ -65,7 +78,9 @@ class SolverOptions(Declared):
         or not what is accepted.
     """
 
-    solver: str = option("auto", "``auto``, ``direct``, ``reference``, or the kind of a solver that a plugin offers.")
+    solver: str = option(
+        "auto", "``auto``, ``direct``, ``reference``, ``multigrid``, or the kind of a solver that a plugin offers."
+    )
     tolerance: float = option(1e-10, "Relative residual, recomputed after the solve.", _check_tolerance)
     further: Mapping[str, Any] = field(default_factory=dict)
 

@@ -10,7 +10,7 @@ from cpmkit.runtime.compilation import compiled
 
 @compiled
 def walk(facets: Ints, senses: Ints) -> Ints:
-    """Return signs (m,) of cells; ``facets`` (m, k) are numbers, ``senses`` (m, k) 1 or -1, unlike where wound alike."""
+    """Return signs (m,) of cells, by the numbers of their ``facets`` (m, k), and ``senses`` (m, k), unlike if alike."""
     cells, k = facets.shape
     first = np.full(facets.max() + 1, -1)
     parent, sign = np.arange(cells), np.ones(cells, dtype=np.int64)

@@ -8,9 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from cpmkit.errors import SceneError
 from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples, boundary_samples
 from cpmkit.forms.galerkin.conditions.held import Held, held, needs_rims
 from cpmkit.forms.galerkin.conditions.sides import left_of_boundaries
+from cpmkit.forms.galerkin.contouring.surfaces import triangulated
 from cpmkit.forms.galerkin.insertion.inserted import inserted
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.sample_mesh import HalfFacets, SampleMesh, Samples
@@ -130,9 +132,14 @@ def sample(scene: Scene, options: Options[GalerkinOptions], progress: Progress) 
 def _cells(surface: LocalSource, spacing: float) -> tuple[SampleMesh, bool, tuple[str, ...]]:
     """Return a sound mesh of the manifold, whether its cells are to be curved, and what is to be told of it."""
     own = cells_of(surface, spacing)
-    assert own is not None
-    mesh, mended = sound(own.mesh)
-    return mesh, own.curved, ()
+    if own is not None:
+        return sound(own.mesh)[0], own.curved, ()
+    if surface.manifold_dim == 1:
+        raise SceneError(
+            "the form 'galerkin' needs a curve that draws itself, got one with closest points alone; give the source a "
+            "method mesh(spacing), or use form='collocation'."
+        )
+    return triangulated(surface, spacing, curved=False)[0], True, ()
 
 
 def _joined(first: Samples, second: Samples) -> Samples:

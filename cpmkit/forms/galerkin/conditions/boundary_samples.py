@@ -67,7 +67,7 @@ class BoundarySamples:
 
 
 def boundary_samples(
-    mesh: SampleMesh, half: HalfFacets, rims: bool, points: Mapping[int, int] | None = None
+    mesh: SampleMesh, half: HalfFacets, rims: bool, points: Mapping[int, Ints] | None = None
 ) -> BoundarySamples:
     """Return the samples on the facets of boundaries, and on other rims where ``rims`` says so.
 
@@ -79,7 +79,7 @@ def boundary_samples(
         Its facets on boundaries and rims, from each cell.
     rims : bool
         Whether anything is to be read on rims where no boundary lies.
-    points : mapping of int to int, optional
+    points : mapping of int to (k,) int64, optional
         Vertices that are points of a surface with a condition, by the number of the boundary.
     """
     chosen = np.flatnonzero((half.cut >= 0) | rims)
@@ -111,9 +111,10 @@ def joined(first: BoundarySamples, second: BoundarySamples) -> BoundarySamples:
     return BoundarySamples(*[np.concatenate([getattr(first, name), getattr(second, name)]) for name in names])
 
 
-def _at_vertices(mesh: SampleMesh, points: Mapping[int, int]) -> BoundarySamples:
+def _at_vertices(mesh: SampleMesh, points: Mapping[int, Ints]) -> BoundarySamples:
     """Return the points of a surface, each in one of the triangles that meet there."""
-    owner, vertex = (np.array(list(part), dtype=np.int64) for part in (points.keys(), points.values()))
+    owner = np.repeat(list(points), [len(one) for one in points.values()])
+    vertex = np.concatenate(list(points.values()))
     order = np.argsort(mesh.cells, axis=None, kind="stable")
     cell = order[np.searchsorted(mesh.cells.ravel()[order], vertex)] // mesh.cells.shape[1]
     normals = on_edge(mesh, cell, np.zeros_like(cell), np.zeros(len(cell), dtype=bool))[3][:, 0]

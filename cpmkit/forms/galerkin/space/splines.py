@@ -55,7 +55,7 @@ def _product(factors: Floats) -> Floats:
     """Return (k, 3^d) the products over axes of ``factors`` (k, d, 3), the last axis running fastest."""
     entries = factors[:, 0]
     for axis in range(1, factors.shape[1]):
-        entries = (entries[:, :, None] * factors[:, axis, None, :]).reshape(len(entries), -1)
+        entries = (entries[:, :, None] * factors[:, axis, None, :]).reshape(len(entries), 3 ** (axis + 1))
     return entries
 
 
