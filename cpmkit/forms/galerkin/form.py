@@ -20,12 +20,13 @@ from cpmkit.forms.galerkin.reading import Reader
 from cpmkit.forms.galerkin.sampling import sample
 from cpmkit.forms.galerkin.space.energy import STRENGTHS, Strength, load, mass, stiffness, values_at_samples
 from cpmkit.forms.galerkin.space.floor import floored_stiffness
-from cpmkit.forms.galerkin.space.parted import part
+from cpmkit.forms.galerkin.space.parted import part, pieces
 from cpmkit.forms.galerkin.space.space import space_of
 from cpmkit.forms.galerkin.space.splines import derivative_rows, value_rows
+from cpmkit.forms.galerkin.telling import TURNED_SHARE, of_space, of_turning
 from cpmkit.forms.options import Options
 from cpmkit.linear.levels import Level
-from cpmkit.linear.operators import CsrOperator
+from cpmkit.linear.operators import Border, CsrOperator
 from cpmkit.protocols import Floats, Operator, Progress, Stiffness, no_progress
 from cpmkit.scene.data import Data
 from cpmkit.scene.equations import Terms
@@ -35,10 +36,6 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
     from cpmkit.linear.report import SolveReport
-
-
-#: Of a manifold with more than this share on splines under which it turns, the error may fall slowly.
-TURNED_SHARE = 0.03
 
 
 @dataclass(frozen=True)
@@ -71,9 +68,10 @@ class GalerkinWork:
 
 @dataclass(frozen=True, eq=False)
 class GalerkinOperator(CsrOperator):
-    """A, with the terms of the conditions that are in it."""
+    """A, with the terms of the conditions that are in it, and whether c u fixes the constants by itself."""
 
     conditions: ConditionTerms | None = None
+    fixed: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +131,14 @@ class Galerkin(Reader):
         c = self._at_samples(terms.c, "the factor c") if callable(terms.c) or terms.c else None
         matrix = floored_stiffness(self.space, a, self._strength, c)
         conditions = self._conditions(terms.diffusivity)
-        return GalerkinOperator((matrix + conditions.matrix).tocsr(), True, conditions)
+        if conditions.held:
+            matrix = (matrix + conditions.matrix).tocsr()
+        return GalerkinOperator(matrix, True, conditions, fixed=c is not None and bool(np.all(c > 0)))
+
+    def free_constants(self, stiffness: Stiffness) -> Border | None:
+        """Return the pieces on which a constant is free, with means over them; None where there is none."""
+        assert isinstance(stiffness, GalerkinOperator)
+        return None if stiffness.fixed else super().free_constants(stiffness)
 
     @property
     def _strength(self) -> Strength:
@@ -255,7 +260,13 @@ class Galerkin(Reader):
     def warnings(self, missed: float = 0.0) -> tuple[str, ...]:
         """Return what a reader of any solution should know."""
         del missed
-        return self.sampled.told
+        return self._told
+
+    @cached_property
+    def _told(self) -> tuple[str, ...]:
+        one, parting = self.sampled, self.space.parting
+        own = (*of_space(parting, pieces(parting), one.lattice), *of_turning(self.turned, one.lattice))
+        return (*one.told, *own)
 
     @cached_property
     def turned(self) -> Turned:

@@ -22,6 +22,7 @@ from cpmkit.forms.galerkin.samples.quadrature import samples_of
 from cpmkit.forms.galerkin.samples.soundness import sound
 from cpmkit.forms.galerkin.samples.sources import cells_of
 from cpmkit.forms.galerkin.samples.subdivision import split_at_knots, subdivided
+from cpmkit.forms.galerkin.telling import of_insertion, of_mending
 from cpmkit.forms.options import Options
 from cpmkit.grid.lattice import Lattice, lattice_of
 from cpmkit.manifold.local_source import LocalSource, localize
@@ -114,6 +115,7 @@ def sample(scene: Scene, options: Options[GalerkinOptions], progress: Progress) 
     if sources:
         insertion = inserted(mesh, sources, spacing)
         mesh, points = insertion.mesh, insertion.points
+        told += tuple(of_insertion(insertion, [boundary.name for boundary in scene.boundaries]))
     progress("samples", 0.5)
     mesh = subdivided(mesh, LONGEST_EDGE_SPACINGS * spacing)
     if smooth:
@@ -133,7 +135,8 @@ def _cells(surface: LocalSource, spacing: float) -> tuple[SampleMesh, bool, tupl
     """Return a sound mesh of the manifold, whether its cells are to be curved, and what is to be told of it."""
     own = cells_of(surface, spacing)
     if own is not None:
-        return sound(own.mesh)[0], own.curved, ()
+        mesh, mended = sound(own.mesh)
+        return mesh, own.curved, tuple(of_mending(mended))
     if surface.manifold_dim == 1:
         raise SceneError(
             "the form 'galerkin' needs a curve that draws itself, got one with closest points alone; give the source a "

@@ -1,0 +1,80 @@
+"""What a reader of a solution should know: what was mended, what the lattice does not resolve, each with a place."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from cpmkit.errors import place
+from cpmkit.forms.galerkin.facing import Turned
+from cpmkit.forms.galerkin.insertion.inserted import Insertion
+from cpmkit.forms.galerkin.parting import Parting
+from cpmkit.forms.galerkin.samples.soundness import Mended
+from cpmkit.forms.galerkin.space.parted import SPECK_SPACINGS
+from cpmkit.grid.lattice import Lattice
+from cpmkit.protocols import Ints
+
+#: Manifolds with more than this share on splines under which they turn are told of.
+TURNED_SHARE = 0.03
+#: More copies than this share of the nodes are told of.
+COPIES_SHARE = 0.5
+
+
+def of_mending(mended: Mended) -> Iterator[str]:
+    """Tell what was not sound about a mesh."""
+    if mended.doubled:
+        yield (
+            f"{mended.doubled} cells of the mesh had the corners of another, or none of their own, and were left out; "
+            "clean the mesh if they were meant."
+        )
+    if mended.fans:
+        yield (
+            f"Parts of the mesh touch at {mended.fans} vertices that no edge joins there: nothing flows through these; "
+            "join them by an edge if it should."
+        )
+
+
+def of_insertion(insertion: Insertion, names: Sequence[str]) -> Iterator[str]:
+    """Tell how boundaries came to lie in the mesh."""
+    for number in insertion.empty:
+        yield f"Boundary {names[number]!r} left no trace in the manifold's mesh, acts on nothing; look where it lies."
+    counts = insertion.counts
+    if counts.get("parted"):
+        yield (
+            f"{counts['parted']} pieces of boundaries do not hang together on the manifold, and were laid piece by "
+            "piece: where they leave the manifold nothing holds."
+        )
+    if counts.get("joined"):
+        yield f"{counts['joined']} open ends of boundaries lay beside a boundary or rim, and were joined to it."
+
+
+def of_space(parting: Parting, pieces: tuple[int, Ints], lattice: Lattice) -> Iterator[str]:
+    """Tell of pieces that the lattice does not resolve, and of many copies."""
+    count, piece = pieces
+    size = np.bincount(piece, minlength=count)
+    specks = np.flatnonzero(size == 1)
+    if len(specks) and count > 1:
+        node = parting.nodes[np.flatnonzero(piece == specks[0])[0]]
+        yield (
+            f"{len(specks)} pieces of the manifold are smaller than {SPECK_SPACINGS:g} spacings and have one value "
+            f"each, the first near {place(lattice.to_scene(lattice.spacing * node))}; a smaller spacing resolves them."
+        )
+    distinct = len(np.unique(parting.nodes, axis=0))
+    if parting.size - distinct > COPIES_SHARE * distinct:
+        yield (
+            f"{parting.size - distinct} of {parting.size} splines are copies at nodes that several parts of the "
+            "manifold share: seams of the mesh that are not welded act as cuts; check the mesh, or use a smaller "
+            "spacing."
+        )
+
+
+def of_turning(turned: Turned, lattice: Lattice) -> Iterator[str]:
+    """Tell where the manifold is thin or folded on the lattice."""
+    if turned.share > TURNED_SHARE:
+        yield (
+            f"The manifold is thin, folded or creased on this lattice: {turned.share:.0%} of it lies on splines that "
+            f"see it from several sides, most near {place(lattice.to_scene(turned.near))}; the error may fall slowly "
+            "there, and up to three spacings of the way along the manifold may be missing at a fold; use a smaller "
+            "spacing."
+        )
