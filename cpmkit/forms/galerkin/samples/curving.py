@@ -57,9 +57,9 @@ def moved_to_feet(mesh: SampleMesh, source: LocalSource, boundaries: Sequence[Lo
     points = _to_manifold(source, mesh.vertices, rim)
     for_rim = np.zeros(len(points), dtype=bool)
     for_rim[rim.rows] = True
-    on = [_vertices_on(mesh, owner) for owner in range(len(boundaries))]
+    on = [vertices_on(mesh, owner) for owner in range(len(boundaries))]
     times = np.bincount(np.concatenate([for_rim.nonzero()[0], *on]), minlength=len(points))
-    reach = ONTO_BOUNDARY_EDGE_SHARE * _shortest_edges(mesh, edges, np.unique(np.concatenate([np.zeros(0, int), *on])))
+    reach = ONTO_BOUNDARY_EDGE_SHARE * shortest_edges(mesh, edges, np.unique(np.concatenate([np.zeros(0, int), *on])))
     before = points.copy()
     for turn in range(PROJECTION_ROUNDS):
         for rows, boundary in zip(on, boundaries, strict=True):
@@ -109,11 +109,12 @@ def _to_manifold(source: LocalSource, points: Floats, rim: Rim) -> Floats:
     return moved
 
 
-def _vertices_on(mesh: SampleMesh, owner: int) -> Ints:
+def vertices_on(mesh: SampleMesh, owner: int) -> Ints:
+    """Return the vertices on a boundary, but for those that are on its extensions alone."""
     return np.unique(mesh.cut[(mesh.owner == owner) & ~mesh.extends])
 
 
-def _shortest_edges(mesh: SampleMesh, edges: Edges, rows: Ints) -> Floats:
+def shortest_edges(mesh: SampleMesh, edges: Edges, rows: Ints) -> Floats:
     """Return (v,) the length of the shortest edge at each of the vertices ``rows``, infinity at others."""
     asked = np.zeros(len(mesh.vertices), dtype=bool)
     asked[rows] = True

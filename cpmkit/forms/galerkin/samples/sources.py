@@ -8,7 +8,9 @@ from itertools import combinations
 import numpy as np
 
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
+from cpmkit.forms.galerkin.samples.bending import Bend
 from cpmkit.forms.galerkin.samples.drawings import is_fit
+from cpmkit.forms.galerkin.samples.lifting import lifted
 from cpmkit.forms.galerkin.samples.soundness import sound
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vectors import norms
@@ -30,39 +32,42 @@ class Drawn:
     ----------
     mesh : SampleMesh
         Flat cells with vertices on the manifold.
-    curved : bool
-        Whether the manifold bends between them, so that they are to be curved.
+    bend : "flat", "feet" or "normals"
+        What the manifold does between them, see :func:`bent`.
     """
 
     mesh: SampleMesh
-    curved: bool
+    bend: Bend
 
 
 def cells_of(source: LocalSource, spacing: float) -> Drawn | None:
     """Return the cells of a source; None where they are to be found by closest points.
 
-    A mesh or polyline gives its own cells, an analytic or parametric shape those of its drawing; drawings of level
-    sets in space have too many triangles of bad shape. Members of a union stand side by side. Where they meet, but
-    for vertices that they share, only closest points know the junction.
+    A mesh or polyline gives its own cells, bent where it is read as smooth; an analytic or parametric shape those of
+    its drawing; drawings of level sets in space have too many triangles, and of bad shape. Members of a union stand
+    side by side. Where they meet, but for vertices that they share, only closest points know the junction.
 
     Parameters
     ----------
     source : LocalSource
     spacing : float
-        h: drawings have edges of half of it.
+        h: drawings, and the triangles of bent meshes, have edges of half of it.
     """
     if source.members[0] is not source:
         return _side_by_side(source, spacing)
     if not 0 < (source.manifold_dim or 0) < source.dim or not isinstance(source.source, HasMesh):
         return None
-    vertices, cells = source.source.mesh(DRAWN_EDGE_SPACINGS * spacing)
+    length = DRAWN_EDGE_SPACINGS * spacing
+    vertices, cells = source.source.mesh(length)
     if cells.shape[1] != (source.manifold_dim or 0) + 1 or not len(cells):
         return None
     mesh = SampleMesh.of(np.ascontiguousarray(vertices - source.shift), np.ascontiguousarray(cells, dtype=np.int64))
     if _is_flat(source, mesh):
-        return Drawn(mesh, curved=False)
+        if source.source.exact or mesh.manifold_dim == 1 or not source.has_normals:
+            return Drawn(mesh, "flat")
+        return Drawn(lifted(sound(mesh)[0], source, length), "normals")
     mesh = sound(mesh)[0]
-    return Drawn(mesh, curved=True) if is_fit(source, mesh, DRAWN_EDGE_SPACINGS * spacing) else None
+    return Drawn(mesh, "feet") if is_fit(source, mesh, length) else None
 
 
 def _is_flat(source: LocalSource, mesh: SampleMesh) -> bool:
@@ -90,10 +95,11 @@ def _side_by_side(source: LocalSource, spacing: float) -> Drawn | None:
     parts = list(zip(source.members, [one.mesh for one in drawn], strict=True))
     if any(_meet(first, second) for first, second in combinations(parts, 2)):
         return None
+    bends = {one.bend for one in drawn}
     starts = np.cumsum([0] + [len(mesh.vertices) for _, mesh in parts])
     vertices = np.concatenate([mesh.vertices for _, mesh in parts])
     cells = np.concatenate([mesh.cells + start for (_, mesh), start in zip(parts, starts, strict=False)])
-    return Drawn(SampleMesh.of(vertices, cells), any(one.curved for one in drawn))
+    return Drawn(SampleMesh.of(vertices, cells), bends.pop() if len(bends) == 1 else "feet")
 
 
 def _meet(first: tuple[LocalSource, SampleMesh], second: tuple[LocalSource, SampleMesh]) -> bool:

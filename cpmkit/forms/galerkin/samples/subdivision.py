@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
-from cpmkit.forms.galerkin.samples.edges import edges_of, edges_on_cut
+from cpmkit.forms.galerkin.samples.edges import Edges, edges_of, edges_on_cut
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.protocols import Floats, Ints
+from cpmkit.protocols import Bools, Floats, Ints
 
 #: A crossing nearer to an end of its segment than this share of it, or to another crossing, is none of its own.
 SAME_CROSSING_SHARE = 1e-6
@@ -39,18 +39,27 @@ def subdivided(mesh: SampleMesh, length: float) -> SampleMesh:
         return _split_segments(mesh, segment, place / parts[segment])
     from cpmkit.forms.galerkin.samples import subdivision_kernels
 
-    while True:
+    short = []
+    while True:  # what has a long edge is split with all that share the edge; the rest is done
+        long = subdivision_kernels.with_long_edges(mesh.vertices, mesh.cells, float(length))
+        short.append(mesh.cells[~long])
+        if not long.any():
+            return replace(mesh, cells=np.concatenate(short))
+        mesh = replace(mesh, cells=mesh.cells[long])
         edges = edges_of(mesh)
         long = subdivision_kernels.long_edges(mesh.vertices, edges.ends, float(length))
-        if not long.any():
-            return mesh
-        middle = np.where(long, len(mesh.vertices) + np.cumsum(long) - 1, -1)
-        parted = edges.ends[long]
-        points = 0.5 * (mesh.vertices[parted[:, 0]] + mesh.vertices[parted[:, 1]])
-        vertices = np.concatenate([mesh.vertices, points])
-        cells = subdivision_kernels.split(np.ascontiguousarray(mesh.cells), edges.of_cells, middle, vertices)
-        on_cut = edges_on_cut(mesh, edges)
-        mesh = _with_halved_cut(replace(mesh, vertices=vertices, cells=cells), middle[on_cut])
+        mesh = halved(mesh, edges, long, mesh.vertices[edges.ends[long]].mean(axis=1))
+
+
+def halved(mesh: SampleMesh, edges: Edges, chosen: Bools, points: Floats) -> SampleMesh:
+    """Return triangles with the ``chosen`` of their edges (e,) halved at ``points`` (k, d), the new vertices."""
+    from cpmkit.forms.galerkin.samples import subdivision_kernels
+
+    middle = np.where(chosen, len(mesh.vertices) + np.cumsum(chosen) - 1, -1)
+    vertices = np.concatenate([mesh.vertices, points])
+    cells = subdivision_kernels.split(np.ascontiguousarray(mesh.cells), edges.of_cells, middle, vertices)
+    on_cut = edges_on_cut(mesh, edges)
+    return _with_halved_cut(replace(mesh, vertices=vertices, cells=cells), np.append(middle, -1)[on_cut])
 
 
 def _with_halved_cut(mesh: SampleMesh, middle: Ints) -> SampleMesh:

@@ -12,14 +12,29 @@ SAME_DIAGONAL = 1.0 + 1e-9
 
 
 @compiled
+def _is_long(vertices: Floats, a: int, b: int, length: float) -> bool:
+    squared = 0.0
+    for k in range(vertices.shape[1]):
+        squared += (vertices[a, k] - vertices[b, k]) ** 2
+    return squared > length * length
+
+
+@compiled
+def with_long_edges(vertices: Floats, cells: Ints, length: float) -> Bools:
+    """Return which triangles (m, 3) have an edge longer than ``length``."""
+    long = np.zeros(len(cells), np.bool_)
+    for cell in range(len(cells)):
+        for corner in range(3):
+            long[cell] |= _is_long(vertices, cells[cell, corner], cells[cell, (corner + 1) % 3], length)
+    return long
+
+
+@compiled
 def long_edges(vertices: Floats, ends: Ints, length: float) -> Bools:
-    """Return which of the edges (e, 2) are longer than ``length``."""
-    long = np.empty(len(ends), np.bool_)
+    """Return which edges (e, 2) are longer than ``length``: the same as make their triangles have a long edge."""
+    long = np.zeros(len(ends), np.bool_)
     for edge in range(len(ends)):
-        squared = 0.0
-        for k in range(vertices.shape[1]):
-            squared += (vertices[ends[edge, 0], k] - vertices[ends[edge, 1], k]) ** 2
-        long[edge] = squared > length * length
+        long[edge] = _is_long(vertices, ends[edge, 0], ends[edge, 1], length)
     return long
 
 

@@ -6,6 +6,7 @@ from forms.galerkin.samples.sample_shapes import equator, octahedron, with_cut
 
 import cpmkit as ck
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
+from cpmkit.forms.galerkin.samples.bending import bent
 from cpmkit.forms.galerkin.samples.curving import curved, moved_to_feet, with_midpoints
 from cpmkit.forms.galerkin.samples.quadrature import samples_of
 from cpmkit.forms.galerkin.samples.soundness import sound
@@ -18,7 +19,7 @@ def samples(source, spacing, origin=None):
     local = localize(source, np.zeros(source.dim) if origin is None else np.asarray(origin))
     drawn = cells_of(local, spacing)
     mesh = subdivided(sound(drawn.mesh)[0], 0.55 * spacing)
-    return samples_of(curved(mesh, local, spacing=spacing) if drawn.curved else mesh)
+    return samples_of(bent(mesh, drawn.bend, local, (), spacing))
 
 
 def orders(errors):

@@ -1,0 +1,41 @@
+"""What the manifold does between the vertices of a mesh, and the mesh made to follow it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal, TypeAlias
+
+from cpmkit.forms.galerkin.sample_mesh import SampleMesh
+from cpmkit.forms.galerkin.samples.curving import curved
+from cpmkit.forms.galerkin.samples.lifting import curved_by_normals
+from cpmkit.forms.galerkin.samples.subdivision import split_at_knots
+from cpmkit.manifold.local_source import LocalSource
+
+#: "flat": the cells are the manifold; "feet": it goes through the feet of points near them; "normals": its feet lie on
+#: flat triangles, and its normals tell how it bends over them.
+Bend: TypeAlias = Literal["flat", "feet", "normals"]
+
+
+def bent(
+    mesh: SampleMesh, bend: Bend, source: LocalSource, boundaries: Sequence[LocalSource | None], spacing: float
+) -> SampleMesh:
+    """Return the mesh, split and cut, as its samples are to be taken from; segments end on knot planes.
+
+    Parameters
+    ----------
+    mesh : SampleMesh
+        Of flat cells.
+    bend : "flat", "feet" or "normals"
+        As ``cells_of`` said; "feet" for a mesh that was found by closest points.
+    source : LocalSource
+        The manifold.
+    boundaries : sequence of LocalSource
+        By their number in ``mesh.owner``; None where a boundary stays where the mesh has it.
+    spacing : float
+        h of the lattice.
+    """
+    if bend == "feet":
+        return curved(mesh, source, boundaries, spacing)
+    if bend == "normals":
+        return curved_by_normals(mesh, source, boundaries)
+    return split_at_knots(mesh, spacing) if mesh.manifold_dim == 1 else mesh

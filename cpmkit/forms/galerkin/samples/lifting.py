@@ -1,0 +1,132 @@
+"""The smooth surface that a mesh samples: its triangles bent so that normals, known at vertices, stand on them.
+
+A mesh that is read as smooth answers with feet on its flat triangles, and with the normals of the surface that it was
+taken from. These tell how far that surface stands above the triangles: by (t_a - t_b) / 8 above the middle of an edge
+from a to b, t its tangents there as long as the edge (the middle of Hermite's cubic, as in Vlachos et al. 2001, Curved
+PN triangles).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from cpmkit.forms.galerkin.sample_mesh import SampleMesh
+from cpmkit.forms.galerkin.samples.curving import (
+    CREASED_EDGE_SHARE,
+    ONTO_BOUNDARY_EDGE_SHARE,
+    shortest_edges,
+    vertices_on,
+)
+from cpmkit.forms.galerkin.samples.edges import Edges, edges_of, edges_on_cut
+from cpmkit.forms.galerkin.samples.subdivision import halved
+from cpmkit.manifold.local_source import LocalSource
+from cpmkit.manifold.vectors import dots, norms, unit
+from cpmkit.protocols import Floats, Ints
+
+#: How often vertices that were put on flat triangles are lifted to their neighbours.
+LIFTING_ROUNDS = 3
+
+
+def lifted(mesh: SampleMesh, source: LocalSource, length: float) -> SampleMesh:
+    """Return triangles between points of the smooth surface with no edge longer than ``length``.
+
+    Parameters
+    ----------
+    mesh : SampleMesh
+        The flat triangles of a mesh.
+    source : LocalSource
+        The same mesh, with normals.
+    length : float
+        In the unit of the vertices.
+    """
+    normals = normals_at(source, mesh.vertices)
+    while True:
+        edges = edges_of(mesh)
+        long = edges.lengths(mesh.vertices) > length
+        if not long.any():
+            return mesh
+        ends = edges.ends[long]
+        points = above_middles(mesh.vertices, ends, normals)
+        normals = np.concatenate([normals, unit(normals[ends].sum(axis=1))])
+        mesh = halved(mesh, edges, long, points)
+
+
+def curved_by_normals(
+    mesh: SampleMesh, source: LocalSource, boundaries: Sequence[LocalSource | None] = ()
+) -> SampleMesh:
+    """Return quadratic triangles on the smooth surface, with their edges on boundaries above where those lie.
+
+    Parameters
+    ----------
+    mesh : SampleMesh
+        What :func:`lifted` gave, cut and split.
+    source : LocalSource
+    boundaries : sequence of LocalSource
+        By their number in ``mesh.owner``; None where a boundary stays where the mesh has it.
+    """
+    edges = edges_of(mesh)
+    on_cut, number = np.unique(mesh.cut), edges_on_cut(mesh, edges)
+    normals = normals_at(source, mesh.vertices)
+    vertices = mesh.vertices.copy()
+    reach = ONTO_BOUNDARY_EDGE_SHARE * shortest_edges(mesh, edges, on_cut)
+    for owner, boundary in enumerate(boundaries):
+        rows = vertices_on(mesh, owner)
+        if boundary is not None and len(rows):
+            step = _off(boundary.closest_point(vertices[rows]).points - vertices[rows], normals[rows])
+            vertices[rows] += np.where(norms(step) <= reach[rows], 1.0, 0.0)[:, None] * step
+    mesh = lifted_to_neighbours(replace(mesh, vertices=vertices), edges, on_cut, normals)
+    points = above_middles(mesh.vertices, edges.ends, normals)
+    for owner, boundary in enumerate(boundaries):
+        rows = np.unique(number[(mesh.owner == owner) & ~mesh.extends])
+        if boundary is not None and len(rows):
+            across = unit(normals[edges.ends[rows]].sum(axis=1))
+            step = _off(boundary.closest_point(points[rows]).points - points[rows], across)
+            near = norms(step) <= CREASED_EDGE_SHARE * edges.lengths(mesh.vertices)[rows]
+            points[rows] += np.where(near, 1.0, 0.0)[:, None] * step
+    return replace(mesh, midpoints=points[edges.of_cells])
+
+
+def normals_at(source: LocalSource, points: Floats) -> Floats:
+    """Return the source's own normals (n, d) at the feet of ``points``."""
+    return source.normals(source.closest_point(np.ascontiguousarray(points)))
+
+
+def above_middles(vertices: Floats, ends: Ints, normals: Floats) -> Floats:
+    """Return (e, d) the points of the smooth surface above the middles of edges (e, 2); of creases the middles."""
+    start, end = vertices[ends[:, 0]], vertices[ends[:, 1]]
+    chord = end - start
+    length = norms(chord)[:, None]
+    leaving, arriving = (length * unit(_off(chord, normals[ends[:, k]])) for k in range(2))
+    height = (leaving - arriving) / 8
+    creased = norms(height)[:, None] > CREASED_EDGE_SHARE * length
+    return 0.5 * (start + end) + np.where(creased, 0.0, height)
+
+
+def lifted_to_neighbours(mesh: SampleMesh, edges: Edges, rows: Ints, normals: Floats) -> SampleMesh:
+    """Return the mesh with those vertices ``rows`` lifted that were put on flat triangles, as boundaries are.
+
+    Each is lifted along its normal until its edges are at right angles with the means of the normals at their ends: on
+    a sphere that is where they belong.
+    """
+    at = np.zeros(len(mesh.vertices), dtype=bool)
+    at[rows] = True
+    ends = np.concatenate([edges.ends, edges.ends[:, ::-1]])
+    ends = ends[at[ends[:, 0]]]
+    vertices = mesh.vertices.copy()
+    for _ in range(LIFTING_ROUNDS):
+        way = vertices[ends[:, 1]] - vertices[ends[:, 0]]
+        mean = normals[ends].sum(axis=1)
+        weight = 1.0 / np.maximum(dots(way, way), np.finfo(float).tiny)
+        height = weight * dots(way, mean) / np.maximum(dots(normals[ends[:, 0]], mean), 0.5)
+        total = (
+            np.bincount(ends[:, 0], height, len(vertices))[rows] / np.bincount(ends[:, 0], weight, len(vertices))[rows]
+        )
+        vertices[rows] += total[:, None] * normals[rows]
+    return replace(mesh, vertices=vertices)
+
+
+def _off(vectors: Floats, normals: Floats) -> Floats:
+    return vectors - dots(vectors, normals)[:, None] * normals
