@@ -8,7 +8,7 @@ from typing import Literal, TypeAlias
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.forms.galerkin.samples.curving import curved
 from cpmkit.forms.galerkin.samples.lifting import curved_by_normals
-from cpmkit.forms.galerkin.samples.subdivision import split_at_knots
+from cpmkit.forms.galerkin.samples.segments import split_at_knots
 from cpmkit.manifold.local_source import LocalSource
 
 #: "flat": the cells are the manifold; "feet": it goes through the feet of points near them; "normals": its feet lie on

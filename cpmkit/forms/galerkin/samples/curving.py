@@ -10,7 +10,7 @@ import numpy as np
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.forms.galerkin.samples.edges import Edges, edges_of, edges_on_cut
 from cpmkit.forms.galerkin.samples.rim import Rim, rim_of_edges, rim_of_vertices
-from cpmkit.forms.galerkin.samples.subdivision import split_at_knots
+from cpmkit.forms.galerkin.samples.segments import split_at_knots
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vectors import norms
 from cpmkit.protocols import Floats, Ints

@@ -51,7 +51,8 @@ def lifted(mesh: SampleMesh, source: LocalSource, length: float) -> SampleMesh:
         ends = edges.ends[long]
         points = above_middles(mesh.vertices, ends, normals)
         normals = np.concatenate([normals, unit(normals[ends].sum(axis=1))])
-        mesh = halved(mesh, edges, long, points)
+        middle = np.where(long, len(mesh.vertices) + np.cumsum(long) - 1, -1)
+        mesh = halved(mesh, edges, middle, points)
 
 
 def curved_by_normals(

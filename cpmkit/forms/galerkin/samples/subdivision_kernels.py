@@ -20,6 +20,21 @@ def _is_long(vertices: Floats, a: int, b: int, length: float) -> bool:
 
 
 @compiled
+def shortest_and_longest(vertices: Floats, cells: Ints) -> Floats:
+    """Return (m, 2) the lengths of the shortest and of the longest edge of each triangle."""
+    found = np.empty((len(cells), 2))
+    for cell in range(len(cells)):
+        least, most = np.inf, 0.0
+        for corner in range(3):
+            squared = 0.0
+            for k in range(vertices.shape[1]):
+                squared += (vertices[cells[cell, corner], k] - vertices[cells[cell, (corner + 1) % 3], k]) ** 2
+            least, most = min(least, squared), max(most, squared)
+        found[cell, 0], found[cell, 1] = np.sqrt(least), np.sqrt(most)
+    return found
+
+
+@compiled
 def with_long_edges(vertices: Floats, cells: Ints, length: float) -> Bools:
     """Return which triangles (m, 3) have an edge longer than ``length``."""
     long = np.zeros(len(cells), np.bool_)
@@ -91,6 +106,58 @@ def split(cells: Ints, of_cells: Ints, middle: Ints, vertices: Floats) -> Ints:
             at = _put(made, at, p, b, across)
             at = _put(made, at, q, across, c)
             at = _put(made, at, p, across, q)
+    return made
+
+
+@compiled
+def cut_across(
+    corners: Ints, chains: Ints, parts: Ints, ends: Ints, parted: Ints, first: Ints, vertices: Floats
+) -> Ints:
+    """Return the pieces of needles, cut across between the vertices on their two long edges.
+
+    Parameters
+    ----------
+    corners : (m, 3) int64
+        The tip first.
+    chains, parts : (m, 2) int64
+        The edges from the tip to the second and to the third corner, and in how many parts they are to be.
+    ends : (e, 2) int64
+        Of each edge.
+    parted, first : (e,) int64
+        In how many parts it is, a multiple of those, and the first vertex between them, counted from its first end.
+    vertices : (v, d) float64
+    """
+    pieces = 0
+    for cell in range(len(corners)):
+        pieces += parts[cell, 0] + parts[cell, 1] - 1
+    made = np.empty((pieces, 3), np.int64)
+    chain = np.empty((2, np.max(parts) + 1), np.int64)
+    at = 0
+    for cell in range(len(corners)):
+        for side in range(2):
+            edge = chains[cell, side]
+            step = parted[edge] // parts[cell, side]
+            for place in range(parts[cell, side] + 1):
+                on = step * place if ends[edge, 0] == corners[cell, 0] else parted[edge] - step * place
+                inside = first[edge] + on - 1
+                chain[side, place] = ends[edge, 0] if on == 0 else ends[edge, 1] if on == parted[edge] else inside
+        i = j = 1
+        at = _put(made, at, chain[0, 0], chain[0, 1], chain[1, 1])
+        while i < parts[cell, 0] or j < parts[cell, 1]:
+            p, q = chain[0, i], chain[1, j]
+            further = j == parts[cell, 1]
+            if i < parts[cell, 0] and not further:
+                from_p = from_q = 0.0
+                for k in range(vertices.shape[1]):
+                    from_p += (vertices[p, k] - vertices[chain[1, j + 1], k]) ** 2
+                    from_q += (vertices[q, k] - vertices[chain[0, i + 1], k]) ** 2
+                further = from_q <= SAME_DIAGONAL * from_p
+            if further:
+                i += 1
+                at = _put(made, at, p, chain[0, i], q)
+            else:
+                j += 1
+                at = _put(made, at, p, chain[1, j], q)
     return made
 
 

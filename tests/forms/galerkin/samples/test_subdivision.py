@@ -8,7 +8,9 @@ from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.forms.galerkin.samples.cutting import corners_of, half_facets
 from cpmkit.forms.galerkin.samples.edges import edges_of
 from cpmkit.forms.galerkin.samples.quadrature import samples_of
-from cpmkit.forms.galerkin.samples.subdivision import split_at_knots, subdivided
+from cpmkit.forms.galerkin.samples.segments import split_at_knots
+from cpmkit.forms.galerkin.samples.soundness import sound
+from cpmkit.forms.galerkin.samples.subdivision import subdivided
 
 
 def least_angles(mesh):
@@ -31,6 +33,45 @@ def test_no_edge_is_long_and_the_area_stays(unit, length):
     assert samples_of(fine).weights.sum() == pytest.approx(samples_of(mesh).weights.sum(), rel=1e-13)
     assert (fine.vertices[: len(mesh.vertices)] == mesh.vertices).all()
     assert least_angles(fine).min() >= 0.5 * least_angles(mesh).min()
+
+
+def test_needles_are_cut_across():
+    needles = grid(1, 1, 1.0, 0.01)
+    pieces = subdivided(needles, 0.02)
+    assert len(pieces.cells) < 300
+    assert np.median(least_angles(pieces)) > 20 * least_angles(needles).max()
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_needles_beside_other_triangles_share_their_edges(seed):
+    from scipy.spatial import Delaunay
+
+    rng = np.random.default_rng(seed)
+    flat = np.concatenate([rng.uniform(size=(60, 2)), [[0, 0], [0, 1], [1, 0], [1, 1]]])
+    stretched = np.column_stack([flat * [4.0, 0.1 + 0.3 * seed], np.zeros(len(flat))])
+    mesh = sound(SampleMesh.of(stretched, Delaunay(flat).simplices.astype(np.int64)))[0]
+    ends = edges_of(mesh).ends
+    cut = ends[rng.permutation(len(ends))[:40]]
+    turned = np.where(rng.integers(2, size=(40, 1)) == 1, cut, cut[:, ::-1])
+    mesh = SampleMesh(mesh.vertices, mesh.cells, None, turned, np.arange(40), np.arange(40) % 3 == 0)
+    fine = subdivided(mesh, 0.07)
+    edges = edges_of(fine)
+    assert edges.lengths(fine.vertices).max() <= 0.07
+    assert samples_of(fine).weights.sum() == pytest.approx(samples_of(mesh).weights.sum(), rel=1e-12)
+    uses = np.bincount(edges.of_cells.ravel())
+    rim = fine.vertices[edges.ends[uses == 1]]
+    assert uses.max() == 2
+    side = stretched.max(axis=0)
+    assert (((np.abs(rim) < 1e-12) | (np.abs(rim - side) < 1e-12))[..., :2].any(axis=2)).all()
+    assert np.linalg.norm(rim[:, 1] - rim[:, 0], axis=1).sum() == pytest.approx(2 * side.sum(), rel=1e-12)
+    way = fine.vertices[fine.cut[:, 1]] - fine.vertices[fine.cut[:, 0]]
+    total = np.stack([np.bincount(fine.owner, way[:, k]) for k in range(3)], axis=1)
+    assert total == pytest.approx(mesh.vertices[turned[:, 1]] - mesh.vertices[turned[:, 0]], abs=1e-12)
+    lengths = np.bincount(fine.owner, np.linalg.norm(way, axis=1))
+    assert lengths == pytest.approx(np.linalg.norm(total, axis=1), rel=1e-12)
+    assert (fine.extends == (fine.owner % 3 == 0)).all()
+    seen = half_facets(fine)
+    assert (np.bincount(seen.cut[seen.cut >= 0], minlength=len(fine.cut)) >= 1).all()
 
 
 def test_pieces_are_wound_like_their_triangle():
