@@ -56,13 +56,15 @@ def crossings(source: LocalSource, nodes: Nodes) -> Crossings:
     grazed = np.flatnonzero(np.isnan(t) & through)  # it crosses all the same, and a hole would be left
     t[grazed] = s * nodes.distance[tail[grazed]] / (nodes.distance[tail[grazed]] + nodes.distance[head[grazed]])
     normal[grazed] = nodes.normals[tail[grazed]]
-    same, other = _same_sheet(nodes, head[rows], along[rows], t[rows], normal[rows])
-    bulges = rows[same & ~other & ~through[rows]]  # out and in again between two nodes: neither crossing is kept
-    t[bulges] = np.nan
+    explained = _explained(nodes, head[rows], along[rows], t[rows], normal[rows])
     none_left = np.isnan(t[rows]) & ~((nodes.distance[head[rows]] < ARRIVED * s) & ~nodes.rim[head[rows]])
-    back = rows[~same & ~none_left]
-    room = np.where(np.isnan(t[back]), s, s - t[back] - APART * s)
-    t_back, normal_back = _marched(source, nodes, head[back], tail[back], -along[back], room)
+    back = rows[~explained & ~none_left & ~plane[rows]]
+    room = np.where(np.isnan(t[back]), s, s - t[back] + APART * s)
+    t_back, normal_back = _marched(source, nodes, head[back], tail[back], -along[back], np.minimum(room, s))
+    with np.errstate(invalid="ignore"):
+        near = np.abs(s - t_back - t[back]) < APART * s
+    t[back[near & (dots(normal[back], normal_back) > 0)]] = np.nan  # a bulge goes out and in again: neither is kept
+    t_back[near] = np.nan
     tails = np.concatenate([tail, tail[back]])
     t, normal = np.concatenate([t, s - t_back]), np.concatenate([normal, normal_back])
     axis = np.concatenate([axis, axis[back]])
@@ -116,10 +118,10 @@ def _marched(
     return first_hits(source, nodes.positions[tail], along, s, seen, np.minimum(stop, room))
 
 
-def _same_sheet(nodes: Nodes, head: Ints, along: Floats, t: Floats, normal: Floats) -> tuple[Bools, Bools]:
-    """Return whether the head of an edge sees only the plane through the crossing at ``t``, and its other side."""
+def _explained(nodes: Nodes, head: Ints, along: Floats, t: Floats, normal: Floats) -> Bools:
+    """Return whether the head of an edge sees nothing but the other side of the plane through the crossing at ``t``."""
     s = nodes.spacing
     slope, alike = dots(normal, along), dots(nodes.normals[head], normal)
     height = np.abs(s - t) * np.abs(slope)
-    explained = (np.abs(height - nodes.distance[head]) < EXPLAINED * s) & (np.abs(alike) > ALIKE_COSINE)
-    return np.asarray(explained), np.asarray(alike * slope > 0)
+    same = (np.abs(height - nodes.distance[head]) < EXPLAINED * s) & (np.abs(alike) > ALIKE_COSINE)
+    return np.asarray(same & (alike * slope > 0))

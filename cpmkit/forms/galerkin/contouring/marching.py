@@ -10,7 +10,7 @@ from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vectors import dots, norms, unit
 from cpmkit.protocols import Bools, Floats, Ints
 
-#: From this distance on, in lengths of the ray, the plane of the foot tells where the ray meets the surface.
+#: From this distance on, in lengths of the ray, the plane of the foot tells whether the ray meets the surface near by.
 ARRIVED = 0.02
 #: Rays that meet the surface at a sine below this graze it: such crossings are dropped.
 GRAZING = 0.02
@@ -18,7 +18,7 @@ GRAZING = 0.02
 SAME_SHEET_COSINE, FALLS_TO = 0.7, 0.5
 #: Beside a sheet that runs along the ray, steps of this share of its length at least.
 SHORTEST_STEP = 0.06
-#: A node nearer than ``ARRIVED`` tells by its own plane what lies within this share of the ray.
+#: That is so far along the ray, as a share; where a ray's end tells it, nothing else does.
 TOLD_BY_NODE = 0.05
 #: Rounds of queries.
 MOST_ROUNDS = 40
@@ -53,7 +53,8 @@ def look(source: LocalSource, x: Floats, known: Floats, length: float) -> Seen:
 def first_hits(
     source: LocalSource, start: Floats, along: Floats, length: float, seen: Seen, stop: Floats
 ) -> tuple[Floats, Floats]:
-    """Return how far from ``start`` each ray meets the surface, (n,), NaN where it does not, and the normal there.
+    """Return how far from ``start`` each ray meets the surface, (n,), NaN where it does not, and the normal
+    there, which points back.
 
     Parameters
     ----------
@@ -78,9 +79,10 @@ def first_hits(
         steep = np.abs(slope) >= GRAZING
         with np.errstate(all="ignore"):
             target = np.where(steep, t - now.distance / slope, np.nan)
-        near = now.inner & (now.distance < ARRIVED * length)
+        near = now.inner & (now.distance < ARRIVED * length) & (np.abs(target - t) <= TOLD_BY_NODE * length)
         arrived = near & (target >= np.maximum(low - ARRIVED * length, floor[rows])) & (target <= stop[rows])
         hit[rows[arrived]], normal[rows[arrived]] = target[arrived], now.normal[arrived]
+        normal[rows[arrived]] *= -np.sign(slope[arrived])[:, None]
         tried = newton & (target > low) & (target <= stop[rows]) & now.inner
         sphere = base_t + np.maximum(base.distance, SHORTEST_STEP * length)
         t_next = np.where(tried, target, sphere)

@@ -10,11 +10,11 @@ from cpmkit.manifold.vectors import dots, norms, unit
 from cpmkit.protocols import Bools, Floats, Ints
 
 #: A hole of at most so many edges is filled, where the surface passes this near to its centre, in mean radii.
-MOST_HOLE_EDGES, NEAR_HOLE = 10, 0.35
+MOST_HOLE_EDGES, NEAR_HOLE = 10, 0.5
 #: The border of a hole faces its centre at this mean cosine at least.
 FACING_COSINE = 0.3
-#: How far beyond a border its rim is looked for, in spacings, in this order.
-RIM_REACHES = (1.2, 2.0)
+#: How far beyond a border its rim is looked for, in spacings, one round after another.
+RIM_REACHES = (1.2, 1.2, 2.0)
 #: A query beyond a rim misses the surface mostly along the conormal, at this cosine.
 MISSED_COSINE = 0.7
 
@@ -63,26 +63,26 @@ def _loops(ends: Ints, count: int) -> tuple[Ints, int]:
 
 def onto_rims(source: LocalSource, vertices: Floats, cells: Ints, spacing: float) -> tuple[Floats, Bools]:
     """Return the vertices, those beside rims moved onto them, and which (v,) lie on a rim now."""
-    border = border_of(vertices, cells, edges_of(cells))
-    outward = np.zeros_like(vertices)
-    for end in range(2):
-        np.add.at(outward, border.ends[:, end], border.conormals)
-    outward = unit(outward)
-    left = np.flatnonzero((outward != 0).any(axis=1))
-    moved, on_rim = vertices.copy(), np.zeros(len(vertices), dtype=bool)
+    edges, moved, on_rim = edges_of(cells), vertices.copy(), np.zeros(len(vertices), dtype=bool)
     for reach in RIM_REACHES:
-        feet, missed = beyond(source, vertices[left], outward[left], np.full(len(left), reach * spacing))
+        border = border_of(moved, cells, edges)  # anew: what was moved points the others better
+        outward = np.zeros_like(vertices)
+        for end in range(2):
+            np.add.at(outward, border.ends[:, end], border.conormals)
+        outward = unit(outward)
+        left = np.flatnonzero((outward != 0).any(axis=1) & ~on_rim)
+        feet, missed = beyond(source, moved[left], outward[left], np.full(len(left), reach * spacing))
         moved[left[missed]], on_rim[left[missed]] = feet[missed], True
-        left = left[~missed]
     return moved, on_rim
 
 
 def beyond(source: LocalSource, points: Floats, outward: Floats, reach: Floats) -> tuple[Floats, Bools]:
     """Return the feet of points pushed ``outward`` by ``reach`` (n,), and whether those went beyond a rim."""
     pushed = points + reach[:, None] * outward
-    feet = source.closest_point(pushed).points
-    away = pushed - feet
-    return feet, np.asarray(dots(away, outward) > MISSED_COSINE * norms(away) + 1e-3 * reach)
+    answer = source.closest_point(pushed)
+    away = pushed - answer.points
+    missed = dots(away, outward) > MISSED_COSINE * norms(away) + 1e-3 * reach
+    return answer.points, np.asarray(missed | (answer.edge >= 0))
 
 
 def rim_edges(border: Border, on_rim: Bools) -> Ints:
