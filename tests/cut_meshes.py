@@ -126,3 +126,39 @@ def data_mesh(name: str) -> SampleMesh:
     vertices = np.array([line.split()[1:4] for line in lines if line.startswith("v ")], dtype=float)
     corners = [[part.split("/")[0] for part in line.split()[1:]] for line in lines if line.startswith("f ")]
     return SampleMesh.of(vertices, np.array(corners, dtype=np.int64) - 1)
+
+
+def grid_mesh(points: np.ndarray, twisted: bool = False, round_too: bool = False) -> SampleMesh:
+    """Return the triangles of a grid of points (n, k, 3), closed along its first axis.
+
+    It is closed ``twisted`` as a Moebius band is, or closed along the second axis as well.
+    """
+    n, k = points.shape[:2]
+    i, j = np.meshgrid(np.arange(n), np.arange(k if round_too else k - 1), indexing="ij")
+
+    def number(i: np.ndarray, j: np.ndarray) -> np.ndarray:
+        return (i % n) * k + (np.where(i < n, j, k - 1 - j) if twisted else j) % k
+
+    corners = [number(i, j), number(i + 1, j), number(i + 1, j + 1), number(i, j + 1)]
+    cells = [np.stack([corners[0], corners[a], corners[a + 1]], axis=-1).reshape(-1, 3) for a in (1, 2)]
+    return SampleMesh.of(points.reshape(-1, 3), np.concatenate(cells).astype(np.int64))
+
+
+def tube(radius: float, around: int = 24, length: float = 1.0, along: int = 80) -> SampleMesh:
+    """Return a limb, open at both ends, along z."""
+    angle, z = np.meshgrid(2 * np.pi * np.arange(around) / around, np.linspace(0, length, along + 1), indexing="ij")
+    return grid_mesh(np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=-1))
+
+
+def torus() -> SampleMesh:
+    """Return the torus of radii 1 and 0.4 about z."""
+    a, b = np.meshgrid(2 * np.pi * np.arange(60) / 60, 2 * np.pi * np.arange(30) / 30, indexing="ij")
+    away = 1 + 0.4 * np.cos(b)
+    return grid_mesh(np.stack([away * np.cos(a), away * np.sin(a), 0.4 * np.sin(b)], axis=-1), round_too=True)
+
+
+def moebius_band() -> SampleMesh:
+    """Return a band of half width 0.35 about the unit circle, its core, that is twisted once."""
+    a, s = np.meshgrid(2 * np.pi * np.arange(80) / 80, np.linspace(-0.35, 0.35, 11), indexing="ij")
+    away = 1 + s * np.cos(a / 2)
+    return grid_mesh(np.stack([away * np.cos(a), away * np.sin(a), s * np.sin(a / 2)], axis=-1), twisted=True)
