@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from cpmkit.forms.galerkin.insertion.coincidence import on_earlier, runs_close
 from cpmkit.forms.galerkin.insertion.curves import Course, course, insert_curve
 from cpmkit.forms.galerkin.insertion.feet import Triangles
 from cpmkit.forms.galerkin.insertion.points import cut_at_points, positions
@@ -20,10 +21,6 @@ from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.protocols import Floats, Ints
 
-#: A boundary lies on an earlier one where it is nearer to it than this share of the spacing.
-SAME_SHARE = 1e-8
-#: Boundaries nearer to each other than this share of the spacing are inserted without bends towards vertices.
-CLOSE_SHARE = 5e-3
 #: Curves are extended past their tips by so many spacings.
 EXTENSION_SPACINGS = 3.0
 
@@ -73,7 +70,7 @@ def inserted(mesh: SampleMesh, boundaries: Sequence[LocalSource], spacing: float
         return Insertion(cut, empty=empty)
     walker, told = _walker(mesh, spacing), Counter[str]()
     courses = [_courses(walker, boundaries, number, spacing) for number in range(len(boundaries))]
-    walker.close = frozenset(n for n in range(len(boundaries)) if _runs_close(courses[n], boundaries, n, spacing))
+    walker.close = frozenset(n for n, lines in enumerate(courses) if _runs_close(lines, boundaries, n, spacing))
     points = dict[int, Ints]()
     for number, boundary in enumerate(boundaries):
         walker.owner = number
@@ -96,20 +93,21 @@ def _walker(mesh: SampleMesh, spacing: float) -> Walker:
 
 def _courses(walker: Walker, boundaries: Sequence[LocalSource], number: int, spacing: float) -> list[Course]:
     """Return the curves of a boundary."""
-    dim = boundaries[number].dim
+    dim, found = boundaries[number].dim, []
+    for curve in boundaries[number].members:
+        if curve.manifold_dim == 1:
+            lines = drawn(curve, 0.5 * spacing)
+            found += traced(curve, walker.triangles, spacing) if lines is None else lines
 
     def on(points: Floats) -> Ints:
-        found = np.full(len(points), -1)
-        for other, distance in _distances(points[:, :dim], boundaries[:number], spacing):
-            here = distance <= SAME_SHARE * spacing
-            found[here if here.sum() > 1 else []] = other
-        return found
+        return on_earlier(points[:, :dim], boundaries[:number], spacing)
 
-    curves = [member for member in boundaries[number].members if member.manifold_dim == 1]
-    lines = [
-        line for curve in curves for line in drawn(curve, 0.5 * spacing) or traced(curve, walker.triangles, spacing)
-    ]
-    return [course(walker.triangles, Polyline(_in_space(line.points), line.closed), on) for line in lines]
+    return [course(walker.triangles, Polyline(_in_space(line.points), line.closed), on) for line in found]
+
+
+def _runs_close(lines: Sequence[Course], boundaries: Sequence[LocalSource], own: int, spacing: float) -> bool:
+    others = [*boundaries[:own], *boundaries[own + 1 :]]
+    return any(runs_close(line.points[:, : boundaries[own].dim], others, spacing) for line in lines)
 
 
 def _shared(courses: Sequence[Sequence[Course]]) -> frozenset[tuple[int, int]]:
@@ -120,24 +118,6 @@ def _shared(courses: Sequence[Sequence[Course]]) -> frozenset[tuple[int, int]]:
             stretches = line.on[1:][(line.on[1:] == line.on[:-1]) & (line.on[1:] >= 0)]
             found |= {(number, other) for other in stretches.tolist()}
     return frozenset(found)
-
-
-def _runs_close(lines: Sequence[Course], boundaries: Sequence[LocalSource], own: int, spacing: float) -> bool:
-    """Return whether some points of a boundary's curves lie very near to another boundary, but not on it."""
-    others = [*boundaries[:own], *boundaries[own + 1 :]]
-    for line in lines:
-        for _, distance in _distances(line.points[:, : boundaries[own].dim], others, spacing):
-            if ((distance > SAME_SHARE * spacing) & (distance < CLOSE_SHARE * spacing)).sum() > 1:
-                return True
-    return False
-
-
-def _distances(points: Floats, others: Sequence[LocalSource], spacing: float) -> Iterable[tuple[int, Floats]]:
-    """Yield the number of each boundary of which some points may be near, and their distances from it."""
-    low, high = points.min(axis=0) - spacing, points.max(axis=0) + spacing
-    for number, other in enumerate(others):
-        if (other.bounds[0] <= high).all() and (other.bounds[1] >= low).all():
-            yield number, other.closest_point(points).distance
 
 
 def _vertices(walker: Walker, points: Floats) -> Ints:

@@ -45,6 +45,7 @@ CASES = {
     "circle": ([circle()], (2, 0)),
     "two circles": ([circle(centre=(0.4, 0.5)), circle(centre=(0.6, 0.5))], (4, 0)),
     "the same circle twice": ([circle(), circle()], (2, 0)),
+    "the same circle with other vertices": ([circle(100), circle(77)], (2, 0)),
     "the same true circle twice": ([true_circle(), true_circle()], (2, 0)),
     "the same true circle turned": ([true_circle(), turned_circle()], (2, 0)),
     "the same true circle reversed": ([true_circle(), true_circle(normal=[0, 0, -1])], (2, 0)),

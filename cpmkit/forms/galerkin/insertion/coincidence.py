@@ -1,0 +1,59 @@
+"""Boundaries that lie on each other, in whole or in part, or so close that they must be kept apart with care."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from cpmkit.manifold.local_source import LocalSource
+from cpmkit.manifold.vectors import dots, norms
+from cpmkit.protocols import Bools, Floats, Ints
+
+#: A boundary lies on an earlier one where it is nearer to it than this share of the spacing.
+SAME_SHARE = 1e-8
+#: It does so, too, where it stays nearer than this share of the spacing and changes sides so often: the same curve
+#: drawn with other vertices. A parallel never does.
+ENTWINED_SHARE, ENTWINED_CROSSINGS = 0.02, 3
+#: Places on each segment at which that is looked for.
+PLACES = 4
+#: Boundaries nearer to each other than this share of the spacing are inserted without bends towards vertices.
+CLOSE_SHARE = 5e-3
+
+
+def on_earlier(points: Floats, earlier: Sequence[LocalSource], spacing: float) -> Ints:
+    """Return the earlier boundary (n,) on which each of a chain of ``points`` (n, d) lies, -1 where there is none."""
+    found = np.full(len(points), -1)
+    share = np.arange(PLACES)[:, None] / PLACES
+    between = (points[:-1, None] + share * np.diff(points, axis=0)[:, None]).reshape(-1, points.shape[1])
+    places = np.concatenate([between, points[-1:]])
+    for number, off in _offsets(places, earlier, spacing):
+        same = norms(off[::PLACES]) <= SAME_SHARE * spacing
+        found[_entwined(off, ENTWINED_SHARE * spacing)[::PLACES] | (same & (same.sum() > 1))] = number
+    return found
+
+
+def _entwined(off: Floats, reach: float) -> Bools:
+    """Return which places of a chain with offsets ``off`` (n, d) from a curve lie on stretches that wind about it."""
+    near = norms(off) < reach
+    stretch = np.cumsum(np.diff(near, prepend=near[:1]))
+    crosses = (dots(off[1:], off[:-1]) < 0) & near[1:] & near[:-1]
+    crossings = np.bincount(stretch[1:], crosses, minlength=stretch[-1] + 1)
+    return np.asarray(near & (crossings[stretch] >= ENTWINED_CROSSINGS))
+
+
+def runs_close(points: Floats, others: Sequence[LocalSource], spacing: float) -> bool:
+    """Return whether some of the points of a curve lie very near to another boundary, but not on it."""
+    for _, off in _offsets(points, others, spacing):
+        distance = norms(off)
+        if ((distance > SAME_SHARE * spacing) & (distance < CLOSE_SHARE * spacing)).sum() > 1:
+            return True
+    return False
+
+
+def _offsets(points: Floats, others: Sequence[LocalSource], spacing: float) -> Iterable[tuple[int, Floats]]:
+    """Yield the number of each boundary to which some points may be near, and their offsets (n, d) from it."""
+    low, high = points.min(axis=0) - spacing, points.max(axis=0) + spacing
+    for number, other in enumerate(others):
+        if (other.bounds[0] <= high).all() and (other.bounds[1] >= low).all():
+            yield number, points - other.closest_point(points).points
