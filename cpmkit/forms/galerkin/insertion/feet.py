@@ -61,12 +61,13 @@ class Triangles:
         """The radius, the triangles and the tree over centroids of each class of about one size."""
         from scipy.spatial import cKDTree
 
-        corners = self.vertices[self.cells]
-        centroids = corners.mean(axis=1)
-        radii = norms(corners - centroids[:, None]).max(axis=1)
+        a, b, c = (self.vertices[self.cells[:, k]] for k in range(3))
+        centroids = (a + b + c) / 3
+        radii = np.maximum(np.maximum(norms(a - centroids), norms(b - centroids)), norms(c - centroids))
         number = np.frexp(radii)[1]
         members = [np.flatnonzero(number == one) for one in np.unique(number)]
-        return [(float(radii[own].max()), own, cKDTree(centroids[own], balanced_tree=False)) for own in members]
+        trees = [cKDTree(centroids[own], balanced_tree=False, compact_nodes=False) for own in members]
+        return [(float(radii[own].max()), own, tree) for own, tree in zip(members, trees, strict=True)]
 
     def nearest_size(self, points: Floats) -> tuple[Floats, Floats]:
         """Return L where each of ``points`` (n, 3) is, and the distance (n,) to a centroid, above that to the mesh."""

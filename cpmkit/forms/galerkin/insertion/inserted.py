@@ -65,6 +65,8 @@ def inserted(mesh: SampleMesh, boundaries: Sequence[LocalSource], spacing: float
     spacing : float
         h, of the lattice.
     """
+    if not boundaries:
+        return Insertion(mesh)
     if mesh.manifold_dim == 1:
         cut, empty = cut_at_points(mesh, boundaries)
         return Insertion(cut, empty=empty)

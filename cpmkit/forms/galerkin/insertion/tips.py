@@ -7,7 +7,7 @@ from itertools import pairwise
 
 from cpmkit.forms.galerkin.insertion.triangulation import edge_of
 from cpmkit.forms.galerkin.insertion.triples import Triple, along, apart, between, direction, length, less, share_along
-from cpmkit.forms.galerkin.insertion.walk import Walker, edges_within
+from cpmkit.forms.galerkin.insertion.walk import Line, Walker, edges_within
 
 #: Tips nearer than this share of L to a curve or a rim are joined to it; shorter tails are pruned.
 STRAY_SHARE = 0.1
@@ -38,8 +38,8 @@ def extend(walker: Walker, reach: float, told: Counter[str]) -> None:
     links = _links(walker)
     for tip in _tips(walker, links):
         told["tips"] += 1
-        line = walker.cut[edge_of(tip, *links[tip])]
-        if tip in _tips(walker, _links_at(walker, tip)):
+        line = _last_line(walker, tip)
+        if line is not None:
             walker.owner = line.owner
             path = _straight_on(walker, tip, _heading(walker, links, tip), reach)
             walker.mark(path if line.head == tip else path[::-1], line.owner, extends=True)
@@ -54,8 +54,11 @@ def _links(walker: Walker) -> Links:
     return links
 
 
-def _links_at(walker: Walker, vertex: int) -> Links:
-    return {vertex: {other for other in walker.net.neighbours(vertex) if edge_of(vertex, other) in walker.cut}}
+def _last_line(walker: Walker, tip: int) -> Line | None:
+    """Return the edge that ends at a tip; None where others have met it since."""
+    edges = (edge_of(tip, other) for other in walker.net.neighbours(tip))
+    lines = [walker.cut[edge] for edge in edges if edge in walker.cut]
+    return lines[0] if len(lines) == 1 else None
 
 
 def _tips(walker: Walker, links: Links) -> list[int]:
@@ -87,9 +90,9 @@ def _joined(walker: Walker, links: Links, tip: int) -> bool:
             gap = apart(here, between(net.at(a), net.at(b), share))
             if gap < nearest:
                 best, nearest = (a, b, share), gap
-    if best is None:
+    line = _last_line(walker, tip)
+    if best is None or line is None:
         return False
-    line = walker.cut[edge_of(tip, *links[tip])]
     walker.owner = line.owner
     way = walker.way(tip, walker.on_edge(*best, net.size(tip)))
     if way is None:

@@ -128,3 +128,27 @@ def test_an_extension_stops_at_another_curve():
 def test_an_extension_stops_at_a_rim():
     after = cut(PLATE, line((0.3, 0.513), (0.9, 0.513)), spacing=0.05).mesh
     assert after.vertices[after.cut[after.extends]][..., 0].max() == pytest.approx(1.0, abs=1e-9)
+
+
+def test_extensions_meet_in_a_gap():
+    """Each tip goes on until it meets the other's extension, straight ahead or across."""
+    for ends in [(0.46, 0.513), (0.5, 0.6), (0.47, 0.54)]:
+        result = cut(PLATE, line((0.1, 0.513), (0.4, 0.513)), line(ends, (0.9, ends[1] + 0.1)), spacing=0.05)
+        assert zones_and_tips(result.mesh) == (1, 4)
+        check_sound(PLATE, result.mesh)
+
+
+def test_an_origin_elsewhere():
+    """Boundaries are asked relative to the mesh's origin, whether they can be translated or not."""
+    from cpmkit.forms.galerkin.insertion.inserted import inserted
+    from cpmkit.manifold.local_source import LocalSource, localize
+
+    origin, source = np.array([100.0, -50.0, 3.0]), ck.source("analytic.circle", center=[100.5, -49.5, 3], radius=0.3)
+    for local in (localize(source, origin), LocalSource(source, origin)):
+        after = inserted(PLATE, [local], 0.05).mesh
+        assert zones_and_tips(after) == (2, 0)
+        assert np.abs(np.linalg.norm(after.vertices[after.cut] - [0.5, 0.5, 0], axis=2) - 0.3).max() < 1e-3
+
+
+def test_a_mesh_without_boundaries_stays():
+    assert cut(PLATE).mesh is PLATE
