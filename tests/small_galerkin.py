@@ -13,7 +13,8 @@ from cpmkit.forms.galerkin.sample_mesh import SampleMesh, Samples
 from cpmkit.forms.galerkin.samples.cutting import corners_of, half_facets
 from cpmkit.forms.galerkin.samples.quadrature import samples_of
 from cpmkit.forms.galerkin.samples.subdivision import split_at_knots
-from cpmkit.forms.galerkin.space.energy import STRENGTHS, load, mass, stiffness
+from cpmkit.forms.galerkin.space.energy import STRENGTHS, load
+from cpmkit.forms.galerkin.space.floor import floored_stiffness
 from cpmkit.forms.galerkin.space.parted import part
 from cpmkit.forms.galerkin.space.space import space_of
 from cpmkit.forms.galerkin.space.splines import derivative_rows, value_rows
@@ -24,20 +25,19 @@ from cpmkit.scene.data import evaluate_data
 
 @dataclass
 class Small:
-    """A scene's matrices: A, M, loads, and rows that read u at the samples of the manifold."""
+    """A scene's matrices and loads, and rows that read u at the samples of the manifold."""
 
     scene: object
     samples: Samples
     conditions: ConditionTerms
     left: np.ndarray
-    stiffness: object
-    mass: object
+    energy: object
     b: np.ndarray
     rows: object
 
     @property
     def matrix(self):
-        return (self.stiffness + self.conditions.matrix + self.mass).tocsc()
+        return (self.energy + self.conditions.matrix).tocsc()
 
     def solved(self):
         """The values at the samples of the manifold, in their order."""
@@ -53,8 +53,12 @@ class Small:
         return self.conditions.lattice.to_scene(self.samples.points)
 
     def definite(self):
-        """Whether no eigenvalue is below zero, but for rounding."""
-        return np.linalg.eigvalsh(self.matrix.toarray())[0] > -1e-12 * abs(self.matrix).max()
+        """Whether no eigenvalue is at zero or below."""
+        try:
+            np.linalg.cholesky(self.matrix.toarray())
+        except np.linalg.LinAlgError:
+            return False
+        return True
 
 
 def small(scene, mesh, spacing, origin=None, points=None):
@@ -64,7 +68,7 @@ def small(scene, mesh, spacing, origin=None, points=None):
     moved = None if mesh.midpoints is None else mesh.midpoints - origin
     mesh = replace(mesh, vertices=mesh.vertices - origin, midpoints=moved)
     half, corners, inner = half_facets(mesh), corners_of(mesh), samples_of(mesh)
-    border = boundary_samples(mesh, half, needs_rims(scene), points)
+    border = boundary_samples(mesh, half, corners, needs_rims(scene), points)
     samples = Samples(
         *[np.concatenate([getattr(one, name) for one in (inner, border.as_samples)]) for name in vars(inner)]
     )
@@ -88,8 +92,7 @@ def small(scene, mesh, spacing, origin=None, points=None):
         inner,
         conditions,
         left,
-        stiffness(space, a[:, 0], STRENGTHS["default"]),
-        mass(space, c[:, 0]),
+        floored_stiffness(space, a[:, 0], STRENGTHS["default"], c[:, 0]),
         load(space, f),
         value_rows(parting, parting.patch[:q], inner.points),
     )

@@ -67,7 +67,7 @@ class BoundarySamples:
 
 
 def boundary_samples(
-    mesh: SampleMesh, half: HalfFacets, rims: bool, points: Mapping[int, Ints] | None = None
+    mesh: SampleMesh, half: HalfFacets, corners: Ints, rims: bool, points: Mapping[int, Ints] | None = None
 ) -> BoundarySamples:
     """Return the samples on the facets of boundaries, and on other rims where ``rims`` says so.
 
@@ -77,6 +77,8 @@ def boundary_samples(
         Flat or quadratic cells.
     half : HalfFacets
         Its facets on boundaries and rims, from each cell.
+    corners : (m, k) int64
+        The vertices of the cells after cutting.
     rims : bool
         Whether anything is to be read on rims where no boundary lies.
     points : mapping of int to (k,) int64, optional
@@ -85,7 +87,7 @@ def boundary_samples(
     chosen = np.flatnonzero((half.cut >= 0) | rims)
     where = on_edge if mesh.manifold_dim == 2 else at_end
     cell, facet, cut = half.cell[chosen], half.facet[chosen], half.cut[chosen]
-    x, weights, conormals, normals = where(mesh, cell, facet, half.along[chosen] < 0)
+    x, weights, conormals, normals = where(mesh, corners, cell, facet, half.along[chosen] < 0)
     each = x.shape[1]
     rows, on = np.repeat(np.arange(len(chosen)), each), cut >= 0
     owner, extends = np.full(len(chosen), -1), np.zeros(len(chosen), dtype=bool)
@@ -102,7 +104,7 @@ def boundary_samples(
         owner[rows],
         extends[rows],
     )
-    return joined(found, _at_vertices(mesh, points)) if points else found
+    return joined(found, _at_vertices(mesh, corners, points)) if points else found
 
 
 def joined(first: BoundarySamples, second: BoundarySamples) -> BoundarySamples:
@@ -111,13 +113,13 @@ def joined(first: BoundarySamples, second: BoundarySamples) -> BoundarySamples:
     return BoundarySamples(*[np.concatenate([getattr(first, name), getattr(second, name)]) for name in names])
 
 
-def _at_vertices(mesh: SampleMesh, points: Mapping[int, Ints]) -> BoundarySamples:
+def _at_vertices(mesh: SampleMesh, corners: Ints, points: Mapping[int, Ints]) -> BoundarySamples:
     """Return the points of a surface, each in one of the triangles that meet there."""
     owner = np.repeat(list(points), [len(one) for one in points.values()])
     vertex = np.concatenate(list(points.values()))
     order = np.argsort(mesh.cells, axis=None, kind="stable")
     cell = order[np.searchsorted(mesh.cells.ravel()[order], vertex)] // mesh.cells.shape[1]
-    normals = on_edge(mesh, cell, np.zeros_like(cell), np.zeros(len(cell), dtype=bool))[3][:, 0]
+    normals = on_edge(mesh, corners, cell, np.zeros_like(cell), np.zeros(len(cell), dtype=bool))[3][:, 0]
     none, x = np.full(len(cell), -1), mesh.vertices[vertex]
     nowhere = np.zeros(len(cell), dtype=bool)
     return BoundarySamples(

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.errors import InputError
+from cpmkit.errors import InputError, SceneError, place
 from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples
 from cpmkit.grid.lattice import Lattice
 from cpmkit.protocols import Bools, Floats
@@ -22,6 +22,11 @@ WIDE_SHARE = 0.89
 READ_BESIDE_WIDTHS = 0.25
 #: Readings whose logarithms differ by less are of one material, and are continued to the boundary.
 SAME_MATERIAL_LOG_RATIO = 0.4
+
+#: What is given may differ from the problem's diffusivity by this share of it.
+DIFFUSIVITY_MISMATCH_SHARE = 0.01
+#: Share of a boundary's points that may be misread, where it meets other boundaries.
+MISREAD_POINTS_SHARE = 0.1
 
 
 def local_widths(values: csr_array, areas: Floats, samples: BoundarySamples, left: Bools, spacing: float) -> Floats:
@@ -69,6 +74,30 @@ def beside(data: Data, samples: BoundarySamples, widths: Floats, lattice: Lattic
         for share in (READ_BESIDE_WIDTHS, 2 * READ_BESIDE_WIDTHS)
     )
     return np.asarray(np.exp(np.where(np.abs(near - far) < SAME_MATERIAL_LOG_RATIO, 2 * near - far, far)))
+
+
+def given(
+    own: Data | None, a: Floats, samples: BoundarySamples, widths: Floats, lattice: Lattice, what: str, side: str
+) -> Floats:
+    """Return the conductivity (k,) that a condition gives on one side, ``a`` (k,), that of the problem, if it is None.
+
+    Raises
+    ------
+    SceneError
+        If it is not that of the problem.
+    """
+    if own is None:
+        return a
+    wanted = beside(own, samples, widths, lattice, f"a conductivity of {what}")
+    off = np.abs(wanted / a - 1)
+    if np.mean(off > DIFFUSIVITY_MISMATCH_SHARE) > MISREAD_POINTS_SHARE:
+        worst = int(off.argmax())
+        where = place(lattice.to_scene(samples.points[[worst]])[0])
+        raise SceneError(
+            f"{what} gives the conductivity {wanted[worst]:.4g} on its {side} near {where}, where the problem's "
+            f"diffusivity is {a[worst]:.4g}; leave `{side}` out, or give the problem that diffusivity."
+        )
+    return wanted
 
 
 def _read(data: Data, points: Floats, lattice: Lattice, what: str) -> Floats:

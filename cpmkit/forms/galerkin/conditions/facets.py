@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from cpmkit.forms.galerkin.conditions.slivers import steadied
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.manifold.vectors import dots, norms
 from cpmkit.protocols import Bools, Floats, Ints
@@ -19,17 +20,18 @@ EDGE_POINTS, EDGE_WEIGHT = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3.0), 0.5
 Facets = tuple[Floats, Floats, Floats, Floats]
 
 
-def on_edge(mesh: SampleMesh, cell: Ints, facet: Ints, reversed_: Bools) -> Facets:
+def on_edge(mesh: SampleMesh, corners: Ints, cell: Ints, facet: Ints, reversed_: Bools) -> Facets:
     """Return two points on edges of triangles: points (n, 2, d), weights, conormals, normals (n, 2, d - 2, d).
 
     The edges are those opposite to corner ``facet`` (n,) of ``cell`` (n,), counted against the cell's sense where
-    ``reversed_``, so that cells on both sides of an edge give the same points.
+    ``reversed_``, so that cells on both sides of an edge give the same points. ``corners`` (m, 3) are the vertices of
+    the mesh after cutting.
     """
     tail, head = (facet + 1) % 3, (facet + 2) % 3
     tail, head = np.where(reversed_, head, tail), np.where(reversed_, tail, head)
-    corners = mesh.vertices[mesh.cells[cell]]
-    mid = _midpoints(mesh, corners, cell)
-    p, q, opposite = (_picked(corners, which) for which in (tail, head, facet))
+    vertices = mesh.vertices[mesh.cells[cell]]
+    mid = _midpoints(mesh, vertices, cell)
+    p, q, opposite = (_picked(vertices, which) for which in (tail, head, facet))
     m, beside_tail, beside_head = (_picked(mid, which) for which in (facet, head, tail))
     s = EDGE_POINTS[:, None]
     y = (1 - s) * (1 - 2 * s) * p + 4 * s * (1 - s) * m + s * (2 * s - 1) * q
@@ -39,14 +41,15 @@ def on_edge(mesh: SampleMesh, cell: Ints, facet: Ints, reversed_: Bools) -> Face
     speed = norms(along)
     tangent = along / speed[..., None]
     conormals = _unit(dots(inward, tangent)[..., None] * tangent - inward)
+    conormals = steadied(mesh, corners, cell, facet, tangent, conormals)
     normals = np.cross(tangent, conormals)[:, :, None] if mesh.dim == 3 else np.zeros((len(cell), 2, 0, 2))
     return y, EDGE_WEIGHT * speed, conormals, normals
 
 
-def at_end(mesh: SampleMesh, cell: Ints, facet: Ints, _reversed: Bools) -> Facets:
+def at_end(mesh: SampleMesh, _corners: Ints, cell: Ints, facet: Ints, _reversed: Bools) -> Facets:
     """Return the ends of segments: points (n, 1, d), weights 1, tangents out of the cell, normals (n, 1, d - 1, d)."""
-    corners = mesh.vertices[mesh.cells[cell]]
-    end, other = _picked(corners, 1 - facet), _picked(corners, facet)
+    vertices = mesh.vertices[mesh.cells[cell]]
+    end, other = _picked(vertices, 1 - facet), _picked(vertices, facet)
     mid = 0.5 * (end + other) if mesh.midpoints is None else mesh.midpoints[cell]
     tangent = _unit(3 * end - 4 * mid + other)
     return end, np.ones(end.shape[:2]), tangent, _across(tangent)
@@ -61,11 +64,11 @@ def _across(tangent: Floats) -> Floats:
     return np.stack([first, np.cross(tangent, first)], axis=-2)
 
 
-def _midpoints(mesh: SampleMesh, corners: Floats, cell: Ints) -> Floats:
+def _midpoints(mesh: SampleMesh, vertices: Floats, cell: Ints) -> Floats:
     """Return the edge midpoints (n, 3, d) of triangles, each opposite to a corner."""
     if mesh.midpoints is not None:
         return mesh.midpoints[cell]
-    return np.asarray(0.5 * (np.roll(corners, -1, axis=1) + np.roll(corners, -2, axis=1)))
+    return np.asarray(0.5 * (np.roll(vertices, -1, axis=1) + np.roll(vertices, -2, axis=1)))
 
 
 def _picked(values: Floats, which: Ints) -> Floats:
@@ -74,4 +77,5 @@ def _picked(values: Floats, which: Ints) -> Floats:
 
 
 def _unit(vectors: Floats) -> Floats:
-    return np.asarray(vectors / norms(vectors)[..., None])
+    """Return vectors (..., d) at length one, those of no length as zero."""
+    return np.asarray(vectors / np.maximum(norms(vectors), np.finfo(float).tiny)[..., None])

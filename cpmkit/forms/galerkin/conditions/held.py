@@ -14,7 +14,7 @@ from cpmkit.manifold.local_source import LocalSource
 from cpmkit.protocols import SIDES, Bools, Floats, Ints
 from cpmkit.scene.alike import same_condition
 from cpmkit.scene.condition import Condition
-from cpmkit.scene.laws import Flux, Law, Mixed, Nonlinear, Spectral, Value, beta_at, is_zero_neumann
+from cpmkit.scene.laws import Flux, Interface, Law, Mixed, Nonlinear, Spectral, Value, beta_at, is_zero_neumann
 from cpmkit.scene.scene import Scene, edge_condition
 
 #: The edge's condition, in sentences.
@@ -29,20 +29,23 @@ class Held:
 
     Attributes
     ----------
-    law : Law or None
-        None where u goes on: past the tips of a boundary.
+    law : Law
+        Of a scene; past the tips of a boundary that of a coupling without jump and flux.
     what : str
         Where it holds, in sentences.
     rows : (k,) int64
         The samples; of a law that couples sides, those on the left.
     across : (k,) int64
         Of a law that couples sides, the samples at the same points on the right; else none.
+    seam : bool
+        Whether it lies past a tip, where u goes on.
     """
 
-    law: Law | None
+    law: Law
     what: str
     rows: Ints
     across: Ints
+    seam: bool = False
 
     @property
     def ties(self) -> bool:
@@ -188,7 +191,7 @@ def _past_tips(samples: BoundarySamples) -> list[Held]:
     order = np.argsort(key, kind="stable")
     same = np.flatnonzero(key[order[1:]] == key[order[:-1]])
     first, second = rows[order[same]], rows[order[same + 1]]
-    return [Held(None, "the continuation past a tip", first, second)] if len(first) else []
+    return [Held(Interface(0.0, 0.0), "the continuation past a tip", first, second, seam=True)] if len(first) else []
 
 
 def point_warnings(scene: Scene, samples: BoundarySamples) -> tuple[str, ...]:

@@ -48,20 +48,16 @@ class OneSideRows:
 
 
 def interface(
-    first: OneSideRows, second: OneSideRows, resistance: float, weights: Floats, penalty: float = PENALTY
+    first: OneSideRows, second: OneSideRows, resistance: Floats, weights: Floats, penalty: Floats
 ) -> tuple[csr_array, csr_array, csr_array]:
-    """Return what a coupling adds to the matrix, and by which matrices (n, k) jump and flux (k,) add to b.
+    """Return what couplings add to the matrix, and by which matrices (n, k) jump and flux (k,) add to b.
 
     Parameters
     ----------
     first, second : OneSideRows
         The left side and the right, at the same points.
-    resistance : float
-        R, zero where u goes on.
-    weights : (k,) float64
-        The samples' weights s.
-    penalty : float
-        B.
+    resistance, weights, penalty : (k,) float64
+        R, zero where u goes on; the samples' weights s; B.
     """
     r = [side.widths / side.a for side in (first, second)]
     k = r[0] / (r[0] + r[1])

@@ -29,16 +29,14 @@ PENALTY = 40.0
 
 
 def one_side(
-    alpha: float, beta: Floats, a: Floats, weights: Floats, widths: Floats, values: csr_array, slopes: csr_array
+    alpha: Floats, beta: Floats, a: Floats, weights: Floats, widths: Floats, values: csr_array, slopes: csr_array
 ) -> tuple[csr_array, csr_array]:
-    """Return what a condition adds to the matrix (n, n), and by which matrix (n, k) its datum gamma (k,) adds to b.
+    """Return what conditions add to the matrix (n, n), and by which matrix (n, k) their datum gamma (k,) adds to b.
 
     Parameters
     ----------
-    alpha : float
-        Factor of du/db.
-    beta : (k,) float64
-        Factor of u; nowhere zero where alpha is.
+    alpha, beta : (k,) float64
+        Factors of du/db and of u, never both zero.
     a : (k,) float64
         The diffusivity on this side.
     weights, widths : (k,) float64
@@ -47,7 +45,7 @@ def one_side(
         Rows that read u and du/db at the samples.
     """
     e, g = alpha / a, widths / (PENALTY * a)
-    g = np.where(e * beta > 0, g, 0.0) if alpha else g
+    g = np.where((e * beta > 0) | (alpha == 0), g, 0.0)
     m = e + beta * g
     flux = scaled(a, slopes)
     half = values.T @ (scaled(weights * 0.5 * beta / m, values) - scaled(weights * beta * g / m, flux))

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples
-from cpmkit.forms.galerkin.conditions.coefficients import beside, local_widths
+from cpmkit.forms.galerkin.conditions.coefficients import beside, given, local_widths
 from cpmkit.forms.galerkin.conditions.held import Held
 from cpmkit.forms.galerkin.conditions.interface import SEAM_PENALTY, OneSideRows, interface
 from cpmkit.forms.galerkin.conditions.one_side import PENALTY, doubled, one_side, scaled
@@ -18,19 +18,24 @@ from cpmkit.forms.galerkin.conditions.state_flux import BoundaryFlux, tangent
 from cpmkit.grid.lattice import Lattice
 from cpmkit.protocols import Bools, Floats, Ints
 from cpmkit.scene.data import Data, evaluate_data
-from cpmkit.scene.laws import Interface, Nonlinear, OneSided, Spectral, beta_at
+from cpmkit.scene.laws import Flux, Interface, Mixed, Nonlinear, Spectral, Value, beta_at
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
-    """What one law adds: a matrix (n, n), and to b the products of loads (n, k) with data at points (k, d)."""
+class Sum:
+    """What laws add together: a matrix (n, n), and to b the product of ``load`` (n, k) with the data of all in turn."""
 
     matrix: csr_array
-    points: Floats
-    loads: tuple[tuple[csr_array, Data, str], ...]
+    load: csr_array
+    data: tuple[tuple[Data, Floats, str], ...]
+
+    def loads(self, channels: int, time: float | None) -> Floats:
+        """Return what the data at ``time`` add to b, (n, channels)."""
+        values = [evaluate_data(data, points, channels, what, time) for data, points, what in self.data]
+        return np.asarray(self.load @ np.concatenate([np.zeros((0, channels)), *values]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,10 +50,10 @@ class ConditionTerms:
         Where they are read.
     values, slopes : csr_array (b, n)
         Rows that read u, and du/db with b out of the samples' own cells.
-    diffusivity : Data
-        Of the equation.
-    widths, depths : (b,) float64
-        How wide the manifold is there: between what ties u, and between boundaries of any kind.
+    a : (b,) float64
+        The diffusivity on their side.
+    widths : (b,) float64
+        How wide the manifold is there between what ties u, h at most.
     lattice : Lattice
         That coordinates are relative to.
     """
@@ -57,26 +62,18 @@ class ConditionTerms:
     samples: BoundarySamples
     values: csr_array
     slopes: csr_array
-    diffusivity: Data
+    a: Floats
     widths: Floats
-    depths: Floats
     lattice: Lattice
 
     @property
     def matrix(self) -> csr_array:
         """(n, n) to be added to the stiffness, symmetric to the last bit."""
-        from scipy.sparse import csr_array as csr
-
-        n = self.values.shape[1]
-        return sum((part.matrix for part in self._parts), start=csr((n, n))).tocsr()
+        return (self._one_sided.matrix + self._coupled.matrix).tocsr()
 
     def load(self, channels: int, time: float | None = None) -> Floats:
         """Return what the data at ``time`` add to b, (n, channels)."""
-        b = np.zeros((self.values.shape[1], channels))
-        for part in self._parts:
-            for load, data, what in part.loads:
-                b += load @ evaluate_data(data, part.points, channels, what, time)
-        return b
+        return self._one_sided.loads(channels, time) + self._coupled.loads(channels, time)
 
     @property
     def boundary_mass(self) -> csr_array | None:
@@ -86,12 +83,12 @@ class ConditionTerms:
             return None
         chosen = np.concatenate(rows)
         read = self.values[chosen]
-        return doubled(read.T @ scaled(0.5 * self.samples.weights[chosen] * self._a(chosen), read))
+        return doubled(read.T @ scaled(0.5 * self.samples.weights[chosen] * self.a[chosen], read))
 
     @property
     def strip(self) -> Ints:
         """The unknowns (k,) that samples read where u itself is held or coupled."""
-        rows = np.concatenate([np.zeros(0, dtype=np.int64), *(one.all_rows for one in self.held if one.ties)])
+        rows = stacked([one.all_rows for one in self.held if one.ties], np.int64)
         return np.unique(self.values[rows].indices).astype(np.int64)
 
     @property
@@ -117,47 +114,30 @@ class ConditionTerms:
         )
 
     @cached_property
-    def _parts(self) -> list[Part]:
-        parts = []
-        for one in self.held:
-            if one.law is None or isinstance(one.law, Interface):
-                parts.append(self._coupled(one.law, one))
-            elif len(one.rows) and not isinstance(one.law, (Spectral, Nonlinear)):
-                parts.append(self._one_sided(one.law, one))
-        return parts
-
-    def _one_sided(self, law: OneSided, one: Held) -> Part:
-        rows, where = one.rows, self._where(one.rows)
-        alpha, beta, data = float(law.alpha), beta_at(law, where, one.what), law.datum
+    def _one_sided(self) -> Sum:
+        laws = [(one.law, one) for one in self.held if isinstance(one.law, (Value, Flux, Mixed))]
+        rows = stacked([one.rows for _, one in laws], np.int64)
+        alpha = stacked([np.full(len(one.rows), float(law.alpha)) for law, one in laws])
+        beta = stacked([beta_at(law, self._where(one.rows), one.what) for law, one in laws])
         widths = np.where(self.samples.half[rows] >= 0, self.widths[rows], 1.0)  # at a point the penalty has no unit
-        matrix, load = one_side(
-            alpha,
-            beta,
-            self._a(rows),
-            self.samples.weights[rows],
-            widths,
-            self.values[rows],
-            self.slopes[rows],
-        )
-        return Part(matrix, where, ((load, data, one.what),))
+        read = self.values[rows], self.slopes[rows]
+        sums = one_side(alpha, beta, self.a[rows], self.samples.weights[rows], widths, *read)
+        return Sum(*sums, tuple((law.datum, self._where(one.rows), one.what) for law, one in laws))
 
-    def _coupled(self, law: Interface | None, one: Held) -> Part:
-        given = (None, None) if law is None else (law.left, law.right)
-        sides = [
-            OneSideRows(self._a(rows, own), self.widths[rows], self.values[rows], self.slopes[rows])
-            for rows, own in zip((one.rows, one.across), given, strict=True)
-        ]
-        resistance, penalty = (0.0, SEAM_PENALTY) if law is None else (law.resistance, PENALTY)
-        matrix, by_jump, by_flux = interface(sides[0], sides[1], resistance, self.samples.weights[one.rows], penalty)
-        if law is None:
-            return Part(matrix, self._where(one.rows), ())
-        loads = (by_jump, law.jump, f"the jump of {one.what}"), (by_flux, law.flux, f"the flux of {one.what}")
-        return Part(matrix, self._where(one.rows), loads)
+    @cached_property
+    def _coupled(self) -> Sum:
+        from scipy.sparse import hstack
 
-    def _a(self, rows: Ints, own: Data | None = None) -> Floats:
-        """Return the diffusivity (k,) at samples, on their own side; ``own`` where a condition gives it."""
-        data, what = (self.diffusivity, "the diffusivity") if own is None else (own, "a conductivity of Transmission")
-        return beside(data, self.samples.take(rows), self.depths[rows], self.lattice, what)
+        laws = [(one.law, one) for one in self.held if isinstance(one.law, Interface)]
+        rows = stacked([one.rows for _, one in laws], np.int64), stacked([one.across for _, one in laws], np.int64)
+        sides = [OneSideRows(self.a[side], self.widths[side], self.values[side], self.slopes[side]) for side in rows]
+        resistance = stacked([np.full(len(one.rows), law.resistance) for law, one in laws])
+        penalty = stacked([np.full(len(one.rows), SEAM_PENALTY if one.seam else PENALTY) for _, one in laws])
+        matrix, *by = interface(sides[0], sides[1], resistance, self.samples.weights[rows[0]], penalty)
+        where = [self._where(one.rows) for _, one in laws]
+        jumps = [(law.jump, at, f"the jump of {one.what}") for (law, one), at in zip(laws, where, strict=True)]
+        fluxes = [(law.flux, at, f"the flux of {one.what}") for (law, one), at in zip(laws, where, strict=True)]
+        return Sum(matrix, hstack(by, format="csr"), (*jumps, *fluxes))
 
     def _where(self, rows: Ints) -> Floats:
         return self.lattice.to_scene(self.samples.points[rows])
@@ -167,7 +147,7 @@ def condition_terms(
     held: Sequence[Held],
     samples: BoundarySamples,
     left: Bools,
-    rows: tuple[csr_array, csr_array],
+    read: tuple[csr_array, csr_array],
     areas: Floats,
     diffusivity: Data,
     lattice: Lattice,
@@ -182,7 +162,7 @@ def condition_terms(
         Where they are read.
     left : (b,) bool
         Which of these are on the left.
-    rows : two csr_array (b, n)
+    read : two csr_array (b, n)
         Reading u, and du/db along the samples' conormals.
     areas : (n,) float64
         The integral of each spline over the manifold.
@@ -191,9 +171,19 @@ def condition_terms(
     lattice : Lattice
         That coordinates are relative to.
     """
-    values, slopes = rows
-    ties = np.concatenate([np.zeros(0, dtype=np.int64), *(one.all_rows for one in held if one.ties)])
-    depths = local_widths(values, areas, samples, left, lattice.spacing)
-    widths = depths.copy()
+    values, slopes = read
+    ties = stacked([one.all_rows for one in held if one.ties], np.int64)
+    widths = local_widths(values, areas, samples, left, lattice.spacing)
+    a = beside(diffusivity, samples, widths, lattice, "the diffusivity")
+    for one in held:
+        if isinstance(one.law, Interface):
+            for rows, own, side in ((one.rows, one.law.left, "left"), (one.across, one.law.right, "right")):
+                beside_it = samples.take(rows)
+                a[rows] = given(own, a[rows], beside_it, widths[rows], lattice, one.what, side)
     widths[ties] = local_widths(values[ties], areas, samples.take(ties), left[ties], lattice.spacing)
-    return ConditionTerms(tuple(held), samples, values, slopes, diffusivity, widths, depths, lattice)
+    return ConditionTerms(tuple(held), samples, values, slopes, a, widths, lattice)
+
+
+def stacked(parts: Sequence[Any], dtype: Any = np.float64) -> Any:
+    """Return arrays (k,) one after the other, of which there may be none."""
+    return np.concatenate([np.zeros(0, dtype=dtype), *parts])
