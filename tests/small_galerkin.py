@@ -80,13 +80,13 @@ def small(scene, mesh, spacing, origin=None, points=None):
     )
     left = left_of_boundaries(mesh, half, corners, border, [scene.oriented(one) for one in scene.boundaries], lattice)
     laws, terms = held(scene, border, left, surface, lattice), scene.problem.terms()
-    areas = load(space, np.ones((len(samples.points), 1)))[:, 0]
-    conditions = condition_terms(laws, border, left, rows, areas, terms.diffusivity, lattice)
     where = lattice.to_scene(np.concatenate([inner.points, border.points - 1e-6 * spacing * border.conormals]))
     a, c, f = (
         evaluate_data(data, where, k, "data")
         for data, k in zip((terms.diffusivity, terms.c, terms.f), (1, 1, scene.channels), strict=True)
     )
+    areas, logarithms = load(space, np.concatenate([np.ones_like(a), np.log(a)], axis=1)).T
+    conditions = condition_terms(laws, border, left, rows, areas, terms.diffusivity, logarithms, lattice)
     return Small(
         scene,
         inner,

@@ -30,6 +30,8 @@ class BoundarySamples:
         Orthonormal vectors that span the manifold's normal space.
     cell : (b,) int64
         The cell that each belongs to.
+    centres : (b, d) float64
+        The mean of that cell's corners.
     half : (b,) int64
         The half facet; -1 at points of a surface.
     facet : (b,) int64
@@ -47,6 +49,7 @@ class BoundarySamples:
     conormals: Floats
     normals: Floats
     cell: Ints
+    centres: Floats
     half: Ints
     facet: Ints
     place: Ints
@@ -98,6 +101,7 @@ def boundary_samples(
         conormals.reshape(-1, mesh.dim),
         normals.reshape(-1, *normals.shape[2:]),
         cell[rows],
+        mesh.vertices[mesh.cells[cell]].mean(axis=1)[rows],
         chosen[rows],
         cut[rows],
         np.tile(np.arange(each), len(chosen)),
@@ -123,5 +127,5 @@ def _at_vertices(mesh: SampleMesh, corners: Ints, points: Mapping[int, Ints]) ->
     none, x = np.full(len(cell), -1), mesh.vertices[vertex]
     nowhere = np.zeros(len(cell), dtype=bool)
     return BoundarySamples(
-        x, np.ones(len(cell)), np.zeros_like(x), normals, cell, none, none, np.zeros_like(cell), owner, nowhere
+        x, np.ones(len(cell)), np.zeros_like(x), normals, cell, x, none, none, np.zeros_like(cell), owner, nowhere
     )

@@ -57,10 +57,25 @@ def local_widths(values: csr_array, areas: Floats, samples: BoundarySamples, lef
     return width
 
 
-def beside(data: Data, samples: BoundarySamples, widths: Floats, lattice: Lattice, what: str) -> Floats:
-    """Return a positive coefficient (b,) at boundary samples, read from inside their cells' side.
+def beside(data: Data, samples: BoundarySamples, widths: Floats, around: Floats, lattice: Lattice, what: str) -> Floats:
+    """Return a positive coefficient (b,) at boundary samples, on the side of their cells.
 
-    To second order where it is smooth there.
+    It is read twice along the conormal, and twice towards the middle of the cell, and continued to the sample: to
+    second order where it is smooth. The first readings may lie in another zone, where boundaries meet, the second
+    beyond where materials change, where a boundary is off that: those are taken that fit the zone's mean.
+
+    Parameters
+    ----------
+    data : Data
+        The coefficient.
+    samples : BoundarySamples
+        Where it is read.
+    widths : (b,) float64
+        How wide the manifold is there.
+    around : (b,) float64
+        The mean of the logarithm of the coefficient over the zone near by.
+    lattice, what
+        That coordinates are relative to, and what the data are, in sentences.
 
     Raises
     ------
@@ -69,11 +84,16 @@ def beside(data: Data, samples: BoundarySamples, widths: Floats, lattice: Lattic
     """
     if not callable(data):
         return _read(data, samples.points, lattice, what)
-    near, far = (
-        np.log(_read(data, samples.points - share * widths[:, None] * samples.conormals, lattice, what))
-        for share in (READ_BESIDE_WIDTHS, 2 * READ_BESIDE_WIDTHS)
-    )
-    return np.asarray(np.exp(np.where(np.abs(near - far) < SAME_MATERIAL_LOG_RATIO, 2 * near - far, far)))
+    inward = samples.centres - samples.points
+    steps = -READ_BESIDE_WIDTHS * widths[:, None] * samples.conormals, 0.5 * inward
+    found = []
+    for step in steps:
+        near, far = (np.log(_read(data, samples.points + k * step, lattice, what)) for k in (1, 2))
+        found.append(np.where(np.abs(near - far) < SAME_MATERIAL_LOG_RATIO, 2 * near - far, np.inf))
+    along, within = found
+    off = [np.abs(one - around) for one in found]
+    value = np.where(off[0] <= off[1] + SAME_MATERIAL_LOG_RATIO, along, within)
+    return np.asarray(np.exp(np.where(np.isfinite(value), value, around)))
 
 
 def given(
@@ -88,7 +108,7 @@ def given(
     """
     if own is None:
         return a
-    wanted = beside(own, samples, widths, lattice, f"a conductivity of {what}")
+    wanted = beside(own, samples, widths, np.log(a), lattice, f"a conductivity of {what}")
     off = np.abs(wanted / a - 1)
     if np.mean(off > DIFFUSIVITY_MISMATCH_SHARE) > MISREAD_POINTS_SHARE:
         worst = int(off.argmax())

@@ -150,6 +150,7 @@ def condition_terms(
     read: tuple[csr_array, csr_array],
     areas: Floats,
     diffusivity: Data,
+    logarithms: Floats,
     lattice: Lattice,
 ) -> ConditionTerms:
     """Return the conditions on the unknowns.
@@ -168,13 +169,15 @@ def condition_terms(
         The integral of each spline over the manifold.
     diffusivity : Data
         Of the equation.
+    logarithms : (n,) float64
+        The integral of each spline times the diffusivity's logarithm.
     lattice : Lattice
         That coordinates are relative to.
     """
     values, slopes = read
     ties = stacked([one.all_rows for one in held if one.ties], np.int64)
     widths = local_widths(values, areas, samples, left, lattice.spacing)
-    a = beside(diffusivity, samples, widths, lattice, "the diffusivity")
+    a = beside(diffusivity, samples, widths, (values @ logarithms) / (values @ areas), lattice, "the diffusivity")
     for one in held:
         if isinstance(one.law, Interface):
             for rows, own, side in ((one.rows, one.law.left, "left"), (one.across, one.law.right, "right")):
