@@ -122,7 +122,7 @@ class Prepared:
         started = time.perf_counter() if started is None else started
         form = self.discretized if scene is self.discretized.scene else self.discretized.restated(scene)
         factor = scene.problem.factorise_up_to * form.factorise_up_to
-        chosen = choose_solver(self.solver.solver, form.size, largest_dim(scene.surface), factor, form.has_levels)
+        chosen = choose_solver(self.solver.solver, form.size, largest_dim(scene.surface), factor, form.multigrid)
         if chosen == "direct":  # what others need was checked before the tables
             form.check_factor_fits()
         made = make_solver(chosen, self.solver.further)

@@ -38,7 +38,7 @@ def explained(scene: Scene, asked: Options[GalerkinOptions], solver: str, progre
             counts = {name: _extrapolated(counts[name], coarse[name], ratio, m) for name in counts}
     progress("rehearsal", 1.0)
     factor = scene.problem.factorise_up_to * form.factorise_up_to
-    chosen = choose_solver(solver, round(counts["unknowns"]), largest_dim(scene.surface), factor, form.has_levels)
+    chosen = choose_solver(solver, round(counts["unknowns"]), largest_dim(scene.surface), factor, form.multigrid)
     return Explanation(
         (*_parts(scene, form, counts, asked), solver_part(scene, chosen, solver)),
         _left_out(scene),

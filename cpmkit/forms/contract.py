@@ -131,9 +131,6 @@ class Discretized(ABC):
     #: How many times more unknowns than of the form ``collocation`` a factorisation is worth.
     factorise_up_to: ClassVar[float] = 1.0
 
-    #: Whether :meth:`levels` gives a multigrid something to work on.
-    has_levels: ClassVar[bool] = False
-
     scene: Scene
 
     # What there is
@@ -228,6 +225,11 @@ class Discretized(ABC):
         """Return B where conditions of Steklov stand, with ``apply``; None where there are none."""
         if any(isinstance(one.law, Spectral) for one in self.scene.conditions):
             self.require("eigenvalues at boundaries")
+
+    @property
+    def multigrid(self) -> bool:
+        """Whether A is symmetric for the scene's equation, and :meth:`levels` hands out coarser ones."""
+        return False
 
     def levels(self, operator: Operator) -> Sequence[Any]:
         """Return coarser levels for a multigrid, transfers and operators; none here."""

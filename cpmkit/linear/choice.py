@@ -17,31 +17,28 @@ from cpmkit.runtime.declared import Declared, declared, option
 
 #: Up to this many unknowns, by dimension of the manifold, a direct factorisation is the quicker one.
 DIRECT_UNKNOWNS = {0: 10**6, 1: 100_000, 2: 6_000, 3: 3_000}
-SOLVERS: Mapping[str, Callable[..., LinearSolver]] = {
-    "direct": Direct,
-    "reference": Reference,
-    "multigrid": Multigrid,
-}
+#: The same where a form has coarser levels for a multigrid.
+DIRECT_BESIDE_MULTIGRID = {**DIRECT_UNKNOWNS, 2: 1_500, 3: 1_000}
+SOLVERS: Mapping[str, Callable[..., LinearSolver]] = {"direct": Direct, "multigrid": Multigrid, "reference": Reference}
 #: Options of the built-in solvers.
 SOLVER_OPTIONS = {
     "auto": ("max_iterations",),
     "direct": (),
-    "reference": ("max_iterations",),
     "multigrid": ("max_iterations",),
+    "reference": ("max_iterations",),
 }
 
 
-def choose_solver(name: str, unknowns: int, manifold_dim: int, factor: float = 1.0, has_levels: bool = False) -> str:
+def choose_solver(name: str, unknowns: int, manifold_dim: int, factor: float = 1.0, multigrid: bool = False) -> str:
     """Return the solver that ``name`` means for this many unknowns; ``auto`` takes the quicker one.
 
-    A ``factor`` above one is for what an iterative solver does slowly or not at all; forms that have coarser levels are
-    solved by multigrid where factors are too large.
+    A ``factor`` above one is for what an iterative solver does slowly or not at all; ``multigrid`` tells that a form
+    has symmetric operators and coarser levels for them.
     """
     if name != "auto":
         return name
-    if unknowns <= factor * DIRECT_UNKNOWNS.get(manifold_dim, 0):
-        return "direct"
-    return "multigrid" if has_levels else "reference"
+    most, other = (DIRECT_BESIDE_MULTIGRID, "multigrid") if multigrid else (DIRECT_UNKNOWNS, "reference")
+    return "direct" if unknowns <= factor * most.get(manifold_dim, 0) else other
 
 
 def _check_tolerance(tolerance: Any, what: str) -> float:
@@ -79,7 +76,7 @@ class SolverOptions(Declared):
     """
 
     solver: str = option(
-        "auto", "``auto``, ``direct``, ``reference``, ``multigrid``, or the kind of a solver that a plugin offers."
+        "auto", "``auto``, ``direct``, ``multigrid``, ``reference``, or the kind of a solver that a plugin offers."
     )
     tolerance: float = option(1e-10, "Relative residual, recomputed after the solve.", _check_tolerance)
     further: Mapping[str, Any] = field(default_factory=dict)

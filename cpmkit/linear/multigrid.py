@@ -21,8 +21,8 @@ from cpmkit.linear.operators import Bordered
 from cpmkit.linear.report import SolveReport, judge
 from cpmkit.protocols import Floats, Operator, Progress, no_progress
 
-#: The recursive residual is driven this much below the tolerance, because it drifts from the true one.
-RECURSION_SHARE = 0.5
+#: The recursive residual is driven this much below the tolerance, because it drifts from the true one, a little.
+RECURSION_SHARE = 0.9
 #: At most this many fresh starts from the true residual.
 FRESH_STARTS = 3
 #: The most unknowns of a coarsest level, which is factorised.

@@ -11,7 +11,7 @@ import numpy as np
 from cpmkit.linear.levels import Level
 from cpmkit.linear.multigrid_exact import Indefinite, PositiveFactors
 from cpmkit.linear.multigrid_lanczos import largest_eigenvalue
-from cpmkit.linear.multigrid_matrix import UnsignedCsr
+from cpmkit.linear.multigrid_matrix import UnsignedCsr, coarse_operator
 from cpmkit.linear.multigrid_smoother import Chebyshev, Smoother, Strip
 from cpmkit.protocols import Floats, Ints
 
@@ -90,7 +90,7 @@ def cycle_of(matrix: csr_array, levels: Sequence[Level], piece: Ints) -> Cycle:
         stages.append(Stage(UnsignedCsr.of(matrix), smoother, UnsignedCsr.of(P)))
         coarse = np.full(P.shape[1], -1)
         coarse[P.indices] = np.repeat(piece, np.diff(P.indptr))
-        matrix, piece = (P.T @ (matrix @ P)).tocsr(), coarse
+        matrix, piece = coarse_operator(matrix, P), coarse
     return Cycle(tuple(stages), PositiveFactors.of(_held(matrix, piece), "on the coarsest level"))
 
 

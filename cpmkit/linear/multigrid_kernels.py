@@ -80,3 +80,46 @@ def prolong(start: int, stop: int, pointers: Any, columns: Any, entries: Floats,
     for i in range(start, stop):
         for m in range(fine.shape[1]):
             fine[i, m] += _row(pointers, columns, entries, i, coarse, m)
+
+
+@compiled
+def multiply(
+    pointers: Any,
+    columns: Any,
+    entries: Floats,
+    other_pointers: Any,
+    other_columns: Any,
+    other_entries: Floats,
+    width: int,
+    room: int,
+) -> tuple[Any, Any, Floats]:
+    """Return pointers, columns (in no order) and entries of ``A B``, which has ``width`` columns.
+
+    ``room`` is about the number of entries: what is not needed costs no memory, what is lacking some time.
+    """
+    place = np.zeros(width, dtype=np.uint64)  # one above where a column stands, in this row or an earlier one
+    starts = np.zeros(len(pointers), dtype=np.uint64)
+    found, sums = np.empty(room, dtype=np.uint32), np.empty(room)
+    used = np.uint64(0)
+    for i in range(len(pointers) - 1):
+        begin = used
+        if used + np.uint64(width) > np.uint64(len(sums)):
+            most = used
+            for k in range(pointers[i], pointers[i + 1]):
+                most += other_pointers[columns[k] + np.uint64(1)] - other_pointers[columns[k]]
+            if most > np.uint64(len(sums)):
+                more, further = np.empty(2 * most, dtype=np.uint32), np.empty(2 * most)
+                more[:used], further[:used] = found[:used], sums[:used]
+                found, sums = more, further
+        for k in range(pointers[i], pointers[i + 1]):
+            entry, row = entries[k], columns[k]
+            for at in range(other_pointers[row], other_pointers[row + np.uint64(1)]):
+                column = other_columns[at]
+                if place[column] > begin:
+                    sums[place[column] - np.uint64(1)] += entry * other_entries[at]
+                else:
+                    found[used], sums[used] = column, entry * other_entries[at]
+                    used += np.uint64(1)
+                    place[column] = used
+        starts[i + 1] = used
+    return starts, found[:used], sums[:used]

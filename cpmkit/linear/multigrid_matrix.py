@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -39,6 +39,22 @@ class UnsignedCsr:
         indices = matrix.indices
         columns = indices.view(np.uint32) if indices.dtype == np.int32 else indices.astype(np.uint32)
         return cls(matrix.indptr.astype(np.uint64), columns, matrix.data, int(matrix.shape[1]))
+
+    def to_csr(self) -> csr_array:
+        """Return the same matrix as SciPy has it; rows are not sorted."""
+        from scipy.sparse import csr_array
+
+        kind = np.int32 if len(self.entries) < 2**31 else np.int64
+        columns = self.columns.view(np.int32) if kind is np.int32 else self.columns.astype(kind)
+        return csr_array((self.entries, columns, self.pointers.astype(kind)), shape=(len(self), self.width))
+
+    def __matmul__(self, other: UnsignedCsr) -> UnsignedCsr:
+        """Return the product ``A B`` with another matrix."""
+        from cpmkit.linear.multigrid_kernels import multiply
+
+        two = (other.pointers, other.columns, other.entries)
+        room = max(len(self.entries), len(other.entries))
+        return UnsignedCsr(*multiply(self.pointers, self.columns, self.entries, *two, other.width, room), other.width)
 
     def __len__(self) -> int:
         return len(self.pointers) - 1
@@ -84,3 +100,11 @@ class UnsignedCsr:
             kernel(start, stop, self.pointers, self.columns, self.entries, *arguments)
 
         run_parcels(work, len(self), rows)
+
+
+def coarse_operator(matrix: csr_array, prolongation: csr_array) -> csr_array:
+    """Return P' A P."""
+    half = UnsignedCsr.of(matrix) @ UnsignedCsr.of(prolongation)
+    coarse = UnsignedCsr.of(prolongation.T.tocsr()) @ half
+    del half  # the largest of all, before the result is copied out of the room for it
+    return replace(coarse, columns=coarse.columns.copy(), entries=coarse.entries.copy()).to_csr()

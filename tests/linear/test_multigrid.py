@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 from galerkin_systems import circle_beside, mass_of, sphere_space, stiffness_of, two_spheres
+from scipy.sparse import random_array
 
 from cpmkit.errors import ConvergenceError, SceneError
 from cpmkit.forms.free_constants import free_pieces
@@ -13,6 +14,7 @@ from cpmkit.forms.galerkin.space import energy
 from cpmkit.linear import multigrid_cycle
 from cpmkit.linear.direct import Direct
 from cpmkit.linear.multigrid import Multigrid
+from cpmkit.linear.multigrid_matrix import UnsignedCsr
 from cpmkit.linear.operators import Bordered, CsrOperator
 
 NOWHERE = np.zeros(0, dtype=np.int64)
@@ -168,3 +170,13 @@ def test_too_few_iterations_are_told():
         Multigrid(3).prepare(stiffness_of(space, 1.0), levels_of(space.parting, NOWHERE)).solve(
             load(space, smooth), 1e-10
         )
+
+
+@pytest.mark.parametrize(("shape", "density"), [((40, 30, 20), 0.2), ((300, 5, 200), 0.4), ((7, 200, 3), 0.9)])
+def test_sparse_products_are_those_of_scipy(shape, density):
+    a, b = (random_array(sides, density=density, format="csr", rng=3) for sides in (shape[:2], shape[1:]))
+    product = UnsignedCsr.of(a) @ UnsignedCsr.of(b)
+    assert abs(product.to_csr() - a @ b).max() < 1e-14
+    x = np.random.default_rng(0).standard_normal((shape[1], 3))
+    assert np.allclose(UnsignedCsr.of(a).apply(x), a @ x)
+    assert np.allclose(UnsignedCsr.of(a).transposed(a @ x), a.T @ (a @ x))

@@ -189,7 +189,10 @@ WRONG = {
     ),
     "an unknown file type": (GOOD.replace("summary.json", "summary.docx"), r"accepted are .*\.vtp"),
     "a picture that is none": (GOOD + 'picture = { file = "a.png", widht = 3 }', "unknown key 'widht'"),
-    "an unknown solver": (GOOD.replace('"reference"', '"fast"'), "solver must be auto, direct, reference, or"),
+    "an unknown solver": (
+        GOOD.replace('"reference"', '"fast"'),
+        "solver must be auto, direct, multigrid, reference, or",
+    ),
     "a boundary far away": (
         GOOD.replace("center = [0, 0, 0.5]", "center = [0, 0, 2.5]"),
         "'ring' is up to .* away from the surface",

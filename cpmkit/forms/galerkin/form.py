@@ -92,7 +92,7 @@ class Galerkin(Reader):
 
     form: ClassVar[str] = "galerkin"
     work_record: ClassVar[type] = GalerkinWork
-    has_levels: ClassVar[bool] = True
+    multigrid: ClassVar[bool] = True
 
     @property
     def size(self) -> int:

@@ -1,0 +1,17 @@
+"""Without a name, the quicker solver is taken; a multigrid only where a form has levels for it."""
+
+from cpmkit.linear.choice import choose_solver, make_solver
+from cpmkit.linear.multigrid import Multigrid
+
+
+def test_what_is_quicker_is_taken():
+    assert choose_solver("auto", 100_000, 2) == "reference"
+    assert choose_solver("auto", 100_000, 2, multigrid=True) == "multigrid"
+    assert choose_solver("auto", 100_000, 1, multigrid=True) == "direct"
+    assert choose_solver("auto", 5_000, 2) == choose_solver("auto", 5_000, 2, 4.0, multigrid=True) == "direct"
+    assert choose_solver("auto", 5_000, 2, multigrid=True) == "multigrid"
+    assert choose_solver("reference", 5_000, 2, multigrid=True) == "reference"
+
+
+def test_a_multigrid_takes_its_most_iterations():
+    assert make_solver("multigrid", {"max_iterations": 7}) == Multigrid(7)
