@@ -130,7 +130,7 @@ class Galerkin(Reader):
             raise InputError(f"the diffusivity must be above zero, got {a.min():g}.")
         c = self._at_samples(terms.c, "the factor c") if callable(terms.c) or terms.c else None
         matrix = floored_stiffness(self.space, a, self._strength, c)
-        conditions = self._conditions(terms.diffusivity)
+        conditions = self._conditions(terms.diffusivity, a)
         if conditions.held:
             matrix = (matrix + conditions.matrix).tocsr()
         return GalerkinOperator(matrix, True, conditions, fixed=c is not None and bool(np.all(c > 0)))
@@ -150,10 +150,13 @@ class Galerkin(Reader):
         each = len(own) // len(self.sampled.mesh.cells)
         return np.concatenate([own, own[each * self.sampled.boundary.cell]])
 
-    def _conditions(self, diffusivity: Data) -> ConditionTerms:
-        one = self.sampled
+    def _conditions(self, diffusivity: Data, a: Floats | None = None) -> ConditionTerms:
+        """Return the terms of the conditions where the diffusivity is ``a`` (q,) at all samples, 1 unless given."""
+        one, logarithms = self.sampled, np.zeros((len(self.sampled.samples), 1)) if a is None else np.log(a)[:, None]
+        logarithms = load(self.space, logarithms)[:, 0]
+        rows = self._boundary_rows
         return condition_terms(
-            one.held, one.boundary, one.left, self._boundary_rows, self._areas, diffusivity, one.lattice
+            one.held, one.boundary, one.left, rows, self._areas, diffusivity, logarithms, one.lattice
         )
 
     @cached_property

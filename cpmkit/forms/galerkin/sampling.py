@@ -16,12 +16,12 @@ from cpmkit.forms.galerkin.contouring.surfaces import triangulated
 from cpmkit.forms.galerkin.insertion.inserted import inserted
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.sample_mesh import HalfFacets, SampleMesh, Samples
-from cpmkit.forms.galerkin.samples.curving import curved
+from cpmkit.forms.galerkin.samples.bending import Bend, bent
 from cpmkit.forms.galerkin.samples.cutting import corners_of, half_facets
 from cpmkit.forms.galerkin.samples.quadrature import samples_of
 from cpmkit.forms.galerkin.samples.soundness import sound
 from cpmkit.forms.galerkin.samples.sources import cells_of
-from cpmkit.forms.galerkin.samples.subdivision import split_at_knots, subdivided
+from cpmkit.forms.galerkin.samples.subdivision import subdivided
 from cpmkit.forms.galerkin.telling import of_insertion, of_mending
 from cpmkit.forms.options import Options
 from cpmkit.grid.lattice import Lattice, lattice_of
@@ -110,7 +110,7 @@ def sample(scene: Scene, options: Options[GalerkinOptions], progress: Progress) 
     oriented = [scene.oriented(boundary) for boundary in scene.boundaries]
     sources = [localize(boundary.source, lattice.origin) for boundary in scene.boundaries]
     progress("samples", 0.0)
-    mesh, smooth, told = _cells(surface, spacing)
+    mesh, bend, told = _cells(surface, spacing)
     points: dict[int, Ints] = {}
     if sources:
         insertion = inserted(mesh, sources, spacing)
@@ -118,12 +118,9 @@ def sample(scene: Scene, options: Options[GalerkinOptions], progress: Progress) 
         told += tuple(of_insertion(insertion, [boundary.name for boundary in scene.boundaries]))
     progress("samples", 0.5)
     mesh = subdivided(mesh, LONGEST_EDGE_SPACINGS * spacing)
-    if smooth:
-        mesh = curved(mesh, surface, sources, spacing)
-    elif mesh.manifold_dim == 1:
-        mesh = split_at_knots(mesh, spacing)
+    mesh = bent(mesh, bend, surface, sources, spacing)
     corners, half = corners_of(mesh), half_facets(mesh)
-    boundary = boundary_samples(mesh, half, needs_rims(scene), points)
+    boundary = boundary_samples(mesh, half, corners, needs_rims(scene), points)
     left = left_of_boundaries(mesh, half, corners, boundary, oriented, lattice)
     laws = held(scene, boundary, left, surface, lattice)
     progress("samples", 1.0)
@@ -131,18 +128,18 @@ def sample(scene: Scene, options: Options[GalerkinOptions], progress: Progress) 
     return SampledScene(lattice, surface, sources, oriented, mesh, corners, half, samples, boundary, left, laws, told)
 
 
-def _cells(surface: LocalSource, spacing: float) -> tuple[SampleMesh, bool, tuple[str, ...]]:
-    """Return a sound mesh of the manifold, whether its cells are to be curved, and what is to be told of it."""
+def _cells(surface: LocalSource, spacing: float) -> tuple[SampleMesh, Bend, tuple[str, ...]]:
+    """Return a sound mesh of the manifold, how its cells are to be bent, and what is to be told of it."""
     own = cells_of(surface, spacing)
     if own is not None:
         mesh, mended = sound(own.mesh)
-        return mesh, own.curved, tuple(of_mending(mended))
+        return mesh, own.bend, tuple(of_mending(mended))
     if surface.manifold_dim == 1:
         raise SceneError(
             "the form 'galerkin' needs a curve that draws itself, got one with closest points alone; give the source a "
             "method mesh(spacing), or use form='collocation'."
         )
-    return triangulated(surface, spacing, curved=False)[0], True, ()
+    return triangulated(surface, spacing, curved=False)[0], "feet", ()
 
 
 def _joined(first: Samples, second: Samples) -> Samples:

@@ -57,8 +57,6 @@ def split_needles(mesh: SampleMesh, length: float) -> tuple[SampleMesh, Halves]:
 
     sides = subdivision_kernels.shortest_and_longest(mesh.vertices, np.ascontiguousarray(mesh.cells))
     least, most = sides.T
-        np.ascontiguousarray(mesh.vertices), np.ascontiguousarray(mesh.cells)
-    ).T
     width = np.maximum(least, length)
     needle = np.flatnonzero(most > NEEDLE_EDGES * width)
     if not len(needle):
