@@ -86,9 +86,9 @@ def _check_balance(solution: Solution) -> None:
     SceneError
         Naming a point of the piece.
     """
-    for defect in solution.defects:
-        if defect.relative > defect.explained:
-            near = place(defect.near)
+    for one in solution.imbalances:
+        if one.of == "data" and one.relative > one.explained:
+            near = place(one.near)
             raise SceneError(
                 f"Nothing fixes the solution near {near}: the nonlinear flux does not change with u at the values "
                 "that Newton's method has, and the data do not balance without it; give another guess, or use Neumann."

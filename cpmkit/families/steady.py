@@ -77,14 +77,13 @@ def solve_steady(context: SolveContext) -> Solution:
     poor += near_resonance(context, prepared, settled.values)
     seconds = {"build": built - context.started, "solve": time.perf_counter() - built, **settled.seconds}
     found = form.warnings(settled.missed)
+    unbalanced = [text for one in settled.imbalances for text in one.warnings]
     return Solution(
         form,
         settled.values,
         report,
         work,
         seconds,
-        warnings=(*found, *([wrong] if wrong else []), *poor, *settled.warnings),
-        defects=settled.defects,
-        leaks=settled.leaks,
-        balance=settled.balance,
+        warnings=(*found, *([wrong] if wrong else []), *poor, *unbalanced, *settled.warnings),
+        imbalances=settled.imbalances,
     )

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, fields
 from types import NoneType, UnionType
-from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from cpmkit.errors import InputError, shown
 
@@ -47,6 +47,11 @@ def whole_numbers(least: float = -math.inf, most: float = math.inf) -> Kind:
         f"a whole number{_range(least, most)}",
         lambda value: isinstance(value, int) and not isinstance(value, bool) and least <= value <= most,
     )
+
+
+def one_of(*words: str) -> Kind:
+    """Return the kind of texts that are one of ``words``."""
+    return Kind(f"one of {', '.join(words)}", lambda value: isinstance(value, str) and value in words)
 
 
 TEXT = Kind("text", lambda value: isinstance(value, str))
@@ -125,6 +130,8 @@ def _kind(hint: Any) -> Kind:
     plain = {str: TEXT, bool: FLAG, int: whole_numbers(0), float: numbers()}
     if hint in plain:
         return plain[hint]
+    if get_origin(hint) is Literal:
+        return one_of(*get_args(hint))
     arguments = [_kind(argument) for argument in get_args(hint) if argument not in (NoneType, Ellipsis)]
     if get_origin(hint) is tuple:
         return list_of(arguments[0])

@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 import numpy as np
 
 from cpmkit.errors import InputError, SceneError
-from cpmkit.forms.free_constants import UnbalancedData, defects_of, free_pieces
+from cpmkit.forms.free_constants import defects_of, free_pieces
+from cpmkit.forms.imbalance import Imbalance
 from cpmkit.linear.operators import Border, Bordered
 from cpmkit.protocols import SIDES, Floats, Operator, Side, Stiffness
 from cpmkit.scene.data import Data, evaluate_data, takes_time
@@ -69,14 +70,12 @@ class Settled:
     ----------
     values : (n, channels) float64
         Of mean zero on pieces where a constant is free.
-    defects : tuple of UnbalancedData
-        What of the data has no solution on each of these.
-    leaks : tuple
-        What the form put right of its own imbalance, and ``balance``, one record, what it did on request.
+    imbalances : tuple of Imbalance
+        What did not balance, piece by piece, and what was done about it.
     missed : float
-        The largest of the leaks, as a share of the range of u.
+        The largest relative error of a mean, whether or not it was put right.
     warnings : tuple of str
-        What of this a reader should know.
+        What else a reader should know than the imbalances' own sentences.
     queries : int
         Closest point queries that it took.
     seconds : mapping
@@ -84,9 +83,7 @@ class Settled:
     """
 
     values: Floats
-    defects: tuple[UnbalancedData, ...] = ()
-    leaks: tuple[Any, ...] = ()
-    balance: Any = None
+    imbalances: tuple[Imbalance, ...] = ()
     missed: float = 0.0
     warnings: tuple[str, ...] = ()
     queries: int = 0
@@ -360,8 +357,7 @@ class Discretized(ABC):
         """Return the solution u of ``operator u = b`` with free constants taken out and what has no solution told."""
         if not isinstance(operator, Bordered):
             return Settled(u)
-        u, defects = defects_of(operator, b, u, self.mass, self.at_points, self.points)
-        return Settled(u, defects, warnings=tuple(text for defect in defects for text in defect.warnings))
+        return Settled(*defects_of(operator, b, u, self.mass, self.at_points, self.points))
 
     # Telling
 

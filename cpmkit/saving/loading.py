@@ -12,10 +12,8 @@ import numpy as np
 from cpmkit.errors import InputError, shown
 from cpmkit.files.plain_values import record_from_table
 from cpmkit.forms.choice import module_of, options_of
-from cpmkit.forms.collocation.conservation.balance import MeanImbalance
-from cpmkit.forms.collocation.conservation.flux_balance import Balance
 from cpmkit.forms.contract import Discretized
-from cpmkit.forms.free_constants import UnbalancedData
+from cpmkit.forms.imbalance import Imbalance
 from cpmkit.linear.report import SolveReport
 from cpmkit.protocols import Floats, Ints
 from cpmkit.saving.saved_solutions import check_same_scene, of_another_scene, read_solution
@@ -138,7 +136,6 @@ def _rebuilt(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any], 
     differs = form.differs_from(lattice)
     if differs or lattice["unknowns"].shape != (form.size, channels):
         raise of_another_scene(path, differs or "its nodes are others")
-    balance = summary["discretization"].get("balance")
     return Solution(
         form,
         lattice["unknowns"],
@@ -146,11 +143,9 @@ def _rebuilt(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any], 
         record_from_table(form.work_record, summary["work"], f"work in {where}"),
         summary["seconds"],
         warnings=tuple(summary["warnings"]),
-        defects=tuple(
-            record_from_table(UnbalancedData, one, f"a defect in {where}") for one in summary.get("defects", ())
+        imbalances=tuple(
+            record_from_table(Imbalance, one, f"an imbalance in {where}") for one in summary.get("imbalances", ())
         ),
-        leaks=tuple(record_from_table(MeanImbalance, one, f"a leak in {where}") for one in summary.get("leaks", ())),
-        balance=None if balance is None else record_from_table(Balance, balance, f"balance in {where}"),
     )
 
 

@@ -59,7 +59,7 @@ REBUILT_KEYS = {
     "seconds": table_of(numbers(0)),
     "warnings": list_of(TEXT),
 }
-LISTED_KEYS = {"defects": list_of(ANY_TABLE), "leaks": list_of(ANY_TABLE)}
+LISTED_KEYS = {"imbalances": list_of(ANY_TABLE)}
 BOUNDARY_TABLE = Kind(
     "a table with a name and its conditions",
     lambda one: (

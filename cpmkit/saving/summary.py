@@ -31,8 +31,7 @@ def summarize(solution: Solution) -> dict[str, Any]:
         "work": solution.work.as_dict(),
         "seconds": dict(solution.seconds),
         "warnings": list(solution.warnings),
-        "defects": [defect.as_dict() for defect in solution.defects],
-        "leaks": [leak.as_dict() for leak in solution.leaks],
+        "imbalances": [imbalance.as_dict() for imbalance in solution.imbalances],
         "versions": {
             "python": platform.python_version(),
             **{name: _version(name) for name in solution.discretized.libraries},

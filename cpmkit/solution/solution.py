@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cpmkit.forms.contract import Discretized, MeasuredWork
-from cpmkit.forms.free_constants import UnbalancedData
+from cpmkit.forms.imbalance import Imbalance
 from cpmkit.linear.report import SolveReport
 from cpmkit.protocols import Floats, Side
 from cpmkit.scene.scene import Scene
@@ -38,13 +38,11 @@ class Solution:
         Seconds of each stage; of this machine, on this day.
     warnings : tuple of str
         What a reader of the solution should know.
-    defects : tuple of UnbalancedData
-        One for each piece of the manifold on which the solution is fixed by its mean alone, which is zero: what of
-        the data has no solution there.
-    leaks : tuple of MeanImbalance
-        One for each closed piece on which c times the mean of u was made the mean of f.
-    balance : Balance or None
-        What balancing the fluxes did, where that was asked for.
+    imbalances : tuple of Imbalance
+        What did not balance, and what was done about it. One of "data" for each piece of the manifold on which the
+        solution is fixed by its mean alone, which is zero: what of the data has no solution there. One of "mean" for
+        each closed piece on which c times the mean of u was made the mean of f; in place of these one of "fluxes",
+        where balancing them was asked for.
     """
 
     discretized: Discretized
@@ -53,9 +51,7 @@ class Solution:
     work: MeasuredWork
     seconds: Mapping[str, float]
     warnings: tuple[str, ...] = field(default=(), kw_only=True)
-    defects: tuple[UnbalancedData, ...] = field(default=(), kw_only=True)
-    leaks: tuple[Any, ...] = field(default=(), kw_only=True)
-    balance: Any = field(default=None, kw_only=True)
+    imbalances: tuple[Imbalance, ...] = field(default=(), kw_only=True)
 
     @property
     def scene(self) -> Scene:
@@ -191,8 +187,7 @@ class Solution:
 
     def discretization(self) -> dict[str, Any]:
         """Return how the scene was discretised, as plain values."""
-        balance = None if self.balance is None else self.balance.as_dict()
-        return {**self.discretized.describe(), "balance": balance}
+        return self.discretized.describe()
 
     def integrate(self, function: Integrand | None = None, *, dim: int | None = None) -> float | Floats:
         """Return the integral over the manifold of the solution, or of a function of it.

@@ -35,7 +35,7 @@ MEASURED_ENTRIES = {
     "iterations": COUNT_KIND,
     "cpu_seconds": SIZE_KIND,
 }
-LEAK_KIND = Kind(
+IMBALANCE_KIND = Kind(
     "a table with the list of numbers shift",
     lambda one: (
         isinstance(one, Mapping) and list_of(numbers(-LARGEST_RECORDED, LARGEST_RECORDED)).accepts(one.get("shift"))
@@ -48,7 +48,7 @@ OPTIONAL_ENTRIES = {
     "rms_without_mean": SIZE_KIND,
     "half_range": SIZE_KIND,
     "twins": or_none(COUNT_KIND),
-    "leaks": list_of(LEAK_KIND),
+    "imbalances": list_of(IMBALANCE_KIND),
     "seconds": table_of(SIZE_KIND),
 }
 

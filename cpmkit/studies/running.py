@@ -181,7 +181,7 @@ def _measured(solution: Solution, truth: Truth) -> Record:
         "half_range": truth.half_range,
         **{name: work.get(name) for name in WORK_ENTRIES},
         "twins": _twins(solution),
-        "leaks": [leak.as_dict() for leak in solution.leaks],
+        "imbalances": [imbalance.as_dict() for imbalance in solution.imbalances],
         "iterations": solution.report.iterations,
         "residual": solution.report.residual,
         "seconds": {stage: round(spent, 4) for stage, spent in solution.seconds.items()},

@@ -135,7 +135,7 @@ def _entry(spacing: float, records: Sequence[Record]) -> Entry:
 
 
 def _shift(records: Sequence[Record]) -> float:
-    shifts = [abs(value) for record in records for leak in record.get("leaks", ()) for value in leak["shift"]]
+    shifts = [abs(value) for record in records for one in record.get("imbalances", ()) for value in one["shift"]]
     return max(shifts, default=float("nan"))
 
 

@@ -103,7 +103,7 @@ def test_pieces_that_do_not_touch_are_solved_beside_each_other():
     solution = ck.solve(ck.Scene(apart, ck.Laplace(), cuts), 0.1)
     u = solution.evaluate([[1.0, 0, 0], [-1.0, 0, 0], [4.0, 0, 0], [2.0, 0, 0]])
     assert np.abs(u - [1, 2, 3, 4]).max() < 1e-6
-    (free,) = ck.solve(ck.Scene(apart, ck.Laplace(), cuts[:1]), 0.1).defects
+    (free,) = ck.solve(ck.Scene(apart, ck.Laplace(), cuts[:1]), 0.1).imbalances
     assert free.near[0] > 1.5
 
 

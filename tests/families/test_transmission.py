@@ -143,6 +143,6 @@ def test_two_seams_cut_nothing_apart():
         for name, at in (("east", [1, 0]), ("west", [-1, 0]))
     ]
     solution = ck.solve(ck.Scene(ck.source("analytic.circle"), ck.Poisson(lambda x: x[:, 1]), seams), 0.1)
-    (defect,) = solution.defects
+    (defect,) = solution.imbalances
     assert defect.parts == 1
     assert solution.warnings == ()

@@ -120,7 +120,7 @@ def change_study(data: st.DataObject, folder: Path) -> None:
 PLAIN = {
     "study": "cut", "title": "A cut circle", "content": "c", "method": "cpm", "spacing": 0.2, "degree": 3, "order": 2,
     "origin": None, "reference": None, "max_error": 0.1, "rms_error": 0.05, "rms_without_mean": 0.04, "half_range": 1.0,
-    "unknowns": 100, "iterations": 7, "cpu_seconds": 1.0, "twins": 0, "leaks": [{"shift": [0.1]}], "warnings": [],
+    "unknowns": 100, "iterations": 7, "cpu_seconds": 1.0, "twins": 0, "imbalances": [{"shift": [0.1]}], "warnings": [],
 }  # fmt: skip
 
 

@@ -155,7 +155,9 @@ def summaries(solution):
         None,
         "nodes of work in .* at least 0, got -1",
     )
-    yield json.dumps(summary | {"leaks": [{"share": 1.0}]}), None, "a leak in .* lacks 'imbalance'"
+    yield json.dumps(summary | {"imbalances": [{"share": 1.0}]}), None, "an imbalance in .* lacks 'of'"
+    other = {"of": "heat", "value": [1.0], "size": [1.0], "explained": 0.1}
+    yield json.dumps(summary | {"imbalances": [other]}), None, "of of an imbalance in .* one of data, mean, fluxes"
     yield json.dumps(summary | {"scene": {"problem": 3, "boundaries": []}}), "problem of scene", "problem of scene"
 
 

@@ -90,8 +90,8 @@ def test_on_one_side_of_a_boundary_it_is_the_robin_condition_that_it_says():
     own = solved(Convection(2.0, ambient))
     robin = solved(ck.Robin(1.0, 2.0, lambda points: 2.0 * ambient(points)))
     assert np.array_equal(own.values, robin.values)
-    assert own.defects == robin.defects  # one piece is fixed by the condition, the other by its mean
-    assert len(own.defects) == 1
+    assert own.imbalances == robin.imbalances  # one piece is fixed by the condition, the other by its mean
+    assert len(own.imbalances) == 1
 
 
 def test_a_nonlinear_one_is_found_by_newtons_method():

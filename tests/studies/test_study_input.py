@@ -242,8 +242,8 @@ WRONG = [
     ({"origin": "a"}, "origin of line 2"),
     ({"unknowns": 0}, "unknowns of line 2"),
     ({"twins": "none"}, "twins of line 2"),
-    ({"leaks": [{}]}, "leaks of line 2"),
-    ({"leaks": 3}, "leaks of line 2"),
+    ({"imbalances": [{}]}, "imbalances of line 2"),
+    ({"imbalances": 3}, "imbalances of line 2"),
     ({"half_range": None}, "half_range of line 2"),
     ({"error": None}, "error of line 2"),
 ]
@@ -299,7 +299,7 @@ def test_titles_with_dollars_and_escapes_are_drawn_and_told_as_they_are(tmp_path
 
 @pytest.mark.parametrize("reference", [None, "fem"])
 def test_errors_of_zero_and_constants_make_a_report(reference, tmp_path):
-    values = {"reference": reference, "half_range": 0.0, "rms_without_mean": 0.0, "twins": None, "leaks": []}
+    values = {"reference": reference, "half_range": 0.0, "rms_without_mean": 0.0, "twins": None, "imbalances": []}
     for error in (0.0, 0.1):
         append_record(tmp_path / "records.jsonl", record(spacing=0.1 + error, error=0.0, **values))
     assert write_report(tmp_path).files[0].is_file()

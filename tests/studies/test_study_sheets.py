@@ -213,8 +213,8 @@ def test_a_record_says_how_far_a_method_is_from_the_reference(made, folder):
         assert record["rms_error"] == pytest.approx(np.sqrt(np.mean(difference**2)), rel=1e-6)
         assert record["rms_without_mean"] == pytest.approx(np.std(difference), rel=1e-6)
         assert record["half_range"] == pytest.approx(np.ptp(reference) / 2, rel=1e-9)
-        assert record["leaks"] == [json.loads(json.dumps(leak.as_dict())) for leak in solution.leaks]
-        assert len(record["leaks"]) == 1
+        assert record["imbalances"] == [json.loads(json.dumps(one.as_dict())) for one in solution.imbalances]
+        assert len(record["imbalances"]) == 1
     assert records[0]["twins"] > 100
     assert records[1]["twins"] == 0
     assert records[0]["unknowns"] - records[0]["twins"] == records[1]["unknowns"]

@@ -18,14 +18,14 @@ def test_second_order_on_a_closed_surface():
     for one in solutions:
         assert abs(one.mean()) < 1e-13
         assert one.warnings == ()
-        assert one.defects[0].relative < 1e-10
+        assert one.imbalances[0].relative < 1e-10
 
 
 def test_what_does_not_balance_is_left_out_of_f():
     scene = ck.Scene(SPHERE, ck.Poisson([lambda x: 2 * x[:, 2] + 1, lambda x: 2 * x[:, 2]]))
     with pytest.warns(ck.CpmkitWarning, match="do not balance"):
         solution = ck.solve(scene, 0.1, backend="fem")
-    np.testing.assert_allclose(solution.defects[0].value, [1.0, 0.0], atol=1e-10)
+    np.testing.assert_allclose(solution.imbalances[0].value, [1.0, 0.0], atol=1e-10)
     np.testing.assert_allclose(solution.values[:, 0], solution.values[:, 1], atol=1e-10)
 
 
@@ -43,7 +43,7 @@ def test_each_piece_has_a_constant_of_its_own(octahedron):
         return ck.solve(ck.Scene(two, ck.Poisson(lambda x: 2 * x[:, 2]), boundaries), backend="fem")
 
     both, one = solved([]), solved([held])
-    assert [len(solution.defects) for solution in (both, one)] == [2, 1]
+    assert [len(solution.imbalances) for solution in (both, one)] == [2, 1]
     first, second = np.split(both.values[:, 0], 2)
     np.testing.assert_allclose(first, second, atol=1e-10)
     np.testing.assert_allclose(one.values[len(vertices) :, 0], second, atol=1e-10)
@@ -52,5 +52,5 @@ def test_each_piece_has_a_constant_of_its_own(octahedron):
 
 def test_a_small_c_fixes_the_constant():
     solution = ck.solve(ck.Scene(SPHERE, ck.ScreenedPoisson(1e-7, c=1e-7)), 0.02, backend="fem", tolerance=1e-4)
-    assert solution.defects == ()
+    assert solution.imbalances == ()
     np.testing.assert_allclose(solution.values, 1.0, rtol=1e-3)

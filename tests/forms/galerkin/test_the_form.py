@@ -78,7 +78,7 @@ def test_a_constant_is_kept_and_the_mean_is_free():
     form = solution.discretized
     assert abs(form.inner(np.ones((form.size, 1)), solution.values)[0, 0]) < 1e-12
     assert error(solution, xy, points()) < 3e-4
-    assert solve(ck.Scene(SPHERE, ck.Poisson(1.0)), 0.3).defects[0].relative > 0.9
+    assert solve(ck.Scene(SPHERE, ck.Poisson(1.0)), 0.3).imbalances[0].relative > 0.9
 
 
 def test_a_coefficient_that_varies():

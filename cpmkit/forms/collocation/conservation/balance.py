@@ -7,14 +7,12 @@ lost or gained, and where c is small the mean of u is off by that flux over c.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any
-
 import numpy as np
 
 from cpmkit.forms.collocation.conservation.components import components_without_flux
-from cpmkit.forms.collocation.conservation.free_constants import means_over
+from cpmkit.forms.collocation.conservation.free_constants import means_over, place_of
 from cpmkit.forms.collocation.discretization import Discretization
+from cpmkit.forms.imbalance import Imbalance
 from cpmkit.protocols import Floats
 from cpmkit.scene.scene import Scene
 
@@ -28,45 +26,8 @@ CONSTANT_RANGE_SHARE = 1e-6
 TOLD_MEAN_SHARE = 1e-2
 
 
-@dataclass(frozen=True)
-class MeanImbalance:
-    """How far c times the mean of u was from the mean of f on a piece that nothing flows out of, and what was done.
-
-    Attributes
-    ----------
-    imbalance : tuple of float
-        ``c mean(u) - mean(f)`` before, for each channel.
-    shift : tuple of float
-        What was added to u on the piece.
-    share : float
-        The largest shift of a channel as a share of the range of u.
-    """
-
-    imbalance: tuple[float, ...]
-    shift: tuple[float, ...]
-    share: float
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the leak as plain values."""
-        return asdict(self)
-
-    @property
-    def warnings(self) -> list[str]:
-        """What a reader of the solution should know, in sentences."""
-        if self.share <= TOLD_MEAN_SHARE:
-            return []
-        worst = max(self.imbalance, key=abs)
-        return [
-            f"c times the mean of u missed the mean of f by {worst:.3g} on a piece that nothing flows out of, "
-            f"{self.share:.1%} of the range of u: creases or thin parts that the spacing does not resolve let it leak; "
-            f"the mean was put right, the rest of the solution may be off by up to {self.share:.1%} of its range."
-        ]
-
-
-def correct_mean(
-    tables: Discretization, scene: Scene, b: Floats, u: Floats
-) -> tuple[Floats, tuple[MeanImbalance, ...]]:
-    """Return u (n, channels) shifted on each piece that nothing flows out of, and what leaked there.
+def correct_mean(tables: Discretization, scene: Scene, b: Floats, u: Floats) -> tuple[Floats, tuple[Imbalance, ...]]:
+    """Return u (n, channels) shifted on each piece that nothing flows out of, and by how much its mean was off there.
 
     Nothing is done where c varies or is zero, where a velocity carries u along, and where c is so large that a leak
     shows near its place and not as a constant; nor for small leaks of a piece with edges, where means are less exact,
@@ -84,17 +45,24 @@ def correct_mean(
     mean, members, piece = means_over(tables, count, piece)
     imbalance = terms.c * (mean @ u) - mean @ b  # without conditions it is f
     open_pieces = np.unique(piece[layout.band.feet.edge[members] >= 0])
-    shift, leaks = np.zeros_like(imbalance), []
+    shift, found = np.zeros_like(imbalance), []
     for k in range(count):
-        span = span_of(u[members[piece == k]])
-        share = float(np.max(np.abs(imbalance[k] / terms.c) / np.where(span > 0, span, np.inf)))
-        if k in open_pieces and (share <= TOLD_MEAN_SHARE or layout.order == 1):
+        on = members[piece == k]
+        one = Imbalance(
+            "mean",
+            value=tuple(imbalance[k].tolist()),
+            size=tuple((terms.c * span_of(u[on])).tolist()),
+            explained=TOLD_MEAN_SHARE,
+            **place_of(tables, scene, on),
+            shift=tuple((-imbalance[k] / terms.c).tolist()),
+        )
+        if k in open_pieces and (one.relative <= TOLD_MEAN_SHARE or layout.order == 1):
             continue
-        shift[k] = -imbalance[k] / terms.c
-        leaks.append(MeanImbalance(tuple(imbalance[k].tolist()), tuple(shift[k].tolist()), share))
+        shift[k] = one.shift
+        found.append(one)
     u = u.copy()
     u[members] += shift[piece]
-    return u, tuple(leaks)
+    return u, tuple(found)
 
 
 def span_of(u: Floats) -> Floats:

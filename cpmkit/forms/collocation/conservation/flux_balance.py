@@ -11,9 +11,8 @@ tell: rough, and near its source.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from cpmkit.forms.collocation.conservation.polynomials import Polynomials
 from cpmkit.forms.collocation.conservation.weak_form import WeakForm, curved_cells_of, weak_form
 from cpmkit.forms.collocation.diagnosis.survey import find_unresolved
 from cpmkit.forms.collocation.discretization import Discretization
+from cpmkit.forms.imbalance import Imbalance
 from cpmkit.meshes.dimensions import dimensions_of
 from cpmkit.protocols import Floats, HasMesh, Ints
 from cpmkit.scene.data import evaluate_data
@@ -41,40 +41,6 @@ TOLD_CORRECTION_SHARE = 0.05
 CORRECTION_OVER_FORETOLD, FAR_CORRECTION_SHARE = 3.0, 0.2
 #: A node is on the piece that makes up more than this of what it reads.
 MAIN_PIECE_SHARE = 0.5
-
-
-@dataclass(frozen=True)
-class Balance:
-    """What the Galerkin correction did.
-
-    Attributes
-    ----------
-    degree : int
-        Of the polynomials.
-    functions : int
-        How many of them, or of their combinations, differ on the manifold; on all its pieces together.
-    moved : tuple of float
-        For each channel, the root mean square of what was added to u, as a share of its range: about as far as u
-        was off.
-    """
-
-    degree: int
-    functions: int
-    moved: tuple[float, ...]
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the balance as plain values."""
-        return asdict(self)
-
-    @property
-    def warnings(self) -> list[str]:
-        """What a reader of the solution should know, in sentences."""
-        if max(self.moved) <= TOLD_CORRECTION_SHARE:
-            return []
-        return [
-            f"Balancing the fluxes moved u by {max(self.moved):.1%} of its range: creases or thin parts that the "
-            "spacing does not resolve let it leak; near them the solution may still be off by as much."
-        ]
 
 
 def check_balance(scene: Scene, degree: int) -> None:
@@ -158,7 +124,7 @@ class Balanced:
     """The values with balanced fluxes, (unknowns, channels), what was done, and the queries that it took."""
 
     values: Floats
-    balance: Balance
+    balance: Imbalance
     queries: int
 
 
@@ -188,13 +154,21 @@ def galerkin_correction(
     weights = weak.mass.sum(axis=1)
     span = span_of(u)
     rms = np.sqrt(weights @ added**2 / weights.sum())
-    moved = np.divide(rms, span, out=np.zeros_like(rms), where=span > 0)
-    if (largest := float(moved.max())) > FAR_CORRECTION_SHARE:
+    balance = Imbalance(
+        "fluxes",
+        value=tuple(rms.tolist()),
+        size=tuple(span.tolist()),
+        explained=TOLD_CORRECTION_SHARE,
+        share=float(np.mean(piece[: tables.layout.band.inner] >= 0)),
+        degree=degree,
+        functions=functions,
+    )
+    if balance.relative > FAR_CORRECTION_SHARE:
         foretold = max([*(feature.error for feature in find_unresolved(tables.layout)), leaked])
-        if largest > CORRECTION_OVER_FORETOLD * foretold:
-            return _not_applied(degree, largest, foretold)
+        if balance.relative > CORRECTION_OVER_FORETOLD * foretold:
+            return _not_applied(degree, balance.relative, foretold)
     # nodes were asked for when they were made, and when they were read
-    return Balanced(values, Balance(degree, functions, tuple(moved.tolist())), 2 * len(u))
+    return Balanced(values, balance, 2 * len(u))
 
 
 def _not_applied(degree: int, moved: float, foretold: float) -> str:

@@ -7,7 +7,7 @@ balance, a constant on each piece, is left out of f and told.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,7 +16,8 @@ from cpmkit.forms.collocation.conservation.mean_weights import end_weights, mean
 from cpmkit.forms.collocation.discretization import Discretization
 from cpmkit.forms.collocation.layout import Layout
 from cpmkit.forms.collocation.operator import ExtensionOperator
-from cpmkit.forms.free_constants import EXPLAINED_DEFECT_FACTOR, GROSS_DEFECT_SHARE, UnbalancedData
+from cpmkit.forms.free_constants import EXPLAINED_DEFECT_FACTOR, GROSS_DEFECT_SHARE
+from cpmkit.forms.imbalance import Imbalance
 from cpmkit.linear.operators import Border, Bordered
 from cpmkit.protocols import Floats, Ints
 from cpmkit.scene.scene import Scene
@@ -65,7 +66,7 @@ def _weights(tables: Discretization, count: int, members: Ints, piece: Ints) -> 
 
 def remove_constants(
     tables: Discretization, scene: Scene, operator: Bordered, u: Floats
-) -> tuple[Floats, tuple[UnbalancedData, ...]]:
+) -> tuple[Floats, tuple[Imbalance, ...]]:
     """Return a solution (n, channels) of the lifted system with mean zero on each piece, and what does not balance."""
     u, means = operator.border.centred(u)
     sizes = _data_sizes(tables, scene, operator)
@@ -90,23 +91,31 @@ def _data_sizes(tables: Discretization, scene: Scene, operator: Bordered) -> Flo
     return np.asarray(mean_f + flux)
 
 
-def _defect(
-    tables: Discretization, scene: Scene, border: Border, piece: int, value: Floats, size: Floats
-) -> UnbalancedData:
+def _defect(tables: Discretization, scene: Scene, border: Border, piece: int, value: Floats, size: Floats) -> Imbalance:
     layout = tables.layout
     members = border.indicator.tocsc()[:, [piece]].indices.astype(np.int64)
     nodes = members[members < layout.band.inner]
-    feet = layout.band.feet.points[nodes]
-    spacings = max(float(np.ptp(feet, axis=0).max()) / layout.lattice.spacing, 1.0)
-    return UnbalancedData(
-        near=tuple(layout.lattice.to_scene(feet[[len(feet) // 2]])[0].tolist()),
-        share=len(nodes) / layout.band.inner,
-        bounded_by=_walls(tables, scene, members),
-        parts=_count_parts(tables, nodes),
+    spacings = max(float(np.ptp(layout.band.feet.points[nodes], axis=0).max()) / layout.lattice.spacing, 1.0)
+    return Imbalance(
+        "data",
         value=tuple(value.tolist()),
-        data_size=tuple(size.tolist()),
+        size=tuple(size.tolist()),
         explained=min(EXPLAINED_DEFECT_FACTOR / spacings ** _order(layout, scene), GROSS_DEFECT_SHARE),
+        **place_of(tables, scene, members),
+        parts=_count_parts(tables, nodes),
     )
+
+
+def place_of(tables: Discretization, scene: Scene, members: Ints) -> dict[str, Any]:
+    """Return where a piece is, the sorted unknowns ``members``: a point of it, its share, the boundaries around it."""
+    layout = tables.layout
+    nodes = members[: np.searchsorted(members, layout.band.inner)]
+    middle = layout.band.feet.points[nodes[[len(nodes) // 2]]]
+    return {
+        "near": tuple(layout.lattice.to_scene(middle)[0].tolist()),
+        "share": len(nodes) / layout.band.inner,
+        "bounded_by": _walls(tables, scene, members),
+    }
 
 
 def _count_parts(tables: Discretization, nodes: Ints) -> int:

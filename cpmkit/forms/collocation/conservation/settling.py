@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 from cpmkit.forms.collocation.conservation.balance import correct_mean
 from cpmkit.forms.collocation.conservation.flux_balance import Balancing, galerkin_correction
@@ -18,14 +19,8 @@ from cpmkit.scene.scene import Scene
 def settled(tables: Discretization, scene: Scene, operator: Operator, b: Floats, u: Floats) -> tuple[Settled, Floats]:
     """Return the solution with its free constants and means put right, and the one whose means were left alone."""
     raw, defects = remove_constants(tables, scene, operator, u) if isinstance(operator, Bordered) else (u, ())
-    even, leaks = correct_mean(tables, scene, b, raw)
-    told = (
-        *(text for defect in defects for text in defect.warnings),
-        *(text for imbalance in leaks for text in imbalance.warnings),
-    )
-    return Settled(
-        even, defects, leaks, missed=max((imbalance.share for imbalance in leaks), default=0.0), warnings=told
-    ), raw
+    even, missed = correct_mean(tables, scene, b, raw)
+    return Settled(even, (*defects, *missed), max((one.relative for one in missed), default=0.0)), raw
 
 
 def with_balanced_fluxes(
@@ -41,7 +36,7 @@ def with_balanced_fluxes(
     start = time.perf_counter()
     done = galerkin_correction(tables, scene, read, raw, prepared, degree, plain.missed)
     if isinstance(done, str):
-        return Settled(plain.values, plain.defects, plain.leaks, None, plain.missed, (*plain.warnings, done))
-    told = (*(text for one in plain.defects for text in one.warnings), *done.balance.warnings)
+        return replace(plain, warnings=(done,))
+    defects = (one for one in plain.imbalances if one.of == "data")
     seconds = {"balance": time.perf_counter() - start}
-    return Settled(done.values, plain.defects, (), done.balance, plain.missed, told, done.queries, seconds)
+    return Settled(done.values, (*defects, done.balance), plain.missed, queries=done.queries, seconds=seconds)

@@ -22,7 +22,7 @@ def scene(*boundaries, surface=None, problem=None, **options):
 
 
 def free_pieces(spacing, *boundaries, **options):
-    return ck.solve(scene(*boundaries, **options), spacing).defects
+    return ck.solve(scene(*boundaries, **options), spacing).imbalances
 
 
 def test_a_closed_surface_without_conditions():
@@ -57,7 +57,7 @@ def test_a_strip_between_two_walls_is_free_and_the_caps_beside_it_are_not():
 def test_parts_that_meet_where_walls_cross_count_as_one_and_say_so():
     one, axis = circle("one", 0.0, TILTED, both=FREE), (1, 0.1, -0.2)
     solution = ck.solve(scene(one, circle("other", 0.1, axis, both=FREE)), 0.15)
-    (piece,) = solution.defects
+    (piece,) = solution.imbalances
     assert piece.parts == 4
     assert any("into 4 parts, which hang together at the crossings" in told for told in solution.warnings)
     assert free_pieces(0.15, one)[0].parts == 1
@@ -90,7 +90,7 @@ def test_transmission_joins_its_two_sides():
 def test_dirichlet_data_anywhere_on_the_piece_pin_it():
     pin = ck.Boundary("pin", ck.source("analytic.point", at=[0, 0, 1.0]), both=FIXED)
     solution = ck.solve(scene(circle("wall", 0.5, left=FREE, right=FIXED), pin), 0.15)
-    assert not solution.defects
+    assert not solution.imbalances
     assert solution.evaluate([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]) == pytest.approx([1.0, 1.0], abs=1e-8)
 
 
@@ -98,7 +98,7 @@ def test_an_open_curve_cuts_nothing_off():
     arc = ck.source("analytic.arc", center=[0, 0, 0], radius=1.0, start=0.2, end=2.0, normal=[0.3, 0.5, 0.8])
     half = ck.Boundary("arc", arc, left=FREE, right=FIXED)
     solution = ck.solve(scene(half), 0.15)
-    assert not solution.defects
+    assert not solution.imbalances
     assert solution.evaluate([[0, 0, -1.0]]) == pytest.approx([1.0], abs=1e-8)
     (piece,) = free_pieces(0.15, ck.Boundary("arc", arc, both=FREE))
     assert piece.share == 1.0
@@ -108,7 +108,7 @@ def test_a_dirichlet_edge_pins_and_a_neumann_edge_does_not():
     cap = ck.source("analytic.cap", height=0.1)
     assert len(free_pieces(0.15, surface=cap)) == 1
     solution = ck.solve(scene(surface=cap, edge=FIXED), 0.15)
-    assert not solution.defects
+    assert not solution.imbalances
     assert solution.evaluate([[0, 0, 1.0]]) == pytest.approx([1.0], abs=1e-8)
 
 
@@ -128,7 +128,7 @@ def test_pieces_that_do_not_touch_have_each_their_own_constant():
 )
 def test_a_factor_of_u_pins_everything(problem):
     solution = ck.solve(scene(problem=problem), 0.2)
-    assert not solution.defects
+    assert not solution.imbalances
     c = -0.25 if problem.kind == "helmholtz" else 4.0
     assert solution.evaluate([[0, 0, 1.0]]) == pytest.approx([2.0 / c], abs=1e-8)
 

@@ -74,7 +74,7 @@ def test_a_beta_that_vanishes_at_one_end_alone_pins_nothing_there():
     robin = ck.Robin(1.0, lambda x: np.where(x[:, 1] > 0, 2.0, 0.0), lambda x: np.where(x[:, 1] > 0, 6.0, 0.0))
     solution = ck.solve(ck.Scene(both, ck.Laplace(), edge=robin), 0.1)
     np.testing.assert_allclose(solution.evaluate([[0, 1], [0, -4]]), [3.0, 0.0], atol=1e-9)
-    assert len(solution.defects) == 1
+    assert len(solution.imbalances) == 1
 
 
 def test_a_callable_c_that_is_zero_on_a_piece_pins_nothing_there():

@@ -5,10 +5,10 @@ import pytest
 from layouts import lay_out
 
 import cpmkit as ck
-from cpmkit.forms.collocation.conservation.balance import MeanImbalance
 from cpmkit.forms.collocation.diagnosis.definiteness import lowest_eigenvalue
 from cpmkit.forms.collocation.diagnosis.survey import find_unresolved
 from cpmkit.forms.collocation.diagnosis.valleys import limb_feature
+from cpmkit.forms.imbalance import Imbalance
 from cpmkit.protocols import ClosestPoints
 
 AXES = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
@@ -145,7 +145,7 @@ def test_heat_that_leaks_is_told_and_heat_that_stays_is_not():
 
 
 def test_a_mean_that_was_far_off_says_by_how_much_the_rest_may_be_off():
-    (told,) = MeanImbalance((0.3,), (-0.3,), 1.1).warnings
+    (told,) = Imbalance("mean", value=(0.33,), size=(0.3,), explained=0.01).warnings
     assert "the rest of the solution may be off by up to 110.0% of its range" in told
 
 
@@ -155,10 +155,10 @@ def test_the_error_foretold_is_the_larger_of_what_bends_cost_and_what_the_mean_m
     )
     solution = ck.solve(ck.Scene(plate, ck.ScreenedPoisson(lambda x: 1.0 * (x[:, 2] > 0), c=0.01)), 0.2)
     (bend,) = [one for one in find_unresolved(solution.discretized.tables.layout) if one.kind == "bend"]
-    (leak,) = solution.leaks
-    assert leak.share > bend.error
+    (mean,) = solution.imbalances
+    assert mean.relative > bend.error
     (told,) = [text for text in solution.warnings if "bends more sharply" in text]
-    assert f"expect an error of about {min(leak.share, 1.0):.1%}" in told
+    assert f"expect an error of about {min(mean.relative, 1.0):.1%}" in told
 
 
 def test_of_the_plain_method_a_wrong_sign_is_told_in_steady_problems_and_refused_in_time(monkeypatch):
