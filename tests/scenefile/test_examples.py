@@ -1,5 +1,6 @@
 """Every scene in examples/ loads, and its explanation names what it holds."""
 
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -19,13 +20,15 @@ def test_there_are_scenes():
     assert {"01-first-curves.toml", *MESHES} <= set(SCENES)
 
 
+loaded = cache(ck.load_scene)  # meshes are read, and cut, once
+
 #: Its seven cuts take long.
 SLOW = "09-fish-fins.toml"
 
 
 @pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name == SLOW)) for name in SCENES])
 def test_scene_loads_and_is_explained(name, example):
-    wanted = ck.load_scene(example(name, *MESHES.get(name, [])))
+    wanted = loaded(example(name, *MESHES.get(name, [])))
     assert wanted.spacing is not None
     told = str(ck.explain(wanted.scene, spacing=(3 if name in MESHES else 2) * wanted.spacing))
     for boundary in wanted.scene.boundaries:
@@ -33,7 +36,7 @@ def test_scene_loads_and_is_explained(name, example):
 
 
 def test_nefertiti_has_six_curves_with_two_sides_and_one_wall(example):
-    scene = ck.load_scene(example("02-nefertiti.toml", "nefertiti-lowres.obj")).scene
+    scene = loaded(example("02-nefertiti.toml", "nefertiti-lowres.obj")).scene
     sides = [tuple(type(curve.condition(side)) for side in ("left", "right")) for curve in scene.boundaries]
     assert sides.count((ck.Dirichlet, ck.Dirichlet)) >= 6
     walls = [curve for curve, kinds in zip(scene.boundaries, sides, strict=True) if kinds == (ck.Neumann, ck.Dirichlet)]
