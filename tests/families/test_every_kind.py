@@ -181,7 +181,7 @@ QUICK = ("analytic.box", "solid", "analytic.arc", "analytic.cylinder", "trimmed"
 #: What polynomials cannot tell is the most of the error where the grid does not resolve a surface.
 UNRESOLVED = pytest.mark.xfail(
     strict=True,
-    reason="at 0.16 the bends of radius 0.2 are told as not resolved, and balancing gains 2.2; 2.9 at 0.08, 6.8 at 0.053",
+    reason="at 0.16 its bends of radius 0.2 are told as not resolved, and balancing gains 2.2; 2.9 at 0.08",
 )
 
 
