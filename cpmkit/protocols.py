@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Literal, Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +38,42 @@ def no_progress(stage: str, fraction: float) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class ClosestPoints:
+class Rows:
+    """Records in arrays, one row each; what a record may lack is None for all of them."""
+
+    def __len__(self) -> int:
+        return len(getattr(self, fields(self)[0].name))
+
+    def take(self, index: NDArray[Any]) -> Self:
+        """Return the records at ``index`` (integers or a mask)."""
+
+        def picked(values: Any) -> Any:
+            if isinstance(values, list):
+                return [picked(one) for one in values]
+            return values.take(index) if isinstance(values, Rows) else None if values is None else values[index]
+
+        return type(self)(*[picked(getattr(self, field.name)) for field in fields(self)])
+
+    @classmethod
+    def join(cls, parts: Sequence[Self]) -> Self:
+        """Return the records of several batches, one after the other."""
+
+        def joined(column: list[Any]) -> Any:
+            if any(one is None for one in column):
+                return None
+            return column[0].join(column) if isinstance(column[0], Rows) else np.concatenate(column)
+
+        return cls(*[joined([getattr(part, field.name) for part in parts]) for field in fields(cls)])
+
+    def replaced(self, rows: Ints, new: Self) -> Self:
+        """Return the records with those at ``rows`` (k,) replaced by ``new``."""
+        order = np.arange(len(self))
+        order[rows] = len(self) + np.arange(len(rows))
+        return self.join([self, new]).take(order)
+
+
+@dataclass(frozen=True, eq=False)
+class ClosestPoints(Rows):
     """The answer to a batch of closest point queries.
 
     Attributes
@@ -65,40 +100,6 @@ class ClosestPoints:
     element: Ints | None = None
     local: Floats | None = None
     doubtful: Bools | None = None
-
-    def __len__(self) -> int:
-        return len(self.points)
-
-    @classmethod
-    def join(cls, parts: Sequence[ClosestPoints]) -> ClosestPoints:
-        """Return the records of several batches of one source, one after the other."""
-
-        def joined(name: str) -> Any:
-            values = [getattr(part, name) for part in parts]
-            return None if any(value is None for value in values) else np.concatenate(values)
-
-        return cls(*[joined(field.name) for field in fields(cls)])
-
-    def replaced(self, rows: Ints, new: ClosestPoints) -> ClosestPoints:
-        """Return the records with those at ``rows`` (k,) replaced by ``new``."""
-        order = np.arange(len(self))
-        order[rows] = len(self) + np.arange(len(rows))
-        return ClosestPoints.join([self, new]).take(order)
-
-    def take(self, index: NDArray[Any]) -> ClosestPoints:
-        """Return the records at ``index`` (integers or a mask)."""
-
-        def pick(values: Any) -> Any:
-            return None if values is None else values[index]
-
-        return ClosestPoints(
-            self.points[index],
-            self.distance[index],
-            self.edge[index],
-            pick(self.element),
-            pick(self.local),
-            pick(self.doubtful),
-        )
 
 
 @runtime_checkable

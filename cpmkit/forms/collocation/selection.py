@@ -8,7 +8,7 @@ King et al. (2024), eq. 12, as eq. 13 for the stencils of nodes and eq. 14 for t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -62,7 +62,7 @@ class Centres:
         for view in self.side_views:
             place = np.searchsorted(rows, view.rows)
             inside = (place < len(rows)) & (rows[np.minimum(place, len(rows) - 1)] == view.rows)
-            side_views.append(view.take(inside).renumbered(place[inside]))
+            side_views.append(replace(view.take(inside), rows=place[inside]))
         feet = None if self.feet is None else self.feet.take(rows)
         return Centres(side_views, self.own[rows], feet, None if self.normals is None else self.normals[rows])
 

@@ -11,7 +11,7 @@ King et al. (2024): z - y is eq. 10 (there y is cp_C(x)), (z - y) . v is eq. 11,
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -20,7 +20,7 @@ from cpmkit.forms.collocation.sheets.boundary_on_sheets import NEAR_BOUNDARY_SPA
 from cpmkit.forms.collocation.sheets.sheets import Sheets
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.tangent_space import project_tangent
-from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
+from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints, Rows
 from cpmkit.scene.oriented import OrientedBoundary
 
 #: A point nearer to the boundary than this many spacings counts as left of it.
@@ -37,7 +37,7 @@ SIGN_DIRECTION = np.array([1.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True, eq=False)
-class SideView:
+class SideView(Rows):
     """Some of a batch of surface points, as one boundary sees them.
 
     Attributes
@@ -66,14 +66,6 @@ class SideView:
     conormal: Floats
     director: Floats
 
-    def take(self, index: Ints | Bools) -> SideView:
-        """Return the entries at ``index``, with their row numbers."""
-        return SideView(*[getattr(self, field.name)[index] for field in fields(self)])
-
-    def renumbered(self, rows: Ints) -> SideView:
-        """Return the same entries under other row numbers."""
-        return replace(self, rows=rows)
-
     def reversed(self) -> SideView:
         """Return the same as seen from the opposite side."""
         return replace(self, director=-self.director, signed=-self.signed)
@@ -81,8 +73,7 @@ class SideView:
 
 def stack(side_views: Sequence[tuple[int, SideView]]) -> SideView:
     """Return several as one, the rows of each moved up by the number beside it."""
-    parts = [view.renumbered(view.rows + offset) for offset, view in side_views]
-    return SideView(*[np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(SideView)])
+    return SideView.join([replace(view, rows=view.rows + offset) for offset, view in side_views])
 
 
 def near(source: LocalSource, points: Floats, radius: float, spacing: float) -> tuple[Ints, ClosestPoints]:

@@ -15,7 +15,7 @@ import numpy as np
 from cpmkit.forms.collocation.boundary.row_formula import BoundaryData, ExtraPoint, RowFormula
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.walking import nearest_on_sheet
-from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
+from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints, Rows
 from cpmkit.scene.laws import Law, OneSided, Value, beta_at
 
 #: Distance of the points, in spacings. (1.25 and 1.5 have 1.2 to 5 times the error on arcs, caps and circles on the
@@ -28,7 +28,7 @@ STRAIGHT_ARC_RADIANS = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
-class Inside:
+class Inside(Rows):
     """Points inside, for each of n feet on a boundary.
 
     Attributes
@@ -50,11 +50,6 @@ class Inside:
     curvature: Floats
     sound: Bools
     feet: list[ClosestPoints]
-
-    def take(self, index: Bools | Ints) -> Inside:
-        """Return the entries at ``index``."""
-        feet = [one.take(index) for one in self.feet]
-        return Inside(self.points[index], self.positions[index], self.curvature[index], self.sound[index], feet)
 
     def terms(self, rows: Ints, weights: Floats) -> list[ExtraPoint]:
         """Return what the rows ``rows`` read at the points, with ``weights`` (n, k)."""

@@ -134,7 +134,7 @@ class GhostGeometry:
         Their own they see from the side that they carry, or from the one on which they stand; the others from there.
         """
         own = self.seen.take(rows) if own_side else self.seen.take(rows).reversed()
-        own = own.renumbered(np.arange(len(rows)))
+        own = replace(own, rows=np.arange(len(rows)))
         return [
             own if other == self.index else on_lattice.side_view(points, radius, self.spacing)
             for other, on_lattice in enumerate(self.on_lattice)

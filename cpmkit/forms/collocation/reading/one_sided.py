@@ -17,7 +17,7 @@ import numpy as np
 from cpmkit.forms.collocation.boundary.side_view import SideView
 from cpmkit.grid.stencils import stencil_cells, stencil_nodes
 from cpmkit.manifold.tangent_space import outward_conormals
-from cpmkit.protocols import SIDES, Bools, ClosestPoints, Floats, Ints, Side
+from cpmkit.protocols import SIDES, Bools, ClosestPoints, Floats, Ints, Rows, Side
 from cpmkit.scene.condition import Condition
 from cpmkit.scene.laws import Value
 from cpmkit.scene.scene import edge_condition
@@ -33,7 +33,7 @@ INSIDE_SLACK_SHARE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Bends:
+class Bends(Rows):
     """Points of a batch beside a bend of the extension.
 
     Attributes
@@ -62,13 +62,10 @@ class SamplesInside:
 
 def find_bends(reader: Reader, feet: ClosestPoints, side_views: Sequence[SideView]) -> Bends:
     """Return those points of a batch that lie beside a bend, each with the one nearest to it."""
-    found = [*_at_boundaries(reader, side_views), _at_edge(reader, feet)]
-    rows, distance = (np.concatenate([getattr(part, name) for part in found]) for name in ("rows", "distance"))
-    inward = np.concatenate([part.inward for part in found])
-    near = np.flatnonzero(distance < CONTINUATION_DISTANCES_SPACINGS[0] * reader.spacing)
-    order = near[np.lexsort((distance[near], rows[near]))]
-    first = order[np.unique(rows[order], return_index=True)[1]]
-    return Bends(rows[first], distance[first], inward[first])
+    found = Bends.join([*_at_boundaries(reader, side_views), _at_edge(reader, feet)])
+    found = found.take(found.distance < CONTINUATION_DISTANCES_SPACINGS[0] * reader.spacing)
+    order = np.lexsort((found.distance, found.rows))
+    return found.take(order[np.unique(found.rows[order], return_index=True)[1]])
 
 
 def samples_inside(

@@ -14,7 +14,7 @@ from cpmkit.forms.collocation.sheets.sheets import SHEET_HEIGHT_SPACINGS, same_s
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.tangent_space import normals
 from cpmkit.manifold.walking import walk
-from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
+from cpmkit.protocols import Bools, ClosestPoints, Floats, Rows
 
 #: Below this cosine of their normals, whether two points lie on one sheet is not decided by height,
 LEVEL_NORMALS_COSINE = 0.5
@@ -32,7 +32,7 @@ REACHED_GOAL_SPACINGS = 0.25
 
 
 @dataclass(frozen=True, eq=False)
-class SurfacePoints:
+class SurfacePoints(Rows):
     """Points of a surface with its normals there.
 
     Attributes
@@ -56,10 +56,6 @@ class SurfacePoints:
     def points(self) -> Floats:
         """(n, d) where they are."""
         return self.feet.points
-
-    def take(self, index: Ints | Bools) -> SurfacePoints:
-        """Return those at ``index``."""
-        return SurfacePoints(self.feet.take(index), self.normals[index])
 
 
 @dataclass(frozen=True, eq=False)

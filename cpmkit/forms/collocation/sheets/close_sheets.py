@@ -10,7 +10,7 @@ from cpmkit.forms.collocation.sheets.sheets import same_sheet
 from cpmkit.forms.collocation.sheets.turning import foot_directions
 from cpmkit.grid.band import Band
 from cpmkit.grid.stencils import stencil_cells, stencil_nodes, tensor_weights
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.protocols import Bools, Floats, Ints, Rows
 
 #: Feet of neighbouring nodes this many spacings above each other, where normals are parallel, lie on two sheets.
 UNSEEN_GAP_SPACINGS = 0.1
@@ -33,7 +33,7 @@ NOTICED_FOREIGN_WEIGHT = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class Gaps:
+class Gaps(Rows):
     """Places where two sheets are taken for one.
 
     Attributes
@@ -46,10 +46,6 @@ class Gaps:
 
     places: Floats
     width: Floats
-
-    def take(self, rows: Ints | Bools) -> Gaps:
-        """Return some of the places."""
-        return Gaps(self.places[rows], self.width[rows])
 
     def narrower(self, width: float) -> Gaps:
         """Return the places where the sheets are nearer than ``width``."""

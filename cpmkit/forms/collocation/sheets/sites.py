@@ -10,11 +10,11 @@ from cpmkit.forms.collocation.sheets.sheets import REUSED_ROW_SPACINGS, Sheets
 from cpmkit.grid.band import Band
 from cpmkit.grid.stencils import cross_offsets, stencil_cells, stencil_nodes
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
+from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints, Rows
 
 
 @dataclass(frozen=True, eq=False)
-class Sites:
+class Sites(Rows):
     """Nodes with their feet: first those of the band, each with its closest point, then twins in the order found.
 
     Attributes
@@ -37,18 +37,10 @@ class Sites:
     unknown: Bools
     anchor: Ints
 
-    def __len__(self) -> int:
-        return len(self.base)
-
     def grown(self, base: Ints, feet: ClosestPoints, normals: Floats, unknown: Bools, anchor: Ints | None) -> Sites:
         """Return the sites with further ones; without ``anchor`` these are their own."""
-        return Sites(
-            np.concatenate([self.base, base]),
-            ClosestPoints.join([self.feet, feet]),
-            np.concatenate([self.normals, normals]),
-            np.concatenate([self.unknown, unknown]),
-            np.concatenate([self.anchor, len(self) + np.arange(len(base)) if anchor is None else anchor]),
-        )
+        anchor = len(self) + np.arange(len(base)) if anchor is None else anchor
+        return self.join([self, Sites(base, feet, normals, unknown, anchor)])
 
     def sheets(self, source: LocalSource, band: Band, unfolded: bool) -> Sheets:
         """Return the table of twins, the first sites being those of the band itself."""
@@ -66,7 +58,7 @@ def twins_by_site(base: Ints, twins: Ints) -> tuple[Ints, Ints]:
 
 
 @dataclass(frozen=True, eq=False)
-class MissingSites:
+class MissingSites(Rows):
     """Sites that stencils miss on their own sheet, sorted by node; of one node, those where u is read come first.
 
     Attributes
@@ -85,10 +77,6 @@ class MissingSites:
     by: Ints
     unknown: Bools
     feet: ClosestPoints
-
-    def take(self, index: Ints | Bools) -> MissingSites:
-        """Return some of them."""
-        return MissingSites(self.nodes[index], self.by[index], self.unknown[index], self.feet.take(index))
 
 
 def find_missing(source: LocalSource, band: Band, sites: Sites, queue: Ints, unfolded: bool) -> MissingSites:

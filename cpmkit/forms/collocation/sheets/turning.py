@@ -15,7 +15,7 @@ from cpmkit.forms.collocation.sheets.sheets import has_signed_normals
 from cpmkit.grid.band import Band
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.tangent_space import jacobian, normals
-from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
+from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints, Rows
 
 #: A node nearer to its foot than this many spacings does not tell the normal.
 ON_FOOT_SPACINGS = 0.1
@@ -70,7 +70,7 @@ def foot_directions(band: Band) -> FootDirections:
 
 
 @dataclass(frozen=True, eq=False)
-class Turns:
+class Turns(Rows):
     """Places where the surface turns.
 
     Attributes
@@ -87,10 +87,6 @@ class Turns:
     before: Floats
     after: Floats
     curvature: Floats
-
-    def take(self, rows: Ints | Bools) -> Turns:
-        """Return some of the places."""
-        return Turns(self.places[rows], self.before[rows], self.after[rows], self.curvature[rows])
 
 
 def sharp_turns(band: Band, sharper: float) -> Turns:
