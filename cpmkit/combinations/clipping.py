@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from cpmkit.meshes.cells import edges_of
+from cpmkit.meshes.cut import rotated
 from cpmkit.protocols import Bools, Floats, Ints
 
 
@@ -49,15 +50,9 @@ def _triangles(cells: Ints, crossings: Ints, kept: Bools) -> Ints:
     """Return whole triangles, corners where one vertex is kept, and halves of the quadrangles where two are."""
     count = kept.sum(axis=1)
     one, two = count == 1, count == 2
-    (a, _, _), (ab, _, ca) = _rotated(cells[one], crossings[one], kept[one].argmax(axis=1))
+    (a, _, _), (ab, _, ca) = rotated(cells[one], crossings[one], kept[one].argmax(axis=1))
     corner = np.stack([a, ab, ca], axis=1)
     # the vertex that goes comes first
-    (_, b, c), (ab, _, ca) = _rotated(cells[two], crossings[two], kept[two].argmin(axis=1))
+    (_, b, c), (ab, _, ca) = rotated(cells[two], crossings[two], kept[two].argmin(axis=1))
     halves = [np.stack([ab, b, c], axis=1), np.stack([ab, c, ca], axis=1)]
     return np.concatenate([cells[count == 3], corner, *halves])
-
-
-def _rotated(cells: Ints, of_edges: Ints, first: Ints) -> tuple[Ints, Ints]:
-    """Return the corners and what belongs to the edges, each (3, m), of triangles turned so that ``first`` leads."""
-    order = (first[:, None] + np.arange(3)) % 3
-    return np.take_along_axis(cells, order, 1).T, np.take_along_axis(of_edges, order, 1).T

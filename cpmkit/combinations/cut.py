@@ -16,6 +16,7 @@ from cpmkit.errors import InputError
 from cpmkit.manifold.answers import check_source
 from cpmkit.manifold.local_source import localize
 from cpmkit.protocols import ClosestPointSource
+from cpmkit.runtime.arrays import whole
 
 #: Samples along the largest side of a surface, and of a curve, unless ``resolution`` says otherwise.
 SURFACE_RESOLUTION, CURVE_RESOLUTION = 128, 1024
@@ -101,7 +102,8 @@ def level_cut(surface: ClosestPointSource, function: Any, what: str, resolution:
     """
     bounds = np.asarray(surface.bounds, dtype=np.float64)
     origin, sides = 0.5 * (bounds[0] + bounds[1]), bounds[1] - bounds[0]
-    count = _resolution(resolution, CURVE_RESOLUTION if surface.manifold_dim == 1 else SURFACE_RESOLUTION)
+    usual = CURVE_RESOLUTION if surface.manifold_dim == 1 else SURFACE_RESOLUTION
+    count = usual if resolution is None else whole(resolution, "resolution", 8)
     spacing = float(sides.max()) / count
     if not spacing > 0:
         raise InputError("surface must have an extent to be cut, got bounds of no size.")
@@ -132,11 +134,3 @@ def check_cuttable(surface: Any, what: str) -> None:
     if surface.manifold_dim not in (1, 2):
         kind = "a mixed union" if surface.manifold_dim is None else f"of dimension {surface.manifold_dim}"
         raise InputError(f"{what} must be a surface or a curve, got a source that is {kind}.")
-
-
-def _resolution(resolution: Any, default: int) -> int:
-    if resolution is None:
-        return default
-    if isinstance(resolution, bool) or not isinstance(resolution, (int, np.integer)) or resolution < 8:
-        raise InputError(f"resolution must be a whole number of at least 8, got {resolution!r}.")
-    return int(resolution)

@@ -23,19 +23,36 @@ SPOT_POINTS = np.array([[0.3, -1.0, 2.0], [0.0, 0.0, 0.5], [1.0, 1.0, 1.0], [-2.
 def conformance_cases() -> list[ConformanceCase]:
     """Return cases of the kinds ``points``, ``cut.plane``, ``cut.function`` and ``trimmed``."""
     return [
-        _case("points", "in the plane", lambda: points(at=SPOT_POINTS[:, :2]), _spots(2)),
+        _case("points", "in the plane", lambda: points(at=SPOT_POINTS[:, :2]), _spots),
         _case("points", "in space, far from zero", lambda: points(at=1e9 + SPOT_POINTS)),
         _case("cut.plane", "sphere, one loop", lambda: plane_cut(surface=_sphere(), **_SLICE), _sphere_cut),
-        _case("cut.plane", "torus, two loops", _two_loops),
-        _case("cut.plane", "cylinder, two open pieces", _open_pieces),
-        _case("cut.plane", "circle, two points", _two_points),
+        _case("cut.plane", "torus, two loops", lambda: plane_cut(surface=_torus(), point=[0, 0, 0], normal=[0, 0, 1])),
+        _case(
+            "cut.plane",
+            "cylinder, two open pieces",
+            _open_pieces,
+        ),
+        _case("cut.plane", "circle, two points", lambda: plane_cut(surface=_circle(), point=[0.2, 0], normal=[1, 0.3])),
         _case("cut.function", "torus", lambda: function_cut(surface=_torus(), phi="z - 0.2 * sin(3 * x)")),
-        _case("cut.function", "curve in space", _points_of_curve),
+        _case(
+            "cut.function",
+            "curve in space",
+            _points_of_curve,
+        ),
         _case("trimmed", "sphere to a cap", lambda: trimmed(of=_sphere(), trim="0.3 - z"), _cap(0.3)),
-        _case("trimmed", "torus with two edges", _two_edges, _torus_part),
-        _case("trimmed", "cylinder across its rims", _across_rims, _cylinder_part),
+        _case("trimmed", "torus with two edges", lambda: trimmed(of=_torus(), trim="x - 0.3"), _torus_part),
+        _case(
+            "trimmed",
+            "cylinder across its rims",
+            _across_rims,
+            _cylinder_part,
+        ),
         _case("trimmed", "circle to an arc", lambda: trimmed(of=_circle(), trim="0.2 - x - y"), _arc),
-        _case("trimmed", "arc with an end of its own", _shorter_arc),
+        _case(
+            "trimmed",
+            "arc with an end of its own",
+            _shorter_arc,
+        ),
     ]
 
 
@@ -59,24 +76,12 @@ def _circle() -> Any:
     return source("analytic.circle", center=[0.0, 0.0])
 
 
-def _two_loops() -> Any:
-    return plane_cut(surface=_torus(), point=[0, 0, 0], normal=[0, 0, 1])
-
-
 def _open_pieces() -> Any:
     return plane_cut(surface=source("analytic.cylinder"), point=[0.1, 0, 0], normal=[1, 0.4, 0.2])
 
 
-def _two_points() -> Any:
-    return plane_cut(surface=_circle(), point=[0.2, 0], normal=[1, 0.3])
-
-
 def _points_of_curve() -> Any:
     return function_cut(surface=source("analytic.circle", normal=[1, 2, 3]), phi="x * y - 0.1")
-
-
-def _two_edges() -> Any:
-    return trimmed(of=_torus(), trim="x - 0.3")
 
 
 def _across_rims() -> Any:
@@ -87,8 +92,8 @@ def _shorter_arc() -> Any:
     return trimmed(of=source("analytic.arc", start=0.3, end=5.0), trim="-0.5 - y")
 
 
-def _spots(dim: int) -> Draw:
-    return lambda rng, n: SPOT_POINTS[rng.integers(0, len(SPOT_POINTS), n), :dim]
+def _spots(rng: np.random.Generator, n: int) -> Floats:
+    return SPOT_POINTS[rng.integers(0, len(SPOT_POINTS), n), :2]
 
 
 def _sphere_cut(rng: np.random.Generator, n: int) -> Floats:

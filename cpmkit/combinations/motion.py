@@ -12,14 +12,14 @@ import numpy as np
 
 from cpmkit.combinations.rotation import as_rotation, rotate
 from cpmkit.combinations.union import Union, union
-from cpmkit.manifold.abilities import advice_of, edge_limit_of, with_abilities
+from cpmkit.manifold.abilities import Wrapper, advice_of, with_abilities
 from cpmkit.manifold.answers import check_source
 from cpmkit.protocols import Advice, ClosestPoints, ClosestPointSource, Floats, Ints
 from cpmkit.runtime.arrays import as_points, as_vector, positive
 
 
 @dataclass(frozen=True, eq=False)
-class Moved:
+class Moved(Wrapper):
     """The points ``translation + scale * rotation @ p`` for p on another source.
 
     Attributes
@@ -33,26 +33,9 @@ class Moved:
         Above zero.
     """
 
-    of: Any
     rotation: Floats
     translation: Floats
     scale: float
-
-    @property
-    def dim(self) -> int:
-        """Dimension of the space."""
-        return int(self.of.dim)
-
-    @property
-    def manifold_dim(self) -> int | None:
-        """Dimension of what is moved."""
-        dimension: int | None = self.of.manifold_dim
-        return dimension
-
-    @property
-    def exact(self) -> bool:
-        """True where the feet of what is moved are true nearest points."""
-        return bool(self.of.exact)
 
     @property
     def bounds(self) -> Floats:
@@ -102,11 +85,6 @@ class Moved:
         rows, feet = self.of.local_minima(own, positive(radius, "radius") / self.scale)
         return rows, self._world_record(feet)
 
-    @property
-    def _value_count(self) -> int:
-        """How many rows of data what is moved expects."""
-        return int(self.of.value_count)
-
     def _interpolate(self, values: Floats, feet: ClosestPoints, /) -> Floats:
         """Return ``values`` (value_count, ...) interpolated at ``feet``."""
         read: Floats = self.of.interpolate(values, self._own_record(feet))
@@ -126,11 +104,6 @@ class Moved:
         """The members, each moved."""
         parts = {"rotation": self.rotation, "translation": self.translation, "scale": self.scale}
         return [moved(of=member, **parts) for member in self.of.members]
-
-    @property
-    def _edge_limit(self) -> int:
-        """What all numbers of edges are below."""
-        return edge_limit_of(self.of)
 
     def _advice(self, spacing: float, /) -> Advice:
         """Return what the source that is moved has to say at this spacing, in its own coordinates."""

@@ -35,7 +35,11 @@ def as_rotation(rotation: Any, dim: int) -> Floats:
         raise InputError(f"rotation must be {accepted} of finite numbers, got {rotation!r}.")
     if given.shape == (dim, dim):
         return _checked(given)
-    return _plane_rotation(float(given)) if dim == 2 else _rodrigues(given)
+    if dim == 2:
+        return np.array([[np.cos(given), -np.sin(given)], [np.sin(given), np.cos(given)]])
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_rotvec(given).as_matrix())
 
 
 def _checked(matrix: Floats) -> Floats:
@@ -46,21 +50,6 @@ def _checked(matrix: Floats) -> Floats:
             f"{np.linalg.det(matrix):.6g}; give a rotation vector or an angle if its digits are rounded."
         )
     return matrix
-
-
-def _plane_rotation(angle: float) -> Floats:
-    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-
-
-def _rodrigues(vector: Floats) -> Floats:
-    """Return exp of the cross product matrix of ``vector`` (Rodrigues' formula)."""
-    angle = float(np.linalg.norm(vector))
-    if angle == 0:
-        return np.eye(3)
-    x, y, z = vector / angle
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    rotation: Floats = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
-    return rotation
 
 
 def rotate(rotation: Floats, vectors: Floats) -> Floats:

@@ -10,9 +10,9 @@ import numpy as np
 from cpmkit.combinations.rectangle import rectangle
 from cpmkit.combinations.union import Union
 from cpmkit.errors import InputError
-from cpmkit.manifold.abilities import MOST_EDGES, advice_of, with_abilities
+from cpmkit.manifold.abilities import MOST_EDGES, Wrapper, with_abilities
 from cpmkit.manifold.answers import check_source
-from cpmkit.protocols import Advice, Bools, ClosestPoints, ClosestPointSource, Floats, HasNormals, HasTangents, Ints
+from cpmkit.protocols import Bools, ClosestPoints, ClosestPointSource, Floats, HasNormals, HasTangents, Ints
 from cpmkit.runtime.arrays import as_points, positive
 
 #: Points along each side of the box on which an open rim is looked for.
@@ -20,7 +20,7 @@ RIM_PROBES = 24
 
 
 @dataclass(frozen=True, eq=False)
-class Solid:
+class Solid(Wrapper):
     """The points on and inside a closed hypersurface.
 
     Attributes
@@ -31,13 +31,7 @@ class Solid:
         For it or each of its members, 1 where normals point outwards, -1 where they point inwards.
     """
 
-    of: Any
     outward: tuple[float, ...]
-
-    @property
-    def dim(self) -> int:
-        """Dimension of the space."""
-        return int(self.of.dim)
 
     @property
     def manifold_dim(self) -> int:
@@ -48,11 +42,6 @@ class Solid:
     def bounds(self) -> Floats:
         """(2, d) corners of the hypersurface's box."""
         return np.asarray(self.of.bounds, dtype=np.float64)
-
-    @property
-    def exact(self) -> bool:
-        """True where the hypersurface's feet are true nearest points."""
-        return bool(self.of.exact)
 
     def closest_point(self, x: Floats, /) -> ClosestPoints:
         """Return the closest points of ``x`` (n, d): a point inside is its own.
@@ -101,10 +90,6 @@ class Solid:
     def _edge_limit(self) -> int:
         """What all numbers of edges are below."""
         return MOST_EDGES * (len(self.of.members) if isinstance(self.of, Union) else 1)
-
-    def _advice(self, spacing: float, /) -> Advice:
-        """Return what the hypersurface has to say at this spacing."""
-        return advice_of(self.of, spacing)
 
 
 def height(hypersurface: Any, feet: ClosestPoints, x: Floats) -> Floats:

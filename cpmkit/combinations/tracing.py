@@ -75,11 +75,7 @@ def trace(cut: LevelCut) -> list[Knots]:
     pieces = chains(feet.points, tangents, conormals, LINK_SPACINGS * cut.spacing)
     pieces = _checked_chains(cut, feet, share, pieces)
     knots = [_refined(cut, _evenly_spaced(cut, feet, tangents, conormals, piece)) for piece in pieces]
-    return sorted(knots, key=lambda piece: -_length(piece))
-
-
-def _length(piece: Knots) -> float:
-    return float(joined_cubics(piece).lengths.sum())
+    return sorted(knots, key=lambda piece: -joined_cubics(piece).lengths.sum())
 
 
 def _thinned(feet: ClosestPoints, side: float) -> ClosestPoints:

@@ -12,9 +12,9 @@ from cpmkit.combinations.clipping import clipped
 from cpmkit.combinations.descent import descend
 from cpmkit.combinations.position_function import PositionFunction
 from cpmkit.combinations.rim import MeshRim
-from cpmkit.manifold.abilities import MOST_EDGES, advice_of, edge_limit_of
+from cpmkit.manifold.abilities import MOST_EDGES, Wrapper, edge_limit_of
 from cpmkit.manifold.vectors import dots, norms
-from cpmkit.protocols import Advice, Bools, ClosestPoints, Floats, Ints
+from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 from cpmkit.runtime.arrays import as_points, as_vector, positive
 
 #: Descents from samples, for a query whose closest point on the whole is cut away.
@@ -26,7 +26,7 @@ TRIMMED_LEAST_CELLS = 16
 
 
 @dataclass(frozen=True, eq=False)
-class Trimmed:
+class Trimmed(Wrapper):
     """The points of a manifold with trim <= 0.
 
     Attributes
@@ -46,28 +46,12 @@ class Trimmed:
         A length below which what is seen from the edge does not count.
     """
 
-    of: Any
     trim: PositionFunction
     rim: MeshRim
     samples: Floats
     covering: float
     margin: float
     tolerance: float
-
-    @property
-    def dim(self) -> int:
-        """Dimension of the space."""
-        return int(self.of.dim)
-
-    @property
-    def manifold_dim(self) -> int:
-        """Dimension of the manifold."""
-        return int(self.of.manifold_dim)
-
-    @property
-    def exact(self) -> bool:
-        """True where the feet of the whole are true nearest points."""
-        return bool(self.of.exact)
 
     @property
     def bounds(self) -> Floats:
@@ -112,16 +96,8 @@ class Trimmed:
 
     def _placed(self, found: ClosestPoints, rows: Ints) -> ClosestPoints:
         """Return the records with element and local of the feet at ``rows``, as the whole gives them."""
-        whole_feet = self.of.closest_point(np.ascontiguousarray(found.points[rows]))
-
-        def put(old: Any, new: Any) -> Any:
-            if old is None:
-                return None
-            filled = old.copy()
-            filled[rows] = new
-            return filled
-
-        return replace(found, element=put(found.element, whole_feet.element), local=put(found.local, whole_feet.local))
+        whole = self.of.closest_point(np.ascontiguousarray(found.points[rows]))
+        return found.replaced(rows, replace(found.take(rows), element=whole.element, local=whole.local))
 
     def _beyond(self, x: Floats) -> tuple[Floats, Floats, Ints, Bools]:
         """Return feet of queries whose closest point on the whole is cut away: on the edge, or on another part."""
@@ -189,11 +165,6 @@ class Trimmed:
         foot = self.of.closest_point(as_vector(point, self.dim, "left_of")[None]).points
         return as_vector(point, self.dim, "left_of") if self._inside(foot)[0] else None
 
-    @property
-    def _value_count(self) -> int:
-        """How many rows of data the whole expects."""
-        return int(self.of.value_count)
-
     def _interpolate(self, values: Floats, feet: ClosestPoints, /) -> Floats:
         """Return ``values`` (value_count, ...), one row for each of the whole's, interpolated at the feet."""
         read: Floats = self.of.interpolate(values, feet)
@@ -221,7 +192,3 @@ class Trimmed:
     def _edge_limit(self) -> int:
         """What all numbers of edges are below: those of the whole come after the rim's."""
         return edge_limit_of(self.of) + MOST_EDGES
-
-    def _advice(self, spacing: float, /) -> Advice:
-        """Return what the whole has to say at this spacing."""
-        return advice_of(self.of, spacing)

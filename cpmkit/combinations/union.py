@@ -12,7 +12,7 @@ import numpy as np
 from cpmkit.errors import InputError
 from cpmkit.manifold.abilities import advice_of, edge_limit_of, local_minima_of, with_abilities
 from cpmkit.manifold.answers import check_source
-from cpmkit.protocols import Advice, Bools, ClosestPoints, ClosestPointSource, Floats, HasMembers, Ints
+from cpmkit.protocols import Advice, ClosestPoints, ClosestPointSource, Floats, HasMembers, Ints
 from cpmkit.runtime.arrays import as_points, as_vector, positive
 
 
@@ -65,7 +65,8 @@ class Union:
         best = self._of_member(0, self.members[0].closest_point(x))
         for number, member in enumerate(self.members[1:], 1):
             found = self._of_member(number, member.closest_point(x))
-            best = _where(found.distance < best.distance, found, best)
+            nearer = np.flatnonzero(found.distance < best.distance)
+            best = best.replaced(nearer, found.take(nearer))
         return best
 
     @cached_property
@@ -81,7 +82,8 @@ class Union:
                 f"member {number} of a union numbers an edge {int(feet.edge.max())}, and there is room below "
                 f"{limit - first} before the next member's; a source with more edges says so by edge_limit."
             )
-        return ClosestPoints(feet.points, feet.distance, edge, np.full(len(feet), number), doubtful=doubtful_of(feet))
+        doubtful = np.zeros(len(feet), dtype=bool) if feet.doubtful is None else feet.doubtful
+        return ClosestPoints(feet.points, feet.distance, edge, np.full(len(feet), number), doubtful=doubtful)
 
     def _local_minima(self, x: Floats, radius: float, /) -> tuple[Ints, ClosestPoints]:
         """Return the rows (k,) of ``x`` (n, d) and the feet of all members within ``radius``, the nearest first.
@@ -143,23 +145,6 @@ class Union:
         """Return what all members have to say at this spacing, and the largest of their floors."""
         told = [advice_of(member, spacing) for member in self.members]
         return Advice(max(one.floor for one in told), tuple(text for one in told for text in one.warnings))
-
-
-def doubtful_of(feet: ClosestPoints) -> Bools:
-    """Return which feet (n,) the search could not vouch for; none where it says nothing."""
-    return np.zeros(len(feet), dtype=bool) if feet.doubtful is None else feet.doubtful
-
-
-def _where(chosen: Bools, a: ClosestPoints, b: ClosestPoints) -> ClosestPoints:
-    assert a.element is not None
-    assert b.element is not None
-    return ClosestPoints(
-        np.where(chosen[:, None], a.points, b.points),
-        np.where(chosen, a.distance, b.distance),
-        np.where(chosen, a.edge, b.edge),
-        np.where(chosen, a.element, b.element),
-        doubtful=np.where(chosen, doubtful_of(a), doubtful_of(b)),
-    )
 
 
 def union(*, members: Sequence[ClosestPointSource]) -> Any:

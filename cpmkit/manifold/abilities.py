@@ -155,6 +155,43 @@ def members_of(ability: type) -> list[str]:
     return [name for name in vars(ability) if not name.startswith("_")]
 
 
+@dataclass(frozen=True, eq=False)
+class Wrapper:
+    """A source made ``of`` another: as a rule of its dimension, as exact, and with the same to say of itself."""
+
+    of: Any
+
+    @property
+    def dim(self) -> int:
+        """Dimension of the space."""
+        return int(self.of.dim)
+
+    @property
+    def manifold_dim(self) -> int | None:
+        """Dimension of what is wrapped."""
+        dimension: int | None = self.of.manifold_dim
+        return dimension
+
+    @property
+    def exact(self) -> bool:
+        """True where the feet of what is wrapped are true nearest points."""
+        return bool(self.of.exact)
+
+    @property
+    def _value_count(self) -> int:
+        """How many rows of data what is wrapped expects."""
+        return int(self.of.value_count)
+
+    @property
+    def _edge_limit(self) -> int:
+        """What all numbers of edges are below."""
+        return edge_limit_of(self.of)
+
+    def _advice(self, spacing: float, /) -> Advice:
+        """Return what the source that is wrapped has to say at this spacing."""
+        return advice_of(self.of, spacing)
+
+
 def local_minima_of(source: ClosestPointSource, x: Floats, radius: float) -> tuple[Ints, ClosestPoints]:
     """Return the rows (k,) of ``x`` and their feet within ``radius``; closest points where ``source`` has no others."""
     if isinstance(source, HasLocalMinima):

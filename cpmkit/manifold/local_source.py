@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partialmethod
 
 import numpy as np
 
@@ -140,20 +140,14 @@ class LocalSource:
         check_answer(feet, x[rows], self.source, self.shift if self.origin is None else self.origin)
         return rows, self._moved(feet, -self.shift)
 
-    def normals(self, feet: ClosestPoints) -> Floats:
-        """Return the source's own normals (n, d) at ``feet``."""
-        assert isinstance(self.source, HasNormals)
-        return self.source.normals(self._moved(feet, self.shift))
+    def _directions(self, name: str, feet: ClosestPoints) -> Floats:
+        """Return the source's own unit vectors (n, d) at ``feet``, those that it calls ``name``."""
+        vectors: Floats = getattr(self.source, name)(self._moved(feet, self.shift))
+        return vectors
 
-    def tangents(self, feet: ClosestPoints) -> Floats:
-        """Return the source's own tangents (n, d) at ``feet``."""
-        assert isinstance(self.source, HasTangents)
-        return self.source.tangents(self._moved(feet, self.shift))
-
-    def leftward(self, feet: ClosestPoints) -> Floats:
-        """Return the source's own leftward vectors (n, d) at ``feet``."""
-        assert isinstance(self.source, HasLeft)
-        return self.source.leftward(self._moved(feet, self.shift))
+    normals = partialmethod(_directions, "normals")
+    tangents = partialmethod(_directions, "tangents")
+    leftward = partialmethod(_directions, "leftward")
 
     def _moved(self, feet: ClosestPoints, offset: Floats) -> ClosestPoints:
         return replace(feet, points=feet.points + offset) if self.shift.any() else feet

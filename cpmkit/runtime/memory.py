@@ -17,7 +17,7 @@ OWN_CONTROL_GROUPS = Path("/proc/self/cgroup")
 #: Limits that ``ulimit`` sets: their names, its option, and the row of /proc/self/status that counts against each.
 ULIMITS = (("RLIMIT_AS", "-v", "VmSize"), ("RLIMIT_DATA", "-d", "VmData"))
 #: What errors of other types say where memory ran out.
-OUT_OF_MEMORY_PHRASES = {
+OUT_OF_MEMORY_PHRASES: dict[type[BaseException], tuple[str, ...]] = {
     ImportError: ("failed to map segment", "Cannot allocate memory"),
     RuntimeError: ("can't start new thread",),
 }
@@ -56,11 +56,7 @@ def ran_out(error: BaseException) -> bool:
     """Return whether an error says that memory ran out: an allocation, a thread, or a library that found no room."""
     if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
         return True
-    return (
-        any(sign in str(error) for sign in OUT_OF_MEMORY_PHRASES[type(error)])
-        if type(error) in OUT_OF_MEMORY_PHRASES
-        else False
-    )
+    return any(sign in str(error) for sign in OUT_OF_MEMORY_PHRASES.get(type(error), ()))
 
 
 def _process_limits() -> Iterator[Limit]:
@@ -77,19 +73,13 @@ def _process_limits() -> Iterator[Limit]:
 
 def _in_use(row: str) -> int:
     """Return a row of /proc/self/status in bytes, 0 where there is none."""
-    try:
-        lines = Path("/proc/self/status").read_text(encoding="ascii", errors="replace").splitlines()
-    except OSError:
-        return 0
+    lines = _text_of(Path("/proc/self/status")).splitlines()
     return next((int(line.split()[1]) * 1024 for line in lines if line.startswith(f"{row}:")), 0)
 
 
 def _group_limits() -> Iterator[Limit]:
     """Yield the limits of this process's control groups, version 1 and 2, and of those that they are in."""
-    try:
-        lines = OWN_CONTROL_GROUPS.read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError:
-        return
+    lines = _text_of(OWN_CONTROL_GROUPS).splitlines()
     for number, controllers, path in (line.split(":", 2) for line in lines if line.count(":") >= 2):
         if number == "0" and not controllers:
             roots, file = [CONTROL_GROUPS, CONTROL_GROUPS / "unified"], "memory.max"
@@ -99,18 +89,17 @@ def _group_limits() -> Iterator[Limit]:
             continue
         inner = Path(path.lstrip("/"))
         for folder in (root / part for root in roots for part in (inner, *inner.parents)):
-            limit = _number_in(folder / file)
-            if limit is not None:
-                yield Limit(limit, "the control group of this process (its container) has")
+            text = _text_of(folder / file).strip()
+            if text.isdecimal():  # else there is no such file, or it says max
+                yield Limit(int(text), "the control group of this process (its container) has")
 
 
-def _number_in(file: Path) -> int | None:
-    """Return the number that a file holds, None where there is none: ``max``."""
+def _text_of(file: Path) -> str:
+    """Return what a file of the kernel says, nothing where there is none."""
     try:
-        text = file.read_text(encoding="ascii", errors="replace").strip()
+        return file.read_text(encoding="utf-8", errors="replace")
     except OSError:
-        return None
-    return int(text) if text.isdecimal() else None
+        return ""
 
 
 def peak_bytes(rows: float, unknowns: float, dim: int, degree: int, channels: int, solver: str) -> float:

@@ -15,98 +15,73 @@ from cpmkit.protocols import (
     HasValues,
     Ints,
 )
-from cpmkit.testing.law import law, require, require_rows, sure
+from cpmkit.testing.law import law, query_law, require, require_rows, sure
 from cpmkit.testing.queries import ROUND_OFF_SHARE, Subject, for_queries
 
 #: The step across or along the manifold that shows where a normal or tangent points, relative to the size.
 DIRECTION_STEP_SHARE = 1e-5
 
 
-@law
-def check_normals(subject: Subject) -> None:
+@query_law("near", HasNormals)
+def check_normals(subject: Subject, x: Floats) -> None:
     """Normals are of length one and at right angles to the manifold, with one sign on both sides of it.
 
     A foot that is moved along its normal comes back, to the case's turning angle. At a concave crease
     it cannot, so one of the two sides is enough; and a crease may turn by more than a right angle, so
     signs are compared by majority.
     """
-    source = subject.source
-    if not isinstance(source, HasNormals):
-        return
-
-    def hold(x: Floats) -> None:
-        feet = source.closest_point(x)
-        feet = feet.take(sure(feet))
-        normals = source.normals(feet)
-        _require_unit(normals, feet.points)
-        feet, normals = feet.take(feet.edge < 0), normals[feet.edge < 0]
-        step = DIRECTION_STEP_SHARE * subject.size * normals
-        sides = [source.closest_point(np.ascontiguousarray(feet.points + s * step)) for s in (1.0, -1.0)]
-        slid = np.min([np.linalg.norm(side.points - feet.points, axis=1) for side in sides], axis=0)
-        allowed = (1e-3 + subject.case.turning_angle) * DIRECTION_STEP_SHARE * subject.size + subject.round_off(
-            feet.points
-        )
-        require_rows(slid <= allowed, feet.points, "Moved along its normal, the foot slides", slid)
-        above, below = (source.normals(side) for side in sides)
-        _require_agreement(above, below, feet.points, "The two sides have opposite normals")
-
-    for_queries(subject, hold, within_radius=True)
+    feet = subject.source.closest_point(x)
+    feet = feet.take(sure(feet))
+    normals = subject.source.normals(feet)
+    _require_unit(normals, feet.points)
+    feet, normals = feet.take(feet.edge < 0), normals[feet.edge < 0]
+    step = DIRECTION_STEP_SHARE * subject.size * normals
+    sides = [subject.source.closest_point(np.ascontiguousarray(feet.points + s * step)) for s in (1.0, -1.0)]
+    slid = np.min([np.linalg.norm(side.points - feet.points, axis=1) for side in sides], axis=0)
+    allowed = (1e-3 + subject.case.turning_angle) * DIRECTION_STEP_SHARE * subject.size + subject.round_off(feet.points)
+    require_rows(slid <= allowed, feet.points, "Moved along its normal, the foot slides", slid)
+    above, below = (subject.source.normals(side) for side in sides)
+    _require_agreement(above, below, feet.points, "The two sides have opposite normals")
 
 
-@law
-def check_tangents(subject: Subject) -> None:
+@query_law("near", HasTangents)
+def check_tangents(subject: Subject, x: Floats) -> None:
     """Tangents are of length one, lie along the curve, and point the same way from one foot to the next."""
-    source = subject.source
-    if not isinstance(source, HasTangents):
-        return
-
-    def hold(x: Floats) -> None:
-        feet = source.closest_point(x)
-        feet = feet.take(sure(feet))
-        _require_unit(source.tangents(feet), feet.points)
-        feet = feet.take(feet.edge < 0)
-        tangents = source.tangents(feet)
-        ahead = source.closest_point(np.ascontiguousarray(feet.points + DIRECTION_STEP_SHARE * subject.size * tangents))
-        progress = np.einsum("nd,nd->n", ahead.points - feet.points, tangents) / (DIRECTION_STEP_SHARE * subject.size)
-        # At a corner that turns by a the tangent is the bisector, and the foot advances by cos^2(a / 2).
-        require_rows(progress > 0.01, feet.points, "Moved along its tangent, the foot advances by the share", progress)
-        _require_agreement(source.tangents(ahead), tangents, feet.points, "Neighbours have opposite tangents")
-
-    for_queries(subject, hold, within_radius=True)
+    feet = subject.source.closest_point(x)
+    feet = feet.take(sure(feet))
+    _require_unit(subject.source.tangents(feet), feet.points)
+    feet = feet.take(feet.edge < 0)
+    tangents = subject.source.tangents(feet)
+    ahead = subject.source.closest_point(
+        np.ascontiguousarray(feet.points + DIRECTION_STEP_SHARE * subject.size * tangents)
+    )
+    progress = np.einsum("nd,nd->n", ahead.points - feet.points, tangents) / (DIRECTION_STEP_SHARE * subject.size)
+    # At a corner that turns by a the tangent is the bisector, and the foot advances by cos^2(a / 2).
+    require_rows(progress > 0.01, feet.points, "Moved along its tangent, the foot advances by the share", progress)
+    _require_agreement(subject.source.tangents(ahead), tangents, feet.points, "Neighbours have opposite tangents")
 
 
-@law
-def check_values(subject: Subject) -> None:
+@query_law("near", HasValues)
+def check_values(subject: Subject, x: Floats) -> None:
     """Interpolated data keep constants and the number of channels."""
-    source = subject.source
-    if not isinstance(source, HasValues):
-        return
-    values = np.tile([3.0, -1.0], (source.value_count, 1))
+    values = np.tile([3.0, -1.0], (subject.source.value_count, 1))
 
-    def hold(x: Floats) -> None:
-        read = source.interpolate(values, subject.source.closest_point(x))
-        require(read.shape == (len(x), 2), f"Data of 2 channels at {len(x)} feet are read as {read.shape}.")
-        require_rows(
-            (np.abs(read - values[0]) <= ROUND_OFF_SHARE).all(axis=1), x, "The constants 3, -1 are read as", read
-        )
-
-    for_queries(subject, hold, within_radius=True)
+    read = subject.source.interpolate(values, subject.source.closest_point(x))
+    require(read.shape == (len(x), 2), f"Data of 2 channels at {len(x)} feet are read as {read.shape}.")
+    require_rows((np.abs(read - values[0]) <= ROUND_OFF_SHARE).all(axis=1), x, "The constants 3, -1 are read as", read)
 
 
-@law
+@law(HasMesh)
 def check_mesh(subject: Subject) -> None:
     """The vertices of a mesh lie on the manifold, and its cells, as its dimension has them, name vertices once each."""
-    source = subject.source
-    if not isinstance(source, HasMesh):
-        return
     for share in (0.5, 0.05):
-        vertices, cells = source.mesh(share * subject.size)
+        vertices, cells = subject.source.mesh(share * subject.size)
         require(vertices.dtype == np.float64 and cells.dtype == np.int64, f"It holds {vertices.dtype}, {cells.dtype}.")
         require(
             vertices.ndim == 2 and vertices.shape[1] == subject.source.dim, f"Vertices have shape {vertices.shape}."
         )
         require(cells.ndim == 2 and len(cells), f"Cells have shape {cells.shape}.")
-        _require_corners(cells, source.manifold_dim)
+        _require_corners(cells, subject.source.manifold_dim)
         require(cells.max() < len(vertices), "A cell names a vertex that is not there.")
         ordered = np.sort(cells, axis=1)
         once = (ordered[:, 1:] > ordered[:, :-1]) | (ordered[:, 1:] < 0)
@@ -115,11 +90,9 @@ def check_mesh(subject: Subject) -> None:
         require_rows(off <= subject.round_off(vertices), vertices, "A vertex lies off the manifold by", off)
 
 
-@law
+@law(HasAdvice)
 def check_advice(subject: Subject) -> None:
     """Each warning is one sentence, a string that ends with its only full stop; the floor is finite, not negative."""
-    if not isinstance(subject.source, HasAdvice):
-        return
     for share in (0.5, 0.05, 0.005):
         advice = subject.source.advice(share * subject.size)
         for warning in advice.warnings:
@@ -130,19 +103,16 @@ def check_advice(subject: Subject) -> None:
         require(np.isfinite(advice.floor) and advice.floor >= 0, f"The floor is {advice.floor}.")
 
 
-@law
+@law(HasTranslation)
 def check_translation(subject: Subject) -> None:
     """A translated source answers as the source does, moved by the offset, and has the same abilities.
 
     Feet are compared by where they lie and how far they are: at a tie rounding may choose another.
     """
-    source = subject.source
-    if not isinstance(source, HasTranslation):
-        return
     offset = subject.size * np.array([3.0, -50.0, 0.3])[: subject.source.dim]
-    moved = source.translated(offset)
+    moved = subject.source.translated(offset)
     for ability in ABILITIES:
-        same = isinstance(moved, ability) == isinstance(source, ability)
+        same = isinstance(moved, ability) == isinstance(subject.source, ability)
         require(same, f"Only one of the two has {ability.__name__}.")
     apart = np.abs(moved.bounds - (subject.source.bounds + offset)).max()
     require(apart <= subject.round_off(offset[None])[0], f"The bounds move by the offset and {apart}.")
@@ -162,9 +132,6 @@ def check_translation(subject: Subject) -> None:
         )
 
     for_queries(subject, hold, within_radius=not subject.source.exact)
-
-
-ABILITY_LAWS = (check_normals, check_tangents, check_values, check_mesh, check_advice, check_translation)
 
 
 def _require_corners(cells: Ints, manifold_dim: int | None) -> None:

@@ -5,60 +5,48 @@ from __future__ import annotations
 import numpy as np
 
 from cpmkit.protocols import Floats
-from cpmkit.testing.law import law, require_rows, sure
+from cpmkit.testing.law import law, query_law, require_rows, sure
 from cpmkit.testing.queries import Subject, for_queries, symmetric_points
 
 
-@law
-def check_idempotence(subject: Subject) -> None:
+@query_law("near unless exact")
+def check_idempotence(subject: Subject, x: Floats) -> None:
     """The closest point of a foot is that foot, at no distance."""
-
-    def hold(x: Floats) -> None:
-        feet = subject.source.closest_point(x)
-        feet = feet.take(sure(feet))
-        again = subject.source.closest_point(np.ascontiguousarray(feet.points))
-        apart = np.linalg.norm(again.points - feet.points, axis=1)
-        round_off = subject.round_off(feet.points)
-        require_rows(apart <= round_off, feet.points, "A foot moves when asked again, by", apart)
-        require_rows(again.distance <= round_off, feet.points, "A foot lies off the manifold by", again.distance)
-
-    for_queries(subject, hold, within_radius=not subject.source.exact)
+    feet = subject.source.closest_point(x)
+    feet = feet.take(sure(feet))
+    again = subject.source.closest_point(np.ascontiguousarray(feet.points))
+    apart = np.linalg.norm(again.points - feet.points, axis=1)
+    round_off = subject.round_off(feet.points)
+    require_rows(apart <= round_off, feet.points, "A foot moves when asked again, by", apart)
+    require_rows(again.distance <= round_off, feet.points, "A foot lies off the manifold by", again.distance)
 
 
-@law
-def check_lipschitz(subject: Subject) -> None:
+@query_law()
+def check_lipschitz(subject: Subject, x: Floats) -> None:
     """Distances differ by no more than the queries are apart."""
-
-    def hold(x: Floats) -> None:
-        rng = np.random.default_rng(0)
-        steps = subject.size * 10.0 ** rng.uniform(-6, 0, (len(x), 1)) * rng.normal(size=x.shape)
-        both = np.concatenate([x, x + steps])
-        distance = subject.source.closest_point(both).distance
-        apart = np.linalg.norm(both[:, None] - both, axis=2)
-        round_off = subject.round_off(both)
-        excess = np.abs(distance[:, None] - distance) - apart - round_off[:, None] - round_off
-        excess = excess.max(axis=1)
-        require_rows(excess <= 0, both, "distance grows faster than the query moves, by", excess)
-
-    for_queries(subject, hold)
+    rng = np.random.default_rng(0)
+    steps = subject.size * 10.0 ** rng.uniform(-6, 0, (len(x), 1)) * rng.normal(size=x.shape)
+    both = np.concatenate([x, x + steps])
+    distance = subject.source.closest_point(both).distance
+    apart = np.linalg.norm(both[:, None] - both, axis=2)
+    round_off = subject.round_off(both)
+    excess = np.abs(distance[:, None] - distance) - apart - round_off[:, None] - round_off
+    excess = excess.max(axis=1)
+    require_rows(excess <= 0, both, "distance grows faster than the query moves, by", excess)
 
 
-@law
-def check_distance(subject: Subject) -> None:
+@query_law()
+def check_distance(subject: Subject, x: Floats) -> None:
     """``distance`` is not negative and never above |x - points|; of an exact source the two are equal."""
-
-    def hold(x: Floats) -> None:
-        feet = subject.source.closest_point(x)
-        excess = feet.distance - np.linalg.norm(x - feet.points, axis=1)
-        require_rows(feet.distance >= 0, x, "distance is", feet.distance)
-        require_rows(excess <= subject.round_off(x), x, "distance is above |x - points| by", excess)
-        if subject.source.exact:
-            require_rows(-excess <= subject.round_off(x), x, "distance is below |x - points| by", -excess)
-
-    for_queries(subject, hold)
+    feet = subject.source.closest_point(x)
+    excess = feet.distance - np.linalg.norm(x - feet.points, axis=1)
+    require_rows(feet.distance >= 0, x, "distance is", feet.distance)
+    require_rows(excess <= subject.round_off(x), x, "distance is above |x - points| by", excess)
+    if subject.source.exact:
+        require_rows(-excess <= subject.round_off(x), x, "distance is below |x - points| by", -excess)
 
 
-@law
+@law()
 def check_nearest(subject: Subject) -> None:
     """No point of the manifold is nearer than ``distance``: neither a sample nor the foot of another query."""
     known = subject.known_points()
@@ -73,7 +61,7 @@ def check_nearest(subject: Subject) -> None:
     for_queries(subject, hold)
 
 
-@law
+@law()
 def check_foot(subject: Subject) -> None:
     """A foot of a source that is not exact lies within turning angle x distance of the exact foot.
 
@@ -92,7 +80,7 @@ def check_foot(subject: Subject) -> None:
         for_queries(subject, hold, within_radius=True)
 
 
-@law
+@law()
 def check_degenerate(subject: Subject) -> None:
     """A query with many closest points gets one of them, never itself."""
     x = symmetric_points(subject)
@@ -107,7 +95,7 @@ def check_degenerate(subject: Subject) -> None:
         require_rows(drop <= subject.round_off(x), x, "The foot is nearer than the manifold, by", drop)
 
 
-@law
+@law()
 def check_bounds(subject: Subject) -> None:
     """The bounds hold every foot and every sample."""
     lower, upper = subject.source.bounds
@@ -120,14 +108,3 @@ def check_bounds(subject: Subject) -> None:
         require_rows(beyond <= subject.round_off(points), points, "A point of the manifold is outside by", beyond)
 
     for_queries(subject, hold)
-
-
-FOOT_LAWS = (
-    check_idempotence,
-    check_lipschitz,
-    check_distance,
-    check_nearest,
-    check_foot,
-    check_degenerate,
-    check_bounds,
-)

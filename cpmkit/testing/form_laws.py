@@ -6,11 +6,11 @@ import numpy as np
 
 from cpmkit.errors import InputError
 from cpmkit.protocols import ClosestPoints, ClosestPointSource, Floats
-from cpmkit.testing.law import law, require, require_rows
-from cpmkit.testing.queries import Subject, for_queries
+from cpmkit.testing.law import law, query_law, require, require_rows
+from cpmkit.testing.queries import Subject
 
 
-@law
+@law()
 def check_statement(subject: Subject) -> None:
     """A source states its dimensions, finite ordered bounds and whether it is exact."""
     source = subject.source
@@ -25,69 +25,53 @@ def check_statement(subject: Subject) -> None:
     require(np.isfinite(bounds).all() and (bounds[0] <= bounds[1]).all(), f"bounds are {bounds.tolist()}.")
 
 
-@law
-def check_shapes(subject: Subject) -> None:
+@query_law()
+def check_shapes(subject: Subject, x: Floats) -> None:
     """Every array of an answer has its length, its shape and its type."""
-
-    def hold(x: Floats) -> None:
-        _require_arrays(subject.source.closest_point(x), x)
-
-    for_queries(subject, hold)
+    _require_arrays(subject.source.closest_point(x), x)
 
 
-@law
+@law()
 def check_empty(subject: Subject) -> None:
     """No queries get no answers, in arrays of the right shapes."""
     x = np.empty((0, subject.source.dim))
     _require_arrays(subject.source.closest_point(x), x)
 
 
-@law
-def check_input_untouched(subject: Subject) -> None:
+@query_law()
+def check_input_untouched(subject: Subject, x: Floats) -> None:
     """The queries are not written to."""
-
-    def hold(x: Floats) -> None:
-        given = x.copy()
-        feet = subject.source.closest_point(given)
-        require_rows((given == x).all(axis=1), x, "The query was changed", given)
-        require(not np.shares_memory(feet.points, given), "The answer shares memory with the queries.")
-
-    for_queries(subject, hold)
+    given = x.copy()
+    feet = subject.source.closest_point(given)
+    require_rows((given == x).all(axis=1), x, "The query was changed", given)
+    require(not np.shares_memory(feet.points, given), "The answer shares memory with the queries.")
 
 
-@law
-def check_batches(subject: Subject) -> None:
+@query_law()
+def check_batches(subject: Subject, x: Floats) -> None:
     """An answer does not depend on the queries that are asked with it."""
-
-    def hold(x: Floats) -> None:
-        whole = subject.source.closest_point(x)
-        for parts in (np.array_split(x, 3), [x[i : i + 1] for i in range(min(3, len(x)))]):
-            pieces = [subject.source.closest_point(np.ascontiguousarray(part)) for part in parts]
-            asked = np.concatenate(parts)
-            points = np.concatenate([piece.points for piece in pieces])
-            edge = np.concatenate([piece.edge for piece in pieces])
-            apart = np.linalg.norm(points - whole.points[: len(asked)], axis=1)
-            require_rows(apart <= subject.round_off(asked), asked, "Asked in parts, the foot moves by", apart)
-            require_rows(edge == whole.edge[: len(asked)], asked, "Asked in parts, edge becomes", edge)
-
-    for_queries(subject, hold)
+    whole = subject.source.closest_point(x)
+    for parts in (np.array_split(x, 3), [x[i : i + 1] for i in range(min(3, len(x)))]):
+        pieces = [subject.source.closest_point(np.ascontiguousarray(part)) for part in parts]
+        asked = np.concatenate(parts)
+        points = np.concatenate([piece.points for piece in pieces])
+        edge = np.concatenate([piece.edge for piece in pieces])
+        apart = np.linalg.norm(points - whole.points[: len(asked)], axis=1)
+        require_rows(apart <= subject.round_off(asked), asked, "Asked in parts, the foot moves by", apart)
+        require_rows(edge == whole.edge[: len(asked)], asked, "Asked in parts, edge becomes", edge)
 
 
-@law
-def check_finite(subject: Subject) -> None:
+@query_law()
+def check_finite(subject: Subject, x: Floats) -> None:
     """Finite queries get finite answers."""
-
-    def hold(x: Floats) -> None:
-        feet = subject.source.closest_point(x)
-        require_rows(np.isfinite(feet.points).all(axis=1), x, "The foot is", feet.points)
-        require_rows(np.isfinite(feet.distance), x, "distance is", feet.distance)
-        if feet.local is not None:
-            require_rows(np.isfinite(feet.local).all(axis=1), x, "local is", feet.local)
-
-    for_queries(subject, hold)
+    feet = subject.source.closest_point(x)
+    require_rows(np.isfinite(feet.points).all(axis=1), x, "The foot is", feet.points)
+    require_rows(np.isfinite(feet.distance), x, "distance is", feet.distance)
+    if feet.local is not None:
+        require_rows(np.isfinite(feet.local).all(axis=1), x, "local is", feet.local)
 
 
-@law
+@law()
 def check_bad_input(subject: Subject) -> None:
     """NaN, infinity and wrong shapes are refused with InputError."""
     dim = subject.source.dim
@@ -99,31 +83,16 @@ def check_bad_input(subject: Subject) -> None:
         _require_refused(subject.source, np.zeros(shape), f"the shape {shape}")
 
 
-@law
-def check_edge(subject: Subject) -> None:
+@query_law()
+def check_edge(subject: Subject, x: Floats) -> None:
     """``edge`` is -1 or the number of an edge: of a curve 0 or 1, of a point none."""
     numbers: dict[int | None, int] = {0: -1, 1: 1}
     last = numbers.get(subject.source.manifold_dim)
 
-    def hold(x: Floats) -> None:
-        edge = subject.source.closest_point(x).edge
-        require_rows(edge >= -1, x, "edge is", edge)
-        if last is not None:
-            require_rows(edge <= last, x, "edge is", edge)
-
-    for_queries(subject, hold)
-
-
-FORM_LAWS = (
-    check_statement,
-    check_shapes,
-    check_empty,
-    check_input_untouched,
-    check_batches,
-    check_finite,
-    check_bad_input,
-    check_edge,
-)
+    edge = subject.source.closest_point(x).edge
+    require_rows(edge >= -1, x, "edge is", edge)
+    if last is not None:
+        require_rows(edge <= last, x, "edge is", edge)
 
 
 def _require_arrays(feet: ClosestPoints, x: Floats) -> None:

@@ -3,34 +3,55 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import wraps
-from typing import Any
+from functools import partial, wraps
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cpmkit.protocols import Bools, ClosestPoints, Floats
 from cpmkit.testing.cases import ConformanceCase
-from cpmkit.testing.queries import Subject, subject
+from cpmkit.testing.queries import Subject, for_queries, subject
 
 Law = Callable[[ConformanceCase], None]
 
 
-def law(check: Callable[[Subject], None]) -> Law:
-    """Turn a check of a subject into a law that is called with a case."""
+def law(ability: Any = object) -> Callable[[Callable[[Subject], None]], Law]:
+    """Turn a check of a subject into a law that is called with a case; a source without the ability keeps it."""
 
-    @wraps(check)
-    def named(case: ConformanceCase) -> None:
-        sentence = (check.__doc__ or "").partition("\n")[0]
-        try:
-            check(subject(case))
-        except AssertionError as error:
-            raise AssertionError(f"{case} breaks the law {check.__name__} ({sentence}) {error}") from None
-        except Exception as error:
-            error.add_note(f"{case} raised this under the law {check.__name__} ({sentence})")
-            raise
+    def made(check: Callable[[Subject], None]) -> Law:
+        @wraps(check)
+        def named(case: ConformanceCase) -> None:
+            sentence = (check.__doc__ or "").partition("\n")[0]
+            try:
+                about = subject(case)
+                if isinstance(about.source, ability):
+                    check(about)
+            except AssertionError as error:
+                raise AssertionError(f"{case} breaks the law {check.__name__} ({sentence}) {error}") from None
+            except Exception as error:
+                error.add_note(f"{case} raised this under the law {check.__name__} ({sentence})")
+                raise
 
-    return named
+        return named
+
+    return made
+
+
+def query_law(
+    where: Literal["anywhere", "near", "near unless exact"] = "anywhere", ability: Any = object
+) -> Callable[[Callable[[Subject, Floats], None]], Law]:
+    """Turn a check of a subject and a batch of queries (n, d) into a law; near are those within the case's radius."""
+
+    def made(check: Callable[[Subject, Floats], None]) -> Law:
+        @wraps(check)
+        def asked(about: Subject) -> None:
+            near = where == "near" or (where == "near unless exact" and not about.source.exact)
+            for_queries(about, partial(check, about), within_radius=near)
+
+        return law(ability)(asked)
+
+    return made
 
 
 def require(holds: Any, message: str) -> None:

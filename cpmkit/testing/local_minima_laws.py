@@ -8,8 +8,8 @@ import numpy as np
 
 from cpmkit.errors import InputError
 from cpmkit.protocols import ClosestPoints, ClosestPointSource, Floats, HasLocalMinima, HasMembers, Ints
-from cpmkit.testing.law import law, require, require_rows, sure
-from cpmkit.testing.queries import Subject, for_queries
+from cpmkit.testing.law import law, query_law, require, require_rows, sure
+from cpmkit.testing.queries import Subject
 
 #: The radii that are asked for, relative to the size.
 ASKED_RADII_SHARES = (0.2, 0.5)
@@ -19,77 +19,61 @@ TOWARDS_QUERY_SHARE = 1e-3
 AROUND_FOOT_SHARE = 1e-5
 
 
-@law
-def check_local_minima(subject: Subject) -> None:
+@query_law(ability=HasLocalMinima)
+def check_local_minima(subject: Subject, x: Floats) -> None:
     """Feet within a radius lie on the manifold at their distance, by rows and nearest first, the closest point first.
 
     A larger radius adds feet and takes none away.
     """
-    source = subject.source
-    if not isinstance(source, HasLocalMinima):
-        return
     small, large = (share * subject.size for share in ASKED_RADII_SHARES)
 
-    def hold(x: Floats) -> None:
-        closest = subject.source.closest_point(x)
-        rows, feet = source.local_minima(x, large)
-        _require_order(subject, x, rows, feet)
-        expected = np.flatnonzero(closest.distance <= large)
-        require(np.array_equal(np.unique(rows), expected), "Not those queries have feet whose closest point is near.")
-        require((feet.distance <= large).all(), "A foot lies beyond the radius.")
-        first = np.flatnonzero(np.diff(rows, prepend=-1))
-        apart = np.abs(_reach(x, rows, feet)[first] - np.linalg.norm(x - closest.points, axis=1)[rows[first]])
-        allowed = subject.round_off(x)[rows]
-        require_rows(apart <= allowed[first], x[rows[first]], "The first foot is not the closest point, by", apart)
-        off = subject.source.closest_point(np.ascontiguousarray(feet.points)).distance
-        require_rows(off <= subject.round_off(feet.points), x[rows], "A foot lies off the manifold by", off)
-        excess = feet.distance - _reach(x, rows, feet)
-        require_rows(excess <= allowed, x[rows], "distance is above |x - points| by", excess)
-        if subject.source.exact:
-            require_rows(-excess <= allowed, x[rows], "distance is below |x - points| by", -excess)
-        within = source.local_minima(x, small)[1]
-        same = np.array_equal(within.points, feet.points[feet.distance <= small])
-        require(same, "The feet within a small radius are not those that a large one finds there.")
-
-    for_queries(subject, hold)
+    closest = subject.source.closest_point(x)
+    rows, feet = subject.source.local_minima(x, large)
+    _require_order(subject, x, rows, feet)
+    expected = np.flatnonzero(closest.distance <= large)
+    require(np.array_equal(np.unique(rows), expected), "Not those queries have feet whose closest point is near.")
+    require((feet.distance <= large).all(), "A foot lies beyond the radius.")
+    first = np.flatnonzero(np.diff(rows, prepend=-1))
+    apart = np.abs(_reach(x, rows, feet)[first] - np.linalg.norm(x - closest.points, axis=1)[rows[first]])
+    allowed = subject.round_off(x)[rows]
+    require_rows(apart <= allowed[first], x[rows[first]], "The first foot is not the closest point, by", apart)
+    off = subject.source.closest_point(np.ascontiguousarray(feet.points)).distance
+    require_rows(off <= subject.round_off(feet.points), x[rows], "A foot lies off the manifold by", off)
+    excess = feet.distance - _reach(x, rows, feet)
+    require_rows(excess <= allowed, x[rows], "distance is above |x - points| by", excess)
+    if subject.source.exact:
+        require_rows(-excess <= allowed, x[rows], "distance is below |x - points| by", -excess)
+    within = subject.source.local_minima(x, small)[1]
+    same = np.array_equal(within.points, feet.points[feet.distance <= small])
+    require(same, "The feet within a small radius are not those that a large one finds there.")
 
 
-@law
-def check_sheets(subject: Subject) -> None:
+@query_law("near unless exact", HasLocalMinima)
+def check_sheets(subject: Subject, x: Floats) -> None:
     """Feet of one query are distinct, each is the closest point of what lies a little towards the query, and a minimum.
 
     So the way is normal to the manifold there, or between its normals at a crease, or past its edge. Of an exact source
     points around a foot are farther. Of a union each member is looked at alone: where two touch, a foot on one may be
     no local minimum beside the other.
     """
-    source = subject.source
-    if not isinstance(source, HasLocalMinima):
-        return
-
-    def hold(x: Floats) -> None:
-        rows, feet = source.local_minima(x, ASKED_RADII_SHARES[1] * subject.size)
-        for member, chosen in _by_member(subject.source, feet):
-            _require_distinct(x, rows[chosen], feet.take(chosen), subject)
-            chosen = chosen[sure(feet.take(chosen))]
-            points, towards = feet.points[chosen], TOWARDS_QUERY_SHARE * (x[rows[chosen]] - feet.points[chosen])
-            nearest = member.closest_point(np.ascontiguousarray(points + towards)).points
-            slid = np.linalg.norm(nearest - points, axis=1)
-            allowed = subject.case.turning_angle * np.linalg.norm(towards, axis=1) + subject.round_off(points)
-            require_rows(slid <= allowed, x[rows[chosen]], "Seen from nearer, the foot slides", slid)
-            if member.exact:
-                _require_minima(member, x[rows[chosen]], points, subject)
-
-    for_queries(subject, hold, within_radius=not subject.source.exact)
+    rows, feet = subject.source.local_minima(x, ASKED_RADII_SHARES[1] * subject.size)
+    for member, chosen in _by_member(subject.source, feet):
+        _require_distinct(x, rows[chosen], feet.take(chosen), subject)
+        chosen = chosen[sure(feet.take(chosen))]
+        points, towards = feet.points[chosen], TOWARDS_QUERY_SHARE * (x[rows[chosen]] - feet.points[chosen])
+        nearest = member.closest_point(np.ascontiguousarray(points + towards)).points
+        slid = np.linalg.norm(nearest - points, axis=1)
+        allowed = subject.case.turning_angle * np.linalg.norm(towards, axis=1) + subject.round_off(points)
+        require_rows(slid <= allowed, x[rows[chosen]], "Seen from nearer, the foot slides", slid)
+        if member.exact:
+            _require_minima(member, x[rows[chosen]], points, subject)
 
 
-@law
+@law(HasLocalMinima)
 def check_bad_radius(subject: Subject) -> None:
     """Feet are refused with InputError for wrong queries, as closest points are, and for a radius not above zero."""
-    source = subject.source
-    if not isinstance(source, HasLocalMinima):
-        return
     good, dim = subject.centre[None], subject.source.dim
-    rows, feet = source.local_minima(np.empty((0, dim)), subject.size)
+    rows, feet = subject.source.local_minima(np.empty((0, dim)), subject.size)
     require(len(rows) == len(feet) == 0, "No queries have feet.")
     for x, radius in (
         (good * np.nan, 1.0),
@@ -99,13 +83,10 @@ def check_bad_radius(subject: Subject) -> None:
         (good, float("nan")),
     ):
         try:
-            source.local_minima(x, radius)
+            subject.source.local_minima(x, radius)
         except InputError:
             continue
         raise AssertionError(f"Queries of shape {x.shape} with a radius of {radius} are accepted.")
-
-
-LOCAL_MINIMA_LAWS = (check_local_minima, check_sheets, check_bad_radius)
 
 
 def _reach(x: Floats, rows: Ints, feet: ClosestPoints) -> Floats:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from cpmkit.protocols import ClosestPointSource, Floats
+from cpmkit.protocols import Floats
 from cpmkit.testing.cases import ConformanceCase
 
 #: Round-off that is allowed, relative to the largest coordinate that takes part.
@@ -33,7 +34,7 @@ class Subject:
     """
 
     case: ConformanceCase
-    source: ClosestPointSource
+    source: Any
     centre: Floats
     size: float
 

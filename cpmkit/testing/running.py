@@ -9,12 +9,11 @@ from cpmkit.testing import ability_laws, foot_laws, form_laws, left_laws, local_
 from cpmkit.testing.cases import ConformanceCase
 
 #: Every law: called with a case, it returns or raises an AssertionError.
-LAWS: tuple[Callable[[ConformanceCase], None], ...] = (
-    *form_laws.FORM_LAWS,
-    *foot_laws.FOOT_LAWS,
-    *ability_laws.ABILITY_LAWS,
-    *local_minima_laws.LOCAL_MINIMA_LAWS,
-    *left_laws.LEFT_LAWS,
+LAWS: tuple[Callable[[ConformanceCase], None], ...] = tuple(
+    check
+    for module in (form_laws, foot_laws, ability_laws, local_minima_laws, left_laws)
+    for name, check in vars(module).items()
+    if name.startswith("check_")
 )
 
 
