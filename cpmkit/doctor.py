@@ -6,14 +6,15 @@ import os
 import platform
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 from cpmkit.errors import CpmkitError
 from cpmkit.plugins import installed_kinds
 from cpmkit.runtime.memory import memory_limit
+from cpmkit.runtime.threads import processors
 from cpmkit.runtime.warn import collected_warnings
+from cpmkit.saving.summary import version_of
 
 #: Distributions whose versions matter, the required ones first.
 DISTRIBUTIONS = (
@@ -85,7 +86,7 @@ def diagnose(scene: str | Path | None = None) -> Diagnosis:
     """
     from cpmkit.view import probe
 
-    versions = {name: _version(name) for name in DISTRIBUTIONS}
+    versions = {name: version_of(name) for name in DISTRIBUTIONS}
     kinds = {kind.kind: f"{kind.distribution} {kind.version}" for kind in installed_kinds()}
     opengl = probe()
     with collected_warnings() as heard:
@@ -94,26 +95,13 @@ def diagnose(scene: str | Path | None = None) -> Diagnosis:
         system=f"Python {platform.python_version()}, {platform.platform()}",
         versions=versions,
         kinds=kinds,
-        processors=_processors(),
+        processors=processors(),
         memory=str(memory_limit()),
         variables={name: os.environ[name] for name in ENVIRONMENT_VARIABLES if name in os.environ},
         opengl=opengl,
         scene=problem,
         advice=(*heard, *_advice(versions, kinds, opengl)),
     )
-
-
-def _version(distribution: str) -> str | None:
-    try:
-        return version(distribution)
-    except PackageNotFoundError:
-        return None
-
-
-def _processors() -> int:
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def _loading(scene: str | Path) -> str:

@@ -9,9 +9,9 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import entry_points
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import pluggy
 
@@ -24,6 +24,7 @@ from cpmkit.runtime.suggestions import did_you_mean
 if TYPE_CHECKING:
     from cpmkit.protocols import ClosestPointSource, Floats, Ints
 
+Made = TypeVar("Made")
 KINDS_GROUP = "cpmkit.kinds"
 COMMANDS_GROUP = "cpmkit.commands"
 
@@ -64,13 +65,6 @@ def installed_kinds() -> list[InstalledKind]:
     return sorted(found, key=lambda kind: kind.kind)
 
 
-def _entry_point(kind: str) -> EntryPoint:
-    points = list(entry_points(group=KINDS_GROUP, name=kind))
-    if not points:
-        raise PluginError(_unknown_kind(kind))
-    return points[0]
-
-
 def _unknown_kind(kind: str) -> str:
     kinds = [installed.kind for installed in installed_kinds()]
     missing = f"No plugin provides the kind {shown(kind)}"
@@ -96,7 +90,9 @@ def load(kind: str) -> Any:
     PluginError
         If no installed distribution declares the kind, or its plugin does not import.
     """
-    point = _entry_point(kind)
+    point = next(iter(entry_points(group=KINDS_GROUP, name=kind)), None)
+    if point is None:
+        raise PluginError(_unknown_kind(kind))
     try:
         plugin = point.load()
     except Exception as error:
@@ -135,7 +131,7 @@ def offered(kind: str, hook: str) -> Callable[..., Any] | None:
     return next((answer[kind] for answer in answers if kind in answer), None)
 
 
-def call(make: Callable[..., Any], what: str, table: Mapping[str, Any]) -> Any:
+def call(make: Callable[..., Made], what: str, table: Mapping[str, Any]) -> Made:
     """Call a factory with a table of keyword arguments; answer a wrong key with the accepted ones.
 
     Raises

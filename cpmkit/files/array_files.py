@@ -5,7 +5,7 @@ from __future__ import annotations
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Container
 from math import prod
 from pathlib import Path
 from typing import IO, Any
@@ -13,6 +13,7 @@ from typing import IO, Any
 import numpy as np
 
 from cpmkit.errors import InputError, shown
+from cpmkit.files.whole_files import system_told
 from cpmkit.runtime.memory import available_bytes
 
 #: Kinds of NumPy types that are read: truth values, whole numbers, floating point numbers, text.
@@ -39,12 +40,8 @@ def read_array(path: Path, what: str = "an array of numbers") -> np.ndarray:
     InputError
         If the file cannot be opened, is no ``.npy`` file, holds other things than numbers, or is shorter than it says.
     """
-    try:
-        with path.open("rb") as opened:
-            left = path.stat().st_size
-            return _member(opened, left, path.name, f"a .npy file with {what}", NUMBER_KINDS)
-    except OSError as error:
-        raise InputError(f"{shown(path.name)} cannot be read: {error.strerror or error}.") from error
+    with system_told(f"{shown(path.name)} cannot be read"), path.open("rb") as opened:
+        return _member(opened, path.stat().st_size, path.name, f"a .npy file with {what}", NUMBER_KINDS)
 
 
 def read_bytes(path: Path) -> bytes:
@@ -61,14 +58,10 @@ def read_bytes(path: Path) -> bytes:
     return path.read_bytes()
 
 
-def _any(*_: object) -> None:
-    """Accept any shape and type."""
-
-
 def read_arrays(
-    path: Path, names: Iterable[str], what: str, check: Callable[[str, tuple[int, ...], np.dtype[Any]], None] = _any
+    path: Path, names: Container[str], what: str, check: Callable[[str, tuple[int, ...], np.dtype[Any]], None]
 ) -> dict[str, np.ndarray]:
-    """Read those arrays of an ``.npz`` file whose names are in ``names``, or begin with one that ends in ``*``.
+    """Read those arrays of an ``.npz`` file whose names are in ``names``.
 
     Others are not looked at. ``what`` says what the file should be, such as "a solution that was saved". ``check`` is
     told the name, shape and type that each array's header says, before any array itself is read, and may raise.
@@ -79,31 +72,24 @@ def read_arrays(
         If the file cannot be opened, is not whole, or an array in it is of another kind, or larger than the memory
         that is left.
     """
-    wanted = tuple(names)
     try:
-        with zipfile.ZipFile(path) as archive:
-            members = [entry for entry in archive.infolist() if _is_wanted(entry.filename.removesuffix(".npy"), wanted)]
-            _check_size(sum(entry.file_size for entry in members), path.name)
-            for entry in members:
+        with system_told(f"{shown(path.name)} cannot be read"), zipfile.ZipFile(path) as archive:
+            named = {entry.filename.removesuffix(".npy"): entry for entry in archive.infolist()}
+            members = {name: entry for name, entry in named.items() if name in names}
+            _check_size(sum(entry.file_size for entry in members.values()), path.name)
+            for name, entry in members.items():
                 with archive.open(entry) as opened:
                     shape, _, dtype, _ = _header(opened)
-                    check(entry.filename.removesuffix(".npy"), shape, dtype)
+                    check(name, shape, dtype)
             read = {}
-            for entry in members:
-                name = entry.filename.removesuffix(".npy")
+            for name, entry in members.items():
                 with archive.open(entry) as opened:
                     read[name] = _member(opened, entry.file_size, path.name, what, READ_KINDS)
             return read
-    except OSError as error:
-        raise InputError(f"{shown(path.name)} cannot be read: {error.strerror or error}.") from error
+    except InputError:
+        raise
     except DAMAGE_ERRORS as error:
-        if isinstance(error, InputError):
-            raise
         raise InputError(f"{shown(path.name)} is damaged or not {what}.") from error
-
-
-def _is_wanted(name: str, wanted: tuple[str, ...]) -> bool:
-    return any(name.startswith(pattern[:-1]) if pattern.endswith("*") else name == pattern for pattern in wanted)
 
 
 def _check_size(needed: int, name: str) -> None:

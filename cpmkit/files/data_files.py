@@ -73,14 +73,12 @@ def find_file(name: str | Path, beside: Path | None = None) -> Path:
     for folder in folders:
         if _is_file(folder / name):
             return folder / name
-    fetched = _fetch(str(name)) if str(name) in KNOWN_MESHES and os.environ.get("CPMKIT_FETCH") != "0" else None
-    if fetched is not None:
-        return fetched
-    hint = (
-        f"; {name} is one of the meshes at {MESHES_URL}, download it into one of these folders"
-        if str(name) in KNOWN_MESHES
-        else ""
-    )
+    hint = ""
+    if str(name) in KNOWN_MESHES:
+        fetched = _fetch(str(name)) if os.environ.get("CPMKIT_FETCH") != "0" else None
+        if fetched is not None:
+            return fetched
+        hint = f"; {name} is one of the meshes at {MESHES_URL}, download it into one of these folders"
     places = ", ".join(_described(folder) for folder in folders)
     raise InputError(f"no file {shown(str(name))}; looked in {places}{hint}.")
 

@@ -34,7 +34,8 @@ def numbers(least: float = -math.inf, most: float = math.inf) -> Kind:
 
     def accepts(value: Any) -> bool:
         try:
-            return _is_number(value) and math.isfinite(value) and least <= value <= most
+            real = isinstance(value, (int, float)) and not isinstance(value, bool)
+            return real and math.isfinite(value) and least <= value <= most
         except OverflowError:  # a whole number of hundreds of digits
             return False
 
@@ -140,10 +141,6 @@ def _kind(hint: Any) -> Kind:
     if get_origin(hint) is not None and issubclass(get_origin(hint), Mapping):
         return table_of(arguments[-1])
     raise TypeError(f"{hint} is not the type of a plain value")
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
 def _range(least: float, most: float) -> str:

@@ -19,6 +19,15 @@ MOST_PATH_BYTES = 4000
 
 
 @contextmanager
+def system_told(what: str) -> Iterator[None]:
+    """Raise what the system refuses within as an InputError: ``what`` cannot be done, and the system's reason."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"{what}: {error.strerror or error}.") from error
+
+
+@contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
     """Yield a name beside ``path`` to write to; on leaving, the file is on the disk and takes its own name.
 
@@ -33,13 +42,12 @@ def written_whole(path: Path) -> Iterator[Path]:
     check_name(path)
     unfinished = unfinished_name(path)
     try:
-        remove_leftovers(path)
-        yield unfinished
-        with unfinished.open("rb+") as written:
-            os.fsync(written.fileno())  # else a machine that goes down may leave an empty file of the final name
-        os.replace(unfinished, path)
-    except OSError as error:
-        raise InputError(f"{path} cannot be written: {error.strerror or error}.") from error
+        with system_told(f"{path} cannot be written"):
+            remove_leftovers(path)
+            yield unfinished
+            with unfinished.open("rb+") as written:
+                os.fsync(written.fileno())  # else a machine that goes down may leave an empty file of the final name
+            os.replace(unfinished, path)
     finally:
         with suppress(OSError):
             unfinished.unlink(missing_ok=True)
@@ -83,7 +91,7 @@ def check_place(path: Path) -> None:
         there.
     """
     check_name(path)
-    try:
+    with system_told(f"{path} cannot be written"):
         if path.is_dir():
             raise InputError(f"{path} cannot be written: it is a folder.")
         folder = next(parent for parent in path.absolute().parents if os.path.lexists(parent))
@@ -91,8 +99,6 @@ def check_place(path: Path) -> None:
             raise InputError(f"The folder {path.parent} cannot be made: {folder} is a file.")
         with tempfile.TemporaryFile(dir=folder) as tried:
             tried.write(b"cpmkit")
-    except OSError as error:
-        raise InputError(f"{path} cannot be written: {error.strerror or error}.") from error
 
 
 def check_name(path: Path) -> None:

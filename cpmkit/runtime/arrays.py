@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -21,12 +22,7 @@ def as_points(x: Any, dim: int, what: str = "points") -> Floats:
     InputError
         If the shape is not (n, dim), or an entry is not a finite number.
     """
-    try:
-        points = np.ascontiguousarray(x, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(f"{what} must be numbers of shape (n, {dim}), got {type(x).__name__}.") from error
-    if _holds_no_numbers(x):
-        raise InputError(f"{what} must be numbers of shape (n, {dim}), got {shown(x)}.")
+    points = np.ascontiguousarray(_as_floats(x, f"{what} must be numbers of shape (n, {dim})"))
     if points.ndim != 2 or points.shape[1] != dim:
         raise InputError(f"{what} must have shape (n, {dim}), got {np.shape(x)}.")
     bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
@@ -96,15 +92,19 @@ def as_vector(x: Any, dim: int, what: str) -> Floats:
     InputError
         If ``x`` is not ``dim`` finite numbers.
     """
-    try:
-        vector = np.array(x, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(f"{what} must be {dim} numbers, got {shown(x)}.") from error
-    if _holds_no_numbers(x):
-        raise InputError(f"{what} must be {dim} numbers, got {shown(x)}.")
+    vector = np.array(_as_floats(x, f"{what} must be {dim} numbers"))
     if vector.shape != (dim,) or not np.isfinite(vector).all():
         raise InputError(f"{what} must be {dim} finite numbers, got {shown(x)}.")
     return vector
+
+
+def _as_floats(x: Any, accepted: str) -> Floats:
+    """Return ``x`` as float64, or refuse what holds something else than numbers by the sentence that it begins with."""
+    with suppress(TypeError, ValueError, OverflowError):
+        array = np.asarray(x, dtype=np.float64)
+        if not _holds_no_numbers(x):
+            return array
+    raise InputError(f"{accepted}, got {shown(x)}.")
 
 
 def _holds_no_numbers(x: Any) -> bool:

@@ -18,6 +18,11 @@ from cpmkit.errors import InputError
 THREAD_PARCEL_QUERIES = 4096
 
 
+def processors() -> int:
+    """Return how many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def thread_count() -> int:
     """Return how many threads work: ``CPMKIT_THREADS``, or the number of cores this process may use.
 
@@ -28,7 +33,7 @@ def thread_count() -> int:
     """
     asked = os.environ.get("CPMKIT_THREADS")
     if not asked:
-        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        return processors()
     if not asked.isdecimal() or int(asked) < 1:
         raise InputError(f"CPMKIT_THREADS must be a whole number above zero, got {asked!r}.")
     return int(asked)

@@ -85,11 +85,11 @@ def check_file(path: str | Path, surface: ClosestPointSource) -> None:
 def write_summary(summary: Mapping[str, Any], path: str | Path) -> None:
     """Write a mapping of plain values as JSON, whole or not at all."""
     with written_whole(Path(path)) as unfinished:
-        unfinished.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+        _write_json(summary, unfinished)
 
 
-def _save_vtp(solution: Solution, path: Path) -> None:
-    write_vtp(solution.display_mesh(), path)
+def _write_json(summary: Mapping[str, Any], path: Path) -> None:
+    path.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
 
 
 def write_vtp(mesh: DisplayMesh, path: Path) -> None:
@@ -140,24 +140,15 @@ def _save_npz(solution: Solution, path: Path) -> None:
     arrays |= {"format": np.array(FORMAT_VERSION), "summary": np.array(json.dumps(solution.summary()))}
     if isinstance(solution.scene.surface, HasMesh):
         mesh = solution.display_mesh()
-        arrays |= {
-            "points": mesh.points,
-            "cells": mesh.cells,
-            "values": mesh.values,
-            "original": np.array(mesh.original),
-        }
+        arrays |= {name: np.array(getattr(mesh, name)) for name in ("points", "cells", "values", "original")}
     np.savez_compressed(path, **arrays)
 
 
-def _save_json(solution: Solution, path: Path) -> None:
-    path.write_text(json.dumps(solution.summary(), indent=2) + "\n", encoding="utf-8")
-
-
 _WRITERS: dict[str, Callable[[Solution, Path], None]] = {
-    ".vtp": _save_vtp,
+    ".vtp": lambda solution, path: write_vtp(solution.display_mesh(), path),
     ".ply": _save_ply,
     ".npz": _save_npz,
-    ".json": _save_json,
+    ".json": lambda solution, path: _write_json(solution.summary(), path),
 }
 
 

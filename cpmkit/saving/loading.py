@@ -106,12 +106,9 @@ def load(path: str | Path, scene: Scene | str | Path | None = None) -> Solution 
 
 
 def _mesh_alone(arrays: Mapping[str, Any], summary: Mapping[str, Any]) -> SavedSolution:
-    mesh = {name: arrays[name] for name in ("points", "cells", "values") if name in arrays}
-    if not mesh:
-        none = np.zeros((0, 0))
-        channels = summary["discretization"].get("channels", 1)
-        return SavedSolution(none, none.astype(np.int64), np.zeros((0, channels)), summary, arrays)
-    return SavedSolution(mesh["points"], mesh["cells"], mesh["values"], summary, arrays)
+    channels = summary["discretization"].get("channels", 1)
+    none = {"points": np.zeros((0, 0)), "cells": np.zeros((0, 0), dtype=np.int64), "values": np.zeros((0, channels))}
+    return SavedSolution(**{name: arrays.get(name, none[name]) for name in none}, summary=summary, arrays=arrays)
 
 
 def _rebuilt(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any], scene: Scene) -> Solution:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cpmkit.errors import CpmkitError, InputError
-from cpmkit.files.whole_files import check_place
+from cpmkit.files.whole_files import check_place, system_told
 from cpmkit.meshes.display_mesh import mesh_of
 from cpmkit.protocols import ClosestPointSource, Progress
 from cpmkit.saving.export import check_file, save, write_summary
@@ -51,10 +51,9 @@ class WrittenResults:
                 raise error
         if self.failures:
             missing = "; ".join(sentence.removesuffix(".") for sentence in self.summary["unwritten"].values())
-            written = [*self.summary["files"], *([self.summary["picture"]["file"]] if self.summary["picture"] else [])]
-            outcome = (
-                f"written into {self.summary['folder']} were {', '.join(written)}" if written else "nothing was written"
-            )
+            drawn = self.summary["picture"]
+            written = ", ".join([*self.summary["files"], *([drawn["file"]] if drawn else [])])
+            outcome = f"written into {self.summary['folder']} were {written}" if written else "nothing was written"
             raise InputError(f"{missing}; {outcome}.")
 
 
@@ -154,8 +153,6 @@ def _draw(solution: Solution, asked: PictureRequest, folder: Path) -> dict[str, 
 
 def _with_folder(path: Path) -> Path:
     """Return ``path``, whose folder exists afterwards."""
-    try:
+    with system_told(f"The folder {path.parent} cannot be made"):
         path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"The folder {path.parent} cannot be made: {error.strerror or error}.") from error
     return path

@@ -11,7 +11,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from cpmkit.errors import InputError
-from cpmkit.files.whole_files import remove_leftovers, unfinished_name, written_whole
+from cpmkit.files.whole_files import remove_leftovers, system_told, unfinished_name, written_whole
 from cpmkit.saving.export import write_vtp
 from cpmkit.solution.evolved import EvolvedSolution
 
@@ -56,17 +56,16 @@ def save_series(solution: Solution, path: Path) -> None:
     unfinished = unfinished_name(folder)
     names = [_numbered(Path("frame.vtp"), number, len(frames)).name for number in range(len(frames))]
     try:
-        remove_leftovers(folder)
-        unfinished.mkdir()
-        for name, mesh in zip(names, solution.frame_meshes(), strict=True):
-            write_vtp(mesh, unfinished / name)
-        folder.mkdir(exist_ok=True)
-        for name in names:
-            os.replace(unfinished / name, folder / name)
-        for stale in {file.name for file in folder.glob("frame-*.vtp")} - {*names}:
-            (folder / stale).unlink()
-    except OSError as error:
-        raise InputError(f"{folder} cannot be written: {error.strerror or error}.") from error
+        with system_told(f"{folder} cannot be written"):
+            remove_leftovers(folder)
+            unfinished.mkdir()
+            for name, mesh in zip(names, solution.frame_meshes(), strict=True):
+                write_vtp(mesh, unfinished / name)
+            folder.mkdir(exist_ok=True)
+            for name in names:
+                os.replace(unfinished / name, folder / name)
+            for stale in {file.name for file in folder.glob("frame-*.vtp")} - {*names}:
+                (folder / stale).unlink()
     finally:
         shutil.rmtree(unfinished, ignore_errors=True)
     with written_whole(path) as index:

@@ -34,7 +34,7 @@ def summarize(solution: Solution) -> dict[str, Any]:
         "imbalances": [imbalance.as_dict() for imbalance in solution.imbalances],
         "versions": {
             "python": platform.python_version(),
-            **{name: _version(name) for name in solution.discretized.libraries},
+            **{name: version_of(name) or "not installed" for name in solution.discretized.libraries},
         },
     }
 
@@ -88,8 +88,9 @@ def _plain(value: Any) -> Any:
         return type(value).__name__
 
 
-def _version(name: str) -> str:
+def version_of(distribution: str) -> str | None:
+    """Return the version of a distribution, None where it is not installed."""
     try:
-        return version(name)
+        return version(distribution)
     except PackageNotFoundError:
-        return "not installed"
+        return None

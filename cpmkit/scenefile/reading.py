@@ -30,7 +30,7 @@ from cpmkit.scenefile.condition_tables import as_table, read_data, read_edge, re
 from cpmkit.scenefile.output_request import OutputRequest, PictureRequest, check_links, output_folder
 
 SCENE_TABLES = ("surface", "boundary", "problem", "discretization", "solver", "output")
-PROBLEMS = {
+PROBLEMS: dict[str, type[Equation]] = {
     "laplace": Laplace,
     "poisson": Poisson,
     "screened": ScreenedPoisson,
@@ -236,8 +236,7 @@ def _problem(table: dict[str, Any], dim: int) -> Equation:
             table[key] = read_data(table[key], dim, f"{key} of [problem]")
     if "velocity" in table:
         table["velocity"] = _field(table["velocity"], dim)
-    made: Equation = call(PROBLEMS[kind], f"[problem] of kind {kind!r}", table)
-    return made
+    return call(PROBLEMS[kind], f"[problem] of kind {kind!r}", table)
 
 
 def _field(value: Any, dim: int) -> Field:

@@ -24,7 +24,7 @@ from cpmkit.forms.collocation.work import measure_work
 from cpmkit.grid.band import Band
 from cpmkit.linear.choice import SolverOptions, choose_solver, make_solver
 from cpmkit.manifold.local_source import LocalSource, largest_dim, localize
-from cpmkit.protocols import Bools, BoundarySet, Floats, Progress, no_progress
+from cpmkit.protocols import Bools, Floats, Progress, no_progress
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.laws import Value
 from cpmkit.scene.scene import Scene
@@ -83,16 +83,10 @@ def solve_by_fixed_nodes(
     values[~fixed], report = prepared.solve(b, solver.tolerance, progress=progress)
     clock.append(time.perf_counter())
     seconds = {"build": clock[1] - clock[0], "solve": clock[2] - clock[1]}
-    queries = {
-        boundary.name: source.queries["points"] for boundary, source in zip(scene.boundaries, sources, strict=True)
-    }
     work = measure_work(tables, operator, report)
-    work = replace(
-        work,
-        ghosts=0,
-        closest_point_queries=work.closest_point_queries + sum(queries.values()),
-        queries={**work.queries, **queries},
-    )
+    queries = {one.name: source.queries["points"] for one, source in zip(scene.boundaries, sources, strict=True)}
+    queries |= work.queries
+    work = replace(work, ghosts=0, closest_point_queries=sum(queries.values()), queries=queries)
     return Solution(form, values, report, work, seconds)
 
 
@@ -132,12 +126,9 @@ def _fixed_nodes(
         feet = source.closest_point(positions)
         taken = np.flatnonzero(choose(layout.band, source, feet.distance) & (feet.distance < nearest))
         nearest[taken] = feet.distance[taken]
-        values[taken] = _values(boundary, layout.lattice.to_scene(feet.points[taken]), scene.channels)
+        datum, at = boundary.condition("left").one_sided.datum, layout.lattice.to_scene(feet.points[taken])
+        values[taken] = evaluate_data(datum, at, scene.channels, f"boundary {boundary.name!r}")
     return np.isfinite(nearest), values
-
-
-def _values(boundary: BoundarySet, points: Floats, channels: int) -> Floats:
-    return evaluate_data(boundary.condition("left").one_sided.datum, points, channels, f"boundary {boundary.name!r}")
 
 
 def _nearest(band: Band, source: LocalSource, distance: Floats) -> Bools:
@@ -165,14 +156,8 @@ METHODS: Mapping[str, Callable[[Band, LocalSource, Floats], Bools]] = {"nearest"
 
 def _without(operator: ExtensionOperator, b: Floats, fixed: Bools, values: Floats) -> tuple[ExtensionOperator, Floats]:
     """Return the system for the nodes that are not fixed; the fixed ones' values go to the right side."""
-    free = np.flatnonzero(~fixed)
-    known = operator.extension[:, np.flatnonzero(fixed)] @ values[fixed]
-    b = b + operator.spread(known)
-    diagonal = operator.diagonal
-    kept = replace(
-        operator,
-        extension=operator.extension[:, free],
-        differences=operator.differences[free],
-        diagonal=diagonal[free] if isinstance(diagonal, np.ndarray) else diagonal,
-    )
-    return kept, b[free]
+    free, diagonal = np.flatnonzero(~fixed), operator.diagonal
+    b = b + operator.spread(operator.extension[:, np.flatnonzero(fixed)] @ values[fixed])
+    diagonal = diagonal[free] if isinstance(diagonal, np.ndarray) else diagonal
+    extension, differences = operator.extension[:, free], operator.differences[free]
+    return replace(operator, extension=extension, differences=differences, diagonal=diagonal), b[free]

@@ -38,7 +38,6 @@ def convergence_figure(series: Sequence[Series], title: str) -> Figure:
     axes.set(xlabel="spacing", ylabel="greatest error")
     axes.set_title(_plain(fill(title, TITLE_LINE_CHARACTERS)), fontsize=11)
     _spacing_ticks(axes, series)
-    axes.grid(alpha=0.25)
     _legend(figure, columns=1)
     return figure
 
@@ -54,7 +53,6 @@ def difference_figure(series: Sequence[Series], title: str) -> Figure:
             _line(axes, number, one.spacings, [entry.percent(quantity) for entry in one.entries], one.label)
         axes.set(xlabel="spacing", title=name)
         _spacing_ticks(axes, series)
-        axes.grid(alpha=0.25)
     figure.axes[0].set_ylabel(_plain(f"rms difference from {series[0].reference}, % of half the range"))
     figure.suptitle(_plain(fill(title, 2 * TITLE_LINE_CHARACTERS)))
     _legend(figure, columns=3)
@@ -73,7 +71,6 @@ def work_figure(series: Sequence[Series], title: str) -> Figure:
         axes.set(xlabel={"cpu_seconds": "CPU seconds"}.get(quantity, quantity))
         _log_scales(axes)
         axes.xaxis.set_minor_formatter(NullFormatter())
-        axes.grid(alpha=0.25)
     figure.axes[0].set_ylabel("greatest error")
     figure.suptitle(_plain(fill(title, 2 * TITLE_LINE_CHARACTERS)))
     _legend(figure, columns=3)
@@ -121,7 +118,8 @@ def _spacing_ticks(axes: Any, series: Sequence[Series]) -> None:
 
 
 def _log_scales(axes: Any) -> None:
-    """Make the axes logarithmic that have anything above zero on them."""
+    """Make the axes logarithmic that have anything above zero on them, and draw their grid."""
+    axes.grid(alpha=0.25)
     for name, change in (("x", axes.set_xscale), ("y", axes.set_yscale)):
         if any(np.any(np.asarray(getattr(line, f"get_{name}data")()) > 0) for line in axes.lines):
             change("log")

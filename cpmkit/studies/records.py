@@ -11,6 +11,7 @@ from typing import Any
 
 from cpmkit.errors import InputError
 from cpmkit.files.plain_values import TEXT, Kind, check_fields, list_of, numbers, or_none, table_of, whole_numbers
+from cpmkit.files.whole_files import system_told
 from cpmkit.forms.choice import every_option
 from cpmkit.studies.sweep import listed
 
@@ -93,13 +94,10 @@ def append_record(file: Path, record: Mapping[str, Any]) -> None:
         If it cannot be written.
     """
     line = json.dumps(record, allow_nan=False, default=float).encode() + b"\n"
-    try:
-        with file.open("ab", buffering=0) as opened:
-            if opened.write(line) < len(line):  # a full disk takes a part, and refuses from then on
-                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-            os.fsync(opened.fileno())
-    except OSError as error:
-        raise InputError(f"{file} cannot be written: {error.strerror or error}.") from error
+    with system_told(f"{file} cannot be written"), file.open("ab", buffering=0) as opened:
+        if opened.write(line) < len(line):  # a full disk takes a part, and refuses from then on
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        os.fsync(opened.fileno())
 
 
 def drop_unfinished_line(file: Path) -> None:
@@ -113,10 +111,8 @@ def drop_unfinished_line(file: Path) -> None:
     content = _content(file)
     whole_lines = content.rfind(b"\n") + 1
     if whole_lines < len(content):
-        try:
+        with system_told(f"{file} cannot be written"):
             os.truncate(file, whole_lines)
-        except OSError as error:
-            raise InputError(f"{file} cannot be written: {error.strerror or error}.") from error
 
 
 def _content(file: Path) -> bytes:

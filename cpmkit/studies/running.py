@@ -13,6 +13,7 @@ import numpy as np
 
 from cpmkit.errors import ConvergenceError, InputError, ResolutionError
 from cpmkit.files.whole_files import check_place
+from cpmkit.forms.collocation.diagnosis.twin_clusters import twin_feet
 from cpmkit.forms.collocation.form import Collocation
 from cpmkit.grid.lattice import lattice_of
 from cpmkit.protocols import Progress, no_progress
@@ -152,11 +153,8 @@ def make_run(study: Study, run: Run, truth: Truth, progress: Progress = no_progr
     cpu_seconds = time.process_time() - start
     with np.errstate(over="ignore"):
         measured = _measured(solution, truth)
-    if not 0 <= measured["max_error"] < LARGEST_RECORDED:
-        return {
-            **record,
-            "error": f"ResolutionError: the solution is off by {measured['max_error']:g}, beyond all use.",
-        }
+    if not 0 <= (off := measured["max_error"]) < LARGEST_RECORDED:
+        return {**record, "error": f"ResolutionError: the solution is off by {off:g}, beyond all use."}
     return {**record, **measured, "cpu_seconds": round(cpu_seconds, 4)}
 
 
@@ -173,14 +171,15 @@ def _solve(scene: Scene, run: Run, options: dict[str, Any], progress: Progress) 
 
 def _measured(solution: Solution, truth: Truth) -> Record:
     error = solution.evaluate(truth.points) - truth.values
-    work = solution.work.as_dict()
+    work, form = solution.work.as_dict(), solution.discretized
+    twins = len(twin_feet(form.tables.layout)) if isinstance(form, Collocation) else None  # none without a grid
     return {
         "max_error": float(np.abs(error).max()),
         "rms_error": float(np.sqrt(np.mean(error**2))),
         "rms_without_mean": float(np.std(error)),
         "half_range": truth.half_range,
         **{name: work.get(name) for name in WORK_ENTRIES},
-        "twins": _twins(solution),
+        "twins": twins,
         "imbalances": [imbalance.as_dict() for imbalance in solution.imbalances],
         "iterations": solution.report.iterations,
         "residual": solution.report.residual,
@@ -188,11 +187,3 @@ def _measured(solution: Solution, truth: Truth) -> Record:
         "warnings": list(solution.warnings),
         "versions": solution.summary()["versions"],
     }
-
-
-def _twins(solution: Solution) -> int | None:
-    """Return how many unknowns are further ones of their node; None of what is solved without a grid."""
-    if not isinstance(solution.discretized, Collocation):
-        return None
-    band = solution.discretized.tables.layout.band
-    return int(band.inner - band.first_twin)

@@ -151,7 +151,7 @@ def _study(tables: dict[str, Any], path: Path) -> Study:
     scene = {
         key: expand_all(value, known) for key, value in tables.items() if key not in ("title", "let", "exact", "sweep")
     }
-    exact: Exact = call(Exact, "[exact]", tables["exact"])
+    exact = call(Exact, "[exact]", tables["exact"])
     exact = exact if exact.u is None else replace(exact, u=expand(exact.u, known))
     sweep = read_sweep(tables["sweep"])
     read_options(scene)

@@ -54,8 +54,7 @@ def read_sweep(table: Mapping[str, Any]) -> Sweep:
     make = partial(Sweep, {name: table[key] for name, key in lists.items()})
     check_keys(make, "[sweep]", own, tuple(listed().values()))
     check_types(Sweep, "[sweep]", own)
-    made: Sweep = call(make, "[sweep]", own)
-    return made
+    return call(make, "[sweep]", own)
 
 
 @dataclass(frozen=True, eq=False)

@@ -128,7 +128,6 @@ def check_picture(
 def probe() -> str:
     """Draw one small triangle through OpenGL; return why that failed, empty if it did not."""
     points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 0, 1]])
-    camera = fit(points, 32)
     triangle = Drawing(
         points=points,
         triangles=np.array([[0, 1, 2]]),
@@ -138,12 +137,9 @@ def probe() -> str:
         curve_points=np.zeros((0, 3)),
         curve_cells=np.zeros((0, 2), dtype=np.int64),
         pins=np.zeros((0, 3)),
-        centre=camera.centre,
-        axes=camera.axes,
-        half=camera.half,
-        pixels=np.array(camera.pixels),
         width=np.array(32),
         span=np.zeros(0),
+        **vars(fit(points, 32)),
     )
     with tempfile.TemporaryDirectory() as folder:
         return _opengl(triangle, Path(folder, "probe.png"))

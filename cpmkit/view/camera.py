@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.errors import InputError
-from cpmkit.protocols import Floats
+from cpmkit.protocols import Floats, Ints
 from cpmkit.runtime.arrays import as_vector
 
 #: Where the camera stands unless asked: a three-quarter view from the front, the right and above.
@@ -40,12 +40,11 @@ class Camera:
     centre: Floats
     axes: Floats
     half: Floats
-    pixels: tuple[int, int]
+    pixels: Ints
 
     def project(self, points: Floats) -> Floats:
         """Return (n, 3): to the right of the centre, above it, and in front of it."""
-        projected: Floats = (points - self.centre) @ self.axes.T
-        return projected
+        return np.asarray((points - self.centre) @ self.axes.T)
 
 
 def fit(
@@ -81,7 +80,7 @@ def fit(
     half_width = max(extent[0] + margin, (extent[1] + margin) / ASPECT_BOUNDS[1])
     half_height = max(extent[1] + margin, ASPECT_BOUNDS[0] * half_width)
     height = round(width * half_height / half_width)
-    return Camera((low + high) / 2 @ axes, axes, np.array([half_width, half_height]), (width, height))
+    return Camera((low + high) / 2 @ axes, axes, np.array([half_width, half_height]), np.array([width, height]))
 
 
 def axes_of(view: tuple[float, ...] | None, up: tuple[float, ...] | None) -> Floats:

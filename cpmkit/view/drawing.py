@@ -81,7 +81,7 @@ class Drawing:
     @property
     def camera(self) -> Camera:
         """The projection."""
-        return Camera(self.centre, self.axes, self.half, (int(self.pixels[0]), int(self.pixels[1])))
+        return Camera(self.centre, self.axes, self.half, self.pixels)
 
     def save(self, path: Path) -> None:
         """Write all arrays to the ``.npz`` file ``path``."""
@@ -128,12 +128,9 @@ def draw(
         curve_points=curve_points,
         curve_cells=curve_cells,
         pins=pins,
-        centre=camera.centre,
-        axes=camera.axes,
-        half=camera.half,
-        pixels=np.array(camera.pixels),
         width=np.array(width),
         span=bar,
+        **vars(camera),
     )
 
 
@@ -178,8 +175,7 @@ def _disc_radii(points: Floats, spacing: float, least: float, alone: float) -> F
     reach = np.asarray(cKDTree(points).query(points, k=neighbours + 1)[0])[:, -1]
     lonely = reach > LONELY_SPACINGS * spacing
     usual = np.median(reach[~lonely]) if not lonely.all() else 0.0
-    radii: Floats = np.where(lonely, alone, np.maximum(share * np.minimum(reach, 2 * usual), least))
-    return radii
+    return np.where(lonely, alone, np.maximum(share * np.minimum(reach, 2 * usual), least))
 
 
 def in_space(points: Floats) -> Floats:

@@ -26,7 +26,7 @@ def render(drawing: Drawing, path: Path) -> None:
     """
     import pyvista
 
-    plotter: Any = pyvista.Plotter(off_screen=True, window_size=list(drawing.camera.pixels), lighting="none")
+    plotter: Any = pyvista.Plotter(off_screen=True, window_size=drawing.pixels.tolist(), lighting="none")
     plotter.set_background("white")
     plotter.enable_anti_aliasing("ssaa")
     plotter.add_light(pyvista.Light(position=LIGHT, light_type="camera light"))

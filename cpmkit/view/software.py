@@ -52,7 +52,7 @@ def _page(drawing: Drawing) -> tuple[Figure, Axes]:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    width, height = drawing.camera.pixels
+    width, height = drawing.pixels.tolist()
     total = int(drawing.width)
     figure = Figure(figsize=(total / DOTS_PER_FIGURE_INCH, height / DOTS_PER_FIGURE_INCH), dpi=DOTS_PER_FIGURE_INCH)
     FigureCanvasAgg(figure)
@@ -103,8 +103,7 @@ def _shaded(drawing: Drawing) -> Floats:
     away = np.cross(b - a, c - a) @ drawing.axes[2] < 0  # both sides of a face are lit
     normal = np.where(away[:, None], -normal, normal) / np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
     light = np.array(LIGHT) / np.linalg.norm(LIGHT)
-    shaded: Floats = colours * (AMBIENT + (1 - AMBIENT) * np.maximum(normal @ light, 0))[:, None]
-    return shaded
+    return np.asarray(colours * (AMBIENT + (1 - AMBIENT) * np.maximum(normal @ light, 0))[:, None])
 
 
 def _ribbons(segments: Floats, half_width: float) -> Floats:

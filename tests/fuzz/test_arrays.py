@@ -86,7 +86,7 @@ def check_npz(folder, members, place, value):
     data = bytearray(buffer.getvalue())
     data[place % len(data)] = value
     (folder / "a.npz").write_bytes(bytes(data))
-    read = answered(lambda: read_arrays(folder / "a.npz", ["a*"], "an archive"))
+    read = answered(lambda: read_arrays(folder / "a.npz", [f"a{k}" for k in range(3)], "an archive", lambda *_: None))
     assert isinstance(read, (dict, ck.CpmkitError))
 
 
