@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 
 import numpy as np
@@ -55,11 +55,7 @@ class PlainWork:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the measures as plain values."""
-        return {
-            "unknowns": self.unknowns,
-            "nonzeros": self.nonzeros,
-            "operator_applications": self.operator_applications,
-        }
+        return asdict(self)
 
 
 @dataclass(frozen=True, eq=False)

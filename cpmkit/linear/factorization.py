@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.linear.operators import Border, Bordered
+from cpmkit.linear.products import placing
 from cpmkit.protocols import Floats, Operator
 
 if TYPE_CHECKING:
@@ -90,11 +91,7 @@ def _factors(matrix: csr_array, symmetric: bool) -> Any:
 
 def _heaviest(border: Border) -> csr_array:
     """Return the unit vectors (n, k) of one node on each piece, that with the largest weight in its mean."""
-    from scipy.sparse import csr_array
-
-    pieces, n = border.mean.shape
-    nodes = np.asarray(border.mean.argmax(axis=1)).ravel()
-    return csr_array((np.ones(pieces), (nodes, np.arange(pieces))), shape=(n, pieces))
+    return placing(np.asarray(border.mean.argmax(axis=1)).ravel(), border.mean.shape[1])
 
 
 def _update(lu: Any, border: Border, held: csr_array, scale: float) -> Update:

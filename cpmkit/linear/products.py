@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.protocols import Floats
+from cpmkit.protocols import Floats, Ints
 from cpmkit.runtime.threads import run_parcels
 
 if TYPE_CHECKING:
@@ -17,6 +17,22 @@ if TYPE_CHECKING:
 
 #: Entries of a parcel: a few milliseconds of work.
 PARCEL_ENTRIES = 1 << 19
+
+
+def matrix_of_rows(weights: Floats, columns: Ints, count: int) -> csr_array:
+    """Return the matrix (n, count) whose row k has ``weights[k]`` (w,) at ``columns[k]``, in that order."""
+    from scipy.sparse import csr_array
+
+    n, width = columns.shape
+    starts = np.arange(n + 1, dtype=np.int32 if columns.size < 2**31 else np.int64) * width
+    return csr_array((weights.ravel(), columns.ravel(), starts), shape=(n, count))
+
+
+def placing(rows: Ints, count: int) -> csr_array:
+    """Return the matrix (count, k) that adds k entries to the ``rows`` (k,) of a vector."""
+    from scipy.sparse import csr_array
+
+    return csr_array((np.ones(len(rows)), (rows, np.arange(len(rows)))), shape=(count, len(rows)))
 
 
 @dataclass(frozen=True, eq=False)

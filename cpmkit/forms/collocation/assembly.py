@@ -47,7 +47,9 @@ def build_operator(tables: Discretization, terms: Terms) -> ExtensionOperator:
         )
     if reach > 1:
         raise InputError("order=4 takes constant diffusivity and no velocity; use order 3 or less for the others.")
-    weights = _diffusive(tables, terms.diffusivity)
+    at_rows = _diffusivity(tables, terms.diffusivity)
+    # The weights (n, 2 d) of the neighbours in spacing^2 div(a grad u): a at the midpoints.
+    weights = 0.5 * (at_rows[tables.numbering.row_of_unknown][:, None] + at_rows[tables.neighbours])
     diagonal = c + scale * weights.sum(axis=1, keepdims=True)
     if terms.velocity is not None:
         weights = weights - _advective(tables, terms.velocity, weights)
@@ -59,14 +61,6 @@ def _coefficient(tables: Discretization, data: Data, what: str) -> Floats:
     if not callable(data):
         return np.full((tables.unknowns.count, 1), evaluate_data(data, np.zeros((1, 1)), 1, what)[0, 0])
     return tables.read_at_rows(data, what)[tables.numbering.row_of_unknown]
-
-
-def _diffusive(tables: Discretization, diffusivity: Data) -> Floats:
-    """Return the weights (n, 2 d) of the neighbours in ``spacing^2 div(a grad u)``: a at the midpoints."""
-    a = _diffusivity(tables, diffusivity)
-    at_unknowns = a[tables.numbering.row_of_unknown]
-    at_neighbours = a[tables.neighbours]
-    return np.asarray(0.5 * (at_unknowns[:, None] + at_neighbours))
 
 
 def _diffusivity(tables: Discretization, data: Data) -> Floats:

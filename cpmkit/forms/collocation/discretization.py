@@ -20,6 +20,7 @@ from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.collocation.selection import Centres, Unknowns
 from cpmkit.forms.options import Options
 from cpmkit.grid.stencils import cross_offsets, cross_weights, difference_reach
+from cpmkit.linear.products import matrix_of_rows, placing
 from cpmkit.protocols import SIDES, Floats, Ints, Progress, no_progress
 from cpmkit.scene.alike import same_condition
 from cpmkit.scene.data import Data, evaluate_data
@@ -56,18 +57,12 @@ class Discretization:
     def differences(self) -> csr_array:
         """N (unknowns, rows): ones at second order, so that L = (N - 2 d I) / spacing^2. Read-only."""
         reach = difference_reach(self.layout.order)
-        return self.weighted_differences(
-            np.tile(cross_weights(self.layout.lattice.dim, reach)[0], len(self.neighbours))
-        )
+        weights = cross_weights(self.layout.lattice.dim, reach)[0]
+        return self.weighted_differences(np.tile(weights, len(self.neighbours)))
 
     def weighted_differences(self, weights: Floats) -> csr_array:
         """Return the matrix (unknowns, rows) with ``weights`` (unknowns, k) at the difference neighbours, read-only."""
-        from scipy.sparse import csr_array
-
-        count, width = self.neighbours.shape
-        columns, starts = self.neighbours.ravel(), np.arange(count + 1) * width
-        shape = (count, self.extension.shape[0])
-        return read_only(csr_array((np.ravel(weights), columns, starts), shape=shape))
+        return read_only(matrix_of_rows(weights, self.neighbours, self.extension.shape[0]))
 
     @property
     def unknowns(self) -> Unknowns:
@@ -88,16 +83,12 @@ class Discretization:
         """Where the unknowns read right-hand sides and initial data: nodes at their feet, ghosts on their side."""
         readings = [self.layout.sources, *(ghosts.sources for ghosts in self.layout.ghosts)]
         numbers = np.split(self.numbering.unknown_of_row, self.numbering.first_rows[:-1])
-        kept = [number >= 0 for number in numbers]
+        kept = self.numbering.unknown_of_row >= 0
         return RowFormula(
-            np.concatenate([reading.points[keep] for reading, keep in zip(readings, kept, strict=True)]),
-            np.concatenate([reading.coefficient[keep] for reading, keep in zip(readings, kept, strict=True)]),
+            np.concatenate([one.points for one in readings])[kept],
+            np.concatenate([one.coefficient for one in readings])[kept],
             (),
-            [
-                _renumbered(term, number)
-                for reading, number in zip(readings, numbers, strict=True)
-                for term in reading.terms
-            ],
+            [_renumbered(term, number) for one, number in zip(readings, numbers, strict=True) for term in one.terms],
         )
 
     def read_sources(self, data: Data, what: str, time: float | None = None) -> Floats:
@@ -114,10 +105,8 @@ class Discretization:
 
     def read_at_rows(self, data: Any, what: str, channels: int | None = 1) -> Floats:
         """Return a coefficient (rows, channels) of the equation at all rows of E, ghosts on the side they carry."""
-        lattice, parts = self.layout.lattice, []
-        for sources in (self.layout.sources, *(ghosts.sources for ghosts in self.layout.ghosts)):
-            parts.append(evaluate_data(data, lattice.to_scene(sources.points), channels, what))
-        return np.concatenate(parts)
+        lattice, readings = self.layout.lattice, [self.layout.sources, *(one.sources for one in self.layout.ghosts)]
+        return np.concatenate([evaluate_data(data, lattice.to_scene(one.points), channels, what) for one in readings])
 
     def read_in_place_of(self, law: type[Law]) -> csr_array:
         """Return the matrix (rows, unknowns) that reads u where E u + data has the data of a ``law``, factors alike."""
@@ -129,20 +118,16 @@ class Discretization:
                 factor = np.zeros(read.shape[0])
                 factor[datum.rows] = datum.factor
                 read = read + diags_array(factor) @ self.read_at_datum(datum)
-        made: csr_array = read.tocsr()
-        return made
+        return csr_array(read)
 
     def read_at_datum(self, datum: BoundaryData) -> csr_array:
         """Return the matrix (rows, unknowns) that reads u at a datum's points, in its rows, from their sides."""
-        from scipy.sparse import csr_array
-
         order = np.argsort(datum.rows)
         rows, points = datum.rows[order], self.layout.lattice.to_local(datum.points[order])
         centres = row_centres(self.layout).take(rows)
         if self.layout.band.sheets is not None:
             centres = replace(centres, feet=self.layout.surface.closest_point(points), normals=None)
-        place = csr_array((np.ones(len(rows)), (rows, np.arange(len(rows)))), shape=(self.numbering.rows, len(rows)))
-        read: csr_array = (place @ extend(self.unknowns, points, centres)).tocsr()
+        read: csr_array = (placing(rows, self.numbering.rows) @ extend(self.unknowns, points, centres)).tocsr()
         return read
 
 
@@ -233,7 +218,12 @@ def restated(tables: Discretization, old: Scene, new: Scene) -> Discretization:
             )
     layout = with_data_of(tables.layout, new)
     check_layout(layout, new)
-    return replace(tables, layout=layout, data=[_with_data(datum, known[_owner(datum)]) for datum in tables.data])
+    laws_of_data = [known[_owner(datum)] for datum in tables.data]
+    data = [
+        replace(datum, law=law, data=getattr(law, _part(datum)))
+        for datum, law in zip(tables.data, laws_of_data, strict=True)
+    ]
+    return replace(tables, layout=layout, data=data)
 
 
 def _laws(scene: Scene) -> list[tuple[str, Law]]:
@@ -253,7 +243,3 @@ def _part(datum: BoundaryData) -> str:
 def _owner(datum: BoundaryData) -> tuple[int, str]:
     """Return the law that a datum is of, and what that is of."""
     return id(datum.law), datum.what.removeprefix(f"the {_part(datum)} of ")
-
-
-def _with_data(datum: BoundaryData, law: Law) -> BoundaryData:
-    return replace(datum, law=law, data=getattr(law, _part(datum)))

@@ -18,6 +18,7 @@ from cpmkit.forms.collocation.boundary.side_view import stack
 from cpmkit.forms.collocation.layout import Layout
 from cpmkit.forms.collocation.selection import Centres, Unknowns
 from cpmkit.grid.stencils import stencil_cells, stencil_nodes, tensor_weights
+from cpmkit.linear.products import matrix_of_rows, placing
 from cpmkit.protocols import ClosestPoints, Floats, Progress, no_progress
 
 if TYPE_CHECKING:
@@ -58,8 +59,6 @@ def extend(
     ResolutionError
         If a stencil leaves the band, which the laws of a closest point source exclude.
     """
-    from scipy.sparse import csr_array
-
     band, n = unknowns.band, len(points)
     width = (band.degree + 1) ** band.dim
     # King et al. (2024), eq. 1, at any points of the manifold.
@@ -73,8 +72,7 @@ def extend(
         progress("tables", (rows[-1] + 1) / n)
     if coefficient is not None:
         weights *= coefficient[:, None]
-    starts = np.arange(n + 1, dtype=np.int32 if columns.size < 2**31 else np.int64) * width
-    return csr_array((weights.ravel(), columns.ravel(), starts), shape=(n, unknowns.count))
+    return matrix_of_rows(weights, columns, unknowns.count)
 
 
 def extend_rows(layout: Layout, progress: Progress = no_progress) -> tuple[csr_array, Sequence[BoundaryData], Centres]:
@@ -89,16 +87,10 @@ def extend_rows(layout: Layout, progress: Progress = no_progress) -> tuple[csr_a
 
 def _with_terms(extension: csr_array, unknowns: Unknowns, terms: Sequence[ExtraPoint]) -> csr_array:
     """Return E with further points read by some rows."""
-    from scipy.sparse import csr_array
-
     for term in terms:
         centres = Centres(term.side_views, np.full(len(term.points), term.own), term.feet)
         read = extend(unknowns, term.points, centres, term.coefficient)
-        place = csr_array(
-            (np.ones(len(term.rows)), (term.rows, np.arange(len(term.rows)))),
-            shape=(extension.shape[0], len(term.rows)),
-        )
-        extension = extension + place @ read
+        extension = extension + placing(term.rows, extension.shape[0]) @ read
     extension.eliminate_zeros()
     made: csr_array = extension.tocsr()
     return made

@@ -193,17 +193,12 @@ class Collocation(Reader):
         datum = (self._moved(step) - self._moved(0.0)) / step
         return self._continued(self.tables.read_sources(data, what, 0.0), datum)
 
-    @property
-    def _continued_unknowns(self) -> tuple[Ints, Ints]:
-        """The nodes past an edge and the ghosts, and their rows of E."""
+    def _continued(self, u: Floats, datum: Floats) -> Floats:
+        """Return u (n, channels) with what the conditions make of it at ghosts and nodes past an edge."""
         inner = self.tables.layout.band.inner
         past = np.flatnonzero(self.tables.layout.band.feet.edge[:inner] >= 0)
         unknowns = np.concatenate([past, np.arange(inner, self.size)])
-        return unknowns, self.tables.numbering.row_of_unknown[unknowns]
-
-    def _continued(self, u: Floats, datum: Floats) -> Floats:
-        """Return u (n, channels) with what the conditions make of it at ghosts and nodes past an edge."""
-        unknowns, rows = self._continued_unknowns
+        rows = self.tables.numbering.row_of_unknown[unknowns]
         continued, extension = u.copy(), self.tables.extension[rows]
         for _ in range(GHOST_READING_ROUNDS):
             continued[unknowns] = extension @ continued + datum[rows]

@@ -137,7 +137,7 @@ def lay_out(scene: Scene, options: Options[CollocationOptions], progress: Progre
         band = separate_sheets(surface, band, sheets == "unfolded")
     past = read_past_edge(surface, band, lattice, scene.edge, order)
     sight, past = _see_boundaries(scene, surface, band, lattice, past)
-    ghosts = []
+    ghosts: list[Ghosts] = []
     for index in range(len(scene.boundaries)):
         ghosts.append(build_ghosts(index, sight, band, lattice, past.mirrored, order))
         progress("boundaries", (index + 1) / len(scene.boundaries))
@@ -187,15 +187,13 @@ def _inside_sources(past: PastEdge, boundaries: BoundariesOnBand, band: Band, or
     """Return where the nodes read right-hand sides, those nearly on a boundary inside the side that they count to."""
     sources = past.sources
     for number, view in enumerate(boundaries.side_views):
-        close = (
-            (np.abs(view.signed) < DOUBTFUL_SIDE_SPACINGS * band.spacing) & ~view.end & (band.feet.edge[view.rows] < 0)
-        )
+        close = (np.abs(view.signed) < DOUBTFUL_SIDE_SPACINGS * band.spacing) & ~view.end
+        close &= band.feet.edge[view.rows] < 0
         if close.any():
             near_frame = view.take(close)
             others = [one for other, one in enumerate(boundaries.on_lattice) if other != number]
-            read = node_sources(
-                sources.points[near_frame.rows], boundaries.on_lattice[number], others, near_frame, order
-            )
+            feet = sources.points[near_frame.rows]
+            read = node_sources(feet, boundaries.on_lattice[number], others, near_frame, order)
             sources = _with_rows(sources, near_frame.rows, read)
     return sources
 
@@ -218,11 +216,7 @@ def _see_boundaries(
     on_lattice = [
         put_on_lattice(boundary, surface, lattice, reach, scene.oriented, band.sheets) for boundary in scene.boundaries
     ]
-    uncoupled = [
-        one
-        for one, boundary in zip(on_lattice, scene.boundaries, strict=True)
-        if not boundary.condition("left").couples
-    ]
+    uncoupled = [one for one in on_lattice if not one.oriented.boundary.condition("left").couples]
     behind = mirrors_cut_off(uncoupled, band, past.mirrored, 2 * reach)
     past = read_at_feet(surface, band, lattice, scene.edge, past, behind)
     side_views = [one.side_view(past.mirrored.points, 2 * reach, band.spacing) for one in on_lattice]

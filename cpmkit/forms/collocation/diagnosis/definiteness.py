@@ -15,9 +15,10 @@ import numpy as np
 from cpmkit.errors import place
 from cpmkit.forms.collocation.diagnosis.survey import can_find_unresolved, find_unresolved
 from cpmkit.forms.collocation.diagnosis.valleys import limb_feature
-from cpmkit.forms.collocation.diagnosis.warnings import JUMP_SHARE, jumping_feet_share
+from cpmkit.forms.collocation.diagnosis.warnings import JUMP_SHARE, JUMP_SPACINGS
 from cpmkit.forms.collocation.layout import Layout
-from cpmkit.protocols import Floats, Operator
+from cpmkit.forms.collocation.tube_width import stretched_share
+from cpmkit.protocols import Operator
 from cpmkit.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -52,7 +53,7 @@ def is_suspect(layout: Layout) -> bool:
         return False
     if can_find_unresolved(layout):
         return limb_feature(layout) is not None
-    return jumping_feet_share(layout) > JUMP_SHARE
+    return stretched_share(layout.band, JUMP_SPACINGS) > JUMP_SHARE
 
 
 def _harmless_below_zero(tables: Discretization, scene: Scene, reaction: float) -> float:
@@ -75,20 +76,15 @@ def lowest_eigenvalue(operator: Operator, below: float) -> tuple[float | None, i
         image -= projected[: k + 1, k] @ basis[: k + 1]
         projected[k + 1, k] = size = float(np.linalg.norm(image))
         if (k + 1) % PRODUCTS_PER_CHECK == 0 or k + 1 == most or size == 0:
-            value, residual = _lowest_ritz_value(projected[: k + 2, : k + 1])
+            values, vectors = np.linalg.eig(projected[: k + 1, : k + 1])
+            lowest = int(np.argmin(values.real))
+            value, residual = float(values[lowest].real), float(np.abs(size * vectors[-1, lowest]))
             if value < below and residual < FOUND_RESIDUAL_SHARE * (below - value):
                 return value, k + 1
         if size == 0:
             return None, k + 1
         basis[k + 1] = image / size
     return None, most
-
-
-def _lowest_ritz_value(projected: Floats) -> tuple[float, float]:
-    """Return the lowest eigenvalue's real part in a Krylov space, and the size of its residual."""
-    values, vectors = np.linalg.eig(projected[:-1])
-    k = int(np.argmin(values.real))
-    return float(values[k].real), float(np.abs(projected[-1, -1] * vectors[-1, k]))
 
 
 def wrong_sign_sentence(tables: Discretization, scene: Scene, value: float) -> str:

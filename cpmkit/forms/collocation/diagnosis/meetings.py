@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from cpmkit.errors import place
 from cpmkit.forms.collocation.encounters.facing_rims import BRIDGED_GAP_SPACINGS, WIDE_GAP_SPACINGS
-from cpmkit.forms.collocation.encounters.tips import blur_sentences
+from cpmkit.forms.collocation.encounters.tips import blur_sentence
 from cpmkit.forms.collocation.layout import Layout
 
 
@@ -15,7 +15,7 @@ def meeting_sentences(layout: Layout, spacing: float | None = None) -> list[str]
     return [
         *_facing_rim_sentences(layout, h),
         *_rim_strip_sentences(layout, names, h),
-        *blur_sentences(layout.blurs, names, h),
+        *(blur_sentence(one, names[one.boundary], h) for one in layout.blurs),
         *_junction_sentences(layout),
     ]
 

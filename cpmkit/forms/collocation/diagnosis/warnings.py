@@ -19,7 +19,8 @@ from cpmkit.scene.laws import Mixed, Value
 
 #: A surface's search may doubt this share of the nodes before it is worth a warning.
 DOUBTFUL_NODES_SHARE = 1e-4
-#: Closest points of neighbouring nodes that lie this many spacings apart have jumped from one part to another.
+#: Closest points of neighbouring nodes that lie this many spacings apart have jumped from one part to another: on a
+#: surface that the band resolves none do, near a medial axis inside the band some do.
 JUMP_SPACINGS = 2.0
 #: A larger share of jumping feet is worth a warning: Spot with 0.5 percent of them differs from finite elements by 2
 #: percent of the range, with 1.1 percent by 18.
@@ -54,19 +55,14 @@ def _encounters(layout: Layout) -> list[str]:
             f"sectors around, near {where}: within {DISTURBED_SPACINGS * spacing:.2g} of it the solution is off by up "
             f"to their difference, {one.jump:.3g}; beyond twice that it is not disturbed."
         )
-    sentences += [
-        f"Boundaries {names[strip.first]!r} and {names[strip.second]!r} run side by side, {strip.width / spacing:.2g} "
-        f"spacings apart near {place(strip.point)}: the strip between them is filled by what "
-        f"they hold; a spacing of {strip.width / 3:.2g} would resolve it."
-        for strip in layout.strips
-        if not strip.coincide
-    ]
-    sentences += [
-        f"Boundaries {names[strip.first]!r} and {names[strip.second]!r} lie at the same place, near "
-        f"{place(strip.point)}, and hold the same; one of them is enough."
-        for strip in layout.strips
-        if strip.coincide
-    ]
+    for strip in sorted(layout.strips, key=lambda one: one.coincide):
+        both, where = f"Boundaries {names[strip.first]!r} and {names[strip.second]!r}", place(strip.point)
+        sentences.append(
+            f"{both} lie at the same place, near {where}, and hold the same; one of them is enough."
+            if strip.coincide
+            else f"{both} run side by side, {strip.width / spacing:.2g} spacings apart near {where}: the strip between "
+            f"them is filled by what they hold; a spacing of {strip.width / 3:.2g} would resolve it."
+        )
     return sentences
 
 
@@ -83,16 +79,10 @@ def _gaps(layout: Layout) -> list[str]:
 def _pins(layout: Layout) -> list[str]:
     """Name points on a surface that hold a value beside other values: the continuous problem does not feel them."""
     boundaries = layout.boundaries.given
-    valued = [
-        boundary
-        for boundary in boundaries
-        if any(isinstance(boundary.condition(side).law, (Value, Mixed)) for side in SIDES)
-    ]
-    thin = {
-        one.name for one, sighted in zip(boundaries, layout.boundaries.on_lattice, strict=True) if not sighted.has_sides
-    }
-    pins = [boundary.name for boundary in valued if boundary.name in thin]
-    if not pins or len(valued) < 2:
+    valued = [any(isinstance(one.condition(side).law, (Value, Mixed)) for side in SIDES) for one in boundaries]
+    thin = [not sighted.has_sides for sighted in layout.boundaries.on_lattice]
+    pins = [one.name for one, *is_pin in zip(boundaries, valued, thin, strict=True) if all(is_pin)]
+    if not pins or sum(valued) < 2:
         return []
     return [
         f"Boundary {', '.join(map(repr, pins))}: a point of a surface, or a point or curve of a solid, is too small "
@@ -112,30 +102,19 @@ def _doubtful(layout: Layout) -> list[str]:
     ]
 
 
-def jumping_feet_share(layout: Layout) -> float:
-    """Return the share of neighbouring inner nodes whose closest points lie more than two spacings apart.
-
-    On a surface that the band resolves there are none; near a medial axis inside the band there are.
-    """
-    return stretched_share(layout.band, JUMP_SPACINGS)
-
-
 def _sheets(layout: Layout, missed: float) -> list[str]:
     """Name what parting the sheets left; where it is not looked for, places where sheets or flanks may mix."""
     if can_find_unresolved(layout):
         features = find_unresolved(layout)
         sentences = [replace(one, error=max(one.error, min(missed, 1.0))).sentence for one in features]
-        if (
-            layout.options.own.sheets == "unfolded"
-            and layout.surface.source.exact
-            and any(one.kind == "crease" for one in features)
-        ):
+        unfolded = layout.options.own.sheets == "unfolded" and layout.surface.source.exact
+        if unfolded and any(one.kind == "crease" for one in features):
             sentences.append(
                 "Unfolding goes astray at creases of exact closest points, whose nodes outside have their feet on the "
                 "crease itself; use closest points that are smooth, or sheets=True."
             )
         return sentences
-    share = jumping_feet_share(layout)
+    share = stretched_share(layout.band, JUMP_SPACINGS)
     if share <= JUMP_SHARE:
         return []
     return [

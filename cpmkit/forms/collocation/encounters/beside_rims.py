@@ -51,13 +51,8 @@ class RimStrip:
 def find_rim_strips(on_lattice: Sequence[BoundaryOnLattice], surface: LocalSource, band: Band) -> list[RimStrip]:
     """Return the boundaries beside rims, relative to the lattice's origin; nothing is asked for without rims."""
     past = np.flatnonzero(band.feet.edge >= 0)
-    found: list[RimStrip] = []
-    if not len(past):
-        return found
-    for number, one in enumerate(on_lattice):
-        if one.has_sides:
-            found += _beside(number, one, surface, band, past)
-    return found
+    sided = [(number, one) for number, one in enumerate(on_lattice) if one.has_sides and len(past)]
+    return [strip for number, one in sided for strip in _beside(number, one, surface, band, past)]
 
 
 def _beside(number: int, one: BoundaryOnLattice, surface: LocalSource, band: Band, past: Ints) -> list[RimStrip]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 
@@ -131,10 +131,7 @@ def _crossing_point(feet: Floats, signed: Floats, aligned: Bools, spacing: float
     from scipy.spatial import cKDTree
 
     on = ~aligned & (np.abs(signed) <= INSIDE_SIDE_SPACINGS * spacing)
-    left, right = (
-        feet[on | (signed > INSIDE_SIDE_SPACINGS * spacing)],
-        feet[on | (signed < -INSIDE_SIDE_SPACINGS * spacing)],
-    )
+    left, right = (feet[on | (sign * signed > INSIDE_SIDE_SPACINGS * spacing)] for sign in (1, -1))
     if not len(left) or not len(right):
         return None
     apart, partner = (np.asarray(found) for found in cKDTree(left).query(right))
@@ -146,20 +143,12 @@ def _crossing_point(feet: Floats, signed: Floats, aligned: Bools, spacing: float
 
 def _largest_jump(first: BoundarySet, second: BoundarySet, point: Floats, channels: int, time: float | None) -> float:
     """Return the largest difference, in one of the four sectors, of the values that two boundaries hold there."""
-    values = {}
-    for name, boundary in (("first", first), ("second", second)):
+    values: list[list[Floats]] = [[], []]
+    for held, boundary in zip(values, (first, second), strict=True):
         for side in SIDES:
             law = boundary.condition(side).law
             if isinstance(law, Value):
-                values[name, side] = evaluate_data(law.datum, point, channels, f"boundary {boundary.name!r}", time)
-    size = max((float(np.abs(value).max()) for value in values.values()), default=0.0)
-    worst = max(
-        (
-            float(np.abs(values["first", a] - values["second", b]).max())
-            for a in SIDES
-            for b in SIDES
-            if ("first", a) in values and ("second", b) in values
-        ),
-        default=0.0,
-    )
+                held.append(evaluate_data(law.datum, point, channels, f"boundary {boundary.name!r}", time))
+    size = max((float(np.abs(value).max()) for held in values for value in held), default=0.0)
+    worst = max((float(np.abs(a - b).max()) for a, b in product(*values)), default=0.0)
     return worst if worst > DIFFERENT_DATA_SHARE * size else 0.0

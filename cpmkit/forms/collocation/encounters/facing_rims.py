@@ -131,9 +131,8 @@ def _faces_another(
     """Tell where the closest point of what lies ``ahead`` (k,) of a rim is not on it but ahead; and return it."""
     feet = surface.closest_point(start + ahead[:, None] * outward).points
     away = np.linalg.norm(feet - start, axis=1)
-    return (np.sum((feet - start) * outward, axis=1) > AHEAD_COSINE * away) & (
-        away > GAP_CONORMAL_STEP_SPACINGS * spacing
-    ), feet
+    ahead_of_it = np.sum((feet - start) * outward, axis=1) > AHEAD_COSINE * away
+    return ahead_of_it & (away > GAP_CONORMAL_STEP_SPACINGS * spacing), feet
 
 
 def _on_long_stretch(rim: Floats, loop: Ints, spacing: float) -> Bools:
@@ -142,9 +141,7 @@ def _on_long_stretch(rim: Floats, loop: Ints, spacing: float) -> Bools:
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
-    first, second = (
-        cKDTree(rim).query_pairs(2 * RIM_SAMPLE_SPACINGS * spacing, output_type="ndarray").astype(np.int64).T
-    )
+    first, second = cKDTree(rim).query_pairs(2 * RIM_SAMPLE_SPACINGS * spacing, output_type="ndarray").T
     same = loop[first] == loop[second]
     graph = csr_array((np.ones(int(same.sum())), (first[same], second[same])), shape=(len(rim), len(rim)))
     count, label = connected_components(graph, directed=False)

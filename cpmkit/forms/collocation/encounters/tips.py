@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,11 +62,8 @@ def find_blurs(
     """Return where the sides of boundaries with unlike sides are not told apart."""
     found: list[Blur] = []
     for number, (boundary, one) in enumerate(zip(boundaries.given, boundaries.on_lattice, strict=True)):
-        if (
-            one.has_sides
-            and one.oriented.dimension > 1
-            and not same_condition(boundary.condition("left"), boundary.condition("right"))
-        ):
+        alike = same_condition(boundary.condition("left"), boundary.condition("right"))
+        if one.has_sides and one.oriented.dimension > 1 and not alike:
             found += _tips(number, boundary, boundaries, lattice, channels, time)
             found += _flanks(number, boundaries, band, lattice)
             found += _ring(number, boundaries, lattice)
@@ -133,20 +129,14 @@ def _ring(number: int, boundaries: BoundariesOnBand, lattice: Lattice) -> list[B
         return []
     centre = samples.mean(axis=0)
     length = 2 * np.pi * float(np.linalg.norm(samples - centre, axis=1).mean())
-    if (
-        length >= LEAST_RING_SPACINGS * lattice.spacing
-        or np.linalg.norm(view.conormal.mean(axis=0)) < LEAST_MEAN_CONORMAL
-    ):
+    around = np.linalg.norm(view.conormal.mean(axis=0)) >= LEAST_MEAN_CONORMAL
+    if length >= LEAST_RING_SPACINGS * lattice.spacing or not around:
         return []
     return [Blur("ring", number, lattice.to_scene(centre[None])[0], length)]
 
 
-def blur_sentences(found: Sequence[Blur], names: Sequence[str], spacing: float) -> list[str]:
-    """Return what a reader of the solution should know of each."""
-    return [_sentence(one, names[one.boundary], spacing) for one in found]
-
-
-def _sentence(blur: Blur, name: str, spacing: float) -> str:
+def blur_sentence(blur: Blur, name: str, spacing: float) -> str:
+    """Return what a reader of the solution should know of it."""
     where = f"near {place(blur.point)}"
     if blur.kind == "tip":
         more = f" and at {blur.more} more ends" if blur.more > 1 else " and at its other end" if blur.more else ""

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
+from cpmkit.forms.collocation.boundary.on_band import BoundariesOnBand
 from cpmkit.forms.collocation.boundary.row_formula import ExtraPoint
 from cpmkit.forms.collocation.boundary.side_view import BoundaryOnLattice, SideView
 from cpmkit.grid.lattice import Lattice
@@ -15,7 +15,6 @@ from cpmkit.manifold.walking import nearest_on_sheet
 from cpmkit.protocols import Bools, BoundarySet, ClosestPoints, Floats, Ints
 from cpmkit.scene.alike import same_condition
 from cpmkit.scene.condition import Condition
-from cpmkit.scene.data import Data
 from cpmkit.scene.laws import Law, Value
 
 #: Data that jump across a boundary are read this share of the spacing inside the side they belong to.
@@ -39,7 +38,7 @@ class GhostGeometry:
     ----------
     index : int
         The boundary's number.
-    boundaries, on_lattice : sequences
+    boundaries : BoundariesOnBand
         All boundaries of the scene.
     lattice : Lattice
         Its spacing is that of the ghosts.
@@ -51,21 +50,17 @@ class GhostGeometry:
         Unit vectors from them towards the boundary and on.
     apart : (g,) bool
         True for nodes past an edge from which the boundary keeps what it carries; they have their place for a foot.
-    diffusivity : Data
-        Of the problem: the conductivities of a transmission.
     own_feet : ClosestPoints, optional
         The surface's records of the nodes' feet: where several of its sheets share the band.
     """
 
     index: int
-    boundaries: Sequence[BoundarySet]
-    on_lattice: Sequence[BoundaryOnLattice]
+    boundaries: BoundariesOnBand
     lattice: Lattice
     seen: SideView
     foot_point: Floats
     direction: Floats
     apart: Bools
-    diffusivity: Data = 1.0
     own_feet: ClosestPoints | None = None
 
     def __len__(self) -> int:
@@ -79,7 +74,7 @@ class GhostGeometry:
     @property
     def own(self) -> BoundaryOnLattice:
         """The boundary itself."""
-        return self.on_lattice[self.index]
+        return self.boundaries.on_lattice[self.index]
 
     @cached_property
     def start(self) -> ClosestPoints | None:
@@ -118,11 +113,11 @@ class GhostGeometry:
     @property
     def what(self) -> str:
         """The boundary's name for errors."""
-        return f"boundary {self.boundaries[self.index].name!r}"
+        return f"boundary {self.boundaries.given[self.index].name!r}"
 
     def sides(self) -> list[tuple[Condition, Ints]]:
         """Return each condition with the ghosts that carry it: a node on the right has a ghost of the left."""
-        boundary, seen = self.boundaries[self.index], self.seen
+        boundary, seen = self.boundaries.given[self.index], self.seen
         left, right = boundary.condition("left"), boundary.condition("right")
         if same_condition(left, right):
             return [(left, np.arange(len(seen.rows)))]
@@ -137,7 +132,7 @@ class GhostGeometry:
         own = replace(own, rows=np.arange(len(rows)))
         return [
             own if other == self.index else on_lattice.side_view(points, radius, self.spacing)
-            for other, on_lattice in enumerate(self.on_lattice)
+            for other, on_lattice in enumerate(self.boundaries.on_lattice)
         ]
 
     def located(self, term: ExtraPoint, radius: float, own_side: bool = False) -> ExtraPoint:
@@ -161,16 +156,16 @@ def beyond_another(geometry: GhostGeometry, rows: Ints, points: Floats, reach: f
     which the solution goes on (an arc that ends on a circle, spacing 0.1: error 3e-3 instead of 1.5e-2).
     """
     foot, beyond, spacing = geometry.seen.foot[rows], np.zeros(len(rows), dtype=bool), geometry.spacing
-    others = [other for other, one in enumerate(geometry.on_lattice) if other != geometry.index and one.has_sides]
-    for other in others:
-        at_point = geometry.on_lattice[other].side_view(points, reach, spacing)
-        at_foot = geometry.on_lattice[other].side_view(foot[at_point.rows], 2 * reach, spacing)
+    for boundary, other in zip(geometry.boundaries.given, geometry.boundaries.on_lattice, strict=True):
+        if other is geometry.own or not other.has_sides:
+            continue
+        at_point = other.side_view(points, reach, spacing)
+        at_foot = other.side_view(foot[at_point.rows], 2 * reach, spacing)
         facing = at_point.take(at_foot.rows)
         opposite = np.sum(facing.director * at_foot.director, axis=1) < 0
-        opposite &= (
-            np.abs(at_foot.signed) > INSIDE_SIDE_SPACINGS * spacing
-        )  # where they meet, neither lies beyond the other
-        if _holds_one_value(geometry.boundaries[other]):
+        # where they meet, neither lies beyond the other
+        opposite &= np.abs(at_foot.signed) > INSIDE_SIDE_SPACINGS * spacing
+        if _holds_one_value(boundary):
             own = geometry.seen.conormal[rows][facing.rows]
             opposite &= np.abs(np.sum(own * at_foot.conormal, axis=1)) > ALONGSIDE_COSINE
         beyond[facing.rows[opposite & ~facing.end & ~at_foot.end]] = True

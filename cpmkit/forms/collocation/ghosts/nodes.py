@@ -127,19 +127,7 @@ def _geometry(
         foot_point = np.where(apart[:, None], places, foot_point)
     direction = _direction(seen, foot_point, band.spacing)
     feet = None if mirrored.feet is None else mirrored.feet.take(seen.rows)
-    made = GhostGeometry(
-        index,
-        boundaries.given,
-        boundaries.on_lattice,
-        lattice,
-        seen,
-        foot_point,
-        direction,
-        apart,
-        boundaries.diffusivity,
-        feet,
-    )
-    return made, unknowns
+    return GhostGeometry(index, boundaries, lattice, seen, foot_point, direction, apart, feet), unknowns
 
 
 def _past_edge(reading: RowFormula, mirrored: RowFormula, nodes: Ints, apart: Bools) -> RowFormula:

@@ -20,7 +20,7 @@ def transmitted(geometry: GhostGeometry, law: Interface, rows: Ints) -> tuple[Fl
     """Return how ghosts of order 1 read: the factors (k,) of u(mirror), the data, and u where they stand."""
     seen = geometry.seen.take(rows)
     s = np.linalg.norm(geometry.foot_point[rows] - geometry.mirror.points[rows], axis=1)
-    materials = conductivities(law, geometry.diffusivity, seen, seen.signed < 0, geometry.lattice)
+    materials = conductivities(law, geometry.boundaries.diffusivity, seen, seen.signed < 0, geometry.lattice)
     own, carried, jump, flux = transmission_weights(law, *materials, s, seen.signed < 0)
     feet = None if geometry.own_feet is None else geometry.own_feet.take(rows)
     return carried, _data(geometry, law, rows, jump, flux), ExtraPoint(rows, geometry.foot_point[rows], own, feet=feet)
@@ -29,7 +29,7 @@ def transmitted(geometry: GhostGeometry, law: Interface, rows: Ints) -> tuple[Fl
 def couple(geometry: GhostGeometry, law: Interface, rows: Ints, inside: Inside, behind: Inside) -> Continued:
     """Return what the ghosts ``rows`` read at points on the side that they carry, ``inside``, and on their own."""
     seen, spacing = geometry.seen.take(rows), geometry.spacing
-    materials = conductivities(law, geometry.diffusivity, seen, seen.signed < 0, geometry.lattice)
+    materials = conductivities(law, geometry.boundaries.diffusivity, seen, seen.signed < 0, geometry.lattice)
     at = arc_length(seen.distance, np.linalg.norm(behind.curvature, axis=1))
     own, carried, jump, flux = coupled_weights(
         law, materials, behind.positions, inside.positions, at, seen.signed < 0, spacing

@@ -17,6 +17,7 @@ from cpmkit.forms.collocation.boundary.side_view import SideView
 from cpmkit.forms.collocation.reading import one_sided
 from cpmkit.forms.collocation.selection import Centres, Unknowns
 from cpmkit.grid.stencils import stencil_cells, stencil_nodes, tensor_slopes
+from cpmkit.linear.products import matrix_of_rows
 from cpmkit.manifold.tangent_space import project_tangent
 from cpmkit.protocols import ClosestPoints, Floats, Ints, Side
 
@@ -74,15 +75,8 @@ def _continue_from_inside(
 
 def _tangential(reader: Reader, values: Floats, feet: ClosestPoints, side_views: Sequence[SideView]) -> Floats:
     """Return the gradient (n, channels, d) of the interpolant at ``feet``, projected on the tangent space."""
-    return _projected(reader, feet, interpolant_gradient(reader.tables.unknowns, values, feet, side_views))
-
-
-def interpolant_gradient(
-    unknowns: Unknowns, values: Floats, feet: ClosestPoints, side_views: Sequence[SideView]
-) -> Floats:
-    """Return the gradient (n, channels, d) of the interpolant of ``values`` (unknowns, channels) at ``feet``."""
-    columns, slopes = _slopes(unknowns, feet, side_views)
-    return np.asarray(np.einsum("nds,nsc->ncd", slopes, values[columns], optimize=True))
+    columns, slopes = _slopes(reader.tables.unknowns, feet, side_views)
+    return _projected(reader, feet, np.asarray(np.einsum("nds,nsc->ncd", slopes, values[columns], optimize=True)))
 
 
 def _slopes(unknowns: Unknowns, feet: ClosestPoints, side_views: Sequence[SideView]) -> tuple[Ints, Floats]:
@@ -96,17 +90,10 @@ def interpolant_gradient_rows(
     reader: Reader, feet: ClosestPoints, side_views: Sequence[SideView]
 ) -> tuple[csr_array, ...]:
     """Return the d matrices (n, unknowns) of the interpolant's gradient at ``feet``, on the tangent space."""
-    from scipy.sparse import csr_array
-
     unknowns = reader.tables.unknowns
     columns, slopes = _slopes(unknowns, feet, side_views)
-    n, width = columns.shape
     weights = _projected(reader, feet, np.moveaxis(slopes, 1, 2))
-    starts = np.arange(n + 1) * width
-    return tuple(
-        csr_array((weights[..., axis].ravel(), columns.ravel(), starts), shape=(n, unknowns.count))
-        for axis in range(weights.shape[-1])
-    )
+    return tuple(matrix_of_rows(weights[..., axis], columns, unknowns.count) for axis in range(weights.shape[-1]))
 
 
 def _projected(reader: Reader, feet: ClosestPoints, vectors: Floats) -> Floats:

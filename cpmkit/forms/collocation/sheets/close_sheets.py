@@ -70,13 +70,11 @@ def find_unseen_gaps(band: Band, exact: bool, united: bool = False) -> Gaps:
     if not exact:
         slope = height / np.maximum(flat, UNSEEN_GAP_SPACINGS * band.spacing)
         leaning = _allowed_slope(first, second, along[:, 0] > 0, slope, len(band.nodes))
-        allowed = (
-            bend + np.clip(leaning, UNSEEN_EXACT_GAP_SPACINGS, UNSEEN_GAP_SPACINGS) * band.spacing + leaning * flat
-        )
+        least = np.clip(leaning, UNSEEN_EXACT_GAP_SPACINGS, UNSEEN_GAP_SPACINGS)
+        allowed = bend + least * band.spacing + leaning * flat
     if united and band.feet.element is not None:
-        allowed[band.feet.element[first] != band.feet.element[second]] -= (
-            UNSEEN_EXACT_GAP_SPACINGS - TOUCHING_MEMBERS_SPACINGS
-        ) * band.spacing
+        touching = (UNSEEN_EXACT_GAP_SPACINGS - TOUCHING_MEMBERS_SPACINGS) * band.spacing
+        allowed[band.feet.element[first] != band.feet.element[second]] -= touching
     apart = (np.abs(along[:, 0]) > PARALLEL_COSINE) & (height > allowed)
     if band.sheets is not None:
         s = band.sheets
@@ -109,8 +107,7 @@ def _sound_pairs(band: Band, sound: Bools) -> tuple[Ints, Ints]:
         beside[hidden] = band.find_inner(band.nodes[nodes[hidden]] + 2 * axis)
         kept = (beside >= 0) & sound[beside]
         pairs.append(np.stack([nodes[kept], beside[kept]]))
-    first, second = np.concatenate(pairs, axis=1)
-    return first, second
+    return tuple(np.concatenate(pairs, axis=1))
 
 
 def find_mixed_gaps(band: Band) -> Gaps:

@@ -11,7 +11,7 @@ import numpy as np
 from cpmkit.forms.collocation.sheets.new_twins import add_twins_at_feet, add_unfolded_twins
 from cpmkit.forms.collocation.sheets.sheets import Sheets
 from cpmkit.forms.collocation.sheets.sites import Sites, find_missing, twins_by_site
-from cpmkit.forms.collocation.sheets.turning import ON_FOOT_SPACINGS
+from cpmkit.forms.collocation.sheets.turning import ON_FOOT_SPACINGS, foot_directions
 from cpmkit.grid.band import Band
 from cpmkit.grid.lattice import find
 from cpmkit.grid.stencils import cross_offsets, stencil_cells, tensor_offsets
@@ -55,9 +55,8 @@ def separate_sheets(source: LocalSource, band: Band, unfolded: bool = False) -> 
     if len(sites) == len(band.nodes):
         return band
     readers = np.concatenate([near, np.arange(len(band.nodes), len(sites))])
-    return _with_twins(
-        source, band, sites, unfolded, np.unique(find_missing(source, band, sites, readers, unfolded).by)
-    )
+    mixed = np.unique(find_missing(source, band, sites, readers, unfolded).by)
+    return _with_twins(source, band, sites, unfolded, mixed)
 
 
 def nodes_between_sheets(band: Band) -> Bools:
@@ -66,20 +65,15 @@ def nodes_between_sheets(band: Band) -> Bools:
     The direction from a foot to its node is the normal there: no source is asked.
     """
     h, flagged = band.spacing, np.zeros(len(band.nodes), dtype=bool)
-    away = band.positions - band.feet.points
-    length = np.linalg.norm(away, axis=1)
-    direction = np.where(
-        (length > ON_FOOT_SPACINGS * h)[:, None], away / np.maximum(length, ON_FOOT_SPACINGS * h)[:, None], 0.0
-    )
+    away = foot_directions(band)
+    direction = np.where((away.length > ON_FOOT_SPACINGS * h)[:, None], away.unit, 0.0)
     for axis in np.eye(band.dim, dtype=np.int64):
         beside = band.find(band.nodes + axis)
         first = np.flatnonzero(beside >= 0)
         second = beside[first]
         chord = band.feet.points[second] - band.feet.points[first]
-        step = np.maximum(
-            np.abs(np.sum(chord * direction[first], axis=1)), np.abs(np.sum(chord * direction[second], axis=1))
-        )
-        jumps = step > SHEET_STEP_SPACINGS * h
+        steps = [np.abs(np.sum(chord * direction[end], axis=1)) for end in (first, second)]
+        jumps = np.maximum(*steps) > SHEET_STEP_SPACINGS * h
         flagged[first[jumps]] = flagged[second[jumps]] = True
     return flagged
 
