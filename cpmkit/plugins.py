@@ -156,11 +156,15 @@ def check_keys(make: Callable[..., Any], what: str, keys: Iterable[str], also: S
     SceneError
         Naming the first, those accepted, and the one that may be meant.
     """
-    accepted = (*also, *_accepted(make))
-    unknown = sorted(set(keys) - set(accepted))
-    if unknown:
+    check_accepted(what, sorted(keys), (*also, *_accepted(make)))
+
+
+def check_accepted(what: str, keys: Iterable[str], accepted: Sequence[str]) -> None:
+    """Refuse ``keys`` that are not ``accepted``, as :func:`check_keys` does."""
+    unknown = next((key for key in keys if key not in accepted), None)
+    if unknown is not None:
         raise SceneError(
-            f"{what} has the unknown key {shown(unknown[0])}{did_you_mean(unknown[0], accepted)}; "
+            f"{what} has the unknown key {shown(unknown)}{did_you_mean(unknown, accepted)}; "
             + (f"accepted are {', '.join(accepted)}." if accepted else "it takes no further keys.")
         )
 

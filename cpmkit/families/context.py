@@ -8,6 +8,7 @@ from typing import Any
 
 from cpmkit.families.checkpointing import Checkpointing
 from cpmkit.forms.contract import Discretized
+from cpmkit.linear.report import SolveReport
 from cpmkit.protocols import Floats, LinearSolver, Operator, PreparedSolver, Progress
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.scene import Scene
@@ -95,3 +96,7 @@ class SolveContext:
     def prepare(self, operator: Operator) -> PreparedSolver:
         """Return the solver of systems with ``operator``, with what it makes once of it and of the form's levels."""
         return self.solver.prepare(operator, self.discretized.levels(operator))
+
+    def report(self, converged: bool, iterations: int, products: int, residual: float, reason: str) -> SolveReport:
+        """Return the report of a solve that is more than one linear system."""
+        return SolveReport(self.solver_name, converged, iterations, products, residual, self.tolerance, reason)

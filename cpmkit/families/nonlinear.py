@@ -56,10 +56,8 @@ def solve_nonlinear(context: SolveContext, solve_linear: Callable[[SolveContext]
         applications += solution.report.operator_applications
         iterations += solution.report.iterations
         before, boundary_values = boundary_values, [flux.read(solution.values) for flux in fluxes]
-        change = max(
-            (float(np.abs(a - b).max(initial=0.0)) for a, b in zip(boundary_values, before, strict=True)), default=0.0
-        )
-        size = max((float(np.abs(values).max(initial=0.0)) for values in boundary_values), default=0.0)
+        now, then = (np.concatenate([np.zeros(0), *values]) for values in (boundary_values, before))
+        change, size = (float(np.abs(values).max(initial=0.0)) for values in (now - then, now))
         if step > 1 and change <= CONVERGED_CHANGE_SHARE * size + np.finfo(float).tiny:
             report = replace(
                 solution.report,

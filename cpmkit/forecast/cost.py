@@ -102,11 +102,8 @@ def predict(scene: Scene, options: Options[CollocationOptions], progress: Progre
     dims |= {f"{QUERIES_KEY} {boundary.name}": boundary.source.manifold_dim or 1 for boundary in scene.boundaries}
     told = {}
     for name in fine:
-        counts = [counts[name] for counts in rehearsed]
-        if name.startswith(QUERIES_KEY):
-            told[name] = _sum_of_powers(spacings, counts, spacing, dims[name])
-        else:
-            told[name] = _leading_terms(spacings, counts, spacing, m)
+        fit = _sum_of_powers if name in dims else _leading_terms
+        told[name] = fit(spacings, [counts[name] for counts in rehearsed], spacing, dims.get(name, m))
     return Counts(_with_summed_queries(told), False, *seen)
 
 

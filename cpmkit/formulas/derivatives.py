@@ -140,16 +140,6 @@ def _one_and_square(s: Steps, kernel: str, a: int) -> int:
     return s.apply(kernel, s.number(1.0), s.apply("multiply", a, a))
 
 
-def _by_exponent(s: Steps, f: int, a: int, b: int) -> int:
-    del b
-    return s.apply("multiply", f, s.apply("log", a))
-
-
-def _by_base(s: Steps, f: int, a: int, b: int) -> int:
-    del f
-    return s.apply("multiply", b, s.power(a, s.apply("subtract", b, s.number(1.0))))
-
-
 def _over_squares(s: Steps, numerator: int, a: int, b: int) -> int:
     squares = s.apply("add", s.apply("multiply", a, a), s.apply("multiply", b, b))
     return s.apply("divide", numerator, squares)
@@ -170,7 +160,10 @@ PARTIALS: dict[str, tuple[Partial, ...]] = {
         lambda s, _f, _a, b: _reciprocal(s, b),
         lambda s, f, _a, b: s.apply("negative", s.apply("divide", f, b)),
     ),
-    "power": (_by_base, _by_exponent),
+    "power": (
+        lambda s, _f, a, b: s.apply("multiply", b, s.power(a, s.apply("subtract", b, s.number(1.0)))),
+        lambda s, f, a, _b: s.apply("multiply", f, s.apply("log", a)),
+    ),
     "mod": (
         _one,
         lambda s, _f, a, b: s.apply("negative", s.apply("floor", s.apply("divide", a, b))),

@@ -15,19 +15,6 @@ import numpy as np
 from cpmkit.formulas.trees import CONSTANTS
 from cpmkit.protocols import Floats
 
-
-def _less(a: Any, b: Any) -> Any:
-    return np.less(a, b) * 1.0
-
-
-def _less_equal(a: Any, b: Any) -> Any:
-    return np.less_equal(a, b) * 1.0
-
-
-def _where(condition: Any, a: Any, b: Any) -> Any:
-    return np.where(condition != 0, a, b)
-
-
 #: What a step does, by its name: the functions of formulas, and what their operators and derivatives need.
 KERNELS: dict[str, Callable[..., Any]] = {
     name: getattr(np, name)
@@ -36,7 +23,10 @@ KERNELS: dict[str, Callable[..., Any]] = {
         "exp", "log", "sqrt", "abs", "sign", "floor", "minimum", "maximum", "hypot",
         "add", "subtract", "multiply", "divide", "power", "mod", "negative",
     )
-} | {"less": _less, "less_equal": _less_equal, "where": _where}  # fmt: skip
+} | {
+    "less": lambda a, b: np.less(a, b) * 1.0, "less_equal": lambda a, b: np.less_equal(a, b) * 1.0,
+    "where": lambda condition, a, b: np.where(condition != 0, a, b),
+}  # fmt: skip
 #: The kernel of an operator; a > b is b < a.
 OPERATORS: dict[type[ast.AST], str] = {
     ast.Add: "add", ast.Sub: "subtract", ast.Mult: "multiply", ast.Div: "divide", ast.Mod: "mod", ast.Lt: "less",

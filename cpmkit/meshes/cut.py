@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cpmkit.manifold.vectors import norms
 from cpmkit.meshes.cells import edges_of, padded, renumbered, with_corners
 from cpmkit.protocols import Bools, ClosestPointSource, Floats, Ints
 
@@ -98,14 +99,12 @@ def _zero(attributes: Floats, edges: Ints, distance: Floats) -> Floats:
     """Return the attributes where the distance vanishes on each of ``edges``."""
     a, b = edges.T
     share = (distance[a] / (distance[a] - distance[b]))[:, None]
-    interpolated: Floats = (1 - share) * attributes[a] + share * attributes[b]
-    return interpolated
+    return np.asarray((1 - share) * attributes[a] + share * attributes[b])
 
 
 def _distance_from_curve(points: Floats, curve: ClosestPointSource) -> Floats:
     """Return how far ``points`` are from ``curve``."""
-    apart: Floats = np.linalg.norm(curve.closest_point(np.ascontiguousarray(points)).points - points, axis=1)
-    return apart
+    return norms(curve.closest_point(np.ascontiguousarray(points)).points - points)
 
 
 def _keep_points(cells: Ints, crossings: Ints, crossing: Bools, sign: Floats) -> tuple[Ints, Floats]:
@@ -167,14 +166,10 @@ def _side(cells: Ints, sign: Floats) -> Floats:
 def _append_crossings(pieces: Pieces, edges: Ints, distance: Floats, cells: Ints) -> Pieces:
     """Append the zero of the distance on each of ``edges`` as a vertex."""
     a, b = edges.T
-    attributes = _zero(pieces.attributes, edges, distance)
+    attributes = np.concatenate([pieces.attributes, _zero(pieces.attributes, edges, distance)])
     # An edge that runs along an earlier boundary hands its side on.
     sides = np.where(pieces.sides[a] == pieces.sides[b], pieces.sides[a], 0)
-    return Pieces(
-        np.concatenate([pieces.attributes, attributes]),
-        np.concatenate([pieces.sides, sides]),
-        cells,
-    )
+    return Pieces(attributes, np.concatenate([pieces.sides, sides]), cells)
 
 
 def _part(pieces: Pieces, boundary: int, on_boundary: Bools, side: Floats) -> Pieces:

@@ -133,12 +133,8 @@ def _normals(surface: ClosestPointSource, points: Floats, cells: Ints) -> Floats
     normals = vertex_normals(points, triangles)
     if len(dots):
         positions = np.ascontiguousarray(points[dots])
-        dot_normals = (
-            surface.normals(surface.closest_point(positions))
-            if isinstance(surface, HasNormals)
-            else plane_normals(positions)
-        )
-        normals[dots] = dot_normals
+        own = surface.normals(surface.closest_point(positions)) if isinstance(surface, HasNormals) else None
+        normals[dots] = plane_normals(positions) if own is None else own
     return normals
 
 
@@ -165,8 +161,7 @@ def plane_normals(points: Floats) -> Floats:
     around = points[cKDTree(points).query(points, k=min(PLANE_NEIGHBOURS, len(points)))[1]]
     offsets = around - around.mean(axis=1, keepdims=True)
     spread, axes = np.linalg.eigh(np.einsum("pki,pkj->pij", offsets, offsets))
-    normals: Floats = np.where(spread[:, 1:2] > 1e-9 * spread[:, 2:], axes[:, :, 0], 0.0)
-    return normals
+    return np.where(spread[:, 1:2] > 1e-9 * spread[:, 2:], axes[:, :, 0], 0.0)
 
 
 def evaluate_on_sides(solution: Solution, points: Floats, sides: Ints) -> Floats:

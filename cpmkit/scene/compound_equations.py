@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -77,7 +77,7 @@ class Eigen(Equation):
         """Refuse other conditions too, and data that are not zero."""
         super().check_conditions(conditions)
         for what, condition in conditions:
-            if any(_may_differ_from_zero(datum) for _, datum in condition.data()):
+            if any(callable(one) or np.any(np.asarray(one, dtype=object) != 0) for _, one in condition.data()):
                 raise SceneError(f"{what} has data where an eigenvalue problem takes zero alone; {self.accepted}.")
 
 
@@ -130,7 +130,3 @@ class Biharmonic(Equation):
 
     def __str__(self) -> str:
         return f"{f'{self.c:g} u + ' if self.c else ''}Lap^2 u = f"
-
-
-def _may_differ_from_zero(data: Any) -> bool:
-    return callable(data) or bool(np.any(np.asarray(data, dtype=object) != 0))

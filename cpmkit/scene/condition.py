@@ -6,7 +6,8 @@ from abc import ABC, abstractmethod
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from cpmkit.scene.data import Data, check_order
+from cpmkit.runtime.arrays import whole
+from cpmkit.scene.data import Data
 from cpmkit.scene.laws import Interface, Law, OneSided, data_of
 
 if TYPE_CHECKING:
@@ -31,7 +32,8 @@ class Condition(ABC):
     order: int | None = None
 
     def __post_init__(self) -> None:
-        check_order(self.order, type(self).__name__)
+        if self.order is not None:
+            whole(self.order, f"order of {type(self).__name__}", 1, 4)
 
     def __init_subclass__(cls, **keywords: Any) -> None:
         """Keep the law that a kind answers: by that one object the data that it gives are known again."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from cpmkit.errors import CpmkitError, InputError, shown
 from cpmkit.protocols import Floats
-from cpmkit.runtime.arrays import number, whole
+from cpmkit.runtime.arrays import number
 
 #: A number, one entry a channel, or a callable of points (n, d) and, where it has a parameter ``t`` without a default,
 #: of the time.
@@ -98,11 +98,6 @@ def evaluate_data(data: Data, points: Floats, channels: int | None, what: str, t
     return np.ascontiguousarray(values)
 
 
-def channel_count(data: Data, probe: Floats, what: str, time: float | None = None) -> int:
-    """Return how many channels ``data`` has, asked at one point ``probe`` (1, d) and at ``time``."""
-    return int(evaluate_data(data, probe, None, what, time).shape[1])
-
-
 def _as_floats(values: Any) -> Floats:
     """Return what a callable gave as float64; truth values count as 1 and 0.
 
@@ -131,15 +126,3 @@ def as_number(data: Any, what: str) -> float:
         raise InputError(
             f"{what} must be a finite number, one entry a channel, or a callable, got {shown(data)}."
         ) from error
-
-
-def check_order(order: Any, what: str) -> None:
-    """Refuse an order of a condition that is not offered; None leaves it to the discretisation.
-
-    Raises
-    ------
-    InputError
-        If it is neither None nor a whole number from 1 to 4.
-    """
-    if order is not None:
-        whole(order, f"order of {what}", 1, 4)

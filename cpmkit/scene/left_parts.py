@@ -54,30 +54,23 @@ class LeftPart:
     piece: Ints
     consistent: bool
     travels: bool
+    sure: bool
     spacing: float
 
     @classmethod
     def of(cls, source: LocalSource, surface: LocalSource, dimension: int) -> LeftPart:
         """Return it sampled densely enough, signs carried."""
         for found, spacing in samplings(source, surface):
-            samples = _off_corners(source, found, 0.5 * spacing)
-            on_surface = surface.closest_point(samples.points)
-            part, sure = cls._sampled(source, surface, dimension, samples, on_surface, spacing)
-            if sure:
+            part = cls._sampled(source, surface, dimension, _off_corners(source, found, 0.5 * spacing), spacing)
+            if part.sure:
                 break
         return part
 
     @classmethod
     def _sampled(
-        cls,
-        source: LocalSource,
-        surface: LocalSource,
-        dimension: int,
-        samples: ClosestPoints,
-        on_surface: ClosestPoints,
-        spacing: float,
-    ) -> tuple[LeftPart, bool]:
-        step = 0.5 * spacing
+        cls, source: LocalSource, surface: LocalSource, dimension: int, samples: ClosestPoints, spacing: float
+    ) -> LeftPart:
+        step, on_surface = 0.5 * spacing, surface.closest_point(samples.points)
         wide = max(step, LEAST_DIFFERENCE_SHARE * float(np.ptp(surface.bounds, axis=0).max()))
         travel = tangents(source, samples, step) if source.manifold_dim == 1 else None
         travelled = tangents(surface, on_surface, wide) if dimension == 1 else travel
@@ -98,23 +91,9 @@ class LeftPart:
                 _with_agreeing_signs(on_surface.points, directions, pairs, spacing, dimension == 1, given_across)
             )
             across = Orientation(on_surface.points, found[-1].directions, spacing, dimension == 1)
-        consistent, piece = all(carried.consistent for carried in found), found[0].piece
-        own_signs = given_across, given_along
-        part = cls(
-            source,
-            surface,
-            dimension,
-            samples,
-            on_surface,
-            across,
-            along,
-            *own_signs,
-            piece,
-            consistent,
-            travels,
-            spacing,
-        )
-        return part, all(carried.sure for carried in found)
+        signs = across, along, given_across, given_along, found[0].piece
+        consistent, sure = (all(getattr(carried, name) for carried in found) for name in ("consistent", "sure"))
+        return cls(source, surface, dimension, samples, on_surface, *signs, consistent, travels, sure, spacing)
 
     def turned(self, left_of: Floats | None) -> tuple[LeftPart, set[NamedBy]]:
         """Return it with each piece's left chosen by a point (d,), where one is given, else by a rule."""

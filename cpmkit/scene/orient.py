@@ -85,19 +85,18 @@ def _check_sides(oriented: OrientedBoundary) -> None:
             "own normal and the boundary's own direction have it; leave left_of out, or exchange the conditions."
         )
     if oriented.left.beside is not None:
+        lacking = (
+            "nothing says which side is left"
+            if boundary.left_of is None
+            else f"left_of={shown(boundary.left_of)} is on neither side of some piece of it"
+        )
         apart = float(np.linalg.norm(np.subtract(*oriented.left.beside)))
         first, second = (_shown_point(point, 0.01 * apart) for point in oriented.left.beside)
         raise SceneError(
-            f"boundary {boundary.name!r} has unlike conditions on its sides, and {_has_no_data(boundary)}: "
+            f"boundary {boundary.name!r} has unlike conditions on its sides, and {lacking}: "
             f"{oriented.lacking}; give left_of, a point on the left, here {first} for one side or {second} for the "
             "other."
         )
-
-
-def _has_no_data(boundary: BoundarySet) -> str:
-    if boundary.left_of is None:
-        return "nothing says which side is left"
-    return f"left_of={shown(boundary.left_of)} is on neither side of some piece of it"
 
 
 def _shown_point(point: Floats, accuracy: float) -> str:

@@ -16,7 +16,7 @@ from cpmkit.protocols import SIDES, BoundarySet, ClosestPointSource, Floats
 from cpmkit.scene.boundary import ONE
 from cpmkit.scene.condition import Condition
 from cpmkit.scene.conditions import Neumann
-from cpmkit.scene.data import Data, channel_count
+from cpmkit.scene.data import Data, evaluate_data
 from cpmkit.scene.equations import Equation
 from cpmkit.scene.orient import orient
 from cpmkit.scene.oriented import OrientedBoundary
@@ -89,7 +89,7 @@ class Scene:
     def channels(self) -> int:
         """How many right-hand sides are solved together: the entries of the data, where they have more than one."""
         counts = [
-            (what, channel_count(data, self._place(place), what, self.problem.start_time))
+            (what, evaluate_data(data, self._place(place), None, what, self.problem.start_time).shape[1])
             for what, data, place in self._data()
         ]
         most = max((count for _, count in counts), default=1)

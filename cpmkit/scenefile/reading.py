@@ -14,7 +14,7 @@ from cpmkit.files.toml_files import from_toml
 from cpmkit.forms.choice import DEFAULT_FORM, form_options
 from cpmkit.forms.options import Options
 from cpmkit.linear.choice import SOLVER_OPTIONS, SolverOptions
-from cpmkit.plugins import call, check_keys, factory, source, takes
+from cpmkit.plugins import call, check_accepted, check_keys, factory, source, takes
 from cpmkit.protocols import ClosestPointSource
 from cpmkit.runtime.declared import declared, take
 from cpmkit.runtime.key_types import check_types
@@ -87,7 +87,7 @@ def load_scene(path: str | Path) -> SceneFile:
 
 
 def _scene_file(tables: dict[str, Any], path: Path) -> SceneFile:
-    _check_keys(tables, SCENE_TABLES, "the scene")
+    check_accepted("the scene", tables, SCENE_TABLES)
     scene = read_scene(tables, path.parent)
     spacing, options = read_options(tables)
     output = _output(as_table(tables.get("output", {}), "[output]"), path)
@@ -122,9 +122,12 @@ def read_scene(tables: Mapping[str, Any], folder: Path) -> Scene:
     carriers = [("surface", surface)]
     edge = read_edge(with_vertex_data(edge_table, folder, carriers, edge_of), edge_of)
     problem = with_vertex_data(as_table(tables["problem"], "[problem]"), folder, carriers, "[problem]")
+    given = tables.get("boundary", [])
+    if not isinstance(given, list):
+        raise SceneError("boundary must be a list of tables, written [[boundary]].")
     boundaries = [
         _boundary(as_table(table, f"[[boundary]] {number}"), number, folder, surface)
-        for number, table in enumerate(_list(tables.get("boundary", []), "boundary"), 1)
+        for number, table in enumerate(given, 1)
     ]
     return Scene(surface, _problem(problem, surface.dim), boundaries, edge(surface.dim))
 
@@ -140,7 +143,7 @@ def read_options(tables: Mapping[str, Any]) -> tuple[float | None, dict[str, Any
     grid = as_table(tables.get("discretization", {}), "[discretization]")
     with _told_of("[discretization]"):
         kind = form_options(grid.get("form", DEFAULT_FORM), grid)
-        _check_keys(grid, (*declared(Options), *declared(kind)), "[discretization]")
+        check_accepted("[discretization]", grid, (*declared(Options), *declared(kind)))
         own, common = take(kind, grid)
         take(Options, {"spacing": 1.0, **common}, own=own)  # one may be given elsewhere
     solver = as_table(tables.get("solver", {}), "[solver]")
@@ -150,7 +153,7 @@ def read_options(tables: Mapping[str, Any]) -> tuple[float | None, dict[str, Any
     renamed = {("solver" if key == "kind" else key): value for key, value in solver.items()}
     if name in SOLVER_OPTIONS:  # a plugin's solver has keys of its own
         keys = ("kind" if key == "solver" else key for key in declared(SolverOptions))
-        _check_keys(solver, (*keys, *SOLVER_OPTIONS[name]), "[solver]")
+        check_accepted("[solver]", solver, (*keys, *SOLVER_OPTIONS[name]))
         with _told_of("[solver]"):
             SolverOptions.of(renamed)
     spacing = grid.pop("spacing", None)
@@ -248,7 +251,7 @@ def _field(value: Any, dim: int) -> Field:
 
 
 def _output(table: dict[str, Any], path: Path) -> OutputRequest:
-    _check_keys(table, ("folder", "files", "picture"), "[output]")
+    check_accepted("[output]", table, ("folder", "files", "picture"))
     picture, files = table.get("picture"), table.get("files", ["summary.json"])
     if picture is not None:
         picture = as_table({"file": picture} if isinstance(picture, str) else picture, "picture of [output]")
@@ -258,18 +261,3 @@ def _output(table: dict[str, Any], path: Path) -> OutputRequest:
     folder = output_folder(table["folder"]) if "folder" in table else Path(path.stem)
     check_links(folder, Path.cwd(), "folder of [output]")
     return OutputRequest(folder, tuple(files), picture)
-
-
-def _check_keys(table: Mapping[str, Any], accepted: tuple[str, ...], where: str) -> None:
-    unknown = [key for key in table if key not in accepted]
-    if unknown:
-        raise SceneError(
-            f"{where} has the unknown key {shown(unknown[0])}{did_you_mean(unknown[0], accepted)}; "
-            f"accepted are {', '.join(accepted)}."
-        )
-
-
-def _list(value: Any, where: str) -> list[Any]:
-    if not isinstance(value, list):
-        raise SceneError(f"{where} must be a list of tables, written [[{where}]].")
-    return value

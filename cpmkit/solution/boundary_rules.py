@@ -64,14 +64,9 @@ def _from_bump(source: ClosestPointSource, surface: ClosestPointSource, spacing:
         near = codes.dilate(near, axis, range(-reach, reach + 1))
     feet = source.closest_point(np.asarray(codes.decode(near) * spacing, dtype=np.float64))
     feet = feet.take((feet.distance < BUMP_WIDTH_SPACINGS * spacing) & (feet.edge < 0))
-    normal = source.dim - dim
-    volume = (
-        pi ** (normal / 2)
-        * gamma(BUMP_POWER + 1)
-        / gamma(BUMP_POWER + 1 + normal / 2)
-        * (BUMP_WIDTH_SPACINGS * spacing) ** normal
-    )
-    weights = (1 - (feet.distance / (BUMP_WIDTH_SPACINGS * spacing)) ** 2) ** BUMP_POWER * spacing**source.dim / volume
+    normal, width = source.dim - dim, BUMP_WIDTH_SPACINGS * spacing
+    volume = pi ** (normal / 2) * gamma(BUMP_POWER + 1) / gamma(BUMP_POWER + 1 + normal / 2) * width**normal
+    weights = (1 - (feet.distance / width) ** 2) ** BUMP_POWER * spacing**source.dim / volume
     return BoundaryRule(surface.closest_point(feet.points).points, weights)
 
 

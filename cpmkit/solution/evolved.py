@@ -59,7 +59,7 @@ class EvolvedSolution(Solution):
     def frame_meshes(self) -> list[DisplayMesh]:
         """Return the display mesh of each frame: one mesh, cut and read once, with the values of each."""
         together = np.concatenate([frame.values for frame in self.frames], axis=1)
-        mesh = replace(self, values=together, frames=()).make_display_mesh()
+        mesh = replace(self, values=together, frames=()).display_mesh()
         parts = np.split(mesh.values, len(self.frames), axis=1)
         return [replace(mesh, values=np.ascontiguousarray(part)) for part in parts]
 

@@ -39,6 +39,4 @@ class EigenSolution(Solution):
         return {**super().summary(), "eigenvalues": self.eigenvalues.tolist()}
 
     def __repr__(self) -> str:
-        return "\n  ".join(
-            [super().__repr__(), f"eigenvalues {', '.join(f'{value:.6g}' for value in self.eigenvalues)}"]
-        )
+        return f"{super().__repr__()}\n  eigenvalues {', '.join(f'{value:.6g}' for value in self.eigenvalues)}"

@@ -258,10 +258,6 @@ class Solution:
 
     @cached_property
     def _display_mesh(self) -> DisplayMesh:
-        return self.make_display_mesh()
-
-    def make_display_mesh(self) -> DisplayMesh:
-        """Mesh the manifold, cut it along the boundaries, and evaluate the solution at the vertices."""
         from cpmkit.meshes.display_mesh import display_mesh
 
         own = self.discretized.display_mesh(self.values)
@@ -279,18 +275,11 @@ class Solution:
         return {**known, "unknowns": self.values} if known else {}
 
     def __repr__(self) -> str:
-        boundaries, work = (
-            len(self.scene.boundaries),
-            ", ".join(
-                f"{value} {name.replace('_', ' ')}"
-                for name, value in self.work.as_dict().items()
-                if isinstance(value, int)
-            ),
-        )
+        counts = {name.replace("_", " "): one for name, one in self.work.as_dict().items() if isinstance(one, int)}
         lines = [
-            f"Solution of {self.scene.problem.kind} with {boundaries} boundaries",
+            f"Solution of {self.scene.problem.kind} with {len(self.scene.boundaries)} boundaries",
             f"form {self.discretized.form}, spacing {self.spacing:g}, channels {self.channels}",
-            work,
+            ", ".join(f"{value} {name}" for name, value in counts.items()),
             f"{self.report.solver}: {self.report.reason}",
             f"{len(self.warnings)} warnings",
         ]

@@ -16,7 +16,7 @@ from cpmkit.files.data_files import find_file
 from cpmkit.files.toml_files import from_toml
 from cpmkit.forms.choice import every_option
 from cpmkit.formulas.expressions import Expression
-from cpmkit.plugins import call
+from cpmkit.plugins import call, check_accepted
 from cpmkit.scene.scene import Scene
 from cpmkit.scenefile.condition_tables import as_table
 from cpmkit.scenefile.reading import read_options, read_scene
@@ -134,9 +134,7 @@ def load_study(path: str | Path) -> Study:
 
 
 def _study(tables: dict[str, Any], path: Path) -> Study:
-    unknown = [key for key in tables if key not in STUDY_TABLES]
-    if unknown:
-        raise SceneError(f"the study has the unknown key {shown(unknown[0])}; accepted are {', '.join(STUDY_TABLES)}.")
+    check_accepted("the study", tables, STUDY_TABLES)
     for needed in ("surface", "problem", "exact", "sweep"):
         if not isinstance(tables.get(needed), dict):
             raise SceneError(f"a study needs the table [{needed}].")

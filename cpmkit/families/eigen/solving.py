@@ -91,13 +91,9 @@ def _iterate(problem: Eigen, stepped: InverseIteration) -> tuple[Any, Any]:
         theta, vectors = eigs(matrix, wanted, which="LM", v0=start, tol=SAME_EIGENVALUE_TOLERANCES * context.tolerance)
     except ArpackNoConvergence as error:
         reason = f"Arnoldi's iteration found {len(error.eigenvalues)} of {wanted} eigenvalues"
-        raise ConvergenceError(
-            f"The eigenvalues did not converge: {reason}; ask for fewer, or for a larger tolerance"
-            f"{context.discretized.cure()}.",
-            SolveReport(
-                context.solver_name, False, stepped.solves, stepped.products, np.inf, context.tolerance, reason
-            ),
-        ) from error
+        remedy = f"ask for fewer, or for a larger tolerance{context.discretized.cure()}"
+        report = context.report(False, stepped.solves, stepped.products, np.inf, reason)
+        raise ConvergenceError(f"The eigenvalues did not converge: {reason}; {remedy}.", report) from error
     return stepped.shift + 1 / theta, vectors
 
 
@@ -168,20 +164,10 @@ def _judge(stepped: InverseIteration, residual: float) -> SolveReport:
         f"one more step of inverse iteration changes the eigenfunctions by {residual:.2e} of their size after "
         f"{stepped.solves} steps, {context.tolerance:.2e} asked for"
     )
-    report = SolveReport(
-        context.solver_name,
-        residual <= context.tolerance,
-        stepped.solves,
-        stepped.products,
-        residual,
-        context.tolerance,
-        reason,
-    )
+    report = context.report(residual <= context.tolerance, stepped.solves, stepped.products, residual, reason)
     if not report.converged:
-        raise ConvergenceError(
-            f"The eigenvalues did not converge: {reason}; ask for a larger tolerance{context.discretized.cure()}.",
-            report,
-        )
+        remedy = f"ask for a larger tolerance{context.discretized.cure()}"
+        raise ConvergenceError(f"The eigenvalues did not converge: {reason}; {remedy}.", report)
     return report
 
 

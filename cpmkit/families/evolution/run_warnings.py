@@ -29,17 +29,13 @@ def _ringing_sentence(evolution: Evolution, history: History) -> list[str]:
     before, after = history[-2].u - history[-3].u, history[-1].u - history[-2].u
     size = float(np.abs(history[-1].u).max(initial=0.0))
     swing = float(np.abs(after).max(initial=0.0))
-    if swing <= RINGING_SHARE_OF_SOLUTION * size or not _reverses(before, after):
+    taken_back = -float(np.sum(before * after)) > RINGING_SHARE_OF_STEP * float(np.sum(before * before))
+    if swing <= RINGING_SHARE_OF_SOLUTION * size or not taken_back:
         return []
     return [
         f"The last steps of Crank-Nicolson swing back and forth by {swing / size:.1g} of the solution: it does not "
         f"damp what step={evolution.step:g} does not resolve; use scheme 'bdf2' or 'backward-euler', or a shorter step."
     ]
-
-
-def _reverses(before: Floats, after: Floats) -> bool:
-    """Tell whether one change takes back a good part of the other."""
-    return float(np.sum(before * after)) < -RINGING_SHARE_OF_STEP * float(np.sum(before * before))
 
 
 def _unresolved_wave_sentence(problem: SemiDiscrete, evolution: Evolution, u: Floats) -> list[str]:

@@ -30,7 +30,6 @@ from cpmkit.families.evolution.schemes import (
 from cpmkit.families.evolution.semidiscrete import SemiDiscrete
 from cpmkit.families.evolution.shifted import ShiftedSolver, SolveTally
 from cpmkit.forms.contract import Discretized
-from cpmkit.linear.report import SolveReport
 from cpmkit.scene.equations_in_time import Evolution, Heat, Wave
 from cpmkit.solution.evolved import EvolvedSolution, check_frames_fit
 
@@ -129,7 +128,11 @@ def _solution(
 ) -> EvolvedSolution:
     """Return the solution at the end, with its frames."""
     values, total = state.history[-1].u, len(plan.steps)
-    report = _report(context, tally, total)
+    reason = (
+        f"relative residual {tally.residual:.2e} at most in {total} steps with {tally.iterations} iterations, "
+        f"{context.tolerance:.2e} asked for"
+    )
+    report = context.report(True, tally.iterations, tally.operator_applications, tally.residual, reason)
     form = context.discretized
     work = form.work(plan.problem.stiffness, report)
     drift = heat_drift(plan.problem, context.scene, plan.start.u, values)
@@ -141,19 +144,3 @@ def _solution(
         for when, kept in zip(plan.evolution.frame_times, state.frames, strict=True)
     )
     return replace(last, frames=frames)
-
-
-def _report(context: SolveContext, tally: SolveTally, steps: int) -> SolveReport:
-    reason = (
-        f"relative residual {tally.residual:.2e} at most in {steps} steps with {tally.iterations} iterations, "
-        f"{context.tolerance:.2e} asked for"
-    )
-    return SolveReport(
-        context.solver_name,
-        True,
-        tally.iterations,
-        tally.operator_applications,
-        tally.residual,
-        context.tolerance,
-        reason,
-    )

@@ -118,7 +118,7 @@ def test_every_reading_leaves_the_tables_as_they_are(name, tmp_path):
         "flux through the edge": lambda: solution.flux("edge"),
         "flux_density": lambda: solution.flux_density("inside", "right", points),
         "signed_distance": lambda: solution.signed_distance("inside", points),
-        "make_display_mesh": solution.make_display_mesh,
+        "display_mesh": solution.display_mesh,
         "doubled": lambda: solution.doubled,
         "save": lambda: (solution.save(file), solution.save(tmp_path / "solution.vtp")),
         "load": lambda: ck.load(file, scene).evaluate(points),
