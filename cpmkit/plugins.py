@@ -53,15 +53,10 @@ _manager: pluggy.PluginManager | None = None
 
 def installed_kinds() -> list[InstalledKind]:
     """Return every kind that an installed distribution declares, sorted, importing none of them."""
-    found = [
-        InstalledKind(
-            point.name,
-            point.dist.name if point.dist else "?",
-            point.dist.version if point.dist else "?",
-            point.value,
-        )
-        for point in entry_points(group=KINDS_GROUP)
-    ]
+    found = []
+    for point in entry_points(group=KINDS_GROUP):
+        name, version = (point.dist.name, point.dist.version) if point.dist else ("?", "?")
+        found.append(InstalledKind(point.name, name, version, point.value))
     return sorted(found, key=lambda kind: kind.kind)
 
 

@@ -45,14 +45,8 @@ def crossings(cut: LevelCut) -> Crossings:
     if not len(low):
         raise InputError(_no_crossing(cut, seeds, values))
     points = cut.surface.manifold_dim == 1
-    inside = zeros_between(
-        cut,
-        seeds.points[low],
-        seeds.points[high],
-        values[low],
-        values[high],
-        FINE_ZERO_ROUNDS if points else ROUGH_ZERO_ROUNDS,
-    )
+    rounds = FINE_ZERO_ROUNDS if points else ROUGH_ZERO_ROUNDS
+    inside = zeros_between(cut, seeds.points[low], seeds.points[high], values[low], values[high], rounds)
     if not len(inside):
         place = (seeds.points[low[0]] + cut.phi.origin).tolist()
         raise InputError(
@@ -159,13 +153,8 @@ def _edge_zeros(cut: LevelCut, seeds: ClosestPoints, values: Floats) -> ClosestP
     used, place = np.unique(np.concatenate([low, high]), return_inverse=True)
     if not len(used):
         return seeds.take(used)
-    outward = (
-        PAST_EDGE_SPACINGS
-        * cut.spacing
-        * outward_conormals(cut.surface, seeds.take(used), CUT_DIFFERENCE_SHARE * cut.size)
-    )
-    first, second = place[: len(low)], place[len(low) :]
-    past = 0.5 * (outward[first] + outward[second])
+    outward = outward_conormals(cut.surface, seeds.take(used), CUT_DIFFERENCE_SHARE * cut.size)
+    past = 0.5 * PAST_EDGE_SPACINGS * cut.spacing * (outward[place[: len(low)]] + outward[place[len(low) :]])
     found = zeros_between(cut, seeds.points[low], seeds.points[high], values[low], values[high], FINE_ZERO_ROUNDS, past)
     found = found.take(found.edge >= 0)
     return found.take(spaced_apart(found.points, 0.1 * cut.spacing))

@@ -54,15 +54,13 @@ class Cubics:
         """Return p (n, d)."""
         a, b, c, d = (self.coefficients[segment, k] for k in range(4))
         s = s[:, None]
-        points: Floats = a + s * (b + s * (c + s * d))
-        return points
+        return np.asarray(a + s * (b + s * (c + s * d)))
 
     def slope(self, segment: Ints, s: Floats) -> Floats:
         """Return dp/ds (n, d)."""
         b, c, d = (self.coefficients[segment, k] for k in (1, 2, 3))
         s = s[:, None]
-        slopes: Floats = b + s * (2 * c + 3 * s * d)
-        return slopes
+        return np.asarray(b + s * (2 * c + 3 * s * d))
 
     @cached_property
     def control(self) -> Floats:
@@ -131,7 +129,8 @@ class Cubics:
 
     def _descend(self, x: Floats, segment: Ints) -> tuple[Floats, Floats]:
         """Return s of the nearest point on one cubic each, and the distance, by Newton's method in a bracket."""
-        s = self._sampled(x, segment)
+        shares = np.linspace(0.0, 1.0, NEWTON_STARTS + 1)
+        s = shares[np.argmin([norms(self.at(segment, np.full(len(x), one)) - x) for one in shares], axis=0)]
         low, high = np.maximum(s - 1 / NEWTON_STARTS, 0.0), np.minimum(s + 1 / NEWTON_STARTS, 1.0)
         a, b, c, d = (self.coefficients[segment, k] for k in range(4))
         q, rows = x - a, np.arange(len(x))
@@ -153,12 +152,6 @@ class Cubics:
             s[rows] = following
             rows = rows[moved > DISTANCE_ROUNDING]
         return s, norms(self.at(segment, s) - x)
-
-    def _sampled(self, x: Floats, segment: Ints) -> Floats:
-        """Return (n,) the s of the nearest of ``NEWTON_STARTS`` + 1 points of a cubic, the first of equals."""
-        shares = np.linspace(0.0, 1.0, NEWTON_STARTS + 1)
-        distances = [norms(self.at(segment, np.full(len(x), share)) - x) for share in shares]
-        return np.asarray(shares[np.argmin(distances, axis=0)])
 
 
 def hermite(start: Floats, start_tangent: Floats, end: Floats, end_tangent: Floats) -> Floats:

@@ -59,8 +59,7 @@ class TracedCurve:
         first = self.pieces[0]
         beside = LEFT_OF_OFFSET_SHARE * float(np.ptp(self.bounds, axis=0).max())
         middle = len(first.points) // 2
-        place: Floats = first.points[middle] + beside * first.conormals[middle] + self.shift
-        return place
+        return np.asarray(first.points[middle] + beside * first.conormals[middle] + self.shift)
 
     def closest_point(self, x: Floats, /) -> ClosestPoints:
         """Return the closest points of ``x`` (n, d).

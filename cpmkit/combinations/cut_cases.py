@@ -27,32 +27,15 @@ def conformance_cases() -> list[ConformanceCase]:
         _case("points", "in space, far from zero", lambda: points(at=1e9 + SPOT_POINTS)),
         _case("cut.plane", "sphere, one loop", lambda: plane_cut(surface=_sphere(), **_SLICE), _sphere_cut),
         _case("cut.plane", "torus, two loops", lambda: plane_cut(surface=_torus(), point=[0, 0, 0], normal=[0, 0, 1])),
-        _case(
-            "cut.plane",
-            "cylinder, two open pieces",
-            _open_pieces,
-        ),
+        _case("cut.plane", "cylinder, two open pieces", _open_pieces),
         _case("cut.plane", "circle, two points", lambda: plane_cut(surface=_circle(), point=[0.2, 0], normal=[1, 0.3])),
         _case("cut.function", "torus", lambda: function_cut(surface=_torus(), phi="z - 0.2 * sin(3 * x)")),
-        _case(
-            "cut.function",
-            "curve in space",
-            _points_of_curve,
-        ),
+        _case("cut.function", "curve in space", _points_of_curve),
         _case("trimmed", "sphere to a cap", lambda: trimmed(of=_sphere(), trim="0.3 - z"), _cap(0.3)),
         _case("trimmed", "torus with two edges", lambda: trimmed(of=_torus(), trim="x - 0.3"), _torus_part),
-        _case(
-            "trimmed",
-            "cylinder across its rims",
-            _across_rims,
-            _cylinder_part,
-        ),
+        _case("trimmed", "cylinder across its rims", _across_rims, _cylinder_part),
         _case("trimmed", "circle to an arc", lambda: trimmed(of=_circle(), trim="0.2 - x - y"), _arc),
-        _case(
-            "trimmed",
-            "arc with an end of its own",
-            _shorter_arc,
-        ),
+        _case("trimmed", "arc with an end of its own", _shorter_arc),
     ]
 
 

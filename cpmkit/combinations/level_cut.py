@@ -68,19 +68,15 @@ class LevelCut:
             if not len(rows):
                 break
             length[rows] = norms(step[rows])
-            limited = (
-                step[rows] * np.minimum(1.0, self.spacing / np.maximum(length[rows], ON_CUT_SHARE * self.size))[:, None]
-            )
-            moved = self.surface.closest_point(y[rows] + limited).points
+            share = np.minimum(1.0, self.spacing / np.maximum(length[rows], ON_CUT_SHARE * self.size))
+            moved = self.surface.closest_point(y[rows] + share[:, None] * step[rows]).points
             across, before = moved - y[rows], value[rows]
             y[rows], value[rows] = moved, self.phi(moved)
             with np.errstate(all="ignore"):
                 step[rows] = -value[rows, None] * across / (value[rows] - before)[:, None]
             rows = rows[(length[rows] > ON_CUT_SHARE * self.size) & (value[rows] != 0)]
-        length = np.where(value == 0, 0.0, length)
-        return self.surface.closest_point(y), length <= max(
-            ON_CUT_SHARE * self.size, NEARLY_ON_CUT_SPACINGS * self.spacing
-        )
+        near = max(ON_CUT_SHARE * self.size, NEARLY_ON_CUT_SPACINGS * self.spacing)
+        return self.surface.closest_point(y), (value == 0) | (length <= near)
 
     def directions(self, feet: ClosestPoints) -> tuple[Floats, Floats, Floats]:
         """Return, at points of the cut, its unit tangents, unit conormals towards phi > 0, and phi's surface gradient.

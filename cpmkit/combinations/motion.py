@@ -87,8 +87,7 @@ class Moved(Wrapper):
 
     def _interpolate(self, values: Floats, feet: ClosestPoints, /) -> Floats:
         """Return ``values`` (value_count, ...) interpolated at ``feet``."""
-        read: Floats = self.of.interpolate(values, self._own_record(feet))
-        return read
+        return np.asarray(self.of.interpolate(values, self._own_record(feet)))
 
     def _mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
         """Return vertices (v, d) and cells (m, k) of about ``spacing``."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from cpmkit.errors import InputError, shown
 from cpmkit.formulas.expressions import Expression
+from cpmkit.manifold.vectors import dots
 from cpmkit.protocols import Floats
 from cpmkit.runtime.arrays import as_vector
 
@@ -23,8 +24,7 @@ class PlaneDistance:
 
     def __call__(self, x: Floats) -> Floats:
         """Return the distances (n,) of points (n, d)."""
-        distance: Floats = sum((x[:, k] - self.point[k]) * self.normal[k] for k in range(len(self.point)))
-        return distance
+        return dots(x - self.point, self.normal)
 
 
 @dataclass(frozen=True, eq=False)

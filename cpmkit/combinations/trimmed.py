@@ -61,10 +61,8 @@ def trimmed(*, of: ClosestPointSource, trim: Any, resolution: int | None = None)
     tolerance = max(ON_TRIMMED_EDGE_SHARE * cut.size, 4 * rim.deviation)
     along = where.mesh(cut.spacing)[0] - cut.phi.origin
     steepest = float(norms(cut.phi.gradient(along, CUT_DIFFERENCE_SHARE * cut.size)).max())
-    covering, asked = (
-        COVERING_SAMPLE_DISTANCES * COARSE_SAMPLE_FACTOR * cut.spacing,
-        PositionFunction(function, np.zeros(of.dim), "trim"),
-    )
+    covering = COVERING_SAMPLE_DISTANCES * COARSE_SAMPLE_FACTOR * cut.spacing
+    asked = PositionFunction(function, np.zeros(of.dim), "trim")
     kept = samples.points + cut.phi.origin
     return with_abilities(Trimmed, "trimmed", of)(of, asked, rim, kept, covering, steepest * tolerance, tolerance)
 

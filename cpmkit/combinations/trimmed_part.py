@@ -91,8 +91,7 @@ class Trimmed(Wrapper):
 
     def _inside(self, points: Floats) -> Bools:
         """Return which points of the whole belong to the part and do not lie on its edge."""
-        inside: Bools = self.trim(points) < -self.margin
-        return inside
+        return np.asarray(self.trim(points) < -self.margin)
 
     def _placed(self, found: ClosestPoints, rows: Ints) -> ClosestPoints:
         """Return the records with element and local of the feet at ``rows``, as the whole gives them."""
@@ -149,8 +148,7 @@ class Trimmed(Wrapper):
 
     def _directions(self, name: str, feet: ClosestPoints, /) -> Floats:
         """Return the unit vectors (n, d) of the whole that it calls ``name``."""
-        directions: Floats = getattr(self.of, name)(feet)
-        return directions
+        return np.asarray(getattr(self.of, name)(feet))
 
     _normals = partialmethod(_directions, "normals")
     _tangents = partialmethod(_directions, "tangents")
@@ -167,8 +165,7 @@ class Trimmed(Wrapper):
 
     def _interpolate(self, values: Floats, feet: ClosestPoints, /) -> Floats:
         """Return ``values`` (value_count, ...), one row for each of the whole's, interpolated at the feet."""
-        read: Floats = self.of.interpolate(values, feet)
-        return read
+        return np.asarray(self.of.interpolate(values, feet))
 
     def _mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
         """Return the mesh of the whole, cut along the edge: vertices (v, d), and cells (m, k) of about ``spacing``."""

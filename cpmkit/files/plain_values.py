@@ -116,12 +116,8 @@ def record_from_table(record: type[Made], saved: Any, where: str) -> Made:
         for field in fields(record)  # type: ignore[arg-type]
         if not field.init or field.default is not MISSING or field.default_factory is not MISSING
     }
-    check_fields(
-        saved,
-        {name: kind for name, kind in kinds.items() if name not in free},
-        where,
-        {name: kind for name, kind in kinds.items() if name in free},
-    )
+    needed = {name: kind for name, kind in kinds.items() if name not in free}
+    check_fields(saved, needed, where, kinds)
     values = {name: saved[name] for name in kinds if name in saved}
     return record(**{name: tuple(value) if isinstance(value, list) else value for name, value in values.items()})
 

@@ -70,7 +70,7 @@ def read_saved(
                 f"{shown(path.name)} holds {name} as {dtype.name} of shape {shape}, where {kinds} of shape "
                 f"({', '.join(map(str, expected))}) belong in {what}; it is damaged, or not one."
             )
-        known.update(zip((size for size in row.shape if isinstance(size, str)), _sizes(row, shape), strict=True))
+        known.update((size, given) for size, given in zip(row.shape, shape, strict=True) if isinstance(size, str))
 
     arrays = read_arrays(path, rows, what, check)
     lacking = [row.name for row in rows.values() if row.needed and row.name not in arrays]
@@ -80,10 +80,6 @@ def read_saved(
         if array.dtype.kind == "f" and not np.isfinite(array).all():
             raise InputError(f"{shown(path.name)} is not {what} as it was written: {name} holds NaN or infinity.")
     return {name: array.astype(DTYPE_OF_KIND[array.dtype.kind], copy=False) for name, array in arrays.items()}
-
-
-def _sizes(row: SavedArray, shape: tuple[int, ...]) -> list[int]:
-    return [given for size, given in zip(row.shape, shape, strict=True) if isinstance(size, str)]
 
 
 def read_json_table(array: np.ndarray, path: Path, name: str) -> dict[str, Any]:

@@ -142,8 +142,7 @@ class LocalSource:
 
     def _directions(self, name: str, feet: ClosestPoints) -> Floats:
         """Return the source's own unit vectors (n, d) at ``feet``, those that it calls ``name``."""
-        vectors: Floats = getattr(self.source, name)(self._moved(feet, self.shift))
-        return vectors
+        return np.asarray(getattr(self.source, name)(self._moved(feet, self.shift)))
 
     normals = partialmethod(_directions, "normals")
     tangents = partialmethod(_directions, "tangents")

@@ -54,21 +54,16 @@ class Orientation:
         """Return ``directions`` (n, d) at ``points`` (n, d) with the sign of the sample near by that agrees best."""
         if self.points is None or self.directions is None or not len(points):
             return directions
-        count = min(SIGN_SAMPLES, len(self.points))
-        near = np.reshape(self._tree.query(points, count)[1], (len(points), count))
+        near, short = self._near(points), SHORT_CHORD_SPACINGS * self.spacing
         chords = points[:, None] - self.points[near]
-        agreement: Floats = agreements(
-            self.directions[near], directions[:, None], chords, SHORT_CHORD_SPACINGS * self.spacing, self.travel
-        )
+        agreement = agreements(self.directions[near], directions[:, None], chords, short, self.travel)
         best = np.take_along_axis(agreement, np.abs(agreement).argmax(axis=1)[:, None], 1)
         return np.asarray(np.where(best >= 0, directions, -directions))
 
     def mean(self, points: Floats) -> Floats:
         """Return the mean direction (n, d) of the samples nearest to ``points`` (n, d), of length one."""
         assert self.directions is not None
-        count = min(SIGN_SAMPLES, len(self.directions))
-        near = np.reshape(self._tree.query(points, count)[1], (len(points), count))
-        mean = self.directions[near].sum(axis=1)
+        mean = self.directions[self._near(points)].sum(axis=1)
         return np.asarray(mean / np.linalg.norm(mean, axis=1, keepdims=True))
 
     def moved(self, offset: Floats) -> Orientation:
@@ -87,6 +82,11 @@ class Orientation:
         from scipy.spatial import cKDTree
 
         return cKDTree(self.points)
+
+    def _near(self, points: Floats) -> Ints:
+        """Return the numbers (n, k) of the samples nearest to ``points`` (n, d)."""
+        count = min(SIGN_SAMPLES, self._tree.n)
+        return np.reshape(self._tree.query(points, count)[1], (len(points), count))
 
 
 #: The signs that the source gives.
@@ -116,10 +116,8 @@ def neighbours(points: Floats, spacing: float, tangents: Floats | None) -> Ints:
         return pairs
     chord = points[pairs[:, 1]] - points[pairs[:, 0]]
     length = np.linalg.norm(chord, axis=1)
-    ahead = [
-        np.abs(np.sum(chord * tangents[pairs[:, end]], axis=1)) >= NEIGHBOUR_CHORD_COSINE * length for end in (0, 1)
-    ]
-    return np.asarray(pairs[ahead[0] & ahead[1]])
+    along = np.abs(np.einsum("kd,ked->ke", chord, tangents[pairs])).min(axis=1)
+    return np.asarray(pairs[along >= NEIGHBOUR_CHORD_COSINE * length])
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,11 +21,16 @@ def jacobian(source: LocalSource, points: Floats, step: float) -> Floats:
     On a manifold it is the projection on the tangent space (Maerz and Macdonald 2012).
     King et al. (2024), section 4.7, interpolates it from the nodes; here it is taken at the feet themselves.
     """
-    dim = source.dim
-    shifts = step * np.concatenate([np.eye(dim), -np.eye(dim)])
-    feet = source.closest_point((points[:, None] + shifts).reshape(-1, dim)).points.reshape(-1, 2 * dim, dim)
-    columns = (feet[:, :dim] - feet[:, dim:]) / (2 * step)
+    ahead, behind = np.split(_feet_around(source, points, step), 2, axis=1)
+    columns = (ahead - behind) / (2 * step)
     return 0.5 * (columns + columns.transpose(0, 2, 1))
+
+
+def _feet_around(source: LocalSource, points: Floats, step: float) -> Floats:
+    """Return the feet (n, 2 d, d) of points a ``step`` ahead of ``points`` along each axis, then of those behind."""
+    shifts = step * np.concatenate([np.eye(source.dim), -np.eye(source.dim)])
+    feet = source.closest_point((points[:, None] + shifts).reshape(-1, source.dim))
+    return feet.points.reshape(-1, *shifts.shape)
 
 
 def normals(surface: LocalSource, feet: ClosestPoints, step: float) -> Floats:
@@ -91,17 +96,14 @@ def _outward(surface: LocalSource, edge: ClosestPoints, step: float) -> Floats:
     manifold the closest points around y average to y, at an edge they lean inwards, and curvature adds a
     normal part that T removes. Second order in the step h.
     """
-    dim, y = surface.dim, edge.points
-    shifts = step * np.concatenate([np.eye(dim), -np.eye(dim)])
-    around = surface.closest_point((y[:, None] + shifts).reshape(-1, dim)).points.reshape(-1, 2 * dim, dim)
-    lean = -_unit((around - y[:, None]).sum(axis=1))
+    y = edge.points
+    lean = -_unit((_feet_around(surface, y, step) - y[:, None]).sum(axis=1))
     if surface.has_normals or surface.has_tangents:
         return _unit(project_tangent(surface, edge, lean, step))
     # Differences across the edge would bend T by O(h): it is extrapolated from two points inside.
-    near, far = (surface.closest_point(y - distance * step * lean) for distance in (2, 4))
-    return _unit(
-        2 * _unit(project_tangent(surface, near, lean, step)) - _unit(project_tangent(surface, far, lean, step))
-    )
+    inside = (surface.closest_point(y - distance * step * lean) for distance in (2, 4))
+    near, far = (_unit(project_tangent(surface, feet, lean, step)) for feet in inside)
+    return _unit(2 * near - far)
 
 
 def _unit(vectors: Floats) -> Floats:

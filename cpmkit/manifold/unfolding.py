@@ -61,14 +61,12 @@ def unfold(
         moved = np.linalg.norm(reached.points - position, axis=1)
         reached_normal = normals(source, reached, 0.5 * spacing)
         if not signed:
-            reached_normal = np.where(
-                np.sum(normal[going] * reached_normal, axis=1, keepdims=True) < 0, -reached_normal, reached_normal
-            )
+            against = np.sum(normal[going] * reached_normal, axis=1, keepdims=True) < 0
+            reached_normal = np.where(against, -reached_normal, reached_normal)
         ahead[going], normal[going] = _rotated_by_normals(ahead[going], normal[going], reached_normal)
         feet = feet.replaced(going, reached)
-        rest[going] -= np.where(
-            moved > STUCK_STEP_SHARE * step, np.minimum(moved, step) + UNFOLDED_REST_SPACINGS * spacing, step
-        )
+        gone = np.minimum(moved, step) + UNFOLDED_REST_SPACINGS * spacing
+        rest[going] -= np.where(moved > STUCK_STEP_SHARE * step, gone, step)
         going = going[rest[going] > UNFOLDED_REST_SPACINGS * spacing]
     return feet
 

@@ -86,7 +86,9 @@ def walk(
         ahead = project_tangent(source, current, goal[walking] - current.points, 0.5 * spacing)
         length = np.linalg.norm(ahead, axis=1, keepdims=True)
         if last is not None and lengthened:
-            steps = _step_factors(current.points - last[0], last[1] - ahead)
+            walked, shrunk = current.points - last[0], last[1] - ahead
+            slope = np.sum(walked * shrunk, axis=1, keepdims=True) / np.sum(walked * walked, axis=1, keepdims=True)
+            steps = np.asarray(1 / np.clip(slope, 1 / LONGEST_STEP_FACTOR, None))
         step = np.minimum(steps, STRIDE_SPACINGS * spacing / np.maximum(length, ARRIVED_SPACINGS * spacing)) * ahead
         reached = source.closest_point(current.points + step)
         taken = reached.points - current.points
@@ -108,9 +110,3 @@ def walk(
 def nearest_on_sheet(source: LocalSource, start: ClosestPoints | None, goal: Floats, spacing: float) -> ClosestPoints:
     """Return the points of a source nearest to ``goal`` (n, d), on the sheets of its points ``start`` if given."""
     return source.closest_point(goal) if start is None else walk(source, goal, start, spacing).feet
-
-
-def _step_factors(walked: Floats, shrunk: Floats) -> Floats:
-    """Return by what to multiply the way ahead (n, 1), after walking ``walked`` (n, d) has ``shrunk`` (n, d) it."""
-    slope = np.sum(walked * shrunk, axis=1, keepdims=True) / np.sum(walked * walked, axis=1, keepdims=True)
-    return np.asarray(1 / np.clip(slope, 1 / LONGEST_STEP_FACTOR, None))

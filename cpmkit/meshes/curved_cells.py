@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,14 +40,9 @@ class CurvedCells:
         corners = self.nodes[self.cells]
         points = np.einsum("qk,mkd->mqd", shares, corners)
         tangents = np.einsum("qka,mkd->mqad", slopes, corners)
-        return points, weights * _measure(tangents), shares
-
-
-def _measure(tangents: Floats) -> Floats:
-    """Return the length or area (m, q) that tangents (m, q, a, d) span; 1 where there are none."""
-    gram = np.einsum("mqad,mqbd->mqab", tangents, tangents)
-    determinant = np.linalg.det(gram) if gram.shape[-1] else np.ones(gram.shape[:2])
-    return np.sqrt(np.maximum(determinant, 0.0))
+        gram = np.einsum("mqad,mqbd->mqab", tangents, tangents)
+        determinant = np.linalg.det(gram) if gram.shape[-1] else np.ones(gram.shape[:2])
+        return points, weights * np.sqrt(np.maximum(determinant, 0.0)), shares
 
 
 def _of_triangles() -> tuple[Floats, Floats, Floats]:
@@ -72,11 +68,11 @@ def _of_segments() -> tuple[Floats, Floats, Floats]:
     return shares, slopes, 0.5 * weights
 
 
-def _of_points() -> tuple[Floats, Floats, Floats]:
-    return np.ones((1, 1)), np.zeros((1, 1, 0)), np.ones(1)
-
-
-RULES_BY_NODES = {6: _of_triangles, 3: _of_segments, 1: _of_points}
+RULES_BY_NODES: dict[int, Callable[[], tuple[Floats, Floats, Floats]]] = {
+    6: _of_triangles,
+    3: _of_segments,
+    1: lambda: (np.ones((1, 1)), np.zeros((1, 1, 0)), np.ones(1)),
+}
 
 
 @dataclass(frozen=True, eq=False)

@@ -47,14 +47,16 @@ def cut(pieces: Pieces, boundary: int, distance: Floats, dim: int, curve: Closes
     count, points = len(distance), pieces.attributes[:, :dim]
     sign = _signs(points, distance, curve, spacing)
     edges, cells, sides = np.zeros((0, 2), dtype=np.int64), [], []
-    for corners, split in ((3, _split_triangles), (2, _split_segments), (1, _keep_points)):
+    for corners, split in ((3, _split_triangles), (2, _split_segments), (1, None)):
         part = with_corners(pieces.cells, corners)
         if not len(part):
             continue
         part_edges, cell_edges = edges_of(part, count)
         crossed = _crossed(points, part_edges, distance, sign, curve)
         # The crossing of edge e is called vertex count + e; only those that are used will be made.
-        after, side = split(part, count + len(edges) + cell_edges, crossed[cell_edges], sign)
+        after, side = part, _side(part, sign)  # nothing cuts a point
+        if split is not None:
+            after, side = split(part, count + len(edges) + cell_edges, crossed[cell_edges], sign)
         edges = np.concatenate([edges, part_edges])
         cells.append(after)
         sides.append(side)
@@ -105,12 +107,6 @@ def _zero(attributes: Floats, edges: Ints, distance: Floats) -> Floats:
 def _distance_from_curve(points: Floats, curve: ClosestPointSource) -> Floats:
     """Return how far ``points`` are from ``curve``."""
     return norms(curve.closest_point(np.ascontiguousarray(points)).points - points)
-
-
-def _keep_points(cells: Ints, crossings: Ints, crossing: Bools, sign: Floats) -> tuple[Ints, Floats]:
-    """Return the cells, which nothing can cut, and the side of each: 1 left, -1 right, 0 neither."""
-    del crossings, crossing
-    return cells, _side(cells, sign)
 
 
 def _split_segments(cells: Ints, crossings: Ints, crossing: Bools, sign: Floats) -> tuple[Ints, Floats]:

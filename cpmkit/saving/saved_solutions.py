@@ -92,13 +92,13 @@ def read_solution(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
         )
     options = [replace(OPTION_ARRAY, name=f"lattice_{name}") for name in every_option()]
     rows = {row.name: row for row in (*options, *LATTICE_ARRAYS)}
-    on_lattice = bool(
-        read_saved(path, [replace(row, needed=False) for row in rows.values() if not row.shape], SAVED_SOLUTION_WORDS)
-    )
-    arrays = read_saved(
-        path, (*FORMAT_ARRAYS, *MESH_ARRAYS, *FURTHER, *(rows.values() if on_lattice else ())), SAVED_SOLUTION_WORDS
-    )
-    _check_mesh(path, arrays)
+    numbers_of_lattice = [replace(row, needed=False) for row in rows.values() if not row.shape]
+    on_lattice = bool(read_saved(path, numbers_of_lattice, SAVED_SOLUTION_WORDS))
+    table = (*FORMAT_ARRAYS, *MESH_ARRAYS, *FURTHER, *(rows.values() if on_lattice else ()))
+    arrays = read_saved(path, table, SAVED_SOLUTION_WORDS)
+    mesh = [arrays[name] for name in ("points", "values", "cells") if name in arrays]
+    if mesh and (len(mesh) < 3 or np.any((mesh[-1] < -1) | (mesh[-1] >= len(mesh[0])))):
+        raise InputError(f"{shown(path.name)} holds half a mesh: points, cells and values belong together.")
     summary = read_json_table(arrays["summary"], path, "summary")
     where = f"the summary of {shown(path.name)}"
     check_fields(summary, SUMMARY_KEYS, where)
@@ -109,13 +109,6 @@ def read_solution(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
         check_fields(summary, REBUILT_KEYS, where, LISTED_KEYS)
         check_fields(summary["scene"], SCENE_KEYS, f"scene in {where}")
     return arrays, summary
-
-
-def _check_mesh(path: Path, arrays: Mapping[str, Any]) -> None:
-    """Refuse half of a display mesh, and cells of vertices that it has not."""
-    mesh = [arrays[name] for name in ("points", "values", "cells") if name in arrays]
-    if mesh and (len(mesh) < 3 or np.any((mesh[-1] < -1) | (mesh[-1] >= len(mesh[0])))):
-        raise InputError(f"{shown(path.name)} holds half a mesh: points, cells and values belong together.")
 
 
 def of_another_scene(path: Path, differs: str) -> InputError:

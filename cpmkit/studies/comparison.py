@@ -27,20 +27,15 @@ def comparison_table(studies: Sequence[tuple[str, Sequence[Series]]]) -> str:
     """
     ordered = sorted((one for _, series in studies for one in series), key=lambda one: one.method != "cpm")
     labels = list(dict.fromkeys(one.label for one in ordered))  # twins are those of the first
-    rows = [
-        [
-            "",
-            "spacing",
-            "unknowns",
-            "twins",
-            *(f"{name}, {label}" for name in SHOWN_ENTRIES.values() for label in labels),
-        ]
-    ]
+    columns = [f"{name}, {label}" for name in SHOWN_ENTRIES.values() for label in labels]
+    rows = [["", "spacing", "unknowns", "twins", *columns]]
     for title, series in studies:
         found = {(one.label, entry.spacing): entry for one in series for entry in one.entries}
         for spacing in sorted({spacing for _, spacing in found}, reverse=True):
             entries = [found.get((label, spacing)) for label in labels]
-            rows.append([title, f"{spacing:g}", *_size(entries), *_differences(entries)])
+            values = [math.nan if one is None else one.percent(name) for name in SHOWN_ENTRIES for one in entries]
+            shown = ("" if math.isnan(value) else f"{value:.2f}" for value in values)
+            rows.append([title, f"{spacing:g}", *_size(entries), *shown])
     filled = [k for k in range(len(rows[0])) if any(cells[k] for cells in rows[1:])]
     header, *lines = [table_row([cells[k] for k in filled]) for cells in rows]
     return "\n".join([header, table_rule(1, len(filled) - 1), *lines])
@@ -61,8 +56,3 @@ def _size(entries: Sequence[Entry | None]) -> list[str]:
     first = next(entry for entry in entries if entry is not None)
     share = first.twins / first.unknowns
     return [f"{first.unknowns:,.0f}", "" if math.isnan(share) else f"{share:.1%}"]
-
-
-def _differences(entries: Sequence[Entry | None]) -> list[str]:
-    values = [math.nan if entry is None else entry.percent(name) for name in SHOWN_ENTRIES for entry in entries]
-    return ["" if math.isnan(value) else f"{value:.2f}" for value in values]

@@ -59,17 +59,10 @@ def solve_eigen(context: SolveContext) -> EigenSolution:
         form.check_signs(float(np.min(values.real)), WRONG_SIGN_UNITS * abs(stepped.unit))
     modes = _modes(problem, stepped, values, vectors)
     report = _judge(stepped, float(modes.residuals.max()))
-    return EigenSolution(
-        form,
-        modes.functions,
-        report,
-        form.work(stiffness, report),
-        {"build": built - context.started, "solve": time.perf_counter() - built},
-        modes.values.real,
-        modes.values.imag,
-        modes.residuals,
-        warnings=(*form.warnings(), *_complex_pairs(modes, stepped.shift)),
-    )
+    work, told = form.work(stiffness, report), (*form.warnings(), *_complex_pairs(modes, stepped.shift))
+    seconds = {"build": built - context.started, "solve": time.perf_counter() - built}
+    real, imaginary = modes.values.real, modes.values.imag
+    return EigenSolution(form, modes.functions, report, work, seconds, real, imaginary, modes.residuals, warnings=told)
 
 
 def _iterate(problem: Eigen, stepped: InverseIteration) -> tuple[Any, Any]:

@@ -78,7 +78,10 @@ def read_checkpoint(path: Path, plan: RunPlan) -> tuple[RunState, SolveTally]:
         frames so far must agree.
     """
     (text,) = read_saved(path, CHECKPOINT_ARRAYS[:1], CHECKPOINT_WORDS).values()
-    _check_description(path, plan, read_json_table(text, path, "run"))
+    run = read_json_table(text, path, "run")
+    for key, value in describe_run(plan).items():
+        if run.get(key) != value:
+            raise InputError(f"{_differs(path)}: its {key} is {shown(run.get(key))}, and here it is {value!r}.")
     unknowns, channels = plan.start.u.shape
     arrays = read_saved(path, CHECKPOINT_ARRAYS, CHECKPOINT_WORDS, {"unknowns": unknowns, "channels": channels})
     contents = str(arrays.pop("contents"))
@@ -99,13 +102,6 @@ def read_checkpoint(path: Path, plan: RunPlan) -> tuple[RunState, SolveTally]:
 
 def _differs(path: Path) -> str:
     return f"The checkpoint {path} is of another run"
-
-
-def _check_description(path: Path, plan: RunPlan, run: Mapping[str, Any]) -> None:
-    """Refuse the checkpoint of another run, and say what differs."""
-    for key, value in describe_run(plan).items():
-        if run.get(key) != value:
-            raise InputError(f"{_differs(path)}: its {key} is {shown(run.get(key))}, and here it is {value!r}.")
 
 
 def _check_steps(path: Path, plan: RunPlan, arrays: Mapping[str, np.ndarray]) -> None:
@@ -129,6 +125,5 @@ def _check_steps(path: Path, plan: RunPlan, arrays: Mapping[str, np.ndarray]) ->
 
 
 def _same_times(given: Floats, expected: Sequence[float], plan: RunPlan) -> bool:
-    return len(given) == len(expected) and bool(
-        np.abs(given - expected).max() <= ROUNDED_STEP_SHARE * plan.evolution.step
-    )
+    rounding = ROUNDED_STEP_SHARE * plan.evolution.step
+    return len(given) == len(expected) and bool(np.abs(given - expected).max() <= rounding)

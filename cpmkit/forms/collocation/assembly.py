@@ -78,10 +78,8 @@ def _diffusivity(tables: Discretization, data: Data) -> Floats:
         return np.asarray(np.log(a))
 
     reading, sources = layout.formula, layout.sources
-    near = (
-        np.linalg.norm(reading.points - sources.points, axis=1, keepdims=True)
-        < AMBIGUOUS_MIRROR_SPACINGS * layout.lattice.spacing
-    )
+    apart = np.linalg.norm(reading.points - sources.points, axis=1, keepdims=True)
+    near = apart < AMBIGUOUS_MIRROR_SPACINGS * layout.lattice.spacing
     at_sources, mirror = log_at(sources.points), log_at(np.where(near, sources.points, reading.points))
     log = np.where(sources.coefficient == 1, 2 * at_sources - mirror, sources.coefficient * at_sources)
     return np.concatenate([np.exp(_with_terms(log, sources, log_at)), *(_of_ghosts(g, log_at) for g in layout.ghosts)])

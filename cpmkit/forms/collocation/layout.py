@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from cpmkit.forms.collocation.boundary.on_band import BoundariesOnBand, put_on_lattice
-from cpmkit.forms.collocation.boundary.row_formula import ExtraPoint, RowFormula
+from cpmkit.forms.collocation.boundary.row_formula import RowFormula
 from cpmkit.forms.collocation.encounters.beside_rims import RimStrip, find_rim_strips
 from cpmkit.forms.collocation.encounters.boundaries import SectorJump, Strip, find_encounters
 from cpmkit.forms.collocation.encounters.facing_rims import FacingRims, find_facing_rims
@@ -141,7 +141,12 @@ def lay_out(scene: Scene, options: Options[CollocationOptions], progress: Progre
     for index in range(len(scene.boundaries)):
         ghosts.append(build_ghosts(index, sight, band, lattice, past.mirrored, order))
         progress("boundaries", (index + 1) / len(scene.boundaries))
-    reading = replace(past.formula, terms=[_located(term, sight, band) for term in past.formula.terms])
+    radius = 2 * reading_radius(band.dim, band.degree) * band.spacing
+    terms = [
+        replace(term, side_views=[one.side_view(term.points, radius, band.spacing) for one in sight.on_lattice])
+        for term in past.formula.terms
+    ]
+    reading = replace(past.formula, terms=terms)
     sources = _inside_sources(past, sight, band, order)
     layout = Layout(options, lattice, surface, band, reading, sources, sight, ghosts, scene.channels)
     return _with_encounters(layout, scene.problem.start_time)
@@ -175,12 +180,6 @@ def with_data_of(layout: Layout, scene: Scene) -> Layout:
     """Return the layout of a scene that differs in its equation and its data alone."""
     seen = replace(layout.boundaries, given=scene.boundaries)
     return _compared(replace(layout, boundaries=seen, channels=scene.channels), scene.problem.start_time)
-
-
-def _located(term: ExtraPoint, boundaries: BoundariesOnBand, band: Band) -> ExtraPoint:
-    """Return a term of the band's nodes with how its points see the boundaries."""
-    radius = 2 * reading_radius(band.dim, band.degree) * band.spacing
-    return replace(term, side_views=[one.side_view(term.points, radius, band.spacing) for one in boundaries.on_lattice])
 
 
 def _inside_sources(past: PastEdge, boundaries: BoundariesOnBand, band: Band, order: int) -> RowFormula:

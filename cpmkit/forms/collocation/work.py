@@ -57,13 +57,12 @@ class Work:
 
 def measure_work(tables: Discretization, operator: Operator, report: SolveReport | None) -> Work:
     """Return what the tables hold and what the solve did."""
+    fallen = sum(np.count_nonzero(ghosts.orders[: ghosts.unknowns] == 1) for ghosts in tables.layout.ghosts)
     return Work(
         unknowns=operator.size,
         nodes=len(tables.layout.band.nodes),
         ghosts=operator.size - tables.layout.band.inner,
-        first_order_ghosts=int(
-            sum(np.count_nonzero(ghosts.orders[: ghosts.unknowns] == 1) for ghosts in tables.layout.ghosts)
-        ),
+        first_order_ghosts=int(fallen),
         nonzeros=operator.nonzeros,
         operator_applications=report.operator_applications if report else 0,
         closest_point_queries=sum(tables.layout.queries.values()),

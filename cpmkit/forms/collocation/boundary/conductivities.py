@@ -13,7 +13,7 @@ from cpmkit.scene.laws import Interface
 
 #: A diffusivity is read so many spacings beside the boundary, and twice as far: a curve that is snapped to the surface
 #: lies nearer to where the materials meet than that.
-READ_BESIDE_SPACINGS = 0.25
+READ_BESIDE_SPACINGS = (0.25, 0.5)
 #: Readings whose logarithms differ by less are of one material, and are continued to the boundary.
 SAME_MATERIAL_LOG_RATIO = 0.4
 #: What is given may differ from the problem's diffusivity by this share of it.
@@ -26,11 +26,11 @@ def conductivities(
     law: Interface, diffusivity: Data, side_view: SideView, carries_left: Bools, lattice: Lattice
 ) -> tuple[Floats, Floats]:
     """Return the conductivities (n,) on the side on which ghosts stand, and on the side that they carry."""
-    sides = [
-        _continued_to_boundary(diffusivity if given is None else given, side_view, sign, lattice)
-        for given, sign in ((law.left, 1.0), (law.right, -1.0))
-    ]
-    return np.where(carries_left, sides[1], sides[0]), np.where(carries_left, sides[0], sides[1])
+    given = (diffusivity if one is None else one for one in (law.left, law.right))
+    left, right = (
+        _continued_to_boundary(one, side_view, sign, lattice) for one, sign in zip(given, (1, -1), strict=True)
+    )
+    return np.where(carries_left, right, left), np.where(carries_left, left, right)
 
 
 def check_conductivities(what: str, law: Interface, diffusivity: Data, side_view: SideView, lattice: Lattice) -> None:
@@ -45,10 +45,7 @@ def check_conductivities(what: str, law: Interface, diffusivity: Data, side_view
         if given is None or not len(side_view.rows):
             continue
         wanted = _continued_to_boundary(given, side_view, sign, lattice)
-        near = [
-            _data_beside(diffusivity, side_view, sign * share, lattice)
-            for share in (READ_BESIDE_SPACINGS, 2 * READ_BESIDE_SPACINGS)
-        ]
+        near = [_data_beside(diffusivity, side_view, sign * share, lattice) for share in READ_BESIDE_SPACINGS]
         near.append(_continued_to_boundary(diffusivity, side_view, sign, lattice))
         off = np.min([np.abs(wanted / one - 1) for one in near], axis=0)
         if np.mean(off > DIFFUSIVITY_MISMATCH_SHARE) <= MISREAD_POINTS_SHARE:
@@ -65,10 +62,7 @@ def _continued_to_boundary(data: Data, side_view: SideView, sign: float, lattice
     """Return data (n,) at the boundary, continued from one side: to second order where they are smooth there."""
     if not callable(data):
         return _data_beside(data, side_view, 0.0, lattice)
-    near, far = (
-        np.log(_data_beside(data, side_view, sign * share, lattice))
-        for share in (READ_BESIDE_SPACINGS, 2 * READ_BESIDE_SPACINGS)
-    )
+    near, far = (np.log(_data_beside(data, side_view, sign * share, lattice)) for share in READ_BESIDE_SPACINGS)
     return np.asarray(np.exp(np.where(np.abs(near - far) < SAME_MATERIAL_LOG_RATIO, 2 * near - far, far)))
 
 

@@ -84,9 +84,8 @@ def near(source: LocalSource, points: Floats, radius: float, spacing: float) -> 
     side = BLOCK_SPACINGS * spacing
     blocks, member = np.unique(np.floor(points / side).astype(np.int64), axis=0, return_inverse=True)
     reach = radius + 0.5 * np.sqrt(source.dim) * side
-    close = source.closest_point(np.asarray((blocks + 0.5) * side, dtype=np.float64)).distance <= reach * (
-        1 + ON_BOUNDARY_SPACINGS
-    )
+    distance = source.closest_point(np.asarray((blocks + 0.5) * side, dtype=np.float64)).distance
+    close = distance <= reach * (1 + ON_BOUNDARY_SPACINGS)
     rows = np.flatnonzero(close[member.ravel()])
     feet = source.closest_point(points[rows])
     kept = feet.distance <= radius
@@ -168,9 +167,8 @@ class BoundaryOnLattice:
         view = SideView(rows, on.points, end, distance, signed, left, director)
         if way is None:
             return view
-        return view.take(
-            (np.abs(signed) >= UNCLEAR_SIDE_COSINE * distance) | (distance <= NEAR_BOUNDARY_SPACINGS * spacing)
-        )
+        clear = np.abs(signed) >= UNCLEAR_SIDE_COSINE * distance
+        return view.take(clear | (distance <= NEAR_BOUNDARY_SPACINGS * spacing))
 
     def _from_point(self, on_surface: ClosestPoints, away: Floats, spacing: float) -> Floats:
         """Return directors T (z - y), seen from a point on a surface.
@@ -184,9 +182,8 @@ class BoundaryOnLattice:
         director = project_tangent(self.surface, on_surface, away, 0.5 * spacing)
         touching = np.linalg.norm(director, axis=1) < ON_BOUNDARY_SPACINGS * spacing
         for axis in np.eye(self.surface.dim):
-            tangent = project_tangent(
-                self.surface, on_surface.take(touching), np.tile(axis, (touching.sum(), 1)), 0.5 * spacing
-            )
+            axes = np.tile(axis, (touching.sum(), 1))
+            tangent = project_tangent(self.surface, on_surface.take(touching), axes, 0.5 * spacing)
             longer = np.linalg.norm(tangent, axis=1) > 0.5
             director[np.flatnonzero(touching)[longer]] = ON_BOUNDARY_SPACINGS * spacing * tangent[longer]
         return director

@@ -6,6 +6,7 @@ The numbers behind the expected errors are in docs/explanation/sheets.md.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -67,20 +68,12 @@ def find_unresolved(layout: Layout, spacing: float | None = None) -> tuple[Unres
     survey = _survey(layout, layout.lattice.spacing if spacing is None else spacing)
     if not len(survey.feet):
         return ()
-    turns = [
-        one
-        for one in (_sharp_creases(survey), _sharp_bends(survey))
-        if one is not None and one.error >= TOLD_ERROR_SHARE
-    ]
+    turns = [one for one in (_sharp_creases(survey), _sharp_bends(survey)) if one and one.error >= TOLD_ERROR_SHARE]
     kinds = {feature.kind for feature in turns}
     creases, bends = survey.creased & ("crease" in kinds), ~survey.creased & ("bend" in kinds)
     limbs = limb_feature(layout) if survey.spacing == layout.lattice.spacing else None
-    mixed = [
-        one
-        for one in _close_sheets(survey, survey.turns.places[creases], survey.turns.places[bends])
-        if one.error >= TOLD_ERROR_SHARE
-    ]
-    return *turns, *([] if limbs is None else [limbs]), *mixed
+    mixed = _close_sheets(survey, survey.turns.places[creases], survey.turns.places[bends])
+    return *turns, *([limbs] if limbs else []), *(one for one in mixed if one.error >= TOLD_ERROR_SHARE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,15 +120,8 @@ def _survey(layout: Layout, spacing: float) -> _Survey:
     one_sheet = profile.one_sheet[nearest_sampled]  # the others span two sheets and say nothing of how these turn
     nearest_sampled, turns = nearest_sampled[one_sheet], turns.take(one_sheet)
     aligned = np.abs(profile.along).max(axis=1) > ALIGNED_CREASE_COSINE
-    return _Survey(
-        layout,
-        spacing,
-        feet,
-        turns,
-        profile.creased[nearest_sampled],
-        profile.angle[nearest_sampled],
-        aligned[nearest_sampled],
-    )
+    of_turns: Any = [values[nearest_sampled] for values in (profile.creased, profile.angle, aligned)]
+    return _Survey(layout, spacing, feet, turns, *of_turns)
 
 
 def _sharp_creases(survey: _Survey) -> UnresolvedFeature | None:
@@ -199,22 +185,18 @@ def _close_sheets(survey: _Survey, creases: Floats, bends: Floats) -> list[Unres
     """
     gaps, h = find_mixed_gaps(survey.band), survey.band.spacing
     reach = foot_reach_spacings(survey.band.dim, survey.band.degree) * h
-    explained = _lie_beside(creases, gaps.places, reach) | (
-        _lie_beside(bends, gaps.places, reach) & np.isinf(gaps.width)
-    )
-    gaps = gaps.take(~explained)
+    explained = _lie_beside(bends, gaps.places, reach) & np.isinf(gaps.width)
+    gaps = gaps.take(~explained & ~_lie_beside(creases, gaps.places, reach))
     close = gaps.narrower(SEPARATE_SHEETS_SPACINGS * survey.spacing)
     surface = survey.layout.surface
-    unseen = find_unseen_gaps(survey.band, surface.source.exact, len(surface.members) > 1).narrower(
-        SEPARATE_SHEETS_SPACINGS * survey.spacing
-    )
+    unseen = find_unseen_gaps(survey.band, surface.source.exact, len(surface.members) > 1)
+    unseen = unseen.narrower(SEPARATE_SHEETS_SPACINGS * survey.spacing)
     lost = gaps.take(gaps.width >= SEPARATE_SHEETS_SPACINGS * h)
     features = []
     width, places = np.concatenate([close.width, unseen.width]), np.concatenate([close.places, unseen.places])
     if len(places):
-        mixed = _lie_beside(close.places, survey.feet, BESIDE_BEND_SPACINGS * h) | _lie_beside(
-            unseen.places, survey.feet, survey.half_stencil
-        )
+        mixed = _lie_beside(close.places, survey.feet, BESIDE_BEND_SPACINGS * h)
+        mixed |= _lie_beside(unseen.places, survey.feet, survey.half_stencil)
         share, typical, worst = float(mixed.mean()), float(np.median(width)), float(width.min())
         cure = float(np.quantile(width, 1 - RESOLVED_SHARE)) / SEPARATE_SHEETS_SPACINGS
         features.append(

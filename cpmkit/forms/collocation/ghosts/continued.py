@@ -49,7 +49,8 @@ def continue_ghosts(geometry: GhostGeometry, law: Law, side: Ints, orders: Ints)
 def _points(geometry: GhostGeometry, rows: Ints, direction: Floats, count: int) -> tuple[Inside, Bools]:
     """Return points behind the feet of the ghosts ``rows``, and for which nothing is in their way."""
     foot, own = geometry.seen.foot[rows], geometry.own
-    inside = points_inwards(own.surface, foot, direction, count, geometry.spacing, geometry.start_of(rows))
+    start = None if geometry.start is None else geometry.start.take(rows)
+    inside = points_inwards(own.surface, foot, direction, count, geometry.spacing, start)
     reach = 2 * float(np.linalg.norm(inside.points - foot[:, None], axis=2).max())
     blocked = beyond_another(geometry, rows, inside.points[:, -1], reach)
     return inside, inside.sound & ~blocked & own.has_sides

@@ -81,10 +81,6 @@ class GhostGeometry:
         """The surface's records of the boundary's points, to walk from along their sheets; None where it has one."""
         return None if self.own.sheets is None else self.own.surface.closest_point(self.seen.foot)
 
-    def start_of(self, rows: Ints | Bools) -> ClosestPoints | None:
-        """Return the same of the ghosts ``rows``."""
-        return None if self.start is None else self.start.take(rows)
-
     @cached_property
     def _ahead(self) -> Floats:
         """(g,) how far beyond the boundary ghosts of order 2 look."""

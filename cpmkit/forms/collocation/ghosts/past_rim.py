@@ -78,9 +78,7 @@ def straight_ahead(
 
 def _parallel(side_view: SideView, feet: Floats, outward: Floats, spacing: float) -> Bools:
     """Tell at which feet on an edge the boundary runs alongside it, on the inner side."""
-    inwards = np.sum((feet - side_view.foot) * outward, axis=1)
-    touching = np.linalg.norm(feet - side_view.foot, axis=1) < UNDIRECTED_FOOT_SPACINGS * spacing
+    away = feet - side_view.foot
+    inwards, length = np.sum(away * outward, axis=1), np.linalg.norm(away, axis=1)
     across = np.abs(np.sum(side_view.conormal * outward, axis=1)) > ALONGSIDE_COSINE
-    return np.asarray(
-        across & (touching | (inwards > ALONGSIDE_COSINE * np.linalg.norm(feet - side_view.foot, axis=1)))
-    )
+    return np.asarray(across & ((length < UNDIRECTED_FOOT_SPACINGS * spacing) | (inwards > ALONGSIDE_COSINE * length)))

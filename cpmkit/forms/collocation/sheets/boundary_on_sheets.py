@@ -170,10 +170,8 @@ class BoundaryOnSheets:
         best, found = np.zeros(len(targets.points), dtype=np.int64), np.zeros(len(targets.points), dtype=bool)
         for begin in range(0, len(best), SHEET_PARCEL_POINTS):
             rows = np.arange(begin, min(begin + SHEET_PARCEL_POINTS, len(best)))
-            distance, near = (
-                np.reshape(each, (len(rows), count)) for each in tree.query(targets.points[rows], k=count)
-            )
-            near = near.astype(np.int64)
+            found_each = tree.query(targets.points[rows], k=np.arange(1, count + 1))
+            distance, near = found_each[0], found_each[1].astype(np.int64)
             row, column = np.nonzero(distance <= radius)
             around, target = self.samples.take(near[row, column]), targets.take(rows[row])
             bent = same_sheet(around.points, around.normals, target.points, target.normals, self.spacing, self.signed)

@@ -102,15 +102,6 @@ def _with_twins(source: LocalSource, band: Band, sites: Sites, unfolded: bool, m
     new[order] = np.arange(len(sites))
     first, twins = twins_by_site(new[sites.base[order]], np.flatnonzero(order >= count))
     nodes, feet, anchor = band.nodes[sites.base[order]], sites.feet.take(order), new[sites.anchor[order]]
-    n = sites.normals[order]
-    return Band(
-        band.spacing,
-        band.degree,
-        nodes,
-        band.inner + int(sites.unknown[later].sum()),
-        feet,
-        band.codes,
-        band.inner,
-        count - band.inner,
-        Sheets(source, band.spacing, nodes, feet, n, anchor, first, twins, unfolded, new[mixed]),
-    )
+    n, inner = sites.normals[order], band.inner + int(sites.unknown[later].sum())
+    sheets = Sheets(source, band.spacing, nodes, feet, n, anchor, first, twins, unfolded, new[mixed])
+    return Band(band.spacing, band.degree, nodes, inner, feet, band.codes, band.inner, count - band.inner, sheets)
