@@ -106,24 +106,13 @@ def factory(kind: str, hook: str = "cpmkit_sources") -> Callable[..., Any]:
     PluginError
         If the kind is unknown, or its plugin does not offer it through this hook.
     """
-    make = offered(kind, hook)
-    if make is None:
-        raise PluginError(f"The kind {kind!r} is not among what its plugin hands to the hook {hook}.")
-    return make
-
-
-def offered(kind: str, hook: str) -> Callable[..., Any] | None:
-    """Return the factory of ``kind`` that its plugin hands to ``hook``, None if it hands none.
-
-    Raises
-    ------
-    PluginError
-        If the kind is unknown.
-    """
     plugin = load(kind)
     others = [other for other in manager().get_plugins() if other is not plugin]
     answers: list[Mapping[str, Callable[..., Any]]] = manager().subset_hook_caller(hook, others)()
-    return next((answer[kind] for answer in answers if kind in answer), None)
+    make = next((answer[kind] for answer in answers if kind in answer), None)
+    if make is None:
+        raise PluginError(f"The kind {kind!r} is not among what its plugin hands to the hook {hook}.")
+    return make
 
 
 def call(make: Callable[..., Made], what: str, table: Mapping[str, Any]) -> Made:

@@ -20,28 +20,23 @@ if TYPE_CHECKING:
 
 def summarize(solution: Solution) -> dict[str, Any]:
     """Return the summary that ``summary.json`` holds."""
+    versions = {name: version_of(name) or "not installed" for name in solution.discretized.libraries}
     return {
         "scene": describe_scene(solution.scene),
-        "discretization": {
-            "spacing": solution.spacing,
-            "channels": solution.channels,
-            **solution.discretization(),
-        },
+        "discretization": {"spacing": solution.spacing, "channels": solution.channels, **solution.discretization()},
         "report": solution.report.as_dict(),
         "work": solution.work.as_dict(),
         "seconds": dict(solution.seconds),
         "warnings": list(solution.warnings),
         "imbalances": [imbalance.as_dict() for imbalance in solution.imbalances],
-        "versions": {
-            "python": platform.python_version(),
-            **{name: version_of(name) or "not installed" for name in solution.discretized.libraries},
-        },
+        "versions": {"python": platform.python_version(), **versions},
     }
 
 
 def describe_scene(scene: Scene) -> dict[str, Any]:
     """Return what a scene holds, as plain values: of functions only that they are some."""
     edge = scene.edge
+    held = {str(loop): _condition(one) for loop, one in edge.items()} if isinstance(edge, Mapping) else _condition(edge)
     return {
         "surface": type(scene.surface).__name__,
         "dim": scene.surface.dim,
@@ -55,9 +50,7 @@ def describe_scene(scene: Scene) -> dict[str, Any]:
             {side: _condition(boundary.condition(side)) for side in SIDES} | {"name": boundary.name}
             for boundary in scene.boundaries
         ],
-        "edge": {str(loop): _condition(one) for loop, one in edge.items()}
-        if isinstance(edge, Mapping)
-        else _condition(edge),
+        "edge": held,
     }
 
 

@@ -18,13 +18,7 @@ from cpmkit.scene.vertex_data import VertexData
 
 #: The number of a rim.
 LOOP_NUMBER = re.compile(r"[0-9]{1,6}")
-CONDITIONS: dict[str, Any] = {
-    "dirichlet": Dirichlet,
-    "neumann": Neumann,
-    "robin": Robin,
-    "steklov": Steklov,
-    "simply_supported": SimplySupported,
-}
+CONDITIONS: dict[str, Any] = {one.kind: one for one in (Dirichlet, Neumann, Robin, Steklov, SimplySupported)}
 #: What is given for those that take a list.
 LIST_ENTRIES = {"robin": ("alpha", "beta", "gamma"), "simply_supported": ("u", "Lap u")}
 

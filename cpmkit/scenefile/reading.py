@@ -30,17 +30,8 @@ from cpmkit.scenefile.condition_tables import as_table, read_data, read_edge, re
 from cpmkit.scenefile.output_request import OutputRequest, PictureRequest, check_links, output_folder
 
 SCENE_TABLES = ("surface", "boundary", "problem", "discretization", "solver", "output")
-PROBLEMS: dict[str, type[Equation]] = {
-    "laplace": Laplace,
-    "poisson": Poisson,
-    "screened": ScreenedPoisson,
-    "elliptic": Elliptic,
-    "helmholtz": Helmholtz,
-    "eigen": Eigen,
-    "biharmonic": Biharmonic,
-    "heat": Heat,
-    "wave": Wave,
-}
+EQUATIONS = (Laplace, Poisson, ScreenedPoisson, Elliptic, Helmholtz, Eigen, Biharmonic, Heat, Wave)
+PROBLEMS: dict[str, type[Equation]] = {one.kind: one for one in EQUATIONS}
 #: Keys of a boundary beside those of its kind.
 SIDE_KEYS = ("both", "left", "right", "left_of", "across")
 #: Characters of a boundary's name.
