@@ -7,7 +7,7 @@ The laws that every source keeps are checked by :mod:`cpmkit.testing`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, Literal, Protocol, Self, runtime_checkable
 
@@ -26,6 +26,8 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 Side = Literal["left", "right"]
+#: The side from which points on boundaries are read: of all, or of each by its name.
+Sides = Side | Mapping[str, Side] | None
 #: Both sides of a boundary.
 SIDES: tuple[Side, Side] = ("left", "right")
 

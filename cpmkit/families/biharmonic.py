@@ -8,7 +8,6 @@ square's condition number.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,7 +17,7 @@ from cpmkit.errors import InputError, SceneError
 from cpmkit.families.context import SolveContext
 from cpmkit.linear.operators import ComplexShift
 from cpmkit.linear.report import SolveReport
-from cpmkit.protocols import Floats, Side, Stiffness
+from cpmkit.protocols import Floats, Sides, Stiffness
 from cpmkit.scene.compound_equations import Biharmonic
 from cpmkit.scene.equations import Terms
 from cpmkit.solution.solution import Solution
@@ -36,7 +35,7 @@ class BiharmonicSolution(Solution):
 
     second: Floats
 
-    def laplacian(self, points: Any, side: Side | Mapping[str, Side] | None = None) -> Floats:
+    def laplacian(self, points: Any, side: Sides = None) -> Floats:
         """Return Lap u; the parameters are those of :meth:`cpmkit.Solution.evaluate`."""
         return replace(self, values=self.second).evaluate(points, side)
 

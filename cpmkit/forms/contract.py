@@ -21,7 +21,7 @@ from cpmkit.errors import InputError, SceneError
 from cpmkit.forms.free_constants import defects_of, free_pieces
 from cpmkit.forms.imbalance import Imbalance
 from cpmkit.linear.operators import Border, Bordered
-from cpmkit.protocols import SIDES, Floats, Operator, Side, Stiffness
+from cpmkit.protocols import SIDES, Floats, Operator, Side, Sides, Stiffness
 from cpmkit.scene.data import Data, evaluate_data, takes_time
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.laws import Spectral, takes_nothing
@@ -255,24 +255,22 @@ class Discretized(ABC):
         """Return the means (k, m) over the manifold of the products of u's columns (n, k) with v's (n, m)."""
 
     @abstractmethod
-    def rows(self, points: Floats, side: Side | Mapping[str, Side] | None = None) -> csr_array:
+    def rows(self, points: Floats, side: Sides = None) -> csr_array:
         """Return the matrix (k, n) that reads u at the manifold's points nearest to ``points`` (k, d)."""
 
-    def gradient_rows(self, points: Floats, side: Side | Mapping[str, Side] | None = None) -> tuple[csr_array, ...]:
+    def gradient_rows(self, points: Floats, side: Sides = None) -> tuple[csr_array, ...]:
         """Return the d matrices (k, n) that read the tangential gradient of u, a coordinate each."""
         raise InputError(f"the form {self.form!r} reads no gradients.")
 
-    def evaluate(
-        self, u: Floats, points: Any, side: Side | Mapping[str, Side] | None = None, time: float | None = None
-    ) -> Floats:
+    def evaluate(self, u: Floats, points: Any, side: Sides = None, time: float | None = None) -> Floats:
         """Return the values (k, channels) at the manifold's points nearest to ``points`` (k, d)."""
         return np.asarray(self.rows(points, side) @ u)
 
-    def gradient(self, u: Floats, points: Any, side: Side | Mapping[str, Side] | None = None) -> Floats:
+    def gradient(self, u: Floats, points: Any, side: Sides = None) -> Floats:
         """Return the tangential gradient (k, channels, d)."""
         return np.stack([rows @ u for rows in self.gradient_rows(points, side)], axis=-1)
 
-    def sides(self, side: Side | Mapping[str, Side] | None) -> Mapping[str, Side]:
+    def sides(self, side: Sides) -> Mapping[str, Side]:
         """Return the side that is asked for, by the boundary's name.
 
         Raises

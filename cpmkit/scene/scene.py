@@ -14,7 +14,7 @@ from cpmkit.manifold.answers import check_source
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.protocols import SIDES, BoundarySet, ClosestPointSource, Floats
 from cpmkit.scene.boundary import ONE
-from cpmkit.scene.condition import Condition
+from cpmkit.scene.condition import Condition, EdgeConditions
 from cpmkit.scene.conditions import Neumann
 from cpmkit.scene.data import Data, evaluate_data
 from cpmkit.scene.equations import Equation
@@ -60,7 +60,7 @@ class Scene:
     surface: ClosestPointSource
     problem: Equation
     boundaries: Sequence[BoundarySet] = ()
-    edge: Condition | Mapping[int, Condition] = field(default_factory=Neumann)
+    edge: EdgeConditions = field(default_factory=Neumann)
 
     def __post_init__(self) -> None:
         check_source(self.surface, "the surface")
@@ -161,7 +161,7 @@ class Scene:
         return {}
 
 
-def edge_condition(edge: Condition | Mapping[int, Condition], loop: int) -> Condition:
+def edge_condition(edge: EdgeConditions, loop: int) -> Condition:
     """Return the condition of edge ``loop``.
 
     Raises

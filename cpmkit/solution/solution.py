@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from cpmkit.forms.contract import Discretized, MeasuredWork
 from cpmkit.forms.imbalance import Imbalance
 from cpmkit.linear.report import SolveReport
-from cpmkit.protocols import Floats, Side
+from cpmkit.protocols import Floats, Side, Sides
 from cpmkit.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ class Solution:
         """At which data that depend on the time are read; None where nothing does."""
         return None
 
-    def evaluate(self, points: Any, side: Side | Mapping[str, Side] | None = None) -> Floats:
+    def evaluate(self, points: Any, side: Sides = None) -> Floats:
         """Return the solution at the points of the manifold nearest to ``points``.
 
         Parameters
@@ -96,7 +96,7 @@ class Solution:
         values = self.discretized.evaluate(self.values, points, side, self.data_time)
         return values[:, 0] if self.channels == 1 else values
 
-    def gradient(self, points: Any, side: Side | Mapping[str, Side] | None = None) -> Floats:
+    def gradient(self, points: Any, side: Sides = None) -> Floats:
         """Return the surface gradient of the solution at the points of the manifold nearest to ``points``.
 
         Of second order, also on and beside boundaries and edges, where it is that of the point's own side. Where

@@ -73,7 +73,7 @@ def solve_by_fixed_nodes(
     form = discretize(bare, asked, progress)
     tables = form.tables
     sources = [localize(boundary.source, tables.layout.lattice.origin) for boundary in scene.boundaries]
-    fixed, values = _fixed_nodes(scene, tables, sources, METHODS[method])
+    fixed, values = _fixed_nodes(scene, tables, sources, method)
     terms = scene.problem.terms()
     stiffness = form.stiffness(terms)
     operator, b = _without(stiffness, form.load(terms.f) + form.data(stiffness), fixed, values)
@@ -111,12 +111,7 @@ def check_fixable(scene: Scene, method: str) -> None:
             )
 
 
-def _fixed_nodes(
-    scene: Scene,
-    tables: Discretization,
-    sources: list[LocalSource],
-    choose: Callable[[Band, LocalSource, Floats], Bools],
-) -> tuple[Bools, Floats]:
+def _fixed_nodes(scene: Scene, tables: Discretization, sources: list[LocalSource], method: str) -> tuple[Bools, Floats]:
     """Return which inner nodes are fixed (n,), and values (n, channels): of several boundaries the nearest one's."""
     layout = tables.layout
     positions = layout.band.positions[: layout.band.inner]
@@ -124,7 +119,7 @@ def _fixed_nodes(
     nearest = np.full(len(positions), np.inf)
     for boundary, source in zip(scene.boundaries, sources, strict=True):
         feet = source.closest_point(positions)
-        taken = np.flatnonzero(choose(layout.band, source, feet.distance) & (feet.distance < nearest))
+        taken = np.flatnonzero(METHODS[method](layout.band, source, feet.distance) & (feet.distance < nearest))
         nearest[taken] = feet.distance[taken]
         datum, at = boundary.condition("left").one_sided.datum, layout.lattice.to_scene(feet.points[taken])
         values[taken] = evaluate_data(datum, at, scene.channels, f"boundary {boundary.name!r}")

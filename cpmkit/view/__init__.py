@@ -18,7 +18,7 @@ import numpy as np
 from cpmkit.errors import InputError, MissingDependencyError, shown
 from cpmkit.files.whole_files import written_whole
 from cpmkit.runtime.arrays import whole
-from cpmkit.view.camera import axes_of, fit
+from cpmkit.view.camera import Direction, axes_of, fit
 from cpmkit.view.drawing import Drawing, draw
 
 if TYPE_CHECKING:
@@ -51,8 +51,8 @@ def picture(
     solution: Solution,
     path: str | Path,
     width: int = 1200,
-    view: tuple[float, ...] | None = None,
-    up: tuple[float, ...] | None = None,
+    view: Direction = None,
+    up: Direction = None,
     curves: bool = True,
     span: tuple[float, float] | None = None,
     twins: bool = False,
@@ -100,12 +100,7 @@ def picture(
     return Picture(path, "matplotlib" if reason else "opengl", reason)
 
 
-def check_picture(
-    path: str | Path,
-    width: int = 1200,
-    view: tuple[float, ...] | None = None,
-    up: tuple[float, ...] | None = None,
-) -> Path:
+def check_picture(path: str | Path, width: int = 1200, view: Direction = None, up: Direction = None) -> Path:
     """Return ``path`` if a picture can be drawn into such a file here.
 
     Raises

@@ -10,6 +10,9 @@ from cpmkit.errors import InputError
 from cpmkit.protocols import Floats, Ints
 from cpmkit.runtime.arrays import as_vector
 
+#: Three numbers, or what is usual.
+Direction = tuple[float, ...] | None
+
 #: Where the camera stands unless asked: a three-quarter view from the front, the right and above.
 VIEW_DIRECTION = (0.55, -1.0, 0.6)
 CAMERA_UP = (0.0, 0.0, 1.0)
@@ -47,12 +50,7 @@ class Camera:
         return np.asarray((points - self.centre) @ self.axes.T)
 
 
-def fit(
-    points: Floats,
-    width: int,
-    view: tuple[float, ...] | None = None,
-    up: tuple[float, ...] | None = None,
-) -> Camera:
+def fit(points: Floats, width: int, view: Direction = None, up: Direction = None) -> Camera:
     """Return the camera that shows all ``points`` (n, 3) as large as ``width`` pixels allow.
 
     Parameters
@@ -83,7 +81,7 @@ def fit(
     return Camera((low + high) / 2 @ axes, axes, np.array([half_width, half_height]), np.array([width, height]))
 
 
-def axes_of(view: tuple[float, ...] | None, up: tuple[float, ...] | None) -> Floats:
+def axes_of(view: Direction, up: Direction) -> Floats:
     """Return the axes (3, 3) of a camera: rows to the right, up, and towards the viewer.
 
     Raises

@@ -12,10 +12,13 @@ import numpy as np
 from cpmkit.errors import MissingDependencyError
 from cpmkit.meshes.display_mesh import DisplayMesh
 from cpmkit.protocols import BoundarySet, Floats, HasMesh, Ints
-from cpmkit.view.camera import Camera, fit
+from cpmkit.view.camera import Camera, Direction, fit
 
 if TYPE_CHECKING:
     from cpmkit.solution.solution import Solution
+
+#: The values at the ends of the colour bar; None: the least and the greatest.
+Span = tuple[float, float] | None
 
 #: Share of its colour that a face keeps where no light falls; the light brings the rest.
 AMBIENT = 0.5
@@ -95,13 +98,7 @@ class Drawing:
 
 
 def draw(
-    solution: Solution,
-    width: int,
-    view: tuple[float, ...] | None,
-    up: tuple[float, ...] | None,
-    curves: bool,
-    span: tuple[float, float] | None = None,
-    twins: bool = False,
+    solution: Solution, width: int, view: Direction, up: Direction, curves: bool, span: Span = None, twins: bool = False
 ) -> Drawing:
     """Return the drawing of a solution; arguments as for :func:`cpmkit.view.picture`."""
     mesh = solution.display_mesh()
@@ -198,7 +195,7 @@ def viridis(share: Floats) -> Floats:
     return np.asarray(colormaps["viridis"](share), dtype=np.float64)[:, :3]
 
 
-def value_colours(values: Floats, span: tuple[float, float] | None = None) -> tuple[Floats, Floats]:
+def value_colours(values: Floats, span: Span = None) -> tuple[Floats, Floats]:
     """Return (v, 3) colours of (v,) values, and the values (2,) at the ends of the scale: ``span``, or the extremes."""
     ends = np.array([values.min(), values.max()] if span is None else span)
     extent = ends[1] - ends[0]
@@ -206,7 +203,7 @@ def value_colours(values: Floats, span: tuple[float, float] | None = None) -> tu
     return viridis(share), ends
 
 
-def _colours(mesh: DisplayMesh, span: tuple[float, float] | None) -> tuple[Floats, Floats]:
+def _colours(mesh: DisplayMesh, span: Span) -> tuple[Floats, Floats]:
     if mesh.values.shape[1] == 3:
         return np.clip(mesh.values, 0, 1), np.zeros(0)
     return value_colours(mesh.values[:, 0], span)

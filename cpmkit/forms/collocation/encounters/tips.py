@@ -11,7 +11,7 @@ from cpmkit.forms.collocation.boundary.on_band import BoundariesOnBand
 from cpmkit.forms.collocation.encounters.boundaries import DIFFERENT_DATA_SHARE
 from cpmkit.grid.band import Band
 from cpmkit.grid.lattice import Lattice
-from cpmkit.protocols import BoundarySet, Floats
+from cpmkit.protocols import Floats
 from cpmkit.scene.alike import same_condition
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.laws import Value
@@ -64,21 +64,14 @@ def find_blurs(
     for number, (boundary, one) in enumerate(zip(boundaries.given, boundaries.on_lattice, strict=True)):
         alike = same_condition(boundary.condition("left"), boundary.condition("right"))
         if one.has_sides and one.oriented.dimension > 1 and not alike:
-            found += _tips(number, boundary, boundaries, lattice, channels, time)
+            found += _tips(number, boundaries, lattice, channels, time)
             found += _flanks(number, boundaries, band, lattice)
             found += _ring(number, boundaries, lattice)
     return found
 
 
-def _tips(
-    number: int,
-    boundary: BoundarySet,
-    boundaries: BoundariesOnBand,
-    lattice: Lattice,
-    channels: int,
-    time: float | None,
-) -> list[Blur]:
-    view, h = boundaries.side_views[number], lattice.spacing
+def _tips(number: int, boundaries: BoundariesOnBand, lattice: Lattice, channels: int, time: float | None) -> list[Blur]:
+    view, boundary, h = boundaries.side_views[number], boundaries.given[number], lattice.spacing
     ends = view.foot[view.end]
     if not len(ends):
         return []

@@ -10,7 +10,7 @@ it continues a polynomial through points inside.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,7 +34,7 @@ from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.tangent_space import outward_conormals
 from cpmkit.manifold.walking import nearest_on_sheet
 from cpmkit.protocols import ClosestPoints, Floats, Ints
-from cpmkit.scene.condition import Condition
+from cpmkit.scene.condition import EdgeConditions
 from cpmkit.scene.laws import OneSided, beta_at, is_zero_neumann
 from cpmkit.scene.scene import edge_condition
 
@@ -42,6 +42,8 @@ from cpmkit.scene.scene import edge_condition
 UNDIRECTED_EDGE_SPACINGS = 1e-6
 #: Named in errors.
 EDGE_CONDITION = "the edge's condition"
+#: Nodes past a loop of the edge, its law, and the order that it has of its own.
+Loop = tuple[Ints, OneSided, int | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,9 +65,7 @@ class PastEdge:
     sources: RowFormula
 
 
-def read_past_edge(
-    surface: LocalSource, band: Band, lattice: Lattice, edge: Condition | Mapping[int, Condition], order: int
-) -> PastEdge:
+def read_past_edge(surface: LocalSource, band: Band, lattice: Lattice, edge: EdgeConditions, order: int) -> PastEdge:
     """Return what each node of the band reads, the edge's conditions applied to those past it."""
     loops = _loops(band, edge)
     mirrored = _mirrored(surface, band, lattice, loops, order)
@@ -78,12 +78,7 @@ def read_past_edge(
 
 
 def read_at_feet(
-    surface: LocalSource,
-    band: Band,
-    lattice: Lattice,
-    edge: Condition | Mapping[int, Condition],
-    past: PastEdge,
-    rows: Ints,
+    surface: LocalSource, band: Band, lattice: Lattice, edge: EdgeConditions, past: PastEdge, rows: Ints
 ) -> PastEdge:
     """Return ``past`` with the nodes ``rows`` past the edge of first order: they read their feet."""
     if not len(rows):
@@ -94,9 +89,7 @@ def read_at_feet(
     return PastEdge(reading, mirrored, replaced(past.sources, rows, sources))
 
 
-def _loops(
-    band: Band, edge: Condition | Mapping[int, Condition], rows: Ints | None = None
-) -> list[tuple[Ints, OneSided, int | None]]:
+def _loops(band: Band, edge: EdgeConditions, rows: Ints | None = None) -> list[Loop]:
     """Return the nodes past each edge loop, of ``rows`` or all, with its law and the order that it has of its own."""
     rows = np.arange(len(band.nodes)) if rows is None else rows
     loop_of, found = band.feet.edge[rows], []
@@ -107,12 +100,7 @@ def _loops(
 
 
 def _mirrored(
-    surface: LocalSource,
-    band: Band,
-    lattice: Lattice,
-    loops: Sequence[tuple[Ints, OneSided, int | None]],
-    order: int,
-    most: int = 2,
+    surface: LocalSource, band: Band, lattice: Lattice, loops: Sequence[Loop], order: int, most: int = 2
 ) -> RowFormula:
     """Return what all nodes read at order 1 or 2, ``most``, one point each."""
     points, coefficient = band.feet.points.copy(), np.ones(len(band.nodes))

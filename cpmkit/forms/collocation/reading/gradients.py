@@ -50,27 +50,15 @@ def surface_gradient(reader: Reader, values: Floats, local: Floats, wanted: Mapp
         feet = reader.project(local[part])
         side_views = reader.side_views(feet.points, wanted)
         gradient[part] = _tangential(reader, values, feet, side_views)
-        _continue_from_inside(reader, values, feet, side_views, wanted, gradient[part])
+        # Beside a bend it is continued from farther inside.
+        bends = one_sided.find_bends(reader, feet, side_views)
+        inside = one_sided.samples_inside(reader, feet, side_views, bends, wanted)
+        if len(inside.rows):
+            read = _tangential(reader, values, inside.feet, reader.side_views(inside.feet.points, wanted))
+            read = read.reshape(*inside.weights.shape, *read.shape[1:])
+            continued = np.einsum("ks,kscd->kcd", inside.weights, read)
+            gradient[part][inside.rows] = _projected(reader, feet.take(inside.rows), continued)
     return gradient
-
-
-def _continue_from_inside(
-    reader: Reader,
-    values: Floats,
-    feet: ClosestPoints,
-    side_views: Sequence[SideView],
-    wanted: Mapping[int, Side],
-    gradient: Floats,
-) -> None:
-    """Replace the ``gradient`` (n, channels, d) of points beside a bend by that continued from farther inside."""
-    bends = one_sided.find_bends(reader, feet, side_views)
-    inside = one_sided.samples_inside(reader, feet, side_views, bends, wanted)
-    rows, weights = inside.rows, inside.weights
-    if not len(rows):
-        return
-    read = _tangential(reader, values, inside.feet, reader.side_views(inside.feet.points, wanted))
-    continued = np.einsum("ks,kscd->kcd", weights, read.reshape(*weights.shape, *read.shape[1:]))
-    gradient[rows] = _projected(reader, feet.take(rows), continued)
 
 
 def _tangential(reader: Reader, values: Floats, feet: ClosestPoints, side_views: Sequence[SideView]) -> Floats:

@@ -18,7 +18,7 @@ from cpmkit.forms.collocation.selection import Centres
 from cpmkit.forms.contract import Discretized
 from cpmkit.grid.stencils import reading_radius
 from cpmkit.manifold.tangent_space import outward_conormals
-from cpmkit.protocols import SIDES, ClosestPoints, Floats, Side
+from cpmkit.protocols import SIDES, ClosestPoints, Floats, Side, Sides
 from cpmkit.runtime.arrays import as_points
 from cpmkit.scene.scene import Scene
 
@@ -55,13 +55,7 @@ class Reader(Discretized):
         band = self.tables.layout.band
         return reading_radius(band.dim, band.degree) * band.spacing
 
-    def evaluate(
-        self,
-        values: Floats,
-        points: Any,
-        side: Side | Mapping[str, Side] | None = None,
-        time: float | None = None,
-    ) -> Floats:
+    def evaluate(self, values: Floats, points: Any, side: Sides = None, time: float | None = None) -> Floats:
         """Return ``values`` (unknowns, channels) interpolated at points (k, d), (k, channels); data of ``time``."""
         wanted, layout = self.side_numbers(side), self.tables.layout
         local = self.localized(points)
@@ -73,22 +67,22 @@ class Reader(Discretized):
             centres = Centres.of_points(feet, side_views)
             found = np.asarray(extend(self.tables.unknowns, feet.points, centres) @ values)
             if layout.strips:
-                fill_strips(found, feet.points, layout.strips, self.scene.boundaries, side_views, layout.lattice, time)
+                fill_strips(found, feet.points, layout, side_views, time)
             read[part] = found
         return read
 
-    def rows(self, points: Any, side: Side | Mapping[str, Side] | None = None) -> csr_array:
+    def rows(self, points: Any, side: Sides = None) -> csr_array:
         """Return the matrix (k, unknowns) that interpolates at points; strips between boundaries are not filled."""
         feet = self.project(self.localized(points))
         centres = Centres.of_points(feet, self.side_views(feet.points, self.side_numbers(side)))
         return extend(self.tables.unknowns, feet.points, centres)
 
-    def gradient_rows(self, points: Any, side: Side | Mapping[str, Side] | None = None) -> tuple[csr_array, ...]:
+    def gradient_rows(self, points: Any, side: Sides = None) -> tuple[csr_array, ...]:
         """Return the d matrices (k, unknowns) of the interpolant's tangential gradient."""
         feet = self.project(self.localized(points))
         return interpolant_gradient_rows(self, feet, self.side_views(feet.points, self.side_numbers(side)))
 
-    def gradient(self, values: Floats, points: Any, side: Side | Mapping[str, Side] | None = None) -> Floats:
+    def gradient(self, values: Floats, points: Any, side: Sides = None) -> Floats:
         """Return the surface gradient (k, channels, d) of ``values`` at points (k, d)."""
         return surface_gradient(self, values, self.localized(points), self.side_numbers(side))
 
@@ -159,11 +153,11 @@ class Reader(Discretized):
             )
         return names.index(name)
 
-    def sides(self, side: Side | Mapping[str, Side] | None) -> Mapping[str, Side]:
+    def sides(self, side: Sides) -> Mapping[str, Side]:
         """Return the side that is asked for, by the boundary's name."""
         return {self.scene.boundaries[index].name: one for index, one in self.side_numbers(side).items()}
 
-    def side_numbers(self, side: Side | Mapping[str, Side] | None) -> dict[int, Side]:
+    def side_numbers(self, side: Sides) -> dict[int, Side]:
         """Return the side that ``side`` asks for, by the boundary's number.
 
         Raises

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from cpmkit.forms.collocation.boundary.side_view import SideView
-from cpmkit.forms.collocation.encounters.boundaries import STRIP_SPACINGS, Strip
+from cpmkit.forms.collocation.encounters.boundaries import STRIP_SPACINGS
+from cpmkit.forms.collocation.layout import Layout
 from cpmkit.grid.lattice import Lattice
 from cpmkit.protocols import SIDES, Bools, BoundarySet, Floats
 from cpmkit.scene.data import evaluate_data
@@ -15,20 +16,15 @@ from cpmkit.scene.laws import Value
 
 
 def fill_strips(
-    values: Floats,
-    points: Floats,
-    strips: Sequence[Strip],
-    boundaries: Sequence[BoundarySet],
-    side_views: Sequence[SideView],
-    lattice: Lattice,
-    time: float | None = None,
+    values: Floats, points: Floats, layout: Layout, side_views: Sequence[SideView], time: float | None
 ) -> None:
     """Set ``values`` (n, channels) at those ``points`` (n, d) that lie in a strip.
 
     Between two given values the linear interpolant, beside one alone that value: with a strip narrower than a spacing
     the solution is that to first order. Between two fluxes nothing is known, and nothing is changed.
     """
-    for strip in strips:
+    boundaries, lattice = layout.boundaries.given, layout.lattice
+    for strip in layout.strips:
         first, second = side_views[strip.first], side_views[strip.second]
         _, own, other = np.intersect1d(first.rows, second.rows, return_indices=True)
         a, b = first.take(own), second.take(other)
