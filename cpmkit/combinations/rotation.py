@@ -25,10 +25,12 @@ def as_rotation(rotation: Any, dim: int) -> Floats:
     InputError
         If it is none of these, or a matrix that is not orthogonal with determinant +1 to 1e-12.
     """
+    if rotation is None:
+        return np.eye(dim)
     accepted = "an angle or a 2 x 2 matrix" if dim == 2 else "a vector of 3 numbers or a 3 x 3 matrix"
     short: tuple[int, ...] = () if dim == 2 else (3,)
     try:
-        given = np.zeros(short) if rotation is None else np.array(rotation, dtype=np.float64)
+        given = np.array(rotation, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise InputError(f"rotation must be {accepted}, got {rotation!r}.") from error
     if given.shape not in (short, (dim, dim)) or not np.isfinite(given).all():

@@ -2,6 +2,7 @@
 
 import json
 import warnings
+from importlib.metadata import PackageNotFoundError
 
 import pytest
 
@@ -42,7 +43,7 @@ def test_without_a_renderer_the_debian_packages_are_named(monkeypatch):
 
 def test_what_is_absent_is_said_with_the_way_to_add_it(monkeypatch):
     monkeypatch.setattr(doctor, "DISTRIBUTIONS", ("matplotlib", "pyvista", "cpmkit-no-such"))
-    monkeypatch.setattr(doctor, "version", _absent)
+    monkeypatch.setattr("cpmkit.saving.summary.version", _absent)
     monkeypatch.setattr(doctor, "installed_kinds", list)
     found = diagnose()
     assert found.versions["pyvista"] is None
@@ -52,7 +53,7 @@ def test_what_is_absent_is_said_with_the_way_to_add_it(monkeypatch):
 
 
 def _absent(name):
-    raise doctor.PackageNotFoundError(name)
+    raise PackageNotFoundError(name)
 
 
 def test_a_scene_that_does_not_load_is_told_and_exits_with_1(tmp_path):
