@@ -12,7 +12,14 @@ from typing import Any
 
 import click
 
-from cpmkit.command_group import CommandGroup, progress_callback, traceback_option
+from cpmkit.command_group import (
+    EXISTING_FILE,
+    FOLDER,
+    WRITTEN_FILE,
+    CommandGroup,
+    progress_callback,
+    traceback_option,
+)
 from cpmkit.studies.commands import study
 
 
@@ -22,9 +29,7 @@ def _finite(ctx: click.Context, parameter: click.Parameter, value: float | None)
     return value
 
 
-scene_argument = click.argument(
-    "scene", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="SCENE.toml"
-)
+scene_argument = click.argument("scene", type=EXISTING_FILE, metavar="SCENE.toml")
 spacing_option = click.option(
     "--spacing",
     type=click.FloatRange(min=0, min_open=True),
@@ -67,19 +72,19 @@ def main() -> None:
 )
 @click.option(
     "--output",
-    type=click.Path(file_okay=False, path_type=Path),
+    type=FOLDER,
     metavar="FOLDER",
     help="Where results go; overrides the file's folder, which counts from the working directory.",
 )
 @click.option(
     "--checkpoint",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=WRITTEN_FILE,
     metavar="FILE",
     help="Of a problem in time: an .npz file in which the state of the run is kept, every 100 steps.",
 )
 @click.option(
     "--resume",
-    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    type=EXISTING_FILE,
     metavar="FILE",
     help="Go on from the checkpoint of an earlier run of the same scene.",
 )
