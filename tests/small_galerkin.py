@@ -12,7 +12,7 @@ from cpmkit.forms.galerkin.conditions.terms import ConditionTerms, condition_ter
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh, Samples
 from cpmkit.forms.galerkin.samples.cutting import corners_of, half_facets
 from cpmkit.forms.galerkin.samples.quadrature import samples_of
-from cpmkit.forms.galerkin.samples.subdivision import split_at_knots
+from cpmkit.forms.galerkin.samples.segments import split_at_knots
 from cpmkit.forms.galerkin.space.energy import STRENGTHS, load
 from cpmkit.forms.galerkin.space.floor import floored_stiffness
 from cpmkit.forms.galerkin.space.parted import part

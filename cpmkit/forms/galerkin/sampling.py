@@ -10,7 +10,7 @@ import numpy as np
 
 from cpmkit.errors import SceneError
 from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples, boundary_samples
-from cpmkit.forms.galerkin.conditions.held import Held, held, needs_rims
+from cpmkit.forms.galerkin.conditions.held import Held, held, needs_rims, point_warnings
 from cpmkit.forms.galerkin.conditions.sides import left_of_boundaries
 from cpmkit.forms.galerkin.contouring.surfaces import triangulated
 from cpmkit.forms.galerkin.insertion.inserted import inserted
@@ -22,7 +22,7 @@ from cpmkit.forms.galerkin.samples.quadrature import samples_of
 from cpmkit.forms.galerkin.samples.soundness import sound
 from cpmkit.forms.galerkin.samples.sources import cells_of
 from cpmkit.forms.galerkin.samples.subdivision import subdivided
-from cpmkit.forms.galerkin.telling import of_insertion, of_mending
+from cpmkit.forms.galerkin.telling import check_insertion, of_insertion, of_mending
 from cpmkit.forms.options import Options
 from cpmkit.grid.lattice import Lattice, lattice_of
 from cpmkit.manifold.local_source import LocalSource, localize
@@ -115,13 +115,15 @@ def sample(scene: Scene, options: Options[GalerkinOptions], progress: Progress) 
     if sources:
         insertion = inserted(mesh, sources, spacing)
         mesh, points = insertion.mesh, insertion.points
-        told += tuple(of_insertion(insertion, [boundary.name for boundary in scene.boundaries]))
+        check_insertion(insertion, scene.boundaries)
+        told += tuple(of_insertion(insertion))
     progress("samples", 0.5)
     mesh = subdivided(mesh, LONGEST_EDGE_SPACINGS * spacing)
     mesh = bent(mesh, bend, surface, sources, spacing)
     corners, half = corners_of(mesh), half_facets(mesh)
     boundary = boundary_samples(mesh, half, corners, needs_rims(scene), points)
     left = left_of_boundaries(mesh, half, corners, boundary, oriented, lattice)
+    told += point_warnings(scene, boundary)
     laws = held(scene, boundary, left, surface, lattice)
     progress("samples", 1.0)
     samples = _joined(samples_of(mesh), boundary.as_samples)

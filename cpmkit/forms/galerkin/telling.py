@@ -6,14 +6,15 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from cpmkit.errors import place
+from cpmkit.errors import SceneError, place
 from cpmkit.forms.galerkin.facing import Turned
 from cpmkit.forms.galerkin.insertion.inserted import Insertion
 from cpmkit.forms.galerkin.parting import Parting
 from cpmkit.forms.galerkin.samples.soundness import Mended
 from cpmkit.forms.galerkin.space.parted import SPECK_SPACINGS
 from cpmkit.grid.lattice import Lattice
-from cpmkit.protocols import Ints
+from cpmkit.protocols import SIDES, BoundarySet, Ints
+from cpmkit.scene.alike import same_condition
 
 #: Manifolds with more than this share on splines under which they turn are told of.
 TURNED_SHARE = 0.03
@@ -35,10 +36,31 @@ def of_mending(mended: Mended) -> Iterator[str]:
         )
 
 
-def of_insertion(insertion: Insertion, names: Sequence[str]) -> Iterator[str]:
-    """Tell how boundaries came to lie in the mesh."""
+def check_insertion(insertion: Insertion, boundaries: Sequence[BoundarySet]) -> None:
+    """Refuse boundaries that left no trace in the mesh, and those that lie on another and hold something else.
+
+    Raises
+    ------
+    SceneError
+        With the boundaries' names.
+    """
     for number in insertion.empty:
-        yield f"Boundary {names[number]!r} left no trace in the manifold's mesh, acts on nothing; look where it lies."
+        raise SceneError(
+            f"boundary {boundaries[number].name!r} left no trace in the mesh of the manifold and would act on nothing; "
+            "look where it lies."
+        )
+    for number, other in sorted(insertion.shared):
+        first, second = boundaries[other], boundaries[number]
+        conditions = [one.condition(side) for one in (first, second) for side in SIDES]
+        if not all(same_condition(conditions[0], condition) for condition in conditions):
+            raise SceneError(
+                f"boundaries {first.name!r} and {second.name!r} lie at the same place and hold different conditions; "
+                "keep one of them there, with `left` and `right` where its sides differ."
+            )
+
+
+def of_insertion(insertion: Insertion) -> Iterator[str]:
+    """Tell how boundaries came to lie in the mesh."""
     counts = insertion.counts
     if counts.get("parted"):
         yield (

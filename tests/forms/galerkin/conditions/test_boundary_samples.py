@@ -93,7 +93,7 @@ def test_ends_and_cuts_of_a_curve():
 
 
 def test_points_of_a_surface_read_one_of_their_triangles():
-    samples = sampled(hexagon(), points={3: 6})
+    samples = sampled(hexagon(), points={3: np.array([6])})
     last = samples.take(samples.half < 0)
     assert len(last) == 1
     assert last.owner[0] == 3

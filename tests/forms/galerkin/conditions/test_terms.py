@@ -22,7 +22,7 @@ import cpmkit as ck
 from cpmkit.errors import InputError, SceneError
 from cpmkit.forms.galerkin.conditions.held import point_warnings
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
-from cpmkit.forms.galerkin.samples.subdivision import split_at_knots
+from cpmkit.forms.galerkin.samples.segments import split_at_knots
 
 SURFACE = ck.source("analytic.cylinder", axis=AXIS, radius=RADIUS, length=LENGTH)
 
@@ -125,7 +125,7 @@ def pinned(law, *more, edge=None):
     nowhere = replace(mesh, cut=mesh.cut[:0], owner=mesh.owner[:0], extends=mesh.extends[:0])
     pin = ck.Boundary("pin", ck.source("analytic.point", at=mesh.vertices[100]), both=law)
     scene = ck.Scene(SURFACE, ck.Laplace(), [pin], edge=edge or ck.Neumann())
-    return scene, small(scene, nowhere, 0.2, points={0: 100})
+    return scene, small(scene, nowhere, 0.2, points={0: np.array([100])})
 
 
 def test_a_point_of_a_surface_fixes_the_constant():
