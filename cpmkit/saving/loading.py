@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NoReturn, overload
 
@@ -128,6 +128,7 @@ def _rebuilt(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any], 
         options, _ = options_of(scene, given["spacing"], given)
     except InputError as error:
         raise InputError(f"{shown(path.name)} is damaged: {error}") from error
+    options = replace(options, reason=str(summary["discretization"].get("form_reason", "")))
     form: Discretized = module_of(options.form).discretize(scene, options)
     channels = getattr(scene.problem, "count", form.channels)
     differs = form.differs_from(lattice)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from forms.galerkin.samples.sample_shapes import equator, octahedron, with_cut
+from sample_shapes import equator, octahedron, with_cut
 
 import cpmkit as ck
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh

@@ -1,7 +1,7 @@
 """Cut along boundaries a mesh falls into what they part: tips, junctions, rims and one-sided strips alike."""
 
 import numpy as np
-from forms.galerkin.samples.sample_shapes import equator, grid, moebius, octahedron, pieces, with_cut
+from sample_shapes import equator, grid, moebius, octahedron, pieces, with_cut
 
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.forms.galerkin.samples.cutting import corners_of, half_facets

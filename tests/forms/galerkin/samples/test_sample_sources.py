@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from forms.galerkin.samples.sample_shapes import octahedron
+from sample_shapes import octahedron
 
 import cpmkit as ck
 from cpmkit.forms.galerkin.samples.bending import bent

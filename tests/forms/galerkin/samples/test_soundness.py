@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from forms.galerkin.samples.sample_shapes import grid, joined, moebius, octahedron, pieces
+from sample_shapes import grid, joined, moebius, octahedron, pieces
 
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.forms.galerkin.samples.quadrature import samples_of

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from forms.galerkin.samples.sample_shapes import equator, grid, octahedron, pieces, with_cut
+from sample_shapes import equator, grid, octahedron, pieces, with_cut
 
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.forms.galerkin.samples.cutting import corners_of, half_facets
