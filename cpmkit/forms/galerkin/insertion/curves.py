@@ -66,7 +66,7 @@ def insert_curve(walker: Walker, line: Course, told: Counter[str]) -> None:
         stops = _stops(walker, run, line.on)
         backward = _backward(line.points, run, stops)
         for path in _walked(walker, stops, run.closed, told):
-            walker.mark(without_loops(walker.net, walker.net.expanded(path), backward, told), walker.owner)
+            walker.lined.mark(without_loops(walker.net, walker.net.expanded(path), backward, told), walker.lined.owner)
 
 
 def _stops(walker: Walker, run: Run, on: Ints) -> list[tuple[int, int]]:
@@ -99,5 +99,5 @@ def _walked(walker: Walker, stops: list[tuple[int, int]], closed: bool, told: Co
 
 
 def _stop(walker: Walker, cell: int, place: Triple, owner: int) -> int:
-    vertex = walker.on_line(cell, place, owner) if owner >= 0 else None
-    return walker.inserted(cell, place) if vertex is None else vertex
+    vertex = walker.lined.on_line(cell, place, owner) if owner >= 0 else None
+    return walker.lined.inserted(cell, place) if vertex is None else vertex

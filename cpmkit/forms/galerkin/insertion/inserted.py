@@ -11,6 +11,7 @@ import numpy as np
 from cpmkit.forms.galerkin.insertion.coincidence import on_earlier, runs_close
 from cpmkit.forms.galerkin.insertion.curves import Course, course, insert_curve
 from cpmkit.forms.galerkin.insertion.feet import Triangles
+from cpmkit.forms.galerkin.insertion.lined_mesh import LinedMesh
 from cpmkit.forms.galerkin.insertion.points import cut_at_points, positions
 from cpmkit.forms.galerkin.insertion.polylines import Polyline, drawn
 from cpmkit.forms.galerkin.insertion.tips import extend, mend
@@ -72,10 +73,10 @@ def inserted(mesh: SampleMesh, boundaries: Sequence[LocalSource], spacing: float
         return Insertion(cut, empty=empty)
     walker, told = _walker(mesh, spacing), Counter[str]()
     courses = [_courses(walker, boundaries, number, spacing) for number in range(len(boundaries))]
-    walker.close = frozenset(n for n, lines in enumerate(courses) if _runs_close(lines, boundaries, n, spacing))
+    walker.lined.close = frozenset(n for n, lines in enumerate(courses) if _runs_close(lines, boundaries, n, spacing))
     points = dict[int, Ints]()
     for number, boundary in enumerate(boundaries):
-        walker.owner = number
+        walker.lined.owner = number
         at = [positions(member, mesh.vertices) for member in boundary.members if member.manifold_dim == 0]
         if at:
             points[number] = _vertices(walker, np.concatenate(at))
@@ -90,7 +91,7 @@ def inserted(mesh: SampleMesh, boundaries: Sequence[LocalSource], spacing: float
 
 def _walker(mesh: SampleMesh, spacing: float) -> Walker:
     net = Triangulation(_in_space(mesh.vertices), mesh.cells, spacing)
-    return Walker(net, Triangles(net.vertices, net.cells, net.sizes))
+    return Walker(LinedMesh(net), Triangles(net.vertices, net.cells, net.sizes))
 
 
 def _courses(walker: Walker, boundaries: Sequence[LocalSource], number: int, spacing: float) -> list[Course]:
@@ -127,11 +128,11 @@ def _vertices(walker: Walker, points: Floats) -> Ints:
     feet = walker.triangles.nearest(_in_space(points))
     places = np.einsum("nk,nkd->nd", feet.shares, walker.net.vertices[walker.net.cells[feet.cell]])
     pairs = zip(feet.cell.tolist(), places.tolist(), strict=True)
-    return np.array([walker.inserted(cell, (x, y, z)) for cell, (x, y, z) in pairs], dtype=np.int64)
+    return np.array([walker.lined.inserted(cell, (x, y, z)) for cell, (x, y, z) in pairs], dtype=np.int64)
 
 
 def _with_lines(walker: Walker, dim: int) -> SampleMesh:
-    lines = list(walker.cut.values())
+    lines = list(walker.lined.cut.values())
     return replace(
         walker.net.mesh(dim),
         cut=np.array([(line.tail, line.head) for line in lines], dtype=np.int64).reshape(-1, 2),

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections import Counter
 from itertools import pairwise
 
+from cpmkit.forms.galerkin.insertion.lined_mesh import Line, edges_within
 from cpmkit.forms.galerkin.insertion.triangulation import edge_of
 from cpmkit.forms.galerkin.insertion.triples import Triple, along, apart, between, direction, length, less, share_along
-from cpmkit.forms.galerkin.insertion.walk import Line, Walker, edges_within
+from cpmkit.forms.galerkin.insertion.walk import Walker
 
 #: Tips nearer than this share of L to a curve or a rim are joined to it; shorter tails are pruned.
 STRAY_SHARE = 0.1
@@ -27,7 +28,7 @@ def mend(walker: Walker, told: Counter[str]) -> None:
         if end is not None:
             told["pruned"] += 1
             for a, b in pairwise(way):
-                del walker.cut[edge_of(a, b)]
+                del walker.lined.cut[edge_of(a, b)]
             links = _links(walker)
     for tip in _tips(walker, links):
         told["joined"] += _joined(walker, links, tip)
@@ -40,15 +41,15 @@ def extend(walker: Walker, reach: float, told: Counter[str]) -> None:
         told["tips"] += 1
         line = _last_line(walker, tip)
         if line is not None:
-            walker.owner = line.owner
+            walker.lined.owner = line.owner
             path = _straight_on(walker, tip, _heading(walker, links, tip), reach)
-            walker.mark(path if line.head == tip else path[::-1], line.owner, extends=True)
+            walker.lined.mark(path if line.head == tip else path[::-1], line.owner, extends=True)
 
 
 def _links(walker: Walker) -> Links:
     """Return the neighbours along boundaries of each vertex."""
     links: Links = {}
-    for a, b in walker.cut:
+    for a, b in walker.lined.cut:
         links.setdefault(a, set()).add(b)
         links.setdefault(b, set()).add(a)
     return links
@@ -57,7 +58,7 @@ def _links(walker: Walker) -> Links:
 def _last_line(walker: Walker, tip: int) -> Line | None:
     """Return the edge that ends at a tip; None where others have met it since."""
     edges = (edge_of(tip, other) for other in walker.net.neighbours(tip))
-    lines = [walker.cut[edge] for edge in edges if edge in walker.cut]
+    lines = [walker.lined.cut[edge] for edge in edges if edge in walker.lined.cut]
     return lines[0] if len(lines) == 1 else None
 
 
@@ -85,7 +86,7 @@ def _joined(walker: Walker, links: Links, tip: int) -> bool:
     own = set(_tail(walker, links, tip, OWN_END * reach)[1])
     best, nearest = None, reach
     for a, b in edges_within(net, net.fan(tip), here, reach):
-        if not own & {a, b} and (edge_of(a, b) in walker.cut or net.rim_edge(a, b)):
+        if not own & {a, b} and (edge_of(a, b) in walker.lined.cut or net.rim_edge(a, b)):
             share = share_along(here, net.at(a), net.at(b))
             gap = apart(here, between(net.at(a), net.at(b), share))
             if gap < nearest:
@@ -93,11 +94,11 @@ def _joined(walker: Walker, links: Links, tip: int) -> bool:
     line = _last_line(walker, tip)
     if best is None or line is None:
         return False
-    walker.owner = line.owner
-    way = walker.way(tip, walker.on_edge(*best, net.size(tip)))
+    walker.lined.owner = line.owner
+    way = walker.way(tip, walker.lined.on_edge(*best, net.size(tip)))
     if way is None:
         return False
-    walker.mark(way if line.head == tip else way[::-1], line.owner)
+    walker.lined.mark(way if line.head == tip else way[::-1], line.owner)
     return True
 
 
@@ -133,12 +134,12 @@ def _straight_on(walker: Walker, tip: int, heading: Triple, reach: float) -> lis
         step = length(heading)
         if step > left:
             root = net.root(next(cell for cell in net.cells_at(hit.a, hit.b) if here in net.corners(cell)))
-            last = walker.inserted(root, between(net.at(here), goal, left / step))
+            last = walker.lined.inserted(root, between(net.at(here), goal, left / step))
             return path + (walker.way(here, last) or [here])[1:]
-        following = walker.on_edge(hit.a, hit.b, hit.share, net.size(here))
+        following = walker.lined.on_edge(hit.a, hit.b, hit.share, net.size(here))
         if following in path:
             return path
         path.append(following)
         left -= step
-        if following in walker.lines or net.on_rim(following):
+        if following in walker.lined.lines or net.on_rim(following):
             return path
