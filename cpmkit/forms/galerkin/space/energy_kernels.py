@@ -18,122 +18,163 @@ from cpmkit.runtime.compilation import compiled
 GATHERED = 64
 #: The unknowns of a patch, 27, and room to have rows of whole vectors of four.
 ROOM = 28
+#: So many forms are taken in one sweep over a block.
+SWEEP = 8
+
+
+def _polynomials() -> Floats:
+    """Return (2, 3, 6, ROOM), for the plane and for space, by axis: the polynomial in t of the spline of each place.
+
+    The six are the coefficients of 1, t, t^2 of its value, of 1, t of its slope, and its second derivative.
+    """
+    spline = np.array([[0.5, -1, 0.5, -1, 1, 1], [0.5, 1, -1, 1, -2, -2], [0, 0, 0.5, 0, 1, 1]])
+    table = np.zeros((2, 3, 6, ROOM))
+    for d in (2, 3):
+        digits = np.indices((3,) * d).reshape(d, -1)
+        for axis in range(d):
+            table[d - 2, axis, :, : 3**d] = spline[digits[axis]].T
+    table[0, 2, 0, :9] = 1.0
+    return table
+
+
+#: A constant of the kernels: what they store elsewhere cannot change it, so that loops over it become vectors.
+POLYNOMIALS = _polynomials()
 
 
 @compiled
-def splines_at(point: Floats, cell: Ints, spacing: float, f: Floats) -> None:
-    """Fill ``f`` (3, 3, 3): value, slope and second derivative; axis; node of the splines at a point."""
-    f[0, 2], f[1, 2], f[2, 2] = 1.0, 0.0, 0.0
-    for axis in range(len(cell)):
-        t = point[axis] / spacing - cell[axis] + 0.5
-        s = 1.0 - t
-        f[0, axis, 0], f[0, axis, 1], f[0, axis, 2] = 0.5 * s * s, 0.5 + t * s, 0.5 * t * t
-        f[1, axis, 0], f[1, axis, 1], f[1, axis, 2] = -s, s - t, t
-        f[2, axis, 0], f[2, axis, 1], f[2, axis, 2] = 1.0, -2.0, 1.0
+def value_form(forms: Floats, kind: int, x: float, y: float, z: float, weight: float) -> None:
+    """Write a pair of rows: the value at (x, y, z) in the cell, and it times the weight."""
+    T = POLYNOMIALS
+    for i in range(ROOM):
+        X = T[kind, 0, 0, i] + x * (T[kind, 0, 1, i] + x * T[kind, 0, 2, i])
+        Y = T[kind, 1, 0, i] + y * (T[kind, 1, 1, i] + y * T[kind, 1, 2, i])
+        Z = T[kind, 2, 0, i] + z * (T[kind, 2, 1, i] + z * T[kind, 2, 2, i])
+        forms[i] = X * Y * Z
+        forms[ROOM + i] = weight * (X * Y * Z)
 
 
 @compiled
-def tensor_at(q: int, normals: Floats, a: Floats, tensors: Floats, e1: float, C: Floats) -> None:
-    """Fill ``C`` (3, 3): the coefficient between tangents, and e1 times a between normals."""
+def slope_forms(
+    forms: Floats,
+    kind: int,
+    x: float,
+    y: float,
+    z: float,
+    xx: float,
+    xy: float,
+    xz: float,
+    yy: float,
+    yz: float,
+    zz: float,
+) -> None:
+    """Write three pairs of rows: the slopes along the axes, and what the tensor of these six numbers makes of them."""
+    T = POLYNOMIALS
+    for i in range(ROOM):
+        X = T[kind, 0, 0, i] + x * (T[kind, 0, 1, i] + x * T[kind, 0, 2, i])
+        Y = T[kind, 1, 0, i] + y * (T[kind, 1, 1, i] + y * T[kind, 1, 2, i])
+        Z = T[kind, 2, 0, i] + z * (T[kind, 2, 1, i] + z * T[kind, 2, 2, i])
+        along_x = (T[kind, 0, 3, i] + x * T[kind, 0, 4, i]) * Y * Z
+        along_y = X * (T[kind, 1, 3, i] + y * T[kind, 1, 4, i]) * Z
+        along_z = X * Y * (T[kind, 2, 3, i] + z * T[kind, 2, 4, i])
+        forms[i] = along_x
+        forms[ROOM + i] = xx * along_x + xy * along_y + xz * along_z
+        forms[2 * ROOM + i] = along_y
+        forms[3 * ROOM + i] = xy * along_x + yy * along_y + yz * along_z
+        forms[4 * ROOM + i] = along_z
+        forms[5 * ROOM + i] = xz * along_x + yz * along_y + zz * along_z
+
+
+@compiled
+def second_form(
+    forms: Floats, kind: int, x: float, y: float, z: float, nx: float, ny: float, nz: float, weight: float
+) -> None:
+    """Write a pair of rows: the second derivative along (nx, ny, nz), and it times the weight."""
+    T = POLYNOMIALS
+    for i in range(ROOM):
+        X = T[kind, 0, 0, i] + x * (T[kind, 0, 1, i] + x * T[kind, 0, 2, i])
+        Y = T[kind, 1, 0, i] + y * (T[kind, 1, 1, i] + y * T[kind, 1, 2, i])
+        Z = T[kind, 2, 0, i] + z * (T[kind, 2, 1, i] + z * T[kind, 2, 2, i])
+        dX = nx * (T[kind, 0, 3, i] + x * T[kind, 0, 4, i])
+        dY = ny * (T[kind, 1, 3, i] + y * T[kind, 1, 4, i])
+        dZ = nz * (T[kind, 2, 3, i] + z * T[kind, 2, 4, i])
+        form = (
+            nx * nx * T[kind, 0, 5, i] * Y * Z + ny * ny * X * T[kind, 1, 5, i] * Z + nz * nz * X * Y * T[kind, 2, 5, i]
+        )
+        form += 2.0 * (dX * dY * Z + dX * Y * dZ + X * dY * dZ)
+        forms[i] = form
+        forms[ROOM + i] = weight * form
+
+
+@compiled
+def tensor_at(q: int, normals: Floats, a: Floats, tensors: Floats, e1: float, weight: float, C: Floats) -> None:
+    """Fill ``C`` (3, 3) with the weight times the coefficient between tangents, and times e1 a between normals."""
     codim, d = normals.shape[1:]
     for i in range(d):
         for j in range(d):
-            along = 0.0
+            across = 0.0
             for c in range(codim):
-                along += normals[q, c, i] * normals[q, c, j]
-            C[i, j] = (i == j) - along
-    if len(tensors):
-        P = C[:d, :d].copy()
-        for i in range(d):
-            for j in range(d):
-                total = 0.0
-                for k in range(d):
-                    for m in range(d):
-                        total += P[i, k] * tensors[q, k, m] * P[m, j]
-                C[i, j] = total + e1 * a[q] * ((i == j) - P[i, j])
+                across += normals[q, c, i] * normals[q, c, j]
+            C[i, j] = weight * a[q] * ((i == j) - (1.0 - e1) * across)
+            if len(tensors):
+                C[i, j] = weight * tensors[q, i, j]
+    if len(tensors) == 0:
         return
+    for c in range(codim):  # less the tensor's parts along normals, which are orthonormal: one after the other
+        n = normals[q, c]
+        for side in range(2):
+            for i in range(d):
+                along = 0.0
+                for k in range(d):
+                    along += n[k] * (C[i, k] if side else C[k, i])
+                for j in range(d):
+                    if side:
+                        C[i, j] -= along * n[j]
+                    else:
+                        C[j, i] -= along * n[j]
     for i in range(d):
         for j in range(d):
-            C[i, j] = a[q] * (C[i, j] + e1 * ((i == j) - C[i, j]))
+            for c in range(codim):
+                C[i, j] += weight * e1 * a[q] * normals[q, c, i] * normals[q, c, j]
 
 
 @compiled
-def slope_forms(f: Floats, C: Floats, weight: float, d: int, left: Floats, right: Floats) -> None:
-    """Fill d rows: the slopes along the axes, and what the tensor makes of them times the weight."""
-    depth = 3 if d == 3 else 1
-    place = 0
-    for i in range(3):
-        for j in range(3):
-            value = f[0, 0, i] * f[0, 1, j]
-            along_x, along_y = f[1, 0, i] * f[0, 1, j], f[0, 0, i] * f[1, 1, j]
-            for k in range(depth):
-                x, y, z = along_x, along_y, 0.0
-                if d == 3:
-                    x, y, z = x * f[0, 2, k], y * f[0, 2, k], value * f[1, 2, k]
-                    left[2, place] = z
-                    right[2, place] = weight * (C[2, 0] * x + C[2, 1] * y + C[2, 2] * z)
-                left[0, place], left[1, place] = x, y
-                right[0, place] = weight * (C[0, 0] * x + C[0, 1] * y + C[0, 2] * z)
-                right[1, place] = weight * (C[1, 0] * x + C[1, 1] * y + C[1, 2] * z)
-                place += 1
-
-
-@compiled
-def second_form(f: Floats, nx: float, ny: float, nz: float, weight: float, d: int, left: Floats, right: Floats) -> None:
-    """Fill a row: the second derivative along (nx, ny, nz), and it times the weight."""
-    depth = 3 if d == 3 else 1
-    place = 0
-    for i in range(3):
-        for j in range(3):
-            value = nz * nz * f[0, 0, i] * f[0, 1, j]
-            slope = 2.0 * nz * (nx * f[1, 0, i] * f[0, 1, j] + ny * f[0, 0, i] * f[1, 1, j])
-            second = nx * nx * f[2, 0, i] * f[0, 1, j] + ny * ny * f[0, 0, i] * f[2, 1, j]
-            second += 2.0 * nx * ny * f[1, 0, i] * f[1, 1, j]
-            for k in range(depth):
-                form = second
-                if d == 3:
-                    form = second * f[0, 2, k] + slope * f[1, 2, k] + value * f[2, 2, k]
-                left[place], right[place] = form, weight * form
-                place += 1
-
-
-@compiled
-def value_form(f: Floats, weight: float, d: int, left: Floats, right: Floats) -> None:
-    """Fill a row: the value, and it times the weight."""
-    depth = 3 if d == 3 else 1
-    place = 0
-    for i in range(3):
-        for j in range(3):
-            for k in range(depth):
-                form = f[0, 0, i] * f[0, 1, j]
-                if d == 3:
-                    form *= f[0, 2, k]
-                left[place], right[place] = form, weight * form
-                place += 1
-
-
-@compiled
-def add_products(left: Floats, right: Floats, rows: int, width: int, block: Floats) -> None:
-    """Add to the upper half of ``block`` the products of the first ``rows`` forms."""
-    for i in range(width):
-        for r in range(rows):
-            factor = left[r, i]
-            for j in range(i, width):
-                block[i, j] += factor * right[r, j]
+def add_products(forms: Floats, count: int, width: int, block: Floats) -> None:
+    """Add to the upper half of ``block`` the products of the first ``count`` pairs of rows, a multiple of SWEEP."""
+    for i in range(ROOM - 1):  # a constant number, so that the compiler lays out each row for itself
+        if i == width:
+            break
+        row = block[i * ROOM : (i + 1) * ROOM]
+        for r in range(0, count, SWEEP):
+            F = forms[2 * ROOM * r : 2 * ROOM * (r + SWEEP)]
+            a, b, c, d = F[i], F[i + 2 * ROOM], F[i + 4 * ROOM], F[i + 6 * ROOM]
+            e, f, g, h = F[i + 8 * ROOM], F[i + 10 * ROOM], F[i + 12 * ROOM], F[i + 14 * ROOM]
+            for j in range(i // 4 * 4, ROOM):
+                row[j] += (
+                    (a * F[j + ROOM] + b * F[j + 3 * ROOM])
+                    + (c * F[j + 5 * ROOM] + d * F[j + 7 * ROOM])
+                    + (e * F[j + 9 * ROOM] + f * F[j + 11 * ROOM])
+                    + (g * F[j + 13 * ROOM] + h * F[j + 15 * ROOM])
+                )
 
 
 @compiled
 def scatter(block: Floats, columns: Ints, indptr: Any, indices: Any, data: Floats) -> None:
     """Add the upper half of a symmetric ``block`` of the unknowns ``columns``, and its mirror image, to a matrix."""
     width = len(columns)
-    rank = np.argsort(columns)
+    rank, ascending = np.empty(width, dtype=np.int64), np.empty(width, dtype=indices.dtype)
     for i in range(width):
-        at = indptr[columns[i]]
+        at = i
+        while at > 0 and ascending[at - 1] > columns[i]:
+            ascending[at], rank[at] = ascending[at - 1], rank[at - 1]
+            at -= 1
+        ascending[at], rank[at] = columns[i], i
+    for i in range(width):
+        to: Any = np.uint64(indptr[columns[i]])  # unsigned, so that no index is tested for its sign
         for m in range(width):
+            while indices[to] < ascending[m]:
+                to += np.uint64(1)
             j = rank[m]
-            while indices[at] < columns[j]:
-                at += 1
-            data[at] += block[i, j] if i <= j else block[j, i]
+            data[to] += block[i * ROOM + j] if i <= j else block[j * ROOM + i]
 
 
 @compiled
@@ -160,29 +201,33 @@ def add_energy(
     """
     indptr, indices, data = matrix
     codim, d = normals.shape[1:]
-    width = unknowns.shape[1]
-    f, C = np.zeros((3, 3, 3)), np.zeros((3, 3))
-    left, right, block = np.zeros((GATHERED, ROOM)), np.zeros((GATHERED, ROOM)), np.zeros((ROOM, ROOM))
+    kind, width = d - 2, unknowns.shape[1]
+    C, z = np.zeros((3, 3)), 0.0
+    forms, block = np.zeros(2 * ROOM * (GATHERED + SWEEP)), np.zeros(ROOM * ROOM)
     for p in range(len(cells)):
         block[:] = 0.0
-        rows = 0
+        count = 0
         for s in range(start[p], start[p + 1]):
             q = order[s]
             if weights[q] == 0.0:
                 continue
-            if rows + 8 > GATHERED:
-                add_products(left, right, rows, width, block)
-                rows = 0
-            splines_at(points[q], cells[p], spacing, f)
+            if count + 8 > GATHERED:
+                _add_gathered(forms, count, width, block)
+                count = 0
+            x = points[q, 0] / spacing - cells[p, 0] + 0.5
+            y = points[q, 1] / spacing - cells[p, 1] + 0.5
+            if d == 3:
+                z = points[q, 2] / spacing - cells[p, 2] + 0.5
             if len(c):
-                value_form(f, weights[q] * c[q], d, left[rows], right[rows])
-                rows += 1
+                value_form(forms[2 * ROOM * count :], kind, x, y, z, weights[q] * c[q])
+                count += 1
             if len(a) == 0:
                 continue
             weight = weights[q] / spacing**2
-            tensor_at(q, normals, a, tensors, e1, C)
-            slope_forms(f, C, weight, d, left[rows : rows + d], right[rows : rows + d])
-            rows += d
+            tensor_at(q, normals, a, tensors, e1, weight, C)
+            rows = forms[2 * ROOM * count :]
+            slope_forms(rows, kind, x, y, z, C[0, 0], C[0, 1], C[0, 2], C[1, 1], C[1, 2], C[2, 2])
+            count += d
             weight *= e2 * a[q]
             for one in range(codim):
                 for two in range(one, codim):
@@ -191,10 +236,17 @@ def add_energy(
                     nx = share * normals[q, one, 0] + other * normals[q, two, 0]
                     ny = share * normals[q, one, 1] + other * normals[q, two, 1]
                     nz = share * normals[q, one, 2] + other * normals[q, two, 2] if d == 3 else 0.0
-                    second_form(f, nx, ny, nz, weight, d, left[rows], right[rows])
-                    rows += 1
-        add_products(left, right, rows, width, block)
+                    second_form(forms[2 * ROOM * count :], kind, x, y, z, nx, ny, nz, weight)
+                    count += 1
+        _add_gathered(forms, count, width, block)
         scatter(block, unknowns[p], indptr, indices, data)
+
+
+@compiled
+def _add_gathered(forms: Floats, count: int, width: int, block: Floats) -> None:
+    whole = (count + SWEEP - 1) // SWEEP * SWEEP
+    forms[2 * ROOM * count : 2 * ROOM * whole] = 0.0
+    add_products(forms, whole, width, block)
 
 
 @compiled
@@ -206,14 +258,32 @@ def add_squares(runs: Ints, stencil: Floats, factors: Floats, matrix: Any) -> No
             i = runs[r, one]
             for two in range(len(stencil)):
                 j = runs[r, two]
-                low, high = indptr[i], indptr[i + 1]
+                low: Any = np.uint64(indptr[i])
+                high = np.uint64(indptr[i + 1])
                 while low < high:
-                    middle = (low + high) // 2
+                    middle = (low + high) >> np.uint64(1)
                     if indices[middle] < j:
-                        low = middle + 1
+                        low = middle + np.uint64(1)
                     else:
                         high = middle
                 data[low] += factors[r] * (stencil[one] * stencil[two])
+
+
+@compiled
+def spline_products(point: Floats, cell: Ints, spacing: float, products: Floats) -> None:
+    """Fill ``products`` (3^d,) with the splines of a patch at a point."""
+    d = len(cell)
+    size = 1
+    products[0] = 1.0
+    for axis in range(d):
+        t = point[axis] / spacing - cell[axis] + 0.5
+        s = 1.0 - t
+        for i in range(size - 1, -1, -1):
+            value = products[i]
+            products[3 * i] = value * (0.5 * s * s)
+            products[3 * i + 1] = value * (0.5 + t * s)
+            products[3 * i + 2] = value * (0.5 * t * t)
+        size *= 3
 
 
 @compiled
@@ -228,16 +298,15 @@ def add_load(
     load: Floats,
 ) -> None:
     """Add sum densities[q] N_j(y_q) to ``load`` (n, channels); ``densities`` (q, channels) hold the weights."""
-    width, d = unknowns.shape[1], cells.shape[1]
-    f, left, right = np.zeros((3, 3, 3)), np.zeros(ROOM), np.zeros(ROOM)
+    width, channels = unknowns.shape[1], load.shape[1]
+    products = np.empty(width)
     for p in range(len(cells)):
         for s in range(start[p], start[p + 1]):
             q = order[s]
-            splines_at(points[q], cells[p], spacing, f)
-            value_form(f, 1.0, d, left, right)
+            spline_products(points[q], cells[p], spacing, products)
             for place in range(width):
-                for channel in range(load.shape[1]):
-                    load[unknowns[p, place], channel] += left[place] * densities[q, channel]
+                for channel in range(channels):
+                    load[unknowns[p, place], channel] += products[place] * densities[q, channel]
 
 
 @compiled
@@ -245,14 +314,13 @@ def read_values(
     unknowns: Ints, cells: Ints, spacing: float, patch: Ints, points: Floats, u: Floats, values: Floats
 ) -> None:
     """Fill ``values`` (q, channels) with those of u (n, channels) at the samples."""
-    width, d = unknowns.shape[1], cells.shape[1]
-    f, left, right = np.zeros((3, 3, 3)), np.zeros(ROOM), np.zeros(ROOM)
+    width = unknowns.shape[1]
+    products = np.empty(width)
     for q in range(len(points)):
         p = patch[q]
-        splines_at(points[q], cells[p], spacing, f)
-        value_form(f, 1.0, d, left, right)
+        spline_products(points[q], cells[p], spacing, products)
         for channel in range(u.shape[1]):
             total = 0.0
             for place in range(width):
-                total += left[place] * u[unknowns[p, place], channel]
+                total += products[place] * u[unknowns[p, place], channel]
             values[q, channel] = total

@@ -33,12 +33,11 @@ def part(points: Floats, contacts: Ints, spacing: float) -> Parting:
     A piece of the manifold shorter than `SPECK_SPACINGS` along every axis carries constants alone: all that its
     patches read is one unknown.
     """
-    from cpmkit.forms.galerkin.space.parting_kernels import bounds, join_samples, touching_pairs
+    from cpmkit.forms.galerkin.space.parting_kernels import bounds, cells_of, join_samples, touching_pairs
 
     contacts = np.ascontiguousarray(contacts, dtype=np.int64)
-    cells = np.floor(points / spacing + 0.5).astype(np.int64)
-    lowest = cells.min(axis=0)
-    code = np.ravel_multi_index(tuple((cells - lowest).T), tuple(np.ptp(cells, axis=0) + 1)).astype(np.int64)
+    points = np.ascontiguousarray(points, dtype=np.float64)
+    cells, code = cells_of(points, spacing)
     root, first, after, holder = join_samples(code, contacts, int(contacts.max()) + 1)
     roots = np.flatnonzero(root == np.arange(len(root)))
     roots = roots[np.argsort(code[roots], kind="stable")]
@@ -47,7 +46,7 @@ def part(points: Floats, contacts: Ints, spacing: float) -> Parting:
     patch = numbers[root]
     touching = touching_pairs(patch, len(roots), first, after, holder)
     pieces, label = components(len(roots), touching)
-    extent = bounds(np.ascontiguousarray(points, dtype=np.float64), label[patch], pieces)
+    extent = bounds(points, label[patch], pieces)
     specks = extent.max(axis=1) < SPECK_SPACINGS * spacing
     return parting_of(spacing, cells[roots], touching, patch, specks[label])
 

@@ -39,6 +39,23 @@ def grown(values: Ints) -> Ints:
 
 
 @compiled
+def cells_of(points: Floats, spacing: float) -> tuple[Ints, Ints]:
+    """Return (q, d) the lattice cells that the points are in, and (q,) a code of each cell."""
+    q, d = points.shape
+    cells, code = np.empty((q, d), dtype=np.int64), np.zeros(q, dtype=np.int64)
+    for axis in range(d):
+        low, high = np.inf, -np.inf
+        for i in range(q):
+            cell = np.floor(points[i, axis] / spacing + 0.5)
+            cells[i, axis] = np.int64(cell)
+            low, high = min(low, cell), max(high, cell)
+        first, size = np.int64(low), np.int64(high - low) + 1
+        for i in range(q):
+            code[i] = code[i] * size + cells[i, axis] - first
+    return cells, code
+
+
+@compiled
 def join_samples(code: Ints, contacts: Ints, vertices: int) -> tuple[Ints, Ints, Ints, Ints]:
     """Join the samples of one cell ``code`` (q,) that share one of their ``contacts`` (q, k), numbers of vertices.
 
