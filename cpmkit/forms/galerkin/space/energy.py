@@ -66,7 +66,7 @@ def mass(space: Space, c: Floats | float) -> csr_array:
 
 def load(space: Space, f: Floats) -> Floats:
     """Return (n, channels) sum w f v, with ``f`` (q, channels) at the samples."""
-    from cpmkit.forms.galerkin.space.energy_kernels import add_load
+    from cpmkit.forms.galerkin.space.sample_kernels import add_load
 
     loads = np.zeros((space.parting.size, f.shape[1]))
     add_load(*_patches(space), space.samples.points, space.samples.weights[:, None] * f, loads)
@@ -75,7 +75,7 @@ def load(space: Space, f: Floats) -> Floats:
 
 def values_at_samples(space: Space, u: Floats) -> Floats:
     """Return (q, channels) the values at the samples of the splines with coefficients ``u`` (n, channels)."""
-    from cpmkit.forms.galerkin.space.energy_kernels import read_values
+    from cpmkit.forms.galerkin.space.sample_kernels import read_values
 
     parting, points = space.parting, space.samples.points
     values = np.empty((len(points), u.shape[1]))
@@ -114,7 +114,7 @@ def add_ghosts(space: Space, a: Floats | float, strength: Strength, data: Floats
 
 def add_differences(space: Space, runs: Ints, stencil: Floats, factors: Floats, data: Floats) -> None:
     """Add ``factors`` (r,) times the squares of the differences along ``runs`` (r, k) to the entries ``data``."""
-    from cpmkit.forms.galerkin.space.energy_kernels import add_squares
+    from cpmkit.forms.galerkin.space.difference_kernels import add_squares
 
     add_squares(runs, stencil, factors, (space.indptr, space.indices, data))
 

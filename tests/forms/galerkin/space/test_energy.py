@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from galerkin_scenes import SHIFT, Drawn, plane, plane_circle, space_circle, sphere, together
 
+from cpmkit.forms.galerkin.sample_mesh import Samples
 from cpmkit.forms.galerkin.space.energy import STRENGTHS, Strength, load, mass, stiffness, values_at_samples
 from cpmkit.forms.galerkin.space.floor import floored_stiffness
-from cpmkit.forms.galerkin.space.parted import pieces
+from cpmkit.forms.galerkin.space.parted import parting_of, pieces
+from cpmkit.forms.galerkin.space.space import space_of
 from cpmkit.forms.galerkin.space.splines import value_rows
 
 H = 0.4
@@ -176,3 +178,17 @@ def test_the_floor_lifts_what_is_grazed():
     assert lifted.min() > -1e-15
     z = space.parting.nodes
     assert np.abs((floored - plain) @ (1 + z[:, 0] - 3 * z[:, 2])).max() < 1e-13
+
+
+def test_where_no_run_of_four_is_runs_of_three_hold_the_spline():
+    one = np.zeros(1, dtype=np.int64)
+    cell = parting_of(H, np.zeros((1, 3), dtype=np.int64), np.zeros((0, 2), dtype=np.int64), one, one > 0)
+    normal = np.array([[[0.0, 0.0, 1.0]]])
+    space = space_of(cell, Samples(np.zeros((1, 3)), np.ones(1), normal, one))
+    assert len(space.runs) == 0
+    assert len(space.short_runs) == 27  # nine along each axis, each once
+    ghosts = stiffness(space, 1.0, Strength(0.0, 0.0, 1.0)) - stiffness(space, 1.0, NOTHING)
+    values = np.linalg.eigvalsh(ghosts.toarray())
+    assert (values > 1e-10).sum() == 27 - 8  # all but what is linear along each axis
+    x, y, z = cell.nodes.T
+    assert np.abs(ghosts @ (1.0 + x * y * z)).max() < 1e-13

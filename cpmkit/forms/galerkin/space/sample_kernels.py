@@ -1,0 +1,65 @@
+"""Compiled: loads summed over samples, and splines read at them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.protocols import Floats, Ints
+from cpmkit.runtime.compilation import compiled
+
+
+@compiled
+def spline_products(point: Floats, cell: Ints, spacing: float, products: Floats) -> None:
+    """Fill ``products`` (3^d,) with the splines of a patch at a point."""
+    d = len(cell)
+    size = 1
+    products[0] = 1.0
+    for axis in range(d):
+        t = point[axis] / spacing - cell[axis] + 0.5
+        s = 1.0 - t
+        for i in range(size - 1, -1, -1):
+            value = products[i]
+            products[3 * i] = value * (0.5 * s * s)
+            products[3 * i + 1] = value * (0.5 + t * s)
+            products[3 * i + 2] = value * (0.5 * t * t)
+        size *= 3
+
+
+@compiled
+def add_load(
+    unknowns: Ints,
+    cells: Ints,
+    spacing: float,
+    order: Ints,
+    start: Ints,
+    points: Floats,
+    densities: Floats,
+    load: Floats,
+) -> None:
+    """Add sum densities[q] N_j(y_q) to ``load`` (n, channels); ``densities`` (q, channels) hold the weights."""
+    width, channels = unknowns.shape[1], load.shape[1]
+    products = np.empty(width)
+    for p in range(len(cells)):
+        for s in range(start[p], start[p + 1]):
+            q = order[s]
+            spline_products(points[q], cells[p], spacing, products)
+            for place in range(width):
+                for channel in range(channels):
+                    load[unknowns[p, place], channel] += products[place] * densities[q, channel]
+
+
+@compiled
+def read_values(
+    unknowns: Ints, cells: Ints, spacing: float, patch: Ints, points: Floats, u: Floats, values: Floats
+) -> None:
+    """Fill ``values`` (q, channels) with those of u (n, channels) at the samples."""
+    width = unknowns.shape[1]
+    products = np.empty(width)
+    for q in range(len(points)):
+        p = patch[q]
+        spline_products(points[q], cells[p], spacing, products)
+        for channel in range(u.shape[1]):
+            total = 0.0
+            for place in range(width):
+                total += products[place] * u[unknowns[p, place], channel]
+            values[q, channel] = total
