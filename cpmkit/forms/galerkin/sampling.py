@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import SceneError
 from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples, boundary_samples
 from cpmkit.forms.galerkin.conditions.held import Held, held, needs_rims, point_warnings
 from cpmkit.forms.galerkin.conditions.sides import left_of_boundaries
+from cpmkit.forms.galerkin.contouring.curves import traced
 from cpmkit.forms.galerkin.contouring.surfaces import triangulated
 from cpmkit.forms.galerkin.insertion.inserted import inserted
 from cpmkit.forms.galerkin.options import GalerkinOptions
@@ -22,7 +22,7 @@ from cpmkit.forms.galerkin.samples.quadrature import samples_of
 from cpmkit.forms.galerkin.samples.soundness import sound
 from cpmkit.forms.galerkin.samples.sources import cells_of
 from cpmkit.forms.galerkin.samples.subdivision import subdivided
-from cpmkit.forms.galerkin.telling import check_insertion, of_insertion, of_mending
+from cpmkit.forms.galerkin.telling import check_insertion, of_contouring, of_insertion, of_mending, of_tracing
 from cpmkit.forms.options import Options
 from cpmkit.grid.lattice import Lattice, lattice_of
 from cpmkit.manifold.local_source import LocalSource, localize
@@ -137,11 +137,10 @@ def _cells(surface: LocalSource, spacing: float) -> tuple[SampleMesh, Bend, tupl
         mesh, mended = sound(own.mesh)
         return mesh, own.bend, tuple(of_mending(mended))
     if surface.manifold_dim == 1:
-        raise SceneError(
-            "the form 'galerkin' needs a curve that draws itself, got one with closest points alone; give the source a "
-            "method mesh(spacing), or use form='collocation'."
-        )
-    return triangulated(surface, spacing, curved=False)[0], "feet", ()
+        traces, of_curve = traced(surface, spacing, curved=False)
+        return traces, "feet", tuple(of_tracing(of_curve, surface))
+    triangles, of_surface = triangulated(surface, spacing, curved=False)
+    return triangles, "feet", tuple(of_contouring(of_surface, surface))
 
 
 def _joined(first: Samples, second: Samples) -> Samples:

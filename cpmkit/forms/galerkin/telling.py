@@ -7,13 +7,16 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from cpmkit.errors import SceneError, place
+from cpmkit.forms.galerkin.contouring.curves import CurveReport
+from cpmkit.forms.galerkin.contouring.surfaces import MOST_NONMANIFOLD, SurfaceReport
 from cpmkit.forms.galerkin.facing import Turned
 from cpmkit.forms.galerkin.insertion.inserted import Insertion
 from cpmkit.forms.galerkin.parting import Parting
 from cpmkit.forms.galerkin.samples.soundness import Mended
 from cpmkit.forms.galerkin.space.parted import SPECK_SPACINGS
 from cpmkit.grid.lattice import Lattice
-from cpmkit.protocols import SIDES, BoundarySet, Ints
+from cpmkit.manifold.local_source import LocalSource
+from cpmkit.protocols import SIDES, BoundarySet, Floats, Ints
 from cpmkit.scene.alike import same_condition
 
 #: Manifolds with more than this share on splines under which they turn are told of.
@@ -33,6 +36,41 @@ def of_mending(mended: Mended) -> Iterator[str]:
         yield (
             f"Parts of the mesh touch at {mended.fans} vertices that no edge joins there: nothing flows through these; "
             "join them by an edge if it should."
+        )
+
+
+def of_contouring(report: SurfaceReport, surface: LocalSource) -> Iterator[str]:
+    """Tell what closest points alone do not say of a surface."""
+    if report.nonmanifold_share > MOST_NONMANIFOLD:
+        yield (
+            f"{report.nonmanifold_share:.0%} of the edges of the triangulation by closest points have three triangles "
+            f"or more, at {report.side:g} spacings: the surface is thin there, or its sheets meet; a smaller spacing "
+            "tells."
+        )
+    if report.open_edges:
+        yield (
+            f"{report.open_edges} edges of the triangulation by closest points are open where the surface has no rim: "
+            "cracks through which nothing flows; use a smaller spacing."
+        )
+    yield from _unmet(report.unmet, surface, "surface")
+
+
+def of_tracing(report: CurveReport, curve: LocalSource) -> Iterator[str]:
+    """Tell what closest points alone do not say of a curve."""
+    if report.dropped:
+        yield (
+            f"The trace of the curve by closest points has {report.dropped} gaps: nothing flows there; use a smaller "
+            "spacing."
+        )
+    yield from _unmet(report.unmet, curve, "curve")
+
+
+def _unmet(points: Floats, source: LocalSource, what: str) -> Iterator[str]:
+    if len(points):
+        origin = np.zeros(source.dim) if source.origin is None else source.origin
+        yield (
+            f"A piece of the {what} near {place(points[0] + origin)} is too small for the lattice, and was left out; "
+            "use a smaller spacing."
         )
 
 

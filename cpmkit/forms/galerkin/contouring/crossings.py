@@ -19,6 +19,8 @@ EXPLAINED = 0.1
 APART = 0.1
 #: Where the surface looks plane it is asked this far, as a share of the edge, beside the crossing: for the normal.
 BESIDE = 0.01
+#: Halvings that find the root of the cubic between two nodes.
+HERMITE_HALVINGS = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,19 +93,19 @@ def _through_plane(source: LocalSource, nodes: Nodes, tail: Ints, head: Ints, al
     s = nodes.spacing
     d0, d1 = nodes.distance[tail] / s, -nodes.distance[head] / s
     m0, m1 = dots(nodes.normals[tail], along), -dots(nodes.normals[head], along)
-    t = d0 / (d0 - d1)
-    for _ in range(2):  # Newton's steps on Hermite's cubic
-        a, b = 2 * d0 - 2 * d1 + m0 + m1, -3 * d0 + 3 * d1 - 2 * m0 - m1
-        value, slope = ((a * t + b) * t + m0) * t + d0, (3 * a * t + 2 * b) * t + m0
-        with np.errstate(all="ignore"):
-            t = np.clip(np.where(np.abs(slope) > GRAZING, t - value / slope, t), 0.0, 1.0)
-    asked = np.maximum(t - BESIDE / np.maximum(np.abs(m0), 0.1), 0.0) * s
+    a, b = 2 * d0 - 2 * d1 + m0 + m1, -3 * d0 + 3 * d1 - 2 * m0 - m1
+    low, high = np.zeros(len(tail)), np.ones(len(tail))
+    for _ in range(HERMITE_HALVINGS):  # of Hermite's cubic; Newton's steps go astray where the edge grazes
+        t = 0.5 * (low + high)
+        before = ((a * t + b) * t + m0) * t + d0 > 0
+        low, high = np.where(before, t, low), np.where(before, high, t)
+    asked = np.maximum(low - BESIDE / np.maximum(np.abs(m0), 0.1), 0.0) * s
     seen = look(source, nodes.positions[tail] + asked[:, None] * along, nodes.normals[tail], s)
     slope = dots(seen.normal, along)
     with np.errstate(all="ignore"):
         t = asked - seen.distance / slope
-    good = seen.inner & (np.abs(slope) > GRAZING) & (seen.distance < 4 * BESIDE * s) & (t > -ARRIVED * s)
-    good &= (t < (1 + ARRIVED) * s) & (np.abs(dots(seen.normal, nodes.normals[tail])) > 0.7)
+    good = seen.inner & (np.abs(slope) > GRAZING) & (np.abs(t - asked) < 4 * TOLD_BY_NODE * s)
+    good &= (t > -ARRIVED * s) & (t < (1 + ARRIVED) * s) & (np.abs(dots(seen.normal, nodes.normals[tail])) > 0.7)
     return np.where(good, np.clip(t, 0.0, s), np.nan), seen.normal
 
 

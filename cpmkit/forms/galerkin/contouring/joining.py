@@ -29,7 +29,7 @@ def joined(source: LocalSource, a: Floats, b: Floats, normal_a: Floats, normal_b
     """Return whether points ``a`` and ``b`` (n, 3) of a surface hang together near their chord.
 
     The chord is bent onto the surface where it is farthest: its midpoint's closest point takes the place of one of its
-    ends. At a crease the gap shrinks, between sheets it stays.
+    ends, so that what is not flat or longer is left. At a crease the gap shrinks, between sheets it stays.
     """
     yes = flat(a, b, normal_a, normal_b, lost)
     rows = np.flatnonzero(~yes)
@@ -42,11 +42,13 @@ def joined(source: LocalSource, a: Floats, b: Floats, normal_a: Floats, normal_b
         known = norms(away) > 1e-3 * first
         nf = np.where(known[:, None], unit(away), 0.0)
         to_a, to_b = norms(foot - a), norms(b - foot)
-        keep_a = to_a >= to_b
-        a, na = np.where(keep_a[:, None], a, foot), np.where(keep_a[:, None], na, nf)
-        b, nb = np.where(keep_a[:, None], foot, b), np.where(keep_a[:, None], nf, nb)
-        new = np.maximum(to_a, to_b)
-        done = flat(a, b, na, nb, lost) | (new < CLOSED_GAP * first)
+        flat_a, flat_b = flat(a, foot, na, nf, lost), flat(foot, b, nf, nb, lost)
+        first_half = np.where(flat_a == flat_b, to_a >= to_b, flat_b)
+        keep_a = first_half[:, None]
+        a, na = np.where(keep_a, a, foot), np.where(keep_a, na, nf)
+        b, nb = np.where(keep_a, foot, b), np.where(keep_a, nf, nb)
+        new = np.where(first_half, to_a, to_b)
+        done = (flat_a & flat_b) | (new < CLOSED_GAP * first)
         yes[rows[done]] = True
         go = ~done & (new <= GROWN_GAP * first) & (new <= STUCK_GAP * gap)
         rows, first, gap = rows[go], first[go], new[go]

@@ -53,7 +53,9 @@ def look(source: LocalSource, x: Floats, known: Floats, length: float) -> Seen:
 def first_hits(
     source: LocalSource, start: Floats, along: Floats, length: float, seen: Seen, stop: Floats
 ) -> tuple[Floats, Floats]:
-    """Return how far from its start each ray meets the surface, (n,), else NaN, and the normal there, pointing back.
+    """Return how far from ``start`` each ray meets the surface, (n,), NaN where it does not, and the normal there.
+
+    The normal points back.
 
     Parameters
     ----------

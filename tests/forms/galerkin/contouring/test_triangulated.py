@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import pi
 
 import numpy as np
 import pytest
-from forms.galerkin.contouring.measures import area, topology
+from forms.galerkin.contouring.measures import area, pieces, topology
 
 import cpmkit as ck
 from cpmkit.forms.galerkin.contouring.surfaces import triangulated
 from cpmkit.manifold.local_source import localize
+from cpmkit.protocols import ClosestPoints
 
 SMOOTH = {
     "sphere": ({"kind": "analytic.sphere"}, 4 * pi, (1, 0, 2)),
@@ -43,3 +45,124 @@ def test_areas_of_smooth_surfaces_are_of_order_four(name):
         errors.append(abs(area(mesh) / exact - 1))
     assert errors[1] < 1e-6
     assert np.log2(errors[0] / errors[2]) / 2 > 3.4
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("name", SMOOTH)
+def test_anywhere_on_the_lattice(name, seed):
+    keys, exact, shape = SMOOTH[name]
+    mesh, report, _ = contoured(made(**keys), 0.1, np.random.default_rng(seed).uniform(0, 0.1, 3))
+    assert (topology(mesh), report.open_edges, len(report.unmet)) == (shape, 0, 0)
+    assert area(mesh) == pytest.approx(exact, rel=1e-6)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e6])
+@pytest.mark.parametrize("name", SMOOTH)
+def test_of_any_size(name, scale):
+    keys, exact, shape = SMOOTH[name]
+    mesh, _, _ = contoured(made(**keys, scale=scale), 0.1 * scale)
+    assert topology(mesh) == shape
+    assert area(mesh) == pytest.approx(exact * scale**2, rel=1e-6)
+
+
+def test_vertices_lie_on_the_surface_and_those_of_the_border_on_the_rim():
+    mesh, _, _ = contoured(made("analytic.cap", height=0.0), 0.1, [0, 0, 0])
+    assert np.abs(np.linalg.norm(mesh.vertices, axis=1) - 1).max() < 1e-12
+    edges, count = np.unique(np.sort(mesh.facets.reshape(-1, 2), axis=1), axis=0, return_counts=True)
+    assert np.abs(mesh.vertices[edges[count == 1], 2]).max() < 1e-12
+
+
+def test_spheres_a_third_of_a_spacing_apart_are_two():
+    ball = [made("analytic.sphere", radius=0.5, center=[x, 0, 0]) for x in (0.0, 1.03)]
+    mesh, _, _ = contoured(made("union", members=ball), 0.1)
+    assert topology(mesh) == (2, 0, 4)
+    assert area(mesh) == pytest.approx(2 * pi, rel=2e-6)
+
+
+def moebius_area(half_width=0.35, count=400):
+    """Return the area of the strip by Gauss' rule across it and the trapezoidal rule around it."""
+    v, weights = np.polynomial.legendre.leggauss(20)
+    u, v = np.meshgrid(np.arange(count) * 2 * pi / count, half_width * v)
+    around = 1 + v * np.cos(u / 2)
+    return (half_width * weights @ np.sqrt(0.25 * v**2 + around**2)).sum() * 2 * pi / count
+
+
+def test_a_moebius_strip_has_one_component_and_one_rim():
+    errors = []
+    for spacing in (0.14, 0.1, 0.07):
+        mesh, report, _ = contoured(made("parametric.moebius"), spacing)
+        assert (topology(mesh), report.open_edges) == ((1, 1, 0), 0)
+        errors.append(area(mesh) / moebius_area() - 1)
+    assert np.abs(errors).max() < 1e-3
+
+
+def half_plane(angle):
+    x = [f"{np.cos(angle)}*u", f"{np.sin(angle)}*u", "v"]
+    return made("parametric.surface", x=x, u=[0, 1], v=[0, 1])
+
+
+def test_three_sheets_that_meet_in_a_line_are_one_component():
+    tripod = made("union", members=[half_plane(angle) for angle in (0.1, 2.2, 4.3)])
+    mesh, report, _ = contoured(tripod, 0.1)
+    edges, count = np.unique(np.sort(mesh.facets.reshape(-1, 2), axis=1), axis=0, return_counts=True)
+    along = np.linalg.norm(np.diff(mesh.vertices[edges[count == 3]], axis=1)[:, 0], axis=1).sum()
+    assert pieces(mesh.cells[:, :2].tolist() + mesh.cells[:, 1:].tolist()) == 1
+    assert (count.max(), report.side) == (3, 0.5)
+    assert along == pytest.approx(1.0, abs=0.15)
+    assert area(mesh) == pytest.approx(3.0, rel=2e-3)
+
+
+def test_a_thin_ellipsoid_is_closed():
+    z = 0.1
+    e = np.sqrt(1 - z**2)
+    exact = 2 * pi * (1 + z**2 / e * np.arctanh(e))
+    lens = made("levelset.expression", phi="x**2 + y**2 + 100*z**2 - 1", bounds=[[-1.1, -1.1, -0.2], [1.1, 1.1, 0.2]])
+    mesh, report, _ = contoured(lens, 0.1)
+    assert (topology(mesh), report.open_edges) == ((1, 0, 2), 0)
+    assert area(mesh) == pytest.approx(exact, rel=3e-3)
+
+
+@dataclass(frozen=True)
+class Capsule:
+    """All points at a distance from a segment of length one, known by closest points alone."""
+
+    radius: float
+    dim: int = 3
+    manifold_dim: int = 2
+    exact: bool = True
+
+    @property
+    def bounds(self):
+        half = self.radius + np.array([0.5, 0.0, 0.0])
+        return np.array([-half, half])
+
+    def closest_point(self, x):
+        axis = np.zeros_like(x)
+        axis[:, 0] = np.clip(x[:, 0], -0.5, 0.5)
+        away = x - axis
+        feet = axis + self.radius * away / np.linalg.norm(away, axis=1)[:, None]
+        return ClosestPoints(feet, np.linalg.norm(x - feet, axis=1), np.full(len(x), -1))
+
+
+@pytest.mark.parametrize("radius", [0.06, 0.08, 0.12])
+def test_a_thin_capsule_is_closed(radius):
+    mesh, report, _ = contoured(Capsule(radius), 0.1, [0.013, 0.031, 0.007])
+    assert (topology(mesh), report.open_edges) == ((1, 0, 2), 0)
+    assert area(mesh) == pytest.approx(2 * pi * radius + 4 * pi * radius**2, rel=0.01)
+
+
+def test_a_cloud_of_points():
+    points = np.random.default_rng(1).normal(size=(10_000, 3))
+    mesh, _, _ = contoured(made("pointcloud.points", points=points / np.linalg.norm(points, axis=1)[:, None]), 0.1)
+    assert topology(mesh) == (1, 0, 2)
+    assert area(mesh) == pytest.approx(4 * pi, rel=2e-6)
+
+
+@pytest.mark.parametrize("spacing", [0.2, 0.1])
+def test_a_level_set_that_is_no_distance(spacing):
+    bounds = [[-2.1, -1.1, -0.9], [2.1, 1.1, 0.9]]
+    tamarind = made("levelset.expression", phi="x**2/4 + y**2 + 4*z**2/(1 + sin(pi*x)/2)**2 - 1", bounds=bounds)
+    mesh, report, queries = contoured(tamarind, spacing)
+    assert (topology(mesh), report.open_edges) == ((1, 0, 2), 0)
+    assert area(mesh) == pytest.approx(16.8342, rel=3e-3 * spacing)
+    assert queries < 22
