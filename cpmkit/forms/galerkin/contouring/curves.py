@@ -8,7 +8,7 @@ import numpy as np
 
 from cpmkit.errors import ResolutionError
 from cpmkit.forms.galerkin.contouring.ends import ends_in_cells
-from cpmkit.forms.galerkin.contouring.knot_crossings import KnotCrossings, knot_crossings
+from cpmkit.forms.galerkin.contouring.knot_crossings import KnotCrossings, knot_crossings, merged
 from cpmkit.forms.galerkin.contouring.midpoints import CREASE
 from cpmkit.forms.galerkin.contouring.strands import follow, neighbours
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
@@ -17,6 +17,8 @@ from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vectors import dots, norms
 from cpmkit.protocols import Floats, Ints
 
+#: Strands that come to an end so near to each other, in spacings, meet in a cusp.
+SAME_TIP = 0.05
 #: How far apart, in spacings, two crossings are at most that have no partner in their cells and are joined.
 LONE_REACH = 1.5
 #: Of the tangent lines through a star's crossings: eigenvalues below this share of the largest say nothing.
@@ -83,15 +85,19 @@ def traced(source: LocalSource, spacing: float, curved: bool = True) -> tuple[Sa
         source, crossings.points[of], crossings.tangents[of], crossings.cells[lone], spacing
     )
     ended &= norms(tips - crossings.points[of]) > 0
-    vertices = np.concatenate([crossings.points, centres, tips[ended]])
-    segments.append(np.stack([of[ended], len(vertices) - int(ended.sum()) + np.arange(ended.sum())], axis=1))
+    tip, first = merged(tips[ended], SAME_TIP * spacing)
+    vertices = np.concatenate([crossings.points, centres, tips[ended][first]])
+    segments.append(np.stack([of[ended], len(vertices) - len(first) + tip], axis=1))
     left = of[enters & ~ended]
     joins = _joined_lone(source, crossings, left, spacing)
     segments.append(joins)
     ends = np.unique(np.sort(np.concatenate(segments), axis=1), axis=0)
     vertices, ends = _bent(source, vertices, crossings.tangents, ends)
     report = CurveReport(
-        len(centres), int(ended.sum()), len(left) - joins.size, _unmet(source, cells, vertices, spacing)
+        len(centres),
+        int((np.bincount(tip) == 1).sum()),
+        len(left) - joins.size,
+        _unmet(source, cells, vertices, spacing),
     )
     return SampleMesh.of(vertices, ends, _midpoints(source, vertices, ends) if curved else None), report
 

@@ -10,6 +10,8 @@ from cpmkit.protocols import Bools, Floats, Ints
 
 #: Steps along the curve, in spacings, and how many of them.
 PACE, MOST_PACES = 0.1, 40
+#: A step that leads on by less than this share of its length has come to a point that the curve does not pass.
+STALLED = 0.05
 
 
 def ends_in_cells(
@@ -35,9 +37,10 @@ def ends_in_cells(
             break
         answer = source.closest_point(now + PACE * spacing * unit(now - before))
         inside = _inside(answer.points, cells[rows], spacing)
-        stops = inside & (answer.edge >= 0)
+        # A walk that stays where it is has come to an end, or to a cusp, where another one comes too.
+        stops = inside & ((answer.edge >= 0) | (norms(answer.points - now) < STALLED * PACE * spacing))
         end[rows[stops]], ended[rows[stops]] = answer.points[stops], True
-        go = inside & ~stops & (norms(answer.points - now) > 1e-3 * PACE * spacing)
+        go = inside & ~stops
         rows, before, now = rows[go], now[go], answer.points[go]
     return end, ended, enters
 

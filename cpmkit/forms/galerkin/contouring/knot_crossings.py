@@ -60,7 +60,7 @@ def knot_crossings(source: LocalSource, cells: Ints, spacing: float) -> KnotCros
     tangents = _tangents(source, points, axis[owner], spacing)
     steep = np.abs(tangents[np.arange(len(owner)), axis[owner]]) > GRAZING
     points, tangents, owner = points[steep], tangents[steep], owner[steep]
-    same, first = _merged(points, SAME * spacing)
+    same, first = merged(points, SAME * spacing)
     sides = np.concatenate([cell[owner], cell[owner] - np.eye(cells.shape[1], dtype=np.int64)[axis[owner]]])
     entries = np.unique(np.stack([codes.encode(sides), np.tile(same, 2)], axis=1), axis=0)
     start = np.append(np.flatnonzero(np.diff(entries[:, 0], prepend=-1)), len(entries))
@@ -137,7 +137,7 @@ def _tangents(source: LocalSource, points: Floats, axis: Ints, spacing: float) -
     return unit(ahead - back)
 
 
-def _merged(points: Floats, reach: float) -> tuple[Ints, Ints]:
+def merged(points: Floats, reach: float) -> tuple[Ints, Ints]:
     """Return a number for each point that those nearer than ``reach`` share, and the first point of each number."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components

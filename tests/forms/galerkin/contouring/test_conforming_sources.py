@@ -1,0 +1,96 @@
+"""Every installed kind of surface and curve is contoured from its closest points alone as it draws itself."""
+
+from __future__ import annotations
+
+from functools import cache
+from math import pi
+
+import numpy as np
+import pytest
+from forms.galerkin.contouring.measures import area, length, pieces, topology
+
+from cpmkit.forms.galerkin.contouring.curves import traced
+from cpmkit.forms.galerkin.contouring.surfaces import triangulated
+from cpmkit.forms.galerkin.sample_mesh import SampleMesh
+from cpmkit.manifold.local_source import localize
+from cpmkit.testing import ConformanceCase, installed_cases
+
+#: Components, pieces of the border and Euler characteristic, where they are not those of a sphere.
+SHAPES = {
+    "cap": (1, 1, 1),
+    "torus": (1, 0, 0),
+    "cylinder": (1, 2, 0),
+    "dome": (1, 1, 1),
+    "torus with two edges": (1, 2, 0),
+    "cylinder across": (1, 1, 1),
+    "decotetrahedron": (1, 0, -4),
+    "goursat": (1, 0, -8),
+    "saddle": (1, 1, 1),
+    "moebius": (1, 1, 0),
+}
+#: Areas, and the length of an ellipse, of clouds, which do not draw themselves.
+AREAS = {"(curve)": 5.10539977, "small sphere": 4e-6 * pi, "sphere": 4 * pi, "torus of degree 4": 1.6 * pi**2}
+#: No surface, or one whose cells are taken as they are: coarse creases between its facets are no part of its shape.
+LEFT_OUT = ("mesh.triangles", "(nearest)")
+#: Components of curves that have several.
+COMPONENTS = {"two circles": 2, "two loops": 2, "two open pieces": 2, "cut.function (torus)": 2}
+#: Kinds of curves that end, and how many ends they have; others are closed.
+ENDS = {
+    "two open pieces": 4,
+    "arc": 2,
+    "segment": 2,
+    "helix": 2,
+    "open": 2,
+    "one that ends": 2,
+    "sharply bent": 2,
+    "(callable)": 2,
+}
+
+
+@cache
+def cases(dimension):
+    """Return the cases of this dimension, and the sources that they make."""
+    made = [(case, case.make()) for case in installed_cases() if not any(word in str(case) for word in LEFT_OUT)]
+    return [pair for pair in made if pair[1].manifold_dim == dimension and pair[1].dim > dimension]
+
+
+def named(value):
+    """Return the case's name, and nothing of its source."""
+    return str(value) if isinstance(value, ConformanceCase) else ""
+
+
+def table(values, case, default):
+    """Return the entry of the longest key that the case's name holds."""
+    found = [key for key in values if key in str(case)]
+    return values[max(found, key=len)] if found else default
+
+
+def drawn_size(source, case, spacing):
+    """Return the area or length of the source's own drawing."""
+    if table(AREAS, case, None) and "pointcloud" in case.kind:
+        return table(AREAS, case, None)
+    vertices, cells = source.mesh(spacing)
+    if cells.shape[1] == 2:
+        return np.linalg.norm(np.diff(vertices[cells], axis=1)[:, 0], axis=1).sum()
+    return area(SampleMesh.of(vertices, cells))
+
+
+@pytest.mark.parametrize(("case", "source"), cases(2), ids=named)
+def test_surfaces(case, source):
+    spacing = float(np.ptp(source.bounds, axis=0).max()) / 20
+    mesh, report = triangulated(localize(source, source.bounds.mean(axis=0)), spacing)
+    assert area(mesh) == pytest.approx(drawn_size(source, case, spacing / 2), rel=4e-3)
+    assert len(report.unmet) == 0
+    if "klein" not in case.kind:  # it meets itself
+        assert topology(mesh) == table(SHAPES, case, (1, 0, 2))
+        assert report.open_edges == 0
+
+
+@pytest.mark.parametrize(("case", "source"), cases(1), ids=named)
+def test_curves(case, source):
+    spacing = float(np.ptp(source.bounds, axis=0).max()) / 30
+    mesh, report = traced(localize(source, source.bounds.mean(axis=0)), spacing)
+    assert length(mesh) == pytest.approx(drawn_size(source, case, spacing / 8), rel=2e-3)
+    assert np.sum(np.bincount(mesh.cells.ravel()) == 1) == table(ENDS, case, 0)
+    assert pieces(mesh.cells) == table(COMPONENTS, case, 1)
+    assert (report.dropped, len(report.unmet)) == (0, 0)
