@@ -33,11 +33,12 @@ STATIONS = [
     "discretization",  # N
     "assembly",  # A
 ]
-#: What lies beneath: the lattice and its stencils, the manifold.
+#: What lies beneath: the lattice and its stencils, what makes sparse matrices of rows, the manifold.
 BENEATH = [
     "grid/band",
     "grid/lattice",
     "grid/stencils",
+    "linear/products",
     "manifold/answers",
     "manifold/local_source",
     "manifold/vectors",
