@@ -1,8 +1,9 @@
 """The multigrid of the Galerkin form on spheres: iterations, cost in products with the fine matrix, peak memory.
 
-``python benchmarks/galerkin_multigrid.py`` takes spheres of 20 thousand to a million unknowns, each in a process of
-its own, and prints a table. All is on one thread; a product is that of the fine matrix with a vector, by SciPy, timed
-before and after what it is compared with. Peak memory is what levels, set-up and solve need beside the matrix.
+``python benchmarks/galerkin_multigrid.py`` takes spheres of 20 thousand to a million unknowns, each in a process of its
+own, and prints a table. All is on one thread; a product is SciPy's, of the fine matrix in double precision with a
+vector, timed before and after what it is compared with. Peak memory is what levels, set-up and solve need beside the
+matrix, in bytes an unknown.
 """
 
 from __future__ import annotations

@@ -13,12 +13,12 @@ Map = Callable[[Floats], Floats]
 
 
 def conjugate_gradients(
-    apply: Map, precondition: Map, residual: Floats, target: Floats, share: float, most: int, progress: Progress
+    apply: Map, precondition: Map, residual: Floats, target: Floats, most: int, progress: Progress
 ) -> tuple[Floats, int]:
     """Return x (n, channels), about the solution of ``A x = residual``, and the iterations that it took.
 
     A channel is done where ``|r|`` is below its ``target`` (channels,) and ``(r, M r)^(1/2)``, which sees what large
-    entries of A hide, below a ``share`` of what it was at the start; or where ``most`` iterations are.
+    entries of A hide, has fallen by as much; or after ``most`` iterations.
 
     Raises
     ------
@@ -27,12 +27,13 @@ def conjugate_gradients(
     """
     r = residual.copy()
     x, direction, before = np.zeros_like(r), np.zeros_like(r), np.ones(r.shape[1])
+    shares = target / np.linalg.norm(r, axis=0)
     first = start = None
     for iteration in range(most + 1):
         z = precondition(r)
         energy, size = _dots(r, z), np.linalg.norm(r, axis=0)
         first = energy if first is None else first
-        behind = np.maximum(size / target, np.sqrt(np.abs(energy) / first) / share)
+        behind = np.maximum(size / target, np.sqrt(np.abs(energy / first)) / shares)
         todo = (size > 0) & ~(behind <= 1)
         if (todo & ~(energy > 0)).any():
             raise Indefinite("what preconditions it has eigenvalues of the wrong sign")

@@ -120,9 +120,7 @@ class Preconditioned:
             start, target = np.ascontiguousarray(residual[:, open_]), RECURSION_SHARE * tolerance * size[open_]
             left = self.max_iterations - iterations
             try:
-                step, taken = conjugate_gradients(
-                    self.matrix.apply, self._precondition, start, target, tolerance, left, progress
-                )
+                step, taken = conjugate_gradients(self.matrix.apply, self._precondition, start, target, left, progress)
             except Indefinite as error:
                 raise _indefinite(error, iterations, tolerance) from error
             u[:, open_] += step
