@@ -14,6 +14,7 @@ from cpmkit.forms.contract import StateFlux
 from cpmkit.forms.galerkin.conditions.held import held
 from cpmkit.forms.galerkin.conditions.terms import ConditionTerms, condition_terms
 from cpmkit.forms.galerkin.facing import Turned, turned
+from cpmkit.forms.galerkin.fitting import check_factors_fit
 from cpmkit.forms.galerkin.hierarchy.levels import levels_of
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.reading import Reader
@@ -98,6 +99,10 @@ class Galerkin(Reader):
     def size(self) -> int:
         """Number of splines, copies counted."""
         return self.space.parting.size
+
+    def check_factor_fits(self) -> None:
+        """Refuse a factorisation that the memory of this process cannot hold."""
+        check_factors_fit(self.size, self.sampled.mesh.manifold_dim)
 
     def restated(self, scene: Scene) -> Galerkin:
         """Return the same splines for a scene that differs in its equation and its data alone."""
@@ -201,9 +206,7 @@ class Galerkin(Reader):
 
     @cached_property
     def _levels(self) -> Sequence[Level]:
-        tied = [one.all_rows for one in self.sampled.held if one.ties]
-        rows = np.concatenate([np.zeros(0, dtype=np.int64), *tied])
-        return levels_of(self.space.parting, self.space.parting.patch[self.sampled.interior + rows])
+        return levels_of(self.space.parting, self.space.parting.patch[self.sampled.interior :])
 
     # Values
 

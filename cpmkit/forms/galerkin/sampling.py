@@ -13,6 +13,7 @@ from cpmkit.forms.galerkin.conditions.held import Held, held, needs_rims, point_
 from cpmkit.forms.galerkin.conditions.sides import left_of_boundaries
 from cpmkit.forms.galerkin.contouring.curves import traced
 from cpmkit.forms.galerkin.contouring.surfaces import triangulated
+from cpmkit.forms.galerkin.fitting import check_samples_fit
 from cpmkit.forms.galerkin.insertion.inserted import inserted
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.sample_mesh import HalfFacets, SampleMesh, Samples
@@ -109,6 +110,7 @@ def sample(scene: Scene, options: Options[GalerkinOptions], progress: Progress) 
     surface = localize(scene.surface, lattice.origin)
     oriented = [scene.oriented(boundary) for boundary in scene.boundaries]
     sources = [localize(boundary.source, lattice.origin) for boundary in scene.boundaries]
+    check_samples_fit(surface, spacing)
     progress("samples", 0.0)
     mesh, bend, told = _cells(surface, spacing)
     points: dict[int, Ints] = {}

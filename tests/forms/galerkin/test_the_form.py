@@ -167,3 +167,21 @@ def test_forms_are_chosen_with_a_reason():
         solve(ck.Scene(ball, ck.ScreenedPoisson(1.0)), 0.3)
     with pytest.raises(ck.InputError, match="points must lie within 3 spacings"):
         solve(SCREENED, 0.3).evaluate([[3.0, 0, 0]])
+
+
+def test_what_memory_cannot_hold_is_refused_before_it_is_built(monkeypatch):
+    with pytest.raises(ck.ResolutionError, match=r"spacing=1e-06 needs about .* GiB, and .*; spacing=.* would fit"):
+        solve(SCREENED, 1e-6)
+    monkeypatch.setattr("cpmkit.forms.galerkin.fitting.FILL_FACTOR", 1e12)
+    with pytest.raises(ck.ResolutionError, match=r"factors of \d+ unknowns need .*; use solver='multigrid'"):
+        solve(SCREENED, 0.4)
+
+
+def test_a_flux_that_depends_on_the_solution():
+    """-Lap u = 2 z on the upper half of a sphere, du/db = -u^3 on its rim: u = 1 + z."""
+    cap = ck.source("analytic.cap", height=0.0)
+    scene = ck.Scene(cap, ck.Poisson(lambda x: 2 * x[:, 2]), edge=ck.NonlinearFlux(lambda u: -(u**3)))
+    solution = solve(scene, 0.2)
+    at = points(300) * [1, 1, 0] + np.abs(points(300)) * [0, 0, 1]
+    assert "Newton's method settled" in solution.report.reason
+    assert error(solution, lambda x: 1 + x[:, 2], at) < 5e-4
