@@ -181,7 +181,7 @@ def test_a_wrong_scene_ends_the_study_at_once(file, tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("[exact]", "[exakt]", "unknown key 'exakt'; accepted are title, surface"),
+        ("[exact]", "[exakt]", r"unknown key 'exakt' \(did you mean 'exact'\?\); accepted are title, surface"),
         ("points = 300", "samples = 300", r"\[exact\] has the unknown key 'samples'; accepted are u, points"),
         ("points = 300", "points = 0", "points of .exact. must be a whole number"),
         ('u = "exact"', "u = 3", "u of .exact. must be text, got 3"),
