@@ -12,14 +12,7 @@ from typing import Any
 
 import click
 
-from cpmkit.command_group import (
-    EXISTING_FILE,
-    FOLDER,
-    WRITTEN_FILE,
-    CommandGroup,
-    progress_callback,
-    traceback_option,
-)
+from cpmkit.command_group import CommandGroup, progress_callback, traceback_option
 from cpmkit.studies.commands import study
 
 
@@ -29,7 +22,9 @@ def _finite(ctx: click.Context, parameter: click.Parameter, value: float | None)
     return value
 
 
-scene_argument = click.argument("scene", type=EXISTING_FILE, metavar="SCENE.toml")
+scene_argument = click.argument(
+    "scene", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="SCENE.toml"
+)
 spacing_option = click.option(
     "--spacing",
     type=click.FloatRange(min=0, min_open=True),
@@ -72,19 +67,19 @@ def main() -> None:
 )
 @click.option(
     "--output",
-    type=FOLDER,
+    type=click.Path(file_okay=False, path_type=Path),
     metavar="FOLDER",
     help="Where results go; overrides the file's folder, which counts from the working directory.",
 )
 @click.option(
     "--checkpoint",
-    type=WRITTEN_FILE,
+    type=click.Path(dir_okay=False, path_type=Path),
     metavar="FILE",
     help="Of a problem in time: an .npz file in which the state of the run is kept, every 100 steps.",
 )
 @click.option(
     "--resume",
-    type=EXISTING_FILE,
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
     metavar="FILE",
     help="Go on from the checkpoint of an earlier run of the same scene.",
 )

@@ -22,10 +22,6 @@ FILE_KEY, STAGE_KEY, TRACEBACK_KEY = "cpmkit.file", "cpmkit.stage", "cpmkit.trac
 #: Exit code where the user interrupted the run: 128 and the number of the signal, as shells have it.
 INTERRUPTED_EXIT_CODE = 130
 
-#: What arguments name: a file that is there, one that is written, a folder that is made.
-EXISTING_FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
-WRITTEN_FILE, FOLDER = click.Path(dir_okay=False, path_type=Path), click.Path(file_okay=False, path_type=Path)
-
 
 class UnexpectedError(click.ClickException):
     """An error that nobody raised on purpose."""

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from cpmkit.command_group import EXISTING_FILE, FOLDER, WRITTEN_FILE, progress_callback, traceback_option
+from cpmkit.command_group import progress_callback, traceback_option
 
 
 @click.group()
@@ -18,10 +18,10 @@ def study() -> None:
 
 
 @study.command("run")
-@click.argument("file", type=EXISTING_FILE, metavar="STUDY.toml")
+@click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="STUDY.toml")
 @click.option(
     "--output",
-    type=FOLDER,
+    type=click.Path(file_okay=False, path_type=Path),
     metavar="FOLDER",
     help="Where records go; the name of the study in the working directory if left out.",
 )
@@ -65,7 +65,7 @@ def run_study(file: Path, output: Path | None, cheap: bool, spacings: tuple[floa
 )
 @click.option(
     "--table",
-    type=WRITTEN_FILE,
+    type=click.Path(dir_okay=False, path_type=Path),
     metavar="FILE.md",
     help="Also write the table that is printed to this file.",
 )
