@@ -151,7 +151,8 @@ def test_eigenvalues_at_rims():
         one = plain(scene, spacing)
         b, a = one.conditions.boundary_mass, one.matrix
         assert (b != b.T).nnz == 0
-        shares = eigh(b.toarray(), (a + b).toarray(), eigvals_only=True)[::-1][:4]
+        largest = (a.shape[0] - 4, a.shape[0] - 1)
+        shares = eigh(b.toarray(), (a + b).toarray(), eigvals_only=True, subset_by_index=largest)[::-1]
         found.append(np.abs(1 / shares - 1 - np.array([0, 2 * np.tanh(1.0), 2 * np.tanh(1.0), 2])))
     assert np.max(found, axis=1)[0] < 0.1
     assert order_of((0.4, 0.2, 0.14), np.max(found, axis=1)) > 2.5
