@@ -28,7 +28,10 @@ ROUNDING = 1e-14
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """One level that is smoothed: its matrix, its smoother, and P from the next coarser one."""
+    """One level that is smoothed: its matrix, its smoother, and P from the next coarser one.
+
+    Entries have 32 bits. That changes the cycle by 1e-7 or so and the solution by nothing: its equations keep 64.
+    """
 
     matrix: UnsignedCsr
     smoother: Smoother
@@ -86,15 +89,17 @@ def cycle_of(matrix: csr_array, levels: Sequence[Level], piece: Ints) -> Cycle:
     stages = []
     for level in levels:
         P = level.prolongation
-        smoother = _smoother(matrix, _open(level.strip, piece))
-        stages.append(Stage(UnsignedCsr.of(matrix), smoother, UnsignedCsr.of(P)))
+        coarser = coarse_operator(matrix, P)  # what it needs on the way is not in memory together with what follows
+        rows = UnsignedCsr.of(matrix).rounded()
+        smoother = _smoother(matrix, rows, _open(level.strip, piece))
+        stages.append(Stage(rows, smoother, UnsignedCsr.of(P).rounded()))
         coarse = np.full(P.shape[1], -1)
         coarse[P.indices] = np.repeat(piece, np.diff(P.indptr))
-        matrix, piece = coarse_operator(matrix, P), coarse
+        matrix, piece = coarser, coarse
     return Cycle(tuple(stages), PositiveFactors.of(_held(matrix, piece), "on the coarsest level"))
 
 
-def _smoother(matrix: csr_array, strip: Ints) -> Smoother:
+def _smoother(matrix: csr_array, rows: UnsignedCsr, strip: Ints) -> Smoother:
     exact, diagonal = Strip.of(matrix, strip), matrix.diagonal()
     swept = abs(diagonal) > ROUNDING * diagonal.max()
     swept[strip] = False
@@ -102,7 +107,6 @@ def _smoother(matrix: csr_array, strip: Ints) -> Smoother:
         raise Indefinite("it has entries below zero on the diagonal")
     inverse = np.zeros(len(diagonal))
     inverse[swept] = 1 / diagonal[swept]
-    rows = UnsignedCsr.of(matrix)
     largest = EIGENVALUE_MARGIN * largest_eigenvalue(rows, inverse)
     return Smoother(Chebyshev(rows, inverse, largest, SMOOTHING_STEPS), exact)
 

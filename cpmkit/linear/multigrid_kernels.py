@@ -14,7 +14,7 @@ from cpmkit.runtime.compilation import compiled, inlined
 
 
 @inlined
-def _row(pointers: Any, columns: Any, entries: Floats, i: int, x: Floats, m: int) -> float:
+def _row(pointers: Any, columns: Any, entries: Any, i: int, x: Floats, m: int) -> float:
     """Return row i of ``A x``, channel m, in four sums: one would wait for itself at every entry."""
     one, two, three, four = 0.0, 0.0, 0.0, 0.0
     k, stop = pointers[i], pointers[i + 1]
@@ -34,7 +34,7 @@ def _row(pointers: Any, columns: Any, entries: Floats, i: int, x: Floats, m: int
 
 @compiled
 def subtract(
-    start: int, stop: int, pointers: Any, columns: Any, entries: Floats, x: Floats, b: Floats, out: Floats
+    start: int, stop: int, pointers: Any, columns: Any, entries: Any, x: Floats, b: Floats, out: Floats
 ) -> None:
     """Set the rows from ``start`` to ``stop`` of ``out`` to those of ``b - A x``."""
     for i in range(start, stop):
@@ -48,7 +48,7 @@ def step(
     stop: int,
     pointers: Any,
     columns: Any,
-    entries: Floats,
+    entries: Any,
     x: Floats,
     b: Floats,
     inverse: Floats,
@@ -66,7 +66,7 @@ def step(
 
 
 @compiled
-def restrict(pointers: Any, columns: Any, entries: Floats, fine: Floats, coarse: Floats) -> None:
+def restrict(pointers: Any, columns: Any, entries: Any, fine: Floats, coarse: Floats) -> None:
     """Add ``P' fine`` to ``coarse``."""
     for i in range(len(fine)):
         for k in range(pointers[i], pointers[i + 1]):
@@ -75,7 +75,7 @@ def restrict(pointers: Any, columns: Any, entries: Floats, fine: Floats, coarse:
 
 
 @compiled
-def prolong(start: int, stop: int, pointers: Any, columns: Any, entries: Floats, coarse: Floats, fine: Floats) -> None:
+def prolong(start: int, stop: int, pointers: Any, columns: Any, entries: Any, coarse: Floats, fine: Floats) -> None:
     """Add the rows from ``start`` to ``stop`` of ``P coarse`` to ``fine``."""
     for i in range(start, stop):
         for m in range(fine.shape[1]):

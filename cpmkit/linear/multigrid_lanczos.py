@@ -25,25 +25,28 @@ def largest_eigenvalue(matrix: UnsignedCsr, inverse: Floats) -> float:
     Indefinite
         If an eigenvalue below zero shows.
     """
-    from scipy.linalg import eigh_tridiagonal
-
     root = np.sqrt(inverse)[:, None]
     v = np.random.default_rng(0).standard_normal(root.shape) * (root > 0)
-    before, beta = np.zeros_like(v), float(np.linalg.norm(v))
+    before, beta = np.zeros_like(v), _dot(v, v) ** 0.5
     diagonal: list[float] = []
     beside: list[float] = []
     while beta > 0 and len(diagonal) < LANCZOS_STEPS:
-        before, v = v / beta, before
-        w = root * matrix.apply(root * before)
-        if diagonal:
-            w -= beta * v
-        diagonal.append(float(np.vdot(before, w)))
-        w -= diagonal[-1] * before
-        v, beta = w, float(np.linalg.norm(w))
-        values, vectors = eigh_tridiagonal(np.array(diagonal), np.array(beside))
+        v *= 1 / beta
+        before *= -beta
+        w = matrix.apply(root * v)
+        w *= root
+        w += before  # zero at first
+        diagonal.append(_dot(v, w))
+        w -= diagonal[-1] * v
+        before, v, beta = v, w, _dot(w, w) ** 0.5
+        values, vectors = np.linalg.eigh(np.diag(diagonal) + np.diag(beside, 1) + np.diag(beside, -1))
         beside.append(beta)
         if beta * abs(vectors[-1, -1]) <= LANCZOS_RESIDUAL * values[-1]:
             break
     if diagonal and not values[0] > -LANCZOS_RESIDUAL * abs(values[-1]):
         raise Indefinite("it has eigenvalues of the wrong sign")
     return float(values[-1]) if diagonal else 1.0
+
+
+def _dot(a: Floats, b: Floats) -> float:
+    return float(np.einsum("nc,nc->", a, b))  # on this thread; BLAS would wake others, which then wait for more

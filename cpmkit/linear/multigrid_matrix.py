@@ -15,6 +15,9 @@ from cpmkit.runtime.threads import run_parcels
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
+#: Matrices with fewer entries are multiplied by one thread: handing out parcels takes as long as one or two of them.
+LEAST_SHARED_ENTRIES = 1 << 22
+
 
 @dataclass(frozen=True, eq=False)
 class UnsignedCsr:
@@ -22,7 +25,7 @@ class UnsignedCsr:
 
     Attributes
     ----------
-    pointers, columns, entries : (n + 1,) uint64, (z,) uint32, (z,) float64
+    pointers, columns, entries : (n + 1,) uint64, (z,) uint32, (z,) float64 or float32
         As SciPy's; the columns are shared with it where it has 32 bits for them, the entries always.
     width : int
         Number of columns, m.
@@ -30,7 +33,7 @@ class UnsignedCsr:
 
     pointers: Any
     columns: Any
-    entries: Floats
+    entries: Any
     width: int
 
     @classmethod
@@ -39,6 +42,10 @@ class UnsignedCsr:
         indices = matrix.indices
         columns = indices.view(np.uint32) if indices.dtype == np.int32 else indices.astype(np.uint32)
         return cls(matrix.indptr.astype(np.uint64), columns, matrix.data, int(matrix.shape[1]))
+
+    def rounded(self) -> UnsignedCsr:
+        """Return the same matrix with entries of 32 bits, which takes two thirds of the memory and of the time."""
+        return replace(self, entries=self.entries.astype(np.float32))
 
     def to_csr(self) -> csr_array:
         """Return the same matrix as SciPy has it; rows are not sorted."""
@@ -99,7 +106,10 @@ class UnsignedCsr:
         def work(start: int, stop: int) -> None:
             kernel(start, stop, self.pointers, self.columns, self.entries, *arguments)
 
-        run_parcels(work, len(self), rows)
+        if len(self.entries) < LEAST_SHARED_ENTRIES:
+            work(0, len(self))
+        else:
+            run_parcels(work, len(self), rows)
 
 
 def coarse_operator(matrix: csr_array, prolongation: csr_array) -> csr_array:

@@ -33,15 +33,14 @@ class Turned:
     near: Floats
 
 
-def turned(space: Space, mesh: SampleMesh) -> Turned:
+def turned(space: Space, mesh: SampleMesh, area: Floats) -> Turned:
     """Return how much of the manifold lies on splines with ``|sum w N n| < .6 sum w N``, n the oriented normals.
 
-    Of curves n is the tangent. Cells are oriented by walking over the facets that two of them share.
+    Of curves n is the tangent. Cells are oriented by walking over the facets that two of them share. ``area`` (n,) is
+    the integral of each spline.
     """
     signs = orientation(mesh)[space.samples.cell]
-    directions = signs[:, None] * _directions(mesh, space)
-    summed = load(space, np.hstack([np.ones((len(directions), 1)), directions]))
-    area, facing = summed[:, 0], norms(summed[:, 1:])
+    facing = norms(load(space, signs[:, None] * _directions(mesh, space)))
     is_turned = facing < FACED_LENGTH * area
     if not is_turned.any():
         return Turned(0.0, np.full(mesh.dim, np.nan))

@@ -157,9 +157,10 @@ class Galerkin(Reader):
 
     def _conditions(self, diffusivity: Data, a: Floats | None = None) -> ConditionTerms:
         """Return the terms of the conditions where the diffusivity is ``a`` (q,) at all samples, 1 unless given."""
-        one, logarithms = self.sampled, np.zeros((len(self.sampled.samples), 1)) if a is None else np.log(a)[:, None]
-        logarithms = load(self.space, logarithms)[:, 0]
-        rows = self._boundary_rows
+        one, rows, logarithms = self.sampled, self._boundary_rows, np.zeros(self.size)
+        if a is not None:
+            varies = a.min() < a.max()
+            logarithms = load(self.space, np.log(a)[:, None])[:, 0] if varies else np.log(a[0]) * self._areas
         return condition_terms(
             one.held, one.boundary, one.left, rows, self._areas, diffusivity, logarithms, one.lattice
         )
@@ -190,7 +191,8 @@ class Galerkin(Reader):
         del of  # a second Laplacian is refused
         assert isinstance(stiffness, GalerkinOperator)
         assert stiffness.conditions is not None
-        return stiffness.conditions.load(self.channels, time)
+        held = stiffness.conditions.held
+        return stiffness.conditions.load(self.channels, time) if held else np.zeros((self.size, self.channels))
 
     def boundary_mass(self, stiffness: Stiffness) -> CsrOperator | None:
         """Return the integrals over boundaries where du/db = lambda u stands; None where it stands nowhere."""
@@ -277,7 +279,7 @@ class Galerkin(Reader):
     @cached_property
     def turned(self) -> Turned:
         """How much of the manifold lies on splines under which it turns: thin, folded or creased on this lattice."""
-        return turned(self.space, self.sampled.mesh)
+        return turned(self.space, self.sampled.mesh, self._areas)
 
     def error_divisor(self) -> float:
         """Return 2.5, and 1 where the error may fall slowly: at tips, and where the manifold is thin or folded.

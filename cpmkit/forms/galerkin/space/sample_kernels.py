@@ -17,11 +17,12 @@ def spline_products(point: Floats, cell: Ints, spacing: float, products: Floats)
     for axis in range(d):
         t = point[axis] / spacing - cell[axis] + 0.5
         s = 1.0 - t
+        left, middle, right = 0.5 * s * s, 0.5 + t * s, 0.5 * t * t
         for i in range(size - 1, -1, -1):
             value = products[i]
-            products[3 * i] = value * (0.5 * s * s)
-            products[3 * i + 1] = value * (0.5 + t * s)
-            products[3 * i + 2] = value * (0.5 * t * t)
+            products[3 * i] = value * left
+            products[3 * i + 1] = value * middle
+            products[3 * i + 2] = value * right
         size *= 3
 
 
@@ -38,14 +39,19 @@ def add_load(
 ) -> None:
     """Add sum densities[q] N_j(y_q) to ``load`` (n, channels); ``densities`` (q, channels) hold the weights."""
     width, channels = unknowns.shape[1], load.shape[1]
-    products = np.empty(width)
+    products, sums = np.empty(width), np.empty(width * channels)
     for p in range(len(cells)):
+        sums[:] = 0.0
         for s in range(start[p], start[p + 1]):
             q = order[s]
             spline_products(points[q], cells[p], spacing, products)
-            for place in range(width):
-                for channel in range(channels):
-                    load[unknowns[p, place], channel] += products[place] * densities[q, channel]
+            for channel in range(channels):
+                density, first = densities[q, channel], np.uint64(channel * width)
+                for place in range(np.uint64(width)):  # unsigned, so that no index is tested for its sign
+                    sums[first + place] += products[place] * density
+        for place in range(width):
+            for channel in range(channels):
+                load[unknowns[p, place], channel] += sums[channel * width + place]
 
 
 @compiled
