@@ -16,6 +16,7 @@ from cpmkit.forms.galerkin.conditions.terms import ConditionTerms, condition_ter
 from cpmkit.forms.galerkin.facing import Turned, turned
 from cpmkit.forms.galerkin.fitting import check_factors_fit
 from cpmkit.forms.galerkin.hierarchy.levels import levels_of
+from cpmkit.forms.galerkin.locating import DIFFERENCE_SPACINGS
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.reading import Reader
 from cpmkit.forms.galerkin.sampling import sample
@@ -28,6 +29,7 @@ from cpmkit.forms.galerkin.telling import TURNED_SHARE, of_space, of_turning
 from cpmkit.forms.options import Options
 from cpmkit.linear.levels import Level
 from cpmkit.linear.operators import Border, CsrOperator
+from cpmkit.manifold.tangent_space import project_tangent
 from cpmkit.protocols import Floats, Operator, Progress, Stiffness, no_progress
 from cpmkit.scene.data import Data
 from cpmkit.scene.equations import Terms
@@ -243,9 +245,11 @@ class Galerkin(Reader):
             raw[..., axis] = derivative_rows(parting, patch, at, np.tile(direction, (len(at), 1))) @ u
         raw -= np.einsum("qkd,qcd,qce->qke", raw, normals, normals)
         integrals = self._integrals(raw.reshape(len(at), -1))
-        rows, across = self.reading_rows(points, side)
+        rows, feet = self.reading_rows(points, side)
         found = np.asarray(rows @ self._projected(integrals)).reshape(-1, u.shape[1], dim)
-        return np.asarray(found - np.einsum("kqd,kcd,kce->kqe", found, across, across))
+        step = DIFFERENCE_SPACINGS * self.spacing
+        channels = [project_tangent(one.surface, feet, column, step) for column in found.transpose(1, 0, 2)]
+        return np.stack(channels, axis=1) if channels else found
 
     def inner(self, u: Floats, v: Floats) -> Floats:
         """Return the means (k, m) over the manifold of the products of u's columns with v's."""

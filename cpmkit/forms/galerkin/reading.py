@@ -19,7 +19,7 @@ from cpmkit.forms.galerkin.space.space import Space
 from cpmkit.forms.galerkin.space.splines import value_rows
 from cpmkit.forms.options import Options
 from cpmkit.manifold.tangent_space import outward_conormals
-from cpmkit.protocols import SIDES, Floats, Side
+from cpmkit.protocols import SIDES, ClosestPoints, Floats, Side
 from cpmkit.runtime.arrays import as_points
 from cpmkit.scene.scene import Scene
 
@@ -78,11 +78,11 @@ class Reader(Discretized):
         """Return the matrix (k, n) that reads u at the manifold's points nearest to ``points`` (k, d)."""
         return self.reading_rows(points, side)[0]
 
-    def reading_rows(self, points: Any, side: Side | Mapping[str, Side] | None) -> tuple[csr_array, Floats]:
-        """Return the same, and the normals (k, c, d) of the manifold near these points."""
-        feet = self.project(points)
-        patch, nearest = self._locator.patches(feet, self._numbered(side))
-        return value_rows(self.space.parting, patch, feet), self.sampled.samples.normals[nearest]
+    def reading_rows(self, points: Any, side: Side | Mapping[str, Side] | None) -> tuple[csr_array, ClosestPoints]:
+        """Return the same, and the feet (k,) at which it reads."""
+        feet = self._feet(points)
+        patch = self._locator.patches(feet.points, self._numbered(side))[0]
+        return value_rows(self.space.parting, patch, feet.points), feet
 
     def project(self, points: Any) -> Floats:
         """Return the feet (k, d) of points near the manifold, relative to the lattice's origin.
@@ -92,6 +92,9 @@ class Reader(Discretized):
         InputError
             If a point is farther away than three spacings.
         """
+        return self._feet(points).points
+
+    def _feet(self, points: Any) -> ClosestPoints:
         local = self.sampled.lattice.to_local(as_points(points, self.scene.surface.dim))
         feet = self.sampled.surface.closest_point(local)
         worst, radius = float(feet.distance.max(initial=0.0)), READING_SPACINGS * self.spacing
@@ -100,7 +103,7 @@ class Reader(Discretized):
                 f"points must lie within {READING_SPACINGS:g} spacings, {radius:.3g}, of the manifold to be read, "
                 f"the farthest is {worst:.3g} away; take their closest points first."
             )
-        return feet.points
+        return feet
 
     def _numbered(self, side: Side | Mapping[str, Side] | None) -> dict[int, Side]:
         names = [boundary.name for boundary in self.scene.boundaries]
