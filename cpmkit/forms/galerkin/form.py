@@ -154,8 +154,9 @@ class Galerkin(Reader):
     def _at_samples(self, data: Data, what: str) -> Floats:
         """Return a coefficient (q,) at all samples; those on boundaries have that of their cell's first."""
         own = self.read(data, what)[:, 0]
-        each = len(own) // len(self.sampled.mesh.cells)
-        return np.concatenate([own, own[each * self.sampled.boundary.cell]])
+        one = self.sampled
+        first = np.searchsorted(one.samples.cell[: one.interior], one.boundary.cell)
+        return np.concatenate([own, own[first]])
 
     def _conditions(self, diffusivity: Data, a: Floats | None = None) -> ConditionTerms:
         """Return the terms of the conditions where the diffusivity is ``a`` (q,) at all samples, 1 unless given."""

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal, TypeAlias
 
 import numpy as np
 
 from cpmkit.protocols import Bools, Floats, Ints
+
+#: "flat": the cells are the manifold; "feet": it goes through the feet of points near them; "normals": its feet lie on
+#: flat triangles, and its normals tell how it bends over them.
+Bend: TypeAlias = Literal["flat", "feet", "normals"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,8 +16,9 @@ from cpmkit.forms.galerkin.contouring.surfaces import triangulated
 from cpmkit.forms.galerkin.fitting import check_samples_fit
 from cpmkit.forms.galerkin.insertion.inserted import inserted
 from cpmkit.forms.galerkin.options import GalerkinOptions
-from cpmkit.forms.galerkin.sample_mesh import HalfFacets, SampleMesh, Samples
-from cpmkit.forms.galerkin.samples.bending import Bend, bent
+from cpmkit.forms.galerkin.sample_mesh import Bend, HalfFacets, SampleMesh, Samples
+from cpmkit.forms.galerkin.samples.bending import bent
+from cpmkit.forms.galerkin.samples.clipping import is_clipped, longest_edge_spacings
 from cpmkit.forms.galerkin.samples.cutting import corners_of, half_facets
 from cpmkit.forms.galerkin.samples.quadrature import samples_of
 from cpmkit.forms.galerkin.samples.soundness import sound
@@ -30,9 +31,6 @@ from cpmkit.manifold.local_source import LocalSource, localize
 from cpmkit.protocols import Bools, Ints, Progress
 from cpmkit.scene.oriented import OrientedBoundary
 from cpmkit.scene.scene import Scene
-
-#: Edges of the sample mesh are at most this many spacings long: three samples a triangle then see every spline.
-LONGEST_EDGE_SPACINGS = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +110,8 @@ def sample(scene: Scene, options: Options[GalerkinOptions], progress: Progress) 
     sources = [localize(boundary.source, lattice.origin) for boundary in scene.boundaries]
     check_samples_fit(surface, spacing)
     progress("samples", 0.0)
-    mesh, bend, told = _cells(surface, spacing)
+    sampling = options.own.samples
+    mesh, bend, told = _cells(surface, spacing, sampling)
     points: dict[int, Ints] = {}
     if sources:
         insertion = inserted(mesh, sources, spacing)
@@ -120,7 +119,7 @@ def sample(scene: Scene, options: Options[GalerkinOptions], progress: Progress) 
         check_insertion(insertion, scene.boundaries)
         told += tuple(of_insertion(insertion))
     progress("samples", 0.5)
-    mesh = subdivided(mesh, LONGEST_EDGE_SPACINGS * spacing)
+    mesh = subdivided(mesh, longest_edge_spacings(sampling, bend, mesh.manifold_dim) * spacing)
     mesh = bent(mesh, bend, surface, sources, spacing)
     corners, half = corners_of(mesh), half_facets(mesh)
     boundary = boundary_samples(mesh, half, corners, needs_rims(scene), points)
@@ -128,13 +127,14 @@ def sample(scene: Scene, options: Options[GalerkinOptions], progress: Progress) 
     told += point_warnings(scene, boundary)
     laws = held(scene, boundary, left, surface, lattice)
     progress("samples", 1.0)
-    samples = _joined(samples_of(mesh), boundary.as_samples)
+    clipped_at = spacing if is_clipped(sampling, bend, mesh.manifold_dim) else None
+    samples = _joined(samples_of(mesh, clipped_at), boundary.as_samples)
     return SampledScene(lattice, surface, sources, oriented, mesh, corners, half, samples, boundary, left, laws, told)
 
 
-def _cells(surface: LocalSource, spacing: float) -> tuple[SampleMesh, Bend, tuple[str, ...]]:
+def _cells(surface: LocalSource, spacing: float, sampling: str) -> tuple[SampleMesh, Bend, tuple[str, ...]]:
     """Return a sound mesh of the manifold, how its cells are to be bent, and what is to be told of it."""
-    own = cells_of(surface, spacing)
+    own = cells_of(surface, spacing, sampling)
     if own is not None:
         mesh, mended = sound(own.mesh)
         return mesh, own.bend, tuple(of_mending(mended))

@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal, TypeAlias
 
-from cpmkit.forms.galerkin.sample_mesh import SampleMesh
+from cpmkit.forms.galerkin.sample_mesh import Bend, SampleMesh
 from cpmkit.forms.galerkin.samples.curving import curved
 from cpmkit.forms.galerkin.samples.lifting import curved_by_normals
 from cpmkit.forms.galerkin.samples.segments import split_at_knots
 from cpmkit.manifold.local_source import LocalSource
-
-#: "flat": the cells are the manifold; "feet": it goes through the feet of points near them; "normals": its feet lie on
-#: flat triangles, and its normals tell how it bends over them.
-Bend: TypeAlias = Literal["flat", "feet", "normals"]
 
 
 def bent(

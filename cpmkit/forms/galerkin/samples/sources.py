@@ -7,8 +7,8 @@ from itertools import combinations
 
 import numpy as np
 
-from cpmkit.forms.galerkin.sample_mesh import SampleMesh
-from cpmkit.forms.galerkin.samples.bending import Bend
+from cpmkit.forms.galerkin.sample_mesh import Bend, SampleMesh
+from cpmkit.forms.galerkin.samples.clipping import PLAIN_EDGE_SPACINGS, longest_edge_spacings
 from cpmkit.forms.galerkin.samples.drawings import is_fit
 from cpmkit.forms.galerkin.samples.lifting import lifted
 from cpmkit.forms.galerkin.samples.soundness import sound
@@ -16,10 +16,10 @@ from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vectors import norms
 from cpmkit.protocols import HasMesh
 
-#: Drawings have edges of this many spacings.
-DRAWN_EDGE_SPACINGS = 0.5
 #: Cells whose centres are looked at to tell whether cells are flat, and how near they are to it then, of their size.
 FLAT_PROBES, FLAT_SIZE_SHARE = 1024, 1e-9
+#: Where the manifold is higher than this above a drawing, in edges of the drawing, it is drawn with the short edges.
+BENT_EDGE_SHARE = 0.06
 #: Members of a union that come nearer than this share of its size meet; so many places are followed, for so many steps.
 MEETING_SIZE_SHARE, MEETING_PLACES, MEETING_STEPS = 1e-6, 256, 50
 
@@ -40,7 +40,7 @@ class Drawn:
     bend: Bend
 
 
-def cells_of(source: LocalSource, spacing: float) -> Drawn | None:
+def cells_of(source: LocalSource, spacing: float, sampling: str = "auto") -> Drawn | None:
     """Return the cells of a source; None where they are to be found by closest points.
 
     A mesh or polyline gives its own cells, bent where it is read as smooth; an analytic or parametric shape those of
@@ -51,44 +51,63 @@ def cells_of(source: LocalSource, spacing: float) -> Drawn | None:
     ----------
     source : LocalSource
     spacing : float
-        h: drawings, and the triangles of bent meshes, have edges of half of it.
+        h: drawings, and the triangles of bent meshes, have edges of .5 or .7 of it.
+    sampling : "auto", "plain" or "clipped"
+        How samples are to be taken: it tells how long edges may be.
     """
     if source.members[0] is not source:
-        return _side_by_side(source, spacing)
-    if not 0 < (source.manifold_dim or 0) < source.dim or not isinstance(source.source, HasMesh):
+        return _side_by_side(source, spacing, sampling)
+    m = source.manifold_dim or 0
+    if not 0 < m < source.dim or not isinstance(source.source, HasMesh):
         return None
-    length = DRAWN_EDGE_SPACINGS * spacing
+    length, short = spacing * longest_edge_spacings(sampling, "feet", m), spacing * PLAIN_EDGE_SPACINGS
+    mesh = _drawn(source, length)
+    if mesh is None:
+        return None
+    height = _height(source, mesh)
+    if height <= FLAT_SIZE_SHARE * _size(mesh):
+        if source.source.exact or m == 1 or not source.has_normals:
+            return Drawn(mesh, "flat")
+        length = spacing * longest_edge_spacings(sampling, "normals", m)
+        return Drawn(lifted(sound(mesh)[0], source, length), "normals")
+    if height <= BENT_EDGE_SHARE * length or length == short:
+        mesh = sound(mesh)[0]
+        if is_fit(source, mesh, length):
+            return Drawn(mesh, "feet")
+    again = _drawn(source, short) if length > short else None
+    if again is None:
+        return None
+    again = sound(again)[0]
+    return Drawn(again, "feet") if is_fit(source, again, short) else None
+
+
+def _drawn(source: LocalSource, length: float) -> SampleMesh | None:
+    """Return what a source draws with edges of ``length``; None where that is not cells of its dimension."""
+    assert isinstance(source.source, HasMesh)
     vertices, cells = source.source.mesh(length)
     if cells.shape[1] != (source.manifold_dim or 0) + 1 or not len(cells):
         return None
-    mesh = SampleMesh.of(np.ascontiguousarray(vertices - source.shift), np.ascontiguousarray(cells, dtype=np.int64))
-    if _is_flat(source, mesh):
-        if source.source.exact or mesh.manifold_dim == 1 or not source.has_normals:
-            return Drawn(mesh, "flat")
-        return Drawn(lifted(sound(mesh)[0], source, length), "normals")
-    mesh = sound(mesh)[0]
-    return Drawn(mesh, "feet") if is_fit(source, mesh, length) else None
+    return SampleMesh.of(np.ascontiguousarray(vertices - source.shift), np.ascontiguousarray(cells, dtype=np.int64))
 
 
-def _is_flat(source: LocalSource, mesh: SampleMesh) -> bool:
-    """Whether the centres of cells lie on the manifold, as those of a faceted mesh do."""
+def _height(source: LocalSource, mesh: SampleMesh) -> float:
+    """Return how far centres of cells are from the manifold at most: not at all in a faceted mesh."""
     step = max(len(mesh.cells) // FLAT_PROBES, 1)
     centres = mesh.vertices[mesh.cells[::step]].mean(axis=1)
-    off = norms(source.closest_point(centres).points - centres)
-    return bool(off.max() <= FLAT_SIZE_SHARE * _size(mesh))
+    return float(norms(source.closest_point(centres).points - centres).max())
 
 
 def _size(mesh: SampleMesh) -> float:
     return float(np.ptp(mesh.vertices, axis=0).max())
 
 
-def _side_by_side(source: LocalSource, spacing: float) -> Drawn | None:
+def _side_by_side(source: LocalSource, spacing: float, sampling: str) -> Drawn | None:
     """Return the cells of a union of members of one dimension that do not meet."""
     if source.manifold_dim is None:
         return None
     drawn = []
     for member in source.members:
-        one = cells_of(member, spacing)
+        one = cells_of(member, spacing, sampling)
         if one is None:
             return None
         drawn.append(one)

@@ -1,0 +1,241 @@
+"""Compiled: samples of triangles, flat or quadratic: three each, or three for each piece between knot planes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.protocols import Floats, Ints
+from cpmkit.runtime.compilation import compiled
+
+#: A corner nearer to a knot plane than this, in spacings, lies on it: no piece is thinner.
+ON_PLANE_SPACINGS = 1e-3
+#: A sample that is past a plane of its piece's cell by less than this, in spacings, is put back into the cell.
+PUT_BACK_SPACINGS = 2e-2
+#: How far inside, in spacings: more than rounding makes of a multiple of the spacing.
+INSIDE_SPACINGS = 1e-9
+#: Pieces with no more than this of the triangle's area in its own coordinates, 1/2, are left out.
+LEAST_AREA = 1e-14
+#: A cross product shorter than this share of the squared length of what it is made of tells no direction.
+NO_DIRECTION_SHARE = 1e-14
+#: Pieces have no more corners than this; a triangle has 3, and each plane adds one.
+MOST_CORNERS = 32
+#: Newton's steps from the chord to the place where an edge crosses a knot plane.
+CROSSING_STEPS = 3
+
+
+@compiled
+def position(nodes: Floats, curved: bool, r: float, s: float, point: Floats) -> None:
+    """Fill ``point`` (3,) with the place of a triangle at (r, s), the shares of its first two corners."""
+    t = 1.0 - r - s
+    if curved:
+        a, b, c = r * (2 * r - 1), s * (2 * s - 1), t * (2 * t - 1)
+        d, e, f = 4 * s * t, 4 * t * r, 4 * r * s
+        for i in range(3):
+            point[i] = a * nodes[0, i] + b * nodes[1, i] + c * nodes[2, i]
+            point[i] += d * nodes[3, i] + e * nodes[4, i] + f * nodes[5, i]
+    else:
+        for i in range(3):
+            point[i] = r * nodes[0, i] + s * nodes[1, i] + t * nodes[2, i]
+
+
+@compiled
+def slopes(nodes: Floats, curved: bool, r: float, s: float, first: Floats, second: Floats) -> None:
+    """Fill ``first`` and ``second`` (3,) with the derivatives by r and by s."""
+    t = 1.0 - r - s
+    for i in range(3):
+        if curved:
+            last = (4 * t - 1) * nodes[2, i]
+            first[i] = (4 * r - 1) * nodes[0, i] - last + 4 * (s * (nodes[5, i] - nodes[3, i]) + (t - r) * nodes[4, i])
+            second[i] = (4 * s - 1) * nodes[1, i] - last + 4 * (r * (nodes[5, i] - nodes[4, i]) + (t - s) * nodes[3, i])
+        else:
+            first[i], second[i] = nodes[0, i] - nodes[2, i], nodes[1, i] - nodes[2, i]
+
+
+@compiled
+def crossing(nodes: Floats, curved: bool, one: Floats, two: Floats, axis: int, plane: float, corner: Floats) -> None:
+    """Fill ``corner`` (5,) with the place between two corners of a piece where they cross a plane.
+
+    Corners are (r, s, x, y, z). The coordinate is quadratic along the way, with the value at the middle read.
+    """
+    way = (plane - one[2 + axis]) / (two[2 + axis] - one[2 + axis])
+    if curved:
+        r, s = 0.5 * (one[0] + two[0]), 0.5 * (one[1] + two[1])
+        position(nodes, curved, r, s, corner[2:])
+        bulge = 4 * (corner[2 + axis] - 0.5 * (one[2 + axis] + two[2 + axis]))
+        slope = two[2 + axis] - one[2 + axis]
+        for _ in range(CROSSING_STEPS):
+            missed = plane - one[2 + axis] - way * (slope + bulge * (1 - way))
+            steep = slope + bulge * (1 - 2 * way)
+            if steep * slope > 0:
+                way = min(max(way + missed / steep, 0.0), 1.0)
+    corner[0] = one[0] + way * (two[0] - one[0])
+    corner[1] = one[1] + way * (two[1] - one[1])
+    position(nodes, curved, corner[0], corner[1], corner[2:])
+    corner[2 + axis] = plane
+
+
+@compiled
+def first_plane(piece: Floats, count: int) -> tuple[int, float]:
+    """Return the axis and the place of the lowest knot plane that has corners of the piece on both sides, or -1."""
+    for axis in range(3):
+        low, high = np.inf, -np.inf
+        for k in range(count):
+            low, high = min(low, piece[k, 2 + axis]), max(high, piece[k, 2 + axis])
+        plane = np.floor(low + ON_PLANE_SPACINGS + 0.5) + 0.5
+        if plane < high - ON_PLANE_SPACINGS:
+            return axis, plane
+    return -1, 0.0
+
+
+@compiled
+def split(
+    nodes: Floats, curved: bool, piece: Floats, count: int, axis: int, plane: float, below: Floats, above: Floats
+) -> tuple[int, int]:
+    """Fill ``below`` and ``above`` with the parts of a piece beside a plane; returns how many corners each has."""
+    lower = upper = 0
+    for k in range(count):
+        following = k + 1 if k + 1 < count else 0
+        here, there = piece[k, 2 + axis] - plane, piece[following, 2 + axis] - plane
+        if here < ON_PLANE_SPACINGS:
+            below[lower] = piece[k]
+            lower += 1
+        if here > -ON_PLANE_SPACINGS:
+            above[upper] = piece[k]
+            upper += 1
+        if (here <= -ON_PLANE_SPACINGS and there >= ON_PLANE_SPACINGS) or (
+            here >= ON_PLANE_SPACINGS and there <= -ON_PLANE_SPACINGS
+        ):
+            crossing(nodes, curved, piece[k], piece[following], axis, plane, below[lower])
+            above[upper] = below[lower]
+            lower, upper = lower + 1, upper + 1
+    return lower, upper
+
+
+@compiled
+def rule(piece: Floats, count: int, places: Floats) -> float:
+    """Fill ``places`` (3, 2) with points of a convex piece that integrate degree 2, of equal weights; returns its area.
+
+    They are on the ellipse of sqrt(2) standard deviations about the centroid, which every convex piece holds (Kannan,
+    Lovasz and Simonovits 1995).
+    """
+    area = x = y = xx = xy = yy = 0.0
+    r, s = piece[0, 0], piece[0, 1]
+    for k in range(1, count - 1):
+        a, b = piece[k, 0] - r, piece[k, 1] - s
+        c, d = piece[k + 1, 0] - r, piece[k + 1, 1] - s
+        own = 0.5 * (a * d - b * c)
+        area += own
+        x += own * (a + c) / 3
+        y += own * (b + d) / 3
+        xx += own * (a * a + a * c + c * c) / 6
+        xy += own * (2 * a * b + a * d + b * c + 2 * c * d) / 12
+        yy += own * (b * b + b * d + d * d) / 6
+    if area <= 0:
+        return area
+    x, y = x / area, y / area
+    xx, xy, yy = xx / area - x * x, xy / area - x * y, yy / area - y * y
+    wide = np.sqrt(max(xx, 0.0))
+    skew = xy / wide if wide > 0 else 0.0
+    high = np.sqrt(max(yy - skew * skew, 0.0))
+    for k in range(3):
+        angle = 2 * np.pi * k / 3
+        e, f = np.sqrt(2.0) * np.cos(angle), np.sqrt(2.0) * np.sin(angle)
+        places[k, 0] = r + x + wide * e
+        places[k, 1] = s + y + skew * e + high * f
+    return area
+
+
+@compiled
+def directed(first: Floats, second: Floats, normal: Floats) -> float:
+    """Fill ``normal`` (3,) with the unit vector across two slopes, and return the area between them."""
+    a = first[1] * second[2] - first[2] * second[1]
+    b = first[2] * second[0] - first[0] * second[2]
+    c = first[0] * second[1] - first[1] * second[0]
+    area = size = np.sqrt(a * a + b * b + c * c)
+    one, two = np.sum(first * first), np.sum(second * second)
+    if area <= NO_DIRECTION_SHARE * max(one, two):
+        # No area, so that the normal counts for nothing: any across the longer edge.
+        u, v = (first[0], first[1]) if one >= two else (second[0], second[1])
+        a, b, c = (1.0, 0.0, 0.0) if u == 0 and v == 0 else (-v, u, 0.0)
+        size = np.sqrt(a * a + b * b + c * c)
+    normal[0], normal[1], normal[2] = a / size, b / size, c / size
+    return float(area)
+
+
+@compiled
+def cell_of(piece: Floats, count: int, cell: Floats) -> None:
+    """Fill ``cell`` (3,) with the lattice cell that the corners of a piece lie in."""
+    for i in range(3):
+        low, high = np.inf, -np.inf
+        for k in range(count):
+            low, high = min(low, piece[k, 2 + i]), max(high, piece[k, 2 + i])
+        cell[i] = np.floor(0.5 * (low + high) + 0.5)
+
+
+@compiled
+def put_back(place: float, cell: float) -> float:
+    """Return a coordinate of a sample inside its cell, where it is hardly outside; else as it is."""
+    past = abs(place - cell) - 0.5 + INSIDE_SPACINGS
+    if 0 < past < PUT_BACK_SPACINGS:
+        return place - past if place > cell else place + past
+    return place
+
+
+@compiled
+def triangle_samples(nodes: Floats, spacing: float, clipped: bool) -> tuple[Floats, Floats, Floats, Ints]:
+    """Return points (q, 3), weights (q,), unit normals (q, 1, 3) and triangles (q,) of samples.
+
+    Parameters
+    ----------
+    nodes : (m, 3 or 6, 3) float64
+        Corners of the triangles, then the midpoints of curved ones, each opposite to a corner.
+    spacing : float
+        h: knot planes lie at (k + 1/2) h.
+    clipped : bool
+        Whether triangles are clipped there; else each has the samples at (2/3, 1/6, 1/6).
+    """
+    curved = nodes.shape[1] == 6
+    points, weights, normals = np.empty((4, 3)), np.empty(4), np.empty((4, 1, 3))
+    triangle = np.empty(4, dtype=np.int64)
+    stack, sizes = np.empty((8, MOST_CORNERS + 2, 5)), np.empty(8, dtype=np.int64)
+    piece = np.empty((MOST_CORNERS + 2, 5))
+    places, first, second, point = np.empty((3, 2)), np.empty(3), np.empty(3), np.empty(3)
+    own, cell = np.empty(nodes.shape[1:]), np.empty(3)
+    used = 0
+    for m in range(len(nodes)):
+        for k in range(len(own)):
+            for i in range(3):
+                own[k, i] = nodes[m, k, i] / spacing
+        sizes[0] = 3
+        for k in range(3):
+            stack[0, k, 0], stack[0, k, 1] = 1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0
+            stack[0, k, 2:] = own[k]
+        waiting = 1
+        while waiting:
+            waiting -= 1
+            count = sizes[waiting]
+            piece[:count] = stack[waiting, :count]
+            axis, plane = first_plane(piece, count)
+            if clipped and axis >= 0 and count < MOST_CORNERS:
+                if waiting + 2 > len(sizes):
+                    stack, sizes = np.concatenate((stack, stack)), np.concatenate((sizes, sizes))
+                lower, upper = split(own, curved, piece, count, axis, plane, stack[waiting], stack[waiting + 1])
+                sizes[waiting], sizes[waiting + 1] = lower, upper
+                waiting += 2
+                continue
+            area = rule(piece, count, places)
+            if area <= LEAST_AREA:
+                continue
+            cell_of(piece, count, cell)
+            if used + 3 > len(weights):
+                points, weights = np.concatenate((points, points)), np.concatenate((weights, weights))
+                normals, triangle = np.concatenate((normals, normals)), np.concatenate((triangle, triangle))
+            for k in range(3):
+                position(own, curved, places[k, 0], places[k, 1], point)
+                slopes(own, curved, places[k, 0], places[k, 1], first, second)
+                weights[used] = area / 3 * directed(first, second, normals[used, 0]) * spacing**2
+                for i in range(3):
+                    points[used, i] = spacing * (put_back(point[i], cell[i]) if clipped else point[i])
+                triangle[used] = m
+                used += 1
+    return points[:used].copy(), weights[:used].copy(), normals[:used].copy(), triangle[:used].copy()

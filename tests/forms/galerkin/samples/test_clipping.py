@@ -1,0 +1,92 @@
+"""Triangles clipped at knot planes: pieces in one cell each, no area lost, polynomials integrated exactly."""
+
+import numpy as np
+import pytest
+
+import cpmkit as ck
+from cpmkit.forms.galerkin.sample_mesh import SampleMesh
+from cpmkit.forms.galerkin.samples.quadrature import samples_of
+
+SPACING = 0.2
+#: Long enough to cross several knot planes of each axis.
+TRIANGLE = SampleMesh.of(np.array([[0.03, -0.11, 0.05], [0.71, 0.13, -0.4], [0.2, 0.66, 0.35]]), np.array([[0, 1, 2]]))
+
+
+def quadratic(x):
+    return 1 + x[:, 0] * x[:, 1] - 2 * x[:, 2] ** 2 + x[:, 1] * x[:, 2] + x[:, 0]
+
+
+def test_pieces_integrate_quadratics_exactly():
+    plain, clipped = samples_of(TRIANGLE), samples_of(TRIANGLE, SPACING)
+    assert len(clipped) > 10 * len(plain)
+    assert clipped.weights @ quadratic(clipped.points) == pytest.approx(
+        plain.weights @ quadratic(plain.points), rel=1e-12
+    )
+    np.testing.assert_allclose(clipped.normals, np.tile(plain.normals[:1], (len(clipped), 1, 1)), atol=1e-12)
+
+
+def test_each_cell_holds_as_much_as_lies_in_it():
+    """The area in each lattice cell, counted by a fine grid of points on the triangle."""
+    clipped = samples_of(TRIANGLE, SPACING)
+    n = 1200
+    i, j = (x.ravel() for x in np.indices((n, n)))
+    up, down = i + j < n, i + j < n - 1
+    r = np.concatenate([(i[up] + 1 / 3) / n, (i[down] + 2 / 3) / n])
+    s = np.concatenate([(j[up] + 1 / 3) / n, (j[down] + 2 / 3) / n])
+    a, b, c = TRIANGLE.vertices
+    fine = a + np.outer(r, b - a) + np.outer(s, c - a)
+    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a))
+    cells = lambda x: np.floor(x / SPACING + 0.5).astype(int) @ [10000, 100, 1]  # noqa: E731
+    for cell in np.unique(cells(fine)):
+        counted = (cells(fine) == cell).mean() * area
+        held = clipped.weights[cells(clipped.points) == cell].sum()
+        assert held == pytest.approx(counted, abs=2e-3 * SPACING**2)
+
+
+def test_samples_lie_in_the_cells_of_their_pieces_in_any_unit():
+    for unit in (1e-6, 1.0, 1e6):
+        mesh = SampleMesh.of(unit * TRIANGLE.vertices, TRIANGLE.cells)
+        clipped = samples_of(mesh, unit * SPACING)
+        reference = samples_of(TRIANGLE, SPACING)
+        np.testing.assert_allclose(clipped.points, unit * reference.points, rtol=1e-9, atol=1e-12 * unit)
+        t = np.abs(clipped.points / (unit * SPACING) - np.round(clipped.points / (unit * SPACING)))
+        assert len(clipped) == len(reference)
+        assert t.max() < 0.5
+
+
+def test_every_triangle_has_samples_even_without_area():
+    vertices = np.array([[0.0, 0, 0], [0.3, 0, 0], [0.15, 0, 0], [0.1, 0.1, 0.1], [0.1, 0.1, 0.1 + 1e-13]])
+    mesh = SampleMesh.of(vertices, np.array([[0, 1, 2], [3, 3, 3], [0, 3, 4], [0, 1, 3]]))
+    clipped = samples_of(mesh, 0.05)
+    assert set(clipped.cell) == {0, 1, 2, 3}
+    assert np.all(np.diff(clipped.cell) >= 0)
+    assert np.isfinite(clipped.points).all()
+    np.testing.assert_allclose(np.linalg.norm(clipped.normals[:, 0], axis=1), 1, rtol=1e-12)
+    assert clipped.weights.sum() == pytest.approx(samples_of(mesh).weights.sum(), rel=1e-12)
+
+
+def test_curved_triangles_keep_their_area():
+    """A triangle on the unit sphere, with its midpoints: the area is that of the quadratic map, whatever the pieces."""
+    angle = np.linspace(0, 0.3, 3)
+    vertices = np.stack([np.sin(angle), 0 * angle, np.cos(angle)], axis=1)
+    vertices = np.concatenate([vertices[::2], [[0, np.sin(0.3), np.cos(0.3)]]])
+    middles = vertices[[[1, 2, 0]]] + vertices[[[2, 0, 1]]]
+    middles /= np.linalg.norm(middles, axis=2)[..., None]
+    mesh, errors = SampleMesh.of(vertices, np.array([[0, 1, 2]]), middles), []
+    fine = samples_of(mesh, 0.003).weights.sum()
+    for spacing in (0.2, 0.1, 0.05):
+        errors.append(abs(samples_of(mesh, spacing).weights.sum() / fine - 1))
+    assert errors[0] < 1e-4
+    assert errors[-1] < 0.3 * errors[0]
+
+
+def test_how_samples_are_taken_is_an_option():
+    scene = ck.Scene(ck.source("analytic.sphere"), ck.ScreenedPoisson(1.0))
+    counts = {
+        how: ck.discretize(scene, 0.2, form="galerkin", samples=how).sampled.interior
+        for how in ("auto", "plain", "clipped")
+    }
+    assert counts["auto"] == counts["clipped"] != counts["plain"]
+    assert counts["clipped"] < 1.3 * counts["plain"]
+    with pytest.raises(ck.InputError, match="samples must be 'auto', 'plain' or 'clipped', got 'fine'"):
+        ck.discretize(scene, 0.2, form="galerkin", samples="fine")
