@@ -44,7 +44,8 @@ def turned(space: Space, mesh: SampleMesh, area: Floats) -> Turned:
     is_turned = facing < FACED_LENGTH * area
     if not is_turned.any():
         return Turned(0.0, np.full(mesh.dim, np.nan))
-    worst = int(np.argmin(np.where(is_turned & (area > np.median(area)), facing / area, np.inf)))
+    heavy = np.flatnonzero(is_turned & (area >= np.median(area[is_turned])))
+    worst = heavy[np.argmin(facing[heavy] / area[heavy])]
     return Turned(float(area[is_turned].sum() / area.sum()), space.parting.spacing * space.parting.nodes[worst])
 
 

@@ -21,10 +21,11 @@ from cpmkit.forms.galerkin.samples.bending import bent
 from cpmkit.forms.galerkin.samples.clipping import is_clipped, longest_edge_spacings
 from cpmkit.forms.galerkin.samples.cutting import corners_of, half_facets
 from cpmkit.forms.galerkin.samples.quadrature import samples_of
+from cpmkit.forms.galerkin.samples.seams import seams
 from cpmkit.forms.galerkin.samples.soundness import sound
 from cpmkit.forms.galerkin.samples.sources import cells_of
 from cpmkit.forms.galerkin.samples.subdivision import subdivided
-from cpmkit.forms.galerkin.telling import check_insertion, of_contouring, of_insertion, of_mending, of_tracing
+from cpmkit.forms.galerkin.telling import check_insertion, of_contouring, of_insertion, of_mending, of_seams, of_tracing
 from cpmkit.forms.options import Options
 from cpmkit.grid.lattice import Lattice, lattice_of
 from cpmkit.manifold.local_source import LocalSource, localize
@@ -122,6 +123,7 @@ def sample(scene: Scene, options: Options[GalerkinOptions], progress: Progress) 
     mesh = subdivided(mesh, longest_edge_spacings(sampling, bend, mesh.manifold_dim) * spacing)
     mesh = bent(mesh, bend, surface, sources, spacing)
     corners, half = corners_of(mesh), half_facets(mesh)
+    told += tuple(of_seams(seams(mesh, half), surface))
     boundary = boundary_samples(mesh, half, corners, needs_rims(scene), points)
     left = left_of_boundaries(mesh, half, corners, boundary, oriented, lattice)
     told += point_warnings(scene, boundary)

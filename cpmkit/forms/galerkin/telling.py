@@ -39,6 +39,15 @@ def of_mending(mended: Mended) -> Iterator[str]:
         )
 
 
+def of_seams(places: Floats, surface: LocalSource) -> Iterator[str]:
+    """Tell of rims that lie on others."""
+    if len(places):
+        yield (
+            f"{len(places)} edges of rims lie on other rims, the first near {_in_scene(places[0], surface)}: nothing "
+            "flows across them; weld the vertices of the mesh there if it should."
+        )
+
+
 def of_contouring(report: SurfaceReport, surface: LocalSource) -> Iterator[str]:
     """Tell what closest points alone do not say of a surface."""
     if report.nonmanifold_share > MOST_NONMANIFOLD:
@@ -67,11 +76,14 @@ def of_tracing(report: CurveReport, curve: LocalSource) -> Iterator[str]:
 
 def _unmet(points: Floats, source: LocalSource, what: str) -> Iterator[str]:
     if len(points):
-        origin = np.zeros(source.dim) if source.origin is None else source.origin
         yield (
-            f"A piece of the {what} near {place(points[0] + origin)} is too small for the lattice, and was left out; "
-            "use a smaller spacing."
+            f"A piece of the {what} near {_in_scene(points[0], source)} is too small for the lattice, and was left "
+            "out; use a smaller spacing."
         )
+
+
+def _in_scene(point: Floats, source: LocalSource) -> str:
+    return place(point + (np.zeros(source.dim) if source.origin is None else source.origin))
 
 
 def check_insertion(insertion: Insertion, boundaries: Sequence[BoundarySet]) -> None:

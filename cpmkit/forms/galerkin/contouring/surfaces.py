@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cpmkit.errors import ResolutionError
 from cpmkit.forms.galerkin.contouring.crossings import crossings
 from cpmkit.forms.galerkin.contouring.dual_vertices import DualVertices, dual_vertices
 from cpmkit.forms.galerkin.contouring.edges import border_of, edges_of, split_fans
@@ -62,13 +63,18 @@ def triangulated(source: LocalSource, spacing: float, curved: bool = True) -> tu
     Raises
     ------
     ResolutionError
-        If no lattice edge crosses the source.
+        If closest points make no surface.
     """
     for side in SIDES:
         nodes, found, cells = _contoured(source, side * spacing)
         share = edges_of(cells).nonmanifold_share
         if share <= MOST_NONMANIFOLD:
             break
+    if not len(cells):
+        raise ResolutionError(
+            f"Closest points make no surface at the spacing {spacing:g}: they lie apart, or hang together nowhere. "
+            "Give the surface by a mesh, by points with a fitted surface or by a formula, or use form='collocation'."
+        )
     cells, copied = split_fans(cells, edges_of(cells))
     vertices, cells, filled = without_holes(source, found.points[copied], cells)
     vertices, on_rim = onto_rims(source, vertices, cells, side * spacing)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from cpmkit.forms.galerkin.parting import Parting
 from cpmkit.forms.galerkin.sample_mesh import Samples
+from cpmkit.forms.galerkin.space.parted import pieces
 from cpmkit.protocols import Floats, Ints
 
 if TYPE_CHECKING:
@@ -34,7 +36,8 @@ class Space:
     runs : (r, 4) int64
         Runs of four neighbouring unknowns along an axis, all ways where copies branch.
     short_runs : (s, 3) int64
-        Runs of three inside the heaviest patch of the unknowns that are in no run of four.
+        Runs of three inside the heaviest patch of the unknowns that are in no run of four, and of those of curves in
+        space that keep to one layer of cells.
     indptr, indices : (n + 1,), (z,) int32 or int64
         The pattern of every matrix, columns ascending.
     """
@@ -83,10 +86,14 @@ def space_of(parting: Parting, samples: Samples) -> Space:
     weight = np.bincount(parting.patch, samples.weights, minlength=patches)
     heaviest = _heaviest(weight[places // width], starts, places)
     strides = [3**axis for axis in reversed(range(parting.dim))]
-    runs = np.concatenate([runs_of_four(*following(parting.unknowns, n, stride)) for stride in strides])
+    by_axis = [runs_of_four(*following(parting.unknowns, n, stride)) for stride in strides]
+    runs = np.concatenate(by_axis)
     alone = np.ones(n, dtype=bool)
     alone[runs] = False
-    short_runs = np.unique(lines_through(parting, heaviest[alone]), axis=0)
+    short_runs = lines_through(parting, heaviest[alone])
+    if samples.normals.shape[1] > 1:
+        short_runs = np.concatenate([short_runs, _across_straight_pieces(parting, by_axis, heaviest)])
+    short_runs = np.unique(short_runs, axis=0)
     short_runs = short_runs[short_runs[:, 0] != short_runs[:, 1]]  # specks have one unknown thrice
     indptr = np.zeros(n + 1, dtype=np.int32 if len(places) * width < 2**31 else np.int64)
     run_table = inverted(runs.ravel(), n)
@@ -103,6 +110,20 @@ def lines_through(parting: Parting, entries: Ints) -> Ints:
     strides = [3**axis for axis in reversed(range(parting.dim))]
     lines = [(entries - entries // s % 3 * s)[:, None] + s * np.arange(3) for s in strides]
     return np.asarray(flat[np.concatenate(lines)])
+
+
+def _across_straight_pieces(parting: Parting, by_axis: Sequence[Ints], heaviest: Ints) -> Ints:
+    """Return runs of three along the axes in which a whole piece of a curve in space has no run of four.
+
+    Such a piece keeps to one layer of cells. Where it is straight, y^2 z vanishes on it with all derivatives that the
+    energy holds, y and z being these axes.
+    """
+    count, piece = pieces(parting)
+    found = []
+    for axis, runs in enumerate(by_axis):
+        flat = np.bincount(piece[runs[:, 0]], minlength=count) == 0
+        found.append(lines_through(parting, heaviest[flat[piece]]).reshape(parting.dim, -1, 3)[axis])
+    return np.concatenate(found)
 
 
 def _heaviest(weights: Floats, starts: Ints, places: Ints) -> Ints:

@@ -1,0 +1,91 @@
+"""The form's laws on every example of every kind of curve and surface that a plugin supplies."""
+
+import numpy as np
+import pytest
+from scipy.sparse.linalg import splu
+
+import cpmkit as ck
+from cpmkit.forms.galerkin.space.parted import pieces
+from cpmkit.protocols import HasMesh
+from cpmkit.testing.cases import installed_cases
+
+CASES = [case for case in installed_cases() if case.make().manifold_dim in range(1, case.make().dim)]
+#: Closest points that have no tangents make no surface, and that is said.
+REFUSED = ["pointcloud.points (nearest)"]
+FIT = [case for case in CASES if str(case) not in REFUSED]
+
+
+def scene_of(source, cells):
+    """Return the spacing that gives ``cells`` on the largest side, and a scene whose solution is 2."""
+    spacing = float(np.ptp(source.bounds, axis=0).max()) / cells
+    return spacing, ck.Scene(source, ck.ScreenedPoisson(3.0 / spacing**2, c=1.5 / spacing**2))
+
+
+def drawn_measure(source, spacing):
+    """Return the measure of the source's own drawing; None where it draws points."""
+    vertices, cells = source.mesh(spacing)
+    if cells.shape[1] == 1:
+        return None
+    edges = vertices[cells[:, 1:]] - vertices[cells[:, :1]]
+    gram = np.einsum("mik,mjk->mij", edges, edges)
+    return np.sqrt(np.abs(np.linalg.det(gram))).sum() / (cells.shape[1] - 1)
+
+
+def check_laws(form):
+    one = np.ones(form.size)
+    energy = form.stiffness(ck.Laplace().terms()).matrix
+    assert abs(energy - energy.T).max() == 0
+    assert np.abs(energy @ one).max() < 1e-13 * abs(energy).max()
+    assert one @ (form.mass.matrix @ one) == pytest.approx(form.sampled.samples.weights.sum(), rel=1e-12)
+
+
+def check_positive(form):
+    """Every pivot of the matrix of u - h^2 Lap u is above zero."""
+    matrix = form.stiffness(ck.ScreenedPoisson(0.0, c=form.spacing**-2).terms()).matrix
+    factors = splu(matrix.tocsc(), "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    np.testing.assert_array_equal(factors.perm_r, factors.perm_c)
+    assert factors.U.diagonal().min() > 0
+
+
+def solved(scene, spacing, **options):
+    return ck.solve(scene, spacing, form="galerkin", solver="direct", **options)
+
+
+@pytest.mark.filterwarnings("ignore::cpmkit.CpmkitWarning")
+@pytest.mark.parametrize("case", FIT, ids=str)
+def test_constants_symmetry_measure(case):
+    source = case.make()
+    spacing, scene = scene_of(source, 8)
+    solution = solved(scene, spacing)
+    form = solution.discretized
+    np.testing.assert_allclose(form.at_points(solution.values), 2.0, rtol=1e-9)
+    check_laws(form)
+    check_positive(form)
+    if isinstance(source, HasMesh):
+        drawn = drawn_measure(source, spacing / 4)
+        assert drawn is None or form.sampled.samples.weights.sum() == pytest.approx(drawn, rel=0.02)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::cpmkit.CpmkitWarning")
+@pytest.mark.parametrize("case", FIT, ids=str)
+def test_laws_at_ten_positions(case):
+    source = case.make()
+    spacing, scene = scene_of(source, 15)
+    counts = []
+    for shift in np.random.default_rng(0).uniform(0, spacing, (10, source.dim)):
+        solution = solved(scene, spacing, origin=shift)
+        form = solution.discretized
+        np.testing.assert_allclose(form.at_points(solution.values), 2.0, rtol=1e-9)
+        check_laws(form)
+        check_positive(form)
+        counts.append(pieces(form.space.parting)[0])
+    assert len(set(counts)) == 1
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_makes_no_surface_is_refused(name):
+    (case,) = [one for one in CASES if str(one) == name]
+    spacing, scene = scene_of(case.make(), 8)
+    with pytest.raises(ck.ResolutionError, match="make no surface at the spacing"):
+        solved(scene, spacing)
