@@ -278,7 +278,8 @@ class Galerkin(Reader):
     @cached_property
     def _told(self) -> tuple[str, ...]:
         one, parting = self.sampled, self.space.parting
-        own = (*of_space(parting, pieces(parting), one.lattice), *of_turning(self.turned, one.lattice))
+        cuts = parting.patch[one.interior :]
+        own = (*of_space(parting, pieces(parting), one.lattice, cuts), *of_turning(self.turned, one.lattice))
         return (*one.told, *own)
 
     @cached_property

@@ -16,12 +16,14 @@ from cpmkit.grid.lattice import Lattice
 from cpmkit.protocols import Bools, Floats, Ints, Side
 from cpmkit.scene.oriented import OrientedBoundary
 
-#: So many of the nearest samples are compared.
-NEIGHBOURS = 12
+#: So many of the nearest samples are compared; more, where all of these lie across a boundary.
+NEIGHBOURS = (12, 96, 768)
 #: A sample whose tangent plane a point is off counts as this much farther away: it may lie on another sheet.
 HEIGHT_FACTOR = 10.0
 #: Points nearer to a boundary than this many spacings are read from the side that the caller names.
 ON_BOUNDARY_SPACINGS = 1e-3
+#: Samples on boundaries lie nearer to any point of these than so many spacings.
+ON_BOUNDARIES_SPACINGS = 0.15
 #: Step of differences, where a boundary's sources give no directions of their own, in spacings.
 DIFFERENCE_SPACINGS = 0.5
 
@@ -54,20 +56,44 @@ class Locator:
 
         Of two values on boundary number b, that on the side ``wanted[b]``, on the left where none is named.
         """
-        distance, near = self._tree.query(points, min(NEIGHBOURS, len(self.samples)))
-        distance, near = distance.reshape(len(points), -1), near.reshape(len(points), -1)
+        patch, nearest = (np.empty(len(points), dtype=np.int64) for _ in range(2))
+        rows = np.arange(len(points))
+        for count in NEIGHBOURS:
+            distance, near = self._tree.query(points[rows], min(count, len(self.samples)))
+            distance, near = (one.reshape(len(rows), min(count, len(self.samples))) for one in (distance, near))
+            apart, shut = self._apart(points[rows], near, distance, wanted)
+            first = near[np.arange(len(rows)), apart.argmin(axis=1)]
+            patch[rows] = self._own_cell(points[rows], near, apart, self.parting.patch[first])
+            nearest[rows], rows = first, rows[shut]
+        return patch, nearest
+
+    def _apart(self, points: Floats, near: Ints, distance: Floats, wanted: Mapping[int, Side]) -> tuple[Floats, Bools]:
+        """Return how far the samples ``near`` (k, q) count from their point, squared, infinite across a boundary.
+
+        And the points (k,) for which a boundary would shut out all that others leave: there it shuts out none.
+        """
         height = np.einsum("kqcd,kqd->kqc", self.samples.normals[near], points[:, None] - self.samples.points[near])
         apart = distance**2 + HEIGHT_FACTOR**2 * (height**2).sum(axis=2)
+        shut = np.zeros(len(points), dtype=bool)
+        if not self.boundaries or not len(points):
+            return apart, shut
+        beside = self._to_boundaries(points) < distance[:, -1] + ON_BOUNDARIES_SPACINGS * self.lattice.spacing
         for number in range(len(self.boundaries)):
-            apart[self._across(number, points, near, wanted.get(number, "left"))] = np.inf
-        first = near[np.arange(len(points)), apart.argmin(axis=1)]
-        return self._own_cell(points, near, apart, self.parting.patch[first]), first
+            across = self._across(number, points, near, beside, wanted.get(number, "left"))
+            none = np.min(np.where(across, np.inf, apart), axis=1) == np.inf
+            apart[across & ~none[:, None]] = np.inf
+            shut |= none
+        return apart, shut
 
-    def _across(self, number: int, points: Floats, near: Ints, side: Side) -> Bools:
-        """Return which of the samples ``near`` (k, q) lie across boundary ``number`` from their point."""
+    def _across(self, number: int, points: Floats, near: Ints, beside: Bools, side: Side) -> Bools:
+        """Return which of the samples ``near`` (k, q) lie across boundary ``number`` from their point.
+
+        Asked where both of its sides are among them, and of points ``beside`` (k,) a boundary.
+        """
         signs = self.sides.of_boundary(number)[self.samples.cell][near]
         across = np.zeros(near.shape, dtype=bool)
-        rows = np.flatnonzero((signs > 0).any(axis=1) & (signs < 0).any(axis=1))
+        first, second = np.any(signs > 0, axis=1), np.any(signs < 0, axis=1)
+        rows = np.flatnonzero(np.where(beside, first | second, first & second))
         if len(rows):
             signed = self.signed_distance(number, points[rows])
             on = np.abs(signed) < ON_BOUNDARY_SPACINGS * self.lattice.spacing
@@ -104,6 +130,16 @@ class Locator:
     def _pairs(self) -> Ints:
         pairs = np.sort(self.parting.touching, axis=1).astype(np.int64)
         return np.sort(pairs[:, 0] * len(self.parting.cells) + pairs[:, 1])
+
+    def _to_boundaries(self, points: Floats) -> Floats:
+        """Return how far (k,) points are from the nearest sample on a boundary."""
+        return np.asarray(self._boundary_tree.query(points)[0])
+
+    @cached_property
+    def _boundary_tree(self) -> Any:
+        from scipy.spatial import cKDTree
+
+        return cKDTree(self.samples.points[self.samples.weights == 0])
 
     @cached_property
     def _tree(self) -> Any:

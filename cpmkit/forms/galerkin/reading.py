@@ -61,7 +61,8 @@ class Reader(Discretized):
         for number, oriented in enumerate(one.oriented):
             if not oriented.has_left:
                 owner[owner == number] = -1
-        sides = SidesOfCells(one.corners, one.half, owner, left)
+        places = one.mesh.vertices[one.mesh.cells].mean(axis=1)
+        sides = SidesOfCells(one.corners, places, self.spacing, one.half, owner, left)
         return Locator(one.lattice, one.samples, self.space.parting, sides, one.oriented)
 
     def evaluate(

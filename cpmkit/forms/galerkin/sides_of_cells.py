@@ -1,4 +1,4 @@
-"""On which side of a boundary the cells beside it lie, as far as some layers of cells from it."""
+"""On which side of a boundary the cells beside it lie, as far as some spacings from it."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from functools import cached_property
 import numpy as np
 
 from cpmkit.forms.galerkin.sample_mesh import HalfFacets
-from cpmkit.protocols import Bools, Ints
+from cpmkit.protocols import Bools, Floats, Ints
 
-#: Sides are known of so many layers of cells: a point is compared with its nearest samples alone, fewer layers away.
-LAYERS = 8
+#: Sides are known so many spacings from a boundary: a point is compared with its nearest samples alone.
+REACH_SPACINGS = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +24,10 @@ class SidesOfCells:
     ----------
     corners : (m, k) int64
         The vertices of the cells after cutting.
+    places : (m, d) float64
+        A point of each cell.
+    spacing : float
+        h, of the lattice.
     half : HalfFacets
         Facets on boundaries, seen from the cells beside them.
     owner : (n,) int64
@@ -33,6 +37,8 @@ class SidesOfCells:
     """
 
     corners: Ints
+    places: Floats
+    spacing: float
     half: HalfFacets
     owner: Ints
     left: Bools
@@ -48,18 +54,25 @@ class SidesOfCells:
         return {}
 
     def _spread(self, number: int) -> Ints:
-        rows = np.flatnonzero(self.owner == number)
-        k = self.corners.shape[1]
-        places = (self.half.facet[rows, None] + np.arange(1, k)) % k
+        from scipy.spatial import cKDTree
+
+        cells, rows = np.zeros(len(self.corners), dtype=np.int64), np.flatnonzero(self.owner == number)
+        if not len(rows):
+            return cells
+        reach, k = REACH_SPACINGS * self.spacing, self.corners.shape[1]
+        beside = cKDTree(self.places[self.half.cell[rows]])
+        near = np.flatnonzero(np.isfinite(beside.query(self.places, distance_upper_bound=reach)[0]))
         sign = np.where(self.left[rows], 1, -1)
-        corner = np.zeros(int(self.corners.max(initial=-1)) + 1, dtype=np.int64)
-        np.add.at(corner, self.corners[self.half.cell[rows, None], places], sign[:, None])
+        corner = np.zeros(int(self.corners.max()) + 1, dtype=np.int64)
+        ends = (self.half.facet[rows, None] + np.arange(1, k)) % k
+        np.add.at(corner, self.corners[self.half.cell[rows, None], ends], sign[:, None])
         corner = np.sign(corner)
-        cells = np.zeros(len(self.corners), dtype=np.int64)
         cells[self.half.cell[rows]] = sign
-        for _ in range(LAYERS):
-            cells = np.where(cells == 0, np.sign(corner[self.corners].sum(axis=1)), cells)
+        corners, known = self.corners[near], -1
+        while known < (count := int(np.count_nonzero(cells))):
+            known = count
+            cells[near] = np.where(cells[near] == 0, np.sign(corner[corners].sum(axis=1)), cells[near])
             reached = np.zeros(len(corner), dtype=np.int64)
-            np.add.at(reached, self.corners, cells[:, None])
+            np.add.at(reached, corners, cells[near, None])
             corner = np.where(corner == 0, np.sign(reached), corner)
         return cells

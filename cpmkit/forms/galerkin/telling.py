@@ -121,8 +121,11 @@ def of_insertion(insertion: Insertion) -> Iterator[str]:
         yield f"{counts['joined']} open ends of boundaries lay beside a boundary or rim, and were joined to it."
 
 
-def of_space(parting: Parting, pieces: tuple[int, Ints], lattice: Lattice) -> Iterator[str]:
-    """Tell of pieces that the lattice does not resolve, and of many copies."""
+def of_space(parting: Parting, pieces: tuple[int, Ints], lattice: Lattice, boundaries: Ints) -> Iterator[str]:
+    """Tell of pieces that the lattice does not resolve, and of many copies that no cut along ``boundaries`` makes.
+
+    ``boundaries`` (b,) are the patches of the samples there.
+    """
     count, piece = pieces
     size = np.bincount(piece, minlength=count)
     specks = np.flatnonzero(size == 1)
@@ -132,10 +135,12 @@ def of_space(parting: Parting, pieces: tuple[int, Ints], lattice: Lattice) -> It
             f"{len(specks)} pieces of the manifold are smaller than {SPECK_SPACINGS:g} spacings and have one value "
             f"each, the first near {place(lattice.to_scene(lattice.spacing * node))}; a smaller spacing resolves them."
         )
-    distinct = len(np.unique(parting.nodes, axis=0))
-    if parting.size - distinct > COPIES_SHARE * distinct:
+    number = np.unique(parting.nodes, axis=0, return_inverse=True)[1].ravel()
+    copies = np.bincount(number) - 1
+    copies[number[parting.unknowns[boundaries]]] = 0
+    if copies.sum() > COPIES_SHARE * len(copies):
         yield (
-            f"{parting.size - distinct} of {parting.size} splines are copies at nodes that several parts of the "
+            f"{copies.sum()} of {parting.size} splines are copies at nodes that several parts of the "
             "manifold share: seams of the mesh that are not welded act as cuts; check the mesh, or use a smaller "
             "spacing."
         )
