@@ -69,15 +69,21 @@ def run_study(file: Path, output: Path | None, cheap: bool, spacings: tuple[floa
     metavar="FILE.md",
     help="Also write the table that is printed to this file.",
 )
+@click.option(
+    "--costs",
+    type=WRITTEN_FILE,
+    metavar="FILE.md",
+    help="Also write one table of errors and costs, method below method, to this file.",
+)
 @traceback_option
-def report_study(studies: tuple[Path, ...], table: Path | None) -> None:
+def report_study(studies: tuple[Path, ...], table: Path | None, costs: Path | None) -> None:
     """Turn the records of studies into pages of tables and figures.
 
     Given a study file, the records are looked for in the folder of its name in the working directory. The page
     report.md and the figures are written beside them. Studies with a reference share one printed table.
     """
     from cpmkit.files.whole_files import written_whole
-    from cpmkit.studies.report import table_of, write_report
+    from cpmkit.studies.report import costs_of, table_of, write_report
     from cpmkit.studies.studyfile import load_study
 
     reports = [
@@ -86,11 +92,13 @@ def report_study(studies: tuple[Path, ...], table: Path | None) -> None:
     ]
     text = table_of(reports)
     click.echo(text)
-    if table is not None:
-        with written_whole(table) as file:
-            file.write_text(text + "\n", encoding="utf-8")
+    asked = {table: text, costs: costs_of(reports)}
+    pages = {page: content for page, content in asked.items() if page is not None}
+    for page, content in pages.items():
+        with written_whole(page) as file:
+            file.write_text(content + "\n", encoding="utf-8")
     for report in reports:
         if report.failed:
             click.echo(f"\n{report.failed} runs ended with errors, which {report.files[0]} shows.")
-    for written in [file for report in reports for file in report.files] + [table] * (table is not None):
+    for written in [*(file for report in reports for file in report.files), *pages]:
         click.echo(f"written    {written}")

@@ -99,12 +99,17 @@ def table_of(reports: Sequence[Report]) -> str:
     return "\n\n".join(tables)
 
 
+def costs_of(reports: Sequence[Report]) -> str:
+    """Return one table of errors and costs of all studies, spacing by spacing, with the methods below one another."""
+    return costs_table([(report.title, report.series) for report in reports])
+
+
 def _page(report: Report, records: Sequence[Record], figures: Sequence[str], left_out: int) -> str:
     """Return the whole page: errors and orders, figures, costs, and the runs that ended with errors."""
     errors_line = told_of_differences(report.series) if report.compares else error_sentence(records)
     parts = [f"# {report.title}", table_of([report]), errors_line]
     parts += [f"![{report.title}]({figure})" for figure in figures]
-    parts += ["## What it cost", costs_table(report.series)]
+    parts += ["## What it cost", costs_table([(report.title, report.series)])]
     failed = [record for record in records if "error" in record]
     if failed:
         parts += [

@@ -18,6 +18,8 @@ LEAST_SPACINGS = 2
 SAME_SPACING_SHARE = 1e-9
 METHOD_WORDS = {
     "cpm": "closest point method",
+    "collocation": "collocation form",
+    "galerkin": "Galerkin form",
     "plain": "without sheets",
     "unfolded": "unfolded",
     "balanced": "balanced",
@@ -42,8 +44,8 @@ class Entry:
         Half the range of the solution that is compared with.
     shift : float
         By how much the mean was put right at most; not a number where it was not looked at.
-    unknowns, twins, iterations, cpu_seconds : float
-        Means over the origins.
+    unknowns, twins, queries, iterations, cpu_seconds : float
+        Means over the origins; not a number where a method does not count.
     """
 
     spacing: float
@@ -54,6 +56,7 @@ class Entry:
     shift: float
     unknowns: float
     twins: float
+    queries: float
     iterations: float
     cpu_seconds: float
 
@@ -131,7 +134,8 @@ def _entry(spacing: float, records: Sequence[Record]) -> Entry:
 
     rms = {name: float(np.sqrt(np.mean(of(name) ** 2))) for name in ("max_error", "rms_error", "rms_without_mean")}
     means = {name: float(of(name).mean()) for name in ("half_range", "unknowns", "twins", "iterations", "cpu_seconds")}
-    return Entry(spacing, error=rms.pop("max_error"), shift=_shift(records), **rms, **means)
+    queries = float(of("closest_point_queries").mean())
+    return Entry(spacing, error=rms.pop("max_error"), shift=_shift(records), queries=queries, **rms, **means)
 
 
 def _shift(records: Sequence[Record]) -> float:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from cpmkit.errors import printable
 from cpmkit.studies.records import Record
-from cpmkit.studies.series import Series
+from cpmkit.studies.series import Entry, Series
 from cpmkit.studies.sweep import listed
 
 
@@ -31,18 +32,32 @@ def error_sentence(records: Sequence[Record]) -> str:
     return f"By spacing: {error}. The order is the least-squares slope over all spacings."
 
 
-def costs_table(series: Sequence[Series]) -> str:
-    """Return unknowns, iterations and seconds of each series at each spacing."""
-    lines = [
-        table_row(["", "spacing", "greatest error", "rms error", "unknowns", "iterations", "CPU seconds"]),
-        table_rule(1, 6),
-    ]
-    for one in series:
-        for entry in one.entries:
-            cells = [f"{entry.spacing:g}", f"{entry.error:.2e}", f"{entry.rms_error:.2e}"]
-            cells += [f"{entry.unknowns:,.0f}", f"{entry.iterations:.0f}", f"{entry.cpu_seconds:.1f}"]
-            lines.append(table_row([one.label, *cells]))
+def costs_table(studies: Sequence[tuple[str, Sequence[Series]]]) -> str:
+    """Return errors, unknowns, queries, iterations and seconds of each series at each spacing.
+
+    Parameters
+    ----------
+    studies : sequence of (str, sequence of Series)
+        The title of each study, shown where there are several, and its series.
+    """
+    heads = ["greatest error", "rms error", "unknowns", "queries", "iterations", "CPU seconds"]
+    titled = len(studies) > 1
+    lines = [table_row([*["problem"] * titled, "", "spacing", *heads]), table_rule(1 + titled, 1 + len(heads))]
+    for title, series in studies:
+        rows = [(entry, one.label) for one in series for entry in one.entries]
+        for entry, label in sorted(rows, key=_coarsest_first):
+            lines.append(table_row([*[title] * titled, label, *_cost_cells(entry)]))
     return "\n".join(lines)
+
+
+def _coarsest_first(row: tuple[Entry, str]) -> float:
+    return -row[0].spacing
+
+
+def _cost_cells(entry: Entry) -> list[str]:
+    queries = "" if math.isnan(entry.queries) else f"{entry.queries:,.0f}"
+    cells = [f"{entry.spacing:g}", f"{entry.error:.2e}", f"{entry.rms_error:.2e}", f"{entry.unknowns:,.0f}", queries]
+    return [*cells, f"{entry.iterations:.0f}", f"{entry.cpu_seconds:.2f}"]
 
 
 def run_sentence(record: Record) -> str:
