@@ -16,7 +16,7 @@ ROOT = Path(__file__).parent.parent
 #: What the public names of ``cpmkit`` itself are listed under.
 PUBLIC = "_PUBLIC"
 #: The form whose inside is drawn, too.
-FORM = "cpmkit.forms.collocation"
+FORMS = ("collocation", "galerkin")
 #: What it shows to type checkers, it imports when it is asked for.
 FACADE = "cpmkit.plugin"
 
@@ -184,9 +184,15 @@ def write_all(folder: Path) -> list[Path]:
     table = folder / "rooms.md"
     table.write_text(rooms_table(), encoding="utf-8")
     house = draw_house(arrows(), arrows(upwards=True), rooms(), folder / "rooms.png")
-    inner = arrows_inside(FORM)
-    form = draw_house(inner, set(), sorted({name for pair in inner for name in pair}), folder / "collocation.png")
-    return [table, house, form]
+    return [table, house, *(_draw_form(form, folder / f"{form}.png") for form in FORMS)]
+
+
+def _draw_form(form: str, file: Path) -> Path:
+    """Draw the packages and files of a form."""
+    from house_drawing import draw_house
+
+    inner = arrows_inside(f"cpmkit.forms.{form}")
+    return draw_house(inner, set(), sorted({name for pair in inner for name in pair}), file)
 
 
 if __name__ == "__main__":
