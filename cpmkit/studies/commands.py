@@ -71,7 +71,7 @@ def run_study(file: Path, output: Path | None, cheap: bool, spacings: tuple[floa
 )
 @click.option(
     "--costs",
-    type=WRITTEN_FILE,
+    type=click.Path(dir_okay=False, path_type=Path),
     metavar="FILE.md",
     help="Also write one table of errors and costs, method below method, to this file.",
 )
