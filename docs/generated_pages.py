@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import click
 
 from cpmkit import plugin, plugins
 from cpmkit.cli import main
+from cpmkit.errors import PluginError
 
 API = Path(__file__).parent / "reference" / "api.md"
 #: What carries no docstring.
@@ -53,8 +55,10 @@ def kinds_page() -> str:
 
 def factory_of(kind: str) -> Callable[..., Any]:
     """Return the factory that an installed plugin offers for ``kind``, through whatever hook."""
-    made = [plugins.offered(kind, hook) for hook in FACTORY_HOOKS]
-    return next(factory for factory in made if factory is not None)
+    for hook in FACTORY_HOOKS:
+        with suppress(PluginError):
+            return plugins.factory(kind, hook)
+    raise PluginError(f"the kind {kind!r} is offered through none of the hooks {', '.join(FACTORY_HOOKS)}.")
 
 
 def _kind(kind: str, factory: Callable[..., Any]) -> str:
