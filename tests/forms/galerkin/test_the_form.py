@@ -71,6 +71,20 @@ def test_values_on_both_sides_of_an_equator():
     assert solution.flux("eq", "left") == pytest.approx(0.0, abs=1e-2)
 
 
+def test_order_beside_rims_and_curves():
+    """Order 3 to h = 0.05, where samples that straddle knot planes would be what is left."""
+    rim = ck.Scene(ck.source("analytic.cap", height=0.0), SCREENED.problem, edge=ck.Dirichlet(xy))
+    ring = ck.source("analytic.circle", center=[0, 0, 0.3], radius=np.sqrt(1 - 0.09), normal=[0, 0, 1])
+    above = lambda x: np.where(x[:, 2] > 0.3, xy(x), 0.0)  # noqa: E731
+    unlike = [ck.Boundary("ring", ring, left=ck.Dirichlet(xy), right=ck.Dirichlet(0.0))]
+    curve = ck.Scene(SPHERE, ck.ScreenedPoisson(lambda x: 7 * above(x)), unlike)
+    at, spacings = points(), [0.2, 0.1, 0.05]
+    for scene, exact, seen in ((rim, xy, at[at[:, 2] > 0]), (curve, above, at)):
+        errors = [error(solve(scene, spacing, solver="auto"), exact, seen) for spacing in spacings]
+        assert order_of(spacings, errors) > 2.7
+        assert errors[-1] < 4e-6
+
+
 def test_a_constant_is_kept_and_the_mean_is_free():
     scene = ck.Scene(SPHERE, ck.ScreenedPoisson(3.0, c=1.5))
     np.testing.assert_allclose(solve(scene, 0.3).evaluate(points(50)), 2.0, rtol=1e-10)
