@@ -15,7 +15,7 @@ THIN_SHARE = 0.1
 def steadied(mesh: SampleMesh, corners: Ints, cell: Ints, facet: Ints, tangents: Floats, conormals: Floats) -> Floats:
     """Return ``conormals`` (n, g, d), at points of edges with ``tangents`` (n, g, d), put right on thin triangles.
 
-    There they are those of the triangles that meet at the ends of the edge on the same side of the boundary: normal to
+    There they are those of the triangles near the ends of the edge on the same side of the boundary: normal to
     the edge in their mean tangent plane, away from their mean place.
     """
     ends = (facet[:, None] + np.array([1, 2])) % 3
@@ -38,16 +38,22 @@ def steadied(mesh: SampleMesh, corners: Ints, cell: Ints, facet: Ints, tangents:
 
 
 def _around(mesh: SampleMesh, corners: Ints, at: Ints, middles: Floats) -> tuple[Floats, Floats]:
-    """Return the mean place (n, d), relative to ``middles``, and normal (n, d) of triangles at new vertices (n, 2).
+    """Return the mean place (n, d), relative to ``middles``, and normal (n, d) of triangles near new vertices (n, 2).
 
-    Weighted by areas; in the plane there is no normal, and it is zero.
+    Those that meet there and those that these meet: thin triangles may meet thin ones alone. Weighted by areas; in the
+    plane there is no normal, and it is zero.
     """
     order = np.argsort(corners, axis=None, kind="stable")
     starts = np.searchsorted(corners.ravel()[order], np.arange(corners.max() + 2))
-    counts = np.diff(starts)[at.ravel()]
-    row = np.repeat(np.arange(len(at)), counts.reshape(-1, 2).sum(axis=1))
-    first = np.repeat(starts[at.ravel()] - np.cumsum(counts) + counts, counts)
-    corner = mesh.vertices[mesh.cells[order[first + np.arange(len(first))] // 3]]
+    row, vertex = np.repeat(np.arange(len(at)), at.shape[1]), at.ravel()
+    for _ in range(2):
+        counts = np.diff(starts)[vertex]
+        first = np.repeat(starts[vertex] - np.cumsum(counts) + counts, counts)
+        cell = order[first + np.arange(len(first))] // 3
+        near, cell = np.unique(np.stack([np.repeat(row, counts), cell]), axis=1)
+        row, vertex = np.repeat(near, 3), corners[cell].ravel()
+    row = near
+    corner = mesh.vertices[mesh.cells[cell]]
     a, b = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
     area = np.sqrt(np.maximum(dots(a, a) * dots(b, b) - dots(a, b) ** 2, 0.0))
     moved = area[:, None] * (corner.mean(axis=1) - middles[row])
