@@ -14,7 +14,7 @@ from cpmkit.forms.galerkin.samples.lifting import lifted
 from cpmkit.forms.galerkin.samples.soundness import sound
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vectors import norms
-from cpmkit.protocols import HasMesh
+from cpmkit.protocols import HasMesh, HasValues
 
 #: Cells whose centres are looked at to tell whether cells are flat, and how near they are to it then, of their size.
 FLAT_PROBES, FLAT_SIZE_SHARE = 1024, 1e-9
@@ -91,7 +91,15 @@ def _drawn(source: LocalSource, length: float) -> SampleMesh | None:
 
 
 def _height(source: LocalSource, mesh: SampleMesh) -> float:
-    """Return how far centres of cells are from the manifold at most: not at all in a faceted mesh."""
+    """Return how far centres of cells are from the manifold at most: not at all in a faceted mesh.
+
+    No query is needed, and no tree for it, where the source answers true nearest points, carries values at vertices of
+    its own and has no other cells at another spacing: it is these cells.
+    """
+    drawing = source.source
+    if drawing.exact and isinstance(drawing, HasValues) and isinstance(drawing, HasMesh):
+        if np.array_equal(drawing.mesh(_size(mesh))[1], mesh.cells):
+            return 0.0
     step = max(len(mesh.cells) // FLAT_PROBES, 1)
     centres = mesh.vertices[mesh.cells[::step]].mean(axis=1)
     return float(norms(source.closest_point(centres).points - centres).max())
