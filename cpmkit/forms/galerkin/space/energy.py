@@ -69,7 +69,8 @@ def load(space: Space, f: Floats) -> Floats:
     from cpmkit.forms.galerkin.space.sample_kernels import add_load
 
     loads = np.zeros((space.parting.size, f.shape[1]))
-    add_load(*_patches(space), space.samples.points, space.samples.weights[:, None] * f, loads)
+    f = np.ascontiguousarray(f, dtype=np.float64)
+    add_load(*_patches(space), space.samples.points, space.samples.weights, f, loads)
     return loads
 
 

@@ -34,10 +34,11 @@ def add_load(
     order: Ints,
     start: Ints,
     points: Floats,
-    densities: Floats,
+    weights: Floats,
+    f: Floats,
     load: Floats,
 ) -> None:
-    """Add sum densities[q] N_j(y_q) to ``load`` (n, channels); ``densities`` (q, channels) hold the weights."""
+    """Add sum weights[q] f[q] N_j(y_q) to ``load`` (n, channels), with ``f`` (q, channels)."""
     width, channels = unknowns.shape[1], load.shape[1]
     products, sums = np.empty(width), np.empty(width * channels)
     for p in range(len(cells)):
@@ -46,7 +47,7 @@ def add_load(
             q = order[s]
             spline_products(points[q], cells[p], spacing, products)
             for channel in range(channels):
-                density, first = densities[q, channel], np.uint64(channel * width)
+                density, first = weights[q] * f[q, channel], np.uint64(channel * width)
                 for place in range(np.uint64(width)):  # unsigned, so that no index is tested for its sign
                     sums[first + place] += products[place] * density
         for place in range(width):
