@@ -97,9 +97,10 @@ def _height(source: LocalSource, mesh: SampleMesh) -> float:
     its own and has no other cells at another spacing: it is these cells.
     """
     drawing = source.source
-    if drawing.exact and isinstance(drawing, HasValues) and isinstance(drawing, HasMesh):
-        if np.array_equal(drawing.mesh(_size(mesh))[1], mesh.cells):
-            return 0.0
+    assert isinstance(drawing, HasMesh)
+    own = drawing.exact and isinstance(drawing, HasValues)
+    if own and np.array_equal(drawing.mesh(_size(mesh))[1], mesh.cells):
+        return 0.0
     step = max(len(mesh.cells) // FLAT_PROBES, 1)
     centres = mesh.vertices[mesh.cells[::step]].mean(axis=1)
     return float(norms(source.closest_point(centres).points - centres).max())
