@@ -119,3 +119,25 @@ def test_fluxes_out_of_both_sides():
         for side, slope in exact.items():
             assert solution.flux("C", side) == pytest.approx(2 * np.pi * radius * slope.mean(), abs=0.01)
     assert order_of(spacings, found) > 1.2
+
+
+def test_a_moebius_strip_cut_along_its_core():
+    """It has no left: equal data on both sides are fine, and unlike ones are refused."""
+    turn, across = np.meshgrid(np.linspace(0, 2 * np.pi, 120, endpoint=False), np.linspace(-0.3, 0.3, 7), indexing="ij")
+    radius = 1 + across * np.cos(turn / 2)
+    vertices = np.stack([radius * np.cos(turn), radius * np.sin(turn), across * np.sin(turn / 2)], axis=-1).reshape(
+        -1, 3
+    )
+    number = np.arange(840).reshape(120, 7)
+    after = np.concatenate([number[1:], number[:1, ::-1]])
+    a, b, c, d = number[:, :-1], after[:, :-1], after[:, 1:], number[:, 1:]
+    cells = np.concatenate([np.stack(one, axis=-1).reshape(-1, 3) for one in ((a, b, c), (a, c, d))])
+    strip = ck.source("mesh.triangles", vertices=vertices, faces=cells, closest="faceted")
+    core = ck.source("mesh.polyline", points=vertices[number[:, 3]], closed=True)
+    cut = ck.Boundary("core", core, both=ck.Dirichlet(2.0))
+    scene = ck.Scene(strip, ck.Laplace(), [cut], edge=ck.Dirichlet(0.0))
+    found = ck.solve(scene, 0.1, form="galerkin").evaluate(vertices)
+    np.testing.assert_allclose(found, ck.solve(scene, backend="fem").evaluate(vertices), atol=0.02)
+    unlike = ck.Boundary("core", core, left=ck.Dirichlet(2.0), right=ck.Dirichlet(1.0))
+    with pytest.raises(ck.SceneError, match="left"):
+        ck.solve(ck.Scene(strip, ck.Laplace(), [unlike]), 0.1, form="galerkin")

@@ -12,6 +12,10 @@ from cpmkit.forms.galerkin.samples.needles import split_needles
 from cpmkit.forms.galerkin.samples.segments import in_equal_parts
 from cpmkit.protocols import Floats, Ints
 
+#: An edge is long if it is longer than wanted by more than this share: more than what needles leave unparted, so that
+#: the triangles on both sides of an edge agree whether a half of it is long.
+SAME_LENGTH_SHARE = 1e-8
+
 
 def subdivided(mesh: SampleMesh, length: float) -> SampleMesh:
     """Return the mesh with its edges halved until none is longer than ``length``; segments are cut in equal parts.
@@ -32,16 +36,17 @@ def subdivided(mesh: SampleMesh, length: float) -> SampleMesh:
     from cpmkit.forms.galerkin.samples import subdivision_kernels
 
     mesh, halves = split_needles(mesh, length)
+    longest = float(length) * (1 + SAME_LENGTH_SHARE)
     short = []
     while True:  # what has a long edge is split with all that share the edge; the rest is done
-        long = subdivision_kernels.with_long_edges(mesh.vertices, mesh.cells, float(length))
+        long = subdivision_kernels.with_long_edges(mesh.vertices, mesh.cells, longest)
         short.append(mesh.cells[~long])
         if not long.any():
             return replace(mesh, cells=np.concatenate(short))
         mesh = replace(mesh, cells=mesh.cells[long])
         edges = edges_of(mesh)
         middle = np.full(len(edges.ends), -1)
-        long = subdivision_kernels.long_edges(mesh.vertices, edges.ends, float(length))
+        long = subdivision_kernels.long_edges(mesh.vertices, edges.ends, longest)
         middle[long] = halves.of(edges.ends[long])
         new = long & (middle < 0)
         middle[new] = len(mesh.vertices) + np.arange(new.sum())
