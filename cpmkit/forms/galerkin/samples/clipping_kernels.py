@@ -7,7 +7,7 @@ import numpy as np
 from cpmkit.protocols import Floats, Ints
 from cpmkit.runtime.compilation import compiled
 
-#: A corner nearer to a knot plane than this, in spacings, lies on it: no piece is thinner.
+#: A piece that is past a knot plane by less than this, in spacings, is not split there.
 ON_PLANE_SPACINGS = 1e-3
 #: A sample that is past a plane of its piece's cell by less than this, in spacings, is put back into the cell.
 PUT_BACK_SPACINGS = 2e-2
@@ -19,6 +19,8 @@ LEAST_AREA = 1e-14
 NO_DIRECTION_SHARE = 1e-14
 #: Pieces have no more corners than this; a triangle has 3, and each plane adds one.
 MOST_CORNERS = 32
+#: A triangle is split so often and no more: corners that a curved edge puts beyond a plane again need not end.
+MOST_SPLITS = 100_000
 #: Newton's steps from the chord to the place where an edge crosses a knot plane.
 CROSSING_STEPS = 3
 
@@ -82,7 +84,7 @@ def first_plane(piece: Floats, count: int) -> tuple[int, float]:
         for k in range(count):
             low, high = min(low, piece[k, 2 + axis]), max(high, piece[k, 2 + axis])
         plane = np.floor(low + ON_PLANE_SPACINGS + 0.5) + 0.5
-        if plane < high - ON_PLANE_SPACINGS:
+        if high - plane > ON_PLANE_SPACINGS:
             return axis, plane
     return -1, 0.0
 
@@ -91,20 +93,21 @@ def first_plane(piece: Floats, count: int) -> tuple[int, float]:
 def split(
     nodes: Floats, curved: bool, piece: Floats, count: int, axis: int, plane: float, below: Floats, above: Floats
 ) -> tuple[int, int]:
-    """Fill ``below`` and ``above`` with the parts of a piece beside a plane; returns how many corners each has."""
+    """Fill ``below`` and ``above`` with the parts of a piece beside a plane; returns how many corners each has.
+
+    No corner belongs to both but where the edges cross: a piece that lies nearly in the plane would count twice.
+    """
     lower = upper = 0
     for k in range(count):
         following = k + 1 if k + 1 < count else 0
         here, there = piece[k, 2 + axis] - plane, piece[following, 2 + axis] - plane
-        if here < ON_PLANE_SPACINGS:
+        if here < 0:
             below[lower] = piece[k]
             lower += 1
-        if here > -ON_PLANE_SPACINGS:
+        else:
             above[upper] = piece[k]
             upper += 1
-        if (here <= -ON_PLANE_SPACINGS and there >= ON_PLANE_SPACINGS) or (
-            here >= ON_PLANE_SPACINGS and there <= -ON_PLANE_SPACINGS
-        ):
+        if (here < 0) != (there < 0):
             crossing(nodes, curved, piece[k], piece[following], axis, plane, below[lower])
             above[upper] = below[lower]
             lower, upper = lower + 1, upper + 1
@@ -210,13 +213,14 @@ def triangle_samples(nodes: Floats, spacing: float, clipped: bool) -> tuple[Floa
         for k in range(3):
             stack[0, k, 0], stack[0, k, 1] = 1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0
             stack[0, k, 2:] = own[k]
-        waiting = 1
+        waiting, splits = 1, 0
         while waiting:
             waiting -= 1
             count = sizes[waiting]
             piece[:count] = stack[waiting, :count]
             axis, plane = first_plane(piece, count)
-            if clipped and axis >= 0 and count < MOST_CORNERS:
+            if clipped and axis >= 0 and count < MOST_CORNERS and splits < MOST_SPLITS:
+                splits += 1
                 if waiting + 2 > len(sizes):
                     stack, sizes = np.concatenate((stack, stack)), np.concatenate((sizes, sizes))
                 lower, upper = split(own, curved, piece, count, axis, plane, stack[waiting], stack[waiting + 1])

@@ -65,6 +65,19 @@ def test_every_triangle_has_samples_even_without_area():
     assert clipped.weights.sum() == pytest.approx(samples_of(mesh).weights.sum(), rel=1e-12)
 
 
+@pytest.mark.parametrize("height", [1e-9, 5e-4, 1e-3, 2e-3, 1e-2])
+def test_triangles_that_lie_nearly_in_a_knot_plane_count_once(height):
+    """Corners a little above and below z = h/2, in an order in which each part would hold most of them."""
+    at = np.random.default_rng(0).uniform(0, 0.3, (200, 3, 2))
+    z = 0.05 + 0.1 * height * np.random.default_rng(1).uniform(-2, 2, (200, 3, 1))
+    vertices = np.concatenate([at, z], axis=2).reshape(-1, 3)
+    mesh = SampleMesh.of(vertices, np.arange(600).reshape(-1, 3))
+    clipped = samples_of(mesh, 0.1)
+    area = np.bincount(clipped.cell, clipped.weights)
+    np.testing.assert_allclose(area, samples_of(mesh).weights.reshape(-1, 3).sum(axis=1), rtol=1e-9)
+    assert len(clipped) < 100 * len(mesh.cells)
+
+
 def test_curved_triangles_keep_their_area():
     """A triangle on the unit sphere, with its midpoints: the area is that of the quadratic map, whatever the pieces."""
     angle = np.linspace(0, 0.3, 3)
