@@ -75,7 +75,7 @@ class Strip:
     unknowns : (k,) int64
         Their numbers.
     rows : UnsignedCsr
-        Their rows of A, (k, n).
+        Their rows of A, (k, n), rounded as the level's own are: else ``after`` is not the adjoint of ``before``.
     factors : PositiveFactors
         Of A among them.
     """
@@ -96,7 +96,8 @@ class Strip:
         if not len(unknowns):
             return None
         rows = matrix[unknowns].tocsr()
-        return cls(unknowns, UnsignedCsr.of(rows), PositiveFactors.of(rows[:, unknowns], "beside boundaries"))
+        factors = PositiveFactors.of(rows[:, unknowns], "beside boundaries")
+        return cls(unknowns, UnsignedCsr.of(rows).rounded(), factors)
 
     def solve(self, x: Floats | None, b: Floats) -> Floats:
         """Return x, from zero where it is None, with the strip's equations fulfilled."""
