@@ -5,8 +5,8 @@ from cpmkit.forms.collocation import discretization, layout
 
 
 def lay_out(scene, spacing, **options):
-    return layout.lay_out(scene, choice.options_of(scene, spacing, options)[0])
+    return layout.lay_out(scene, choice.options_of(scene, spacing, {**options, "form": "collocation"})[0])
 
 
 def build_tables(scene, spacing, **options):
-    return discretization.build_tables(scene, choice.options_of(scene, spacing, options)[0])
+    return discretization.build_tables(scene, choice.options_of(scene, spacing, {**options, "form": "collocation"})[0])

@@ -18,7 +18,7 @@ from cpmkit.scene.scene import Scene
 #: The options of each form, by its name.
 FORMS: dict[str, type[Declared]] = {"collocation": CollocationOptions, "galerkin": GalerkinOptions}
 #: The form that ``auto`` means where nothing in the scene or the options decides.
-DEFAULT_FORM = "collocation"
+DEFAULT_FORM = "galerkin"
 #: The families of equations that the Galerkin form carries.
 GALERKIN_FAMILIES = ("steady",)
 
@@ -61,7 +61,7 @@ def choose_form(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
         return "collocation", "the manifold is neither a curve nor a surface"
     if family not in GALERKIN_FAMILIES or scene.problem.terms().velocity is not None:
         return "collocation", f"the form 'galerkin' does not yet carry {scene.problem.kind!r}"
-    return DEFAULT_FORM, "the one that is taken unless another is asked for"
+    return DEFAULT_FORM, "the one for steady problems on curves and surfaces"
 
 
 def form_named(form: Any, names: Iterable[str] = ()) -> str | None:
@@ -87,9 +87,14 @@ def form_named(form: Any, names: Iterable[str] = ()) -> str | None:
     return chosen
 
 
-def form_options(form: Any, names: Iterable[str] = ()) -> type[Declared]:
-    """Return the class of the options of a form, by its name, or by the ``names`` of options that are given."""
-    return FORMS[form_named(form, names) or DEFAULT_FORM]
+def own_options(given: Mapping[str, Any]) -> tuple[Declared, tuple[str, ...]]:
+    """Return the options that belong to the form among those ``given`` without a scene, and the names it accepts.
+
+    Where neither ``form`` nor another option decides, the options of every form are accepted, and none is given.
+    """
+    named = form_named(given.get("form", AUTO), given)
+    kinds = [FORMS[named]] if named is not None else list(FORMS.values())
+    return take(kinds[0], given)[0], tuple(name for kind in kinds for name in declared(kind))
 
 
 def _deciding(given: Mapping[str, Any]) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.files.data_files import find_file
 from cpmkit.files.toml_files import from_toml
-from cpmkit.forms.choice import DEFAULT_FORM, form_options
+from cpmkit.forms.choice import own_options
 from cpmkit.forms.options import Options
 from cpmkit.linear.choice import SOLVER_OPTIONS, SolverOptions
 from cpmkit.plugins import call, check_accepted, check_keys, factory, source, takes
@@ -133,10 +133,9 @@ def read_options(tables: Mapping[str, Any]) -> tuple[float | None, dict[str, Any
     """
     grid = as_table(tables.get("discretization", {}), "[discretization]")
     with _told_of("[discretization]"):
-        kind = form_options(grid.get("form", DEFAULT_FORM), grid)
-        check_accepted("[discretization]", grid, (*declared(Options), *declared(kind)))
-        own, common = take(kind, grid)
-        take(Options, {"spacing": 1.0, **common}, own=own)  # one may be given elsewhere
+        own, accepted = own_options(grid)
+        check_accepted("[discretization]", grid, (*declared(Options), *accepted))
+        take(Options, {"spacing": 1.0, **grid}, own=own)  # one may be given elsewhere
     solver = as_table(tables.get("solver", {}), "[solver]")
     name = solver.get("kind", SolverOptions.solver)
     if not isinstance(name, str):

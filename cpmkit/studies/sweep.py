@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import InputError, SceneError, shown
-from cpmkit.forms.choice import DEFAULT_FORM, FORMS, every_option
+from cpmkit.forms.choice import FORMS, every_option
 from cpmkit.plugins import call, check_keys
 from cpmkit.protocols import Floats
 from cpmkit.runtime.arrays import positive
@@ -21,6 +21,8 @@ from cpmkit.runtime.key_types import check_types
 
 #: Methods that fix nodes, and the options that they have: no order of their own.
 BASELINES = {"nearest": ("degree",), "ball": ("degree",)}
+#: The form that ``cpm`` is, and whose options a study lists: the paper's.
+LISTED_FORM = "collocation"
 #: More positions of the lattice, or runs in all, are a mistake.
 MOST_ORIGINS, MOST_RUNS = 10_000, 100_000
 #: The seed of the random positions of the lattice.
@@ -28,14 +30,14 @@ ORIGINS_SEED = 1
 
 
 def closest_points() -> dict[str, dict[str, Any]]:
-    """Return the methods on a lattice, and the options that each sets: ``cpm`` none, a form its name."""
+    """Return the methods on a lattice, and the options that each sets: ``cpm`` the form alone."""
     options = every_option().items()
-    return {"cpm": {}} | {method: {name: value} for name, one in options for method, value in one.methods.items()}
+    return {"cpm": {"form": LISTED_FORM}} | {method: {name: value} for name, one in options for method, value in one.methods.items()}
 
 
 def listed() -> dict[str, str]:
     """Return the options whose values a study lists, and the key of each list."""
-    return {name: one.plural or f"{name}s" for name, one in declared(FORMS[DEFAULT_FORM]).items() if not one.methods}
+    return {name: one.plural or f"{name}s" for name, one in declared(FORMS[LISTED_FORM]).items() if not one.methods}
 
 
 def listed_of(method: str) -> tuple[str, ...]:
@@ -43,7 +45,7 @@ def listed_of(method: str) -> tuple[str, ...]:
     methods = closest_points()
     if method not in methods:
         return BASELINES.get(method, ())
-    own = declared(FORMS[methods[method].get("form", DEFAULT_FORM)])
+    own = declared(FORMS[methods[method].get("form", LISTED_FORM)])
     return tuple(name for name in listed() if name in own)
 
 
@@ -108,9 +110,9 @@ class Sweep:
                 positive(self.step_per_spacing, "step_per_spacing of [sweep]")
             for name, values in self.lists.items():
                 for value in values:
-                    declared(FORMS[DEFAULT_FORM])[name].check(value, f"{listed()[name]} of [sweep]")
+                    declared(FORMS[LISTED_FORM])[name].check(value, f"{listed()[name]} of [sweep]")
             for together in product(*self.lists.values()):
-                FORMS[DEFAULT_FORM](**dict(zip(self.lists, together, strict=True)))
+                FORMS[LISTED_FORM](**dict(zip(self.lists, together, strict=True)))
         except InputError as error:
             raise SceneError(str(error)) from error
 
@@ -128,7 +130,7 @@ class Sweep:
     def _discretizations(self, method: str) -> Iterator[tuple[tuple[tuple[str, Any], ...], int | None]]:
         """Yield options and number of the origin, None where a method has none."""
         names = listed_of(method)
-        lists = [self.lists.get(name, [getattr(FORMS[DEFAULT_FORM], name)]) for name in names]
+        lists = [self.lists.get(name, [getattr(FORMS[LISTED_FORM], name)]) for name in names]
         placed = names or method in closest_points()
         origins = range(self.origins) if self.origins > 1 and placed else [None]
         for values in product(*lists):
@@ -160,7 +162,7 @@ class Run:
     def of(cls, record: Mapping[str, Any]) -> Run:
         """Return the run of a record; an option that it does not know yet had its default."""
         names = listed_of(record["method"])
-        options = tuple((name, record.get(name, getattr(FORMS[DEFAULT_FORM], name))) for name in names)
+        options = tuple((name, record.get(name, getattr(FORMS[LISTED_FORM], name))) for name in names)
         return cls(record["method"], record["spacing"], options, record["origin"])
 
     def as_dict(self) -> dict[str, Any]:
