@@ -32,7 +32,9 @@ ORIGINS_SEED = 1
 def closest_points() -> dict[str, dict[str, Any]]:
     """Return the methods on a lattice, and the options that each sets: ``cpm`` the form alone."""
     options = every_option().items()
-    return {"cpm": {"form": LISTED_FORM}} | {method: {name: value} for name, one in options for method, value in one.methods.items()}
+    return {"cpm": {"form": LISTED_FORM}} | {
+        method: {name: value} for name, one in options for method, value in one.methods.items()
+    }
 
 
 def listed() -> dict[str, str]:

@@ -23,7 +23,7 @@ NEAR_SPACINGS = 4.0
 #: A sample whose tangent plane a point is off counts as this much farther away: it may lie on another sheet.
 HEIGHT_FACTOR = 10.0
 #: Points nearer to a boundary than this many spacings are read from the side that the caller names.
-ON_BOUNDARY_SPACINGS = 1e-3
+ON_BOUNDARY_SPACINGS = 1e-9
 #: Samples on boundaries lie nearer to any point of these than so many spacings.
 ON_BOUNDARIES_SPACINGS = 0.15
 #: Step of differences, where a boundary's sources give no directions of their own, in spacings.

@@ -109,7 +109,7 @@ def test_every_equation_leaves_the_tables_as_they_are(name):
 def test_every_reading_leaves_the_tables_as_they_are(name, tmp_path):
     scene = scene_of(name, ck.ScreenedPoisson(1.0), left=ck.Dirichlet(0.0), right=ck.Neumann(1.0))
     _, _, points, spacing = scenes()[name]
-    solution = ck.solve(scene, spacing)
+    solution = ck.solve(scene, spacing, form="collocation")
     before, file = prints_of(solution.discretized.tables), tmp_path / "solution.npz"
     calls = {
         "evaluate": lambda: solution.evaluate(points, side="left"),
@@ -132,7 +132,7 @@ def test_every_reading_leaves_the_tables_as_they_are(name, tmp_path):
 
 def test_an_estimate_leaves_the_tables_as_they_are_and_a_loaded_solution_has_the_same(tmp_path):
     scene = scene_of("arc", ck.ScreenedPoisson(1.0))
-    solution = ck.estimate_error(scene, 0.05).solution
+    solution = ck.estimate_error(scene, 0.05, form="collocation").solution
     solution.save(tmp_path / "solution.npz")
     assert prints_of(ck.load(tmp_path / "solution.npz", scene).discretized.tables) == prints_of(
         solution.discretized.tables

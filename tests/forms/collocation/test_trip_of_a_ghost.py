@@ -81,7 +81,7 @@ def one_boundary():
 def test_a_ghost_passes_through_twelve_files(watched):
     files, watch = watched
     scene = one_boundary()
-    tables = ck.discretize(scene, 0.2).tables
+    tables = ck.discretize(scene, 0.2, form="collocation").tables
     watch(build_operator)(tables, scene.problem.terms())
     watch(tables.datum)()
     room = "forms/collocation/"
@@ -92,7 +92,7 @@ def test_a_ghost_passes_through_twelve_files(watched):
 
 def test_formulas_of_other_orders_ask_for_no_point_a_second_time():
     """Ghosts keep their geometry: what they read at the first or the second order follows from it."""
-    tables = ck.discretize(one_boundary(), 0.2).tables
+    tables = ck.discretize(one_boundary(), 0.2, form="collocation").tables
     (ghosts,), asked = tables.layout.ghosts, tables.layout.queries
     again, first = ghost_formula(ghosts.geometry, 2), ghost_formula(ghosts.geometry, 1)
     assert tables.layout.queries == asked

@@ -57,7 +57,10 @@ def left_of_boundaries(
     left = np.where(sides == 2, by_group > opposite, by_group > 0)
     one_sided = (sides == 1) & _seen_twice(half)
     left = np.where(one_sided, votes > 0, left)
-    return np.asarray((samples.half >= 0) & (samples.owner >= 0) & left[samples.half])
+    on = np.flatnonzero((samples.half >= 0) & (samples.owner >= 0))  # none where boundaries are points of a surface
+    found = np.zeros(len(samples), dtype=bool)
+    found[on] = left[samples.half[on]]
+    return found
 
 
 def _votes(samples: BoundarySamples, boundaries: Sequence[OrientedBoundary], lattice: Lattice) -> Floats:

@@ -36,7 +36,7 @@ def error(surface, spacing, step):
     problem = ck.ScreenedPoisson(lambda y: 3 * (y @ NORMAL) + jump(y), 1.0)
     points = sphere_points()
     points = points[np.abs(points @ NORMAL - HEIGHT) > 0.05]
-    found = ck.solve(ck.Scene(surface, problem, [cut]), spacing).evaluate(points)
+    found = ck.solve(ck.Scene(surface, problem, [cut]), spacing, form="collocation").evaluate(points)
     return np.abs(found - points @ NORMAL - jump(points)).max()
 
 
@@ -70,5 +70,5 @@ def test_a_diffusivity_that_jumps_off_the_curve_a_little(shift):
     scene = ck.Scene(ck.source("analytic.circle"), problem, cuts)
     angle = np.linspace(0, 2 * np.pi, 200) + 0.01
     points = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    found = ck.solve(scene, h, origin=[shift * h, 0.0]).evaluate(points)
+    found = ck.solve(scene, h, origin=[shift * h, 0.0], form="collocation").evaluate(points)
     assert np.abs(found - points[:, 1]).max() < 3e-3

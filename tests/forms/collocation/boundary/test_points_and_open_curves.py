@@ -25,7 +25,7 @@ def tilted_arc():
 
 def test_an_open_arc():
     problem = poisson([tilted_arc()])
-    errors = [max_error(*problem, h) for h in (0.2, 0.1, 0.067)]
+    errors = [max_error(*problem, h, form="collocation") for h in (0.2, 0.1, 0.067)]
     assert errors[-1] <= 1.5e-3
     assert order_of((0.2, 0.1, 0.067), errors) >= 1.8
 
@@ -33,7 +33,7 @@ def test_an_open_arc():
 def test_a_point():
     point = ck.source("analytic.point", at=rotation()[:, 0])
     problem = poisson([ck.Boundary("pin", point, both=ck.Dirichlet(u))])
-    errors = [max_error(*problem, h) for h in (0.2, 0.1, 0.067)]
+    errors = [max_error(*problem, h, form="collocation") for h in (0.2, 0.1, 0.067)]
     assert errors[-1] <= 1e-2
     assert order_of((0.2, 0.1, 0.067), errors) >= 1.3
 
@@ -43,7 +43,7 @@ def test_an_arc_and_a_point_at_its_end():
     end = np.cos(2.0) * q[:, 1] + np.sin(2.0) * np.cross(q[:, 0], q[:, 1])
     pin = ck.Boundary("pin", ck.source("analytic.point", at=end), both=ck.Dirichlet(u))
     problem = poisson([tilted_arc(), pin])
-    errors = [max_error(*problem, h) for h in (0.2, 0.1, 0.067)]
+    errors = [max_error(*problem, h, form="collocation") for h in (0.2, 0.1, 0.067)]
     assert errors[-1] <= 1.5e-3
     assert order_of((0.2, 0.1, 0.067), errors) >= 1.8
 
@@ -53,7 +53,7 @@ def test_a_tiny_closed_curve():
     radius = 0.075  # one and a half of the finest spacings
     circle = ck.source("analytic.circle", center=np.sqrt(1 - radius**2) * axis, radius=radius, normal=axis)
     problem = poisson([ck.Boundary("ring", circle, both=ck.Dirichlet(u))])
-    assert max_error(*problem, 0.05) <= 1e-2
+    assert max_error(*problem, 0.05, form="collocation") <= 1e-2
 
 
 def test_a_wall_that_runs_into_the_rim():
@@ -71,7 +71,7 @@ def test_a_wall_that_runs_into_the_rim():
     scene = ck.Scene(cap, ck.Poisson(f), [ck.Boundary("half circle", half, both=ck.Dirichlet(exact))])
     points = sphere_points()
     points = points[points[:, 2] >= 0]
-    errors = [max_error(scene, points, exact(points), h) for h in (0.2, 0.1, 0.067)]
+    errors = [max_error(scene, points, exact(points), h, form="collocation") for h in (0.2, 0.1, 0.067)]
     assert errors[-1] <= 5e-3
     assert order_of((0.2, 0.1, 0.067), errors) >= 1.7
 
@@ -79,7 +79,9 @@ def test_a_wall_that_runs_into_the_rim():
 def test_a_point_above_which_nodes_stand_is_felt_like_any_other():
     pin = ck.Boundary("pin", ck.source("analytic.point", at=(0, 0, -1)), both=ck.Dirichlet(u))
     problem = poisson([pin])
-    errors = [max_error(*problem, h) for h in (0.2, 0.1, 0.067)]  # the lattice's node zero is the sphere's centre
+    errors = [
+        max_error(*problem, h, form="collocation") for h in (0.2, 0.1, 0.067)
+    ]  # the lattice's node zero is the sphere's centre
     assert errors[-1] <= 2e-3
     assert order_of((0.2, 0.1, 0.067), errors) >= 1.7
 
@@ -91,7 +93,7 @@ def test_a_point_beside_other_values_is_felt_and_warned_of():
         both=ck.Dirichlet(0.1),
     )
     pin = ck.Boundary("pin", ck.source("analytic.point", at=(0, 0, -1)), both=ck.Dirichlet(1.0))
-    solution = ck.solve(ck.Scene(ck.source("analytic.sphere"), ck.Laplace(), [ring, pin]), 0.1)
+    solution = ck.solve(ck.Scene(ck.source("analytic.sphere"), ck.Laplace(), [ring, pin]), 0.1, form="collocation")
     assert 0.7 < solution.evaluate([[0, 0, -1.0]])[0] < 1.1
     assert solution.evaluate(sphere_points()).min() >= 0.1 - 1e-6
     assert any("'pin'" in warning and "small circle" in warning for warning in solution.warnings)

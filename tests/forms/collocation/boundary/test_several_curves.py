@@ -20,7 +20,7 @@ def crossing(values, spacing=0.05):
         ck.Boundary(name, great_circle(turn[:, k]), left=ck.Dirichlet(left), right=ck.Dirichlet(right))
         for k, (name, (left, right)) in enumerate(values.items())
     ]
-    return ck.solve(ck.Scene(ck.source("analytic.sphere"), ck.Laplace(), circles), spacing), turn
+    return ck.solve(ck.Scene(ck.source("analytic.sphere"), ck.Laplace(), circles), spacing, form="collocation"), turn
 
 
 def test_four_values_around_a_crossing_are_reported_with_their_radius():
@@ -38,7 +38,7 @@ def test_equal_values_around_a_crossing_are_not():
     solution, _ = crossing({"one": (1.0, 1.0), "other": (1.0, 1.0)}, 0.1)
     assert not [text for text in solution.warnings if "cross" in text]
     scene, _, _ = sphere_poisson(rotation().T[:2])  # both hold the same smooth function
-    assert not [text for text in ck.solve(scene, 0.1).warnings if "cross" in text]
+    assert not [text for text in ck.solve(scene, 0.1, form="collocation").warnings if "cross" in text]
 
 
 def test_outside_that_radius_the_sectors_do_not_suffer():
@@ -70,7 +70,7 @@ def strip(gap, h=0.025):
         ck.Boundary("one", ck.source("analytic.point", at=points[0]), left=ck.Dirichlet(2.0), right=ck.Dirichlet(0.0)),
         ck.Boundary("two", ck.source("analytic.point", at=points[1]), left=ck.Dirichlet(10.0), right=ck.Dirichlet(5.0)),
     ]
-    return ck.solve(ck.Scene(ck.source("analytic.circle"), ck.Laplace(), cuts), h), ends
+    return ck.solve(ck.Scene(ck.source("analytic.circle"), ck.Laplace(), cuts), h, form="collocation"), ends
 
 
 @pytest.mark.parametrize("gap", [0.2, 0.5, 0.9])
@@ -106,7 +106,7 @@ def test_two_circles_on_a_sphere_half_a_spacing_apart():
         )
         for height, left, right in zip(heights, (1.0, 3.0), (2.0, 4.0), strict=True)
     ]
-    solution = ck.solve(ck.Scene(ck.source("analytic.sphere"), ck.Laplace(), circles), h)
+    solution = ck.solve(ck.Scene(ck.source("analytic.sphere"), ck.Laplace(), circles), h, form="collocation")
     assert [text for text in solution.warnings if "run side by side" in text]
     points = sphere_points()
     w = points @ axis
@@ -150,7 +150,7 @@ def test_a_curve_that_ends_on_another():
     stem = ck.source("mesh.polyline", points=geodesic((0, 1, 0), (1, 1, 0.2)))
     problem = poisson_on([great_circle(rotation()[:, 0]), stem])
     spacings = (0.2, 0.1, 0.05)
-    errors = [max_error(*problem, h) for h in spacings]
+    errors = [max_error(*problem, h, form="collocation") for h in spacings]
     assert errors[-1] <= 1.1e-3
     assert order_of(spacings, errors) >= 1.8
 
@@ -161,7 +161,7 @@ def test_a_triangle_of_great_arcs():
     triangle = ck.source("mesh.polyline", points=geodesic(*corners, corners[0])[:-1], closed=True)
     problem = poisson_on([triangle])
     spacings = (0.2, 0.1, 0.05)
-    errors = [max_error(*problem, h) for h in spacings]
+    errors = [max_error(*problem, h, form="collocation") for h in spacings]
     assert errors[-1] <= 1.6e-3
     assert order_of(spacings, errors) >= 1.7
 
@@ -183,7 +183,9 @@ def test_jumps_of_twenty_and_five_three_spacings_apart():
     short = 2 * np.cos(t) + 3.0 * t / gap
     share = (t - gap) / (2 * np.pi - gap)
     long = 2 * np.cos(t) + (8.0 * (1 - share) + 20.0 * share)
-    values = ck.solve(ck.Scene(scene.surface, scene.problem, [*scene.boundaries, second]), h).evaluate(points)
+    values = ck.solve(
+        ck.Scene(scene.surface, scene.problem, [*scene.boundaries, second]), h, form="collocation"
+    ).evaluate(points)
     error = np.abs(values - np.where(t < gap, short, long))
     assert error[t < gap].max() <= 2e-4
     assert error[t >= gap].max() <= 2e-4

@@ -23,14 +23,14 @@ def test_the_answer_is_that_of_the_curve_on_the_surface(radius):
     answers = []
     for curve in (great_circle(1.0), great_circle(radius)):
         problem, points, exact = scene(curve)
-        answers.append(ck.solve(problem, 0.1).evaluate(points))
+        answers.append(ck.solve(problem, 0.1, form="collocation").evaluate(points))
     assert np.abs(answers[0] - exact).max() < 5e-3
     assert np.abs(answers[1] - answers[0]).max() < 1e-6
 
 
 def test_the_distance_is_told():
     problem, _, _ = scene(great_circle(1.02))
-    assert "snapped by up to 0.02" in str(ck.explain(problem, 0.1))
+    assert "snapped by up to 0.02" in str(ck.explain(problem, 0.1, form="collocation"))
     solution = ck.solve(problem, 0.1)
     assert solution.warnings == ()
     assert solution.summary()["discretization"]["snapped_by"]["cut"] == pytest.approx(0.02)
@@ -41,4 +41,4 @@ def test_the_distance_is_told():
 def test_a_boundary_outside_the_tube_is_refused():
     problem, _, _ = scene(great_circle(1.6))
     with pytest.raises(ck.CpmkitError, match=r"up to 0\.6 away from the surface"):
-        ck.solve(problem, 0.1)
+        ck.solve(problem, 0.1, form="collocation")

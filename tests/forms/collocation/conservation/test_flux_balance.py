@@ -66,7 +66,10 @@ def test_higher_degrees_leave_less_and_say_how_far_u_was_off():
         if degree:
             (balance,) = solution.imbalances
             assert (balance.of, balance.degree, balance.functions) == ("fluxes", degree, functions)
-            assert solution.work.closest_point_queries > ck.solve(known.scene, 0.1).work.closest_point_queries
+            assert (
+                solution.work.closest_point_queries
+                > ck.solve(known.scene, 0.1, form="collocation").work.closest_point_queries
+            )
     assert all(after < 0.5 * before for before, after in pairwise(errors))
     plain = ck.solve(known.scene, 0.1, balance=0)
     (mean,) = plain.imbalances
@@ -257,7 +260,7 @@ def test_a_correction_larger_than_what_can_be_explained_is_left_out(monkeypatch)
     import cpmkit.forms.collocation.conservation.flux_balance as balancing
 
     known = on_sphere()
-    plain = ck.solve(known.scene, 0.2)
+    plain = ck.solve(known.scene, 0.2, form="collocation")
     right = balancing.weak_form
     monkeypatch.setattr(balancing, "weak_form", lambda curved, a, c: right(curved, 0.1 * a, c))
     solution = ck.solve(known.scene, 0.2, balance=5)

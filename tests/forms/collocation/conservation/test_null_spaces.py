@@ -82,7 +82,7 @@ class Problem:
         return order_of(self.spacings, np.sqrt(np.mean(np.square(errors), axis=1)))
 
     def error(self, spacing, **options):
-        solution = ck.solve(self.scene, spacing, **options)
+        solution = ck.solve(self.scene, spacing, **options, form="collocation")
         assert not told(solution)
         return float(np.abs(solution.evaluate(self.points) - self.exact).max())
 
@@ -121,7 +121,9 @@ def test_first_order_conditions_balance_in_first_order(name):
 
 
 def test_its_integral_vanishes_in_second_order():
-    solved = [ck.solve(PROBLEMS["closed sphere"].scene, h, origin=h * origins(3)[0]) for h in SPACINGS]
+    solved = [
+        ck.solve(PROBLEMS["closed sphere"].scene, h, origin=h * origins(3)[0], form="collocation") for h in SPACINGS
+    ]
     means = [abs(solution.mean()) for solution in solved]
     assert max(means) <= 5e-3
     assert means[-1] <= 2e-4
@@ -130,7 +132,9 @@ def test_its_integral_vanishes_in_second_order():
 @pytest.mark.parametrize("name", ["closed sphere", "two pieces of a sphere", "Dirichlet outside, Neumann inside"])
 def test_both_solvers_find_the_same(name):
     problem = PROBLEMS[name]
-    direct, reference = (ck.solve(problem.scene, 0.15, solver=solver) for solver in ("direct", "reference"))
+    direct, reference = (
+        ck.solve(problem.scene, 0.15, solver=solver, form="collocation") for solver in ("direct", "reference")
+    )
     assert np.abs(direct.values - reference.values).max() < 1e-8
     pairs = zip(direct.imbalances, reference.imbalances, strict=True)
     assert all(one.value == pytest.approx(other.value, abs=1e-8) for one, other in pairs)
@@ -140,7 +144,7 @@ def test_parts_that_meet_where_walls_cross_match_there():
     other = ck.source("analytic.circle", normal=E1)
     fluxes = {"left": ck.Neumann(lambda x: -(x @ E2 + 1)), "right": ck.Neumann(lambda x: x @ E2 + 1), "left_of": E1}
     crossed = [*wall(ck.Neumann(down), ck.Neumann(up)), ck.Boundary("other", other, **fluxes)]
-    solution = ck.solve(ck.Scene(SPHERE, ck.Poisson(f), crossed), 0.1)
+    solution = ck.solve(ck.Scene(SPHERE, ck.Poisson(f), crossed), 0.1, form="collocation")
     assert len(solution.imbalances) == 1
     assert not told(solution)
     x = sphere_points()
@@ -152,7 +156,7 @@ def test_a_free_constant_costs_no_iterations(boundaries):
     """Summed over five spacings: counts of BiCGSTAB jump by a fifth with the last digits of f."""
     free, screened = (
         sum(
-            ck.solve(ck.Scene(SPHERE, problem, boundaries), h, solver="reference").report.iterations
+            ck.solve(ck.Scene(SPHERE, problem, boundaries), h, solver="reference", form="collocation").report.iterations
             for h in (0.2, 0.16, 0.14, 0.12, 0.1)
         )
         for problem in (ck.Poisson(f), ck.ScreenedPoisson(f))
@@ -164,13 +168,13 @@ def test_what_does_not_balance_is_left_out_and_told():
     def unbalanced(x):
         return np.exp(x[:, 2]) + x[:, 0] * x[:, 1]
 
-    solution = ck.solve(ck.Scene(SPHERE, ck.Poisson(unbalanced)), 0.1)
+    solution = ck.solve(ck.Scene(SPHERE, ck.Poisson(unbalanced)), 0.1, form="collocation")
     (defect,) = solution.imbalances
     assert defect.value[0] == pytest.approx(np.sinh(1), abs=1e-4)
     assert defect.relative == pytest.approx(1.0, abs=0.01)
     (warning,) = told(solution)
     assert "f brings in 1.175 a unit of measure more than flows out" in warning
-    left = ck.solve(ck.Scene(SPHERE, ck.Poisson(lambda x: unbalanced(x) - defect.value[0])), 0.1)
+    left = ck.solve(ck.Scene(SPHERE, ck.Poisson(lambda x: unbalanced(x) - defect.value[0])), 0.1, form="collocation")
     assert not told(left)
     assert np.abs(left.values - solution.values).max() < 1e-8
     assert solution.summary()["imbalances"] == [defect.as_dict()]
@@ -179,7 +183,7 @@ def test_what_does_not_balance_is_left_out_and_told():
 def test_each_piece_and_each_channel_has_its_own_defect():
     problem = ck.Poisson(lambda x: np.stack([f(x), f(x) + 2.0, f(x) - 3.0 * (x @ AXIS < HEIGHT)], axis=1))
     scene = ck.Scene(SPHERE, problem, wall(ck.Neumann(down), ck.Neumann(up)))
-    solution = ck.solve(scene, 0.1)
+    solution = ck.solve(scene, 0.1, form="collocation")
     by_wall = {one.bounded_by: one.value for one in solution.imbalances}
     assert by_wall["'wall' (left)",] == pytest.approx([0, 2, 0], abs=0.02)
     assert by_wall["'wall' (right)",] == pytest.approx([0, 2, -3], abs=0.02)
@@ -194,17 +198,17 @@ def test_each_piece_and_each_channel_has_its_own_defect():
 def test_fluxes_have_to_balance_too():
     height = 0.25
     lid = ck.source("analytic.cap", height=height, axis=AXIS)
-    solution = ck.solve(ck.Scene(lid, ck.Laplace(), edge=ck.Neumann(1.0)), 0.1)
+    solution = ck.solve(ck.Scene(lid, ck.Laplace(), edge=ck.Neumann(1.0)), 0.1, form="collocation")
     length_over_area = np.sqrt(1 - height**2) / (1 - height)
     assert solution.imbalances[0].value[0] == pytest.approx(length_over_area, rel=0.02)
     assert solution.imbalances[0].size[0] == pytest.approx(length_over_area, rel=0.05)
     assert told(solution)
     balanced = ck.Scene(lid, ck.Poisson(-length_over_area), edge=ck.Neumann(1.0))
-    assert not told(ck.solve(balanced, 0.1))
+    assert not told(ck.solve(balanced, 0.1, form="collocation"))
 
 
 def test_nothing_in_gives_nothing():
-    solution = ck.solve(ck.Scene(SPHERE, ck.Laplace()), 0.2)
+    solution = ck.solve(ck.Scene(SPHERE, ck.Laplace()), 0.2, form="collocation")
     assert not solution.values.any()
     assert solution.imbalances[0].relative == 0.0
     assert not told(solution)
@@ -212,7 +216,7 @@ def test_nothing_in_gives_nothing():
 
 def test_transmission_leaves_one_constant_for_both_sides():
     contact = ck.Boundary("contact", WALL, across=ck.Transmission(jump=2.0), left_of=AXIS)
-    solution = ck.solve(ck.Scene(SPHERE, ck.Poisson(f), [contact]), 0.1)
+    solution = ck.solve(ck.Scene(SPHERE, ck.Poisson(f), [contact]), 0.1, form="collocation")
     assert len(solution.imbalances) == 1
     assert not told(solution)
     x = sphere_points()
@@ -300,4 +304,4 @@ def test_a_piece_narrower_than_the_stencil_has_a_mean():
     assert border.mean.shape[0] == 3
     assert np.asarray(border.mean.sum(axis=1)) == pytest.approx([1, 1, 1], abs=1e-12)
     assert np.abs(border.mean.toarray()).sum(axis=1).max() < 3
-    assert np.abs(ck.solve(scene, 0.1).values).max() < 5
+    assert np.abs(ck.solve(scene, 0.1, form="collocation").values).max() < 5

@@ -22,7 +22,7 @@ def scene(*boundaries, surface=None, problem=None, **options):
 
 
 def free_pieces(spacing, *boundaries, **options):
-    return ck.solve(scene(*boundaries, **options), spacing).imbalances
+    return ck.solve(scene(*boundaries, **options), spacing, form="collocation").imbalances
 
 
 def test_a_closed_surface_without_conditions():
@@ -56,7 +56,7 @@ def test_a_strip_between_two_walls_is_free_and_the_caps_beside_it_are_not():
 
 def test_parts_that_meet_where_walls_cross_count_as_one_and_say_so():
     one, axis = circle("one", 0.0, TILTED, both=FREE), (1, 0.1, -0.2)
-    solution = ck.solve(scene(one, circle("other", 0.1, axis, both=FREE)), 0.15)
+    solution = ck.solve(scene(one, circle("other", 0.1, axis, both=FREE)), 0.15, form="collocation")
     (piece,) = solution.imbalances
     assert piece.parts == 4
     assert any("into 4 parts, which hang together at the crossings" in told for told in solution.warnings)
@@ -89,7 +89,7 @@ def test_transmission_joins_its_two_sides():
 
 def test_dirichlet_data_anywhere_on_the_piece_pin_it():
     pin = ck.Boundary("pin", ck.source("analytic.point", at=[0, 0, 1.0]), both=FIXED)
-    solution = ck.solve(scene(circle("wall", 0.5, left=FREE, right=FIXED), pin), 0.15)
+    solution = ck.solve(scene(circle("wall", 0.5, left=FREE, right=FIXED), pin), 0.15, form="collocation")
     assert not solution.imbalances
     assert solution.evaluate([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]) == pytest.approx([1.0, 1.0], abs=1e-8)
 
@@ -97,7 +97,7 @@ def test_dirichlet_data_anywhere_on_the_piece_pin_it():
 def test_an_open_curve_cuts_nothing_off():
     arc = ck.source("analytic.arc", center=[0, 0, 0], radius=1.0, start=0.2, end=2.0, normal=[0.3, 0.5, 0.8])
     half = ck.Boundary("arc", arc, left=FREE, right=FIXED)
-    solution = ck.solve(scene(half), 0.15)
+    solution = ck.solve(scene(half), 0.15, form="collocation")
     assert not solution.imbalances
     assert solution.evaluate([[0, 0, -1.0]]) == pytest.approx([1.0], abs=1e-8)
     (piece,) = free_pieces(0.15, ck.Boundary("arc", arc, both=FREE))
@@ -107,7 +107,7 @@ def test_an_open_curve_cuts_nothing_off():
 def test_a_dirichlet_edge_pins_and_a_neumann_edge_does_not():
     cap = ck.source("analytic.cap", height=0.1)
     assert len(free_pieces(0.15, surface=cap)) == 1
-    solution = ck.solve(scene(surface=cap, edge=FIXED), 0.15)
+    solution = ck.solve(scene(surface=cap, edge=FIXED), 0.15, form="collocation")
     assert not solution.imbalances
     assert solution.evaluate([[0, 0, 1.0]]) == pytest.approx([1.0], abs=1e-8)
 
@@ -127,7 +127,7 @@ def test_pieces_that_do_not_touch_have_each_their_own_constant():
     ids=["screened", "Helmholtz", "a callable c"],
 )
 def test_a_factor_of_u_pins_everything(problem):
-    solution = ck.solve(scene(problem=problem), 0.2)
+    solution = ck.solve(scene(problem=problem), 0.2, form="collocation")
     assert not solution.imbalances
     c = -0.25 if problem.kind == "helmholtz" else 4.0
     assert solution.evaluate([[0, 0, 1.0]]) == pytest.approx([2.0 / c], abs=1e-8)
@@ -140,7 +140,7 @@ def test_two_point_values_on_a_surface_are_warned_of():
             for k, at in enumerate(positions)
         ]
 
-    assert not ck.solve(scene(*pins([0, 0, 1.0])), 0.15).warnings
+    assert not ck.solve(scene(*pins([0, 0, 1.0])), 0.15, form="collocation").warnings
     (warning,) = ck.solve(scene(*pins([0, 0, 1.0], [1.0, 0, 0])), 0.15).warnings
     assert "'pin 0', 'pin 1'" in warning
     assert "depends on the spacing" in warning

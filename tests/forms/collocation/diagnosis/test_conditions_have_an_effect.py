@@ -26,16 +26,22 @@ def test_a_condition_on_the_edge_of_a_closed_curve_is_refused(edge):
 
 @pytest.mark.parametrize("edge", [ck.Neumann(), ck.Neumann(0.0), {}])
 def test_a_wall_on_the_edge_of_a_closed_curve_is_fine(edge):
-    assert ck.solve(ck.Scene(CIRCLE, ck.ScreenedPoisson(1.0), edge=edge), 0.2).evaluate([[1, 0]]) == pytest.approx(1.0)
+    assert ck.solve(ck.Scene(CIRCLE, ck.ScreenedPoisson(1.0), edge=edge), 0.2, form="collocation").evaluate(
+        [[1, 0]]
+    ) == pytest.approx(1.0)
 
 
 def test_a_loop_that_is_not_there_is_refused_by_its_number():
     edge = {0: ck.Dirichlet(5.0), 1: ck.Neumann(), 7: ck.Neumann()}
     with pytest.raises(ck.SceneError, match=r"loop 7, which the manifold has not: its loops are 0, 1"):
-        ck.solve(ck.Scene(ARC, ck.Laplace(), edge=edge), 0.1)
+        ck.solve(ck.Scene(ARC, ck.Laplace(), edge=edge), 0.1, form="collocation")
     for key in ("7", -1, 1.5):
         with pytest.raises(ck.InputError, match="a key of `edge`, the number of a loop, must be a whole number"):
-            ck.solve(ck.Scene(ARC, ck.Laplace(), edge={0: ck.Dirichlet(5.0), 1: ck.Neumann(), key: ck.Neumann()}), 0.1)
+            ck.solve(
+                ck.Scene(ARC, ck.Laplace(), edge={0: ck.Dirichlet(5.0), 1: ck.Neumann(), key: ck.Neumann()}),
+                0.1,
+                form="collocation",
+            )
 
 
 def test_a_loop_too_short_for_the_spacing_is_told_as_such():
@@ -43,12 +49,12 @@ def test_a_loop_too_short_for_the_spacing_is_told_as_such():
     holed = ck.source("analytic.cap", height=-np.sqrt(1 - 1e-4), axis=[1, 2.3, 4.1])
     scene = ck.Scene(holed, ck.ScreenedPoisson(1.0), edge=ck.Dirichlet(1.0))
     with pytest.raises(ck.ResolutionError, match=r"an edge too short for spacing=0.2: near \(.*\) no node lies past"):
-        ck.solve(scene, 0.2)
+        ck.solve(scene, 0.2, form="collocation")
 
 
 def test_a_surface_without_a_mesh_tells_both_ways_out():
     with pytest.raises(ck.SceneError, match="as far as the nodes tell; leave it out, or use a smaller spacing"):
-        ck.solve(ck.Scene(Bare(CIRCLE), ck.ScreenedPoisson(1.0), edge=ck.Dirichlet(1.0)), 0.1)
+        ck.solve(ck.Scene(Bare(CIRCLE), ck.ScreenedPoisson(1.0), edge=ck.Dirichlet(1.0)), 0.1, form="collocation")
 
 
 @pytest.mark.parametrize("edge", [5.0, None, {0: 5.0}, [ck.Neumann()], ck.Transmission()])
@@ -62,7 +68,7 @@ def test_a_beta_that_vanishes_everywhere_is_refused(sides):
     robin = ck.Robin(1.0, nothing, 1.0)
     cut = ck.Boundary("cut", ck.source("analytic.point", at=[1, 0]), **dict.fromkeys(sides, robin))
     with pytest.raises(ck.InputError, match=r"beta of Robin of boundary 'cut' is zero at all \d+ points; use Neumann"):
-        ck.solve(ck.Scene(CIRCLE, ck.ScreenedPoisson(1.0), [cut]), 0.1)
+        ck.solve(ck.Scene(CIRCLE, ck.ScreenedPoisson(1.0), [cut]), 0.1, form="collocation")
     with pytest.raises(ck.InputError, match=r"beta of Robin of the edge's condition is zero"):
         ck.solve(ck.Scene(ARC, ck.ScreenedPoisson(1.0), edge={0: robin, 1: ck.Neumann()}), 0.1)
 
@@ -72,7 +78,7 @@ def test_a_beta_that_vanishes_at_one_end_alone_pins_nothing_there():
     lower = ck.source("analytic.arc", center=[0, -3], start=3.4, end=6.0)
     both = ck.source("union", members=[ARC, lower])
     robin = ck.Robin(1.0, lambda x: np.where(x[:, 1] > 0, 2.0, 0.0), lambda x: np.where(x[:, 1] > 0, 6.0, 0.0))
-    solution = ck.solve(ck.Scene(both, ck.Laplace(), edge=robin), 0.1)
+    solution = ck.solve(ck.Scene(both, ck.Laplace(), edge=robin), 0.1, form="collocation")
     np.testing.assert_allclose(solution.evaluate([[0, 1], [0, -4]]), [3.0, 0.0], atol=1e-9)
     assert len(solution.imbalances) == 1
 
@@ -80,13 +86,15 @@ def test_a_beta_that_vanishes_at_one_end_alone_pins_nothing_there():
 def test_a_callable_c_that_is_zero_on_a_piece_pins_nothing_there():
     """-u'' = cos t has the solution cos t up to a constant, of which the mean is chosen, as for c = 0."""
     u = [
-        ck.solve(ck.Scene(CIRCLE, ck.Elliptic(lambda x: x[:, 0], c=c)), 0.1).evaluate(on_circle(np.linspace(0, 6, 50)))
+        ck.solve(ck.Scene(CIRCLE, ck.Elliptic(lambda x: x[:, 0], c=c)), 0.1, form="collocation").evaluate(
+            on_circle(np.linspace(0, 6, 50))
+        )
         for c in (nothing, 0.0)
     ]
     np.testing.assert_allclose(u[0], u[1], atol=1e-9)
     far = ck.source("union", members=[CIRCLE, ck.source("analytic.circle", center=[4, 0])])
     screened = ck.Elliptic(lambda x: np.where(x[:, 0] > 2, 3.0, 0.0), c=lambda x: np.where(x[:, 0] > 2, 1.0, 0.0))
-    solution = ck.solve(ck.Scene(far, screened), 0.1)
+    solution = ck.solve(ck.Scene(far, screened), 0.1, form="collocation")
     np.testing.assert_allclose(solution.evaluate([[1, 0], [5, 0]]), [0.0, 3.0], atol=1e-8)
 
 
@@ -118,7 +126,10 @@ def test_conductivities_of_a_smooth_diffusivity_are_of_second_order():
 
     t = np.linspace(0.01, 6.2, 500)
     problem = ck.Elliptic(f, diffusivity=lambda x: np.exp(x[:, 0]), c=1.0)
-    errors = [max_error(ck.Scene(CIRCLE, problem, [seam]), on_circle(t), np.sin(t), h) for h in (0.1, 0.05, 0.025)]
+    errors = [
+        max_error(ck.Scene(CIRCLE, problem, [seam]), on_circle(t), np.sin(t), h, form="collocation")
+        for h in (0.1, 0.05, 0.025)
+    ]
     assert errors[-1] <= 2e-3
     assert np.log2(errors[0] / errors[-1]) / 2 >= 1.7
 
@@ -133,10 +144,10 @@ def test_conductivities_that_contradict_the_problem_are_refused(left, right, sid
     with pytest.raises(
         ck.SceneError, match=rf"boundary 'second' gives the conductivity .* on its {side} near .* leave"
     ):
-        ck.solve(ck.Scene(scene.surface, scene.problem, [scene.boundaries[0], cut]), 0.1)
+        ck.solve(ck.Scene(scene.surface, scene.problem, [scene.boundaries[0], cut]), 0.1, form="collocation")
 
 
 def test_a_constant_diffusivity_contradicts_other_conductivities():
     seam = ck.Boundary("seam", ck.source("analytic.point", at=[0, 1]), across=ck.Transmission(left=5.0, right=1.0))
     with pytest.raises(ck.SceneError, match=r"conductivity 5 on its left .* where the problem's diffusivity is 1"):
-        ck.solve(ck.Scene(CIRCLE, ck.ScreenedPoisson(1.0), [seam]), 0.1)
+        ck.solve(ck.Scene(CIRCLE, ck.ScreenedPoisson(1.0), [seam]), 0.1, form="collocation")

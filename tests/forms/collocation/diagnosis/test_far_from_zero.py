@@ -26,7 +26,9 @@ class OwnCircle:
 
 
 def far(source, spacing):
-    warnings = ck.solve(ck.Scene(source, ck.ScreenedPoisson(1.0, c=1.0 / spacing**2)), spacing).warnings
+    warnings = ck.solve(
+        ck.Scene(source, ck.ScreenedPoisson(1.0, c=1.0 / spacing**2)), spacing, form="collocation"
+    ).warnings
     return [text for text in warnings if "from zero" in text]
 
 

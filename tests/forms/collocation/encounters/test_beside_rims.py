@@ -10,7 +10,7 @@ def cut_segment(at, spacing=0.1, values=(0.0, 2.0), **condition):
     segment = ck.source("analytic.segment", start=[0, 0], end=[1, 0])
     cut = ck.Boundary("cut", ck.source("analytic.point", at=[at, 0]), **(condition or {"both": ck.Dirichlet(1.0)}))
     edge = {0: ck.Dirichlet(values[0]), 1: ck.Dirichlet(values[1])}
-    return ck.solve(ck.Scene(segment, ck.Laplace(), [cut], edge=edge), spacing)
+    return ck.solve(ck.Scene(segment, ck.Laplace(), [cut], edge=edge), spacing, form="collocation")
 
 
 @pytest.mark.parametrize("at", [0.001, 0.02, 0.05, 0.08, 0.13, 0.2])
@@ -32,7 +32,7 @@ def test_a_scene_far_away_and_tiny_behaves_alike():
     segment = ck.source("analytic.segment", start=[shift, 0], end=[shift + 1, 0])
     cut = ck.Boundary("cut", ck.source("analytic.point", at=[shift + 0.0625, 0]), both=ck.Dirichlet(1.0))
     edge = {0: ck.Dirichlet(0.0), 1: ck.Dirichlet(2.0)}
-    far = ck.solve(ck.Scene(segment, ck.Laplace(), [cut], edge=edge), 0.1)
+    far = ck.solve(ck.Scene(segment, ck.Laplace(), [cut], edge=edge), 0.1, form="collocation")
     np.testing.assert_allclose(far.evaluate([[shift + 0.5, 0]]), 1 + 0.4375 / 0.9375, atol=1e-6)
     assert "0.63 spacings" in far.warnings[0] or "0.62 spacings" in far.warnings[0]
 
@@ -57,7 +57,7 @@ def cut_cap(height, spacing, condition):
         [above],
         edge=ck.Dirichlet(0.0),
     )
-    return ck.solve(scene, spacing)
+    return ck.solve(scene, spacing, form="collocation")
 
 
 @pytest.mark.parametrize("height", [0.03, 0.2])
@@ -84,4 +84,4 @@ def test_a_curve_too_short_for_the_spacing_is_refused():
     arc = ck.source("analytic.arc", center=[0, 0, 0.3], radius=np.sqrt(0.91), start=0, end=0.02, normal=[0, 0, 1])
     short = ck.Boundary("short", arc, left=ck.Dirichlet(1.0), right=ck.Dirichlet(0.0))
     with pytest.raises(ck.ResolutionError, match=r"too coarse for boundary 'short' near \(0.95.*use 0.0048 or less"):
-        ck.solve(ck.Scene(ck.source("analytic.sphere"), ck.Laplace(), [short]), 0.2)
+        ck.solve(ck.Scene(ck.source("analytic.sphere"), ck.Laplace(), [short]), 0.2, form="collocation")

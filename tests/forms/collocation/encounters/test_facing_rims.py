@@ -10,7 +10,7 @@ ENDS = {0: ck.Dirichlet(0.0), 1: ck.Dirichlet(1.0)}
 
 def open_circle(gap, spacing=0.1):
     arc = ck.source("analytic.arc", radius=1.0, start=gap / 2, end=2 * np.pi - gap / 2)
-    return ck.solve(ck.Scene(arc, ck.Laplace(), edge=ENDS), spacing)
+    return ck.solve(ck.Scene(arc, ck.Laplace(), edge=ENDS), spacing, form="collocation")
 
 
 def gaps(warnings):
@@ -42,7 +42,7 @@ def test_the_spacing_that_is_named_does():
 def test_explain_tells_of_it_too():
     arc = ck.source("analytic.arc", radius=1.0, start=0.1, end=2 * np.pi - 0.1)
     scene = ck.Scene(arc, ck.Laplace(), edge=ENDS)
-    assert gaps(ck.explain(scene, 0.1).told)
+    assert gaps(ck.explain(scene, 0.1, form="collocation").told)
     assert "faces itself across a gap" in str(ck.explain(scene, 0.1))
 
 
@@ -52,7 +52,7 @@ def slit_sphere(gap):
 
 def test_a_slit_in_a_surface():
     with pytest.raises(ck.ResolutionError, match=r"too coarse for the gap of 0.2 between rims"):
-        ck.solve(ck.Scene(slit_sphere(0.2), ck.ScreenedPoisson(1.0)), 0.2)
+        ck.solve(ck.Scene(slit_sphere(0.2), ck.ScreenedPoisson(1.0)), 0.2, form="collocation")
     solution = ck.solve(ck.Scene(slit_sphere(0.5), ck.ScreenedPoisson(1.0)), 0.2)
     assert "a gap of 0.5, 2.5 spacings" in gaps(solution.warnings)[0]
 
@@ -66,7 +66,7 @@ def test_two_pieces_of_a_union(kind):
 
     for gap, told in ((0.2, 1), (0.7, 0)):
         scene = ck.Scene(ck.source("union", members=[piece(0.0), piece(1.0 + gap)]), ck.ScreenedPoisson(1.0))
-        assert len(gaps(ck.solve(scene, 0.1).warnings)) == told
+        assert len(gaps(ck.solve(scene, 0.1, form="collocation").warnings)) == told
 
 
 def test_pieces_that_touch_corners_and_small_openings_face_nothing():
@@ -77,10 +77,10 @@ def test_pieces_that_touch_corners_and_small_openings_face_nothing():
     straight = ck.source("union", members=[segment([0, 0], [1, 0]), segment([1, 0], [2, 0])])
     box, tube = ck.source("analytic.box", lower=[0, 0], upper=[1, 1]), ck.source("analytic.cylinder", radius=0.3)
     for surface in (bent, straight, box, tube):
-        assert not gaps(ck.explain(ck.Scene(surface, ck.ScreenedPoisson(1.0)), 0.15).told)
+        assert not gaps(ck.explain(ck.Scene(surface, ck.ScreenedPoisson(1.0)), 0.15, form="collocation").told)
 
 
 def test_a_small_hole_is_told_and_not_refused():
     cap = ck.source("analytic.cap", height=-0.995)  # its hole is one spacing wide
-    solution = ck.solve(ck.Scene(cap, ck.ScreenedPoisson(1.0)), 0.2)
+    solution = ck.solve(ck.Scene(cap, ck.ScreenedPoisson(1.0)), 0.2, form="collocation")
     assert "as good as closed" in gaps(solution.warnings)[0]

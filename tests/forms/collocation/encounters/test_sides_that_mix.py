@@ -15,7 +15,7 @@ def ring(height=0.3, direction=(0, 0, 1)):
 
 
 def solved(boundaries, surface=SPHERE, spacing=0.2, problem=None):
-    return ck.solve(ck.Scene(surface, problem or ck.Laplace(), boundaries), spacing)
+    return ck.solve(ck.Scene(surface, problem or ck.Laplace(), boundaries), spacing, form="collocation")
 
 
 def test_two_boundaries_at_one_place_with_different_values_contradict_each_other():
@@ -95,6 +95,6 @@ def test_three_curves_that_meet_are_told_and_two_are_not():
     longer = ck.source("analytic.segment", start=[2, 0], end=[2, 1])
     branches = ck.source("union", members=[circle, spoke])
     corner = ck.source("union", members=[spoke, longer])
-    told = ck.explain(ck.Scene(branches, ck.ScreenedPoisson(1.0)), 0.1).told
+    told = ck.explain(ck.Scene(branches, ck.ScreenedPoisson(1.0)), 0.1, form="collocation").told
     assert len([text for text in told if "3 curves meet at (1, 0), where no law holds" in text]) == 1
     assert not ck.explain(ck.Scene(corner, ck.ScreenedPoisson(1.0)), 0.1).told

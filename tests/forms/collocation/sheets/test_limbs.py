@@ -56,7 +56,7 @@ def test_limbs_side_by_side_are_told_with_their_place_their_gap_and_about_their_
     layout = lay_out(scene, 1.0)
     found = limb_feature(layout)
     points = layout.lattice.to_scene(layout.band.feet.points)
-    solution = ck.solve(scene, 1.0)
+    solution = ck.solve(scene, 1.0, form="collocation")
     error = np.abs(solution.evaluate(points) - one_and_nothing(points)).max()
     assert 1 / 3 < found.error / error < 3
     assert 0.9 * gap < found.worst < 1.8 * gap
@@ -83,11 +83,11 @@ def test_limbs_far_apart_and_one_alone_are_not_told():
 def test_an_eigenvalue_of_the_wrong_sign_is_refused_with_a_spacing_that_does(problem):
     told = r"near \(.*eigenvalue of the wrong sign, -0\.0.* use a spacing of 0\.\d+, .* or sheets=\"unfolded\""
     with pytest.raises(ck.ResolutionError, match=told):
-        ck.solve(two(2, 2, problem), 1.0)
+        ck.solve(two(2, 2, problem), 1.0, form="collocation")
 
 
 def test_where_c_lifts_the_operator_or_limbs_are_thick_nothing_is_refused():
-    solution = ck.solve(two(2, 2, ck.ScreenedPoisson(one_and_nothing, c=1.0)), 1.0)
+    solution = ck.solve(two(2, 2, ck.ScreenedPoisson(one_and_nothing, c=1.0)), 1.0, form="collocation")
     assert any("Limbs side by side" in text for text in solution.warnings)
     assert ck.solve(two(3, 4.5, ck.Heat(one_and_nothing, until=1.0, step=0.25)), 1.0).warnings
     eigen = ck.solve(two(3, 3.5, ck.Eigen(3)), 1.0)
@@ -97,7 +97,7 @@ def test_where_c_lifts_the_operator_or_limbs_are_thick_nothing_is_refused():
 def test_arnoldi_finds_the_lowest_eigenvalue_only_where_there_is_one():
     for diameter, gap, negative in ((2, 2, True), (3, 4.5, False)):
         scene = two(diameter, gap, ck.Poisson(0.0))
-        operator = ck.discretize(scene, 1.0).stiffness(scene.problem.terms())
+        operator = ck.discretize(scene, 1.0, form="collocation").stiffness(scene.problem.terms())
         value, products = lowest_eigenvalue(operator, -1e-3)
         lowest = np.linalg.eigvals(operator.to_csr().toarray()).real.min()
         assert (value is not None) == negative == (lowest < -1e-3)
@@ -153,7 +153,9 @@ def test_the_error_foretold_is_the_larger_of_what_bends_cost_and_what_the_mean_m
     plate = ck.source(
         "levelset.expression", phi="(x**2 + y**2)**4 + (z/0.1)**8 - 1", bounds=[[-1.2, -1.2, -0.4], [1.2, 1.2, 0.4]]
     )
-    solution = ck.solve(ck.Scene(plate, ck.ScreenedPoisson(lambda x: 1.0 * (x[:, 2] > 0), c=0.01)), 0.2)
+    solution = ck.solve(
+        ck.Scene(plate, ck.ScreenedPoisson(lambda x: 1.0 * (x[:, 2] > 0), c=0.01)), 0.2, form="collocation"
+    )
     (bend,) = [one for one in find_unresolved(solution.discretized.tables.layout) if one.kind == "bend"]
     (mean,) = solution.imbalances
     assert mean.relative > bend.error

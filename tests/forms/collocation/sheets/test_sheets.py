@@ -18,7 +18,7 @@ def test_two_circles(gap):
     errors = []
     for h in SPACINGS:
         scene, points, exact = circles(gap * h)
-        error = np.abs(ck.solve(scene, h).evaluate(points) - exact)
+        error = np.abs(ck.solve(scene, h, form="collocation").evaluate(points) - exact)
         assert error.max() <= 3e-3 * (h / 0.05) ** 2 * 1.2
         errors.append(error[:1000].max())
     assert order_of(SPACINGS, errors) >= 1.8
@@ -26,7 +26,7 @@ def test_two_circles(gap):
 
 @pytest.mark.parametrize("gap", [1.5, 2, 4])
 def test_a_spiral(gap):
-    errors = [max_error(*spiral(gap * h), h) for h in SPACINGS]
+    errors = [max_error(*spiral(gap * h), h, form="collocation") for h in SPACINGS]
     assert errors[-1] <= 5e-5
     assert order_of(SPACINGS, errors) >= 1.6
 
@@ -36,7 +36,7 @@ def test_a_thin_smooth_ellipsoid():
     scene, u = odd_solution(0.1)
     points = sphere_points(2000) * [1, 1, 0.1]
     spacings = (0.1, 0.07, 0.05)
-    errors = [max_error(scene, points, u(points), h) for h in spacings]
+    errors = [max_error(scene, points, u(points), h, form="collocation") for h in spacings]
     assert errors[-1] <= 4e-3
     assert order_of(spacings, errors) >= 1.8
     for h in spacings:
@@ -49,15 +49,15 @@ def test_a_band_without_conflict_has_no_table():
     circle = ck.source("analytic.circle", center=[0, 0, 0.45], normal=[0, 0, 1], radius=1.0)
     torus = ck.source("analytic.torus", major=1.0, minor=0.45)
     scene = ck.Scene(torus, ck.Laplace(), [ck.Boundary("top", circle, both=ck.Dirichlet(1.0))])
-    layout = ck.solve(scene, 0.1).discretized.tables.layout
+    layout = ck.solve(scene, 0.1, form="collocation").discretized.tables.layout
     assert layout.band.sheets is None
     assert all(one.sheets is None for one in layout.boundaries.on_lattice)
 
 
 def test_an_explanation_names_the_twins():
     scene, _, _ = circles(0.05)
-    explanation = ck.explain(scene, 0.025)
-    band = ck.solve(scene, 0.025).discretized.tables.layout.band
+    explanation = ck.explain(scene, 0.025, form="collocation")
+    band = ck.solve(scene, 0.025, form="collocation").discretized.tables.layout.band
     (twins,) = [part for part in explanation.parts if part.name == "twins"]
     assert int(twins.amount.replace(",", "")) == band.inner - band.own_inner > 100
     assert explanation.unknowns == band.inner
@@ -65,7 +65,7 @@ def test_an_explanation_names_the_twins():
 
 
 def test_a_picture_can_show_the_twins():
-    solution = ck.solve(circles(0.05)[0], 0.025)
+    solution = ck.solve(circles(0.05)[0], 0.025, form="collocation")
     band = solution.discretized.tables.layout.band
     assert len(solution.doubled) == band.inner - band.own_inner > 100
     on_either = np.abs(np.hypot(*solution.doubled.T)[:, None] - [1, 1.05]).min(axis=1)
@@ -94,8 +94,8 @@ def test_a_cut_in_one_circle_is_not_seen_by_the_other():
         at = np.sin(1.4)
         boundary = ck.Boundary("cut", cut, left=ck.Dirichlet(at), right=ck.Dirichlet(at))
         cut_scene = ck.Scene(scene.surface, scene.problem, [boundary])
-        assert max_error(cut_scene, points, exact, h) <= 4e-3 * (h / 0.05) ** 2
+        assert max_error(cut_scene, points, exact, h, form="collocation") <= 4e-3 * (h / 0.05) ** 2
         jump = ck.Boundary("cut", cut, left=ck.Dirichlet(at + 5), right=ck.Dirichlet(at - 5))
-        values = ck.solve(ck.Scene(scene.surface, scene.problem, [jump]), h).evaluate(points)
+        values = ck.solve(ck.Scene(scene.surface, scene.problem, [jump]), h, form="collocation").evaluate(points)
         assert np.abs(values - exact)[1000:].max() <= 4e-3 * (h / 0.05) ** 2
         assert np.abs(values - exact)[:1000].max() >= 4

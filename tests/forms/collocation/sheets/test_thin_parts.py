@@ -17,7 +17,7 @@ def rings_about_a_tube(minor):
 
 @pytest.mark.parametrize("minor", [0.2, 0.1])
 def test_rings_about_a_tube_that_is_two_or_four_spacings_thick(minor):
-    solution = ck.solve(rings_about_a_tube(minor), 0.05)
+    solution = ck.solve(rings_about_a_tube(minor), 0.05, form="collocation")
     for boundary in solution.scene.boundaries:
         points = boundary.source.mesh(minor / 20)[0]
         for side, value in (("left", 0.0), ("right", 1.0)):
@@ -29,7 +29,7 @@ def test_a_ring_about_one_of_two_sheets_is_reported():
     torus = ck.source("analytic.torus", major=1.0, minor=0.93)
     ring = ck.source("analytic.circle", center=(1.0, 0, 0), normal=(0, 1, 0), radius=0.93)
     scene = ck.Scene(torus, ck.Laplace(), [ck.Boundary("ring", ring, left=ck.Dirichlet(0.0), right=ck.Dirichlet(1.0))])
-    warned = ck.solve(scene, 0.1, tolerance=1e-6).warnings
+    warned = ck.solve(scene, 0.1, tolerance=1e-6, form="collocation").warnings
     assert any("stencils read nodes of a sheet that is not theirs" in warning for warning in warned)
     clean = ck.solve(rings_about_a_tube(0.4), 0.08, tolerance=1e-6).warnings
     assert not clean
@@ -46,6 +46,6 @@ def test_a_ring_about_one_of_two_sheets_is_reported():
 )
 def test_sheets_and_bends_inside_the_band_are_reported(kind, keys, spacing, warned):
     scene = ck.Scene(ck.source(kind, **keys), ck.ScreenedPoisson(1.0))
-    told = ck.solve(scene, spacing).warnings
+    told = ck.solve(scene, spacing, form="collocation").warnings
     assert any("bends more sharply than the band is wide" in text for text in told) == warned
     assert warned or not told
