@@ -94,11 +94,6 @@ def check_insertion(insertion: Insertion, boundaries: Sequence[BoundarySet]) -> 
     SceneError
         With the boundaries' names.
     """
-    for number in insertion.empty:
-        raise SceneError(
-            f"boundary {boundaries[number].name!r} left no trace in the mesh of the manifold and would act on nothing; "
-            "look where it lies."
-        )
     for number, other in sorted(insertion.shared):
         first, second = boundaries[other], boundaries[number]
         conditions = [one.condition(side) for one in (first, second) for side in SIDES]
@@ -107,10 +102,21 @@ def check_insertion(insertion: Insertion, boundaries: Sequence[BoundarySet]) -> 
                 f"boundaries {first.name!r} and {second.name!r} lie at the same place and hold different conditions; "
                 "keep one of them there, with `left` and `right` where its sides differ."
             )
+    for number in sorted({*insertion.empty} - {number for number, _ in insertion.shared}):
+        raise SceneError(
+            f"boundary {boundaries[number].name!r} left no trace in the mesh of the manifold and would act on nothing; "
+            "look where it lies."
+        )
 
 
-def of_insertion(insertion: Insertion) -> Iterator[str]:
+def of_insertion(insertion: Insertion, boundaries: Sequence[BoundarySet]) -> Iterator[str]:
     """Tell how boundaries came to lie in the mesh."""
+    for number, other in sorted(insertion.shared):
+        if number in insertion.empty:
+            yield (
+                f"Boundaries {boundaries[other].name!r} and {boundaries[number].name!r} lie at the same place and hold "
+                "the same; one of them is enough."
+            )
     counts = insertion.counts
     if counts.get("parted"):
         yield (

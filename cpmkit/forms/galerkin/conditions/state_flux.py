@@ -13,8 +13,8 @@ from cpmkit.scene.laws import Flux, Mixed, Nonlinear
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-#: A flux fixes no constant if its slope is below this share of what it is, by the size of u.
-LEAST_SLOPE_SHARE = 1e-9
+#: A flux fixes no constant if u changes it by less than this share of u over a spacing: rounding, or differences.
+LEAST_SLOPE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,11 +29,14 @@ class BoundaryFlux:
         In the scene's coordinates.
     values : csr_array (k, n)
         Rows that read u there.
+    spacing : float
+        h, of the lattice.
     """
 
     law: Nonlinear
     points: Floats
     values: csr_array
+    spacing: float
 
     @property
     def guess(self) -> float:
@@ -46,7 +49,7 @@ class BoundaryFlux:
 
     def grows(self, seen: Floats) -> bool:
         """Tell whether the flux changes with u, beyond rounding, where u is ``seen``."""
-        return _grows(self.law, seen, self.points)
+        return _grows(self.law, seen, self.points, self.spacing)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,14 +63,12 @@ class KnownValues:
         return self.values
 
 
-def tangent(law: Nonlinear, seen: Floats, points: Floats) -> Mixed | Flux:
+def tangent(law: Nonlinear, seen: Floats, points: Floats, spacing: float) -> Mixed | Flux:
     """Return ``du/db = j(v) + j'(v) (u - v)``, v being ``seen`` (k,) at ``points``; a flux where j does not change."""
     slope = law.slope_at(seen, points)
     datum = KnownValues(law.flux_at(seen, points) - slope * seen)
-    return Mixed(1.0, KnownValues(-slope), datum) if _grows(law, seen, points) else Flux(datum)
+    return Mixed(1.0, KnownValues(-slope), datum) if _grows(law, seen, points, spacing) else Flux(datum)
 
 
-def _grows(law: Nonlinear, seen: Floats, points: Floats) -> bool:
-    slope, flux = law.slope_at(seen, points), law.flux_at(seen, points)
-    size = np.abs(seen).max(initial=0.0) or 1.0
-    return bool(np.any(np.abs(slope) * size > LEAST_SLOPE_SHARE * np.abs(flux).max(initial=0.0)))
+def _grows(law: Nonlinear, seen: Floats, points: Floats, spacing: float) -> bool:
+    return bool(np.any(np.abs(law.slope_at(seen, points)) * spacing > LEAST_SLOPE))

@@ -95,7 +95,7 @@ class ConditionTerms:
     def state_fluxes(self) -> list[BoundaryFlux]:
         """Where fluxes depend on u."""
         return [
-            BoundaryFlux(one.law, self._where(one.rows), self.values[one.rows])
+            BoundaryFlux(one.law, self._where(one.rows), self.values[one.rows], self.lattice.spacing)
             for one in self.held
             if isinstance(one.law, Nonlinear)
         ]
@@ -106,7 +106,7 @@ class ConditionTerms:
         return replace(
             self,
             held=tuple(
-                replace(one, law=tangent(one.law, next(left), self._where(one.rows)))
+                replace(one, law=tangent(one.law, next(left), self._where(one.rows), self.lattice.spacing))
                 if isinstance(one.law, Nonlinear)
                 else one
                 for one in self.held
