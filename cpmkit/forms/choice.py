@@ -21,6 +21,8 @@ FORMS: dict[str, type[Declared]] = {"collocation": CollocationOptions, "galerkin
 DEFAULT_FORM = "galerkin"
 #: The families of equations that the Galerkin form carries.
 GALERKIN_FAMILIES = ("steady",)
+#: Those of them that it was not measured on: of waves, whose systems are indefinite.
+NOT_YET_GALERKIN = ("helmholtz",)
 
 
 def module_of(form: str) -> Any:
@@ -54,13 +56,13 @@ def choose_form(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
     named = form_named(asked, given)
     if named is not None:
         return named, "as asked" if asked != AUTO else f"the only one with the option {_deciding(given)!r}"
-    surface, family = scene.surface, scene.problem.family
+    surface, family, kind = scene.surface, scene.problem.family, scene.problem.kind
     if surface.manifold_dim is None:
         return "collocation", "the manifold has parts of several dimensions"
     if largest_dim(surface) in (0, surface.dim):
         return "collocation", "the manifold is neither a curve nor a surface"
-    if family not in GALERKIN_FAMILIES or scene.problem.terms().velocity is not None:
-        return "collocation", f"the form 'galerkin' does not yet carry {scene.problem.kind!r}"
+    if family not in GALERKIN_FAMILIES or scene.problem.terms().velocity is not None or kind in NOT_YET_GALERKIN:
+        return "collocation", f"the form 'galerkin' does not yet carry {kind!r}"
     return DEFAULT_FORM, "the one for steady problems on curves and surfaces"
 
 

@@ -1,6 +1,7 @@
 """Tables once, many equations and right-hand sides: each answer is that of a solve of its own, bit by bit."""
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import pytest
@@ -26,9 +27,14 @@ def scene(problem, left, right):
     return ck.Scene(SPHERE, problem, [ck.Boundary("equator", circle([0, 0, 1]), left=left, right=right)])
 
 
+@cache
+def prepared_by(form):
+    return ck.prepare(scene(ck.Laplace(), ck.Dirichlet(1.0), ck.Robin(1.0, 2.0, 0.3)), 0.2, form=form)
+
+
 @pytest.fixture(scope="module")
 def prepared():
-    return ck.prepare(scene(ck.Laplace(), ck.Dirichlet(1.0), ck.Robin(1.0, 2.0, 0.3)), 0.2)
+    return prepared_by("collocation")
 
 
 CASES = {
@@ -43,11 +49,27 @@ CASES = {
 }
 
 
+@pytest.mark.parametrize("name", [name for name, (problem, *_) in CASES.items() if problem.family == "steady"])
+def test_so_it_is_in_the_galerkin_form(name):
+    problem, value, gamma = CASES[name]
+    sides = {"left": ck.Dirichlet(value), "right": ck.Robin(1.0, 2.0, gamma)}
+    own = ck.solve(scene(problem, **sides), 0.2)
+    prepared = prepared_by("auto")
+    assert prepared.discretized.form == "galerkin"
+    asked = prepared.discretized.sampled.queries
+    again = prepared.solve(problem=problem, data={"equator": sides})
+    np.testing.assert_array_equal(again.values, own.values)
+    np.testing.assert_array_equal(again.evaluate(POINTS, side="left"), own.evaluate(POINTS, side="left"))
+    assert again.warnings == own.warnings
+    assert prepared.discretized.sampled.queries - asked <= 8 * len(POINTS)
+    assert again.discretized.space is prepared.discretized.space
+
+
 @pytest.mark.parametrize("name", CASES)
 def test_each_answer_is_that_of_a_solve_of_its_own(prepared, name):
     problem, value, gamma = CASES[name]
     sides = {"left": ck.Dirichlet(value), "right": ck.Robin(1.0, 2.0, gamma)}
-    own = ck.solve(scene(problem, **sides), 0.2)
+    own = ck.solve(scene(problem, **sides), 0.2, form="collocation")
     asked = prepared.discretized.tables.layout.queries["equator"]
     again = prepared.solve(problem=problem, data={"equator": sides})
     np.testing.assert_array_equal(again.values, own.values)
@@ -70,18 +92,23 @@ def test_the_edge_takes_other_data_and_fluxes_inside_do_too():
     old = with_data({0: ck.Dirichlet(0.0), 1: ck.Neumann(1.0)}, 0.0, 0.0)
     new = with_data({0: ck.Dirichlet(1.0), 1: ck.Neumann(2.0)}, 3.0, 4.0)
     data = {"a of b": new.boundaries[0].across, "edge": new.edge}
-    again = ck.prepare(old, 0.05).solve(data=data)
-    np.testing.assert_array_equal(again.values, ck.solve(new, 0.05).values)
+    for form in ("collocation", "galerkin"):
+        again = ck.prepare(old, 0.05, form=form).solve(data=data)
+        np.testing.assert_array_equal(again.values, ck.solve(new, 0.05, form=form).values)
     wall = with_data({0: ck.Dirichlet(0.0), 1: ck.Neumann(0.0)}, 0.0, 0.0)
     with pytest.raises(ck.SceneError, match="a flux of zero has none"):
-        ck.prepare(wall, 0.05).solve(data=data)
+        ck.prepare(wall, 0.05, form="collocation").solve(data=data)
+    again = ck.prepare(wall, 0.05, form="galerkin").solve(data=data)  # whose samples hold any flux
+    np.testing.assert_array_equal(again.values, ck.solve(new, 0.05, form="galerkin").values)
 
 
 def test_factors_are_made_once_for_one_left_side(monkeypatch):
     made = []
     factorize = direct.factorize
     monkeypatch.setattr(direct, "factorize", lambda operator: made.append(operator) or factorize(operator))
-    prepared = ck.prepare(scene(ck.ScreenedPoisson(1.0), ck.Dirichlet(1.0), ck.Dirichlet(0.0)), 0.25, solver="direct")
+    prepared = ck.prepare(
+        scene(ck.ScreenedPoisson(1.0), ck.Dirichlet(1.0), ck.Dirichlet(0.0)), 0.25, solver="direct", form="collocation"
+    )
     for f in (1.0, product, [1.0, 2.0]):
         prepared.solve(problem=ck.ScreenedPoisson(f))
     assert len(made) == 1
@@ -93,9 +120,10 @@ def test_factors_are_made_once_for_one_left_side(monkeypatch):
     assert len(made) == 4
 
 
-def test_a_guess_saves_iterations():
+@pytest.mark.parametrize(("form", "solver"), [("collocation", "reference"), ("galerkin", "multigrid")])
+def test_a_guess_saves_iterations(form, solver):
     prepared = ck.prepare(
-        scene(ck.ScreenedPoisson(product), ck.Dirichlet(1.0), ck.Dirichlet(0.0)), 0.2, solver="reference"
+        scene(ck.ScreenedPoisson(product), ck.Dirichlet(1.0), ck.Dirichlet(0.0)), 0.2, solver=solver, form=form
     )
     first = prepared.solve()
     near = prepared.solve(problem=ck.ScreenedPoisson(lambda x: 1.000001 * product(x)), guess=first)
@@ -104,13 +132,14 @@ def test_a_guess_saves_iterations():
         prepared.solve(guess=ck.solve(prepared.discretized.scene, 0.25))
 
 
-def test_warnings_are_those_of_the_new_data():
+@pytest.mark.parametrize("form", ["collocation", "galerkin"])
+def test_warnings_are_those_of_the_new_data(form):
     """Two circles that cross with equal values say nothing; with different values the crossing is told."""
     boundaries = [
         ck.Boundary("one", circle([0, 0, 1]), both=ck.Dirichlet(1.0)),
         ck.Boundary("other", circle([1, 0, 0]), both=ck.Dirichlet(1.0)),
     ]
-    prepared = ck.prepare(ck.Scene(SPHERE, ck.Laplace(), boundaries), 0.15)
+    prepared = ck.prepare(ck.Scene(SPHERE, ck.Laplace(), boundaries), 0.15, form=form)
     assert not any("cross with different values" in text for text in prepared.solve().warnings)
     crossed = prepared.solve(data={"other": ck.Dirichlet(2.0)})
     assert any("cross with different values" in text for text in crossed.warnings)
@@ -141,9 +170,12 @@ def test_what_the_tables_do_not_hold_is_refused(prepared, given, told):
 
 def test_a_transmission_by_the_equations_diffusivity_takes_no_other():
     cut = [ck.Boundary("cut", circle([0, 0, 1]), across=ck.Transmission(jump=1.0))]
-    prepared = ck.prepare(ck.Scene(SPHERE, ck.ScreenedPoisson(1.0), cut), 0.25)
+    old, problem = ck.Scene(SPHERE, ck.ScreenedPoisson(1.0), cut), ck.Elliptic(1.0, diffusivity=2.0, c=1.0)
     with pytest.raises(ck.SceneError, match="the tables hold the diffusivity"):
-        prepared.solve(problem=ck.Elliptic(1.0, diffusivity=2.0, c=1.0))
+        ck.prepare(old, 0.25, form="collocation").solve(problem=problem)
+    again = ck.prepare(old, 0.25, form="galerkin").solve(problem=problem)  # where no table holds it
+    own = ck.solve(ck.Scene(SPHERE, problem, cut), 0.25, form="galerkin")
+    np.testing.assert_array_equal(again.values, own.values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,11 +203,14 @@ def test_a_condition_from_outside_is_known_again():
 
 def test_one_condition_for_several_loops_takes_one():
     bar, held = ck.source("analytic.segment", start=[0, 0], end=[1, 0]), ck.Dirichlet(0.0)
-    prepared = ck.prepare(ck.Scene(bar, ck.Laplace(), edge={0: held, 1: held}), 0.05)
+    scene = ck.Scene(bar, ck.Laplace(), edge={0: held, 1: held})
+    prepared = ck.prepare(scene, 0.05, form="collocation")
     moved = ck.Dirichlet(2.0)
     np.testing.assert_allclose(prepared.solve(data={"edge": {0: moved, 1: moved}}).evaluate([[0.5, 0]]), 2.0)
     with pytest.raises(ck.SceneError, match="one object for several loops"):
         prepared.solve(data={"edge": {0: ck.Dirichlet(1.0), 1: ck.Dirichlet(2.0)}})
+    again = ck.prepare(scene, 0.05, form="galerkin").solve(data={"edge": {0: ck.Dirichlet(1.0), 1: ck.Dirichlet(2.0)}})
+    np.testing.assert_allclose(again.evaluate([[0.5, 0]]), 1.5)
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -194,9 +195,21 @@ class Galerkin(Reader):
         """Return what the conditions' data add to b, (n, channels)."""
         del of  # a second Laplacian is refused
         assert isinstance(stiffness, GalerkinOperator)
-        assert stiffness.conditions is not None
-        held = stiffness.conditions.held
-        return stiffness.conditions.load(self.channels, time) if held else np.zeros((self.size, self.channels))
+        conditions = self._with_own_data(stiffness)
+        return conditions.load(self.channels, time) if conditions.held else np.zeros((self.size, self.channels))
+
+    def _with_own_data(self, stiffness: GalerkinOperator) -> ConditionTerms:
+        """Return an operator's conditions with the data of this scene: it may have been made for other data."""
+        kept = self._conditions_by_operator
+        if stiffness not in kept:
+            assert stiffness.conditions is not None
+            own = stiffness.conditions.held is self.sampled.held
+            kept[stiffness] = stiffness.conditions if own else replace(stiffness.conditions, held=self.sampled.held)
+        return kept[stiffness]
+
+    @cached_property
+    def _conditions_by_operator(self) -> WeakKeyDictionary[GalerkinOperator, ConditionTerms]:
+        return WeakKeyDictionary()
 
     def boundary_mass(self, stiffness: Stiffness) -> CsrOperator | None:
         """Return the integrals over boundaries where du/db = lambda u stands; None where it stands nowhere."""
