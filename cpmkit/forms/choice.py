@@ -63,6 +63,8 @@ def choose_form(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
         return "collocation", "the manifold is neither a curve nor a surface"
     if family not in GALERKIN_FAMILIES or scene.problem.terms().velocity is not None or kind in NOT_YET_GALERKIN:
         return "collocation", f"the form 'galerkin' does not yet carry {kind!r}"
+    if any(one.order is not None for one in scene.conditions):
+        return "collocation", "the only one with orders of conditions"
     return DEFAULT_FORM, "the one for steady problems on curves and surfaces"
 
 

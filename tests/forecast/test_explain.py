@@ -12,10 +12,10 @@ import cpmkit as ck
 @pytest.mark.parametrize("spacing", [0.02])
 def test_predictions_on_a_surface_with_curves(spacing):
     scene, _, _ = sphere_poisson([rotation()[:, 0], rotation()[:, 1]])
-    told = ck.explain(scene, spacing)
+    told = ck.explain(scene, spacing, form="collocation")
     assert not told.exact
     tracemalloc.start()
-    solution = ck.solve(scene, spacing, tolerance=1e-2)
+    solution = ck.solve(scene, spacing, tolerance=1e-2, form="collocation")
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert told.unknowns == pytest.approx(solution.work.unknowns, rel=0.1)
@@ -26,9 +26,9 @@ def test_predictions_on_a_surface_with_curves(spacing):
 
 def test_predictions_for_a_direct_solve():
     scene, _, _ = circle_jump()
-    told = ck.explain(scene, 0.002)
+    told = ck.explain(scene, 0.002, form="collocation")
     tracemalloc.start()
-    solution = ck.solve(scene, 0.002)
+    solution = ck.solve(scene, 0.002, form="collocation")
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert told.exact
@@ -38,7 +38,11 @@ def test_predictions_for_a_direct_solve():
 
 
 def test_each_part_has_its_reason_and_what_is_not_required_is_not_built():
-    told = ck.explain(ck.Scene(ck.source("analytic.torus", major=1.0, minor=0.4), ck.ScreenedPoisson(1.0)), 0.1)
+    scene = ck.Scene(ck.source("analytic.torus", major=1.0, minor=0.4), ck.ScreenedPoisson(1.0))
+    told = ck.explain(scene, 0.1, form="galerkin")
+    assert [part.name for part in told.parts][-1] == "solver 'multigrid'"
+    assert "a cut (no boundary)" in told.left_out
+    told = ck.explain(scene, 0.1, form="collocation")
     assert [part.name for part in told.parts] == ["inner nodes", "outer nodes", "solver 'reference'"]
     assert "crossing tests and ghosts (no boundary)" in told.left_out
     text = str(ck.explain(circle_jump()[0], 0.1, order=1))

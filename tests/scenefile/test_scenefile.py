@@ -81,7 +81,8 @@ def test_a_file_gives_the_same_solution_as_python(tmp_path):
         edge=ck.Dirichlet(lambda x: x[:, 0] + 2),
     )
     one = ck.solve(loaded.scene, loaded.spacing, **loaded.options)
-    two = ck.solve(scene, 0.15, solver="reference", tolerance=1e-9)
+    two = ck.solve(scene, 0.15, solver="reference", tolerance=1e-9)  # orders are of the collocation form
+    assert one.discretized.form == two.discretized.form == "collocation"
     np.testing.assert_allclose(one.values, two.values, atol=1e-12)
 
 

@@ -350,11 +350,20 @@ def check(scene: Scene, options: Options[GalerkinOptions]) -> None:
     problem, surface = scene.problem, scene.surface
     if problem.family != "steady" or problem.terms().velocity is not None:
         raise SceneError(f"the form {options.form!r} does not yet carry {problem.kind!r}; use form='collocation'.")
+    if any(one.order is not None for one in scene.conditions):
+        raise SceneError(
+            f"conditions of the form {options.form!r} have no order, got order={_order(scene)}; leave it out, or use "
+            "form='collocation'."
+        )
     if surface.manifold_dim not in range(1, surface.dim):
         raise SceneError(
             f"the form {options.form!r} takes curves and surfaces of one dimension, got a manifold of dimension "
             f"{surface.manifold_dim} in {surface.dim}D; use form='collocation'."
         )
+
+
+def _order(scene: Scene) -> int | None:
+    return next(one.order for one in scene.conditions if one.order is not None)
 
 
 def discretize(scene: Scene, options: Options[GalerkinOptions], progress: Progress = no_progress) -> Galerkin:
