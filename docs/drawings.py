@@ -175,7 +175,7 @@ def ghost() -> Figure:
 
 def _two_sided(surface: ck.ClosestPointSource, curve: ck.ClosestPointSource, spacing: float) -> ck.Solution:
     boundary = ck.Boundary("C", curve, left=ck.Dirichlet(1.0), right=ck.Dirichlet(0.0))
-    return ck.solve(ck.Scene(surface, ck.Laplace(), [boundary]), spacing)
+    return ck.solve(ck.Scene(surface, ck.Laplace(), [boundary]), spacing, form="collocation")
 
 
 def _cut_circle(spacing: float) -> ck.Solution:

@@ -222,7 +222,7 @@ def study(manifold: Manifold) -> dict[str, list[Row]]:
         surface = make()
         off = feet_off(surface, manifold, 4 * manifold.spacings[-1])
         for problem, scene in scenes(manifold, surface).items():
-            solved = [ck.solve(scene, h, origin=ORIGIN).evaluate(points) for h in manifold.spacings]
+            solved = [ck.solve(scene, h, origin=ORIGIN, form="collocation").evaluate(points) for h in manifold.spacings]
             errors = [float(np.abs(one - u(points)).max() / spread) for one in solved]
             closed = finest.setdefault(problem, solved[-1])
             difference = float(np.abs(solved[-1] - closed).max() / spread)

@@ -63,6 +63,7 @@ def test_docstrings_hold_examples():
         "docs/how-to/choose-an-equation.md",
         "docs/how-to/run-in-time.md",
         "docs/how-to/read-a-solution.md",
+        "docs/how-to/solve-many-times.md",
         "docs/explanation/two-forms.md",
     ],
 )
