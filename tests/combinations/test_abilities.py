@@ -240,7 +240,7 @@ def test_a_cut_keeps_its_left_on_a_surface_without_normals(how):
     below, above = [0.0, -0.6, -0.8], [0.0, -1.0, 0.0]
     boundary = ck.Boundary("cut", wrapped, left=ck.Dirichlet(1.0), right=ck.Dirichlet(0.0))
     scene = ck.Scene(sphere, ck.Laplace(), [boundary])
-    layout = ck.discretize(scene, 0.25).tables.layout
+    layout = ck.discretize(scene, 0.25, form="collocation").tables.layout
     view = layout.boundaries.on_lattice[0].side_view(layout.lattice.to_local(np.array([below, above])), np.inf, 0.25)
     assert (view.signed > 0).tolist() == [True, False]
     if how != "trimmed":

@@ -22,8 +22,9 @@ NEIGHBOURS = (12, 96, 768)
 NEAR_SPACINGS = 4.0
 #: A sample whose tangent plane a point is off counts as this much farther away: it may lie on another sheet.
 HEIGHT_FACTOR = 10.0
-#: Points nearer to a boundary than this many spacings are read from the side that the caller names.
-ON_BOUNDARY_SPACINGS = 1e-9
+#: Points nearer to a boundary than this many spacings are read from the side that the caller names: its points and
+#: their feet on the manifold are apart by up to 1e-6. Where no side is named, the left is that of points on it alone.
+READ_FROM_SIDE_SPACINGS, ON_BOUNDARY_SPACINGS = 1e-3, 1e-9
 #: Samples on boundaries lie nearer to any point of these than so many spacings.
 ON_BOUNDARIES_SPACINGS = 0.15
 #: Step of differences, where a boundary's sources give no directions of their own, in spacings.
@@ -88,13 +89,13 @@ class Locator:
             return apart, shut
         beside = self._to_boundaries(points) < distance[:, -1] + ON_BOUNDARIES_SPACINGS * self.lattice.spacing
         for number in range(len(self.boundaries)):
-            across = self._across(number, points, near, beside, wanted.get(number, "left"))
+            across = self._across(number, points, near, beside, wanted.get(number))
             none = np.min(np.where(across, np.inf, apart), axis=1) == np.inf
             apart[across & ~none[:, None]] = np.inf
             shut |= none
         return apart, shut
 
-    def _across(self, number: int, points: Floats, near: Ints, beside: Bools, side: Side) -> Bools:
+    def _across(self, number: int, points: Floats, near: Ints, beside: Bools, side: Side | None) -> Bools:
         """Return which of the samples ``near`` (k, q) lie across boundary ``number`` from their point.
 
         Asked where both of its sides are among them, and of points ``beside`` (k,) a boundary.
@@ -105,8 +106,8 @@ class Locator:
         rows = np.flatnonzero(np.where(beside, first | second, first & second))
         if len(rows):
             signed = self.signed_distance(number, points[rows])
-            on = np.abs(signed) < ON_BOUNDARY_SPACINGS * self.lattice.spacing
-            signed[on] = 1.0 if side == "left" else -1.0
+            within = ON_BOUNDARY_SPACINGS if side is None else READ_FROM_SIDE_SPACINGS
+            signed[np.abs(signed) < within * self.lattice.spacing] = -1.0 if side == "right" else 1.0
             across[rows] = signs[rows] * np.nan_to_num(signed)[:, None] < 0
         return across
 
