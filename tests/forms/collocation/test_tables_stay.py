@@ -122,7 +122,7 @@ def test_every_reading_leaves_the_tables_as_they_are(name, tmp_path):
         "doubled": lambda: solution.doubled,
         "save": lambda: (solution.save(file), solution.save(tmp_path / "solution.vtp")),
         "load": lambda: ck.load(file, scene).evaluate(points),
-        "explain": lambda: ck.explain(scene, spacing),
+        "explain": lambda: ck.explain(scene, spacing, form="collocation"),
         "repr": lambda: (repr(solution), solution.discretization(), solution.arrays()),
     }
     for call, ask in calls.items():
@@ -137,12 +137,14 @@ def test_an_estimate_leaves_the_tables_as_they_are_and_a_loaded_solution_has_the
     assert prints_of(ck.load(tmp_path / "solution.npz", scene).discretized.tables) == prints_of(
         solution.discretized.tables
     )
-    assert prints_of(ck.solve(scene, 0.05).discretized.tables) == prints_of(solution.discretized.tables)
+    assert prints_of(ck.solve(scene, 0.05, form="collocation").discretized.tables) == prints_of(
+        solution.discretized.tables
+    )
 
 
 @pytest.mark.parametrize("name", ["arc", "disc"])
 def test_shared_matrices_are_read_only(name):
-    tables = ck.solve(scene_of(name, PROBLEMS["elliptic"]), scenes()[name][3]).discretized.tables
+    tables = ck.solve(scene_of(name, PROBLEMS["elliptic"]), scenes()[name][3], form="collocation").discretized.tables
     matrices = (tables.extension, tables.differences)
     parts = [getattr(one, part) for one in matrices for part in ("data", "indices", "indptr")]
     for array in (tables.neighbours, *parts):

@@ -165,7 +165,7 @@ def test_a_real_mesh_is_reported_alike_by_the_explanation_and_the_solution(real_
     assert "bend" in {one.kind for one in explained.remains}
     sentences = [one.sentence for one in explained.remains]
     assert all(text in str(explained) for text in sentences)
-    solved = ck.solve(scene, 0.04, tolerance=1e-4).warnings
+    solved = ck.solve(scene, 0.04, tolerance=1e-4, form="collocation").warnings
     assert [text for text in solved if text in sentences] == sentences
 
 

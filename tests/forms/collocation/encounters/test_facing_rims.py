@@ -43,7 +43,7 @@ def test_explain_tells_of_it_too():
     arc = ck.source("analytic.arc", radius=1.0, start=0.1, end=2 * np.pi - 0.1)
     scene = ck.Scene(arc, ck.Laplace(), edge=ENDS)
     assert gaps(ck.explain(scene, 0.1, form="collocation").told)
-    assert "faces itself across a gap" in str(ck.explain(scene, 0.1))
+    assert "faces itself across a gap" in str(ck.explain(scene, 0.1, form="collocation"))
 
 
 def slit_sphere(gap):
@@ -53,7 +53,7 @@ def slit_sphere(gap):
 def test_a_slit_in_a_surface():
     with pytest.raises(ck.ResolutionError, match=r"too coarse for the gap of 0.2 between rims"):
         ck.solve(ck.Scene(slit_sphere(0.2), ck.ScreenedPoisson(1.0)), 0.2, form="collocation")
-    solution = ck.solve(ck.Scene(slit_sphere(0.5), ck.ScreenedPoisson(1.0)), 0.2)
+    solution = ck.solve(ck.Scene(slit_sphere(0.5), ck.ScreenedPoisson(1.0)), 0.2, form="collocation")
     assert "a gap of 0.5, 2.5 spacings" in gaps(solution.warnings)[0]
 
 
