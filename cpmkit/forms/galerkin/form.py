@@ -12,7 +12,7 @@ import numpy as np
 
 from cpmkit.errors import InputError, SceneError
 from cpmkit.forms.contract import StateFlux
-from cpmkit.forms.galerkin.conditions.crossings import of_crossings
+from cpmkit.forms.galerkin.conditions.crossings import of_crossings, of_tips
 from cpmkit.forms.galerkin.conditions.held import held
 from cpmkit.forms.galerkin.conditions.terms import ConditionTerms, condition_terms
 from cpmkit.forms.galerkin.facing import Turned, turned
@@ -293,7 +293,8 @@ class Galerkin(Reader):
     def _told(self) -> tuple[str, ...]:
         one, parting = self.sampled, self.space.parting
         cuts = parting.patch[one.interior :]
-        told = (*one.told, *of_crossings(self.scene, one.mesh, one.lattice))
+        at_points = [text for tell in (of_crossings, of_tips) for text in tell(self.scene, one.mesh, one.lattice)]
+        told = (*one.told, *at_points)
         return (*told, *of_space(parting, pieces(parting), one.lattice, cuts), *of_turning(self.turned, one.lattice))
 
     @cached_property
