@@ -378,7 +378,7 @@ def discretize(scene: Scene, options: Options[GalerkinOptions], progress: Progre
     check(scene, options)
     sampled = sample(scene, options, progress)
     progress("space", 0.0)
-    parting = part(sampled.samples.points, sampled.contacts, options.spacing)
+    parting = part(sampled.samples.points, sampled.corners, options.spacing, sampled.samples.cell)
     made = Galerkin(scene, options, sampled, space_of(parting, sampled.samples))
     progress("space", 1.0)
     return made

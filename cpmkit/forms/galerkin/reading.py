@@ -46,9 +46,9 @@ class Reader(Discretized):
         """Spacing of the lattice, in the scene's unit."""
         return self.sampled.lattice.spacing
 
-    @cached_property
+    @property
     def points(self) -> Floats:
-        """(p, d) the samples of the manifold."""
+        """(p, d) the samples of the manifold; made anew each time, for they are as large as all unknowns' rows."""
         one = self.sampled
         return one.lattice.to_scene(one.samples.points[: one.interior])
 

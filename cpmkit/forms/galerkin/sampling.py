@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from typing import Any
-
-import numpy as np
+from dataclasses import dataclass, replace
 
 from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples, boundary_samples
 from cpmkit.forms.galerkin.conditions.held import Held, held, needs_rims, point_warnings
@@ -85,11 +82,6 @@ class SampledScene:
         return len(self.samples) - len(self.boundary)
 
     @property
-    def contacts(self) -> Ints:
-        """(q, k) the vertices of each sample's cell after cutting."""
-        return self.corners[self.samples.cell]
-
-    @property
     def queries(self) -> int:
         """Closest points that were asked for, of the manifold and its boundaries."""
         counted = {id(one.queries): one.queries["points"] for one in (self.surface, *self.sources)}
@@ -130,7 +122,8 @@ def sample(scene: Scene, options: Options[GalerkinOptions], progress: Progress) 
     laws = held(scene, boundary, left, surface, lattice)
     progress("samples", 1.0)
     clipped_at = spacing if is_clipped(sampling, bend, mesh.manifold_dim) else None
-    samples = _joined(samples_of(mesh, clipped_at), boundary.as_samples)
+    samples = samples_of(mesh, clipped_at, boundary.as_samples if len(boundary) else None)
+    mesh = replace(mesh, midpoints=None)  # which samples were taken from alone
     return SampledScene(lattice, surface, sources, oriented, mesh, corners, half, samples, boundary, left, laws, told)
 
 
@@ -145,10 +138,3 @@ def _cells(surface: LocalSource, spacing: float, sampling: str) -> tuple[SampleM
         return traces, "feet", tuple(of_tracing(of_curve, surface))
     triangles, of_surface = triangulated(surface, spacing, curved=False)
     return triangles, "feet", tuple(of_contouring(of_surface, surface))
-
-
-def _joined(first: Samples, second: Samples) -> Samples:
-    parts: list[Any] = [
-        np.concatenate([getattr(first, one.name), getattr(second, one.name)]) for one in fields(Samples)
-    ]
-    return Samples(*parts)

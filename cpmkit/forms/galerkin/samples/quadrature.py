@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+from typing import Any
+
 import numpy as np
 
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh, Samples
 from cpmkit.manifold.vectors import norms, unit
 from cpmkit.protocols import Floats
 
+#: Triangles that samples are taken from at a time: what is needed on the way stays small beside the samples.
+TRIANGLES_AT_ONCE = 1 << 16
 
-def samples_of(mesh: SampleMesh, clipped_at: float | None = None) -> Samples:
-    """Return the samples of cells, those of one after those of another, three at least.
+
+def samples_of(mesh: SampleMesh, clipped_at: float | None = None, further: Samples | None = None) -> Samples:
+    """Return the samples of cells, those of one after those of another, three at least, and ``further`` ones.
 
     Segments have three by Gauss's rule of degree 5. Triangles have three by the rule of degree 2 at barycentric points
     (2/3, 1/6, 1/6), or for each piece between knot planes. The weights are those of the quadratic cells: the speed, or
@@ -22,20 +28,49 @@ def samples_of(mesh: SampleMesh, clipped_at: float | None = None) -> Samples:
         Flat or quadratic cells.
     clipped_at : float, optional
         The spacing h of the lattice, if triangles are to be clipped at its knot planes, x = (k + 1/2) h.
+    further : Samples, optional
+        Put behind them.
     """
-    if mesh.manifold_dim == 1:
-        shares, slopes, weights = _segment_rule(mesh)
-        along = _mixed(mesh, slopes)
-        cell = np.repeat(np.arange(len(mesh.cells)), len(weights))
-        return Samples(_mixed(mesh, shares), np.tile(weights, len(mesh.cells)) * norms(along), _across(along), cell)
-    from cpmkit.forms.galerkin.samples import clipping_kernels
+    parts = [_arrays(_of_segments(mesh))] if mesh.manifold_dim == 1 else _of_triangles(mesh, clipped_at)
+    return _joined(parts if further is None else [*parts, _arrays(further)])
 
-    nodes = mesh.vertices[mesh.cells]
-    if mesh.midpoints is not None:
-        nodes = np.concatenate([nodes, mesh.midpoints], axis=1)
-    clipped = clipped_at is not None
+
+def _of_segments(mesh: SampleMesh) -> Samples:
+    shares, slopes, weights = _segment_rule(mesh)
+    along = _mixed(mesh, slopes)
+    cell = np.repeat(np.arange(len(mesh.cells)), len(weights))
+    return Samples(_mixed(mesh, shares), np.tile(weights, len(mesh.cells)) * norms(along), _across(along), cell)
+
+
+def _of_triangles(mesh: SampleMesh, clipped_at: float | None) -> list[list[Any]]:
+    from cpmkit.forms.galerkin.samples.clipping_kernels import triangle_samples
+
+    clipped, parts = clipped_at is not None, []
     spacing = 1.0 if clipped_at is None else float(clipped_at)
-    return Samples(*clipping_kernels.triangle_samples(np.ascontiguousarray(nodes), spacing, clipped))
+    for start in range(0, max(len(mesh.cells), 1), TRIANGLES_AT_ONCE):
+        some = slice(start, start + TRIANGLES_AT_ONCE)
+        nodes = mesh.vertices[mesh.cells[some]]
+        if mesh.midpoints is not None:
+            nodes = np.concatenate([nodes, mesh.midpoints[some]], axis=1)
+        *others, cell = triangle_samples(np.ascontiguousarray(nodes), spacing, clipped)
+        parts.append([*others, cell + start])
+    return parts
+
+
+def _arrays(samples: Samples) -> list[Any]:
+    return [getattr(samples, one.name) for one in fields(Samples)]
+
+
+def _joined(parts: list[list[Any]]) -> Samples:
+    """Return the samples of these arrays, which are let go one after the other."""
+    if len(parts) == 1:
+        return Samples(*parts[0])
+    whole = []
+    for k in range(len(fields(Samples))):
+        whole.append(np.concatenate([part[k] for part in parts]))
+        for part in parts:
+            part[k] = None
+    return Samples(*whole)
 
 
 def _mixed(mesh: SampleMesh, shares: Floats) -> Floats:

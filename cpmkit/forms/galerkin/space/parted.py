@@ -16,39 +16,44 @@ from cpmkit.protocols import Bools, Floats, Ints
 SPECK_SPACINGS = 2.0
 
 
-def part(points: Floats, contacts: Ints, spacing: float) -> Parting:
+def part(points: Floats, contacts: Ints, spacing: float, cell: Ints | None = None) -> Parting:
     """Return the parting of samples at ``points`` (q, d), relative to the lattice's origin.
 
     Parameters
     ----------
     points : (q, d) float64
         The samples, in the unit of ``spacing``.
-    contacts : (q, k) int64
-        The vertices of each sample's cell in the mesh that was cut along the boundaries, numbered from 0.
+    contacts : (m, k) int64
+        The vertices of cells of the mesh that was cut along the boundaries, numbered from 0.
     spacing : float
         h, of the lattice.
+    cell : (q,) int64, optional
+        The cell of each sample; unless given, there is one for each, in their order.
 
     Notes
     -----
     A piece of the manifold shorter than `SPECK_SPACINGS` along every axis carries constants alone: all that its
     patches read is one unknown.
     """
-    from cpmkit.forms.galerkin.space.parting_kernels import bounds, cells_of, join_samples, touching_pairs
+    from cpmkit.forms.galerkin.space.parting_kernels import bounds, codes_of, join_samples, touching_pairs
 
     contacts = np.ascontiguousarray(contacts, dtype=np.int64)
     points = np.ascontiguousarray(points, dtype=np.float64)
-    cells, code = cells_of(points, spacing)
-    root, first, after, holder = join_samples(code, contacts, int(contacts.max()) + 1)
+    cell = np.arange(len(points)) if cell is None else cell
+    code = codes_of(points, spacing)
+    root, first, after, holder = join_samples(code, contacts, cell, int(contacts.max()) + 1)
     roots = np.flatnonzero(root == np.arange(len(root)))
     roots = roots[np.argsort(code[roots], kind="stable")]
-    numbers = np.empty(len(root), dtype=np.int64)
+    cells = np.floor(points[roots] / spacing + 0.5).astype(np.int64)
+    numbers = code  # is needed no more: at a million unknowns each such array has a hundred megabytes
     numbers[roots] = np.arange(len(roots))
     patch = numbers[root]
+    del code, numbers, root
     touching = touching_pairs(patch, len(roots), first, after, holder)
     pieces, label = components(len(roots), touching)
     extent = bounds(points, label[patch], pieces)
     specks = extent.max(axis=1) < SPECK_SPACINGS * spacing
-    return parting_of(spacing, cells[roots], touching, patch, specks[label])
+    return parting_of(spacing, cells, touching, patch, specks[label])
 
 
 def parting_of(spacing: float, cells: Ints, touching: Ints, patch: Ints, single: Bools) -> Parting:

@@ -39,44 +39,40 @@ def grown(values: Ints) -> Ints:
 
 
 @compiled
-def cells_of(points: Floats, spacing: float) -> tuple[Ints, Ints]:
-    """Return (q, d) the lattice cells that the points are in, and (q,) a code of each cell."""
+def codes_of(points: Floats, spacing: float) -> Ints:
+    """Return (q,) a code of the lattice cell that each point is in."""
     q, d = points.shape
-    cells, code = np.empty((q, d), dtype=np.int64), np.zeros(q, dtype=np.int64)
+    code = np.zeros(q, dtype=np.int64)
     for axis in range(d):
         low, high = np.inf, -np.inf
         for i in range(q):
             cell = np.floor(points[i, axis] / spacing + 0.5)
-            cells[i, axis] = np.int64(cell)
             low, high = min(low, cell), max(high, cell)
         first, size = np.int64(low), np.int64(high - low) + 1
         for i in range(q):
-            code[i] = code[i] * size + cells[i, axis] - first
-    return cells, code
+            code[i] = code[i] * size + np.int64(np.floor(points[i, axis] / spacing + 0.5)) - first
+    return code
 
 
 @compiled
-def join_samples(code: Ints, contacts: Ints, vertices: int) -> tuple[Ints, Ints, Ints, Ints]:
-    """Join the samples of one cell ``code`` (q,) that share one of their ``contacts`` (q, k), numbers of vertices.
+def join_samples(code: Ints, contacts: Ints, cell: Ints, vertices: int) -> tuple[Ints, Ints, Ints, Ints]:
+    """Join the samples of one lattice cell ``code`` (q,) that share a vertex: of ``contacts`` (m, k), by ``cell`` (q,).
 
     Returns the root of each sample, and a linked list of slots: one for each vertex and each cell that has samples at
     it. ``first`` (vertices,) is the first slot of a vertex, ``after`` the next one of the same vertex (-1 for none),
     ``holder`` a sample in it.
     """
-    q, k = contacts.shape
+    q, k = len(code), contacts.shape[1]
     parent = np.arange(q)
     first = np.full(vertices, -1)
     after, holder = np.empty(vertices + 1, dtype=np.int64), np.empty(vertices + 1, dtype=np.int64)
     used = 0
     for i in range(q):
-        same = i > 0 and code[i] == code[i - 1]
-        for c in range(k):
-            same = same and contacts[i, c] == contacts[i - 1, c]
-        if same:
+        if i > 0 and code[i] == code[i - 1] and cell[i] == cell[i - 1]:
             parent[i] = parent[i - 1]
             continue
         for c in range(k):
-            v = contacts[i, c]
+            v = contacts[cell[i], c]
             slot = first[v]
             while slot >= 0 and code[holder[slot]] != code[i]:
                 slot = after[slot]
