@@ -30,7 +30,7 @@ def check_normals(subject: Subject, x: Floats) -> None:
     it cannot, so one of the two sides is enough; and a crease may turn by more than a right angle, so
     signs are compared by majority.
     """
-    feet = subject.source.closest_point(x)
+    feet = subject.feet(x)
     feet = feet.take(sure(feet))
     normals = subject.source.normals(feet)
     _require_unit(normals, feet.points)
@@ -47,7 +47,7 @@ def check_normals(subject: Subject, x: Floats) -> None:
 @query_law("near", HasTangents)
 def check_tangents(subject: Subject, x: Floats) -> None:
     """Tangents are of length one, lie along the curve, and point the same way from one foot to the next."""
-    feet = subject.source.closest_point(x)
+    feet = subject.feet(x)
     feet = feet.take(sure(feet))
     _require_unit(subject.source.tangents(feet), feet.points)
     feet = feet.take(feet.edge < 0)
@@ -66,7 +66,7 @@ def check_values(subject: Subject, x: Floats) -> None:
     """Interpolated data keep constants and the number of channels."""
     values = np.tile([3.0, -1.0], (subject.source.value_count, 1))
 
-    read = subject.source.interpolate(values, subject.source.closest_point(x))
+    read = subject.source.interpolate(values, subject.feet(x))
     require(read.shape == (len(x), 2), f"Data of 2 channels at {len(x)} feet are read as {read.shape}.")
     require_rows((np.abs(read - values[0]) <= ROUND_OFF_SHARE).all(axis=1), x, "The constants 3, -1 are read as", read)
 
@@ -118,7 +118,7 @@ def check_translation(subject: Subject) -> None:
     require(apart <= subject.round_off(offset[None])[0], f"The bounds move by the offset and {apart}.")
 
     def hold(x: Floats) -> None:
-        original, translated = subject.source.closest_point(x), moved.closest_point(x + offset)
+        original, translated = subject.feet(x), moved.closest_point(x + offset)
         allowed = 2 * subject.round_off(np.abs(x) + np.abs(offset))
         apart = np.abs(translated.distance - original.distance)
         require_rows(apart <= allowed, x, "distance changes in translation by", apart)

@@ -12,7 +12,7 @@ from cpmkit.testing.queries import Subject, for_queries, symmetric_points
 @query_law("near unless exact")
 def check_idempotence(subject: Subject, x: Floats) -> None:
     """The closest point of a foot is that foot, at no distance."""
-    feet = subject.source.closest_point(x)
+    feet = subject.feet(x)
     feet = feet.take(sure(feet))
     again = subject.source.closest_point(np.ascontiguousarray(feet.points))
     apart = np.linalg.norm(again.points - feet.points, axis=1)
@@ -38,7 +38,7 @@ def check_lipschitz(subject: Subject, x: Floats) -> None:
 @query_law()
 def check_distance(subject: Subject, x: Floats) -> None:
     """``distance`` is not negative and never above |x - points|; of an exact source the two are equal."""
-    feet = subject.source.closest_point(x)
+    feet = subject.feet(x)
     excess = feet.distance - np.linalg.norm(x - feet.points, axis=1)
     require_rows(feet.distance >= 0, x, "distance is", feet.distance)
     require_rows(excess <= subject.round_off(x), x, "distance is above |x - points| by", excess)
@@ -52,7 +52,7 @@ def check_nearest(subject: Subject) -> None:
     known = subject.known_points()
 
     def hold(x: Floats) -> None:
-        feet = subject.source.closest_point(x)
+        feet = subject.feet(x)
         others = feet.points if known is None else np.concatenate([feet.points, known])
         nearest = np.linalg.norm(x[:, None] - others, axis=2).min(axis=1)
         excess = feet.distance - nearest
@@ -71,7 +71,7 @@ def check_foot(subject: Subject) -> None:
     """
 
     def hold(x: Floats) -> None:
-        feet = subject.source.closest_point(x)
+        feet = subject.feet(x)
         allowed = (1 + subject.case.turning_angle) * feet.distance + subject.round_off(x)
         excess = np.linalg.norm(x - feet.points, axis=1) - allowed
         require_rows((excess <= 0) | ~sure(feet), x, "|x - points| is too large by", excess)
@@ -102,7 +102,7 @@ def check_bounds(subject: Subject) -> None:
     known = subject.known_points()
 
     def hold(x: Floats) -> None:
-        points = subject.source.closest_point(x).points
+        points = subject.feet(x).points
         points = points if known is None else np.concatenate([points, known])
         beyond = np.maximum(lower - points, points - upper).max(axis=1)
         require_rows(beyond <= subject.round_off(points), points, "A point of the manifold is outside by", beyond)

@@ -50,7 +50,7 @@ def check_input_untouched(subject: Subject, x: Floats) -> None:
 @query_law()
 def check_batches(subject: Subject, x: Floats) -> None:
     """An answer does not depend on the queries that are asked with it."""
-    whole = subject.source.closest_point(x)
+    whole = subject.feet(x)
     for parts in (np.array_split(x, 3), [x[i : i + 1] for i in range(min(3, len(x)))]):
         pieces = [subject.source.closest_point(np.ascontiguousarray(part)) for part in parts]
         asked = np.concatenate(parts)
@@ -64,7 +64,7 @@ def check_batches(subject: Subject, x: Floats) -> None:
 @query_law()
 def check_finite(subject: Subject, x: Floats) -> None:
     """Finite queries get finite answers."""
-    feet = subject.source.closest_point(x)
+    feet = subject.feet(x)
     require_rows(np.isfinite(feet.points).all(axis=1), x, "The foot is", feet.points)
     require_rows(np.isfinite(feet.distance), x, "distance is", feet.distance)
     if feet.local is not None:
@@ -89,7 +89,7 @@ def check_edge(subject: Subject, x: Floats) -> None:
     numbers: dict[int | None, int] = {0: -1, 1: 1}
     last = numbers.get(subject.source.manifold_dim)
 
-    edge = subject.source.closest_point(x).edge
+    edge = subject.feet(x).edge
     require_rows(edge >= -1, x, "edge is", edge)
     if last is not None:
         require_rows(edge <= last, x, "edge is", edge)

@@ -41,7 +41,7 @@ def check_edge_limit(subject: Subject) -> None:
     require(limit > 0 and limit % 1000 == 0, f"The limit of the edges' numbers is {limit}, no multiple of 1000.")
 
     def hold(x: Floats) -> None:
-        largest = int(subject.source.closest_point(x).edge.max(initial=-1))
+        largest = int(subject.feet(x).edge.max(initial=-1))
         require(largest < limit, f"An edge has the number {largest}, the limit is {limit}.")
 
     for_queries(subject, hold, within_radius=False)

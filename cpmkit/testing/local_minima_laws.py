@@ -27,7 +27,7 @@ def check_local_minima(subject: Subject, x: Floats) -> None:
     """
     small, large = (share * subject.size for share in ASKED_RADII_SHARES)
 
-    closest = subject.source.closest_point(x)
+    closest = subject.feet(x)
     rows, feet = subject.source.local_minima(x, large)
     _require_order(subject, x, rows, feet)
     expected = np.flatnonzero(closest.distance <= large)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from cpmkit.protocols import Floats
+from cpmkit.protocols import ClosestPoints, Floats
 from cpmkit.testing.cases import ConformanceCase
 
 #: Round-off that is allowed, relative to the largest coordinate that takes part.
@@ -44,13 +45,18 @@ class Subject:
         allowed: Floats = ROUND_OFF_SHARE * largest
         return allowed
 
+    def feet(self, x: Floats) -> ClosestPoints:
+        """Return the closest points of ``x``, asked once for all laws that only read them."""
+        return _feet(self, x.shape, x.tobytes())
+
     def known_points(self, count: int = 256) -> Floats | None:
         """Return points (count, d) of the manifold that the case itself supplies."""
         return None if self.case.samples is None else self.case.samples(np.random.default_rng(0), count)
 
 
+@lru_cache(maxsize=1)
 def subject(case: ConformanceCase) -> Subject:
-    """Make the source of a case."""
+    """Make the source of a case: one for all laws, which follow each other, for it is a value."""
     source = case.make()
     lower, upper = np.asarray(source.bounds, dtype=np.float64)
     diagonal = float(np.linalg.norm(upper - lower))
@@ -58,21 +64,47 @@ def subject(case: ConformanceCase) -> Subject:
     return Subject(case, source, 0.5 * (lower + upper), size)
 
 
+#: How many answers are kept: those of all batches that laws are asked with.
+_REMEMBERED = 128
+
+
+@lru_cache(maxsize=_REMEMBERED)
+def _feet(subject: Subject, shape: tuple[int, ...], queries: bytes) -> ClosestPoints:
+    feet: ClosestPoints = subject.source.closest_point(np.frombuffer(queries).reshape(shape).copy())
+    return feet
+
+
 def for_queries(subject: Subject, hold: Callable[[Floats], None], within_radius: bool = False) -> None:
     """Call ``hold`` with batches of queries (n, d), the same in every run; a failing batch is made small.
 
     Parameters
     ----------
-    about : Subject
+    subject : Subject
         Around which the queries lie: near its bounds, far out, and on it.
     hold : callable
         Raises AssertionError if the law is broken.
     within_radius : bool
         Draw queries only up to the case's ``radius`` from the manifold, if it has one.
     """
-    draws = (
-        _tube(subject, subject.case.radius) if within_radius and subject.case.radius is not None else _anywhere(subject)
-    )
+    near = within_radius and subject.case.radius is not None
+    try:
+        for x in _batches(subject, near):
+            hold(x.copy())
+    except Exception as failure:
+        _generate(subject, near, hold)  # fails on the same batches, and shows a small one
+        raise failure
+
+
+@lru_cache(maxsize=2)
+def _batches(subject: Subject, near: bool) -> tuple[Floats, ...]:
+    """Return what hypothesis draws for a law that holds: drawing costs as much as asking, and is done once."""
+    drawn: list[Floats] = []
+    _generate(subject, near, drawn.append)
+    return tuple(drawn)
+
+
+def _generate(subject: Subject, near: bool, hold: Callable[[Floats], None]) -> None:
+    draws = _anywhere(subject) if subject.case.radius is None or not near else _tube(subject, subject.case.radius)
 
     @settings(
         max_examples=20,

@@ -3,20 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
-from functools import lru_cache, partial
 
-from cpmkit.protocols import ClosestPointSource
 from cpmkit.testing import ConformanceCase, installed_cases, kinds_without_case, parametrize_with_laws
 
 
-@lru_cache(maxsize=1)
-def made(make: Callable[[], ClosestPointSource]) -> ClosestPointSource:
-    """Return one source for all laws, which follow each other: it is a value, and some take seconds to make."""
-    return make()
-
-
-@parametrize_with_laws(replace(case, make=partial(made, case.make)) for case in installed_cases())
+@parametrize_with_laws(installed_cases())
 def test_installed_kinds_keep_the_laws(case: ConformanceCase, law: Callable[[ConformanceCase], None]) -> None:
     law(case)
 
