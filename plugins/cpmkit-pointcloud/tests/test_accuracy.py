@@ -86,7 +86,7 @@ def test_duplicates_are_left_out_and_counted():
     assert often.closest_point(x).element.max() < 2000
 
 
-@pytest.mark.parametrize("noise", [1e-4, 1e-3])
+@pytest.mark.parametrize("noise", [1e-4, pytest.param(1e-3, marks=pytest.mark.slow)])
 def test_noise_is_averaged(noise):
     rng = np.random.default_rng(5)
     cloud = unit(rng.normal(size=(20000, 3)))

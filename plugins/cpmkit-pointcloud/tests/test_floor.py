@@ -35,7 +35,7 @@ def left_by(cloud, spacing):
     return np.abs(found - exact).max() / np.ptp(exact)
 
 
-@pytest.mark.parametrize("spacing", [0.2, 0.1])
+@pytest.mark.parametrize("spacing", [0.2, pytest.param(0.1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     ("count", "noise", "options"),
     [
