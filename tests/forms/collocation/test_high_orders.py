@@ -98,12 +98,14 @@ def slope(x, direction):
     return np.sum(gradient * direction, axis=1)
 
 
+@pytest.mark.slow  # always: the same sphere with fluxes through a circle
 def test_a_closed_sphere():
     errors = [max_error(*on_sphere(), h, degree=4, order=4) for h in COARSE]
     assert errors[-1] <= 5e-5
     assert order_of(COARSE, errors) >= 3.7
 
 
+@pytest.mark.slow  # always: the ends of an arc, a jump, and fluxes on a sphere
 def test_a_circle_on_the_sphere():
     circle, _ = tilted(-0.27)
     problem = on_sphere([ck.Boundary("circle", circle, both=ck.Dirichlet(u))])
