@@ -75,7 +75,19 @@ def drawn_size(source, case, spacing):
     return area(SampleMesh.of(vertices, cells))
 
 
-@pytest.mark.parametrize(("case", "source"), cases(2), ids=named)
+#: Dear level sets, and a surface that meets itself: others of their kinds run always.
+SLOW = ("goursat", "decotetrahedron", "tooth", "klein")
+
+
+def surfaces():
+    """Return the cases of surfaces with their marks."""
+    return [
+        pytest.param(case, source, marks=[pytest.mark.slow] * any(word in str(case) for word in SLOW))
+        for case, source in cases(2)
+    ]
+
+
+@pytest.mark.parametrize(("case", "source"), surfaces(), ids=named)
 def test_surfaces(case, source):
     spacing = float(np.ptp(source.bounds, axis=0).max()) / 20
     mesh, report = triangulated(localize(source, source.bounds.mean(axis=0)), spacing)
