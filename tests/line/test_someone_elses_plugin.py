@@ -125,6 +125,7 @@ def test_the_tutorial_reads_every_file_aloud():
     assert not re.search(r"^```(python|toml)", text, re.MULTILINE), "a listing that is typed twice may lag"
 
 
+@pytest.mark.slow  # the file is part of the package, and so are its weights: the numbers change with neither
 def test_the_readme_says_how_far_the_network_is_from_the_mesh(site, tmp_path, real_mesh):
     measure = f"""
 import numpy as np, cpmkit as ck
