@@ -13,7 +13,7 @@ import cpmkit as ck
 SPHERE = ck.source("analytic.sphere")
 CIRCLE = ck.source("analytic.circle")
 TORUS = ck.source("analytic.torus", major=1.0, minor=0.4)
-SPACINGS = (0.2, 0.1, 0.067)
+SPACINGS = (0.2, 0.14, 0.1)
 
 
 @dataclass(frozen=True)
