@@ -13,6 +13,7 @@ from cpmkit.forms.collocation.conservation.free_constants import find_border
 from cpmkit.forms.collocation.conservation.mean_weights import mean_weights
 
 SPACINGS = (0.2, 0.1, 0.067)
+COARSE = (0.2, 0.14, 0.1)
 HEIGHT = 0.2
 SPHERE = ck.source("analytic.sphere")
 E1, E2, AXIS = rotation().T
@@ -70,8 +71,8 @@ class Problem:
     scene: ck.Scene
     points: np.ndarray
     exact: np.ndarray
-    spacings: tuple = SPACINGS
-    origins: int = 2
+    spacings: tuple = COARSE
+    origins: int = 1
 
     def order(self, **options):
         dim = self.points.shape[1]
