@@ -56,13 +56,10 @@ def test_real_meshes(name, lowest):
 LEVELS = {"fish": ("fish.obj", (0.0275, 0.0195, 0.0138)), "koala": ("koala.obj", (0.0292, 0.0208, 0.0146))}
 
 
+@pytest.mark.slow  # always: ellipses whose tips bend as sharply, in test_unfolding.py
 @pytest.mark.parametrize(
     ("name", "level"),
-    [
-        pytest.param(name, level, marks=[pytest.mark.slow] * ((name, level) != ("fish", 0)))
-        for name, (_, spacings) in LEVELS.items()
-        for level in range(len(spacings))
-    ],
+    [(name, level) for name, (_, spacings) in LEVELS.items() for level in range(len(spacings))],
 )
 def test_unfolded_meshes_from_thirty_thousand_unknowns_down_to_seven(name, level, lowest):
     """From 7,000 nodes on, which hold 9,100 unknowns on the fish and 10,500 on the koala, degree 2."""
