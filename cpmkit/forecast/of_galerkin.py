@@ -7,25 +7,26 @@ from dataclasses import replace
 
 from cpmkit.forecast.parts import Explanation, Part, named, solver_part
 from cpmkit.forecast.running_out import memory_told
+from cpmkit.forms.galerkin.fitting import check_samples_fit, check_unknowns_fit, peak_bytes
 from cpmkit.forms.galerkin.form import Galerkin, discretize
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.options import Options
 from cpmkit.grid.fitting import suggest_spacing
+from cpmkit.grid.lattice import lattice_of
 from cpmkit.linear.choice import choose_solver
 from cpmkit.manifold.abilities import advice_of
-from cpmkit.manifold.local_source import largest_dim
+from cpmkit.manifold.local_source import localize
 from cpmkit.protocols import Progress
 from cpmkit.scene.scene import Scene
-
-#: At the peak of a solve, for each stored entry of the matrix: the matrix, its parts and coarser ones, or its factors.
-BYTES_PER_NONZERO = 40.0
 
 
 def explained(scene: Scene, asked: Options[GalerkinOptions], solver: str, progress: Progress) -> Explanation:
     """Say what the Galerkin form will build; large scenes are rehearsed at two coarser spacings."""
     progress("rehearsal", 0.0)
-    rehearsed = asked.spacing
-    while rehearsed < suggest_spacing(scene.surface):
+    surface = localize(scene.surface, lattice_of(scene.surface, asked.spacing, asked.origin).origin)
+    check_samples_fit(surface, asked.spacing)
+    rehearsed, quick = asked.spacing, suggest_spacing(scene.surface)
+    while rehearsed < quick:
         rehearsed *= 2
     exact = rehearsed == asked.spacing
     with memory_told(scene, asked, solver):
@@ -34,17 +35,19 @@ def explained(scene: Scene, asked: Options[GalerkinOptions], solver: str, progre
         if not exact:
             progress("rehearsal", 0.7)
             coarse = _counts(discretize(scene, replace(asked, spacing=2 * rehearsed)))
-            m = largest_dim(scene.surface)
+            m = surface.largest_dim
             counts = {name: _extrapolated(counts[name], coarse[name], ratio, m) for name in counts}
     progress("rehearsal", 1.0)
     factor = scene.problem.factorise_up_to * form.factorise_up_to
-    chosen = choose_solver(solver, round(counts["unknowns"]), largest_dim(scene.surface), factor, form.multigrid)
+    chosen = choose_solver(solver, round(counts["unknowns"]), surface.largest_dim, factor, form.multigrid)
+    if chosen == "direct":  # what others need was checked before
+        check_unknowns_fit(surface, counts["unknowns"], asked.spacing, chosen)
     return Explanation(
         (*_parts(scene, form, counts, asked), solver_part(scene, chosen, solver)),
         _left_out(scene),
         round(counts["unknowns"]),
         round(counts["queries"]),
-        round(BYTES_PER_NONZERO * counts["nonzeros"]),
+        round(peak_bytes(counts["unknowns"], surface.largest_dim, chosen)),
         advice_of(scene.surface, asked.spacing).floor,
         chosen,
         exact,
@@ -58,7 +61,6 @@ def _counts(form: Galerkin) -> dict[str, float]:
         "samples": form.sampled.interior,
         "patches": len(form.space.parting.cells),
         "queries": form.sampled.queries,
-        "nonzeros": len(form.space.indices),
     }
     for number, _ in enumerate(form.scene.boundaries):
         counts[f"boundary {number}"] = int((form.sampled.boundary.owner == number).sum())

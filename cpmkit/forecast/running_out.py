@@ -5,21 +5,32 @@ from __future__ import annotations
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from cpmkit.errors import ResolutionError
-from cpmkit.forms.collocation.options import CollocationOptions
+from cpmkit.forms.galerkin import fitting as galerkin
+from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.options import Options
 from cpmkit.grid.fitting import fitting_spacing, other_solver_hint, rounded_up, unknowns_at_one
 from cpmkit.linear.choice import choose_solver
-from cpmkit.manifold.local_source import localize
+from cpmkit.manifold.local_source import LocalSource, localize
 from cpmkit.runtime import memory
 from cpmkit.scene.scene import Scene
 
 #: Where memory ran out although a spacing seemed to fit, one this many times as large is named.
 COARSER_SPACING_FACTOR = 1.5
+
+
+class _Need(NamedTuple):
+    """What a solve needs: unknowns, a solver, bytes; the spacing that fits, and another solver that needs less."""
+
+    unknowns: float
+    solver: str
+    size: float
+    fits: float
+    hint: str
 
 
 @contextmanager
@@ -44,18 +55,32 @@ def memory_told(scene: Scene, options: Options[Any] | None = None, solver: str =
 
 
 def _sentence(scene: Scene, options: Options[Any] | None, solver: str, limit: memory.Limit) -> str:
-    if options is None or not isinstance(options.own, CollocationOptions):
+    if options is None:
         return f"Memory ran out, and {limit}; a coarser mesh, or a larger spacing, needs less."
-    spacing, degree, needed, fits = options.spacing, options.own.degree, "", 0.0
+    spacing, needed, hint, fits = options.spacing, "", "", 0.0
     with suppress(MemoryError, ValueError, ArithmeticError):
         source = localize(scene.surface, np.zeros(scene.surface.dim))
-        unknowns = unknowns_at_one(source, degree) / spacing**source.largest_dim
-        solver = choose_solver(solver, round(unknowns), source.largest_dim, scene.problem.factorise_up_to)
-        size = unknowns * memory.bytes_per_unknown(source.dim, degree, solver) / 2**30
-        fits = fitting_spacing(source, degree, limit.bytes, solver)
-        needed = f"about {unknowns:.2g} unknowns need {size:.2g} GiB or more with the solver {solver!r}, and "
+        need = _of_galerkin if isinstance(options.own, GalerkinOptions) else _of_collocation
+        unknowns, solver, size, fits, hint = need(scene, source, options, solver, limit.bytes)
+        needed = f"about {unknowns:.2g} unknowns need {size / 2**30:.2g} GiB or more with the solver {solver!r}, and "
     fits = max(fits, rounded_up(COARSER_SPACING_FACTOR * spacing))
     return (
         f"Memory ran out at spacing={spacing:g}: {needed}{limit}, libraries included; "
-        f"try spacing={fits:g} or more{other_solver_hint(solver)}."
+        f"try spacing={fits:g} or more{hint}."
     )
+
+
+def _of_collocation(scene: Scene, source: LocalSource, options: Options[Any], solver: str, available: int) -> _Need:
+    degree, m = options.own.degree, source.largest_dim
+    unknowns = unknowns_at_one(source, degree) / options.spacing**m
+    solver = choose_solver(solver, round(unknowns), m, scene.problem.factorise_up_to)
+    size = unknowns * memory.bytes_per_unknown(source.dim, degree, solver)
+    return _Need(unknowns, solver, size, fitting_spacing(source, degree, available, solver), other_solver_hint(solver))
+
+
+def _of_galerkin(scene: Scene, source: LocalSource, options: Options[Any], solver: str, available: int) -> _Need:
+    m = source.largest_dim
+    unknowns = galerkin.expected_unknowns(source, options.spacing)
+    solver = choose_solver(solver, round(unknowns), m, scene.problem.factorise_up_to, multigrid=True)
+    fits = galerkin.fitting_spacing(source, available, solver)
+    return _Need(unknowns, solver, galerkin.peak_bytes(unknowns, m, solver), fits, galerkin.other_solver_hint(solver))

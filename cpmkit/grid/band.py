@@ -146,8 +146,8 @@ def cell_levels(source: LocalSource, spacing: float, offset: float | Floats) -> 
         side //= 2
 
 
-def _numbered(bounds: Floats, spacing: float, offset: float | Floats) -> Ints:
-    """Return (2, d) the first and the last cell of ``bounds`` along each axis.
+def check_numbered(bounds: Floats, spacing: float) -> None:
+    """Refuse bounds (2, d), relative to the lattice's origin, whose cells cannot be numbered.
 
     Raises
     ------
@@ -167,6 +167,11 @@ def _numbered(bounds: Floats, spacing: float, offset: float | Floats) -> Ints:
             f"lattice's origin, and a spacing of {farthest / MOST_CELLS_PER_AXIS:.2g} or more could be numbered; a far "
             "larger one is needed to fit into memory."
         )
+
+
+def _numbered(bounds: Floats, spacing: float, offset: float | Floats) -> Ints:
+    """Return (2, d) the first and the last cell of ``bounds`` along each axis."""
+    check_numbered(bounds, spacing)
     return np.floor(bounds / spacing + offset).astype(np.int64)
 
 

@@ -78,17 +78,21 @@ def test_ulimit_counts_with_what_is_in_use(monkeypatch, name, option):
     assert limit.says == f"`ulimit {option}` leaves this process"
 
 
+FORMS = pytest.mark.parametrize("form", ["collocation", "galerkin"])
+
+
+@FORMS
 @pytest.mark.parametrize("spacing", [1e-7, 1e-4, 0.004])
-def test_solve_and_explain_name_the_same_spacing_and_it_fits(monkeypatch, spacing):
+def test_solve_and_explain_name_the_same_spacing_and_it_fits(monkeypatch, spacing, form):
     monkeypatch.setattr(memory, "memory_limit", lambda: memory.Limit(64 * 2**20, "this machine has"))
     named = set()
     for call in (ck.solve, ck.explain):
         with pytest.raises(ck.ResolutionError) as error:
-            call(scene(), spacing)
+            call(scene(), spacing, form=form)
         text = one_sentence(error, "unknowns and", "this machine has 0.0625 GiB", "or more would fit")
         named.add(text.partition("; spacing=")[2].split()[0])
     assert len(named) == 1
-    assert ck.explain(scene(), float(named.pop())).bytes < 64 * 2**20
+    assert ck.explain(scene(), float(named.pop()), form=form).bytes < 64 * 2**20
 
 
 def test_the_spacing_that_fits_moves_and_scales_with_the_model():
@@ -99,30 +103,39 @@ def test_the_spacing_that_fits_moves_and_scales_with_the_model():
     np.testing.assert_allclose(fits, [fits[0], fits[0], 1e-6 * fits[0]], rtol=0.011)
 
 
-def test_factors_that_cannot_fit_are_refused_before_the_factorisation(monkeypatch):
-    monkeypatch.setattr(memory, "memory_limit", lambda: memory.Limit(24 * 2**20, "this machine has"))
+@pytest.mark.parametrize(
+    ("form", "mebibytes", "other"), [("collocation", 24, "reference"), ("galerkin", 40, "multigrid")]
+)
+def test_factors_that_cannot_fit_are_refused_before_the_factorisation(monkeypatch, form, mebibytes, other):
+    monkeypatch.setattr(memory, "memory_limit", lambda: memory.Limit(mebibytes * 2**20, "this machine has"))
+    named = set()
     for call in (ck.solve, ck.explain):
         with pytest.raises(ck.ResolutionError) as error:
-            call(scene(), 0.1, solver="direct")
-        one_sentence(error, "with the solver 'direct'", "or more would fit, or solver='reference'")
+            call(scene(), 0.1, form=form, solver="direct")
+        text = one_sentence(error, "with the solver 'direct'", f"or more would fit, or solver={other!r}")
+        named.add(text.partition("; spacing=")[2].split()[0])
+    assert ck.solve(scene(), float(named.pop()), form=form, solver="direct").report.converged
+    assert not named
 
 
+@FORMS
 @pytest.mark.parametrize(
     "raised",
     [MemoryError(), OSError(12, os.strerror(12)), ImportError("x.so: failed to map segment from shared object")],
 )
-def test_memory_that_runs_out_in_a_solve_is_one_sentence(monkeypatch, raised):
-    def fail(*arguments):
+def test_memory_that_runs_out_in_a_solve_is_one_sentence(monkeypatch, raised, form):
+    def fail(*arguments, **options):
         raise raised
 
     monkeypatch.setattr("scipy.sparse.linalg.splu", fail)
     with pytest.raises(ck.ResolutionError) as error:
-        ck.solve(scene(), 0.3)
+        ck.solve(scene(), 0.3, form=form)
     one_sentence(error, "Memory ran out at spacing=0.3", "unknowns need", "'direct'", "try spacing=0.45 or more")
     assert error.value.__cause__ is raised
 
 
-def test_an_allocation_that_fails_lets_go_of_the_tables(monkeypatch):
+@FORMS
+def test_an_allocation_that_fails_lets_go_of_the_tables(monkeypatch, form):
     held = []
 
     def allocate(tables, *rest):
@@ -133,18 +146,22 @@ def test_an_allocation_that_fails_lets_go_of_the_tables(monkeypatch):
 
     monkeypatch.setattr("cpmkit.families.steady._operators", allocate)
     with pytest.raises(ck.ResolutionError, match="Memory ran out") as error:
-        ck.solve(scene(), 0.3)
+        ck.solve(scene(), 0.3, form=form)
     assert error.value.__cause__ is not None
     assert held[0]() is None
 
 
-def test_memory_that_runs_out_while_explaining_is_one_sentence(monkeypatch):
+@pytest.mark.parametrize(
+    ("form", "step"),
+    [("collocation", "cpmkit.forecast.cost.lay_out"), ("galerkin", "cpmkit.forecast.of_galerkin.discretize")],
+)
+def test_memory_that_runs_out_while_explaining_is_one_sentence(monkeypatch, form, step):
     def fail(*arguments, **options):
         raise MemoryError
 
-    monkeypatch.setattr("cpmkit.forecast.cost.lay_out", fail)
+    monkeypatch.setattr(step, fail)
     with pytest.raises(ck.ResolutionError) as error:
-        ck.explain(scene(), 0.3)
+        ck.explain(scene(), 0.3, form=form)
     one_sentence(error, "Memory ran out at spacing=0.3", "or more")
 
 

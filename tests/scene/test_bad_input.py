@@ -36,28 +36,34 @@ def test_no_spacing_suggests_one_that_works():
     assert 1e3 < ck.explain(sphere_scene(), suggested).unknowns < 1e5
 
 
-def test_a_spacing_beyond_the_machines_memory(monkeypatch):
+FORMS = pytest.mark.parametrize("form", ["collocation", "galerkin"])
+
+
+@FORMS
+def test_a_spacing_beyond_the_machines_memory(monkeypatch, form):
     monkeypatch.setattr(memory, "machine_bytes", lambda: 64 * 2**20)
     scene = sphere_scene()
     for call in (ck.solve, ck.explain):
         with pytest.raises(ck.ResolutionError) as error:
-            call(scene, 0.005)
+            call(scene, 0.005, form=form)
         one_sentence(error, "spacing=0.005 needs about", "GiB", "or more would fit")
     fits = float(str(error.value).partition("; spacing=")[2].split()[0])
-    assert ck.explain(scene, fits).bytes < 64 * 2**20
+    assert ck.explain(scene, fits, form=form).bytes < 64 * 2**20
 
 
-def test_an_absurdly_small_spacing_is_refused_at_once():
+@FORMS
+def test_an_absurdly_small_spacing_is_refused_at_once(form):
     with pytest.raises(ck.ResolutionError, match="would fit"):
-        ck.solve(sphere_scene(), 1e-9)
+        ck.solve(sphere_scene(), 1e-9, form=form)
 
 
-def test_a_spacing_that_is_coarser_than_the_surface():
+@FORMS
+def test_a_spacing_that_is_coarser_than_the_surface(form):
     for call in (ck.solve, ck.explain):
         with pytest.raises(ck.ResolutionError) as error:
-            call(sphere_scene(), 0.6)
+            call(sphere_scene(), 0.6, form=form)
         one_sentence(error, "spacing=0.6 is too coarse", "largest side is 2", "0.5 or less")
-    assert ck.solve(sphere_scene(), 0.5).report.converged
+    assert ck.solve(sphere_scene(), 0.5, form=form).report.converged
 
 
 @pytest.mark.parametrize("degree", [1, 6, 3.5])

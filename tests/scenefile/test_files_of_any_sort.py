@@ -10,6 +10,7 @@ import pytest
 import cpmkit as ck
 from cpmkit.files.data_files import find_file
 
+FORMS = pytest.mark.parametrize("form", ["collocation", "galerkin"])
 READERS = [
     ("mesh.polyline", {}),
     ("points", {}),
@@ -152,19 +153,21 @@ def test_positions_that_are_none_are_refused(value):
 
 
 @pytest.mark.parametrize("call", [ck.solve, ck.explain])
+@FORMS
 @pytest.mark.parametrize("spacing", [5e-324, 1e-300, 1e-13])
-def test_a_spacing_too_small_to_number_the_nodes_is_refused(call, spacing):
+def test_a_spacing_too_small_to_number_the_nodes_is_refused(call, spacing, form):
     with pytest.raises(ck.CpmkitError, match="spacing"):
-        call(ck.Scene(sphere(1.0), ck.ScreenedPoisson(1.0)), spacing)
+        call(ck.Scene(sphere(1.0), ck.ScreenedPoisson(1.0)), spacing, form=form)
 
 
 @pytest.mark.parametrize("far", [1.5e20, 1e12, 1e30])
 @pytest.mark.parametrize("call", [ck.solve, ck.explain])
-def test_one_vertex_far_away_is_refused_before_anything_is_allocated(call, far):
+@FORMS
+def test_one_vertex_far_away_is_refused_before_anything_is_allocated(call, far, form):
     corners = np.concatenate([CORNERS, [[0, 0, -far]]])
     mesh = ck.source("mesh.triangles", vertices=corners, faces=[[0, 1, 2], [0, 1, 4]])
     with pytest.raises(ck.ResolutionError, match=r"spacing=0\.25"):
-        call(ck.Scene(mesh, ck.ScreenedPoisson(1.0)), 0.25)
+        call(ck.Scene(mesh, ck.ScreenedPoisson(1.0)), 0.25, form=form)
 
 
 @pytest.mark.parametrize("value", [1e150, -1e308])

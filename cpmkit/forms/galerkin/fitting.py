@@ -5,24 +5,33 @@ from __future__ import annotations
 import numpy as np
 
 from cpmkit.errors import ResolutionError
-from cpmkit.grid.fitting import rounded_up, unknowns_at_one
+from cpmkit.grid.band import check_numbered
+from cpmkit.grid.fitting import SPARE_MEMORY_SHARE, rounded_up, unknowns_at_one
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.runtime.memory import memory_limit
+from cpmkit.runtime import memory
 
-#: At the peak of a solve, for each unknown: samples, their mesh, the matrix and coarser ones.
-BYTES_PER_UNKNOWN = 4000.0
-#: Unknowns of this form for each of a closest point band of the lowest degree, about; a band is counted by blocks.
-UNKNOWNS_OF_BAND_SHARE, BAND_DEGREE = 0.6, 2
-#: Entries of the factors of a surface's matrix: an unknown's, over the square root of their number (measured).
-FILL_FACTOR = 40.0
+#: At the peak of a solve, by the manifold's dimension: bytes for each unknown, of samples, their mesh, the matrix and
+#: coarser ones (measured on spheres, Dziuk's surface, Spot, circles and knots: 4900 to 5800, 1700 to 2900).
+BYTES_PER_UNKNOWN = {1: 2500.0, 2: 5200.0}
+#: The same beside factors: coarser matrices are not made then.
+BYTES_BESIDE_FACTORS = {1: 2500.0, 2: 4000.0}
+#: There are about as many unknowns as a closest point band of this degree has, counted by blocks (measured: sphere
+#: 1.00, circle .98, Dziuk's surface .94, Spot .88, a knot in space .66 of them).
+BAND_DEGREE = 2
+#: Entries of the factors for each unknown of a surface, over the cube root of the unknowns' number (measured).
+FILL_FACTOR = 45.0
 #: Bytes of such an entry.
 ENTRY_BYTES = 12
 #: A manifold of so many times its box's surface is thought possible before it is looked at.
 FOLDED_FACTOR = 10.0
+#: Unknowns for each square of the spacing on a surface, about, and more than those for each spacing on a curve.
+UNKNOWNS_PER_CELL = 4.5
+#: Rounds in which the number of unknowns whose factors fit is found: the error falls by 3 in each at least.
+FITTING_ROUNDS = 30
 
 
 def check_samples_fit(surface: LocalSource, spacing: float) -> None:
-    """Refuse a spacing whose samples and matrices need more memory than there is.
+    """Refuse a spacing whose samples and matrices need more memory than there is, or whose nodes cannot be numbered.
 
     The manifold is looked at only where a much folded one in its box would not fit.
 
@@ -31,31 +40,56 @@ def check_samples_fit(surface: LocalSource, spacing: float) -> None:
     ResolutionError
         With the spacing that would fit.
     """
-    limit, m = memory_limit(), surface.largest_dim
+    check_numbered(surface.bounds, spacing)
+    m = surface.largest_dim
     sides = np.sort(np.ptp(surface.bounds, axis=0)) / spacing
-    if FOLDED_FACTOR * 4.5 * float(np.prod(sides[-m:])) * BYTES_PER_UNKNOWN <= limit.bytes:
-        return
-    at_one = UNKNOWNS_OF_BAND_SHARE * unknowns_at_one(surface, BAND_DEGREE)
-    unknowns = at_one / spacing**m
-    if unknowns * BYTES_PER_UNKNOWN > limit.bytes:
-        fits = rounded_up((at_one * BYTES_PER_UNKNOWN / limit.bytes) ** (1 / m))
-        raise ResolutionError(
-            f"spacing={spacing:g} needs about {unknowns:.2g} unknowns and {unknowns * BYTES_PER_UNKNOWN / 2**30:.3g} "
-            f"GiB, and {limit}; spacing={fits:g} or more would fit."
-        )
+    most = FOLDED_FACTOR * UNKNOWNS_PER_CELL * float(np.prod(sides[-m:]))
+    if peak_bytes(most, m) > memory.available_bytes():
+        check_unknowns_fit(surface, expected_unknowns(surface, spacing), spacing)
 
 
-def check_factors_fit(unknowns: int, manifold_dim: int) -> None:
-    """Refuse a factorisation that needs more memory than there is.
+def check_unknowns_fit(surface: LocalSource, unknowns: float, spacing: float, solver: str = "multigrid") -> None:
+    """Refuse a solve of so many unknowns by a solver if it needs more memory than there is.
 
     Raises
     ------
     ResolutionError
-        With the solver that needs less.
+        With the spacing that would fit, and the solver that needs less.
     """
-    limit = memory_limit()
-    needed = ENTRY_BYTES * FILL_FACTOR * unknowns ** (1.5 if manifold_dim > 1 else 1.0)
+    needed, limit = peak_bytes(unknowns, surface.largest_dim, solver), memory.memory_limit()
     if needed > limit.bytes:
+        fits = fitting_spacing(surface, limit.bytes, solver)
+        direct = solver == "direct"
         raise ResolutionError(
-            f"factors of {unknowns} unknowns need about {needed / 2**30:.3g} GiB, and {limit}; use solver='multigrid'."
+            f"spacing={spacing:g} needs about {unknowns:.2g} unknowns and {needed / 2**30:.3g} GiB"
+            f"{' with the solver ' + repr(solver) if direct else ''}, and {limit}; spacing={fits:g} or more would fit"
+            f"{other_solver_hint(solver)}."
         )
+
+
+def expected_unknowns(surface: LocalSource, spacing: float) -> float:
+    """Return about how many unknowns there are at a spacing."""
+    return unknowns_at_one(surface, BAND_DEGREE) / spacing**surface.largest_dim
+
+
+def peak_bytes(unknowns: float, manifold_dim: int, solver: str = "multigrid") -> float:
+    """Return about how many bytes a solve of so many unknowns needs at its peak."""
+    if solver != "direct":
+        return unknowns * BYTES_PER_UNKNOWN[manifold_dim]
+    # the factors of a curve's matrix are a share of what is beside them
+    factors = ENTRY_BYTES * FILL_FACTOR * unknowns ** (1 / 3) if manifold_dim > 1 else 0.0
+    return unknowns * (BYTES_BESIDE_FACTORS[manifold_dim] + factors)
+
+
+def fitting_spacing(surface: LocalSource, available: int, solver: str = "multigrid") -> float:
+    """Return a spacing, rounded up to two digits, at which a solve fits into so many bytes."""
+    m, room = surface.largest_dim, (1 - SPARE_MEMORY_SHARE) * max(available, 1)
+    unknowns = 1.0
+    for _ in range(FITTING_ROUNDS):
+        unknowns = max(room * unknowns / peak_bytes(unknowns, m, solver), 1.0)
+    return rounded_up((expected_unknowns(surface, 1.0) / unknowns) ** (1 / m))
+
+
+def other_solver_hint(solver: str) -> str:
+    """Return what else would fit where the direct solver is too large, as the end of a sentence."""
+    return ", or solver='multigrid'" if solver == "direct" else ""

@@ -16,7 +16,7 @@ from cpmkit.forms.galerkin.conditions.crossings import of_crossings, of_tips
 from cpmkit.forms.galerkin.conditions.held import held
 from cpmkit.forms.galerkin.conditions.terms import ConditionTerms, condition_terms
 from cpmkit.forms.galerkin.facing import Turned, turned
-from cpmkit.forms.galerkin.fitting import check_factors_fit
+from cpmkit.forms.galerkin.fitting import check_unknowns_fit
 from cpmkit.forms.galerkin.hierarchy.levels import levels_of
 from cpmkit.forms.galerkin.locating import DIFFERENCE_SPACINGS
 from cpmkit.forms.galerkin.options import GalerkinOptions
@@ -106,7 +106,7 @@ class Galerkin(Reader):
 
     def check_factor_fits(self) -> None:
         """Refuse a factorisation that the memory of this process cannot hold."""
-        check_factors_fit(self.size, self.sampled.mesh.manifold_dim)
+        check_unknowns_fit(self.sampled.surface, self.size, self.spacing, "direct")
 
     def restated(self, scene: Scene) -> Galerkin:
         """Return the same splines for a scene that differs in its equation and its data alone."""
