@@ -17,14 +17,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from cpmkit.forms.galerkin.conditions.one_side import PENALTY, doubled, scaled
+from cpmkit.forms.galerkin.conditions.one_side import doubled, scaled
 from cpmkit.protocols import Floats
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-#: Of the penalty, on continuations of boundaries past their tips: zero flux on a slit is read off a third better.
-SEAM_PENALTY = 0.5 * PENALTY
+#: The penalty between two sides, and that on continuations of boundaries past their tips: there zero flux on a slit is
+#: read off a third better with half of it.
+COUPLING_PENALTY = 40.0
+SEAM_PENALTY = 0.5 * COUPLING_PENALTY
 
 
 @dataclass(frozen=True, eq=False)

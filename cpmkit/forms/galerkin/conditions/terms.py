@@ -12,8 +12,8 @@ import numpy as np
 from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples
 from cpmkit.forms.galerkin.conditions.coefficients import beside, given, local_widths
 from cpmkit.forms.galerkin.conditions.held import Held
-from cpmkit.forms.galerkin.conditions.interface import SEAM_PENALTY, OneSideRows, interface
-from cpmkit.forms.galerkin.conditions.one_side import PENALTY, doubled, one_side, scaled
+from cpmkit.forms.galerkin.conditions.interface import COUPLING_PENALTY, SEAM_PENALTY, OneSideRows, interface
+from cpmkit.forms.galerkin.conditions.one_side import doubled, one_side, scaled
 from cpmkit.forms.galerkin.conditions.state_flux import BoundaryFlux, tangent
 from cpmkit.grid.lattice import Lattice
 from cpmkit.protocols import Bools, Floats, Ints
@@ -132,7 +132,7 @@ class ConditionTerms:
         rows = stacked([one.rows for _, one in laws], np.int64), stacked([one.across for _, one in laws], np.int64)
         sides = [OneSideRows(self.a[side], self.widths[side], self.values[side], self.slopes[side]) for side in rows]
         resistance = stacked([np.full(len(one.rows), law.resistance) for law, one in laws])
-        penalty = stacked([np.full(len(one.rows), SEAM_PENALTY if one.seam else PENALTY) for _, one in laws])
+        penalty = stacked([np.full(len(one.rows), SEAM_PENALTY if one.seam else COUPLING_PENALTY) for _, one in laws])
         matrix, *by = interface(sides[0], sides[1], resistance, self.samples.weights[rows[0]], penalty)
         where = [self._where(one.rows) for _, one in laws]
         jumps = [(law.jump, at, f"the jump of {one.what}") for (law, one), at in zip(laws, where, strict=True)]
