@@ -36,10 +36,11 @@ def test_points_far_away_are_moved_without_rounding():
     assert (near.closest_point(np.zeros((1, 3))).distance == 1.0).all()
 
 
-def test_dirichlet_points_hold_their_value():
+@pytest.mark.parametrize("form", ["collocation", "galerkin"])
+def test_dirichlet_points_hold_their_value(form):
     sphere, ends = ck.source("analytic.sphere"), np.array([[0.6, 0.0, 0.8], [0.0, 0.8, -0.6], [-1.0, 0.0, 0.0]])
     pins = ck.Boundary("pins", points(at=ends), both=ck.Dirichlet(lambda p: p[:, 0] + 2.0))
-    solution = ck.solve(ck.Scene(sphere, ck.ScreenedPoisson(lambda p: 3 * p[:, 0] + 2.0), [pins]), 0.1)
+    solution = ck.solve(ck.Scene(sphere, ck.ScreenedPoisson(lambda p: 3 * p[:, 0] + 2.0), [pins]), 0.1, form=form)
     assert np.abs(solution.evaluate(ends) - ends[:, 0] - 2.0).max() < 5e-3
 
 

@@ -12,6 +12,7 @@ from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.protocols import SIDES, Bools, Floats, Ints
+from cpmkit.runtime.arrays import whole
 from cpmkit.scene.alike import same_condition
 from cpmkit.scene.condition import Condition
 from cpmkit.scene.laws import Flux, Interface, Law, Mixed, Nonlinear, Spectral, Value, beta_at, is_zero_neumann
@@ -39,6 +40,8 @@ class Held:
         Of a law that couples sides, the samples at the same points on the right; else none.
     seam : bool
         Whether it lies past a tip, where u goes on.
+    kind : str
+        What the condition is called.
     """
 
     law: Law
@@ -46,6 +49,7 @@ class Held:
     rows: Ints
     across: Ints
     seam: bool = False
+    kind: str = ""
 
     @property
     def ties(self) -> bool:
@@ -59,8 +63,10 @@ class Held:
 
 
 def needs_rims(scene: Scene) -> bool:
-    """Tell whether a scene's edge holds anything but zero flux, which no sample has to say."""
-    return not all(is_zero_neumann(one.law) for one in scene.edge_conditions)
+    """Tell whether a scene's edge holds anything but zero flux, which no sample has to say, or names its loops."""
+    return (isinstance(scene.edge, Mapping) and bool(scene.edge)) or not all(
+        is_zero_neumann(one.law) for one in scene.edge_conditions
+    )
 
 
 def held(
@@ -94,7 +100,9 @@ def held(
     for one in found:
         where = lattice.to_scene(samples.points[one.rows])
         if isinstance(one.law, Mixed) and not np.any(beta_at(one.law, where, one.what)):
-            raise InputError(f"beta of {one.what} is zero at all {len(where)} points; use Neumann.")
+            raise InputError(
+                f"beta of {one.kind.capitalize()} of {one.what} is zero at all {len(where)} points; use Neumann."
+            )
     return tuple(found)
 
 
@@ -109,12 +117,12 @@ def _on_boundaries(scene: Scene, samples: BoundarySamples, left: Bools, lattice:
         if np.any(samples.half[on] < 0):
             _check_point(what, conditions)
         if conditions[0].couples:
-            yield Held(conditions[0].law, what, *_facing(what, samples, left, on, lattice))
+            yield Held(conditions[0].law, what, *_facing(what, samples, left, on, lattice), kind=conditions[0].kind)
         elif same_condition(*conditions):
-            yield Held(conditions[0].law, what, np.flatnonzero(on), none)
+            yield Held(conditions[0].law, what, np.flatnonzero(on), none, kind=conditions[0].kind)
         else:
             for condition, side in zip(conditions, (left, ~left), strict=True):
-                yield Held(condition.law, what, np.flatnonzero(on & side), none)
+                yield Held(condition.law, what, np.flatnonzero(on & side), none, kind=condition.kind)
 
 
 def _check_point(what: str, conditions: list[Condition]) -> None:
@@ -155,21 +163,23 @@ def _on_rims(scene: Scene, samples: BoundarySamples, surface: LocalSource, latti
     if not needs_rims(scene):
         return
     rows, none = np.flatnonzero(samples.owner < 0), np.zeros(0, dtype=np.int64)
-    if not len(rows):
-        raise SceneError("`edge` gives a condition, which the manifold has not: it is closed; leave it out.")
     if not isinstance(scene.edge, Mapping):
-        yield Held(scene.edge.law, EDGE_CONDITION, rows, none)
+        if not len(rows):
+            raise SceneError("`edge` gives a condition, which the manifold has not: it is closed; leave it out.")
+        yield Held(scene.edge.law, EDGE_CONDITION, rows, none, kind=scene.edge.kind)
         return
     loop_of = _loops(samples.take(rows), surface, lattice.spacing)
     loops = np.unique(loop_of).tolist()
-    missing = sorted(set(scene.edge) - set(loops))
+    missing = sorted({whole(loop, "a key of `edge`, the number of a loop,") for loop in scene.edge} - set(loops))
     if missing:
+        named = f"its loops are {', '.join(map(str, loops))}" if loops else "it is closed"
         raise SceneError(
-            f"`edge` gives a condition for loop {missing[0]}, which the manifold has not: its loops are "
-            f"{', '.join(map(str, loops))}; leave it out, or correct the number."
+            f"`edge` gives a condition for loop {missing[0]}, which the manifold has not: {named}; leave it out, or "
+            "correct the number."
         )
     for loop in loops:
-        yield Held(edge_condition(scene.edge, loop).law, EDGE_CONDITION, rows[loop_of == loop], none)
+        condition = edge_condition(scene.edge, loop)
+        yield Held(condition.law, EDGE_CONDITION, rows[loop_of == loop], none, kind=condition.kind)
 
 
 def _loops(samples: BoundarySamples, surface: LocalSource, spacing: float) -> Ints:
@@ -208,5 +218,6 @@ def point_warnings(scene: Scene, samples: BoundarySamples) -> tuple[str, ...]:
         return ()
     return (
         f"Boundary {', '.join(map(repr, pins))}: a point of a surface is too small for the equation to feel a value "
-        "there beside other conditions: it acts as a hole of a third of the spacing; use a small circle instead.",
+        "there beside other conditions; what comes out depends on the spacing, as with a hole of a third of it; use a "
+        "small circle instead.",
     )

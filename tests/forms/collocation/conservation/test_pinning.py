@@ -133,19 +133,20 @@ def test_a_factor_of_u_pins_everything(problem):
     assert solution.evaluate([[0, 0, 1.0]]) == pytest.approx([2.0 / c], abs=1e-8)
 
 
-def test_two_point_values_on_a_surface_are_warned_of():
+@pytest.mark.parametrize("form", ["collocation", "galerkin"])
+def test_two_point_values_on_a_surface_are_warned_of(form):
     def pins(*positions):
         return [
             ck.Boundary(f"pin {k}", ck.source("analytic.point", at=at), both=ck.Dirichlet(float(k)))
             for k, at in enumerate(positions)
         ]
 
-    assert not ck.solve(scene(*pins([0, 0, 1.0])), 0.15, form="collocation").warnings
-    (warning,) = ck.solve(scene(*pins([0, 0, 1.0], [1.0, 0, 0])), 0.15).warnings
+    assert not ck.solve(scene(*pins([0, 0, 1.0])), 0.15, form=form).warnings
+    (warning,) = ck.solve(scene(*pins([0, 0, 1.0], [1.0, 0, 0])), 0.15, form=form).warnings
     assert "'pin 0', 'pin 1'" in warning
     assert "depends on the spacing" in warning
     ring = circle("ring", -0.5, both=ck.Dirichlet(3.0))
-    (warning,) = ck.solve(scene(ring, *pins([0, 0, 1.0])), 0.15).warnings
+    (warning,) = ck.solve(scene(ring, *pins([0, 0, 1.0])), 0.15, form=form).warnings
     assert warning.startswith("Boundary 'pin 0': ")
     cuts = pins([1.0, 0], [0, 1.0])
-    assert not ck.solve(scene(*cuts, surface=ck.source("analytic.circle")), 0.05).warnings
+    assert not ck.solve(scene(*cuts, surface=ck.source("analytic.circle")), 0.05, form=form).warnings

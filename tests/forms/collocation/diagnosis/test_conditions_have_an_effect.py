@@ -12,35 +12,41 @@ CIRCLE = ck.source("analytic.circle")
 ARC = ck.source("analytic.arc", start=0.3, end=2.7)
 
 
+FORMS = pytest.mark.parametrize("form", ["collocation", "galerkin"])
+
+
 def nothing(x):
     return 0 * x[:, 0]
 
 
+@FORMS
 @pytest.mark.parametrize("edge", [ck.Dirichlet(5.0), {0: ck.Dirichlet(5.0)}, {7: ck.Neumann()}, ck.Neumann(1.0)])
-def test_a_condition_on_the_edge_of_a_closed_curve_is_refused(edge):
+def test_a_condition_on_the_edge_of_a_closed_curve_is_refused(edge, form):
     scene = ck.Scene(CIRCLE, ck.ScreenedPoisson(1.0), edge=edge)
     for ask in (ck.solve, ck.explain):
         with pytest.raises(ck.SceneError, match=r"which the manifold has not: it is closed; leave it out"):
-            ask(scene, 0.1)
+            ask(scene, 0.1, form=form)
 
 
+@FORMS
 @pytest.mark.parametrize("edge", [ck.Neumann(), ck.Neumann(0.0), {}])
-def test_a_wall_on_the_edge_of_a_closed_curve_is_fine(edge):
-    assert ck.solve(ck.Scene(CIRCLE, ck.ScreenedPoisson(1.0), edge=edge), 0.2, form="collocation").evaluate(
+def test_a_wall_on_the_edge_of_a_closed_curve_is_fine(edge, form):
+    assert ck.solve(ck.Scene(CIRCLE, ck.ScreenedPoisson(1.0), edge=edge), 0.2, form=form).evaluate(
         [[1, 0]]
     ) == pytest.approx(1.0)
 
 
-def test_a_loop_that_is_not_there_is_refused_by_its_number():
+@FORMS
+def test_a_loop_that_is_not_there_is_refused_by_its_number(form):
     edge = {0: ck.Dirichlet(5.0), 1: ck.Neumann(), 7: ck.Neumann()}
     with pytest.raises(ck.SceneError, match=r"loop 7, which the manifold has not: its loops are 0, 1"):
-        ck.solve(ck.Scene(ARC, ck.Laplace(), edge=edge), 0.1, form="collocation")
+        ck.solve(ck.Scene(ARC, ck.Laplace(), edge=edge), 0.1, form=form)
     for key in ("7", -1, 1.5):
         with pytest.raises(ck.InputError, match="a key of `edge`, the number of a loop, must be a whole number"):
             ck.solve(
                 ck.Scene(ARC, ck.Laplace(), edge={0: ck.Dirichlet(5.0), 1: ck.Neumann(), key: ck.Neumann()}),
                 0.1,
-                form="collocation",
+                form=form,
             )
 
 
@@ -63,14 +69,15 @@ def test_what_is_no_condition_of_an_edge_is_refused(edge):
         ck.Scene(ARC, ck.Laplace(), edge=edge)
 
 
+@FORMS
 @pytest.mark.parametrize("sides", [("both",), ("left", "right")])
-def test_a_beta_that_vanishes_everywhere_is_refused(sides):
+def test_a_beta_that_vanishes_everywhere_is_refused(sides, form):
     robin = ck.Robin(1.0, nothing, 1.0)
     cut = ck.Boundary("cut", ck.source("analytic.point", at=[1, 0]), **dict.fromkeys(sides, robin))
     with pytest.raises(ck.InputError, match=r"beta of Robin of boundary 'cut' is zero at all \d+ points; use Neumann"):
-        ck.solve(ck.Scene(CIRCLE, ck.ScreenedPoisson(1.0), [cut]), 0.1, form="collocation")
+        ck.solve(ck.Scene(CIRCLE, ck.ScreenedPoisson(1.0), [cut]), 0.1, form=form)
     with pytest.raises(ck.InputError, match=r"beta of Robin of the edge's condition is zero"):
-        ck.solve(ck.Scene(ARC, ck.ScreenedPoisson(1.0), edge={0: robin, 1: ck.Neumann()}), 0.1)
+        ck.solve(ck.Scene(ARC, ck.ScreenedPoisson(1.0), edge={0: robin, 1: ck.Neumann()}), 0.1, form=form)
 
 
 def test_a_beta_that_vanishes_at_one_end_alone_pins_nothing_there():

@@ -227,7 +227,7 @@ def test_conductivities_are_those_of_the_problem():
 
 def test_robin_with_nothing_of_u_is_refused():
     nothing = ck.Boundary("cut", ring(CUT), both=ck.Robin(1.0, lambda x: 0 * x[:, 0]))
-    with pytest.raises(InputError, match="beta of boundary 'cut' is zero"):
+    with pytest.raises(InputError, match="beta of Robin of boundary 'cut' is zero"):
         plain(ck.Scene(SURFACE, ck.Laplace(), [nothing]))
 
 
