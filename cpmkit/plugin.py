@@ -57,6 +57,7 @@ if TYPE_CHECKING:
     from cpmkit.protocols import ClosestPointSource as ClosestPointSource
     from cpmkit.protocols import Floats as Floats
     from cpmkit.protocols import HasAdvice as HasAdvice
+    from cpmkit.protocols import HasFiniteFeet as HasFiniteFeet
     from cpmkit.protocols import HasLeft as HasLeft
     from cpmkit.protocols import HasLocalMinima as HasLocalMinima
     from cpmkit.protocols import HasManyEdges as HasManyEdges
@@ -115,8 +116,8 @@ _NAMES = {
     },
     "Abilities of sources": {
         "protocols": (
-            "Advice HasAdvice HasLeft HasLocalMinima HasManyEdges HasMembers HasMesh HasNormals HasTangents "
-            "HasTranslation HasValues NamesLeft"
+            "Advice HasAdvice HasFiniteFeet HasLeft HasLocalMinima HasManyEdges HasMembers HasMesh HasNormals "
+            "HasTangents HasTranslation HasValues NamesLeft"
         ),
     },
     "Errors": {

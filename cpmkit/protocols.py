@@ -248,6 +248,15 @@ class HasManyEdges(Protocol):
         """A multiple of 1000 that all numbers in ``edge`` are below: a union numbers the next member's on from it."""
 
 
+@runtime_checkable
+class HasFiniteFeet(Protocol):
+    """A source whose feet are finitely many points, which stand for a manifold: nothing can be integrated over it."""
+
+    @property
+    def foot_count(self) -> int:
+        """How many points there are."""
+
+
 @dataclass(frozen=True)
 class Advice:
     """What a reader of a solution should know of the source.
@@ -255,14 +264,23 @@ class Advice:
     Attributes
     ----------
     floor : float
-        The error that the source alone leaves in a solution, as a share of its range: a mesh, a cloud or samples on a
-        grid stand for a smooth manifold only to some accuracy. 0 where the source states none.
+        The error that the source alone leaves in a solution by the form ``collocation``, as a share of its range: a
+        mesh, a cloud or samples on a grid stand for a smooth manifold only to some accuracy. 0 where the source states
+        none.
     warnings : tuple of str
-        One sentence for each thing that may spoil a solution: creases, merged or doubtful samples.
+        One sentence for each thing that may spoil a solution: merged or doubtful samples, what was put right.
+    integral_floor : float, optional
+        The same floor by the form ``galerkin``, whose integrals over the manifold feel its slopes less than closest
+        points do from some way off. None where it is about the same.
+    closest_point_warnings : tuple of str
+        What may spoil a solution by the form ``collocation`` beside: places, as creases, near which closest points
+        jump.
     """
 
     floor: float = 0.0
     warnings: tuple[str, ...] = ()
+    integral_floor: float | None = None
+    closest_point_warnings: tuple[str, ...] = ()
 
 
 @runtime_checkable

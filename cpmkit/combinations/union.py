@@ -141,10 +141,21 @@ class Union:
         """What all numbers of edges are below."""
         return self.first_edges[-1]
 
+    @property
+    def _foot_count(self) -> int:
+        """How many points the members' feet are among."""
+        return sum(member.foot_count for member in self.members)
+
     def _advice(self, spacing: float, /) -> Advice:
         """Return what all members have to say at this spacing, and the largest of their floors."""
         told = [advice_of(member, spacing) for member in self.members]
-        return Advice(max(one.floor for one in told), tuple(text for one in told for text in one.warnings))
+        integral = [one.floor if one.integral_floor is None else one.integral_floor for one in told]
+        return Advice(
+            max(one.floor for one in told),
+            tuple(text for one in told for text in one.warnings),
+            max(integral),
+            tuple(text for one in told for text in one.closest_point_warnings),
+        )
 
 
 def union(*, members: Sequence[ClosestPointSource]) -> Any:

@@ -42,13 +42,14 @@ def explained(scene: Scene, asked: Options[GalerkinOptions], solver: str, progre
     chosen = choose_solver(solver, round(counts["unknowns"]), surface.largest_dim, factor, form.multigrid)
     if chosen == "direct":  # what others need was checked before
         check_unknowns_fit(surface, counts["unknowns"], asked.spacing, chosen)
+    advice = advice_of(scene.surface, asked.spacing)
     return Explanation(
         (*_parts(scene, form, counts, asked), solver_part(scene, chosen, solver)),
         _left_out(scene),
         round(counts["unknowns"]),
         round(counts["queries"]),
         round(peak_bytes(counts["unknowns"], surface.largest_dim, chosen)),
-        advice_of(scene.surface, asked.spacing).floor,
+        advice.floor if advice.integral_floor is None else advice.integral_floor,
         chosen,
         exact,
         told=form.warnings() if exact else (),

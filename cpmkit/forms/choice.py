@@ -11,6 +11,7 @@ from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.options import AUTO, Options
 from cpmkit.grid.fitting import needed_spacing
+from cpmkit.manifold.abilities import has_finite_feet
 from cpmkit.manifold.local_source import largest_dim
 from cpmkit.runtime.declared import Declared, Option, declared, take
 from cpmkit.scene.scene import Scene
@@ -61,6 +62,8 @@ def choose_form(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
         return "collocation", "the manifold has parts of several dimensions"
     if largest_dim(surface) in (0, surface.dim):
         return "collocation", "the manifold is neither a curve nor a surface"
+    if has_finite_feet(surface):
+        return "collocation", "closest points are single samples, over which nothing can be integrated"
     if family not in GALERKIN_FAMILIES or scene.problem.terms().velocity is not None or kind in NOT_YET_GALERKIN:
         return "collocation", f"the form 'galerkin' does not yet carry {kind!r}"
     if any(one.order is not None for one in scene.conditions):

@@ -21,6 +21,7 @@ from cpmkit.protocols import (
     ClosestPointSource,
     Floats,
     HasAdvice,
+    HasFiniteFeet,
     HasLeft,
     HasLocalMinima,
     HasManyEdges,
@@ -111,6 +112,9 @@ ABILITIES: Mapping[type, Passing] = {
         solid="what several members enclose is one solid, holes and all",
     ),
     HasManyEdges: Passing(moved=shared, union=always, trimmed=shared, solid=always),
+    HasFiniteFeet: Passing(
+        moved=shared, union=shared, trimmed=shared, solid="a solid's feet inside are the queries themselves"
+    ),
     HasAdvice: Passing(moved=always, union=always, trimmed=always, solid=always),
 }
 
@@ -187,6 +191,11 @@ class Wrapper:
         """What all numbers of edges are below."""
         return edge_limit_of(self.of)
 
+    @property
+    def _foot_count(self) -> int:
+        """How many points all feet of what is wrapped are among."""
+        return int(self.of.foot_count)
+
     def _advice(self, spacing: float, /) -> Advice:
         """Return what the source that is wrapped has to say at this spacing."""
         return advice_of(self.of, spacing)
@@ -204,6 +213,12 @@ def local_minima_of(source: ClosestPointSource, x: Floats, radius: float) -> tup
 def advice_of(source: object, spacing: float) -> Advice:
     """Return what ``source`` says of itself at ``spacing``: no warnings and no floor where it says nothing."""
     return source.advice(spacing) if isinstance(source, HasAdvice) else Advice()
+
+
+def has_finite_feet(source: object) -> bool:
+    """Whether feet on ``source``, or on a member of it, are finitely many points that stand for a manifold."""
+    members = source.members if isinstance(source, HasMembers) else (source,)
+    return any(isinstance(member, HasFiniteFeet) for member in members)
 
 
 def edge_limit_of(source: object) -> int:

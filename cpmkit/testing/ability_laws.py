@@ -8,6 +8,7 @@ from cpmkit.manifold.abilities import ABILITIES
 from cpmkit.protocols import (
     Floats,
     HasAdvice,
+    HasFiniteFeet,
     HasMesh,
     HasNormals,
     HasTangents,
@@ -95,12 +96,20 @@ def check_advice(subject: Subject) -> None:
     """Each warning is one sentence, a string that ends with its only full stop; the floor is finite, not negative."""
     for share in (0.5, 0.05, 0.005):
         advice = subject.source.advice(share * subject.size)
-        for warning in advice.warnings:
+        for warning in (*advice.warnings, *advice.closest_point_warnings):
             require(isinstance(warning, str), f"A warning is {warning!r}, not a string.")
             whole = warning.endswith(".") and warning == warning.strip() and ". " not in warning
             require(whole, f"The warning {warning!r} is not one sentence that ends with a full stop.")
         require(isinstance(advice.floor, float), f"The floor is {advice.floor!r}, not a float.")
-        require(np.isfinite(advice.floor) and advice.floor >= 0, f"The floor is {advice.floor}.")
+        for floor in (advice.floor, advice.integral_floor or 0.0):
+            require(np.isfinite(floor) and floor >= 0, f"The floor is {floor}.")
+
+
+@query_law("near", HasFiniteFeet)
+def check_finite_feet(subject: Subject, x: Floats) -> None:
+    """There are no more feet than it states."""
+    feet, count = np.unique(subject.source.closest_point(x).points, axis=0), subject.source.foot_count
+    require(len(feet) <= count, f"There are {len(feet)} feet at least, not {count}.")
 
 
 @law(HasTranslation)

@@ -22,7 +22,7 @@ class Able:
     center: np.ndarray
     radius: float = 1.0
 
-    dim, manifold_dim, exact, value_count, edge_limit = 2, 1, True, 2, 3000
+    dim, manifold_dim, exact, value_count, edge_limit, foot_count = 2, 1, True, 2, 3000, 7
 
     @property
     def bounds(self):
@@ -63,7 +63,8 @@ class Able:
         return replace(self, center=self.center + offset)
 
     def advice(self, spacing, /):
-        return protocols.Advice(1e-3 * spacing, (f"The circle was asked at {spacing:g}.",))
+        asked = f"The circle was asked at {spacing:g}."
+        return protocols.Advice(1e-3 * spacing, (asked,), 1e-4 * spacing, (asked,))
 
     @property
     def members(self):
@@ -151,7 +152,9 @@ def test_warnings_and_floors_are_asked_at_the_spacing_of_the_source(kind):
     source, _, _, scale = made(kind)
     advice = source.advice(0.1)
     assert advice.floor == pytest.approx(1e-4 / scale)
-    assert advice.warnings[-1] == f"The circle was asked at {0.1 / scale:g}."
+    assert advice.integral_floor == pytest.approx(1e-5 / scale)
+    for told in (advice.warnings, advice.closest_point_warnings):
+        assert told[-1] == f"The circle was asked at {0.1 / scale:g}."
 
 
 @pytest.mark.parametrize("kind", ["moved", "union"])
@@ -171,7 +174,8 @@ def test_a_wrapper_has_no_more_than_its_sources_and_a_mixed_union_leaves_directi
         assert {protocols.HasNormals, protocols.HasMesh, protocols.HasTranslation} <= has
     mixed, alike = (ck.source("union", members=[FIRST, one]) for one in (point, SECOND))
     lost = {ability for ability in ABILITIES if isinstance(alike, ability) > isinstance(mixed, ability)}
-    assert lost == {protocols.HasNormals, protocols.HasTangents, protocols.HasLeft, protocols.HasLocalMinima}
+    directions = {protocols.HasNormals, protocols.HasTangents, protocols.HasLeft}
+    assert lost == {*directions, protocols.HasLocalMinima, protocols.HasFiniteFeet}
 
 
 def test_members_move():

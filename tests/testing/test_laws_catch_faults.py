@@ -342,7 +342,12 @@ class OddLimit(Circle):
     edge_limit = 1001
 
 
+class TwoFeet(Circle):
+    foot_count = 2
+
+
 FAULTS = {
+    "finite_feet": [TwoFeet],
     "left": [LeftAlongTheCurve, PointOnTheRight],
     "edge_limit": [ThousandthEdge, OddLimit],
     "statement": [FlatBounds],

@@ -31,6 +31,7 @@ from cpmkit.forms.galerkin.telling import TURNED_SHARE, of_space, of_turning
 from cpmkit.forms.options import Options
 from cpmkit.linear.levels import Level
 from cpmkit.linear.operators import Border, CsrOperator
+from cpmkit.manifold.abilities import advice_of, has_finite_feet
 from cpmkit.manifold.tangent_space import project_tangent
 from cpmkit.protocols import Floats, Operator, Progress, Stiffness, no_progress
 from cpmkit.scene.data import Data
@@ -293,9 +294,11 @@ class Galerkin(Reader):
     def _told(self) -> tuple[str, ...]:
         one, parting = self.sampled, self.space.parting
         cuts = parting.patch[one.interior :]
+        source = advice_of(one.surface.source, one.lattice.spacing).warnings
+        rounding = one.lattice.lost_digits(one.surface.bounds, not one.surface.shift.any())
         at_points = [text for tell in (of_crossings, of_tips) for text in tell(self.scene, one.mesh, one.lattice)]
-        told = (*one.told, *at_points)
-        return (*told, *of_space(parting, pieces(parting), one.lattice, cuts), *of_turning(self.turned, one.lattice))
+        resolved = (*of_space(parting, pieces(parting), one.lattice, cuts), *of_turning(self.turned, one.lattice))
+        return (*source, *rounding, *one.told, *at_points, *resolved)
 
     @cached_property
     def turned(self) -> Turned:
@@ -360,6 +363,11 @@ def check(scene: Scene, options: Options[GalerkinOptions]) -> None:
         raise SceneError(
             f"the form {options.form!r} takes curves and surfaces of one dimension, got a manifold of dimension "
             f"{surface.manifold_dim} in {surface.dim}D; use form='collocation'."
+        )
+    if has_finite_feet(surface):
+        raise SceneError(
+            f"the form {options.form!r} integrates over the manifold, and closest points on this one are single "
+            "samples; fit a surface to them, or use form='collocation'."
         )
 
 

@@ -36,10 +36,16 @@ ROUNDED_CREASE_SPACINGS = 1.5
 MEETING_PIECES_SPACINGS = 0.5
 
 
-def mesh_warnings(mesh: TriangleMesh, spacing: float) -> tuple[str, ...]:
-    """Return one sentence for each thing found, places in the user's coordinates."""
+def mesh_warnings(mesh: TriangleMesh) -> tuple[str, ...]:
+    """Return what was changed in a mesh, and how many pieces it has, places in the user's coordinates."""
+    count = int(pieces(mesh.faces, mesh.adjacency).max()) + 1
+    apart = [f"The mesh has {count} pieces that share no edge; each is solved by itself."] if count > 1 else []
+    return (*mesh.notes, *apart)
+
+
+def closest_point_warnings(mesh: TriangleMesh, spacing: float) -> tuple[str, ...]:
+    """Return one sentence for each sort of places near which closest points jump, places in the user's coordinates."""
     return (
-        *mesh.notes,
         *_meeting_pieces_sentences(mesh, spacing),
         *_crease_sentences(mesh, spacing),
         *_crowded_edge_sentences(mesh, spacing),
@@ -48,17 +54,13 @@ def mesh_warnings(mesh: TriangleMesh, spacing: float) -> tuple[str, ...]:
 
 def _meeting_pieces_sentences(mesh: TriangleMesh, spacing: float) -> list[str]:
     piece = pieces(mesh.faces, mesh.adjacency)
-    count = int(piece.max()) + 1
-    if count == 1:
-        return []
     meeting = closest_meeting(mesh.vertices, mesh.faces, piece, MEETING_PIECES_SPACINGS * spacing)
     if meeting is None:
-        return [f"The mesh has {count} pieces that share no edge; each is solved by itself."]
+        return []
     return [
-        f"The mesh has {count} pieces that share no edge, and some meet or pass through each other: near "
-        f"{place(meeting.place - mesh.shift)} two are {meeting.distance / spacing:.1g} spacings apart; closest points "
-        "mix them there, and the solution may be off by tens of percent nearby; join them into one, or solve on them "
-        "one by one."
+        f"Pieces of the mesh meet or pass through each other: near {place(meeting.place - mesh.shift)} two are "
+        f"{meeting.distance / spacing:.1g} spacings apart; closest points mix them there, and the solution may be off "
+        "by tens of percent nearby; join them into one, or solve on them one by one."
     ]
 
 

@@ -24,10 +24,10 @@ from cpmkit_mesh.engines import Search, search_with
 from cpmkit_mesh.feet import VertexPatches, distinct, local_minima, patches, with_nearest
 from cpmkit_mesh.folds import Folds, folds
 from cpmkit_mesh.smooth import SmoothPart, follow_normals, smooth_part
-from cpmkit_mesh.soundness import mesh_warnings
+from cpmkit_mesh.soundness import closest_point_warnings, mesh_warnings
 from cpmkit_mesh.topology import FIRST_BOUNDARY, Topology
 from cpmkit_mesh.tree import Nearest, Tree, build_tree
-from cpmkit_mesh.turning import mesh_floor, turning_angle
+from cpmkit_mesh.turning import integral_floor, mesh_floor, turning_angle
 
 #: A foot with a barycentric coordinate below this lies on the edge opposite that corner.
 ON_EDGE_COORDINATE = 1e-12
@@ -147,7 +147,8 @@ class TriangleMesh:
     def advice(self, spacing: float, /) -> Advice:
         """Return what was changed in the mesh, or may spoil a solution on it, and the error that it leaves in any."""
         angle = turning_angle(self.vertices, self.faces, self.normals_at_corners)
-        return Advice(mesh_floor(angle, self.smooth), mesh_warnings(self, spacing))
+        floors = mesh_floor(angle, self.smooth), integral_floor(angle, self.smooth)
+        return Advice(floors[0], mesh_warnings(self), floors[1], closest_point_warnings(self, spacing))
 
     @cached_property
     def folds(self) -> Folds:

@@ -33,7 +33,7 @@ def test_every_hole_of_the_aeroplane_is_a_loop(real_mesh):
 
 def test_the_aeroplane_has_creases_and_says_so(real_mesh):
     mesh = triangles(file=real_mesh("plane_holes.obj"))
-    (sentence,) = mesh.advice(0.15).warnings
+    (sentence,) = mesh.advice(0.15).closest_point_warnings
     assert "edges of the mesh turn by more than 40 degrees, the sharpest by 132 near" in sentence
     creases = feature_edges(surface=mesh)
     assert len(creases.segments) == int((mesh.folds.angle > np.deg2rad(40)).sum())
@@ -41,8 +41,9 @@ def test_the_aeroplane_has_creases_and_says_so(real_mesh):
 
 
 def test_meshes_of_smooth_things_are_not_reported(real_mesh):
-    assert triangles(file=real_mesh("spot.obj")).advice(0.05).warnings == ()
-    assert triangles(file=real_mesh("mountain.obj")).advice(0.6).warnings == ()
+    for name, spacing in (("spot.obj", 0.05), ("mountain.obj", 0.6)):
+        advice = triangles(file=real_mesh(name)).advice(spacing)
+        assert (*advice.warnings, *advice.closest_point_warnings) == ()
 
 
 def test_a_ring_on_the_mountain_parts_its_summit_from_its_rim(real_mesh):

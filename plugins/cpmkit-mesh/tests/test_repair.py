@@ -25,7 +25,8 @@ def soup(points, faces, noise):
 
 
 def told(mesh, spacing=0.1):
-    return " ".join(mesh.advice(spacing).warnings)
+    advice = mesh.advice(spacing)
+    return " ".join((*advice.warnings, *advice.closest_point_warnings))
 
 
 def assert_same_surface(mesh, other, tolerance=1e-12):
@@ -136,11 +137,17 @@ def test_places_are_the_users(sphere):
         [0, 6, 4],
     ]
     mesh = triangles(vertices=cube, faces=[*faces, [1, 5, 7], [1, 7, 3]])
-    solution = ck.solve(ck.Scene(mesh, ck.ScreenedPoisson(1.0)), 0.2)
-    (creases,) = [text for text in solution.warnings if "edges of the mesh turn by" in text]
-    place = [float(x) for x in creases.split("near (")[1].split(")")[0].split(",")]
-    assert min(place) >= 100
-    assert max(place) <= 101
+    turned = triangles(vertices=cube, faces=[*faces, [1, 5, 7], [1, 3, 7]])
+    for source, form, says in [
+        (mesh, "collocation", "edges of the mesh turn by"),
+        (turned, "collocation", "wound against"),
+        (turned, "galerkin", "wound against"),
+    ]:
+        solution = ck.solve(ck.Scene(source, ck.ScreenedPoisson(1.0)), 0.2, form=form)
+        (told,) = [text for text in solution.warnings if says in text]
+        place = [float(x) for x in told.split("near (")[1].split(")")[0].split(",")]
+        assert min(place) >= 100
+        assert max(place) <= 101
 
 
 def test_pieces_are_counted_and_where_they_meet_is_told(sphere):
@@ -154,7 +161,9 @@ def test_pieces_are_counted_and_where_they_meet_is_told(sphere):
     assert told(pair(3, 0, 0)) == "The mesh has 2 pieces that share no edge; each is solved by itself."
     for offset in [(1.3, 0.2, 0.1), (2.0, 0, 0), (2.04, 0, 0)]:
         text = told(pair(*offset))
-        assert text.startswith("The mesh has 2 pieces that share no edge, and some meet")
+        assert text.startswith(
+            "The mesh has 2 pieces that share no edge; each is solved by itself. Pieces of the mesh meet"
+        )
         place = np.array([float(x) for x in text.split("near (")[1].split(")")[0].split(",")])
         assert abs(np.linalg.norm(place) - 1) < 0.15
         assert abs(np.linalg.norm(place - offset) - 1) < 0.15

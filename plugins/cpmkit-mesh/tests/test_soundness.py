@@ -35,7 +35,8 @@ def tee(per_side=4):
 
 
 def warned(mesh, spacing, **keys):
-    return triangles(vertices=mesh[0], faces=mesh[1], **keys).advice(spacing).warnings
+    advice = triangles(vertices=mesh[0], faces=mesh[1], **keys).advice(spacing)
+    return (*advice.warnings, *advice.closest_point_warnings)
 
 
 def test_a_coarse_but_smooth_mesh_is_not_reported(sphere):
@@ -112,14 +113,15 @@ def test_triangles_given_twice_count_once(sphere):
     np.testing.assert_array_equal(twice.closest_point(x).element, once.closest_point(x).element)
 
 
+@pytest.mark.parametrize(("form", "floor"), [("collocation", "floor"), ("galerkin", "integral_floor")])
 @pytest.mark.parametrize(("level", "closest"), [(3, "smooth"), (4, "smooth"), (3, "faceted")])
-def test_the_floor_is_predicted_to_a_factor_of_three(sphere, level, closest):
+def test_the_floor_is_predicted_to_a_factor_of_three(sphere, level, closest, form, floor):
     """u = z on the unit sphere by -Lap u + u = 3 z, at a spacing where the mesh is what is left of the error."""
     mesh = triangles(vertices=sphere(level)[0], faces=sphere(level)[1], closest=closest)
     scene = ck.Scene(mesh, ck.ScreenedPoisson(lambda x: 3 * x[:, 2] / np.linalg.norm(x, axis=1), c=1.0))
     points = sphere(4)[0]
-    share = np.abs(ck.solve(scene, 0.05).evaluate(points) - points[:, 2]).max() / 2.0
-    assert share / 3 < mesh.advice(0.05).floor < 3 * share
+    share = np.abs(ck.solve(scene, 0.05, form=form).evaluate(points) - points[:, 2]).max() / 2.0
+    assert share / 3 < getattr(mesh.advice(0.05), floor) < 3 * share
 
 
 def test_the_floor_falls_with_the_edges_and_does_not_depend_on_units_or_spacing(sphere):

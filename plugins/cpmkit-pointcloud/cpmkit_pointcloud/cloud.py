@@ -10,7 +10,7 @@ import numpy as np
 
 from cpmkit.plugin import Advice, ClosestPoints, Floats, InputError, Ints, as_points, as_vector, one_row_each, positive
 from cpmkit_pointcloud.blend import Blend, project, surface_normals
-from cpmkit_pointcloud.floor import fitted_floor, slope_error
+from cpmkit_pointcloud.floor import SLOPE_SAMPLES, fitted_floor, integral_floor, slope_error
 from cpmkit_pointcloud.patches import curvatures
 from cpmkit_pointcloud.rim import open_samples
 from cpmkit_pointcloud.samples import as_cells, ask, thinned, tree_of
@@ -136,7 +136,8 @@ class PointCloud:
     def advice(self, spacing: float, /) -> Advice:
         """Return the error that the samples' distances and noise leave, and the sorts of them that may spoil more."""
         slope, width = self._slope
-        return Advice(fitted_floor(slope, width, positive(spacing, "spacing"), self.dim), tuple(self._warnings()))
+        floor = fitted_floor(slope, width, positive(spacing, "spacing"), self.dim)
+        return Advice(floor, tuple(self._warnings()), integral_floor(slope, self._noise, len(self.points)))
 
     def _warnings(self) -> list[str]:
         count, degree, found = len(self.points), self.surface.patches.degree, []
@@ -186,6 +187,14 @@ class PointCloud:
     @cached_property
     def _slope(self) -> tuple[float, float]:
         return slope_error(self.points, self.surface.patches, self._tree, self._sides)
+
+    @cached_property
+    def _noise(self) -> float:
+        """How far samples lie from the surface, root mean square, as a share of its extent."""
+        count = len(self.points)
+        rows = np.sort(np.random.default_rng(0).choice(count, min(SLOPE_SAMPLES, count), replace=False))
+        off = self.points[rows] - self.closest_point(self.points[rows]).points
+        return float(np.sqrt(np.mean(np.sum(off**2, axis=1))) / np.ptp(self.points, axis=0).max())
 
     @property
     def _sides(self) -> Floats | None:

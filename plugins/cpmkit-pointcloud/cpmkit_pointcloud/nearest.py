@@ -68,6 +68,11 @@ class NearestSamples:
             raise InputError("feet must be records that this cloud answered: they lack element.")
         return one_row_each(values, self.value_count, "points")[feet.element]
 
+    @property
+    def foot_count(self) -> int:
+        """How many points all feet are among."""
+        return len(self.points)
+
     def advice(self, spacing: float, /) -> Advice:
         """Return the error that the distances between samples leave in a solution."""
         return Advice(plain_floor(self.points, self._tree, positive(spacing, "spacing")))

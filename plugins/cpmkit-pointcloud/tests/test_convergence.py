@@ -47,6 +47,19 @@ def test_plain_samples_have_an_error_that_no_spacing_removes():
     assert min(errors) > 5e-2
 
 
+def test_plain_samples_are_no_manifold_to_integrate_over():
+    """Alone, moved, or in a union, ``auto`` takes the other form and says why."""
+    cloud = ck.source("pointcloud.points", points=sphere(500), method="nearest")
+    other = ck.source("analytic.sphere", center=[5.0, 0, 0])
+    for surface in (cloud, ck.source("moved", of=cloud, scale=2.0), ck.source("union", members=[cloud, other])):
+        scene = ck.Scene(surface, ck.ScreenedPoisson(1.0))
+        described = ck.discretize(scene, 0.4).describe()
+        assert described["form"] == "collocation"
+        assert "single samples" in described["form_reason"]
+        with pytest.raises(ck.SceneError, match="single samples; fit a surface to them, or use form='collocation'"):
+            ck.solve(scene, 0.4, form="galerkin")
+
+
 def test_on_an_open_cloud_the_error_falls_with_the_distance_between_samples():
     """u = z^2 on a half sphere, with no flux through the equator, which a cloud knows to one sample distance."""
     square = ck.ScreenedPoisson(lambda x: 7 * height(x) ** 2 - 2, c=1.0)

@@ -19,19 +19,28 @@ def random_sphere(count, noise=0.0):
     return cloud / np.linalg.norm(cloud, axis=1, keepdims=True) + noise * rng.normal(size=cloud.shape)
 
 
-def solved(surface, spacing):
+class Asked:
+    """The unit sphere as closest points alone."""
+
+    dim, manifold_dim, exact, bounds = 3, 2, True, np.array([[-1.0] * 3, [1.0] * 3])
+
+    def closest_point(self, x):
+        return ck.source("analytic.sphere").closest_point(x)
+
+
+def solved(surface, spacing, form="collocation"):
     height = ck.ScreenedPoisson(lambda x: 3 * x[:, 2] / np.linalg.norm(x, axis=1), c=1.0)
-    return ck.solve(ck.Scene(surface, height), spacing, origin=ORIGIN).evaluate(sphere_points())
+    return ck.solve(ck.Scene(surface, height), spacing, form=form, origin=ORIGIN).evaluate(sphere_points())
 
 
 @cache
-def on_the_sphere(spacing):
-    return solved(ck.source("analytic.sphere"), spacing)
+def on_the_sphere(spacing, form):
+    return solved(Asked(), spacing, form)
 
 
-def left_by(cloud, spacing):
+def left_by(cloud, spacing, form="collocation"):
     """The largest difference to the solution on the sphere itself on the same lattice, as a share of the range."""
-    exact, found = on_the_sphere(spacing), solved(cloud, spacing)
+    exact, found = on_the_sphere(spacing, form), solved(cloud, spacing, form)
     return np.abs(found - exact).max() / np.ptp(exact)
 
 
@@ -53,12 +62,35 @@ def test_the_floor_of_random_samples(count, noise, options, spacing):
     assert 1 / 3 < cloud.advice(spacing).floor / left_by(cloud, spacing) < 3
 
 
+@pytest.mark.parametrize("spacing", [0.2, 0.1])
+@pytest.mark.parametrize(
+    ("count", "noise", "options"),
+    [
+        (2000, 1e-3, {}),
+        (2000, 5e-3, {"degree": 3}),
+        (10000, 1e-4, {"neighbours": 50}),
+        (10000, 1e-3, {}),
+    ],
+)
+def test_the_floor_of_noisy_samples_by_integrals(count, noise, options, spacing):
+    cloud = points(points=random_sphere(count, noise), **options)
+    assert 1 / 3 < cloud.advice(spacing).integral_floor / left_by(cloud, spacing, "galerkin") < 3
+
+
+def test_the_floor_of_samples_without_noise_by_integrals_is_next_to_nothing():
+    cloud = points(points=random_sphere(2000))
+    assert cloud.advice(0.2).integral_floor < 1e-6
+    assert left_by(cloud, 0.2, "galerkin") < 1e-5
+
+
 def test_it_holds_for_conditions_on_a_curve_too():
     scene, where, exact = sphere_poisson([[0.3, 0.5, 1.0]])
     cloud = points(points=random_sphere(10000, 1e-3))
     noisy = ck.Scene(cloud, scene.problem, scene.boundaries)
-    wrong = np.abs(ck.solve(noisy, 0.1).evaluate(where) - ck.solve(scene, 0.1).evaluate(where)).max() / np.ptp(exact)
-    assert 1 / 3 < cloud.advice(0.1).floor / wrong < 3
+    for form, name, factor in (("collocation", "floor", 3), ("galerkin", "integral_floor", 5)):
+        found, smooth = (ck.solve(one, 0.1, form=form).evaluate(where) for one in (noisy, scene))
+        wrong = np.abs(found - smooth).max() / np.ptp(exact)
+        assert 1 / factor < getattr(cloud.advice(0.1), name) / wrong < factor
 
 
 def test_a_lattice_finer_than_the_neighbourhoods_follows_the_bumps():

@@ -36,7 +36,8 @@ def layout_warnings(layout: Layout, missed: float = 0.0) -> tuple[str, ...]:
     creases and limbs, it is reported as theirs (on 28 solutions on real meshes the larger of the two was within a
     factor of three of the largest error in 23 cases, the expected error of the bends alone in 15).
     """
-    from_source = advice_of(layout.surface.source, layout.lattice.spacing).warnings
+    advice = advice_of(layout.surface.source, layout.lattice.spacing)
+    from_source = (*advice.warnings, *advice.closest_point_warnings)
     rounding = layout.lattice.lost_digits(layout.surface.bounds, not layout.surface.shift.any())
     checks = (_doubtful, partial(_sheets, missed=missed), _boundaries, _encounters, _gaps, _pins, meeting_sentences)
     return (*from_source, *rounding, *(text for check in checks for text in check(layout)))
