@@ -37,6 +37,7 @@ LATTICE_ARRAYS = (
     SavedArray("lattice_nodes", "i", ("inner", "dim")),
     SavedArray("lattice_ghosts", "i", ("ghosts", 2), needed=False),
     SavedArray("lattice_left", "b", ("ghosts",), needed=False),
+    SavedArray("lattice_sides", "f", ("boundaries", "dim", "moments"), needed=False),
     SavedArray("lattice_unknowns", "f", ("unknowns", "channels")),
 )
 #: What solutions of some families have beside their unknowns, on a lattice or on a mesh.

@@ -59,10 +59,17 @@ def test_what_was_loaded_can_be_saved_and_loaded_again(ring, tmp_path):
     np.testing.assert_array_equal(ck.load(tmp_path / "again.npz", file).evaluate(points), solution.evaluate(points))
 
 
-@pytest.mark.parametrize("problem", [ck.Poisson(lambda x: x[:, 0] + 1), ck.ScreenedPoisson(lambda x: x[:, 0] + 1)])
-def test_what_was_put_right_is_told_as_before(problem, tmp_path):
+@pytest.mark.parametrize(
+    ("problem", "form"),
+    [
+        (ck.Poisson(lambda x: x[:, 0] + 1), "collocation"),
+        (ck.Poisson(lambda x: x[:, 0] + 1), "galerkin"),
+        (ck.ScreenedPoisson(lambda x: x[:, 0] + 1), "collocation"),  # the other form keeps the mean by itself
+    ],
+)
+def test_what_was_put_right_is_told_as_before(problem, form, tmp_path):
     scene = ck.Scene(ck.source("analytic.sphere"), problem)
-    solution = ck.solve(scene, 0.2)
+    solution = ck.solve(scene, 0.2, form=form)
     assert solution.imbalances
     solution.save(tmp_path / "ball.npz")
     again = ck.load(tmp_path / "ball.npz", scene)

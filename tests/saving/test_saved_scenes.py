@@ -20,8 +20,8 @@ def scene(edge=None, cut=None, problem=None):
     )
 
 
-def saved(one, folder, spacing=0.1):
-    ck.solve(one, spacing).save(folder / "bar.npz")
+def saved(one, folder, spacing=0.1, **options):
+    ck.solve(one, spacing, **options).save(folder / "bar.npz")
     return folder / "bar.npz"
 
 
@@ -89,13 +89,16 @@ def test_the_same_numbers_written_otherwise_are_the_same_scene(tmp_path):
     )
 
 
-def test_a_scene_whose_left_and_right_are_swapped_is_refused(tmp_path):
+@pytest.mark.parametrize("form", ["collocation", "galerkin"])
+@pytest.mark.parametrize("height", [0.3, 0.0])
+def test_a_scene_whose_left_and_right_are_swapped_is_refused(tmp_path, form, height):
     def cut(turn, left, right):
-        ring = ck.source("analytic.circle", center=[0, 0, 0.3], radius=np.sqrt(0.91), normal=[0, 0, turn])
+        center, radius = [0, 0, height], np.sqrt(1 - height**2)
+        ring = ck.source("analytic.circle", center=center, radius=radius, normal=[0, 0, turn])
         sides = ck.Boundary("ring", ring, left=ck.Dirichlet(left), right=ck.Dirichlet(right))
         return ck.Scene(ck.source("analytic.sphere"), ck.Laplace(), [sides])
 
-    file = saved(cut(1, 1.0, 0.0), tmp_path, 0.25)
+    file = saved(cut(1, 1.0, 0.0), tmp_path, 0.25, form=form)
     with pytest.raises(ck.InputError, match="another scene than the one given: left and right of its boundaries are"):
         ck.load(file, cut(-1, 1.0, 0.0))
     ck.load(file, cut(1, 1.0, 0.0))

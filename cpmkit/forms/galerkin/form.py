@@ -14,6 +14,7 @@ from cpmkit.errors import InputError, SceneError
 from cpmkit.forms.contract import StateFlux
 from cpmkit.forms.galerkin.conditions.crossings import of_crossings, of_tips
 from cpmkit.forms.galerkin.conditions.held import held
+from cpmkit.forms.galerkin.conditions.sides import side_moments
 from cpmkit.forms.galerkin.conditions.terms import ConditionTerms, condition_terms
 from cpmkit.forms.galerkin.facing import Turned, turned
 from cpmkit.forms.galerkin.fitting import check_unknowns_fit
@@ -334,12 +335,20 @@ class Galerkin(Reader):
         }
 
     def arrays(self) -> dict[str, Any]:
-        """Return the options of the lattice, and the nodes of the splines."""
+        """Return the options of the lattice, the nodes of the splines, and where the left of boundaries is."""
         given = {**self.options.as_dict(), "origin": self.sampled.lattice.origin}
-        return {**{name: np.array(value) for name, value in given.items()}, "nodes": self.space.parting.nodes}
+        made = {"nodes": self.space.parting.nodes, "sides": self._sides}
+        return {**{name: np.array(value) for name, value in given.items()}, **made}
+
+    @cached_property
+    def _sides(self) -> Floats:
+        return side_moments(self.sampled.boundary, self.sampled.left, len(self.scene.boundaries))
 
     def differs_from(self, saved: Mapping[str, Any]) -> str:
-        """Compare the nodes of the splines."""
+        """Compare the nodes of the splines, and where the left of boundaries is."""
+        sides, own = saved.get("sides", self._sides), self._sides
+        if sides.shape == own.shape and np.any(np.sum(sides * own, axis=(1, 2)) < 0):
+            return "left and right of its boundaries are others"
         return "" if np.array_equal(self.space.parting.nodes, saved["nodes"]) else "its nodes are others"
 
 

@@ -63,6 +63,21 @@ def left_of_boundaries(
     return found
 
 
+def side_moments(samples: BoundarySamples, left: Bools, count: int) -> Floats:
+    """Return what tells on which side the left of each boundary lies, (count, d, d + 1).
+
+    Conormals out of the left, times 1 and times position, summed along the boundary: of the other sign where left and
+    right are swapped, and otherwise about the same however the boundary is cut into facets.
+    """
+    dim = samples.points.shape[1]
+    moments = np.zeros((count, dim, dim + 1))
+    rows = np.flatnonzero(left & (samples.owner >= 0) & ~samples.extends)
+    positions = np.hstack([np.ones((len(rows), 1)), samples.points[rows]])
+    weighted = samples.weights[rows, None] * samples.conormals[rows]
+    np.add.at(moments, samples.owner[rows], weighted[:, :, None] * positions[:, None])
+    return moments
+
+
 def _votes(samples: BoundarySamples, boundaries: Sequence[OrientedBoundary], lattice: Lattice) -> Floats:
     """Return how surely samples (b,) are on the left: how far out of their cells the conormal to the right points.
 
