@@ -112,13 +112,34 @@ def test_sides_of_a_point_on_a_surface():
     one_sentence(error, "'pin'", "no left and right", "give `both`")
 
 
-def test_a_boundary_away_from_the_surface():
+@pytest.mark.parametrize(
+    ("form", "farthest"), [("collocation", "tube's radius 0.346"), ("galerkin", "3 spacings, 0.3")]
+)
+def test_a_boundary_away_from_the_surface(form, farthest):
     far = ck.Boundary(
         "far", ck.source("analytic.circle", radius=3.0, center=[0, 0, 0], normal=[0, 0, 1]), both=ck.Dirichlet(1.0)
     )
-    with pytest.raises(ck.SceneError) as error:
-        ck.solve(sphere_scene(boundaries=[far]), 0.1)
-    one_sentence(error, "'far'", "2 away", "tube's radius 0.346")
+    for call in (ck.solve, ck.explain):
+        with pytest.raises(ck.SceneError) as error:
+            call(sphere_scene(boundaries=[far]), 0.1, form=form)
+        one_sentence(error, "'far'", "2 away", farthest, "; move it onto the surface")
+
+
+@FORMS
+@pytest.mark.parametrize(("surface", "at"), [("sphere", [0, 0, 2.0]), ("circle", [0, 2.0])])
+def test_a_point_away_from_the_manifold(form, surface, at):
+    far = ck.Boundary("far", ck.source("analytic.point", at=at), both=ck.Dirichlet(1.0))
+    scene = ck.Scene(ck.source(f"analytic.{surface}"), ck.ScreenedPoisson(1.0), [far])
+    with pytest.raises(ck.SceneError, match="'far' is up to 1 away from the surface, more than"):
+        ck.solve(scene, 0.1, form=form)
+
+
+@FORMS
+def test_a_boundary_somewhat_off_the_surface_is_told(form):
+    off = ck.Boundary("off", ck.source("analytic.circle", radius=1.07, normal=[0, 0, 1]), both=ck.Dirichlet(1.0))
+    (told,) = [text for text in ck.solve(sphere_scene(boundaries=[off]), 0.1, form=form).warnings if "'off'" in text]
+    assert told.startswith("Boundary 'off' lies up to 0.07")
+    assert "off the surface, 0.7" in told
 
 
 def test_a_boundary_of_another_dimension():

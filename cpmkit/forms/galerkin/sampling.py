@@ -109,8 +109,8 @@ def sample(scene: Scene, options: Options[GalerkinOptions], progress: Progress) 
     if sources:
         insertion = inserted(mesh, sources, spacing)
         mesh, points = insertion.mesh, insertion.points
-        check_insertion(insertion, scene.boundaries)
-        told += tuple(of_insertion(insertion, scene.boundaries))
+        check_insertion(insertion, scene.boundaries, spacing)
+        told += tuple(of_insertion(insertion, scene.boundaries, spacing))
     progress("samples", 0.5)
     mesh = subdivided(mesh, longest_edge_spacings(sampling, bend, mesh.manifold_dim) * spacing)
     mesh = bent(mesh, bend, surface, sources, spacing)

@@ -21,6 +21,8 @@ from cpmkit.scene.alike import same_condition
 
 #: Manifolds with more than this share on splines under which they turn are told of.
 TURNED_SHARE = 0.03
+#: A boundary farther off the manifold than so many spacings is refused, and told from so many on.
+AWAY_SPACINGS, OFF_SPACINGS = 3.0, 0.5
 #: More copies than this share of the nodes are told of.
 COPIES_SHARE = 0.5
 
@@ -86,14 +88,21 @@ def _in_scene(point: Floats, source: LocalSource) -> str:
     return place(point + (np.zeros(source.dim) if source.origin is None else source.origin))
 
 
-def check_insertion(insertion: Insertion, boundaries: Sequence[BoundarySet]) -> None:
-    """Refuse boundaries that left no trace in the mesh, and those that lie on another and hold something else.
+def check_insertion(insertion: Insertion, boundaries: Sequence[BoundarySet], spacing: float) -> None:
+    """Refuse boundaries that left no trace, that lie away, and those on another that hold something else.
 
     Raises
     ------
     SceneError
         With the boundaries' names.
     """
+    for number, gap in insertion.gaps.items():
+        if gap > AWAY_SPACINGS * spacing:
+            raise SceneError(
+                f"boundary {boundaries[number].name!r} is up to {gap:.3g} away from the surface, more than "
+                f"{AWAY_SPACINGS:g} spacings, {AWAY_SPACINGS * spacing:.3g}; move it onto the surface, or check its "
+                "unit of length."
+            )
     for number, other in sorted(insertion.shared):
         first, second = boundaries[other], boundaries[number]
         conditions = [one.condition(side) for one in (first, second) for side in SIDES]
@@ -109,13 +118,19 @@ def check_insertion(insertion: Insertion, boundaries: Sequence[BoundarySet]) -> 
         )
 
 
-def of_insertion(insertion: Insertion, boundaries: Sequence[BoundarySet]) -> Iterator[str]:
+def of_insertion(insertion: Insertion, boundaries: Sequence[BoundarySet], spacing: float) -> Iterator[str]:
     """Tell how boundaries came to lie in the mesh."""
     for number, other in sorted(insertion.shared):
         if number in insertion.empty:
             yield (
                 f"Boundaries {boundaries[other].name!r} and {boundaries[number].name!r} lie at the same place and hold "
                 "the same; one of them is enough."
+            )
+    for number, gap in insertion.gaps.items():
+        if gap > OFF_SPACINGS * spacing:
+            yield (
+                f"Boundary {boundaries[number].name!r} lies up to {gap:.3g} off the surface, {gap / spacing:.2g} "
+                "spacings; it was snapped to the closest points."
             )
     counts = insertion.counts
     if counts.get("parted"):

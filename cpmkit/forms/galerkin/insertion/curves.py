@@ -56,17 +56,20 @@ def course(triangles: Triangles, line: Polyline, on: Callable[[Floats], Ints]) -
         shared = np.insert(shared, long + 1, both)
 
 
-def insert_curve(walker: Walker, line: Course, told: Counter[str]) -> None:
-    """Make a curve edges of the triangulation.
+def insert_curve(walker: Walker, line: Course, told: Counter[str]) -> float:
+    """Make a curve edges of the triangulation, and return how far off it lies at most, but for what passes its rim.
 
     What there is to tell is counted: ``erased`` loops, ``parted`` curves whose feet do not hang together.
     """
+    gap = 0.0
     feet = chosen(walker.net, line.points, walker.triangles.feet(line.points))
     for run in runs(walker.net, walker.triangles, line.points, feet, line.closed):
         stops = _stops(walker, run, line.on)
         backward = _backward(line.points, run, stops)
+        gap = max(gap, float(feet.distance[run.points[run.points >= 0]].max(initial=0.0)))
         for path in _walked(walker, stops, run.closed, told):
             walker.lined.mark(without_loops(walker.net, walker.net.expanded(path), backward, told), walker.lined.owner)
+    return gap
 
 
 def _stops(walker: Walker, run: Run, on: Ints) -> list[tuple[int, int]]:

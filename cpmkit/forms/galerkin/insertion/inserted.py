@@ -40,6 +40,8 @@ class Insertion:
         Boundaries that left neither edge nor vertex.
     shared : frozenset of (int, int)
         A boundary and an earlier one that it lies on in places; the edges there are the earlier one's.
+    gaps : dict of float
+        How far each boundary lies off the mesh at most, but for what passes its rim.
     counts : dict
         ``erased`` short loops, ``parted`` curves whose feet do not hang together, ``pruned`` tails, ``joined`` tips,
         ``tips`` that are left and extended.
@@ -50,6 +52,7 @@ class Insertion:
     empty: tuple[int, ...] = ()
     shared: frozenset[tuple[int, int]] = frozenset()
     counts: dict[str, int] = field(default_factory=dict)
+    gaps: dict[int, float] = field(default_factory=dict)
 
 
 def inserted(mesh: SampleMesh, boundaries: Sequence[LocalSource], spacing: float) -> Insertion:
@@ -69,24 +72,24 @@ def inserted(mesh: SampleMesh, boundaries: Sequence[LocalSource], spacing: float
     if not boundaries:
         return Insertion(mesh)
     if mesh.manifold_dim == 1:
-        cut, empty = cut_at_points(mesh, boundaries)
-        return Insertion(cut, empty=empty)
+        cut, empty, gaps = cut_at_points(mesh, boundaries)
+        return Insertion(cut, empty=empty, gaps=gaps)
     walker, told = _walker(mesh, spacing), Counter[str]()
     courses = [_courses(walker, boundaries, number, spacing) for number in range(len(boundaries))]
     walker.lined.close = frozenset(n for n, lines in enumerate(courses) if _runs_close(lines, boundaries, n, spacing))
-    points = dict[int, Ints]()
+    points, gaps = dict[int, Ints](), dict.fromkeys(range(len(boundaries)), 0.0)
     for number, boundary in enumerate(boundaries):
         walker.lined.owner = number
         at = [positions(member, mesh.vertices) for member in boundary.members if member.manifold_dim == 0]
         if at:
-            points[number] = _vertices(walker, np.concatenate(at))
+            points[number], gaps[number] = _vertices(walker, np.concatenate(at))
         for one in courses[number]:
-            insert_curve(walker, one, told)
+            gaps[number] = max(gaps[number], insert_curve(walker, one, told))
     mend(walker, told)
     extend(walker, EXTENSION_SPACINGS * spacing, told)
     cut = _with_lines(walker, mesh.dim)
     empty = tuple(n for n in range(len(boundaries)) if n not in points and n not in cut.owner)
-    return Insertion(cut, points, empty, _shared(courses), dict(told))
+    return Insertion(cut, points, empty, _shared(courses), dict(told), gaps)
 
 
 def _walker(mesh: SampleMesh, spacing: float) -> Walker:
@@ -123,12 +126,13 @@ def _shared(courses: Sequence[Sequence[Course]]) -> frozenset[tuple[int, int]]:
     return frozenset(found)
 
 
-def _vertices(walker: Walker, points: Floats) -> Ints:
-    """Return the vertices (k,) at the feet of ``points`` (k, d)."""
+def _vertices(walker: Walker, points: Floats) -> tuple[Ints, float]:
+    """Return the vertices (k,) at the feet of ``points`` (k, d), and how far off these lie at most."""
     feet = walker.triangles.nearest(_in_space(points))
     places = np.einsum("nk,nkd->nd", feet.shares, walker.net.vertices[walker.net.cells[feet.cell]])
     pairs = zip(feet.cell.tolist(), places.tolist(), strict=True)
-    return np.array([walker.lined.inserted(cell, (x, y, z)) for cell, (x, y, z) in pairs], dtype=np.int64)
+    found = np.array([walker.lined.inserted(cell, (x, y, z)) for cell, (x, y, z) in pairs], dtype=np.int64)
+    return found, float(feet.distance.max())
 
 
 def _with_lines(walker: Walker, dim: int) -> SampleMesh:

@@ -26,18 +26,24 @@ def positions(source: LocalSource, vertices: Floats) -> Floats:
     return np.unique(source.closest_point(asked).points, axis=0)
 
 
-def cut_at_points(mesh: SampleMesh, boundaries: Sequence[LocalSource]) -> tuple[SampleMesh, tuple[int, ...]]:
-    """Return segments cut at their feet of all points on boundaries, and the boundaries that left none."""
+def cut_at_points(
+    mesh: SampleMesh, boundaries: Sequence[LocalSource]
+) -> tuple[SampleMesh, tuple[int, ...], dict[int, float]]:
+    """Return segments cut at the feet of points on boundaries, the boundaries that left none, and how far off they lie.
+
+    The last are the largest distances of a boundary's points from the segments.
+    """
     members = [(n, part) for n, one in enumerate(boundaries) for part in one.members if part.manifold_dim == 0]
-    vertices, cells, cut = mesh.vertices, mesh.cells, dict[int, int]()
+    vertices, cells, cut, gaps = mesh.vertices, mesh.cells, dict[int, int](), dict[int, float]()
     for number, member in members:
         for point in positions(member, mesh.vertices):
             vertices, cells, vertex = _with_foot(vertices, cells, point)
             cut.setdefault(vertex, number)
+            gaps[number] = max(gaps.get(number, 0.0), float(norms((vertices[vertex] - point)[None])[0]))
     owner = np.array(list(cut.values()), dtype=np.int64)
     facets = np.array(list(cut), dtype=np.int64).reshape(-1, 1)
     empty = tuple(number for number in range(len(boundaries)) if number not in owner)
-    return SampleMesh(vertices, cells, None, facets, owner, np.zeros(len(owner), dtype=bool)), empty
+    return SampleMesh(vertices, cells, None, facets, owner, np.zeros(len(owner), dtype=bool)), empty, gaps
 
 
 def _with_foot(vertices: Floats, cells: Ints, point: Floats) -> tuple[Floats, Ints, int]:
