@@ -45,6 +45,6 @@ class GalerkinOptions(Declared):
         "auto",
         "Whether the Galerkin form clips triangles of a surface where they leave the lattice's cells before it samples "
         "them: ``plain`` does not, ``clipped`` does, ``auto`` where the triangles are bent to follow the surface: half "
-        "the error at h = 0.1 of a unit sphere, a sixth at 0.05, for as many samples.",
+        "the error at h = 0.1 of a unit sphere, a sixth at 0.05, for half as many samples more.",
         _check_sampling,
     )

@@ -1,9 +1,10 @@
-"""Compiled: samples of triangles, flat or quadratic: three each, or three for each piece between knot planes."""
+"""Compiled: samples of triangles, flat or quadratic: three each, or four for each piece between knot planes."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from cpmkit.forms.galerkin.samples.piece_kernels import MOST_CORNERS, rule
 from cpmkit.protocols import Floats, Ints
 from cpmkit.runtime.compilation import compiled
 
@@ -17,8 +18,6 @@ INSIDE_SPACINGS = 1e-9
 LEAST_AREA = 1e-14
 #: A cross product shorter than this share of the squared length of what it is made of tells no direction.
 NO_DIRECTION_SHARE = 1e-14
-#: Pieces have no more corners than this; a triangle has 3, and each plane adds one.
-MOST_CORNERS = 32
 #: A triangle is split so often and no more: corners that a curved edge puts beyond a plane again need not end.
 MOST_SPLITS = 100_000
 #: Newton's steps from the chord to the place where an edge crosses a knot plane.
@@ -115,37 +114,11 @@ def split(
 
 
 @compiled
-def rule(piece: Floats, count: int, places: Floats) -> float:
-    """Fill ``places`` (3, 2) with points of a convex piece that integrate degree 2, of equal weights; returns its area.
-
-    They are on the ellipse of sqrt(2) standard deviations about the centroid, which every convex piece holds (Kannan,
-    Lovasz and Simonovits 1995).
-    """
-    area = x = y = xx = xy = yy = 0.0
-    r, s = piece[0, 0], piece[0, 1]
-    for k in range(1, count - 1):
-        a, b = piece[k, 0] - r, piece[k, 1] - s
-        c, d = piece[k + 1, 0] - r, piece[k + 1, 1] - s
-        own = 0.5 * (a * d - b * c)
-        area += own
-        x += own * (a + c) / 3
-        y += own * (b + d) / 3
-        xx += own * (a * a + a * c + c * c) / 6
-        xy += own * (2 * a * b + a * d + b * c + 2 * c * d) / 12
-        yy += own * (b * b + b * d + d * d) / 6
-    if area <= 0:
-        return area
-    x, y = x / area, y / area
-    xx, xy, yy = xx / area - x * x, xy / area - x * y, yy / area - y * y
-    wide = np.sqrt(max(xx, 0.0))
-    skew = xy / wide if wide > 0 else 0.0
-    high = np.sqrt(max(yy - skew * skew, 0.0))
-    for k in range(3):
-        angle = 2 * np.pi * k / 3
-        e, f = np.sqrt(2.0) * np.cos(angle), np.sqrt(2.0) * np.sin(angle)
-        places[k, 0] = r + x + wide * e
-        places[k, 1] = s + y + skew * e + high * f
-    return area
+def whole(places: Floats, shares: Floats) -> float:
+    """Fill ``places`` and ``shares`` with the rule of degree 2 for a whole triangle; returns its area, 1/2."""
+    places[:], shares[:] = 1 / 6, 1 / 3
+    places[0, 0] = places[1, 1] = 2 / 3
+    return 0.5
 
 
 @compiled
@@ -202,7 +175,8 @@ def triangle_samples(nodes: Floats, spacing: float, clipped: bool) -> tuple[Floa
     triangle = np.empty(4, dtype=np.int64)
     stack, sizes = np.empty((8, MOST_CORNERS + 2, 5)), np.empty(8, dtype=np.int64)
     piece = np.empty((MOST_CORNERS + 2, 5))
-    places, first, second, point = np.empty((3, 2)), np.empty(3), np.empty(3), np.empty(3)
+    corners, shares = np.empty((MOST_CORNERS + 2, 2)), np.empty(4)
+    places, first, second, point = np.empty((4, 2)), np.empty(3), np.empty(3), np.empty(3)
     own, cell = np.empty(nodes.shape[1:]), np.empty(3)
     used = 0
     for m in range(len(nodes)):
@@ -227,17 +201,17 @@ def triangle_samples(nodes: Floats, spacing: float, clipped: bool) -> tuple[Floa
                 sizes[waiting], sizes[waiting + 1] = lower, upper
                 waiting += 2
                 continue
-            area = rule(piece, count, places)
+            area = rule(piece, count, corners, places, shares) if clipped else whole(places, shares)
             if area <= LEAST_AREA:
                 continue
             cell_of(piece, count, cell)
-            if used + 3 > len(weights):
+            if used + 4 > len(weights):
                 points, weights = np.concatenate((points, points)), np.concatenate((weights, weights))
                 normals, triangle = np.concatenate((normals, normals)), np.concatenate((triangle, triangle))
-            for k in range(3):
+            for k in range(4 if clipped else 3):
                 position(own, curved, places[k, 0], places[k, 1], point)
                 slopes(own, curved, places[k, 0], places[k, 1], first, second)
-                weights[used] = area / 3 * directed(first, second, normals[used, 0]) * spacing**2
+                weights[used] = area * shares[k] * directed(first, second, normals[used, 0]) * spacing**2
                 for i in range(3):
                     points[used, i] = spacing * (put_back(point[i], cell[i]) if clipped else point[i])
                 triangle[used] = m
