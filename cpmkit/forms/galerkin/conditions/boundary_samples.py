@@ -37,7 +37,7 @@ class BoundarySamples:
     facet : (b,) int64
         The number of the facet in ``mesh.cut``; -1 on rims where no boundary lies, and at points of a surface.
     place : (b,) int64
-        Number along the facet, 0 or 1.
+        Number along the facet, from 0.
     owner : (b,) int64
         Number of the boundary; -1 on rims where no boundary lies.
     extends : (b,) bool

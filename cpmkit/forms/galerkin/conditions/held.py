@@ -9,6 +9,7 @@ import numpy as np
 
 from cpmkit.errors import InputError, SceneError, place
 from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples
+from cpmkit.forms.galerkin.conditions.facets import POINTS_OF_EDGE
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.protocols import SIDES, Bools, Floats, Ints
@@ -143,7 +144,7 @@ def _facing(what: str, samples: BoundarySamples, left: Bools, on: Bools, lattice
     SceneError
         Where there are not two sides.
     """
-    key = 2 * samples.facet + samples.place
+    key = POINTS_OF_EDGE * samples.facet + samples.place
     sides = [
         rows[np.argsort(key[rows], kind="stable")] for rows in (np.flatnonzero(on & left), np.flatnonzero(on & ~left))
     ]
@@ -197,7 +198,7 @@ def _loops(samples: BoundarySamples, surface: LocalSource, spacing: float) -> In
 def _past_tips(samples: BoundarySamples) -> list[Held]:
     """Return where boundaries go on past their tips: all cells beside a facet there are tied, each to the next."""
     rows = np.flatnonzero(samples.extends)
-    key = 2 * samples.facet[rows] + samples.place[rows]
+    key = POINTS_OF_EDGE * samples.facet[rows] + samples.place[rows]
     order = np.argsort(key, kind="stable")
     same = np.flatnonzero(key[order[1:]] == key[order[:-1]])
     first, second = rows[order[same]], rows[order[same + 1]]
