@@ -9,6 +9,7 @@ import numpy as np
 
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.forms.galerkin.samples.edges import Edges, edges_of, edges_on_cut
+from cpmkit.forms.galerkin.samples.folding import is_folded, unturned
 from cpmkit.forms.galerkin.samples.rim import Rim, rim_of_edges, rim_of_vertices
 from cpmkit.forms.galerkin.samples.segments import split_at_knots
 from cpmkit.manifold.local_source import LocalSource
@@ -70,7 +71,7 @@ def moved_to_feet(mesh: SampleMesh, source: LocalSource, boundaries: Sequence[Lo
             points[asked] = _to_manifold(source, onto, rim.among(asked))
     astray = norms(points - before) > reach
     points[astray] = before[astray]
-    return replace(mesh, vertices=points)
+    return replace(mesh, vertices=unturned(mesh, before, points) if any(map(len, on)) else points)
 
 
 def with_midpoints(mesh: SampleMesh, source: LocalSource, boundaries: Sequence[LocalSource | None] = ()) -> SampleMesh:
@@ -85,10 +86,18 @@ def with_midpoints(mesh: SampleMesh, source: LocalSource, boundaries: Sequence[L
             rows = np.unique(number[(mesh.owner == owner) & ~mesh.extends])
             if boundary is not None and len(rows):
                 target[rows] = boundary.closest_point(straight[rows]).points
-    target = _to_manifold(source, target, rim)
-    far = norms(target - straight) > CREASED_EDGE_SHARE * length
-    target[far] = straight[far]
-    return replace(mesh, midpoints=target[edges.of_cells])
+    found = _uncreased(_to_manifold(source, target, rim), straight, length)
+    if mesh.manifold_dim == 2 and len(mesh.cut):
+        folded = np.zeros(len(straight), dtype=bool)
+        folded[edges.of_cells[is_folded(mesh, found[edges.of_cells])]] = True
+        rows = np.unique(number[folded[number] & ~mesh.extends])
+        found[rows] = _uncreased(source.closest_point(straight[rows]).points, straight[rows], length[rows])
+    return replace(mesh, midpoints=found[edges.of_cells])
+
+
+def _uncreased(found: Floats, straight: Floats, length: Floats) -> Floats:
+    """Return the midpoints ``found`` (n, d), or those of the chords where these are too far off."""
+    return np.where((norms(found - straight) > CREASED_EDGE_SHARE * length)[:, None], straight, found)
 
 
 def _to_manifold(source: LocalSource, points: Floats, rim: Rim) -> Floats:
