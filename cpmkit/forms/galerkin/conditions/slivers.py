@@ -10,6 +10,8 @@ from cpmkit.protocols import Floats, Ints
 
 #: A triangle less high over its edge than this share of the edge is thin.
 THIN_SHARE = 0.1
+#: How far the polynomial of a triangle is followed past its edges, in its own coordinates.
+REACH = (-2.0, 3.0)
 
 
 def steadied(mesh: SampleMesh, corners: Ints, cell: Ints, facet: Ints, tangents: Floats, conormals: Floats) -> Floats:
@@ -60,7 +62,26 @@ def _around(mesh: SampleMesh, corners: Ints, at: Ints, middles: Floats) -> tuple
     place: Floats = np.stack([np.bincount(row, x, len(at)) for x in moved.T], axis=1).astype(np.float64)
     if mesh.dim == 2:
         return place, np.zeros_like(place)
-    across = np.cross(a, b) / np.sqrt(np.maximum(area, np.finfo(float).tiny))[:, None]
+    slopes = (a, b) if mesh.midpoints is None else _slopes(corner, mesh.midpoints[cell], middles[row])
+    across = np.cross(*slopes)
+    across *= (np.sqrt(area) / np.maximum(norms(across), np.finfo(float).tiny))[:, None]
     squares = np.array([[np.bincount(row, x * y, len(at)) for x in across.T] for y in across.T])
     normal: Floats = np.linalg.eigh(squares.transpose(2, 0, 1))[1][:, :, -1]
     return place, normal
+
+
+def _slopes(x: Floats, m: Floats, points: Floats) -> tuple[Floats, Floats]:
+    """Return two tangents (n, d) of quadratic triangles, corners ``x`` and midpoints ``m`` (n, 3, d), near ``points``.
+
+    Their polynomials go on past their edges: flat tangent planes would be off by as much as the manifold bends on the
+    way.
+    """
+    a, b, p = x[:, 1] - x[:, 0], x[:, 2] - x[:, 0], points - x[:, 0]
+    aa, ab, bb = dots(a, a), dots(a, b), dots(b, b)
+    size = np.maximum(aa * bb - ab**2, np.finfo(float).tiny)
+    r = np.clip((bb * dots(a, p) - ab * dots(b, p)) / size, *REACH)[:, None]
+    s = np.clip((aa * dots(b, p) - ab * dots(a, p)) / size, *REACH)[:, None]
+    t = 1 - r - s
+    last = (4 * t - 1) * x[:, 0]
+    first = (4 * r - 1) * x[:, 1] - last + 4 * ((t - r) * m[:, 2] + s * (m[:, 0] - m[:, 1]))
+    return first, (4 * s - 1) * x[:, 2] - last + 4 * ((t - s) * m[:, 1] + r * (m[:, 0] - m[:, 2]))
