@@ -73,13 +73,22 @@ def test_a_shift_by_what_steklov_conditions_bring():
     np.testing.assert_allclose(found.toarray(), expected.toarray(), atol=1e-11 * np.abs(expected.toarray()).max())
 
 
-def test_rows_read_values_and_gradients():
+@pytest.mark.parametrize("form", ["collocation", "galerkin"])
+def test_rows_read_values_and_gradients(form):
     scene = ck.Scene(CIRCLE, ck.ScreenedPoisson(lambda x: 2 * x[:, 0]), [CUT])
-    solution, points = ck.solve(scene, 0.05), np.array([[0.6, 0.8], [-1.0, 0.0], [0.0, -1.0]])
+    solution, points = ck.solve(scene, 0.05, form=form), np.array([[0.6, 0.8], [-1.0, 0.0], [0.0, -1.0]])
     form, u = solution.discretized, solution.values
     np.testing.assert_allclose(form.rows(points) @ u[:, 0], solution.evaluate(points), atol=1e-13)
     gradient = np.stack([rows @ u[:, 0] for rows in form.gradient_rows(points)], axis=1)
     np.testing.assert_allclose(gradient, solution.gradient(points), atol=1e-10)
+
+
+@pytest.mark.parametrize(("form", "apart", "kept"), [("collocation", 0.05, 0.0), ("galerkin", 0.05, 1e-4)])
+def test_what_is_known_at_points_is_put_back(form, apart, kept):
+    """By rounds, to the order of the spacing, or as splines in mean square, to their error."""
+    scene = ck.Scene(CIRCLE, ck.ScreenedPoisson(lambda x: 2 * x[:, 0]), [CUT])
+    solution = ck.solve(scene, 0.05, form=form)
+    form, u = solution.discretized, solution.values
     again = form.put_back(form.at_points(u))
-    np.testing.assert_allclose(form.at_points(again), form.at_points(u), atol=0)
-    assert np.abs(again - u).max() < 0.05 * np.ptp(u)  # by rounds, to the order of the spacing
+    np.testing.assert_allclose(form.at_points(again), form.at_points(u), atol=kept)
+    assert np.abs(again - u).max() < apart * np.ptp(u)

@@ -61,6 +61,8 @@ class SampledScene:
         Which law holds at which of these.
     told : tuple of str
         What a reader of a solution should know of the way here.
+    bend : "flat", "feet" or "normals"
+        How the cells follow the manifold between their vertices.
     """
 
     lattice: Lattice
@@ -75,6 +77,7 @@ class SampledScene:
     left: Bools
     held: tuple[Held, ...]
     told: tuple[str, ...]
+    bend: Bend = "flat"
 
     @property
     def interior(self) -> int:
@@ -124,7 +127,8 @@ def sample(scene: Scene, options: Options[GalerkinOptions], progress: Progress) 
     clipped_at = spacing if is_clipped(sampling, bend, mesh.manifold_dim) else None
     samples = samples_of(mesh, clipped_at, boundary.as_samples if len(boundary) else None)
     mesh = replace(mesh, midpoints=None)  # which samples were taken from alone
-    return SampledScene(lattice, surface, sources, oriented, mesh, corners, half, samples, boundary, left, laws, told)
+    parts = (lattice, surface, sources, oriented, mesh, corners, half, samples, boundary, left, laws, told, bend)
+    return SampledScene(*parts)
 
 
 def _cells(surface: LocalSource, spacing: float, sampling: str) -> tuple[SampleMesh, Bend, tuple[str, ...]]:
