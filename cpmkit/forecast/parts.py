@@ -38,8 +38,8 @@ class Explanation:
         Predicted to 10 percent, 10 percent and a factor of 2; ``bytes`` is the peak of tables and vectors.
     floor : float
         The error that the representation alone leaves, as a share of the solution's range, predicted to a factor
-        of 3: no spacing gets below it. For a mesh, a cloud or samples it is what they say of themselves; in any case
-        rounding and noise of closest points count, ``6 noise / spacing``.
+        of 3: no spacing gets below it. For a mesh, a cloud or samples it is what they say of themselves for the form;
+        by ``collocation`` rounding and noise of closest points count in any case, ``6 noise / spacing``.
     solver : str
         The solver that will be taken.
     exact : bool
