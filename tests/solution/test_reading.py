@@ -30,7 +30,14 @@ def test_left_is_where_the_curve_comes_from(jump):
     theta = 1.022 * np.pi + np.array([-0.01, 0.01])
     assert np.sign(jump.signed_distance("cut", on_circle(theta))).tolist() == [1.0, -1.0]
     np.testing.assert_allclose(np.abs(jump.signed_distance("cut", on_circle(theta))), 0.01, rtol=1e-3)
-    assert np.isnan(jump.signed_distance("cut", on_circle(np.array([0.0])))).all()
+    far = ck.solve(circle_jump()[0], 0.02, form="collocation")
+    assert np.isnan(far.signed_distance("cut", on_circle(np.array([0.0])))).all()
+
+
+def test_far_from_a_boundary_its_side_is_still_told(jump):
+    """The form of splines reads distances from the boundary itself, which ends nowhere here: there is no tube."""
+    across = on_circle(np.array([1.022 * np.pi - 1.0, 1.022 * np.pi + 1.0]))
+    assert np.sign(jump.signed_distance("cut", across)).tolist() == [1.0, -1.0]
 
 
 def test_points_off_the_manifold_give_the_value_at_their_feet(jump):
@@ -38,9 +45,11 @@ def test_points_off_the_manifold_give_the_value_at_their_feet(jump):
     np.testing.assert_allclose(jump.evaluate(1.03 * on_circle(theta)), jump.evaluate(on_circle(theta)), atol=1e-12)
 
 
-def test_points_outside_the_tube_are_refused(jump):
-    with pytest.raises(ck.InputError, match="tube's radius"):
-        jump.evaluate([[2.0, 0.0]])
+@pytest.mark.parametrize(("form", "reach"), [("collocation", "the tube's radius"), ("galerkin", "3 spacings, 0.06,")])
+def test_points_far_from_the_manifold_are_refused(form, reach):
+    solution = ck.solve(circle_jump()[0], 0.02, form=form)
+    with pytest.raises(ck.InputError, match=f"points must lie within {reach}.* of the manifold to be read"):
+        solution.evaluate([[2.0, 0.0]])
 
 
 @pytest.mark.parametrize("points", [[[np.nan, 0.0]], [[1.0, 0.0, 0.0]], [1.0, 0.0], "here"])

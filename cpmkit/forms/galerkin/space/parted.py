@@ -10,9 +10,10 @@ from __future__ import annotations
 import numpy as np
 
 from cpmkit.forms.galerkin.parting import Parting
+from cpmkit.manifold.vectors import norms
 from cpmkit.protocols import Bools, Floats, Ints
 
-#: A piece of the manifold that no side of its bounds makes longer than this, in spacings, has one unknown.
+#: A piece of a surface whose bounds have no longer side than this, in spacings, has one unknown, and a shorter curve.
 SPECK_SPACINGS = 2.0
 
 
@@ -32,8 +33,8 @@ def part(points: Floats, contacts: Ints, spacing: float, cell: Ints | None = Non
 
     Notes
     -----
-    A piece of the manifold shorter than `SPECK_SPACINGS` along every axis carries constants alone: all that its
-    patches read is one unknown.
+    A piece of a surface shorter than `SPECK_SPACINGS` along every axis carries constants alone: all that its patches
+    read is one unknown. So does a piece of a curve that is no longer than this, however it is turned.
     """
     from cpmkit.forms.galerkin.space.parting_kernels import bounds, codes_of, join_samples, touching_pairs
 
@@ -52,7 +53,8 @@ def part(points: Floats, contacts: Ints, spacing: float, cell: Ints | None = Non
     touching = touching_pairs(patch, len(roots), first, after, holder)
     pieces, label = components(len(roots), touching)
     extent = bounds(points, label[patch], pieces)
-    specks = extent.max(axis=1) < SPECK_SPACINGS * spacing
+    size = norms(extent) if contacts.shape[1] == 2 else extent.max(axis=1)
+    specks = size < SPECK_SPACINGS * spacing
     return parting_of(spacing, cells, touching, patch, specks[label])
 
 
