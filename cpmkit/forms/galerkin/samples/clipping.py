@@ -18,11 +18,11 @@ CLIPPED_EDGE_SPACINGS = 0.7
 
 
 def is_clipped(sampling: str, bend: Bend, manifold_dim: int) -> bool:
-    """Tell whether triangles are to be clipped; "auto" clips those that go through feet.
+    """Tell whether triangles are to be clipped; "auto" clips those that bend.
 
     Segments are split where they cross knot planes in any case.
     """
-    return manifold_dim == 2 and (sampling == "clipped" or (sampling == "auto" and bend == "feet"))
+    return manifold_dim == 2 and (sampling == "clipped" or (sampling == "auto" and bend != "flat"))
 
 
 def longest_edge_spacings(sampling: str, bend: Bend, manifold_dim: int) -> float:
