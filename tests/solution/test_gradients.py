@@ -58,8 +58,9 @@ def test_the_gradient_on_a_closed_surface_is_tangential_and_of_second_order():
     assert np.abs(np.sum(read[0] * POINTS, axis=1)).max() < 1e-12
 
 
+@pytest.mark.parametrize("form", ["collocation", "galerkin"])
 @pytest.mark.parametrize("edge", ["dirichlet", "neumann"])
-def test_the_gradient_is_of_second_order_up_to_a_rim(edge):
+def test_the_gradient_is_of_second_order_up_to_a_rim(edge, form):
     rim = np.linspace(0, 2 * np.pi, 200, endpoint=False)
     rim = np.stack([RADIUS * np.cos(rim), RADIUS * np.sin(rim), np.full(200, HEIGHT)], axis=1)
     conormal = (HEIGHT * rim - [0, 0, 1]) / RADIUS
@@ -70,10 +71,14 @@ def test_the_gradient_is_of_second_order_up_to_a_rim(edge):
     f = ck.ScreenedPoisson(lambda x: 7 * x[:, 0] * x[:, 1] + 3 * x[:, 2])
     scene = ck.Scene(ck.source("analytic.cap", height=HEIGHT), f, edge=conditions[edge])
     points = np.concatenate([POINTS[POINTS[:, 2] > HEIGHT], rim])
-    solutions = [ck.solve(scene, h) for h in SPACINGS]
-    errors = [np.abs(one.gradient(points) - gradient_of_u(points)).max() for one in solutions]
-    assert order_of(SPACINGS, errors) >= 1.8
-    assert errors[-1] < 1.5e-2
+    solutions = [ck.solve(scene, h, form=form) for h in SPACINGS]
+    errors = [np.abs(one.gradient(points) - gradient_of_u(points)) for one in solutions]
+    if form == "collocation":
+        assert order_of(SPACINGS, [one.max() for one in errors]) >= 1.8
+        assert errors[-1].max() < 1.5e-2
+    else:  # the greatest error falls more slowly from 0.1 to 0.05, at a fiftieth of the other form's
+        assert order_of(SPACINGS, [np.sqrt(np.mean(one**2)) for one in errors]) >= 1.9
+        assert errors[-1].max() < 5e-4
     exact = np.mean(np.sum(gradient_of_u(rim) * conormal, axis=1)) * LENGTH
     fluxes = [abs(one.flux("edge") - exact) / LENGTH for one in solutions]
     assert order_of(SPACINGS, fluxes) >= (1.8 if edge == "dirichlet" else 1.5)  # 2e-3 already at spacing 0.2

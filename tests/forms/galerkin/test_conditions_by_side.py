@@ -70,7 +70,9 @@ def test_nothing_is_read_across(surface, curve):
     np.testing.assert_allclose(solution.evaluate(at)[clear], np.sign(signed[clear]), atol=1e-6)
     np.testing.assert_allclose(solution.evaluate(feet, side="left"), 1.0, atol=1e-6)
     np.testing.assert_allclose(solution.evaluate(feet, side={"C": "right"}), -1.0, atol=1e-6)
-    np.testing.assert_array_equal(solution.evaluate(feet), solution.evaluate(feet, side="left"))
+    beside = solution.signed_distance("C", feet)  # feet on a mesh lie beside the curve, by up to 1e-6
+    sign = np.where(np.abs(beside) < 1e-9 * spacing, 1.0, np.sign(beside))
+    np.testing.assert_allclose(solution.evaluate(feet), sign, atol=1e-6)
 
 
 POLYGON = on_circle(np.linspace(0, 2 * np.pi, 100, endpoint=False))
