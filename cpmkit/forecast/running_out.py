@@ -83,4 +83,6 @@ def _of_galerkin(scene: Scene, source: LocalSource, options: Options[Any], solve
     unknowns = galerkin.expected_unknowns(source, options.spacing)
     solver = choose_solver(solver, round(unknowns), m, scene.problem.factorise_up_to, multigrid=True)
     fits = galerkin.fitting_spacing(source, available, solver)
-    return _Need(unknowns, solver, galerkin.peak_bytes(unknowns, m, solver), fits, galerkin.other_solver_hint(solver))
+    return _Need(
+        unknowns, solver, galerkin.peak_bytes(unknowns, m, solver), fits, other_solver_hint(solver, "multigrid")
+    )

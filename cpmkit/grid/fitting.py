@@ -119,6 +119,6 @@ def rounded_up(value: float) -> float:
     return float(f"{math.ceil(value / unit * (1 - 1e-9)) * unit:.2g}")
 
 
-def other_solver_hint(solver: str) -> str:
-    """Return what else would fit where the direct solver is too large, as the end of a sentence."""
-    return ", or solver='reference'" if solver == "direct" else ""
+def other_solver_hint(solver: str, other: str = "reference") -> str:
+    """Return that another solver would fit where the direct one is too large, as the end of a sentence."""
+    return f", or solver={other!r}" if solver == "direct" else ""

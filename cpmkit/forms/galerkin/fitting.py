@@ -6,7 +6,7 @@ import numpy as np
 
 from cpmkit.errors import ResolutionError
 from cpmkit.grid.band import check_numbered
-from cpmkit.grid.fitting import SPARE_MEMORY_SHARE, rounded_up, unknowns_at_one
+from cpmkit.grid.fitting import SPARE_MEMORY_SHARE, other_solver_hint, rounded_up, unknowns_at_one
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.runtime import memory
 
@@ -63,7 +63,7 @@ def check_unknowns_fit(surface: LocalSource, unknowns: float, spacing: float, so
         raise ResolutionError(
             f"spacing={spacing:g} needs about {unknowns:.2g} unknowns and {needed / 2**30:.3g} GiB"
             f"{' with the solver ' + repr(solver) if direct else ''}, and {limit}; spacing={fits:g} or more would fit"
-            f"{other_solver_hint(solver)}."
+            f"{other_solver_hint(solver, 'multigrid')}."
         )
 
 
@@ -88,8 +88,3 @@ def fitting_spacing(surface: LocalSource, available: int, solver: str = "multigr
     for _ in range(FITTING_ROUNDS):
         unknowns = max(room * unknowns / peak_bytes(unknowns, m, solver), 1.0)
     return rounded_up((expected_unknowns(surface, 1.0) / unknowns) ** (1 / m))
-
-
-def other_solver_hint(solver: str) -> str:
-    """Return what else would fit where the direct solver is too large, as the end of a sentence."""
-    return ", or solver='multigrid'" if solver == "direct" else ""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -259,7 +259,7 @@ class Galerkin(Reader):
 
     def gradient(self, u: Floats, points: Any, side: Any = None) -> Floats:
         """Return the tangential gradient (k, channels, d), projected on the splines: 2 to 6 times better than raw."""
-        raw = np.stack([rows @ u for rows in self._slopes], axis=-1)
+        raw = np.stack([rows @ u for rows in self._slopes()], axis=-1)
         integrals = self._integrals(raw.reshape(len(raw), -1))
         rows, feet = self.reading_rows(points, side)
         found = np.asarray(rows @ self._projected(integrals)).reshape(-1, u.shape[1], self.space.parting.dim)
@@ -275,21 +275,22 @@ class Galerkin(Reader):
         rows, feet = self.reading_rows(points, side)
         tested = self._projected(rows.T.toarray())
         weighted = one.samples.weights[: one.interior, None] * self.at_points(tested)
-        raw = np.stack([(slopes.T @ weighted).T for slopes in self._slopes])
+        raw = np.stack([(slopes.T @ weighted).T for slopes in self._slopes()])
         axes = [np.tile(axis, (len(feet), 1)) for axis in np.eye(dim)]
         step = DIFFERENCE_SPACINGS * self.spacing
         tangential = np.stack([project_tangent(one.surface, feet, axis, step) for axis in axes])
         return tuple(csr_array(np.einsum("dk,dkn->kn", tangential[:, :, i], raw)) for i in range(dim))
 
-    @cached_property
-    def _slopes(self) -> tuple[csr_array, ...]:
-        """The d matrices (p, n) that read the tangential gradient at the samples, as it is."""
+    def _slopes(self) -> Iterator[csr_array]:
+        """Yield the d matrices (p, n) that read the tangential gradient at the samples, as it is.
+
+        One at a time, and none is kept: each has 27 entries a sample, more than all else of a solution.
+        """
         one, parting = self.sampled, self.space.parting
         at, normals = one.samples.points[: one.interior], one.samples.normals[: one.interior]
         tangential = np.eye(parting.dim) - np.einsum("qcd,qce->qde", normals, normals)
-        return tuple(
-            derivative_rows(parting, parting.patch[: len(at)], at, tangential[:, axis]) for axis in range(parting.dim)
-        )
+        for axis in range(parting.dim):
+            yield derivative_rows(parting, parting.patch[: len(at)], at, tangential[:, axis])
 
     def inner(self, u: Floats, v: Floats) -> Floats:
         """Return the means (k, m) over the manifold of the products of u's columns with v's."""
@@ -387,9 +388,10 @@ def check(scene: Scene, options: Options[GalerkinOptions]) -> None:
     problem, surface = scene.problem, scene.surface
     if problem.family != "steady" or problem.terms().velocity is not None:
         raise SceneError(f"the form {options.form!r} does not yet carry {problem.kind!r}; use form='collocation'.")
-    if any(one.order is not None for one in scene.conditions):
+    orders = [one.order for one in scene.conditions if one.order is not None]
+    if orders:
         raise SceneError(
-            f"conditions of the form {options.form!r} have no order, got order={_order(scene)}; leave it out, or use "
+            f"conditions of the form {options.form!r} have no order, got order={orders[0]}; leave it out, or use "
             "form='collocation'."
         )
     if surface.manifold_dim not in range(1, surface.dim):
@@ -402,10 +404,6 @@ def check(scene: Scene, options: Options[GalerkinOptions]) -> None:
             f"the form {options.form!r} integrates over the manifold, and closest points on this one are single "
             "samples; fit a surface to them, or use form='collocation'."
         )
-
-
-def _order(scene: Scene) -> int | None:
-    return next(one.order for one in scene.conditions if one.order is not None)
 
 
 def discretize(scene: Scene, options: Options[GalerkinOptions], progress: Progress = no_progress) -> Galerkin:

@@ -27,12 +27,12 @@ def of_crossings(scene: Scene, mesh: SampleMesh, lattice: Lattice) -> Iterator[s
     """
     if mesh.manifold_dim == 1 or not len(mesh.cut):
         return
-    sizes = [
-        max(map(_size, _values(one, _own(mesh, k, lattice), scene.channels)), default=0.0)
-        for k, one in enumerate(scene.boundaries)
+    jumps = [
+        (pair, where, jump)
+        for pair, where in _meetings(mesh, lattice)
+        if (jump := _largest_jump(scene, pair, where)) > 0
+        and jump > DIFFERENT_SHARE * max(_scale(scene, mesh, lattice, k) for k in pair)
     ]
-    jumps = [(pair, where, _largest_jump(scene, pair, where)) for pair, where in _meetings(mesh, lattice)]
-    jumps = [(pair, where, jump) for pair, where, jump in jumps if jump > DIFFERENT_SHARE * max(sizes[k] for k in pair)]
     if jumps:
         pair, where, jump = jumps[0]
         first, second = (scene.boundaries[k].name for k in pair)
@@ -58,9 +58,8 @@ def of_tips(scene: Scene, mesh: SampleMesh, lattice: Lattice) -> Iterator[str]:
             continue
         where = lattice.to_scene(mesh.vertices[tips])
         left, right = _values(boundary, where, scene.channels)
-        size = max(map(_size, _values(boundary, _own(mesh, number, lattice), scene.channels)))
         apart = np.abs(left - right).max(axis=1)
-        bad = np.flatnonzero(apart > DIFFERENT_SHARE * size)
+        bad = np.flatnonzero(apart > DIFFERENT_SHARE * _scale(scene, mesh, lattice, number))
         if len(bad):
             more = f" and at {len(bad) - 1} more ends" if len(bad) > 2 else " and at its other end" * (len(bad) - 1)
             yield (
@@ -79,9 +78,10 @@ def _tips(mesh: SampleMesh, number: int) -> Ints:
     return np.intersect1d(vertices[count == 1], past)
 
 
-def _own(mesh: SampleMesh, number: int, lattice: Lattice) -> Floats:
-    """Return the vertices (k, d) of a boundary, in the scene's coordinates."""
-    return lattice.to_scene(mesh.vertices[np.unique(mesh.cut[(mesh.owner == number) & ~mesh.extends])])
+def _scale(scene: Scene, mesh: SampleMesh, lattice: Lattice, number: int) -> float:
+    """Return the largest of the values that a boundary holds at its vertices."""
+    where = lattice.to_scene(mesh.vertices[np.unique(mesh.cut[(mesh.owner == number) & ~mesh.extends])])
+    return max(map(_size, _values(scene.boundaries[number], where, scene.channels)), default=0.0)
 
 
 def _meetings(mesh: SampleMesh, lattice: Lattice) -> Iterator[tuple[tuple[int, int], Floats]]:
