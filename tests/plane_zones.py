@@ -101,9 +101,9 @@ def slit(kind: str) -> tuple[Any, Any]:
     return ck.Scene(PLATE, ck.Laplace(), slits, edge=ck.Dirichlet(value)), value
 
 
-def solved(scene: Any, spacing: float, shift: int = 0) -> Any:
+def solved(scene: Any, spacing: float, shift: int = 0, **options: Any) -> Any:
     origin = np.random.default_rng(shift).uniform(0, spacing, 3)
-    return ck.solve(scene, spacing, form="galerkin", solver="direct", origin=origin)
+    return ck.solve(scene, spacing, **{"form": "galerkin", "solver": "direct", "origin": origin, **options})
 
 
 def off(solution: Any, value: Any, at: Any = POINTS) -> tuple[float, float]:

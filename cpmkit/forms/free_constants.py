@@ -27,24 +27,26 @@ ROUNDING = 1e-10
 MOSTLY = 0.5
 
 
-def free_pieces(stiffness: Operator, mass: Operator | None) -> Border | None:
+def free_pieces(stiffness: Operator, mass: Operator | None, summing: int | None = None) -> Border | None:
     """Return the pieces on which A has no say about a constant, from A and M alone; None where there is none.
 
-    Unknowns that A couples make a piece; on a free one A times the piece's indicator vanishes.
+    Unknowns that A couples make a piece; on a free one A times the piece's indicator vanishes. The constant 1 is 1 at
+    the first ``summing`` unknowns, at all unless given, and zero at others.
     """
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
 
     matrix = stiffness.to_csr()
-    count, piece = connected_components(matrix, directed=False)
-    indicator = csr_array((np.ones(len(piece)), (np.arange(len(piece)), piece)), shape=(len(piece), count))
+    count, piece = connected_components(matrix[:summing, :summing], directed=False)
+    indicator = csr_array((np.ones(len(piece)), (np.arange(len(piece)), piece)), shape=(matrix.shape[0], count))
     drift = abs(matrix @ indicator).max(axis=0).toarray().ravel()
     free = np.flatnonzero(drift <= ROUNDING * float(np.abs(matrix.diagonal()).max()))
     if not len(free):
         return None
     indicator = indicator[:, free].tocsr()
-    weights = indicator.toarray() if mass is None else mass.apply(indicator.toarray())
-    mean = csr_array((weights / weights.sum(axis=0)).T)
+    dense = indicator.toarray()
+    weights = dense if mass is None else mass.apply(dense)
+    mean = csr_array((weights / (dense * weights).sum(axis=0)).T)
     members = np.diff(indicator.tocsc().indptr)  # a load of mean one, as the indicator is, keeps the shift's size
     return Border(indicator, mean, None if mass is None else csr_array(mean.T * members))
 
@@ -60,8 +62,8 @@ def defects_of(
     """Return u (n, channels) with mean zero on each free piece, and what of b has no solution there."""
     u, means = operator.border.centred(u)
     indicator, carried = operator.border.indicator.toarray(), operator.border.carried
-    measure = (indicator if mass is None else mass.apply(indicator)).sum(axis=0)
-    values = operator.shift * (means.T * (carried.sum(axis=0) / measure)).T
+    measure = (indicator * (indicator if mass is None else mass.apply(indicator))).sum(axis=0)
+    values = operator.shift * (means.T * ((indicator * carried.toarray()).sum(axis=0) / measure)).T
     found = []
     for k, on in enumerate((at_points(indicator) > MOSTLY).T):
         members = np.flatnonzero(on)

@@ -17,9 +17,10 @@ from cpmkit.forms.galerkin.sampling import SampledScene
 from cpmkit.forms.galerkin.sides_of_cells import SidesOfCells
 from cpmkit.forms.galerkin.space.space import Space
 from cpmkit.forms.galerkin.space.splines import value_rows
+from cpmkit.forms.galerkin.tips.enrichment import Enrichment
 from cpmkit.forms.options import Options
 from cpmkit.manifold.tangent_space import outward_conormals
-from cpmkit.protocols import SIDES, ClosestPoints, Floats, Side
+from cpmkit.protocols import SIDES, ClosestPoints, Floats, Ints, Side
 from cpmkit.runtime.arrays import as_points
 from cpmkit.scene.scene import Scene
 
@@ -45,6 +46,10 @@ class Reader(Discretized):
     def spacing(self) -> float:
         """Spacing of the lattice, in the scene's unit."""
         return self.sampled.lattice.spacing
+
+    @cached_property
+    def _tips(self) -> Enrichment:
+        return Enrichment(self.sampled.singular, self.space, self.sampled.interior)
 
     @property
     def points(self) -> Floats:
@@ -79,11 +84,18 @@ class Reader(Discretized):
         """Return the matrix (k, n) that reads u at the manifold's points nearest to ``points`` (k, d)."""
         return self.reading_rows(points, side)[0]
 
-    def reading_rows(self, points: Any, side: Side | Mapping[str, Side] | None) -> tuple[csr_array, ClosestPoints]:
-        """Return the same, and the feet (k,) at which it reads."""
+    def reading_rows(
+        self, points: Any, side: Side | Mapping[str, Side] | None
+    ) -> tuple[csr_array, ClosestPoints, Ints]:
+        """Return the same, the feet (k,) at which it reads, and the cells (k,) of the samples that led there."""
+        from scipy.sparse import hstack
+
         feet = self._feet(points)
-        patch = self._locator.patches(feet.points, self._numbered(side))[0]
-        return value_rows(self.space.parting, patch, feet.points), feet
+        patch, nearest = self._locator.patches(feet.points, self._numbered(side))
+        cells, rows = self.sampled.samples.cell[nearest], value_rows(self.space.parting, patch, feet.points)
+        if len(self._tips):
+            rows = hstack([rows, self._tips.values(feet.points, cells)], format="csr")
+        return rows, feet, cells
 
     def project(self, points: Any) -> Floats:
         """Return the feet (k, d) of points near the manifold, relative to the lattice's origin.

@@ -23,6 +23,9 @@ from cpmkit.forms.galerkin.samples.soundness import sound
 from cpmkit.forms.galerkin.samples.sources import cells_of
 from cpmkit.forms.galerkin.samples.subdivision import subdivided
 from cpmkit.forms.galerkin.telling import check_insertion, of_contouring, of_insertion, of_mending, of_seams, of_tracing
+from cpmkit.forms.galerkin.tips.finding import singular_functions
+from cpmkit.forms.galerkin.tips.functions import SingularFunction
+from cpmkit.forms.galerkin.tips.grading import graded_towards_ends
 from cpmkit.forms.options import Options
 from cpmkit.grid.lattice import Lattice, lattice_of
 from cpmkit.manifold.local_source import LocalSource, localize
@@ -63,6 +66,8 @@ class SampledScene:
         What a reader of a solution should know of the way here.
     bend : "flat", "feet" or "normals"
         How the cells follow the manifold between their vertices.
+    singular : tuple of SingularFunction
+        What u behaves like at the ends of boundaries, where that is asked for.
     """
 
     lattice: Lattice
@@ -78,6 +83,7 @@ class SampledScene:
     held: tuple[Held, ...]
     told: tuple[str, ...]
     bend: Bend = "flat"
+    singular: tuple[SingularFunction, ...] = ()
 
     @property
     def interior(self) -> int:
@@ -106,7 +112,7 @@ def sample(scene: Scene, options: Options[GalerkinOptions], progress: Progress) 
     sources = [localize(boundary.source, lattice.origin) for boundary in scene.boundaries]
     check_samples_fit(surface, spacing)
     progress("samples", 0.0)
-    sampling = options.own.samples
+    sampling = options.own.sampling
     mesh, bend, told = _cells(surface, spacing, sampling)
     points: dict[int, Ints] = {}
     if sources:
@@ -116,6 +122,8 @@ def sample(scene: Scene, options: Options[GalerkinOptions], progress: Progress) 
         told += tuple(of_insertion(insertion, scene.boundaries, spacing))
     progress("samples", 0.5)
     mesh = subdivided(mesh, longest_edge_spacings(sampling, bend, mesh.manifold_dim) * spacing)
+    with_tips = options.own.tips == "singular" and mesh.manifold_dim == 2
+    mesh = graded_towards_ends(mesh, spacing) if with_tips else mesh
     mesh = bent(mesh, bend, surface, sources, spacing)
     corners, half = corners_of(mesh), half_facets(mesh)
     told += tuple(of_seams(seams(mesh, half), surface))
@@ -123,11 +131,28 @@ def sample(scene: Scene, options: Options[GalerkinOptions], progress: Progress) 
     left = left_of_boundaries(mesh, half, corners, boundary, oriented, lattice)
     told += point_warnings(scene, boundary)
     laws = held(scene, boundary, left, surface, lattice)
+    singular, of_ends = singular_functions(mesh, boundary, laws, lattice) if with_tips else ((), ())
+    told += of_ends
     progress("samples", 1.0)
     clipped_at = spacing if is_clipped(sampling, bend, mesh.manifold_dim) else None
     samples = samples_of(mesh, clipped_at, boundary.as_samples if len(boundary) else None)
     mesh = replace(mesh, midpoints=None)  # which samples were taken from alone
-    parts = (lattice, surface, sources, oriented, mesh, corners, half, samples, boundary, left, laws, told, bend)
+    parts = (
+        lattice,
+        surface,
+        sources,
+        oriented,
+        mesh,
+        corners,
+        half,
+        samples,
+        boundary,
+        left,
+        laws,
+        told,
+        bend,
+        singular,
+    )
     return SampledScene(*parts)
 
 

@@ -53,7 +53,7 @@ def of_tips(scene: Scene, mesh: SampleMesh, lattice: Lattice) -> Iterator[str]:
     if mesh.manifold_dim == 1:
         return
     for number, boundary in enumerate(scene.boundaries):
-        tips, laws = _tips(mesh, number), [boundary.condition(side).law for side in SIDES]
+        tips, laws = ends_inside(mesh, number), [boundary.condition(side).law for side in SIDES]
         if not len(tips) or not all(isinstance(law, Value) for law in laws):
             continue
         where = lattice.to_scene(mesh.vertices[tips])
@@ -70,8 +70,8 @@ def of_tips(scene: Scene, mesh: SampleMesh, lattice: Lattice) -> Iterator[str]:
             )
 
 
-def _tips(mesh: SampleMesh, number: int) -> Ints:
-    """Return the vertices at which a boundary ends, where it is continued."""
+def ends_inside(mesh: SampleMesh, number: int) -> Ints:
+    """Return the vertices (k,) of triangles at which a boundary ends inside the surface: it is continued there."""
     own = mesh.cut[(mesh.owner == number) & ~mesh.extends]
     past = mesh.cut[(mesh.owner == number) & mesh.extends]
     vertices, count = np.unique(own, return_counts=True)
