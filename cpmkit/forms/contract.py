@@ -295,6 +295,14 @@ class Discretized(ABC):
         """Return du/db (k, channels), b outwards, at ``points`` of the edge."""
         raise InputError(f"the form {self.form!r} tells no flux through the edge.")
 
+    def flux(self, u: Floats, boundary: str | int, side: Side | None, time: float | None) -> Floats | None:
+        """Return the integrals (channels,) of du/db over a side of a boundary, or a loop of the rim; all are ``"edge"``.
+
+        None where the form has no better way than to read du/db at points.
+        """
+        del u, boundary, side, time
+        return None
+
     # Fluxes that depend on the solution
 
     @property

@@ -25,17 +25,22 @@ def flux_density(solution: Solution, boundary: str, side: Side | None, points: A
 
 def flux(solution: Solution, boundary: str | int, side: Side | None) -> float | Floats:
     """Return the integral of du/db; see :meth:`Solution.flux`."""
-    scene, names = solution.scene, [boundary.name for boundary in solution.scene.boundaries]
+    scene, form = solution.scene, solution.discretized
+    names = [boundary.name for boundary in scene.boundaries]
     if boundary not in names and (boundary == EDGE_WORD or isinstance(boundary, int)):
         if side is not None:
             raise InputError(f"the edge has one side only; leave side out, got {side!r}.")
         feet, weights = rim_rule(scene.surface, solution.spacing, None if boundary == EDGE_WORD else int(boundary))
-        total = weights @ solution.discretized.rim_outflow(solution.values, feet.points)
+        total = form.flux(solution.values, boundary, None, solution.data_time)
+        if total is None:
+            total = weights @ form.rim_outflow(solution.values, feet.points)
     else:
         one, name = _one_side(str(boundary), side), str(boundary)
-        solution.discretized.sides({name: one})
-        rule = boundary_rule(scene.boundaries[names.index(name)].source, scene.surface, solution.spacing)
-        total = rule.weights @ solution.discretized.outflow(solution.values, name, one, rule.points)
+        form.sides({name: one})
+        total = form.flux(solution.values, name, one, solution.data_time)
+        if total is None:
+            rule = boundary_rule(scene.boundaries[names.index(name)].source, scene.surface, solution.spacing)
+            total = rule.weights @ form.outflow(solution.values, name, one, rule.points)
     return float(total[0]) if solution.channels == 1 else np.asarray(total)
 
 

@@ -14,9 +14,10 @@ from cpmkit.errors import InputError, SceneError
 from cpmkit.forms.contract import StateFlux
 from cpmkit.forms.free_constants import free_pieces
 from cpmkit.forms.galerkin.conditions.crossings import of_crossings, of_tips
-from cpmkit.forms.galerkin.conditions.held import held
+from cpmkit.forms.galerkin.conditions.held import held, loops_of
 from cpmkit.forms.galerkin.conditions.sides import side_moments
 from cpmkit.forms.galerkin.conditions.terms import ConditionTerms, condition_terms
+from cpmkit.forms.galerkin.conditions.through import flux_through
 from cpmkit.forms.galerkin.facing import Turned, turned
 from cpmkit.forms.galerkin.fitting import check_unknowns_fit
 from cpmkit.forms.galerkin.hierarchy.levels import levels_of
@@ -36,7 +37,7 @@ from cpmkit.linear.levels import Level
 from cpmkit.linear.operators import Border, CsrOperator
 from cpmkit.manifold.abilities import advice_of, has_finite_feet
 from cpmkit.manifold.tangent_space import project_tangent
-from cpmkit.protocols import Floats, Operator, Progress, Stiffness, no_progress
+from cpmkit.protocols import Floats, Operator, Progress, Side, Stiffness, no_progress
 from cpmkit.scene.data import Data
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.scene import Scene
@@ -218,6 +219,23 @@ class Galerkin(Reader):
     @cached_property
     def _conditions_by_operator(self) -> WeakKeyDictionary[GalerkinOperator, ConditionTerms]:
         return WeakKeyDictionary()
+
+    def flux(self, u: Floats, boundary: str | int, side: Side | None, time: float | None) -> Floats | None:
+        """Return the integrals of du/db by the residual of the weak form; None on a rim without samples of its own."""
+        one, names = self.sampled, [boundary.name for boundary in self.scene.boundaries]
+        samples = one.boundary
+        if boundary in names:
+            chosen = (samples.owner == names.index(str(boundary))) & ~samples.extends & (one.left == (side == "left"))
+        else:
+            chosen = (samples.owner < 0) & (samples.half >= 0)
+            if isinstance(boundary, int):
+                rows = np.flatnonzero(chosen)
+                chosen[rows] = loops_of(samples.take(rows), one.surface, self.spacing) == boundary
+            if not chosen.any():
+                return None
+        diffusivity = self.scene.problem.terms().diffusivity
+        terms = self._conditions(diffusivity, self._at_samples(diffusivity, "the diffusivity"))
+        return flux_through(terms, u, chosen, time)
 
     def boundary_mass(self, stiffness: Stiffness) -> CsrOperator | None:
         """Return the integrals over boundaries where du/db = lambda u stands; None where it stands nowhere."""

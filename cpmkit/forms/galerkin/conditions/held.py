@@ -169,7 +169,7 @@ def _on_rims(scene: Scene, samples: BoundarySamples, surface: LocalSource, latti
             raise SceneError("`edge` gives a condition, which the manifold has not: it is closed; leave it out.")
         yield Held(scene.edge.law, EDGE_CONDITION, rows, none, kind=scene.edge.kind)
         return
-    loop_of = _loops(samples.take(rows), surface, lattice.spacing)
+    loop_of = loops_of(samples.take(rows), surface, lattice.spacing)
     loops = np.unique(loop_of).tolist()
     missing = sorted({whole(loop, "a key of `edge`, the number of a loop,") for loop in scene.edge} - set(loops))
     if missing:
@@ -183,7 +183,7 @@ def _on_rims(scene: Scene, samples: BoundarySamples, surface: LocalSource, latti
         yield Held(condition.law, EDGE_CONDITION, rows[loop_of == loop], none, kind=condition.kind)
 
 
-def _loops(samples: BoundarySamples, surface: LocalSource, spacing: float) -> Ints:
+def loops_of(samples: BoundarySamples, surface: LocalSource, spacing: float) -> Ints:
     """Return the number (k,) of the loop of the rim that each sample lies on."""
     from scipy.spatial import KDTree
 
