@@ -296,7 +296,7 @@ class Discretized(ABC):
         raise InputError(f"the form {self.form!r} tells no flux through the edge.")
 
     def flux(self, u: Floats, boundary: str | int, side: Side | None, time: float | None) -> Floats | None:
-        """Return the integrals (channels,) of du/db over a side of a boundary, or a loop of the rim; all are ``"edge"``.
+        """Return the integrals (channels,) of du/db over a side of a boundary, or a loop of the rim, or ``"edge"``.
 
         None where the form has no better way than to read du/db at points.
         """

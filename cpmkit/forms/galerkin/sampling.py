@@ -116,7 +116,7 @@ def sample(scene: Scene, options: Options[GalerkinOptions], progress: Progress) 
     mesh, bend, told = _cells(surface, spacing, sampling)
     points: dict[int, Ints] = {}
     if sources:
-        insertion = inserted(mesh, sources, spacing)
+        insertion = inserted(mesh, sources, spacing, movable=bend == "feet")
         mesh, points = insertion.mesh, insertion.points
         check_insertion(insertion, scene.boundaries, spacing)
         told += tuple(of_insertion(insertion, scene.boundaries, spacing))

@@ -75,8 +75,12 @@ def insert_curve(walker: Walker, line: Course, told: Counter[str]) -> float:
 def _stops(walker: Walker, run: Run, on: Ints) -> list[tuple[int, int]]:
     """Return the vertex at each foot of a run, and the earlier boundary on which it lies."""
     owners = np.where(run.points >= 0, on[run.points], -1).tolist()
-    feet = zip(run.cells.tolist(), run.places.tolist(), owners, strict=True)
-    return [(_stop(walker, cell, (x, y, z), owner), owner) for cell, (x, y, z), owner in feet]
+    feet = list(zip(run.cells.tolist(), run.places.tolist(), owners, strict=True))
+    last = len(feet) - 1
+    return [
+        (_stop(walker, cell, (x, y, z), owner, not run.closed and k in (0, last)), owner)
+        for k, (cell, (x, y, z), owner) in enumerate(feet)
+    ]
 
 
 def _backward(points: Floats, run: Run, stops: list[tuple[int, int]]) -> set[int]:
@@ -101,6 +105,12 @@ def _walked(walker: Walker, stops: list[tuple[int, int]], closed: bool, told: Co
     yield path
 
 
-def _stop(walker: Walker, cell: int, place: Triple, owner: int) -> int:
-    vertex = walker.lined.on_line(cell, place, owner) if owner >= 0 else None
-    return walker.lined.inserted(cell, place) if vertex is None else vertex
+def _stop(walker: Walker, cell: int, place: Triple, owner: int, is_end: bool) -> int:
+    lined = walker.lined
+    vertex = lined.on_line(cell, place, owner) if owner >= 0 else None
+    if vertex is not None:
+        return vertex
+    lined.at_end = is_end
+    vertex = lined.inserted(cell, place)
+    lined.at_end = False
+    return vertex

@@ -11,7 +11,7 @@ import numpy as np
 from cpmkit.forms.galerkin.insertion.coincidence import on_earlier, runs_close
 from cpmkit.forms.galerkin.insertion.curves import Course, course, insert_curve
 from cpmkit.forms.galerkin.insertion.feet import Triangles
-from cpmkit.forms.galerkin.insertion.lined_mesh import LinedMesh
+from cpmkit.forms.galerkin.insertion.lined_mesh import AT_MOVABLE_SHARE, AT_SHARE, LinedMesh
 from cpmkit.forms.galerkin.insertion.points import cut_at_points, positions
 from cpmkit.forms.galerkin.insertion.polylines import Polyline, drawn
 from cpmkit.forms.galerkin.insertion.tips import extend, mend
@@ -55,7 +55,7 @@ class Insertion:
     gaps: dict[int, float] = field(default_factory=dict)
 
 
-def inserted(mesh: SampleMesh, boundaries: Sequence[LocalSource], spacing: float) -> Insertion:
+def inserted(mesh: SampleMesh, boundaries: Sequence[LocalSource], spacing: float, movable: bool = False) -> Insertion:
     """Return the mesh with its boundaries made facets: curves edges of triangles, points vertices.
 
     Vertices that are added lie on the flat cells given.
@@ -68,13 +68,15 @@ def inserted(mesh: SampleMesh, boundaries: Sequence[LocalSource], spacing: float
         Relative to the same origin; curves and points on a surface, points on a curve.
     spacing : float
         h, of the lattice.
+    movable : bool
+        Whether vertices are moved later, those of curves onto these: lines may then go through vertices beside them.
     """
     if not boundaries:
         return Insertion(mesh)
     if mesh.manifold_dim == 1:
         cut, empty, gaps = cut_at_points(mesh, boundaries)
         return Insertion(cut, empty=empty, gaps=gaps)
-    walker, told = _walker(mesh, spacing), Counter[str]()
+    walker, told = _walker(mesh, spacing, movable), Counter[str]()
     courses = [_courses(walker, boundaries, number, spacing) for number in range(len(boundaries))]
     walker.lined.close = frozenset(n for n, lines in enumerate(courses) if _runs_close(lines, boundaries, n, spacing))
     points, gaps = dict[int, Ints](), dict.fromkeys(range(len(boundaries)), 0.0)
@@ -92,9 +94,10 @@ def inserted(mesh: SampleMesh, boundaries: Sequence[LocalSource], spacing: float
     return Insertion(cut, points, empty, _shared(courses), dict(told), gaps)
 
 
-def _walker(mesh: SampleMesh, spacing: float) -> Walker:
+def _walker(mesh: SampleMesh, spacing: float, movable: bool) -> Walker:
     net = Triangulation(_in_space(mesh.vertices), mesh.cells, spacing)
-    return Walker(LinedMesh(net), Triangles(net.vertices, net.cells, net.sizes))
+    lined = LinedMesh(net, AT_MOVABLE_SHARE if movable else AT_SHARE)
+    return Walker(lined, Triangles(net.vertices, net.cells, net.sizes))
 
 
 def _courses(walker: Walker, boundaries: Sequence[LocalSource], number: int, spacing: float) -> list[Course]:

@@ -20,6 +20,8 @@ from cpmkit.forms.galerkin.insertion.triples import (
 
 #: Nearer than this, in L, to a vertex or an edge a point is there.
 AT_SHARE = 1e-3
+#: The same where vertices are moved later, along the surface, and those of curves onto these; ends of curves are not.
+AT_MOVABLE_SHARE = 0.02
 #: The same for vertices and edges of other boundaries.
 AT_OTHER_SHARE = 1e-7
 #: The same for edges and vertices on a rim.
@@ -44,8 +46,12 @@ class LinedMesh:
     Attributes
     ----------
     net : Triangulation
+    point_share : float
+        How near, in L, to a vertex or an edge a point is there.
     owner : int
         The number of the boundary that is being inserted.
+    at_end : bool
+        Whether what is inserted is the end of a curve, which stays where it is.
     close : frozenset of int
         Boundaries that run so close to others that a line is not to be bent towards vertices.
     cut : dict
@@ -55,7 +61,9 @@ class LinedMesh:
     """
 
     net: Triangulation
+    point_share: float = AT_SHARE
     owner: int = 0
+    at_end: bool = False
     close: frozenset[int] = frozenset()
     cut: dict[Edge, Line] = field(default_factory=dict)
     lines: dict[int, set[int]] = field(default_factory=dict)
@@ -97,27 +105,30 @@ class LinedMesh:
         line = self.cut.get(edge_of(a, b))
         if line is not None and line.owner != self.owner:
             return AT_OTHER_SHARE
-        return AT_RIM_SHARE if self.net.rim_edge(a, b) else self.at_share
+        return AT_RIM_SHARE if self.net.rim_edge(a, b) else self._at_share
 
     def _at_vertex(self, vertex: int) -> float:
         """Return how near, in L, a point is at a vertex; lines of others stay apart as far as can be."""
         owners = self.lines.get(vertex)
-        return AT_OTHER_SHARE if owners and self.owner not in owners else self.at_share
+        return AT_OTHER_SHARE if owners and self.owner not in owners else self._at_share
 
     @property
-    def at_share(self) -> float:
+    def _at_share(self) -> float:
         """How near, in L, a point is at a vertex or an edge."""
-        return AT_OTHER_SHARE if self.owner in self.close else AT_SHARE
+        if self.owner in self.close:
+            return AT_OTHER_SHARE
+        return AT_SHARE if self.at_end else self.point_share
 
     def on_edge(self, a: int, b: int, share: float, size: float) -> int:
         """Return the vertex at ``share`` of the way from a to b: one of them, or a new one."""
         whole = apart(self.net.at(a), self.net.at(b))
         near_a, near_b = share * whole, (1 - share) * whole
-        if near_a <= near_b and near_a < self._at_vertex(a) * size:
+        at_a, at_b = (self._at_vertex(vertex) * size for vertex in (a, b))
+        if near_a <= near_b and near_a < at_a:
             return a
-        if near_b < self._at_vertex(b) * size:
+        if near_b < at_b:
             return b
-        if near_a < self._at_vertex(a) * size:
+        if near_a < at_a:
             return a
         return self.split(a, b, share)
 

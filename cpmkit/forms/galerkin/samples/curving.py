@@ -8,10 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
+from cpmkit.forms.galerkin.samples.carrying import carried_along
 from cpmkit.forms.galerkin.samples.edges import Edges, edges_of, edges_on_cut
 from cpmkit.forms.galerkin.samples.folding import is_folded, unturned
 from cpmkit.forms.galerkin.samples.rim import Rim, rim_of_edges, rim_of_vertices
 from cpmkit.forms.galerkin.samples.segments import split_at_knots
+from cpmkit.forms.galerkin.samples.shortcuts import shortened
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vectors import norms
 from cpmkit.protocols import Floats, Ints
@@ -20,7 +22,7 @@ from cpmkit.protocols import Floats, Ints
 CREASED_EDGE_SHARE = 0.15
 #: The rim is looked for beyond that of the mesh: by as much as rounding, then by so much of the edge there.
 ON_RIM_EDGE_SHARE, RIM_EDGE_SHARES = 1e-6, (0.5, 1.0, 2.0, 4.0)
-#: A vertex moves onto its boundary if that is nearer than this share of the shortest edge there.
+#: A vertex moves onto its boundary if that is nearer than this share of the longest edge there.
 ONTO_BOUNDARY_EDGE_SHARE = 0.3
 #: How often a vertex that has to lie on several things is moved from one to the next.
 PROJECTION_ROUNDS = 4
@@ -60,7 +62,9 @@ def moved_to_feet(mesh: SampleMesh, source: LocalSource, boundaries: Sequence[Lo
     for_rim[rim.rows] = True
     on = [vertices_on(mesh, owner) for owner in range(len(boundaries))]
     times = np.bincount(np.concatenate([for_rim.nonzero()[0], *on]), minlength=len(points))
-    reach = ONTO_BOUNDARY_EDGE_SHARE * shortest_edges(mesh, edges, np.unique(np.concatenate([np.zeros(0, int), *on])))
+    if not times.any():
+        return replace(mesh, vertices=points)
+    reach = ONTO_BOUNDARY_EDGE_SHARE * longest_edges(mesh, edges, np.flatnonzero(times))
     before = points.copy()
     for turn in range(PROJECTION_ROUNDS):
         for rows, boundary in zip(on, boundaries, strict=True):
@@ -71,7 +75,12 @@ def moved_to_feet(mesh: SampleMesh, source: LocalSource, boundaries: Sequence[Lo
             points[asked] = _to_manifold(source, onto, rim.among(asked))
     astray = norms(points - before) > reach
     points[astray] = before[astray]
-    return replace(mesh, vertices=unturned(mesh, before, points) if any(map(len, on)) else points)
+    if mesh.manifold_dim == 2:
+        mesh, left = shortened(mesh, edges, before, points)
+        points[left], times[left] = before[left], 0
+    rows, beside = carried_along(mesh, before, points, times == 0)
+    points[rows] = source.closest_point(beside).points
+    return replace(mesh, vertices=unturned(mesh, before, points))
 
 
 def with_midpoints(mesh: SampleMesh, source: LocalSource, boundaries: Sequence[LocalSource | None] = ()) -> SampleMesh:
@@ -121,6 +130,19 @@ def _to_manifold(source: LocalSource, points: Floats, rim: Rim) -> Floats:
 def vertices_on(mesh: SampleMesh, owner: int) -> Ints:
     """Return the vertices on a boundary, but for those that are on its extensions alone."""
     return np.unique(mesh.cut[(mesh.owner == owner) & ~mesh.extends])
+
+
+def longest_edges(mesh: SampleMesh, edges: Edges, rows: Ints) -> Floats:
+    """Return (v,) the length of the longest edge at each of the vertices ``rows``, zero at others."""
+    asked = np.zeros(len(mesh.vertices), dtype=bool)
+    asked[rows] = True
+    longest = np.zeros(len(mesh.vertices))
+    near = np.flatnonzero(asked[edges.ends].any(axis=1))
+    length = edges.lengths(mesh.vertices)[near]
+    for end in edges.ends[near].T:
+        np.maximum.at(longest, end, length)
+    longest[~asked] = 0.0
+    return longest
 
 
 def shortest_edges(mesh: SampleMesh, edges: Edges, rows: Ints) -> Floats:

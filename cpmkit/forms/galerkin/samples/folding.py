@@ -27,13 +27,18 @@ def unturned(mesh: SampleMesh, before: Floats, moved: Floats) -> Floats:
     for _ in range(ROUNDS):
         near = np.flatnonzero(astray[mesh.cells].any(axis=1))
         cells = mesh.cells[near]
-        turned = _kept(*_sides(before[cells]), *_sides(moved[cells])) < KEPT_SHARE
+        turned = kept_shares(before[cells], moved[cells]) < KEPT_SHARE
         back = np.unique(cells[turned])
         back = back[astray[back]]
         if not len(back):
             break
         moved[back], astray[back] = before[back], False
     return moved
+
+
+def kept_shares(before: Floats, moved: Floats) -> Floats:
+    """Return what share of its area each triangle keeps (m,), from its corners (m, 3, d) before and after a move."""
+    return _kept(*_sides(before), *_sides(moved))
 
 
 def is_folded(mesh: SampleMesh, midpoints: Floats) -> Bools:
