@@ -153,6 +153,11 @@ class Discretized(ABC):
         """M; None where it is the identity."""
         return None
 
+    @property
+    def mass_in_time(self) -> Operator | None:
+        """M of equations in time, where that of integrals leaves some unknowns without a rate."""
+        return self.mass
+
     def check(self) -> None:
         """Refuse, before anything is solved, what the form is known to get wrong.
 

@@ -95,4 +95,4 @@ class ShiftedSolver:
         return indicator, np.asarray(indicator.T @ self.problem.weighed(indicator.toarray()))
 
     def _prepare(self, factor: float) -> PreparedSolver:
-        return self.context.prepare(self.problem.stiffness.shifted(factor, self.problem.form.mass))
+        return self.context.prepare(self.problem.stiffness.shifted(factor, self.problem.form.mass_in_time))
