@@ -48,9 +48,8 @@ def test_the_total_is_kept_on_meshes_over_a_thousand_steps(name, walled):
     else:
         mesh = data_mesh(name)
         vertices, faces = mesh.vertices, mesh.cells
-    size, middle = np.ptp(vertices, axis=0).max(), vertices.mean(axis=0)
-    spacing, at = size / 30, vertices[np.argmax(vertices[:, 1])]
-    ring = ck.source("analytic.circle", center=middle, normal=[0, 1, 0], radius=size / 8)
+    spacing, at = np.ptp(vertices, axis=0).max() / 30, vertices[np.argmax(vertices[:, 1])]
+    ring = ck.source("analytic.circle", center=at, normal=[0, 1, 0], radius=2 * spacing)
     walls = [ck.Boundary("wall", ring, both=ck.Neumann(0.0))] if walled else []
     heat = ck.Heat(spike(at, spacing), until=50 * spacing**2, step=spacing**2 / 20, frames=10)
     assert drift(ck.solve(ck.Scene(mesh_source(vertices, faces), heat, walls), spacing)) < 1e-11
