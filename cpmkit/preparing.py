@@ -121,7 +121,7 @@ class Prepared:
         """Solve a scene that differs from the prepared one in its equation and data alone."""
         started = time.perf_counter() if started is None else started
         form = self.discretized if scene is self.discretized.scene else self.discretized.restated(scene)
-        factor = scene.problem.factorise_up_to * form.factorise_up_to
+        factor = scene.problem.factors_up_to(form.multigrid) * form.factorise_up_to
         chosen = choose_solver(self.solver.solver, form.size, largest_dim(scene.surface), factor, form.multigrid)
         if chosen == "direct":  # what others need was checked before the tables
             form.check_factor_fits()

@@ -38,7 +38,7 @@ def explained(scene: Scene, asked: Options[GalerkinOptions], solver: str, progre
             m = surface.largest_dim
             counts = {name: _extrapolated(counts[name], coarse[name], ratio, m) for name in counts}
     progress("rehearsal", 1.0)
-    factor = scene.problem.factorise_up_to * form.factorise_up_to
+    factor = scene.problem.factors_up_to(form.multigrid) * form.factorise_up_to
     chosen = choose_solver(solver, round(counts["unknowns"]), surface.largest_dim, factor, form.multigrid)
     if chosen == "direct":  # what others need was checked before
         check_unknowns_fit(surface, counts["unknowns"], asked.spacing, chosen)

@@ -81,7 +81,7 @@ def _of_collocation(scene: Scene, source: LocalSource, options: Options[Any], so
 def _of_galerkin(scene: Scene, source: LocalSource, options: Options[Any], solver: str, available: int) -> _Need:
     m = source.largest_dim
     unknowns = galerkin.expected_unknowns(source, options.spacing)
-    solver = choose_solver(solver, round(unknowns), m, scene.problem.factorise_up_to, multigrid=True)
+    solver = choose_solver(solver, round(unknowns), m, scene.problem.factors_up_to(True), multigrid=True)
     fits = galerkin.fitting_spacing(source, available, solver)
     return _Need(
         unknowns, solver, galerkin.peak_bytes(unknowns, m, solver), fits, other_solver_hint(solver, "multigrid")

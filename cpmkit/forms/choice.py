@@ -14,6 +14,7 @@ from cpmkit.grid.fitting import needed_spacing
 from cpmkit.manifold.abilities import has_finite_feet
 from cpmkit.manifold.local_source import largest_dim
 from cpmkit.runtime.declared import Declared, Option, declared, take
+from cpmkit.scene.equations_in_time import Wave
 from cpmkit.scene.scene import Scene
 
 #: The options of each form, by its name.
@@ -21,7 +22,7 @@ FORMS: dict[str, type[Declared]] = {"collocation": CollocationOptions, "galerkin
 #: The form that ``auto`` means where nothing in the scene or the options decides.
 DEFAULT_FORM = "galerkin"
 #: The families of equations that the Galerkin form carries.
-GALERKIN_FAMILIES = ("steady",)
+GALERKIN_FAMILIES = ("steady", "time")
 #: Those of them that it was not measured on: of waves, whose systems are indefinite.
 NOT_YET_GALERKIN = ("helmholtz",)
 
@@ -64,11 +65,13 @@ def choose_form(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
         return "collocation", "the manifold is neither a curve nor a surface"
     if has_finite_feet(surface):
         return "collocation", "closest points are single samples, over which nothing can be integrated"
+    if isinstance(scene.problem, Wave) and scene.problem.scheme == "leapfrog":
+        return "collocation", "the only one with explicit steps"
     if family not in GALERKIN_FAMILIES or scene.problem.terms().velocity is not None or kind in NOT_YET_GALERKIN:
         return "collocation", f"the form 'galerkin' does not yet carry {kind!r}"
     if any(one.order is not None for one in scene.conditions):
         return "collocation", "the only one with orders of conditions"
-    return DEFAULT_FORM, "the one for steady problems on curves and surfaces"
+    return DEFAULT_FORM, "the one for curves and surfaces"
 
 
 def form_named(form: Any, names: Iterable[str] = ()) -> str | None:

@@ -118,7 +118,7 @@ class Discretized(ABC):
         "eigenvalues at boundaries": "use the form 'collocation'",
         "fluxes that depend on u": "use the form 'collocation'",
         "second Laplacian": "use the form 'collocation'",
-        "explicit steps": "use scheme 'implicit', or the form 'collocation'",
+        "explicit steps": "use scheme 'newmark' or 'implicit', or the form 'collocation'",
     }
 
     #: How many times more unknowns than of the form ``collocation`` a factorisation is worth.
@@ -152,6 +152,11 @@ class Discretized(ABC):
     def mass(self) -> Operator | None:
         """M; None where it is the identity."""
         return None
+
+    @property
+    def mass_in_time(self) -> Operator | None:
+        """M of equations in time, where that of integrals leaves some unknowns without a rate."""
+        return self.mass
 
     def check(self) -> None:
         """Refuse, before anything is solved, what the form is known to get wrong.
@@ -188,6 +193,11 @@ class Discretized(ABC):
                 f"the form {self.form!r} has no {ability}, which {self.scene.problem.kind!r} needs; "
                 f"{self.cannot[ability]}."
             )
+
+    @property
+    def explicit_steps(self) -> bool:
+        """Whether waves may go in explicit steps."""
+        return "explicit steps" not in self.cannot
 
     # Equations
 
@@ -246,6 +256,10 @@ class Discretized(ABC):
         """Return the unknowns (n, channels) that stand for ``data`` at ``time``, the conditions considered."""
         return self.put_back(self.read(data, what, time, self.channels))
 
+    def interpolate_in_range(self, data: Data, what: str, time: float = 0.0) -> Floats:
+        """Return the same, within the range of data that the spacing does not resolve: heat then stays there."""
+        return self.interpolate(data, what, time)
+
     def interpolate_rate(self, data: Data, what: str, step: float) -> Floats:
         """Return the unknowns' rates (n, channels) at time 0, those of the conditions' data taken over ``step``."""
         return self.put_back(self.read(data, what, 0.0, self.channels))
@@ -253,6 +267,10 @@ class Discretized(ABC):
     @abstractmethod
     def inner(self, u: Floats, v: Floats) -> Floats:
         """Return the means (k, m) over the manifold of the products of u's columns (n, k) with v's (n, m)."""
+
+    def totals(self, u: Floats) -> Floats | None:
+        """Return the integrals (channels,) of u over the manifold; None where the form knows no exact ones."""
+        return None
 
     @abstractmethod
     def rows(self, points: Floats, side: Sides = None) -> csr_array:

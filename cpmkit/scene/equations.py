@@ -85,6 +85,8 @@ class Equation(ABC):
     family: ClassVar[str] = "steady"
     #: How many times more unknowns than of one definite system a factorisation is worth.
     factorise_up_to: ClassVar[float] = 1.0
+    #: The same where the form has a multigrid; None for the same number.
+    factorise_beside_multigrid: ClassVar[float | None] = None
     #: What to give in place of a condition that is refused.
     accepted: ClassVar[str] = "use Dirichlet, Neumann or Robin"
 
@@ -96,6 +98,11 @@ class Equation(ABC):
     def start_time(self) -> float | None:
         """Time at which data are read first; None where the problem has no time."""
         return None
+
+    def factors_up_to(self, multigrid: bool) -> float:
+        """Return how many times more unknowns than of one definite system a factorisation is worth."""
+        beside = self.factorise_beside_multigrid if multigrid else None
+        return self.factorise_up_to if beside is None else beside
 
     def __str__(self) -> str:
         return str(self.terms())

@@ -9,6 +9,7 @@ import numpy as np
 
 from cpmkit.errors import ResolutionError
 from cpmkit.meshes.display_mesh import DisplayMesh
+from cpmkit.protocols import Floats
 from cpmkit.runtime.memory import available_bytes
 from cpmkit.scene.equations_in_time import Evolution
 from cpmkit.solution.solution import Solution
@@ -43,18 +44,26 @@ class EvolvedSolution(Solution):
         When it holds.
     steps : int
         Steps that led there.
+    energy : (channels,) float64, optional
+        Of a wave in a form with symmetric operators: kinetic and elastic energy, less the work of what pushes it.
     frames : tuple of EvolvedSolution
         The solutions at the times that ``frames`` of the problem names, in order; they share all tables.
     """
 
     time: float = field(kw_only=True)
     steps: int = field(kw_only=True)
+    energy: Floats | None = field(default=None, kw_only=True)
     frames: tuple[EvolvedSolution, ...] = field(default=(), kw_only=True)
 
     @property
     def data_time(self) -> float:
         """When the solution holds."""
         return self.time
+
+    @property
+    def totals(self) -> Floats | None:
+        """(channels,) the integrals of u over the manifold, such as its heat; None in forms that know no exact ones."""
+        return self.discretized.totals(self.values)
 
     def frame_meshes(self) -> list[DisplayMesh]:
         """Return the display mesh of each frame: one mesh, cut and read once, with the values of each."""
@@ -66,9 +75,14 @@ class EvolvedSolution(Solution):
     def summary(self) -> dict[str, Any]:
         """Return what was solved, what it cost and what it reached, as plain values."""
         problem = self.scene.problem
-        scheme = {"scheme": problem.scheme, "step": problem.step} if isinstance(problem, Evolution) else {}
-        frames = [frame.time for frame in self.frames]
-        return {**super().summary(), "time": {"time": self.time, "steps": self.steps, **scheme, "frames": frames}}
+        told: dict[str, Any] = {"time": self.time, "steps": self.steps}
+        if isinstance(problem, Evolution):
+            told |= {"scheme": problem.settled(self.discretized.explicit_steps).scheme, "step": problem.step}
+        told["frames"] = [frame.time for frame in self.frames]
+        for name in ("totals", "energy"):  # of each frame, and at the end
+            values = [getattr(one, name) for one in (*self.frames, self)]
+            told |= {} if values[-1] is None else {name: [value.tolist() for value in values]}
+        return {**super().summary(), "time": told}
 
     def arrays(self) -> dict[str, Any]:
         """Return the arrays of the discrete solution, with the times and the values of the frames."""

@@ -18,7 +18,8 @@ WAVE = ck.Scene(ck.source("analytic.circle"), ck.Wave(lambda x: x[:, 0], until=0
 def files(tmp_path_factory):
     """Return the arrays of a checkpoint of a heat run, of one of a wave, and of a saved solution."""
     folder = tmp_path_factory.mktemp("files")
-    ck.solve(SCENE, 0.2, checkpoint=folder / "heat.npz").save(folder / "solution.npz")
+    ck.solve(SCENE, 0.2, checkpoint=folder / "heat.npz")
+    ck.solve(SCENE, 0.2, form="collocation").save(folder / "solution.npz")
     ck.solve(WAVE, 0.2, checkpoint=folder / "wave.npz")
     read = {}
     for name in ("heat", "wave", "solution"):

@@ -32,6 +32,7 @@ CHECKPOINT_ARRAYS = (
     SavedArray("kept", "b", ("steps",)),
     SavedArray("lengths", "f", ("moments",)),
     SavedArray("frames", "f", ("frames", "unknowns", "channels")),
+    SavedArray("energies", "f", ("energies", "channels"), needed=False),
     *(
         SavedArray(f"{name}_{k}", "f", ("unknowns", "channels"), needed=False)
         for name in MOMENT_ARRAYS
@@ -60,6 +61,8 @@ def write_checkpoint(path: Path, plan: RunPlan, state: RunState, tally: SolveTal
     arrays["ends"] = np.array([step.end for step in done])
     arrays["kept"] = np.array([step.is_frame for step in done])
     arrays["frames"] = np.stack(state.frames) if state.frames else np.zeros((0, *plan.start.u.shape))
+    if state.energies:
+        arrays["energies"] = np.stack(state.energies)
     arrays["tally"] = np.array(json.dumps(asdict(tally)))
     arrays["run"] = np.array(json.dumps(describe_run(plan)))
     arrays["digest"] = np.array(digest_run(plan, done[-1].end))
@@ -97,7 +100,7 @@ def read_checkpoint(path: Path, plan: RunPlan) -> tuple[RunState, SolveTally]:
         Moment(arrays[f"u_{k}"], arrays.get(f"rate_{k}"), float(length), arrays.get(f"acceleration_{k}"))
         for k, length in enumerate(arrays["lengths"])
     )
-    return RunState(len(arrays["ends"]), history, tuple(arrays["frames"])), tally
+    return RunState(len(arrays["ends"]), history, tuple(arrays["frames"]), tuple(arrays.get("energies", ()))), tally
 
 
 def _differs(path: Path) -> str:

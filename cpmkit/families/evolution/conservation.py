@@ -49,6 +49,18 @@ def heat_drift(problem: SemiDiscrete, scene: Scene, start: Floats, u: Floats) ->
     ]
 
 
+def wave_energy(problem: SemiDiscrete, moment: Moment, time: float) -> Floats | None:
+    """Return the energy (channels,) of a wave: ``v'Mv/2 + u'Au/2 - u'b``, with what pushes it counted as a potential.
+
+    None of heat, and where A is not symmetric: there is none. Where b does not depend on the time nothing changes it.
+    """
+    if moment.rate is None or not problem.stiffness.symmetric:
+        return None
+    kinetic = 0.5 * np.sum(moment.rate * problem.weighed(moment.rate), axis=0)
+    pulled = 0.5 * problem.stiffness.apply(moment.u) - problem.forcing(time)
+    return np.asarray(kinetic + np.sum(moment.u * pulled, axis=0))
+
+
 @dataclass(frozen=True)
 class GrowthBound:
     """A bound of how large u may become: ``|u| <= start + rate t`` for heat, ``+ rate t + push t^2 / 2`` for waves.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -50,11 +50,19 @@ class RunState:
         The last moments, the latest last.
     frames : tuple of (n, channels) float64
         Values of the frames so far.
+    energies : tuple of (channels,) float64
+        Of a wave: its energy at each frame, where it has one.
     """
 
     done: int
     history: tuple[Moment, ...]
-    frames: tuple[Floats, ...]
+    frames: tuple[Floats, ...] = ()
+    energies: tuple[Floats, ...] = ()
+
+    def with_frame(self, u: Floats, energy: Floats | None) -> RunState:
+        """Return the state with one more frame, and the energy of a wave."""
+        energies = self.energies if energy is None else (*self.energies, energy)
+        return replace(self, frames=(*self.frames, u), energies=energies)
 
 
 def describe_run(plan: RunPlan) -> dict[str, Any]:

@@ -6,7 +6,6 @@ import numpy as np
 
 from cpmkit.families.evolution.schemes import History
 from cpmkit.families.evolution.semidiscrete import SemiDiscrete
-from cpmkit.protocols import Floats
 from cpmkit.scene.equations_in_time import Evolution, Wave
 
 #: Crank-Nicolson rings where its last step takes back more than this share of the one before, and both are more than
@@ -15,11 +14,14 @@ RINGING_SHARE_OF_STEP, RINGING_SHARE_OF_SOLUTION = 0.5, 1e-4
 #: Waves are not resolved where A u is more than this share of its largest eigenvalue times u. Of waves that grow it is
 #: 0.49, of a jump 0.3.
 SHORTEST_WAVE_SHARE = 0.4
+#: Nor where the form has a mass and the solution's phase turns by more than this over a spacing: a quarter of a wave.
+SHORTEST_WAVE_PHASE = 0.5 * np.pi
 
 
 def run_warnings(problem: SemiDiscrete, evolution: Evolution, history: History) -> tuple[str, ...]:
     """Return one sentence for each thing found at the end of a run."""
-    return (*_ringing_sentence(evolution, history), *_unresolved_wave_sentence(problem, evolution, history[-1].u))
+    waves = _unresolved_wave_sentence(problem, evolution, history) if isinstance(evolution, Wave) else []
+    return (*_ringing_sentence(evolution, history), *waves)
 
 
 def _ringing_sentence(evolution: Evolution, history: History) -> list[str]:
@@ -38,14 +40,30 @@ def _ringing_sentence(evolution: Evolution, history: History) -> list[str]:
     ]
 
 
-def _unresolved_wave_sentence(problem: SemiDiscrete, evolution: Evolution, u: Floats) -> list[str]:
+def _unresolved_wave_sentence(problem: SemiDiscrete, evolution: Wave, history: History) -> list[str]:
     """Tell where a wave consists of what the lattice cannot carry."""
-    if not isinstance(evolution, Wave):
-        return []
-    sharpness = float(np.linalg.norm(problem.rate(u, evolution.until))) / problem.largest_eigenvalue
-    if sharpness <= SHORTEST_WAVE_SHARE * float(np.linalg.norm(u)):
+    if problem.form.mass_in_time is None:
+        u = history[-1].u
+        sharpness = float(np.linalg.norm(problem.rate(u, evolution.until))) / problem.largest_eigenvalue
+        if sharpness <= SHORTEST_WAVE_SHARE * float(np.linalg.norm(u)):
+            return []
+        return [
+            "The solution consists of waves of two spacings, which do not solve the equation: they grew from what the "
+            "spacing does not resolve; use a smaller spacing, smoother data, or scheme 'implicit' with a longer step."
+        ]
+    if _mean_wavenumber(problem, history) * problem.form.spacing <= SHORTEST_WAVE_PHASE * evolution.speed:
         return []
     return [
-        "The solution consists of waves of two spacings, which do not solve the equation: they grew from what the "
-        "spacing does not resolve; use a smaller spacing, smoother data, or scheme 'implicit' with a longer step."
+        "The solution consists of waves of four spacings or less, which the spacing does not resolve; use a smaller "
+        "spacing, smoother data, or scheme 'implicit' with a longer step."
     ]
+
+
+def _mean_wavenumber(problem: SemiDiscrete, history: History) -> float:
+    """Return the root of |u''| over |u|, in mean squares: of a wave its speed times its wavenumber."""
+    before, now = history[-2:]
+    assert before.rate is not None
+    assert now.rate is not None
+    pair = ((now.rate - before.rate) / now.length, 0.5 * (before.u + now.u))
+    bend, size = (float(np.trace(problem.form.inner(one, one))) for one in pair)
+    return float((bend / size) ** 0.25) if size > 0 else 0.0

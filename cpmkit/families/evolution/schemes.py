@@ -4,17 +4,11 @@ With M u' = -A u + b(t), h the step and w the ratio of the step to the one befor
 section III.5 for variable steps):
 
 backward Euler: ``(M + h A) u1 = M u0 + h b1``;
-BDF2: ``(M + g h A) u1 = M [(1 + w)^2 u0 - w^2 u_1] / (1 + 2 w) + g h b1`` with ``g = (1 + w) / (1 + 2 w)``;
-Crank-Nicolson: ``(M + h/2 A) u1 = M u0 + h/2 (-A u0 + b0 + b1)``;
-leapfrog, for u'' = -A u + b(t), M being the identity: ``v1 = v0 + h (-A u0 + b0)``, ``u1 = u0 + h v1``, the rate v
-half a step before u.
+BDF2: ``(M + g h A) u1 = M [(1 + w)^2 u0 - w^2 u_1] / (1 + 2 w) + g h b1`` with ``g = (1 + w) / (1 + 2 w)``, after a
+first step of two half steps of backward Euler, which leave half of the error of one whole step;
+Crank-Nicolson: ``(M + h/2 A) u1 = M u0 + h/2 (-A u0 + b0 + b1)``.
 
-Leapfrog is damped: ``v1 -= h eps A^2 v0``, with eps so small that the damping is of third order in the spacing, and so
-large that waves of a few spacings decay, which grow where A has complex eigenvalues
-(:mod:`cpmkit.forms.collocation.stability`).
-
-The implicit scheme for waves is BDF2 for u' = v, M v' = -A u + b: ``(M + (g h)^2 A) u1 = ...``, v eliminated. Undamped
-implicit schemes (Newmark's average acceleration) are not offered, for the same reason.
+For waves see :mod:`cpmkit.families.evolution.wave_schemes`.
 """
 
 from __future__ import annotations
@@ -31,8 +25,6 @@ from cpmkit.protocols import Floats
 
 #: Moments that schemes look back on.
 REMEMBERED_MOMENTS = 3
-#: By how much leapfrog damps the shortest waves of the lattice, per time in which a wave crosses a spacing.
-LEAPFROG_DAMPING = 0.8
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,10 +62,10 @@ def backward_euler(problem: SemiDiscrete, solver: ShiftedSolver, history: Histor
 
 
 def bdf2(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
-    """Take one step of BDF2; the first one of backward Euler."""
+    """Take one step of BDF2; the first one as two half steps of backward Euler."""
     before, ratio = previous_moment(history, step.length)
     if before is None:
-        return backward_euler(problem, solver, history, step)
+        return half_steps(problem, solver, history, step)
     gh = (1 + ratio) / (1 + 2 * ratio) * step.length
     right_side = problem.weighed(bdf2_start(history[-1].u, before.u, ratio)) + gh * problem.forcing(step.end)
     return Moment(solver.solve(gh, right_side, extrapolate(history, step.length)), None, step.length)
@@ -91,45 +83,15 @@ def damped_crank_nicolson(problem: SemiDiscrete, solver: ShiftedSolver, history:
     """Take one step of Crank-Nicolson; the first one as two half steps of backward Euler, with the same matrix."""
     if len(history) > 1:
         return crank_nicolson(problem, solver, history, step)
+    return half_steps(problem, solver, history, step)
+
+
+def half_steps(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
+    """Take one step as two half steps of backward Euler."""
     half, middle = 0.5 * step.length, 0.5 * (step.start + step.end)
     first = backward_euler(problem, solver, history, Step(step.start, middle, half, False))
     second = backward_euler(problem, solver, [*history, first], Step(middle, step.end, half, False))
     return Moment(second.u, None, step.length)
-
-
-def leapfrog(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
-    """Take one step of leapfrog: first the rate over half of the last step and half of this, then the values."""
-    now = history[-1]
-    assert now.rate is not None
-    acceleration = problem.rate(now.u, step.start)
-    rate = now.rate + 0.5 * (now.length + step.length) * acceleration
-    if now.acceleration is not None:
-        rate += _damping(problem, (acceleration - now.acceleration) / now.length, step.length)
-    solver.tally.operator_applications += (1 if now.acceleration is None else 2) * now.u.shape[1]
-    return Moment(now.u + step.length * rate, rate, step.length, acceleration)
-
-
-def _damping(problem: SemiDiscrete, jerk: Floats, length: float) -> Floats:
-    """Return ``-h eps A^2 v0``, with A v0 taken from the change of A u0: of that, boundary data are part."""
-    largest, dim = problem.largest_eigenvalue, problem.form.scene.surface.dim
-    strength = LEAPFROG_DAMPING * length * np.sqrt(largest / (4 * dim))
-    return np.asarray(strength / largest**2 * problem.stiffness.apply(jerk))
-
-
-def implicit_wave(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
-    """Take one step of BDF2 for values and rates; the first one of backward Euler."""
-    now = history[-1]
-    before, ratio = previous_moment(history, step.length)
-    assert now.rate is not None
-    if before is None:
-        gh, u, rate = step.length, now.u, now.rate
-    else:
-        assert before.rate is not None
-        gh = (1 + ratio) / (1 + 2 * ratio) * step.length
-        u, rate = bdf2_start(now.u, before.u, ratio), bdf2_start(now.rate, before.rate, ratio)
-    right_side = problem.weighed(u + gh * rate) + gh**2 * problem.forcing(step.end)
-    values = solver.solve(gh**2, right_side, extrapolate(history, step.length))
-    return Moment(values, (values - u) / gh, step.length)
 
 
 def previous_moment(history: History, length: float) -> tuple[Moment | None, float]:

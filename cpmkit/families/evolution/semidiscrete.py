@@ -58,7 +58,8 @@ class SemiDiscrete:
 
     def weighed(self, u: Floats) -> Floats:
         """Return M u."""
-        return u if self.form.mass is None else self.form.mass.apply(u)
+        mass = self.form.mass_in_time
+        return u if mass is None else mass.apply(u)
 
     def rate(self, u: Floats, time: float) -> Floats:
         """Return M u' = -A u + b(time)."""

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
 
 from cpmkit.families.context import SolveContext, left_side
 from cpmkit.families.evolution.semidiscrete import SemiDiscrete
@@ -66,7 +70,29 @@ class ShiftedSolver:
         solver: PreparedSolver = self.context.kept.get(key, self._prepare, factor)
         u, report = solver.solve(right_side, self.context.tolerance, guess)
         self.tally.add(report)
-        return u
+        return self._with_totals_of(right_side, u)
+
+    def _with_totals_of(self, right_side: Floats, u: Floats) -> Floats:
+        """Return u moved by a constant on each piece that nothing flows out of, so that no heat is lost there.
+
+        With B the pieces' indicators and ``A B = 0``, A symmetric, ``B' M u = B' right_side`` in the exact solution:
+        the correction is that of a coarse level, and leaves all else of u at the solver's tolerance.
+        """
+        if self._closed is None:
+            return u
+        indicator, masses = self._closed
+        excess = indicator.T @ (right_side - self.problem.weighed(u))
+        return np.asarray(u + indicator @ np.linalg.solve(masses, excess))
+
+    @cached_property
+    def _closed(self) -> tuple[Any, Floats] | None:
+        """The pieces on which a constant is free, as columns B, and B' M B; None where A need not be symmetric."""
+        stiffness = self.problem.stiffness
+        free = self.problem.form.free_constants(stiffness) if stiffness.symmetric else None
+        if free is None:
+            return None
+        indicator = free.indicator
+        return indicator, np.asarray(indicator.T @ self.problem.weighed(indicator.toarray()))
 
     def _prepare(self, factor: float) -> PreparedSolver:
-        return self.context.prepare(self.problem.stiffness.shifted(factor, self.problem.form.mass))
+        return self.context.prepare(self.problem.stiffness.shifted(factor, self.problem.form.mass_in_time))

@@ -5,14 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from cpmkit.errors import ConvergenceError, ResolutionError
 from cpmkit.families.context import SolveContext
 from cpmkit.families.evolution.checkpoints import read_checkpoint, write_checkpoint
-from cpmkit.families.evolution.conservation import GrowthBound, growth_bound, heat_drift
+from cpmkit.families.evolution.conservation import GrowthBound, growth_bound, heat_drift, wave_energy
 from cpmkit.families.evolution.run import RunPlan, RunState
 from cpmkit.families.evolution.run_warnings import run_warnings
 from cpmkit.families.evolution.schedule import Step, schedule
@@ -24,11 +23,10 @@ from cpmkit.families.evolution.schemes import (
     bdf2,
     crank_nicolson,
     damped_crank_nicolson,
-    implicit_wave,
-    leapfrog,
 )
 from cpmkit.families.evolution.semidiscrete import SemiDiscrete
 from cpmkit.families.evolution.shifted import ShiftedSolver, SolveTally
+from cpmkit.families.evolution.wave_schemes import implicit_wave, leapfrog, newmark
 from cpmkit.forms.contract import Discretized
 from cpmkit.scene.equations_in_time import Evolution, Heat, Wave
 from cpmkit.solution.evolved import EvolvedSolution, check_frames_fit
@@ -39,7 +37,10 @@ SCHEMES: dict[str, Scheme] = {
     "crank-nicolson": damped_crank_nicolson,
     "leapfrog": leapfrog,
     "implicit": implicit_wave,
+    "newmark": newmark,
 }
+#: What schemes need that not every form has.
+NEEDED = {"leapfrog": "explicit steps", "newmark": "undamped steps"}
 
 
 def solve_in_time(context: SolveContext) -> EvolvedSolution:
@@ -55,11 +56,12 @@ def solve_in_time(context: SolveContext) -> EvolvedSolution:
     InputError
         If a checkpoint is of another run.
     """
-    evolution: Any = context.scene.problem
-    form = context.discretized
+    form, asked = context.discretized, context.scene.problem
+    assert isinstance(asked, (Heat, Wave))
+    evolution = asked.settled(form.explicit_steps)
     form.check()
-    if evolution.scheme == "leapfrog":
-        form.require("explicit steps")
+    if evolution.scheme in NEEDED:
+        form.require(NEEDED[evolution.scheme])
     terms = evolution.terms()
     problem = SemiDiscrete(form, form.stiffness(terms), terms.f)
     check_frames_fit(len(evolution.frame_times), form.size, form.channels)
@@ -74,9 +76,9 @@ def solve_in_time(context: SolveContext) -> EvolvedSolution:
 
 
 def _start(form: Discretized, evolution: Heat | Wave, first: Step) -> Moment:
-    u = form.interpolate(evolution.initial, "the initial data")
     if isinstance(evolution, Heat):
-        return Moment(u, None, 0.0)
+        return Moment(form.interpolate_in_range(evolution.initial, "the initial data"), None, 0.0)
+    u = form.interpolate(evolution.initial, "the initial data")
     return Moment(u, form.interpolate_rate(evolution.initial_rate, "the initial rate", first.length), 0.0)
 
 
@@ -84,7 +86,9 @@ def _run(context: SolveContext, plan: RunPlan, solver: ShiftedSolver) -> RunStat
     """Take all steps, from the start or from a checkpoint."""
     asked, total, scheme = context.checkpointing, len(plan.steps), scheme_of(plan.evolution)
     growth = growth_bound(plan.problem, context.scene, plan.start)
-    state = RunState(0, (plan.start,), (plan.start.u,) if 0.0 in plan.evolution.frame_times else ())
+    state = RunState(0, (plan.start,))
+    if 0.0 in plan.evolution.frame_times:
+        state = state.with_frame(plan.start.u, wave_energy(plan.problem, plan.start, 0.0))
     if asked.resume is not None:
         state, tally = read_checkpoint(asked.resume, plan)
         solver.tally.add(tally)
@@ -120,7 +124,8 @@ def _advanced(
     if growth is not None:
         growth.check(moment.u, step.end)
     history = (*state.history, moment)[-REMEMBERED_MOMENTS:]
-    return RunState(state.done + 1, history, (*state.frames, moment.u) if step.is_frame else state.frames)
+    later = replace(state, done=state.done + 1, history=history)
+    return later.with_frame(moment.u, wave_energy(plan.problem, moment, step.end)) if step.is_frame else later
 
 
 def _solution(
@@ -137,10 +142,13 @@ def _solution(
     work = form.work(plan.problem.stiffness, report)
     drift = heat_drift(plan.problem, context.scene, plan.start.u, values)
     warnings = (*form.warnings(), *run_warnings(plan.problem, plan.evolution, state.history), *drift)
-    last = EvolvedSolution(form, values, report, work, seconds, warnings=warnings, time=plan.steps[-1].end, steps=total)
+    end = plan.steps[-1].end
+    energy = wave_energy(plan.problem, state.history[-1], end)
+    last = EvolvedSolution(form, values, report, work, seconds, warnings=warnings, time=end, steps=total, energy=energy)
     taken = {0.0: 0, **{step.end: number for number, step in enumerate(plan.steps, 1)}}
+    energies = state.energies or (None,) * len(state.frames)
     frames = tuple(
-        replace(last, values=kept, time=when, steps=taken[when])
-        for when, kept in zip(plan.evolution.frame_times, state.frames, strict=True)
+        replace(last, values=kept, time=when, steps=taken[when], energy=energy)
+        for when, kept, energy in zip(plan.evolution.frame_times, state.frames, energies, strict=True)
     )
     return replace(last, frames=frames)

@@ -65,7 +65,9 @@ class Collocation(Reader):
     """
 
     form: ClassVar[str] = "collocation"
-    cannot: ClassVar[Mapping[str, str]] = {}
+    cannot: ClassVar[Mapping[str, str]] = {
+        "undamped steps": "use scheme 'leapfrog' or 'implicit', or the form 'galerkin'",
+    }
     work_record: ClassVar[type] = Work
 
     @property

@@ -35,9 +35,9 @@ def check_waves(scene: Scene, layout: Layout) -> None:
     ResolutionError
         If the step is too long for leapfrog, or too short for the implicit scheme.
     """
-    wave = scene.problem
-    if not isinstance(wave, Wave):
+    if not isinstance(scene.problem, Wave):
         return
+    wave = scene.problem.settled(explicit_steps=True)
     order = max([layout.order, *(condition.order for condition in scene.conditions if condition.order)])
     if order > 2:
         raise InputError(
@@ -46,7 +46,7 @@ def check_waves(scene: Scene, layout: Layout) -> None:
         )
     if wave.scheme == "leapfrog":
         _check_leapfrog(wave, layout.band.degree, layout.lattice.spacing, layout.lattice.dim)
-    elif wave.step < IMPLICIT_LEAST_SPACINGS * layout.lattice.spacing / wave.speed:
+    elif wave.scheme == "implicit" and wave.step < IMPLICIT_LEAST_SPACINGS * layout.lattice.spacing / wave.speed:
         least = IMPLICIT_LEAST_SPACINGS * layout.lattice.spacing / wave.speed
         raise ResolutionError(
             f"step={wave.step:g} is too short for the implicit scheme, which would not damp the waves that the spacing "

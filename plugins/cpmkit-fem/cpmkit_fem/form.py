@@ -99,7 +99,7 @@ class FiniteElements(Discretized):
     libraries: ClassVar[tuple[str, ...]] = ("cpmkit", "cpmkit-fem", "scikit-fem", "numpy", "scipy")
     cannot: ClassVar[Mapping[str, str]] = {
         "second Laplacian": "use backend='cpm'",
-        "explicit steps": "use scheme 'implicit', or backend='cpm'",
+        "explicit steps": "use scheme 'newmark' or 'implicit', or backend='cpm'",
     }
     #: Factors of a matrix of triangles are sparse enough for every mesh.
     factorise_up_to: ClassVar[float] = np.inf

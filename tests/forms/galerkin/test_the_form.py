@@ -1,5 +1,7 @@
 """The Galerkin form through the whole line: orders, laws, sides, files, and what it refuses."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from model_problems import order_of
@@ -171,9 +173,13 @@ def test_forms_are_chosen_with_a_reason():
     assert reason(strength="accurate") == "the only one with the option 'strength'"
     assert reason(order=2) == "the only one with the option 'order'"
     heat = ck.Scene(SPHERE, ck.Heat(xy, until=0.1, step=0.05))
-    assert "does not yet carry 'heat'" in ck.discretize(heat, 0.3).describe()["form_reason"]
+    assert "curves and surfaces" in ck.discretize(heat, 0.3).describe()["form_reason"]
+    carried = replace(heat, problem=ck.Heat(xy, until=0.1, step=0.05, velocity=np.zeros_like))
+    assert "does not yet carry 'heat'" in ck.discretize(carried, 0.3).describe()["form_reason"]
+    leaping = replace(heat, problem=ck.Wave(xy, until=0.1, step=0.05, scheme="leapfrog"))
+    assert "explicit steps" in ck.discretize(leaping, 0.3).describe()["form_reason"]
     with pytest.raises(ck.SceneError, match=r"'galerkin' does not yet carry 'heat'; use form='collocation'"):
-        solve(heat, 0.3)
+        solve(carried, 0.3)
     with pytest.raises(ck.InputError, match="degree is an option of the form 'collocation', got form='galerkin'"):
         solve(SCREENED, 0.3, degree=3)
     ball = ck.source("analytic.box", lower=[0, 0, 0], upper=[1, 1, 1])

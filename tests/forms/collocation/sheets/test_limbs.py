@@ -97,7 +97,7 @@ def test_an_eigenvalue_of_the_wrong_sign_is_refused_with_a_spacing_that_does(pro
 def test_where_c_lifts_the_operator_or_limbs_are_thick_nothing_is_refused():
     solution = ck.solve(two(2, 2, ck.ScreenedPoisson(one_and_nothing, c=1.0)), 1.0, form="collocation")
     assert any("Limbs side by side" in text for text in solution.warnings)
-    assert ck.solve(two(3, 4.5, ck.Heat(one_and_nothing, until=1.0, step=0.25)), 1.0).warnings
+    assert ck.solve(two(3, 4.5, ck.Heat(one_and_nothing, until=1.0, step=0.25)), 1.0, form="collocation").warnings
     eigen = ck.solve(two(3, 3.5, ck.Eigen(3)), 1.0)
     assert eigen.eigenvalues[:2] == pytest.approx([0, 0], abs=2e-3)
 
@@ -133,7 +133,7 @@ def test_a_run_that_grows_without_a_cause_is_refused(monkeypatch):
         ck.Wave(one_and_nothing, until=200.0, step=0.4),
     ):
         with pytest.raises(ck.ResolutionError, match="grows without a cause: at time"):
-            ck.solve(two(2, 2, problem), 1.0)
+            ck.solve(two(2, 2, problem), 1.0, form="collocation")
 
 
 def test_heat_that_leaks_is_told_and_heat_that_stays_is_not():
@@ -142,14 +142,14 @@ def test_heat_that_leaks_is_told_and_heat_that_stays_is_not():
     def warm(points):
         return np.exp(-((points - 3.5 * AXES[0] - AXES[1]) ** 2).sum(axis=1) / 2)
 
-    tube = ck.solve(ck.Scene(Capsule(1.5, 0.0), ck.Heat(warm, until=1.0, step=0.1)), 1.0)
+    tube = ck.solve(ck.Scene(Capsule(1.5, 0.0), ck.Heat(warm, until=1.0, step=0.1)), 1.0, form="collocation")
     (told,) = [
         text for text in tube.warnings if text.startswith("Heat was gained on a piece that nothing flows out of")
     ]
     assert "3.7% of the heat there" in told
     for f in (0.0, 2.0):
         heat = ck.Heat(lambda x: np.exp(x[:, 2]), until=0.5, step=0.1, f=f)
-        assert not ck.solve(ck.Scene(ck.source("analytic.sphere"), heat), 0.2).warnings
+        assert not ck.solve(ck.Scene(ck.source("analytic.sphere"), heat), 0.2, form="collocation").warnings
 
 
 def test_a_mean_that_was_far_off_says_by_how_much_the_rest_may_be_off():
