@@ -21,7 +21,7 @@ FORMS: dict[str, type[Declared]] = {"collocation": CollocationOptions, "galerkin
 #: The form that ``auto`` means where nothing in the scene or the options decides.
 DEFAULT_FORM = "galerkin"
 #: The families of equations that the Galerkin form carries.
-GALERKIN_FAMILIES = ("steady",)
+GALERKIN_FAMILIES = ("steady", "eigen")
 #: Those of them that it was not measured on: of waves, whose systems are indefinite.
 NOT_YET_GALERKIN = ("helmholtz",)
 
@@ -68,7 +68,7 @@ def choose_form(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
         return "collocation", f"the form 'galerkin' does not yet carry {kind!r}"
     if any(one.order is not None for one in scene.conditions):
         return "collocation", "the only one with orders of conditions"
-    return DEFAULT_FORM, "the one for steady problems on curves and surfaces"
+    return DEFAULT_FORM, "the one for steady problems and eigenvalues on curves and surfaces"
 
 
 def form_named(form: Any, names: Iterable[str] = ()) -> str | None:

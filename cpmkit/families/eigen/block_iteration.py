@@ -1,0 +1,155 @@
+"""Eigenpairs without factors: a block of functions, improved by what a preconditioner makes of their residuals.
+
+It is Knyazev's LOBPCG for ``B u = theta (A - sigma B) u``, sigma below all eigenvalues, and the largest theta; lambda
+is ``sigma + 1 / theta``. So the inner product is that of A - sigma B, which is positive definite whatever B is:
+the mass of splines is singular, and where Steklov's conditions stand B lives on boundaries alone. What B does not see
+has theta = 0, the far end of what is sought.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cpmkit.errors import ConvergenceError
+from cpmkit.families.eigen.inverse_iteration import InverseIteration, Pairs
+from cpmkit.protocols import Floats, Ints
+
+#: At most so many rounds; 15 to 25 are usual.
+MOST_ROUNDS = 100
+#: The block is iterated until residuals are below this share of the tolerance: they are computed anew at the end.
+ROUNDS_SHARE = 0.5
+#: Directions whose share of a block's energy is below this are rounding.
+DEPENDENT_SHARE = 1e-12
+#: The iteration is worth while where the block is at most this share of the unknowns.
+MOST_BLOCK_SHARE = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Functions S (n, k) with ``(A - sigma B) S`` and ``B S``."""
+
+    functions: Floats
+    energies: Floats
+    images: Floats
+
+    def combined(self, weights: Floats) -> Block:
+        """Return the functions ``S weights``, weights (k, m)."""
+        return Block(self.functions @ weights, self.energies @ weights, self.images @ weights)
+
+    def beside(self, other: Block) -> Block:
+        """Return both."""
+        return Block(
+            np.concatenate([self.functions, other.functions], axis=1),
+            np.concatenate([self.energies, other.energies], axis=1),
+            np.concatenate([self.images, other.images], axis=1),
+        )
+
+
+def block_pairs(stepped: InverseIteration, count: int, width: int) -> Pairs:
+    """Return the ``width`` eigenpairs next above the shift, ascending.
+
+    Those after the first ``count`` are less exact.
+
+    Raises
+    ------
+    ConvergenceError
+        If a residual of the first ``count`` is above the tolerance after all rounds, or A - sigma B turns out not to be
+        positive definite.
+    """
+    target = ROUNDS_SHARE * stepped.context.tolerance
+    start = np.random.default_rng(0).normal(size=(stepped.operator.size, width))
+    first = stepped.preconditioned(stepped.image(start))
+    block = _made(stepped, _orthonormal(stepped, first))
+    theta, block, past = _best(block, block.functions.shape[1], np.zeros(0, dtype=np.int64))
+    active = np.arange(len(theta))
+    for _ in range(MOST_ROUNDS):
+        correction = stepped.preconditioned(block.images[:, active] - block.energies[:, active] * theta[active])
+        changes = _changes(stepped, correction, theta[active], block.functions[:, active])
+        open_ = changes > target
+        active, correction = active[open_], correction[:, open_]
+        if not np.any(active < count):
+            return Pairs(stepped.shift + 1 / theta, block.functions)
+        kept = block.beside(past)
+        directions = kept.beside(_made(stepped, _orthonormal(stepped, correction, kept)))
+        theta, block, past = _best(directions, len(theta), active)
+    raise _not_converged(stepped, float(changes[open_].max()))
+
+
+def block_changes(stepped: InverseIteration, values: Floats, functions: Floats) -> Floats:
+    """Return by how much of its size about each function (n, k) changes in one more step, residuals computed anew."""
+    theta, block = 1 / (values - stepped.shift), _made(stepped, functions)
+    return _changes(stepped, stepped.preconditioned(block.images - block.energies * theta), theta, functions)
+
+
+def _changes(stepped: InverseIteration, corrections: Floats, theta: Floats, functions: Floats) -> Floats:
+    form = stepped.context.discretized
+    squares = [np.diag(form.inner(one, one)) for one in (corrections, functions)]
+    return np.asarray(np.sqrt(squares[0] / squares[1]) / np.abs(theta))
+
+
+def _made(stepped: InverseIteration, functions: Floats) -> Block:
+    stepped.products += functions.shape[1]
+    return Block(functions, stepped.operator.apply(functions), stepped.image(functions))
+
+
+def _orthonormal(stepped: InverseIteration, functions: Floats, kept: Block | None = None) -> Floats:
+    """Return functions of energy one, orthogonal to each other and to those ``kept``; twice, against rounding.
+
+    Raises
+    ------
+    ConvergenceError
+        If an energy is not above zero.
+    """
+    for _ in range(2):
+        if kept is not None:
+            functions = functions - kept.functions @ (kept.energies.T @ functions)
+        stepped.products += functions.shape[1]
+        gram = functions.T @ stepped.operator.apply(functions)
+        if not np.all(np.diag(gram) > 0):
+            raise _indefinite(stepped)
+        functions = functions @ _root_inverse(gram)
+    return functions
+
+
+def _root_inverse(gram: Floats) -> Floats:
+    """Return R (k, m) with ``R' gram R = 1``, m less than k where functions depend on each other."""
+    scale = 1 / np.sqrt(np.diag(gram))
+    values, vectors = np.linalg.eigh(gram * scale * scale[:, None])
+    kept = values > DEPENDENT_SHARE * values[-1]
+    return np.asarray(scale[:, None] * vectors[:, kept] / np.sqrt(values[kept]))
+
+
+def _best(directions: Block, width: int, active: Ints) -> tuple[Floats, Block, Block]:
+    """Return theta, the best functions among all directions, and what they took from others than their predecessors.
+
+    The latter is for the ``active`` functions, and orthogonal to the best (Hetmaniuk and Lehoucq, J. Comput. Phys. 218,
+    2006): the next round's three blocks are then orthonormal, and its matrices never near to singular.
+    """
+    from scipy.linalg import eigh
+
+    gram = directions.functions.T @ directions.energies
+    images = directions.functions.T @ directions.images
+    theta, weights = eigh(0.5 * (images + images.T), 0.5 * (gram + gram.T))
+    theta, best = theta[::-1][:width], weights[:, ::-1][:, :width]
+    moved = best[:, active].copy()
+    moved[:width] = 0.0
+    for _ in range(2 if len(active) else 0):
+        moved -= best @ (best.T @ (gram @ moved))
+        moved = moved @ _root_inverse(moved.T @ gram @ moved)
+    return theta, directions.combined(best), directions.combined(moved)
+
+
+def _indefinite(stepped: InverseIteration) -> ConvergenceError:
+    reason = f"there are eigenvalues below {stepped.shift:.6g}, above which the solver 'multigrid' seeks them"
+    report = stepped.context.report(False, stepped.solves, stepped.products, np.inf, reason)
+    return ConvergenceError(f"The eigenvalues did not converge: {reason}; use solver='direct'.", report)
+
+
+def _not_converged(stepped: InverseIteration, change: float) -> ConvergenceError:
+    tolerance = stepped.context.tolerance
+    reason = f"functions still change by {change:.2e} of their size after {MOST_ROUNDS} rounds, {tolerance:.2e} asked"
+    report = stepped.context.report(False, stepped.solves, stepped.products, change, reason)
+    remedy = f"ask for a larger tolerance, or use solver='direct'{stepped.context.discretized.cure()}"
+    return ConvergenceError(f"The eigenvalues did not converge: {reason}; {remedy}.", report)
