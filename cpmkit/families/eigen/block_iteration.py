@@ -8,6 +8,7 @@ has theta = 0, the far end of what is sought.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,18 +35,6 @@ class Block:
     energies: Floats
     images: Floats
 
-    def combined(self, weights: Floats) -> Block:
-        """Return the functions ``S weights``, weights (k, m)."""
-        return Block(self.functions @ weights, self.energies @ weights, self.images @ weights)
-
-    def beside(self, other: Block) -> Block:
-        """Return both."""
-        return Block(
-            np.concatenate([self.functions, other.functions], axis=1),
-            np.concatenate([self.energies, other.energies], axis=1),
-            np.concatenate([self.images, other.images], axis=1),
-        )
-
 
 def block_pairs(stepped: InverseIteration, count: int, width: int) -> Pairs:
     """Return the ``width`` eigenpairs next above the shift, ascending.
@@ -62,7 +51,7 @@ def block_pairs(stepped: InverseIteration, count: int, width: int) -> Pairs:
     start = np.random.default_rng(0).normal(size=(stepped.operator.size, width))
     first = stepped.preconditioned(stepped.image(start))
     block = _made(stepped, _orthonormal(stepped, first))
-    theta, block, past = _best(block, block.functions.shape[1], np.zeros(0, dtype=np.int64))
+    theta, block, past = _best([block], block.functions.shape[1], np.zeros(0, dtype=np.int64))
     active = np.arange(len(theta))
     for _ in range(MOST_ROUNDS):
         correction = stepped.preconditioned(block.images[:, active] - block.energies[:, active] * theta[active])
@@ -71,9 +60,8 @@ def block_pairs(stepped: InverseIteration, count: int, width: int) -> Pairs:
         active, correction = active[open_], correction[:, open_]
         if not np.any(active < count):
             return Pairs(stepped.shift + 1 / theta, block.functions)
-        kept = block.beside(past)
-        directions = kept.beside(_made(stepped, _orthonormal(stepped, correction, kept)))
-        theta, block, past = _best(directions, len(theta), active)
+        further = _made(stepped, _orthonormal(stepped, correction, [block, past]))
+        theta, block, past = _best([block, past, further], len(theta), active)
     raise _not_converged(stepped, float(changes[open_].max()))
 
 
@@ -94,7 +82,7 @@ def _made(stepped: InverseIteration, functions: Floats) -> Block:
     return Block(functions, stepped.operator.apply(functions), stepped.image(functions))
 
 
-def _orthonormal(stepped: InverseIteration, functions: Floats, kept: Block | None = None) -> Floats:
+def _orthonormal(stepped: InverseIteration, functions: Floats, kept: Sequence[Block] = ()) -> Floats:
     """Return functions of energy one, orthogonal to each other and to those ``kept``; twice, against rounding.
 
     Raises
@@ -102,26 +90,41 @@ def _orthonormal(stepped: InverseIteration, functions: Floats, kept: Block | Non
     ConvergenceError
         If an energy is not above zero.
     """
+    functions = functions / np.sqrt(_energies(stepped, functions))
     for _ in range(2):
-        if kept is not None:
-            functions = functions - kept.functions @ (kept.energies.T @ functions)
+        for one in kept:
+            functions = functions - one.functions @ (one.energies.T @ functions)
         stepped.products += functions.shape[1]
         gram = functions.T @ stepped.operator.apply(functions)
-        if not np.all(np.diag(gram) > 0):
-            raise _indefinite(stepped)
-        functions = functions @ _root_inverse(gram)
+        new = np.diag(gram) > DEPENDENT_SHARE  # others were sums of those kept
+        functions = functions[:, new] @ _root_inverse(gram[np.ix_(new, new)])
     return functions
+
+
+def _energies(stepped: InverseIteration, functions: Floats) -> Floats:
+    """Return the energy of each function (n, k).
+
+    Raises
+    ------
+    ConvergenceError
+        If one is not above zero.
+    """
+    stepped.products += functions.shape[1]
+    energies = np.einsum("nk,nk->k", functions, stepped.operator.apply(functions))
+    if not np.all(energies > 0):
+        raise _indefinite(stepped)
+    return np.asarray(energies)
 
 
 def _root_inverse(gram: Floats) -> Floats:
     """Return R (k, m) with ``R' gram R = 1``, m less than k where functions depend on each other."""
     scale = 1 / np.sqrt(np.diag(gram))
     values, vectors = np.linalg.eigh(gram * scale * scale[:, None])
-    kept = values > DEPENDENT_SHARE * values[-1]
+    kept = values > DEPENDENT_SHARE * values.max(initial=0.0)
     return np.asarray(scale[:, None] * vectors[:, kept] / np.sqrt(values[kept]))
 
 
-def _best(directions: Block, width: int, active: Ints) -> tuple[Floats, Block, Block]:
+def _best(directions: Sequence[Block], width: int, active: Ints) -> tuple[Floats, Block, Block]:
     """Return theta, the best functions among all directions, and what they took from others than their predecessors.
 
     The latter is for the ``active`` functions, and orthogonal to the best (Hetmaniuk and Lehoucq, J. Comput. Phys. 218,
@@ -129,8 +132,8 @@ def _best(directions: Block, width: int, active: Ints) -> tuple[Floats, Block, B
     """
     from scipy.linalg import eigh
 
-    gram = directions.functions.T @ directions.energies
-    images = directions.functions.T @ directions.images
+    gram = np.block([[one.functions.T @ other.energies for other in directions] for one in directions])
+    images = np.block([[one.functions.T @ other.images for other in directions] for one in directions])
     theta, weights = eigh(0.5 * (images + images.T), 0.5 * (gram + gram.T))
     theta, best = theta[::-1][:width], weights[:, ::-1][:, :width]
     moved = best[:, active].copy()
@@ -138,7 +141,15 @@ def _best(directions: Block, width: int, active: Ints) -> tuple[Floats, Block, B
     for _ in range(2 if len(active) else 0):
         moved -= best @ (best.T @ (gram @ moved))
         moved = moved @ _root_inverse(moved.T @ gram @ moved)
-    return theta, directions.combined(best), directions.combined(moved)
+    return theta, _combined(directions, best), _combined(directions, moved)
+
+
+def _combined(directions: Sequence[Block], weights: Floats) -> Block:
+    """Return the sums of all functions with ``weights`` (k, m)."""
+    parts = np.split(weights, np.cumsum([one.functions.shape[1] for one in directions])[:-1])
+    pairs = list(zip(directions, parts, strict=True))
+    made = {name: sum(getattr(one, name) @ part for one, part in pairs) for name in ("functions", "energies", "images")}
+    return Block(**made)
 
 
 def _indefinite(stepped: InverseIteration) -> ConvergenceError:
