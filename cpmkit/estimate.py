@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import place
-from cpmkit.estimate_modes import compare_modes, with_further_modes
 from cpmkit.forms.choice import FORMS
 from cpmkit.forms.options import Options
 from cpmkit.linear.choice import SolverOptions
@@ -17,6 +16,7 @@ from cpmkit.protocols import Floats
 from cpmkit.runtime.declared import showing
 from cpmkit.runtime.warn import collected_warnings, warn_each
 from cpmkit.scene.scene import Scene
+from cpmkit.solution.matched_modes import compare_modes, with_further_modes
 from cpmkit.solution.modes import EigenSolution
 from cpmkit.solution.solution import Solution
 from cpmkit.solving import solve

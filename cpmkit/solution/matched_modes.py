@@ -1,4 +1,4 @@
-"""How large the errors of eigenvalues are: each is held against those whose functions are like its own at twice h."""
+"""Modes at a spacing held against those at twice it, by their functions: how large errors of eigenvalues are."""
 
 from __future__ import annotations
 
