@@ -13,9 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.errors import ConvergenceError
+from cpmkit.errors import ConvergenceError, ResolutionError
 from cpmkit.families.eigen.inverse_iteration import InverseIteration, Pairs
 from cpmkit.protocols import Floats, Ints
+from cpmkit.runtime import memory
 
 #: At most so many rounds; 15 to 25 are usual.
 MOST_ROUNDS = 100
@@ -25,6 +26,10 @@ ROUNDS_SHARE = 0.5
 DEPENDENT_SHARE = 1e-12
 #: The iteration is worth while where the block is at most this share of the unknowns.
 MOST_BLOCK_SHARE = 0.1
+
+#: At its peak the iteration holds so many blocks of functions: three, with their energies and images, and what becomes
+#: of two of them, and the corrections.
+HELD_BLOCKS = 17
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,10 +48,13 @@ def block_pairs(stepped: InverseIteration, count: int, width: int) -> Pairs:
 
     Raises
     ------
+    ResolutionError
+        If the memory of this process cannot hold the functions.
     ConvergenceError
         If a residual of the first ``count`` is above the tolerance after all rounds, or A - sigma B turns out not to be
         positive definite.
     """
+    _check_fits(stepped, count, width)
     target = ROUNDS_SHARE * stepped.context.tolerance
     start = np.random.default_rng(0).normal(size=(stepped.operator.size, width))
     first = stepped.preconditioned(stepped.image(start))
@@ -63,6 +71,16 @@ def block_pairs(stepped: InverseIteration, count: int, width: int) -> Pairs:
         further = _made(stepped, _orthonormal(stepped, correction, [block, past]))
         theta, block, past = _best([block, past, further], len(theta), active)
     raise _not_converged(stepped, float(changes[open_].max()))
+
+
+def _check_fits(stepped: InverseIteration, count: int, width: int) -> None:
+    unknowns, limit = stepped.operator.size, memory.memory_limit()
+    needed = 8.0 * HELD_BLOCKS * width * unknowns
+    if needed > limit.bytes:
+        raise ResolutionError(
+            f"count={count} of {unknowns} unknowns needs about {needed / 2**30:.3g} GiB for functions, and {limit}; "
+            "ask for fewer, or use a larger spacing."
+        )
 
 
 def block_changes(stepped: InverseIteration, values: Floats, functions: Floats) -> Floats:

@@ -42,7 +42,7 @@ def solve_eigen(context: SolveContext) -> EigenSolution:
     SceneError
         If a Steklov problem has a piece on which nothing holds but Neumann conditions.
     ResolutionError
-        If there is an eigenvalue of the wrong sign.
+        If there is an eigenvalue of the wrong sign, or functions do not fit into memory.
     ConvergenceError
         If a linear solve, the iteration, or the residual of a pair misses the tolerance.
     """

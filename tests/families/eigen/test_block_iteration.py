@@ -45,3 +45,9 @@ def test_numbers_inside_the_spectrum_need_factors():
     with pytest.raises(ck.ConvergenceError, match="solver='direct'"):
         ck.solve(scene, 0.25, solver="multigrid")
     assert ck.solve(scene, 0.25).eigenvalues == pytest.approx([6] * 5, rel=2e-3)
+
+
+def test_functions_that_do_not_fit_are_refused_before_they_are_made(monkeypatch):
+    monkeypatch.setattr("cpmkit.families.eigen.block_iteration.HELD_BLOCKS", 10**9)
+    with pytest.raises(ck.ResolutionError, match=r"count=9 of \d+ unknowns needs about .* GiB for functions, and"):
+        ck.solve(SCENES["closed"], 0.25, solver="multigrid")
