@@ -16,6 +16,8 @@ from cpmkit.protocols import Floats
 from cpmkit.runtime.declared import showing
 from cpmkit.runtime.warn import collected_warnings, warn_each
 from cpmkit.scene.scene import Scene
+from cpmkit.solution.matched_modes import compare_modes, with_further_modes
+from cpmkit.solution.modes import EigenSolution
 from cpmkit.solution.solution import Solution
 from cpmkit.solving import solve
 
@@ -27,14 +29,15 @@ ERROR_SAFETY_FACTOR = 2.0
 
 @dataclass(frozen=True, eq=False)
 class ErrorEstimate:
-    """An estimate of the largest error of a solution.
+    """An estimate of the largest error of a solution, or of its eigenvalues.
 
     Attributes
     ----------
     error : (channels,) float64
-        ``max |u - u_coarse|`` over the form's divisor, which for an order k is 2^k - 1, at the spacing asked for.
+        ``max |u - u_coarse|`` over the form's divisor, which for an order k is 2^k - 1, at the spacing asked for. Of an
+        eigenvalue problem the same of each eigenvalue; infinite where at twice the spacing no mode is like its own.
     floor : (channels,) float64
-        What the source alone leaves, whatever the spacing.
+        What the source alone leaves, whatever the spacing; of eigenvalues not known, and zero.
     at : (d,) float64
         Where the two solutions differ most, in the scene's coordinates.
     solution, coarse : Solution
@@ -65,7 +68,8 @@ def estimate_error(scene: Scene, spacing: float, **options: Any) -> ErrorEstimat
     """Solve a scene at ``spacing`` and at twice it, and estimate the error of the finer solution.
 
     On a single position of the lattice the estimate is within a factor of two or three of the true error; where the
-    coarse grid does not see the scene (thin parts, boundaries near each other) it is larger than that.
+    coarse grid does not see the scene (thin parts, boundaries near each other) it is larger than that. Eigenvalues are
+    matched by their functions, multiplets as a whole.
 
     Parameters
     ----------
@@ -98,17 +102,20 @@ def estimate_error(scene: Scene, spacing: float, **options: Any) -> ErrorEstimat
     """
     with collected_warnings():
         solution = solve(scene, spacing, **options)
-        coarse = solve(scene, 2 * spacing, **options)
+        coarser = with_further_modes(scene) if isinstance(solution, EigenSolution) else scene
+        coarse = solve(coarser, 2 * spacing, **options)
     warn_each(solution.warnings)
-    points = solution.discretized.points
+    form = solution.discretized
+    points = form.points
     points = points[np.linspace(0, len(points) - 1, min(COMPARED_FEET, len(points))).astype(np.int64)]
-    fine = solution.evaluate(points).reshape(len(points), -1)
-    apart = np.abs(fine - coarse.evaluate(points).reshape(len(points), -1))
-    span = fine.max(axis=0) - fine.min(axis=0)
-    return ErrorEstimate(
-        apart.max(axis=0) / solution.discretized.error_divisor(),
-        advice_of(scene.surface, spacing).floor * span,
-        points[int(apart.max(axis=1).argmax())],
-        solution,
-        coarse,
-    )
+    if isinstance(solution, EigenSolution) and isinstance(coarse, EigenSolution):
+        differences, apart = compare_modes(solution, coarse, points)
+        divisor = form.eigenvalue_divisor()
+        floor = np.zeros(len(differences))
+    else:
+        fine = solution.evaluate(points).reshape(len(points), -1)
+        apart = np.abs(fine - coarse.evaluate(points).reshape(len(points), -1))
+        differences, divisor = apart.max(axis=0), form.error_divisor()
+        floor = advice_of(scene.surface, spacing).floor * (fine.max(axis=0) - fine.min(axis=0))
+    at = points[int(apart.max(axis=1).argmax())]
+    return ErrorEstimate(differences / divisor, floor, at, solution, coarse)

@@ -345,6 +345,18 @@ class PreparedSolver(Protocol):
         """
 
 
+@runtime_checkable
+class Preconditioner(PreparedSolver, Protocol):
+    """A prepared solver that also makes one cheap, symmetric, positive step towards a solution."""
+
+    @property
+    def step_products(self) -> int:
+        """How many products with A a step takes, a channel."""
+
+    def precondition(self, residual: Floats, /) -> Floats:
+        """Return about A^-1 times (n, channels)."""
+
+
 class LinearSolver(Protocol):
     """What solves linear systems, in two phases; a plugin's factory in ``cpmkit_solvers`` returns one.
 

@@ -22,7 +22,7 @@ FORMS: dict[str, type[Declared]] = {"collocation": CollocationOptions, "galerkin
 #: The form that ``auto`` means where nothing in the scene or the options decides.
 DEFAULT_FORM = "galerkin"
 #: The families of equations that the Galerkin form carries.
-GALERKIN_FAMILIES = ("steady", "time")
+GALERKIN_FAMILIES = ("steady", "time", "eigen")
 #: Those of them that it was not measured on: of waves, whose systems are indefinite.
 NOT_YET_GALERKIN = ("helmholtz",)
 

@@ -393,6 +393,10 @@ class Discretized(ABC):
         """Return what the difference from a solution at twice the spacing is divided by to estimate the error."""
         return 3.0
 
+    def eigenvalue_divisor(self) -> float:
+        """Return the same for eigenvalues, which may converge faster than functions."""
+        return self.error_divisor()
+
     def work(self, operator: Operator, report: SolveReport | None) -> MeasuredWork:
         """Return what a solve cost."""
         return PlainWork(self.size, operator.nonzeros, report.operator_applications if report else 0)

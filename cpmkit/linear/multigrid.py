@@ -120,7 +120,7 @@ class Preconditioned:
             start, target = np.ascontiguousarray(residual[:, open_]), RECURSION_SHARE * tolerance * size[open_]
             left = self.max_iterations - iterations
             try:
-                step, taken = conjugate_gradients(self.matrix.apply, self._precondition, start, target, left, progress)
+                step, taken = conjugate_gradients(self.matrix.apply, self.precondition, start, target, left, progress)
             except Indefinite as error:
                 raise _indefinite(error, iterations, tolerance) from error
             u[:, open_] += step
@@ -141,7 +141,13 @@ class Preconditioned:
         excess = np.linalg.solve((indicator.T @ carried).toarray(), indicator.T @ b)
         return b - carried @ excess, excess / self.bordered.shift
 
-    def _precondition(self, residual: Floats) -> Floats:
+    @property
+    def step_products(self) -> int:
+        """How many products with A a cycle takes, a channel."""
+        return self.cycle.products
+
+    def precondition(self, residual: Floats) -> Floats:
+        """Return one cycle from a residual (n, channels)."""
         return self._centred(self.cycle.apply(self._centred(residual)))
 
     def _centred(self, vector: Floats) -> Floats:

@@ -13,17 +13,21 @@ from cpmkit.solution.solution import Solution
 class EigenSolution(Solution):
     """The solution of an eigenvalue problem: eigenfunction k is channel k, read like any solution.
 
-    Each has unit mean square over the nodes of the band, and so about over the manifold. Its sign is such that of
-    the values of nearly the greatest size the first is above zero. Those of one eigenvalue are orthogonal.
+    Each has unit mean square over the manifold, in the collocation form over the nodes of the band, and so about over
+    it. Its sign is such that of the values of nearly the greatest size the first is above zero. Those of one
+    eigenvalue are orthogonal.
 
     Attributes
     ----------
     eigenvalues : (count,) float64
-        Ascending; real parts, where the discrete operator, which is not symmetric, has a complex pair.
+        Ascending; real parts, where the discrete operator, which in the collocation form is not symmetric, has a
+        complex pair.
     imaginary : (count,) float64
         Imaginary parts; zero but for such a pair, whose eigenfunctions are real and imaginary part.
     residuals : (count,) float64
-        By how much of its size each eigenfunction changes in one more step of inverse iteration.
+        By how much of its size, its root mean square, each eigenfunction changes in one more step of inverse iteration;
+        about, where a cycle of the multigrid stands for the step. How far eigenvalues are from those of the manifold is
+        told by :func:`cpmkit.estimate_error`.
     """
 
     eigenvalues: Floats
@@ -36,7 +40,7 @@ class EigenSolution(Solution):
 
     def summary(self) -> dict[str, Any]:
         """Return what was solved, what it cost and what it reached, as plain values."""
-        return {**super().summary(), "eigenvalues": self.eigenvalues.tolist()}
+        return {**super().summary(), "eigenvalues": self.eigenvalues.tolist(), "residuals": self.residuals.tolist()}
 
     def __repr__(self) -> str:
         return f"{super().__repr__()}\n  eigenvalues {', '.join(f'{value:.6g}' for value in self.eigenvalues)}"

@@ -12,12 +12,23 @@ import numpy as np
 
 from cpmkit.errors import SceneError
 from cpmkit.families.context import SolveContext, left_side
-from cpmkit.protocols import Floats, Operator, PreparedSolver, Stiffness
+from cpmkit.linear.multigrid_exact import Indefinite, PositiveFactors
+from cpmkit.protocols import Floats, Operator, Preconditioner, PreparedSolver, Stiffness
 from cpmkit.scene.compound_equations import Eigen
 
 #: Distance of the shift from the wanted number, in typical eigenvalues of a manifold of this size: below the spectrum,
 #: or beside a number inside it.
 SHIFT_BELOW_EIGENVALUES, SHIFT_BESIDE_EIGENVALUES = 1.0, 0.05
+#: How often the shift is lowered, by four times as much each time, where there are eigenvalues below it.
+LOWERED_SHIFTS = 12
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """Eigenvalues (k,) and vectors (n, k), complex of unsymmetric problems, in any order."""
+
+    values: Any
+    vectors: Any
 
 
 @dataclass(eq=False)
@@ -53,14 +64,43 @@ class InverseIteration:
     products: int = 0
     solves: int = 0
 
+    @property
+    def symmetric(self) -> bool:
+        """Whether A and B are surely symmetric: eigenvalues are real then, and functions orthogonal."""
+        return self.operator.symmetric and (self.mass is None or self.mass.symmetric)
+
+    @property
+    def preconditioner(self) -> Preconditioner | None:
+        """What is a cheap step in place of a solve; None where solves are cheap, or none is known."""
+        return self.prepared if self.symmetric and isinstance(self.prepared, Preconditioner) else None
+
+    def image(self, v: Floats) -> Floats:
+        """Return B v."""
+        return v if self.mass is None else np.asarray(self.mass.apply(v))
+
     def step(self, v: Floats) -> Floats:
         """Return the step from v (n,) or (n, k)."""
-        image = v if self.mass is None else self.mass.apply(v)
-        columns = np.ascontiguousarray(image.reshape(len(v), -1))
+        return self.inverted(self.image(v))
+
+    def inverted(self, image: Floats) -> Floats:
+        """Return ``(A - sigma B)^-1`` times (n,) or (n, k)."""
+        columns = np.ascontiguousarray(image.reshape(len(image), -1))
         u, report = self.prepared.solve(columns, self.context.tolerance)
         self.products, self.solves = self.products + report.operator_applications, self.solves + 1
+        self.told_progress()
+        return np.asarray(u.reshape(image.shape))
+
+    def preconditioned(self, residual: Floats) -> Floats:
+        """Return one cheap step from a residual (n, k)."""
+        assert self.preconditioner is not None
+        self.products += self.preconditioner.step_products * residual.shape[1]
+        self.solves += 1
+        self.told_progress()
+        return self.preconditioner.precondition(np.ascontiguousarray(residual))
+
+    def told_progress(self) -> None:
+        """Tell how far it is, as well as that is known."""
         self.context.progress("solve", 1.0 - 1.0 / (1.0 + 0.05 * self.solves))
-        return np.asarray(u.reshape(v.shape))
 
 
 def inverse_iteration(context: SolveContext, problem: Eigen, stiffness: Stiffness) -> InverseIteration:
@@ -79,9 +119,33 @@ def inverse_iteration(context: SolveContext, problem: Eigen, stiffness: Stiffnes
         unit = float(form.read(problem.diffusivity, "the diffusivity").mean()) / length**2
         near = float(form.read(problem.c, "the factor c").min()) if problem.near is None else problem.near
         shift = near - beside * unit
+    if problem.near is None and stiffness.symmetric and not form.multigrid:
+        key = ("below", left_side(problem.terms()), shift)
+        shift = context.kept.get(key, _below_all, stiffness, mass, shift, unit)
     key = ("less", left_side(problem.terms()), shift)
     operator, prepared = context.kept.get(key, _ready, context, stiffness, shift, mass)
     return InverseIteration(context, operator, prepared, mass, shift, unit)
+
+
+def _below_all(stiffness: Stiffness, mass: Any, shift: float, unit: float) -> float:
+    """Return a number below all eigenvalues, of which conditions that feed may bring some far below zero.
+
+    Raises
+    ------
+    SceneError
+        If there is none to be found.
+    """
+    for _ in range(LOWERED_SHIFTS):
+        try:
+            PositiveFactors.of(stiffness.less(shift, mass).to_csr(), "at the shift")
+        except Indefinite:
+            shift, unit = shift - 4 * unit, 4 * unit
+            continue
+        return shift
+    raise SceneError(
+        f"There are eigenvalues below {shift:.3g}, and no end of them was found: conditions or c feed more than the "
+        "spacing resolves; give near= for those that are meant, or use a smaller spacing."
+    )
 
 
 def _ready(context: SolveContext, stiffness: Stiffness, shift: float, mass: Any) -> tuple[Operator, PreparedSolver]:

@@ -1,8 +1,4 @@
-"""Eigenvalue problems ``A u = lambda B u``: ARPACK's Arnoldi iteration on steps of inverse iteration.
-
-It finds the largest eigenvalues theta of ``(A - sigma B)^-1 B``; lambda is ``sigma + 1 / theta``, and what is no
-eigenvalue of the manifold, of ghosts and of the stabilisation, has theta near zero.
-"""
+"""Eigenvalue problems ``A u = lambda B u``: steps of inverse iteration, or a block of functions without such steps."""
 
 from __future__ import annotations
 
@@ -14,7 +10,10 @@ import numpy as np
 
 from cpmkit.errors import ConvergenceError, InputError
 from cpmkit.families.context import SolveContext
-from cpmkit.families.eigen.inverse_iteration import InverseIteration, inverse_iteration
+from cpmkit.families.eigen.block_iteration import MOST_BLOCK_SHARE, block_changes, block_pairs
+from cpmkit.families.eigen.inverse_iteration import InverseIteration, Pairs, inverse_iteration
+from cpmkit.families.eigen.multiplets import cut_multiplet
+from cpmkit.families.eigen.shift_invert import SAME_EIGENVALUE_TOLERANCES, shift_inverted_pairs
 from cpmkit.forms.contract import Discretized
 from cpmkit.linear.report import SolveReport
 from cpmkit.protocols import Floats
@@ -23,10 +22,10 @@ from cpmkit.solution.modes import EigenSolution
 
 #: Further pairs that are sought, so that of a multiple eigenvalue none is missed.
 SPARE_PAIRS = 6
+#: The same where a block is iterated, as a share of those asked for: the last ones of a block are slow.
+SPARE_SHARE = 0.1
 #: Imaginary parts above this share of an eigenvalue's distance from the shift are no rounding.
 COMPLEX_SHARE = 1e-8
-#: Eigenvalues that differ by less than this share of the tolerance are one.
-SAME_EIGENVALUE_TOLERANCES = 0.1
 #: An eigenvalue below zero is one of the wrong sign if it is farther from it than this share of ``unit``.
 WRONG_SIGN_UNITS = 0.2
 #: Values are of the greatest size down to this share of it.
@@ -39,11 +38,11 @@ def solve_eigen(context: SolveContext) -> EigenSolution:
     Raises
     ------
     InputError
-        If the band has fewer unknowns than eigenvalues are asked for.
+        If there are fewer unknowns than eigenvalues are asked for.
     SceneError
         If a Steklov problem has a piece on which nothing holds but Neumann conditions.
     ResolutionError
-        If there is an eigenvalue of the wrong sign.
+        If there is an eigenvalue of the wrong sign, or functions do not fit into memory.
     ConvergenceError
         If a linear solve, the iteration, or the residual of a pair misses the tolerance.
     """
@@ -54,40 +53,37 @@ def solve_eigen(context: SolveContext) -> EigenSolution:
     stepped = inverse_iteration(context, problem, stiffness)
     stepped.products += form.indefinite(stiffness)[1]
     built = time.perf_counter()
-    values, vectors = _iterate(problem, stepped)
+    pairs = _pairs(problem, stepped)
     if stepped.mass is form.mass:  # Steklov's eigenvalues may be of either sign
-        form.check_signs(float(np.min(values.real)), WRONG_SIGN_UNITS * abs(stepped.unit))
-    modes = _modes(problem, stepped, values, vectors)
+        form.check_signs(float(np.min(pairs.values.real)), WRONG_SIGN_UNITS * abs(stepped.unit))
+    modes = _modes(problem, stepped, pairs)
     report = _judge(stepped, float(modes.residuals.max()))
-    work, told = form.work(stiffness, report), (*form.warnings(), *_complex_pairs(modes, stepped.shift))
+    told = (
+        *form.warnings(),
+        *_complex_pairs(modes, stepped.shift),
+        *cut_multiplet(problem, pairs.values.real, stepped.shift),
+    )
+    work = form.work(stiffness, report)
     seconds = {"build": built - context.started, "solve": time.perf_counter() - built}
     real, imaginary = modes.values.real, modes.values.imag
     return EigenSolution(form, modes.functions, report, work, seconds, real, imaginary, modes.residuals, warnings=told)
 
 
-def _iterate(problem: Eigen, stepped: InverseIteration) -> tuple[Any, Any]:
-    """Return eigenvalues (k,) and eigenvectors (n, k), complex, more than are asked for.
+def _pairs(problem: Eigen, stepped: InverseIteration) -> Pairs:
+    """Return more eigenpairs than are asked for.
 
     Raises
     ------
     InputError, ConvergenceError
-        As :func:`solve_job` does.
+        As :func:`solve_eigen` does.
     """
-    from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
-
-    context, n, wanted = stepped.context, stepped.operator.size, problem.count + SPARE_PAIRS
+    n, wanted = stepped.operator.size, problem.count + SPARE_PAIRS
     if wanted > n - 2:
         raise InputError(f"count={problem.count} is too many for {n} unknowns; use {n - 2 - SPARE_PAIRS} or less.")
-    start = np.random.default_rng(0).normal(size=n)
-    matrix = LinearOperator((n, n), matvec=stepped.step, dtype=np.float64)
-    try:
-        theta, vectors = eigs(matrix, wanted, which="LM", v0=start, tol=SAME_EIGENVALUE_TOLERANCES * context.tolerance)
-    except ArpackNoConvergence as error:
-        reason = f"Arnoldi's iteration found {len(error.eigenvalues)} of {wanted} eigenvalues"
-        remedy = f"ask for fewer, or for a larger tolerance{context.discretized.cure()}"
-        report = context.report(False, stepped.solves, stepped.products, np.inf, reason)
-        raise ConvergenceError(f"The eigenvalues did not converge: {reason}; {remedy}.", report) from error
-    return stepped.shift + 1 / theta, vectors
+    wide = problem.count + max(SPARE_PAIRS, int(SPARE_SHARE * problem.count))
+    if stepped.preconditioner is not None and wide <= MOST_BLOCK_SHARE * n:
+        return block_pairs(stepped, problem.count, wide)
+    return shift_inverted_pairs(stepped, wanted)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,18 +95,19 @@ class Modes:
     residuals: Floats
 
 
-def _modes(problem: Eigen, stepped: InverseIteration, values: Any, vectors: Any) -> Modes:
+def _modes(problem: Eigen, stepped: InverseIteration, pairs: Pairs) -> Modes:
     """Return the modes nearest to the number asked for, ascending.
 
     A complex pair gives two, the real and the imaginary part of the one eigenvector.
     """
+    values, vectors = pairs.values, pairs.vectors
     kept = np.flatnonzero(values.imag >= 0)
     about = stepped.shift if problem.near is None else problem.near
     kept = kept[np.argsort(np.abs(values[kept] - about), kind="stable")][: problem.count]
     values, vectors = values[kept], vectors[:, kept]
     residuals = _residuals(stepped, values, vectors)
     paired = np.flatnonzero(values.imag > 0)
-    both = np.concatenate([values, values[paired].conj()])
+    both = np.concatenate([values, values[paired].conj()]).astype(np.complex128)
     functions = np.concatenate([vectors.real, vectors.imag[:, paired]], axis=1)
     order = np.argsort(np.abs(both - about), kind="stable")[: problem.count]
     order = order[np.argsort(both[order].real, kind="stable")]
@@ -135,13 +132,24 @@ def _normalised(form: Discretized, values: Floats, functions: Floats, same: Floa
 
 
 def _residuals(stepped: InverseIteration, values: Any, vectors: Any) -> Floats:
-    """Return by how much of its size each eigenvector (n, k) changes in one more step of inverse iteration."""
+    """Return by how much of its size each eigenvector (n, k) changes in one more step of inverse iteration.
+
+    Where a block was iterated a cycle of the multigrid stands for the step.
+    """
+    if stepped.preconditioner is not None:
+        return block_changes(stepped, values, vectors)
     paired = np.flatnonzero(values.imag > 0)
     steps = stepped.step(np.concatenate([vectors.real, vectors.imag[:, paired]], axis=1))
     step = steps[:, : len(values)].astype(np.complex128)
     step[:, paired] += 1j * steps[:, len(values) :]
-    change = np.linalg.norm((values - stepped.shift) * step - vectors, axis=0)
-    return np.asarray(change / np.linalg.norm(vectors, axis=0))
+    change = (values - stepped.shift) * step - vectors
+    return np.asarray(np.sqrt(_squares(stepped, change) / _squares(stepped, vectors)))
+
+
+def _squares(stepped: InverseIteration, vectors: Any) -> Floats:
+    """Return the mean square of each function (n, k) over the manifold."""
+    form = stepped.context.discretized
+    return np.asarray(sum(np.diag(form.inner(part, part)) for part in (vectors.real, vectors.imag)))
 
 
 def _judge(stepped: InverseIteration, residual: float) -> SolveReport:

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from palm_mesh import FINGER_RADIUS, palm
-from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
 import cpmkit as ck
 from cpmkit.forms.galerkin.space.parted import pieces
@@ -14,12 +13,11 @@ PALM = np.array([7.277, 9.673, 10.513, 12.051])
 
 def lowest(source, spacing, count, **options):
     """Return the lowest eigenvalues of -Lap, by the direct solver."""
-    form = ck.discretize(ck.Scene(source, ck.Laplace()), spacing, form="galerkin", **options)
-    energy, mass = form.stiffness(ck.Laplace().terms()).matrix.tocsc(), form.mass.matrix.tocsc()
-    solve = LinearOperator(energy.shape, splu((energy + mass).tocsc()).solve)
-    return np.sort(eigsh(energy, count, mass, sigma=-1.0, OPinv=solve, return_eigenvectors=False))
+    scene = ck.Scene(source, ck.Eigen(count))
+    return ck.solve(scene, spacing, form="galerkin", solver="direct", **options).eigenvalues
 
 
+@pytest.mark.filterwarnings("ignore:The manifold is thin")
 @pytest.mark.parametrize(
     ("thickness", "share"), [(2.0, 0.01), (1.5, 0.02), pytest.param(1.0, 0.05, marks=pytest.mark.slow)]
 )

@@ -1,0 +1,53 @@
+"""The block iteration finds what factors find, in far less than their work, and refuses what it cannot seek."""
+
+import numpy as np
+import pytest
+
+import cpmkit as ck
+
+SPHERE, CAP = ck.source("analytic.sphere"), ck.source("analytic.cap")
+SCENES = {
+    "closed": ck.Scene(SPHERE, ck.Eigen(9)),
+    "Dirichlet": ck.Scene(CAP, ck.Eigen(6), edge=ck.Dirichlet(0)),
+    "Robin": ck.Scene(CAP, ck.Eigen(3), edge=ck.Robin(1.0, 2.0, 0.0)),
+    "Steklov": ck.Scene(CAP, ck.Eigen(5), edge=ck.Steklov()),
+    "potential": ck.Scene(SPHERE, ck.Eigen(2, c=lambda x: 5 * x[:, 2], diffusivity=lambda x: 2 + x[:, 2])),
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_it_finds_what_factors_find(name):
+    direct, block = (ck.solve(SCENES[name], 0.2, solver=solver) for solver in ("direct", "multigrid"))
+    assert block.report.solver == "multigrid"
+    assert block.eigenvalues == pytest.approx(direct.eigenvalues, rel=1e-10, abs=1e-10)
+    assert block.residuals.max() <= 1e-10
+    ours, theirs = (one.evaluate(direct.discretized.points[::50]) for one in (block, direct))
+    span = np.linalg.lstsq(theirs, ours, rcond=None)[0]  # signs, and bases of multiplets, may differ
+    assert np.abs(theirs @ span - ours).max() <= 1e-7
+
+
+@pytest.mark.parametrize(("spacing", "count"), [(0.2, 9), pytest.param(0.1, 25, marks=pytest.mark.slow)])
+def test_its_work_is_that_of_few_solves(spacing, count):
+    one = ck.solve(ck.Scene(SPHERE, ck.ScreenedPoisson(lambda x: x[:, 0])), spacing, solver="multigrid")
+    many = ck.solve(ck.Scene(SPHERE, ck.Eigen(count)), spacing, solver="multigrid")
+    assert many.report.operator_applications <= 60 * one.report.operator_applications
+    assert many.report.iterations <= 30
+
+
+def test_an_iteration_that_does_not_reach_the_tolerance_is_no_answer(monkeypatch):
+    monkeypatch.setattr("cpmkit.families.eigen.block_iteration.MOST_ROUNDS", 3)
+    with pytest.raises(ck.ConvergenceError, match="of their size after 3 rounds"):
+        ck.solve(SCENES["closed"], 0.25, solver="multigrid")
+
+
+def test_numbers_inside_the_spectrum_need_factors():
+    scene = ck.Scene(SPHERE, ck.Eigen(5, near=6.1))
+    with pytest.raises(ck.ConvergenceError, match="solver='direct'"):
+        ck.solve(scene, 0.25, solver="multigrid")
+    assert ck.solve(scene, 0.25).eigenvalues == pytest.approx([6] * 5, rel=2e-3)
+
+
+def test_functions_that_do_not_fit_are_refused_before_they_are_made(monkeypatch):
+    monkeypatch.setattr("cpmkit.families.eigen.block_iteration.HELD_BLOCKS", 10**9)
+    with pytest.raises(ck.ResolutionError, match=r"count=9 of \d+ unknowns needs about .* GiB for functions, and"):
+        ck.solve(SCENES["closed"], 0.25, solver="multigrid")

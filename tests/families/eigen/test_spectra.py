@@ -1,0 +1,77 @@
+"""Whole spectra of the Galerkin form: the exact ones with their multiplicities, and those that meshes have."""
+
+import numpy as np
+import pytest
+from cpmkit_fem.assembly import stiffness_and_mass
+from scipy.linalg import eigh
+from scipy.sparse.linalg import eigsh
+
+import cpmkit as ck
+
+MAJOR, MINOR = 1.0, 0.4
+
+
+def of_sphere(count):
+    return np.repeat([k * (k + 1) for k in range(20)], [2 * k + 1 for k in range(20)])[:count]
+
+
+def of_torus(count, points=65):
+    """For every wave number m around the axis a problem of Sturm and Liouville in the small angle, by Fourier sums."""
+    angle = 2 * np.pi * np.arange(points) / points
+    radius = MAJOR + MINOR * np.cos(angle)
+    wave_numbers = np.fft.fftfreq(points, 1 / points)[:, None]
+    slope = np.real(np.fft.ifft(1j * wave_numbers * np.fft.fft(np.eye(points), axis=0), axis=0))
+    found = []
+    for m in range(20):
+        energy = slope.T @ np.diag(radius / MINOR) @ slope + np.diag(m**2 * MINOR / radius)
+        values = eigh(energy, np.diag(MINOR * radius), eigvals_only=True)[: points // 3]
+        found.append(np.repeat(values, 1 if m == 0 else 2))
+    return np.sort(np.concatenate(found))[:count]
+
+
+SURFACES = {
+    "sphere": (ck.source("analytic.sphere"), of_sphere),
+    "torus": (ck.source("analytic.torus", major=MAJOR, minor=MINOR), of_torus),
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "spacing", "count", "share"),
+    [
+        ("sphere", 0.2, 36, 2e-3),
+        ("torus", 0.2, 22, 2e-3),
+        pytest.param("sphere", 0.1, 100, 2e-3, marks=pytest.mark.slow),
+        pytest.param("torus", 0.1, 50, 5e-4, marks=pytest.mark.slow),
+    ],
+)
+def test_every_eigenvalue_is_there_and_none_is_made_up(name, spacing, count, share):
+    source, exact = SURFACES[name]
+    found = ck.solve(ck.Scene(source, ck.Eigen(count)), spacing).eigenvalues
+    assert abs(found[0]) <= 1e-10
+    assert np.abs(found[1:] / exact(count)[1:] - 1).max() <= share
+
+
+def test_the_exact_values_of_the_torus_are_exact():
+    assert np.abs(of_torus(50, 97) - of_torus(50)).max() <= 1e-10
+
+
+CASES = {
+    "spot": ("spot.obj", 0.0564),
+    "fish": ("fish.obj", 0.0323),
+    "koala": ("koala.obj", 0.0345),
+}
+
+
+@pytest.mark.filterwarnings("ignore:The manifold is thin")
+@pytest.mark.parametrize("name", ["spot", *[pytest.param(name, marks=pytest.mark.slow) for name in ("fish", "koala")]])
+def test_meshes_with_few_unknowns_have_the_eigenvalues_of_finite_elements(name, real_mesh):
+    mesh, spacing = CASES[name]
+    vertices, faces = ck.read_mesh(real_mesh(mesh))
+    vertices = vertices / np.ptp(vertices, axis=0).max()
+    stiffness, mass = stiffness_and_mass(vertices, faces)
+    reference = np.sort(eigsh(stiffness, k=6, M=mass, sigma=-0.5, v0=np.ones(len(vertices)))[0])
+    scene = ck.Scene(ck.source("mesh.triangles", vertices=vertices, faces=faces), ck.Eigen(6))
+    solution = ck.solve(scene, spacing)
+    assert solution.discretized.size < 5000
+    assert abs(solution.eigenvalues[0]) <= 1e-9 * reference[-1]
+    assert np.abs(solution.eigenvalues[1:] / reference[1:] - 1).max() <= 0.01
