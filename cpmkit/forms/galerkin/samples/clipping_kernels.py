@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from cpmkit.forms.galerkin.samples.piece_kernels import MOST_CORNERS, rule
-from cpmkit.protocols import Floats, Ints
+from cpmkit.protocols import Floats
 from cpmkit.runtime.compilation import compiled
 
 #: A piece that is past a knot plane by less than this, in spacings, is not split there.
@@ -158,7 +160,7 @@ def put_back(place: float, cell: float) -> float:
 
 
 @compiled
-def triangle_samples(nodes: Floats, spacing: float, clipped: bool) -> tuple[Floats, Floats, Floats, Ints]:
+def triangle_samples(nodes: Floats, spacing: float, clipped: bool) -> tuple[Floats, Floats, Floats, Any]:
     """Return points (q, 3), weights (q,), unit normals (q, 1, 3) and triangles (q,) of samples.
 
     Parameters
@@ -172,7 +174,7 @@ def triangle_samples(nodes: Floats, spacing: float, clipped: bool) -> tuple[Floa
     """
     curved = nodes.shape[1] == 6
     points, weights, normals = np.empty((4, 3)), np.empty(4), np.empty((4, 1, 3))
-    triangle = np.empty(4, dtype=np.int64)
+    triangle = np.empty(4, dtype=np.int32)
     stack, sizes = np.empty((8, MOST_CORNERS + 2, 5)), np.empty(8, dtype=np.int64)
     piece = np.empty((MOST_CORNERS + 2, 5))
     corners, shares = np.empty((MOST_CORNERS + 2, 2)), np.empty(4)

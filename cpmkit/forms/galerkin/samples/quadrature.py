@@ -53,7 +53,7 @@ def _of_triangles(mesh: SampleMesh, clipped_at: float | None) -> list[list[Any]]
         if mesh.midpoints is not None:
             nodes = np.concatenate([nodes, mesh.midpoints[some]], axis=1)
         *others, cell = triangle_samples(np.ascontiguousarray(nodes), spacing, clipped)
-        parts.append([*others, cell + start])
+        parts.append([*others, cell + np.int32(start)])
     return parts
 
 
