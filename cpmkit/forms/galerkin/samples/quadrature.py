@@ -19,8 +19,8 @@ def samples_of(mesh: SampleMesh, clipped_at: float | None = None, further: Sampl
     """Return the samples of cells, those of one after those of another, three at least, and ``further`` ones.
 
     Segments have three by Gauss's rule of degree 5. Triangles have three by the rule of degree 2 at barycentric points
-    (2/3, 1/6, 1/6), or four of degree 3 for each piece between knot planes. The weights are those of the quadratic
-    cells: the speed, or |x_1 x x_2|.
+    (2/3, 1/6, 1/6), or for each piece between knot planes four of degree 3, of small ones three of degree 2. The
+    weights are those of the quadratic cells: the speed, or |x_1 x x_2|.
 
     Parameters
     ----------
