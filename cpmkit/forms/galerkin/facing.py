@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -39,8 +40,9 @@ def turned(space: Space, mesh: SampleMesh, area: Floats) -> Turned:
     Of curves n is the tangent. Cells are oriented by walking over the facets that two of them share. ``area`` (n,) is
     the integral of each spline.
     """
-    signs = orientation(mesh)[space.samples.cell]
-    facing = norms(load(space, signs[:, None] * _directions(mesh, space)))
+    signs, directions = orientation(mesh).astype(np.float32)[space.samples.cell], _directions(mesh, space)
+    # one axis after the other: what is as long as the samples is most of what is in memory then
+    facing = norms(np.hstack([load(space, (signs * along)[:, None]) for along in directions.T]))
     is_turned = facing < FACED_LENGTH * area
     if not is_turned.any():
         return Turned(0.0, np.full(mesh.dim, np.nan))
@@ -49,7 +51,7 @@ def turned(space: Space, mesh: SampleMesh, area: Floats) -> Turned:
     return Turned(float(area[is_turned].sum() / area.sum()), space.parting.spacing * space.parting.nodes[worst])
 
 
-def _directions(mesh: SampleMesh, space: Space) -> Floats:
+def _directions(mesh: SampleMesh, space: Space) -> Any:
     if mesh.manifold_dim == 2:
         return np.asarray(space.samples.normals[:, 0])
     ends = mesh.vertices[mesh.cells]

@@ -40,7 +40,7 @@ from cpmkit.linear.operators import Border, CsrOperator
 from cpmkit.manifold.abilities import advice_of, has_finite_feet
 from cpmkit.manifold.tangent_space import project_tangent
 from cpmkit.protocols import Floats, Operator, Progress, Side, Stiffness, no_progress
-from cpmkit.scene.data import Data
+from cpmkit.scene.data import Data, evaluate_data
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.scene import Scene
 
@@ -145,8 +145,7 @@ class Galerkin(Reader):
 
     @cached_property
     def _mass(self) -> CsrOperator:
-        ones = np.ones(len(self.sampled.samples))
-        return CsrOperator(self._tips.bordered(mass(self.space, 1.0), None, ones), symmetric=True)
+        return CsrOperator(self._tips.bordered(mass(self.space, 1.0), None, np.ones(1)), symmetric=True)
 
     @property
     def mass_in_time(self) -> CsrOperator:
@@ -188,7 +187,9 @@ class Galerkin(Reader):
         return STRENGTHS[self.options.own.strength]
 
     def _at_samples(self, data: Data, what: str) -> Floats:
-        """Return a coefficient (q,) at all samples; those on boundaries have that of their cell's first."""
+        """Return a coefficient (q,) at all samples, (1,) if it is a number; on boundaries their cell's first."""
+        if not callable(data) and np.ndim(data) == 0:
+            return evaluate_data(data, np.zeros((1, self.space.parting.dim)), 1, what)[:, 0]
         own = self.read(data, what)[:, 0]
         one = self.sampled
         first = np.searchsorted(one.samples.cell[: one.interior], one.boundary.cell)
@@ -214,7 +215,7 @@ class Galerkin(Reader):
     @cached_property
     def _areas(self) -> Floats:
         """(n,) the integral of each spline over the manifold."""
-        return load(self.space, np.ones((len(self.sampled.samples), 1)))[:, 0]
+        return load(self.space, np.ones((1, 1)))[:, 0]
 
     @cached_property
     def _totals(self) -> Floats:

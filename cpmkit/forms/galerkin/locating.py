@@ -130,7 +130,7 @@ class Locator:
     def _touch(self, first: Ints, second: Ints) -> Bools:
         """Tell which pairs of patches have samples that touch."""
         count = len(self.parting.cells)
-        asked = np.minimum(first, second) * count + np.maximum(first, second)
+        asked = np.minimum(first, second).astype(np.int64) * count + np.maximum(first, second)
         if not len(self._pairs):
             return np.zeros(asked.shape, dtype=bool)
         place = np.minimum(np.searchsorted(self._pairs, asked), len(self._pairs) - 1)

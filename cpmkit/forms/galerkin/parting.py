@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from cpmkit.protocols import Ints
 
@@ -26,7 +27,7 @@ class Parting:
         The node of each unknown.
     touching : (t, 2) int64
         Pairs of patches with samples that touch, each pair once.
-    patch : (q,) int64
+    patch : (q,) int32
         The patch of each sample.
     """
 
@@ -35,7 +36,7 @@ class Parting:
     unknowns: Ints
     nodes: Ints
     touching: Ints
-    patch: Ints
+    patch: Any
 
     @property
     def size(self) -> int:

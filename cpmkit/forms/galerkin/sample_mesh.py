@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -101,14 +101,17 @@ class Samples:
         Share of the manifold's measure; zero for points that only read u beside a boundary.
     normals : (q, c, d) float64
         Orthonormal vectors that span the normal space, c = d - manifold_dim of them.
-    cell : (q,) int64
+    cell : (q,) int32
         The cell of the mesh that each lies in.
     """
 
     points: Floats
     weights: Floats
     normals: Floats
-    cell: Ints
+    cell: Any
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "cell", np.ascontiguousarray(self.cell, dtype=np.int32))
 
     def __len__(self) -> int:
         return len(self.points)

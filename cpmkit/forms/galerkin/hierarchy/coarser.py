@@ -58,5 +58,6 @@ def _specks(cells: Ints, touching: Ints) -> Bools:
     from cpmkit.forms.galerkin.space.parting_kernels import bounds
 
     pieces, label = components(len(cells), touching)
-    small: Bools = bounds(cells.astype(np.float64), label, pieces).max(axis=1) < SPECK_CELLS
+    each = np.arange(len(cells), dtype=np.int32)
+    small: Bools = bounds(cells.astype(np.float64), each, label, pieces).max(axis=1) < SPECK_CELLS
     return small[label]

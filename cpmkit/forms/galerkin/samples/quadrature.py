@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import fields
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -12,15 +14,15 @@ from cpmkit.manifold.vectors import norms, unit
 from cpmkit.protocols import Floats
 
 #: Triangles that samples are taken from at a time: what is needed on the way stays small beside the samples.
-TRIANGLES_AT_ONCE = 1 << 16
+TRIANGLES_AT_ONCE = 1 << 14
 
 
 def samples_of(mesh: SampleMesh, clipped_at: float | None = None, further: Samples | None = None) -> Samples:
     """Return the samples of cells, those of one after those of another, three at least, and ``further`` ones.
 
     Segments have three by Gauss's rule of degree 5. Triangles have three by the rule of degree 2 at barycentric points
-    (2/3, 1/6, 1/6), or four of degree 3 for each piece between knot planes. The weights are those of the quadratic
-    cells: the speed, or |x_1 x x_2|.
+    (2/3, 1/6, 1/6), or for each piece between knot planes four of degree 3, of small ones three of degree 2. The
+    weights are those of the quadratic cells: the speed, or |x_1 x x_2|.
 
     Parameters
     ----------
@@ -31,8 +33,8 @@ def samples_of(mesh: SampleMesh, clipped_at: float | None = None, further: Sampl
     further : Samples, optional
         Put behind them.
     """
-    parts = [_arrays(_of_segments(mesh))] if mesh.manifold_dim == 1 else _of_triangles(mesh, clipped_at)
-    return _joined(parts if further is None else [*parts, _arrays(further)])
+    own = [_arrays(_of_segments(mesh))] if mesh.manifold_dim == 1 else _of_triangles(mesh, clipped_at)
+    return _joined(chain(own, [] if further is None else [_arrays(further)]))
 
 
 def _of_segments(mesh: SampleMesh) -> Samples:
@@ -42,34 +44,35 @@ def _of_segments(mesh: SampleMesh) -> Samples:
     return Samples(_mixed(mesh, shares), np.tile(weights, len(mesh.cells)) * norms(along), _across(along), cell)
 
 
-def _of_triangles(mesh: SampleMesh, clipped_at: float | None) -> list[list[Any]]:
+def _of_triangles(mesh: SampleMesh, clipped_at: float | None) -> Iterator[list[Any]]:
+    """Yield the arrays of samples of some triangles after those of others."""
     from cpmkit.forms.galerkin.samples.clipping_kernels import triangle_samples
 
-    clipped, parts = clipped_at is not None, []
     spacing = 1.0 if clipped_at is None else float(clipped_at)
     for start in range(0, max(len(mesh.cells), 1), TRIANGLES_AT_ONCE):
         some = slice(start, start + TRIANGLES_AT_ONCE)
         nodes = mesh.vertices[mesh.cells[some]]
         if mesh.midpoints is not None:
             nodes = np.concatenate([nodes, mesh.midpoints[some]], axis=1)
-        *others, cell = triangle_samples(np.ascontiguousarray(nodes), spacing, clipped)
-        parts.append([*others, cell + start])
-    return parts
+        *others, cell = triangle_samples(np.ascontiguousarray(nodes), spacing, clipped_at is not None)
+        yield [*others, cell + np.int32(start)]
 
 
 def _arrays(samples: Samples) -> list[Any]:
     return [getattr(samples, one.name) for one in fields(Samples)]
 
 
-def _joined(parts: list[list[Any]]) -> Samples:
-    """Return the samples of these arrays, which are let go one after the other."""
-    if len(parts) == 1:
-        return Samples(*parts[0])
-    whole = []
-    for k in range(len(fields(Samples))):
-        whole.append(np.concatenate([part[k] for part in parts]))
-        for part in parts:
-            part[k] = None
+def _joined(parts: Iterable[list[Any]]) -> Samples:
+    """Return the samples of these arrays; the whole grows where it stands, and never is in memory twice."""
+    whole: list[Any] = []
+    for part in parts:
+        if not whole:
+            whole = [np.array(own) for own in part]
+            continue
+        for own, more in zip(whole, part, strict=True):
+            before = len(own)
+            own.resize((before + len(more), *own.shape[1:]), refcheck=False)  # no view of it is anywhere
+            own[before:] = more
     return Samples(*whole)
 
 

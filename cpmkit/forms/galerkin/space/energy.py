@@ -65,7 +65,7 @@ def mass(space: Space, c: Floats | float) -> csr_array:
 
 
 def load(space: Space, f: Floats) -> Floats:
-    """Return (n, channels) sum w f v, with ``f`` (q, channels) at the samples."""
+    """Return (n, channels) sum w f v, with ``f`` (q, channels) at the samples, or (1, channels) at all of them."""
     from cpmkit.forms.galerkin.space.sample_kernels import add_load
 
     loads = np.zeros((space.parting.size, f.shape[1]))
@@ -91,13 +91,13 @@ def energy_data(space: Space, a: Floats | float | None, c: Floats | float | None
     from cpmkit.forms.galerkin.space.energy_kernels import add_energy
 
     samples = space.samples
-    q, d = samples.points.shape
+    d = samples.points.shape[1]
     scalars, tensors, masses = np.zeros(0), np.zeros((0, d, d)), np.zeros(0)
     if a is not None:
         scalars = conductivity(space, a)
         tensors = np.ascontiguousarray(a, dtype=np.float64) if np.ndim(a) == 3 else tensors
     if c is not None:
-        masses = np.array(np.broadcast_to(c, q), dtype=np.float64)
+        masses = _at_each(c)
     data = np.zeros(len(space.indices))
     arrays = (samples.points, samples.weights, samples.normals, scalars, tensors, masses)
     matrix = (space.indptr, space.indices, data)
@@ -121,13 +121,17 @@ def add_differences(space: Space, runs: Ints, stencil: Floats, factors: Floats, 
 
 
 def conductivity(space: Space, a: Floats | float) -> Floats:
-    """Return (q,) the coefficient at the samples as a number: of a tensor the mean over tangents."""
+    """Return (q,), or (1,) for all, the coefficient at the samples as a number: of a tensor the mean over tangents."""
     samples = space.samples
     if np.ndim(a) < 3:
-        return np.array(np.broadcast_to(a, len(samples)), dtype=np.float64)
+        return _at_each(a)
     tensors = np.asarray(a)
     normal = np.einsum("qci,qij,qcj->q", samples.normals, tensors, samples.normals)
     return np.asarray((np.trace(tensors, axis1=1, axis2=2) - normal) / space.manifold_dim)
+
+
+def _at_each(values: Floats | float) -> Floats:
+    return np.ascontiguousarray(np.atleast_1d(values), dtype=np.float64)
 
 
 def _patches(space: Space) -> tuple[Ints, Ints, float, Ints, Ints]:

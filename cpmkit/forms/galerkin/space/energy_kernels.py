@@ -106,7 +106,7 @@ def second_form(
 
 
 @compiled
-def tensor_at(q: int, normals: Floats, a: Floats, tensors: Floats, e1: float, weight: float, C: Floats) -> None:
+def tensor_at(q: int, normals: Floats, a: float, tensors: Floats, e1: float, weight: float, C: Floats) -> None:
     """Fill ``C`` (3, 3) with the weight times the coefficient between tangents, and times e1 a between normals."""
     codim, d = normals.shape[1:]
     for i in range(d):
@@ -114,7 +114,7 @@ def tensor_at(q: int, normals: Floats, a: Floats, tensors: Floats, e1: float, we
             across = 0.0
             for c in range(codim):
                 across += normals[q, c, i] * normals[q, c, j]
-            C[i, j] = weight * a[q] * ((i == j) - (1.0 - e1) * across)
+            C[i, j] = weight * a * ((i == j) - (1.0 - e1) * across)
             if len(tensors):
                 C[i, j] = weight * tensors[q, i, j]
     if len(tensors) == 0:
@@ -134,7 +134,7 @@ def tensor_at(q: int, normals: Floats, a: Floats, tensors: Floats, e1: float, we
     for i in range(d):
         for j in range(d):
             for c in range(codim):
-                C[i, j] += weight * e1 * a[q] * normals[q, c, i] * normals[q, c, j]
+                C[i, j] += weight * e1 * a * normals[q, c, i] * normals[q, c, j]
 
 
 @compiled
@@ -182,7 +182,7 @@ def add_energy(
     unknowns: Ints,
     cells: Ints,
     spacing: float,
-    order: Ints,
+    order: Any,
     start: Ints,
     points: Floats,
     weights: Floats,
@@ -196,8 +196,8 @@ def add_energy(
 ) -> None:
     """Add sum w [grad u' A grad u + e1 a |normal part|^2 + e2 h^2 a (n' H n)^2 + c u^2] to ``matrix``.
 
-    ``a`` (q,), or empty for no energy of slopes; ``tensors`` (q, d, d), or empty where A is a times the identity;
-    ``c`` (q,), or empty; ``matrix``: (indptr, indices, data).
+    ``a`` (q,), or (1,) for all, or empty for no energy of slopes; ``tensors`` (q, d, d), or empty where A is a times
+    the identity; ``c`` (q,), (1,) or empty; ``matrix``: (indptr, indices, data).
     """
     indptr, indices, data = matrix
     codim, d = normals.shape[1:]
@@ -219,16 +219,17 @@ def add_energy(
             if d == 3:
                 z = points[q, 2] / spacing - cells[p, 2] + 0.5
             if len(c):
-                value_form(forms[2 * ROOM * count :], kind, x, y, z, weights[q] * c[q])
+                value_form(forms[2 * ROOM * count :], kind, x, y, z, weights[q] * c[q if len(c) > 1 else 0])
                 count += 1
             if len(a) == 0:
                 continue
             weight = weights[q] / spacing**2
-            tensor_at(q, normals, a, tensors, e1, weight, C)
+            own = a[q if len(a) > 1 else 0]
+            tensor_at(q, normals, own, tensors, e1, weight, C)
             rows = forms[2 * ROOM * count :]
             slope_forms(rows, kind, x, y, z, C[0, 0], C[0, 1], C[0, 2], C[1, 1], C[1, 2], C[2, 2])
             count += d
-            weight *= e2 * a[q]
+            weight *= e2 * own
             for one in range(codim):
                 for two in range(one, codim):
                     share = 1.0 if one == two else np.sqrt(0.5)

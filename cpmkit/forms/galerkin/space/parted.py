@@ -7,6 +7,8 @@ being joined there if samples of theirs touch. No normal is asked, no orientatio
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from cpmkit.forms.galerkin.parting import Parting
@@ -17,7 +19,7 @@ from cpmkit.protocols import Bools, Floats, Ints
 SPECK_SPACINGS = 2.0
 
 
-def part(points: Floats, contacts: Ints, spacing: float, cell: Ints | None = None) -> Parting:
+def part(points: Floats, contacts: Ints, spacing: float, cell: Any = None) -> Parting:
     """Return the parting of samples at ``points`` (q, d), relative to the lattice's origin.
 
     Parameters
@@ -28,7 +30,7 @@ def part(points: Floats, contacts: Ints, spacing: float, cell: Ints | None = Non
         The vertices of cells of the mesh that was cut along the boundaries, numbered from 0.
     spacing : float
         h, of the lattice.
-    cell : (q,) int64, optional
+    cell : (q,) int32, optional
         The cell of each sample; unless given, there is one for each, in their order.
 
     Notes
@@ -40,25 +42,27 @@ def part(points: Floats, contacts: Ints, spacing: float, cell: Ints | None = Non
 
     contacts = np.ascontiguousarray(contacts, dtype=np.int64)
     points = np.ascontiguousarray(points, dtype=np.float64)
-    cell = np.arange(len(points)) if cell is None else cell
+    cell = np.ascontiguousarray(np.arange(len(points)) if cell is None else cell, dtype=np.int32)
     code = codes_of(points, spacing)
     root, first, after, holder = join_samples(code, contacts, cell, int(contacts.max()) + 1)
     roots = np.flatnonzero(root == np.arange(len(root)))
     roots = roots[np.argsort(code[roots], kind="stable")]
     cells = np.floor(points[roots] / spacing + 0.5).astype(np.int64)
-    numbers = code  # is needed no more: at a million unknowns each such array has a hundred megabytes
+    del code  # what is needed no more: at a million unknowns each such array has a hundred megabytes
+    numbers = np.empty(len(points), dtype=np.int32)
     numbers[roots] = np.arange(len(roots))
     patch = numbers[root]
-    del code, numbers, root
+    del numbers, root
     touching = touching_pairs(patch, len(roots), first, after, holder)
     pieces, label = components(len(roots), touching)
-    extent = bounds(points, label[patch], pieces)
+    del first, after, holder
+    extent = bounds(points, patch, label, pieces)
     size = norms(extent) if contacts.shape[1] == 2 else extent.max(axis=1)
     specks = size < SPECK_SPACINGS * spacing
     return parting_of(spacing, cells, touching, patch, specks[label])
 
 
-def parting_of(spacing: float, cells: Ints, touching: Ints, patch: Ints, single: Bools) -> Parting:
+def parting_of(spacing: float, cells: Ints, touching: Ints, patch: Any, single: Bools) -> Parting:
     """Return the parting into these patches: ``cells`` (p, d), pairs ``touching`` (t, 2), ``patch`` (q,) of samples.
 
     ``single`` (p,): patches of pieces that have one unknown each.

@@ -5,6 +5,8 @@ Roots are the smallest of their set, so that numbers do not depend on the order 
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from cpmkit.protocols import Bools, Floats, Ints
@@ -12,7 +14,7 @@ from cpmkit.runtime.compilation import compiled
 
 
 @compiled
-def find(parent: Ints, i: int) -> int:
+def find(parent: Any, i: int) -> int:
     """Return the root of ``i``, halving the path to it."""
     while parent[i] != i:
         parent[i] = parent[parent[i]]
@@ -21,7 +23,7 @@ def find(parent: Ints, i: int) -> int:
 
 
 @compiled
-def unite(parent: Ints, i: int, j: int) -> None:
+def unite(parent: Any, i: int, j: int) -> None:
     """Make the sets of ``i`` and ``j`` one."""
     i, j = find(parent, i), find(parent, j)
     if i < j:
@@ -31,7 +33,7 @@ def unite(parent: Ints, i: int, j: int) -> None:
 
 
 @compiled
-def grown(values: Ints) -> Ints:
+def grown(values: Any) -> Any:
     """Return the array with room for twice as many."""
     more = np.empty(2 * len(values), dtype=values.dtype)
     more[: len(values)] = values
@@ -55,7 +57,7 @@ def codes_of(points: Floats, spacing: float) -> Ints:
 
 
 @compiled
-def join_samples(code: Ints, contacts: Ints, cell: Ints, vertices: int) -> tuple[Ints, Ints, Ints, Ints]:
+def join_samples(code: Ints, contacts: Ints, cell: Any, vertices: int) -> tuple[Any, Any, Any, Any]:
     """Join the samples of one lattice cell ``code`` (q,) that share a vertex: of ``contacts`` (m, k), by ``cell`` (q,).
 
     Returns the root of each sample, and a linked list of slots: one for each vertex and each cell that has samples at
@@ -63,9 +65,9 @@ def join_samples(code: Ints, contacts: Ints, cell: Ints, vertices: int) -> tuple
     ``holder`` a sample in it.
     """
     q, k = len(code), contacts.shape[1]
-    parent = np.arange(q)
-    first = np.full(vertices, -1)
-    after, holder = np.empty(vertices + 1, dtype=np.int64), np.empty(vertices + 1, dtype=np.int64)
+    parent, first = np.empty(q, dtype=np.int32), np.empty(vertices, dtype=np.int32)
+    parent[:], first[:] = np.arange(q), -1
+    after, holder = np.empty(vertices + 1, dtype=np.int32), np.empty(vertices + 1, dtype=np.int32)
     used = 0
     for i in range(q):
         if i > 0 and code[i] == code[i - 1] and cell[i] == cell[i - 1]:
@@ -90,7 +92,7 @@ def join_samples(code: Ints, contacts: Ints, cell: Ints, vertices: int) -> tuple
 
 
 @compiled
-def touching_pairs(patch: Ints, patches: int, first: Ints, after: Ints, holder: Ints) -> Ints:
+def touching_pairs(patch: Any, patches: int, first: Any, after: Any, holder: Any) -> Ints:
     """Return (t, 2) the pairs of patches, the smaller number first, that have slots at one vertex, each pair once."""
     head = np.full(patches, -1)
     other, link = np.empty(patches + 1, dtype=np.int64), np.empty(patches + 1, dtype=np.int64)
@@ -127,14 +129,15 @@ def touching_pairs(patch: Ints, patches: int, first: Ints, after: Ints, holder: 
 
 
 @compiled
-def bounds(points: Floats, label: Ints, pieces: int) -> Floats:
-    """Return (pieces, d) the extent of the points of each label along the axes."""
+def bounds(points: Floats, patch: Any, label: Ints, pieces: int) -> Floats:
+    """Return (pieces, d) the extent along the axes of the points whose ``patch`` (q,) has each ``label`` (p,)."""
     d = points.shape[1]
     lower, upper = np.full((pieces, d), np.inf), np.full((pieces, d), -np.inf)
     for i in range(len(points)):
+        piece = label[patch[i]]
         for axis in range(d):
-            lower[label[i], axis] = min(lower[label[i], axis], points[i, axis])
-            upper[label[i], axis] = max(upper[label[i], axis], points[i, axis])
+            lower[piece, axis] = min(lower[piece, axis], points[i, axis])
+            upper[piece, axis] = max(upper[piece, axis], points[i, axis])
     extent: Floats = upper - lower
     return extent
 

@@ -11,14 +11,14 @@ from cpmkit.runtime.compilation import compiled
 
 
 @compiled
-def inverted(values: Ints, n: int) -> tuple[Ints, Ints]:
-    """Return ``starts`` (n + 1,) and ``places``: where each number below n stands in the flat array ``values``."""
+def inverted(values: Any, n: int) -> tuple[Ints, Any]:
+    """Return ``starts`` (n + 1,), and ``places``, of the flat array's type: where each number below n stands in it."""
     starts = np.zeros(n + 1, dtype=np.int64)
     for value in values:
         starts[value + 1] += 1
     for i in range(n):
         starts[i + 1] += starts[i]
-    places = np.empty(len(values), dtype=np.int64)
+    places = np.empty(len(values), dtype=values.dtype)
     for at in range(len(values)):
         places[starts[values[at]]] = at
         starts[values[at]] += 1

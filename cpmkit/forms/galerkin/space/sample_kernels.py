@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from cpmkit.protocols import Floats, Ints
@@ -31,14 +33,14 @@ def add_load(
     unknowns: Ints,
     cells: Ints,
     spacing: float,
-    order: Ints,
+    order: Any,
     start: Ints,
     points: Floats,
     weights: Floats,
     f: Floats,
     load: Floats,
 ) -> None:
-    """Add sum weights[q] f[q] N_j(y_q) to ``load`` (n, channels), with ``f`` (q, channels)."""
+    """Add sum weights[q] f[q] N_j(y_q) to ``load`` (n, channels), ``f`` (q, channels), or (1, channels) for all."""
     width, channels = unknowns.shape[1], load.shape[1]
     products, sums = np.empty(width), np.empty(width * channels)
     for p in range(len(cells)):
@@ -47,7 +49,7 @@ def add_load(
             q = order[s]
             spline_products(points[q], cells[p], spacing, products)
             for channel in range(channels):
-                density, first = weights[q] * f[q, channel], np.uint64(channel * width)
+                density, first = weights[q] * f[q if len(f) > 1 else 0, channel], np.uint64(channel * width)
                 for place in range(np.uint64(width)):  # unsigned, so that no index is tested for its sign
                     sums[first + place] += products[place] * density
         for place in range(width):
@@ -57,7 +59,7 @@ def add_load(
 
 @compiled
 def read_values(
-    unknowns: Ints, cells: Ints, spacing: float, patch: Ints, points: Floats, u: Floats, values: Floats
+    unknowns: Ints, cells: Ints, spacing: float, patch: Any, points: Floats, u: Floats, values: Floats
 ) -> None:
     """Fill ``values`` (q, channels) with those of u (n, channels) at the samples."""
     width = unknowns.shape[1]

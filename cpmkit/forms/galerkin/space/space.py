@@ -27,7 +27,7 @@ class Space:
         The unknowns.
     samples : Samples
         In the order in which they were parted.
-    order : (q,) int64
+    order : (q,) int32
         The samples patch by patch; those of patch p are ``order[start[p] : start[p + 1]]``.
     start : (p + 1,) int64
         Where each patch begins in ``order``.
@@ -44,7 +44,7 @@ class Space:
 
     parting: Parting
     samples: Samples
-    order: Ints
+    order: Any
     start: Ints
     heaviest: Ints
     runs: Ints
@@ -67,7 +67,9 @@ class Space:
         return matrix
 
     def means(self, values: Floats) -> Floats:
-        """Return (n,) the mean of ``values`` (q,) over the samples of the patches that read each unknown."""
+        """Return (n,) the mean of ``values`` (q,) or (1,) over the samples of the patches that read each unknown."""
+        if len(values) == 1:
+            return np.full(self.parting.size, values[0])
         patches, unknowns = len(self.parting.cells), self.parting.unknowns
         sums = np.bincount(self.parting.patch, values, minlength=patches)
         counts = np.diff(self.start).astype(float)

@@ -97,7 +97,7 @@ class Enrichment:
     def bordered(self, matrix: csr_array, a: Floats | None, c: Floats | None) -> csr_array:
         """Return the splines' ``matrix`` (n, n) bordered by integrals of a grad u . grad v + c u v with the psi_k.
 
-        ``a`` and ``c``: (q,) at all samples; None where the term is missing.
+        ``a`` and ``c``: (q,) at all samples, (1,) for all of them; None where the term is missing.
         """
         from scipy.sparse import block_array
 
@@ -105,16 +105,16 @@ class Enrichment:
             return matrix
         cross, own = np.zeros((self.splines, len(self))), np.zeros((len(self), len(self)))
         parting, samples = self.space.parting, self.space.samples
+        weighted = [None if one is None else samples.weights * one for one in (a, c)]
         for k, (rows, psi, slopes) in enumerate(self._at_samples):
             at = parting, parting.patch[rows], samples.points[rows]
-            if a is not None:
-                cross[:, k] += derivative_rows(*at, slopes).T @ (samples.weights[rows] * a[rows])
-            if c is not None:
-                cross[:, k] += value_rows(*at).T @ (samples.weights[rows] * c[rows] * psi)
-        for factor, read in ((a, self._slopes_inside), (c, [self.inside])):
-            if factor is not None:
-                weights = (samples.weights * factor)[: self.interior, None]
-                own += sum((one.T @ (one * weights)).toarray() for one in read)
+            if weighted[0] is not None:
+                cross[:, k] += derivative_rows(*at, slopes).T @ weighted[0][rows]
+            if weighted[1] is not None:
+                cross[:, k] += value_rows(*at).T @ (weighted[1][rows] * psi)
+        for weights, read in zip(weighted, (self._slopes_inside, [self.inside]), strict=True):
+            if weights is not None:
+                own += sum((one.T @ (one * weights[: self.interior, None])).toarray() for one in read)
         return block_array([[matrix, cross], [cross.T, own]], format="csr")
 
     @property

@@ -26,30 +26,31 @@ def test_pieces_integrate_quadratics_exactly():
     np.testing.assert_allclose(clipped.normals, np.tile(plain.normals[:1], (len(clipped), 1, 1)), atol=1e-12)
 
 
-def test_pieces_are_integrated_to_degree_3_from_within():
-    """The rule of a piece on random convex polygons, drawn out up to 10,000 times: cubics exact, weights positive."""
+@pytest.mark.parametrize(("taken", "degree"), [(3, 2), (4, 3)])
+def test_pieces_are_integrated_from_within(taken, degree):
+    """The rule of a piece on random convex polygons, drawn out up to 10,000 times: exact, weights positive."""
     from scipy.spatial import ConvexHull
 
     rng, gauss = np.random.default_rng(0), np.polynomial.legendre.leggauss(4)
     at, weight = 0.5 * (gauss[0] + 1), 0.5 * gauss[1]
-    powers = np.array([(i, j) for i in range(4) for j in range(4 - i)])
+    powers = np.array([(i, j) for i in range(degree + 1) for j in range(degree + 1 - i)])
     for _ in range(300):
         corners = rng.normal(size=(rng.integers(3, 8), 2))
         corners[:, 1] *= 10.0 ** rng.uniform(-4, 1)
         corners = corners[ConvexHull(corners).vertices]
-        piece, places, shares = np.zeros((34, 5)), np.empty((4, 2)), np.empty(4)
+        piece, places, shares = np.zeros((34, 5)), np.empty((taken, 2)), np.empty(taken)
         piece[: len(corners), :2] = corners
-        area = piece_kernels.rule(piece, len(corners), np.empty((34, 2)), places, shares)
+        area = piece_kernels.rule(piece, len(corners), taken, np.empty((34, 2)), places, shares)
 
-        def cubics(x, corners=corners):
+        def powers_at(x, corners=corners):
             y = (x - corners.mean(axis=0)) / np.ptp(corners, axis=0)
             return np.prod(y[:, None] ** powers, axis=2)
 
         a, b = corners[1:-1] - corners[0], corners[2:] - corners[0]
         places_of = corners[0] + at[:, None, None, None] * (a + at[:, None, None] * (b - a))
         weights = (weight * at)[:, None, None] * weight[:, None] * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
-        exact = weights.ravel() @ cubics(places_of.reshape(-1, 2))
-        np.testing.assert_allclose(area * shares @ cubics(places), exact, atol=1e-12 * area)
+        exact = weights.ravel() @ powers_at(places_of.reshape(-1, 2))
+        np.testing.assert_allclose(area * shares @ powers_at(places), exact, atol=1e-12 * area)
         assert (shares > 0.1).all()
         ahead = np.roll(corners, -1, axis=0) - corners
         off = places[:, None] - corners
