@@ -8,7 +8,7 @@ from typing import Any
 
 from cpmkit.errors import InputError, shown
 from cpmkit.forms.collocation.options import CollocationOptions
-from cpmkit.forms.galerkin.options import GalerkinOptions
+from cpmkit.forms.galerkin.options import FAMILIES, GalerkinOptions
 from cpmkit.forms.options import AUTO, Options
 from cpmkit.grid.fitting import needed_spacing
 from cpmkit.manifold.abilities import has_finite_feet
@@ -21,9 +21,7 @@ from cpmkit.scene.scene import Scene
 FORMS: dict[str, type[Declared]] = {"collocation": CollocationOptions, "galerkin": GalerkinOptions}
 #: The form that ``auto`` means where nothing in the scene or the options decides.
 DEFAULT_FORM = "galerkin"
-#: The families of equations that the Galerkin form carries.
-GALERKIN_FAMILIES = ("steady", "time", "eigen")
-#: Those of them that it was not measured on: of waves, whose systems are indefinite.
+#: Kinds of equations that the Galerkin form was not measured on: of waves, whose systems are indefinite.
 NOT_YET_GALERKIN = ("helmholtz",)
 
 
@@ -67,7 +65,7 @@ def choose_form(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
         return "collocation", "closest points are single samples, over which nothing can be integrated"
     if isinstance(scene.problem, Wave) and scene.problem.scheme == "leapfrog":
         return "collocation", "the only one with explicit steps"
-    if family not in GALERKIN_FAMILIES or scene.problem.terms().velocity is not None or kind in NOT_YET_GALERKIN:
+    if family not in FAMILIES or scene.problem.terms().velocity is not None or kind in NOT_YET_GALERKIN:
         return "collocation", f"the form 'galerkin' does not yet carry {kind!r}"
     if any(one.order is not None for one in scene.conditions):
         return "collocation", "the only one with orders of conditions"

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 from weakref import WeakKeyDictionary
@@ -22,23 +22,21 @@ from cpmkit.forms.galerkin.definiteness import surely_definite
 from cpmkit.forms.galerkin.facing import Turned, turned
 from cpmkit.forms.galerkin.fitting import check_unknowns_fit
 from cpmkit.forms.galerkin.hierarchy.levels import levels_of
-from cpmkit.forms.galerkin.locating import DIFFERENCE_SPACINGS
-from cpmkit.forms.galerkin.options import GalerkinOptions
-from cpmkit.forms.galerkin.projection import Projection
-from cpmkit.forms.galerkin.reading import Reader
+from cpmkit.forms.galerkin.options import FAMILIES, GalerkinOptions
 from cpmkit.forms.galerkin.sample_mesh import Bend
 from cpmkit.forms.galerkin.sampling import sample
-from cpmkit.forms.galerkin.space.energy import STRENGTHS, Strength, load, mass, stiffness, values_at_samples
+from cpmkit.forms.galerkin.space.energy import load
 from cpmkit.forms.galerkin.space.floor import floored_stiffness
 from cpmkit.forms.galerkin.space.parted import part, pieces
 from cpmkit.forms.galerkin.space.space import space_of
 from cpmkit.forms.galerkin.space.splines import derivative_rows, value_rows
 from cpmkit.forms.galerkin.telling import TURNED_SHARE, of_space, of_turning
+from cpmkit.forms.galerkin.values import Values
+from cpmkit.forms.galerkin.work import GalerkinWork
 from cpmkit.forms.options import Options
 from cpmkit.linear.levels import Level
 from cpmkit.linear.operators import Border, CsrOperator
 from cpmkit.manifold.abilities import advice_of, has_finite_feet
-from cpmkit.manifold.tangent_space import project_tangent
 from cpmkit.protocols import Floats, Operator, Progress, Side, Stiffness, no_progress
 from cpmkit.scene.data import Data, evaluate_data
 from cpmkit.scene.equations import Terms
@@ -49,43 +47,10 @@ if TYPE_CHECKING:
 
     from cpmkit.linear.report import SolveReport
 
-#: The families of equations that the form carries.
-CARRIED_FAMILIES = ("steady", "time", "eigen")
 #: By what the difference from twice the spacing is divided, by how cells follow the manifold between their vertices.
 ERROR_DIVISORS: dict[Bend, float] = {"flat": 2.5, "normals": 2.5, "feet": 6.0}
 #: The same of eigenvalues: at order 4 on smooth sources the difference is 15 times the error (measured: 13 to 17).
 EIGENVALUE_DIVISORS: dict[Bend, float] = {**ERROR_DIVISORS, "feet": 12.0}
-
-#: Data are not resolved, but jump, where the nearest splines are farther from them than this share of their range.
-UNRESOLVED_SHARE = 0.1
-
-
-@dataclass(frozen=True)
-class GalerkinWork:
-    """Machine-independent measures of a solve.
-
-    Attributes
-    ----------
-    unknowns, samples, patches : int
-        Of the space of splines.
-    closest_point_queries : int
-        Of the manifold and its boundaries.
-    nonzeros : int
-        Stored entries of the matrix.
-    operator_applications : int
-        Products with it.
-    """
-
-    unknowns: int
-    samples: int
-    patches: int
-    closest_point_queries: int
-    nonzeros: int
-    operator_applications: int
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the measures as plain values."""
-        return asdict(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +62,7 @@ class GalerkinOperator(CsrOperator):
 
 
 @dataclass(frozen=True, eq=False)
-class Galerkin(Reader):
+class Galerkin(Values):
     """A scene on splines of the lattice; unknowns are coefficients, and nobody outside reads them.
 
     Attributes
@@ -116,11 +81,6 @@ class Galerkin(Reader):
     work_record: ClassVar[type] = GalerkinWork
 
     @property
-    def size(self) -> int:
-        """Number of splines, copies counted, and of singular functions behind them."""
-        return self.space.parting.size + len(self._tips)
-
-    @property
     def multigrid(self) -> bool:
         """Whether systems are surely positive."""
         return surely_definite(self.scene)
@@ -137,27 +97,6 @@ class Galerkin(Reader):
         return replace(self, scene=scene, sampled=replace(one, held=laws))
 
     # Equations
-
-    @property
-    def mass(self) -> CsrOperator:
-        """M, the integrals of products of splines; singular, for splines that no sample sees have none."""
-        return self._mass
-
-    @cached_property
-    def _mass(self) -> CsrOperator:
-        return CsrOperator(self._tips.bordered(mass(self.space, 1.0), None, np.ones(1)), symmetric=True)
-
-    @property
-    def mass_in_time(self) -> CsrOperator:
-        """M + h^2 S: with M alone, systems of short steps are as badly conditioned as h^2 over the step is large.
-
-        S vanishes on constants: totals are those of M. The errors of heat and waves are the same, measured.
-        """
-        return self._mass_in_time
-
-    @cached_property
-    def _mass_in_time(self) -> CsrOperator:
-        return CsrOperator(self._projection.matrix, symmetric=True)
 
     def stiffness(self, terms: Terms) -> GalerkinOperator:
         """Return A: the energy of u over the samples, what holds the rest of u, c u v, and the conditions' terms.
@@ -181,10 +120,6 @@ class Galerkin(Reader):
         """Return the pieces on which a constant is free, with means over them; None where there is none."""
         assert isinstance(stiffness, GalerkinOperator)
         return None if stiffness.fixed else free_pieces(stiffness, self.mass, self._tips.splines)
-
-    @property
-    def _strength(self) -> Strength:
-        return STRENGTHS[self.options.own.strength]
 
     def _at_samples(self, data: Data, what: str) -> Floats:
         """Return a coefficient (q,) at all samples, (1,) if it is a number; on boundaries their cell's first."""
@@ -212,24 +147,9 @@ class Galerkin(Reader):
         patch = parting.patch[self.sampled.interior :]
         return value_rows(parting, patch, one.points), derivative_rows(parting, patch, one.points, one.conormals)
 
-    @cached_property
-    def _areas(self) -> Floats:
-        """(n,) the integral of each spline over the manifold."""
-        return load(self.space, np.ones((1, 1)))[:, 0]
-
-    @cached_property
-    def _totals(self) -> Floats:
-        """(n,) the integral of each spline and singular function."""
-        return self._integrals(np.ones((self.sampled.interior, 1)))[:, 0]
-
     def load(self, f: Data, time: float | None = None) -> Floats:
         """Return the integrals of f times each spline, (n, channels)."""
         return self._integrals(self.read(f, "the right-hand side f", time, self.channels))
-
-    def _integrals(self, values: Floats) -> Floats:
-        """Return the integrals (n, k) of ``values`` (p, k) at the points times each spline."""
-        none = np.zeros((len(self.sampled.boundary), values.shape[1]))
-        return self._tips.with_loads(load(self.space, np.concatenate([values, none])), values)
 
     def data(self, stiffness: Stiffness, time: float | None = None, of: str = "value") -> Floats:
         """Return what the conditions' data add to b, (n, channels)."""
@@ -283,95 +203,6 @@ class Galerkin(Reader):
     @cached_property
     def _levels(self) -> Sequence[Level]:
         return self._tips.on_levels(levels_of(self.space.parting, self.space.parting.patch[self.sampled.interior :]))
-
-    # Values
-
-    def at_points(self, u: Floats) -> Floats:
-        """Return the values (p, channels) of u at the samples."""
-        found = values_at_samples(self.space, u[: self._tips.splines])[: self.sampled.interior]
-        return found + self._tips.inside @ u[self._tips.splines :] if len(self._tips) else found
-
-    def put_back(self, values: Floats) -> Floats:
-        """Return the splines (n, channels) nearest to ``values`` (p, channels) at the samples, in mean square.
-
-        M alone is singular: ``(M + h^2 S) u = V' w values``, S what holds u where no sample sees it.
-        """
-        return self._projected(self._integrals(values))
-
-    def interpolate_in_range(self, data: Data, what: str, time: float = 0.0) -> Floats:
-        """Return the splines that stand for ``data``; of spikes and jumps those of their mean under each spline.
-
-        The nearest splines swing by a tenth of a jump beyond both its sides, and below zero beside a spike. Means keep
-        the range and the total, and spread the data as heat spreads in a time of h^2 / 4.
-        """
-        values = self.read(data, what, time, self.channels)
-        integrals = self._integrals(values)
-        u = self._projected(integrals)
-        off = np.abs(self.at_points(u) - values).max(axis=0, initial=0.0)
-        rough = off > UNRESOLVED_SHARE * np.ptp(values, axis=0)
-        seen = np.flatnonzero(self._areas > 0)
-        u[self._tips.splines :, rough] = 0.0
-        u[np.ix_(seen, rough)] = integrals[np.ix_(seen, rough)] / self._areas[seen, None]
-        return u
-
-    def totals(self, u: Floats) -> Floats:
-        """Return the integrals (channels,) of u over the samples."""
-        return np.asarray(self._totals @ u)
-
-    def _projected(self, integrals: Floats) -> Floats:
-        return self._projection.solve(integrals)
-
-    @cached_property
-    def _projection(self) -> Projection:
-        holding = stiffness(self.space, 1.0, self._strength) - stiffness(self.space, 1.0, Strength(0.0, 0.0, 0.0))
-        held = self._tips.bordered(holding, None, None)
-        return Projection((self.mass.matrix + self.spacing**2 * held).tocsr())
-
-    def gradient(self, u: Floats, points: Any, side: Any = None) -> Floats:
-        """Return the tangential gradient (k, channels, d), projected on the splines: 2 to 6 times better than raw."""
-        splines = u[: self._tips.splines]
-        raw = np.stack([rows @ splines for rows in self._slopes()], axis=-1)
-        integrals = self._integrals(raw.reshape(len(raw), -1))
-        rows, feet, cells = self.reading_rows(points, side)
-        found = np.asarray(rows @ self._projected(integrals)).reshape(-1, u.shape[1], self.space.parting.dim)
-        if len(self._tips):
-            read = [slopes @ u[self._tips.splines :] for slopes in self._tips.gradients(feet.points, cells)]
-            found = found + np.stack(read, axis=-1)
-        step = DIFFERENCE_SPACINGS * self.spacing
-        channels = [project_tangent(self.sampled.surface, feet, one, step) for one in found.transpose(1, 0, 2)]
-        return np.stack(channels, axis=1) if channels else found
-
-    def gradient_rows(self, points: Any, side: Any = None) -> tuple[csr_array, ...]:
-        """Return the d matrices (k, n) that read the same; all splines take part, so that they are full."""
-        from scipy.sparse import csr_array
-
-        one, dim = self.sampled, self.space.parting.dim
-        rows, feet, cells = self.reading_rows(points, side)
-        tested = self._projected(rows.T.toarray())
-        weighted = one.samples.weights[: one.interior, None] * self.at_points(tested)
-        raw = np.stack([(slopes.T @ weighted).T for slopes in self._slopes()])
-        axes = [np.tile(axis, (len(feet), 1)) for axis in np.eye(dim)]
-        step = DIFFERENCE_SPACINGS * self.spacing
-        tangential = np.stack([project_tangent(one.surface, feet, axis, step) for axis in axes])
-        if len(self._tips):
-            own = np.stack([slopes.toarray() for slopes in self._tips.gradients(feet.points, cells)])
-            raw = np.concatenate([raw, own], axis=2)
-        return tuple(csr_array(np.einsum("dk,dkn->kn", tangential[:, :, i], raw)) for i in range(dim))
-
-    def _slopes(self) -> Iterator[csr_array]:
-        """Yield the d matrices (p, n) that read the tangential gradient at the samples, as it is.
-
-        One at a time, and none is kept: each has 27 entries a sample, more than all else of a solution.
-        """
-        one, parting = self.sampled, self.space.parting
-        at, normals = one.samples.points[: one.interior], one.samples.normals[: one.interior]
-        tangential = np.eye(parting.dim) - np.einsum("qcd,qce->qde", normals, normals)
-        for axis in range(parting.dim):
-            yield derivative_rows(parting, parting.patch[: len(at)], at, tangential[:, axis])
-
-    def inner(self, u: Floats, v: Floats) -> Floats:
-        """Return the means (k, m) over the manifold of the products of u's columns with v's."""
-        return np.asarray(u.T @ self.mass.apply(v) / self.sampled.samples.weights.sum())
 
     # Fluxes that depend on the solution
 
@@ -471,7 +302,7 @@ def check(scene: Scene, options: Options[GalerkinOptions]) -> None:
         With what to do instead.
     """
     problem, surface = scene.problem, scene.surface
-    if problem.family not in CARRIED_FAMILIES or problem.terms().velocity is not None:
+    if problem.family not in FAMILIES or problem.terms().velocity is not None:
         raise SceneError(f"the form {options.form!r} does not yet carry {problem.kind!r}; use form='collocation'.")
     orders = [one.order for one in scene.conditions if one.order is not None]
     if orders:

@@ -10,6 +10,8 @@ from cpmkit.forms.galerkin.samples.clipping import SAMPLINGS
 from cpmkit.forms.galerkin.space.energy import STRENGTHS
 from cpmkit.runtime.declared import Declared, option
 
+#: The families of equations that the form carries.
+FAMILIES = ("steady", "time", "eigen")
 #: How the ends of boundaries inside a surface may be treated.
 TIPS = ("extended", "singular")
 

@@ -1,0 +1,163 @@
+"""Values and coefficients: splines read at the samples, what is nearest to values there, integrals, gradients."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cpmkit.forms.galerkin.locating import DIFFERENCE_SPACINGS
+from cpmkit.forms.galerkin.projection import Projection
+from cpmkit.forms.galerkin.reading import Reader
+from cpmkit.forms.galerkin.space.energy import STRENGTHS, Strength, load, mass, stiffness, values_at_samples
+from cpmkit.forms.galerkin.space.splines import derivative_rows
+from cpmkit.linear.operators import CsrOperator
+from cpmkit.manifold.tangent_space import project_tangent
+from cpmkit.protocols import Floats
+from cpmkit.scene.data import Data
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+#: Data are not resolved, but jump, where the nearest splines are farther from them than this share of their range.
+UNRESOLVED_SHARE = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Values(Reader):
+    """The part of the form that goes from coefficients to values and back, and integrates."""
+
+    @property
+    def size(self) -> int:
+        """Number of splines, copies counted, and of singular functions behind them."""
+        return self.space.parting.size + len(self._tips)
+
+    @property
+    def mass(self) -> CsrOperator:
+        """M, the integrals of products of splines; singular, for splines that no sample sees have none."""
+        return self._mass
+
+    @cached_property
+    def _mass(self) -> CsrOperator:
+        return CsrOperator(self._tips.bordered(mass(self.space, 1.0), None, np.ones(1)), symmetric=True)
+
+    @property
+    def mass_in_time(self) -> CsrOperator:
+        """M + h^2 S: with M alone, systems of short steps are as badly conditioned as h^2 over the step is large.
+
+        S vanishes on constants: totals are those of M. The errors of heat and waves are the same, measured.
+        """
+        return self._mass_in_time
+
+    @cached_property
+    def _mass_in_time(self) -> CsrOperator:
+        return CsrOperator(self._projection.matrix, symmetric=True)
+
+    @property
+    def _strength(self) -> Strength:
+        return STRENGTHS[self.options.own.strength]
+
+    @cached_property
+    def _areas(self) -> Floats:
+        """(n,) the integral of each spline over the manifold."""
+        return load(self.space, np.ones((1, 1)))[:, 0]
+
+    @cached_property
+    def _totals(self) -> Floats:
+        """(n,) the integral of each spline and singular function."""
+        return self._integrals(np.ones((self.sampled.interior, 1)))[:, 0]
+
+    def _integrals(self, values: Floats) -> Floats:
+        """Return the integrals (n, k) of ``values`` (p, k) at the points times each spline."""
+        none = np.zeros((len(self.sampled.boundary), values.shape[1]))
+        return self._tips.with_loads(load(self.space, np.concatenate([values, none])), values)
+
+    def at_points(self, u: Floats) -> Floats:
+        """Return the values (p, channels) of u at the samples."""
+        found = values_at_samples(self.space, u[: self._tips.splines])[: self.sampled.interior]
+        return found + self._tips.inside @ u[self._tips.splines :] if len(self._tips) else found
+
+    def put_back(self, values: Floats) -> Floats:
+        """Return the splines (n, channels) nearest to ``values`` (p, channels) at the samples, in mean square.
+
+        M alone is singular: ``(M + h^2 S) u = V' w values``, S what holds u where no sample sees it.
+        """
+        return self._projected(self._integrals(values))
+
+    def interpolate_in_range(self, data: Data, what: str, time: float = 0.0) -> Floats:
+        """Return the splines that stand for ``data``; of spikes and jumps those of their mean under each spline.
+
+        The nearest splines swing by a tenth of a jump beyond both its sides, and below zero beside a spike. Means keep
+        the range and the total, and spread the data as heat spreads in a time of h^2 / 4.
+        """
+        values = self.read(data, what, time, self.channels)
+        integrals = self._integrals(values)
+        u = self._projected(integrals)
+        off = np.abs(self.at_points(u) - values).max(axis=0, initial=0.0)
+        rough = off > UNRESOLVED_SHARE * np.ptp(values, axis=0)
+        seen = np.flatnonzero(self._areas > 0)
+        u[self._tips.splines :, rough] = 0.0
+        u[np.ix_(seen, rough)] = integrals[np.ix_(seen, rough)] / self._areas[seen, None]
+        return u
+
+    def totals(self, u: Floats) -> Floats:
+        """Return the integrals (channels,) of u over the samples."""
+        return np.asarray(self._totals @ u)
+
+    def _projected(self, integrals: Floats) -> Floats:
+        return self._projection.solve(integrals)
+
+    @cached_property
+    def _projection(self) -> Projection:
+        holding = stiffness(self.space, 1.0, self._strength) - stiffness(self.space, 1.0, Strength(0.0, 0.0, 0.0))
+        held = self._tips.bordered(holding, None, None)
+        return Projection((self.mass.matrix + self.spacing**2 * held).tocsr())
+
+    def gradient(self, u: Floats, points: Any, side: Any = None) -> Floats:
+        """Return the tangential gradient (k, channels, d), projected on the splines: 2 to 6 times better than raw."""
+        splines = u[: self._tips.splines]
+        raw = np.stack([rows @ splines for rows in self._slopes()], axis=-1)
+        integrals = self._integrals(raw.reshape(len(raw), -1))
+        rows, feet, cells = self.reading_rows(points, side)
+        found = np.asarray(rows @ self._projected(integrals)).reshape(-1, u.shape[1], self.space.parting.dim)
+        if len(self._tips):
+            read = [slopes @ u[self._tips.splines :] for slopes in self._tips.gradients(feet.points, cells)]
+            found = found + np.stack(read, axis=-1)
+        step = DIFFERENCE_SPACINGS * self.spacing
+        channels = [project_tangent(self.sampled.surface, feet, one, step) for one in found.transpose(1, 0, 2)]
+        return np.stack(channels, axis=1) if channels else found
+
+    def gradient_rows(self, points: Any, side: Any = None) -> tuple[csr_array, ...]:
+        """Return the d matrices (k, n) that read the same; all splines take part, so that they are full."""
+        from scipy.sparse import csr_array
+
+        one, dim = self.sampled, self.space.parting.dim
+        rows, feet, cells = self.reading_rows(points, side)
+        tested = self._projected(rows.T.toarray())
+        weighted = one.samples.weights[: one.interior, None] * self.at_points(tested)
+        raw = np.stack([(slopes.T @ weighted).T for slopes in self._slopes()])
+        axes = [np.tile(axis, (len(feet), 1)) for axis in np.eye(dim)]
+        step = DIFFERENCE_SPACINGS * self.spacing
+        tangential = np.stack([project_tangent(one.surface, feet, axis, step) for axis in axes])
+        if len(self._tips):
+            own = np.stack([slopes.toarray() for slopes in self._tips.gradients(feet.points, cells)])
+            raw = np.concatenate([raw, own], axis=2)
+        return tuple(csr_array(np.einsum("dk,dkn->kn", tangential[:, :, i], raw)) for i in range(dim))
+
+    def _slopes(self) -> Iterator[csr_array]:
+        """Yield the d matrices (p, n) that read the tangential gradient at the samples, as it is.
+
+        One at a time, and none is kept: each has 27 entries a sample, more than all else of a solution.
+        """
+        one, parting = self.sampled, self.space.parting
+        at, normals = one.samples.points[: one.interior], one.samples.normals[: one.interior]
+        tangential = np.eye(parting.dim) - np.einsum("qcd,qce->qde", normals, normals)
+        for axis in range(parting.dim):
+            yield derivative_rows(parting, parting.patch[: len(at)], at, tangential[:, axis])
+
+    def inner(self, u: Floats, v: Floats) -> Floats:
+        """Return the means (k, m) over the manifold of the products of u's columns with v's."""
+        return np.asarray(u.T @ self.mass.apply(v) / self.sampled.samples.weights.sum())
