@@ -12,7 +12,7 @@ SCENE = ck.Scene(ck.source("analytic.sphere"), ck.Eigen(4))
 def test_it_is_the_form_that_auto_takes():
     solution = ck.solve(SCENE, 0.25)
     assert solution.discretized.form == "galerkin"
-    assert "eigenvalues" in solution.summary()["discretization"]["form_reason"]
+    assert "curves and surfaces" in solution.summary()["discretization"]["form_reason"]
     assert "the one for steady problems and eigenvalues" in str(ck.explain(SCENE, 0.25))
 
 
