@@ -62,7 +62,7 @@ def solve_steady(context: SolveContext) -> Solution:
         If the solver does not reach the tolerance.
     """
     form, terms = context.discretized, context.scene.problem.terms()
-    poor = unresolved_waves(form.spacing, terms)
+    poor = unresolved_waves(form, terms)
     form.check()
     ready: _Ready = context.kept.get(("steady", left_side(terms)), _ready, context)
     operator, prepared, wrong = ready.operator, ready.prepared, ready.wrong

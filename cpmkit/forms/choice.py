@@ -21,8 +21,6 @@ from cpmkit.scene.scene import Scene
 FORMS: dict[str, type[Declared]] = {"collocation": CollocationOptions, "galerkin": GalerkinOptions}
 #: The form that ``auto`` means where nothing in the scene or the options decides.
 DEFAULT_FORM = "galerkin"
-#: Kinds of equations that the Galerkin form was not measured on: of waves, whose systems are indefinite.
-NOT_YET_GALERKIN = ("helmholtz",)
 
 
 def module_of(form: str) -> Any:
@@ -65,7 +63,7 @@ def choose_form(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
         return "collocation", "closest points are single samples, over which nothing can be integrated"
     if isinstance(scene.problem, Wave) and scene.problem.scheme == "leapfrog":
         return "collocation", "the only one with explicit steps"
-    if family not in FAMILIES or scene.problem.terms().velocity is not None or kind in NOT_YET_GALERKIN:
+    if family not in FAMILIES or scene.problem.terms().velocity is not None:
         return "collocation", f"the form 'galerkin' does not yet carry {kind!r}"
     if any(one.order is not None for one in scene.conditions):
         return "collocation", "the only one with orders of conditions"

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 import numpy as np
 
 from cpmkit.errors import InputError, SceneError
+from cpmkit.forms.dispersion import SECOND_ORDER, Dispersion
 from cpmkit.forms.free_constants import defects_of, free_pieces
 from cpmkit.forms.imbalance import Imbalance
 from cpmkit.linear.operators import Border, Bordered
@@ -123,6 +124,8 @@ class Discretized(ABC):
 
     #: How many times more unknowns than of the form ``collocation`` a factorisation is worth.
     factorise_up_to: ClassVar[float] = 1.0
+    #: How well it carries waves.
+    dispersion: ClassVar[Dispersion] = SECOND_ORDER
 
     scene: Scene
 

@@ -227,8 +227,9 @@ def test_standing_waves_on_a_circle(wavenumber):
     assert order_of((0.08, 0.04, 0.02), errors) >= 1.9
 
 
+@pytest.mark.parametrize(("form", "bound", "order"), [("collocation", 8e-3, 1.75), ("galerkin", 1e-4, 2.7)])
 @pytest.mark.parametrize("cut", [False, True])
-def test_standing_waves_on_a_sphere(cut):
+def test_standing_waves_on_a_sphere(cut, form, bound, order):
     square = 4.0
 
     def f(x):
@@ -238,23 +239,38 @@ def test_standing_waves_on_a_sphere(cut):
     boundaries = [ck.Boundary("circle", circle, both=ck.Dirichlet(u))] if cut else []
     scene = ck.Scene(SPHERE, ck.Helmholtz(f, 2.0), boundaries)
     spacings = (0.2, 0.1414, 0.1)
-    errors = [max_error(scene, sphere_points(), u(sphere_points()), h, solver="reference") for h in spacings]
-    assert errors[-1] <= 8e-3
-    assert order_of(spacings, errors) >= 1.75
+    solver = "reference" if form == "collocation" else "direct"
+    errors = [max_error(scene, sphere_points(), u(sphere_points()), h, solver=solver, form=form) for h in spacings]
+    assert errors[-1] <= bound
+    assert order_of(spacings, errors) >= order
 
 
-def test_too_few_nodes_a_wavelength_are_told_and_far_too_few_refused():
-    told = ck.solve(ck.Scene(CIRCLE, ck.Helmholtz(1.0, 7.0)), 0.1).warnings
-    assert any("nodes a wavelength" in sentence and "use 0.086 or less" in sentence for sentence in told)
-    assert not ck.solve(ck.Scene(CIRCLE, ck.Helmholtz(1.0, 5.5)), 0.1).warnings
-    with pytest.raises(ck.ResolutionError, match=r"use 0\.055 or less"):
-        ck.solve(ck.Scene(CIRCLE, ck.Helmholtz(1.0, 11.0)), 0.1)
+@pytest.mark.parametrize(
+    ("form", "told", "least", "fine", "refused", "needed"),
+    [("collocation", 7.0, "0.086", 5.5, 11.0, "0.055"), ("galerkin", 20.3, "0.089", 15.5, 25.3, "0.071")],
+)
+def test_too_few_nodes_a_wavelength_are_told_and_far_too_few_refused(form, told, least, fine, refused, needed):
+    def warnings(wavenumber):
+        return ck.solve(ck.Scene(CIRCLE, ck.Helmholtz(1.0, wavenumber)), 0.1, form=form).warnings
+
+    assert any("nodes a wavelength" in sentence and f"use {least} or less" in sentence for sentence in warnings(told))
+    assert not warnings(fine)
+    with pytest.raises(ck.ResolutionError, match=f"use {needed} or less"):
+        warnings(refused)
 
 
-@pytest.mark.parametrize(("square", "resonant"), [(2.001, True), (2.0, True), (2.06, False), (3.0, False)])
-def test_an_eigenvalue_within_the_error_of_the_scheme_is_told(square, resonant):
+RESONANCES = {
+    "collocation": [(2.001, True), (2.0, True), (2.06, False), (3.0, False)],
+    "galerkin": [(2.0005, True), (1.9995, True), (2.006, False), (3.0, False)],
+}
+
+
+@pytest.mark.parametrize(
+    ("form", "square", "resonant"), [(form, *one) for form in RESONANCES for one in RESONANCES[form]]
+)
+def test_an_eigenvalue_within_the_error_of_the_scheme_is_told(form, square, resonant):
     scene = ck.Scene(SPHERE, ck.Helmholtz(lambda x: x[:, 2], np.sqrt(square)))
-    told = [sentence for sentence in ck.solve(scene, 0.125).warnings if "eigenvalue" in sentence]
+    told = [sentence for sentence in ck.solve(scene, 0.125, form=form).warnings if "eigenvalue" in sentence]
     assert len(told) == resonant
 
 
@@ -262,7 +278,7 @@ def test_a_resonance_that_a_boundary_drives_is_told():
     cut = ck.source("analytic.point", at=[1, 0])
     for wavenumber, resonant in ((0.5, True), (0.55, False)):
         scene = ck.Scene(CIRCLE, ck.Helmholtz(0.0, wavenumber), [ck.Boundary("cut", cut, both=ck.Dirichlet(1.0))])
-        solution = ck.solve(scene, 0.05)
+        solution = ck.solve(scene, 0.05, form="collocation")
         assert len(solution.warnings) == resonant
         if not resonant:
             assert solution.evaluate([[-1, 0]]) == pytest.approx(1 / np.cos(wavenumber * np.pi), rel=2e-3)
@@ -270,7 +286,9 @@ def test_a_resonance_that_a_boundary_drives_is_told():
 
 def test_indefinite_systems_are_factorised_up_to_a_larger_size():
     f = ck.Helmholtz(1.0, 2.0)
-    assert ck.explain(ck.Scene(SPHERE, f), 0.1).solver == "direct"
+    for form in ("collocation", "galerkin"):
+        assert ck.explain(ck.Scene(SPHERE, f), 0.1, form=form).solver == "direct"
+    assert ck.explain(ck.Scene(SPHERE, ck.ScreenedPoisson(1.0)), 0.05, form="galerkin").solver == "multigrid"
     assert ck.explain(ck.Scene(SPHERE, ck.ScreenedPoisson(1.0)), 0.1, form="collocation").solver == "reference"
 
 

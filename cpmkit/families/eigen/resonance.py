@@ -6,16 +6,10 @@ import numpy as np
 
 from cpmkit.errors import ConvergenceError, ResolutionError
 from cpmkit.families.context import SolveContext
+from cpmkit.forms.contract import Discretized
 from cpmkit.protocols import Floats, PreparedSolver
 from cpmkit.scene.equations import Terms
 
-#: Above this many radians a spacing, 10 nodes a wavelength, eigenvalues near k^2 are off by more than 1 percent.
-RESOLVED_RADIANS = 0.6
-#: Above this, 6 nodes a wavelength, by 2 percent and more: beyond the first few eigenvalues none is told from the next.
-COARSEST_RADIANS = 1.0
-#: An eigenvalue lambda of -Lap is off by ``lambda spacing^2 (ERROR_BY_WAVES lambda + ERROR_BY_BENDS / radius^2)``,
-#: measured on the circle and the sphere at second order.
-ERROR_BY_WAVES, ERROR_BY_BENDS = 0.03, 0.2
 #: An eigenvalue nearer to k^2 than so many times that may lie on its other side.
 NEAR_RESONANCE_ERRORS = 2.0
 #: Relative residual to which the distance to an eigenvalue is computed.
@@ -29,22 +23,23 @@ def square_of_wavenumber(terms: Terms) -> float:
     return max(-float(terms.c) / float(terms.diffusivity), 0.0)
 
 
-def unresolved_waves(spacing: float, terms: Terms) -> list[str]:
+def unresolved_waves(form: Discretized, terms: Terms) -> list[str]:
     """Return a sentence where the spacing resolves the waves poorly.
 
     Raises
     ------
     ResolutionError
-        If there are fewer than six nodes a wavelength.
+        If there are too few nodes a wavelength to tell one eigenvalue from the next.
     """
-    k = float(np.sqrt(square_of_wavenumber(terms)))
-    if k * spacing <= RESOLVED_RADIANS:
+    k, spacing, carried = float(np.sqrt(square_of_wavenumber(terms))), form.spacing, form.dispersion
+    if k * spacing <= carried.resolved:
         return []
     sentence = (
-        f"spacing={spacing:g} gives {2 * np.pi / (k * spacing):.2g} nodes a wavelength of {2 * np.pi / k:.3g}, and ten "
-        f"are needed to keep eigenvalues to 1 percent; use {RESOLVED_RADIANS / k:.2g} or less."
+        f"spacing={spacing:g} gives {2 * np.pi / (k * spacing):.2g} nodes a wavelength of {2 * np.pi / k:.3g}, and "
+        f"{2 * np.pi / carried.resolved:.2g} are needed to keep eigenvalues to 1 percent; use "
+        f"{carried.resolved / k:.2g} or less."
     )
-    if k * spacing > COARSEST_RADIANS:
+    if k * spacing > carried.coarsest:
         raise ResolutionError(sentence)
     return [sentence]
 
@@ -71,7 +66,7 @@ def near_resonance(context: SolveContext, prepared: PreparedSolver, u: Floats) -
     bounds = np.asarray(context.scene.surface.bounds, dtype=np.float64)
     radius = 0.5 * float((bounds[1] - bounds[0]).max())
     spacing = context.discretized.spacing
-    error = square * spacing**2 * (ERROR_BY_WAVES * square + ERROR_BY_BENDS / radius**2)
+    error = context.discretized.dispersion.error(square, spacing, radius)
     if gap > NEAR_RESONANCE_ERRORS * error:
         return []
     return [

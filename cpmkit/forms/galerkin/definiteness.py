@@ -10,14 +10,15 @@ from cpmkit.scene.scene import Scene
 
 
 def surely_definite(scene: Scene) -> bool:
-    """Tell whether what is factorised or iterated on has no eigenvalue below zero.
+    """Tell whether what is factorised or iterated on has no eigenvalue below zero, as far as numbers tell.
 
     Eigenvalues are sought by a shift. It lies below all of them unless a number is given, or conditions or c take from
-    the energy.
+    the energy. A c that is a function is asked nowhere: a multigrid refuses what turns out to be indefinite.
     """
     problem = scene.problem
     if not isinstance(problem, Eigen):
-        return True
+        c = problem.terms().c
+        return callable(c) or bool(np.all(np.asarray(c) >= 0))
     laws = [one.law for one in scene.conditions]
     takes = not all(takes_nothing(law) or isinstance(law, (Interface, Spectral)) for law in laws)
     if takes or problem.near is not None:

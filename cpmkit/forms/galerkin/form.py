@@ -12,6 +12,7 @@ import numpy as np
 
 from cpmkit.errors import InputError, SceneError
 from cpmkit.forms.contract import StateFlux
+from cpmkit.forms.dispersion import QUADRATIC_SPLINES, Dispersion
 from cpmkit.forms.free_constants import free_pieces
 from cpmkit.forms.galerkin.conditions.crossings import of_crossings, of_tips
 from cpmkit.forms.galerkin.conditions.held import held, loops_of
@@ -79,6 +80,7 @@ class Galerkin(Values):
 
     form: ClassVar[str] = "galerkin"
     work_record: ClassVar[type] = GalerkinWork
+    dispersion: ClassVar[Dispersion] = QUADRATIC_SPLINES
 
     @property
     def multigrid(self) -> bool:

@@ -1,0 +1,39 @@
+"""How well a form carries waves: up to which wavelength, and by how much eigenvalues are off."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Dispersion:
+    """An eigenvalue lambda = k^2 of -Lap is off by about ``lambda (waves (k h)^power + bends (h / radius)^2)``.
+
+    Attributes
+    ----------
+    resolved, coarsest : float
+        k h, radians of a wave over a spacing: up to the first eigenvalues are off by 1 percent, up to the second by 2,
+        and beyond the first few of them none is told from the next.
+    power : int
+        The order of eigenvalues.
+    waves, bends : float
+        Measured on the circle and the sphere.
+    """
+
+    resolved: float
+    coarsest: float
+    power: int
+    waves: float
+    bends: float
+
+    def error(self, eigenvalue: float, spacing: float, radius: float) -> float:
+        """Return by how much an eigenvalue is off on a manifold of this radius."""
+        waves = self.waves * (eigenvalue * spacing**2) ** (self.power / 2)
+        return float(eigenvalue * (waves + self.bends * (spacing / radius) ** 2))
+
+
+#: Of formulas of second order on nodes: ten nodes a wavelength, and six.
+SECOND_ORDER = Dispersion(resolved=0.6, coarsest=1.0, power=2, waves=0.03, bends=0.2)
+#: Of quadratic splines, 3.5 nodes a wavelength and 2.9: the first 144 eigenvalues of a sphere at h = .2 and .25 have
+#: errors of .0007 to .0018 (k h)^4.
+QUADRATIC_SPLINES = Dispersion(resolved=1.8, coarsest=2.2, power=4, waves=0.002, bends=0.02)
