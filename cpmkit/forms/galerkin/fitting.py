@@ -11,10 +11,11 @@ from cpmkit.manifold.local_source import LocalSource
 from cpmkit.runtime import memory
 
 #: At the peak of a solve, by the manifold's dimension: bytes for each unknown, of samples, their mesh, the matrix and
-#: coarser ones (measured on spheres, Dziuk's surface, Spot, circles and knots: 4900 to 5800, 1700 to 2900).
-BYTES_PER_UNKNOWN = {1: 2500.0, 2: 5200.0}
+#: coarser ones (measured on spheres, Spot as it is and read as smooth, 140 thousand to a million unknowns: 3250 to
+#: 4170, the more the more samples; on circles and knots 1700 to 2900).
+BYTES_PER_UNKNOWN = {1: 2500.0, 2: 4100.0}
 #: The same beside factors: coarser matrices are not made then.
-BYTES_BESIDE_FACTORS = {1: 2500.0, 2: 4000.0}
+BYTES_BESIDE_FACTORS = {1: 2500.0, 2: 3700.0}
 #: There are about as many unknowns as a closest point band of this degree has, counted by blocks (measured: sphere
 #: 1.00, circle .98, Dziuk's surface .94, Spot .88, a knot in space .66 of them).
 BAND_DEGREE = 2
