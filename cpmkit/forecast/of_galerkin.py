@@ -48,7 +48,7 @@ def explained(scene: Scene, asked: Options[GalerkinOptions], solver: str, progre
         _left_out(scene),
         round(counts["unknowns"]),
         round(counts["queries"]),
-        round(peak_bytes(counts["unknowns"], surface.largest_dim, chosen)),
+        round(peak_bytes(counts["unknowns"], surface.largest_dim, chosen, counts["samples"])),
         advice.floor if advice.integral_floor is None else advice.integral_floor,
         chosen,
         exact,

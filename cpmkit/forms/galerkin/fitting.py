@@ -10,12 +10,15 @@ from cpmkit.grid.fitting import SPARE_MEMORY_SHARE, other_solver_hint, rounded_u
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.runtime import memory
 
-#: At the peak of a solve, by the manifold's dimension: bytes for each unknown, of samples, their mesh, the matrix and
-#: coarser ones (measured on spheres, Spot as it is and read as smooth, 140 thousand to a million unknowns: 3250 to
-#: 4170, the more the more samples; on circles and knots 1700 to 2900).
-BYTES_PER_UNKNOWN = {1: 2500.0, 2: 4100.0}
+#: At the peak of a solve, by the manifold's dimension: bytes for each unknown, of the matrix, coarser ones and tables
+#: (measured on circles and knots, 1700 to 2900 with all samples; on surfaces as below).
+BYTES_PER_UNKNOWN = {1: 2500.0, 2: 2650.0}
 #: The same beside factors: coarser matrices are not made then.
-BYTES_BESIDE_FACTORS = {1: 2500.0, 2: 3700.0}
+BYTES_BESIDE_FACTORS = {1: 2500.0, 2: 2300.0}
+#: Bytes for each sample of a surface, points, normals, numbers and what is read there (measured at 140 thousand
+#: unknowns with 8.7 samples each on Spot as it is, 19.5 on Spot read as smooth and 19.1 on the sphere: 3250, 3920 and
+#: 3980 an unknown, 4000 at a million), and how many an unknown has where they are not counted.
+BYTES_PER_SAMPLE, SAMPLES_PER_UNKNOWN = {1: 0.0, 2: 70.0}, 20.0
 #: There are about as many unknowns as a closest point band of this degree has, counted by blocks (measured: sphere
 #: 1.00, circle .98, Dziuk's surface .94, Spot .88, a knot in space .66 of them).
 BAND_DEGREE = 2
@@ -73,13 +76,14 @@ def expected_unknowns(surface: LocalSource, spacing: float) -> float:
     return unknowns_at_one(surface, BAND_DEGREE) / spacing**surface.largest_dim
 
 
-def peak_bytes(unknowns: float, manifold_dim: int, solver: str = "multigrid") -> float:
-    """Return about how many bytes a solve of so many unknowns needs at its peak."""
+def peak_bytes(unknowns: float, manifold_dim: int, solver: str = "multigrid", samples: float | None = None) -> float:
+    """Return about how many bytes a solve of so many unknowns needs at its peak, with ``samples`` if they are known."""
+    sampled = BYTES_PER_SAMPLE[manifold_dim] * (SAMPLES_PER_UNKNOWN * unknowns if samples is None else samples)
     if solver != "direct":
-        return unknowns * BYTES_PER_UNKNOWN[manifold_dim]
+        return unknowns * BYTES_PER_UNKNOWN[manifold_dim] + sampled
     # the factors of a curve's matrix are a share of what is beside them
     factors = ENTRY_BYTES * FILL_FACTOR * unknowns ** (1 / 3) if manifold_dim > 1 else 0.0
-    return unknowns * (BYTES_BESIDE_FACTORS[manifold_dim] + factors)
+    return unknowns * (BYTES_BESIDE_FACTORS[manifold_dim] + factors) + sampled
 
 
 def fitting_spacing(surface: LocalSource, available: int, solver: str = "multigrid") -> float:
