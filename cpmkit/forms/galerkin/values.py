@@ -118,17 +118,27 @@ class Values(Reader):
 
     def gradient(self, u: Floats, points: Any, side: Any = None) -> Floats:
         """Return the tangential gradient (k, channels, d), projected on the splines: 2 to 6 times better than raw."""
-        splines = u[: self._tips.splines]
-        raw = np.stack([rows @ splines for rows in self._slopes()], axis=-1)
-        integrals = self._integrals(raw.reshape(len(raw), -1))
         rows, feet, cells = self.reading_rows(points, side)
-        found = np.asarray(rows @ self._projected(integrals)).reshape(-1, u.shape[1], self.space.parting.dim)
+        found = np.asarray(rows @ self._projected_slopes(u)).reshape(-1, u.shape[1], self.space.parting.dim)
         if len(self._tips):
             read = [slopes @ u[self._tips.splines :] for slopes in self._tips.gradients(feet.points, cells)]
             found = found + np.stack(read, axis=-1)
         step = DIFFERENCE_SPACINGS * self.spacing
         channels = [project_tangent(self.sampled.surface, feet, one, step) for one in found.transpose(1, 0, 2)]
         return np.stack(channels, axis=1) if channels else found
+
+    def _projected_slopes(self, u: Floats) -> Floats:
+        """Return the splines (n, channels d) nearest to the tangential gradient of u's own; kept for the last u."""
+        if self._last_slopes.get("u") is not u:
+            splines = u[: self._tips.splines]
+            raw = np.stack([rows @ splines for rows in self._slopes()], axis=-1)
+            projected = self._projected(self._integrals(raw.reshape(len(raw), -1)))
+            self._last_slopes.update(u=u, projected=projected)
+        return self._last_slopes["projected"]
+
+    @cached_property
+    def _last_slopes(self) -> dict[str, Floats]:
+        return {}
 
     def gradient_rows(self, points: Any, side: Any = None) -> tuple[csr_array, ...]:
         """Return the d matrices (k, n) that read the same; all splines take part, so that they are full."""

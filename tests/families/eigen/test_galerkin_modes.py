@@ -13,7 +13,7 @@ def test_it_is_the_form_that_auto_takes():
     solution = ck.solve(SCENE, 0.25)
     assert solution.discretized.form == "galerkin"
     assert "curves and surfaces" in solution.summary()["discretization"]["form_reason"]
-    assert "the one for steady problems and eigenvalues" in str(ck.explain(SCENE, 0.25))
+    assert "curves and surfaces" in str(ck.explain(SCENE, 0.25))
 
 
 def test_modes_that_are_saved_are_read_back_to_the_last_bit(tmp_path):
