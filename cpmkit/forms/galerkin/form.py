@@ -186,9 +186,13 @@ class Galerkin(Values):
                 chosen[rows] = loops_of(samples.take(rows), one.surface, self.spacing) == boundary
             if not chosen.any():
                 return None
+        return flux_through(self._own_conditions, u, chosen, time)
+
+    @cached_property
+    def _own_conditions(self) -> ConditionTerms:
+        """The conditions with the diffusivity of the scene's own problem."""
         diffusivity = self.scene.problem.terms().diffusivity
-        terms = self._conditions(diffusivity, self._at_samples(diffusivity, "the diffusivity"))
-        return flux_through(terms, u, chosen, time)
+        return self._conditions(diffusivity, self._at_samples(diffusivity, "the diffusivity"))
 
     def boundary_mass(self, stiffness: Stiffness) -> CsrOperator | None:
         """Return the integrals over boundaries where du/db = lambda u stands; None where it stands nowhere."""

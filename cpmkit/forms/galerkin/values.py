@@ -68,7 +68,7 @@ class Values(Reader):
     @cached_property
     def _totals(self) -> Floats:
         """(n,) the integral of each spline and singular function."""
-        return self._integrals(np.ones((self.sampled.interior, 1)))[:, 0]
+        return self._tips.with_loads(self._areas[:, None], np.ones((1, 1)))[:, 0]
 
     def _integrals(self, values: Floats) -> Floats:
         """Return the integrals (n, k) of ``values`` (p, k) at the points times each spline."""

@@ -134,25 +134,22 @@ def vertices_on(mesh: SampleMesh, owner: int) -> Ints:
 
 def longest_edges(mesh: SampleMesh, edges: Edges, rows: Ints) -> Floats:
     """Return (v,) the length of the longest edge at each of the vertices ``rows``, zero at others."""
-    asked = np.zeros(len(mesh.vertices), dtype=bool)
-    asked[rows] = True
-    longest = np.zeros(len(mesh.vertices))
-    near = np.flatnonzero(asked[edges.ends].any(axis=1))
-    length = edges.lengths(mesh.vertices)[near]
-    for end in edges.ends[near].T:
-        np.maximum.at(longest, end, length)
-    longest[~asked] = 0.0
-    return longest
+    return _extreme_edges(mesh, edges, rows, np.maximum, 0.0)
 
 
 def shortest_edges(mesh: SampleMesh, edges: Edges, rows: Ints) -> Floats:
     """Return (v,) the length of the shortest edge at each of the vertices ``rows``, infinity at others."""
+    return _extreme_edges(mesh, edges, rows, np.minimum, np.inf)
+
+
+def _extreme_edges(mesh: SampleMesh, edges: Edges, rows: Ints, extreme: np.ufunc, none: float) -> Floats:
+    """Return (v,) the ``extreme`` of the lengths of the edges at each of the vertices ``rows``, ``none`` at others."""
     asked = np.zeros(len(mesh.vertices), dtype=bool)
     asked[rows] = True
-    shortest = np.full(len(mesh.vertices), np.inf)
+    found = np.full(len(mesh.vertices), none)
     near = np.flatnonzero(asked[edges.ends].any(axis=1))
     length = edges.lengths(mesh.vertices)[near]
     for end in edges.ends[near].T:
-        np.minimum.at(shortest, end, length)
-    shortest[~asked] = np.inf
-    return shortest
+        extreme.at(found, end, length)
+    found[~asked] = none
+    return found

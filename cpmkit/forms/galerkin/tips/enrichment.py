@@ -126,7 +126,10 @@ class Enrichment:
         ]
 
     def with_loads(self, loads: Floats, values: Floats) -> Floats:
-        """Return the ``loads`` (n, k) of splines, and below them the integrals of ``values`` (q, k) times the psi_k."""
+        """Return the ``loads`` (n, k) of splines, and below them the integrals of ``values`` times the psi_k.
+
+        ``values``: (q, k) at the samples of the manifold, (1, k) for all of them.
+        """
         if not len(self):
             return loads
         weighted = self.space.samples.weights[: self.interior, None] * values
