@@ -36,7 +36,8 @@ class Kept:
 
 def left_side(terms: Terms) -> Hashable:
     """Return what tells the operators of two equations apart: all terms but f, functions by themselves."""
-    return tuple(_Itself(one) if callable(one) else one for one in (terms.c, terms.diffusivity, terms.velocity))
+    coefficients = terms.c, terms.diffusivity, terms.velocity, terms.conservative
+    return tuple(_Itself(one) if callable(one) else one for one in coefficients)
 
 
 @dataclass(frozen=True, eq=False)

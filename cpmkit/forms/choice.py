@@ -63,7 +63,7 @@ def choose_form(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
         return "collocation", "closest points are single samples, over which nothing can be integrated"
     if isinstance(scene.problem, Wave) and scene.problem.scheme == "leapfrog":
         return "collocation", "the only one with explicit steps"
-    if family not in FAMILIES or scene.problem.terms().velocity is not None:
+    if family not in FAMILIES:
         return "collocation", f"the form 'galerkin' does not yet carry {kind!r}"
     if any(one.order is not None for one in scene.conditions):
         return "collocation", "the only one with orders of conditions"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.linear.operators import Border, Bordered
+from cpmkit.linear.operators import Border, Bordered, has_symmetric_pattern
 from cpmkit.linear.products import placing
 from cpmkit.protocols import Floats, Operator
 
@@ -72,19 +72,28 @@ def factorize(operator: Operator) -> Factors:
     RuntimeError
         If the matrix is singular.
     """
-    matrix = operator.to_csr()
     if not isinstance(operator, Bordered):
-        return Factors(_factors(matrix, operator.symmetric), None)
+        return Factors(factors_of(operator.to_csr(), has_symmetric_pattern(operator)), None)
+    inner = operator.operator
+    lu = factors_of(held_matrix(operator), has_symmetric_pattern(inner))
+    return Factors(lu, _update(lu, operator.border, _heaviest(operator.border), operator.shift))
+
+
+def held_matrix(operator: Bordered) -> csr_array:
+    """Return A with one node of each piece held where a constant is free: regular, as ``A + s F W`` is."""
     held = _heaviest(operator.border)
-    lu = _factors(matrix + operator.shift * (held @ held.T), operator.operator.symmetric)
-    return Factors(lu, _update(lu, operator.border, held, operator.shift))
+    return (operator.to_csr() + operator.shift * (held @ held.T)).tocsr()
 
 
-def _factors(matrix: csr_array, symmetric: bool) -> Any:
-    """Return SuperLU's factors, in the order that suits the matrix."""
+def factors_of(matrix: csr_array, symmetric_pattern: bool) -> Any:
+    """Return SuperLU's factors, in the order that suits the matrix.
+
+    Where the pattern is symmetric and the diagonal carries pivots, as of a positive symmetric part, the order is that
+    of a symmetric matrix: half the entries.
+    """
     from scipy.sparse.linalg import splu
 
-    if not symmetric:
+    if not symmetric_pattern:
         return splu(matrix.tocsc())
     return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=PIVOT, options={"SymmetricMode": True})
 

@@ -18,10 +18,13 @@ class Level:
     Attributes
     ----------
     prolongation : csr_array (n, m)
-        P, from m coarser unknowns to the n finer ones; coarser operators are P' A P.
+        P, from m coarser unknowns to the n finer ones; coarser operators are P' A P, and what is ``added``.
     strip : (k,) int64
         Those of the finer level's unknowns that conditions tie, which a smoother solves for exactly.
+    added : csr_array (m, m), optional
+        What the coarser operator has besides, as a velocity needs more upwinding there.
     """
 
     prolongation: csr_array
     strip: Ints
+    added: csr_array | None = None

@@ -1,4 +1,4 @@
-"""Conjugate gradients with a multigrid cycle over a form's coarser levels, for symmetric operators.
+"""Conjugate gradients with a multigrid cycle over a form's coarser levels; GMRES where operators are not symmetric.
 
 The iterations do not grow when the spacing falls. Where constants are free on pieces of the manifold, the iteration
 runs in the complement of the pieces' indicators, and what the border adds is added after.
@@ -17,7 +17,8 @@ from cpmkit.linear.conjugate_gradients import conjugate_gradients
 from cpmkit.linear.multigrid_cycle import Cycle, cycle_of
 from cpmkit.linear.multigrid_exact import Indefinite
 from cpmkit.linear.multigrid_matrix import UnsignedCsr
-from cpmkit.linear.operators import Bordered
+from cpmkit.linear.multigrid_unsymmetric import PreconditionedUnsymmetric, prepare_unsymmetric
+from cpmkit.linear.operators import Bordered, has_symmetric_pattern
 from cpmkit.linear.report import SolveReport, judge
 from cpmkit.protocols import Floats, Operator, Progress, no_progress
 
@@ -41,7 +42,7 @@ class Multigrid:
 
     max_iterations: int = 300
 
-    def prepare(self, operator: Operator, levels: Sequence[Any] = ()) -> Preconditioned:
+    def prepare(self, operator: Operator, levels: Sequence[Any] = ()) -> Preconditioned | PreconditionedUnsymmetric:
         """Return the iteration, with the operators of all levels, their smoothers and factors.
 
         Raises
@@ -53,13 +54,15 @@ class Multigrid:
         """
         bordered = operator if isinstance(operator, Bordered) else None
         inner = operator if bordered is None else bordered.operator
-        if not inner.symmetric or np.iscomplexobj(inner.diagonal):
-            raise SceneError("solver 'multigrid' solves real symmetric systems, got another one; use solver='direct'.")
+        if np.iscomplexobj(inner.diagonal) or not has_symmetric_pattern(inner):
+            raise SceneError("solver 'multigrid' solves real systems of a form that has levels; use solver='direct'.")
         if (levels[-1].prolongation.shape[1] if levels else inner.size) > MOST_FACTORISED:
             raise SceneError(
                 f"solver 'multigrid' needs coarser levels, which the form has none of for {inner.size} unknowns; use "
                 "solver='direct'."
             )
+        if not inner.symmetric:
+            return self._unsymmetric(operator, levels)
         piece = np.full(inner.size, -1)
         if bordered is not None:
             members = bordered.border.indicator.tocoo()
@@ -70,6 +73,14 @@ class Multigrid:
         except Indefinite as error:
             raise _indefinite(error, 0, np.nan) from error
         return Preconditioned(operator, UnsignedCsr.of(matrix), bordered, cycle, self.max_iterations)
+
+    def _unsymmetric(self, operator: Operator, levels: Sequence[Any]) -> PreconditionedUnsymmetric:
+        try:
+            return prepare_unsymmetric(operator, levels, self.max_iterations)
+        except RuntimeError as error:
+            raise SceneError(
+                f"The linear system is singular in a part of the manifold ({error}): nothing fixes the solution there."
+            ) from error
 
 
 @dataclass(frozen=True, eq=False)

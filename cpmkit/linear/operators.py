@@ -30,10 +30,13 @@ class CsrOperator:
         The matrix.
     symmetric : bool
         Whether it is surely symmetric.
+    symmetric_pattern : bool
+        Whether, where it is not, its pattern is, and its symmetric part surely positive but for constants.
     """
 
     matrix: csr_array
     symmetric: bool = False
+    symmetric_pattern: bool = False
 
     @property
     def size(self) -> int:
@@ -76,7 +79,12 @@ def _sum_of(weight: float, mass: Operator | None, factor: float, operator: CsrOp
 
     matrix = eye_array(operator.size, format="csr") if mass is None else mass.to_csr()
     symmetric = operator.symmetric and (mass is None or mass.symmetric)
-    return CsrOperator((weight * matrix + factor * operator.matrix).tocsr(), symmetric)
+    return CsrOperator((weight * matrix + factor * operator.matrix).tocsr(), symmetric, operator.symmetric_pattern)
+
+
+def has_symmetric_pattern(operator: Operator) -> bool:
+    """Tell whether an operator is symmetric, or nearly so: in its pattern, with a positive symmetric part."""
+    return operator.symmetric or bool(getattr(operator, "symmetric_pattern", False))
 
 
 @dataclass(frozen=True, eq=False)

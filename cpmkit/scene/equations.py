@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from cpmkit.errors import SceneError
+from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.protocols import Floats
 from cpmkit.runtime.arrays import number, positive
 from cpmkit.scene.condition import Condition
@@ -38,19 +38,22 @@ class Terms:
         Factor of grad u in the flux.
     velocity : callable or None
         What carries u along.
+    conservative : bool
+        Whether the velocity's term is div(velocity u).
     """
 
     f: Data = 0.0
     c: Any = 0.0
     diffusivity: Any = 1.0
     velocity: Field | None = None
+    conservative: bool = False
 
     def __str__(self) -> str:
         plain = not callable(self.diffusivity) and self.diffusivity == 1
         second = (
             "-Lap u" if plain else "-div(a grad u)" if callable(self.diffusivity) else f"-{self.diffusivity:g} Lap u"
         )
-        first = " + v . grad u" if self.velocity is not None else ""
+        first = "" if self.velocity is None else " + div(v u)" if self.conservative else " + v . grad u"
         zeroth = " + c u" if callable(self.c) else f" {'+' if self.c > 0 else '-'} {abs(self.c):g} u" if self.c else ""
         return f"{second}{first}{zeroth} = f"
 
@@ -62,6 +65,20 @@ class Terms:
     def fixes_constant_at(self, points: Floats) -> bool:
         """Tell whether c alone fixes the solution on a piece of the manifold that has ``points`` (n, d) on it."""
         return self.fixes_constant and bool(np.any(evaluate_data(self.c, points, 1, "the factor c")))
+
+
+def check_conservative(conservative: Any, velocity: Field | None, what: str) -> None:
+    """Refuse ``conservative`` unless it is a flag, and unless there is a velocity where it is set.
+
+    Raises
+    ------
+    InputError
+        Naming ``what``.
+    """
+    if not isinstance(conservative, bool):
+        raise InputError(f"conservative of {what} must be True or False, got {shown(conservative)}.")
+    if conservative and velocity is None:
+        raise InputError(f"conservative of {what} is about a velocity, and there is none; give one, or leave it out.")
 
 
 def check_factor(c: Data, what: str) -> None:
@@ -199,6 +216,8 @@ class Elliptic(Equation):
         v, a function of points (n, d) that returns vectors (n, d) tangential to the manifold.
     c : number or callable
         Factor of u; where it is below zero the problem may have no solution, or several.
+    conservative : bool
+        Whether the velocity's term is div(v u), so that what leaves one place arrives at another; in the Galerkin form.
 
     Raises
     ------
@@ -221,16 +240,18 @@ class Elliptic(Equation):
     diffusivity: Data = 1.0
     velocity: Field | None = None
     c: Data = 0.0
+    conservative: bool = False
     kind: ClassVar[str] = "elliptic"
 
     def __post_init__(self) -> None:
         if not callable(self.diffusivity):
             positive(self.diffusivity, "diffusivity of an elliptic problem")
         check_factor(self.c, "c of an elliptic problem")
+        check_conservative(self.conservative, self.velocity, "an elliptic problem")
 
     def terms(self) -> Terms:
         """Return the terms of the equation."""
-        return Terms(self.f, self.c, self.diffusivity, self.velocity)
+        return Terms(self.f, self.c, self.diffusivity, self.velocity, self.conservative)
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ import numpy as np
 from cpmkit.errors import InputError, shown
 from cpmkit.runtime.arrays import number, positive, whole
 from cpmkit.scene.data import Data, takes_time
-from cpmkit.scene.equations import Equation, Field, Terms, check_factor
+from cpmkit.scene.equations import Equation, Field, Terms, check_conservative, check_factor
 
 HEAT_SCHEMES = ("bdf2", "backward-euler", "crank-nicolson")
 WAVE_SCHEMES = ("auto", "newmark", "implicit", "leapfrog")
@@ -124,6 +124,8 @@ class Heat(Evolution):
         v, a function of points (n, d) that returns vectors (n, d) tangential to the manifold.
     c : number or callable
         Rate of decay.
+    conservative : bool
+        Whether the velocity's term is div(v u), so that what leaves one place arrives at another; in the Galerkin form.
     scheme : str
         ``bdf2``, of second order, damps what the step does not resolve; ``backward-euler``, of first order, damps
         most; ``crank-nicolson``, of second order with the smallest error, does not damp.
@@ -158,6 +160,7 @@ class Heat(Evolution):
     scheme: str = "bdf2"
     start: str = "smooth"
     frames: int | Sequence[float] = 0
+    conservative: bool = False
     # King et al. (2024), eq. 18.
     kind: ClassVar[str] = "heat"
 
@@ -166,12 +169,13 @@ class Heat(Evolution):
         if not callable(self.kappa):
             positive(self.kappa, "kappa of heat")
         check_factor(self.c, "c of heat")
+        check_conservative(self.conservative, self.velocity, "heat")
         if self.start not in HEAT_STARTS:
             raise InputError(f"start of heat must be {' or '.join(HEAT_STARTS)}, got {shown(self.start)}.")
 
     def terms(self) -> Terms:
         """Return the terms of the spatial part."""
-        return Terms(self.f, self.c, self.kappa, self.velocity)
+        return Terms(self.f, self.c, self.kappa, self.velocity, self.conservative)
 
     def data(self) -> list[tuple[str, Data]]:
         """Return what has channels, by the names that errors use."""

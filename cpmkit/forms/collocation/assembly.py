@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cpmkit.errors import InputError, ResolutionError
+from cpmkit.errors import InputError, ResolutionError, SceneError
 from cpmkit.forms.collocation.boundary.row_formula import RowFormula
 from cpmkit.forms.collocation.discretization import Discretization
 from cpmkit.forms.collocation.ghosts.nodes import Ghosts
@@ -105,6 +105,21 @@ def _with_terms(values: Floats, reading: RowFormula, log_at: Callable[[Floats], 
     for term in reading.terms:
         np.add.at(total, term.rows, term.coefficient * log_at(term.points))
     return total
+
+
+def check_terms(terms: Terms) -> None:
+    """Refuse terms that the form has no rows for.
+
+    Raises
+    ------
+    SceneError
+        With what to do instead.
+    """
+    if terms.conservative:
+        raise SceneError(
+            "the form 'collocation' has v . grad u, not div(v u); leave `conservative` out and add div v to c, or use "
+            "form='galerkin'."
+        )
 
 
 def _advective(tables: Discretization, velocity: Field, diffusive: Floats) -> Floats:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from cpmkit.errors import ResolutionError
-from cpmkit.forms.collocation.assembly import build_operator
+from cpmkit.forms.collocation.assembly import build_operator, check_terms
 from cpmkit.forms.collocation.boundary.row_formula import sum_of_data
 from cpmkit.forms.collocation.conservation.components import components_without_flux
 from cpmkit.forms.collocation.conservation.flux_balance import Balancing, check_balance, prepare_balance
@@ -107,6 +107,7 @@ class Collocation(Reader):
 
     def restated(self, scene: Scene) -> Collocation:
         """Return the same tables for a scene that differs in its equation and its data alone."""
+        check_terms(scene.problem.terms())
         check_balance(scene, self.balance)
         return replace(self, scene=scene, tables=restated(self.tables, self.scene, scene))
 
@@ -335,7 +336,8 @@ class Collocation(Reader):
 
 
 def check(scene: Scene, options: Options[CollocationOptions]) -> None:
-    """Refuse, before anything is built, fluxes that cannot balance."""
+    """Refuse, before anything is built, what the form has no terms for, and fluxes that cannot balance."""
+    check_terms(scene.problem.terms())
     check_balance(scene, options.own.balance)
 
 

@@ -32,11 +32,13 @@ from cpmkit.forms.galerkin.space.parted import part, pieces
 from cpmkit.forms.galerkin.space.space import space_of
 from cpmkit.forms.galerkin.space.splines import derivative_rows, value_rows
 from cpmkit.forms.galerkin.telling import TURNED_SHARE, of_space, of_turning
+from cpmkit.forms.galerkin.transport.carried import Carried, upstream_times
+from cpmkit.forms.galerkin.transport.reading import speed_out, velocity_at
 from cpmkit.forms.galerkin.values import Values
 from cpmkit.forms.galerkin.work import GalerkinWork
 from cpmkit.forms.options import Options
 from cpmkit.linear.levels import Level
-from cpmkit.linear.operators import Border, CsrOperator
+from cpmkit.linear.operators import Border, Bordered, CsrOperator
 from cpmkit.manifold.abilities import advice_of, has_finite_feet
 from cpmkit.protocols import Floats, Operator, Progress, Side, Stiffness, no_progress
 from cpmkit.scene.data import Data, evaluate_data
@@ -56,10 +58,20 @@ EIGENVALUE_DIVISORS: dict[Bend, float] = {**ERROR_DIVISORS, "feet": 12.0}
 
 @dataclass(frozen=True, eq=False)
 class GalerkinOperator(CsrOperator):
-    """A, with the terms of the conditions that are in it, and whether c u fixes the constants by itself."""
+    """A, or ``share`` A plus a mass, with the terms of the conditions in it, and what a velocity adds to it.
+
+    ``fixed`` tells whether c u fixes the constants by itself.
+    """
 
     conditions: ConditionTerms | None = None
     fixed: bool = False
+    carried: Carried | None = None
+    share: float = 1.0
+
+    def shifted(self, factor: float, mass: Operator | None = None) -> CsrOperator:
+        """Return ``M + factor A``, M the identity where no mass is given."""
+        made = super().shifted(factor, mass)
+        return made if self.carried is None else replace(self, matrix=made.matrix, share=factor * self.share)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,11 +124,48 @@ class Galerkin(Values):
         if np.any(a <= 0):
             raise InputError(f"the diffusivity must be above zero, got {a.min():g}.")
         c = self._at_samples(terms.c, "the factor c") if callable(terms.c) or terms.c else None
-        matrix = self._tips.bordered(floored_stiffness(self.space, a, self._strength, c), a, c)
-        conditions = self._conditions(terms.diffusivity, a)
+        matrix = floored_stiffness(self.space, a, self._strength, c)
+        carried = None if terms.velocity is None else self._carried_by(terms)
+        if carried is not None:
+            matrix = carried.added_to(matrix, self._strength)
+        matrix = self._tips.bordered(matrix, a, c)
+        conditions = self._conditions(terms, a)
         if conditions.held:
             matrix = (matrix + conditions.matrix).tocsr()
-        return GalerkinOperator(matrix, True, conditions, fixed=c is not None and bool(np.all(c > 0)))
+        if terms.conservative:
+            matrix = (matrix + conditions.carried_out).tocsr()
+        fixed = c is not None and bool(np.all(c > 0))
+        return GalerkinOperator(matrix, carried is None, carried is not None, conditions, fixed, carried)
+
+    def _carried_by(self, terms: Terms) -> Carried:
+        """Return what the velocity of these terms does at the samples, and nothing at those on boundaries."""
+        assert terms.velocity is not None
+        one, a, c = self.sampled, self._at_samples(terms.diffusivity, "the diffusivity"), self._at_samples(terms.c, "c")
+        points, normals = (each[: one.interior] for each in (one.samples.points, one.samples.normals))
+        v = velocity_at(terms.velocity, points, normals, one.lattice)
+        upstream, of_a = upstream_times(np.linalg.norm(v, axis=1), a[: len(v)], self.spacing), v[:0]
+        if terms.conservative and upstream.any():
+            c = c + self._on_boundaries_too(np.trace(self._nearest_slopes(v), axis1=1, axis2=2))
+        if len(a) > 1 and upstream.any():
+            of_a = self._on_boundaries_too(self._nearest_slopes(a[: len(v), None])[:, 0])
+        v, upstream = self._on_boundaries_too(v), self._on_boundaries_too(upstream)
+        return Carried(self.space, v, upstream, a, c, of_a, terms.conservative)
+
+    def _on_boundaries_too(self, values: Floats) -> Floats:
+        """Return values at all samples, zero at those on boundaries."""
+        return np.concatenate([values, np.zeros((len(self.sampled.boundary), *values.shape[1:]))])
+
+    @cached_property
+    def _carried(self) -> Carried | None:
+        """What the velocity of the scene's own equation does; None without one."""
+        terms = self.scene.problem.terms()
+        return None if terms.velocity is None else self._carried_by(terms)
+
+    @cached_property
+    def _mass_in_time(self) -> CsrOperator:
+        upstream = None if self._carried is None else self._carried.mass_upstream()
+        matrix = self._projection.matrix
+        return CsrOperator(matrix, True) if upstream is None else CsrOperator((matrix + upstream).tocsr())
 
     def free_constants(self, stiffness: Stiffness) -> Border | None:
         """Return the pieces on which a constant is free, with means over them; None where there is none."""
@@ -132,15 +181,15 @@ class Galerkin(Values):
         first = np.searchsorted(one.samples.cell[: one.interior], one.boundary.cell)
         return np.concatenate([own, own[first]])
 
-    def _conditions(self, diffusivity: Data, a: Floats | None = None) -> ConditionTerms:
+    def _conditions(self, terms: Terms, a: Floats | None = None) -> ConditionTerms:
         """Return the terms of the conditions where the diffusivity is ``a`` (q,) at all samples, 1 unless given."""
         one, rows, logarithms = self.sampled, self._boundary_rows, np.zeros(self.space.parting.size)
         if a is not None:
             varies = a.min() < a.max()
             logarithms = load(self.space, np.log(a)[:, None])[:, 0] if varies else np.log(a[0]) * self._areas
-        return self._tips.read_by(
-            condition_terms(one.held, one.boundary, one.left, rows, self._areas, diffusivity, logarithms, one.lattice)
-        )
+        given = one.held, one.boundary, one.left, rows, self._areas, terms.diffusivity, logarithms, one.lattice
+        out = None if terms.velocity is None else speed_out(terms.velocity, one.boundary, one.lattice)
+        return self._tips.read_by(replace(condition_terms(*given), speed_out=out))
 
     @cached_property
     def _boundary_rows(self) -> tuple[csr_array, csr_array]:
@@ -151,7 +200,11 @@ class Galerkin(Values):
 
     def load(self, f: Data, time: float | None = None) -> Floats:
         """Return the integrals of f times each spline, (n, channels)."""
-        return self._integrals(self.read(f, "the right-hand side f", time, self.channels))
+        values = self.read(f, "the right-hand side f", time, self.channels)
+        loads = self._integrals(values)
+        if self._carried is not None:
+            self._carried.add_load(values, loads)
+        return loads
 
     def data(self, stiffness: Stiffness, time: float | None = None, of: str = "value") -> Floats:
         """Return what the conditions' data add to b, (n, channels)."""
@@ -191,8 +244,8 @@ class Galerkin(Values):
     @cached_property
     def _own_conditions(self) -> ConditionTerms:
         """The conditions with the diffusivity of the scene's own problem."""
-        diffusivity = self.scene.problem.terms().diffusivity
-        return self._conditions(diffusivity, self._at_samples(diffusivity, "the diffusivity"))
+        terms = self.scene.problem.terms()
+        return self._conditions(terms, self._at_samples(terms.diffusivity, "the diffusivity"))
 
     def boundary_mass(self, stiffness: Stiffness) -> CsrOperator | None:
         """Return the integrals over boundaries where du/db = lambda u stands; None where it stands nowhere."""
@@ -203,8 +256,10 @@ class Galerkin(Values):
 
     def levels(self, operator: Operator) -> Sequence[Level]:
         """Return the prolongations from lattices of twice the spacing, four times, and so on."""
-        del operator  # the splines alone
-        return self._levels
+        inner = operator.operator if isinstance(operator, Bordered) else operator
+        if not isinstance(inner, GalerkinOperator) or inner.carried is None:
+            return self._levels
+        return inner.carried.on_levels(self._levels, inner.share)
 
     @cached_property
     def _levels(self) -> Sequence[Level]:
@@ -215,11 +270,11 @@ class Galerkin(Values):
     @property
     def state_fluxes(self) -> Sequence[StateFlux]:
         """Where conditions' fluxes depend on u."""
-        return self._conditions(1.0).state_fluxes
+        return self._conditions(Terms()).state_fluxes
 
     def linearized(self, seen: Sequence[Floats]) -> Galerkin:
         """Return this with the fluxes replaced by their tangents at u = ``seen``."""
-        laws = self._conditions(1.0).linearized(seen).held
+        laws = self._conditions(Terms()).linearized(seen).held
         return replace(self, sampled=replace(self.sampled, held=laws))
 
     # Telling
@@ -308,8 +363,13 @@ def check(scene: Scene, options: Options[GalerkinOptions]) -> None:
         With what to do instead.
     """
     problem, surface = scene.problem, scene.surface
-    if problem.family not in FAMILIES or problem.terms().velocity is not None:
+    if problem.family not in FAMILIES:
         raise SceneError(f"the form {options.form!r} does not yet carry {problem.kind!r}; use form='collocation'.")
+    if problem.terms().velocity is not None and options.own.tips == "singular":
+        raise SceneError(
+            "tips='singular' takes no velocity: what u is like at the end of a boundary that is flown past is not "
+            "known; use tips='extended'."
+        )
     orders = [one.order for one in scene.conditions if one.order is not None]
     if orders:
         raise SceneError(

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples, boundary_samples
-from cpmkit.forms.galerkin.conditions.held import Held, held, needs_rims, point_warnings
+from cpmkit.forms.galerkin.conditions.held import Held, held, point_warnings, reads_rims
 from cpmkit.forms.galerkin.conditions.sides import left_of_boundaries
 from cpmkit.forms.galerkin.contouring.curves import traced
 from cpmkit.forms.galerkin.contouring.surfaces import triangulated
@@ -127,7 +127,7 @@ def sample(scene: Scene, options: Options[GalerkinOptions], progress: Progress) 
     mesh = bent(mesh, bend, surface, sources, spacing)
     corners, half = corners_of(mesh), half_facets(mesh)
     told += tuple(of_seams(seams(mesh, half), surface))
-    boundary = boundary_samples(mesh, half, corners, needs_rims(scene), points)
+    boundary = boundary_samples(mesh, half, corners, reads_rims(scene), points)
     left = left_of_boundaries(mesh, half, corners, boundary, oriented, lattice)
     told += point_warnings(scene, boundary)
     laws = held(scene, boundary, left, surface, lattice)

@@ -157,6 +157,11 @@ class Values(Reader):
             raw = np.concatenate([raw, own], axis=2)
         return tuple(csr_array(np.einsum("dk,dkn->kn", tangential[:, :, i], raw)) for i in range(dim))
 
+    def _nearest_slopes(self, values: Floats) -> Floats:
+        """Return the tangential gradients (p, k, d) of the splines nearest to ``values`` (p, k) at the samples."""
+        nearest = self._projected(self._integrals(values))[: self._tips.splines]
+        return np.stack([rows @ nearest for rows in self._slopes()], axis=-1)
+
     def _slopes(self) -> Iterator[csr_array]:
         """Yield the d matrices (p, n) that read the tangential gradient at the samples, as it is.
 

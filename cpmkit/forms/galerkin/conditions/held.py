@@ -70,6 +70,12 @@ def needs_rims(scene: Scene) -> bool:
     )
 
 
+def reads_rims(scene: Scene) -> bool:
+    """Tell whether anything is read on rims: what holds there, or what a conservative velocity carries out."""
+    terms = scene.problem.terms()
+    return needs_rims(scene) or (terms.conservative and terms.velocity is not None)
+
+
 def held(
     scene: Scene, samples: BoundarySamples, left: Bools, surface: LocalSource, lattice: Lattice
 ) -> tuple[Held, ...]:

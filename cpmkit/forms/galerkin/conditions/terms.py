@@ -12,6 +12,7 @@ import numpy as np
 from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples
 from cpmkit.forms.galerkin.conditions.coefficients import beside, given, local_widths
 from cpmkit.forms.galerkin.conditions.held import Held
+from cpmkit.forms.galerkin.conditions.inflow import entering, going_on
 from cpmkit.forms.galerkin.conditions.interface import COUPLING_PENALTY, SEAM_PENALTY, OneSideRows, interface
 from cpmkit.forms.galerkin.conditions.one_side import doubled, one_side, scaled
 from cpmkit.forms.galerkin.conditions.state_flux import BoundaryFlux, tangent
@@ -56,6 +57,8 @@ class ConditionTerms:
         How wide the manifold is there between what ties u, h at most.
     lattice : Lattice
         That coordinates are relative to.
+    speed_out : (b,) float64, optional
+        v . b, b out of the samples' own cells, where the equation has a velocity v.
     """
 
     held: tuple[Held, ...]
@@ -65,15 +68,24 @@ class ConditionTerms:
     a: Floats
     widths: Floats
     lattice: Lattice
+    speed_out: Floats | None = None
 
     @property
     def matrix(self) -> csr_array:
-        """(n, n) to be added to the stiffness, symmetric to the last bit."""
-        return (self._one_sided.matrix + self._coupled.matrix).tocsr()
+        """(n, n) to be added to the stiffness, symmetric to the last bit but for what a velocity carries."""
+        matrix = self._one_sided.matrix + self._coupled.matrix
+        return (matrix if self.speed_out is None else matrix + self._carried.matrix).tocsr()
 
     def load(self, channels: int, time: float | None = None) -> Floats:
         """Return what the data at ``time`` add to b, (n, channels)."""
-        return self._one_sided.loads(channels, time) + self._coupled.loads(channels, time)
+        loads = self._one_sided.loads(channels, time) + self._coupled.loads(channels, time)
+        return loads if self.speed_out is None else loads + self._carried.loads(channels, time)
+
+    @property
+    def carried_out(self) -> csr_array:
+        """The matrix (n, n) of the integrals of v . b u phi over all that bounds zones: of a conservative velocity."""
+        assert self.speed_out is not None
+        return (self.values.T @ scaled(self.samples.weights * self.speed_out, self.values)).tocsr()
 
     @property
     def boundary_mass(self) -> csr_array | None:
@@ -138,6 +150,24 @@ class ConditionTerms:
         jumps = [(law.jump, at, f"the jump of {one.what}") for (law, one), at in zip(laws, where, strict=True)]
         fluxes = [(law.flux, at, f"the flux of {one.what}") for (law, one), at in zip(laws, where, strict=True)]
         return Sum(matrix, hstack(by, format="csr"), (*jumps, *fluxes))
+
+    @cached_property
+    def _carried(self) -> Sum:
+        """What a velocity carries in; where a resistance lets u jump by itself, nothing goes on."""
+        from scipy.sparse import hstack
+
+        assert self.speed_out is not None
+        given = [one for one in self.held if isinstance(one.law, Value)]
+        coupled = [one for one in self.held if isinstance(one.law, Interface) and one.law.resistance == 0]
+        rows = stacked([one.rows for one in given], np.int64)
+        left, right = (stacked([getattr(one, of) for one in coupled], np.int64) for of in ("rows", "across"))
+        out, weights = self.speed_out, self.samples.weights
+        inflow, by_value = entering(out[rows], weights[rows], self.values[rows])
+        passing, by_jump = going_on((out[left], out[right]), weights[left], self.values[left], self.values[right])
+        values = [(one.law.datum, self._where(one.rows), one.what) for one in given if isinstance(one.law, Value)]
+        laws = [(one.law, one) for one in coupled if isinstance(one.law, Interface)]
+        jumps = [(law.jump, self._where(one.rows), f"the jump of {one.what}") for law, one in laws]
+        return Sum((inflow + passing).tocsr(), hstack([by_value, by_jump], format="csr"), (*values, *jumps))
 
     def _where(self, rows: Ints) -> Floats:
         return self.lattice.to_scene(self.samples.points[rows])

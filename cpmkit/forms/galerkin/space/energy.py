@@ -70,7 +70,7 @@ def load(space: Space, f: Floats) -> Floats:
 
     loads = np.zeros((space.parting.size, f.shape[1]))
     f = np.ascontiguousarray(f, dtype=np.float64)
-    add_load(*_patches(space), space.samples.points, space.samples.weights, f, loads)
+    add_load(*patches(space), space.samples.points, space.samples.weights, f, loads)
     return loads
 
 
@@ -101,7 +101,18 @@ def energy_data(space: Space, a: Floats | float | None, c: Floats | float | None
     data = np.zeros(len(space.indices))
     arrays = (samples.points, samples.weights, samples.normals, scalars, tensors, masses)
     matrix = (space.indptr, space.indices, data)
-    add_energy(*_patches(space), *arrays, strength.e1, strength.e2, matrix)
+    add_energy(*patches(space), *arrays, strength.e1, strength.e2, matrix)
+    return data
+
+
+def held_data(space: Space, a: Floats | float, strength: Strength) -> Floats:
+    """Return the entries of what holds u off the manifold at the samples, in units of ``a``, without an energy."""
+    from cpmkit.forms.galerkin.space.energy_kernels import add_energy
+
+    samples, data = space.samples, np.zeros(len(space.indices))
+    d = samples.points.shape[1]
+    arrays = (samples.points, samples.weights, samples.normals, _at_each(a), np.zeros((1, d, d)), np.zeros(0))
+    add_energy(*patches(space), *arrays, strength.e1, strength.e2, (space.indptr, space.indices, data))
     return data
 
 
@@ -134,6 +145,7 @@ def _at_each(values: Floats | float) -> Floats:
     return np.ascontiguousarray(np.atleast_1d(values), dtype=np.float64)
 
 
-def _patches(space: Space) -> tuple[Ints, Ints, float, Ints, Ints]:
+def patches(space: Space) -> tuple[Ints, Ints, float, Ints, Ints]:
+    """Return what kernels take of a space first: unknowns and cells of patches, spacing, and the samples of each."""
     parting = space.parting
     return parting.unknowns, parting.cells, parting.spacing, space.order, space.start

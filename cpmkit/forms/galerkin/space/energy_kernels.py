@@ -116,7 +116,7 @@ def tensor_at(q: int, normals: Floats, a: float, tensors: Floats, e1: float, wei
                 across += normals[q, c, i] * normals[q, c, j]
             C[i, j] = weight * a * ((i == j) - (1.0 - e1) * across)
             if len(tensors):
-                C[i, j] = weight * tensors[q, i, j]
+                C[i, j] = weight * tensors[q if len(tensors) > 1 else 0, i, j]
     if len(tensors) == 0:
         return
     for c in range(codim):  # less the tensor's parts along normals, which are orthonormal: one after the other

@@ -1,0 +1,173 @@
+"""Compiled: what a velocity adds to the rows of a sparse matrix, summed over samples patch by patch.
+
+All is in spacings inside a patch. Of a sample come the values N_i of the splines and ``D_i = v . grad N_i``, and what
+the equation makes of them besides, ``R_i = - a (tr H_i - n' H_i n) - grad a . grad N_i + c N_i``.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cpmkit.forms.galerkin.space.energy_kernels import POLYNOMIALS, ROOM
+from cpmkit.protocols import Floats, Ints
+from cpmkit.runtime.compilation import compiled
+
+#: What is added: all with (v . grad u) phi first, or with -u v . grad phi; of a rate or of streamlines alone.
+CONVECTIVE, CONSERVATIVE, RATE, STREAMLINES = 0, 1, 2, 3
+
+
+@compiled
+def transport_forms(
+    forms: Floats, kind: int, t: Floats, v: Floats, g: Floats, normals: Floats, spacing: float, a: float, c: float
+) -> None:
+    """Write three rows of ROOM: N, D and R at the place ``t`` (3,) of the cell; v and g = grad a (3,)."""
+    T = POLYNOMIALS
+    codim, d = normals.shape
+    x, y, z = t[0], t[1], t[2]
+    u0, u1, u2 = v[0] / spacing, v[1] / spacing, v[2] / spacing
+    g0, g1, g2 = g[0] / spacing, g[1] / spacing, g[2] / spacing
+    second = a / spacing**2
+    xx, yy, zz, xy, xz, yz = 1.0, 1.0, 1.0, 0.0, 0.0, 0.0
+    for k in range(codim):
+        n0, n1 = normals[k, 0], normals[k, 1]
+        n2 = normals[k, 2] if d == 3 else 0.0
+        xx -= n0 * n0
+        yy -= n1 * n1
+        zz -= n2 * n2
+        xy -= 2.0 * n0 * n1
+        xz -= 2.0 * n0 * n2
+        yz -= 2.0 * n1 * n2
+    for i in range(ROOM):
+        X = T[kind, 0, 0, i] + x * (T[kind, 0, 1, i] + x * T[kind, 0, 2, i])
+        Y = T[kind, 1, 0, i] + y * (T[kind, 1, 1, i] + y * T[kind, 1, 2, i])
+        Z = T[kind, 2, 0, i] + z * (T[kind, 2, 1, i] + z * T[kind, 2, 2, i])
+        dX = T[kind, 0, 3, i] + x * T[kind, 0, 4, i]
+        dY = T[kind, 1, 3, i] + y * T[kind, 1, 4, i]
+        dZ = T[kind, 2, 3, i] + z * T[kind, 2, 4, i]
+        bend = xx * T[kind, 0, 5, i] * Y * Z + yy * X * T[kind, 1, 5, i] * Z + zz * X * Y * T[kind, 2, 5, i]
+        bend += xy * dX * dY * Z + xz * dX * Y * dZ + yz * X * dY * dZ
+        forms[i] = X * Y * Z
+        along_x, along_y, along_z = dX * Y * Z, X * dY * Z, X * Y * dZ
+        forms[ROOM + i] = u0 * along_x + u1 * along_y + u2 * along_z
+        forms[2 * ROOM + i] = c * (X * Y * Z) - second * bend - (g0 * along_x + g1 * along_y + g2 * along_z)
+
+
+@compiled
+def scatter_unsymmetric(block: Floats, columns: Ints, indptr: Any, indices: Any, data: Floats) -> None:
+    """Add a ``block`` (ROOM ROOM,) of the unknowns ``columns`` to a matrix."""
+    width = len(columns)
+    rank, ascending = np.empty(width, dtype=np.int64), np.empty(width, dtype=indices.dtype)
+    for i in range(width):
+        at = i
+        while at > 0 and ascending[at - 1] > columns[i]:
+            ascending[at], rank[at] = ascending[at - 1], rank[at - 1]
+            at -= 1
+        ascending[at], rank[at] = columns[i], i
+    for i in range(width):
+        to: Any = np.uint64(indptr[columns[i]])  # unsigned, so that no index is tested for its sign
+        for m in range(width):
+            while indices[to] < ascending[m]:
+                to += np.uint64(1)
+            data[to] += block[i * ROOM + rank[m]]
+
+
+@compiled
+def add_transport(
+    unknowns: Ints,
+    cells: Ints,
+    spacing: float,
+    order: Any,
+    start: Ints,
+    points: Floats,
+    weights: Floats,
+    normals: Floats,
+    velocity: Floats,
+    upstream: Floats,
+    a: Floats,
+    of_a: Floats,
+    c: Floats,
+    terms: int,
+    matrix: Any,
+) -> None:
+    """Add sum w [(v . grad u) phi + tau (v . grad phi) (v . grad u - a Lap u + c u)] to ``matrix``.
+
+    Parameters
+    ----------
+    velocity : (q, d) float64
+        v, tangential.
+    upstream : (q,) float64
+        tau.
+    a, c : (q,) or (1,) float64
+        The diffusivity, and the factor of u.
+    of_a : (q, d) or (0, d) float64
+        The gradient of the diffusivity, tangential; none where it is constant.
+    terms : int
+        CONVECTIVE as it stands; CONSERVATIVE with -u v . grad phi first; of a RATE, tau (v . grad phi) (c u - a Lap u);
+        STREAMLINES, tau (v . grad phi) (v . grad u), with a = c = 0.
+    matrix : (indptr, indices, data)
+        In the pattern of the space.
+    """
+    indptr, indices, data = matrix
+    d = normals.shape[2]
+    kind, width = d - 2, unknowns.shape[1]
+    forms, block = np.zeros(3 * ROOM), np.zeros(ROOM * ROOM)
+    t, v, g = np.zeros(3), np.zeros(3), np.zeros(3)
+    for p in range(len(cells)):
+        block[:] = 0.0
+        for s in range(start[p], start[p + 1]):
+            q = order[s]
+            w = weights[q]
+            if w == 0.0:
+                continue
+            for axis in range(d):
+                t[axis] = points[q, axis] / spacing - cells[p, axis] + 0.5
+                v[axis] = velocity[q, axis]
+                if len(of_a):
+                    g[axis] = of_a[q, axis]
+            own, factor = a[q if len(a) > 1 else 0], c[q if len(c) > 1 else 0]
+            transport_forms(forms, kind, t, v, g, normals[q], spacing, own, factor)
+            N, D, R = forms[:ROOM], forms[ROOM : 2 * ROOM], forms[2 * ROOM :]
+            for i in range(width):
+                through = w * upstream[q] * D[i]
+                forth = 0.0 if terms == RATE else through + w * N[i] if terms == CONVECTIVE else through
+                back = w * D[i] if terms == CONSERVATIVE else 0.0
+                row = block[i * ROOM : (i + 1) * ROOM]
+                for j in range(ROOM):
+                    row[j] += forth * D[j] + through * R[j] - back * N[j]
+        scatter_unsymmetric(block, unknowns[p], indptr, indices, data)
+
+
+@compiled
+def add_upstream(
+    unknowns: Ints,
+    cells: Ints,
+    spacing: float,
+    order: Any,
+    start: Ints,
+    points: Floats,
+    weights: Floats,
+    velocity: Floats,
+    upstream: Floats,
+    f: Floats,
+    load: Floats,
+) -> None:
+    """Add sum w tau (v . grad phi) f to ``load`` (n, channels), ``f`` (q, channels), or (1, channels) for all."""
+    d = points.shape[1]
+    kind, width, channels = d - 2, unknowns.shape[1], load.shape[1]
+    forms, normals = np.zeros(3 * ROOM), np.zeros((0, d))
+    t, v, none = np.zeros(3), np.zeros(3), np.zeros(3)
+    for p in range(len(cells)):
+        for s in range(start[p], start[p + 1]):
+            q = order[s]
+            if weights[q] * upstream[q] == 0.0:
+                continue
+            for axis in range(d):
+                t[axis] = points[q, axis] / spacing - cells[p, axis] + 0.5
+                v[axis] = velocity[q, axis]
+            transport_forms(forms, kind, t, v, none, normals, spacing, 0.0, 0.0)
+            for channel in range(channels):
+                density = weights[q] * upstream[q] * f[q if len(f) > 1 else 0, channel]
+                for place in range(width):
+                    load[unknowns[p, place], channel] += density * forms[ROOM + place]
