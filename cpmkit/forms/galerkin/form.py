@@ -34,6 +34,7 @@ from cpmkit.forms.galerkin.space.splines import derivative_rows, value_rows
 from cpmkit.forms.galerkin.telling import TURNED_SHARE, of_space, of_turning
 from cpmkit.forms.galerkin.transport.carried import Carried, upstream_times
 from cpmkit.forms.galerkin.transport.reading import speed_out, velocity_at
+from cpmkit.forms.galerkin.transport.telling import of_layers
 from cpmkit.forms.galerkin.values import Values
 from cpmkit.forms.galerkin.work import GalerkinWork
 from cpmkit.forms.options import Options
@@ -292,7 +293,8 @@ class Galerkin(Values):
         rounding = one.lattice.lost_digits(one.surface.bounds, not one.surface.shift.any())
         at_points = [text for tell in (of_crossings, of_tips) for text in tell(self.scene, one.mesh, one.lattice)]
         resolved = (*of_space(parting, pieces(parting), one.lattice, cuts), *of_turning(self.turned, one.lattice))
-        return (*source, *rounding, *one.told, *at_points, *resolved)
+        layers = () if self._carried is None else of_layers(self._own_conditions)
+        return (*source, *rounding, *one.told, *at_points, *resolved, *layers)
 
     @cached_property
     def turned(self) -> Turned:

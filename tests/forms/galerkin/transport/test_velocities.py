@@ -87,11 +87,22 @@ def test_a_layer_at_the_outflow_is_left_out_without_overshoot(cell_number):
     speed = cell_number / h
     scene = ck.Scene(CIRCLE, ck.Elliptic(speed, velocity=around(speed)), [cut])
     t = np.linspace(1e-4, 2 * np.pi - 1e-4, 2000)
-    for origin in ([0.0, 0.0], [0.037, 0.081], [0.05, 0.02]):
-        found = ck.solve(scene, h, origin=np.multiply(h, origin)).evaluate(on_circle(t))
+    for origin in ([0.0, 0.0], [0.37, 0.81], [0.5, 0.2]):
+        solution = ck.solve(scene, h, origin=np.multiply(h, origin))
+        assert ["layer" in sentence for sentence in solution.warnings] == [True]
+        found = solution.evaluate(on_circle(t))
         assert found.max() <= 1.02 * 2 * np.pi
         assert found.min() >= -0.02 * 2 * np.pi
         assert np.abs(found - t)[t < 2 * np.pi - 3 * h].max() <= 0.01 * 2 * np.pi
+
+
+def test_a_layer_that_the_spacing_resolves_is_not_told():
+    cut = ck.Boundary("cut", CUT, both=ck.Dirichlet(0.0))
+    resolved = ck.solve(ck.Scene(CIRCLE, ck.Elliptic(5.0, velocity=around(5.0)), [cut]), 0.1)
+    t = np.linspace(0.01, 2 * np.pi - 0.01, 500)
+    exact = t - 2 * np.pi * np.expm1(5 * t) / np.expm1(10 * np.pi)
+    assert not resolved.warnings
+    assert np.abs(resolved.evaluate(on_circle(t)) - exact).max() <= 5e-3 * 2 * np.pi
 
 
 def test_what_is_carried_across_a_curve_is_that_of_the_side_that_it_comes_from():
