@@ -19,10 +19,11 @@ from cpmkit.forms.galerkin.conditions.held import held, loops_of
 from cpmkit.forms.galerkin.conditions.sides import side_moments
 from cpmkit.forms.galerkin.conditions.terms import ConditionTerms, condition_terms
 from cpmkit.forms.galerkin.conditions.through import flux_through
-from cpmkit.forms.galerkin.definiteness import surely_definite
+from cpmkit.forms.galerkin.definiteness import surely_iterated
 from cpmkit.forms.galerkin.facing import Turned, turned
 from cpmkit.forms.galerkin.fitting import check_unknowns_fit
 from cpmkit.forms.galerkin.hierarchy.levels import levels_of
+from cpmkit.forms.galerkin.operator import GalerkinOperator, operator_of, resolving
 from cpmkit.forms.galerkin.options import FAMILIES, GalerkinOptions
 from cpmkit.forms.galerkin.sample_mesh import Bend
 from cpmkit.forms.galerkin.sampling import sample
@@ -55,14 +56,6 @@ EIGENVALUE_DIVISORS: dict[Bend, float] = {**ERROR_DIVISORS, "feet": 12.0}
 
 
 @dataclass(frozen=True, eq=False)
-class GalerkinOperator(CsrOperator):
-    """A, with the terms of the conditions that are in it, and whether c u fixes the constants by itself."""
-
-    conditions: ConditionTerms | None = None
-    fixed: bool = False
-
-
-@dataclass(frozen=True, eq=False)
 class Galerkin(Values):
     """A scene on splines of the lattice; unknowns are coefficients, and nobody outside reads them.
 
@@ -79,13 +72,21 @@ class Galerkin(Values):
     """
 
     form: ClassVar[str] = "galerkin"
+    cannot: ClassVar[Mapping[str, str]] = {
+        "explicit steps": "use scheme 'newmark' or 'implicit', or the form 'collocation'",
+    }
     work_record: ClassVar[type] = GalerkinWork
     dispersion: ClassVar[Dispersion] = QUADRATIC_SPLINES
 
     @property
     def multigrid(self) -> bool:
-        """Whether systems are surely positive."""
-        return surely_definite(self.scene)
+        """Whether the cycle serves what is solved with: systems that are surely positive, and waves."""
+        return surely_iterated(self.scene)
+
+    @property
+    def iterative_solver(self) -> str:
+        """The multigrid, and where it does not serve none."""
+        return "multigrid" if self.multigrid else "direct"
 
     def check_factor_fits(self) -> None:
         """Refuse a factorisation that the memory of this process cannot hold."""
@@ -116,7 +117,7 @@ class Galerkin(Values):
         conditions = self._conditions(terms.diffusivity, a)
         if conditions.held:
             matrix = (matrix + conditions.matrix).tocsr()
-        return GalerkinOperator(matrix, True, conditions, fixed=c is not None and bool(np.all(c > 0)))
+        return operator_of(matrix, conditions, a, c)
 
     def free_constants(self, stiffness: Stiffness) -> Border | None:
         """Return the pieces on which a constant is free, with means over them; None where there is none."""
@@ -155,10 +156,13 @@ class Galerkin(Values):
 
     def data(self, stiffness: Stiffness, time: float | None = None, of: str = "value") -> Floats:
         """Return what the conditions' data add to b, (n, channels)."""
-        del of  # a second Laplacian is refused
         assert isinstance(stiffness, GalerkinOperator)
         conditions = self._with_own_data(stiffness)
-        return conditions.load(self.channels, time) if conditions.held else np.zeros((self.size, self.channels))
+        if not conditions.held:
+            return np.zeros((self.size, self.channels))
+        if of == "laplacian":
+            return -conditions.of_laplacian.load(self.channels, time)
+        return conditions.load(self.channels, time)
 
     def _with_own_data(self, stiffness: GalerkinOperator) -> ConditionTerms:
         """Return an operator's conditions with the data of this scene: it may have been made for other data."""
@@ -202,9 +206,8 @@ class Galerkin(Values):
         return None if matrix is None else CsrOperator(matrix, symmetric=True)
 
     def levels(self, operator: Operator) -> Sequence[Level]:
-        """Return the prolongations from lattices of twice the spacing, four times, and so on."""
-        del operator  # the splines alone
-        return self._levels
+        """Return the prolongations from lattices of twice the spacing, four times, and so on; all resolve A's waves."""
+        return resolving(self._levels, operator, self.spacing)
 
     @cached_property
     def _levels(self) -> Sequence[Level]:

@@ -18,7 +18,7 @@ from cpmkit.forms.galerkin.conditions.state_flux import BoundaryFlux, tangent
 from cpmkit.grid.lattice import Lattice
 from cpmkit.protocols import Bools, Floats, Ints
 from cpmkit.scene.data import Data, evaluate_data
-from cpmkit.scene.laws import Flux, Interface, Mixed, Nonlinear, Spectral, Value, beta_at
+from cpmkit.scene.laws import Flux, Interface, Mixed, Nonlinear, Spectral, Value, beta_at, law_of_laplacian
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -74,6 +74,11 @@ class ConditionTerms:
     def load(self, channels: int, time: float | None = None) -> Floats:
         """Return what the data at ``time`` add to b, (n, channels)."""
         return self._one_sided.loads(channels, time) + self._coupled.loads(channels, time)
+
+    @property
+    def of_laplacian(self) -> ConditionTerms:
+        """The same conditions with the data of Lap u: those of supports, and zero elsewhere."""
+        return replace(self, held=tuple(replace(one, law=law_of_laplacian(one.law)) for one in self.held))
 
     @property
     def boundary_mass(self) -> csr_array | None:
