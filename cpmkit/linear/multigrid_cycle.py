@@ -103,7 +103,7 @@ def cycle_of(matrix: csr_array, levels: Sequence[Level], piece: Ints, waves: boo
 
 
 def _smoother(matrix: csr_array, rows: UnsignedCsr, strip: Ints, waves: bool) -> Smoother:
-    exact, diagonal = Strip.of(matrix, strip), matrix.diagonal()
+    exact, diagonal = Strip.of(matrix, strip, waves), matrix.diagonal()
     swept = abs(diagonal) > ROUNDING * diagonal.max()
     swept[strip] = False
     if (diagonal[swept] < 0).any():
