@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import takewhile
 from typing import TYPE_CHECKING
 
 from cpmkit.forms.galerkin.conditions.terms import ConditionTerms
@@ -15,9 +14,10 @@ from cpmkit.protocols import Floats, Operator
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-#: Levels are made while k h is at most this there, 3.9 nodes a wavelength. On spheres and tori of 20 to 90 thousand
-#: unknowns iterations are 15 to 18 up to 1, as without waves, 19 to 20 at 1.6, 34 to 62 at 2, and 150 do not do at 3.2.
-MOST_RADIANS = 1.6
+#: Levels are made while k h is at most this there, 6.3 nodes a wavelength, and the first while it is at most the second
+#: number. On spheres and tori of 20 to 90 thousand unknowns iterations are 15 to 18 up to 1, as without waves, 19 to 25
+#: at 1.6 and more where k is larger, 34 to 62 at 2, and 150 do not do at 3.2.
+MOST_RADIANS, MOST_RADIANS_OF_FIRST = 1.0, 1.6
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,5 +62,6 @@ def resolving(levels: Sequence[Level], operator: Operator, spacing: float) -> Se
     square = operator.waves if isinstance(operator, GalerkinOperator) else 0.0
     if not square:
         return levels
-    resolved = takewhile(lambda at: square**0.5 * spacing * 2 ** (at[0] + 1) <= MOST_RADIANS, enumerate(levels))
-    return [level for _, level in resolved]
+    radians = [square**0.5 * spacing * 2 ** (number + 1) for number in range(len(levels))]
+    most = max(MOST_RADIANS, min(radians[0], MOST_RADIANS_OF_FIRST)) if radians else MOST_RADIANS
+    return levels[: sum(one <= most for one in radians)]
