@@ -16,8 +16,8 @@ from cpmkit.forecast.running_out import memory_told
 from cpmkit.forms.choice import FORMS, module_of, options_of
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.options import Options
-from cpmkit.linear.choice import SOLVER_OPTIONS, SolverOptions, choose_solver, make_solver
-from cpmkit.manifold.local_source import largest_dim
+from cpmkit.forms.solver_choice import solver_of
+from cpmkit.linear.choice import SOLVER_OPTIONS, SolverOptions, make_solver
 from cpmkit.plugins import call, check_keys, factory, takes
 from cpmkit.protocols import Backend, Floats, Progress, no_progress
 from cpmkit.runtime.declared import declared, showing, take
@@ -121,8 +121,7 @@ class Prepared:
         """Solve a scene that differs from the prepared one in its equation and data alone."""
         started = time.perf_counter() if started is None else started
         form = self.discretized if scene is self.discretized.scene else self.discretized.restated(scene)
-        factor = scene.problem.factors_up_to(form.multigrid) * form.factorise_up_to
-        chosen = choose_solver(self.solver.solver, form.size, largest_dim(scene.surface), factor, form.multigrid)
+        chosen = solver_of(form, self.solver.solver)
         if chosen == "direct":  # what others need was checked before the tables
             form.check_factor_fits()
         made = make_solver(chosen, self.solver.further)

@@ -1,8 +1,8 @@
-"""The biharmonic equation c u + Lap^2 u = f, as two equations of second order over the same ghosts.
+"""The biharmonic equation c u + Lap^2 u = f, as two equations of second order on the same unknowns.
 
-With ``v = -Lap u`` and K the operator of -Lap, ``K u - v = r`` and ``c u + K v = q``, r and q what the data of u and
-of v add. For ``w = v + i s u``, ``s^2 = c``, these are one: ``(K - i s) w = q + i s r``. It has K's size and not its
-square's condition number.
+With ``v = -Lap u``, K the operator of -Lap and M the form's mass, ``K u - M v = r`` and ``c M u + K v = q``, r and q
+what the data of u and of v add (Ciarlet and Raviart, 1974). For ``w = v + i s u``, ``s^2 = c``, these are one:
+``(K - i s M) w = q + i s r``. It has K's size and not its square's condition number.
 """
 
 from __future__ import annotations
@@ -13,14 +13,20 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import InputError, SceneError
+from cpmkit.errors import InputError
 from cpmkit.families.context import SolveContext
-from cpmkit.linear.operators import ComplexShift
+from cpmkit.forms.contract import Discretized
+from cpmkit.forms.free_constants import defects_of
+from cpmkit.forms.imbalance import Imbalance
+from cpmkit.linear.operators import Bordered, ComplexShift
 from cpmkit.linear.report import SolveReport
-from cpmkit.protocols import Floats, Sides, Stiffness
+from cpmkit.protocols import Floats, Operator, PreparedSolver, Sides, Stiffness
 from cpmkit.scene.compound_equations import Biharmonic
 from cpmkit.scene.equations import Terms
 from cpmkit.solution.solution import Solution
+
+#: The solvers of complex systems.
+COMPLEX_SOLVERS = ("direct", "multigrid", "reference")
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,12 +53,12 @@ class BiharmonicSolution(Solution):
 def solve_biharmonic(context: SolveContext) -> BiharmonicSolution:
     """Solve a biharmonic problem.
 
+    Where c is zero and a constant is free on a piece of the manifold, the solution is that of mean zero there.
+
     Raises
     ------
     InputError
-        If the solver is another than direct and reference.
-    SceneError
-        If nothing fixes the solution on a piece of the manifold.
+        If the solver is one that solves real systems alone.
     ConvergenceError
         If the solver does not reach the tolerance.
     """
@@ -60,40 +66,77 @@ def solve_biharmonic(context: SolveContext) -> BiharmonicSolution:
     assert isinstance(problem, Biharmonic)
     form.require("second Laplacian")
     form.check()
-    if problem.c and context.solver_name not in ("direct", "reference"):
+    if problem.c and context.solver_name not in COMPLEX_SOLVERS:
         raise InputError(
-            f"a biharmonic problem with c takes solver='direct' or 'reference', got {context.solver_name!r}: its "
-            "system is complex."
+            f"a biharmonic problem with c takes solver={', '.join(map(repr, COMPLEX_SOLVERS[:-1]))} or "
+            f"{COMPLEX_SOLVERS[-1]!r}, got {context.solver_name!r}: its system is complex."
         )
     stiffness = form.stiffness(Terms())
-    if not problem.c and form.free_constants(stiffness) is not None:
-        raise SceneError(
-            "Nothing fixes the solution of the biharmonic problem on a piece of the manifold, where any constant may "
-            "be added; give a SimplySupported condition there, or c above zero."
-        )
     r, q = form.data(stiffness), form.load(problem.f) + form.data(stiffness, of="laplacian")
     built = time.perf_counter()
-    u, v, report = _solve_pair(context, stiffness, problem.c, r, q)
+    solve_pair = _solve_coupled if problem.c else _solve_in_turn
+    u, v, report, unbalanced = solve_pair(context, stiffness, problem.c, r, q)
     seconds = {"build": built - context.started, "solve": time.perf_counter() - built}
-    work, told = form.work(stiffness, report), form.warnings()
-    return BiharmonicSolution(form, u, report, work, seconds, -v, warnings=told)
+    work = form.work(stiffness, report)
+    told = (*form.warnings(), *(text for one in unbalanced for text in one.warnings))
+    return BiharmonicSolution(form, u, report, work, seconds, -v, warnings=told, imbalances=unbalanced)
 
 
-def _solve_pair(
-    context: SolveContext, stiffness: Stiffness, c: float, r: Floats, q: Floats
-) -> tuple[Floats, Floats, SolveReport]:
-    """Return u and v with ``K u - v = r`` and ``c u + K v = q``, and the report."""
-    s = float(np.sqrt(c))
-    if s:
-        prepared = context.kept.get(("complex", s), context.prepare, ComplexShift(stiffness, s))
-        b: Any = q + 1j * s * r
-        w, report = prepared.solve(b, context.tolerance, progress=context.progress)
-        report = replace(report, operator_applications=2 * report.operator_applications)  # of a real A
-        return np.ascontiguousarray(w.imag / s), np.ascontiguousarray(w.real), report
-    prepared = context.kept.get(("complex", 0.0), context.prepare, stiffness)
+#: u and v, the report, and what of f has no solution.
+_Pair = tuple[Floats, Floats, SolveReport, tuple[Imbalance, ...]]
+
+
+def _solve_coupled(context: SolveContext, stiffness: Stiffness, c: float, r: Floats, q: Floats) -> _Pair:
+    """Return u and v with ``K u - M v = r`` and ``c M u + K v = q``.
+
+    M is that of equations in time: where c is large, the mass of integrals leaves some unknowns free.
+    """
+    s, mass = float(np.sqrt(c)), context.discretized.mass_in_time
+    prepared = context.kept.get(("complex", s), context.prepare, ComplexShift(stiffness, s, mass))
+    b: Any = q + 1j * s * r
+    w, report = prepared.solve(b, context.tolerance, progress=context.progress)
+    report = replace(report, operator_applications=2 * report.operator_applications)  # of a real A
+    return np.ascontiguousarray(w.imag / s), np.ascontiguousarray(w.real), report, ()
+
+
+def _solve_in_turn(context: SolveContext, stiffness: Stiffness, c: float, r: Floats, q: Floats) -> _Pair:
+    """Return u and v with ``K v = q`` and ``K u = r + M v``."""
+    del c  # zero
+    form = context.discretized
+    operator, prepared = context.kept.get(("pair", 0.0), _ready, context, stiffness)
     v, first = prepared.solve(q, context.tolerance, progress=context.progress)
-    u, second = prepared.solve(r + v, context.tolerance, progress=context.progress)
-    return u, v, _together(first, second)
+    unbalanced: tuple[Imbalance, ...] = ()
+    if isinstance(operator, Bordered):
+        v, unbalanced = defects_of(operator, q, v, form.mass, form.at_points, form.points)
+    u, second = prepared.solve(r + _weighed(form, v), context.tolerance, progress=context.progress)
+    if isinstance(operator, Bordered):
+        u, v = _with_mean_of_laplacian(operator, form, u, v)
+    return u, v, _together(first, second), unbalanced
+
+
+def _ready(context: SolveContext, stiffness: Stiffness) -> tuple[Operator, PreparedSolver]:
+    free = context.discretized.free_constants(stiffness)
+    operator: Operator = stiffness if free is None else Bordered(stiffness, free)
+    return operator, context.prepare(operator)
+
+
+def _with_mean_of_laplacian(operator: Bordered, form: Discretized, u: Floats, v: Floats) -> tuple[Floats, Floats]:
+    """Return u with mean zero on free pieces, and v with the mean there that the slopes of u at its rim ask for.
+
+    ``K v = q`` leaves v's mean free, and ``K u = r + M v`` has a solution for one mean alone: what had none is moved
+    into it.
+    """
+    border = operator.border
+    u, means = border.centred(u)
+    indicator = border.indicator.toarray()
+    measure = (indicator * _weighed(form, indicator)).sum(axis=0)
+    excess = operator.shift * means * ((indicator * border.carried.toarray()).sum(axis=0) / measure)[:, None]
+    return u, np.asarray(v - indicator @ excess)
+
+
+def _weighed(form: Discretized, u: Floats) -> Floats:
+    """Return M u."""
+    return u if form.mass is None else form.mass.apply(u)
 
 
 def _together(first: SolveReport, second: SolveReport) -> SolveReport:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from cpmkit.families.context import SolveContext, left_side
-from cpmkit.families.eigen.resonance import near_resonance, unresolved_waves
+from cpmkit.families.eigen.resonance import near_resonance, solved_or_resonant, unresolved_waves
 from cpmkit.forms.contract import Discretized
 from cpmkit.linear.operators import Bordered, LinearSystem
 from cpmkit.protocols import Operator, PreparedSolver, Stiffness
@@ -68,7 +68,7 @@ def solve_steady(context: SolveContext) -> Solution:
     operator, prepared, wrong = ready.operator, ready.prepared, ready.wrong
     b = form.load(terms.f) + form.data(ready.stiffness)
     built = time.perf_counter()
-    values, report = prepared.solve(b, context.tolerance, context.guess, context.progress)
+    values, report = solved_or_resonant(context, prepared, b)
     report = replace(report, operator_applications=report.operator_applications + ready.looked)
     work: Any = form.work(operator, report)
     settled = form.settle(operator, b, values)

@@ -11,9 +11,9 @@ from cpmkit.forms.galerkin.fitting import check_samples_fit, check_unknowns_fit,
 from cpmkit.forms.galerkin.form import Galerkin, discretize
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.options import Options
+from cpmkit.forms.solver_choice import solver_of
 from cpmkit.grid.fitting import suggest_spacing
 from cpmkit.grid.lattice import lattice_of
-from cpmkit.linear.choice import choose_solver
 from cpmkit.manifold.abilities import advice_of
 from cpmkit.manifold.local_source import localize
 from cpmkit.protocols import Progress
@@ -38,8 +38,7 @@ def explained(scene: Scene, asked: Options[GalerkinOptions], solver: str, progre
             m = surface.largest_dim
             counts = {name: _extrapolated(counts[name], coarse[name], ratio, m) for name in counts}
     progress("rehearsal", 1.0)
-    factor = scene.problem.factors_up_to(form.multigrid) * form.factorise_up_to
-    chosen = choose_solver(solver, round(counts["unknowns"]), surface.largest_dim, factor, form.multigrid)
+    chosen = solver_of(form, solver, round(counts["unknowns"]))
     if chosen == "direct":  # what others need was checked before
         check_unknowns_fit(surface, counts["unknowns"], asked.spacing, chosen)
     advice = advice_of(scene.surface, asked.spacing)

@@ -11,6 +11,7 @@ import numpy as np
 
 from cpmkit.errors import ResolutionError
 from cpmkit.forms.galerkin import fitting as galerkin
+from cpmkit.forms.galerkin.definiteness import surely_iterated
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.options import Options
 from cpmkit.grid.fitting import fitting_spacing, other_solver_hint, rounded_up, unknowns_at_one
@@ -81,7 +82,9 @@ def _of_collocation(scene: Scene, source: LocalSource, options: Options[Any], so
 def _of_galerkin(scene: Scene, source: LocalSource, options: Options[Any], solver: str, available: int) -> _Need:
     m = source.largest_dim
     unknowns = galerkin.expected_unknowns(source, options.spacing)
-    solver = choose_solver(solver, round(unknowns), m, scene.problem.factors_up_to(True), multigrid=True)
+    iterated = surely_iterated(scene)
+    iterative, factor = "multigrid" if iterated else "direct", scene.problem.factors_up_to(iterated)
+    solver = choose_solver(solver, round(unknowns), m, factor, iterative)
     fits = galerkin.fitting_spacing(source, available, solver)
     return _Need(
         unknowns, solver, galerkin.peak_bytes(unknowns, m, solver), fits, other_solver_hint(solver, "multigrid")

@@ -220,7 +220,7 @@ class Discretized(ABC):
 
     @abstractmethod
     def data(self, stiffness: Stiffness, time: float | None = None, of: str = "value") -> Floats:
-        """Return what the data of the conditions add to b (n, channels), those ``of`` u or of its "laplacian"."""
+        """Return what the data of the conditions add to b (n, channels), those of u, or ``of`` -Lap u: "laplacian"."""
 
     @property
     def data_move(self) -> bool:
@@ -236,6 +236,11 @@ class Discretized(ABC):
     def multigrid(self) -> bool:
         """Whether A is symmetric for the scene's equation, and :meth:`levels` hands out coarser ones."""
         return False
+
+    @property
+    def iterative_solver(self) -> str:
+        """The solver of systems too large to be factorised quickly; "direct" where no other one serves."""
+        return "multigrid" if self.multigrid else "reference"
 
     def levels(self, operator: Operator) -> Sequence[Any]:
         """Return coarser levels for a multigrid, transfers and operators; none here."""

@@ -29,16 +29,18 @@ SOLVER_OPTIONS = {
 }
 
 
-def choose_solver(name: str, unknowns: int, manifold_dim: int, factor: float = 1.0, multigrid: bool = False) -> str:
+def choose_solver(
+    name: str, unknowns: int, manifold_dim: int, factor: float = 1.0, iterative: str = "reference"
+) -> str:
     """Return the solver that ``name`` means for this many unknowns; ``auto`` takes the quicker one.
 
-    A ``factor`` above one is for what an iterative solver does slowly or not at all; ``multigrid`` tells that a form
-    has symmetric operators and coarser levels for them.
+    A ``factor`` above one is for what an iterative solver does slowly or not at all. ``iterative`` is the one for large
+    systems: ``multigrid`` where a form has symmetric operators and coarser levels for them, ``direct`` where none is.
     """
     if name != "auto":
         return name
-    most, other = (DIRECT_BESIDE_MULTIGRID, "multigrid") if multigrid else (DIRECT_UNKNOWNS, "reference")
-    return "direct" if unknowns <= factor * most.get(manifold_dim, 0) else other
+    most = DIRECT_BESIDE_MULTIGRID if iterative == "multigrid" else DIRECT_UNKNOWNS
+    return "direct" if unknowns <= factor * most.get(manifold_dim, 0) else iterative
 
 
 def _check_tolerance(tolerance: Any, what: str) -> float:

@@ -1,5 +1,7 @@
 """Conjugate gradients with a multigrid cycle over a form's coarser levels; GMRES where operators are not symmetric.
 
+Systems that are not positive, or complex, go by minimal residuals (:mod:`cpmkit.linear.multigrid_indefinite`).
+
 The iterations do not grow when the spacing falls. Where constants are free on pieces of the manifold, the iteration
 runs in the complement of the pieces' indicators, and what the border adds is added after.
 """
@@ -16,9 +18,10 @@ from cpmkit.errors import ConvergenceError, SceneError
 from cpmkit.linear.conjugate_gradients import conjugate_gradients
 from cpmkit.linear.multigrid_cycle import Cycle, cycle_of
 from cpmkit.linear.multigrid_exact import Indefinite
+from cpmkit.linear.multigrid_indefinite import Minimised, minimised
 from cpmkit.linear.multigrid_matrix import UnsignedCsr
 from cpmkit.linear.multigrid_unsymmetric import PreconditionedUnsymmetric, prepare_unsymmetric
-from cpmkit.linear.operators import Bordered, has_symmetric_pattern
+from cpmkit.linear.operators import Bordered, ComplexShift, CsrOperator, has_symmetric_pattern
 from cpmkit.linear.report import SolveReport, judge
 from cpmkit.protocols import Floats, Operator, Progress, no_progress
 
@@ -26,8 +29,8 @@ from cpmkit.protocols import Floats, Operator, Progress, no_progress
 RECURSION_SHARE = 0.9
 #: At most this many fresh starts from the true residual.
 FRESH_STARTS = 3
-#: The most unknowns of a coarsest level, which is factorised.
-MOST_FACTORISED = 20_000
+#: The most unknowns of a coarsest level, which is factorised, and of one that has to resolve waves.
+MOST_FACTORISED, MOST_FACTORISED_WAVES = 20_000, 100_000
 
 
 @dataclass(frozen=True)
@@ -42,7 +45,9 @@ class Multigrid:
 
     max_iterations: int = 300
 
-    def prepare(self, operator: Operator, levels: Sequence[Any] = ()) -> Preconditioned | PreconditionedUnsymmetric:
+    def prepare(
+        self, operator: Operator, levels: Sequence[Any] = ()
+    ) -> Preconditioned | PreconditionedUnsymmetric | Minimised:
         """Return the iteration, with the operators of all levels, their smoothers and factors.
 
         Raises
@@ -54,33 +59,54 @@ class Multigrid:
         """
         bordered = operator if isinstance(operator, Bordered) else None
         inner = operator if bordered is None else bordered.operator
-        if np.iscomplexobj(inner.diagonal) or not has_symmetric_pattern(inner):
-            raise SceneError("solver 'multigrid' solves real systems of a form that has levels; use solver='direct'.")
-        if (levels[-1].prolongation.shape[1] if levels else inner.size) > MOST_FACTORISED:
-            raise SceneError(
-                f"solver 'multigrid' needs coarser levels, which the form has none of for {inner.size} unknowns; use "
-                "solver='direct'."
-            )
+        waves = isinstance(inner, CsrOperator) and inner.indefinite
+        if not has_symmetric_pattern(inner) or (waves and bordered is not None):
+            raise SceneError("solver 'multigrid' solves systems of a form that has levels; use solver='direct'.")
+        _check_coarsest(levels[-1].prolongation.shape[1] if levels else inner.size, inner.size, waves)
         if not inner.symmetric:
-            return self._unsymmetric(operator, levels)
-        piece = np.full(inner.size, -1)
-        if bordered is not None:
-            members = bordered.border.indicator.tocoo()
-            piece[members.row] = members.col
-        matrix = inner.to_csr()
+            return _unsymmetric(operator, levels, self.max_iterations)
         try:
+            if waves or isinstance(inner, ComplexShift):
+                return minimised(inner, levels, self.max_iterations)
+            piece = np.full(inner.size, -1)
+            if bordered is not None:
+                members = bordered.border.indicator.tocoo()
+                piece[members.row] = members.col
+            matrix = inner.to_csr()
             cycle = cycle_of(matrix, levels, piece)
         except Indefinite as error:
             raise _indefinite(error, 0, np.nan) from error
         return Preconditioned(operator, UnsignedCsr.of(matrix), bordered, cycle, self.max_iterations)
 
-    def _unsymmetric(self, operator: Operator, levels: Sequence[Any]) -> PreconditionedUnsymmetric:
-        try:
-            return prepare_unsymmetric(operator, levels, self.max_iterations)
-        except RuntimeError as error:
-            raise SceneError(
-                f"The linear system is singular in a part of the manifold ({error}): nothing fixes the solution there."
-            ) from error
+
+def _unsymmetric(operator: Operator, levels: Sequence[Any], max_iterations: int) -> PreconditionedUnsymmetric:
+    try:
+        return prepare_unsymmetric(operator, levels, max_iterations)
+    except RuntimeError as error:
+        raise SceneError(
+            f"The linear system is singular in a part of the manifold ({error}): nothing fixes the solution there."
+        ) from error
+
+
+def _check_coarsest(unknowns: int, size: int, waves: bool) -> None:
+    """Refuse a coarsest level of so many unknowns, of ``size`` on the finest, that is too large to be factorised.
+
+    Raises
+    ------
+    SceneError
+        If so.
+    """
+    if waves and unknowns > MOST_FACTORISED_WAVES:
+        raise SceneError(
+            f"solver 'multigrid' factorises the coarsest level that resolves the waves, and it has {unknowns:,} of the "
+            f"{size:,} unknowns, where up to {MOST_FACTORISED_WAVES:,} are accepted; use solver='direct', or a larger "
+            "spacing."
+        )
+    if not waves and unknowns > MOST_FACTORISED:
+        raise SceneError(
+            f"solver 'multigrid' needs coarser levels, which the form has none of for {size} unknowns; use "
+            "solver='direct'."
+        )
 
 
 @dataclass(frozen=True, eq=False)

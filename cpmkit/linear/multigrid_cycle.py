@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cpmkit.linear.levels import Level
-from cpmkit.linear.multigrid_exact import Indefinite, PositiveFactors
+from cpmkit.linear.multigrid_exact import Indefinite, PositiveFactors, SymmetricFactors
 from cpmkit.linear.multigrid_lanczos import largest_eigenvalue
 from cpmkit.linear.multigrid_matrix import UnsignedCsr, coarse_operator
 from cpmkit.linear.multigrid_smoother import Chebyshev, Smoother, Strip
@@ -46,12 +46,12 @@ class Cycle:
     ----------
     stages : tuple of Stage
         From the finest on; none where the matrix is small.
-    coarsest : PositiveFactors
+    coarsest : SymmetricFactors
         Of the last level's matrix.
     """
 
     stages: tuple[Stage, ...]
-    coarsest: PositiveFactors
+    coarsest: SymmetricFactors
 
     @property
     def products(self) -> int:
@@ -69,17 +69,19 @@ class Cycle:
         return stage.smoother.after(x, b)
 
 
-def cycle_of(matrix: csr_array, levels: Sequence[Level], piece: Ints) -> Cycle:
+def cycle_of(matrix: csr_array, levels: Sequence[Level], piece: Ints, waves: bool = False) -> Cycle:
     """Return the cycle of a symmetric matrix.
 
     Parameters
     ----------
     matrix : csr_array (n, n)
-        A, positive definite but for constants on free pieces.
+        A, positive definite but for constants on free pieces, and for ``waves``.
     levels : sequence of Level
         From the finest on.
     piece : (n,) int64
         The free piece that an unknown is on, -1 for none.
+    waves : bool
+        Whether eigenvalues below zero are expected, whose functions all levels resolve.
 
     Raises
     ------
@@ -91,23 +93,24 @@ def cycle_of(matrix: csr_array, levels: Sequence[Level], piece: Ints) -> Cycle:
         P = level.prolongation
         coarser = coarse_operator(matrix, P)  # what it needs on the way is not in memory together with what follows
         rows = UnsignedCsr.of(matrix).rounded()
-        smoother = _smoother(matrix, rows, _open(level.strip, piece))
+        smoother = _smoother(matrix, rows, _open(level.strip, piece), waves)
         stages.append(Stage(rows, smoother, UnsignedCsr.of(P).rounded()))
         coarse = np.full(P.shape[1], -1)
         coarse[P.indices] = np.repeat(piece, np.diff(P.indptr))
         matrix, piece = coarser, coarse
-    return Cycle(tuple(stages), PositiveFactors.of(_held(matrix, piece), "on the coarsest level"))
+    factors = SymmetricFactors if waves else PositiveFactors
+    return Cycle(tuple(stages), factors.of(_held(matrix, piece), "on the coarsest level"))
 
 
-def _smoother(matrix: csr_array, rows: UnsignedCsr, strip: Ints) -> Smoother:
-    exact, diagonal = Strip.of(matrix, strip), matrix.diagonal()
+def _smoother(matrix: csr_array, rows: UnsignedCsr, strip: Ints, waves: bool) -> Smoother:
+    exact, diagonal = Strip.of(matrix, strip, waves), matrix.diagonal()
     swept = abs(diagonal) > ROUNDING * diagonal.max()
     swept[strip] = False
     if (diagonal[swept] < 0).any():
         raise Indefinite("it has entries below zero on the diagonal")
     inverse = np.zeros(len(diagonal))
     inverse[swept] = 1 / diagonal[swept]
-    largest = EIGENVALUE_MARGIN * largest_eigenvalue(rows, inverse)
+    largest = EIGENVALUE_MARGIN * largest_eigenvalue(rows, inverse, waves)
     return Smoother(Chebyshev(rows, inverse, largest, SMOOTHING_STEPS), exact)
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.linear.multigrid_exact import PositiveFactors
+from cpmkit.linear.multigrid_exact import PositiveFactors, SymmetricFactors
 from cpmkit.linear.multigrid_matrix import UnsignedCsr
 from cpmkit.protocols import Floats, Ints
 
@@ -76,27 +76,30 @@ class Strip:
         Their numbers.
     rows : UnsignedCsr
         Their rows of A, (k, n), rounded as the level's own are: else ``after`` is not the adjoint of ``before``.
-    factors : PositiveFactors
+    factors : SymmetricFactors
         Of A among them.
     """
 
     unknowns: Ints
     rows: UnsignedCsr
-    factors: PositiveFactors
+    factors: SymmetricFactors
 
     @classmethod
-    def of(cls, matrix: csr_array, unknowns: Ints) -> Strip | None:
+    def of(cls, matrix: csr_array, unknowns: Ints, waves: bool = False) -> Strip | None:
         """Return the strip of these unknowns, None where there are none.
+
+        A strip may be wide enough for a wave on a coarse level.
 
         Raises
         ------
         Indefinite
-            If A among them has a pivot that is not positive.
+            If A among them has a pivot that is not positive, and there are to be no ``waves``.
         """
         if not len(unknowns):
             return None
         rows = matrix[unknowns].tocsr()
-        factors = PositiveFactors.of(rows[:, unknowns], "beside boundaries")
+        kind = SymmetricFactors if waves else PositiveFactors
+        factors = kind.of(rows[:, unknowns], "beside boundaries")
         return cls(unknowns, UnsignedCsr.of(rows).rounded(), factors)
 
     def solve(self, x: Floats | None, b: Floats) -> Floats:

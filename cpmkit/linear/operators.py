@@ -30,12 +30,15 @@ class CsrOperator:
         The matrix.
     symmetric : bool
         Whether it is surely symmetric.
+    indefinite : bool
+        Whether eigenvalues of both signs are expected, as of standing waves.
     symmetric_pattern : bool
         Whether, where it is not, its pattern is, and its symmetric part surely positive but for constants.
     """
 
     matrix: csr_array
     symmetric: bool = False
+    indefinite: bool = False
     symmetric_pattern: bool = False
 
     @property
@@ -75,11 +78,17 @@ class CsrOperator:
 
 
 def _sum_of(weight: float, mass: Operator | None, factor: float, operator: CsrOperator) -> CsrOperator:
+    symmetric = operator.symmetric and (mass is None or mass.symmetric)
+    pattern = operator.symmetric_pattern
+    return CsrOperator(_sum(factor, operator, weight, mass), symmetric, symmetric_pattern=pattern)
+
+
+def _sum(factor: Any, operator: Operator, weight: Any, mass: Operator | None) -> csr_array:
+    """Return ``factor A + weight M`` as a matrix, M the identity where no mass is given."""
     from scipy.sparse import eye_array
 
     matrix = eye_array(operator.size, format="csr") if mass is None else mass.to_csr()
-    symmetric = operator.symmetric and (mass is None or mass.symmetric)
-    return CsrOperator((weight * matrix + factor * operator.matrix).tocsr(), symmetric, operator.symmetric_pattern)
+    return (weight * matrix + factor * operator.to_csr()).tocsr()
 
 
 def has_symmetric_pattern(operator: Operator) -> bool:
@@ -186,7 +195,7 @@ class Bordered(_MadeOfOne):
 
 @dataclass(frozen=True, eq=False)
 class ComplexShift(_MadeOfOne):
-    """``A - i s I`` for complex vectors: real and imaginary part are two columns of one product with A.
+    """``A - i s M`` for complex vectors: real and imaginary part are two columns of one product with A and M.
 
     Attributes
     ----------
@@ -194,26 +203,32 @@ class ComplexShift(_MadeOfOne):
         A, real.
     s : float
         The shift.
+    mass : Operator, optional
+        M; the identity unless given.
     """
 
     s: float
+    mass: Operator | None = None
 
     @property
     def symmetric(self) -> bool:
-        """As A is."""
-        return self.operator.symmetric
+        """As A and M are."""
+        return self.operator.symmetric and (self.mass is None or self.mass.symmetric)
 
     @property
     def diagonal(self) -> Any:
         """Of A, shifted."""
-        return self.operator.diagonal - 1j * self.s
+        return self.operator.diagonal - 1j * self.s * (1.0 if self.mass is None else self.mass.diagonal)
 
     def apply(self, u: Any) -> Any:
         """Return the product with u of shape (n,) or (n, channels), complex."""
         columns = u.reshape(len(u), -1)
-        parts = self.operator.apply(np.concatenate([columns.real, columns.imag], axis=1))
-        real, imaginary = np.split(parts, 2, axis=1)
-        return (real + 1j * imaginary - 1j * self.s * columns).reshape(u.shape)
+        parts = np.concatenate([columns.real, columns.imag], axis=1)
+        weighed = parts if self.mass is None else self.mass.apply(parts)
+        real, imaginary = np.split(self.operator.apply(parts), 2, axis=1)
+        shifted = self.s * weighed
+        real, imaginary = real + shifted[:, columns.shape[1] :], imaginary - shifted[:, : columns.shape[1]]
+        return (real + 1j * imaginary).reshape(u.shape)
 
     def apply_rows(self, u: Any, rows: Ints) -> Any:
         """Return the entries ``rows`` of :meth:`apply`."""
@@ -221,10 +236,11 @@ class ComplexShift(_MadeOfOne):
 
     def to_csr(self) -> csr_array:
         """Return the complex matrix."""
-        from scipy.sparse import eye_array
+        return _sum(1.0, self.operator, -1j * self.s, self.mass)
 
-        matrix: csr_array = (self.operator.to_csr() - 1j * self.s * eye_array(self.size)).tocsr()
-        return matrix
+    def companion(self) -> csr_array:
+        """Return ``A + s M``, real: all eigenvalues of ``(A + s M)^-1 (A - i s M)`` lie between 1 and -i."""
+        return _sum(1.0, self.operator, self.s, self.mass)
 
 
 @dataclass(frozen=True, eq=False)

@@ -148,6 +148,11 @@ def data_of(law: Law) -> list[tuple[str, Data]]:
     return [] if isinstance(law, (Spectral, Nonlinear)) else [("datum", law.datum)]
 
 
+def law_of_laplacian(law: Law) -> Law:
+    """Return the law that holds for Lap u in a biharmonic problem where ``law`` holds for u: a value, or no flux."""
+    return Value(law.laplacian if isinstance(law, Support) else 0.0) if isinstance(law, Value) else Flux(0.0)
+
+
 def is_zero_neumann(law: Law) -> bool:
     """Tell whether nothing flows through: the flux is zero everywhere."""
     return isinstance(law, Flux) and not callable(law.datum) and not np.any(np.asarray(law.datum, dtype=object))

@@ -6,11 +6,12 @@ from cpmkit.linear.multigrid import Multigrid
 
 def test_what_is_quicker_is_taken():
     assert choose_solver("auto", 100_000, 2) == "reference"
-    assert choose_solver("auto", 100_000, 2, multigrid=True) == "multigrid"
-    assert choose_solver("auto", 100_000, 1, multigrid=True) == "direct"
-    assert choose_solver("auto", 5_000, 2) == choose_solver("auto", 5_000, 2, 4.0, multigrid=True) == "direct"
-    assert choose_solver("auto", 5_000, 2, multigrid=True) == "multigrid"
-    assert choose_solver("reference", 5_000, 2, multigrid=True) == "reference"
+    assert choose_solver("auto", 100_000, 2, iterative="multigrid") == "multigrid"
+    assert choose_solver("auto", 100_000, 1, iterative="multigrid") == "direct"
+    assert choose_solver("auto", 5_000, 2) == choose_solver("auto", 5_000, 2, 4.0, iterative="multigrid") == "direct"
+    assert choose_solver("auto", 5_000, 2, iterative="multigrid") == "multigrid"
+    assert choose_solver("auto", 100_000, 2, iterative="direct") == "direct"
+    assert choose_solver("reference", 5_000, 2, iterative="multigrid") == "reference"
 
 
 def test_a_multigrid_takes_its_most_iterations():

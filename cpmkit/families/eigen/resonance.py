@@ -7,6 +7,7 @@ import numpy as np
 from cpmkit.errors import ConvergenceError, ResolutionError
 from cpmkit.families.context import SolveContext
 from cpmkit.forms.contract import Discretized
+from cpmkit.linear.report import SolveReport
 from cpmkit.protocols import Floats, PreparedSolver
 from cpmkit.scene.equations import Terms
 
@@ -42,6 +43,30 @@ def unresolved_waves(form: Discretized, terms: Terms) -> list[str]:
     if k * spacing > carried.coarsest:
         raise ResolutionError(sentence)
     return [sentence]
+
+
+def solved_or_resonant(context: SolveContext, prepared: PreparedSolver, b: Floats) -> tuple[Floats, SolveReport]:
+    """Return the solution of a steady problem's system, and the report.
+
+    Raises
+    ------
+    ConvergenceError
+        If the solver does not reach the tolerance; of standing waves it says whether an eigenvalue is why.
+    """
+    try:
+        return prepared.solve(b, context.tolerance, context.guess, context.progress)
+    except ConvergenceError as error:
+        square = square_of_wavenumber(context.scene.problem.terms())
+        if not square:
+            raise
+        try:
+            why = near_resonance(context, prepared, prepared.solve(b, ROUGH_RESIDUAL)[0])
+        except ConvergenceError:
+            why = [
+                f"It may be that k^2={square:.6g} is an eigenvalue on this lattice, to rounding, and that there is no "
+                "solution; use a smaller spacing or another wavenumber."
+            ]
+        raise ConvergenceError(" ".join([str(error), *why]), error.report) from error
 
 
 def near_resonance(context: SolveContext, prepared: PreparedSolver, u: Floats) -> list[str]:

@@ -1,4 +1,4 @@
-"""Whether the systems of a scene's equation are surely positive, as a multigrid needs them."""
+"""Whether the systems of a scene's equation are surely positive, or else waves, as a multigrid needs them."""
 
 from __future__ import annotations
 
@@ -25,3 +25,16 @@ def surely_definite(scene: Scene) -> bool:
         return False
     steklov = any(isinstance(law, Spectral) for law in laws)
     return not steklov or (not callable(problem.c) and bool(np.all(np.asarray(problem.c) >= 0)))
+
+
+def surely_iterated(scene: Scene) -> bool:
+    """Tell whether a multigrid serves: systems are surely positive, or what is below zero are waves.
+
+    That is so of equations with c below zero, and of eigenvalues sought near a number, unless conditions take from the
+    energy or have the lambda that is sought.
+    """
+    problem = scene.problem
+    if not isinstance(problem, Eigen) or surely_definite(scene):
+        return True
+    laws = [one.law for one in scene.conditions]
+    return problem.near is not None and all(takes_nothing(law) or isinstance(law, Interface) for law in laws)

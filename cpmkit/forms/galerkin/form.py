@@ -19,10 +19,11 @@ from cpmkit.forms.galerkin.conditions.held import held, loops_of
 from cpmkit.forms.galerkin.conditions.sides import side_moments
 from cpmkit.forms.galerkin.conditions.terms import ConditionTerms, condition_terms
 from cpmkit.forms.galerkin.conditions.through import flux_through
-from cpmkit.forms.galerkin.definiteness import surely_definite
+from cpmkit.forms.galerkin.definiteness import surely_iterated
 from cpmkit.forms.galerkin.facing import Turned, turned
 from cpmkit.forms.galerkin.fitting import check_unknowns_fit
 from cpmkit.forms.galerkin.hierarchy.levels import levels_of
+from cpmkit.forms.galerkin.operator import GalerkinOperator, levels_for, operator_of
 from cpmkit.forms.galerkin.options import FAMILIES, GalerkinOptions
 from cpmkit.forms.galerkin.sample_mesh import Bend
 from cpmkit.forms.galerkin.sampling import sample
@@ -39,7 +40,7 @@ from cpmkit.forms.galerkin.values import Values
 from cpmkit.forms.galerkin.work import GalerkinWork
 from cpmkit.forms.options import Options
 from cpmkit.linear.levels import Level
-from cpmkit.linear.operators import Border, Bordered, CsrOperator
+from cpmkit.linear.operators import Border, CsrOperator
 from cpmkit.manifold.abilities import advice_of, has_finite_feet
 from cpmkit.protocols import Floats, Operator, Progress, Side, Stiffness, no_progress
 from cpmkit.scene.data import Data, evaluate_data
@@ -55,24 +56,6 @@ if TYPE_CHECKING:
 ERROR_DIVISORS: dict[Bend, float] = {"flat": 2.5, "normals": 2.5, "feet": 6.0}
 #: The same of eigenvalues: at order 4 on smooth sources the difference is 15 times the error (measured: 13 to 17).
 EIGENVALUE_DIVISORS: dict[Bend, float] = {**ERROR_DIVISORS, "feet": 12.0}
-
-
-@dataclass(frozen=True, eq=False)
-class GalerkinOperator(CsrOperator):
-    """A, or ``share`` A plus a mass, with the terms of the conditions in it, and what a velocity adds to it.
-
-    ``fixed`` tells whether c u fixes the constants by itself.
-    """
-
-    conditions: ConditionTerms | None = None
-    fixed: bool = False
-    carried: Carried | None = None
-    share: float = 1.0
-
-    def shifted(self, factor: float, mass: Operator | None = None) -> CsrOperator:
-        """Return ``M + factor A``, M the identity where no mass is given."""
-        made = super().shifted(factor, mass)
-        return made if self.carried is None else replace(self, matrix=made.matrix, share=factor * self.share)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,13 +75,21 @@ class Galerkin(Values):
     """
 
     form: ClassVar[str] = "galerkin"
+    cannot: ClassVar[Mapping[str, str]] = {
+        "explicit steps": "use scheme 'newmark' or 'implicit', or the form 'collocation'",
+    }
     work_record: ClassVar[type] = GalerkinWork
     dispersion: ClassVar[Dispersion] = QUADRATIC_SPLINES
 
     @property
     def multigrid(self) -> bool:
-        """Whether systems are surely positive."""
-        return surely_definite(self.scene)
+        """Whether the cycle serves what is solved with: systems that are surely positive, and waves."""
+        return surely_iterated(self.scene)
+
+    @property
+    def iterative_solver(self) -> str:
+        """The multigrid, and where it does not serve none."""
+        return "multigrid" if self.multigrid else "direct"
 
     def check_factor_fits(self) -> None:
         """Refuse a factorisation that the memory of this process cannot hold."""
@@ -135,8 +126,7 @@ class Galerkin(Values):
             matrix = (matrix + conditions.matrix).tocsr()
         if terms.conservative:
             matrix = (matrix + conditions.carried_out).tocsr()
-        fixed = c is not None and bool(np.all(c > 0))
-        return GalerkinOperator(matrix, carried is None, carried is not None, conditions, fixed, carried)
+        return operator_of(matrix, conditions, a, c, carried)
 
     def _carried_by(self, terms: Terms) -> Carried:
         """Return what the velocity of these terms does at the samples, and nothing at those on boundaries."""
@@ -209,10 +199,13 @@ class Galerkin(Values):
 
     def data(self, stiffness: Stiffness, time: float | None = None, of: str = "value") -> Floats:
         """Return what the conditions' data add to b, (n, channels)."""
-        del of  # a second Laplacian is refused
         assert isinstance(stiffness, GalerkinOperator)
         conditions = self._with_own_data(stiffness)
-        return conditions.load(self.channels, time) if conditions.held else np.zeros((self.size, self.channels))
+        if not conditions.held:
+            return np.zeros((self.size, self.channels))
+        if of == "laplacian":
+            return -conditions.of_laplacian.load(self.channels, time)
+        return conditions.load(self.channels, time)
 
     def _with_own_data(self, stiffness: GalerkinOperator) -> ConditionTerms:
         """Return an operator's conditions with the data of this scene: it may have been made for other data."""
@@ -256,11 +249,8 @@ class Galerkin(Values):
         return None if matrix is None else CsrOperator(matrix, symmetric=True)
 
     def levels(self, operator: Operator) -> Sequence[Level]:
-        """Return the prolongations from lattices of twice the spacing, four times, and so on."""
-        inner = operator.operator if isinstance(operator, Bordered) else operator
-        if not isinstance(inner, GalerkinOperator) or inner.carried is None:
-            return self._levels
-        return inner.carried.on_levels(self._levels, inner.share)
+        """Return the prolongations from lattices of twice the spacing, four times, and so on; all resolve A's waves."""
+        return levels_for(self._levels, operator, self.spacing)
 
     @cached_property
     def _levels(self) -> Sequence[Level]:

@@ -11,7 +11,7 @@ from cpmkit.forms.galerkin.space.energy import STRENGTHS
 from cpmkit.runtime.declared import Declared, option
 
 #: The families of equations that the form carries.
-FAMILIES = ("steady", "time", "eigen")
+FAMILIES = ("steady", "time", "eigen", "biharmonic")
 #: How the ends of boundaries inside a surface may be treated.
 TIPS = ("extended", "singular")
 

@@ -19,7 +19,7 @@ from cpmkit.forms.galerkin.conditions.state_flux import BoundaryFlux, tangent
 from cpmkit.grid.lattice import Lattice
 from cpmkit.protocols import Bools, Floats, Ints
 from cpmkit.scene.data import Data, evaluate_data
-from cpmkit.scene.laws import Flux, Interface, Mixed, Nonlinear, Spectral, Value, beta_at
+from cpmkit.scene.laws import Flux, Interface, Mixed, Nonlinear, Spectral, Value, beta_at, law_of_laplacian
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -86,6 +86,11 @@ class ConditionTerms:
         """The matrix (n, n) of the integrals of v . b u phi over all that bounds zones: of a conservative velocity."""
         assert self.speed_out is not None
         return (self.values.T @ scaled(self.samples.weights * self.speed_out, self.values)).tocsr()
+
+    @property
+    def of_laplacian(self) -> ConditionTerms:
+        """The same conditions with the data of Lap u: those of supports, and zero elsewhere."""
+        return replace(self, held=tuple(replace(one, law=law_of_laplacian(one.law)) for one in self.held))
 
     @property
     def boundary_mass(self) -> csr_array | None:
