@@ -134,6 +134,8 @@ class Prepared:
 
 def _solve_family(context: SolveContext) -> Solution:
     """Solve by the family of the scene's equation, by Newton's method where fluxes depend on the solution."""
+    if context.scene.has_tensor:
+        context.discretized.require("diffusivity that is a tensor")
     module, function = FAMILIES[context.scene.problem.family]
     solve_family: Callable[[SolveContext], Solution] = getattr(import_module(module), function)
     if any(isinstance(condition.law, Nonlinear) for condition in context.scene.conditions):

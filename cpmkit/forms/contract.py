@@ -119,6 +119,8 @@ class Discretized(ABC):
         "eigenvalues at boundaries": "use the form 'collocation'",
         "fluxes that depend on u": "use the form 'collocation'",
         "second Laplacian": "use the form 'collocation'",
+        "diffusivity that is a tensor": "use form='galerkin'",
+        "diffusivity that depends on u": "use form='galerkin'",
         "explicit steps": "use scheme 'newmark' or 'implicit', or the form 'collocation'",
     }
 
@@ -246,6 +248,10 @@ class Discretized(ABC):
     @abstractmethod
     def at_points(self, u: Floats) -> Floats:
         """Return the values (p, channels) of u (n, channels) at :attr:`points`."""
+
+    def slopes_at_points(self, u: Floats) -> Floats:
+        """Return the tangential gradients (p, channels, d) of u (n, channels) at :attr:`points`."""
+        return self.gradient(u, self.points)
 
     @abstractmethod
     def put_back(self, values: Floats) -> Floats:

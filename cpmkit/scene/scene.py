@@ -20,6 +20,7 @@ from cpmkit.scene.data import Data, evaluate_data
 from cpmkit.scene.equations import Equation
 from cpmkit.scene.orient import orient
 from cpmkit.scene.oriented import OrientedBoundary
+from cpmkit.scene.tensors import is_tensor
 
 #: Where data of the equation and of the edge are asked; numbers from zero are boundaries.
 SURFACE_DATA, EDGE_DATA = -1, -2
@@ -97,6 +98,23 @@ class Scene:
             if count not in (1, most):
                 raise SceneError(f"{what} has {count} channels where others have {most}; give one value, or {most}.")
         return most
+
+    @cached_property
+    def has_tensor(self) -> bool:
+        """Whether the equation's diffusivity is a tensor.
+
+        Raises
+        ------
+        SceneError
+            If it is one of another dimension.
+        """
+        diffusivity, dim = self.problem.terms().diffusivity, self.surface.dim
+        if isinstance(diffusivity, np.ndarray) and diffusivity.shape != (dim, dim):
+            raise SceneError(
+                f"the diffusivity is a tensor of shape {diffusivity.shape} where the manifold lies in {dim}D; give "
+                f"({dim}, {dim})."
+            )
+        return is_tensor(diffusivity, self._place(SURFACE_DATA)) if callable(diffusivity) else np.ndim(diffusivity) > 0
 
     @property
     def edge_conditions(self) -> list[Condition]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from cpmkit.errors import ResolutionError
+from cpmkit.errors import ResolutionError, SceneError
 from cpmkit.forms.collocation.assembly import build_operator
 from cpmkit.forms.collocation.boundary.row_formula import sum_of_data
 from cpmkit.forms.collocation.conservation.components import components_without_flux
@@ -66,6 +66,8 @@ class Collocation(Reader):
 
     form: ClassVar[str] = "collocation"
     cannot: ClassVar[Mapping[str, str]] = {
+        "diffusivity that is a tensor": "use form='galerkin'",
+        "diffusivity that depends on u": "use form='galerkin'",
         "undamped steps": "use scheme 'leapfrog' or 'implicit', or the form 'galerkin'",
     }
     work_record: ClassVar[type] = Work
@@ -335,7 +337,18 @@ class Collocation(Reader):
 
 
 def check(scene: Scene, options: Options[CollocationOptions]) -> None:
-    """Refuse, before anything is built, fluxes that cannot balance."""
+    """Refuse, before anything is built, fluxes that cannot balance, and a tensor for a diffusivity.
+
+    Raises
+    ------
+    SceneError, InputError
+        With what to do instead.
+    """
+    if scene.has_tensor:
+        raise SceneError(
+            "the form 'collocation' has no diffusivity that is a tensor: its differences along the axes hold no mixed "
+            f"derivatives, which {scene.problem.kind!r} needs; use form='galerkin'."
+        )
     check_balance(scene, options.own.balance)
 
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, ClassVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from cpmkit.errors import InputError, SceneError
+from cpmkit.forms.at_state import AtState
 from cpmkit.forms.contract import StateFlux
 from cpmkit.forms.dispersion import QUADRATIC_SPLINES, Dispersion
 from cpmkit.forms.free_constants import free_pieces
@@ -20,13 +21,14 @@ from cpmkit.forms.galerkin.conditions.sides import side_moments
 from cpmkit.forms.galerkin.conditions.terms import ConditionTerms, condition_terms
 from cpmkit.forms.galerkin.conditions.through import flux_through
 from cpmkit.forms.galerkin.definiteness import surely_definite
+from cpmkit.forms.galerkin.diffusivity import checked
 from cpmkit.forms.galerkin.facing import Turned, turned
 from cpmkit.forms.galerkin.fitting import check_unknowns_fit
 from cpmkit.forms.galerkin.hierarchy.levels import levels_of
 from cpmkit.forms.galerkin.options import FAMILIES, GalerkinOptions
 from cpmkit.forms.galerkin.sample_mesh import Bend
 from cpmkit.forms.galerkin.sampling import sample
-from cpmkit.forms.galerkin.space.energy import load
+from cpmkit.forms.galerkin.space.energy import conductivity, load, slopes_at
 from cpmkit.forms.galerkin.space.floor import floored_stiffness
 from cpmkit.forms.galerkin.space.parted import part, pieces
 from cpmkit.forms.galerkin.space.space import space_of
@@ -42,6 +44,7 @@ from cpmkit.protocols import Floats, Operator, Progress, Side, Stiffness, no_pro
 from cpmkit.scene.data import Data, evaluate_data
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.scene import Scene
+from cpmkit.scene.tensors import evaluate_diffusivity
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -81,6 +84,10 @@ class Galerkin(Values):
     form: ClassVar[str] = "galerkin"
     work_record: ClassVar[type] = GalerkinWork
     dispersion: ClassVar[Dispersion] = QUADRATIC_SPLINES
+    cannot: ClassVar[Mapping[str, str]] = {
+        "second Laplacian": "use the form 'collocation'",
+        "explicit steps": "use scheme 'newmark' or 'implicit', or the form 'collocation'",
+    }
 
     @property
     def multigrid(self) -> bool:
@@ -106,11 +113,9 @@ class Galerkin(Values):
         Raises
         ------
         InputError
-            If the diffusivity is not above zero.
+            If the diffusivity is not positive, or not definite on tangents.
         """
-        a = self._at_samples(terms.diffusivity, "the diffusivity")
-        if np.any(a <= 0):
-            raise InputError(f"the diffusivity must be above zero, got {a.min():g}.")
+        a = self._diffusivity(terms.diffusivity)
         c = self._at_samples(terms.c, "the factor c") if callable(terms.c) or terms.c else None
         matrix = self._tips.bordered(floored_stiffness(self.space, a, self._strength, c), a, c)
         conditions = self._conditions(terms.diffusivity, a)
@@ -127,20 +132,59 @@ class Galerkin(Values):
         """Return a coefficient (q,) at all samples, (1,) if it is a number; on boundaries their cell's first."""
         if not callable(data) and np.ndim(data) == 0:
             return evaluate_data(data, np.zeros((1, self.space.parting.dim)), 1, what)[:, 0]
-        own = self.read(data, what)[:, 0]
+        return self._and_on_boundaries(self.read(data, what)[:, 0])
+
+    def _and_on_boundaries(self, own: Floats) -> Floats:
+        """Return a coefficient (p, ...) of the manifold's samples at all samples (q, ...)."""
         one = self.sampled
         first = np.searchsorted(one.samples.cell[: one.interior], one.boundary.cell)
         return np.concatenate([own, own[first]])
 
-    def _conditions(self, diffusivity: Data, a: Floats | None = None) -> ConditionTerms:
-        """Return the terms of the conditions where the diffusivity is ``a`` (q,) at all samples, 1 unless given."""
-        one, rows, logarithms = self.sampled, self._boundary_rows, np.zeros(self.space.parting.size)
+    def _diffusivity(self, given: Any) -> Floats:
+        """Return the diffusivity (q,) or (q, d, d) at all samples, (1,) if it is a number."""
+        one, points = self.sampled, self.points
+        if not callable(given) and not isinstance(given, AtState) and np.ndim(given) == 0:
+            return checked(self._at_samples(given, "the diffusivity"), one.samples.normals, points)
+        if isinstance(given, AtState):
+            own = given.coefficient(self.at_points(given.u)[:, 0], self.slopes_at_points(given.u)[:, 0], points)
+        else:
+            own = evaluate_diffusivity(given, points, "the diffusivity")
+        if own.ndim == 3 and len(self._tips):
+            raise InputError("tips='singular' takes a diffusivity that is a number, got a tensor; use 'extended'.")
+        return self._and_on_boundaries(checked(own, one.samples.normals[: one.interior], points))
+
+    def _conditions(self, diffusivity: Any, a: Floats | None = None) -> ConditionTerms:
+        """Return the terms of the conditions where the diffusivity is ``a`` at all samples, 1 unless given."""
+        one, logarithms, along = self.sampled, np.zeros(self.space.parting.size), None
         if a is not None:
-            varies = a.min() < a.max()
-            logarithms = load(self.space, np.log(a)[:, None])[:, 0] if varies else np.log(a[0]) * self._areas
+            means = conductivity(self.space, a)
+            varies = means.min() < means.max()
+            logarithms = load(self.space, np.log(means)[:, None])[:, 0] if varies else np.log(means[0]) * self._areas
+        if a is not None and a.ndim == 3:
+            patch = self.space.parting.patch[one.interior :]
+            along = partial(derivative_rows, self.space.parting, patch, one.boundary.points)
+        given = self._beside_boundaries(diffusivity) if isinstance(diffusivity, AtState) else diffusivity
         return self._tips.read_by(
-            condition_terms(one.held, one.boundary, one.left, rows, self._areas, diffusivity, logarithms, one.lattice)
+            condition_terms(
+                one.held,
+                one.boundary,
+                one.left,
+                self._boundary_rows,
+                self._areas,
+                given,
+                logarithms,
+                one.lattice,
+                along,
+            )
         )
+
+    def _beside_boundaries(self, at: AtState) -> Callable[[Floats], Floats]:
+        """Return a coefficient at a state as a function of one point (b, d) beside each boundary sample."""
+        one, splines = self.sampled.boundary, at.u[: self._tips.splines]
+        patch = self.space.parting.patch[self.sampled.interior :]
+        values = np.asarray(self._boundary_rows[0] @ splines)[:, 0]
+        slopes = slopes_at(self.space, patch, one.points, one.normals, splines)[:, 0]
+        return lambda points: at.coefficient(values, slopes, points)
 
     @cached_property
     def _boundary_rows(self) -> tuple[csr_array, csr_array]:
@@ -192,7 +236,7 @@ class Galerkin(Values):
     def _own_conditions(self) -> ConditionTerms:
         """The conditions with the diffusivity of the scene's own problem."""
         diffusivity = self.scene.problem.terms().diffusivity
-        return self._conditions(diffusivity, self._at_samples(diffusivity, "the diffusivity"))
+        return self._conditions(diffusivity, self._diffusivity(diffusivity))
 
     def boundary_mass(self, stiffness: Stiffness) -> CsrOperator | None:
         """Return the integrals over boundaries where du/db = lambda u stands; None where it stands nowhere."""

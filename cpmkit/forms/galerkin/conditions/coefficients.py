@@ -84,16 +84,27 @@ def beside(data: Data, samples: BoundarySamples, widths: Floats, around: Floats,
     """
     if not callable(data):
         return _read(data, samples.points, lattice, what)
-    inward = samples.centres - samples.points
-    steps = -READ_BESIDE_WIDTHS * widths[:, None] * samples.conormals, 0.5 * inward
+    return readings(data, samples, widths, around, lattice, what)[0]
+
+
+def inward_steps(samples: BoundarySamples, widths: Floats) -> tuple[Floats, Floats]:
+    """Return the steps (b, d) by which data are read beside a boundary: along the conormal, and into the cell."""
+    return -READ_BESIDE_WIDTHS * widths[:, None] * samples.conormals, 0.5 * (samples.centres - samples.points)
+
+
+def readings(
+    data: Data, samples: BoundarySamples, widths: Floats, around: Floats, lattice: Lattice, what: str
+) -> tuple[Floats, Bools]:
+    """Return the same for a function of points, and where (b,) it was read along the conormal."""
     found = []
-    for step in steps:
+    for step in inward_steps(samples, widths):
         near, far = (np.log(_read(data, samples.points + k * step, lattice, what)) for k in (1, 2))
         found.append(np.where(np.abs(near - far) < SAME_MATERIAL_LOG_RATIO, 2 * near - far, np.inf))
     along, within = found
     off = [np.abs(one - around) for one in found]
-    value = np.where(off[0] <= off[1] + SAME_MATERIAL_LOG_RATIO, along, within)
-    return np.asarray(np.exp(np.where(np.isfinite(value), value, around)))
+    by_conormal = off[0] <= off[1] + SAME_MATERIAL_LOG_RATIO
+    value = np.where(by_conormal, along, within)
+    return np.exp(np.where(np.isfinite(value), value, around)), by_conormal
 
 
 def given(

@@ -86,6 +86,20 @@ def values_at_samples(space: Space, u: Floats) -> Floats:
     return values
 
 
+def slopes_at(space: Space, patch: Ints, points: Floats, normals: Floats, u: Floats) -> Floats:
+    """Return (k, channels, d) the tangential gradients of the splines with coefficients ``u`` (n, channels).
+
+    At ``points`` (k, d) in the patches ``patch`` (k,), where ``normals`` (k, c, d) are normal to the manifold.
+    """
+    from cpmkit.forms.galerkin.space.sample_kernels import read_slopes
+
+    parting = space.parting
+    slopes = np.empty((len(points), u.shape[1], points.shape[1]))
+    arrays = (np.ascontiguousarray(points), np.ascontiguousarray(normals), np.ascontiguousarray(u))
+    read_slopes(parting.unknowns, parting.cells, parting.spacing, patch, *arrays, slopes)
+    return slopes
+
+
 def energy_data(space: Space, a: Floats | float | None, c: Floats | float | None, strength: Strength) -> Floats:
     """Return the entries of the sums over samples, in the pattern of ``space``: no ghosts, no floor."""
     from cpmkit.forms.galerkin.space.energy_kernels import add_energy
@@ -122,12 +136,14 @@ def add_differences(space: Space, runs: Ints, stencil: Floats, factors: Floats, 
 
 def conductivity(space: Space, a: Floats | float) -> Floats:
     """Return (q,), or (1,) for all, the coefficient at the samples as a number: of a tensor the mean over tangents."""
-    samples = space.samples
-    if np.ndim(a) < 3:
-        return _at_each(a)
-    tensors = np.asarray(a)
-    normal = np.einsum("qci,qij,qcj->q", samples.normals, tensors, samples.normals)
-    return np.asarray((np.trace(tensors, axis1=1, axis2=2) - normal) / space.manifold_dim)
+    return _at_each(a) if np.ndim(a) < 3 else mean_over_tangents(np.asarray(a), space.samples.normals)
+
+
+def mean_over_tangents(tensors: Floats, normals: Floats) -> Floats:
+    """Return (q,) the mean over tangents of tensors (q, d, d), ``normals`` (q, c, d) orthonormal."""
+    normal = np.einsum("qci,qij,qcj->q", normals, tensors, normals)
+    tangents = normals.shape[2] - normals.shape[1]
+    return np.asarray((np.trace(tensors, axis1=1, axis2=2) - normal) / tangents)
 
 
 def _at_each(values: Floats | float) -> Floats:
