@@ -22,9 +22,7 @@ def to_torus(x):
 def derivative(function, x, axis):
     """The derivative along an axis of what returns (n, ...) at points (n, d)."""
     step = STEP * np.eye(x.shape[1])[axis]
-    return sum(
-        share / STEP * (function(x + k * step) - function(x - k * step)) for k, share in enumerate(SHARES, 1)
-    )
+    return sum(share / STEP * (function(x + k * step) - function(x - k * step)) for k, share in enumerate(SHARES, 1))
 
 
 class Manufactured:
@@ -62,3 +60,24 @@ def by_tensor(project, tensor):
         return np.einsum("nij,njk,nk->ni", tangent(project, x), tensor(x), slopes)
 
     return law
+
+
+def tensor_on_sphere(matrix, w, u0=0.0):
+    """``-div(A grad u)`` and the flux of u = w . x on the unit sphere, A a constant matrix (3, 3), in closed form.
+
+    With G = A P w and P = I - x x', the flux is P G, and div(P G) = tr(P DG) - 2 G . x.
+    """
+
+    def u(x):
+        return x @ w + u0
+
+    def flux(x):
+        G = w @ matrix - (x @ w)[:, None] * (x @ matrix)
+        return G - x * np.sum(G * x, axis=1)[:, None]
+
+    def f(x):
+        Ax, along = x @ matrix, x @ w
+        xAx, xAw = np.sum(x * Ax, axis=1), Ax @ w
+        return (xAw - along * xAx) + along * (np.trace(matrix) - xAx) + 2 * (xAw - along * xAx)
+
+    return u, f, flux

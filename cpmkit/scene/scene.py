@@ -84,6 +84,11 @@ class Scene:
                     "both must be the same."
                 )
         self.problem.check_conditions(self._conditions())
+        shape, dim = np.shape(self.problem.terms().diffusivity), self.surface.dim
+        if shape not in ((), (dim, dim)):
+            raise SceneError(
+                f"the diffusivity is a tensor of shape {shape} where the manifold lies in {dim}D; give ({dim}, {dim})."
+            )
         assert self.channels
 
     @cached_property
@@ -101,19 +106,8 @@ class Scene:
 
     @cached_property
     def has_tensor(self) -> bool:
-        """Whether the equation's diffusivity is a tensor.
-
-        Raises
-        ------
-        SceneError
-            If it is one of another dimension.
-        """
-        diffusivity, dim = self.problem.terms().diffusivity, self.surface.dim
-        if isinstance(diffusivity, np.ndarray) and diffusivity.shape != (dim, dim):
-            raise SceneError(
-                f"the diffusivity is a tensor of shape {diffusivity.shape} where the manifold lies in {dim}D; give "
-                f"({dim}, {dim})."
-            )
+        """Whether the equation's diffusivity is a tensor; a function is asked for its value at one point."""
+        diffusivity = self.problem.terms().diffusivity
         return is_tensor(diffusivity, self._place(SURFACE_DATA)) if callable(diffusivity) else np.ndim(diffusivity) > 0
 
     @property

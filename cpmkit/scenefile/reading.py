@@ -40,6 +40,8 @@ MOST_NAME_CHARACTERS = 100
 FORMULA_KEYS = ("f", "c", "diffusivity", "kappa", "initial", "initial_rate")
 #: Of these the keys that hold one for all channels.
 COEFFICIENT_KEYS = ("c", "diffusivity", "kappa")
+#: And of these the keys that may hold a tensor, a list of its rows.
+TENSOR_KEYS = ("diffusivity", "kappa")
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,13 +225,24 @@ def _problem(table: dict[str, Any], dim: int) -> Equation:
     check_keys(PROBLEMS[kind], f"[problem] of kind {kind!r}", table)
     check_types(PROBLEMS[kind], f"[problem] of kind {kind!r}", table)
     for key in FORMULA_KEYS:
-        if key in COEFFICIENT_KEYS and isinstance(table.get(key), list):
+        tensor = key in TENSOR_KEYS and _is_square(table.get(key), dim)
+        if key in COEFFICIENT_KEYS and isinstance(table.get(key), list) and not tensor:
+            if key in TENSOR_KEYS:
+                raise SceneError(
+                    f"{key} of [problem] must be one number or formula, or a tensor, a list of {dim} lists of {dim} "
+                    f"numbers or formulas, got {shown(table[key])}."
+                )
             raise SceneError(f"{key} of [problem] must be one number or formula, got {shown(table[key])}.")
         if key in table:
             table[key] = read_data(table[key], dim, f"{key} of [problem]")
     if "velocity" in table:
         table["velocity"] = _field(table["velocity"], dim)
     return call(PROBLEMS[kind], f"[problem] of kind {kind!r}", table)
+
+
+def _is_square(value: Any, dim: int) -> bool:
+    rows = isinstance(value, list) and len(value) == dim
+    return rows and all(isinstance(row, list) and len(row) == dim for row in value)
 
 
 def _field(value: Any, dim: int) -> Field:

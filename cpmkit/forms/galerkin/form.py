@@ -218,7 +218,10 @@ class Galerkin(Values):
         return WeakKeyDictionary()
 
     def flux(self, u: Floats, boundary: str | int, side: Side | None, time: float | None) -> Floats | None:
-        """Return the integrals of du/db by the residual of the weak form; None on a rim without samples of its own."""
+        """Return the integrals of du/db by the residual of the weak form; None on a rim without samples of its own.
+
+        Of a tensor A, b the conormal, that of the derivative along A b / (b . A b).
+        """
         one, names = self.sampled, [boundary.name for boundary in self.scene.boundaries]
         samples = one.boundary
         if boundary in names:
@@ -228,8 +231,8 @@ class Galerkin(Values):
             if isinstance(boundary, int):
                 rows = np.flatnonzero(chosen)
                 chosen[rows] = loops_of(samples.take(rows), one.surface, self.spacing) == boundary
-            if not chosen.any():
-                return None
+            if not chosen.any():  # nothing flows out of a rim where nothing is given
+                return np.zeros(u.shape[1]) if self.scene.has_tensor else None
         return flux_through(self._own_conditions, u, chosen, time)
 
     @cached_property
