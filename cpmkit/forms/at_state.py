@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import ClassVar
 
 from cpmkit.protocols import Floats
 
@@ -19,7 +20,12 @@ class AtState:
         returns numbers (k,) or symmetric tensors (k, d, d).
     u : (n, 1) float64
         The unknowns.
+    holding : callable, optional
+        Of the same, returns numbers (k,): what terms of the form's own are in units of, such as penalties. Unless given
+        the coefficient is, and of a tensor its mean. A tangent has that of what it is the tangent of.
     """
 
+    needs_state: ClassVar[bool] = True
     coefficient: Callable[[Floats, Floats, Floats], Floats]
     u: Floats
+    holding: Callable[[Floats, Floats, Floats], Floats] | None = None

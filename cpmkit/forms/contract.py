@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 import numpy as np
 
 from cpmkit.errors import InputError, SceneError
+from cpmkit.forms.at_state import AtState
 from cpmkit.forms.dispersion import SECOND_ORDER, Dispersion
 from cpmkit.forms.free_constants import defects_of, free_pieces
 from cpmkit.forms.imbalance import Imbalance
@@ -215,6 +216,11 @@ class Discretized(ABC):
         InputError, ResolutionError
             If a coefficient is not what is accepted, or the spacing is too coarse for it.
         """
+
+    def transport(self, field: AtState) -> Operator:
+        """Return the integrals of u (w . grad v), w (k, d) given at a state: what of a flux changes with u itself."""
+        self.require("diffusivity that depends on u")
+        raise InputError(f"the form {self.form!r} carries nothing along a field.")
 
     @abstractmethod
     def load(self, f: Data, time: float | None = None) -> Floats:

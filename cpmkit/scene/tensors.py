@@ -62,6 +62,8 @@ def diffusivity_of(given: Any, what: str) -> Any:
 
 def is_tensor(diffusivity: Any, points: Floats) -> bool:
     """Tell whether a diffusivity is a tensor; a function of points is asked for its value at ``points`` (n, d)."""
+    if getattr(diffusivity, "needs_state", False):
+        return False
     return bool(np.ndim(diffusivity(points) if callable(diffusivity) else diffusivity) > 1 + callable(diffusivity))
 
 

@@ -40,6 +40,7 @@ from cpmkit.scene.data import Data
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.laws import Spectral, Support
 from cpmkit.scene.scene import Scene
+from cpmkit.scene.state_diffusivity import StateDiffusivity
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -348,6 +349,11 @@ def check(scene: Scene, options: Options[CollocationOptions]) -> None:
         raise SceneError(
             "the form 'collocation' has no diffusivity that is a tensor: its differences along the axes hold no mixed "
             f"derivatives, which {scene.problem.kind!r} needs; use form='galerkin'."
+        )
+    if isinstance(scene.problem.terms().diffusivity, StateDiffusivity):
+        raise SceneError(
+            "the form 'collocation' has no diffusivity that depends on u: beside boundaries it continues a diffusivity "
+            f"as a function of position, which that of {scene.problem.kind!r} is not; use form='galerkin'."
         )
     check_balance(scene, options.own.balance)
 

@@ -28,7 +28,7 @@ from cpmkit.forms.galerkin.hierarchy.levels import levels_of
 from cpmkit.forms.galerkin.options import FAMILIES, GalerkinOptions
 from cpmkit.forms.galerkin.sample_mesh import Bend
 from cpmkit.forms.galerkin.sampling import sample
-from cpmkit.forms.galerkin.space.energy import conductivity, load, slopes_at
+from cpmkit.forms.galerkin.space.energy import conductivity, load, slopes_at, transport
 from cpmkit.forms.galerkin.space.floor import floored_stiffness
 from cpmkit.forms.galerkin.space.parted import part, pieces
 from cpmkit.forms.galerkin.space.space import space_of
@@ -44,6 +44,7 @@ from cpmkit.protocols import Floats, Operator, Progress, Side, Stiffness, no_pro
 from cpmkit.scene.data import Data, evaluate_data
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.scene import Scene
+from cpmkit.scene.state_diffusivity import StateDiffusivity
 from cpmkit.scene.tensors import evaluate_diffusivity
 
 if TYPE_CHECKING:
@@ -117,8 +118,9 @@ class Galerkin(Values):
         """
         a = self._diffusivity(terms.diffusivity)
         c = self._at_samples(terms.c, "the factor c") if callable(terms.c) or terms.c else None
-        matrix = self._tips.bordered(floored_stiffness(self.space, a, self._strength, c), a, c)
-        conditions = self._conditions(terms.diffusivity, a)
+        holding = self._holding(terms.diffusivity)
+        matrix = self._tips.bordered(floored_stiffness(self.space, a, self._strength, c, holding), a, c)
+        conditions = self._conditions(terms.diffusivity, a, holding)
         if conditions.held:
             matrix = (matrix + conditions.matrix).tocsr()
         return GalerkinOperator(matrix, True, conditions, fixed=c is not None and bool(np.all(c > 0)))
@@ -153,7 +155,13 @@ class Galerkin(Values):
             raise InputError("tips='singular' takes a diffusivity that is a number, got a tensor; use 'extended'.")
         return self._and_on_boundaries(checked(own, one.samples.normals[: one.interior], points))
 
-    def _conditions(self, diffusivity: Any, a: Floats | None = None) -> ConditionTerms:
+    def _holding(self, given: Any) -> Floats | None:
+        """Return what terms of the form's own are in units of, (q,) at all samples; None for the diffusivity."""
+        if not isinstance(given, AtState) or given.holding is None:
+            return None
+        return self._diffusivity(AtState(given.holding, given.u))
+
+    def _conditions(self, diffusivity: Any, a: Floats | None = None, holding: Floats | None = None) -> ConditionTerms:
         """Return the terms of the conditions where the diffusivity is ``a`` at all samples, 1 unless given."""
         one, logarithms, along = self.sampled, np.zeros(self.space.parting.size), None
         if a is not None:
@@ -164,19 +172,12 @@ class Galerkin(Values):
             patch = self.space.parting.patch[one.interior :]
             along = partial(derivative_rows, self.space.parting, patch, one.boundary.points)
         given = self._beside_boundaries(diffusivity) if isinstance(diffusivity, AtState) else diffusivity
-        return self._tips.read_by(
-            condition_terms(
-                one.held,
-                one.boundary,
-                one.left,
-                self._boundary_rows,
-                self._areas,
-                given,
-                logarithms,
-                one.lattice,
-                along,
-            )
-        )
+        where = (one.held, one.boundary, one.left, self._boundary_rows, self._areas)
+        terms = condition_terms(*where, given, logarithms, one.lattice, along)
+        if holding is not None:  # penalties are a over the width, which is so much wider as a is above what holds
+            held = self._conditions(AtState(diffusivity.holding, diffusivity.u), holding)
+            terms = replace(terms, widths=terms.widths * terms.a / held.a)
+        return self._tips.read_by(terms)
 
     def _beside_boundaries(self, at: AtState) -> Callable[[Floats], Floats]:
         """Return a coefficient at a state as a function of one point (b, d) beside each boundary sample."""
@@ -192,6 +193,11 @@ class Galerkin(Values):
         one, parting = self.sampled.boundary, self.space.parting
         patch = parting.patch[self.sampled.interior :]
         return value_rows(parting, patch, one.points), derivative_rows(parting, patch, one.points, one.conormals)
+
+    def transport(self, field: AtState) -> CsrOperator:
+        """Return the integrals of u (w . grad v) over the samples, w (p, d) given at a state."""
+        w = field.coefficient(self.at_points(field.u)[:, 0], self.slopes_at_points(field.u)[:, 0], self.points)
+        return CsrOperator(self._tips.bordered(transport(self.space, w), None, None))
 
     def load(self, f: Data, time: float | None = None) -> Floats:
         """Return the integrals of f times each spline, (n, channels)."""
@@ -233,13 +239,21 @@ class Galerkin(Values):
                 chosen[rows] = loops_of(samples.take(rows), one.surface, self.spacing) == boundary
             if not chosen.any():  # nothing flows out of a rim where nothing is given
                 return np.zeros(u.shape[1]) if self.scene.has_tensor else None
-        return flux_through(self._own_conditions, u, chosen, time)
+        return flux_through(self._own_conditions(u), u, chosen, time)
+
+    def _own_conditions(self, u: Floats) -> ConditionTerms:
+        """Return the conditions with the diffusivity of the scene's own problem, whose solution is u."""
+        diffusivity = self.scene.problem.terms().diffusivity
+        if isinstance(diffusivity, StateDiffusivity):
+            diffusivity = AtState(diffusivity.at, u)
+            return self._conditions(diffusivity, self._diffusivity(diffusivity))
+        if not self._kept_conditions:
+            self._kept_conditions.append(self._conditions(diffusivity, self._diffusivity(diffusivity)))
+        return self._kept_conditions[0]
 
     @cached_property
-    def _own_conditions(self) -> ConditionTerms:
-        """The conditions with the diffusivity of the scene's own problem."""
-        diffusivity = self.scene.problem.terms().diffusivity
-        return self._conditions(diffusivity, self._diffusivity(diffusivity))
+    def _kept_conditions(self) -> list[ConditionTerms]:
+        return []
 
     def boundary_mass(self, stiffness: Stiffness) -> CsrOperator | None:
         """Return the integrals over boundaries where du/db = lambda u stands; None where it stands nowhere."""

@@ -64,6 +64,17 @@ def mass(space: Space, c: Floats | float) -> csr_array:
     return space.matrix(energy_data(space, None, c, Strength(0.0, 0.0, 0.0)))
 
 
+def transport(space: Space, field: Floats) -> csr_array:
+    """Return the matrix (n, n) of sum w u (field . grad v), ``field`` (p, d) tangential at the first p samples."""
+    from cpmkit.forms.galerkin.space.transport_kernels import add_transport
+
+    weighted = np.zeros_like(space.samples.points)
+    weighted[: len(field)] = space.samples.weights[: len(field), None] * field
+    data = np.zeros(len(space.indices))
+    add_transport(*_patches(space), space.samples.points, weighted, (space.indptr, space.indices, data))
+    return space.matrix(data)
+
+
 def load(space: Space, f: Floats) -> Floats:
     """Return (n, channels) sum w f v, with ``f`` (q, channels) at the samples, or (1, channels) at all of them."""
     from cpmkit.forms.galerkin.space.sample_kernels import add_load
@@ -100,15 +111,24 @@ def slopes_at(space: Space, patch: Ints, points: Floats, normals: Floats, u: Flo
     return slopes
 
 
-def energy_data(space: Space, a: Floats | float | None, c: Floats | float | None, strength: Strength) -> Floats:
-    """Return the entries of the sums over samples, in the pattern of ``space``: no ghosts, no floor."""
+def energy_data(
+    space: Space,
+    a: Floats | float | None,
+    c: Floats | float | None,
+    strength: Strength,
+    holding: Floats | None = None,
+) -> Floats:
+    """Return the entries of the sums over samples, in the pattern of ``space``: no ghosts, no floor.
+
+    ``holding`` (q,): what holds u off the manifold is in units of it, of ``a`` itself unless given.
+    """
     from cpmkit.forms.galerkin.space.energy_kernels import add_energy
 
     samples = space.samples
     d = samples.points.shape[1]
     scalars, tensors, masses = np.zeros(0), np.zeros((0, d, d)), np.zeros(0)
     if a is not None:
-        scalars = conductivity(space, a)
+        scalars = conductivity(space, a) if holding is None else holding
         tensors = np.ascontiguousarray(a, dtype=np.float64) if np.ndim(a) == 3 else tensors
     if c is not None:
         masses = _at_each(c)
