@@ -14,9 +14,8 @@ import numpy as np
 
 from cpmkit.errors import ConvergenceError
 from cpmkit.families.context import Kept, SolveContext
-from cpmkit.families.newton_steps import Newton
+from cpmkit.families.quasilinear_steps import State, Steps
 from cpmkit.families.steady import solve_steady
-from cpmkit.forms.at_state import AtState
 from cpmkit.linear.report import SolveReport
 from cpmkit.protocols import Floats
 from cpmkit.scene.data import Data, evaluate_data
@@ -39,7 +38,7 @@ class StepRecord:
     change : float
         The largest change of u, over the largest value.
     energy : float or None
-        What the solution makes least, where that is known and the diffusivity lagged; without the data of conditions.
+        What the solution makes least, where that is known.
     """
 
     change: float
@@ -105,8 +104,10 @@ def solve_quasilinear(context: SolveContext) -> QuasilinearSolution:
     form.check()
     terms = replace(problem.terms(), f=_Remembered(problem.terms().f))
     u = _start(context, problem, terms)
-    u, counted = (_by_newton if problem.method == "newton" else _by_lagging)(context, problem, terms, u)
-    last = _linear(context, replace(terms, diffusivity=AtState(problem.diffusivity_of_u.at, u)), u)
+    held = _mean_diffusivity(context, problem, u) if problem.held_evenly else None
+    steps = Steps(context, terms, problem.diffusivity_of_u, form.load(terms.f), held)
+    u, counted = _settled(steps, problem, u)
+    last = _linear(context, steps.frozen(u), u)
     name = "Newton's method" if problem.method == "newton" else "The lagged diffusivity"
     report = replace(
         last.report,
@@ -159,69 +160,57 @@ def _linear(context: SolveContext, terms: Terms, guess: Floats | None = None) ->
     return solve_steady(replace(context, discretized=form, guess=guess, kept=Kept()))
 
 
-def _by_newton(context: SolveContext, problem: QuasilinearEquation, terms: Terms, u: Floats) -> tuple[Floats, _Counted]:
-    form = context.discretized
-    method = Newton(context, terms, problem.diffusivity_of_u, form.load(terms.f))
-    state, counted = method.state(u), _Counted()
-    while True:
-        before = state.u
-        state, report = method.step(state)
-        counted = counted.and_one(report, _record(context, problem, terms, before, state.u))
-        if _settled(problem, counted, report):
-            return state.u, counted
-
-
-def _by_lagging(
-    context: SolveContext, problem: QuasilinearEquation, terms: Terms, u: Floats
-) -> tuple[Floats, _Counted]:
-    counted = _Counted()
-    while True:
-        frozen = replace(terms, diffusivity=AtState(problem.diffusivity_of_u.at, u))
-        solution = _linear(context, frozen, u)
-        counted = counted.and_one(solution.report, _record(context, problem, terms, u, solution.values))
-        u = solution.values
-        if _settled(problem, counted, solution.report):
-            return u, counted
-
-
-def _settled(problem: QuasilinearEquation, counted: _Counted, report: SolveReport) -> bool:
-    """Tell whether the last step was small enough.
+def _settled(steps: Steps, problem: QuasilinearEquation, u: Floats) -> tuple[Floats, _Counted]:
+    """Return where the steps settle (n, 1).
 
     Raises
     ------
     ConvergenceError
         If there were too many.
     """
-    method, change = problem.method, counted.records[-1].change
-    if change <= CONVERGED_CHANGE_SHARE[method]:
-        return True
-    if len(counted.records) >= MOST_STEPS[method]:
-        other = "lagged" if method == "newton" else "newton"
-        raise ConvergenceError(
-            f"{problem.kind!r} did not settle in {MOST_STEPS[method]} steps of method={method!r}: u still changes by "
-            f"{change:.2g} of its largest value; use method={other!r}, a larger regularization, or start from the "
-            "solution of a problem that is nearer to a linear one (guess of Prepared.solve).",
-            report,
-        )
-    return False
+    method, state, counted = problem.method, steps.state(u), _Counted()
+    step = steps.newton if method == "newton" else steps.lagged
+    for _ in range(MOST_STEPS[method]):
+        before = state.u
+        state, report = step(state)
+        counted = counted.and_one(report, _record(steps, problem, before, state))
+        change = counted.records[-1].change
+        if change <= CONVERGED_CHANGE_SHARE[method]:
+            return state.u, counted
+    other = "lagged" if method == "newton" else "newton"
+    raise ConvergenceError(
+        f"{problem.kind!r} did not settle in {MOST_STEPS[method]} steps of method={method!r}: u still changes by "
+        f"{change:.2g} of its largest value; use method={other!r}, a larger regularization, or start from the solution "
+        "of a problem that is nearer to a linear one (guess of Prepared.solve).",
+        report,
+    )
 
 
-def _record(
-    context: SolveContext, problem: QuasilinearEquation, terms: Terms, before: Floats, now: Floats
-) -> StepRecord:
-    form = context.discretized
-    old, new = form.at_points(before), form.at_points(now)
+def _record(steps: Steps, problem: QuasilinearEquation, before: Floats, state: State) -> StepRecord:
+    form = steps.context.discretized
+    old, new = form.at_points(before), form.at_points(state.u)
     size = float(np.abs(new).max(initial=0.0)) or 1.0
-    energy = _energy(context, problem, terms, now) if problem.method == "lagged" else None
-    return StepRecord(float(np.abs(new - old).max(initial=0.0)) / size, energy)
+    return StepRecord(float(np.abs(new - old).max(initial=0.0)) / size, _energy(steps, problem, state))
 
 
-def _energy(context: SolveContext, problem: QuasilinearEquation, terms: Terms, u: Floats) -> float | None:
-    """Return the integral of the density of the equation's energy, ``c u^2 / 2 - f u`` in it."""
-    form = context.discretized
-    density = problem.energy(form.slopes_at_points(u)[:, 0])
+def _energy(steps: Steps, problem: QuasilinearEquation, state: State) -> float | None:
+    """Return what the solution makes least: the integral of the density, and what is quadratic and linear in u.
+
+    ``u . A u / 2`` holds half of ``a s^2``, in whose place the density stands.
+    """
+    form, u = steps.context.discretized, state.u
+    slopes = form.slopes_at_points(u)[:, 0]
+    density = problem.energy(slopes)
     if density is None:
         return None
-    values, f, c = form.at_points(u), form.read(terms.f, "the right-hand side f"), form.read(terms.c, "the factor c")
-    total = form.totals(form.put_back(density[:, None] + 0.5 * c * values**2 - f * values))
-    return None if total is None else float(total[0])
+    a = steps.law.at(form.at_points(u)[:, 0], slopes, form.points)
+    total = form.totals(form.put_back((density - 0.5 * a * np.sum(slopes**2, axis=1))[:, None]))
+    rest = np.sum(u * (0.5 * state.stiffness.apply(u) - state.b))
+    return None if total is None else float(total[0] + rest)
+
+
+def _mean_diffusivity(context: SolveContext, problem: QuasilinearEquation, u: Floats) -> float:
+    """Return the geometric mean of the diffusivity at u."""
+    form = context.discretized
+    a = problem.diffusivity_of_u.at(form.at_points(u)[:, 0], form.slopes_at_points(u)[:, 0], form.points)
+    return float(np.exp(np.log(a).mean()))

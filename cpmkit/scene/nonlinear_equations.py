@@ -31,6 +31,10 @@ class QuasilinearEquation(Equation):
         if self.method not in METHODS:
             raise InputError(f"method of {self.kind} must be {' or '.join(METHODS)}, got {shown(self.method)}.")
 
+    #: Whether terms of a form's own, such as penalties, are in units of one number, and not of a: then the steps of
+    #: a lagged diffusivity lessen one energy, theirs included.
+    held_evenly: ClassVar[bool] = False
+
     @property
     def diffusivity_of_u(self) -> StateDiffusivity:
         """What a is, with its derivatives."""
@@ -190,6 +194,7 @@ class TotalVariation(QuasilinearEquation):
     regularization: float
     method: str = field(default="lagged", kw_only=True)
     kind: ClassVar[str] = "total-variation"
+    held_evenly: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         positive(self.c, "c of total variation")

@@ -128,6 +128,8 @@ def energy_data(
     d = samples.points.shape[1]
     scalars, tensors, masses = np.zeros(0), np.zeros((0, d, d)), np.zeros(0)
     if a is not None:
+        if holding is not None and np.ndim(a) < 3:
+            a = np.multiply.outer(np.broadcast_to(a, len(samples)), np.eye(d))
         scalars = conductivity(space, a) if holding is None else holding
         tensors = np.ascontiguousarray(a, dtype=np.float64) if np.ndim(a) == 3 else tensors
     if c is not None:

@@ -1,4 +1,7 @@
-"""A step of Newton's method for A(u) u = b(u): the tangent's symmetric part is solved with, the rest by GMRES."""
+"""Steps towards A(u) u = b(u): with the diffusivity of the step before, or by Newton's method.
+
+Of Newton's tangent the symmetric part is solved with, the rest by GMRES over that.
+"""
 
 from __future__ import annotations
 
@@ -36,6 +39,8 @@ class State:
         The unknowns.
     stiffness : Stiffness
         A(u).
+    b : (n, 1) float64
+        b(u).
     residual : (n, 1) float64
         b - A u, less what has no solution on pieces where a constant is free.
     border : Border or None
@@ -44,13 +49,14 @@ class State:
 
     u: Floats
     stiffness: Stiffness
+    b: Floats
     residual: Floats
     border: Border | None
 
 
 @dataclass(frozen=True, eq=False)
-class Newton:
-    """Newton's method on a form, for the terms of an equation whose diffusivity depends on u.
+class Steps:
+    """Steps on a form, for the terms of an equation whose diffusivity depends on u.
 
     Attributes
     ----------
@@ -62,26 +68,45 @@ class Newton:
         Their diffusivity.
     loads : (n, 1) float64
         What f adds to b.
+    held : float, optional
+        What terms of the form's own are in units of; the diffusivity unless given.
     """
 
     context: SolveContext
     terms: Terms
     law: StateDiffusivity
     loads: Floats
+    held: float | None = None
+
+    def frozen(self, u: Floats) -> Terms:
+        """Return the terms with the diffusivity at u."""
+        held = None if self.held is None else self._number
+        return replace(self.terms, diffusivity=AtState(self.law.at, u, held))
+
+    def _number(self, u: Floats, slopes: Floats, points: Floats) -> Floats:
+        del slopes, points
+        assert self.held is not None
+        return np.full(len(u), self.held)
 
     def state(self, u: Floats) -> State:
         """Return what is left at u."""
         form = self.context.discretized
-        stiffness = form.stiffness(replace(self.terms, diffusivity=AtState(self.law.at, u)))
-        residual = self.loads + form.data(stiffness) - stiffness.apply(u)
+        stiffness = form.stiffness(self.frozen(u))
+        b = self.loads + form.data(stiffness)
+        residual = b - stiffness.apply(u)
         border = form.free_constants(stiffness)
         if border is not None:
             excess = np.linalg.solve((border.indicator.T @ border.carried).toarray(), border.indicator.T @ residual)
             residual = residual - border.carried @ excess
-        return State(u, stiffness, residual, border)
+        return State(u, stiffness, b, residual, border)
 
-    def step(self, state: State) -> tuple[State, SolveReport]:
-        """Return the next state: as far along the tangent's solution as the residual falls.
+    def lagged(self, state: State) -> tuple[State, SolveReport]:
+        """Return the state at the solution with the diffusivity of this one."""
+        change, report = self._solved(state.stiffness, state)
+        return self.state(state.u + change), report
+
+    def newton(self, state: State) -> tuple[State, SolveReport]:
+        """Return the next state of Newton's method: as far along the tangent's solution as the residual falls.
 
         Raises
         ------
@@ -89,8 +114,10 @@ class Newton:
             If it falls nowhere.
         """
         form = self.context.discretized
-        tangent = form.stiffness(replace(self.terms, diffusivity=AtState(self.law.tangent, state.u, self.law.at)))
-        change, report = self._solved(tangent, state)
+        held = self.law.at if self.held is None else self._number
+        tangent = form.stiffness(replace(self.terms, diffusivity=AtState(self.law.tangent, state.u, held)))
+        drift = form.transport(AtState(self.law.drift, state.u)) if self.law.of_value else None
+        change, report = self._solved(tangent, state, drift)
         weights = 1 / np.abs(tangent.diagonal)
         before, length, why = _size(state.residual, weights), 1.0, None
         while length >= SHORTEST_STEP:
@@ -110,8 +137,8 @@ class Newton:
             report,
         ) from why
 
-    def _solved(self, tangent: Stiffness, state: State) -> tuple[Floats, SolveReport]:
-        """Return the solution (n, 1) of the linear system of a step."""
+    def _solved(self, tangent: Stiffness, state: State, drift: Operator | None = None) -> tuple[Floats, SolveReport]:
+        """Return the solution (n, 1) of the linear system of a step, ``tangent + drift``."""
         context, border = self.context, state.border
         operator: Operator = tangent if border is None else Bordered(tangent, border)
         prepared = context.prepare(operator)
@@ -121,15 +148,15 @@ class Newton:
             found = prepared.solve(b, tolerance)[0]
             return found if border is None else border.centred(found)[0]
 
-        if not self.law.of_value:
+        if drift is None:
             found, report = prepared.solve(state.residual, tolerance, progress=context.progress)
             return found if border is None else border.centred(found)[0], report
         from scipy.sparse.linalg import LinearOperator, gmres
 
-        drift = context.discretized.transport(AtState(self.law.drift, state.u))
+        carried = drift
 
         def product(v: Any) -> Any:
-            return v.ravel() + inverse(np.asarray(drift.apply(v.reshape(-1, 1)))).ravel()
+            return v.ravel() + inverse(np.asarray(carried.apply(v.reshape(-1, 1)))).ravel()
 
         start, report = prepared.solve(state.residual, tolerance, progress=context.progress)
         start = start if border is None else border.centred(start)[0]
