@@ -80,11 +80,13 @@ def test_p_laplacians_coarsely(p):
 
 
 def test_differences_and_lagging_give_what_derivatives_give():
-    by_hand = ck.solve(ck.Scene(SPHERE, squared()), 0.5).values
-    lagged = ck.NonlinearDiffusion(lambda v: 1 + v**2, squared().f, c=1.0, method="lagged")
-    for other, tolerance in ((squared(_given=False), 1e-9), (lagged, 1e-5)):
-        found = ck.solve(ck.Scene(SPHERE, other), 0.5).values
-        assert np.abs(found - by_hand).max() < tolerance * np.abs(by_hand).max()
+    def found(**given):
+        problem = ck.NonlinearDiffusion(lambda v, s: 1 + v**2 + s, lambda x: 2 * x[:, 0], 1.0, **given)
+        return ck.solve(ck.Scene(CIRCLE, problem), 0.1).values
+
+    exact = found(by_value=lambda v, _: 2 * v, by_slope=lambda _, s: 1 + 0 * s)
+    assert np.abs(found() - exact).max() < 1e-8 * np.abs(exact).max()
+    assert np.abs(found(method="lagged") - exact).max() < 1e-5 * np.abs(exact).max()
 
 
 @pytest.mark.parametrize("a", [lambda v: 2.5 + 0 * v, lambda v, s: 2.5 + 0 * s, lambda v, s, x: 2.5 + 0 * x[:, 0]])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import cpmkit as ck
-from cpmkit.errors import SceneError
+from cpmkit.errors import CpmkitError
 
 CIRCLE = '[surface]\nkind = "analytic.circle"\n[discretization]\nspacing = 0.2\n[problem]\n'
 AT = [[1.0, 0.0], [0.0, -1.0]]
@@ -51,5 +51,5 @@ def test_the_p_laplacian_and_total_variation(tmp_path):
     ('kind = "p-laplacian"\np = 3', "regularization"),
 ])  # fmt: skip
 def test_what_is_refused(tmp_path, problem, told):
-    with pytest.raises(SceneError, match=told):
+    with pytest.raises(CpmkitError, match=told):
         solved(tmp_path, problem)
