@@ -12,6 +12,7 @@ from cpmkit.errors import InputError
 from cpmkit.families.checkpointing import Checkpointing
 from cpmkit.families.context import Kept, SolveContext
 from cpmkit.families.nonlinear import solve_nonlinear
+from cpmkit.families.quasilinear import solve_quasilinear
 from cpmkit.forecast.running_out import memory_told
 from cpmkit.forms.choice import FORMS, module_of, options_of
 from cpmkit.forms.contract import Discretized
@@ -24,6 +25,7 @@ from cpmkit.runtime.declared import declared, showing, take
 from cpmkit.runtime.warn import warn_each
 from cpmkit.scene.equations import Equation
 from cpmkit.scene.laws import Nonlinear
+from cpmkit.scene.nonlinear_equations import QuasilinearEquation
 from cpmkit.scene.restating import restated
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.solution import Solution
@@ -133,8 +135,12 @@ class Prepared:
 
 def _solve_family(context: SolveContext) -> Solution:
     """Solve by the family of the scene's equation, by Newton's method where fluxes depend on the solution."""
+    if context.scene.has_tensor:
+        context.discretized.require("diffusivity that is a tensor")
     module, function = FAMILIES[context.scene.problem.family]
     solve_family: Callable[[SolveContext], Solution] = getattr(import_module(module), function)
+    if isinstance(context.scene.problem, QuasilinearEquation):
+        solve_family = solve_quasilinear
     if any(isinstance(condition.law, Nonlinear) for condition in context.scene.conditions):
         return solve_nonlinear(context, solve_family)
     return solve_family(context)

@@ -6,6 +6,8 @@ from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from cpmkit.families.checkpointing import Checkpointing
 from cpmkit.forms.contract import Discretized
 from cpmkit.linear.report import SolveReport
@@ -35,9 +37,9 @@ class Kept:
 
 
 def left_side(terms: Terms) -> Hashable:
-    """Return what tells the operators of two equations apart: all terms but f, functions by themselves."""
-    coefficients = terms.c, terms.diffusivity, terms.velocity, terms.conservative
-    return tuple(_Itself(one) if callable(one) else one for one in coefficients)
+    """Return what tells the operators of two equations apart: all terms but f, functions and arrays by themselves."""
+    parts = terms.c, terms.diffusivity, terms.velocity, terms.conservative
+    return tuple(_Itself(one) if callable(one) or isinstance(one, np.ndarray) else one for one in parts)
 
 
 @dataclass(frozen=True, eq=False)

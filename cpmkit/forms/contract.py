@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 import numpy as np
 
 from cpmkit.errors import InputError, SceneError
+from cpmkit.forms.at_state import AtState
 from cpmkit.forms.dispersion import SECOND_ORDER, Dispersion
 from cpmkit.forms.free_constants import defects_of, free_pieces
 from cpmkit.forms.imbalance import Imbalance
@@ -119,6 +120,8 @@ class Discretized(ABC):
         "eigenvalues at boundaries": "use the form 'collocation'",
         "fluxes that depend on u": "use the form 'collocation'",
         "second Laplacian": "use the form 'collocation'",
+        "diffusivity that is a tensor": "use form='galerkin'",
+        "diffusivity that depends on u": "use form='galerkin'",
         "explicit steps": "use scheme 'newmark' or 'implicit', or the form 'collocation'",
     }
 
@@ -214,6 +217,11 @@ class Discretized(ABC):
             If a coefficient is not what is accepted, or the spacing is too coarse for it.
         """
 
+    def transport(self, field: AtState) -> Operator:
+        """Return the integrals of u (w . grad v), w (k, d) given at a state: what of a flux changes with u itself."""
+        self.require("diffusivity that depends on u")
+        raise InputError(f"the form {self.form!r} carries nothing along a field.")
+
     @abstractmethod
     def load(self, f: Data, time: float | None = None) -> Floats:
         """Return what the right-hand side ``f`` adds to b at ``time``, (n, channels)."""
@@ -251,6 +259,10 @@ class Discretized(ABC):
     @abstractmethod
     def at_points(self, u: Floats) -> Floats:
         """Return the values (p, channels) of u (n, channels) at :attr:`points`."""
+
+    def slopes_at_points(self, u: Floats) -> Floats:
+        """Return the tangential gradients (p, channels, d) of u (n, channels) at :attr:`points`."""
+        return self.gradient(u, self.points)
 
     @abstractmethod
     def put_back(self, values: Floats) -> Floats:

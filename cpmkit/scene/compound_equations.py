@@ -13,6 +13,7 @@ from cpmkit.runtime.arrays import number, positive, whole
 from cpmkit.scene.condition import Condition
 from cpmkit.scene.data import Data
 from cpmkit.scene.equations import Equation, Terms, check_factor
+from cpmkit.scene.tensors import diffusivity_of
 
 #: So many times more unknowns than of one definite system factors of ``A - sigma M`` are worth, sigma inside the
 #: spectrum: each of some sixty solves takes 20 iterations else.
@@ -66,8 +67,8 @@ class Eigen(Equation):
         whole(self.count, "count of an eigenvalue problem", 1)
         if self.near is not None:
             number(self.near, "near of an eigenvalue problem")
-        if not callable(self.diffusivity):
-            positive(self.diffusivity, "diffusivity of an eigenvalue problem")
+        diffusivity = diffusivity_of(self.diffusivity, "diffusivity of an eigenvalue problem")
+        object.__setattr__(self, "diffusivity", diffusivity)
         check_factor(self.c, "c of an eigenvalue problem")
 
     def factors_up_to(self, multigrid: bool) -> float:

@@ -19,6 +19,7 @@ from cpmkit.protocols import Floats
 from cpmkit.runtime.arrays import number, positive
 from cpmkit.scene.condition import Condition
 from cpmkit.scene.data import Data, evaluate_data
+from cpmkit.scene.tensors import diffusivity_of
 
 #: A vector field: a function of points (n, d) that returns (n, d).
 Field = Callable[..., Any]
@@ -34,7 +35,7 @@ class Terms:
         Right-hand side.
     c : number or callable
         Factor of u.
-    diffusivity : number or callable
+    diffusivity : number, (d, d) array or callable
         Factor of grad u in the flux.
     velocity : callable or None
         What carries u along.
@@ -49,10 +50,9 @@ class Terms:
     conservative: bool = False
 
     def __str__(self) -> str:
-        plain = not callable(self.diffusivity) and self.diffusivity == 1
-        second = (
-            "-Lap u" if plain else "-div(a grad u)" if callable(self.diffusivity) else f"-{self.diffusivity:g} Lap u"
-        )
+        a = self.diffusivity
+        varies = callable(a) or np.ndim(a) > 0
+        second = "-div(a grad u)" if varies else "-Lap u" if a == 1 else f"-{a:g} Lap u"
         first = "" if self.velocity is None else " + div(v u)" if self.conservative else " + v . grad u"
         zeroth = " + c u" if callable(self.c) else f" {'+' if self.c > 0 else '-'} {abs(self.c):g} u" if self.c else ""
         return f"{second}{first}{zeroth} = f"
@@ -210,8 +210,11 @@ class Elliptic(Equation):
     ----------
     f : number, sequence, or callable
         Right-hand side, as for :class:`Poisson`.
-    diffusivity : number or callable
-        a, above zero; a callable of points (n, d) returns (n,).
+    diffusivity : number, symmetric tensor, or callable
+        a, above zero; a callable of points (n, d) returns (n,). A tensor, whose part between tangents of the manifold
+        counts and is positive definite, is a (d, d) array, d lists of d numbers or callables, or a callable that
+        returns (n, d, d). Beside a boundary du/db then is the derivative along a b / (b . a b): that times b . a b is
+        what flows out.
     velocity : callable, optional
         v, a function of points (n, d) that returns vectors (n, d) tangential to the manifold.
     c : number or callable
@@ -222,7 +225,7 @@ class Elliptic(Equation):
     Raises
     ------
     InputError
-        If a constant diffusivity is not above zero, or c neither a finite number nor a function.
+        If a constant diffusivity is not above zero or not symmetric, or c neither a finite number nor a function.
 
     Examples
     --------
@@ -244,8 +247,7 @@ class Elliptic(Equation):
     kind: ClassVar[str] = "elliptic"
 
     def __post_init__(self) -> None:
-        if not callable(self.diffusivity):
-            positive(self.diffusivity, "diffusivity of an elliptic problem")
+        object.__setattr__(self, "diffusivity", diffusivity_of(self.diffusivity, "diffusivity of an elliptic problem"))
         check_factor(self.c, "c of an elliptic problem")
         check_conservative(self.conservative, self.velocity, "an elliptic problem")
 

@@ -17,6 +17,7 @@ from cpmkit.errors import InputError, shown
 from cpmkit.runtime.arrays import number, positive, whole
 from cpmkit.scene.data import Data, takes_time
 from cpmkit.scene.equations import Equation, Field, Terms, check_conservative, check_factor
+from cpmkit.scene.tensors import diffusivity_of
 
 HEAT_SCHEMES = ("bdf2", "backward-euler", "crank-nicolson")
 WAVE_SCHEMES = ("auto", "newmark", "implicit", "leapfrog")
@@ -118,8 +119,8 @@ class Heat(Evolution):
         Time step; the last one before a frame and before the end is shortened.
     f : number, sequence, or callable
         Source; a callable with a parameter ``t`` that has no default receives the time.
-    kappa : number or callable
-        Conductivity, above zero; a callable of points (n, d) returns (n,).
+    kappa : number, symmetric tensor, or callable
+        Conductivity, as the diffusivity of :class:`~cpmkit.Elliptic`.
     velocity : callable, optional
         v, a function of points (n, d) that returns vectors (n, d) tangential to the manifold.
     c : number or callable
@@ -166,8 +167,7 @@ class Heat(Evolution):
 
     def __post_init__(self) -> None:
         self._check(HEAT_SCHEMES, {"kappa": self.kappa, "velocity": self.velocity, "c": self.c})
-        if not callable(self.kappa):
-            positive(self.kappa, "kappa of heat")
+        object.__setattr__(self, "kappa", diffusivity_of(self.kappa, "kappa of heat"))
         check_factor(self.c, "c of heat")
         check_conservative(self.conservative, self.velocity, "heat")
         if self.start not in HEAT_STARTS:

@@ -20,6 +20,7 @@ from cpmkit.scene.data import Data, evaluate_data
 from cpmkit.scene.equations import Equation
 from cpmkit.scene.orient import orient
 from cpmkit.scene.oriented import OrientedBoundary
+from cpmkit.scene.tensors import is_tensor
 
 #: Where data of the equation and of the edge are asked; numbers from zero are boundaries.
 SURFACE_DATA, EDGE_DATA = -1, -2
@@ -83,6 +84,11 @@ class Scene:
                     "both must be the same."
                 )
         self.problem.check_conditions(self._conditions())
+        shape, dim = np.shape(self.problem.terms().diffusivity), self.surface.dim
+        if shape not in ((), (dim, dim)):
+            raise SceneError(
+                f"the diffusivity is a tensor of shape {shape} where the manifold lies in {dim}D; give ({dim}, {dim})."
+            )
         assert self.channels
 
     @cached_property
@@ -97,6 +103,12 @@ class Scene:
             if count not in (1, most):
                 raise SceneError(f"{what} has {count} channels where others have {most}; give one value, or {most}.")
         return most
+
+    @cached_property
+    def has_tensor(self) -> bool:
+        """Whether the equation's diffusivity is a tensor; a function is asked for its value at one point."""
+        diffusivity = self.problem.terms().diffusivity
+        return is_tensor(diffusivity, self._place(SURFACE_DATA)) if callable(diffusivity) else np.ndim(diffusivity) > 0
 
     @property
     def edge_conditions(self) -> list[Condition]:

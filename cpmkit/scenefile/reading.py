@@ -13,6 +13,7 @@ from cpmkit.files.data_files import find_file
 from cpmkit.files.toml_files import from_toml
 from cpmkit.forms.choice import own_options
 from cpmkit.forms.options import Options
+from cpmkit.formulas.state_expressions import StateExpression
 from cpmkit.linear.choice import SOLVER_OPTIONS, SolverOptions
 from cpmkit.plugins import call, check_accepted, check_keys, factory, source, takes
 from cpmkit.protocols import ClosestPointSource
@@ -24,13 +25,17 @@ from cpmkit.scene.compound_equations import Biharmonic, Eigen
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.equations import Elliptic, Equation, Field, Helmholtz, Laplace, Poisson, ScreenedPoisson
 from cpmkit.scene.equations_in_time import Evolution, Heat, Wave
+from cpmkit.scene.nonlinear_equations import NonlinearDiffusion, PLaplacian, TotalVariation
 from cpmkit.scene.scene import Scene
 from cpmkit.scene.vertex_data import with_vertex_data
 from cpmkit.scenefile.condition_tables import as_table, read_data, read_edge, read_side
 from cpmkit.scenefile.output_request import OutputRequest, PictureRequest, check_links, output_folder
 
 SCENE_TABLES = ("surface", "boundary", "problem", "discretization", "solver", "output")
-EQUATIONS = (Laplace, Poisson, ScreenedPoisson, Elliptic, Helmholtz, Eigen, Biharmonic, Heat, Wave)
+EQUATIONS = (
+    *(Laplace, Poisson, ScreenedPoisson, Elliptic, Helmholtz, NonlinearDiffusion, PLaplacian, TotalVariation),
+    *(Eigen, Biharmonic, Heat, Wave),
+)
 PROBLEMS: dict[str, type[Equation]] = {one.kind: one for one in EQUATIONS}
 #: Keys of a boundary beside those of its kind.
 SIDE_KEYS = ("both", "left", "right", "left_of", "across")
@@ -40,6 +45,10 @@ MOST_NAME_CHARACTERS = 100
 FORMULA_KEYS = ("f", "c", "diffusivity", "kappa", "initial", "initial_rate")
 #: Of these the keys that hold one for all channels.
 COEFFICIENT_KEYS = ("c", "diffusivity", "kappa")
+#: Keys of nonlinear diffusion that hold formulas in u and s as well.
+STATE_KEYS = ("diffusivity", "by_value", "by_slope")
+#: And of these the keys that may hold a tensor, a list of its rows.
+TENSOR_KEYS = ("diffusivity", "kappa")
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,14 +231,39 @@ def _problem(table: dict[str, Any], dim: int) -> Equation:
         raise SceneError(f"the kind of [problem] must be one of {', '.join(PROBLEMS)}, got {shown(kind)}{near}.")
     check_keys(PROBLEMS[kind], f"[problem] of kind {kind!r}", table)
     check_types(PROBLEMS[kind], f"[problem] of kind {kind!r}", table)
+    if PROBLEMS[kind] is NonlinearDiffusion:
+        for key in STATE_KEYS:
+            if key in table:
+                table[key] = _of_state(table[key], dim, f"{key} of [problem]")
     for key in FORMULA_KEYS:
-        if key in COEFFICIENT_KEYS and isinstance(table.get(key), list):
+        if callable(table.get(key)):
+            continue
+        tensor = key in TENSOR_KEYS and _is_square(table.get(key), dim)
+        if key in COEFFICIENT_KEYS and isinstance(table.get(key), list) and not tensor:
+            if key in TENSOR_KEYS:
+                raise SceneError(
+                    f"{key} of [problem] must be one number or formula, or a tensor, a list of {dim} lists of {dim} "
+                    f"numbers or formulas, got {shown(table[key])}."
+                )
             raise SceneError(f"{key} of [problem] must be one number or formula, got {shown(table[key])}.")
         if key in table:
             table[key] = read_data(table[key], dim, f"{key} of [problem]")
     if "velocity" in table:
         table["velocity"] = _field(table["velocity"], dim)
     return call(PROBLEMS[kind], f"[problem] of kind {kind!r}", table)
+
+
+def _of_state(value: Any, dim: int, where: str) -> StateExpression:
+    """Return a function of u, s and position from a formula."""
+    try:
+        return StateExpression(value, dim)
+    except SceneError as error:
+        raise SceneError(f"{where}: {error}") from error
+
+
+def _is_square(value: Any, dim: int) -> bool:
+    rows = isinstance(value, list) and len(value) == dim
+    return rows and all(isinstance(row, list) and len(row) == dim for row in value)
 
 
 def _field(value: Any, dim: int) -> Field:

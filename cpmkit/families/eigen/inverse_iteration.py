@@ -15,6 +15,7 @@ from cpmkit.families.context import SolveContext, left_side
 from cpmkit.linear.multigrid_exact import Indefinite, PositiveFactors
 from cpmkit.protocols import Floats, Operator, Preconditioner, PreparedSolver, Stiffness
 from cpmkit.scene.compound_equations import Eigen
+from cpmkit.scene.tensors import size_of
 
 #: Distance of the shift from the wanted number, in typical eigenvalues of a manifold of this size: below the spectrum,
 #: or beside a number inside it.
@@ -116,7 +117,7 @@ def inverse_iteration(context: SolveContext, problem: Eigen, stiffness: Stiffnes
         shift = (problem.near or 0.0) - beside * unit
     else:
         mass = form.mass
-        unit = float(form.read(problem.diffusivity, "the diffusivity").mean()) / length**2
+        unit = size_of(problem.diffusivity, form.points) / length**2
         near = float(form.read(problem.c, "the factor c").min()) if problem.near is None else problem.near
         shift = near - beside * unit
     if problem.near is None and stiffness.symmetric and not form.multigrid:

@@ -19,7 +19,10 @@ ROUGH_RESIDUAL = 1e-3
 
 def square_of_wavenumber(terms: Terms) -> float:
     """Return k^2 of a problem that is one of standing waves, else 0."""
-    if callable(terms.c) or callable(terms.diffusivity) or terms.velocity is not None:
+    varies = (
+        callable(terms.c) or callable(terms.diffusivity) or not isinstance(terms.diffusivity, (int, float, np.number))
+    )
+    if varies or terms.velocity is not None:
         return 0.0
     return max(-float(terms.c) / float(terms.diffusivity), 0.0)
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from cpmkit.errors import ResolutionError
+from cpmkit.errors import ResolutionError, SceneError
 from cpmkit.forms.collocation.assembly import build_operator, check_terms
 from cpmkit.forms.collocation.boundary.row_formula import sum_of_data
 from cpmkit.forms.collocation.conservation.components import components_without_flux
@@ -40,6 +40,7 @@ from cpmkit.scene.data import Data
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.laws import Spectral, Support
 from cpmkit.scene.scene import Scene
+from cpmkit.scene.state_diffusivity import StateDiffusivity
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -66,6 +67,8 @@ class Collocation(Reader):
 
     form: ClassVar[str] = "collocation"
     cannot: ClassVar[Mapping[str, str]] = {
+        "diffusivity that is a tensor": "use form='galerkin'",
+        "diffusivity that depends on u": "use form='galerkin'",
         "undamped steps": "use scheme 'leapfrog' or 'implicit', or the form 'galerkin'",
     }
     work_record: ClassVar[type] = Work
@@ -336,7 +339,23 @@ class Collocation(Reader):
 
 
 def check(scene: Scene, options: Options[CollocationOptions]) -> None:
-    """Refuse, before anything is built, what the form has no terms for, and fluxes that cannot balance."""
+    """Refuse, before anything is built, what the form has no terms for, and fluxes that cannot balance.
+
+    Raises
+    ------
+    SceneError, InputError
+        With what to do instead.
+    """
+    if scene.has_tensor:
+        raise SceneError(
+            "the form 'collocation' has no diffusivity that is a tensor: its differences along the axes hold no mixed "
+            f"derivatives, which {scene.problem.kind!r} needs; use form='galerkin'."
+        )
+    if isinstance(scene.problem.terms().diffusivity, StateDiffusivity):
+        raise SceneError(
+            "the form 'collocation' has no diffusivity that depends on u: beside boundaries it continues a diffusivity "
+            f"as a function of position, which that of {scene.problem.kind!r} is not; use form='galerkin'."
+        )
     check_terms(scene.problem.terms())
     check_balance(scene, options.own.balance)
 

@@ -6,50 +6,35 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from cpmkit.errors import InputError, SceneError
-from cpmkit.forms.contract import StateFlux
+from cpmkit.errors import SceneError
 from cpmkit.forms.dispersion import QUADRATIC_SPLINES, Dispersion
-from cpmkit.forms.free_constants import free_pieces
 from cpmkit.forms.galerkin.conditions.crossings import of_crossings, of_tips
-from cpmkit.forms.galerkin.conditions.held import held, loops_of
+from cpmkit.forms.galerkin.conditions.held import held
 from cpmkit.forms.galerkin.conditions.sides import side_moments
-from cpmkit.forms.galerkin.conditions.terms import ConditionTerms, condition_terms
-from cpmkit.forms.galerkin.conditions.through import flux_through
 from cpmkit.forms.galerkin.definiteness import surely_iterated
+from cpmkit.forms.galerkin.equations import Equations
 from cpmkit.forms.galerkin.facing import Turned, turned
 from cpmkit.forms.galerkin.fitting import check_unknowns_fit
 from cpmkit.forms.galerkin.hierarchy.levels import levels_of
-from cpmkit.forms.galerkin.operator import GalerkinOperator, levels_for, operator_of
+from cpmkit.forms.galerkin.operator import levels_for
 from cpmkit.forms.galerkin.options import FAMILIES, GalerkinOptions
 from cpmkit.forms.galerkin.sample_mesh import Bend
 from cpmkit.forms.galerkin.sampling import sample
-from cpmkit.forms.galerkin.space.energy import load
-from cpmkit.forms.galerkin.space.floor import floored_stiffness
 from cpmkit.forms.galerkin.space.parted import part, pieces
 from cpmkit.forms.galerkin.space.space import space_of
-from cpmkit.forms.galerkin.space.splines import derivative_rows, value_rows
 from cpmkit.forms.galerkin.telling import TURNED_SHARE, of_space, of_turning
-from cpmkit.forms.galerkin.transport.carried import Carried, upstream_times
-from cpmkit.forms.galerkin.transport.reading import speed_out, velocity_at
 from cpmkit.forms.galerkin.transport.telling import of_layers
-from cpmkit.forms.galerkin.values import Values
 from cpmkit.forms.galerkin.work import GalerkinWork
 from cpmkit.forms.options import Options
 from cpmkit.linear.levels import Level
-from cpmkit.linear.operators import Border, CsrOperator
 from cpmkit.manifold.abilities import advice_of, has_finite_feet
-from cpmkit.protocols import Floats, Operator, Progress, Side, Stiffness, no_progress
-from cpmkit.scene.data import Data, evaluate_data
-from cpmkit.scene.equations import Terms
+from cpmkit.protocols import Floats, Operator, Progress, no_progress
 from cpmkit.scene.scene import Scene
 
 if TYPE_CHECKING:
-    from scipy.sparse import csr_array
-
     from cpmkit.linear.report import SolveReport
 
 #: By what the difference from twice the spacing is divided, by how cells follow the manifold between their vertices.
@@ -59,7 +44,7 @@ EIGENVALUE_DIVISORS: dict[Bend, float] = {**ERROR_DIVISORS, "feet": 12.0}
 
 
 @dataclass(frozen=True, eq=False)
-class Galerkin(Values):
+class Galerkin(Equations):
     """A scene on splines of the lattice; unknowns are coefficients, and nobody outside reads them.
 
     Attributes
@@ -99,154 +84,15 @@ class Galerkin(Values):
         """Return the same splines for a scene that differs in its equation and its data alone."""
         check(scene, self.options)
         one = self.sampled
+        if scene.problem.terms().conservative and np.any(one.half.cut < 0) and not np.any(one.boundary.owner < 0):
+            raise SceneError(
+                "what a conservative velocity carries out through the edge is read at samples there, which this scene "
+                "was prepared without; prepare it with this problem."
+            )
         laws = held(scene, one.boundary, one.left, one.surface, one.lattice)
         return replace(self, scene=scene, sampled=replace(one, held=laws))
 
-    # Equations
-
-    def stiffness(self, terms: Terms) -> GalerkinOperator:
-        """Return A: the energy of u over the samples, what holds the rest of u, c u v, and the conditions' terms.
-
-        Raises
-        ------
-        InputError
-            If the diffusivity is not above zero.
-        """
-        a = self._at_samples(terms.diffusivity, "the diffusivity")
-        if np.any(a <= 0):
-            raise InputError(f"the diffusivity must be above zero, got {a.min():g}.")
-        c = self._at_samples(terms.c, "the factor c") if callable(terms.c) or terms.c else None
-        matrix = floored_stiffness(self.space, a, self._strength, c)
-        carried = None if terms.velocity is None else self._carried_by(terms)
-        if carried is not None:
-            matrix = carried.added_to(matrix, self._strength)
-        matrix = self._tips.bordered(matrix, a, c)
-        conditions = self._conditions(terms, a)
-        if conditions.held:
-            matrix = (matrix + conditions.matrix).tocsr()
-        if terms.conservative:
-            matrix = (matrix + conditions.carried_out).tocsr()
-        return operator_of(matrix, conditions, a, c, carried)
-
-    def _carried_by(self, terms: Terms) -> Carried:
-        """Return what the velocity of these terms does at the samples, and nothing at those on boundaries."""
-        assert terms.velocity is not None
-        one, a, c = self.sampled, self._at_samples(terms.diffusivity, "the diffusivity"), self._at_samples(terms.c, "c")
-        points, normals = (each[: one.interior] for each in (one.samples.points, one.samples.normals))
-        v = velocity_at(terms.velocity, points, normals, one.lattice)
-        upstream, of_a = upstream_times(np.linalg.norm(v, axis=1), a[: len(v)], self.spacing), v[:0]
-        if terms.conservative and upstream.any():
-            c = c + self._on_boundaries_too(np.trace(self._nearest_slopes(v), axis1=1, axis2=2))
-        if len(a) > 1 and upstream.any():
-            of_a = self._on_boundaries_too(self._nearest_slopes(a[: len(v), None])[:, 0])
-        v, upstream = self._on_boundaries_too(v), self._on_boundaries_too(upstream)
-        return Carried(self.space, v, upstream, a, c, of_a, terms.conservative)
-
-    def _on_boundaries_too(self, values: Floats) -> Floats:
-        """Return values at all samples, zero at those on boundaries."""
-        return np.concatenate([values, np.zeros((len(self.sampled.boundary), *values.shape[1:]))])
-
-    @cached_property
-    def _carried(self) -> Carried | None:
-        """What the velocity of the scene's own equation does; None without one."""
-        terms = self.scene.problem.terms()
-        return None if terms.velocity is None else self._carried_by(terms)
-
-    @cached_property
-    def _mass_in_time(self) -> CsrOperator:
-        upstream = None if self._carried is None else self._carried.mass_upstream()
-        matrix = self._projection.matrix
-        return CsrOperator(matrix, True) if upstream is None else CsrOperator((matrix + upstream).tocsr())
-
-    def free_constants(self, stiffness: Stiffness) -> Border | None:
-        """Return the pieces on which a constant is free, with means over them; None where there is none."""
-        assert isinstance(stiffness, GalerkinOperator)
-        return None if stiffness.fixed else free_pieces(stiffness, self.mass, self._tips.splines)
-
-    def _at_samples(self, data: Data, what: str) -> Floats:
-        """Return a coefficient (q,) at all samples, (1,) if it is a number; on boundaries their cell's first."""
-        if not callable(data) and np.ndim(data) == 0:
-            return evaluate_data(data, np.zeros((1, self.space.parting.dim)), 1, what)[:, 0]
-        own = self.read(data, what)[:, 0]
-        one = self.sampled
-        first = np.searchsorted(one.samples.cell[: one.interior], one.boundary.cell)
-        return np.concatenate([own, own[first]])
-
-    def _conditions(self, terms: Terms, a: Floats | None = None) -> ConditionTerms:
-        """Return the terms of the conditions where the diffusivity is ``a`` (q,) at all samples, 1 unless given."""
-        one, rows, logarithms = self.sampled, self._boundary_rows, np.zeros(self.space.parting.size)
-        if a is not None:
-            varies = a.min() < a.max()
-            logarithms = load(self.space, np.log(a)[:, None])[:, 0] if varies else np.log(a[0]) * self._areas
-        given = one.held, one.boundary, one.left, rows, self._areas, terms.diffusivity, logarithms, one.lattice
-        out = None if terms.velocity is None else speed_out(terms.velocity, one.boundary, one.lattice)
-        return self._tips.read_by(replace(condition_terms(*given), speed_out=out))
-
-    @cached_property
-    def _boundary_rows(self) -> tuple[csr_array, csr_array]:
-        """Rows that read u, and du/db out of its own cell, at the samples on boundaries."""
-        one, parting = self.sampled.boundary, self.space.parting
-        patch = parting.patch[self.sampled.interior :]
-        return value_rows(parting, patch, one.points), derivative_rows(parting, patch, one.points, one.conormals)
-
-    def load(self, f: Data, time: float | None = None) -> Floats:
-        """Return the integrals of f times each spline, (n, channels)."""
-        values = self.read(f, "the right-hand side f", time, self.channels)
-        loads = self._integrals(values)
-        if self._carried is not None:
-            self._carried.add_load(values, loads)
-        return loads
-
-    def data(self, stiffness: Stiffness, time: float | None = None, of: str = "value") -> Floats:
-        """Return what the conditions' data add to b, (n, channels)."""
-        assert isinstance(stiffness, GalerkinOperator)
-        conditions = self._with_own_data(stiffness)
-        if not conditions.held:
-            return np.zeros((self.size, self.channels))
-        if of == "laplacian":
-            return -conditions.of_laplacian.load(self.channels, time)
-        return conditions.load(self.channels, time)
-
-    def _with_own_data(self, stiffness: GalerkinOperator) -> ConditionTerms:
-        """Return an operator's conditions with the data of this scene: it may have been made for other data."""
-        kept = self._conditions_by_operator
-        if stiffness not in kept:
-            assert stiffness.conditions is not None
-            own = stiffness.conditions.held is self.sampled.held
-            kept[stiffness] = stiffness.conditions if own else replace(stiffness.conditions, held=self.sampled.held)
-        return kept[stiffness]
-
-    @cached_property
-    def _conditions_by_operator(self) -> WeakKeyDictionary[GalerkinOperator, ConditionTerms]:
-        return WeakKeyDictionary()
-
-    def flux(self, u: Floats, boundary: str | int, side: Side | None, time: float | None) -> Floats | None:
-        """Return the integrals of du/db by the residual of the weak form; None on a rim without samples of its own."""
-        one, names = self.sampled, [boundary.name for boundary in self.scene.boundaries]
-        samples = one.boundary
-        if boundary in names:
-            chosen = (samples.owner == names.index(str(boundary))) & ~samples.extends & (one.left == (side == "left"))
-        else:
-            chosen = (samples.owner < 0) & (samples.half >= 0)
-            if isinstance(boundary, int):
-                rows = np.flatnonzero(chosen)
-                chosen[rows] = loops_of(samples.take(rows), one.surface, self.spacing) == boundary
-            if not chosen.any():
-                return None
-        return flux_through(self._own_conditions, u, chosen, time)
-
-    @cached_property
-    def _own_conditions(self) -> ConditionTerms:
-        """The conditions with the diffusivity of the scene's own problem."""
-        terms = self.scene.problem.terms()
-        return self._conditions(terms, self._at_samples(terms.diffusivity, "the diffusivity"))
-
-    def boundary_mass(self, stiffness: Stiffness) -> CsrOperator | None:
-        """Return the integrals over boundaries where du/db = lambda u stands; None where it stands nowhere."""
-        assert isinstance(stiffness, GalerkinOperator)
-        assert stiffness.conditions is not None
-        matrix = stiffness.conditions.boundary_mass
-        return None if matrix is None else CsrOperator(matrix, symmetric=True)
+    # Levels
 
     def levels(self, operator: Operator) -> Sequence[Level]:
         """Return the prolongations from lattices of twice the spacing, four times, and so on; all resolve A's waves."""
@@ -255,18 +101,6 @@ class Galerkin(Values):
     @cached_property
     def _levels(self) -> Sequence[Level]:
         return self._tips.on_levels(levels_of(self.space.parting, self.space.parting.patch[self.sampled.interior :]))
-
-    # Fluxes that depend on the solution
-
-    @property
-    def state_fluxes(self) -> Sequence[StateFlux]:
-        """Where conditions' fluxes depend on u."""
-        return self._conditions(Terms()).state_fluxes
-
-    def linearized(self, seen: Sequence[Floats]) -> Galerkin:
-        """Return this with the fluxes replaced by their tangents at u = ``seen``."""
-        laws = self._conditions(Terms()).linearized(seen).held
-        return replace(self, sampled=replace(self.sampled, held=laws))
 
     # Telling
 
@@ -283,7 +117,7 @@ class Galerkin(Values):
         rounding = one.lattice.lost_digits(one.surface.bounds, not one.surface.shift.any())
         at_points = [text for tell in (of_crossings, of_tips) for text in tell(self.scene, one.mesh, one.lattice)]
         resolved = (*of_space(parting, pieces(parting), one.lattice, cuts), *of_turning(self.turned, one.lattice))
-        layers = () if self._carried is None else of_layers(self._own_conditions)
+        layers = () if self._carried is None else of_layers(self._conditions_of_scene)
         return (*source, *rounding, *one.told, *at_points, *resolved, *layers)
 
     @cached_property
@@ -361,6 +195,11 @@ def check(scene: Scene, options: Options[GalerkinOptions]) -> None:
         raise SceneError(
             "tips='singular' takes no velocity: what u is like at the end of a boundary that is flown past is not "
             "known; use tips='extended'."
+        )
+    if problem.terms().velocity is not None and scene.has_tensor:
+        raise SceneError(
+            f"the form {options.form!r} takes no velocity beside a diffusivity that is a tensor; give one that is a "
+            "number or a function that returns numbers."
         )
     orders = [one.order for one in scene.conditions if one.order is not None]
     if orders:

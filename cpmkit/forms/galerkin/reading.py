@@ -11,6 +11,7 @@ import numpy as np
 
 from cpmkit.errors import InputError
 from cpmkit.forms.contract import Discretized
+from cpmkit.forms.galerkin.conditions.coefficients import READ_BESIDE_WIDTHS
 from cpmkit.forms.galerkin.locating import DIFFERENCE_SPACINGS, Locator
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.sampling import SampledScene
@@ -23,6 +24,7 @@ from cpmkit.manifold.tangent_space import outward_conormals
 from cpmkit.protocols import SIDES, ClosestPoints, Floats, Ints, Side
 from cpmkit.runtime.arrays import as_points
 from cpmkit.scene.scene import Scene
+from cpmkit.scene.tensors import evaluate_diffusivity
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -164,13 +166,27 @@ class Reader(Discretized):
         at = as_points(points, self.scene.surface.dim) - oriented.left.origin
         feet, on = oriented.feet(at)
         leftward = oriented.axis_and_left(feet, on, DIFFERENCE_SPACINGS * lattice.spacing)[1]
-        gradient = self.gradient(u, on.points + oriented.left.origin, {boundary: side})
-        along_left = np.einsum("kcd,kd->kc", gradient, leftward)
-        return np.asarray(-along_left if side == "left" else along_left)
+        where = on.points + oriented.left.origin
+        outward = -leftward if side == "left" else leftward
+        gradient = self.gradient(u, where, {boundary: side})
+        return np.asarray(np.einsum("kcd,kd->kc", gradient, self._conducted(outward, where)))
 
     def rim_outflow(self, u: Floats, points: Floats) -> Floats:
         """Return du/db (k, channels) at ``points`` of the edge, b outwards."""
         lattice, surface = self.sampled.lattice, self.sampled.surface
-        feet = surface.closest_point(lattice.to_local(as_points(points, self.scene.surface.dim)))
-        outward = outward_conormals(surface, feet, DIFFERENCE_SPACINGS * lattice.spacing)
-        return np.asarray(np.einsum("kcd,kd->kc", self.gradient(u, points), outward))
+        on = surface.closest_point(lattice.to_local(as_points(points, self.scene.surface.dim)))
+        outward = outward_conormals(surface, on, DIFFERENCE_SPACINGS * lattice.spacing)
+        feet = lattice.to_scene(on.points)
+        return np.asarray(np.einsum("kcd,kd->kc", self.gradient(u, points), self._conducted(outward, feet)))
+
+    def _conducted(self, b: Floats, points: Floats) -> Floats:
+        """Return along what (k, d) the slope of u is read for conormals ``b`` (k, d), where A is a tensor A b / b.A b.
+
+        ``points`` (k, d) on the boundary, in the scene's coordinates; A is read inside.
+        """
+        if not self.scene.has_tensor:
+            return b
+        inside = points - READ_BESIDE_WIDTHS * self.spacing * b
+        tensors = evaluate_diffusivity(self.scene.problem.terms().diffusivity, inside, "the diffusivity")
+        along = np.einsum("kij,kj->ki", tensors, b)
+        return np.asarray(along / np.einsum("ki,ki->k", b, along)[:, None])

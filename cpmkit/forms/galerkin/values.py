@@ -12,7 +12,7 @@ import numpy as np
 from cpmkit.forms.galerkin.locating import DIFFERENCE_SPACINGS
 from cpmkit.forms.galerkin.projection import Projection
 from cpmkit.forms.galerkin.reading import Reader
-from cpmkit.forms.galerkin.space.energy import STRENGTHS, Strength, load, mass, stiffness, values_at_samples
+from cpmkit.forms.galerkin.space.energy import STRENGTHS, Strength, load, mass, slopes_at, stiffness, values_at_samples
 from cpmkit.forms.galerkin.space.splines import derivative_rows
 from cpmkit.linear.operators import CsrOperator
 from cpmkit.manifold.tangent_space import project_tangent
@@ -80,6 +80,16 @@ class Values(Reader):
         found = values_at_samples(self.space, u[: self._tips.splines])[: self.sampled.interior]
         return found + self._tips.inside @ u[self._tips.splines :] if len(self._tips) else found
 
+    def slopes_at_points(self, u: Floats) -> Floats:
+        """Return the tangential gradients (p, channels, d) of u at the samples, as they are."""
+        one, splines = self.sampled, u[: self._tips.splines]
+        at, normals = one.samples.points[: one.interior], one.samples.normals[: one.interior]
+        found = slopes_at(self.space, self.space.parting.patch[: one.interior], at, normals, splines)
+        if len(self._tips):
+            own = [slopes @ u[self._tips.splines :] for slopes in self._tips.slopes_inside]
+            found = found + np.stack(own, axis=-1)
+        return found
+
     def put_back(self, values: Floats) -> Floats:
         """Return the splines (n, channels) nearest to ``values`` (p, channels) at the samples, in mean square.
 
@@ -131,7 +141,9 @@ class Values(Reader):
         """Return the splines (n, channels d) nearest to the tangential gradient of u's own; kept for the last u."""
         if self._last_slopes.get("u") is not u:
             splines = u[: self._tips.splines]
-            raw = np.stack([rows @ splines for rows in self._slopes()], axis=-1)
+            one, count = self.sampled.samples, self.sampled.interior
+            patch = self.space.parting.patch[:count]
+            raw = slopes_at(self.space, patch, one.points[:count], one.normals[:count], splines)
             projected = self._projected(self._integrals(raw.reshape(len(raw), -1)))
             self._last_slopes.update(u=u, projected=projected)
         return self._last_slopes["projected"]

@@ -99,6 +99,8 @@ class FiniteElements(Discretized):
     libraries: ClassVar[tuple[str, ...]] = ("cpmkit", "cpmkit-fem", "scikit-fem", "numpy", "scipy")
     cannot: ClassVar[Mapping[str, str]] = {
         "second Laplacian": "use backend='cpm'",
+        "diffusivity that is a tensor": "use backend='cpm'",
+        "diffusivity that depends on u": "use backend='cpm'",
         "explicit steps": "use scheme 'newmark' or 'implicit', or backend='cpm'",
     }
     #: Factors of a matrix of triangles are sparse enough for every mesh.

@@ -86,24 +86,33 @@ def beside(data: Data, samples: BoundarySamples, widths: Floats, around: Floats,
     """
     if not callable(data):
         return _read(data, samples.points, lattice, what)
-    inward = samples.centres - samples.points
-    outward = READ_BESIDE_WIDTHS * widths[:, None] * samples.conormals
+    return readings(data, samples, widths, around, lattice, what)[0]
 
-    def logarithm(step: Floats) -> Floats:
+
+def inward_steps(samples: BoundarySamples, widths: Floats) -> tuple[Floats, Floats]:
+    """Return the steps (b, d) by which data are read beside a boundary: along the conormal, and into the cell."""
+    return -READ_BESIDE_WIDTHS * widths[:, None] * samples.conormals, 0.5 * (samples.centres - samples.points)
+
+
+def readings(
+    data: Data, samples: BoundarySamples, widths: Floats, around: Floats, lattice: Lattice, what: str
+) -> tuple[Floats, Bools]:
+    """Return the same for a function of points, and where (b,) it was read along the conormal or at the samples."""
+
+    def logarithm(step: Floats | float) -> Floats:
         return np.asarray(np.log(_read(data, samples.points + step, lattice, what)))
 
-    here, found = logarithm(0.0 * outward), []
-    for step in (-outward, 0.5 * inward):
-        near, far = logarithm(step), logarithm(2 * step)
-        found.append(np.where(np.abs(near - far) < SAME_MATERIAL_LOG_RATIO, 2 * near - far, np.inf))
-    along, within = found
+    along, into = inward_steps(samples, widths)
+    here, pairs = logarithm(0.0), [(logarithm(step), logarithm(2 * step)) for step in (along, into)]
+    found = [np.where(np.abs(near - far) < SAME_MATERIAL_LOG_RATIO, 2 * near - far, np.inf) for near, far in pairs]
     off = [np.abs(one - around) for one in found]
-    value = np.where(off[0] <= off[1] + SAME_MATERIAL_LOG_RATIO, along, within)
+    by_conormal = off[0] <= off[1] + SAME_MATERIAL_LOG_RATIO
+    value = np.where(by_conormal, *found)
     value = np.where(np.isfinite(value), value, around)
     rim = samples.owner < 0  # nothing is beyond
-    near, far, beyond = logarithm(-outward), logarithm(-2 * outward), logarithm(np.where(rim[:, None], 0.0, outward))
-    smooth = np.abs(far - 3 * near + 3 * here - beyond) <= np.abs(far - 2 * near + here)
-    return np.asarray(np.exp(np.where(smooth | rim, here, value)))
+    (near, far), beyond = pairs[0], logarithm(np.where(rim[:, None], 0.0, -along))
+    smooth = rim | (np.abs(far - 3 * near + 3 * here - beyond) <= np.abs(far - 2 * near + here))
+    return np.exp(np.where(smooth, here, value)), smooth | by_conormal
 
 
 def given(

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cpmkit.errors import SceneError
 from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples
 from cpmkit.forms.galerkin.conditions.coefficients import beside, given, local_widths
 from cpmkit.forms.galerkin.conditions.held import Held
 from cpmkit.forms.galerkin.conditions.inflow import entering, going_on
 from cpmkit.forms.galerkin.conditions.interface import COUPLING_PENALTY, SEAM_PENALTY, OneSideRows, interface
 from cpmkit.forms.galerkin.conditions.one_side import doubled, one_side, scaled
+from cpmkit.forms.galerkin.conditions.slants import slants
 from cpmkit.forms.galerkin.conditions.state_flux import BoundaryFlux, tangent
 from cpmkit.grid.lattice import Lattice
 from cpmkit.protocols import Bools, Floats, Ints
@@ -52,7 +54,8 @@ class ConditionTerms:
     values, slopes : csr_array (b, n)
         Rows that read u, and du/db with b out of the samples' own cells.
     a : (b,) float64
-        The diffusivity on their side.
+        The diffusivity on their side, of a tensor A that along the conormal, b . A b; ``slopes`` then are along
+        A b / (b . A b).
     widths : (b,) float64
         How wide the manifold is there between what ties u, h at most.
     lattice : Lattice
@@ -184,9 +187,10 @@ def condition_terms(
     left: Bools,
     read: tuple[csr_array, csr_array],
     areas: Floats,
-    diffusivity: Data,
+    diffusivity: Any,
     logarithms: Floats,
     lattice: Lattice,
+    slopes_along: Callable[[Floats], csr_array] | None = None,
 ) -> ConditionTerms:
     """Return the conditions on the unknowns.
 
@@ -202,19 +206,39 @@ def condition_terms(
         Reading u, and du/db along the samples' conormals.
     areas : (n,) float64
         The integral of each spline over the manifold.
-    diffusivity : Data
+    diffusivity : Data or tensor
         Of the equation.
     logarithms : (n,) float64
-        The integral of each spline times the diffusivity's logarithm.
+        The integral of each spline times the diffusivity's logarithm, of a tensor that of its mean over tangents.
     lattice : Lattice
         That coordinates are relative to.
+    slopes_along : callable, optional
+        Returns the rows that read the derivative of u along directions (b, d) at the samples; given where the
+        diffusivity is a tensor.
+
+    Raises
+    ------
+    InputError
+        If the diffusivity is not above zero somewhere.
+    SceneError
+        If a condition gives a conductivity that is not the problem's.
     """
     values, slopes = read
     ties = stacked([one.all_rows for one in held if one.ties], np.int64)
     widths = local_widths(values, areas, samples, left, lattice.spacing)
-    a = beside(diffusivity, samples, widths, (values @ logarithms) / (values @ areas), lattice, "the diffusivity")
+    around = (values @ logarithms) / (values @ areas)
+    if slopes_along is None:
+        a = beside(diffusivity, samples, widths, around, lattice, "the diffusivity")
+    else:
+        slanted = slants(diffusivity, samples, widths, around, lattice)
+        a, slopes = slanted.a, slopes_along(slanted.directions)
     for one in held:
         if isinstance(one.law, Interface):
+            if slopes_along is not None and not (one.law.left is None and one.law.right is None):
+                raise SceneError(
+                    f"{one.what} gives conductivities where the problem's diffusivity is a tensor, which no number "
+                    "is; leave `left` and `right` out."
+                )
             for rows, own, side in ((one.rows, one.law.left, "left"), (one.across, one.law.right, "right")):
                 beside_it = samples.take(rows)
                 a[rows] = given(own, a[rows], beside_it, widths[rows], lattice, one.what, side)

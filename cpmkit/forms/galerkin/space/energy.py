@@ -64,6 +64,19 @@ def mass(space: Space, c: Floats | float) -> csr_array:
     return space.matrix(energy_data(space, None, c, Strength(0.0, 0.0, 0.0)))
 
 
+def transport(space: Space, field: Floats) -> csr_array:
+    """Return the matrix (n, n) of sum w u (field . grad v), ``field`` (p, d) at the first samples, zero at others."""
+    from cpmkit.forms.galerkin.space.transport_kernels import CONSERVATIVE, add_transport
+
+    samples, data, none = space.samples, np.zeros(len(space.indices)), np.zeros(1)
+    velocity = np.zeros_like(samples.points)
+    velocity[: len(field)] = field
+    of_samples = samples.points, samples.weights, samples.normals, velocity, np.zeros(len(velocity))
+    matrix = space.indptr, space.indices, data
+    add_transport(*patches(space), *of_samples, none, velocity[:0], none, CONSERVATIVE, matrix)
+    return space.matrix(-data)
+
+
 def load(space: Space, f: Floats) -> Floats:
     """Return (n, channels) sum w f v, with ``f`` (q, channels) at the samples, or (1, channels) at all of them."""
     from cpmkit.forms.galerkin.space.sample_kernels import add_load
@@ -86,15 +99,40 @@ def values_at_samples(space: Space, u: Floats) -> Floats:
     return values
 
 
-def energy_data(space: Space, a: Floats | float | None, c: Floats | float | None, strength: Strength) -> Floats:
-    """Return the entries of the sums over samples, in the pattern of ``space``: no ghosts, no floor."""
+def slopes_at(space: Space, patch: Ints, points: Floats, normals: Floats, u: Floats) -> Floats:
+    """Return (k, channels, d) the tangential gradients of the splines with coefficients ``u`` (n, channels).
+
+    At ``points`` (k, d) in the patches ``patch`` (k,), where ``normals`` (k, c, d) are normal to the manifold.
+    """
+    from cpmkit.forms.galerkin.space.sample_kernels import read_slopes
+
+    parting = space.parting
+    slopes = np.empty((len(points), u.shape[1], points.shape[1]))
+    arrays = (np.ascontiguousarray(points), np.ascontiguousarray(normals), np.ascontiguousarray(u))
+    read_slopes(parting.unknowns, parting.cells, parting.spacing, patch, *arrays, slopes)
+    return slopes
+
+
+def energy_data(
+    space: Space,
+    a: Floats | float | None,
+    c: Floats | float | None,
+    strength: Strength,
+    holding: Floats | None = None,
+) -> Floats:
+    """Return the entries of the sums over samples, in the pattern of ``space``: no ghosts, no floor.
+
+    ``holding`` (q,): what holds u off the manifold is in units of it, of ``a`` itself unless given.
+    """
     from cpmkit.forms.galerkin.space.energy_kernels import add_energy
 
     samples = space.samples
     d = samples.points.shape[1]
     scalars, tensors, masses = np.zeros(0), np.zeros((0, d, d)), np.zeros(0)
     if a is not None:
-        scalars = conductivity(space, a)
+        if holding is not None and np.ndim(a) < 3:
+            a = np.multiply.outer(np.broadcast_to(a, len(samples)), np.eye(d))
+        scalars = conductivity(space, a) if holding is None else holding
         tensors = np.ascontiguousarray(a, dtype=np.float64) if np.ndim(a) == 3 else tensors
     if c is not None:
         masses = _at_each(c)
@@ -133,12 +171,14 @@ def add_differences(space: Space, runs: Ints, stencil: Floats, factors: Floats, 
 
 def conductivity(space: Space, a: Floats | float) -> Floats:
     """Return (q,), or (1,) for all, the coefficient at the samples as a number: of a tensor the mean over tangents."""
-    samples = space.samples
-    if np.ndim(a) < 3:
-        return _at_each(a)
-    tensors = np.asarray(a)
-    normal = np.einsum("qci,qij,qcj->q", samples.normals, tensors, samples.normals)
-    return np.asarray((np.trace(tensors, axis1=1, axis2=2) - normal) / space.manifold_dim)
+    return _at_each(a) if np.ndim(a) < 3 else mean_over_tangents(np.asarray(a), space.samples.normals)
+
+
+def mean_over_tangents(tensors: Floats, normals: Floats) -> Floats:
+    """Return (q,) the mean over tangents of tensors (q, d, d), ``normals`` (q, c, d) orthonormal."""
+    normal = np.einsum("qci,qij,qcj->q", normals, tensors, normals)
+    tangents = normals.shape[2] - normals.shape[1]
+    return np.asarray((np.trace(tensors, axis1=1, axis2=2) - normal) / tangents)
 
 
 def _at_each(values: Floats | float) -> Floats:

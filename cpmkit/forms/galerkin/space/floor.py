@@ -31,7 +31,11 @@ FLOOR_SHARE = 1e-3
 
 
 def floored_stiffness(
-    space: Space, a: Floats | float, strength: Strength, c: Floats | float | None = None
+    space: Space,
+    a: Floats | float,
+    strength: Strength,
+    c: Floats | float | None = None,
+    holding: Floats | None = None,
 ) -> csr_array:
     """Return the stiffness of ``a`` plus the mass of ``c``, with the floor under the unknowns that are light.
 
@@ -41,11 +45,14 @@ def floored_stiffness(
         As of `stiffness`.
     c : float or (q,) float64, optional
         The coefficient of u v at the samples; None for none.
+    holding : (q,) float64, optional
+        What holds u off the manifold is in units of it; of ``a`` itself unless given.
     """
-    data = energy_data(space, a, c, strength)
+    data = energy_data(space, a, c, strength, holding)
     diagonal = space.matrix(data).diagonal()
-    add_ghosts(space, a, strength, data)
-    add_floor(space, a, diagonal, data)
+    held: Floats | float = a if holding is None else holding
+    add_ghosts(space, held, strength, data)
+    add_floor(space, held, diagonal, data)
     return space.matrix(data)
 
 

@@ -72,3 +72,39 @@ def read_values(
             for place in range(width):
                 total += products[place] * u[unknowns[p, place], channel]
             values[q, channel] = total
+
+
+@compiled
+def read_slopes(
+    unknowns: Ints, cells: Ints, spacing: float, patch: Any, points: Floats, normals: Floats, u: Floats, slopes: Floats
+) -> None:
+    """Fill ``slopes`` (q, channels, d) with the tangential gradients of u (n, channels) at the samples."""
+    d, width = cells.shape[1], unknowns.shape[1]
+    values, steps = np.empty((3, 3)), np.empty((3, 3))
+    values[:], steps[:] = 1.0, 0.0
+    own = np.empty(3)
+    for q in range(len(points)):
+        p = patch[q]
+        for axis in range(d):
+            t = points[q, axis] / spacing - cells[p, axis] + 0.5
+            s = 1.0 - t
+            values[axis, 0], values[axis, 1], values[axis, 2] = 0.5 * s * s, 0.5 + t * s, 0.5 * t * t
+            steps[axis, 0], steps[axis, 1], steps[axis, 2] = -s / spacing, (s - t) / spacing, t / spacing
+        for channel in range(u.shape[1]):
+            own[:] = 0.0
+            for place in range(width):
+                value = u[unknowns[p, place], channel]
+                for axis in range(d):
+                    product, rest = value, place
+                    for other in range(d - 1, -1, -1):
+                        product *= (steps if other == axis else values)[other, rest % 3]
+                        rest //= 3
+                    own[axis] += product
+            for c in range(normals.shape[1]):
+                along = 0.0
+                for axis in range(d):
+                    along += normals[q, c, axis] * own[axis]
+                for axis in range(d):
+                    own[axis] -= along * normals[q, c, axis]
+            for axis in range(d):
+                slopes[q, channel, axis] = own[axis]

@@ -112,13 +112,14 @@ class Enrichment:
                 cross[:, k] += derivative_rows(*at, slopes).T @ weighted[0][rows]
             if weighted[1] is not None:
                 cross[:, k] += value_rows(*at).T @ (weighted[1][rows] * psi)
-        for weights, read in zip(weighted, (self._slopes_inside, [self.inside]), strict=True):
+        for weights, read in zip(weighted, (self.slopes_inside, [self.inside]), strict=True):
             if weights is not None:
                 own += sum((one.T @ (one * weights[: self.interior, None])).toarray() for one in read)
         return block_array([[matrix, cross], [cross.T, own]], format="csr")
 
     @property
-    def _slopes_inside(self) -> list[csr_array]:
+    def slopes_inside(self) -> list[csr_array]:
+        """The d matrices (q, m) that read their tangential gradients at the samples of the manifold."""
         dim = self.space.parting.dim
         return [
             self._columns([(rows, slopes[:, axis]) for rows, _, slopes in self._at_samples], self.interior)

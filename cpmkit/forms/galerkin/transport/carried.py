@@ -16,7 +16,7 @@ import numpy as np
 
 from cpmkit.forms.galerkin.space.energy import Strength, add_ghosts, held_data, patches
 from cpmkit.forms.galerkin.space.space import Space
-from cpmkit.forms.galerkin.transport.kernels import (
+from cpmkit.forms.galerkin.space.transport_kernels import (
     CONSERVATIVE,
     CONVECTIVE,
     RATE,

@@ -1,0 +1,101 @@
+"""Coefficients of an equation at the samples: diffusivities, factors, what a velocity does there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cpmkit.errors import InputError
+from cpmkit.forms.at_state import AtState
+from cpmkit.forms.galerkin.diffusivity import checked
+from cpmkit.forms.galerkin.space.energy import slopes_at
+from cpmkit.forms.galerkin.space.splines import derivative_rows, value_rows
+from cpmkit.forms.galerkin.transport.carried import Carried, upstream_times
+from cpmkit.forms.galerkin.transport.reading import velocity_at
+from cpmkit.forms.galerkin.values import Values
+from cpmkit.protocols import Floats
+from cpmkit.scene.data import Data, evaluate_data
+from cpmkit.scene.equations import Terms
+from cpmkit.scene.tensors import evaluate_diffusivity
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+
+@dataclass(frozen=True, eq=False)
+class Coefficients(Values):
+    """The part of the form that reads an equation's coefficients."""
+
+    def _at_samples(self, data: Data, what: str) -> Floats:
+        """Return a coefficient (q,) at all samples, (1,) if it is a number; on boundaries their cell's first."""
+        if not callable(data) and np.ndim(data) == 0:
+            return evaluate_data(data, np.zeros((1, self.space.parting.dim)), 1, what)[:, 0]
+        return self._and_on_boundaries(self.read(data, what)[:, 0])
+
+    def _and_on_boundaries(self, own: Floats) -> Floats:
+        """Return a coefficient (p, ...) of the manifold's samples at all samples (q, ...)."""
+        one = self.sampled
+        first = np.searchsorted(one.samples.cell[: one.interior], one.boundary.cell)
+        return np.concatenate([own, own[first]])
+
+    def _diffusivity(self, given: Any) -> Floats:
+        """Return the diffusivity (q,) or (q, d, d) at all samples, (1,) if it is a number."""
+        one, points = self.sampled, self.points
+        if not callable(given) and not isinstance(given, AtState) and np.ndim(given) == 0:
+            return checked(self._at_samples(given, "the diffusivity"), one.samples.normals, points)
+        if isinstance(given, AtState):
+            own = given.coefficient(self.at_points(given.u)[:, 0], self.slopes_at_points(given.u)[:, 0], points)
+        else:
+            own = evaluate_diffusivity(given, points, "the diffusivity")
+        if own.ndim == 3 and len(self._tips):
+            raise InputError("tips='singular' takes a diffusivity that is a number, got a tensor; use 'extended'.")
+        return self._and_on_boundaries(checked(own, one.samples.normals[: one.interior], points))
+
+    def _holding(self, given: Any) -> Floats | None:
+        """Return what terms of the form's own are in units of, (q,) at all samples; None for the diffusivity."""
+        if not isinstance(given, AtState) or given.holding is None:
+            return None
+        return self._diffusivity(AtState(given.holding, given.u))
+
+    def _carried_by(self, terms: Terms) -> Carried:
+        """Return what the velocity of these terms does at the samples, and nothing at those on boundaries."""
+        assert terms.velocity is not None
+        one, a, c = self.sampled, self._diffusivity(terms.diffusivity), self._at_samples(terms.c, "the factor c")
+        points, normals = (each[: one.interior] for each in (one.samples.points, one.samples.normals))
+        v = velocity_at(terms.velocity, points, normals, one.lattice)
+        upstream, of_a = upstream_times(np.linalg.norm(v, axis=1), a[: len(v)], self.spacing), v[:0]
+        if terms.conservative and upstream.any():
+            c = c + self._on_boundaries_too(np.trace(self._nearest_slopes(v), axis1=1, axis2=2))
+        if len(a) > 1 and upstream.any():
+            of_a = self._on_boundaries_too(self._nearest_slopes(a[: len(v), None])[:, 0])
+        v, upstream = self._on_boundaries_too(v), self._on_boundaries_too(upstream)
+        return Carried(self.space, v, upstream, a, c, of_a, terms.conservative)
+
+    def _on_boundaries_too(self, values: Floats) -> Floats:
+        """Return values at all samples, zero at those on boundaries."""
+        return np.concatenate([values, np.zeros((len(self.sampled.boundary), *values.shape[1:]))])
+
+    @cached_property
+    def _carried(self) -> Carried | None:
+        """What the velocity of the scene's own equation does; None without one."""
+        terms = self.scene.problem.terms()
+        return None if terms.velocity is None else self._carried_by(terms)
+
+    def _beside_boundaries(self, at: AtState) -> Callable[[Floats], Floats]:
+        """Return a coefficient at a state as a function of one point (b, d) beside each boundary sample."""
+        one, splines = self.sampled.boundary, at.u[: self._tips.splines]
+        patch = self.space.parting.patch[self.sampled.interior :]
+        values = np.asarray(self._boundary_rows[0] @ splines)[:, 0]
+        slopes = slopes_at(self.space, patch, one.points, one.normals, splines)[:, 0]
+        return lambda points: at.coefficient(values, slopes, points)
+
+    @cached_property
+    def _boundary_rows(self) -> tuple[csr_array, csr_array]:
+        """Rows that read u, and du/db out of its own cell, at the samples on boundaries."""
+        one, parting = self.sampled.boundary, self.space.parting
+        patch = parting.patch[self.sampled.interior :]
+        return value_rows(parting, patch, one.points), derivative_rows(parting, patch, one.points, one.conormals)
