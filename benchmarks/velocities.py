@@ -66,7 +66,7 @@ def smooth_error(cell_number: float, h: float, form: str) -> str:
 
 
 def overshoot(cell_number: float, h: float, form: str) -> str:
-    """Return by how much u leaves its range, and its error three spacings off the layer, in percent of the range."""
+    """Return by how much u leaves its range, and its error three spacings off the cut, in percent of the range."""
     t, scene, found = np.linspace(1e-4, 2 * np.pi - 1e-4, 2000), with_layer(cell_number / h), []
     points = np.stack([np.cos(t), np.sin(t)], axis=1)
     for position in range(POSITIONS):
@@ -76,7 +76,9 @@ def overshoot(cell_number: float, h: float, form: str) -> str:
         except CpmkitError:
             return "refused"
     left = max(np.max(found) - 2 * np.pi, -np.min(found), 0.0) / (2 * np.pi)
-    off = np.abs(np.array(found) - t)[:, t < 2 * np.pi - 3 * h].max() / (2 * np.pi)
+    speed = cell_number / h
+    exact = t - 2 * np.pi * np.exp(speed * (t - 2 * np.pi)) * np.expm1(-speed * t) / np.expm1(-2 * np.pi * speed)
+    off = np.abs(np.array(found) - exact)[:, t < 2 * np.pi - 3 * h].max() / (2 * np.pi)
     return f"{100 * left:.2f}, {100 * off:.2f}"
 
 

@@ -1,9 +1,9 @@
 """A velocity at the samples: cell numbers, how far upstream the equation is tested, how strongly u is held.
 
 With the cell number P = |v| h / a the equation is tested with phi + tau v . grad phi (streamline upwinding, Brooks and
-Hughes 1982), ``tau = h / (4 |v|) max(0, 1 - 1 / P)``: nothing below P = 1, and nothing that the solution of the
-equation would feel, as all of the equation is tested so, -a Lap u included. What holds u off the manifold is in units
-of a or, where it is larger, of |v| h: what is carried along would bend u there otherwise.
+Hughes 1982), ``tau = h / |v| max(0, 1 - 1 / P) / sqrt(2^2 + (16 / P)^2)``: nothing below P = 1, and nothing that the
+solution of the equation would feel, as all of the equation is tested so, -a Lap u included. What holds u off the
+manifold is in units of a or, where it is larger, of a share of |v| h: what is carried along would bend u there.
 """
 
 from __future__ import annotations
@@ -32,6 +32,10 @@ if TYPE_CHECKING:
 
 #: Below this cell number the equation is tested with phi alone.
 UPWIND_CELL_NUMBER = 1.0
+#: tau is at most h / |v| over the first, and h^2 / a over the second. A circle cut at a point, with a layer at the cut,
+#: at cell numbers of 10 to 1000 and six positions: nothing above its range; with h / (4 |v|) alone up to 3.3 percent,
+#: and 1 in place of 2 leaves errors ten times as large upstream. At 5, where the layer is h / 5 wide, 4 percent.
+LIMIT_BY_SPEED, LIMIT_BY_DIFFUSION = 2.0, 16.0
 #: Share of |v| h that u is held by at least.
 HOLDING_SHARE = 0.1
 
@@ -87,7 +91,7 @@ class Carried:
     def on_levels(self, levels: Sequence[Level], share: float) -> list[Level]:
         """Return levels with the upwinding that their spacings need, for an operator that has ``share`` of this.
 
-        With h / (4 |v|) everywhere, not only above a cell number of one, twice the spacing needs twice as much more.
+        With h / (2 |v|) everywhere, not only above a cell number of one, twice the spacing needs twice as much more.
         """
         data = np.zeros(len(self.space.indices))
         times = upstream_times(np.linalg.norm(self.velocity, axis=1), np.zeros(1), self.space.parting.spacing)
@@ -124,6 +128,9 @@ class Carried:
 
 def upstream_times(speed: Floats, a: Floats, spacing: float) -> Floats:
     """Return tau (q,) where v is ``speed`` (q,) long and the diffusivity is ``a`` (q,) or (1,)."""
-    across = np.divide(0.25 * spacing, speed, out=np.zeros_like(speed), where=speed > 0)
-    inverse = np.divide(a, speed * spacing, out=np.full_like(speed, np.inf), where=speed > 0)  # of the cell number
-    return np.asarray(across * np.maximum(0.0, 1.0 - UPWIND_CELL_NUMBER * inverse))
+    moving = speed > 0
+    across = np.divide(spacing, speed, out=np.zeros_like(speed), where=moving)
+    inverse = np.divide(a, speed * spacing, out=np.full_like(speed, np.inf), where=moving)  # of the cell number
+    share = np.maximum(0.0, 1.0 - UPWIND_CELL_NUMBER * inverse)
+    limit = np.where(share > 0, inverse, 0.0)
+    return np.asarray(across * share / np.hypot(LIMIT_BY_SPEED, LIMIT_BY_DIFFUSION * limit))
