@@ -170,7 +170,7 @@ def representations() -> Iterator[Problem]:
         for name, make in manifold.makers.items():
             for title, scene in study.scenes(manifold, make()).items():
                 for spacing in manifold.spacings[:2]:
-                    off = _from_values(at, study.u(at)[:, None])
+                    off = _from_values(at, study.u(at))
                     yield Problem(f"{manifold.name} as {name}, {title}", scene, spacing, off, positions=1)
 
 

@@ -16,7 +16,7 @@ from cpmkit.forecast.running_out import memory_told
 from cpmkit.forms.choice import FORMS, module_of, options_of
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.options import Options
-from cpmkit.linear.choice import SOLVER_OPTIONS, SolverOptions, choose_solver, make_solver
+from cpmkit.linear.choice import SOLVER_OPTIONS, SolverOptions, choose_solver, make_solver, solver_of_steps
 from cpmkit.manifold.local_source import largest_dim
 from cpmkit.plugins import call, check_keys, factory, takes
 from cpmkit.protocols import Backend, Floats, Progress, no_progress
@@ -125,7 +125,8 @@ class Prepared:
         chosen = choose_solver(self.solver.solver, form.size, largest_dim(scene.surface), factor, form.multigrid)
         if chosen == "direct":  # what others need was checked before the tables
             form.check_factor_fits()
-        made = make_solver(chosen, self.solver.further)
+        steps = scene.problem.family == "time"
+        made = solver_of_steps(self.solver, chosen) if steps else make_solver(chosen, self.solver.further)
         tolerance, progress = self.solver.tolerance, self.progress
         return _solve_family(
             SolveContext(form, made, chosen, tolerance, progress, started, checkpointing, guess, self.kept)
