@@ -49,7 +49,16 @@ def main() -> None:
         begin = time.process_time()
         for what, found, most in ROWS[name]():
             print(
-                table_row([name, what, f"{found:.2g}", f"{most:g}", "yes" if found <= most else "**no**"]), flush=True
+                table_row(
+                    [
+                        name,
+                        what,
+                        f"{found:.3g}" if found < 1e4 else f"{found:,.0f}",
+                        f"{most:,g}",
+                        "yes" if found <= most else "**no**",
+                    ]
+                ),
+                flush=True,
             )
         print(f"{name}: {time.process_time() - begin:.0f} s", file=sys.stderr)
 
