@@ -18,7 +18,7 @@ from cpmkit.forms.choice import FORMS, module_of, options_of
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.options import Options
 from cpmkit.forms.solver_choice import solver_of
-from cpmkit.linear.choice import SOLVER_OPTIONS, SolverOptions, make_solver
+from cpmkit.linear.choice import SOLVER_OPTIONS, SolverOptions, make_solver, solver_of_steps
 from cpmkit.plugins import call, check_keys, factory, takes
 from cpmkit.protocols import Backend, Floats, Progress, no_progress
 from cpmkit.runtime.declared import declared, showing, take
@@ -126,7 +126,8 @@ class Prepared:
         chosen = solver_of(form, self.solver.solver)
         if chosen == "direct":  # what others need was checked before the tables
             form.check_factor_fits()
-        made = make_solver(chosen, self.solver.further)
+        steps = scene.problem.family == "time"
+        made = solver_of_steps(self.solver, chosen) if steps else make_solver(chosen, self.solver.further)
         tolerance, progress = self.solver.tolerance, self.progress
         return _solve_family(
             SolveContext(form, made, chosen, tolerance, progress, started, checkpointing, guess, self.kept)

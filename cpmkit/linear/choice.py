@@ -8,6 +8,7 @@ from typing import Any
 
 from cpmkit.errors import InputError, shown
 from cpmkit.linear.direct import Direct
+from cpmkit.linear.jacobi import Jacobi, Quicker
 from cpmkit.linear.multigrid import Multigrid
 from cpmkit.linear.reference import Reference
 from cpmkit.plugins import call, factory, installed_kinds
@@ -19,12 +20,18 @@ from cpmkit.runtime.declared import Declared, declared, option
 DIRECT_UNKNOWNS = {0: 10**6, 1: 100_000, 2: 6_000, 3: 3_000}
 #: The same where a form has coarser levels for a multigrid.
 DIRECT_BESIDE_MULTIGRID = {**DIRECT_UNKNOWNS, 2: 1_500, 3: 1_000}
-SOLVERS: Mapping[str, Callable[..., LinearSolver]] = {"direct": Direct, "multigrid": Multigrid, "reference": Reference}
+SOLVERS: Mapping[str, Callable[..., LinearSolver]] = {
+    "direct": Direct,
+    "multigrid": Multigrid,
+    "jacobi": Jacobi,
+    "reference": Reference,
+}
 #: Options of the built-in solvers.
 SOLVER_OPTIONS = {
     "auto": ("max_iterations",),
     "direct": (),
     "multigrid": ("max_iterations",),
+    "jacobi": ("max_iterations",),
     "reference": ("max_iterations",),
 }
 
@@ -66,6 +73,15 @@ def make_solver(name: str, options: Mapping[str, Any]) -> LinearSolver:
     return made
 
 
+def solver_of_steps(asked: SolverOptions, chosen: str) -> LinearSolver:
+    """Return the solver of systems M + factor A, which steps in time pose, where ``chosen`` is that of others.
+
+    With ``auto`` the multigrid's cycle gives way to the diagonal where M dominates: what was chosen is told by reports.
+    """
+    made = make_solver(chosen, asked.further)
+    return Quicker(made) if asked.solver == "auto" and isinstance(made, Multigrid) else made
+
+
 @dataclass(frozen=True)
 class SolverOptions(Declared):
     """How linear systems are solved; ``further`` are options of the solver's own, ``auto`` takes all built-in ones'.
@@ -78,7 +94,8 @@ class SolverOptions(Declared):
     """
 
     solver: str = option(
-        "auto", "``auto``, ``direct``, ``multigrid``, ``reference``, or the kind of a solver that a plugin offers."
+        "auto",
+        "``auto``, ``direct``, ``multigrid``, ``jacobi``, ``reference``, or the kind of a solver that a plugin offers.",
     )
     tolerance: float = option(1e-10, "Relative residual, recomputed after the solve.", _check_tolerance)
     further: Mapping[str, Any] = field(default_factory=dict)

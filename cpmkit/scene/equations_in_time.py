@@ -49,9 +49,9 @@ class Evolution(Equation):
     #: From one step to the next little changes: on a surface with 8,000 unknowns an iterative solver takes 2 to 8
     #: iterations a step, less time than a solve with the factors, which take seconds to make.
     factorise_up_to: ClassVar[float] = 0.2
-    #: Beside a multigrid, of some 20 iterations a step: at 6,000 unknowns of a surface factors are worth it from 10
-    #: steps on, at 12,000 from 20; at 20,000 a step takes as long either way.
-    factorise_beside_multigrid: ClassVar[float | None] = 8.0
+    #: Beside a multigrid, which steps that are short take no cycle of but the diagonal: of a sphere with 3,400 unknowns
+    #: factors are worth it from 40 steps on, with 6,000 from 60, with 10,000 from 260.
+    factorise_beside_multigrid: ClassVar[float | None] = 4.0
 
     @property
     def start_time(self) -> float:

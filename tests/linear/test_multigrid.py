@@ -117,7 +117,7 @@ def test_the_cycle_is_symmetric_and_positive():
     space = sphere(0.1)
     beside, penalty = circle_beside(space, 0.31)
     for operator, strip in ((stiffness_of(space, 1.0), NOWHERE), (plus(stiffness_of(space, 1.0), penalty), beside)):
-        cycle = Multigrid().prepare(operator, levels_of(space.parting, strip)).cycle
+        cycle = Multigrid().prepare(operator, levels_of(space.parting, strip)).preconditioner
         x = np.random.default_rng(0).standard_normal((space.parting.size, 8))
         products = x.T @ cycle.apply(x)
         assert abs(products - products.T).max() < 1e-12 * abs(products).max()

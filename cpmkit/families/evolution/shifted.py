@@ -26,17 +26,21 @@ class SolveTally:
         Products with A, all channels together.
     residual : float
         The largest relative residual of a step.
+    solver : str
+        The name of the last step's; empty before the first.
     """
 
     iterations: int = 0
     operator_applications: int = 0
     residual: float = 0.0
+    solver: str = ""
 
     def add(self, other: SolveReport | SolveTally) -> None:
         """Count one solve, or what an earlier part of the run did."""
         self.iterations += other.iterations
         self.operator_applications += other.operator_applications
         self.residual = max(self.residual, other.residual)
+        self.solver = other.solver
 
 
 @dataclass(frozen=True, eq=False)

@@ -138,6 +138,7 @@ def _solution(
         f"{context.tolerance:.2e} asked for"
     )
     report = context.report(True, tally.iterations, tally.operator_applications, tally.residual, reason)
+    report = replace(report, solver=tally.solver or report.solver)  # the one that took the last step
     form = context.discretized
     work = form.work(plan.problem.stiffness, report)
     drift = heat_drift(plan.problem, context.scene, plan.start.u, values)

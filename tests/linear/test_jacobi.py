@@ -1,0 +1,98 @@
+"""The diagonal where a mass dominates, the cycle elsewhere: equal answers, in any unit, and never a wrong one."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from galerkin_systems import circle_beside, mass_of, sphere_space, stiffness_of
+from model_problems import sphere_points
+
+import cpmkit as ck
+from cpmkit.errors import ConvergenceError, SceneError
+from cpmkit.forms.galerkin.hierarchy.levels import levels_of
+from cpmkit.linear import jacobi
+from cpmkit.linear.jacobi import Jacobi, Quicker, mass_dominates
+from cpmkit.linear.multigrid import Multigrid
+from cpmkit.linear.operators import CsrOperator
+
+H = 0.16
+sphere = cache(sphere_space)
+RING = ck.Boundary(
+    "ring", ck.source("analytic.circle", center=[0, 0, 0.28], radius=0.96, normal=[0, 0, 1]), both=ck.Dirichlet(1.0)
+)
+
+
+def stepped(share, beside=False, unit=1.0):
+    """M + h^2 S + factor A for a step of ``share`` spacings squared, levels and a right-hand side."""
+    space = sphere(H * unit, unit)
+    stiffness = stiffness_of(space)
+    strip = np.zeros(0, dtype=np.int64)
+    matrix = mass_of(space).matrix + ((share + 1e-2) * (H * unit) ** 2) * stiffness.matrix
+    if beside:
+        strip, penalty = circle_beside(space, 0.31)
+        matrix = matrix + share * (H * unit) ** 2 * penalty
+    b = mass_of(space).matrix @ np.random.default_rng(0).normal(size=(space.parting.size, 2))
+    return CsrOperator(matrix.tocsr(), symmetric=True), levels_of(space.parting, strip), b
+
+
+@pytest.mark.parametrize("beside", [False, True])
+def test_it_finds_what_the_cycle_finds_beside_conditions_too(beside):
+    operator, levels, b = stepped(1.0, beside)
+    found, report = Jacobi().prepare(operator, levels).solve(b, 1e-12)
+    expected, _ = Multigrid().prepare(operator, levels).solve(b, 1e-12)
+    np.testing.assert_allclose(found, expected, atol=1e-8 * np.abs(expected).max())
+    assert report.solver == "jacobi"
+    assert report.residual <= 1e-12
+    assert report.iterations < 150
+
+
+def test_short_steps_take_the_diagonal_in_any_unit():
+    for share, expected in ((0.05, True), (5.0, True), (1000.0, False)):
+        for unit in (1e-6, 1.0, 1e6):
+            assert mass_dominates(stepped(share, unit=unit)[0].matrix) == expected
+    solvers = [Quicker(Multigrid()).prepare(*one[:2]).solve(one[2], 1e-8)[1].solver for one in map(stepped, (1, 1000))]
+    assert solvers == ["jacobi", "multigrid"]
+
+
+def test_where_it_takes_too_long_the_cycle_solves_and_nothing_is_remembered(monkeypatch):
+    operator, levels, b = stepped(1.0)
+    plain = Quicker(Multigrid()).prepare(operator, levels).solve(b, 1e-10)[0]
+    monkeypatch.setattr(jacobi, "MOST_BESIDE_MULTIGRID", 5)
+    prepared = Quicker(Multigrid()).prepare(operator, levels)
+    (first, report), (again, same) = (prepared.solve(b, 1e-10) for _ in range(2))
+    assert report.solver == "multigrid"
+    assert report.iterations == same.iterations > 5
+    np.testing.assert_array_equal(first, again)
+    np.testing.assert_allclose(first, plain, atol=1e-6 * np.abs(plain).max())
+
+
+def test_what_it_cannot_solve_is_told():
+    operator, levels, b = stepped(1.0)
+    with pytest.raises(ConvergenceError, match="max_iterations"):
+        Jacobi(3).prepare(operator, levels).solve(b, 1e-10)
+    turned = CsrOperator((-1 * operator.matrix).tocsr(), symmetric=True)
+    with pytest.raises(ConvergenceError, match=r"indefinite.*diagonal"):
+        Jacobi().prepare(turned, levels)
+    space = sphere(H)
+    shifted = CsrOperator((stiffness_of(space).matrix - 30 * mass_of(space).matrix).tocsr(), symmetric=True)
+    with pytest.raises(ConvergenceError):
+        Jacobi().prepare(shifted, levels).solve(b, 1e-10)
+    with pytest.raises(SceneError, match="solver 'jacobi' solves real symmetric systems"):
+        Jacobi().prepare(CsrOperator(operator.matrix))
+
+
+def test_runs_in_time_are_those_of_the_other_solvers():
+    heat = ck.Heat(lambda x: x[:, 0] + x[:, 1] * x[:, 2], until=0.15, step=0.05)
+    scene, at = ck.Scene(ck.source("analytic.sphere"), heat, [RING]), sphere_points(200)
+    runs = {name: ck.solve(scene, 0.25, form="galerkin", solver=name) for name in ("jacobi", "multigrid", "direct")}
+    for name, run in runs.items():
+        assert run.report.solver == name
+        np.testing.assert_allclose(run.evaluate(at), runs["direct"].evaluate(at), atol=1e-8)
+
+
+def test_without_a_name_a_large_run_in_time_takes_the_diagonal(monkeypatch):
+    monkeypatch.setattr("cpmkit.linear.choice.DIRECT_BESIDE_MULTIGRID", {})
+    for step, expected in ((0.05, "jacobi"), (100.0, "multigrid")):
+        heat = ck.Heat(lambda x: x[:, 0], until=2 * step, step=step)
+        run = ck.solve(ck.Scene(ck.source("analytic.sphere"), heat), 0.3)
+        assert run.report.solver == expected
