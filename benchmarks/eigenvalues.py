@@ -17,10 +17,10 @@ from time import process_time
 from typing import Any
 
 import numpy as np
-from scipy.linalg import eigh
 
 import cpmkit as ck
 from cpmkit.errors import CpmkitError
+from cpmkit.studies.spectra import sphere_eigenvalues, torus_eigenvalues
 from cpmkit.studies.tables import table_row, table_rule
 
 FORMS = ("collocation", "galerkin")
@@ -34,25 +34,6 @@ ZERO_SHARE = 1e-6
 BLOCK_MODES, BLOCK_SPACINGS = 25, (0.06, 0.03, 0.0139)
 
 
-def sphere_values(count: int) -> Any:
-    """Return k (k + 1), each 2 k + 1 times."""
-    return np.repeat([k * (k + 1) for k in range(20)], [2 * k + 1 for k in range(20)])[:count]
-
-
-def torus_values(count: int, points: int = 65) -> Any:
-    """Return those of the torus, for every wave number around the axis by Fourier sums in the small angle."""
-    angle = 2 * np.pi * np.arange(points) / points
-    radius = MAJOR + MINOR * np.cos(angle)
-    waves = np.fft.fftfreq(points, 1 / points)[:, None]
-    slope = np.real(np.fft.ifft(1j * waves * np.fft.fft(np.eye(points), axis=0), axis=0))
-    found = []
-    for m in range(20):
-        energy = slope.T @ np.diag(radius / MINOR) @ slope + np.diag(m**2 * MINOR / radius)
-        values = eigh(energy, np.diag(MINOR * radius), eigvals_only=True)[: points // 3]
-        found.append(np.repeat(values, 1 if m == 0 else 2))
-    return np.sort(np.concatenate(found))[:count]
-
-
 def smooth_problems() -> Iterator[tuple[str, ck.Scene, Any, float]]:
     """Yield name, scene, exact eigenvalues and spacing."""
     ring = ck.source("analytic.circle", center=[0, 0, 0], radius=1.0, normal=[1, 2, 3])
@@ -61,8 +42,8 @@ def smooth_problems() -> Iterator[tuple[str, ck.Scene, Any, float]]:
     steklov = np.array([0, 1, 1, 2, 2, 3, 3])
     neumann, dirichlet = np.repeat([0, 2, 6, 12], [1, 2, 3, 4]), np.repeat([2, 6, 12, 20], [1, 2, 3, 4])
     problems = {
-        "sphere": (ck.Scene(SPHERE, ck.Eigen(100)), sphere_values(100)),
-        "torus": (ck.Scene(torus, ck.Eigen(50)), torus_values(50)),
+        "sphere": (ck.Scene(SPHERE, ck.Eigen(100)), sphere_eigenvalues(100)),
+        "torus": (ck.Scene(torus, ck.Eigen(50)), torus_eigenvalues(50, MAJOR, MINOR)),
         "hemisphere, Neumann rim": (ck.Scene(CAP, ck.Eigen(10)), neumann),
         "hemisphere, Dirichlet rim": (ck.Scene(CAP, ck.Eigen(10), edge=ck.Dirichlet(0)), dirichlet),
         "hemisphere, Steklov": (ck.Scene(CAP, ck.Eigen(7), edge=ck.Steklov()), steklov),
@@ -131,7 +112,7 @@ def block() -> None:
             solution = prepared.solve(problem=problem)
             seconds.append(process_time() - start)
         assert isinstance(solution, ck.EigenSolution)
-        error = np.abs(solution.eigenvalues[1:] / sphere_values(BLOCK_MODES)[1:] - 1).max()
+        error = np.abs(solution.eigenvalues[1:] / sphere_eigenvalues(BLOCK_MODES)[1:] - 1).max()
         numbers = (f"{solution.work.unknowns:,}", str(solution.report.iterations), f"{seconds[1]:.1f}")
         ratio = f"{seconds[1] / seconds[0]:.0f}"
         print(table_row([*numbers, f"{seconds[0]:.2f}", ratio, f"{100 * error:.2g}"]), flush=True)

@@ -24,7 +24,7 @@ FORMS: dict[str, dict[str, str]] = {"collocation": {"form": "collocation"}, "gal
 CLIPPED = {"galerkin, samples clipped": {"form": "galerkin", "samples": "clipped"}}
 SPHERE, MAJOR, MINOR = ck.source("analytic.sphere"), 1.0, 0.4
 #: Spacings of the costs on the sphere, and k h.
-COST_SPACINGS, RADIANS = (0.1, 0.05, 0.025, 0.0139), (0.1, 0.5, 0.75)
+COST_SPACINGS, RADIANS = (0.1, 0.05, 0.025), (0.1, 0.5, 0.75)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ from cpmkit.errors import place
 from cpmkit.forms.choice import FORMS
 from cpmkit.forms.options import Options
 from cpmkit.linear.choice import SolverOptions
-from cpmkit.manifold.abilities import advice_of
 from cpmkit.protocols import Floats
 from cpmkit.runtime.declared import showing
 from cpmkit.runtime.warn import collected_warnings, warn_each
@@ -116,6 +115,6 @@ def estimate_error(scene: Scene, spacing: float, **options: Any) -> ErrorEstimat
         fine = solution.evaluate(points).reshape(len(points), -1)
         apart = np.abs(fine - coarse.evaluate(points).reshape(len(points), -1))
         differences, divisor = apart.max(axis=0), form.error_divisor()
-        floor = advice_of(scene.surface, spacing).floor * (fine.max(axis=0) - fine.min(axis=0))
+        floor = form.source_error() * (fine.max(axis=0) - fine.min(axis=0))
     at = points[int(apart.max(axis=1).argmax())]
     return ErrorEstimate(differences / divisor, floor, at, solution, coarse)

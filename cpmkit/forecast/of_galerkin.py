@@ -10,11 +10,11 @@ from cpmkit.forecast.running_out import memory_told
 from cpmkit.forms.galerkin.fitting import check_samples_fit, check_unknowns_fit, peak_bytes
 from cpmkit.forms.galerkin.form import Galerkin, discretize
 from cpmkit.forms.galerkin.options import GalerkinOptions
+from cpmkit.forms.galerkin.telling import source_error
 from cpmkit.forms.options import Options
 from cpmkit.forms.solver_choice import solver_of
 from cpmkit.grid.fitting import suggest_spacing
 from cpmkit.grid.lattice import lattice_of
-from cpmkit.manifold.abilities import advice_of
 from cpmkit.manifold.local_source import localize
 from cpmkit.protocols import Progress
 from cpmkit.scene.scene import Scene
@@ -41,14 +41,13 @@ def explained(scene: Scene, asked: Options[GalerkinOptions], solver: str, progre
     chosen = solver_of(form, solver, round(counts["unknowns"]))
     if chosen == "direct":  # what others need was checked before
         check_unknowns_fit(surface, counts["unknowns"], asked.spacing, chosen)
-    advice = advice_of(scene.surface, asked.spacing)
     return Explanation(
         (*_parts(scene, form, counts, asked), solver_part(scene, chosen, solver)),
         _left_out(scene),
         round(counts["unknowns"]),
         round(counts["queries"]),
         round(peak_bytes(counts["unknowns"], surface.largest_dim, chosen, counts["samples"])),
-        advice.floor if advice.integral_floor is None else advice.integral_floor,
+        source_error(scene.surface, asked.spacing),
         chosen,
         exact,
         told=form.warnings() if exact else (),

@@ -23,6 +23,7 @@ from cpmkit.forms.dispersion import SECOND_ORDER, Dispersion
 from cpmkit.forms.free_constants import defects_of, free_pieces
 from cpmkit.forms.imbalance import Imbalance
 from cpmkit.linear.operators import Border, Bordered
+from cpmkit.manifold.abilities import advice_of
 from cpmkit.protocols import SIDES, Floats, Operator, Side, Sides, Stiffness
 from cpmkit.scene.data import Data, evaluate_data, takes_time
 from cpmkit.scene.equations import Terms
@@ -408,6 +409,10 @@ class Discretized(ABC):
     def cure(self) -> str:
         """Return what may help an iteration that does not converge, as the end of a sentence."""
         return ""
+
+    def source_error(self) -> float:
+        """Return the share of the solution's range that the source alone leaves as an error, whatever the spacing."""
+        return advice_of(self.scene.surface, self.spacing).floor
 
     def error_divisor(self) -> float:
         """Return what the difference from a solution at twice the spacing is divided by to estimate the error."""

@@ -25,7 +25,7 @@ from cpmkit.forms.galerkin.sample_mesh import Bend
 from cpmkit.forms.galerkin.sampling import sample
 from cpmkit.forms.galerkin.space.parted import part, pieces
 from cpmkit.forms.galerkin.space.space import space_of
-from cpmkit.forms.galerkin.telling import TURNED_SHARE, of_space, of_turning
+from cpmkit.forms.galerkin.telling import TURNED_SHARE, of_space, of_turning, source_error
 from cpmkit.forms.galerkin.transport.telling import of_layers
 from cpmkit.forms.galerkin.work import GalerkinWork
 from cpmkit.forms.options import Options
@@ -124,6 +124,10 @@ class Galerkin(Equations):
     def turned(self) -> Turned:
         """How much of the manifold lies on splines under which it turns: thin, folded or creased on this lattice."""
         return turned(self.space, self.sampled.mesh, self._areas)
+
+    def source_error(self) -> float:
+        """Return what the source leaves in integrals."""
+        return source_error(self.scene.surface, self.spacing)
 
     def error_divisor(self) -> float:
         """Return 6 on smooth sources, 2.5 on meshes, 1 where curves end (unless singular) and S is thin or folded.

@@ -3,35 +3,14 @@
 import numpy as np
 import pytest
 from cpmkit_fem.assembly import stiffness_and_mass
-from scipy.linalg import eigh
 from scipy.sparse.linalg import eigsh
 
 import cpmkit as ck
-
-MAJOR, MINOR = 1.0, 0.4
-
-
-def of_sphere(count):
-    return np.repeat([k * (k + 1) for k in range(20)], [2 * k + 1 for k in range(20)])[:count]
-
-
-def of_torus(count, points=65):
-    """For every wave number m around the axis a problem of Sturm and Liouville in the small angle, by Fourier sums."""
-    angle = 2 * np.pi * np.arange(points) / points
-    radius = MAJOR + MINOR * np.cos(angle)
-    wave_numbers = np.fft.fftfreq(points, 1 / points)[:, None]
-    slope = np.real(np.fft.ifft(1j * wave_numbers * np.fft.fft(np.eye(points), axis=0), axis=0))
-    found = []
-    for m in range(20):
-        energy = slope.T @ np.diag(radius / MINOR) @ slope + np.diag(m**2 * MINOR / radius)
-        values = eigh(energy, np.diag(MINOR * radius), eigvals_only=True)[: points // 3]
-        found.append(np.repeat(values, 1 if m == 0 else 2))
-    return np.sort(np.concatenate(found))[:count]
-
+from cpmkit.studies.spectra import sphere_eigenvalues, torus_eigenvalues
 
 SURFACES = {
-    "sphere": (ck.source("analytic.sphere"), of_sphere),
-    "torus": (ck.source("analytic.torus", major=MAJOR, minor=MINOR), of_torus),
+    "sphere": (ck.source("analytic.sphere"), sphere_eigenvalues),
+    "torus": (ck.source("analytic.torus", major=1.0, minor=0.4), torus_eigenvalues),
 }
 
 
@@ -52,7 +31,7 @@ def test_every_eigenvalue_is_there_and_none_is_made_up(name, spacing, count, sha
 
 
 def test_the_exact_values_of_the_torus_are_exact():
-    assert np.abs(of_torus(50, 97) - of_torus(50)).max() <= 1e-10
+    assert np.abs(torus_eigenvalues(50, nodes=97) - torus_eigenvalues(50)).max() <= 1e-10
 
 
 CASES = {

@@ -33,6 +33,24 @@ def test_a_slit_keeps_its_order(kind):
     assert order_of(spacings, errors(scene, value, spacings, solver="multigrid")[1]) > 2.3
 
 
+def test_rows_read_the_gradient_of_roots():
+    """That of sqrt(r) sin(t/2) is (-sin(t/2), cos(t/2)) / (2 sqrt(r)); rows read it as a gradient of values does."""
+    scene, _ = slit("flux")
+    r, t = np.meshgrid([0.1, 0.3, 0.5], np.linspace(-2.5, 2.5, 11))
+    at = np.stack([r.ravel() * np.cos(t.ravel()), r.ravel() * np.sin(t.ravel())], axis=1) @ FRAME[:2]
+    half, exact_size = t.ravel() / 2, 0.5 / np.sqrt(r.ravel())
+    exact = exact_size[:, None] * np.stack([-np.sin(half), np.cos(half)], axis=1) @ FRAME[:2]
+    errors = []
+    for spacing in SPACINGS:
+        solution = solved(scene, spacing, tips="singular")
+        form, u = solution.discretized, solution.values
+        found = np.stack([rows @ u[:, 0] for rows in form.gradient_rows(at)], axis=1)
+        assert found == pytest.approx(form.gradient(u, at)[:, 0], abs=1e-9)
+        errors.append(np.sqrt(np.mean((found - exact) ** 2)))
+    assert order_of(SPACINGS, errors) > 1.5
+    assert errors[-1] < 2e-3
+
+
 @pytest.mark.parametrize("held", ["left", "right"])
 def test_a_value_on_one_side_and_a_flux_on_the_other(held):
     """Fourth roots: u = r^(1/4) sin((pi - t)/4) + r^(3/4) sin(3 (pi - t)/4) / 2, or with -t for t."""

@@ -1,0 +1,36 @@
+"""Eigenvalues of -Lap that are known, to hold computed ones against."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.protocols import Floats
+
+#: Wave numbers around the axis that are looked at.
+WAVE_NUMBERS = 20
+
+
+def sphere_eigenvalues(count: int, radius: float = 1.0) -> Floats:
+    """Return the first eigenvalues (count,) of a sphere, 400 at most: k (k + 1) / radius^2, each 2 k + 1 times."""
+    k = np.arange(WAVE_NUMBERS)
+    return np.repeat(k * (k + 1) / radius**2, 2 * k + 1)[:count]
+
+
+def torus_eigenvalues(count: int, major: float = 1.0, minor: float = 0.4, nodes: int = 65) -> Floats:
+    """Return the first eigenvalues (count,) of a torus, ascending, to about 1e-10.
+
+    For every wave number around the axis they are those of a problem of Sturm and Liouville in the small angle, which
+    Fourier sums on ``nodes``, an odd number, solve.
+    """
+    from scipy.linalg import eigh
+
+    angle = 2 * np.pi * np.arange(nodes) / nodes
+    radius = major + minor * np.cos(angle)
+    waves = np.fft.fftfreq(nodes, 1 / nodes)[:, None]
+    slope = np.real(np.fft.ifft(1j * waves * np.fft.fft(np.eye(nodes), axis=0), axis=0))
+    found = []
+    for m in range(WAVE_NUMBERS):
+        energy = slope.T @ np.diag(radius / minor) @ slope + np.diag(m**2 * minor / radius)
+        values = eigh(energy, np.diag(minor * radius), eigvals_only=True)[: nodes // 3]
+        found.append(np.repeat(values, 1 if m == 0 else 2))
+    return np.asarray(np.sort(np.concatenate(found))[:count])
