@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -10,46 +10,42 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from cpmkit.errors import InputError, SceneError
+from cpmkit.errors import SceneError
 from cpmkit.forms.at_state import AtState
 from cpmkit.forms.contract import StateFlux
 from cpmkit.forms.dispersion import QUADRATIC_SPLINES, Dispersion
 from cpmkit.forms.free_constants import free_pieces
+from cpmkit.forms.galerkin.coefficients import Coefficients
 from cpmkit.forms.galerkin.conditions.crossings import of_crossings, of_tips
 from cpmkit.forms.galerkin.conditions.held import held, loops_of
 from cpmkit.forms.galerkin.conditions.sides import side_moments
 from cpmkit.forms.galerkin.conditions.terms import ConditionTerms, condition_terms
 from cpmkit.forms.galerkin.conditions.through import flux_through
 from cpmkit.forms.galerkin.definiteness import surely_definite
-from cpmkit.forms.galerkin.diffusivity import checked
 from cpmkit.forms.galerkin.facing import Turned, turned
 from cpmkit.forms.galerkin.fitting import check_unknowns_fit
 from cpmkit.forms.galerkin.hierarchy.levels import levels_of
 from cpmkit.forms.galerkin.options import FAMILIES, GalerkinOptions
 from cpmkit.forms.galerkin.sample_mesh import Bend
 from cpmkit.forms.galerkin.sampling import sample
-from cpmkit.forms.galerkin.space.energy import conductivity, load, slopes_at, transport
+from cpmkit.forms.galerkin.space.energy import conductivity, load
 from cpmkit.forms.galerkin.space.floor import floored_stiffness
 from cpmkit.forms.galerkin.space.parted import part, pieces
 from cpmkit.forms.galerkin.space.space import space_of
-from cpmkit.forms.galerkin.space.splines import derivative_rows, value_rows
+from cpmkit.forms.galerkin.space.splines import derivative_rows
 from cpmkit.forms.galerkin.telling import TURNED_SHARE, of_space, of_turning
-from cpmkit.forms.galerkin.values import Values
 from cpmkit.forms.galerkin.work import GalerkinWork
 from cpmkit.forms.options import Options
 from cpmkit.linear.levels import Level
 from cpmkit.linear.operators import Border, CsrOperator
 from cpmkit.manifold.abilities import advice_of, has_finite_feet
 from cpmkit.protocols import Floats, Operator, Progress, Side, Stiffness, no_progress
-from cpmkit.scene.data import Data, evaluate_data
+from cpmkit.scene.data import Data
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.scene import Scene
 from cpmkit.scene.state_diffusivity import StateDiffusivity
-from cpmkit.scene.tensors import evaluate_diffusivity
 
 if TYPE_CHECKING:
-    from scipy.sparse import csr_array
-
     from cpmkit.linear.report import SolveReport
 
 #: By what the difference from twice the spacing is divided, by how cells follow the manifold between their vertices.
@@ -67,7 +63,7 @@ class GalerkinOperator(CsrOperator):
 
 
 @dataclass(frozen=True, eq=False)
-class Galerkin(Values):
+class Galerkin(Coefficients):
     """A scene on splines of the lattice; unknowns are coefficients, and nobody outside reads them.
 
     Attributes
@@ -130,37 +126,6 @@ class Galerkin(Values):
         assert isinstance(stiffness, GalerkinOperator)
         return None if stiffness.fixed else free_pieces(stiffness, self.mass, self._tips.splines)
 
-    def _at_samples(self, data: Data, what: str) -> Floats:
-        """Return a coefficient (q,) at all samples, (1,) if it is a number; on boundaries their cell's first."""
-        if not callable(data) and np.ndim(data) == 0:
-            return evaluate_data(data, np.zeros((1, self.space.parting.dim)), 1, what)[:, 0]
-        return self._and_on_boundaries(self.read(data, what)[:, 0])
-
-    def _and_on_boundaries(self, own: Floats) -> Floats:
-        """Return a coefficient (p, ...) of the manifold's samples at all samples (q, ...)."""
-        one = self.sampled
-        first = np.searchsorted(one.samples.cell[: one.interior], one.boundary.cell)
-        return np.concatenate([own, own[first]])
-
-    def _diffusivity(self, given: Any) -> Floats:
-        """Return the diffusivity (q,) or (q, d, d) at all samples, (1,) if it is a number."""
-        one, points = self.sampled, self.points
-        if not callable(given) and not isinstance(given, AtState) and np.ndim(given) == 0:
-            return checked(self._at_samples(given, "the diffusivity"), one.samples.normals, points)
-        if isinstance(given, AtState):
-            own = given.coefficient(self.at_points(given.u)[:, 0], self.slopes_at_points(given.u)[:, 0], points)
-        else:
-            own = evaluate_diffusivity(given, points, "the diffusivity")
-        if own.ndim == 3 and len(self._tips):
-            raise InputError("tips='singular' takes a diffusivity that is a number, got a tensor; use 'extended'.")
-        return self._and_on_boundaries(checked(own, one.samples.normals[: one.interior], points))
-
-    def _holding(self, given: Any) -> Floats | None:
-        """Return what terms of the form's own are in units of, (q,) at all samples; None for the diffusivity."""
-        if not isinstance(given, AtState) or given.holding is None:
-            return None
-        return self._diffusivity(AtState(given.holding, given.u))
-
     def _conditions(self, diffusivity: Any, a: Floats | None = None, holding: Floats | None = None) -> ConditionTerms:
         """Return the terms of the conditions where the diffusivity is ``a`` at all samples, 1 unless given."""
         one, logarithms, along = self.sampled, np.zeros(self.space.parting.size), None
@@ -178,26 +143,6 @@ class Galerkin(Values):
             held = self._conditions(AtState(diffusivity.holding, diffusivity.u), holding)
             terms = replace(terms, widths=terms.widths * terms.a / held.a)
         return self._tips.read_by(terms)
-
-    def _beside_boundaries(self, at: AtState) -> Callable[[Floats], Floats]:
-        """Return a coefficient at a state as a function of one point (b, d) beside each boundary sample."""
-        one, splines = self.sampled.boundary, at.u[: self._tips.splines]
-        patch = self.space.parting.patch[self.sampled.interior :]
-        values = np.asarray(self._boundary_rows[0] @ splines)[:, 0]
-        slopes = slopes_at(self.space, patch, one.points, one.normals, splines)[:, 0]
-        return lambda points: at.coefficient(values, slopes, points)
-
-    @cached_property
-    def _boundary_rows(self) -> tuple[csr_array, csr_array]:
-        """Rows that read u, and du/db out of its own cell, at the samples on boundaries."""
-        one, parting = self.sampled.boundary, self.space.parting
-        patch = parting.patch[self.sampled.interior :]
-        return value_rows(parting, patch, one.points), derivative_rows(parting, patch, one.points, one.conormals)
-
-    def transport(self, field: AtState) -> CsrOperator:
-        """Return the integrals of u (w . grad v) over the samples, w (p, d) given at a state."""
-        w = field.coefficient(self.at_points(field.u)[:, 0], self.slopes_at_points(field.u)[:, 0], self.points)
-        return CsrOperator(self._tips.bordered(transport(self.space, w), None, None))
 
     def load(self, f: Data, time: float | None = None) -> Floats:
         """Return the integrals of f times each spline, (n, channels)."""

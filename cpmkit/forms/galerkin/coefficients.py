@@ -1,0 +1,80 @@
+"""Coefficients of equations at the samples, and what a diffusivity that depends on u is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cpmkit.errors import InputError
+from cpmkit.forms.at_state import AtState
+from cpmkit.forms.galerkin.diffusivity import checked
+from cpmkit.forms.galerkin.space.energy import slopes_at, transport
+from cpmkit.forms.galerkin.space.splines import derivative_rows, value_rows
+from cpmkit.forms.galerkin.values import Values
+from cpmkit.linear.operators import CsrOperator
+from cpmkit.protocols import Floats
+from cpmkit.scene.data import Data, evaluate_data
+from cpmkit.scene.tensors import evaluate_diffusivity
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+
+@dataclass(frozen=True, eq=False)
+class Coefficients(Values):
+    """The part of the form that reads coefficients at its samples, those on boundaries included."""
+
+    def _at_samples(self, data: Data, what: str) -> Floats:
+        """Return a coefficient (q,) at all samples, (1,) if it is a number; on boundaries their cell's first."""
+        if not callable(data) and np.ndim(data) == 0:
+            return evaluate_data(data, np.zeros((1, self.space.parting.dim)), 1, what)[:, 0]
+        return self._and_on_boundaries(self.read(data, what)[:, 0])
+
+    def _and_on_boundaries(self, own: Floats) -> Floats:
+        """Return a coefficient (p, ...) of the manifold's samples at all samples (q, ...)."""
+        one = self.sampled
+        first = np.searchsorted(one.samples.cell[: one.interior], one.boundary.cell)
+        return np.concatenate([own, own[first]])
+
+    def _diffusivity(self, given: Any) -> Floats:
+        """Return the diffusivity (q,) or (q, d, d) at all samples, (1,) if it is a number."""
+        one, points = self.sampled, self.points
+        if not callable(given) and not isinstance(given, AtState) and np.ndim(given) == 0:
+            return checked(self._at_samples(given, "the diffusivity"), one.samples.normals, points)
+        if isinstance(given, AtState):
+            own = given.coefficient(self.at_points(given.u)[:, 0], self.slopes_at_points(given.u)[:, 0], points)
+        else:
+            own = evaluate_diffusivity(given, points, "the diffusivity")
+        if own.ndim == 3 and len(self._tips):
+            raise InputError("tips='singular' takes a diffusivity that is a number, got a tensor; use 'extended'.")
+        return self._and_on_boundaries(checked(own, one.samples.normals[: one.interior], points))
+
+    def _holding(self, given: Any) -> Floats | None:
+        """Return what terms of the form's own are in units of, (q,) at all samples; None for the diffusivity."""
+        if not isinstance(given, AtState) or given.holding is None:
+            return None
+        return self._diffusivity(AtState(given.holding, given.u))
+
+    @cached_property
+    def _boundary_rows(self) -> tuple[csr_array, csr_array]:
+        """Rows that read u, and du/db out of its own cell, at the samples on boundaries."""
+        one, parting = self.sampled.boundary, self.space.parting
+        patch = parting.patch[self.sampled.interior :]
+        return value_rows(parting, patch, one.points), derivative_rows(parting, patch, one.points, one.conormals)
+
+    def _beside_boundaries(self, at: AtState) -> Callable[[Floats], Floats]:
+        """Return a coefficient at a state as a function of one point (b, d) beside each boundary sample."""
+        one, splines = self.sampled.boundary, at.u[: self._tips.splines]
+        patch = self.space.parting.patch[self.sampled.interior :]
+        values = np.asarray(self._boundary_rows[0] @ splines)[:, 0]
+        slopes = slopes_at(self.space, patch, one.points, one.normals, splines)[:, 0]
+        return lambda points: at.coefficient(values, slopes, points)
+
+    def transport(self, field: AtState) -> CsrOperator:
+        """Return the integrals of u (w . grad v) over the samples, w (p, d) given at a state."""
+        w = field.coefficient(self.at_points(field.u)[:, 0], self.slopes_at_points(field.u)[:, 0], self.points)
+        return CsrOperator(self._tips.bordered(transport(self.space, w), None, None))
