@@ -11,6 +11,7 @@ import numpy as np
 
 from cpmkit.errors import InputError
 from cpmkit.forms.at_state import AtState
+from cpmkit.forms.galerkin.conditions.one_side import scaled
 from cpmkit.forms.galerkin.diffusivity import checked
 from cpmkit.forms.galerkin.space.energy import slopes_at, transport
 from cpmkit.forms.galerkin.space.splines import derivative_rows, value_rows
@@ -18,6 +19,7 @@ from cpmkit.forms.galerkin.values import Values
 from cpmkit.linear.operators import CsrOperator
 from cpmkit.protocols import Floats
 from cpmkit.scene.data import Data, evaluate_data
+from cpmkit.scene.laws import Flux, Mixed
 from cpmkit.scene.tensors import evaluate_diffusivity
 
 if TYPE_CHECKING:
@@ -75,6 +77,19 @@ class Coefficients(Values):
         return lambda points: at.coefficient(values, slopes, points)
 
     def transport(self, field: AtState) -> CsrOperator:
-        """Return the integrals of u (w . grad v) over the samples, w (p, d) given at a state."""
+        """Return the integrals of u (w . grad v) over the samples, w (p, d) given at a state.
+
+        Less those of u (w . b) v over boundaries where a slope is given, b the conormal: the flux through them changes
+        with u as it does inside.
+        """
         w = field.coefficient(self.at_points(field.u)[:, 0], self.slopes_at_points(field.u)[:, 0], self.points)
-        return CsrOperator(self._tips.bordered(transport(self.space, w), None, None))
+        inside = transport(self.space, w)
+        given = [one.rows for one in self.sampled.held if isinstance(one.law, (Flux, Mixed))]
+        rows = np.concatenate([np.zeros(0, dtype=np.int64), *given])
+        if len(rows):
+            one = self.sampled.boundary
+            at = self.sampled.lattice.to_scene(one.points)
+            through = np.einsum("bd,bd->b", self._beside_boundaries(field)(at), one.conormals)
+            read = self._boundary_rows[0][rows]
+            inside = (inside - read.T @ scaled((one.weights * through)[rows], read)).tocsr()
+        return CsrOperator(self._tips.bordered(inside, None, None))
