@@ -1,13 +1,14 @@
 """Diffusivities that vary, jump, conduct along directions, or depend on u: errors, steps and iterations.
 
-Run ``python benchmarks/coefficients.py``; it needs ``pip install . ./plugins/*``. It prints the tables of
-docs/tables/coefficients.md, on the unit sphere with exact solutions: root mean squares of the error over 2,000 points
-and four positions of the grid, over the solution's range. Right-hand sides are in closed form.
+Run ``python benchmarks/coefficients.py``, or with the spacings behind it; it needs ``pip install . ./plugins/*``. It
+prints the tables of docs/tables/coefficients.md, on the unit sphere with exact solutions: root mean squares of the
+error over 2,000 points and four positions of the grid, over the solution's range. Right-hand sides are in closed form.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -138,7 +139,7 @@ def error(case: Case, spacing: float, **options: Any) -> tuple[float, Any]:
     return float(np.sqrt(np.mean(squares)) / np.ptp(exact)), solution
 
 
-def both_forms() -> None:
+def both_forms(spacings: Sequence[float]) -> None:
     """Print the table of numbers that vary and jump."""
     cases = {
         "1 + 0.9 sin(40 x)": oscillating(),
@@ -148,13 +149,13 @@ def both_forms() -> None:
     print('| diffusivity | spacing | collocation | Galerkin | Galerkin, `strength="accurate"` |')
     print("|---|--:|--:|--:|--:|")
     for name, case in cases.items():
-        for spacing in (0.2, 0.1, 0.05):
+        for spacing in spacings:
             row = [error(case, spacing, form="collocation")[0], error(case, spacing, form="galerkin")[0]]
             row.append(error(case, spacing, form="galerkin", strength="accurate")[0])
             print(f"| {name} | {spacing:g} | {' | '.join(f'{one:.1e}' for one in row)} |", flush=True)
 
 
-def galerkin_alone() -> None:
+def galerkin_alone(spacings: Sequence[float]) -> None:
     """Print the table of tensors and of what depends on u."""
     cases = {f"tensor {ratio:g}:1": tensor(ratio) for ratio in (1, 10, 100, 1000)}
     cases["1 + u^2"] = of_value()
@@ -162,13 +163,14 @@ def galerkin_alone() -> None:
     print("| diffusivity | spacing | error | steps | iterations |")
     print("|---|--:|--:|--:|--:|")
     for name, case in cases.items():
-        for spacing in (0.2, 0.1, 0.05):
+        for spacing in spacings:
             found, solution = error(case, spacing, solver="multigrid")
             steps = len(getattr(solution, "history", ())) or "linear"
             print(f"| {name} | {spacing:g} | {found:.1e} | {steps} | {solution.report.iterations} |", flush=True)
 
 
 if __name__ == "__main__":
-    both_forms()
+    asked = [float(one) for one in sys.argv[1:]] or [0.2, 0.1, 0.05]
+    both_forms(asked)
     print()
-    galerkin_alone()
+    galerkin_alone(asked)

@@ -114,6 +114,13 @@ def test_values_on_both_sides_of_a_point():
     assert solution.flux("cut", "left") == pytest.approx(1.5 / (2 * np.pi) / 2, rel=1e-5)
 
 
+@pytest.mark.parametrize("left", [ck.Neumann(0.5), ck.Robin(1.0, 2.0, 3.0)])
+def test_newton_stays_quadratic_beside_slopes_that_are_given(left):
+    cut = ck.Boundary("cut", ck.source("analytic.point", at=[1, 0]), left=left, right=ck.Dirichlet(0.0))
+    problem = ck.NonlinearDiffusion(lambda v: 1 + v**2, lambda x: x[:, 0], 1.0)
+    assert len(ck.solve(ck.Scene(CIRCLE, problem, [cut]), 0.1).history) <= 6
+
+
 @pytest.mark.filterwarnings("ignore::cpmkit.CpmkitWarning")
 def test_a_free_constant_and_the_mean():
     """Nothing fixes a constant: the solution is the one of mean zero, a constant part of f is left out, and told."""

@@ -1,4 +1,4 @@
-"""Coefficients of an equation at the samples: diffusivities, factors, what a velocity does there."""
+"""Coefficients of equations at the samples: diffusivities, those that depend on u too, factors, velocities."""
 
 from __future__ import annotations
 
@@ -11,15 +11,18 @@ import numpy as np
 
 from cpmkit.errors import InputError
 from cpmkit.forms.at_state import AtState
+from cpmkit.forms.galerkin.conditions.one_side import scaled
 from cpmkit.forms.galerkin.diffusivity import checked
-from cpmkit.forms.galerkin.space.energy import slopes_at
+from cpmkit.forms.galerkin.space.energy import slopes_at, transport
 from cpmkit.forms.galerkin.space.splines import derivative_rows, value_rows
 from cpmkit.forms.galerkin.transport.carried import Carried, upstream_times
 from cpmkit.forms.galerkin.transport.reading import velocity_at
 from cpmkit.forms.galerkin.values import Values
+from cpmkit.linear.operators import CsrOperator
 from cpmkit.protocols import Floats
 from cpmkit.scene.data import Data, evaluate_data
 from cpmkit.scene.equations import Terms
+from cpmkit.scene.laws import Flux, Mixed
 from cpmkit.scene.tensors import evaluate_diffusivity
 
 if TYPE_CHECKING:
@@ -28,7 +31,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Coefficients(Values):
-    """The part of the form that reads an equation's coefficients."""
+    """The part of the form that reads coefficients at its samples, those on boundaries included."""
 
     def _at_samples(self, data: Data, what: str) -> Floats:
         """Return a coefficient (q,) at all samples, (1,) if it is a number; on boundaries their cell's first."""
@@ -85,6 +88,13 @@ class Coefficients(Values):
         terms = self.scene.problem.terms()
         return None if terms.velocity is None else self._carried_by(terms)
 
+    @cached_property
+    def _boundary_rows(self) -> tuple[csr_array, csr_array]:
+        """Rows that read u, and du/db out of its own cell, at the samples on boundaries."""
+        one, parting = self.sampled.boundary, self.space.parting
+        patch = parting.patch[self.sampled.interior :]
+        return value_rows(parting, patch, one.points), derivative_rows(parting, patch, one.points, one.conormals)
+
     def _beside_boundaries(self, at: AtState) -> Callable[[Floats], Floats]:
         """Return a coefficient at a state as a function of one point (b, d) beside each boundary sample."""
         one, splines = self.sampled.boundary, at.u[: self._tips.splines]
@@ -93,9 +103,20 @@ class Coefficients(Values):
         slopes = slopes_at(self.space, patch, one.points, one.normals, splines)[:, 0]
         return lambda points: at.coefficient(values, slopes, points)
 
-    @cached_property
-    def _boundary_rows(self) -> tuple[csr_array, csr_array]:
-        """Rows that read u, and du/db out of its own cell, at the samples on boundaries."""
-        one, parting = self.sampled.boundary, self.space.parting
-        patch = parting.patch[self.sampled.interior :]
-        return value_rows(parting, patch, one.points), derivative_rows(parting, patch, one.points, one.conormals)
+    def transport(self, field: AtState) -> CsrOperator:
+        """Return the integrals of u (w . grad v) over the samples, w (p, d) given at a state.
+
+        Less those of u (w . b) v over boundaries where a slope is given, b the conormal: the flux through them changes
+        with u as it does inside.
+        """
+        w = field.coefficient(self.at_points(field.u)[:, 0], self.slopes_at_points(field.u)[:, 0], self.points)
+        inside = transport(self.space, w)
+        given = [one.rows for one in self.sampled.held if isinstance(one.law, (Flux, Mixed))]
+        rows = np.concatenate([np.zeros(0, dtype=np.int64), *given])
+        if len(rows):
+            one = self.sampled.boundary
+            at = self.sampled.lattice.to_scene(one.points)
+            through = np.einsum("bd,bd->b", self._beside_boundaries(field)(at), one.conormals)
+            read = self._boundary_rows[0][rows]
+            inside = (inside - read.T @ scaled((one.weights * through)[rows], read)).tocsr()
+        return CsrOperator(self._tips.bordered(inside, None, None))

@@ -18,7 +18,7 @@ from cpmkit.forms.galerkin.conditions.held import loops_of
 from cpmkit.forms.galerkin.conditions.terms import ConditionTerms, condition_terms
 from cpmkit.forms.galerkin.conditions.through import flux_through
 from cpmkit.forms.galerkin.operator import GalerkinOperator, operator_of
-from cpmkit.forms.galerkin.space.energy import conductivity, load, transport
+from cpmkit.forms.galerkin.space.energy import conductivity, load
 from cpmkit.forms.galerkin.space.floor import floored_stiffness
 from cpmkit.forms.galerkin.space.splines import derivative_rows
 from cpmkit.forms.galerkin.transport.reading import speed_out
@@ -90,11 +90,6 @@ class Equations(Coefficients):
             held = self._conditions(Terms(diffusivity=AtState(diffusivity.holding, diffusivity.u)), holding)
             found = replace(found, widths=found.widths * found.a / held.a)
         return self._tips.read_by(found)
-
-    def transport(self, field: AtState) -> CsrOperator:
-        """Return the integrals of u (w . grad v) over the samples, w (p, d) given at a state."""
-        w = field.coefficient(self.at_points(field.u)[:, 0], self.slopes_at_points(field.u)[:, 0], self.points)
-        return CsrOperator(self._tips.bordered(transport(self.space, w), None, None))
 
     def load(self, f: Data, time: float | None = None) -> Floats:
         """Return the integrals of f times each spline, (n, channels)."""
