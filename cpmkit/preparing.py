@@ -124,8 +124,7 @@ class Prepared:
         started = time.perf_counter() if started is None else started
         form = self.discretized if scene is self.discretized.scene else self.discretized.restated(scene)
         chosen = solver_of(form, self.solver.solver)
-        if chosen == "direct":  # what others need was checked before the tables
-            form.check_factor_fits()
+        form.check_solver_fits(chosen)
         steps = scene.problem.family == "time"
         made = solver_of_steps(self.solver, chosen) if steps else make_solver(chosen, self.solver.further)
         tolerance, progress = self.solver.tolerance, self.progress

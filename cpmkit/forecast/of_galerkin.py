@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from cpmkit.forecast.parts import Explanation, Part, named, solver_part
 from cpmkit.forecast.running_out import memory_told
-from cpmkit.forms.galerkin.fitting import check_samples_fit, check_unknowns_fit, peak_bytes
+from cpmkit.forms.galerkin.fitting import check_samples_fit, check_unknowns_fit, factors_in, peak_bytes
 from cpmkit.forms.galerkin.form import Galerkin, discretize
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.telling import source_error
@@ -39,14 +39,15 @@ def explained(scene: Scene, asked: Options[GalerkinOptions], solver: str, progre
             counts = {name: _extrapolated(counts[name], coarse[name], ratio, m) for name in counts}
     progress("rehearsal", 1.0)
     chosen = solver_of(form, solver, round(counts["unknowns"]))
-    if chosen == "direct":  # what others need was checked before
-        check_unknowns_fit(surface, counts["unknowns"], asked.spacing, chosen)
+    factors = factors_in(scene, chosen)
+    if factors:  # what others need was checked before
+        check_unknowns_fit(surface, counts["unknowns"], asked.spacing, chosen, factors)
     return Explanation(
         (*_parts(scene, form, counts, asked), solver_part(scene, chosen, solver)),
         _left_out(scene),
         round(counts["unknowns"]),
         round(counts["queries"]),
-        round(peak_bytes(counts["unknowns"], surface.largest_dim, chosen, counts["samples"])),
+        round(peak_bytes(counts["unknowns"], surface.largest_dim, factors, counts["samples"])),
         source_error(scene.surface, asked.spacing),
         chosen,
         exact,

@@ -85,7 +85,8 @@ def _of_galerkin(scene: Scene, source: LocalSource, options: Options[Any], solve
     iterated = surely_iterated(scene)
     iterative, factor = "multigrid" if iterated else "direct", scene.problem.factors_up_to(iterated)
     solver = choose_solver(solver, round(unknowns), m, factor, iterative)
-    fits = galerkin.fitting_spacing(source, available, solver)
+    factors = galerkin.factors_in(scene, solver)
+    fits = galerkin.fitting_spacing(source, available, factors)
     return _Need(
-        unknowns, solver, galerkin.peak_bytes(unknowns, m, solver), fits, other_solver_hint(solver, "multigrid")
+        unknowns, solver, galerkin.peak_bytes(unknowns, m, factors), fits, other_solver_hint(solver, "multigrid")
     )

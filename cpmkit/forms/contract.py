@@ -174,8 +174,8 @@ class Discretized(ABC):
             In one sentence.
         """
 
-    def check_factor_fits(self) -> None:
-        """Refuse a factorisation that the memory of this process cannot hold.
+    def check_solver_fits(self, solver: str) -> None:
+        """Refuse what a solver makes beside the tables, factors above all, that the memory of this process cannot hold.
 
         Raises
         ------

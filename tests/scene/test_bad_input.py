@@ -223,5 +223,5 @@ def test_a_tolerance_out_of_reach_says_what_was_reached():
 
 
 def test_an_unknown_solver():
-    with pytest.raises(ck.InputError, match="auto, direct, multigrid, reference, or"):
+    with pytest.raises(ck.InputError, match="auto, direct, multigrid, jacobi, reference, or"):
         ck.solve(sphere_scene(), 0.3, solver="magic")

@@ -192,7 +192,7 @@ WRONG = {
     "a picture that is none": (GOOD + 'picture = { file = "a.png", widht = 3 }', "unknown key 'widht'"),
     "an unknown solver": (
         GOOD.replace('"reference"', '"fast"'),
-        "solver must be auto, direct, multigrid, reference, or",
+        "solver must be auto, direct, multigrid, jacobi, reference, or",
     ),
     "a boundary far away": (
         GOOD.replace("center = [0, 0, 0.5]", "center = [0, 0, 2.5]"),

@@ -46,6 +46,7 @@ def test_on_the_open_curve_orders_are_those_asked_for_and_the_ball_is_worst(tmp_
     assert 0.85 <= series["cpm", 3, 1].fitted_order <= 1.3
 
 
+@pytest.mark.slow  # always: degrees-heat, below
 def test_degree_2_is_of_second_order_too_if_irregularly(tmp_path):
     series = series_of("degrees-poisson", tmp_path, lists={"degree": [2, 3], "order": [2]})
     assert series["cpm", 3, 2].fitted_order >= 1.8

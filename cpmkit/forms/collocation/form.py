@@ -99,10 +99,11 @@ class Collocation(Reader):
         if self.balance:
             assert self._balancing
 
-    def check_factor_fits(self) -> None:
+    def check_solver_fits(self, solver: str) -> None:
         """Refuse a factorisation that the memory of this process cannot hold."""
         layout = self.tables.layout
-        check_fits(layout.surface, self.size, self.spacing, layout.band.degree, "direct")
+        if solver == "direct":  # what others need was checked before the tables
+            check_fits(layout.surface, self.size, self.spacing, layout.band.degree, solver)
 
     @cached_property
     def _balancing(self) -> Balancing:

@@ -57,7 +57,7 @@ class Equations(Coefficients):
             matrix = (matrix + conditions.matrix).tocsr()
         if terms.conservative:
             matrix = (matrix + conditions.carried_out).tocsr()
-        return operator_of(matrix, conditions, a, c, carried)
+        return operator_of(matrix, conditions, conductivity(self.space, a), c, carried)
 
     @cached_property
     def _mass_in_time(self) -> CsrOperator:

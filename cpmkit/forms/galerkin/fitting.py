@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 
 from cpmkit.errors import ResolutionError
@@ -9,6 +11,10 @@ from cpmkit.grid.band import check_numbered
 from cpmkit.grid.fitting import SPARE_MEMORY_SHARE, other_solver_hint, rounded_up, unknowns_at_one
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.runtime import memory
+from cpmkit.scene.scene import Scene
+
+#: What of a matrix is factorised beside the multigrid's coarsest level.
+Factors = Literal["", "all", "blocks"]
 
 #: At the peak of a solve, by the manifold's dimension: bytes for each unknown, of the matrix, coarser ones and tables
 #: (measured on circles and knots, 1700 to 2900 with all samples; on surfaces as below).
@@ -26,6 +32,8 @@ BAND_DEGREE = 2
 FILL_FACTOR = 45.0
 #: Bytes of such an entry.
 ENTRY_BYTES = 12
+#: Bytes of the factors of overlapping blocks on all levels, for each unknown (measured at 300 thousand on a sphere).
+BLOCK_BYTES = {1: 2000.0, 2: 12000.0}
 #: A manifold of so many times its box's surface is thought possible before it is looked at.
 FOLDED_FACTOR = 10.0
 #: Unknowns for each square of the spacing on a surface, about, and more than those for each spacing on a curve.
@@ -52,7 +60,16 @@ def check_samples_fit(surface: LocalSource, spacing: float) -> None:
         check_unknowns_fit(surface, expected_unknowns(surface, spacing), spacing)
 
 
-def check_unknowns_fit(surface: LocalSource, unknowns: float, spacing: float, solver: str = "multigrid") -> None:
+def factors_in(scene: Scene, solver: str) -> Factors:
+    """Return what a solver factorises of a scene's systems: all of them, blocks where a velocity is, or nothing."""
+    if solver == "direct":
+        return "all"
+    return "blocks" if solver == "multigrid" and scene.problem.terms().velocity is not None else ""
+
+
+def check_unknowns_fit(
+    surface: LocalSource, unknowns: float, spacing: float, solver: str = "multigrid", factors: Factors = ""
+) -> None:
     """Refuse a solve of so many unknowns by a solver if it needs more memory than there is.
 
     Raises
@@ -60,9 +77,9 @@ def check_unknowns_fit(surface: LocalSource, unknowns: float, spacing: float, so
     ResolutionError
         With the spacing that would fit, and the solver that needs less.
     """
-    needed, limit = peak_bytes(unknowns, surface.largest_dim, solver), memory.memory_limit()
+    needed, limit = peak_bytes(unknowns, surface.largest_dim, factors), memory.memory_limit()
     if needed > limit.bytes:
-        fits = fitting_spacing(surface, limit.bytes, solver)
+        fits = fitting_spacing(surface, limit.bytes, factors)
         direct = solver == "direct"
         raise ResolutionError(
             f"spacing={spacing:g} needs about {unknowns:.2g} unknowns and {needed / 2**30:.3g} GiB"
@@ -76,20 +93,21 @@ def expected_unknowns(surface: LocalSource, spacing: float) -> float:
     return unknowns_at_one(surface, BAND_DEGREE) / spacing**surface.largest_dim
 
 
-def peak_bytes(unknowns: float, manifold_dim: int, solver: str = "multigrid", samples: float | None = None) -> float:
+def peak_bytes(unknowns: float, manifold_dim: int, factors: Factors = "", samples: float | None = None) -> float:
     """Return about how many bytes a solve of so many unknowns needs at its peak, with ``samples`` if they are known."""
-    sampled = BYTES_PER_SAMPLE[manifold_dim] * (SAMPLES_PER_UNKNOWN * unknowns if samples is None else samples)
-    if solver != "direct":
-        return unknowns * BYTES_PER_UNKNOWN[manifold_dim] + sampled
+    m = manifold_dim
+    sampled = BYTES_PER_SAMPLE[m] * (SAMPLES_PER_UNKNOWN * unknowns if samples is None else samples)
+    if factors != "all":
+        return unknowns * (BYTES_PER_UNKNOWN[m] + (BLOCK_BYTES[m] if factors else 0.0)) + sampled
     # the factors of a curve's matrix are a share of what is beside them
-    factors = ENTRY_BYTES * FILL_FACTOR * unknowns ** (1 / 3) if manifold_dim > 1 else 0.0
-    return unknowns * (BYTES_BESIDE_FACTORS[manifold_dim] + factors) + sampled
+    fill = ENTRY_BYTES * FILL_FACTOR * unknowns ** (1 / 3) if m > 1 else 0.0
+    return unknowns * (BYTES_BESIDE_FACTORS[m] + fill) + sampled
 
 
-def fitting_spacing(surface: LocalSource, available: int, solver: str = "multigrid") -> float:
+def fitting_spacing(surface: LocalSource, available: int, factors: Factors = "") -> float:
     """Return a spacing, rounded up to two digits, at which a solve fits into so many bytes."""
     m, room = surface.largest_dim, (1 - SPARE_MEMORY_SHARE) * max(available, 1)
     unknowns = 1.0
     for _ in range(FITTING_ROUNDS):
-        unknowns = max(room * unknowns / peak_bytes(unknowns, m, solver), 1.0)
+        unknowns = max(room * unknowns / peak_bytes(unknowns, m, factors), 1.0)
     return rounded_up((expected_unknowns(surface, 1.0) / unknowns) ** (1 / m))

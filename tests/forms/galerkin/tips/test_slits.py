@@ -33,7 +33,8 @@ def test_a_slit_keeps_its_order(kind):
     assert order_of(spacings, errors(scene, value, spacings, solver="multigrid")[1]) > 2.3
 
 
-def test_rows_read_the_gradient_of_roots():
+@pytest.mark.parametrize("spacings", [SPACINGS[:1], pytest.param(SPACINGS, marks=pytest.mark.slow)])
+def test_rows_read_the_gradient_of_roots(spacings):
     """That of sqrt(r) sin(t/2) is (-sin(t/2), cos(t/2)) / (2 sqrt(r)); rows read it as a gradient of values does."""
     scene, _ = slit("flux")
     r, t = np.meshgrid([0.1, 0.3, 0.5], np.linspace(-2.5, 2.5, 11))
@@ -41,14 +42,14 @@ def test_rows_read_the_gradient_of_roots():
     half, exact_size = t.ravel() / 2, 0.5 / np.sqrt(r.ravel())
     exact = exact_size[:, None] * np.stack([-np.sin(half), np.cos(half)], axis=1) @ FRAME[:2]
     errors = []
-    for spacing in SPACINGS:
+    for spacing in spacings:
         solution = solved(scene, spacing, tips="singular")
         form, u = solution.discretized, solution.values
         found = np.stack([rows @ u[:, 0] for rows in form.gradient_rows(at)], axis=1)
         assert found == pytest.approx(form.gradient(u, at)[:, 0], abs=1e-9)
         errors.append(np.sqrt(np.mean((found - exact) ** 2)))
-    assert order_of(SPACINGS, errors) > 1.5
-    assert errors[-1] < 2e-3
+    assert errors[-1] < (2e-3 if len(spacings) > 1 else 2e-2)
+    assert len(spacings) == 1 or order_of(spacings, errors) > 1.5
 
 
 @pytest.mark.parametrize("held", ["left", "right"])
