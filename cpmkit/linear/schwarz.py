@@ -1,4 +1,4 @@
-"""Overlapping Schwarz: blocks of unknowns that hang together, each solved for exactly, one after another's residual.
+"""Overlapping Schwarz: blocks of unknowns that hang together, each solved for exactly, all from one residual.
 
 It damps what a velocity carries through a block in one step, where smoothers that know neighbours alone need as many
 steps as the block is wide, or grow. Blocks overlap by the neighbours of their unknowns, of which each block keeps

@@ -10,6 +10,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from cpmkit.errors import SceneError
 from cpmkit.forms.at_state import AtState
 from cpmkit.forms.contract import StateFlux
 from cpmkit.forms.free_constants import free_pieces
@@ -66,9 +67,27 @@ class Equations(Coefficients):
         return CsrOperator(matrix, True) if upstream is None else CsrOperator((matrix + upstream).tocsr())
 
     def free_constants(self, stiffness: Stiffness) -> Border | None:
-        """Return the pieces on which a constant is free, with means over them; None where there is none."""
+        """Return the pieces on which a constant is free, with means over them; None where there is none.
+
+        Raises
+        ------
+        SceneError
+            If a conservative velocity leaves a solution free that is no constant.
+        """
         assert isinstance(stiffness, GalerkinOperator)
+        if stiffness.carried is not None and stiffness.carried.conservative:
+            self._check_held(stiffness)
+            return None
         return None if stiffness.fixed else free_pieces(stiffness, self.mass, self._tips.splines)
+
+    def _check_held(self, stiffness: GalerkinOperator) -> None:
+        """Refuse an equation in divergence form that nothing flows out of: its total is free, or f has no solution."""
+        turned = CsrOperator(stiffness.to_csr().T.tocsr())
+        if free_pieces(turned, self.mass, self._tips.splines) is not None:
+            raise SceneError(
+                "Nothing fixes the size of the solution on a piece of the manifold: a conservative velocity carries "
+                "nothing out of it, and c is zero there; give c above zero, or a value somewhere."
+            )
 
     def _conditions(self, terms: Terms, a: Floats | None = None, holding: Floats | None = None) -> ConditionTerms:
         """Return the terms of the conditions where the diffusivity is ``a`` at all samples, 1 unless given."""

@@ -214,6 +214,9 @@ def test_what_is_not_carried_is_refused():
         without.solve(problem=ck.Elliptic(1.0, velocity=around(1.0), c=1.0, conservative=True))
     with pytest.raises(ck.SceneError, match="no velocity beside"):
         ck.solve(ck.Scene(SPHERE, ck.Elliptic(1.0, np.diag([1.0, 2.0, 3.0]), about_an_axis(1.0), 1.0)), 0.3)
+    for velocity in (to_a_pole(3.0), about_an_axis(30.0)):
+        with pytest.raises(ck.SceneError, match="Nothing fixes the size"):
+            on_sphere(0.3).solve(problem=ck.Elliptic(0.0, velocity=velocity, conservative=True))
     with pytest.raises(ck.InputError, match="there is none"):
         ck.Elliptic(1.0, conservative=True)
     with pytest.raises(ck.InputError, match="True or False"):
