@@ -54,7 +54,7 @@ class QuasilinearEquation(Equation):
 
 @dataclass(frozen=True, eq=False)
 class NonlinearDiffusion(QuasilinearEquation):
-    """-div(a(u, s) grad u) + c u = f, s = |grad u|.
+    """-div(a(u, s) grad u) + c u = f, ``s = |grad u|``.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ class NonlinearDiffusion(QuasilinearEquation):
 
 @dataclass(frozen=True, eq=False)
 class PLaplacian(QuasilinearEquation):
-    """-div(a grad u) + c u = f with a = (|grad u|^2 + r^2)^((p - 2) / 2).
+    """-div(a grad u) + c u = f with ``a = (|grad u|^2 + r^2)^((p - 2) / 2)``.
 
     Parameters
     ----------
@@ -167,9 +167,9 @@ class PLaplacian(QuasilinearEquation):
 
 @dataclass(frozen=True, eq=False)
 class TotalVariation(QuasilinearEquation):
-    """c (u - f) = div(grad u / |grad u|): f without what swings, and with its jumps.
+    """``c (u - f) = div(grad u / |grad u|)``: f without what swings, and with its jumps.
 
-    The minimum of the integral of ``|grad u| + c (u - f)^2 / 2``, with (|grad u|^2 + r^2)^(1/2) for |grad u|. The
+    The minimum of the integral of ``|grad u| + c (u - f)^2 / 2``, with ``(|grad u|^2 + r^2)^(1/2)`` for ``|grad u|``. The
     smaller c, the fewer details stay: a disc of radius R is lowered by about 2 / (c R) of a unit.
 
     Parameters
