@@ -169,8 +169,8 @@ class PLaplacian(QuasilinearEquation):
 class TotalVariation(QuasilinearEquation):
     """``c (u - f) = div(grad u / |grad u|)``: f without what swings, and with its jumps.
 
-    The minimum of the integral of ``|grad u| + c (u - f)^2 / 2``, with ``(|grad u|^2 + r^2)^(1/2)`` for ``|grad u|``. The
-    smaller c, the fewer details stay: a disc of radius R is lowered by about 2 / (c R) of a unit.
+    The minimum of the integral of ``|grad u| + c (u - f)^2 / 2``, with ``(|grad u|^2 + r^2)^(1/2)`` for ``|grad u|``.
+    The smaller c, the fewer details stay: a disc of radius R is lowered by about 2 / (c R) of a unit.
 
     Parameters
     ----------
