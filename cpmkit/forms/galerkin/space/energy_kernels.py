@@ -158,16 +158,22 @@ def add_products(forms: Floats, count: int, width: int, block: Floats) -> None:
 
 
 @compiled
-def scatter(block: Floats, columns: Ints, indptr: Any, indices: Any, data: Floats) -> None:
-    """Add the upper half of a symmetric ``block`` of the unknowns ``columns``, and its mirror image, to a matrix."""
-    width = len(columns)
-    rank, ascending = np.empty(width, dtype=np.int64), np.empty(width, dtype=indices.dtype)
-    for i in range(width):
+def sort_columns(columns: Ints, rank: Ints, ascending: Any) -> None:
+    """Fill ``ascending`` (k,) with the ``columns`` (k,) in order, and ``rank`` (k,) with where each stood."""
+    for i in range(len(columns)):
         at = i
         while at > 0 and ascending[at - 1] > columns[i]:
             ascending[at], rank[at] = ascending[at - 1], rank[at - 1]
             at -= 1
         ascending[at], rank[at] = columns[i], i
+
+
+@compiled
+def scatter(block: Floats, columns: Ints, indptr: Any, indices: Any, data: Floats) -> None:
+    """Add the upper half of a symmetric ``block`` of the unknowns ``columns``, and its mirror image, to a matrix."""
+    width = len(columns)
+    rank, ascending = np.empty(width, dtype=np.int64), np.empty(width, dtype=indices.dtype)
+    sort_columns(columns, rank, ascending)
     for i in range(width):
         to: Any = np.uint64(indptr[columns[i]])  # unsigned, so that no index is tested for its sign
         for m in range(width):

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.space.energy_kernels import POLYNOMIALS, ROOM
+from cpmkit.forms.galerkin.space.energy_kernels import POLYNOMIALS, ROOM, sort_columns
 from cpmkit.protocols import Floats, Ints
 from cpmkit.runtime.compilation import compiled
 
@@ -59,12 +59,7 @@ def scatter_unsymmetric(block: Floats, columns: Ints, indptr: Any, indices: Any,
     """Add a ``block`` (ROOM ROOM,) of the unknowns ``columns`` to a matrix."""
     width = len(columns)
     rank, ascending = np.empty(width, dtype=np.int64), np.empty(width, dtype=indices.dtype)
-    for i in range(width):
-        at = i
-        while at > 0 and ascending[at - 1] > columns[i]:
-            ascending[at], rank[at] = ascending[at - 1], rank[at - 1]
-            at -= 1
-        ascending[at], rank[at] = columns[i], i
+    sort_columns(columns, rank, ascending)
     for i in range(width):
         to: Any = np.uint64(indptr[columns[i]])  # unsigned, so that no index is tested for its sign
         for m in range(width):
