@@ -82,6 +82,14 @@ class Coefficients(Values):
         """Return values at all samples, zero at those on boundaries."""
         return np.concatenate([values, np.zeros((len(self.sampled.boundary), *values.shape[1:]))])
 
+    def _carried_for(self, terms: Terms) -> Carried | None:
+        """Return the same, of the scene's own terms as they are kept; None without a velocity."""
+        own = self.scene.problem.terms()
+        names = "velocity", "diffusivity", "c", "conservative"
+        if all(getattr(terms, name) is getattr(own, name) for name in names):
+            return self._carried
+        return None if terms.velocity is None else self._carried_by(terms)
+
     @cached_property
     def _carried(self) -> Carried | None:
         """What the velocity of the scene's own equation does; None without one."""

@@ -49,7 +49,7 @@ class Equations(Coefficients):
         c = self._at_samples(terms.c, "the factor c") if callable(terms.c) or terms.c else None
         holding = self._holding(terms.diffusivity)
         matrix = floored_stiffness(self.space, a, self._strength, c, holding)
-        carried = None if terms.velocity is None else self._carried_by(terms)
+        carried = self._carried_for(terms)
         if carried is not None:
             matrix = carried.added_to(matrix, self._strength)
         matrix = self._tips.bordered(matrix, a, c)
