@@ -8,7 +8,7 @@ which is said beside the row: of the two forms it is the one whose own error is 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -34,12 +34,12 @@ POINTS, VERTICES = 4000, 6000
 #: Positions of the lattice: of curves, and of surfaces.
 OF_CURVES, OF_SURFACES = 16, 2
 #: Spacings of a problem whose solution is not known, over that of the solution that it is measured against.
-FINER = {"scene": 2, "mesh": 4}
+FINER = {"scene": 2, "mesh": 4, "million": 1.5}
 #: Spacings of studies on surfaces: the finest so many of ``--cheap``; on curves all.
 MOST_SPACINGS = 2
 #: Studies whose scenes are those of panel-b and panel-d.
 SAME = ("degrees-heat", "degrees-poisson")
-WAYS = ("scenes", "studies", "meshes", "cuts", "representations", "eigenvalues")
+WAYS = ("scenes", "studies", "finest", "meshes", "finest_meshes", "cuts", "representations", "eigenvalues")
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,18 +100,37 @@ def from_finer(scene: Scene, spacing: float, at: Any) -> Callable[[Any], Any]:
 
 def studies() -> Iterator[Problem]:
     """Yield the studies whose solution is known."""
+    for study in _with_solution():
+        curve = study.scene.surface.manifold_dim == 1
+        spacings = study.sweep.spacings if curve else _cheap(study)[-MOST_SPACINGS:]
+        yield from _at_spacings(study, spacings, OF_CURVES if curve else OF_SURFACES)
+
+
+def finest() -> Iterator[Problem]:
+    """Yield the same studies on surfaces at the spacings that ``--cheap`` leaves out, at one position each."""
+    for study in _with_solution():
+        if study.scene.surface.manifold_dim > 1:
+            seen = _cheap(study)[-MOST_SPACINGS:]
+            yield from _at_spacings(study, [h for h in study.sweep.spacings if h < max(seen) and h not in seen], 1)
+
+
+def _with_solution() -> Iterator[Study]:
     for path in sorted(STUDIES.glob("*.toml")):
         study = load_study(path)
-        if study.exact.u is None or study.name in SAME:
-            continue
-        sweep, truth = study.sweep, truth_of(study)
-        curve = study.scene.surface.manifold_dim == 1
-        spacings = sweep.spacings if curve else (sweep.cheap or sweep.spacings)[-MOST_SPACINGS:]
-        for spacing in spacings:
-            scene = at_spacing(study.scene, sweep.step_per_spacing, spacing)
-            positions = OF_CURVES if curve else OF_SURFACES
-            off = _from_values(truth.points, truth.values)
-            yield Problem(study.title, scene, spacing, off, positions=positions, options=_of_both(study))
+        if study.exact.u is not None and study.name not in SAME:
+            yield study
+
+
+def _cheap(study: Study) -> Sequence[float]:
+    return study.sweep.cheap or study.sweep.spacings
+
+
+def _at_spacings(study: Study, spacings: Sequence[float], positions: int) -> Iterator[Problem]:
+    truth = truth_of(study)
+    off = _from_values(truth.points, truth.values)
+    for spacing in spacings:
+        scene = at_spacing(study.scene, study.sweep.step_per_spacing, spacing)
+        yield Problem(study.title, scene, spacing, off, positions=positions, options=_of_both(study))
 
 
 def _of_both(study: Study) -> dict[str, Any]:
@@ -124,6 +143,23 @@ def _from_values(at: Any, values: Any) -> Callable[[Any], Any]:
 
 def meshes() -> Iterator[Problem]:
     """Yield the meshes of the tables on sheets, balance, normals and unfolding, against a quarter of their spacing."""
+    for study, at in _of_meshes():
+        first, second = _descending(study)[:2]
+        off = from_finer(study.scene, first / FINER["mesh"], at)
+        yield _of_mesh(study, first, first / FINER["mesh"], off, OF_SURFACES)
+        yield _of_mesh(study, second, first / FINER["mesh"], off, 1)
+
+
+def finest_meshes() -> Iterator[Problem]:
+    """Yield them at their other spacings, of 300 thousand and a million unknowns, at one position each."""
+    for study, at in _of_meshes():
+        for spacing in _descending(study)[2:]:
+            finer = spacing / FINER["million"]
+            yield _of_mesh(study, spacing, finer, from_finer(study.scene, finer, at), 1)
+
+
+def _of_meshes() -> Iterator[tuple[Study, Any]]:
+    """Yield the studies on meshes whose solution is not known, each with the vertices at which it is compared."""
     for path in sorted(STUDIES.glob("*.toml")):
         study = load_study(path)
         try:
@@ -133,13 +169,17 @@ def meshes() -> Iterator[Problem]:
             print(f"{path.name} is left out: {error}", file=sys.stderr)
             continue
         vertices = study.scene.surface.mesh(1.0)[0]
-        at = np.random.default_rng(0).permutation(vertices)[:VERTICES]
-        first = max(study.sweep.spacings)
-        off = from_finer(study.scene, first / FINER["mesh"], at)
-        for number, spacing in enumerate(sorted(study.sweep.spacings, reverse=True)[:2]):
-            against = f"Galerkin, h/{FINER['mesh'] / first * spacing:.2g}"
-            positions = 1 if number else OF_SURFACES
-            yield Problem(study.title, study.scene, spacing, off, against, positions, _of_both(study))
+        yield study, np.random.default_rng(0).permutation(vertices)[:VERTICES]
+
+
+def _descending(study: Study) -> list[float]:
+    return sorted(study.sweep.spacings, reverse=True)
+
+
+def _of_mesh(study: Study, spacing: float, finer: float, off: Callable[[Any], Any], positions: int) -> Problem:
+    return Problem(
+        study.title, study.scene, spacing, off, f"Galerkin, h/{spacing / finer:.2g}", positions, _of_both(study)
+    )
 
 
 def cuts() -> Iterator[Problem]:

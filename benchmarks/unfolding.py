@@ -57,8 +57,8 @@ def solution_off(name: str) -> tuple[ck.Scene, dict[str, Any], Callable[[Any], f
     vertices, faces = mesh(name)
     problem = ck.ScreenedPoisson(lambda x: np.cos(6 * x[:, 0]) + np.sin(5 * x[:, 1] + 2 * x[:, 2]) + x[:, 2], c=1.0)
     scene = ck.Scene(ck.source("mesh.triangles", vertices=vertices, faces=faces), problem)
-    u = ck.solve(scene, backend="fem", tolerance=1e-9).evaluate(vertices)
-    options = {"tolerance": 1e-8, "max_iterations": 6000}
+    u = ck.solve(scene, backend="fem", solver_tolerance=1e-9).evaluate(vertices)
+    options = {"solver_tolerance": 1e-8, "max_iterations": 6000}
     return scene, options, lambda s: float(200 * np.std(s.evaluate(vertices) - u) / np.ptp(u))
 
 

@@ -127,7 +127,7 @@ class Prepared:
         form.check_solver_fits(chosen)
         steps = scene.problem.family == "time"
         made = solver_of_steps(self.solver, chosen) if steps else make_solver(chosen, self.solver.further)
-        tolerance, progress = self.solver.tolerance, self.progress
+        tolerance, progress = self.solver.solver_tolerance, self.progress
         return _solve_family(
             SolveContext(form, made, chosen, tolerance, progress, started, checkpointing, guess, self.kept)
         )

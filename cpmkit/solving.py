@@ -85,7 +85,7 @@ def solve(
 
 def for_any_backend(options: Mapping[str, Any]) -> dict[str, Any]:
     """Return those options of a scene file that every form is given; the others describe the lattice, or its solver."""
-    return {name: value for name, value in options.items() if name == "tolerance"}
+    return {name: value for name, value in options.items() if name == "solver_tolerance"}
 
 
 @showing(Options, *FORMS.values())

@@ -211,7 +211,7 @@ def report(solution: ck.Solution) -> CurveCheck:
 def main(scene_file: str | Path, spacing: float | None = None) -> CurveCheck:
     """Solve the scene, at its own spacing unless told otherwise, and report."""
     wanted = ck.load_scene(scene_file)
-    return report(ck.solve(wanted.scene, spacing or wanted.spacing, **{**wanted.options, "tolerance": 1e-8}))
+    return report(ck.solve(wanted.scene, spacing or wanted.spacing, **{**wanted.options, "solver_tolerance": 1e-8}))
 
 
 if __name__ == "__main__":

@@ -97,7 +97,9 @@ class SolverOptions(Declared):
         "auto",
         "``auto``, ``direct``, ``multigrid``, ``jacobi``, ``reference``, or the kind of a solver that a plugin offers.",
     )
-    tolerance: float = option(1e-10, "Relative residual, recomputed after the solve.", _check_tolerance)
+    solver_tolerance: float = option(
+        1e-10, "Relative residual of linear systems, recomputed after the solve.", _check_tolerance
+    )
     further: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -55,5 +55,5 @@ class Factorized:
         u = self.factors.solve(b)
         u += self.factors.solve(b - self.operator.apply(u))
         progress("solve", 1.0)
-        remedy = "ask for a larger tolerance: rounding limits a direct solve"
+        remedy = "ask for a larger solver_tolerance: rounding limits a direct solve"
         return u, judge(self.operator, b, u, "direct", tolerance, 0, 1, remedy)

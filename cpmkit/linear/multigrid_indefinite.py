@@ -74,7 +74,7 @@ class Minimised:
             if taken < left and not self._fell(u, b, now):  # rounding, and no more of the same, limits it
                 break
         progress("solve", 1.0)
-        remedy = "ask for a larger tolerance or more max_iterations, or use solver='direct'"
+        remedy = "ask for a larger solver_tolerance or more max_iterations, or use solver='direct'"
         return u, judge(self.operator, b, u, "multigrid", tolerance, iterations, products, remedy)
 
     def _fell(self, u: Any, b: Any, before: Floats) -> bool:

@@ -118,7 +118,7 @@ class PreconditionedUnsymmetric:
             taken.append(steps)
         progress("solve", 1.0)
         products = sum((steps + 1) * (1 + self.step_products) for steps in taken)
-        remedy = "ask for a larger tolerance or more max_iterations, or use solver='direct' or a smaller spacing"
+        remedy = "ask for a larger solver_tolerance or more max_iterations, or use solver='direct' or a smaller spacing"
         return u, judge(self.operator, b, u, "multigrid", tolerance, max(taken, default=0), products, remedy)
 
     def _solve_one(self, b: Floats, tolerance: float, start: Floats | None) -> tuple[Floats, int]:

@@ -112,7 +112,7 @@ class Preconditioned:
             border = self.bordered.border
             u += border.indicator @ (means - border.mean @ u)
         progress("solve", 1.0)
-        remedy = "ask for a larger tolerance or more max_iterations, or use solver='direct'"
+        remedy = "ask for a larger solver_tolerance or more max_iterations, or use solver='direct'"
         return u, judge(self.operator, b, u, self.solver, tolerance, iterations, products, remedy)
 
     def _compatible(self, b: Floats) -> tuple[Floats, Floats]:

@@ -79,7 +79,9 @@ class Iterated:
             u[:, open_] += step
             iterations, products = iterations + taken, products + applied
         progress("solve", 1.0)
-        remedy = "ask for a larger tolerance or more max_iterations, or use solver='direct' if the scene is small"
+        remedy = (
+            "ask for a larger solver_tolerance or more max_iterations, or use solver='direct' if the scene is small"
+        )
         return u, judge(self.operator, b, u, "reference", tolerance, iterations, products, remedy)
 
 

@@ -31,6 +31,8 @@ from cpmkit.scene.vertex_data import with_vertex_data
 from cpmkit.scenefile.condition_tables import as_table, read_data, read_edge, read_side
 from cpmkit.scenefile.output_request import OutputRequest, PictureRequest, check_links, output_folder
 
+#: Options of solvers that have another key in [solver].
+SOLVER_KEYS = {"solver": "kind", "solver_tolerance": "tolerance"}
 SCENE_TABLES = ("surface", "boundary", "problem", "discretization", "solver", "output")
 EQUATIONS = (
     *(Laplace, Poisson, ScreenedPoisson, Elliptic, Helmholtz, NonlinearDiffusion, PLaplacian, TotalVariation),
@@ -149,9 +151,10 @@ def read_options(tables: Mapping[str, Any]) -> tuple[float | None, dict[str, Any
     name = solver.get("kind", SolverOptions.solver)
     if not isinstance(name, str):
         raise SceneError(f"kind of [solver] must be a name such as 'direct', got {shown(name)}.")
-    renamed = {("solver" if key == "kind" else key): value for key, value in solver.items()}
+    options = {key: name for name, key in SOLVER_KEYS.items()}
+    renamed = {options.get(key, key): value for key, value in solver.items()}
     if name in SOLVER_OPTIONS:  # a plugin's solver has keys of its own
-        keys = ("kind" if key == "solver" else key for key in declared(SolverOptions))
+        keys = (SOLVER_KEYS[option] for option in declared(SolverOptions))
         check_accepted("[solver]", solver, (*keys, *SOLVER_OPTIONS[name]))
         with _told_of("[solver]"):
             SolverOptions.of(renamed)

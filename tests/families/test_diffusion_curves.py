@@ -26,7 +26,7 @@ def check_curves():
 
 def solved(path, spacing=None):
     wanted = ck.load_scene(path)
-    return ck.solve(wanted.scene, spacing or wanted.spacing, **{**wanted.options, "tolerance": 1e-8})
+    return ck.solve(wanted.scene, spacing or wanted.spacing, **{**wanted.options, "solver_tolerance": 1e-8})
 
 
 def assert_clean(checked):

@@ -299,7 +299,7 @@ def test_where_an_eigenvalue_is_why_no_solver_converges_that_is_said(form, solve
 @pytest.mark.parametrize("form", ["collocation", "galerkin"])
 def test_at_an_eigenvalue_of_the_lattice_there_is_no_solution(form):
     circle = ck.source("analytic.circle")
-    value = ck.solve(ck.Scene(circle, ck.Eigen(3)), 0.1, form=form, tolerance=1e-11).eigenvalues[1]
+    value = ck.solve(ck.Scene(circle, ck.Eigen(3)), 0.1, form=form, solver_tolerance=1e-11).eigenvalues[1]
     with pytest.raises(ck.ConvergenceError, match=r"did not converge.*eigenvalue.*another wavenumber"):
         ck.solve(ck.Scene(circle, ck.Helmholtz(lambda x: x[:, 0] + x[:, 1] ** 3, np.sqrt(value))), 0.1, form=form)
 

@@ -15,7 +15,7 @@ def test_predictions_on_a_surface_with_curves(spacing):
     told = ck.explain(scene, spacing, form="collocation")
     assert not told.exact
     tracemalloc.start()
-    solution = ck.solve(scene, spacing, tolerance=1e-2, form="collocation")
+    solution = ck.solve(scene, spacing, solver_tolerance=1e-2, form="collocation")
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert told.unknowns == pytest.approx(solution.work.unknowns, rel=0.1)
@@ -74,6 +74,6 @@ def test_order_one_makes_no_mirror_query():
 
 def test_an_option_that_solve_would_refuse_is_refused():
     scene, _, _ = circle_jump()
-    assert ck.explain(scene, 0.1, solver="reference", tolerance=1e-6, max_iterations=5).unknowns > 0
+    assert ck.explain(scene, 0.1, solver="reference", solver_tolerance=1e-6, max_iterations=5).unknowns > 0
     with pytest.raises(ck.InputError, match="no option 'degre'"):
         ck.explain(scene, 0.1, degre=3)

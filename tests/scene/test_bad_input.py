@@ -214,12 +214,12 @@ def test_a_problem_that_is_none():
 def test_a_tolerance_out_of_reach_says_what_was_reached():
     scene, _, _ = circle_jump()
     with pytest.raises(ck.ConvergenceError) as error:
-        ck.solve(scene, 0.02, solver="reference", tolerance=1e-10, max_iterations=3)
+        ck.solve(scene, 0.02, solver="reference", solver_tolerance=1e-10, max_iterations=3)
     one_sentence(error, "relative residual", "3 iterations", "max_iterations")
     assert error.value.report.residual > 1e-10
     assert not error.value.report.converged
     with pytest.raises(ck.ConvergenceError):
-        ck.solve(scene, 0.02, solver="direct", tolerance=1e-30)
+        ck.solve(scene, 0.02, solver="direct", solver_tolerance=1e-30)
 
 
 def test_an_unknown_solver():

@@ -70,7 +70,7 @@ def test_true_and_text_are_no_numbers(make):
 def test_a_tolerance_that_solves_nothing_is_refused(tolerance):
     for ask in (ck.solve, ck.explain):
         with pytest.raises(ck.InputError, match="tolerance must be"):
-            ask(EASY, 0.2, solver="reference", tolerance=tolerance)
+            ask(EASY, 0.2, solver="reference", solver_tolerance=tolerance)
 
 
 @pytest.mark.parametrize("count", [0, -1, 1.5, "a", True])

@@ -58,7 +58,7 @@ def test_a_file_says_what_it_says(tmp_path):
     left, right = ring.condition("left"), ring.condition("right")
     assert (loaded.spacing, loaded.options) == (
         0.15,
-        {"degree": 3, "order": 2, "solver": "reference", "tolerance": 1e-9},
+        {"degree": 3, "order": 2, "solver": "reference", "solver_tolerance": 1e-9},
     )
     assert isinstance(left, Dirichlet)
     assert left.order == 1
@@ -81,7 +81,7 @@ def test_a_file_gives_the_same_solution_as_python(tmp_path):
         edge=ck.Dirichlet(lambda x: x[:, 0] + 2),
     )
     one = ck.solve(loaded.scene, loaded.spacing, **loaded.options)
-    two = ck.solve(scene, 0.15, solver="reference", tolerance=1e-9)  # orders are of the collocation form
+    two = ck.solve(scene, 0.15, solver="reference", solver_tolerance=1e-9)  # orders are of the collocation form
     assert one.discretized.form == two.discretized.form == "collocation"
     np.testing.assert_allclose(one.values, two.values, atol=1e-12)
 

@@ -76,7 +76,7 @@ def test_channels_are_solved_together_and_equal_single_solves():
             ck.Laplace(),
             [ck.Boundary("c", circle, left=ck.Dirichlet(value), right=ck.Dirichlet(0.0))],
         )
-        return ck.solve(scene, 0.12, tolerance=1e-12).evaluate(sphere_points(200))
+        return ck.solve(scene, 0.12, solver_tolerance=1e-12).evaluate(sphere_points(200))
 
     together = solved([1.0, lambda x: x[:, 0], 3.0])
     assert together.shape == (200, 3)

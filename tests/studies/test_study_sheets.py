@@ -204,11 +204,11 @@ def folder(made, tmp_path):
 def test_a_record_says_how_far_a_method_is_from_the_reference(made, folder):
     study = load_study(made[0].parent / "plate.toml")
     points = study.scene.surface.mesh(1.0)[0]
-    reference = ck.solve(study.scene, backend="fem", tolerance=1e-9).evaluate(points)
+    reference = ck.solve(study.scene, backend="fem", solver_tolerance=1e-9).evaluate(points)
     records = read_records(folder / "records.jsonl")
     assert [record["method"] for record in records] == ["cpm", "plain"]
     for record in records:
-        solution = ck.solve(study.scene, 0.2, sheets=record["method"] == "cpm", tolerance=1e-9)
+        solution = ck.solve(study.scene, 0.2, sheets=record["method"] == "cpm", solver_tolerance=1e-9)
         difference = solution.evaluate(points) - reference
         assert record["reference"] == "fem"
         assert record["rms_error"] == pytest.approx(np.sqrt(np.mean(difference**2)), rel=1e-6)
@@ -234,7 +234,7 @@ def test_unfolding_is_a_method_of_studies(file):
 def test_the_reference_is_solved_once_and_not_for_runs_that_are_recorded(made):
     _, (first, second), solved = made
     assert (first.made, first.skipped, second.made, second.skipped) == (2, 0, 0, 2)
-    assert solved == [{"backend": "fem", "tolerance": 1e-9}]
+    assert solved == [{"backend": "fem", "solver_tolerance": 1e-9}]
 
 
 def test_a_report_shows_both_methods_in_percent_of_the_half_range(folder):

@@ -167,7 +167,7 @@ def _judge(stepped: InverseIteration, residual: float) -> SolveReport:
     )
     report = context.report(residual <= context.tolerance, stepped.solves, stepped.products, residual, reason)
     if not report.converged:
-        remedy = f"ask for a larger tolerance{context.discretized.cure()}"
+        remedy = f"ask for a larger solver_tolerance{context.discretized.cure()}"
         raise ConvergenceError(f"The eigenvalues did not converge: {reason}; {remedy}.", report)
     return report
 

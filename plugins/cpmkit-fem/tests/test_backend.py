@@ -115,15 +115,15 @@ def test_progress_and_tolerance():
     seen = []
     scene = ck.Scene(SPHERE, ck.ScreenedPoisson(lambda x: x[:, 0]))
     solution = ck.solve(
-        scene, 0.2, backend="fem", tolerance=1e-8, progress=lambda stage, share: seen.append((stage, share))
+        scene, 0.2, backend="fem", solver_tolerance=1e-8, progress=lambda stage, share: seen.append((stage, share))
     )
     assert seen == [("build", 0.0), ("build", 1.0), ("solve", 0.0), ("solve", 1.0)]
     assert solution.report.converged
     assert solution.report.tolerance == 1e-8
     with pytest.raises(ck.ConvergenceError, match="'direct' did not converge"):
-        ck.solve(scene, 0.2, backend="fem", tolerance=1e-300)
+        ck.solve(scene, 0.2, backend="fem", solver_tolerance=1e-300)
     with pytest.raises(ck.InputError, match="tolerance must be"):
-        ck.solve(scene, 0.2, backend="fem", tolerance=0)
+        ck.solve(scene, 0.2, backend="fem", solver_tolerance=0)
 
 
 def test_a_spacing_is_needed_where_there_is_no_mesh(octahedron):

@@ -51,6 +51,6 @@ def test_each_piece_has_a_constant_of_its_own(octahedron):
 
 
 def test_a_small_c_fixes_the_constant():
-    solution = ck.solve(ck.Scene(SPHERE, ck.ScreenedPoisson(1e-7, c=1e-7)), 0.02, backend="fem", tolerance=1e-4)
+    solution = ck.solve(ck.Scene(SPHERE, ck.ScreenedPoisson(1e-7, c=1e-7)), 0.02, backend="fem", solver_tolerance=1e-4)
     assert solution.imbalances == ()
     np.testing.assert_allclose(solution.values, 1.0, rtol=1e-3)

@@ -181,7 +181,7 @@ def test_each_pair_is_judged(form):
     solution = ck.solve(scene, 0.1, form=form)
     assert solution.report.residual == solution.residuals.max() <= 1e-10
     with pytest.raises(ck.ConvergenceError, match=r"one more step of inverse iteration|relative residual"):
-        ck.solve(scene, 0.1, tolerance=1e-17, form=form)
+        ck.solve(scene, 0.1, solver_tolerance=1e-17, form=form)
 
 
 @forms

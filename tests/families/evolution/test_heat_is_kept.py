@@ -29,7 +29,7 @@ def mesh_source(vertices, faces):
 
 @pytest.mark.parametrize("scheme", ["bdf2", "backward-euler", "crank-nicolson"])
 @pytest.mark.parametrize("boundaries", [[], [WALL]], ids=["closed", "walls"])
-@pytest.mark.parametrize("asked", [{"solver": "direct"}, {"solver": "multigrid", "tolerance": 1e-4}], ids=str)
+@pytest.mark.parametrize("asked", [{"solver": "direct"}, {"solver": "multigrid", "solver_tolerance": 1e-4}], ids=str)
 def test_the_total_is_kept_whatever_the_tolerance(scheme, boundaries, asked):
     steps = 100 if asked["solver"] == "direct" else 20
     heat = ck.Heat(spike([0.6, 0, 0.8], 0.05), until=1.0, step=1.0 / steps, frames=10, scheme=scheme)

@@ -50,5 +50,5 @@ def test_constants_are_reproduced(name, order):
     assert not tables.datum().any()
     operator = ck.assemble(form).operator
     np.testing.assert_allclose(operator.apply(ones), 1.5, atol=1e-12 * operator.diagonal)
-    solution = ck.solve(scene, 0.15, order=order, tolerance=1e-12, solver="direct")
+    solution = ck.solve(scene, 0.15, order=order, solver_tolerance=1e-12, solver="direct")
     np.testing.assert_allclose(solution.values, 2.0, rtol=1e-10)

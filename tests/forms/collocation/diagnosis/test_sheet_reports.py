@@ -65,7 +65,7 @@ def test_the_error_expected_of_a_fold_is_about_the_measured_one(degrees):
             return (rate**2 + 1) * np.sin(rate * travelled)
 
         scene = ck.Scene(source, ck.ScreenedPoisson(f, c=1.0))
-        solution = ck.solve(scene, 0.1, tolerance=1e-7, form="collocation")
+        solution = ck.solve(scene, 0.1, solver_tolerance=1e-7, form="collocation")
         assert any("The surface has creases" in text for text in solution.warnings)
         expected.append(told(source, 0.1)["crease"].error)
         measured.append(np.abs(solution.evaluate(vertices) - np.sin(rate * s)).max() / 2)
@@ -165,7 +165,7 @@ def test_a_real_mesh_is_reported_alike_by_the_explanation_and_the_solution(real_
     assert "bend" in {one.kind for one in explained.remains}
     sentences = [one.sentence for one in explained.remains]
     assert all(text in str(explained) for text in sentences)
-    solved = ck.solve(scene, 0.04, tolerance=1e-4, form="collocation").warnings
+    solved = ck.solve(scene, 0.04, solver_tolerance=1e-4, form="collocation").warnings
     assert [text for text in solved if text in sentences] == sentences
 
 

@@ -120,7 +120,7 @@ def test_no_colour_crosses_the_fins_of_the_fish(example, real_mesh):
     sides = {curve.name: side_of(curve, vertices) for curve in wanted.scene.boundaries}
     reference = pinned(wanted.scene, vertices, faces, sides)
     clear = np.min([one.source.closest_point(vertices).distance for one in wanted.scene.boundaries], axis=0) > 0.1
-    kept, mixed = (ck.solve(wanted.scene, 0.05, sheets=sheets, tolerance=1e-8) for sheets in (True, False))
+    kept, mixed = (ck.solve(wanted.scene, 0.05, sheets=sheets, solver_tolerance=1e-8) for sheets in (True, False))
     assert max(colour_errors(kept, vertices, centres, radius, 0.01).values()) <= 5e-3
     spoilt = colour_errors(mixed, vertices, centres, radius, 0.01)
     assert min(spoilt[name] for name in ("back, near face", "back, far face", "root, near face")) > 0.5
@@ -140,7 +140,9 @@ def test_no_colour_crosses_the_ear_of_nefertiti(example, real_mesh):
     away = np.array([one.source.closest_point(vertices).distance for one in wanted.scene.boundaries])
     data = [curve.condition(side).value for curve in wanted.scene.boundaries for side in ("left", "right")]
     low, high = np.min(data, axis=0), np.max(data, axis=0)
-    kept, mixed = (ck.solve(wanted.scene, wanted.spacing, sheets=sheets, tolerance=1e-8) for sheets in (True, False))
+    kept, mixed = (
+        ck.solve(wanted.scene, wanted.spacing, sheets=sheets, solver_tolerance=1e-8) for sheets in (True, False)
+    )
     # The sign of a distance means something beside its curve, and nothing on the ear's other face.
     sides = {
         curve.name: np.where(far < 2, kept.signed_distance(curve.name, vertices), np.nan)

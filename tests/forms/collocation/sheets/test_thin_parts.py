@@ -29,9 +29,9 @@ def test_a_ring_about_one_of_two_sheets_is_reported():
     torus = ck.source("analytic.torus", major=1.0, minor=0.93)
     ring = ck.source("analytic.circle", center=(1.0, 0, 0), normal=(0, 1, 0), radius=0.93)
     scene = ck.Scene(torus, ck.Laplace(), [ck.Boundary("ring", ring, left=ck.Dirichlet(0.0), right=ck.Dirichlet(1.0))])
-    warned = ck.solve(scene, 0.1, tolerance=1e-6, form="collocation").warnings
+    warned = ck.solve(scene, 0.1, solver_tolerance=1e-6, form="collocation").warnings
     assert any("stencils read nodes of a sheet that is not theirs" in warning for warning in warned)
-    clean = ck.solve(rings_about_a_tube(0.4), 0.08, tolerance=1e-6).warnings
+    clean = ck.solve(rings_about_a_tube(0.4), 0.08, solver_tolerance=1e-6).warnings
     assert not clean
 
 
