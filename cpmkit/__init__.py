@@ -50,7 +50,7 @@ _PUBLIC = {
     "assemble": "families.steady",
     "build_band": "grid.band",
     "discretize": "solving",
-    "estimate_error": "estimate",
+    "estimate_error": "accuracy.estimate",
     "explain": "forecast.explanation",
     "load": "saving.loading",
     "load_scene": "scenefile.reading",

@@ -146,6 +146,23 @@ def _solve_family(context: SolveContext) -> Solution:
     return solve_family(context)
 
 
+def solved(
+    scene: Scene,
+    spacing: float | None = None,
+    *,
+    backend: str = "cpm",
+    progress: Progress = no_progress,
+    **options: Any,
+) -> Solution:
+    """Solve a scene as :func:`cpmkit.solve` does, and leave its warnings in the solution."""
+    checkpointing, rest = take(Checkpointing, options)
+    checkpointing.check_for(scene.problem)
+    started = time.perf_counter()
+    discretise, solver, asked = ask(backend, scene, spacing, progress, rest)
+    with memory_told(scene, asked, solver.solver):  # nothing here holds the tables, should memory run out
+        return Prepared(discretise(), solver, progress, asked).run(scene, checkpointing, started=started)
+
+
 @showing(Options, *FORMS.values(), SolverOptions)
 def prepare(
     scene: Scene,

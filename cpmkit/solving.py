@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 from typing import Any
 
+from cpmkit.accuracy.asked import Asked
+from cpmkit.accuracy.trading import traded
 from cpmkit.errors import InputError
 from cpmkit.families.checkpointing import Checkpointing
-from cpmkit.forecast.running_out import memory_told
 from cpmkit.forms.choice import FORMS, module_of, options_of
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.options import Options
 from cpmkit.linear.choice import SolverOptions
-from cpmkit.preparing import Prepared, ask
+from cpmkit.preparing import solved
 from cpmkit.protocols import Progress, no_progress
 from cpmkit.runtime.declared import showing, take
 from cpmkit.runtime.warn import warn_each
@@ -21,7 +21,7 @@ from cpmkit.scene.scene import Scene
 from cpmkit.solution.solution import Solution
 
 
-@showing(Options, *FORMS.values(), SolverOptions, Checkpointing)
+@showing(Asked, Options, *FORMS.values(), SolverOptions, Checkpointing)
 def solve(
     scene: Scene,
     spacing: float | None = None,
@@ -37,8 +37,9 @@ def solve(
     scene : Scene
         What to solve.
     spacing : float
-        Spacing of the lattice, in the scene's unit of length. There is no default; without one, the
-        error suggests one. Another back end may do without: ``fem`` solves on a mesh's own triangles.
+        Spacing of the lattice, in the scene's unit of length; or ``tolerance``, ``seconds`` or ``memory`` in its
+        place. There is no default; without any of them, the error suggests a spacing. Another
+        back end may do without: ``fem`` solves on a mesh's own triangles.
     backend : str
         ``cpm``, or the name of a form that a plugin offers, such as ``fem``. It may have options of its own, and
         those below that describe a lattice belong to ``cpm``; equations, solvers, checkpoints and solutions are the
@@ -73,12 +74,12 @@ def solve(
     >>> ck.solve(scene, spacing=0.05).evaluate([[0, 1], [-1, 0]]).round(3)
     array([0.25, 0.5 ])
     """
-    checkpointing, rest = take(Checkpointing, options)
-    checkpointing.check_for(scene.problem)
-    started = time.perf_counter()
-    discretise, solver, asked = ask(backend, scene, spacing, progress, rest)
-    with memory_told(scene, asked, solver.solver):  # nothing here holds the tables, should memory run out
-        solution = Prepared(discretise(), solver, progress, asked).run(scene, checkpointing, started=started)
+    asked, rest = take(Asked, options)
+    asked.check_spacing(spacing)
+    if asked.anything:
+        solution = traded(scene, asked, progress, {"backend": backend, **rest})
+    else:
+        solution = solved(scene, spacing, backend=backend, progress=progress, **rest)
     warn_each(solution.warnings)
     return solution
 

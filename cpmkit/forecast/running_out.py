@@ -10,12 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cpmkit.errors import ResolutionError
+from cpmkit.forecast.needs import bytes_needed, solver_for
 from cpmkit.forms.galerkin import fitting as galerkin
-from cpmkit.forms.galerkin.definiteness import surely_iterated
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.options import Options
 from cpmkit.grid.fitting import fitting_spacing, other_solver_hint, rounded_up, unknowns_at_one
-from cpmkit.linear.choice import choose_solver
 from cpmkit.manifold.local_source import LocalSource, localize
 from cpmkit.runtime import memory
 from cpmkit.scene.scene import Scene
@@ -72,21 +71,16 @@ def _sentence(scene: Scene, options: Options[Any] | None, solver: str, limit: me
 
 
 def _of_collocation(scene: Scene, source: LocalSource, options: Options[Any], solver: str, available: int) -> _Need:
-    degree, m = options.own.degree, source.largest_dim
-    unknowns = unknowns_at_one(source, degree) / options.spacing**m
-    solver = choose_solver(solver, round(unknowns), m, scene.problem.factorise_up_to)
-    size = unknowns * memory.bytes_per_unknown(source.dim, degree, solver)
+    degree = options.own.degree
+    unknowns = unknowns_at_one(source, degree) / options.spacing**source.largest_dim
+    solver = solver_for(scene, options, solver, unknowns)
+    size = bytes_needed(scene, options, solver, unknowns)
     return _Need(unknowns, solver, size, fitting_spacing(source, degree, available, solver), other_solver_hint(solver))
 
 
 def _of_galerkin(scene: Scene, source: LocalSource, options: Options[Any], solver: str, available: int) -> _Need:
-    m = source.largest_dim
     unknowns = galerkin.expected_unknowns(source, options.spacing)
-    iterated = surely_iterated(scene)
-    iterative, factor = "multigrid" if iterated else "direct", scene.problem.factors_up_to(iterated)
-    solver = choose_solver(solver, round(unknowns), m, factor, iterative)
-    factors = galerkin.factors_in(scene, solver)
-    fits = galerkin.fitting_spacing(source, available, factors)
-    return _Need(
-        unknowns, solver, galerkin.peak_bytes(unknowns, m, factors), fits, other_solver_hint(solver, "multigrid")
-    )
+    solver = solver_for(scene, options, solver, unknowns)
+    size = bytes_needed(scene, options, solver, unknowns)
+    fits = galerkin.fitting_spacing(source, available, galerkin.factors_in(scene, solver))
+    return _Need(unknowns, solver, size, fits, other_solver_hint(solver, "multigrid"))

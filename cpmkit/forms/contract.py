@@ -257,6 +257,11 @@ class Discretized(ABC):
 
     # Values
 
+    @property
+    def point_weights(self) -> Floats | None:
+        """What of the manifold stands for each of :attr:`points`, (p,); None where it is the same for all."""
+        return None
+
     @abstractmethod
     def at_points(self, u: Floats) -> Floats:
         """Return the values (p, channels) of u (n, channels) at :attr:`points`."""
@@ -414,13 +419,19 @@ class Discretized(ABC):
         """Return the share of the solution's range that the source alone leaves as an error, whatever the spacing."""
         return advice_of(self.scene.surface, self.spacing).floor
 
-    def error_divisor(self) -> float:
-        """Return what the difference from a solution at twice the spacing is divided by to estimate the error."""
-        return 3.0
+    def order_of_difference(self, ratio: float) -> float:
+        """Return the order p with which ``|u_h - u_rh| / (r^p - 1)`` estimates the error, at a ratio r of spacings."""
+        del ratio
+        return 2.0
 
-    def eigenvalue_divisor(self) -> float:
+    def eigenvalue_order(self, ratio: float) -> float:
         """Return the same for eigenvalues, which may converge faster than functions."""
-        return self.error_divisor()
+        return self.order_of_difference(ratio)
+
+    @property
+    def slow(self) -> str:
+        """Why errors may fall slowly with the spacing; empty where nothing says so."""
+        return ""
 
     def work(self, operator: Operator, report: SolveReport | None) -> MeasuredWork:
         """Return what a solve cost."""

@@ -15,6 +15,8 @@ from cpmkit.protocols import Floats, Side, Sides
 from cpmkit.scene.scene import Scene
 
 if TYPE_CHECKING:
+    from cpmkit.accuracy.estimate import ErrorEstimate
+    from cpmkit.accuracy.trade import Trade
     from cpmkit.meshes.display_mesh import DisplayMesh
     from cpmkit.solution.integrals import Integrand
     from cpmkit.view import Picture
@@ -43,6 +45,10 @@ class Solution:
         solution is fixed by its mean alone, which is zero: what of the data has no solution there. One of "mean" for
         each closed piece on which c times the mean of u was made the mean of f; in place of these one of "fluxes",
         where balancing them was asked for.
+    estimated : ErrorEstimate, optional
+        Of its error, where it was asked for; see :attr:`error`.
+    trade : Trade, optional
+        What was done to reach an error, or to stay within a time or a memory, where one was asked for.
     """
 
     discretized: Discretized
@@ -52,6 +58,8 @@ class Solution:
     seconds: Mapping[str, float]
     warnings: tuple[str, ...] = field(default=(), kw_only=True)
     imbalances: tuple[Imbalance, ...] = field(default=(), kw_only=True)
+    estimated: ErrorEstimate | None = field(default=None, kw_only=True)
+    trade: Trade | None = field(default=None, kw_only=True)
 
     @property
     def scene(self) -> Scene:
@@ -72,6 +80,29 @@ class Solution:
     def data_time(self) -> float | None:
         """At which data that depend on the time are read; None where nothing does."""
         return None
+
+    @property
+    def error(self) -> ErrorEstimate:
+        """An estimate of the error: that of :func:`cpmkit.solve`, or one that is made when it is first asked for.
+
+        Made by solving on a lattice of twice the spacing, for about a quarter of what the solution took.
+
+        Raises
+        ------
+        CpmkitError
+            If the scene cannot be solved at twice the spacing, or the solution is not one on a lattice.
+        """
+        return self._error if self.estimated is None else self.estimated
+
+    @cached_property
+    def _error(self) -> ErrorEstimate:
+        from cpmkit.accuracy.estimate import error_of
+
+        return error_of(self)
+
+    def error_at(self, points: Any) -> Floats:
+        """Return the estimated error (n,) or (n, channels) at points of the manifold, in the solution's own unit."""
+        return self.error.at_points(points)
 
     def evaluate(self, points: Any, side: Sides = None) -> Floats:
         """Return the solution at the points of the manifold nearest to ``points``.

@@ -287,10 +287,11 @@ class Collocation(Reader):
             f"{resolving_spacing(self.tables.layout):.2g}"
         )
 
-    def error_divisor(self) -> float:
-        """Return 2^k - 1 for the order k of the conditions, 3 counting as 2."""
+    def order_of_difference(self, ratio: float) -> float:
+        """Return the order of the conditions, 3 counting as 2."""
+        del ratio
         order = self.tables.layout.order
-        return float(2 ** (2 if order == 3 else order) - 1)
+        return 2.0 if order == 3 else float(order)
 
     def work(self, operator: Operator, report: SolveReport | None) -> Work:
         """Return what the tables hold and what the solve did."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -37,10 +38,13 @@ from cpmkit.scene.scene import Scene
 if TYPE_CHECKING:
     from cpmkit.linear.report import SolveReport
 
-#: By what the difference from twice the spacing is divided, by how cells follow the manifold between their vertices.
-ERROR_DIVISORS: dict[Bend, float] = {"flat": 2.5, "normals": 2.5, "feet": 6.0}
+#: By what differences from the root of two and from two times the spacing are divided, by how cells follow the manifold
+#: between their vertices.
+ERROR_DIVISORS: dict[Bend, tuple[float, float]] = {"flat": (1.25, 2.5), "normals": (1.25, 2.5), "feet": (1.8, 6.0)}
 #: The same of eigenvalues: at order 4 on smooth sources the difference is 15 times the error (measured: 13 to 17).
-EIGENVALUE_DIVISORS: dict[Bend, float] = {**ERROR_DIVISORS, "feet": 12.0}
+EIGENVALUE_DIVISORS: dict[Bend, tuple[float, float]] = {**ERROR_DIVISORS, "feet": (2.8, 12.0)}
+#: And where curves end or the manifold is thin or folded.
+SLOW_DIVISORS = (0.59, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,22 +135,26 @@ class Galerkin(Equations):
         """Return what the source leaves in integrals."""
         return source_error(self.scene.surface, self.spacing)
 
-    def error_divisor(self) -> float:
-        """Return 6 on smooth sources, 2.5 on meshes, 1 where curves end (unless singular) and S is thin or folded.
+    def order_of_difference(self, ratio: float) -> float:
+        """Return the order that divides by 6 at twice the spacing on smooth sources, by 2.5 on meshes, by 1 if slow.
 
         At order 3 the difference is 7 times the error; were the order 2 there, the estimate would be half the error. On
         meshes, where orders are lower, 2.5 brought it between a half and three times the true one in 87 of 100 cases.
         """
-        return 1.0 if self._slow else ERROR_DIVISORS[self.sampled.bend]
+        return order_dividing(SLOW_DIVISORS if self.slow else ERROR_DIVISORS[self.sampled.bend], ratio)
 
-    def eigenvalue_divisor(self) -> float:
-        """Return 12 on smooth sources, where eigenvalues are of order 4, and else what functions have."""
-        return 1.0 if self._slow else EIGENVALUE_DIVISORS[self.sampled.bend]
+    def eigenvalue_order(self, ratio: float) -> float:
+        """Return that of 12 on smooth sources, where eigenvalues are of order 4, and else what functions have."""
+        return order_dividing(SLOW_DIVISORS if self.slow else EIGENVALUE_DIVISORS[self.sampled.bend], ratio)
 
     @property
-    def _slow(self) -> bool:
-        ends = bool(self.sampled.mesh.extends.any()) and not self.sampled.singular
-        return ends or self.turned.share > TURNED_SHARE
+    def slow(self) -> str:
+        """Whether boundaries end inside the surface, or it is thin, folded or creased: in words."""
+        if bool(self.sampled.mesh.extends.any()) and not self.sampled.singular:
+            return "boundaries end inside the surface; the error may fall slowly"
+        if self.turned.share > TURNED_SHARE:
+            return f"thin, folded or creased: {self.turned.share:.0%} of the area; the error may fall slowly"
+        return ""
 
     def work(self, operator: Operator, report: SolveReport | None) -> GalerkinWork:
         """Return what the space holds and what the solve did."""
@@ -184,6 +192,16 @@ class Galerkin(Equations):
         if sides.shape == own.shape and np.any(np.sum(sides * own, axis=(1, 2)) < 0):
             return "left and right of its boundaries are others"
         return "" if np.array_equal(self.space.parting.nodes, saved["nodes"]) else "its nodes are others"
+
+
+def order_dividing(divisors: tuple[float, float], ratio: float) -> float:
+    """Return the order p with ``r^p - 1`` equal to the ``divisors`` at r = sqrt(2) and 2, and between them in between.
+
+    Below and above it is that of the nearer one (GALERKIN 10).
+    """
+    near, far = (math.log(1 + one) / math.log(at) for one, at in zip(divisors, (math.sqrt(2), 2), strict=True))
+    share = min(max(2 * math.log2(ratio) - 1, 0.0), 1.0)
+    return near + share * (far - near)
 
 
 def check(scene: Scene, options: Options[GalerkinOptions]) -> None:

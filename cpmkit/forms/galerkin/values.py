@@ -75,6 +75,11 @@ class Values(Reader):
         none = np.zeros((len(self.sampled.boundary), values.shape[1]))
         return self._tips.with_loads(load(self.space, np.concatenate([values, none])), values)
 
+    @property
+    def point_weights(self) -> Floats:
+        """(p,) those of the samples."""
+        return self.sampled.samples.weights[: self.sampled.interior]
+
     def at_points(self, u: Floats) -> Floats:
         """Return the values (p, channels) of u at the samples."""
         found = values_at_samples(self.space, u[: self._tips.splines])[: self.sampled.interior]

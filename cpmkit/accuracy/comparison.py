@@ -1,0 +1,74 @@
+"""Two solutions of one scene at different spacings held against each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cpmkit.protocols import Floats
+from cpmkit.solution.matched_modes import compare_modes
+from cpmkit.solution.modes import EigenSolution
+from cpmkit.solution.solution import Solution
+
+#: At most about so many points of the finer solution are compared.
+MOST_COMPARED = 8_000
+#: Eigenvalues below this share of the largest are zero: their errors are shares of the first that is not.
+ZERO_SHARE = 1e-6
+#: A range below this share of a solution's size is rounding and what the solver leaves.
+ROUNDING_SHARE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Difference:
+    """By how much two solutions differ.
+
+    Attributes
+    ----------
+    rms, largest : (channels,) float64
+        Of the difference, as shares of ``unit``; of eigenvalue problems both are the relative difference of each
+        eigenvalue, infinite where the coarser solution has no mode like it.
+    unit : (channels,) float64
+        The range of the finer solution, its size where it is constant; of eigenvalue problems each eigenvalue.
+    at : (d,) float64
+        Where they differ most, in the scene's coordinates.
+    ratio : float
+        The coarser spacing over the finer one.
+    """
+
+    rms: Floats
+    largest: Floats
+    unit: Floats
+    at: Floats
+    ratio: float
+
+
+def compared_points(solution: Solution) -> tuple[Floats, Floats, Floats]:
+    """Return points (k, d) at which a solution is compared, their weights (k,) and its values (k, channels) there."""
+    form = solution.discretized
+    chosen = np.linspace(0, len(form.points) - 1, min(MOST_COMPARED, len(form.points))).astype(np.int64)
+    weights = form.point_weights
+    weights = np.ones(len(chosen)) if weights is None else weights[chosen]
+    points = form.points[chosen]
+    return points, weights / weights.sum(), solution.evaluate(points).reshape(len(points), -1)
+
+
+def difference(fine: Solution, coarse: Solution) -> Difference:
+    """Return by how much a solution differs from one at a larger spacing, at the points of the finer one."""
+    points, weights, ours = compared_points(fine)
+    ratio = coarse.spacing / fine.spacing
+    if isinstance(fine, EigenSolution) and isinstance(coarse, EigenSolution):
+        differences, apart = compare_modes(fine, coarse, points)
+        size = np.abs(fine.eigenvalues)
+        unit = np.maximum(size, size[size > ZERO_SHARE * size.max()].min(initial=size.max()) or 1.0)
+        at = points[int(apart.max(axis=1).argmax())]
+        return Difference(differences / unit, differences / unit, unit, at, ratio)
+    apart = np.abs(ours - coarse.evaluate(points).reshape(len(points), -1))
+    unit = _scales(np.ptp(ours, axis=0), np.abs(ours).max(axis=0))
+    at = points[int((apart / unit).max(axis=1).argmax())]
+    return Difference(np.sqrt(weights @ apart**2) / unit, apart.max(axis=0) / unit, unit, at, ratio)
+
+
+def _scales(extent: Floats, size: Floats) -> Floats:
+    """Return the range of each channel (k,), its size where that is rounding, and 1 where it is zero."""
+    return np.where(extent > ROUNDING_SHARE * size, extent, np.where(size > 0, size, 1.0))

@@ -1,0 +1,109 @@
+"""How fine a lattice a time and a memory allow, foretold from what was solved before."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cpmkit.accuracy.way import Run, Way
+from cpmkit.forecast.needs import bytes_needed, solver_for
+from cpmkit.forms.galerkin.fitting import expected_unknowns
+from cpmkit.forms.options import Options
+from cpmkit.manifold.local_source import largest_dim, localize
+from cpmkit.runtime import memory
+from cpmkit.scene.scene import Scene
+
+#: Unknowns of the first pilot, about, by the manifold's dimension.
+FIRST_UNKNOWNS = {0: 50, 1: 60, 2: 400, 3: 1000}
+#: A solve may take so many times longer than foretold.
+LONGER = 1.25
+#: Of the memory that there is, and of that asked for, this share is planned with.
+PLANNED_SHARE = 0.8
+#: Rounds in which bytes, which grow faster than unknowns beside factors, are brought to the limit.
+FITTING_ROUNDS = 20
+
+
+def first_spacing(scene: Scene) -> float:
+    """Return the spacing of the first pilot."""
+    surface = localize(scene.surface, np.zeros(scene.surface.dim))
+    m = surface.largest_dim
+    return float((expected_unknowns(surface, 1.0) / FIRST_UNKNOWNS[m]) ** (1 / max(m, 1)))
+
+
+def finest_spacing(way: Way) -> float:
+    """Return the finest spacing that time and memory allow: those asked for, and the memory that there is."""
+    most = min(_most_in_memory(way), _most_in_time(way))
+    return spacing_with(way, most)
+
+
+def expected_seconds(way: Way, spacing: float) -> float | None:
+    """Return how long a solve at a spacing will take, about; None before two were timed."""
+    if len(way.runs) < 2:
+        return None
+    start, each = _seconds(way)
+    return start + each * unknowns_at(way, spacing)
+
+
+def predicted_bytes(way: Way, unknowns: float) -> float:
+    """Return the memory at the peak of a solve of so many unknowns."""
+    options: Options[Any] = getattr(way.last.solution.discretized, "options")  # noqa: B009
+    return bytes_needed(way.scene, options, solver_for(way.scene, options, way.solver, unknowns), unknowns)
+
+
+def unknowns_at(way: Way, spacing: float) -> float:
+    """Return about how many unknowns there will be: ``a / h^m + b / h^(m - 1)`` through two that were counted."""
+    a, b, m = _growth(way)
+    return a / spacing**m + b / spacing ** (m - 1)
+
+
+def spacing_with(way: Way, unknowns: float) -> float:
+    """Return the spacing with so many unknowns."""
+    a, b, m = _growth(way)
+    if m == 1:
+        return a / max(unknowns - b, 1e-9 * unknowns)
+    return float(np.min([root.real for root in np.roots([unknowns, *[0] * (m - 2), -b, -a]) if root.real > 0]))
+
+
+def _growth(way: Way) -> tuple[float, float, int]:
+    m = max(largest_dim(way.scene.surface), 1)
+    coarse, fine = _last_two(way)
+    matrix = [[1 / run.spacing**m, 1 / run.spacing ** (m - 1)] for run in (coarse, fine)]
+    a, b = np.linalg.solve(matrix, [coarse.unknowns, fine.unknowns])
+    if a <= 0 or b < 0:  # a coarse lattice does not see the manifold well enough
+        return fine.unknowns * fine.spacing**m, 0.0, m
+    return float(a), float(b), m
+
+
+def _last_two(way: Way) -> tuple[Run, Run]:
+    """Return the finest run, and the next one that is coarser."""
+    fine = way.last
+    return next(run for run in reversed(way.runs) if run.spacing > 1.1 * fine.spacing), fine
+
+
+def _seconds(way: Way) -> tuple[float, float]:
+    """Return seconds to begin with and those for each unknown, a line through the last two runs."""
+    coarse, fine = _last_two(way)
+    each = (fine.seconds - coarse.seconds) / (fine.unknowns - coarse.unknowns)
+    each = max(each, 0.5 * fine.seconds / fine.unknowns)  # what began slowly was not yet in a cache
+    return max(fine.seconds - each * fine.unknowns, 0.0), each
+
+
+def _most_in_time(way: Way) -> float:
+    """Return how many unknowns fit into what is left of the time, with a companion of twice the spacing."""
+    if way.asked.seconds is None:
+        return np.inf
+    start, each = _seconds(way)
+    m = max(largest_dim(way.scene.surface), 1)
+    left = (way.asked.seconds - way.elapsed) / LONGER
+    beside = 0.0 if way.runs[-1].purpose == "companion" else 0.5**m
+    return max((left - start * (1 + (beside > 0))) / (each * (1 + beside)), 1.0)
+
+
+def _most_in_memory(way: Way) -> float:
+    """Return how many unknowns the memory holds."""
+    limit = PLANNED_SHARE * min(way.asked.memory or np.inf, memory.available_bytes())
+    most = float(way.last.unknowns)
+    for _ in range(FITTING_ROUNDS):
+        most = max(limit * most / predicted_bytes(way, most), 1.0)
+    return most

@@ -1,0 +1,105 @@
+"""Solving to an error, in a time, within a memory: what is asked for goes in, the answer and the way to it come out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from cpmkit.accuracy.asked import Asked
+from cpmkit.accuracy.estimate import ErrorEstimate
+from cpmkit.accuracy.ladder import walk
+from cpmkit.accuracy.limits import predicted_bytes
+from cpmkit.accuracy.trade import Status, Trade
+from cpmkit.accuracy.way import Way
+from cpmkit.errors import InputError
+from cpmkit.families.checkpointing import Checkpointing
+from cpmkit.manifold.abilities import advice_of
+from cpmkit.preparing import solved
+from cpmkit.protocols import Progress
+from cpmkit.runtime.declared import declared
+from cpmkit.runtime.warn import collected_warnings
+from cpmkit.scene.equations_in_time import Wave
+from cpmkit.scene.scene import Scene
+from cpmkit.solution.solution import Solution
+
+NORM_IN_WORDS = {"rms": "root mean square", "max": "largest error"}
+
+
+def traded(scene: Scene, asked: Asked, progress: Progress, options: Mapping[str, Any]) -> Solution:
+    """Solve until what is asked for is reached, or cannot be.
+
+    Returns
+    -------
+    Solution
+        With its estimate, its trade, and a warning where the tolerance was not reached.
+
+    Raises
+    ------
+    InputError
+        If an option fixes what is to be found out.
+    CpmkitError
+        As ``solve`` does, where no spacing serves.
+    """
+    _check(scene, options)
+    kept = {name: value for name, value in options.items() if name != "origin"}
+
+    def solve(scene: Scene, spacing: float, **further: Any) -> Solution:
+        with collected_warnings():
+            return solved(scene, spacing, **{**kept, **further})
+
+    solver = str(options.get("solver", "auto"))
+    way = Way(scene, solve, asked, progress, origin=options.get("origin"), solver=solver)
+    status, aim = walk(way)
+    answer, estimate = way.last.solution, way.last.estimate
+    trade = Trade(
+        asked,
+        status,
+        way.error,
+        predicted_bytes(way, way.last.unknowns),
+        way.elapsed,
+        way.steps(),
+        _told(way, status, aim, estimate),
+    )
+    told = (trade.told,) if status in ("floor", "not reached") else ()
+    return replace(answer, estimated=estimate, trade=trade, warnings=(*answer.warnings, *told))
+
+
+def _check(scene: Scene, options: Mapping[str, Any]) -> None:
+    given = [name for name in declared(Checkpointing) if name in options]
+    given += ["backend"] if options["backend"] != "cpm" else []
+    if given:
+        raise InputError(
+            f"{given[0]}={options[given[0]]!r} goes with one solve at one spacing, and a tolerance, seconds or memory "
+            "may take several; give a spacing."
+        )
+    if isinstance(scene.problem, Wave) and scene.problem.scheme == "leapfrog":
+        raise InputError(
+            "scheme 'leapfrog' ties its step to the spacing, which is not known where a tolerance, seconds or memory "
+            "is asked for; use scheme='newmark', or give a spacing."
+        )
+
+
+def _told(way: Way, status: Status, aim: float, estimate: ErrorEstimate | None) -> str:
+    asked, last = way.asked, way.last
+    said = f"at spacing {last.spacing:.3g} with {last.unknowns:,} unknowns"
+    error = f"{NORM_IN_WORDS[asked.norm]} about {way.error:.2g} of the range {said}"
+    slow = f"; {estimate.slow}" if estimate is not None and estimate.slow else ""
+    if status == "within":
+        return f"{error}, the finest that {_limits(way)} allow{slow}."
+    if status == "reached":
+        return f"tolerance {asked.tolerance:g} reached: {error}{slow}."
+    if status == "floor":
+        causes = " ".join(advice_of(way.scene.surface, last.spacing).warnings)
+        return (
+            f"tolerance {asked.tolerance:g} is below what the surface's representation alone leaves, about {aim:.1g} "
+            f"of the range at any spacing: {error}{slow}; give a more accurate surface.{' ' if causes else ''}{causes}"
+        )
+    return f"tolerance {asked.tolerance:g} not reached: {error}, the finest that {_limits(way)} allow{slow}."
+
+
+def _limits(way: Way) -> str:
+    asked = way.asked
+    limits = [] if asked.seconds is None else [f"{asked.seconds:g} seconds"]
+    limits.append("the memory of this machine" if asked.memory is None else f"{asked.memory / 2**20:.4g} MiB of memory")
+    return " and ".join(limits)

@@ -1,0 +1,197 @@
+"""The solves on the way to an answer: each is timed, and held against the coarser ones that are there."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any, cast
+
+import numpy as np
+
+from cpmkit.accuracy.asked import Asked
+from cpmkit.accuracy.estimate import (
+    ErrorEstimate,
+    coarser_scene,
+    error_in_time,
+    from_companions,
+    order_in_time,
+    shifted_origin,
+)
+from cpmkit.accuracy.trade import Purpose, Step
+from cpmkit.errors import ResolutionError, SceneError
+from cpmkit.protocols import Progress, no_progress
+from cpmkit.scene.compound_equations import Eigen
+from cpmkit.scene.equations_in_time import Evolution
+from cpmkit.scene.scene import Scene
+from cpmkit.solution.solution import Solution
+
+ANSWERS = ("answer", "correction")
+#: Ratios of spacings between which a solution serves another as companion.
+LEAST_RATIO, MOST_RATIO = 1.19, 2.2
+#: Spacings that were too coarse for a scene are made finer by the root of two, so many times.
+MOST_TRIALS = 10
+#: Steps in time are shortened until they leave this share of the tolerance.
+TIME_SHARE = 0.3
+
+#: ``solve(scene, spacing, progress, options)``, the options in place of those that were given.
+Solve = Callable[..., Solution]
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One solve: what for, the solution, its seconds, and its error where something coarser was there."""
+
+    purpose: Purpose
+    solution: Solution
+    seconds: float
+    estimate: ErrorEstimate | None
+
+    @property
+    def spacing(self) -> float:
+        """Of the lattice."""
+        return self.solution.spacing
+
+    @property
+    def unknowns(self) -> int:
+        """Size of the system."""
+        return self.solution.discretized.size
+
+    def error(self, norm: str) -> float:
+        """Return the estimate in a norm; NaN where there is none."""
+        return math.nan if self.estimate is None else self.estimate.of(norm)
+
+    def step(self, norm: str) -> Step:
+        """Return what a report says of it."""
+        problem = self.solution.scene.problem
+        length = problem.step if isinstance(problem, Evolution) else 0.0
+        return Step(self.purpose, self.spacing, length, self.unknowns, self.seconds, self.error(norm))
+
+
+@dataclass(eq=False)
+class Way:
+    """What was solved so far, and what is asked for.
+
+    Attributes
+    ----------
+    scene : Scene
+        Whose steps in time may be shorter than those that were given.
+    solve : callable
+        ``solve(scene, spacing, progress=..., **options)``.
+    asked : Asked
+        What is asked for.
+    progress : callable
+        Told what is solved, and what for.
+    in_time : float
+        What the steps in time leave of an error, as a share of the range; nothing before it is looked at.
+    started : float
+        When the clock was at zero.
+    runs : list of Run
+        In order.
+    origin : sequence, optional
+        Position of a node of the answer's lattice, if one was given.
+    solver : str
+        That is asked for.
+    """
+
+    scene: Scene
+    solve: Solve
+    asked: Asked
+    progress: Progress = no_progress
+    in_time: float = 0.0
+    started: float = field(default_factory=time.perf_counter)
+    runs: list[Run] = field(default_factory=list)
+    origin: Any = None
+    solver: str = "auto"
+
+    @property
+    def last(self) -> Run:
+        """The finest."""
+        return self.runs[-1]
+
+    @property
+    def error(self) -> float:
+        """The estimate of the last one's error in the norm that is asked for."""
+        return self.last.error(self.asked.norm)
+
+    @property
+    def answers_differ(self) -> bool:
+        """Whether an answer is another solve than a pilot at its spacing: of fewer modes, or on a lattice as given."""
+        return isinstance(self.scene.problem, Eigen) or self.origin is not None
+
+    @property
+    def elapsed(self) -> float:
+        """Seconds since the start."""
+        return time.perf_counter() - self.started
+
+    def run(self, purpose: Purpose, spacing: float, expected: float | None = None) -> Run:
+        """Solve at a spacing; ``expected`` seconds are told."""
+        scene = self.scene if purpose in ANSWERS else coarser_scene(self.scene)
+        about = "" if expected is None else f", about {expected:.2g} s"
+        what = f"{purpose} at spacing {spacing:.3g}{about}"
+        began = time.perf_counter()
+        solution = self.solve(
+            scene,
+            spacing,
+            progress=lambda stage, share: self.progress(f"{what}: {stage}", share),
+            origin=self.origin if purpose in ANSWERS else self._elsewhere(spacing),
+        )
+        made = Run(purpose, solution, time.perf_counter() - began, self._estimate(solution))
+        self.runs.append(made)
+        return made
+
+    def first(self, spacing: float) -> Run:
+        """Solve a pilot at a spacing, or at the first finer one that the scene can be solved at."""
+        refused: Exception | None = None
+        for _ in range(MOST_TRIALS):
+            try:
+                return self.run("pilot", spacing)
+            except (ResolutionError, SceneError) as error:
+                refused = refused or error
+                spacing /= math.sqrt(2)
+        assert refused is not None
+        raise refused
+
+    def look_at_steps(self) -> bool:
+        """Shorten the steps in time until they leave a small share of the tolerance; tell whether they were too long.
+
+        What they leave counts from here on.
+        """
+        problem: Any = self.scene.problem
+        if not isinstance(problem, Evolution):
+            return False
+        self.in_time = error_in_time(self.last.solution, lambda scene, spacing: self.solve(scene, spacing))
+        order = order_in_time(problem)
+        wanted = TIME_SHARE * (self.asked.tolerance or np.inf)
+        if self.in_time <= wanted:
+            self.runs[-1] = replace(self.last, estimate=self._estimate(self.last.solution))
+            return False
+        parts = math.ceil((self.in_time / wanted) ** (1 / order))
+        self.scene = replace(self.scene, problem=replace(cast(Any, problem), step=problem.step / parts))
+        self.in_time /= parts**order
+        return True
+
+    def companions(self, solution: Solution) -> list[Solution]:
+        """Return the solutions that one is held against: nearest to twice its spacing, and to the root of two."""
+        ratios = {one.spacing / solution.spacing: one.solution for one in self.runs if self._same_steps(one.solution)}
+        near = {ratio: one for ratio, one in ratios.items() if LEAST_RATIO <= ratio <= MOST_RATIO}
+        if not near:
+            return []
+        return [near[ratio] for ratio in sorted({min(near), max(near)})]
+
+    def _same_steps(self, solution: Solution) -> bool:
+        mine, other = self.scene.problem, solution.scene.problem
+        return not isinstance(mine, Evolution) or cast(Any, other).step == mine.step
+
+    def _estimate(self, solution: Solution) -> ErrorEstimate | None:
+        companions = self.companions(solution)
+        return from_companions(solution, companions, self.in_time) if companions else None
+
+    def _elsewhere(self, spacing: float) -> Any:
+        """Return where a node is: in no two runs at the same place of the lattice."""
+        return shifted_origin(self.scene, spacing, len(self.runs) + 1)
+
+    def steps(self) -> tuple[Step, ...]:
+        """Return what a report says of all runs."""
+        return tuple(run.step(self.asked.norm) for run in self.runs)
