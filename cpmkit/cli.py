@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import math
 import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -13,28 +12,8 @@ from typing import Any
 import click
 
 from cpmkit.command_group import CommandGroup, progress_callback, traceback_option
+from cpmkit.command_options import accuracy_options, how_fine, json_option, scene_argument, spacing_option, with_error
 from cpmkit.studies.commands import study
-
-
-def _finite(ctx: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
-    if value is not None and not math.isfinite(value):
-        raise click.BadParameter(f"{value} is not a finite number.", ctx, parameter)
-    return value
-
-
-scene_argument = click.argument(
-    "scene", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="SCENE.toml"
-)
-spacing_option = click.option(
-    "--spacing",
-    type=click.FloatRange(min=0, min_open=True),
-    callback=_finite,
-    metavar="LENGTH",
-    help="Distance between grid nodes, in the scene's unit; overrides the file's.",
-)
-json_option = click.option(
-    "--json", "as_json", is_flag=True, help="Print JSON on standard output, and nothing else there."
-)
 
 
 @click.group(cls=CommandGroup, context_settings={"help_option_names": ["-h", "--help"]})
@@ -58,6 +37,7 @@ def main() -> None:
 @main.command()
 @scene_argument
 @spacing_option
+@accuracy_options
 @click.option(
     "--backend",
     default="cpm",
@@ -91,6 +71,11 @@ def main() -> None:
 def solve(
     scene: Path,
     spacing: float | None,
+    tolerance: float | None,
+    norm: str | None,
+    seconds: float | None,
+    memory: str | None,
+    estimate: bool | None,
     backend: str,
     output: Path | None,
     checkpoint: Path | None,
@@ -114,11 +99,13 @@ def solve(
             loaded = load_scene(scene)
             folder = output or loaded.output.folder
             check_request(loaded.output, loaded.scene.surface, folder)
-            options = loaded.options
+            asked = {"tolerance": tolerance, "norm": norm, "seconds": seconds, "memory": memory}
+            spacing, options = how_fine(loaded, spacing, **asked)
             if backend != "cpm":
                 options = {"backend": backend, **for_any_backend(options)}
             options |= {key: file for key, file in (("checkpoint", checkpoint), ("resume", resume)) if file}
-            solution = solve_scene(loaded.scene, spacing=spacing or loaded.spacing, progress=progress, **options)
+            solution = solve_scene(loaded.scene, spacing=spacing, progress=progress, **options)
+            solution = with_error(solution, estimate)
         except Exception:
             _warn(heard, err=True)
             raise
@@ -149,6 +136,8 @@ def _summary_text(solution: Any, summary: Mapping[str, Any]) -> str:
         f"solver     {report.solver}: {report.reason}",
         f"seconds    {sum(seconds.values()):.1f} ({stages})",
     ]
+    lines += [f"error      {line}" for line in str(solution.estimated or "").splitlines()]
+    lines += [f"way        {line}" for line in str(solution.trade or "").splitlines()]
     lines += [f"written    {Path(summary['folder'], file)}" for file in summary["files"]]
     if summary["picture"]:
         drawn = summary["picture"]
@@ -174,9 +163,8 @@ def explain(scene: Path, spacing: float | None, as_json: bool) -> None:
     with collected_warnings() as heard, progress_callback(scene) as progress:
         try:
             loaded = load_scene(scene)
-            explanation = explain_scene(
-                loaded.scene, spacing=spacing or loaded.spacing, progress=progress, **loaded.options
-            )
+            spacing, options = how_fine(loaded, spacing or loaded.spacing)
+            explanation = explain_scene(loaded.scene, spacing=spacing, progress=progress, **options)
         except Exception:
             _warn(heard, err=True)
             raise

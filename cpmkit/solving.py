@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from cpmkit.accuracy.asked import Asked
+from cpmkit.accuracy.estimate import with_estimate
 from cpmkit.accuracy.trading import traded
 from cpmkit.errors import InputError
 from cpmkit.families.checkpointing import Checkpointing
+from cpmkit.forms.asked import Asked
 from cpmkit.forms.choice import FORMS, module_of, options_of
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.options import Options
@@ -80,6 +81,7 @@ def solve(
         solution = traded(scene, asked, progress, {"backend": backend, **rest})
     else:
         solution = solved(scene, spacing, backend=backend, progress=progress, **rest)
+        solution = with_estimate(solution, asked.estimate, {"backend": backend, **rest})
     warn_each(solution.warnings)
     return solution
 

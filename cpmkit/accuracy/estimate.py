@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
@@ -202,6 +202,8 @@ def error_of(solution: Solution, tight: bool = False) -> ErrorEstimate:
     """
     form = solution.discretized
     options = getattr(form, "options", None)
+    if solution.estimated is False:
+        raise InputError("the error of this solution was not to be estimated, estimate=False; leave that out.")
     if not isinstance(options, Options):
         raise InputError(
             f"the error of a solution by {form.form!r} is estimated on a coarser lattice, and it has none; solve with "
@@ -210,7 +212,16 @@ def error_of(solution: Solution, tight: bool = False) -> ErrorEstimate:
     return estimated(solution, companion_solver({**options.as_dict(), "form": form.form}), tight)
 
 
-def companion_solver(options: dict[str, Any]) -> SolveAt:
+def with_estimate(solution: Solution, how: bool | str | None, options: Mapping[str, Any]) -> Solution:
+    """Return a solution with its estimate made, ``True`` or ``"tight"``, refused, ``False``, or left for later."""
+    if how is None:
+        return solution
+    if how is False:
+        return replace(solution, estimated=False)
+    return replace(solution, estimated=estimated(solution, companion_solver(options), how == "tight"))
+
+
+def companion_solver(options: Mapping[str, Any]) -> SolveAt:
     """Return what solves companions with the options of ``solve``, on lattices whose nodes lie elsewhere."""
     kept = {name: value for name, value in options.items() if name not in ("spacing", "origin")}
 

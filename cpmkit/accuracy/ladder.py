@@ -1,7 +1,7 @@
 """From an error, a time or a memory that is asked for to a spacing, and to the solution there.
 
-Coarse solves, their unknowns a factor of two apart, tell how the error falls and what solving costs. A spacing is
-foretold from both; where it is far away, one solve of twice it is done first, which the answer is then held against.
+Two coarse solves tell how large the error is and what solving costs. A spacing is foretold from both; where it is far
+away, one solve of twice it is done first, which tells how the error falls, and which the answer is then held against.
 """
 
 from __future__ import annotations
@@ -12,16 +12,22 @@ import numpy as np
 
 from cpmkit.accuracy.limits import expected_seconds, finest_spacing, first_spacing
 from cpmkit.accuracy.trade import Purpose, Status
-from cpmkit.accuracy.way import ANSWERS, Way
+from cpmkit.accuracy.way import ANSWERS, Run, Way
 
-#: Pilots, their spacings the root of two apart.
-PILOTS = 3
-#: The spacing is taken for this share of the tolerance.
-AIMED_SHARE = 0.75
+#: Spacing of the first pilot over that of the second: one in between would tell more, for half of the second's cost.
+PILOTS_RATIO = 2.0
+#: The spacing is taken for this share of the tolerance, and a solution whose estimate is below that is accepted: where
+#: layers are not yet resolved estimates are down to half of the error.
+AIMED_SHARE, ACCEPTED_SHARE = 0.6, 0.8
 #: Orders at which errors are taken to fall, at least, at most, and at most where something says that it is slow.
 LEAST_ORDER, MOST_ORDER, MOST_SLOW_ORDER = 0.8, 3.0, 1.3
-#: Spacings go down by at least and at most so much at a time, and by more than so much not without a companion.
-LEAST_FACTOR, MOST_FACTOR, WITHOUT_COMPANION = 1.25, 4.0, 2.1
+#: Spacings go down by at least so much at a time, nearer differences tell little, and at most so much, so that each
+#: error is known; a goal that is not much farther than that is tried at once.
+LEAST_FACTOR, WITHOUT_COMPANION, WORTH_COMPANION = 1.4, 2.1, 2.8
+#: A limit nearer than this is as good as reached.
+NO_FINER = 1.2
+#: Spacings nearer to each other than this tell no order.
+TELLING_RATIO = 1.35
 #: Finer answers than the first, at most.
 MOST_CORRECTIONS = 2
 
@@ -33,32 +39,38 @@ def walk(way: Way) -> tuple[Status, float]:
     tolerance = way.asked.tolerance
     aim = 0.0 if tolerance is None else max(tolerance, floor)
     answers = 0
-    while not way.error <= aim and answers <= MOST_CORRECTIONS:
-        here = way.last.spacing
-        goal = max(_foretold(way, aim), finest_spacing(way))
-        if here / goal < LEAST_FACTOR and (answers or way.error == way.error):
-            break
-        if here / goal > WITHOUT_COMPANION:
-            goal = max(goal, here / MOST_FACTOR)
-            between = max(2 * goal, here / MOST_FACTOR)
-            _run(way, "companion", between if here / between >= LEAST_FACTOR else here / 2)
+    while not _done(way, aim) and answers <= MOST_CORRECTIONS:
+        here, limit = way.last.spacing, finest_spacing(way)
+        goal = max(_foretold(way, aim), limit)
+        if here / goal > WORTH_COMPANION:
+            _run(way, "companion", max(2 * goal, here / WITHOUT_COMPANION))
             continue
+        goal = max(goal, here / WITHOUT_COMPANION)
+        if here / goal < NO_FINER:
+            if not way.answers_differ or way.last.purpose in ANSWERS:
+                break
+            goal = here
         answers += 1
         _run(way, "answer" if answers == 1 else "correction", goal)
-    if way.last.purpose not in ANSWERS and way.answers_differ:
-        way.run("answer", way.last.spacing)
     if tolerance is None:
         return "within", aim
-    if not way.error <= aim:
+    if not _accepted(way, aim):
         return "not reached", aim
     return ("reached" if aim == tolerance else "floor"), aim
+
+
+def _accepted(way: Way, aim: float) -> bool:
+    return way.error <= ACCEPTED_SHARE * aim
+
+
+def _done(way: Way, aim: float) -> bool:
+    return _accepted(way, aim) and (way.last.purpose in ANSWERS or not way.answers_differ)
 
 
 def pilots(way: Way) -> None:
     """Solve at coarse spacings; see what the steps in time leave."""
     way.first(first_spacing(way.scene))
-    for _ in range(PILOTS - 1):
-        way.run("pilot", way.last.spacing / math.sqrt(2))
+    way.run("pilot", way.last.spacing / PILOTS_RATIO)
     if way.look_at_steps():
         for run in way.runs[-2:]:
             way.run("pilot", run.spacing)
@@ -70,22 +82,30 @@ def _run(way: Way, purpose: Purpose, spacing: float) -> None:
 
 def _foretold(way: Way, aim: float) -> float:
     """Return the spacing at which the error is expected to be below ``aim``; zero where none is asked for."""
-    here, error = way.last.spacing, way.error
+    here = way.last.spacing
     if aim == 0:
         return 0.0
-    if not np.isfinite(error):  # nothing coarser was seen with these steps in time, or no mode was
+    if _accepted(way, aim):
+        return here
+    known = _known(way)
+    if not known:  # no mode was seen
         return here / math.sqrt(2)
-    factor = (error / (AIMED_SHARE * aim)) ** (1 / order(way))
-    return float(here / min(max(factor, LEAST_FACTOR), MOST_FACTOR**2))
+    p, last = order(way), known[-1]
+    error = last.error(way.asked.norm) * (here / last.spacing) ** p
+    return float(here / max((error / (AIMED_SHARE * aim)) ** (1 / p), LEAST_FACTOR))
 
 
 def order(way: Way) -> float:
     """Return the order at which the error is taken to fall: the mean of that seen and of the form's."""
     form = way.last.solution.discretized
-    prior = form.order_of_difference(2.0)
-    known = [run for run in way.runs if np.isfinite(run.error(way.asked.norm))][-2:]
-    seen = prior
-    if len(known) == 2 and known[0].spacing > LEAST_FACTOR * known[1].spacing:
+    seen = prior = form.order_of_difference(2.0)
+    known = _known(way)[-2:]
+    if len(known) == 2 and known[0].spacing > TELLING_RATIO * known[1].spacing:
         errors = [max(run.error(way.asked.norm) - way.in_time, np.finfo(float).tiny) for run in known]
         seen = math.log(errors[0] / errors[1]) / math.log(known[0].spacing / known[1].spacing)
     return min(max((seen + prior) / 2, LEAST_ORDER), MOST_SLOW_ORDER if form.slow else MOST_ORDER)
+
+
+def _known(way: Way) -> list[Run]:
+    """Return the runs whose error is known, the finest last."""
+    return [run for run in way.runs if np.isfinite(run.error(way.asked.norm))]

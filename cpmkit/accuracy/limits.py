@@ -15,7 +15,7 @@ from cpmkit.runtime import memory
 from cpmkit.scene.scene import Scene
 
 #: Unknowns of the first pilot, about, by the manifold's dimension.
-FIRST_UNKNOWNS = {0: 50, 1: 60, 2: 400, 3: 1000}
+FIRST_UNKNOWNS = {0: 50, 1: 50, 2: 300, 3: 800}
 #: A solve may take so many times longer than foretold.
 LONGER = 1.25
 #: Of the memory that there is, and of that asked for, this share is planned with.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from cpmkit.accuracy.asked import Asked
+from cpmkit.forms.asked import Asked
 
 #: ``reached``: the estimate is below the tolerance. ``floor``: the source leaves more than the tolerance, and the
 #: estimate is below that. ``within``: nothing but a time or a memory was asked for. ``not reached``: neither.

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from cpmkit.accuracy.asked import Asked
 from cpmkit.accuracy.estimate import ErrorEstimate
 from cpmkit.accuracy.ladder import walk
 from cpmkit.accuracy.limits import predicted_bytes
@@ -14,6 +13,7 @@ from cpmkit.accuracy.trade import Status, Trade
 from cpmkit.accuracy.way import Way
 from cpmkit.errors import InputError
 from cpmkit.families.checkpointing import Checkpointing
+from cpmkit.forms.asked import Asked
 from cpmkit.manifold.abilities import advice_of
 from cpmkit.preparing import solved
 from cpmkit.protocols import Progress

@@ -10,7 +10,6 @@ from typing import Any, cast
 
 import numpy as np
 
-from cpmkit.accuracy.asked import Asked
 from cpmkit.accuracy.estimate import (
     ErrorEstimate,
     coarser_scene,
@@ -21,6 +20,7 @@ from cpmkit.accuracy.estimate import (
 )
 from cpmkit.accuracy.trade import Purpose, Step
 from cpmkit.errors import ResolutionError, SceneError
+from cpmkit.forms.asked import Asked
 from cpmkit.protocols import Progress, no_progress
 from cpmkit.scene.compound_equations import Eigen
 from cpmkit.scene.equations_in_time import Evolution

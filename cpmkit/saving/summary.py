@@ -28,6 +28,8 @@ def summarize(solution: Solution) -> dict[str, Any]:
         "work": solution.work.as_dict(),
         "seconds": dict(solution.seconds),
         "warnings": list(solution.warnings),
+        **({"error": solution.estimated.as_dict()} if solution.estimated else {}),
+        **({"trade": solution.trade.as_dict()} if solution.trade else {}),
         "imbalances": [imbalance.as_dict() for imbalance in solution.imbalances],
         "versions": {"python": platform.python_version(), **versions},
     }

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from cpmkit.forms.contract import Discretized, MeasuredWork
 from cpmkit.forms.imbalance import Imbalance
@@ -46,7 +46,7 @@ class Solution:
         each closed piece on which c times the mean of u was made the mean of f; in place of these one of "fluxes",
         where balancing them was asked for.
     estimated : ErrorEstimate, optional
-        Of its error, where it was asked for; see :attr:`error`.
+        Of its error, where it was asked for; False where it is not to be estimated; see :attr:`error`.
     trade : Trade, optional
         What was done to reach an error, or to stay within a time or a memory, where one was asked for.
     """
@@ -58,7 +58,7 @@ class Solution:
     seconds: Mapping[str, float]
     warnings: tuple[str, ...] = field(default=(), kw_only=True)
     imbalances: tuple[Imbalance, ...] = field(default=(), kw_only=True)
-    estimated: ErrorEstimate | None = field(default=None, kw_only=True)
+    estimated: ErrorEstimate | Literal[False] | None = field(default=None, kw_only=True)
     trade: Trade | None = field(default=None, kw_only=True)
 
     @property
@@ -92,7 +92,7 @@ class Solution:
         CpmkitError
             If the scene cannot be solved at twice the spacing, or the solution is not one on a lattice.
         """
-        return self._error if self.estimated is None else self.estimated
+        return self.estimated or self._error
 
     @cached_property
     def _error(self) -> ErrorEstimate:

@@ -32,6 +32,12 @@ def _norm(value: Any, what: str) -> str:
     return value
 
 
+def _estimate(value: Any, what: str) -> Any:
+    if value is not None and not isinstance(value, bool) and value != "tight":
+        raise InputError(f"{what} must be True, False, 'tight' or None, got {shown(value)}.")
+    return value
+
+
 def read_memory(value: Any, what: str = "memory") -> float | None:
     """Return bytes: of a number, or of text such as ``"2 GiB"``.
 
@@ -82,6 +88,13 @@ class Asked(Declared):
         "In place of a spacing: bytes, or text such as ``'2 GiB'``; the finest solution for which that is enough is "
         "returned. Beside ``tolerance`` or ``seconds`` a limit.",
         read_memory,
+    )
+
+    estimate: Any = option(
+        None,
+        "Whether the error is estimated at once, ``True``, with a further solve at the root of two times the spacing, "
+        "``'tight'``, never, ``False``, or when ``solution.error`` is first read, ``None``.",
+        _estimate,
     )
 
     @property

@@ -1,0 +1,110 @@
+"""Arguments and options that commands share, and what those on accuracy make of a scene file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+if TYPE_CHECKING:
+    from cpmkit.scenefile.reading import SceneFile
+    from cpmkit.solution.solution import Solution
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+#: Unless it is said whether, the error of a solution is estimated that took so many seconds: it takes a third of them.
+ESTIMATED_SECONDS = 1.0
+
+
+def _finite(ctx: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
+    if value is not None and not math.isfinite(value):
+        raise click.BadParameter(f"{value} is not a finite number.", ctx, parameter)
+    return value
+
+
+scene_argument = click.argument(
+    "scene", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="SCENE.toml"
+)
+spacing_option = click.option(
+    "--spacing",
+    type=click.FloatRange(min=0, min_open=True),
+    callback=_finite,
+    metavar="LENGTH",
+    help="Distance between grid nodes, in the scene's unit; overrides the file's.",
+)
+json_option = click.option(
+    "--json", "as_json", is_flag=True, help="Print JSON on standard output, and nothing else there."
+)
+
+
+def accuracy_options(command: Command) -> Command:
+    """Give a command the options that stand in place of a spacing, and whether the error is estimated."""
+    positive = click.FloatRange(min=0, min_open=True)
+    options = [
+        click.option(
+            "--tolerance",
+            type=click.FloatRange(0, 1, min_open=True, max_open=True),
+            metavar="SHARE",
+            help="In place of a spacing: the error that is accepted, as a share of the solution's range, such as 1e-3.",
+        ),
+        click.option(
+            "--norm",
+            type=click.Choice(["rms", "max"]),
+            help="In which the tolerance is meant: rms, the root mean square, or max, the largest error.",
+        ),
+        click.option(
+            "--seconds",
+            type=positive,
+            callback=_finite,
+            metavar="SECONDS",
+            help="In place of a spacing, or as a limit beside a tolerance: the time that it may take.",
+        ),
+        click.option(
+            "--memory",
+            metavar="SIZE",
+            help="In place of a spacing, or as a limit: the memory that it may take, such as '2 GiB'.",
+        ),
+        click.option(
+            "--estimate/--no-estimate",
+            default=None,
+            help="Estimate the error by solving at twice the spacing, or do not; if not said, where the solve took "
+            f"more than {ESTIMATED_SECONDS:g} second.",
+        ),
+    ]
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+def how_fine(loaded: SceneFile, spacing: float | None, **asked: Any) -> tuple[float | None, dict[str, Any]]:
+    """Return the spacing and the options of ``solve``: what the command line says goes before what the file says."""
+    from cpmkit.forms.asked import Asked
+    from cpmkit.runtime.declared import declared
+
+    given = {name: value for name, value in asked.items() if value is not None}
+    deciding = [name for name in ("tolerance", "seconds", "memory") if name in given]
+    options = dict(loaded.options)
+    if spacing is not None:
+        options = {name: value for name, value in options.items() if name not in declared(Asked)}
+    decided = spacing if deciding else spacing or loaded.spacing
+    return decided, {**options, **given}
+
+
+def with_error(solution: Solution, wanted: bool | None) -> Solution:
+    """Return a solution with its error estimated, if that is ``wanted``, or not said and it took long enough."""
+    from dataclasses import replace
+
+    from cpmkit.errors import CpmkitError
+
+    if wanted is False or solution.estimated is not None:
+        return solution
+    if wanted is None and sum(solution.seconds.values()) < ESTIMATED_SECONDS:
+        return solution
+    try:
+        return replace(solution, estimated=solution.error)
+    except CpmkitError:
+        if wanted:
+            raise
+        return solution
