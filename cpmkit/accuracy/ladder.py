@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from cpmkit.accuracy.limits import expected_seconds, finest_spacing, first_spacing
+from cpmkit.accuracy.limits import check_memory, expected_seconds, finest_spacing, first_spacing
 from cpmkit.accuracy.trade import Purpose, Status
 from cpmkit.accuracy.way import ANSWERS, Run, Way
 
@@ -26,6 +26,8 @@ LEAST_ORDER, MOST_ORDER, MOST_SLOW_ORDER = 0.8, 3.0, 1.3
 LEAST_FACTOR, WITHOUT_COMPANION, WORTH_COMPANION = 1.4, 2.1, 2.8
 #: A limit nearer than this is as good as reached.
 NO_FINER = 1.2
+#: A time is kept to within this factor.
+LATE = 1.5
 #: Spacings nearer to each other than this tell no order.
 TELLING_RATIO = 1.35
 #: Finer answers than the first, at most.
@@ -53,7 +55,8 @@ def walk(way: Way) -> tuple[Status, float]:
         answers += 1
         _run(way, "answer" if answers == 1 else "correction", goal)
     if tolerance is None:
-        return "within", aim
+        late = way.asked.seconds is not None and way.elapsed > LATE * way.asked.seconds
+        return ("not reached" if late else "within"), aim
     if not _accepted(way, aim):
         return "not reached", aim
     return ("reached" if aim == tolerance else "floor"), aim
@@ -71,6 +74,7 @@ def pilots(way: Way) -> None:
     """Solve at coarse spacings; see what the steps in time leave."""
     way.first(first_spacing(way.scene))
     way.run("pilot", way.last.spacing / PILOTS_RATIO)
+    check_memory(way)
     if way.look_at_steps():
         for run in way.runs[-2:]:
             way.run("pilot", run.spacing)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.accuracy.way import Run, Way
+from cpmkit.errors import ResolutionError
 from cpmkit.forecast.needs import bytes_needed, solver_for
 from cpmkit.forms.galerkin.fitting import expected_unknowns
 from cpmkit.forms.options import Options
@@ -49,6 +50,22 @@ def predicted_bytes(way: Way, unknowns: float) -> float:
     """Return the memory at the peak of a solve of so many unknowns."""
     options: Options[Any] = getattr(way.last.solution.discretized, "options")  # noqa: B009
     return bytes_needed(way.scene, options, solver_for(way.scene, options, way.solver, unknowns), unknowns)
+
+
+def check_memory(way: Way) -> None:
+    """Refuse a memory that coarse solves exceed.
+
+    Raises
+    ------
+    ResolutionError
+        With what they need.
+    """
+    needed, asked = predicted_bytes(way, way.last.unknowns), way.asked.memory
+    if asked is not None and needed > asked:
+        raise ResolutionError(
+            f"memory={asked:.3g} bytes are less than the {needed:.3g} of a coarse solve with {way.last.unknowns:,} "
+            "unknowns; ask for more."
+        )
 
 
 def unknowns_at(way: Way, spacing: float) -> float:

@@ -23,6 +23,9 @@ from cpmkit.scene.equations_in_time import Wave
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.solution import Solution
 
+#: Relative residuals that leave less than a twentieth of an error, over it, and the largest and smallest that are asked
+#: for (measured: tests/accuracy/test_tolerance.py).
+RESIDUAL_SHARE, LARGEST_RESIDUAL, SMALLEST_RESIDUAL = 1e-3, 1e-6, 1e-10
 NORM_IN_WORDS = {"rms": "root mean square", "max": "largest error"}
 
 
@@ -43,6 +46,8 @@ def traded(scene: Scene, asked: Asked, progress: Progress, options: Mapping[str,
     """
     _check(scene, options)
     kept = {name: value for name, value in options.items() if name != "origin"}
+    if asked.tolerance is not None:
+        kept = {"solver_tolerance": algebraic_tolerance(asked.tolerance), **kept}
 
     def solve(scene: Scene, spacing: float, **further: Any) -> Solution:
         with collected_warnings():
@@ -63,6 +68,11 @@ def traded(scene: Scene, asked: Asked, progress: Progress, options: Mapping[str,
     )
     told = (trade.told,) if status in ("floor", "not reached") else ()
     return replace(answer, estimated=estimate, trade=trade, warnings=(*answer.warnings, *told))
+
+
+def algebraic_tolerance(tolerance: float) -> float:
+    """Return the relative residual at which linear systems are solved well enough for an error of ``tolerance``."""
+    return min(max(RESIDUAL_SHARE * tolerance, SMALLEST_RESIDUAL), LARGEST_RESIDUAL)
 
 
 def _check(scene: Scene, options: Mapping[str, Any]) -> None:
@@ -95,6 +105,8 @@ def _told(way: Way, status: Status, aim: float, estimate: ErrorEstimate | None) 
             f"tolerance {asked.tolerance:g} is below what the surface's representation alone leaves, about {aim:.1g} "
             f"of the range at any spacing: {error}{slow}; give a more accurate surface.{' ' if causes else ''}{causes}"
         )
+    if asked.tolerance is None:
+        return f"{asked.seconds:g} seconds were not enough, it took {way.elapsed:.2g}: {error}{slow}."
     return f"tolerance {asked.tolerance:g} not reached: {error}, the finest that {_limits(way)} allow{slow}."
 
 

@@ -83,6 +83,11 @@ class Collocation(Reader):
         """Number of unknowns: inner nodes and ghosts."""
         return self.tables.unknowns.count
 
+    @property
+    def options(self) -> Options[CollocationOptions]:
+        """How the scene is discretised."""
+        return self.tables.layout.options
+
     @cached_property
     def points(self) -> Floats:
         """(p, d) the feet of the inner nodes, but of those past an edge."""

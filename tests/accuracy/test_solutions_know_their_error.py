@@ -1,0 +1,123 @@
+"""Every solution tells its error: when it is read, at once, tightly, or not at all."""
+
+import json
+
+import numpy as np
+import pytest
+from model_problems import sphere_points
+
+import cpmkit as ck
+
+SPHERE = ck.source("analytic.sphere")
+AT = sphere_points()
+
+
+def u(x):
+    return x[:, 0] * x[:, 1] + x[:, 2]
+
+
+SCENE = ck.Scene(SPHERE, ck.ScreenedPoisson(lambda x: 7 * x[:, 0] * x[:, 1] + 3 * x[:, 2]))
+
+
+@pytest.mark.parametrize("form", ["galerkin", "collocation"])
+@pytest.mark.parametrize("how", [True, "tight"])
+def test_at_once(form, how):
+    solution = ck.solve(SCENE, 0.15, form=form, estimate=how)
+    off = np.abs(solution.evaluate(AT) - u(AT)) / np.ptp(u(AT))
+    assert 0.5 < solution.error.rms[0] / np.sqrt(np.mean(off**2)) < 3
+    assert 0.5 < solution.error.largest[0] / off.max() < 3
+    assert len(solution.error.companions) == (2 if how == "tight" else 1)
+    assert solution.summary()["error"]["rms"] == solution.error.rms.tolist()
+    near = solution.error_at(AT)
+    assert near.shape == (len(AT),)
+    assert 0.3 < np.sqrt(np.mean(near**2)) / (solution.error.rms[0] * solution.error.unit[0]) < 3
+
+
+def test_when_it_is_read_and_only_once():
+    solution = ck.solve(SCENE, 0.2)
+    assert solution.estimated is None
+    assert "error" not in solution.summary()
+    assert solution.error is solution.error
+    assert solution.error.solution is solution
+    assert solution.error.coarse.spacing == pytest.approx(0.4)
+
+
+def test_a_loaded_solution_knows_it_too(tmp_path):
+    solution = ck.solve(SCENE, 0.2)
+    solution.save(tmp_path / "u.npz")
+    loaded = ck.load(tmp_path / "u.npz", SCENE)
+    np.testing.assert_allclose(loaded.error.rms, solution.error.rms, rtol=1e-6)
+
+
+def test_not_at_all():
+    with pytest.raises(ck.InputError, match="was not to be estimated"):
+        _ = ck.solve(SCENE, 0.2, estimate=False).error
+
+
+def test_another_back_end_has_no_coarser_lattice():
+    vertices, faces = SPHERE.mesh(0.3)
+    mesh = ck.source("mesh.triangles", vertices=vertices, faces=faces)
+    solution = ck.solve(ck.Scene(mesh, SCENE.problem), backend="fem")
+    with pytest.raises(ck.InputError, match="estimated on a coarser lattice, and it has none"):
+        _ = solution.error
+
+
+def test_a_constant_has_an_error_of_rounding():
+    estimate = ck.solve(ck.Scene(SPHERE, ck.ScreenedPoisson(3.0)), 0.2).error
+    assert estimate.unit == pytest.approx(3.0, rel=1e-6)
+    assert estimate.largest[0] < 1e-8
+
+
+def test_tips_and_thin_limbs_are_said_to_be_slow():
+    arc = ck.Boundary("arc", ck.source("analytic.arc", start=0.0, end=2.0, normal=[0, 0, 1]), both=ck.Dirichlet(1.0))
+    assert "boundaries end inside" in ck.solve(ck.Scene(SPHERE, ck.ScreenedPoisson(0.0), [arc]), 0.2).error.slow
+    limb = ck.source("analytic.cylinder", radius=0.05, length=2.0)
+    assert "thin, folded or creased" in ck.solve(ck.Scene(limb, ck.ScreenedPoisson(1.0)), 0.1).error.slow
+    assert not ck.solve(SCENE, 0.2).error.slow
+
+
+def test_waves_and_heat_have_an_error_in_time():
+    heat = ck.Heat(lambda x: x[:, 0], until=1.0, step=0.1)
+    circle = ck.source("analytic.circle")
+    solution = ck.solve(ck.Scene(circle, heat), 0.05)
+    at = circle.mesh(0.05)[0]
+    off = np.abs(solution.evaluate(at) - np.exp(-1) * at[:, 0]).max() / np.ptp(np.exp(-1) * at[:, 0])
+    assert 0.5 < solution.error.largest[0] / off < 3
+    assert solution.error.in_time > 0.8 * solution.error.largest[0]
+
+
+def test_a_file_and_a_command_line_ask_alike(tmp_path, monkeypatch):
+    from click.testing import CliRunner
+
+    from cpmkit.cli import main
+
+    monkeypatch.chdir(tmp_path)
+    text = """
+[surface]
+kind = "analytic.circle"
+[problem]
+kind = "screened"
+f = "2*x"
+[discretization]
+tolerance = 1e-4
+norm = "max"
+[output]
+files = ["summary.json"]
+"""
+    (tmp_path / "scene.toml").write_text(text)
+    loaded = ck.load_scene("scene.toml")
+    assert (loaded.spacing, loaded.options) == (None, {"tolerance": 1e-4, "norm": "max"})
+    plain = CliRunner().invoke(main, ["solve", "scene.toml", "--json"])
+    assert plain.exit_code == 0, plain.output
+    found = json.loads(plain.stdout)["trade"]
+    assert (found["status"], found["asked"]["norm"]) == ("reached", "max")
+    over = CliRunner().invoke(main, ["solve", "scene.toml", "--tolerance", "1e-2", "--norm", "rms"])
+    assert "way        tolerance 0.01 reached: root mean square about" in over.stdout
+    at = CliRunner().invoke(main, ["solve", "scene.toml", "--spacing", "0.1", "--json", "--estimate"])
+    assert "trade" not in json.loads(at.stdout)
+    assert json.loads(at.stdout)["error"]["rms"][0] < 1e-3
+    both = text.replace("tolerance = 1e-4", "tolerance = 1e-4\nspacing = 0.1")
+    (tmp_path / "both.toml").write_text(both)
+    refused = CliRunner().invoke(main, ["solve", "both.toml"])
+    assert refused.exit_code == 1
+    assert "each decides how fine the lattice is" in refused.output

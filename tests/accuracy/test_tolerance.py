@@ -1,0 +1,158 @@
+"""A tolerance, a time or a memory in; the answer, its error and the way to it out."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from model_problems import sphere_points
+
+import cpmkit as ck
+from cpmkit.accuracy.trading import algebraic_tolerance
+
+CIRCLE, SPHERE = ck.source("analytic.circle"), ck.source("analytic.sphere")
+AT = np.stack([np.cos(turn := np.linspace(0, 2 * np.pi, 700)), np.sin(turn)], axis=1)
+
+
+def wave(x):
+    """Of order four around the circle: u = cos 4t is right for 17 u."""
+    angle = np.arctan2(x[:, 1], x[:, 0])
+    return np.cos(4 * angle)
+
+
+ON_CIRCLE = ck.Scene(CIRCLE, ck.ScreenedPoisson(lambda x: 17 * wave(x)))
+
+
+def true_error(solution, norm):
+    off = (solution.evaluate(AT) - wave(AT)) / 2
+    return np.sqrt(np.mean(off**2)) if norm == "rms" else np.abs(off).max()
+
+
+@pytest.mark.parametrize("form", ["galerkin", "collocation"])
+@pytest.mark.parametrize("norm", ["rms", "max"])
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-3, 1e-5])
+def test_the_error_is_below_the_tolerance(form, norm, tolerance):
+    solution = ck.solve(ON_CIRCLE, tolerance=tolerance, norm=norm, form=form)
+    trade = solution.trade
+    assert trade.status == "reached"
+    assert true_error(solution, norm) < tolerance
+    assert 0.4 < trade.error / true_error(solution, norm) < 6
+    assert trade.error == pytest.approx(solution.error.of(norm)) == trade.steps[-1].error
+    assert trade.steps[-1].unknowns == solution.discretized.size
+    spacings = [step.spacing for step in trade.steps]
+    assert all(coarse / fine < 2.3 for coarse, fine in pairwise(spacings))
+
+
+def test_the_way_is_the_same_on_a_moved_and_scaled_scene():
+    far = ck.source("analytic.circle", radius=1e-3, center=[5.0, -7.0])
+    move = lambda x: (x - [5.0, -7.0]) * 1e3  # noqa: E731
+    scaled = ck.Scene(far, ck.ScreenedPoisson(lambda x: (16e6 + 1e6) * wave(move(x)), c=1e6))
+    ways = [ck.solve(scene, tolerance=1e-4).trade for scene in (ON_CIRCLE, scaled)]
+    assert [step.unknowns for step in ways[0].steps] == [step.unknowns for step in ways[1].steps]
+    assert ways[0].error == pytest.approx(ways[1].error, rel=1e-4)
+
+
+def test_solves_grow_like_the_logarithm_of_what_is_asked():
+    counts = [len(ck.solve(ON_CIRCLE, tolerance=tolerance).trade.steps) for tolerance in (1e-2, 1e-4, 1e-6)]
+    assert counts[0] <= counts[1] <= counts[2] <= 8
+
+
+def test_eigenvalues_are_as_many_as_asked_and_as_right():
+    solution = ck.solve(ck.Scene(SPHERE, ck.Eigen(4)), tolerance=1e-2)
+    assert solution.channels == 4
+    assert solution.trade.status == "reached"
+    np.testing.assert_allclose(solution.eigenvalues[1:], 2, rtol=1e-2)
+
+
+def test_steps_in_time_are_shortened_and_count():
+    heat = ck.Heat(lambda x: x[:, 0], until=1.0, step=0.25, scheme="backward-euler")
+    solution = ck.solve(ck.Scene(CIRCLE, heat), tolerance=2e-2)
+    trade, exact = solution.trade, np.exp(-1) * AT[:, 0]
+    assert trade.steps[-1].step < trade.steps[0].step == 0.25
+    off = np.sqrt(np.mean((solution.evaluate(AT) - exact) ** 2)) / np.ptp(exact)
+    assert trade.status == "reached"
+    assert 0.4 * off < trade.error <= 2e-2
+    assert solution.error.in_time > 0.5 * trade.error  # the spacing is no matter here
+
+
+@pytest.mark.parametrize("c", [1e-6, 1.0, 400.0])
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-4])
+def test_what_the_solver_leaves_is_a_twentieth(c, tolerance):
+    """A multigrid stops where the error of the discretisation is twenty times what it leaves."""
+    ring = ck.source("analytic.circle", normal=[0, 0, 1])
+    both = ck.Boundary("ring", ring, left=ck.Dirichlet(1.0), right=ck.Dirichlet(lambda x: x[:, 0]))
+    for boundaries in ([], [both]):
+        scene = ck.Scene(SPHERE, ck.ScreenedPoisson(lambda x: x[:, 2] + x[:, 0] * x[:, 1], c=c), boundaries)
+        solve = lambda residual, scene=scene: ck.solve(scene, 0.2, solver="multigrid", solver_tolerance=residual)  # noqa: E731
+        loose, right = solve(algebraic_tolerance(tolerance)), solve(1e-12)
+        assert loose.report.iterations < right.report.iterations
+        at = right.discretized.points
+        off = np.abs(loose.evaluate(at) - right.evaluate(at)).max() / np.ptp(right.evaluate(at))
+        assert off < tolerance / 20
+
+
+def test_a_time_and_a_memory_bound_the_work():
+    at = sphere_points()
+    scene = ck.Scene(SPHERE, ck.ScreenedPoisson(lambda x: 7 * x[:, 0] * x[:, 1]))
+    small, large = (ck.solve(scene, memory=size) for size in ("20 MB", "60 MB"))
+    assert small.trade.predicted_bytes < 20e6 < large.trade.predicted_bytes < 60e6
+    assert small.trade.status == large.trade.status == "within"
+    assert large.error.of("rms") < small.error.of("rms")
+    assert np.abs(large.evaluate(at) - at[:, 0] * at[:, 1]).max() < 2 * large.error.bound.max()
+    with pytest.warns(ck.CpmkitWarning, match="not reached"):
+        bound = ck.solve(scene, tolerance=1e-7, memory="20 MB")
+    assert bound.trade.status == "not reached"
+    assert bound.discretized.size == small.discretized.size
+    assert "19.07 MiB" in bound.trade.told
+    with pytest.raises(ck.ResolutionError, match=r"less than the .* of a coarse solve"):
+        ck.solve(scene, memory="1 MB")
+
+
+def test_a_time_of_nothing_is_answered_by_the_pilots():
+    with pytest.warns(ck.CpmkitWarning, match="1e-06 seconds were not enough"):
+        trade = ck.solve(ON_CIRCLE, seconds=1e-6).trade
+    assert [step.purpose for step in trade.steps] == ["pilot", "pilot"]
+    assert trade.status == "not reached"
+
+
+def test_what_a_representation_leaves_is_the_floor():
+    vertices, faces = SPHERE.mesh(0.5)
+    coarse = ck.source("mesh.triangles", vertices=vertices, faces=faces, closest="smooth")
+    scene = ck.Scene(coarse, ck.ScreenedPoisson(lambda x: 3 * x[:, 2]))
+    with pytest.warns(ck.CpmkitWarning, match="below what the surface's representation alone leaves"):
+        solution = ck.solve(scene, tolerance=1e-9)
+    assert solution.trade.status == "floor"
+    assert solution.discretized.size < 100_000
+
+
+def test_the_origin_that_is_given_is_that_of_the_answer():
+    solution = ck.solve(ON_CIRCLE, tolerance=1e-3, origin=[0.01, 0.02])
+    np.testing.assert_array_equal(solution.discretization()["origin"], [0.01, 0.02])
+    assert true_error(solution, "rms") < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"spacing": 0.1, "tolerance": 1e-3}, "each decides how fine the lattice is"),
+        ({"spacing": 0.1, "memory": 1e9}, "each decides how fine the lattice is"),
+        ({"tolerance": 2.0}, "must be below 1"),
+        ({"tolerance": 0.0}, "above zero|positive|greater"),
+        ({"tolerance": 1e-3, "norm": "L2"}, "norm must be 'rms' or 'max', got 'L2'"),
+        ({"norm": "max", "spacing": 0.1}, "says how tolerance is meant, and there is none"),
+        ({"memory": "2 apples"}, "such as '2 GiB'"),
+        ({"seconds": -1.0}, "seconds"),
+        ({"tolerance": 1e-3, "backend": "fem"}, "backend='fem' goes with one solve"),
+        ({"tolerance": 1e-3, "checkpoint": "state.npz"}, "checkpoint='state.npz' goes with one solve"),
+        ({"spacing": 0.1, "estimate": "rough"}, "estimate must be True, False, 'tight' or None, got 'rough'"),
+        ({"tolerance": 1e-3, "strenght": 1}, "strenght"),
+    ],
+)
+def test_what_cannot_be_asked_is_told(options, told):
+    with pytest.raises(ck.InputError, match=told):
+        ck.solve(ON_CIRCLE, **options)
+
+
+def test_explicit_steps_are_tied_to_a_spacing():
+    wave_on = ck.Wave(lambda x: x[:, 0], until=1.0, step=0.01, scheme="leapfrog")
+    with pytest.raises(ck.InputError, match="use scheme='newmark'"):
+        ck.solve(ck.Scene(CIRCLE, wave_on), tolerance=1e-3)
