@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from cpmkit.forms.galerkin.fixed_samples import NORMAL_UNIT
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.forms.galerkin.samples.edges import edges_of
 from cpmkit.forms.galerkin.space.energy import load
@@ -40,9 +40,9 @@ def turned(space: Space, mesh: SampleMesh, area: Floats) -> Turned:
     Of curves n is the tangent. Cells are oriented by walking over the facets that two of them share. ``area`` (n,) is
     the integral of each spline.
     """
-    signs, directions = orientation(mesh).astype(np.float32)[space.samples.cell], _directions(mesh, space)
+    signs = orientation(mesh).astype(np.int8)
     # one axis after the other: what is as long as the samples is most of what is in memory then
-    facing = norms(np.hstack([load(space, (signs * along)[:, None]) for along in directions.T]))
+    facing = norms(np.hstack([load(space, _faces(mesh, space, signs, axis)[:, None]) for axis in range(mesh.dim)]))
     is_turned = facing < FACED_LENGTH * area
     if not is_turned.any():
         return Turned(0.0, np.full(mesh.dim, np.nan))
@@ -51,11 +51,16 @@ def turned(space: Space, mesh: SampleMesh, area: Floats) -> Turned:
     return Turned(float(area[is_turned].sum() / area.sum()), space.parting.spacing * space.parting.nodes[worst])
 
 
-def _directions(mesh: SampleMesh, space: Space) -> Any:
+def _faces(mesh: SampleMesh, space: Space, signs: Ints, axis: int) -> Floats:
+    """Return (q,) a component of the directions in which samples face, in the sense of the walk."""
+    samples = space.samples
     if mesh.manifold_dim == 2:
-        return np.asarray(space.samples.normals[:, 0])
-    ends = mesh.vertices[mesh.cells]
-    return np.asarray(unit(ends[:, 1] - ends[:, 0])[space.samples.cell])
+        faces = NORMAL_UNIT * samples.directions[:, 0, axis]
+    else:
+        ends = mesh.vertices[mesh.cells]
+        faces = unit(ends[:, 1] - ends[:, 0])[samples.cell, axis]
+    faces *= signs[samples.cell]
+    return np.asarray(faces)
 
 
 def orientation(mesh: SampleMesh) -> Ints:

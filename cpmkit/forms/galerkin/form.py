@@ -18,10 +18,11 @@ from cpmkit.forms.galerkin.definiteness import surely_iterated
 from cpmkit.forms.galerkin.equations import Equations
 from cpmkit.forms.galerkin.facing import Turned, turned
 from cpmkit.forms.galerkin.fitting import check_unknowns_fit, factors_in
+from cpmkit.forms.galerkin.fixed_samples import FixedSamples
 from cpmkit.forms.galerkin.hierarchy.levels import levels_of
 from cpmkit.forms.galerkin.operator import levels_for
 from cpmkit.forms.galerkin.options import FAMILIES, GalerkinOptions
-from cpmkit.forms.galerkin.sample_mesh import Bend
+from cpmkit.forms.galerkin.sample_mesh import Bend, Samples
 from cpmkit.forms.galerkin.sampling import sample
 from cpmkit.forms.galerkin.space.parted import part, pieces
 from cpmkit.forms.galerkin.space.space import space_of
@@ -237,6 +238,8 @@ def discretize(scene: Scene, options: Options[GalerkinOptions], progress: Progre
     sampled = sample(scene, options, progress)
     progress("space", 0.0)
     parting = part(sampled.samples.points, sampled.corners, options.spacing, sampled.samples.cell)
+    assert isinstance(sampled.samples, Samples)
+    sampled = replace(sampled, samples=FixedSamples.of(sampled.samples, parting))  # what they were made of is let go
     made = Galerkin(scene, options, sampled, space_of(parting, sampled.samples))
     progress("space", 1.0)
     return made

@@ -57,7 +57,7 @@ class Reader(Discretized):
     def points(self) -> Floats:
         """(p, d) the samples of the manifold; made anew each time, for they are as large as all unknowns' rows."""
         one = self.sampled
-        return one.lattice.to_scene(one.samples.points[: one.interior])
+        return one.lattice.to_scene(one.samples.points_at(slice(one.interior)))
 
     @cached_property
     def _locator(self) -> Locator:

@@ -11,6 +11,7 @@ from cpmkit.forms.galerkin.conditions.sides import left_of_boundaries
 from cpmkit.forms.galerkin.contouring.curves import traced
 from cpmkit.forms.galerkin.contouring.surfaces import triangulated
 from cpmkit.forms.galerkin.fitting import check_samples_fit
+from cpmkit.forms.galerkin.fixed_samples import FixedSamples
 from cpmkit.forms.galerkin.insertion.inserted import inserted
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.sample_mesh import Bend, HalfFacets, SampleMesh, Samples
@@ -54,8 +55,8 @@ class SampledScene:
         The vertices of its cells after cutting.
     half : HalfFacets
         Its facets on boundaries and rims.
-    samples : Samples
-        Those of the manifold, those on boundaries after them.
+    samples : Samples or FixedSamples
+        Those of the manifold, those on boundaries after them; the latter once they are parted.
     boundary : BoundarySamples
         The latter.
     left : (b,) bool
@@ -77,7 +78,7 @@ class SampledScene:
     mesh: SampleMesh
     corners: Ints
     half: HalfFacets
-    samples: Samples
+    samples: Samples | FixedSamples
     boundary: BoundarySamples
     left: Bools
     held: tuple[Held, ...]

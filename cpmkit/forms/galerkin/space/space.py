@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cpmkit.forms.galerkin.fixed_samples import FixedSamples
 from cpmkit.forms.galerkin.parting import Parting
 from cpmkit.forms.galerkin.sample_mesh import Samples
 from cpmkit.forms.galerkin.space.parted import pieces
@@ -25,7 +26,7 @@ class Space:
     ----------
     parting : Parting
         The unknowns.
-    samples : Samples
+    samples : FixedSamples
         In the order in which they were parted.
     order : (q,) int32
         The samples patch by patch; those of patch p are ``order[start[p] : start[p + 1]]``.
@@ -43,7 +44,7 @@ class Space:
     """
 
     parting: Parting
-    samples: Samples
+    samples: FixedSamples
     order: Any
     start: Ints
     heaviest: Ints
@@ -55,7 +56,7 @@ class Space:
     @property
     def manifold_dim(self) -> int:
         """Dimension m of the manifold."""
-        return self.parting.dim - int(self.samples.normals.shape[1])
+        return self.parting.dim - int(self.samples.directions.shape[1])
 
     def matrix(self, data: Floats) -> csr_array:
         """Return the (n, n) matrix with these entries, which shares the pattern with all others."""
@@ -78,10 +79,11 @@ class Space:
         return np.asarray(totals[0] / totals[1])
 
 
-def space_of(parting: Parting, samples: Samples) -> Space:
+def space_of(parting: Parting, samples: Samples | FixedSamples) -> Space:
     """Return the space of the unknowns of ``parting`` over its ``samples``, which it numbers."""
     from cpmkit.forms.galerkin.space.pattern_kernels import following, inverted, pattern, runs_of_four
 
+    samples = FixedSamples.of(samples, parting) if isinstance(samples, Samples) else samples
     n, patches, width = parting.size, *parting.unknowns.shape
     start, order = inverted(parting.patch, patches)
     starts, places = inverted(parting.unknowns.ravel(), n)
@@ -93,7 +95,7 @@ def space_of(parting: Parting, samples: Samples) -> Space:
     alone = np.ones(n, dtype=bool)
     alone[runs] = False
     short_runs = lines_through(parting, heaviest[alone])
-    if samples.normals.shape[1] > 1:
+    if samples.directions.shape[1] > 1:
         short_runs = np.concatenate([short_runs, _across_straight_pieces(parting, by_axis, heaviest)])
     short_runs = np.unique(short_runs, axis=0)
     short_runs = short_runs[short_runs[:, 0] != short_runs[:, 1]]  # specks have one unknown thrice
