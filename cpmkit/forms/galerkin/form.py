@@ -95,6 +95,10 @@ class Galerkin(Equations):
         laws = held(scene, one.boundary, one.left, one.surface, one.lattice)
         return replace(self, scene=scene, sampled=replace(one, held=laws))
 
+    def check(self) -> None:
+        """Find what is to be told of any solution, before matrices take the memory that this needs on the way."""
+        self.warnings()
+
     # Levels
 
     def levels(self, operator: Operator) -> Sequence[Level]:

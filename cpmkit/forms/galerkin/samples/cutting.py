@@ -28,7 +28,8 @@ def corners_of(mesh: SampleMesh) -> Ints:
     barred = np.zeros(len(edges.ends), dtype=bool)
     barred[edges_on_cut(mesh, edges)] = True
     corners: Ints = edges_kernels.join_corners(np.ascontiguousarray(mesh.cells), edges.of_cells, barred)
-    return corners
+    whole = corners.max(initial=-1) + 1 == np.count_nonzero(np.bincount(mesh.cells.ravel()))
+    return mesh.cells if whole else corners  # where nothing is cut they are the vertices, and held once
 
 
 def half_facets(mesh: SampleMesh) -> HalfFacets:
