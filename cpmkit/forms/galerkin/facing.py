@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.forms.galerkin.fixed_samples import NORMAL_UNIT
+from cpmkit.forms.galerkin.fixed_samples import SAMPLES_AT_ONCE
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.forms.galerkin.samples.edges import edges_of
 from cpmkit.forms.galerkin.space.energy import load
@@ -55,7 +55,10 @@ def _faces(mesh: SampleMesh, space: Space, signs: Ints, axis: int) -> Floats:
     """Return (q,) a component of the directions in which samples face, in the sense of the walk."""
     samples = space.samples
     if mesh.manifold_dim == 2:
-        faces = NORMAL_UNIT * samples.directions[:, 0, axis]
+        faces = np.empty(len(samples))
+        for start in range(0, len(samples), SAMPLES_AT_ONCE):
+            some = slice(start, start + SAMPLES_AT_ONCE)
+            faces[some] = samples.normals_at(some)[:, 0, axis]
     else:
         ends = mesh.vertices[mesh.cells]
         faces = unit(ends[:, 1] - ends[:, 0])[samples.cell, axis]

@@ -102,7 +102,7 @@ class Locator:
 
         Asked where both of its sides are among them, and of points ``beside`` (k,) a boundary.
         """
-        signs = self.sides.of_boundary(number)[self.samples.cell][near]
+        signs = self.sides.of_boundary(number)[self.samples.cell_at(near)]
         across = np.zeros(near.shape, dtype=bool)
         first, second = np.any(signs > 0, axis=1), np.any(signs < 0, axis=1)
         rows = np.flatnonzero(np.where(beside, first | second, first & second))

@@ -106,7 +106,7 @@ class Reader(Discretized):
 
         feet = self._feet(points)
         patch, nearest = self._locator.patches(feet.points, self._numbered(side))
-        cells, rows = self.sampled.samples.cell[nearest], value_rows(self.space.parting, patch, feet.points)
+        cells, rows = self.sampled.samples.cell_at(nearest), value_rows(self.space.parting, patch, feet.points)
         if len(self._tips):
             rows = hstack([rows, self._tips.values(feet.points, cells)], format="csr")
         return rows, feet, cells

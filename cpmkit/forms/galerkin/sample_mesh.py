@@ -123,3 +123,7 @@ class Samples:
     def normals_at(self, rows: slice | Ints) -> Floats:
         """Return (..., c, d) the normals of the samples ``rows`` (...)."""
         return np.asarray(self.normals[rows])
+
+    def cell_at(self, rows: Ints) -> Ints:
+        """Return (...) the cells of the samples ``rows`` (...)."""
+        return np.asarray(self.cell[rows])

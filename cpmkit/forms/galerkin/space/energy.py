@@ -72,7 +72,14 @@ def transport(space: Space, field: Floats) -> csr_array:
     samples, data, none = space.samples, np.zeros(len(space.indices)), np.zeros(1)
     velocity = np.zeros(samples.places.shape)
     velocity[: len(field)] = field
-    of_samples = samples.places, samples.weights, samples.directions, velocity, np.zeros(len(velocity))
+    of_samples = (
+        samples.places,
+        samples.shares,
+        samples.weight_unit,
+        samples.directions,
+        velocity,
+        np.zeros(len(velocity)),
+    )
     matrix = space.indptr, space.indices, data
     add_transport(*patches(space), *of_samples, none, velocity[:0], none, CONSERVATIVE, matrix)
     return space.matrix(-data)
@@ -85,7 +92,8 @@ def load(space: Space, f: Floats) -> Floats:
     loads = np.zeros((space.parting.size, f.shape[1]))
     f = np.ascontiguousarray(f, dtype=np.float64)
     samples = space.samples
-    add_load(space.parting.unknowns, space.order, space.start, samples.places, samples.weights, f, loads)
+    of_samples = samples.places, samples.weights
+    add_load(space.parting.unknowns, space.order, space.start, *of_samples, f, loads)
     return loads
 
 
@@ -159,7 +167,15 @@ def held_data(space: Space, a: Floats | float, strength: Strength) -> Floats:
 
     samples, data = space.samples, np.zeros(len(space.indices))
     d = samples.places.shape[1]
-    arrays = (samples.places, samples.weights, samples.directions, _at_each(a), np.zeros((1, d, d)), np.zeros(0))
+    arrays = (
+        samples.places,
+        samples.shares,
+        samples.weight_unit,
+        samples.directions,
+        _at_each(a),
+        np.zeros((1, d, d)),
+        np.zeros(0),
+    )
     add_energy(*patches(space), *arrays, strength.e1, strength.e2, (space.indptr, space.indices, data))
     return data
 

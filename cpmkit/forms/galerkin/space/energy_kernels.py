@@ -208,7 +208,7 @@ def add_energy(
     (indptr, indices, data).
     """
     indptr, indices, data = matrix
-    codim, d = directions.shape[1:]
+    codim, d = directions.shape[1], places.shape[1]
     kind, width = d - 2, unknowns.shape[1]
     C, z, normals = np.zeros((3, 3)), 0.0, np.zeros((codim, d))
     forms, block = np.zeros(2 * ROOM * (GATHERED + SWEEP)), np.zeros(ROOM * ROOM)

@@ -62,18 +62,19 @@ def part(points: Floats, contacts: Ints, spacing: float, cell: Any = None) -> Pa
     return parting_of(spacing, cells, touching, patch, specks[label])
 
 
-def parting_of(spacing: float, cells: Ints, touching: Ints, patch: Any, single: Bools) -> Parting:
+def parting_of(spacing: float, cells: Ints, touching: Any, patch: Any, single: Bools) -> Parting:
     """Return the parting into these patches: ``cells`` (p, d), pairs ``touching`` (t, 2), ``patch`` (q,) of samples.
 
     ``single`` (p,): patches of pieces that have one unknown each.
     """
     from cpmkit.forms.galerkin.space.parting_kernels import number
 
+    touching = np.ascontiguousarray(touching, dtype=np.int32)
     unknowns, nodes = number(np.ascontiguousarray(cells), touching, single)
     return Parting(spacing, cells, unknowns, nodes, touching, patch)
 
 
-def components(patches: int, touching: Ints) -> tuple[int, Ints]:
+def components(patches: int, touching: Any) -> tuple[int, Ints]:
     """Return how many pieces the patches make that touch, and the piece of each patch."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components

@@ -39,7 +39,7 @@ def add_load(
     f: Floats,
     load: Floats,
 ) -> None:
-    """Add sum weights[q] f[q] N_j(y_q) to ``load`` (n, channels), ``f`` (q, channels), or (1, channels) for all.
+    """Add sum w[q] f[q] N_j(y_q) to ``load`` (n, channels), ``f`` (q, channels), or (1, channels) for all.
 
     ``places`` (q, d): as of `FixedSamples`.
     """

@@ -32,11 +32,11 @@ class Space:
         The samples patch by patch; those of patch p are ``order[start[p] : start[p + 1]]``.
     start : (p + 1,) int64
         Where each patch begins in ``order``.
-    heaviest : (n,) int64
+    heaviest : (n,) int32
         Where each unknown stands in the heaviest patch that reads it, as an index into ``parting.unknowns.ravel()``.
-    runs : (r, 4) int64
+    runs : (r, 4) int32
         Runs of four neighbouring unknowns along an axis, all ways where copies branch.
-    short_runs : (s, 3) int64
+    short_runs : (s, 3) int32
         Runs of three inside the heaviest patch of the unknowns that are in no run of four, and of those of curves in
         space that keep to one layer of cells.
     indptr, indices : (n + 1,), (z,) int32 or int64
@@ -47,16 +47,16 @@ class Space:
     samples: FixedSamples
     order: Any
     start: Ints
-    heaviest: Ints
-    runs: Ints
-    short_runs: Ints
+    heaviest: Any
+    runs: Any
+    short_runs: Any
     indptr: Any
     indices: Any
 
     @property
     def manifold_dim(self) -> int:
         """Dimension m of the manifold."""
-        return self.parting.dim - int(self.samples.directions.shape[1])
+        return self.parting.dim - self.samples.codim
 
     def matrix(self, data: Floats) -> csr_array:
         """Return the (n, n) matrix with these entries, which shares the pattern with all others."""
@@ -95,7 +95,7 @@ def space_of(parting: Parting, samples: Samples | FixedSamples) -> Space:
     alone = np.ones(n, dtype=bool)
     alone[runs] = False
     short_runs = lines_through(parting, heaviest[alone])
-    if samples.directions.shape[1] > 1:
+    if samples.codim > 1:
         short_runs = np.concatenate([short_runs, _across_straight_pieces(parting, by_axis, heaviest)])
     short_runs = np.unique(short_runs, axis=0)
     short_runs = short_runs[short_runs[:, 0] != short_runs[:, 1]]  # specks have one unknown thrice

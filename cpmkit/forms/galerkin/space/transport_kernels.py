@@ -91,7 +91,7 @@ def add_transport(
 
     Parameters
     ----------
-    places, directions : (q, d), (q, c, d) int32
+    places, directions : (q, d), (q, c, e) int32
         As of `FixedSamples`.
     velocity : (q, d) float64
         v, tangential.
@@ -108,10 +108,10 @@ def add_transport(
         In the pattern of the space.
     """
     indptr, indices, data = matrix
-    d = directions.shape[2]
+    d = places.shape[1]
     kind, width = d - 2, unknowns.shape[1]
     forms, block = np.zeros(3 * ROOM), np.zeros(ROOM * ROOM)
-    t, v, g, normals = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(directions.shape[1:])
+    t, v, g, normals = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros((directions.shape[1], d))
     for p in range(len(unknowns)):
         block[:] = 0.0
         for s in range(start[p], start[p + 1]):
