@@ -14,6 +14,7 @@ from cpmkit.linear.multigrid_lanczos import largest_eigenvalue
 from cpmkit.linear.multigrid_matrix import UnsignedCsr, coarse_operator
 from cpmkit.linear.multigrid_smoother import Chebyshev, Smoother, Strip
 from cpmkit.protocols import Floats, Ints
+from cpmkit.runtime.freed_memory import hand_back
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -24,6 +25,8 @@ SMOOTHING_STEPS = 3
 EIGENVALUE_MARGIN = 1.1
 #: A diagonal entry below this share of the largest is zero: of a piece with one unknown on which a constant is free.
 ROUNDING = 1e-14
+#: Where that matrix is, in what is told of it.
+COARSEST_PLACE = "on the coarsest level"
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,18 +91,23 @@ def cycle_of(matrix: csr_array, levels: Sequence[Level], piece: Ints, waves: boo
     Indefinite
         If an eigenvalue of the wrong sign shows.
     """
-    stages = []
-    for level in levels:
+    made, pieces = [matrix], [piece]
+    for level in levels:  # what this needs on the way is not in memory together with what follows
         P = level.prolongation
-        coarser = coarse_operator(matrix, P)  # what it needs on the way is not in memory together with what follows
-        rows = UnsignedCsr.of(matrix).rounded()
-        smoother = _smoother(matrix, rows, _open(level.strip, piece), waves)
-        stages.append(Stage(rows, smoother, UnsignedCsr.of(P).rounded()))
+        made.append(coarse_operator(made[-1], P))
         coarse = np.full(P.shape[1], -1)
-        coarse[P.indices] = np.repeat(piece, np.diff(P.indptr))
-        matrix, piece = coarser, coarse
-    factors = SymmetricFactors if waves else PositiveFactors
-    return Cycle(tuple(stages), factors.of(_held(matrix, piece), "on the coarsest level"))
+        coarse[P.indices] = np.repeat(pieces[-1], np.diff(P.indptr))
+        pieces.append(coarse)
+    factors = (SymmetricFactors if waves else PositiveFactors).of(_held(made.pop(), pieces.pop()), COARSEST_PLACE)
+    stages = []
+    for level in reversed(levels):  # the finest, which is the largest, when entries of 64 bits of all others are gone
+        matrix = made.pop()
+        if not made:
+            hand_back()
+        rows = UnsignedCsr.of(matrix).rounded()
+        smoother = _smoother(matrix, rows, _open(level.strip, pieces.pop()), waves)
+        stages.append(Stage(rows, smoother, UnsignedCsr.of(level.prolongation).rounded()))
+    return Cycle(tuple(reversed(stages)), factors)
 
 
 def _smoother(matrix: csr_array, rows: UnsignedCsr, strip: Ints, waves: bool) -> Smoother:

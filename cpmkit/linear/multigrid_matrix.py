@@ -83,7 +83,8 @@ class UnsignedCsr:
 
     def apply(self, x: Floats) -> Floats:
         """Return ``A x``."""
-        return -self.residual(x, np.zeros((len(self), x.shape[1])))
+        out = self.residual(x, np.zeros((len(self), x.shape[1])))
+        return np.negative(out, out=out)
 
     def step(self, x: Floats, b: Floats, inverse: Floats, kept: float, added: float, move: Floats) -> Floats:
         """Return ``x + move`` with the new ``move``, ``kept move + added D^-1 (b - A x)``; ``inverse`` (n,) is D^-1."""
@@ -128,16 +129,21 @@ def coarse_operator(matrix: csr_array, prolongation: csr_array) -> csr_array:
     fine, P, back = UnsignedCsr.of(matrix), UnsignedCsr.of(prolongation), UnsignedCsr.of(prolongation.T.tocsr())
     size = len(back)
     at_once = max(LEAST_COARSE_ROWS, -(-size // COARSE_PARTS))
-    counts, columns, entries = [np.zeros(1, dtype=np.uint64)], [], []
+    pointers, columns, entries = np.zeros(size + 1, dtype=np.uint64), np.empty(0, dtype=np.uint32), np.empty(0)
     for start in range(0, size, at_once):
         stop = min(start + at_once, size)
         asked, wanted = np.zeros(len(fine), dtype=bool), np.zeros(size, dtype=bool)
         asked[back.columns[back.pointers[start] : back.pointers[stop]]] = True
         wanted[start:stop] = True
         some = back.times(fine.times(P, asked), wanted)
-        counts.append(np.diff(some.pointers[start : stop + 1]))
-        columns.append(some.columns)
-        entries.append(some.entries)
-    joined = np.concatenate(columns)
-    del columns, some
-    return UnsignedCsr(np.cumsum(np.concatenate(counts)), joined, np.concatenate(entries), size).to_csr()
+        pointers[start + 1 : stop + 1] = some.pointers[start + 1 : stop + 1] + np.uint64(len(entries))
+        _append(columns, some.columns)
+        _append(entries, some.entries)
+    return UnsignedCsr(pointers, columns, entries, size).to_csr()
+
+
+def _append(whole: Any, part: Any) -> None:
+    """Let an array grow where it stands, so that it is never in memory twice."""
+    before = len(whole)
+    whole.resize(before + len(part), refcheck=False)  # no view of it is anywhere
+    whole[before:] = part

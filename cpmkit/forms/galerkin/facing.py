@@ -40,9 +40,7 @@ def turned(space: Space, mesh: SampleMesh, area: Floats) -> Turned:
     Of curves n is the tangent. Cells are oriented by walking over the facets that two of them share. ``area`` (n,) is
     the integral of each spline.
     """
-    signs = orientation(mesh).astype(np.int8)
-    # one axis after the other: what is as long as the samples is most of what is in memory then
-    facing = norms(np.hstack([load(space, _faces(mesh, space, signs, axis)[:, None]) for axis in range(mesh.dim)]))
+    facing = norms(load(space, _faces(mesh, space)))
     is_turned = facing < FACED_LENGTH * area
     if not is_turned.any():
         return Turned(0.0, np.full(mesh.dim, np.nan))
@@ -51,19 +49,19 @@ def turned(space: Space, mesh: SampleMesh, area: Floats) -> Turned:
     return Turned(float(area[is_turned].sum() / area.sum()), space.parting.spacing * space.parting.nodes[worst])
 
 
-def _faces(mesh: SampleMesh, space: Space, signs: Ints, axis: int) -> Floats:
-    """Return (q,) a component of the directions in which samples face, in the sense of the walk."""
-    samples = space.samples
-    if mesh.manifold_dim == 2:
-        faces = np.empty(len(samples))
-        for start in range(0, len(samples), SAMPLES_AT_ONCE):
-            some = slice(start, start + SAMPLES_AT_ONCE)
-            faces[some] = samples.normals_at(some)[:, 0, axis]
-    else:
-        ends = mesh.vertices[mesh.cells]
-        faces = unit(ends[:, 1] - ends[:, 0])[samples.cell, axis]
-    faces *= signs[samples.cell]
-    return np.asarray(faces)
+def _faces(mesh: SampleMesh, space: Space) -> Floats:
+    """Return (q, d) the directions in which samples face, in the sense of the walk."""
+    signs, cells, samples = orientation(mesh), space.samples.cell, space.samples
+    ends = mesh.vertices[mesh.cells] if mesh.manifold_dim == 1 else mesh.vertices[:0, None]
+    faces = np.empty((len(samples), mesh.dim))
+    for start in range(0, len(samples), SAMPLES_AT_ONCE):
+        some = slice(start, start + SAMPLES_AT_ONCE)
+        if mesh.manifold_dim == 2:
+            faces[some] = samples.normals_at(some)[:, 0]
+        else:
+            faces[some] = unit(ends[cells[some], 1] - ends[cells[some], 0])
+        faces[some] *= signs[cells[some], None]
+    return faces
 
 
 def orientation(mesh: SampleMesh) -> Ints:

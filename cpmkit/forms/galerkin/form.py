@@ -33,6 +33,7 @@ from cpmkit.forms.options import Options
 from cpmkit.linear.levels import Level
 from cpmkit.manifold.abilities import advice_of, has_finite_feet
 from cpmkit.protocols import Floats, Operator, Progress, no_progress
+from cpmkit.runtime.freed_memory import hand_back
 from cpmkit.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -98,6 +99,7 @@ class Galerkin(Equations):
     def check(self) -> None:
         """Find what is to be told of any solution, before matrices take the memory that this needs on the way."""
         self.warnings()
+        hand_back()
 
     # Levels
 
@@ -244,6 +246,8 @@ def discretize(scene: Scene, options: Options[GalerkinOptions], progress: Progre
     parting = part(sampled.samples.points, sampled.corners, options.spacing, sampled.samples.cell)
     assert isinstance(sampled.samples, Samples)
     sampled = replace(sampled, samples=FixedSamples.of(sampled.samples, parting))  # what they were made of is let go
+    hand_back()
     made = Galerkin(scene, options, sampled, space_of(parting, sampled.samples))
+    hand_back()
     progress("space", 1.0)
     return made
