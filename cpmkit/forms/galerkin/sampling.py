@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
 
 from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples, boundary_samples
 from cpmkit.forms.galerkin.conditions.held import Held, held, point_warnings, reads_rims
@@ -50,8 +53,8 @@ class SampledScene:
     oriented : sequence of OrientedBoundary
         The boundaries with what tells their left.
     mesh : SampleMesh
-        Split, curved, cut.
-    corners : (m, k) int64
+        Split, curved, cut; its cells in 32 bits.
+    corners : (m, k) int32
         The vertices of its cells after cutting.
     half : HalfFacets
         Its facets on boundaries and rims.
@@ -76,7 +79,7 @@ class SampledScene:
     sources: Sequence[LocalSource]
     oriented: Sequence[OrientedBoundary]
     mesh: SampleMesh
-    corners: Ints
+    corners: Any
     half: HalfFacets
     samples: Samples | FixedSamples
     boundary: BoundarySamples
@@ -137,14 +140,17 @@ def sample(scene: Scene, options: Options[GalerkinOptions], progress: Progress) 
     progress("samples", 1.0)
     clipped_at = spacing if is_clipped(sampling, bend, mesh.manifold_dim) else None
     samples = samples_of(mesh, clipped_at, boundary.as_samples if len(boundary) else None)
-    mesh = replace(mesh, midpoints=None)  # which samples were taken from alone
+    # what is held on: cells in 32 bits, and no midpoints, which samples were taken from alone
+    cells: Any = mesh.cells.astype(np.int32)
+    held_corners: Any = cells if corners is mesh.cells else corners.astype(np.int32)
+    mesh = replace(mesh, cells=cells, midpoints=None)
     parts = (
         lattice,
         surface,
         sources,
         oriented,
         mesh,
-        corners,
+        held_corners,
         half,
         samples,
         boundary,

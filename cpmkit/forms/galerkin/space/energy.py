@@ -8,7 +8,7 @@ coefficients along the axes. All three vanish where u is constant along normals 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -74,8 +74,7 @@ def transport(space: Space, field: Floats) -> csr_array:
     velocity[: len(field)] = field
     of_samples = (
         samples.places,
-        samples.shares,
-        samples.weight_unit,
+        samples.weights,
         samples.directions,
         velocity,
         np.zeros(len(velocity)),
@@ -93,7 +92,7 @@ def load(space: Space, f: Floats) -> Floats:
     f = np.ascontiguousarray(f, dtype=np.float64)
     samples = space.samples
     of_samples = samples.places, samples.weights
-    add_load(space.parting.unknowns, space.order, space.start, *of_samples, f, loads)
+    add_load(space.parting.unknowns, space.parting.patch, *of_samples, f, loads)
     return loads
 
 
@@ -169,8 +168,7 @@ def held_data(space: Space, a: Floats | float, strength: Strength) -> Floats:
     d = samples.places.shape[1]
     arrays = (
         samples.places,
-        samples.shares,
-        samples.weight_unit,
+        samples.weights,
         samples.directions,
         _at_each(a),
         np.zeros((1, d, d)),
@@ -211,7 +209,6 @@ def _at_each(values: Floats | float) -> Floats:
     return np.ascontiguousarray(np.atleast_1d(values), dtype=np.float64)
 
 
-def patches(space: Space) -> tuple[Ints, float, Ints, Ints]:
+def patches(space: Space) -> tuple[Ints, float, Any, Ints]:
     """Return what kernels take of a space first: the unknowns of patches, the spacing, and the samples of each."""
-    parting = space.parting
-    return parting.unknowns, parting.spacing, space.order, space.start
+    return space.parting.unknowns, space.parting.spacing, *space.by_patch()

@@ -32,8 +32,7 @@ def spline_products(place: Any, products: Floats) -> None:
 @compiled
 def add_load(
     unknowns: Ints,
-    order: Any,
-    start: Ints,
+    patch: Any,
     places: Any,
     weights: Floats,
     f: Floats,
@@ -41,22 +40,22 @@ def add_load(
 ) -> None:
     """Add sum w[q] f[q] N_j(y_q) to ``load`` (n, channels), ``f`` (q, channels), or (1, channels) for all.
 
-    ``places`` (q, d): as of `FixedSamples`.
+    ``places`` (q, d): as of `FixedSamples`. What follows each other in one ``patch`` (q,) is summed there first.
     """
     width, channels = unknowns.shape[1], load.shape[1]
-    products, sums = np.empty(width), np.empty(width * channels)
-    for p in range(len(unknowns)):
-        sums[:] = 0.0
-        for s in range(start[p], start[p + 1]):
-            q = order[s]
-            spline_products(places[q], products)
-            for channel in range(channels):
-                density, first = weights[q] * f[q if len(f) > 1 else 0, channel], np.uint64(channel * width)
-                for place in range(np.uint64(width)):  # unsigned, so that no index is tested for its sign
-                    sums[first + place] += products[place] * density
+    products, sums = np.empty(width), np.zeros(width * channels)
+    for q in range(len(places)):
+        spline_products(places[q], products)
+        for channel in range(channels):
+            density, first = weights[q] * f[q if len(f) > 1 else 0, channel], np.uint64(channel * width)
+            for place in range(np.uint64(width)):  # unsigned, so that no index is tested for its sign
+                sums[first + place] += products[place] * density
+        if q + 1 < len(places) and patch[q + 1] == patch[q]:
+            continue
         for place in range(width):
             for channel in range(channels):
-                load[unknowns[p, place], channel] += sums[channel * width + place]
+                load[unknowns[patch[q], place], channel] += sums[channel * width + place]
+        sums[:] = 0.0
 
 
 @compiled
