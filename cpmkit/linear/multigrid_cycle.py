@@ -25,8 +25,6 @@ SMOOTHING_STEPS = 3
 EIGENVALUE_MARGIN = 1.1
 #: A diagonal entry below this share of the largest is zero: of a piece with one unknown on which a constant is free.
 ROUNDING = 1e-14
-#: Where that matrix is, in what is told of it.
-COARSEST_PLACE = "on the coarsest level"
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,29 +89,31 @@ def cycle_of(matrix: csr_array, levels: Sequence[Level], piece: Ints, waves: boo
     Indefinite
         If an eigenvalue of the wrong sign shows.
     """
-    made, pieces = [matrix], [piece]
+    made, strips = [matrix], []
     for level in levels:  # what this needs on the way is not in memory together with what follows
         P = level.prolongation
+        strips.append(Strip.of(made[-1], _open(level.strip, piece), waves))
         made.append(coarse_operator(made[-1], P))
         coarse = np.full(P.shape[1], -1)
-        coarse[P.indices] = np.repeat(pieces[-1], np.diff(P.indptr))
-        pieces.append(coarse)
-    factors = (SymmetricFactors if waves else PositiveFactors).of(_held(made.pop(), pieces.pop()), COARSEST_PLACE)
+        coarse[P.indices] = np.repeat(piece, np.diff(P.indptr))
+        piece = coarse
+    factors = (SymmetricFactors if waves else PositiveFactors).of(_held(made.pop(), piece), "on the coarsest level")
     stages = []
     for level in reversed(levels):  # the finest, which is the largest, when entries of 64 bits of all others are gone
         matrix = made.pop()
         if not made:
             hand_back()
         rows = UnsignedCsr.of(matrix).rounded()
-        smoother = _smoother(matrix, rows, _open(level.strip, pieces.pop()), waves)
+        smoother = _smoother(matrix, rows, strips.pop(), waves)
         stages.append(Stage(rows, smoother, UnsignedCsr.of(level.prolongation).rounded()))
     return Cycle(tuple(reversed(stages)), factors)
 
 
-def _smoother(matrix: csr_array, rows: UnsignedCsr, strip: Ints, waves: bool) -> Smoother:
-    exact, diagonal = Strip.of(matrix, strip, waves), matrix.diagonal()
+def _smoother(matrix: csr_array, rows: UnsignedCsr, exact: Strip | None, waves: bool) -> Smoother:
+    diagonal = matrix.diagonal()
     swept = abs(diagonal) > ROUNDING * diagonal.max()
-    swept[strip] = False
+    if exact is not None:
+        swept[exact.unknowns] = False
     if (diagonal[swept] < 0).any():
         raise Indefinite("it has entries below zero on the diagonal")
     inverse = np.zeros(len(diagonal))

@@ -20,7 +20,7 @@ from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.sample_mesh import Bend, HalfFacets, SampleMesh, Samples
 from cpmkit.forms.galerkin.samples.bending import bent
 from cpmkit.forms.galerkin.samples.clipping import is_clipped, longest_edge_spacings
-from cpmkit.forms.galerkin.samples.cutting import corners_of, half_facets
+from cpmkit.forms.galerkin.samples.cutting import corners_of, half_facets, is_cut
 from cpmkit.forms.galerkin.samples.quadrature import samples_of
 from cpmkit.forms.galerkin.samples.seams import seams
 from cpmkit.forms.galerkin.samples.soundness import sound
@@ -142,7 +142,7 @@ def sample(scene: Scene, options: Options[GalerkinOptions], progress: Progress) 
     samples = samples_of(mesh, clipped_at, boundary.as_samples if len(boundary) else None)
     # what is held on: cells in 32 bits, and no midpoints, which samples were taken from alone
     cells: Any = mesh.cells.astype(np.int32)
-    held_corners: Any = cells if corners is mesh.cells else corners.astype(np.int32)
+    held_corners: Any = corners.astype(np.int32) if is_cut(mesh, corners) else cells
     mesh = replace(mesh, cells=cells, midpoints=None)
     parts = (
         lattice,

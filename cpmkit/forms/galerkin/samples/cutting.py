@@ -28,8 +28,12 @@ def corners_of(mesh: SampleMesh) -> Ints:
     barred = np.zeros(len(edges.ends), dtype=bool)
     barred[edges_on_cut(mesh, edges)] = True
     corners: Ints = edges_kernels.join_corners(np.ascontiguousarray(mesh.cells), edges.of_cells, barred)
-    whole = corners.max(initial=-1) + 1 == np.count_nonzero(np.bincount(mesh.cells.ravel()))
-    return mesh.cells if whole else corners  # where nothing is cut they are the vertices, and held once
+    return corners
+
+
+def is_cut(mesh: SampleMesh, corners: Ints) -> bool:
+    """Tell whether a vertex of the mesh is several of its ``corners``, not one by another number."""
+    return bool(corners.max(initial=-1) + 1 > np.count_nonzero(np.bincount(mesh.cells.ravel())))
 
 
 def half_facets(mesh: SampleMesh) -> HalfFacets:
