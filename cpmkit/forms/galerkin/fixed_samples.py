@@ -13,14 +13,13 @@ from typing import Any
 
 import numpy as np
 
+from cpmkit.forms.galerkin.fixed_point import NORMAL_UNIT, PLACE_UNIT
 from cpmkit.forms.galerkin.parting import Parting
 from cpmkit.forms.galerkin.sample_mesh import Samples
 from cpmkit.protocols import Floats, Ints
 
 #: Samples that are rounded or decoded at a time.
 SAMPLES_AT_ONCE = 1 << 16
-#: What one unit of a place is in spacings, and one of a normal's component: 1 and -1 are whole numbers of it.
-PLACE_UNIT, NORMAL_UNIT = 2.0**-32, 2.0**-30
 
 
 @dataclass(frozen=True, eq=False)

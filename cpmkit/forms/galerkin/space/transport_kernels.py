@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.forms.galerkin.fixed_kernels import decode_normals
-from cpmkit.forms.galerkin.fixed_samples import PLACE_UNIT
+from cpmkit.forms.galerkin.fixed_point import PLACE_UNIT
 from cpmkit.forms.galerkin.space.energy_kernels import POLYNOMIALS, ROOM, sort_columns
 from cpmkit.protocols import Floats, Ints
 from cpmkit.runtime.compilation import compiled

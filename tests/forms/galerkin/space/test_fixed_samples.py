@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from galerkin_scenes import sphere
 
-from cpmkit.forms.galerkin.fixed_samples import NORMAL_UNIT, PLACE_UNIT, FixedSamples
+from cpmkit.forms.galerkin.fixed_point import NORMAL_UNIT, PLACE_UNIT
+from cpmkit.forms.galerkin.fixed_samples import FixedSamples
 from cpmkit.forms.galerkin.sample_mesh import Samples
 from cpmkit.forms.galerkin.space.parted import part
 
