@@ -10,6 +10,8 @@ import numpy as np
 from forms import main as fifteen
 from galerkin_line import SPACING as OF_SPOT
 from galerkin_line import scene as on_spot
+from galerkin_memory import SPACINGS as FOR_MEMORY
+from galerkin_memory import peak_of
 from palm_mesh import FINGER_RADIUS, palm
 from problems_of_documentation import EXAMPLES
 from sphere_zones import coupled, unlike
@@ -80,6 +82,12 @@ def products() -> Row:
     yield "seconds an unknown, most over least", max(each) / min(each), 1.3
 
 
+def peak_memory() -> Row:
+    """Bytes an unknown at the peak of a whole solve on the sphere."""
+    unknowns, peak = peak_of(FOR_MEMORY[0])
+    yield f"sphere, {unknowns:,} unknowns, bytes an unknown at the peak", peak, 2400
+
+
 def problems() -> Row:
     """What share of the collocation form's rms error is left on fifteen problems."""
     for name, left in fifteen(origins=1).items():
@@ -105,6 +113,7 @@ ROWS = {
     "iterations": iterations,
     "processor-time": processor_time,
     "products": products,
+    "peak-memory": peak_memory,
     "fifteen-problems": problems,
     "dirty-meshes": dirty_meshes,
 }

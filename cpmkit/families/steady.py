@@ -64,9 +64,10 @@ def solve_steady(context: SolveContext) -> Solution:
     form, terms = context.discretized, context.scene.problem.terms()
     poor = unresolved_waves(form, terms)
     form.check()
+    load = form.load(terms.f)
     ready: _Ready = context.kept.get(("steady", left_side(terms)), _ready, context)
     operator, prepared, wrong = ready.operator, ready.prepared, ready.wrong
-    b = form.load(terms.f) + form.data(ready.stiffness)
+    b = load + form.data(ready.stiffness)
     built = time.perf_counter()
     values, report = solved_or_resonant(context, prepared, b)
     report = replace(report, operator_applications=report.operator_applications + ready.looked)

@@ -14,6 +14,7 @@ from cpmkit.linear.multigrid_lanczos import largest_eigenvalue
 from cpmkit.linear.multigrid_matrix import UnsignedCsr, coarse_operator
 from cpmkit.linear.multigrid_smoother import Chebyshev, Smoother, Strip
 from cpmkit.protocols import Floats, Ints
+from cpmkit.runtime.freed_memory import hand_back
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -88,24 +89,31 @@ def cycle_of(matrix: csr_array, levels: Sequence[Level], piece: Ints, waves: boo
     Indefinite
         If an eigenvalue of the wrong sign shows.
     """
-    stages = []
-    for level in levels:
+    made, strips = [matrix], []
+    for level in levels:  # what this needs on the way is not in memory together with what follows
         P = level.prolongation
-        coarser = coarse_operator(matrix, P)  # what it needs on the way is not in memory together with what follows
-        rows = UnsignedCsr.of(matrix).rounded()
-        smoother = _smoother(matrix, rows, _open(level.strip, piece), waves)
-        stages.append(Stage(rows, smoother, UnsignedCsr.of(P).rounded()))
+        strips.append(Strip.of(made[-1], _open(level.strip, piece), waves))
+        made.append(coarse_operator(made[-1], P))
         coarse = np.full(P.shape[1], -1)
         coarse[P.indices] = np.repeat(piece, np.diff(P.indptr))
-        matrix, piece = coarser, coarse
-    factors = SymmetricFactors if waves else PositiveFactors
-    return Cycle(tuple(stages), factors.of(_held(matrix, piece), "on the coarsest level"))
+        piece = coarse
+    factors = (SymmetricFactors if waves else PositiveFactors).of(_held(made.pop(), piece), "on the coarsest level")
+    stages = []
+    for level in reversed(levels):  # the finest, which is the largest, when entries of 64 bits of all others are gone
+        matrix = made.pop()
+        if not made:
+            hand_back()
+        rows = UnsignedCsr.of(matrix).rounded()
+        smoother = _smoother(matrix, rows, strips.pop(), waves)
+        stages.append(Stage(rows, smoother, UnsignedCsr.of(level.prolongation).rounded()))
+    return Cycle(tuple(reversed(stages)), factors)
 
 
-def _smoother(matrix: csr_array, rows: UnsignedCsr, strip: Ints, waves: bool) -> Smoother:
-    exact, diagonal = Strip.of(matrix, strip, waves), matrix.diagonal()
+def _smoother(matrix: csr_array, rows: UnsignedCsr, exact: Strip | None, waves: bool) -> Smoother:
+    diagonal = matrix.diagonal()
     swept = abs(diagonal) > ROUNDING * diagonal.max()
-    swept[strip] = False
+    if exact is not None:
+        swept[exact.unknowns] = False
     if (diagonal[swept] < 0).any():
         raise Indefinite("it has entries below zero on the diagonal")
     inverse = np.zeros(len(diagonal))

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.protocols import Floats
+from cpmkit.protocols import Bools, Floats
 from cpmkit.runtime.compilation import compiled, inlined
 
 
@@ -84,6 +84,7 @@ def prolong(start: int, stop: int, pointers: Any, columns: Any, entries: Any, co
 
 @compiled
 def multiply(
+    wanted: Bools,
     pointers: Any,
     columns: Any,
     entries: Floats,
@@ -95,7 +96,8 @@ def multiply(
 ) -> tuple[Any, Any, Floats]:
     """Return pointers, columns (in no order) and entries of ``A B``, which has ``width`` columns.
 
-    ``room`` is about the number of entries: what is not needed costs no memory, what is lacking some time.
+    Rows that are not ``wanted`` (n,) are empty; ``room`` is about the number of entries: what is not needed costs no
+    memory, what is lacking some time.
     """
     place = np.zeros(width, dtype=np.uint64)  # one above where a column stands, in this row or an earlier one
     starts = np.zeros(len(pointers), dtype=np.uint64)
@@ -103,6 +105,9 @@ def multiply(
     used = np.uint64(0)
     for i in range(len(pointers) - 1):
         begin = used
+        if not wanted[i]:
+            starts[i + 1] = used
+            continue
         if used + np.uint64(width) > np.uint64(len(sums)):
             most = used
             for k in range(pointers[i], pointers[i + 1]):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.linear.products import PARCEL_ENTRIES
-from cpmkit.protocols import Floats
+from cpmkit.protocols import Bools, Floats
 from cpmkit.runtime.threads import run_parcels
 
 if TYPE_CHECKING:
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 #: Matrices with fewer entries are multiplied by one thread: handing out parcels takes as long as one or two of them.
 LEAST_SHARED_ENTRIES = 1 << 22
+#: Coarser matrices are made in so many parts, of so many rows at least: what is made twice is a tenth of the work.
+COARSE_PARTS, LEAST_COARSE_ROWS = 6, 1 << 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +47,7 @@ class UnsignedCsr:
 
     def rounded(self) -> UnsignedCsr:
         """Return the same matrix with entries of 32 bits, which takes two thirds of the memory and of the time."""
-        return replace(self, entries=self.entries.astype(np.float32))
+        return replace(self, entries=self.entries.astype(np.float32, copy=False))
 
     def to_csr(self) -> csr_array:
         """Return the same matrix as SciPy has it; rows are not sorted."""
@@ -57,11 +59,16 @@ class UnsignedCsr:
 
     def __matmul__(self, other: UnsignedCsr) -> UnsignedCsr:
         """Return the product ``A B`` with another matrix."""
+        return self.times(other, np.ones(len(self), dtype=bool))
+
+    def times(self, other: UnsignedCsr, wanted: Bools) -> UnsignedCsr:
+        """Return ``A B`` with the ``wanted`` (n,) rows, and nothing in others."""
         from cpmkit.linear.multigrid_kernels import multiply
 
-        two = (other.pointers, other.columns, other.entries)
-        room = max(len(self.entries), len(other.entries))
-        return UnsignedCsr(*multiply(self.pointers, self.columns, self.entries, *two, other.width, room), other.width)
+        one, two = ((own.pointers, own.columns, own.entries) for own in (self, other))
+        room = int(max(len(self.entries), len(other.entries)) * wanted.mean()) if len(wanted) else 0
+        pointers, columns, entries = multiply(wanted, *one, *two, other.width, room)
+        return UnsignedCsr(pointers, columns.copy(), entries.copy(), other.width)
 
     def __len__(self) -> int:
         return len(self.pointers) - 1
@@ -76,7 +83,8 @@ class UnsignedCsr:
 
     def apply(self, x: Floats) -> Floats:
         """Return ``A x``."""
-        return -self.residual(x, np.zeros((len(self), x.shape[1])))
+        out = self.residual(x, np.zeros((len(self), x.shape[1])))
+        return np.negative(out, out=out)
 
     def step(self, x: Floats, b: Floats, inverse: Floats, kept: float, added: float, move: Floats) -> Floats:
         """Return ``x + move`` with the new ``move``, ``kept move + added D^-1 (b - A x)``; ``inverse`` (n,) is D^-1."""
@@ -113,8 +121,29 @@ class UnsignedCsr:
 
 
 def coarse_operator(matrix: csr_array, prolongation: csr_array) -> csr_array:
-    """Return P' A P."""
-    half = UnsignedCsr.of(matrix) @ UnsignedCsr.of(prolongation)
-    coarse = UnsignedCsr.of(prolongation.T.tocsr()) @ half
-    del half  # the largest of all, before the result is copied out of the room for it
-    return replace(coarse, columns=coarse.columns.copy(), entries=coarse.entries.copy()).to_csr()
+    """Return P' A P.
+
+    Some rows at a time: of A P only what these need is made, and let go. The rows of a lattice's unknowns that follow
+    each other lie in a slab, so that little of A P is made twice.
+    """
+    fine, P, back = UnsignedCsr.of(matrix), UnsignedCsr.of(prolongation), UnsignedCsr.of(prolongation.T.tocsr())
+    size = len(back)
+    at_once = max(LEAST_COARSE_ROWS, -(-size // COARSE_PARTS))
+    pointers, columns, entries = np.zeros(size + 1, dtype=np.uint64), np.empty(0, dtype=np.uint32), np.empty(0)
+    for start in range(0, size, at_once):
+        stop = min(start + at_once, size)
+        asked, wanted = np.zeros(len(fine), dtype=bool), np.zeros(size, dtype=bool)
+        asked[back.columns[back.pointers[start] : back.pointers[stop]]] = True
+        wanted[start:stop] = True
+        some = back.times(fine.times(P, asked), wanted)
+        pointers[start + 1 : stop + 1] = some.pointers[start + 1 : stop + 1] + np.uint64(len(entries))
+        _append(columns, some.columns)
+        _append(entries, some.entries)
+    return UnsignedCsr(pointers, columns, entries, size).to_csr()
+
+
+def _append(whole: Any, part: Any) -> None:
+    """Let an array grow where it stands, so that it is never in memory twice."""
+    before = len(whole)
+    whole.resize(before + len(part), refcheck=False)  # no view of it is anywhere
+    whole[before:] = part

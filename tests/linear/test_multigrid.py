@@ -5,16 +5,16 @@ from functools import cache
 import numpy as np
 import pytest
 from galerkin_systems import circle_beside, mass_of, sphere_space, stiffness_of, two_spheres
-from scipy.sparse import random_array
+from scipy.sparse import csr_array, random_array
 
 from cpmkit.errors import ConvergenceError, SceneError
 from cpmkit.forms.free_constants import free_pieces
 from cpmkit.forms.galerkin.hierarchy.levels import levels_of
 from cpmkit.forms.galerkin.space import energy
-from cpmkit.linear import multigrid_cycle
+from cpmkit.linear import multigrid_cycle, multigrid_matrix
 from cpmkit.linear.direct import Direct
 from cpmkit.linear.multigrid import Multigrid
-from cpmkit.linear.multigrid_matrix import UnsignedCsr
+from cpmkit.linear.multigrid_matrix import UnsignedCsr, coarse_operator
 from cpmkit.linear.operators import Bordered, CsrOperator
 
 NOWHERE = np.zeros(0, dtype=np.int64)
@@ -188,3 +188,13 @@ def test_sparse_products_are_those_of_scipy(shape, density):
     x = np.random.default_rng(0).standard_normal((shape[1], 3))
     assert np.allclose(UnsignedCsr.of(a).apply(x), a @ x)
     assert np.allclose(UnsignedCsr.of(a).transposed(a @ x), a.T @ (a @ x))
+
+
+def test_coarser_matrices_made_in_parts_are_whole(monkeypatch):
+    rng = np.random.default_rng(3)
+    dense = [np.where(rng.random(shape) < 0.1, rng.standard_normal(shape), 0.0) for shape in ((90, 90), (90, 31))]
+    a, p = (csr_array(one) for one in (dense[0] + dense[0].T, dense[1]))
+    monkeypatch.setattr(multigrid_matrix, "LEAST_COARSE_ROWS", 4)
+    coarse = coarse_operator(a, p)
+    assert np.allclose(coarse.toarray(), (p.T @ a @ p).toarray(), atol=1e-13)
+    assert coarse.nnz == (p.T @ a @ p).nnz

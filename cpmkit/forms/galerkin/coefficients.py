@@ -12,7 +12,7 @@ import numpy as np
 from cpmkit.errors import InputError
 from cpmkit.forms.at_state import AtState
 from cpmkit.forms.galerkin.conditions.one_side import scaled
-from cpmkit.forms.galerkin.diffusivity import checked
+from cpmkit.forms.galerkin.diffusivity import checked, checked_number
 from cpmkit.forms.galerkin.space.energy import slopes_at, transport
 from cpmkit.forms.galerkin.space.splines import derivative_rows, value_rows
 from cpmkit.forms.galerkin.transport.carried import Carried, upstream_times
@@ -47,16 +47,19 @@ class Coefficients(Values):
 
     def _diffusivity(self, given: Any) -> Floats:
         """Return the diffusivity (q,) or (q, d, d) at all samples, (1,) if it is a number."""
-        one, points = self.sampled, self.points
+        one = self.sampled
         if not callable(given) and not isinstance(given, AtState) and np.ndim(given) == 0:
-            return checked(self._at_samples(given, "the diffusivity"), one.samples.normals, points)
+            return checked_number(self._at_samples(given, "the diffusivity"))
+        points = self.points
         if isinstance(given, AtState):
             own = given.coefficient(self.at_points(given.u)[:, 0], self.slopes_at_points(given.u)[:, 0], points)
         else:
             own = evaluate_diffusivity(given, points, "the diffusivity")
         if own.ndim == 3 and len(self._tips):
             raise InputError("tips='singular' takes a diffusivity that is a number, got a tensor; use 'extended'.")
-        return self._and_on_boundaries(checked(own, one.samples.normals[: one.interior], points))
+        if own.ndim < 3:
+            return self._and_on_boundaries(checked_number(own))
+        return self._and_on_boundaries(checked(own, one.samples.normals_at(slice(one.interior)), points))
 
     def _holding(self, given: Any) -> Floats | None:
         """Return what terms of the form's own are in units of, (q,) at all samples; None for the diffusivity."""
@@ -68,7 +71,8 @@ class Coefficients(Values):
         """Return what the velocity of these terms does at the samples, and nothing at those on boundaries."""
         assert terms.velocity is not None
         one, a, c = self.sampled, self._diffusivity(terms.diffusivity), self._at_samples(terms.c, "the factor c")
-        points, normals = (each[: one.interior] for each in (one.samples.points, one.samples.normals))
+        rows = slice(one.interior)
+        points, normals = one.samples.points_at(rows), one.samples.normals_at(rows)
         v = velocity_at(terms.velocity, points, normals, one.lattice)
         upstream, of_a = upstream_times(np.linalg.norm(v, axis=1), a[: len(v)], self.spacing), v[:0]
         if terms.conservative and upstream.any():

@@ -12,13 +12,26 @@ from cpmkit.scene.tensors import principal_values
 SINGULAR_SHARE = 1e-12
 
 
+def checked_number(a: Floats) -> Floats:
+    """Return a diffusivity (k,) if it is positive.
+
+    Raises
+    ------
+    InputError
+        With the smallest value.
+    """
+    if np.any(a <= 0):
+        raise InputError(f"the diffusivity must be above zero, got {a.min():g}.")
+    return a
+
+
 def checked(a: Floats, normals: Floats, points: Floats) -> Floats:
-    """Return a diffusivity (k,) or (k, d, d) if it is positive on tangents at all ``points`` (k, d).
+    """Return a diffusivity (k, d, d) if it is positive on tangents at all ``points`` (k, d).
 
     Parameters
     ----------
-    a : (k,) or (k, d, d) float64
-        At the samples, (1,) for all of them.
+    a : (k, d, d) float64
+        At the samples.
     normals : (k, c, d) float64
         Orthonormal vectors normal to the manifold.
     points : (k, d) float64
@@ -27,12 +40,8 @@ def checked(a: Floats, normals: Floats, points: Floats) -> Floats:
     Raises
     ------
     InputError
-        With the place and the smallest value, or the smallest eigenvalue.
+        With the place and the smallest eigenvalue.
     """
-    if a.ndim < 3:
-        if np.any(a <= 0):
-            raise InputError(f"the diffusivity must be above zero, got {a.min():g}.")
-        return a
     least, largest = principal_values(a, normals)
     worst = int(np.argmin(least - SINGULAR_SHARE * largest))
     if least[worst] <= SINGULAR_SHARE * largest[worst]:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from cpmkit.forms.galerkin.fixed_samples import SAMPLES_AT_ONCE
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.forms.galerkin.samples.edges import edges_of
 from cpmkit.forms.galerkin.space.energy import load
@@ -40,9 +40,7 @@ def turned(space: Space, mesh: SampleMesh, area: Floats) -> Turned:
     Of curves n is the tangent. Cells are oriented by walking over the facets that two of them share. ``area`` (n,) is
     the integral of each spline.
     """
-    signs, directions = orientation(mesh).astype(np.float32)[space.samples.cell], _directions(mesh, space)
-    # one axis after the other: what is as long as the samples is most of what is in memory then
-    facing = norms(np.hstack([load(space, (signs * along)[:, None]) for along in directions.T]))
+    facing = norms(load(space, _faces(mesh, space)))
     is_turned = facing < FACED_LENGTH * area
     if not is_turned.any():
         return Turned(0.0, np.full(mesh.dim, np.nan))
@@ -51,11 +49,19 @@ def turned(space: Space, mesh: SampleMesh, area: Floats) -> Turned:
     return Turned(float(area[is_turned].sum() / area.sum()), space.parting.spacing * space.parting.nodes[worst])
 
 
-def _directions(mesh: SampleMesh, space: Space) -> Any:
-    if mesh.manifold_dim == 2:
-        return np.asarray(space.samples.normals[:, 0])
-    ends = mesh.vertices[mesh.cells]
-    return np.asarray(unit(ends[:, 1] - ends[:, 0])[space.samples.cell])
+def _faces(mesh: SampleMesh, space: Space) -> Floats:
+    """Return (q, d) the directions in which samples face, in the sense of the walk."""
+    signs, cells, samples = orientation(mesh), space.samples.cell, space.samples
+    ends = mesh.vertices[mesh.cells] if mesh.manifold_dim == 1 else mesh.vertices[:0, None]
+    faces = np.empty((len(samples), mesh.dim))
+    for start in range(0, len(samples), SAMPLES_AT_ONCE):
+        some = slice(start, start + SAMPLES_AT_ONCE)
+        if mesh.manifold_dim == 2:
+            faces[some] = samples.normals_at(some)[:, 0]
+        else:
+            faces[some] = unit(ends[cells[some], 1] - ends[cells[some], 0])
+        faces[some] *= signs[cells[some], None]
+    return faces
 
 
 def orientation(mesh: SampleMesh) -> Ints:

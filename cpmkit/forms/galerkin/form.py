@@ -19,10 +19,11 @@ from cpmkit.forms.galerkin.definiteness import surely_iterated
 from cpmkit.forms.galerkin.equations import Equations
 from cpmkit.forms.galerkin.facing import Turned, turned
 from cpmkit.forms.galerkin.fitting import check_unknowns_fit, factors_in
+from cpmkit.forms.galerkin.fixed_samples import FixedSamples
 from cpmkit.forms.galerkin.hierarchy.levels import levels_of
 from cpmkit.forms.galerkin.operator import levels_for
 from cpmkit.forms.galerkin.options import FAMILIES, GalerkinOptions
-from cpmkit.forms.galerkin.sample_mesh import Bend
+from cpmkit.forms.galerkin.sample_mesh import Bend, Samples
 from cpmkit.forms.galerkin.sampling import sample
 from cpmkit.forms.galerkin.space.parted import part, pieces
 from cpmkit.forms.galerkin.space.space import space_of
@@ -33,6 +34,7 @@ from cpmkit.forms.options import Options
 from cpmkit.linear.levels import Level
 from cpmkit.manifold.abilities import advice_of, has_finite_feet
 from cpmkit.protocols import Floats, Operator, Progress, no_progress
+from cpmkit.runtime.freed_memory import hand_back
 from cpmkit.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -97,6 +99,11 @@ class Galerkin(Equations):
             )
         laws = held(scene, one.boundary, one.left, one.surface, one.lattice)
         return replace(self, scene=scene, sampled=replace(one, held=laws))
+
+    def check(self) -> None:
+        """Find what is to be told of any solution, before matrices take the memory that this needs on the way."""
+        self.warnings()
+        hand_back()
 
     # Levels
 
@@ -255,6 +262,10 @@ def discretize(scene: Scene, options: Options[GalerkinOptions], progress: Progre
     sampled = sample(scene, options, progress)
     progress("space", 0.0)
     parting = part(sampled.samples.points, sampled.corners, options.spacing, sampled.samples.cell)
+    assert isinstance(sampled.samples, Samples)
+    sampled = replace(sampled, samples=FixedSamples.of(sampled.samples, parting))  # what they were made of is let go
+    hand_back()
     made = Galerkin(scene, options, sampled, space_of(parting, sampled.samples))
+    hand_back()
     progress("space", 1.0)
     return made

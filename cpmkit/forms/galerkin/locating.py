@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from cpmkit.forms.galerkin.fixed_samples import FixedSamples
 from cpmkit.forms.galerkin.parting import Parting
 from cpmkit.forms.galerkin.sample_mesh import Samples
 from cpmkit.forms.galerkin.sides_of_cells import SidesOfCells
@@ -38,7 +39,7 @@ class Locator:
     Attributes
     ----------
     lattice : Lattice
-    samples : Samples
+    samples : Samples or FixedSamples
         Those on boundaries included.
     parting : Parting
         Of these samples.
@@ -49,7 +50,7 @@ class Locator:
     """
 
     lattice: Lattice
-    samples: Samples
+    samples: Samples | FixedSamples
     parting: Parting
     sides: SidesOfCells
     boundaries: Sequence[OrientedBoundary]
@@ -82,7 +83,8 @@ class Locator:
 
         And the points (k,) for which a boundary would shut out all that others leave: there it shuts out none.
         """
-        height = np.einsum("kqcd,kqd->kqc", self.samples.normals[near], points[:, None] - self.samples.points[near])
+        off = points[:, None] - self.samples.points_at(near)
+        height = np.einsum("kqcd,kqd->kqc", self.samples.normals_at(near), off)
         apart = distance**2 + HEIGHT_FACTOR**2 * (height**2).sum(axis=2)
         shut = np.zeros(len(points), dtype=bool)
         if not self.boundaries or not len(points):
@@ -100,7 +102,7 @@ class Locator:
 
         Asked where both of its sides are among them, and of points ``beside`` (k,) a boundary.
         """
-        signs = self.sides.of_boundary(number)[self.samples.cell][near]
+        signs = self.sides.of_boundary(number)[self.samples.cell_at(near)]
         across = np.zeros(near.shape, dtype=bool)
         first, second = np.any(signs > 0, axis=1), np.any(signs < 0, axis=1)
         rows = np.flatnonzero(np.where(beside, first | second, first & second))
@@ -149,7 +151,7 @@ class Locator:
     def _boundary_tree(self) -> Any:
         from scipy.spatial import cKDTree
 
-        return cKDTree(self.samples.points[self.samples.weights == 0])
+        return cKDTree(self.samples.points_at(np.flatnonzero(self.samples.weights == 0)))
 
     @cached_property
     def _tree(self) -> Any:

@@ -21,11 +21,11 @@ class Parting:
         h, of the lattice, in the scene's unit.
     cells : (p, d) int64
         The lattice cell of each patch.
-    unknowns : (p, 3^d) int64
+    unknowns : (p, 3^d) int32
         The unknowns at the nodes r - 1 to r + 1 that a patch reads, the last axis running fastest.
     nodes : (n, d) int64
         The node of each unknown.
-    touching : (t, 2) int64
+    touching : (t, 2) int32
         Pairs of patches with samples that touch, each pair once.
     patch : (q,) int32
         The patch of each sample.
@@ -33,9 +33,9 @@ class Parting:
 
     spacing: float
     cells: Ints
-    unknowns: Ints
+    unknowns: Any
     nodes: Ints
-    touching: Ints
+    touching: Any
     patch: Any
 
     @property

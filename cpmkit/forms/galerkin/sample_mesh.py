@@ -115,3 +115,15 @@ class Samples:
 
     def __len__(self) -> int:
         return len(self.points)
+
+    def points_at(self, rows: slice | Ints) -> Floats:
+        """Return (..., d) the points of the samples ``rows`` (...)."""
+        return np.asarray(self.points[rows])
+
+    def normals_at(self, rows: slice | Ints) -> Floats:
+        """Return (..., c, d) the normals of the samples ``rows`` (...)."""
+        return np.asarray(self.normals[rows])
+
+    def cell_at(self, rows: Ints) -> Ints:
+        """Return (...) the cells of the samples ``rows`` (...)."""
+        return np.asarray(self.cell[rows])

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
 
 from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples, boundary_samples
 from cpmkit.forms.galerkin.conditions.held import Held, held, point_warnings, reads_rims
@@ -11,12 +14,13 @@ from cpmkit.forms.galerkin.conditions.sides import left_of_boundaries
 from cpmkit.forms.galerkin.contouring.curves import traced
 from cpmkit.forms.galerkin.contouring.surfaces import triangulated
 from cpmkit.forms.galerkin.fitting import check_samples_fit
+from cpmkit.forms.galerkin.fixed_samples import FixedSamples
 from cpmkit.forms.galerkin.insertion.inserted import inserted
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.sample_mesh import Bend, HalfFacets, SampleMesh, Samples
 from cpmkit.forms.galerkin.samples.bending import bent
 from cpmkit.forms.galerkin.samples.clipping import is_clipped, longest_edge_spacings
-from cpmkit.forms.galerkin.samples.cutting import corners_of, half_facets
+from cpmkit.forms.galerkin.samples.cutting import corners_of, half_facets, is_cut
 from cpmkit.forms.galerkin.samples.quadrature import samples_of
 from cpmkit.forms.galerkin.samples.seams import seams
 from cpmkit.forms.galerkin.samples.soundness import sound
@@ -49,13 +53,13 @@ class SampledScene:
     oriented : sequence of OrientedBoundary
         The boundaries with what tells their left.
     mesh : SampleMesh
-        Split, curved, cut.
-    corners : (m, k) int64
+        Split, curved, cut; its cells in 32 bits.
+    corners : (m, k) int32
         The vertices of its cells after cutting.
     half : HalfFacets
         Its facets on boundaries and rims.
-    samples : Samples
-        Those of the manifold, those on boundaries after them.
+    samples : Samples or FixedSamples
+        Those of the manifold, those on boundaries after them; the latter once they are parted.
     boundary : BoundarySamples
         The latter.
     left : (b,) bool
@@ -75,9 +79,9 @@ class SampledScene:
     sources: Sequence[LocalSource]
     oriented: Sequence[OrientedBoundary]
     mesh: SampleMesh
-    corners: Ints
+    corners: Any
     half: HalfFacets
-    samples: Samples
+    samples: Samples | FixedSamples
     boundary: BoundarySamples
     left: Bools
     held: tuple[Held, ...]
@@ -136,14 +140,17 @@ def sample(scene: Scene, options: Options[GalerkinOptions], progress: Progress) 
     progress("samples", 1.0)
     clipped_at = spacing if is_clipped(sampling, bend, mesh.manifold_dim) else None
     samples = samples_of(mesh, clipped_at, boundary.as_samples if len(boundary) else None)
-    mesh = replace(mesh, midpoints=None)  # which samples were taken from alone
+    # what is held on: cells in 32 bits, and no midpoints, which samples were taken from alone
+    cells: Any = mesh.cells.astype(np.int32)
+    held_corners: Any = corners.astype(np.int32) if is_cut(mesh, corners) else cells
+    mesh = replace(mesh, cells=cells, midpoints=None)
     parts = (
         lattice,
         surface,
         sources,
         oriented,
         mesh,
-        corners,
+        held_corners,
         half,
         samples,
         boundary,

@@ -12,7 +12,15 @@ import numpy as np
 from cpmkit.forms.galerkin.locating import DIFFERENCE_SPACINGS
 from cpmkit.forms.galerkin.projection import Projection
 from cpmkit.forms.galerkin.reading import Reader
-from cpmkit.forms.galerkin.space.energy import STRENGTHS, Strength, load, mass, slopes_at, stiffness, values_at_samples
+from cpmkit.forms.galerkin.space.energy import (
+    STRENGTHS,
+    Strength,
+    load,
+    mass,
+    slopes_at_samples,
+    stiffness,
+    values_at_samples,
+)
 from cpmkit.forms.galerkin.space.splines import derivative_rows
 from cpmkit.linear.operators import CsrOperator
 from cpmkit.manifold.tangent_space import project_tangent
@@ -73,7 +81,8 @@ class Values(Reader):
     def _integrals(self, values: Floats) -> Floats:
         """Return the integrals (n, k) of ``values`` (p, k) at the points times each spline."""
         none = np.zeros((len(self.sampled.boundary), values.shape[1]))
-        return self._tips.with_loads(load(self.space, np.concatenate([values, none])), values)
+        everywhere = np.concatenate([values, none]) if len(none) else values
+        return self._tips.with_loads(load(self.space, everywhere), values)
 
     @property
     def point_weights(self) -> Floats:
@@ -87,9 +96,7 @@ class Values(Reader):
 
     def slopes_at_points(self, u: Floats) -> Floats:
         """Return the tangential gradients (p, channels, d) of u at the samples, as they are."""
-        one, splines = self.sampled, u[: self._tips.splines]
-        at, normals = one.samples.points[: one.interior], one.samples.normals[: one.interior]
-        found = slopes_at(self.space, self.space.parting.patch[: one.interior], at, normals, splines)
+        found = slopes_at_samples(self.space, self.sampled.interior, u[: self._tips.splines])
         if len(self._tips):
             own = [slopes @ u[self._tips.splines :] for slopes in self._tips.slopes_inside]
             found = found + np.stack(own, axis=-1)
@@ -145,10 +152,7 @@ class Values(Reader):
     def _projected_slopes(self, u: Floats) -> Floats:
         """Return the splines (n, channels d) nearest to the tangential gradient of u's own; kept for the last u."""
         if self._last_slopes.get("u") is not u:
-            splines = u[: self._tips.splines]
-            one, count = self.sampled.samples, self.sampled.interior
-            patch = self.space.parting.patch[:count]
-            raw = slopes_at(self.space, patch, one.points[:count], one.normals[:count], splines)
+            raw = slopes_at_samples(self.space, self.sampled.interior, u[: self._tips.splines])
             projected = self._projected(self._integrals(raw.reshape(len(raw), -1)))
             self._last_slopes.update(u=u, projected=projected)
         return self._last_slopes["projected"]
@@ -185,7 +189,8 @@ class Values(Reader):
         One at a time, and none is kept: each has 27 entries a sample, more than all else of a solution.
         """
         one, parting = self.sampled, self.space.parting
-        at, normals = one.samples.points[: one.interior], one.samples.normals[: one.interior]
+        rows = slice(one.interior)
+        at, normals = one.samples.points_at(rows), one.samples.normals_at(rows)
         tangential = np.eye(parting.dim) - np.einsum("qcd,qce->qde", normals, normals)
         for axis in range(parting.dim):
             yield derivative_rows(parting, parting.patch[: len(at)], at, tangential[:, axis])

@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.protocols import Floats, Ints
+from cpmkit.protocols import Ints
 from cpmkit.runtime.compilation import compiled
 
 
 @compiled
 def two_scale(
     cells: Ints, unknowns: Ints, n: int, parent: Ints, coarse_cells: Ints, coarse_unknowns: Ints
-) -> tuple[Any, Any, Floats]:
+) -> tuple[Any, Any, Any]:
     """Return pointers, columns (ascending in each row) and weights of P.
 
     ``cells`` (p, d) and ``unknowns`` (p, 3^d) of n are those of the finer patches, ``parent`` (p,) their coarser ones,
@@ -28,7 +28,7 @@ def two_scale(
                 reader[unknowns[a, place]] = a * width + place
     pointers = np.zeros(n + 1, dtype=np.int32)
     columns = np.empty(n << d, dtype=np.int32)
-    weights = np.empty(n << d)
+    weights = np.empty(n << d, dtype=np.float32)  # of multiples of 4^-d, exactly
     near, far = np.empty(d, dtype=np.int64), np.empty(d, dtype=np.int64)
     used = 0
     for i in range(n):
@@ -58,7 +58,7 @@ def two_scale(
 
 
 @compiled
-def _put(columns: Any, weights: Floats, begin: int, used: int, column: int, weight: float) -> int:
+def _put(columns: Any, weights: Any, begin: int, used: int, column: int, weight: float) -> int:
     """Add a weight to the row that starts at ``begin`` and return where it ends now."""
     at = begin
     while at < used and columns[at] < column:

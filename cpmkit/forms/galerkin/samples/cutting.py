@@ -31,6 +31,11 @@ def corners_of(mesh: SampleMesh) -> Ints:
     return corners
 
 
+def is_cut(mesh: SampleMesh, corners: Ints) -> bool:
+    """Tell whether a vertex of the mesh is several of its ``corners``, not one by another number."""
+    return bool(corners.max(initial=-1) + 1 > np.count_nonzero(np.bincount(mesh.cells.ravel())))
+
+
 def half_facets(mesh: SampleMesh) -> HalfFacets:
     """Return the facets on boundaries, once for each cell beside them, and those of one cell alone: the rim.
 

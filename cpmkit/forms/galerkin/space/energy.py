@@ -8,10 +8,11 @@ coefficients along the axes. All three vanish where u is constant along normals 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cpmkit.forms.galerkin.fixed_samples import SAMPLES_AT_ONCE
 from cpmkit.forms.galerkin.space.space import Space
 from cpmkit.protocols import Floats, Ints
 
@@ -69,9 +70,15 @@ def transport(space: Space, field: Floats) -> csr_array:
     from cpmkit.forms.galerkin.space.transport_kernels import CONSERVATIVE, add_transport
 
     samples, data, none = space.samples, np.zeros(len(space.indices)), np.zeros(1)
-    velocity = np.zeros_like(samples.points)
+    velocity = np.zeros(samples.places.shape)
     velocity[: len(field)] = field
-    of_samples = samples.points, samples.weights, samples.normals, velocity, np.zeros(len(velocity))
+    of_samples = (
+        samples.places,
+        samples.weights,
+        samples.directions,
+        velocity,
+        np.zeros(len(velocity)),
+    )
     matrix = space.indptr, space.indices, data
     add_transport(*patches(space), *of_samples, none, velocity[:0], none, CONSERVATIVE, matrix)
     return space.matrix(-data)
@@ -83,7 +90,9 @@ def load(space: Space, f: Floats) -> Floats:
 
     loads = np.zeros((space.parting.size, f.shape[1]))
     f = np.ascontiguousarray(f, dtype=np.float64)
-    add_load(*patches(space), space.samples.points, space.samples.weights, f, loads)
+    samples = space.samples
+    of_samples = samples.places, samples.weights
+    add_load(space.parting.unknowns, space.parting.patch, *of_samples, f, loads)
     return loads
 
 
@@ -91,11 +100,9 @@ def values_at_samples(space: Space, u: Floats) -> Floats:
     """Return (q, channels) the values at the samples of the splines with coefficients ``u`` (n, channels)."""
     from cpmkit.forms.galerkin.space.sample_kernels import read_values
 
-    parting, points = space.parting, space.samples.points
-    values = np.empty((len(points), u.shape[1]))
-    read_values(
-        parting.unknowns, parting.cells, parting.spacing, parting.patch, points, np.ascontiguousarray(u), values
-    )
+    parting, places = space.parting, space.samples.places
+    values = np.empty((len(places), u.shape[1]))
+    read_values(parting.unknowns, parting.patch, places, np.ascontiguousarray(u), values)
     return values
 
 
@@ -113,6 +120,16 @@ def slopes_at(space: Space, patch: Ints, points: Floats, normals: Floats, u: Flo
     return slopes
 
 
+def slopes_at_samples(space: Space, count: int, u: Floats) -> Floats:
+    """Return (count, channels, d) the same at the first ``count`` samples."""
+    slopes = np.empty((count, u.shape[1], space.parting.dim))
+    for start in range(0, count, SAMPLES_AT_ONCE):
+        some = slice(start, min(start + SAMPLES_AT_ONCE, count))
+        at = space.samples.points_at(some), space.samples.normals_at(some)
+        slopes[some] = slopes_at(space, space.parting.patch[some], *at, u)
+    return slopes
+
+
 def energy_data(
     space: Space,
     a: Floats | float | None,
@@ -127,7 +144,7 @@ def energy_data(
     from cpmkit.forms.galerkin.space.energy_kernels import add_energy
 
     samples = space.samples
-    d = samples.points.shape[1]
+    d = samples.places.shape[1]
     scalars, tensors, masses = np.zeros(0), np.zeros((0, d, d)), np.zeros(0)
     if a is not None:
         if holding is not None and np.ndim(a) < 3:
@@ -137,7 +154,7 @@ def energy_data(
     if c is not None:
         masses = _at_each(c)
     data = np.zeros(len(space.indices))
-    arrays = (samples.points, samples.weights, samples.normals, scalars, tensors, masses)
+    arrays = (samples.places, samples.weights, samples.directions, scalars, tensors, masses)
     matrix = (space.indptr, space.indices, data)
     add_energy(*patches(space), *arrays, strength.e1, strength.e2, matrix)
     return data
@@ -148,8 +165,15 @@ def held_data(space: Space, a: Floats | float, strength: Strength) -> Floats:
     from cpmkit.forms.galerkin.space.energy_kernels import add_energy
 
     samples, data = space.samples, np.zeros(len(space.indices))
-    d = samples.points.shape[1]
-    arrays = (samples.points, samples.weights, samples.normals, _at_each(a), np.zeros((1, d, d)), np.zeros(0))
+    d = samples.places.shape[1]
+    arrays = (
+        samples.places,
+        samples.weights,
+        samples.directions,
+        _at_each(a),
+        np.zeros((1, d, d)),
+        np.zeros(0),
+    )
     add_energy(*patches(space), *arrays, strength.e1, strength.e2, (space.indptr, space.indices, data))
     return data
 
@@ -185,7 +209,6 @@ def _at_each(values: Floats | float) -> Floats:
     return np.ascontiguousarray(np.atleast_1d(values), dtype=np.float64)
 
 
-def patches(space: Space) -> tuple[Ints, Ints, float, Ints, Ints]:
-    """Return what kernels take of a space first: unknowns and cells of patches, spacing, and the samples of each."""
-    parting = space.parting
-    return parting.unknowns, parting.cells, parting.spacing, space.order, space.start
+def patches(space: Space) -> tuple[Ints, float, Any, Ints]:
+    """Return what kernels take of a space first: the unknowns of patches, the spacing, and the samples of each."""
+    return space.parting.unknowns, space.parting.spacing, *space.by_patch()

@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from cpmkit.forms.galerkin.fixed_kernels import decode_normals
+from cpmkit.forms.galerkin.fixed_point import PLACE_UNIT
 from cpmkit.protocols import Floats, Ints
 from cpmkit.runtime.compilation import compiled
 
@@ -108,19 +110,19 @@ def second_form(
 @compiled
 def tensor_at(q: int, normals: Floats, a: float, tensors: Floats, e1: float, weight: float, C: Floats) -> None:
     """Fill ``C`` (3, 3) with the weight times the coefficient between tangents, and times e1 a between normals."""
-    codim, d = normals.shape[1:]
+    codim, d = normals.shape
     for i in range(d):
         for j in range(d):
             across = 0.0
             for c in range(codim):
-                across += normals[q, c, i] * normals[q, c, j]
+                across += normals[c, i] * normals[c, j]
             C[i, j] = weight * a * ((i == j) - (1.0 - e1) * across)
             if len(tensors):
                 C[i, j] = weight * tensors[q if len(tensors) > 1 else 0, i, j]
     if len(tensors) == 0:
         return
     for c in range(codim):  # less the tensor's parts along normals, which are orthonormal: one after the other
-        n = normals[q, c]
+        n = normals[c]
         for side in range(2):
             for i in range(d):
                 along = 0.0
@@ -134,7 +136,7 @@ def tensor_at(q: int, normals: Floats, a: float, tensors: Floats, e1: float, wei
     for i in range(d):
         for j in range(d):
             for c in range(codim):
-                C[i, j] += weight * e1 * a * normals[q, c, i] * normals[q, c, j]
+                C[i, j] += weight * e1 * a * normals[c, i] * normals[c, j]
 
 
 @compiled
@@ -186,13 +188,12 @@ def scatter(block: Floats, columns: Ints, indptr: Any, indices: Any, data: Float
 @compiled
 def add_energy(
     unknowns: Ints,
-    cells: Ints,
     spacing: float,
     order: Any,
     start: Ints,
-    points: Floats,
+    places: Any,
     weights: Floats,
-    normals: Floats,
+    directions: Any,
     a: Floats,
     tensors: Floats,
     c: Floats,
@@ -202,15 +203,16 @@ def add_energy(
 ) -> None:
     """Add sum w [grad u' A grad u + e1 a |normal part|^2 + e2 h^2 a (n' H n)^2 + c u^2] to ``matrix``.
 
-    ``a`` (q,), or (1,) for all, or empty for no energy of slopes; ``tensors`` (q, d, d), or empty where A is a times
-    the identity; ``c`` (q,), (1,) or empty; ``matrix``: (indptr, indices, data).
+    ``places`` and ``directions`` are those of `FixedSamples`; ``a`` (q,), or (1,) for all, or empty for no energy of
+    slopes; ``tensors`` (q, d, d), or empty where A is a times the identity; ``c`` (q,), (1,) or empty; ``matrix``:
+    (indptr, indices, data).
     """
     indptr, indices, data = matrix
-    codim, d = normals.shape[1:]
+    codim, d = directions.shape[1], places.shape[1]
     kind, width = d - 2, unknowns.shape[1]
-    C, z = np.zeros((3, 3)), 0.0
+    C, z, normals = np.zeros((3, 3)), 0.0, np.zeros((codim, d))
     forms, block = np.zeros(2 * ROOM * (GATHERED + SWEEP)), np.zeros(ROOM * ROOM)
-    for p in range(len(cells)):
+    for p in range(len(unknowns)):
         block[:] = 0.0
         count = 0
         for s in range(start[p], start[p + 1]):
@@ -220,10 +222,10 @@ def add_energy(
             if count + 8 > GATHERED:
                 _add_gathered(forms, count, width, block)
                 count = 0
-            x = points[q, 0] / spacing - cells[p, 0] + 0.5
-            y = points[q, 1] / spacing - cells[p, 1] + 0.5
+            x = PLACE_UNIT * places[q, 0] + 0.5
+            y = PLACE_UNIT * places[q, 1] + 0.5
             if d == 3:
-                z = points[q, 2] / spacing - cells[p, 2] + 0.5
+                z = PLACE_UNIT * places[q, 2] + 0.5
             if len(c):
                 value_form(forms[2 * ROOM * count :], kind, x, y, z, weights[q] * c[q if len(c) > 1 else 0])
                 count += 1
@@ -231,6 +233,7 @@ def add_energy(
                 continue
             weight = weights[q] / spacing**2
             own = a[q if len(a) > 1 else 0]
+            decode_normals(directions[q], normals)
             tensor_at(q, normals, own, tensors, e1, weight, C)
             rows = forms[2 * ROOM * count :]
             slope_forms(rows, kind, x, y, z, C[0, 0], C[0, 1], C[0, 2], C[1, 1], C[1, 2], C[2, 2])
@@ -240,9 +243,9 @@ def add_energy(
                 for two in range(one, codim):
                     share = 1.0 if one == two else np.sqrt(0.5)
                     other = 0.0 if one == two else share
-                    nx = share * normals[q, one, 0] + other * normals[q, two, 0]
-                    ny = share * normals[q, one, 1] + other * normals[q, two, 1]
-                    nz = share * normals[q, one, 2] + other * normals[q, two, 2] if d == 3 else 0.0
+                    nx = share * normals[one, 0] + other * normals[two, 0]
+                    ny = share * normals[one, 1] + other * normals[two, 1]
+                    nz = share * normals[one, 2] + other * normals[two, 2] if d == 3 else 0.0
                     second_form(forms[2 * ROOM * count :], kind, x, y, z, nx, ny, nz, weight)
                     count += 1
         _add_gathered(forms, count, width, block)

@@ -19,14 +19,14 @@ from cpmkit.protocols import Bools, Floats, Ints
 SPECK_SPACINGS = 2.0
 
 
-def part(points: Floats, contacts: Ints, spacing: float, cell: Any = None) -> Parting:
+def part(points: Floats, contacts: Any, spacing: float, cell: Any = None) -> Parting:
     """Return the parting of samples at ``points`` (q, d), relative to the lattice's origin.
 
     Parameters
     ----------
     points : (q, d) float64
         The samples, in the unit of ``spacing``.
-    contacts : (m, k) int64
+    contacts : (m, k) int32 or int64
         The vertices of cells of the mesh that was cut along the boundaries, numbered from 0.
     spacing : float
         h, of the lattice.
@@ -40,7 +40,7 @@ def part(points: Floats, contacts: Ints, spacing: float, cell: Any = None) -> Pa
     """
     from cpmkit.forms.galerkin.space.parting_kernels import bounds, codes_of, join_samples, touching_pairs
 
-    contacts = np.ascontiguousarray(contacts, dtype=np.int64)
+    contacts = np.ascontiguousarray(contacts)
     points = np.ascontiguousarray(points, dtype=np.float64)
     cell = np.ascontiguousarray(np.arange(len(points)) if cell is None else cell, dtype=np.int32)
     code = codes_of(points, spacing)
@@ -62,18 +62,19 @@ def part(points: Floats, contacts: Ints, spacing: float, cell: Any = None) -> Pa
     return parting_of(spacing, cells, touching, patch, specks[label])
 
 
-def parting_of(spacing: float, cells: Ints, touching: Ints, patch: Any, single: Bools) -> Parting:
+def parting_of(spacing: float, cells: Ints, touching: Any, patch: Any, single: Bools) -> Parting:
     """Return the parting into these patches: ``cells`` (p, d), pairs ``touching`` (t, 2), ``patch`` (q,) of samples.
 
     ``single`` (p,): patches of pieces that have one unknown each.
     """
     from cpmkit.forms.galerkin.space.parting_kernels import number
 
+    touching = np.ascontiguousarray(touching, dtype=np.int32)
     unknowns, nodes = number(np.ascontiguousarray(cells), touching, single)
     return Parting(spacing, cells, unknowns, nodes, touching, patch)
 
 
-def components(patches: int, touching: Ints) -> tuple[int, Ints]:
+def components(patches: int, touching: Any) -> tuple[int, Ints]:
     """Return how many pieces the patches make that touch, and the piece of each patch."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components

@@ -92,7 +92,7 @@ def join_samples(code: Ints, contacts: Ints, cell: Any, vertices: int) -> tuple[
 
 
 @compiled
-def touching_pairs(patch: Any, patches: int, first: Any, after: Any, holder: Any) -> Ints:
+def touching_pairs(patch: Any, patches: int, first: Any, after: Any, holder: Any) -> Any:
     """Return (t, 2) the pairs of patches, the smaller number first, that have slots at one vertex, each pair once."""
     head = np.full(patches, -1)
     other, link = np.empty(patches + 1, dtype=np.int64), np.empty(patches + 1, dtype=np.int64)
@@ -115,7 +115,7 @@ def touching_pairs(patch: Any, patches: int, first: Any, after: Any, holder: Any
                     used += 1
                 two = after[two]
             one = after[one]
-    pairs = np.empty((used, 2), dtype=np.int64)
+    pairs = np.empty((used, 2), dtype=np.int32)
     at = 0
     for a in range(patches):
         pair = head[a]
@@ -143,7 +143,7 @@ def bounds(points: Floats, patch: Any, label: Ints, pieces: int) -> Floats:
 
 
 @compiled
-def number(cells: Ints, touching: Ints, single: Bools) -> tuple[Ints, Ints]:
+def number(cells: Ints, touching: Any, single: Bools) -> tuple[Any, Ints]:
     """Return ``unknowns`` (p, 3^d) and ``nodes`` (n, d): nodes that patches read are one where such patches touch.
 
     ``cells`` (p, d) are those of the patches, ``touching`` (t, 2) pairs of them; where ``single`` (p,) holds, all that
@@ -167,7 +167,7 @@ def number(cells: Ints, touching: Ints, single: Bools) -> tuple[Ints, Ints]:
                 for k in range(max(0, dk), min(depth, depth + dk)):
                     place = (i * 3 + j) * depth + k
                     unite(parent, a * width + place, b * width + place - shift)
-    unknowns = np.empty((p, width), dtype=np.int64)
+    unknowns = np.empty((p, width), dtype=np.int32)
     nodes = np.empty((p * width, d), dtype=np.int64)
     numbers = np.empty(p * width, dtype=np.int64)
     n = 0

@@ -75,7 +75,7 @@ def _grown(values: Ints) -> Ints:
 
 
 @compiled
-def runs_of_four(starts: Ints, after: Ints) -> Ints:
+def runs_of_four(starts: Ints, after: Ints) -> Any:
     """Return (r, 4) all ways to go three steps from neighbour to neighbour."""
     n = len(starts) - 1
     steps = np.ones((3, n + 1), dtype=np.int64)  # how many ways of so many steps begin at an unknown
@@ -85,7 +85,7 @@ def runs_of_four(starts: Ints, after: Ints) -> Ints:
             for at in range(starts[i], starts[i + 1]):
                 count += 1 if length == 0 else steps[length - 1, after[at]]
             steps[length, i] = count
-    runs = np.empty((steps[2, :n].sum(), 4), dtype=np.int64)
+    runs = np.empty((steps[2, :n].sum(), 4), dtype=np.int32)
     used = 0
     for i in range(n):
         for one in range(starts[i], starts[i + 1]):

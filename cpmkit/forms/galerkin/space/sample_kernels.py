@@ -6,18 +6,19 @@ from typing import Any
 
 import numpy as np
 
+from cpmkit.forms.galerkin.fixed_point import PLACE_UNIT
 from cpmkit.protocols import Floats, Ints
 from cpmkit.runtime.compilation import compiled
 
 
 @compiled
-def spline_products(point: Floats, cell: Ints, spacing: float, products: Floats) -> None:
-    """Fill ``products`` (3^d,) with the splines of a patch at a point."""
-    d = len(cell)
+def spline_products(place: Any, products: Floats) -> None:
+    """Fill ``products`` (3^d,) with the splines of a patch at a ``place`` (d,) of fixed point in its cell."""
+    d = len(place)
     size = 1
     products[0] = 1.0
     for axis in range(d):
-        t = point[axis] / spacing - cell[axis] + 0.5
+        t = PLACE_UNIT * place[axis] + 0.5
         s = 1.0 - t
         left, middle, right = 0.5 * s * s, 0.5 + t * s, 0.5 * t * t
         for i in range(size - 1, -1, -1):
@@ -31,42 +32,40 @@ def spline_products(point: Floats, cell: Ints, spacing: float, products: Floats)
 @compiled
 def add_load(
     unknowns: Ints,
-    cells: Ints,
-    spacing: float,
-    order: Any,
-    start: Ints,
-    points: Floats,
+    patch: Any,
+    places: Any,
     weights: Floats,
     f: Floats,
     load: Floats,
 ) -> None:
-    """Add sum weights[q] f[q] N_j(y_q) to ``load`` (n, channels), ``f`` (q, channels), or (1, channels) for all."""
+    """Add sum w[q] f[q] N_j(y_q) to ``load`` (n, channels), ``f`` (q, channels), or (1, channels) for all.
+
+    ``places`` (q, d): as of `FixedSamples`. What follows each other in one ``patch`` (q,) is summed there first.
+    """
     width, channels = unknowns.shape[1], load.shape[1]
-    products, sums = np.empty(width), np.empty(width * channels)
-    for p in range(len(cells)):
-        sums[:] = 0.0
-        for s in range(start[p], start[p + 1]):
-            q = order[s]
-            spline_products(points[q], cells[p], spacing, products)
-            for channel in range(channels):
-                density, first = weights[q] * f[q if len(f) > 1 else 0, channel], np.uint64(channel * width)
-                for place in range(np.uint64(width)):  # unsigned, so that no index is tested for its sign
-                    sums[first + place] += products[place] * density
+    products, sums = np.empty(width), np.zeros(width * channels)
+    for q in range(len(places)):
+        spline_products(places[q], products)
+        for channel in range(channels):
+            density, first = weights[q] * f[q if len(f) > 1 else 0, channel], np.uint64(channel * width)
+            for place in range(np.uint64(width)):  # unsigned, so that no index is tested for its sign
+                sums[first + place] += products[place] * density
+        if q + 1 < len(places) and patch[q + 1] == patch[q]:
+            continue
         for place in range(width):
             for channel in range(channels):
-                load[unknowns[p, place], channel] += sums[channel * width + place]
+                load[unknowns[patch[q], place], channel] += sums[channel * width + place]
+        sums[:] = 0.0
 
 
 @compiled
-def read_values(
-    unknowns: Ints, cells: Ints, spacing: float, patch: Any, points: Floats, u: Floats, values: Floats
-) -> None:
+def read_values(unknowns: Ints, patch: Any, places: Any, u: Floats, values: Floats) -> None:
     """Fill ``values`` (q, channels) with those of u (n, channels) at the samples."""
     width = unknowns.shape[1]
     products = np.empty(width)
-    for q in range(len(points)):
+    for q in range(len(places)):
         p = patch[q]
-        spline_products(points[q], cells[p], spacing, products)
+        spline_products(places[q], products)
         for channel in range(u.shape[1]):
             total = 0.0
             for place in range(width):

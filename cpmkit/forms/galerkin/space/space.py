@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cpmkit.forms.galerkin.fixed_samples import FixedSamples
 from cpmkit.forms.galerkin.parting import Parting
 from cpmkit.forms.galerkin.sample_mesh import Samples
 from cpmkit.forms.galerkin.space.parted import pieces
@@ -25,17 +26,13 @@ class Space:
     ----------
     parting : Parting
         The unknowns.
-    samples : Samples
+    samples : FixedSamples
         In the order in which they were parted.
-    order : (q,) int32
-        The samples patch by patch; those of patch p are ``order[start[p] : start[p + 1]]``.
-    start : (p + 1,) int64
-        Where each patch begins in ``order``.
-    heaviest : (n,) int64
+    heaviest : (n,) int32
         Where each unknown stands in the heaviest patch that reads it, as an index into ``parting.unknowns.ravel()``.
-    runs : (r, 4) int64
+    runs : (r, 4) int32
         Runs of four neighbouring unknowns along an axis, all ways where copies branch.
-    short_runs : (s, 3) int64
+    short_runs : (s, 3) int32
         Runs of three inside the heaviest patch of the unknowns that are in no run of four, and of those of curves in
         space that keep to one layer of cells.
     indptr, indices : (n + 1,), (z,) int32 or int64
@@ -43,19 +40,17 @@ class Space:
     """
 
     parting: Parting
-    samples: Samples
-    order: Any
-    start: Ints
-    heaviest: Ints
-    runs: Ints
-    short_runs: Ints
+    samples: FixedSamples
+    heaviest: Any
+    runs: Any
+    short_runs: Any
     indptr: Any
     indices: Any
 
     @property
     def manifold_dim(self) -> int:
         """Dimension m of the manifold."""
-        return self.parting.dim - int(self.samples.normals.shape[1])
+        return self.parting.dim - self.samples.codim
 
     def matrix(self, data: Floats) -> csr_array:
         """Return the (n, n) matrix with these entries, which shares the pattern with all others."""
@@ -66,24 +61,35 @@ class Space:
         matrix.has_canonical_format = True
         return matrix
 
+    def by_patch(self) -> tuple[Any, Ints]:
+        """Return the samples patch by patch, ``order`` (q,), and ``start`` (p + 1,), where each patch begins in it.
+
+        Made anew each time, which takes a thirtieth of an assembly: kept they were a tenth of the samples' memory.
+        """
+        from cpmkit.forms.galerkin.space.pattern_kernels import inverted
+
+        start, order = inverted(self.parting.patch, len(self.parting.cells))
+        return order, start
+
     def means(self, values: Floats) -> Floats:
         """Return (n,) the mean of ``values`` (q,) or (1,) over the samples of the patches that read each unknown."""
         if len(values) == 1:
             return np.full(self.parting.size, values[0])
         patches, unknowns = len(self.parting.cells), self.parting.unknowns
         sums = np.bincount(self.parting.patch, values, minlength=patches)
-        counts = np.diff(self.start).astype(float)
+        counts = np.bincount(self.parting.patch, minlength=patches).astype(float)
         width = unknowns.shape[1]
         totals = [np.bincount(unknowns.ravel(), each.repeat(width)) for each in (sums, counts)]
         return np.asarray(totals[0] / totals[1])
 
 
-def space_of(parting: Parting, samples: Samples) -> Space:
+def space_of(parting: Parting, samples: Samples | FixedSamples) -> Space:
     """Return the space of the unknowns of ``parting`` over its ``samples``, which it numbers."""
     from cpmkit.forms.galerkin.space.pattern_kernels import following, inverted, pattern, runs_of_four
 
-    n, patches, width = parting.size, *parting.unknowns.shape
-    start, order = inverted(parting.patch, patches)
+    samples = FixedSamples.of(samples, parting) if isinstance(samples, Samples) else samples
+    n = parting.size
+    patches, width = parting.unknowns.shape
     starts, places = inverted(parting.unknowns.ravel(), n)
     weight = np.bincount(parting.patch, samples.weights, minlength=patches)
     heaviest = _heaviest(weight[places // width], starts, places)
@@ -93,14 +99,14 @@ def space_of(parting: Parting, samples: Samples) -> Space:
     alone = np.ones(n, dtype=bool)
     alone[runs] = False
     short_runs = lines_through(parting, heaviest[alone])
-    if samples.normals.shape[1] > 1:
+    if samples.codim > 1:
         short_runs = np.concatenate([short_runs, _across_straight_pieces(parting, by_axis, heaviest)])
     short_runs = np.unique(short_runs, axis=0)
     short_runs = short_runs[short_runs[:, 0] != short_runs[:, 1]]  # specks have one unknown thrice
     indptr = np.zeros(n + 1, dtype=np.int32 if len(places) * width < 2**31 else np.int64)
     run_table = inverted(runs.ravel(), n)
     indices = pattern(parting.unknowns, starts, places, runs, *run_table, indptr)
-    return Space(parting, samples, order, start, heaviest, runs, short_runs, indptr, indices)
+    return Space(parting, samples, heaviest, runs, short_runs, indptr, indices)
 
 
 def lines_through(parting: Parting, entries: Ints) -> Ints:

@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from cpmkit.forms.galerkin.fixed_kernels import decode_normals
+from cpmkit.forms.galerkin.fixed_point import PLACE_UNIT
 from cpmkit.forms.galerkin.space.energy_kernels import POLYNOMIALS, ROOM, sort_columns
 from cpmkit.protocols import Floats, Ints
 from cpmkit.runtime.compilation import compiled
@@ -71,13 +73,12 @@ def scatter_unsymmetric(block: Floats, columns: Ints, indptr: Any, indices: Any,
 @compiled
 def add_transport(
     unknowns: Ints,
-    cells: Ints,
     spacing: float,
     order: Any,
     start: Ints,
-    points: Floats,
+    places: Any,
     weights: Floats,
-    normals: Floats,
+    directions: Any,
     velocity: Floats,
     upstream: Floats,
     a: Floats,
@@ -90,6 +91,8 @@ def add_transport(
 
     Parameters
     ----------
+    places, directions : (q, d), (q, c, e) int32
+        As of `FixedSamples`.
     velocity : (q, d) float64
         v, tangential.
     upstream : (q,) float64
@@ -105,11 +108,11 @@ def add_transport(
         In the pattern of the space.
     """
     indptr, indices, data = matrix
-    d = normals.shape[2]
+    d = places.shape[1]
     kind, width = d - 2, unknowns.shape[1]
     forms, block = np.zeros(3 * ROOM), np.zeros(ROOM * ROOM)
-    t, v, g = np.zeros(3), np.zeros(3), np.zeros(3)
-    for p in range(len(cells)):
+    t, v, g, normals = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros((directions.shape[1], d))
+    for p in range(len(unknowns)):
         block[:] = 0.0
         for s in range(start[p], start[p + 1]):
             q = order[s]
@@ -117,12 +120,13 @@ def add_transport(
             if w == 0.0:
                 continue
             for axis in range(d):
-                t[axis] = points[q, axis] / spacing - cells[p, axis] + 0.5
+                t[axis] = PLACE_UNIT * places[q, axis] + 0.5
                 v[axis] = velocity[q, axis]
                 if len(of_a):
                     g[axis] = of_a[q, axis]
             own, factor = a[q if len(a) > 1 else 0], c[q if len(c) > 1 else 0]
-            transport_forms(forms, kind, t, v, g, normals[q], spacing, own, factor)
+            decode_normals(directions[q], normals)
+            transport_forms(forms, kind, t, v, g, normals, spacing, own, factor)
             N, D, R = forms[:ROOM], forms[ROOM : 2 * ROOM], forms[2 * ROOM :]
             for i in range(width):
                 through = w * upstream[q] * D[i]
@@ -137,11 +141,10 @@ def add_transport(
 @compiled
 def add_upstream(
     unknowns: Ints,
-    cells: Ints,
     spacing: float,
     order: Any,
     start: Ints,
-    points: Floats,
+    places: Any,
     weights: Floats,
     velocity: Floats,
     upstream: Floats,
@@ -149,17 +152,17 @@ def add_upstream(
     load: Floats,
 ) -> None:
     """Add sum w tau (v . grad phi) f to ``load`` (n, channels), ``f`` (q, channels), or (1, channels) for all."""
-    d = points.shape[1]
+    d = places.shape[1]
     kind, width, channels = d - 2, unknowns.shape[1], load.shape[1]
     forms, normals = np.zeros(3 * ROOM), np.zeros((0, d))
     t, v, none = np.zeros(3), np.zeros(3), np.zeros(3)
-    for p in range(len(cells)):
+    for p in range(len(unknowns)):
         for s in range(start[p], start[p + 1]):
             q = order[s]
             if weights[q] * upstream[q] == 0.0:
                 continue
             for axis in range(d):
-                t[axis] = points[q, axis] / spacing - cells[p, axis] + 0.5
+                t[axis] = PLACE_UNIT * places[q, axis] + 0.5
                 v[axis] = velocity[q, axis]
             transport_forms(forms, kind, t, v, none, normals, spacing, 0.0, 0.0)
             for channel in range(channels):

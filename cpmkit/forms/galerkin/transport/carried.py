@@ -107,7 +107,7 @@ class Carried:
         """Add the integrals of tau (v . grad phi) f to ``load`` (n, channels), f (q, channels) or (1, channels)."""
         if self.upstream.any():
             samples = self.space.samples
-            of_samples = samples.points, samples.weights, self.velocity, self.upstream
+            of_samples = samples.places, samples.weights, self.velocity, self.upstream
             add_upstream(*patches(self.space), *of_samples, np.ascontiguousarray(f, dtype=np.float64), load)
 
     def _add(
@@ -121,7 +121,7 @@ class Carried:
     ) -> None:
         space, samples, none = self.space, self.space.samples, np.zeros(1)
         coefficients = none if a is None else a, self.of_a[:0] if of_a is None else of_a, none if c is None else c
-        of_samples = samples.points, samples.weights, samples.normals, self.velocity, upstream
+        of_samples = samples.places, samples.weights, samples.directions, self.velocity, upstream
         matrix = space.indptr, space.indices, data
         add_transport(*patches(space), *of_samples, *coefficients, terms, matrix)
 

@@ -1,0 +1,54 @@
+"""The peak of a whole solve in the Galerkin form on the sphere, in bytes an unknown.
+
+Run ``python benchmarks/galerkin_memory.py``, with spacings if others are wanted; it needs ``pip install .
+./plugins/cpmkit-analytic`` and Linux. Each spacing has a process of its own, which first solves a small scene, so that
+what is imported and compiled does not count.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import subprocess
+import sys
+
+from galerkin_multigrid import ONE_THREAD, forget_peak, memory
+
+import cpmkit as ck
+
+#: Of 140 and 500 thousand unknowns.
+SPACINGS = (0.02, 0.0107)
+WARMING_SPACING = 0.1
+
+
+def solved(spacing: float) -> ck.Solution:
+    """Solve on the sphere."""
+    scene = ck.Scene(ck.source("analytic.sphere"), ck.ScreenedPoisson(lambda x: x[:, 1] * x[:, 2]))
+    return ck.solve(scene, spacing, form="galerkin", solver="multigrid")
+
+
+def peak_of(spacing: float) -> tuple[int, float]:
+    """Return the number of unknowns, and the peak in bytes for each, of a solve in a process of its own."""
+    environment = {**os.environ, **ONE_THREAD}
+    command = [sys.executable, __file__, "--here", str(spacing)]
+    said = subprocess.run(command, env=environment, check=True, capture_output=True, text=True)
+    unknowns, peak = said.stdout.split()
+    return int(unknowns), float(peak)
+
+
+def main() -> None:
+    """Print the peaks."""
+    if sys.argv[1:2] == ["--here"]:
+        solved(WARMING_SPACING)
+        gc.collect()
+        before = forget_peak()
+        unknowns = solved(float(sys.argv[2])).work.unknowns
+        print(unknowns, (memory("VmHWM") - before) / unknowns)
+        return
+    for spacing in [float(one) for one in sys.argv[1:]] or SPACINGS:
+        unknowns, peak = peak_of(spacing)
+        print(f"{unknowns:,} unknowns: {peak:,.0f} bytes each at the peak")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,66 @@
+"""Compiled: places and normals of samples to numbers of fixed point and back."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cpmkit.forms.galerkin.fixed_point import NORMAL_UNIT, PLACE_UNIT
+from cpmkit.protocols import Floats, Ints
+from cpmkit.runtime.compilation import compiled
+
+
+@compiled
+def decode_places(places: Any, patch: Any, cells: Ints, spacing: float, points: Floats) -> None:
+    """Fill ``points`` (q, d) with those at ``places`` (q, d) from the nodes of ``cells`` (p, d), by ``patch`` (q,)."""
+    for q in range(len(places)):
+        for axis in range(places.shape[1]):
+            points[q, axis] = spacing * (cells[patch[q], axis] + PLACE_UNIT * places[q, axis])
+
+
+@compiled
+def encode_normals(normals: Floats, directions: Any) -> None:
+    """Fill ``directions`` (q, 1, 2) with the places of ``normals`` (q, 1, 3) on an octahedron."""
+    for q in range(len(normals)):
+        n = normals[q, 0]
+        size = abs(n[0]) + abs(n[1]) + abs(n[2])
+        x, y = n[0] / size, n[1] / size
+        if n[2] < 0:  # the lower half is folded outwards over the edges of the upper one
+            x, y = (1 - abs(y)) * (1.0 if x >= 0 else -1.0), (1 - abs(x)) * (1.0 if y >= 0 else -1.0)
+        directions[q, 0, 0], directions[q, 0, 1] = np.rint(x / NORMAL_UNIT), np.rint(y / NORMAL_UNIT)
+
+
+@compiled
+def decode_normals(directions: Any, normals: Floats) -> None:
+    """Fill ``normals`` (c, d) with those of a sample, out of its ``directions`` (c, e): orthonormal to rounding."""
+    codim, d = normals.shape
+    for c in range(codim):
+        if directions.shape[1] == d:
+            for i in range(d):
+                normals[c, i] = directions[c, i]
+        else:
+            x, y = NORMAL_UNIT * directions[c, 0], NORMAL_UNIT * directions[c, 1]
+            z = 1 - abs(x) - abs(y)
+            if z < 0:
+                x, y = (1 - abs(y)) * (1.0 if x >= 0 else -1.0), (1 - abs(x)) * (1.0 if y >= 0 else -1.0)
+            normals[c, 0], normals[c, 1], normals[c, 2] = x, y, z
+        for other in range(c):
+            along = 0.0
+            for i in range(d):
+                along += normals[other, i] * normals[c, i]
+            for i in range(d):
+                normals[c, i] -= along * normals[other, i]
+        square = 0.0
+        for i in range(d):
+            square += normals[c, i] * normals[c, i]
+        shorter = 1.0 / np.sqrt(square)
+        for i in range(d):
+            normals[c, i] *= shorter
+
+
+@compiled
+def decode_all_normals(directions: Any, normals: Floats) -> None:
+    """Fill ``normals`` (q, c, d) with those of all samples, out of their ``directions`` (q, c, e)."""
+    for q in range(len(normals)):
+        decode_normals(directions[q], normals[q])
