@@ -27,7 +27,8 @@ def check_lipschitz(subject: Subject, x: Floats) -> None:
     rng = np.random.default_rng(0)
     steps = subject.size * 10.0 ** rng.uniform(-6, 0, (len(x), 1)) * rng.normal(size=x.shape)
     both = np.concatenate([x, x + steps])
-    distance = subject.source.closest_point(both).distance
+    beside = subject.source.closest_point(np.ascontiguousarray(both[len(x) :])).distance
+    distance = np.concatenate([subject.feet(x).distance, beside])
     apart = np.linalg.norm(both[:, None] - both, axis=2)
     round_off = subject.round_off(both)
     excess = np.abs(distance[:, None] - distance) - apart - round_off[:, None] - round_off
