@@ -9,7 +9,7 @@ from cpmkit.testing.law import law, query_law, require_rows, sure
 from cpmkit.testing.queries import Subject, for_queries, symmetric_points
 
 
-@query_law("near unless exact")
+@query_law("near unless exact", together=True)
 def check_idempotence(subject: Subject, x: Floats) -> None:
     """The closest point of a foot is that foot, at no distance."""
     feet = subject.feet(x)
@@ -21,7 +21,7 @@ def check_idempotence(subject: Subject, x: Floats) -> None:
     require_rows(again.distance <= round_off, feet.points, "A foot lies off the manifold by", again.distance)
 
 
-@query_law()
+@query_law(together=True)
 def check_lipschitz(subject: Subject, x: Floats) -> None:
     """Distances differ by no more than the queries are apart."""
     rng = np.random.default_rng(0)

@@ -58,7 +58,8 @@ class Subject:
     def ask_together(self, batches: Sequence[Floats]) -> None:
         """Ask all batches at once, which is quicker; that no answer depends on its batch is a law of its own."""
         rows = np.split(np.arange(sum(map(len, batches))), np.cumsum([len(x) for x in batches])[:-1])
-        feet = self.source.closest_point(np.concatenate(batches))
+        together = np.concatenate(batches)
+        self.answers[together.tobytes()] = feet = self.source.closest_point(together.copy())
         self.answers.update({x.tobytes(): feet.take(chosen) for x, chosen in zip(batches, rows, strict=True)})
 
     def known_points(self, count: int = 256) -> Floats | None:
@@ -76,7 +77,9 @@ def subject(case: ConformanceCase) -> Subject:
     return Subject(case, source, 0.5 * (lower + upper), size)
 
 
-def for_queries(subject: Subject, hold: Callable[[Floats], None], within_radius: bool = False) -> None:
+def for_queries(
+    subject: Subject, hold: Callable[[Floats], None], within_radius: bool = False, together: bool = False
+) -> None:
     """Call ``hold`` with batches of queries (n, d), the same in every run; a failing batch is made small.
 
     Parameters
@@ -87,10 +90,13 @@ def for_queries(subject: Subject, hold: Callable[[Floats], None], within_radius:
         Raises AssertionError if the law is broken.
     within_radius : bool
         Draw queries only up to the case's ``radius`` from the manifold, if it has one.
+    together : bool
+        Call ``hold`` once with the queries of all batches: of a law of each row, or of each pair, it asks no less.
     """
     near = within_radius and subject.case.radius is not None
     try:
-        for x in _batches(subject, near):
+        batches = _batches(subject, near)
+        for x in [np.concatenate(batches)] if together else batches:
             hold(x.copy())
     except Exception as failure:
         _generate(subject, near, hold)  # fails on the same batches, and shows a small one
