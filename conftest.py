@@ -13,21 +13,6 @@ if "PYTEST_XDIST_WORKER" in os.environ:  # one process a core: threads would onl
     for name in ("CPMKIT_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
 
-#: One module that compiles most kernels, and some that need none of them: of two processes that run side by side, one
-#: compiles while the other has work, and reads the kernels from disk afterwards.
-FIRST_MODULES = (
-    "tests/forms/galerkin/test_the_form.py",
-    "tests/forms/collocation/conservation/test_null_spaces.py",
-    "tests/forms/collocation/boundary/test_several_curves.py",
-    "tests/forms/collocation/conservation/test_flux_balance.py",
-)
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put tests of the first modules first; the others keep their order."""
-    place = {module: number for number, module in enumerate(FIRST_MODULES)}
-    items.sort(key=lambda item: place.get(item.nodeid.partition("::")[0], len(place)))
-
 
 @pytest.fixture
 def real_mesh() -> Callable[[str], Path]:
