@@ -9,7 +9,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -85,9 +85,7 @@ def load(kind: str) -> Any:
     PluginError
         If no installed distribution declares the kind, or its plugin does not import.
     """
-    point = next(iter(entry_points(group=KINDS_GROUP, name=kind)), None)
-    if point is None:
-        raise PluginError(_unknown_kind(kind))
+    point = _point(kind)
     try:
         plugin = point.load()
     except Exception as error:
@@ -96,6 +94,19 @@ def load(kind: str) -> Any:
         manager().register(plugin)
         manager().check_pending()
     return plugin
+
+
+def _point(kind: str) -> EntryPoint:
+    """Return where the plugin of ``kind`` is; the metadata of all that is installed are read at its first use alone."""
+    if kind not in _points:
+        point = next(iter(entry_points(group=KINDS_GROUP, name=kind)), None)
+        if point is None:
+            raise PluginError(_unknown_kind(kind))
+        _points[kind] = point
+    return _points[kind]
+
+
+_points: dict[str, EntryPoint] = {}
 
 
 def factory(kind: str, hook: str = "cpmkit_sources") -> Callable[..., Any]:

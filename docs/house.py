@@ -103,6 +103,7 @@ def room_of(module: str) -> str:
     return module.split(".")[1] if "." in module else "cpmkit"
 
 
+@cache
 def package_of(module: str) -> str:
     """Return the innermost package of a module; the module itself where that package holds further packages."""
     if modules()[module].name == "__init__.py":

@@ -127,11 +127,9 @@ def _ordered(links: list[tuple[str, str]], floor: dict[str, int], seed: int) -> 
 def _crossings(rows: list[list[str]], links: list[tuple[str, str]]) -> int:
     place = {name: number for row in rows for number, name in enumerate(row)}
     level = {name: number for number, row in enumerate(rows) for name in row}
-    return sum(
-        level[a] == level[c] and (place[a] - place[c]) * (place[b] - place[d]) < 0
-        for number, (a, b) in enumerate(links)
-        for c, d in links[:number]
-    )
+    above, first, second = np.array([(level[a], place[a], place[b]) for a, b in links]).T
+    crossing = np.subtract.outer(first, first) * np.subtract.outer(second, second) < 0
+    return int(np.sum(crossing & np.equal.outer(above, above))) // 2
 
 
 def _rising(values: np.ndarray) -> np.ndarray:

@@ -9,6 +9,9 @@ import numpy as np
 from cpmkit.errors import InputError
 from cpmkit.protocols import Floats
 
+#: Its corner (d, d) is the rotation that turns nothing.
+UNTURNED = np.eye(3)
+
 
 def as_rotation(rotation: Any, dim: int) -> Floats:
     """Return a rotation as a (dim, dim) matrix.
@@ -60,7 +63,7 @@ def rotate(rotation: Floats, vectors: Floats) -> Floats:
     Written out by columns: the result of a row then never depends on the size of the batch, which
     a matrix product does not promise.
     """
-    if np.array_equal(rotation, np.eye(len(rotation))):
+    if (rotation == UNTURNED[: len(rotation), : len(rotation)]).all():
         return vectors
     rotated = vectors[:, :1] * rotation[:, 0]
     for k in range(1, len(rotation)):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 from cpmkit.errors import SceneError, shown
 from cpmkit.formulas.steps import Program, Steps, program
@@ -12,8 +13,8 @@ from cpmkit.protocols import Floats
 
 
 @dataclass(frozen=True)
-class Expression:
-    """A function of position, written as a formula in x, y, z, and of time where it has a t in it.
+class Formula:
+    """A formula in x, y, z and what else a class of them offers.
 
     Parameters
     ----------
@@ -27,6 +28,33 @@ class Expression:
     ------
     SceneError
         If the text does not parse, is too long, or uses what is not offered.
+    """
+
+    text: str
+    dim: int
+
+    def __post_init__(self) -> None:
+        _ = self._program  # a formula that is refused is refused here
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        """What the formula may use, in the order in which a refusal lists them."""
+        return COORDINATES[: self.dim]
+
+    @cached_property
+    def _program(self) -> Program:
+        steps = Steps()
+        return program(steps, [steps.add_tree(formula_tree(self.text, self._names))])
+
+    def _values(self, points: Floats, **others: Any) -> Floats:
+        """Return the values (n,) at points (n, d)."""
+        variables = {name: points[:, k] for k, name in enumerate(COORDINATES[: self.dim])}
+        values: Floats = self._program({**variables, **others}, len(points))[0]
+        return values
+
+
+class Expression(Formula):
+    """A function of position, and of time where the formula has a t in it.
 
     Examples
     --------
@@ -35,11 +63,9 @@ class Expression:
     array([7.])
     """
 
-    text: str
-    dim: int
-
-    def __post_init__(self) -> None:
-        _ = self._program  # a formula that is refused is refused here
+    @property
+    def _names(self) -> tuple[str, ...]:
+        return (*super()._names, "t")
 
     def __call__(self, points: Floats, t: float | None = None) -> Floats:
         """Return the values (n,) at points (n, d) and, where the formula has a t in it, the time ``t``.
@@ -51,16 +77,9 @@ class Expression:
         """
         if t is None and self.takes_time:
             raise SceneError(f"the formula {shown(self.text)} depends on t, and there is no time here; leave t out.")
-        variables = {name: points[:, k] for k, name in enumerate(COORDINATES[: self.dim])}
-        values: Floats = self._program({**variables, "t": t}, len(points))[0]
-        return values
+        return self._values(points, t=t)
 
     @property
     def takes_time(self) -> bool:
         """True where the formula has a t in it."""
         return "t" in self._program.variables
-
-    @cached_property
-    def _program(self) -> Program:
-        steps = Steps()
-        return program(steps, [steps.add_tree(formula_tree(self.text, (*COORDINATES[: self.dim], "t")))])

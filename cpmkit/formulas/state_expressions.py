@@ -2,29 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
-
-from cpmkit.formulas.steps import Program, Steps, program
-from cpmkit.formulas.trees import COORDINATES, formula_tree
+from cpmkit.formulas.expressions import Formula
 from cpmkit.protocols import Floats
 
 
-@dataclass(frozen=True)
-class StateExpression:
-    """A function of u, s and position, written as a formula in u, s, x, y and z.
-
-    Parameters
-    ----------
-    text : str
-        For example ``"1 + u**2"``.
-    dim : int
-        2 or 3: which coordinates there are.
-
-    Raises
-    ------
-    SceneError
-        If the text does not parse, is too long, or uses what is not offered.
+class StateExpression(Formula):
+    """A function of a solution u, of the size s of its slope and of position: a diffusivity that depends on u.
 
     Examples
     --------
@@ -33,19 +16,10 @@ class StateExpression:
     array([7.5])
     """
 
-    text: str
-    dim: int
-
-    def __post_init__(self) -> None:
-        _ = self._program  # a formula that is refused is refused here
+    @property
+    def _names(self) -> tuple[str, ...]:
+        return ("u", "s", *super()._names)
 
     def __call__(self, u: Floats, s: Floats, points: Floats) -> Floats:
         """Return the values (n,) for u (n,), s (n,) and points (n, d)."""
-        variables = {name: points[:, k] for k, name in enumerate(COORDINATES[: self.dim])}
-        values: Floats = self._program({**variables, "u": u, "s": s}, len(points))[0]
-        return values
-
-    @cached_property
-    def _program(self) -> Program:
-        steps = Steps()
-        return program(steps, [steps.add_tree(formula_tree(self.text, ("u", "s", *COORDINATES[: self.dim])))])
+        return self._values(points, u=u, s=s)

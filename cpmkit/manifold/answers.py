@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import InputError
-from cpmkit.protocols import ClosestPoints, ClosestPointSource, Floats, HasMembers
+from cpmkit.protocols import ClosestPoints, ClosestPointSource, Floats
 
 
-def check_answer(answer: Any, x: Floats, source: Any, origin: Floats) -> None:
+def check_answer(answer: Any, x: Floats, source: Any, origin: Floats, union: bool) -> None:
     """Refuse what is no record of a closest point for each query.
 
     Parameters
@@ -21,6 +21,8 @@ def check_answer(answer: Any, x: Floats, source: Any, origin: Floats) -> None:
         The queries, relative to ``origin`` (d,), which lies there in the user's coordinates.
     source : object
         Named in the message.
+    union : bool
+        Whether it has members, of which the answer must name one for each query.
 
     Raises
     ------
@@ -38,7 +40,7 @@ def check_answer(answer: Any, x: Floats, source: Any, origin: Floats) -> None:
             raise InputError(
                 f"closest_point of {name} must return {what} of shape {shape} for {len(x)} queries, got {got}."
             )
-    if isinstance(source, HasMembers) and answer.element is None:
+    if union and answer.element is None:
         raise InputError(f"closest_point of {name}, a union, must say by element which member each foot is on.")
     bad = ~(np.isfinite(answer.distance) & np.isfinite(answer.points).all(axis=1))
     if bad.any():

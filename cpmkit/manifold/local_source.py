@@ -96,22 +96,22 @@ class LocalSource:
         asked = [member for member in self.members if member.manifold_dim == dimension]
         return all(member.has_tangents if dimension == 1 else member.has_normals for member in asked)
 
-    @property
+    @cached_property
     def has_normals(self) -> bool:
         """True if the source gives its own normals."""
         return isinstance(self.source, HasNormals)
 
-    @property
+    @cached_property
     def has_tangents(self) -> bool:
         """True if the source gives its own tangents."""
         return isinstance(self.source, HasTangents)
 
-    @property
+    @cached_property
     def has_local_minima(self) -> bool:
         """True if the source, and each member of a union, finds feet on other sheets than the nearest."""
         return all(isinstance(member.source, HasLocalMinima) for member in self.members)
 
-    @property
+    @cached_property
     def has_left(self) -> bool:
         """True if the source, and each member of a union, knows its left by itself."""
         return all(isinstance(member.source, HasLeft) for member in self.members)
@@ -126,7 +126,7 @@ class LocalSource:
         """
         self.queries["points"] += len(x)
         answer = self.source.closest_point(np.ascontiguousarray(x + self.shift))
-        check_answer(answer, x, self.source, self.shift if self.origin is None else self.origin)
+        self._check(answer, x)
         return self._moved(answer, -self.shift)
 
     def local_minima(self, x: Floats, radius: float) -> tuple[Ints, ClosestPoints]:
@@ -137,8 +137,15 @@ class LocalSource:
         assert isinstance(self.source, HasLocalMinima)
         self.queries["points"] += len(x)
         rows, feet = self.source.local_minima(np.ascontiguousarray(x + self.shift), radius)
-        check_answer(feet, x[rows], self.source, self.shift if self.origin is None else self.origin)
+        self._check(feet, x[rows])
         return rows, self._moved(feet, -self.shift)
+
+    def _check(self, answer: ClosestPoints, x: Floats) -> None:
+        check_answer(answer, x, self.source, self.shift if self.origin is None else self.origin, self._is_union)
+
+    @cached_property
+    def _is_union(self) -> bool:
+        return isinstance(self.source, HasMembers)
 
     def _directions(self, name: str, feet: ClosestPoints) -> Floats:
         """Return the source's own unit vectors (n, d) at ``feet``, those that it calls ``name``."""

@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 #: Bytes of one entry of a sparse matrix: a float64 and an int32 index.
@@ -79,19 +80,27 @@ def _in_use(row: str) -> int:
 
 def _group_limits() -> Iterator[Limit]:
     """Yield the limits of this process's control groups, version 1 and 2, and of those that they are in."""
-    lines = _text_of(OWN_CONTROL_GROUPS).splitlines()
+    for file in _group_files(OWN_CONTROL_GROUPS, CONTROL_GROUPS):
+        text = _text_of(file).strip()
+        if text.isdecimal():  # else there is no such file, or it says max
+            yield Limit(int(text), "the control group of this process (its container) has")
+
+
+@cache
+def _group_files(own: Path, groups: Path) -> tuple[Path, ...]:
+    """Return the files that may hold these limits, listed once: they are asked time and again."""
+    files: list[Path] = []
+    lines = _text_of(own).splitlines()
     for number, controllers, path in (line.split(":", 2) for line in lines if line.count(":") >= 2):
         if number == "0" and not controllers:
-            roots, file = [CONTROL_GROUPS, CONTROL_GROUPS / "unified"], "memory.max"
+            roots, file = [groups, groups / "unified"], "memory.max"
         elif "memory" in controllers.split(","):
-            roots, file = [CONTROL_GROUPS / "memory"], "memory.limit_in_bytes"
+            roots, file = [groups / "memory"], "memory.limit_in_bytes"
         else:
             continue
         inner = Path(path.lstrip("/"))
-        for folder in (root / part for root in roots for part in (inner, *inner.parents)):
-            text = _text_of(folder / file).strip()
-            if text.isdecimal():  # else there is no such file, or it says max
-                yield Limit(int(text), "the control group of this process (its container) has")
+        files += [root / part / file for root in roots for part in (inner, *inner.parents)]
+    return tuple(files)
 
 
 def _text_of(file: Path) -> str:

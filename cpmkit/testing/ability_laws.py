@@ -140,7 +140,7 @@ def check_translation(subject: Subject) -> None:
             apart <= allowed + subject.case.turning_angle * original.distance, x, "|x - points| changes by", apart
         )
 
-    for_queries(subject, hold, within_radius=not subject.source.exact)
+    for_queries(subject, hold, within_radius=not subject.source.exact, together=True)
 
 
 def _require_corners(cells: Ints, manifold_dim: int | None) -> None:

@@ -38,7 +38,7 @@ def check_empty(subject: Subject) -> None:
     _require_arrays(subject.source.closest_point(x), x)
 
 
-@query_law()
+@query_law(together=True)
 def check_input_untouched(subject: Subject, x: Floats) -> None:
     """The queries are not written to."""
     given = x.copy()

@@ -39,7 +39,7 @@ def law(ability: Any = object) -> Callable[[Callable[[Subject], None]], Law]:
 
 
 def query_law(
-    where: Literal["anywhere", "near", "near unless exact"] = "anywhere", ability: Any = object
+    where: Literal["anywhere", "near", "near unless exact"] = "anywhere", ability: Any = object, together: bool = False
 ) -> Callable[[Callable[[Subject, Floats], None]], Law]:
     """Turn a check of a subject and a batch of queries (n, d) into a law; near are those within the case's radius."""
 
@@ -47,7 +47,7 @@ def query_law(
         @wraps(check)
         def asked(about: Subject) -> None:
             near = where == "near" or (where == "near unless exact" and not about.source.exact)
-            for_queries(about, partial(check, about), within_radius=near)
+            for_queries(about, partial(check, about), near, together)
 
         return law(ability)(asked)
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
@@ -32,12 +32,15 @@ class Subject:
         Centre of its bounds.
     size : float
         Diagonal of its bounds; of a single point, its largest coordinate, or 1 at the origin.
+    answers : dict
+        What the source has answered to which queries.
     """
 
     case: ConformanceCase
     source: Any
     centre: Floats
     size: float
+    answers: dict[bytes, ClosestPoints] = field(default_factory=dict)
 
     def round_off(self, x: Floats) -> Floats:
         """Return (n,) what rounding may cost at the queries ``x``."""
@@ -47,7 +50,17 @@ class Subject:
 
     def feet(self, x: Floats) -> ClosestPoints:
         """Return the closest points of ``x``, asked once for all laws that only read them."""
-        return _feet(self, x.shape, x.tobytes())
+        key = x.tobytes()
+        if key not in self.answers:
+            self.answers[key] = self.source.closest_point(x.copy())
+        return self.answers[key]
+
+    def ask_together(self, batches: Sequence[Floats]) -> None:
+        """Ask all batches at once, which is quicker; that no answer depends on its batch is a law of its own."""
+        rows = np.split(np.arange(sum(map(len, batches))), np.cumsum([len(x) for x in batches])[:-1])
+        together = np.concatenate(batches)
+        self.answers[together.tobytes()] = feet = self.source.closest_point(together.copy())
+        self.answers.update({x.tobytes(): feet.take(chosen) for x, chosen in zip(batches, rows, strict=True)})
 
     def known_points(self, count: int = 256) -> Floats | None:
         """Return points (count, d) of the manifold that the case itself supplies."""
@@ -64,17 +77,9 @@ def subject(case: ConformanceCase) -> Subject:
     return Subject(case, source, 0.5 * (lower + upper), size)
 
 
-#: How many answers are kept: those of all batches that laws are asked with.
-_REMEMBERED = 128
-
-
-@lru_cache(maxsize=_REMEMBERED)
-def _feet(subject: Subject, shape: tuple[int, ...], queries: bytes) -> ClosestPoints:
-    feet: ClosestPoints = subject.source.closest_point(np.frombuffer(queries).reshape(shape).copy())
-    return feet
-
-
-def for_queries(subject: Subject, hold: Callable[[Floats], None], within_radius: bool = False) -> None:
+def for_queries(
+    subject: Subject, hold: Callable[[Floats], None], within_radius: bool = False, together: bool = False
+) -> None:
     """Call ``hold`` with batches of queries (n, d), the same in every run; a failing batch is made small.
 
     Parameters
@@ -85,10 +90,13 @@ def for_queries(subject: Subject, hold: Callable[[Floats], None], within_radius:
         Raises AssertionError if the law is broken.
     within_radius : bool
         Draw queries only up to the case's ``radius`` from the manifold, if it has one.
+    together : bool
+        Call ``hold`` once with the queries of all batches: of a law of each row, or of each pair, it asks no less.
     """
     near = within_radius and subject.case.radius is not None
     try:
-        for x in _batches(subject, near):
+        batches = _batches(subject, near)
+        for x in [np.concatenate(batches)] if together else batches:
             hold(x.copy())
     except Exception as failure:
         _generate(subject, near, hold)  # fails on the same batches, and shows a small one
@@ -97,9 +105,10 @@ def for_queries(subject: Subject, hold: Callable[[Floats], None], within_radius:
 
 @lru_cache(maxsize=2)
 def _batches(subject: Subject, near: bool) -> tuple[Floats, ...]:
-    """Return what hypothesis draws for a law that holds: drawing costs as much as asking, and is done once."""
+    """Return what hypothesis draws for a law that holds: to draw and to ask is dear, and is done once."""
     drawn: list[Floats] = []
     _generate(subject, near, drawn.append)
+    subject.ask_together(drawn)
     return tuple(drawn)
 
 

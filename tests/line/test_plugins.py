@@ -35,6 +35,7 @@ def install(monkeypatch):
 
     monkeypatch.setattr(plugins, "entry_points", entry_points)
     monkeypatch.setattr(plugins, "_manager", None)
+    monkeypatch.setattr(plugins, "_points", {})
     return lambda kind, plugin: fake.append(FakeEntryPoint(kind, plugin))
 
 

@@ -165,6 +165,7 @@ def _installed(monkeypatch):
 
     monkeypatch.setattr(plugins, "entry_points", entry_points)
     monkeypatch.setattr(plugins, "_manager", None)
+    monkeypatch.setattr(plugins, "_points", {})
 
 
 @pytest.mark.usefixtures("_installed")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, cast
 
 import numpy as np
@@ -58,10 +59,12 @@ class Placed:
         """True: closed forms are true nearest points."""
         return True
 
-    @property
+    @cached_property
     def bounds(self) -> Floats:
         """(2, d) corners of the smallest box around the shape."""
-        return np.stack([self.center - self.shape.support(-self.axes), self.center + self.shape.support(self.axes)])
+        box = np.stack([self.center - self.shape.support(-self.axes), self.center + self.shape.support(self.axes)])
+        box.flags.writeable = False
+        return box
 
     def closest_point(self, x: Floats, /) -> ClosestPoints:
         """Return the closest points of ``x`` (n, d).

@@ -92,8 +92,7 @@ class GridField:
         q = np.where(outside[:, None], 0.0, q)
         first = np.clip(np.floor(q).astype(np.int64) - 2 + shift, 0, last - (STENCIL_NODES - 1))
         table = self._patches(first)
-        for axis in range(self.dim):
-            weights = _weights(q[:, axis] - first[:, axis] - 2.5, most)
+        for weights in _weights((q - first - 2.5).T, most):
             table = np.einsum("ni...,nia->n...a", table, weights, optimize=False)
         table[outside] = np.nan
         return table
@@ -111,18 +110,18 @@ class GridField:
 
 def _entry(table: Floats, orders: tuple[int, ...]) -> Floats:
     """Return (n,): the derivative of these orders."""
-    entry: Floats = np.moveaxis(table, 0, -1)[orders]
+    entry: Floats = table[:, *orders]
     return entry
 
 
 def _weights(t: Floats, most: int) -> Floats:
-    """Return (n, 6, most + 1): the Lagrange polynomials at ``t`` and their derivatives."""
-    weights = np.empty((len(t), STENCIL_NODES, most + 1))
+    """Return (d, n, 6, most + 1): the Lagrange polynomials at ``t`` (d, n) and their derivatives."""
+    weights = np.empty((*t.shape, STENCIL_NODES, most + 1))
     coefficients = LAGRANGE_COEFFICIENTS
     for order in range(most + 1):
-        total = np.zeros((len(t), STENCIL_NODES))
+        total = np.zeros((*t.shape, STENCIL_NODES))
         for row in coefficients[::-1]:
-            total = total * t[:, None] + row
-        weights[:, :, order] = total
+            total = total * t[..., None] + row
+        weights[..., order] = total
         coefficients = coefficients[1:] * np.arange(1, len(coefficients))[:, None]
     return weights

@@ -78,10 +78,15 @@ class Layer:
     covering: float
 
     @cached_property
+    def bend(self) -> Floats:
+        """(k,) the largest curvature at the samples."""
+        bend: Floats = norms(self.bends).max(axis=1, initial=0.0)
+        return bend
+
+    @cached_property
     def rough(self) -> Bools:
         """(k,) at which samples the zero set bends too much for the models."""
-        bend = np.sqrt(dots(self.bends, self.bends)).max(axis=1, initial=0.0)
-        rough: Bools = ~(bend * self.covering * ROUGH_RADIUS_COVERINGS <= 1.0)
+        rough: Bools = ~(self.bend * self.covering * ROUGH_RADIUS_COVERINGS <= 1.0)
         return rough
 
     def models(self, x: Floats, gap: Floats, near: Ints) -> Models:
@@ -89,7 +94,7 @@ class Layer:
         across = x[:, None] - self.samples[near]
         r, m = self.covering, self.tangents.shape[1]
         lowest, minimum = np.zeros(near.shape), self.samples[near]
-        bends = np.sqrt(dots(self.bends[near], self.bends[near])).max(axis=2, initial=0.0)
+        bends = self.bend[near]
         promising = np.ones(near.shape, dtype=bool)
         for i in range(m):
             tangent = self.tangents[near, i]
@@ -157,7 +162,8 @@ def _descents(where: Layer, x: Floats, before: BestPoints, count: int, keep: Kee
     lowest, minimum, promising = where.models(x, gap, near)
     points, best = before.points.copy(), before.distance.copy()
     reach = SAME_BASIN_COVERINGS * where.covering
-    untried = promising & ~(_within_reach(minimum, points, reach) | _within_reach(where.samples[near], points, reach))
+    untried = promising
+    _cross_off(untried, (minimum, where.samples[near]), points, reach)
     untried[:, 0] |= np.isinf(best)  # some point must be found, whatever the models say
     sure, failed = np.zeros(len(x), dtype=bool), np.zeros(len(x), dtype=bool)
     active = np.arange(len(x))
@@ -173,9 +179,9 @@ def _descents(where: Layer, x: Floats, before: BestPoints, count: int, keep: Kee
         start = where.samples[near[active, pick]]
         foot, converged = descend(where.zero_set, x[active], start, 2 * where.covering)
         failed[active[~converged]] = True
-        untried[active] &= ~(
-            _within_reach(minimum[active], foot, reach) | _within_reach(where.samples[near[active]], foot, reach)
-        )
+        tried = untried[active]
+        _cross_off(tried, (minimum[active], where.samples[near[active]]), foot, reach)
+        untried[active] = tried
         distance = norms(x[active] - foot)
         if keep is not None:
             distance = np.where(keep(foot), distance, np.inf)
@@ -194,10 +200,14 @@ def _may_be_nearer(gap: Floats, lowest: Floats, best: Floats) -> Bools:
         return ~((gap - best) * (gap + best) + lowest > 0)
 
 
-def _within_reach(many: Floats, points: Floats, reach: float) -> Bools:
-    """Return (n, k): which of ``many`` (n, k, d) lie within ``reach`` of ``points`` (n, d); beside NaN lies none."""
-    across = many - points[:, None]
-    return dots(across, across) <= reach**2
+def _cross_off(untried: Bools, places: tuple[Floats, ...], points: Floats, reach: float) -> None:
+    """Cross off of ``untried`` (n, k) what has a place (n, k, d) within ``reach`` of ``points`` (n, d)."""
+    row, column = np.nonzero(untried)
+    for place in places:
+        across = place[row, column] - points[row]
+        near = dots(across, across) <= reach**2
+        untried[row[near], column[near]] = False
+        row, column = row[~near], column[~near]
 
 
 def _principal(zero_set: ZeroSet, samples: Floats) -> tuple[Floats, Floats]:

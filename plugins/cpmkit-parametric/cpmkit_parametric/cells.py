@@ -144,23 +144,23 @@ class CellTree:
         return np.asarray((cells + 0.5 + np.clip(offset, -0.5, 0.5)) / self.finest.shape)
 
     def _surviving(self, x: Floats) -> tuple[Ints, Ints, Floats] | None:
-        """Return query, finest cell and distance to its disc for each pair that may be closest."""
-        top = int(np.prod(self.levels[0].shape))
-        query, cell = np.repeat(np.arange(len(x)), top), np.tile(np.arange(top), len(x))
-        nearest = np.full(len(x), np.inf)
-        for level in self.levels:
-            if len(query) > MOST_QUERY_CELL_PAIRS and len(x) > 1:
-                return None
-            if level is not self.levels[0]:
-                query, cell = np.repeat(query, 2 ** len(level.shape)), _children(cell, level.shape)
-            to_disc, to_centre = level.distances(x[query], cell)
-            first = np.searchsorted(query, np.arange(len(x)))
-            nearest = np.minimum(nearest, np.minimum.reduceat(to_centre, first)) if len(x) else nearest
-            bound = to_disc - level.deviations[cell]
-            least = np.minimum.reduceat(bound, first) if len(x) else nearest
-            keep = (bound <= nearest[query] * (1 + 1e-12)) | (bound <= least[query])
-            query, cell, to_disc = query[keep], cell[keep], to_disc[keep]
-        return query, cell, to_disc
+        """Return query, finest cell and distance to its disc for each pair that may be closest; None: too many."""
+        from cpmkit_parametric.cell_kernels import survivors
+
+        room = min(len(x) * len(self.finest.radii), MOST_QUERY_CELL_PAIRS)
+        query, cell, distance = np.empty(room, np.int64), np.empty(room, np.int64), np.empty(room)
+        count = survivors(np.ascontiguousarray(x), *self._stacked, query, cell, distance)
+        return None if count < 0 else (query[:count].copy(), cell[:count].copy(), distance[:count].copy())
+
+    @cached_property
+    def _stacked(self) -> tuple[Ints, Ints, Floats, Floats, Floats, Floats]:
+        """Return the levels' shapes, where the cells of each begin, and the cells of all one after the other."""
+        first = np.cumsum([0, *(len(level.radii) for level in self.levels[:-1])])
+        centres, tangents, radii, deviations = (
+            np.ascontiguousarray(np.concatenate([getattr(level, name) for level in self.levels]))
+            for name in ("centres", "tangents", "radii", "deviations")
+        )
+        return np.array([level.shape for level in self.levels]), first, centres, tangents, radii, deviations
 
 
 def _valleys(query: Ints, cell: Ints, distance: Floats, neighbours: Ints) -> tuple[Ints, Ints, Floats]:
@@ -287,14 +287,6 @@ def _orthonormal(spans: Floats) -> Floats:
         independent = length > 1e-6 * np.linalg.norm(spans, axis=(1, 2))
         basis[:, k] = np.where(independent[:, None], rest / np.where(independent, length, 1.0)[:, None], 0.0)
     return basis
-
-
-def _children(cell: Ints, shape: tuple[int, ...]) -> Ints:
-    """Return the 2^m cells on a grid of ``shape`` into which each cell of half the grid is halved."""
-    coarse = np.unravel_index(cell, tuple(n // 2 for n in shape))
-    offsets = np.stack(np.meshgrid(*[[0, 1]] * len(shape), indexing="ij"), axis=0).reshape(len(shape), -1)
-    fine = tuple((2 * index[:, None] + offset).ravel() for index, offset in zip(coarse, offsets, strict=True))
-    return np.asarray(np.ravel_multi_index(fine, shape), dtype=np.int64)
 
 
 def _fewest(query: Ints, cell: Ints, distance: Floats) -> tuple[Ints, Ints]:

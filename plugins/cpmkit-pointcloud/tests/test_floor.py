@@ -19,6 +19,12 @@ def random_sphere(count, noise=0.0):
     return cloud / np.linalg.norm(cloud, axis=1, keepdims=True) + noise * rng.normal(size=cloud.shape)
 
 
+@cache
+def random_cloud(count, noise=0.0, **options):
+    """The surface through random samples: a value, made once for all tests."""
+    return points(points=random_sphere(count, noise), **options)
+
+
 class Asked:
     """The unit sphere as closest points alone."""
 
@@ -58,7 +64,7 @@ def left_by(cloud, spacing, form="collocation"):
     ],
 )
 def test_the_floor_of_random_samples(count, noise, options, spacing):
-    cloud = points(points=random_sphere(count, noise), **options)
+    cloud = random_cloud(count, noise, **options)
     assert 1 / 3 < cloud.advice(spacing).floor / left_by(cloud, spacing) < 3
 
 
@@ -73,19 +79,19 @@ def test_the_floor_of_random_samples(count, noise, options, spacing):
     ],
 )
 def test_the_floor_of_noisy_samples_by_integrals(count, noise, options, spacing):
-    cloud = points(points=random_sphere(count, noise), **options)
+    cloud = random_cloud(count, noise, **options)
     assert 1 / 3 < cloud.advice(spacing).integral_floor / left_by(cloud, spacing, "galerkin") < 3
 
 
 def test_the_floor_of_samples_without_noise_by_integrals_is_next_to_nothing():
-    cloud = points(points=random_sphere(2000))
+    cloud = random_cloud(2000)
     assert cloud.advice(0.2).integral_floor < 1e-6
     assert left_by(cloud, 0.2, "galerkin") < 1e-5
 
 
 def test_it_holds_for_conditions_on_a_curve_too():
     scene, where, exact = sphere_poisson([[0.3, 0.5, 1.0]])
-    cloud = points(points=random_sphere(10000, 1e-3))
+    cloud = random_cloud(10000, 1e-3)
     noisy = ck.Scene(cloud, scene.problem, scene.boundaries)
     for form, name, factor in (("collocation", "floor", 3), ("galerkin", "integral_floor", 5)):
         found, smooth = (ck.solve(one, 0.1, form=form).evaluate(where) for one in (noisy, scene))
@@ -94,7 +100,7 @@ def test_it_holds_for_conditions_on_a_curve_too():
 
 
 def test_a_lattice_finer_than_the_neighbourhoods_follows_the_bumps():
-    cloud = points(points=random_sphere(2000, 1e-4))
+    cloud = random_cloud(2000, 1e-4)
     floors = [cloud.advice(spacing).floor for spacing in (1.0, 0.2, 0.1, 0.05, 1e-6)]
     assert floors == sorted(floors, reverse=True)
     assert floors[2] / floors[3] == pytest.approx(4.0, rel=0.1)

@@ -2,17 +2,17 @@
 
 import numpy as np
 import pytest
+from made_cases import CASES, source_of
 from scipy.sparse.linalg import splu
 
 import cpmkit as ck
 from cpmkit.forms.galerkin.space.parted import pieces
 from cpmkit.protocols import HasMesh
-from cpmkit.testing.cases import installed_cases
 
-CASES = [case for case in installed_cases() if case.make().manifold_dim in range(1, case.make().dim)]
+SURFACES = [case for case in CASES if source_of(case).manifold_dim in range(1, source_of(case).dim)]
 #: Closest points that have no tangents make no surface, and that is said.
 REFUSED = ["pointcloud.points (nearest)"]
-FIT = [case for case in CASES if str(case) not in REFUSED]
+FIT = [case for case in SURFACES if str(case) not in REFUSED]
 
 
 def scene_of(source, cells):
@@ -54,7 +54,7 @@ def solved(scene, spacing, **options):
 @pytest.mark.filterwarnings("ignore::cpmkit.CpmkitWarning")
 @pytest.mark.parametrize("case", FIT, ids=str)
 def test_constants_symmetry_measure(case):
-    source = case.make()
+    source = source_of(case)
     spacing, scene = scene_of(source, 8)
     solution = solved(scene, spacing)
     form = solution.discretized
@@ -70,7 +70,7 @@ def test_constants_symmetry_measure(case):
 @pytest.mark.filterwarnings("ignore::cpmkit.CpmkitWarning")
 @pytest.mark.parametrize("case", FIT, ids=str)
 def test_laws_at_ten_positions(case):
-    source = case.make()
+    source = source_of(case)
     spacing, scene = scene_of(source, 15)
     counts = []
     for shift in np.random.default_rng(0).uniform(0, spacing, (10, source.dim)):
@@ -85,7 +85,7 @@ def test_laws_at_ten_positions(case):
 
 @pytest.mark.parametrize("name", REFUSED)
 def test_what_makes_no_surface_is_refused(name):
-    (case,) = [one for one in CASES if str(one) == name]
-    spacing, scene = scene_of(case.make(), 8)
+    (case,) = [one for one in SURFACES if str(one) == name]
+    spacing, scene = scene_of(source_of(case), 8)
     with pytest.raises(ck.CpmkitError, match=r"make no surface at the spacing|are single samples; fit a surface"):
         solved(scene, spacing)

@@ -136,6 +136,8 @@ class ConditionTerms:
     @cached_property
     def _one_sided(self) -> Sum:
         laws = [(one.law, one) for one in self.held if isinstance(one.law, (Value, Flux, Mixed))]
+        if not laws:
+            return self._nothing
         rows = stacked([one.rows for _, one in laws], np.int64)
         alpha = stacked([np.full(len(one.rows), float(law.alpha)) for law, one in laws])
         beta = stacked([beta_at(law, self._where(one.rows), one.what) for law, one in laws])
@@ -149,6 +151,8 @@ class ConditionTerms:
         from scipy.sparse import hstack
 
         laws = [(one.law, one) for one in self.held if isinstance(one.law, Interface)]
+        if not laws:
+            return self._nothing
         rows = stacked([one.rows for _, one in laws], np.int64), stacked([one.across for _, one in laws], np.int64)
         sides = [OneSideRows(self.a[side], self.widths[side], self.values[side], self.slopes[side]) for side in rows]
         resistance = stacked([np.full(len(one.rows), law.resistance) for law, one in laws])
@@ -176,6 +180,13 @@ class ConditionTerms:
         laws = [(one.law, one) for one in coupled if isinstance(one.law, Interface)]
         jumps = [(law.jump, self._where(one.rows), f"the jump of {one.what}") for law, one in laws]
         return Sum((inflow + passing).tocsr(), hstack([by_value, by_jump], format="csr"), (*values, *jumps))
+
+    @property
+    def _nothing(self) -> Sum:
+        from scipy.sparse import csr_array
+
+        n = self.values.shape[1]
+        return Sum(csr_array((n, n)), csr_array((n, 0)), ())
 
     def _where(self, rows: Ints) -> Floats:
         return self.lattice.to_scene(self.samples.points[rows])

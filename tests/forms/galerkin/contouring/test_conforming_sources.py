@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from functools import cache
 from math import pi
 
 import numpy as np
 import pytest
 from forms.galerkin.contouring.measures import area, length, pieces, topology
+from made_cases import CASES, source_of
 
 from cpmkit.forms.galerkin.contouring.curves import traced
 from cpmkit.forms.galerkin.contouring.surfaces import triangulated
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.manifold.local_source import localize
-from cpmkit.testing import ConformanceCase, installed_cases
 
 #: Components, pieces of the border and Euler characteristic, where they are not those of a sphere.
 SHAPES = {
@@ -47,16 +46,19 @@ ENDS = {
 }
 
 
-@cache
+#: Dear level sets, and a surface that meets itself: others of their kinds run always. They are made where they run.
+SLOW = ("goursat", "decotetrahedron", "tooth", "klein")
+
+
+def holds(case, words):
+    """Tell whether the case's name holds one of the words."""
+    return any(word in str(case) for word in words)
+
+
 def cases(dimension):
-    """Return the cases of this dimension, and the sources that they make."""
-    made = [(case, case.make()) for case in installed_cases() if not any(word in str(case) for word in LEFT_OUT)]
-    return [pair for pair in made if pair[1].manifold_dim == dimension and pair[1].dim > dimension]
-
-
-def named(value):
-    """Return the case's name, and nothing of its source."""
-    return str(value) if isinstance(value, ConformanceCase) else ""
+    """Return the cases of this dimension that are not slow."""
+    found = [case for case in CASES if not holds(case, (*LEFT_OUT, *SLOW))]
+    return [case for case in found if source_of(case).manifold_dim == dimension and source_of(case).dim > dimension]
 
 
 def table(values, case, default):
@@ -75,20 +77,12 @@ def drawn_size(source, case, spacing):
     return area(SampleMesh.of(vertices, cells))
 
 
-#: Dear level sets, and a surface that meets itself: others of their kinds run always.
-SLOW = ("goursat", "decotetrahedron", "tooth", "klein")
+SLOW_SURFACES = [pytest.param(case, marks=pytest.mark.slow) for case in CASES if holds(case, SLOW)]
 
 
-def surfaces():
-    """Return the cases of surfaces with their marks."""
-    return [
-        pytest.param(case, source, marks=[pytest.mark.slow] * any(word in str(case) for word in SLOW))
-        for case, source in cases(2)
-    ]
-
-
-@pytest.mark.parametrize(("case", "source"), surfaces(), ids=named)
-def test_surfaces(case, source):
+@pytest.mark.parametrize("case", [*cases(2), *SLOW_SURFACES], ids=str)
+def test_surfaces(case):
+    source = source_of(case)
     spacing = float(np.ptp(source.bounds, axis=0).max()) / 20
     mesh, report = triangulated(localize(source, source.bounds.mean(axis=0)), spacing)
     assert area(mesh) == pytest.approx(drawn_size(source, case, spacing / 2), rel=4e-3)
@@ -98,8 +92,9 @@ def test_surfaces(case, source):
         assert report.open_edges == 0
 
 
-@pytest.mark.parametrize(("case", "source"), cases(1), ids=named)
-def test_curves(case, source):
+@pytest.mark.parametrize("case", cases(1), ids=str)
+def test_curves(case):
+    source = source_of(case)
     spacing = float(np.ptp(source.bounds, axis=0).max()) / 30
     mesh, report = traced(localize(source, source.bounds.mean(axis=0)), spacing)
     assert length(mesh) == pytest.approx(drawn_size(source, case, spacing / 8), rel=2e-3)
