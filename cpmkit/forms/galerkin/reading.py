@@ -23,7 +23,6 @@ from cpmkit.forms.options import Options
 from cpmkit.manifold.tangent_space import outward_conormals
 from cpmkit.protocols import SIDES, ClosestPoints, Floats, Ints, Side
 from cpmkit.runtime.arrays import as_points
-from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.scene import Scene
 from cpmkit.scene.tensors import evaluate_diffusivity
 
@@ -59,17 +58,6 @@ class Reader(Discretized):
         """(p, d) the samples of the manifold; made anew each time, for they are as large as all unknowns' rows."""
         one = self.sampled
         return one.lattice.to_scene(one.samples.points_at(slice(one.interior)))
-
-    def read(self, data: Any, what: str, time: float | None = None, channels: int | None = 1) -> Floats:
-        """Return a coefficient of the equation at :attr:`points`, (p, channels), asked for some points at a time."""
-        one = self.sampled
-        values = np.empty((0, 0))
-        for start in range(0, one.interior, READ_AT_ONCE):
-            some = slice(start, min(start + READ_AT_ONCE, one.interior))
-            read = evaluate_data(data, one.lattice.to_scene(one.samples.points_at(some)), channels, what, time)
-            values = np.empty((one.interior, read.shape[1])) if start == 0 else values
-            values[some] = read
-        return values
 
     @cached_property
     def _locator(self) -> Locator:
