@@ -84,7 +84,7 @@ def products() -> Row:
 
 def peak_memory() -> Row:
     """Bytes an unknown at the peak of a whole solve on the sphere."""
-    unknowns, peak = peak_of(FOR_MEMORY[0])
+    unknowns, peak = peak_of(FOR_MEMORY[-1])
     yield f"sphere, {unknowns:,} unknowns, bytes an unknown at the peak", peak, 2400
 
 

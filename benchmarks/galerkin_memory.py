@@ -16,8 +16,8 @@ from galerkin_multigrid import ONE_THREAD, forget_peak, memory
 
 import cpmkit as ck
 
-#: Of 140 and 500 thousand unknowns.
-SPACINGS = (0.02, 0.0107)
+#: Of 140 and 490 thousand and a million unknowns.
+SPACINGS = (0.02, 0.0107, 0.0075)
 WARMING_SPACING = 0.1
 
 

@@ -19,6 +19,8 @@ PILOTS_RATIO = 2.0
 #: The spacing is taken for this share of the tolerance, and a solution whose estimate is below that is accepted: where
 #: layers are not yet resolved estimates are down to half of the error.
 AIMED_SHARE, ACCEPTED_SHARE = 0.6, 0.8
+#: The same where no coarser error is known, so that nothing tells whether errors fall yet as they should.
+FIRST_SHARE = 0.35
 #: Orders at which errors are taken to fall, at least, at most, and at most where something says that it is slow.
 LEAST_ORDER, MOST_ORDER, MOST_SLOW_ORDER = 0.8, 3.0, 1.3
 #: Spacings go down by at least so much at a time, nearer differences tell little, and at most so much, so that each
@@ -63,7 +65,7 @@ def walk(way: Way) -> tuple[Status, float]:
 
 
 def _accepted(way: Way, aim: float) -> bool:
-    return way.error <= ACCEPTED_SHARE * aim
+    return way.error <= (ACCEPTED_SHARE if len(_known(way)) > 1 else FIRST_SHARE) * aim
 
 
 def _done(way: Way, aim: float) -> bool:

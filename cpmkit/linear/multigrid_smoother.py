@@ -85,10 +85,10 @@ class Strip:
     factors: SymmetricFactors
 
     @classmethod
-    def of(cls, matrix: csr_array, unknowns: Ints, waves: bool = False) -> Strip | None:
+    def of(cls, matrix: csr_array, unknowns: Ints, waves: bool = False, rounded: bool = True) -> Strip | None:
         """Return the strip of these unknowns, None where there are none.
 
-        A strip may be wide enough for a wave on a coarse level.
+        A strip may be wide enough for a wave on a coarse level. Its rows are ``rounded`` where the level's are.
 
         Raises
         ------
@@ -100,7 +100,8 @@ class Strip:
         rows = matrix[unknowns].tocsr()
         kind = SymmetricFactors if waves else PositiveFactors
         factors = kind.of(rows[:, unknowns], "beside boundaries")
-        return cls(unknowns, UnsignedCsr.of(rows).rounded(), factors)
+        own = UnsignedCsr.of(rows)
+        return cls(unknowns, own.rounded() if rounded else own, factors)
 
     def solve(self, x: Floats | None, b: Floats) -> Floats:
         """Return x, from zero where it is None, with the strip's equations fulfilled."""
