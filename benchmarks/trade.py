@@ -17,6 +17,7 @@ from itertools import product
 from typing import Any
 
 import numpy as np
+from galerkin_multigrid import forget_peak, memory
 from trade_problems import Problem, problems
 
 import cpmkit as ck
@@ -54,6 +55,7 @@ def run(problem: Problem, position: int, norm: str, **asked: Any) -> TradeRun:
     """Solve once, on a lattice at a random position."""
     shift = np.random.default_rng(position).uniform(0, 1, problem.scene.surface.dim)
     origin = lattice_of(problem.scene.surface, 1e-3).origin + 0.2 * shift
+    before = forget_peak()
     solution = ck.solve(problem.scene, origin=origin, norm=norm, memory=MEMORY, **asked)
     error = problem.errors(solution)[0 if norm == "rms" else 1]
     trade = solution.trade
@@ -67,7 +69,7 @@ def run(problem: Problem, position: int, norm: str, **asked: Any) -> TradeRun:
         asked.get("seconds"),
         trade.seconds,
         trade.predicted_bytes,
-        float("nan"),
+        memory("VmHWM") - before,
         solution.discretized.size,
         trade.cost_over_last_solve,
     )

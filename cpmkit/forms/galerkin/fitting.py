@@ -23,7 +23,8 @@ BYTES_PER_UNKNOWN = {1: 2500.0, 2: 2100.0}
 BYTES_BESIDE_FACTORS = {1: 2500.0, 2: 1800.0}
 #: Bytes for each sample of a surface, places, normals, weights and numbers (measured at 140 thousand unknowns with 8.7
 #: samples each on Spot as it is, 19.5 on Spot read as smooth and 19.1 on the sphere: 2350, 2620 and 2670 an unknown,
-#: 2650 at 490 thousand), and how many an unknown has where they are not counted.
+#: 2390 from 490 thousand on, where the finest matrix has no rounded copy), and how many an unknown has where they are
+#: not counted.
 BYTES_PER_SAMPLE, SAMPLES_PER_UNKNOWN = {1: 0.0, 2: 32.0}, 20.0
 #: There are about as many unknowns as a closest point band of this degree has, counted by blocks (measured: sphere
 #: 1.00, circle .98, Dziuk's surface .94, Spot .88, a knot in space .66 of them).
