@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cpmkit.errors import InputError
 from cpmkit.meshes.display_mesh import DisplayMesh, display_mesh
 
 
@@ -73,7 +74,13 @@ class ClosedFormSolution:
     spacing: float = 0.1
     channels: int = 1
     warnings: tuple[str, ...] = ()
+    estimated: Any = None
+    trade: Any = None
     batches: list[int] = field(default_factory=list)
+
+    @property
+    def error(self) -> Any:
+        raise InputError("what has a closed form has no coarser lattice.")
 
     @property
     def scene(self) -> Any:

@@ -48,7 +48,7 @@ def test_no_way_leads_from_a_file_back_to_it(house):
 
 
 def test_a_way_back_would_be_found(house):
-    assert house.cycle(house.arrows() | {("errors", "solving")})[0] in {"errors", "solving"}
+    assert {"errors", "solving"} <= {*house.cycle(house.arrows() | {("errors", "solving")})}
     assert house.cycle({("a", "b"), ("b", "c"), ("c", "b")}) == ["b", "c", "b"]
 
 

@@ -175,7 +175,7 @@ WRONG = {
     "an unknown key of a problem": (GOOD.replace("c = 2.5", "d = 2.5"), "unknown key 'd'; accepted are f, c"),
     "an unknown key of the lattice": (
         GOOD.replace("spacing = 0.15", "space = 0.15"),
-        "unknown key 'space'; accepted are spacing, origin, form, degree",
+        "unknown key 'space'; accepted are spacing, origin, form, tolerance, norm, seconds, memory, estimate, degree",
     ),
     "a formula that is none": (GOOD.replace('"x + 2"', '"x +"'), "does not parse"),
     "a value that is none": (GOOD.replace('"x + 2"', "true"), "must be a number, a formula"),
