@@ -7,16 +7,30 @@ fit: where tables of many sizes are made and let go it keeps a tenth as much as 
 from __future__ import annotations
 
 import ctypes
+import os
 import sys
 from collections.abc import Callable
 from functools import cache
+from pathlib import Path
+
+#: A process that holds less keeps it: what is handed back must be asked for, and cleared, anew.
+LEAST_BYTES = 2**29
+#: What the system tells of this process, in pages: the second number is what it holds in memory.
+PAGES = Path("/proc/self/statm")
 
 
 def hand_back() -> None:
-    """Hand freed memory back to the system, where the C library can (glibc's); a few milliseconds."""
+    """Hand freed memory of a large process back to the system, where the C library can (glibc's)."""
     trim = _trim()
-    if trim is not None:
+    if trim is not None and _held() >= LEAST_BYTES:
         trim(0)
+
+
+def _held() -> int:
+    try:
+        return int(PAGES.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except (OSError, ValueError, IndexError):  # no system that tells it
+        return 0
 
 
 @cache
