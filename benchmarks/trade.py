@@ -1,6 +1,6 @@
 """What is asked for and what comes: tolerances, times and memories in, answers, their errors and costs out.
 
-Run ``python benchmarks/trade.py``, with ``--quick`` in five minutes, with ``--json`` for records, or with names of
+Run ``python benchmarks/trade.py``, with ``--quick`` in about ten minutes, with ``--json`` for records, or with names of
 problems; it needs ``pip install . ./plugins/*``, this repository's folder ``tests`` beside it, and, for real meshes,
 ``CPMKIT_DATA`` set to their folder. A table follows of what must hold over all runs.
 """
