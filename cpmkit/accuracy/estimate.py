@@ -153,15 +153,11 @@ def from_companions(solution: Solution, companions: Sequence[Solution], in_time:
     found = [difference(solution, one) for one in companions]
     rms, largest = (_mean([_from(form, solution, one, norm) for one in found]) for norm in ("rms", "largest"))
     last = found[-1]
-    floor = np.zeros(len(last.unit)) if isinstance(solution, EigenSolution) else np.full(len(last.unit), source(form))
+    left = 0.0 if isinstance(solution, EigenSolution) else form.source_error()
+    floor = np.full(len(last.unit), left)
     return ErrorEstimate(
         rms + in_time, largest + in_time, last.unit, in_time, floor, last.at, form.slow, solution, tuple(companions)
     )
-
-
-def source(form: Discretized) -> float:
-    """Return the share of the range that the source alone leaves as an error."""
-    return form.source_error()
 
 
 def _from(form: Discretized, solution: Solution, one: Difference, norm: str) -> Floats:
