@@ -45,11 +45,11 @@ class Difference:
 
 def compared_points(solution: Solution) -> tuple[Floats, Floats, Floats]:
     """Return points (k, d) at which a solution is compared, their weights (k,) and its values (k, channels) there."""
-    form = solution.discretized
-    chosen = np.linspace(0, len(form.points) - 1, min(MOST_COMPARED, len(form.points))).astype(np.int64)
+    form, points = solution.discretized, solution.discretized.points  # a form may make them anew each time
+    chosen = np.linspace(0, len(points) - 1, min(MOST_COMPARED, len(points))).astype(np.int64)
     weights = form.point_weights
     weights = np.ones(len(chosen)) if weights is None else weights[chosen]
-    points = form.points[chosen]
+    points = points[chosen]
     return points, weights / weights.sum(), solution.evaluate(points).reshape(len(points), -1)
 
 

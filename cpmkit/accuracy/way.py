@@ -161,7 +161,8 @@ class Way:
         problem: Any = self.scene.problem
         if not isinstance(problem, Evolution):
             return False
-        self.in_time = error_in_time(self.last.solution, lambda scene, spacing: self.solve(scene, spacing))
+        same = {"origin": self.last.solution.discretization()["origin"]}  # elsewhere errors in space would count
+        self.in_time = error_in_time(self.last.solution, lambda scene, spacing: self.solve(scene, spacing, **same))
         order = order_in_time(problem)
         wanted = TIME_SHARE * (self.asked.tolerance or np.inf)
         if self.in_time <= wanted:
