@@ -55,8 +55,9 @@ class GalerkinOptions(Declared):
     samples: str = option(
         "auto",
         "Whether the Galerkin form clips triangles of a surface where they leave the lattice's cells before it samples "
-        "them: ``plain`` does not, ``clipped`` does, ``auto`` where the triangles are bent to follow the surface: half "
-        "the error at h = 0.1 of a unit sphere, a sixth at 0.05, for half as many samples more.",
+        "them: ``plain`` does not, ``clipped`` does, ``auto`` where the triangles are bent to follow the surface, or "
+        "longer than half a spacing: half the error at h = 0.1 of a unit sphere, a sixth at 0.05, for half as many "
+        "samples more.",
         _check_sampling,
     )
     tips: str = option(

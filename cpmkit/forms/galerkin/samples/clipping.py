@@ -1,30 +1,48 @@
-"""Which triangles are clipped at knot planes before samples are taken from them, and how long their edges may be.
+"""Which triangles are clipped at the lattice's knot planes before samples are taken from them.
 
-Where samples of one triangle lie in several lattice cells, sums over them miss the kinks of splines at knot planes: the
-error levels off below 1e-4, and gradients with it. Pieces that each lie in one cell see polynomials alone. They are
-worth their samples where the triangles follow the manifold; between flat facets kinks of the manifold itself are left.
+Between two knot planes splines are polynomials: what is clipped is integrated to its rule's degree, whole triangles
+only as well as they are small beside a cell.
 """
 
 from __future__ import annotations
 
-from cpmkit.forms.galerkin.sample_mesh import Bend
+import numpy as np
+
+from cpmkit.forms.galerkin.sample_mesh import Bend, SampleMesh
+from cpmkit.protocols import Bools
 
 #: How samples may be asked for.
 SAMPLINGS = ("auto", "plain", "clipped")
-#: Edges of triangles are at most this many spacings long: three samples a triangle then see every spline.
+#: Edges of whole triangles are at most this many spacings long: three samples a triangle then see every spline.
 PLAIN_EDGE_SPACINGS = 0.5
 #: The same where triangles are clipped: 19 samples an unknown, and on a sphere the error of edges half as long to 3 %.
 CLIPPED_EDGE_SPACINGS = 0.7
+#: The same where they are flat: the error of whole ones half as long, with a tenth to a quarter fewer samples (measured
+#: on a square, a cube and Spot).
+CLIPPED_FLAT_EDGE_SPACINGS = 1.0
 
 
-def is_clipped(sampling: str, bend: Bend, manifold_dim: int) -> bool:
-    """Tell whether triangles are to be clipped; "auto" clips those that bend.
+def is_clipped(sampling: str, manifold_dim: int) -> bool:
+    """Tell whether triangles are to be clipped where it pays.
 
     Segments are split where they cross knot planes in any case.
     """
-    return manifold_dim == 2 and (sampling == "clipped" or (sampling == "auto" and bend != "flat"))
+    return manifold_dim == 2 and sampling != "plain"
 
 
 def longest_edge_spacings(sampling: str, bend: Bend, manifold_dim: int) -> float:
     """Return how long edges of cells may be when samples are taken, in spacings."""
-    return CLIPPED_EDGE_SPACINGS if is_clipped(sampling, bend, manifold_dim) else PLAIN_EDGE_SPACINGS
+    if not is_clipped(sampling, manifold_dim):
+        return PLAIN_EDGE_SPACINGS
+    return CLIPPED_FLAT_EDGE_SPACINGS if bend == "flat" else CLIPPED_EDGE_SPACINGS
+
+
+def clipped_triangles(mesh: SampleMesh, sampling: str, bend: Bend, spacing: float) -> Bools:
+    """Return which triangles (m,) are to be clipped: "auto" leaves flat ones whole that are small beside a cell."""
+    if not is_clipped(sampling, mesh.manifold_dim):
+        return np.zeros(len(mesh.cells), dtype=bool)
+    if sampling == "clipped" or bend != "flat":
+        return np.ones(len(mesh.cells), dtype=bool)
+    from cpmkit.forms.galerkin.samples.subdivision_kernels import with_long_edges
+
+    return with_long_edges(mesh.vertices, np.ascontiguousarray(mesh.cells), PLAIN_EDGE_SPACINGS * float(spacing))

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.forms.galerkin.samples.piece_kernels import MOST_CORNERS, rule
-from cpmkit.protocols import Floats
+from cpmkit.protocols import Bools, Floats
 from cpmkit.runtime.compilation import compiled
 
 #: A piece that is past a knot plane by less than this, in spacings, is not split there.
@@ -182,7 +182,7 @@ def put_back(place: float, cell: float) -> float:
 
 
 @compiled
-def triangle_samples(nodes: Floats, spacing: float, clipped: bool) -> tuple[Floats, Floats, Floats, Any]:
+def triangle_samples(nodes: Floats, spacing: float, clipped: Bools) -> tuple[Floats, Floats, Floats, Any]:
     """Return points (q, 3), weights (q,), unit normals (q, 1, 3) and triangles (q,) of samples.
 
     Parameters
@@ -191,8 +191,8 @@ def triangle_samples(nodes: Floats, spacing: float, clipped: bool) -> tuple[Floa
         Corners of the triangles, then the midpoints of curved ones, each opposite to a corner.
     spacing : float
         h: knot planes lie at (k + 1/2) h.
-    clipped : bool
-        Whether triangles are clipped there; else each has the samples at (2/3, 1/6, 1/6).
+    clipped : (m,) bool
+        Whether each triangle is clipped there; else it has the samples at (2/3, 1/6, 1/6).
     """
     curved = nodes.shape[1] == 6
     points, weights, normals = np.empty((4, 3)), np.empty(4), np.empty((4, 1, 3))
@@ -217,7 +217,7 @@ def triangle_samples(nodes: Floats, spacing: float, clipped: bool) -> tuple[Floa
             count = sizes[waiting]
             piece[:count] = stack[waiting, :count]
             axis, plane = first_plane(piece, count)
-            if clipped and axis >= 0 and count < MOST_CORNERS and splits < MOST_SPLITS:
+            if clipped[m] and axis >= 0 and count < MOST_CORNERS and splits < MOST_SPLITS:
                 splits += 1
                 if waiting + 2 > len(sizes):
                     stack, sizes = np.concatenate((stack, stack)), np.concatenate((sizes, sizes))
@@ -225,8 +225,8 @@ def triangle_samples(nodes: Floats, spacing: float, clipped: bool) -> tuple[Floa
                 sizes[waiting], sizes[waiting + 1] = lower, upper
                 waiting += 2
                 continue
-            taken = needed(piece, count) if clipped else 3
-            area = rule(piece, count, taken, corners, places, shares) if clipped else whole(places, shares)
+            taken = needed(piece, count) if clipped[m] else 3
+            area = rule(piece, count, taken, corners, places, shares) if clipped[m] else whole(places, shares)
             if area <= LEAST_AREA:
                 continue
             cell_of(piece, count, cell)
@@ -238,7 +238,7 @@ def triangle_samples(nodes: Floats, spacing: float, clipped: bool) -> tuple[Floa
                 slopes(own, curved, places[k, 0], places[k, 1], first, second)
                 weights[used] = area * shares[k] * directed(first, second, normals[used, 0]) * spacing**2
                 for i in range(3):
-                    points[used, i] = spacing * (put_back(point[i], cell[i]) if clipped else point[i])
+                    points[used, i] = spacing * (put_back(point[i], cell[i]) if clipped[m] else point[i])
                 triangle[used] = m
                 used += 1
     return points[:used].copy(), weights[:used].copy(), normals[:used].copy(), triangle[:used].copy()

@@ -11,13 +11,15 @@ import numpy as np
 
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh, Samples
 from cpmkit.manifold.vectors import norms, unit
-from cpmkit.protocols import Floats
+from cpmkit.protocols import Bools, Floats
 
 #: Triangles that samples are taken from at a time: what is needed on the way stays small beside the samples.
 TRIANGLES_AT_ONCE = 1 << 14
 
 
-def samples_of(mesh: SampleMesh, clipped_at: float | None = None, further: Samples | None = None) -> Samples:
+def samples_of(
+    mesh: SampleMesh, clipped_at: float | None = None, further: Samples | None = None, clipped: Bools | None = None
+) -> Samples:
     """Return the samples of cells, those of one after those of another, three at least, and ``further`` ones.
 
     Segments have three by Gauss's rule of degree 5. Triangles have three by the rule of degree 2 at barycentric points
@@ -32,8 +34,10 @@ def samples_of(mesh: SampleMesh, clipped_at: float | None = None, further: Sampl
         The spacing h of the lattice, if triangles are to be clipped at its knot planes, x = (k + 1/2) h.
     further : Samples, optional
         Put behind them.
+    clipped : (m,) bool, optional
+        Which of them; all if left out.
     """
-    own = [_arrays(_of_segments(mesh))] if mesh.manifold_dim == 1 else _of_triangles(mesh, clipped_at)
+    own = [_arrays(_of_segments(mesh))] if mesh.manifold_dim == 1 else _of_triangles(mesh, clipped_at, clipped)
     return _joined(chain(own, [] if further is None else [_arrays(further)]))
 
 
@@ -44,17 +48,19 @@ def _of_segments(mesh: SampleMesh) -> Samples:
     return Samples(_mixed(mesh, shares), np.tile(weights, len(mesh.cells)) * norms(along), _across(along), cell)
 
 
-def _of_triangles(mesh: SampleMesh, clipped_at: float | None) -> Iterator[list[Any]]:
+def _of_triangles(mesh: SampleMesh, clipped_at: float | None, clipped: Bools | None) -> Iterator[list[Any]]:
     """Yield the arrays of samples of some triangles after those of others."""
     from cpmkit.forms.galerkin.samples.clipping_kernels import triangle_samples
 
     spacing = 1.0 if clipped_at is None else float(clipped_at)
+    if clipped is None or clipped_at is None:
+        clipped = np.full(len(mesh.cells), clipped_at is not None)
     for start in range(0, max(len(mesh.cells), 1), TRIANGLES_AT_ONCE):
         some = slice(start, start + TRIANGLES_AT_ONCE)
         nodes = mesh.vertices[mesh.cells[some]]
         if mesh.midpoints is not None:
             nodes = np.concatenate([nodes, mesh.midpoints[some]], axis=1)
-        *others, cell = triangle_samples(np.ascontiguousarray(nodes), spacing, clipped_at is not None)
+        *others, cell = triangle_samples(np.ascontiguousarray(nodes), spacing, clipped[some])
         yield [*others, cell + np.int32(start)]
 
 

@@ -6,6 +6,7 @@ import pytest
 import cpmkit as ck
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.forms.galerkin.samples import piece_kernels
+from cpmkit.forms.galerkin.samples.clipping import clipped_triangles
 from cpmkit.forms.galerkin.samples.quadrature import samples_of
 
 SPACING = 0.2
@@ -135,3 +136,43 @@ def test_how_samples_are_taken_is_an_option():
     assert counts["clipped"] < 1.6 * counts["plain"]
     with pytest.raises(ck.InputError, match="samples must be 'auto', 'plain' or 'clipped', got 'fine'"):
         ck.discretize(scene, 0.2, form="galerkin", samples="fine")
+
+
+@pytest.mark.parametrize(
+    ("sampling", "bend", "clipped"),
+    [("plain", "flat", [0, 0]), ("auto", "flat", [0, 1]), ("clipped", "flat", [1, 1]), ("auto", "normals", [1, 1])],
+)
+def test_flat_triangles_are_left_whole_where_they_are_small_beside_a_cell(sampling, bend, clipped):
+    vertices = np.array([[0.0, 0, 0], [0.09, 0, 0], [0, 0.04, 0], [0.09, -0.14, 0]])
+    mesh = SampleMesh.of(vertices, np.array([[0, 1, 2], [0, 3, 1]]))
+    np.testing.assert_array_equal(clipped_triangles(mesh, sampling, bend, SPACING), clipped)
+
+
+def test_large_flat_triangles_cost_fewer_samples_than_small_whole_ones_and_leave_no_more_error():
+    """A square of two triangles at three spacings, root mean squares over positions of the lattice."""
+    square = ck.source(
+        "mesh.triangles",
+        vertices=[[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]],
+        faces=[[0, 1, 2], [0, 2, 3]],
+        closest="faceted",
+    )
+
+    def u(x):
+        return np.cos(np.pi * x[:, 0]) * np.cos(np.pi * x[:, 1])
+
+    scene = ck.Scene(square, ck.ScreenedPoisson(lambda x: (1 + 2 * np.pi**2) * u(x)))
+    points = np.column_stack([np.random.default_rng(0).uniform(0, 1, (500, 2)), np.zeros(500)])
+    rms = {"plain": [], "auto": []}
+    for spacing in (0.16, 0.08, 0.04):
+        for samples, errors in rms.items():
+            found = []
+            for k in range(4):
+                origin = spacing * np.random.default_rng(k).uniform(0, 1, 3) - 1.0
+                solution = ck.solve(scene, spacing, form="galerkin", samples=samples, origin=origin)
+                found.append(solution.evaluate(points) - u(points))
+            errors.append(np.sqrt(np.mean(np.square(found))))
+            counted = len(solution.discretized.sampled.samples)
+            fewest = counted if samples == "plain" else fewest
+            assert counted <= fewest
+    assert np.all(np.array(rms["auto"]) <= 1.1 * np.array(rms["plain"]))
+    assert np.log2(rms["auto"][0] / rms["auto"][2]) / 2 > 1.5
