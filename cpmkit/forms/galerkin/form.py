@@ -261,7 +261,7 @@ def discretize(scene: Scene, options: Options[GalerkinOptions], progress: Progre
     check(scene, options)
     sampled = sample(scene, options, progress)
     progress("space", 0.0)
-    parting = part(sampled.samples.points, sampled.corners, options.spacing, sampled.samples.cell)
+    parting = part(sampled.samples.points, sampled.corners, options.spacing, sampled.samples.cell, options.own.degree)
     assert isinstance(sampled.samples, Samples)
     sampled = replace(sampled, samples=FixedSamples.of(sampled.samples, parting))  # what they were made of is let go
     hand_back()

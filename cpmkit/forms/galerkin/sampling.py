@@ -139,7 +139,7 @@ def sample(scene: Scene, options: Options[GalerkinOptions], progress: Progress) 
     told += of_ends
     progress("samples", 1.0)
     clipped_at = spacing if is_clipped(sampling, bend, mesh.manifold_dim) else None
-    samples = samples_of(mesh, clipped_at, boundary.as_samples if len(boundary) else None)
+    samples = samples_of(mesh, clipped_at, boundary.as_samples if len(boundary) else None, options.own.fine)
     # what is held on: cells in 32 bits, and no midpoints, which samples were taken from alone
     cells: Any = mesh.cells.astype(np.int32)
     held_corners: Any = corners.astype(np.int32) if is_cut(mesh, corners) else cells

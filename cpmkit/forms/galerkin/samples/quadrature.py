@@ -17,12 +17,14 @@ from cpmkit.protocols import Floats
 TRIANGLES_AT_ONCE = 1 << 14
 
 
-def samples_of(mesh: SampleMesh, clipped_at: float | None = None, further: Samples | None = None) -> Samples:
+def samples_of(
+    mesh: SampleMesh, clipped_at: float | None = None, further: Samples | None = None, fine: bool = False
+) -> Samples:
     """Return the samples of cells, those of one after those of another, three at least, and ``further`` ones.
 
     Segments have three by Gauss's rule of degree 5. Triangles have three by the rule of degree 2 at barycentric points
-    (2/3, 1/6, 1/6), or for each piece between knot planes four of degree 3, of small ones three of degree 2. The
-    weights are those of the quadratic cells: the speed, or |x_1 x x_2|.
+    (2/3, 1/6, 1/6), or for each piece between knot planes four of degree 3, of small ones three of degree 2, or more
+    where they are to be ``fine``. The weights are those of the quadratic cells: the speed, or |x_1 x x_2|.
 
     Parameters
     ----------
@@ -32,8 +34,10 @@ def samples_of(mesh: SampleMesh, clipped_at: float | None = None, further: Sampl
         The spacing h of the lattice, if triangles are to be clipped at its knot planes, x = (k + 1/2) h.
     further : Samples, optional
         Put behind them.
+    fine : bool
+        Whether pieces between knot planes have a rule of degree 4.
     """
-    own = [_arrays(_of_segments(mesh))] if mesh.manifold_dim == 1 else _of_triangles(mesh, clipped_at)
+    own = [_arrays(_of_segments(mesh))] if mesh.manifold_dim == 1 else _of_triangles(mesh, clipped_at, fine)
     return _joined(chain(own, [] if further is None else [_arrays(further)]))
 
 
@@ -44,7 +48,7 @@ def _of_segments(mesh: SampleMesh) -> Samples:
     return Samples(_mixed(mesh, shares), np.tile(weights, len(mesh.cells)) * norms(along), _across(along), cell)
 
 
-def _of_triangles(mesh: SampleMesh, clipped_at: float | None) -> Iterator[list[Any]]:
+def _of_triangles(mesh: SampleMesh, clipped_at: float | None, fine: bool) -> Iterator[list[Any]]:
     """Yield the arrays of samples of some triangles after those of others."""
     from cpmkit.forms.galerkin.samples.clipping_kernels import triangle_samples
 
@@ -54,7 +58,7 @@ def _of_triangles(mesh: SampleMesh, clipped_at: float | None) -> Iterator[list[A
         nodes = mesh.vertices[mesh.cells[some]]
         if mesh.midpoints is not None:
             nodes = np.concatenate([nodes, mesh.midpoints[some]], axis=1)
-        *others, cell = triangle_samples(np.ascontiguousarray(nodes), spacing, clipped_at is not None)
+        *others, cell = triangle_samples(np.ascontiguousarray(nodes), spacing, clipped_at is not None, fine)
         yield [*others, cell + np.int32(start)]
 
 
