@@ -87,13 +87,5 @@ class GalerkinOptions(Declared):
 
     @property
     def sampling(self) -> str:
-        """How samples are taken: "auto" clips cubic splines, which see all that samples leave.
-
-        And beside singular unknowns: a third of the error at h = 0.05 of a plate.
-        """
-        return "clipped" if self.samples == "auto" and (self.tips == "singular" or self.fine) else self.samples
-
-    @property
-    def fine(self) -> bool:
-        """Whether pieces between knot planes have samples of degree 4."""
-        return self.degree == 3
+        """How samples are taken: beside singular unknowns "auto" clips, a third of the error at h = 0.05 of a plate."""
+        return "clipped" if self.samples == "auto" and self.tips == "singular" else self.samples

@@ -19,7 +19,7 @@ from cpmkit.forms.galerkin.insertion.inserted import inserted
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.sample_mesh import Bend, HalfFacets, SampleMesh, Samples
 from cpmkit.forms.galerkin.samples.bending import bent
-from cpmkit.forms.galerkin.samples.clipping import is_clipped, longest_edge_spacings
+from cpmkit.forms.galerkin.samples.clipping import is_clipped, is_fine, longest_edge_spacings
 from cpmkit.forms.galerkin.samples.cutting import corners_of, half_facets, is_cut
 from cpmkit.forms.galerkin.samples.quadrature import samples_of
 from cpmkit.forms.galerkin.samples.seams import seams
@@ -139,7 +139,8 @@ def sample(scene: Scene, options: Options[GalerkinOptions], progress: Progress) 
     told += of_ends
     progress("samples", 1.0)
     clipped_at = spacing if is_clipped(sampling, bend, mesh.manifold_dim) else None
-    samples = samples_of(mesh, clipped_at, boundary.as_samples if len(boundary) else None, options.own.fine)
+    fine = is_fine(options.own.degree, bend)
+    samples = samples_of(mesh, clipped_at, boundary.as_samples if len(boundary) else None, fine)
     # what is held on: cells in 32 bits, and no midpoints, which samples were taken from alone
     cells: Any = mesh.cells.astype(np.int32)
     held_corners: Any = corners.astype(np.int32) if is_cut(mesh, corners) else cells

@@ -25,6 +25,14 @@ def is_clipped(sampling: str, bend: Bend, manifold_dim: int) -> bool:
     return manifold_dim == 2 and (sampling == "clipped" or (sampling == "auto" and bend != "flat"))
 
 
+def is_fine(degree: int, bend: Bend) -> bool:
+    """Tell whether pieces of triangles have a rule of degree 4: for cubic splines on what follows the manifold itself.
+
+    On meshes, flat or bent by their normals, the mesh is the error, and it is the same without (measured).
+    """
+    return degree == 3 and bend == "feet"
+
+
 def longest_edge_spacings(sampling: str, bend: Bend, manifold_dim: int) -> float:
     """Return how long edges of cells may be when samples are taken, in spacings."""
     return CLIPPED_EDGE_SPACINGS if is_clipped(sampling, bend, manifold_dim) else PLAIN_EDGE_SPACINGS

@@ -46,9 +46,9 @@ class Strength:
 STRENGTHS = {"default": Strength(1e-2, 1e-2, 1e-4), "accurate": Strength(1e-3, 1e-3, 1e-4)}
 #: The same of the degrees 1 and 3.
 STRENGTHS_OF_DEGREE = {
-    1: {"default": Strength(1e-2, 1e-2, 1e-3), "accurate": Strength(1e-3, 1e-3, 1e-4)},
+    1: {"default": Strength(1e-1, 1e-2, 1e-4), "accurate": Strength(1e-2, 1e-2, 1e-4)},
     2: STRENGTHS,
-    3: {"default": Strength(1e-2, 1e-2, 1e-4, 1e-3), "accurate": Strength(1e-3, 1e-3, 1e-4, 1e-4)},
+    3: {"default": Strength(1e-2, 1e-2, 1e-4, 1e-2), "accurate": Strength(1e-3, 1e-3, 1e-5, 1e-3)},
 }
 
 
