@@ -60,8 +60,8 @@ class GalerkinOptions(Declared):
 
     degree: int = option(
         2,
-        "Degree of the splines in the form ``galerkin``, 1 to 3, 2 by default: on smooth sources the error falls as the "
-        "spacing to the power of the degree plus one.",
+        "Degree of the splines in the form ``galerkin``, 1 to 3, 2 by default: on smooth sources the error falls as "
+        "the spacing to the power of the degree plus one.",
         _check_degree,
     )
     strength: str = option(

@@ -114,7 +114,7 @@ def sample(scene: Scene, options: Options[GalerkinOptions], progress: Progress) 
     surface = localize(scene.surface, lattice.origin)
     oriented = [scene.oriented(boundary) for boundary in scene.boundaries]
     sources = [localize(boundary.source, lattice.origin) for boundary in scene.boundaries]
-    check_samples_fit(surface, spacing)
+    check_samples_fit(surface, spacing, options.own.degree)
     progress("samples", 0.0)
     sampling = options.own.sampling
     mesh, bend, told = _cells(surface, spacing, sampling)

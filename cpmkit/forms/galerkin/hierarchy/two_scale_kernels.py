@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.protocols import Ints
+from cpmkit.protocols import Floats, Ints
 from cpmkit.runtime.compilation import compiled
 
 

@@ -2,8 +2,8 @@
 
 The energy of u is sum w a |tangential part of grad u|^2. It says nothing of how the spline goes on off the manifold;
 there it is held by e1 a |normal part|^2, e2 h^2 a (n' H n)^2, of cubic splines e3 h^4 a times the square of the third
-derivative along normals, and the ghost penalty, squares of differences of coefficients along the axes, of one order more
-than the degree. All vanish where u is constant along normals or, the ghosts, a polynomial of the splines' degree.
+derivative along normals, and the ghost penalty, squares of differences of coefficients along the axes, of one order
+more than the degree. All vanish where u is constant along normals or, the ghosts, a polynomial of the splines' degree.
 """
 
 from __future__ import annotations

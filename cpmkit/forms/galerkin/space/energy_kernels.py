@@ -62,7 +62,7 @@ def room_for(splines: Any) -> int:
 
 
 @inlined
-def value_of(splines: Any, kind: int, axis: int, i: int, t: float) -> float:
+def value_of(splines: Any, kind: int, axis: int, i: int, t: float) -> Any:
     """Return the value at t of the factor along an axis of the spline at place i."""
     T, p = POLYNOMIALS, len(splines) - 2
     if len(splines) == 2:
@@ -74,7 +74,7 @@ def value_of(splines: Any, kind: int, axis: int, i: int, t: float) -> float:
 
 
 @inlined
-def slope_of(splines: Any, kind: int, axis: int, i: int, t: float) -> float:
+def slope_of(splines: Any, kind: int, axis: int, i: int, t: float) -> Any:
     """Return its slope."""
     T, p = POLYNOMIALS, len(splines) - 2
     if len(splines) == 2:
@@ -85,7 +85,7 @@ def slope_of(splines: Any, kind: int, axis: int, i: int, t: float) -> float:
 
 
 @inlined
-def second_of(splines: Any, kind: int, axis: int, i: int, t: float) -> float:
+def second_of(splines: Any, kind: int, axis: int, i: int, t: float) -> Any:
     """Return its second derivative."""
     T, p = POLYNOMIALS, len(splines) - 2
     if len(splines) == 2:

@@ -64,9 +64,7 @@ def part(points: Floats, contacts: Any, spacing: float, cell: Any = None, degree
     return parting_of(spacing, cells, touching, patch, specks[label], degree)
 
 
-def parting_of(
-    spacing: float, cells: Ints, touching: Any, patch: Any, single: Bools, degree: int = 2
-) -> Parting:
+def parting_of(spacing: float, cells: Ints, touching: Any, patch: Any, single: Bools, degree: int = 2) -> Parting:
     """Return the parting into these patches: ``cells`` (p, d), pairs ``touching`` (t, 2), ``patch`` (q,) of samples.
 
     ``single`` (p,): patches of pieces that have one unknown each.

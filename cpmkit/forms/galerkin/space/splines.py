@@ -41,13 +41,20 @@ def spline_pieces(degree: int) -> Floats:
 
 def spline_values(t: Floats, degree: int) -> Floats:
     """Return (..., degree + 1) the splines that a cell reads at t."""
-    return np.asarray(np.polynomial.polynomial.polyval(t, spline_pieces(degree).T)).transpose(*range(1, t.ndim + 1), 0)
+    return _read(t, spline_pieces(degree).T)
 
 
 def spline_slopes(t: Floats, degree: int) -> Floats:
     """Return (..., degree + 1) their derivatives with respect to t."""
-    slopes = np.polynomial.polynomial.polyder(spline_pieces(degree).T)
-    return np.asarray(np.polynomial.polynomial.polyval(t, slopes)).transpose(*range(1, t.ndim + 1), 0)
+    return _read(t, np.polynomial.polynomial.polyder(spline_pieces(degree).T))
+
+
+def _read(t: Floats, coefficients: Floats) -> Floats:
+    """Return (..., w) polynomials at t (...), ``coefficients`` (k, w) those of 1 first."""
+    values = np.multiply.outer(t, coefficients[-1]) if len(coefficients) > 1 else np.zeros((*t.shape, 1))
+    for own in coefficients[-2:0:-1]:
+        values = (values + own) * t[..., None]
+    return np.asarray(values + coefficients[0], dtype=np.float64)
 
 
 def value_rows(parting: Parting, patch: Ints, points: Floats) -> csr_array:
@@ -78,7 +85,8 @@ def _product(factors: Floats) -> Floats:
     """Return (k, w^d) the products over axes of ``factors`` (k, d, w), the last axis running fastest."""
     entries = factors[:, 0]
     for axis in range(1, factors.shape[1]):
-        entries = (entries[:, :, None] * factors[:, axis, None, :]).reshape(len(entries), entries.shape[1] * factors.shape[2])
+        size = entries.shape[1] * factors.shape[2]
+        entries = (entries[:, :, None] * factors[:, axis, None, :]).reshape(len(entries), size)
     return entries
 
 
