@@ -1,8 +1,8 @@
 """The peak of a whole solve in the Galerkin form on the sphere, in bytes an unknown.
 
-Run ``python benchmarks/galerkin_memory.py``, with spacings if others are wanted; it needs ``pip install .
-./plugins/cpmkit-analytic`` and Linux. Each spacing has a process of its own, which first solves a small scene, so that
-what is imported and compiled does not count.
+Run ``python benchmarks/galerkin_memory.py``, with ``--degree 3`` for splines of another degree than 2, and with
+spacings if others are wanted; it needs ``pip install . ./plugins/cpmkit-analytic`` and Linux. Each spacing has a
+process of its own, which first solves a small scene, so that what is imported and compiled does not count.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ SPACINGS = (0.02, 0.0107, 0.0075)
 WARMING_SPACING = 0.1
 
 
-def solved(spacing: float) -> ck.Solution:
+def solved(spacing: float, degree: int) -> ck.Solution:
     """Solve on the sphere."""
     scene = ck.Scene(ck.source("analytic.sphere"), ck.ScreenedPoisson(lambda x: x[:, 1] * x[:, 2]))
-    return ck.solve(scene, spacing, form="galerkin", solver="multigrid")
+    return ck.solve(scene, spacing, form="galerkin", degree=degree, solver="multigrid")
 
 
-def peak_of(spacing: float) -> tuple[int, float]:
+def peak_of(spacing: float, degree: int) -> tuple[int, float]:
     """Return the number of unknowns, and the peak in bytes for each, of a solve in a process of its own."""
     environment = {**os.environ, **ONE_THREAD}
-    command = [sys.executable, __file__, "--here", str(spacing)]
+    command = [sys.executable, __file__, "--here", str(spacing), str(degree)]
     said = subprocess.run(command, env=environment, check=True, capture_output=True, text=True)
     unknowns, peak = said.stdout.split()
     return int(unknowns), float(peak)
@@ -39,14 +39,16 @@ def peak_of(spacing: float) -> tuple[int, float]:
 def main() -> None:
     """Print the peaks."""
     if sys.argv[1:2] == ["--here"]:
-        solved(WARMING_SPACING)
+        degree = int(sys.argv[3])
+        solved(WARMING_SPACING, degree)
         gc.collect()
         before = forget_peak()
-        unknowns = solved(float(sys.argv[2])).work.unknowns
+        unknowns = solved(float(sys.argv[2]), degree).work.unknowns
         print(unknowns, (memory("VmHWM") - before) / unknowns)
         return
-    for spacing in [float(one) for one in sys.argv[1:]] or SPACINGS:
-        unknowns, peak = peak_of(spacing)
+    degree, given = (int(sys.argv[2]), sys.argv[3:]) if sys.argv[1:2] == ["--degree"] else (2, sys.argv[1:])
+    for spacing in [float(one) for one in given] or SPACINGS:
+        unknowns, peak = peak_of(spacing, degree)
         print(f"{unknowns:,} unknowns: {peak:,.0f} bytes each at the peak")
 
 

@@ -27,5 +27,5 @@ def bytes_needed(scene: Scene, options: Options[Any], solver: str, unknowns: flo
     """Return the bytes at the peak of a solve by ``solver``, as :func:`solver_for` names it."""
     if isinstance(options.own, GalerkinOptions):
         factors = galerkin.factors_in(scene, solver)
-        return galerkin.peak_bytes(unknowns, largest_dim(scene.surface), factors)
+        return galerkin.peak_bytes(unknowns, largest_dim(scene.surface), factors, degree=options.own.degree)
     return unknowns * memory.bytes_per_unknown(scene.surface.dim, options.own.degree, solver)

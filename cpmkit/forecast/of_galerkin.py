@@ -24,7 +24,7 @@ def explained(scene: Scene, asked: Options[GalerkinOptions], solver: str, progre
     """Say what the Galerkin form will build; large scenes are rehearsed at two coarser spacings."""
     progress("rehearsal", 0.0)
     surface = localize(scene.surface, lattice_of(scene.surface, asked.spacing, asked.origin).origin)
-    check_samples_fit(surface, asked.spacing)
+    check_samples_fit(surface, asked.spacing, asked.own.degree)
     rehearsed, quick = asked.spacing, suggest_spacing(scene.surface)
     while rehearsed < quick:
         rehearsed *= 2
@@ -41,13 +41,13 @@ def explained(scene: Scene, asked: Options[GalerkinOptions], solver: str, progre
     chosen = solver_of(form, solver, round(counts["unknowns"]))
     factors = factors_in(scene, chosen)
     if factors:  # what others need was checked before
-        check_unknowns_fit(surface, counts["unknowns"], asked.spacing, chosen, factors)
+        check_unknowns_fit(surface, counts["unknowns"], asked.spacing, chosen, factors, asked.own.degree)
     return Explanation(
         (*_parts(scene, form, counts, asked), solver_part(scene, chosen, solver)),
         _left_out(scene),
         round(counts["unknowns"]),
         round(counts["queries"]),
-        round(peak_bytes(counts["unknowns"], surface.largest_dim, factors, counts["samples"])),
+        round(peak_bytes(counts["unknowns"], surface.largest_dim, factors, counts["samples"], asked.own.degree)),
         source_error(scene.surface, asked.spacing),
         chosen,
         exact,
@@ -79,7 +79,11 @@ def _parts(scene: Scene, form: Galerkin, counts: Mapping[str, float], asked: Opt
     parts = [
         Part("samples", f"{round(counts['samples']):,}", f"{said}; every integral is a sum over them"),
         Part("patches", f"{round(counts['patches']):,}", "what of the samples hangs together inside a lattice cell"),
-        Part("splines", f"{round(counts['unknowns']):,}", f"unknowns: quadratic, strength {asked.own.strength!r}"),
+        Part(
+            "splines",
+            f"{round(counts['unknowns']):,}",
+            f"unknowns: of degree {asked.own.degree}, strength {asked.own.strength!r}",
+        ),
     ]
     for number, boundary in enumerate(scene.boundaries):
         left, right = boundary.condition("left"), boundary.condition("right")

@@ -79,8 +79,8 @@ def _of_collocation(scene: Scene, source: LocalSource, options: Options[Any], so
 
 
 def _of_galerkin(scene: Scene, source: LocalSource, options: Options[Any], solver: str, available: int) -> _Need:
-    unknowns = galerkin.expected_unknowns(source, options.spacing)
+    unknowns = galerkin.expected_unknowns(source, options.spacing, options.own.degree)
     solver = solver_for(scene, options, solver, unknowns)
     size = bytes_needed(scene, options, solver, unknowns)
-    fits = galerkin.fitting_spacing(source, available, galerkin.factors_in(scene, solver))
+    fits = galerkin.fitting_spacing(source, available, galerkin.factors_in(scene, solver), options.own.degree)
     return _Need(unknowns, solver, size, fits, other_solver_hint(solver, "multigrid"))

@@ -13,7 +13,7 @@ from cpmkit.forms.options import AUTO, Options
 from cpmkit.grid.fitting import needed_spacing
 from cpmkit.manifold.abilities import has_finite_feet
 from cpmkit.manifold.local_source import largest_dim
-from cpmkit.runtime.declared import Declared, Option, declared, take
+from cpmkit.runtime.declared import Declared, Option, declared, either, take
 from cpmkit.scene.equations_in_time import Wave
 from cpmkit.scene.scene import Scene
 
@@ -53,7 +53,7 @@ def choose_form(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
     asked = given.get("form", AUTO)
     named = form_named(asked, given)
     if named is not None:
-        return named, "as asked" if asked != AUTO else f"the only one with the option {_deciding(given)!r}"
+        return named, "as asked" if asked != AUTO else f"the only one with {_deciding(given)}"
     surface, family, kind = scene.surface, scene.problem.family, scene.problem.kind
     if surface.manifold_dim is None:
         return "collocation", "the manifold has parts of several dimensions"
@@ -73,6 +73,8 @@ def choose_form(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
 def form_named(form: Any, names: Iterable[str] = ()) -> str | None:
     """Return the form that is asked for, or the only one that has all the options ``names``; None where neither says.
 
+    Of an option that several forms have, as ``degree``, a value that only one accepts says it, where values are given.
+
     Raises
     ------
     InputError
@@ -82,9 +84,9 @@ def form_named(form: Any, names: Iterable[str] = ()) -> str | None:
         raise InputError(f"form must be {', '.join(map(repr, FORMS))} or {AUTO!r}, got {shown(form)}.")
     chosen = None if form == AUTO else form
     for name in names:
-        having = [other for other, kind in FORMS.items() if name in declared(kind)]
-        if len(having) == 1 and chosen is None:
-            chosen = having[0]
+        having, fitting = _having(name), _fitting(name, names)
+        if len(fitting) == 1 and chosen is None:
+            chosen = fitting[0]
         elif having and chosen is not None and chosen not in having:
             raise InputError(
                 f"{name} is an option of the form {having[0]!r}, got form={chosen!r}, which takes "
@@ -103,11 +105,29 @@ def own_options(given: Mapping[str, Any]) -> tuple[Declared, tuple[str, ...]]:
     return take(kinds[0], given)[0], tuple(name for kind in kinds for name in declared(kind))
 
 
+def _having(name: str) -> list[str]:
+    """Return the forms that have an option."""
+    return [form for form, kind in FORMS.items() if name in declared(kind)]
+
+
+def _fitting(name: str, given: Iterable[str]) -> list[str]:
+    """Return those of them that accept the value that is ``given`` of it, or all of them."""
+    having = _having(name)
+    if len(having) < 2 or not isinstance(given, Mapping):
+        return having
+    return [form for form in having if declared(FORMS[form])[name].accepts(given[name])]
+
+
 def _deciding(given: Mapping[str, Any]) -> str:
-    """Return the first option that only one form has."""
-    return next(name for name in given if sum(name in declared(kind) for kind in FORMS.values()) == 1)
+    """Return the first option that only one form has, or takes, in words."""
+    name = next(name for name in given if len(_fitting(name, given)) == 1)
+    return f"the option {name!r}" if len(_having(name)) == 1 else f"{name}={given[name]!r}"
 
 
 def every_option() -> dict[str, Option]:
-    """Return the options of all forms, and those that they share, by their names."""
-    return {name: one for kind in FORMS.values() for name, one in (declared(Options) | declared(kind)).items()}
+    """Return the options of all forms, and those that they share, by their names; accepted is what one form accepts."""
+    found = dict(declared(Options))
+    for kind in FORMS.values():
+        for name, one in declared(kind).items():
+            found[name] = either(found[name], one) if name in found and name not in declared(Options) else one
+    return found

@@ -128,12 +128,15 @@ class Discretized(ABC):
 
     #: How many times more unknowns than of the form ``collocation`` a factorisation is worth.
     factorise_up_to: ClassVar[float] = 1.0
-    #: How well it carries waves.
-    dispersion: ClassVar[Dispersion] = SECOND_ORDER
 
     scene: Scene
 
     # What there is
+
+    @property
+    def dispersion(self) -> Dispersion:
+        """How well it carries waves."""
+        return SECOND_ORDER
 
     @property
     @abstractmethod

@@ -37,3 +37,10 @@ SECOND_ORDER = Dispersion(resolved=0.6, coarsest=1.0, power=2, waves=0.03, bends
 #: Of quadratic splines, 3.5 nodes a wavelength and 2.9: the first 144 eigenvalues of a sphere at h = .2 and .25 have
 #: errors of .0007 to .0018 (k h)^4.
 QUADRATIC_SPLINES = Dispersion(resolved=1.8, coarsest=2.2, power=4, waves=0.002, bends=0.02)
+#: Of all degrees. Of linear splines errors are .031 to .041 (k h)^2; of cubic ones .0005 to .001 (k h)^4 beyond the
+#: first few: at spacings as coarse as these they feel how the sphere bends.
+SPLINES = {
+    1: Dispersion(resolved=0.55, coarsest=0.75, power=2, waves=0.035, bends=0.02),
+    2: QUADRATIC_SPLINES,
+    3: Dispersion(resolved=1.9, coarsest=2.2, power=4, waves=0.001, bends=0.02),
+}

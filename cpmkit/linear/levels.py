@@ -23,8 +23,12 @@ class Level:
         Those of the finer level's unknowns that conditions tie, which a smoother solves for exactly.
     added : csr_array (m, m), optional
         What the coarser operator has besides, as a velocity needs more upwinding there.
+    lines : (r, k) int64, optional
+        Coarser unknowns in a row, whose differences of order k - 1 are held a little: what hardly touches the manifold
+        has entries so small elsewhere that rounding makes their sign.
     """
 
     prolongation: csr_array
     strip: Ints
     added: csr_array | None = None
+    lines: Ints | None = None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import comb
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,6 +29,8 @@ EIGENVALUE_MARGIN = 1.1
 MOST_ROUNDED = 1 << 24
 #: A diagonal entry below this share of the largest is zero: of a piece with one unknown on which a constant is free.
 ROUNDING = 1e-14
+#: By this share of the largest diagonal entry on it a line's differences are held: above what entries of 32 bits lose.
+HELD_SHARE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +101,8 @@ def cycle_of(matrix: csr_array, levels: Sequence[Level], piece: Ints, waves: boo
         P = level.prolongation
         rounded = len(made) > 1 or matrix.nnz <= MOST_ROUNDED
         strips.append(Strip.of(made[-1], _open(level.strip, piece), waves, rounded))
-        made.append(coarse_operator(made[-1], P))
+        coarser = coarse_operator(made[-1], P)
+        made.append(coarser if level.lines is None else with_lines_held(coarser, level.lines))
         hand_back()
         coarse = np.full(P.shape[1], -1)
         coarse[P.indices] = np.repeat(piece, np.diff(P.indptr))
@@ -112,6 +116,18 @@ def cycle_of(matrix: csr_array, levels: Sequence[Level], piece: Ints, waves: boo
         smoother = _smoother(matrix, rows, strips.pop(), waves)
         stages.append(Stage(rows, smoother, UnsignedCsr.of(level.prolongation).rounded()))
     return Cycle(tuple(reversed(stages)), factors)
+
+
+def with_lines_held(matrix: csr_array, lines: Ints) -> csr_array:
+    """Return the matrix with the differences of unknowns on ``lines`` (r, k) held, by a small share of its diagonal."""
+    from scipy.sparse import csr_array
+
+    r, k = lines.shape
+    scale = HELD_SHARE * matrix.diagonal()[lines].max(axis=1)
+    stencil = np.array([(-1.0) ** place * comb(k - 1, place) for place in range(k)])
+    entries = np.sqrt(scale)[:, None] * stencil
+    rows = csr_array((entries.ravel(), lines.ravel(), np.arange(0, r * k + 1, k)), shape=(r, matrix.shape[0]))
+    return (matrix + rows.T @ rows).tocsr()
 
 
 def _smoother(matrix: csr_array, rows: UnsignedCsr, exact: Strip | None, waves: bool) -> Smoother:

@@ -76,6 +76,16 @@ def declared(kind: type[Declared]) -> dict[str, Option]:
     return {one.name: one.metadata[OPTION_KEY] for one in fields(kind) if OPTION_KEY in one.metadata}
 
 
+def either(first: Option, second: Option) -> Option:
+    """Return what two kinds declare of an option of one name: a value is accepted if one of them accepts it."""
+
+    def check(value: Any, what: str) -> Any:
+        return (second if second.accepts(value) else first).check(value, what)
+
+    methods = {**first.methods, **second.methods}
+    return Option(f"{first.told} {second.told}", check, first.plural or second.plural, methods)
+
+
 def take(kind: type[Made], given: Mapping[str, Any], **further: Any) -> tuple[Made, dict[str, Any]]:
     """Return ``kind`` made of what is given of its options, and of ``further`` fields, and what else is given."""
     own = {name: given[name] for name in declared(kind) if name in given and name not in further}
@@ -83,18 +93,29 @@ def take(kind: type[Made], given: Mapping[str, Any], **further: Any) -> tuple[Ma
 
 
 def showing(*kinds: type[Declared]) -> Callable[[Function], Function]:
-    """Let ``**options`` of a function show as the options that ``kinds`` declare, in its signature and docstring."""
+    """Let ``**options`` of a function show as the options that ``kinds`` declare, in its signature and docstring.
+
+    Where several declare one name, all that is told of it is shown, and ``...`` as its default.
+    """
 
     def show(function: Function) -> Function:
         signature = inspect.signature(function)
         *kept, rest = signature.parameters.values()
-        own = {one.name: one for kind in kinds for one in fields(kind) if OPTION_KEY in one.metadata}
+        own: dict[str, list[Any]] = {}
+        for one in (one for kind in kinds for one in fields(kind) if OPTION_KEY in one.metadata):
+            own.setdefault(one.name, []).append(one)
         shown = [
-            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=one.default, annotation=one.type)
-            for name, one in own.items()
+            inspect.Parameter(
+                name,
+                inspect.Parameter.KEYWORD_ONLY,
+                default=one.default if not others else ...,
+                annotation=one.type,
+            )
+            for name, (one, *others) in own.items()
             if name not in signature.parameters
         ]
-        told = [f"{one.name} : {one.annotation}\n{_filled(own[one.name].metadata[OPTION_KEY].told)}\n" for one in shown]
+        words = {name: " ".join(one.metadata[OPTION_KEY].told for one in all_of) for name, all_of in own.items()}
+        told = [f"{one.name} : {one.annotation}\n{_filled(words[one.name])}\n" for one in shown]
         doc = inspect.cleandoc(function.__doc__ or "")
         function.__doc__ = doc.replace("\n**options\n", f"\n{''.join(told)}**options\n")
         vars(function).update(__signature__=signature.replace(parameters=[*kept, *shown, rest]))

@@ -69,10 +69,14 @@ def test_a_spacing_that_is_coarser_than_the_surface(form):
 @pytest.mark.parametrize("degree", [1, 6, 3.5])
 def test_a_degree_that_is_not_offered(degree):
     with pytest.raises(ck.InputError) as error:
-        ck.solve(sphere_scene(), 0.2, degree=degree)
+        ck.solve(sphere_scene(), 0.2, form="collocation", degree=degree)
     one_sentence(error, "degree must be one of 2, 3, 4, 5")
     if degree == 1:
         one_sentence(error, "does not converge")
+    else:
+        with pytest.raises(ck.InputError) as error:
+            ck.solve(sphere_scene(), 0.2, degree=degree)
+        one_sentence(error, "degree must be 1, 2 or 3 in the form 'galerkin'", "form='collocation' takes 2 to 5")
 
 
 @pytest.mark.parametrize("order", [0, 5, True, "2"])

@@ -36,7 +36,10 @@ class CollocationOptions(Declared):
     """
 
     degree: int = option(
-        3, "Degree of the interpolation, 2 to 5. 3 is right for most; 2 is quicker and irregular.", check_degree
+        3,
+        "Degree of the interpolation in the form ``collocation``, 2 to 5, 3 by default, which is right for most; 2 is "
+        "quicker and irregular.",
+        check_degree,
     )
     order: int = option(
         2,

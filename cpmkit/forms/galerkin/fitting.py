@@ -19,18 +19,19 @@ Factors = Literal["", "all", "blocks"]
 #: At the peak of a solve, by the manifold's dimension: bytes for each unknown, of the matrix, coarser ones and tables
 #: (measured on circles and knots, 1700 to 2900 with all samples; on surfaces as below).
 BYTES_PER_UNKNOWN = {1: 2500.0, 2: 2100.0}
+#: How many times as many they are of splines of other degrees (measured on spheres of 78 and 156 thousand unknowns:
+#: 3230 and 6600 bytes, 930 and 1200 of them of samples).
+BYTES_FACTOR = {1: 1.1, 2: 1.0, 3: 2.6}
 #: The same beside factors: coarser matrices are not made then.
 BYTES_BESIDE_FACTORS = {1: 2500.0, 2: 1800.0}
 #: Bytes for each sample of a surface, places, normals, weights and numbers (measured at 140 thousand unknowns with 8.7
 #: samples each on Spot as it is, 19.5 on Spot read as smooth and 19.1 on the sphere: 2350, 2620 and 2670 an unknown,
 #: 2390 from 490 thousand on, where the finest matrix has no rounded copy), and how many an unknown has where they are
 #: not counted.
-BYTES_PER_SAMPLE, SAMPLES_PER_UNKNOWN = {1: 0.0, 2: 32.0}, 20.0
-#: There are about as many unknowns as a closest point band of this degree has, counted by blocks (measured: sphere
-#: 1.00, circle .98, Dziuk's surface .94, Spot .88, a knot in space .66 of them).
-BAND_DEGREE = 2
-#: Entries of the factors for each unknown of a surface, over the cube root of the unknowns' number (measured).
-FILL_FACTOR = 45.0
+BYTES_PER_SAMPLE, SAMPLES_PER_UNKNOWN = {1: 0.0, 2: 32.0}, {1: 30.0, 2: 20.0, 3: 40.0}
+#: Entries of the factors for each unknown of a surface, over the cube root of the unknowns' number (measured), and how
+#: many times as many there are of other degrees.
+FILL_FACTOR, FILL_OF_DEGREE = 45.0, {1: 0.4, 2: 1.0, 3: 2.1}
 #: Bytes of such an entry.
 ENTRY_BYTES = 12
 #: Bytes of the factors of overlapping blocks on all levels, for each unknown (measured at 300 thousand on a sphere).
@@ -38,12 +39,12 @@ BLOCK_BYTES = {1: 2000.0, 2: 12000.0}
 #: A manifold of so many times its box's surface is thought possible before it is looked at.
 FOLDED_FACTOR = 10.0
 #: Unknowns for each square of the spacing on a surface, about, and more than those for each spacing on a curve.
-UNKNOWNS_PER_CELL = 4.5
+UNKNOWNS_PER_CELL = {1: 3.0, 2: 4.5, 3: 6.1}
 #: Rounds in which the number of unknowns whose factors fit is found: the error falls by 3 in each at least.
 FITTING_ROUNDS = 30
 
 
-def check_samples_fit(surface: LocalSource, spacing: float) -> None:
+def check_samples_fit(surface: LocalSource, spacing: float, degree: int = 2) -> None:
     """Refuse a spacing whose samples and matrices need more memory than there is, or whose nodes cannot be numbered.
 
     The manifold is looked at only where a much folded one in its box would not fit.
@@ -56,9 +57,9 @@ def check_samples_fit(surface: LocalSource, spacing: float) -> None:
     check_numbered(surface.bounds, spacing)
     m = surface.largest_dim
     sides = np.sort(np.ptp(surface.bounds, axis=0)) / spacing
-    most = FOLDED_FACTOR * UNKNOWNS_PER_CELL * float(np.prod(sides[-m:]))
-    if peak_bytes(most, m) > memory.available_bytes():
-        check_unknowns_fit(surface, expected_unknowns(surface, spacing), spacing)
+    most = FOLDED_FACTOR * UNKNOWNS_PER_CELL[degree] * float(np.prod(sides[-m:]))
+    if peak_bytes(most, m, degree=degree) > memory.available_bytes():
+        check_unknowns_fit(surface, expected_unknowns(surface, spacing, degree), spacing, degree=degree)
 
 
 def factors_in(scene: Scene, solver: str) -> Factors:
@@ -69,7 +70,12 @@ def factors_in(scene: Scene, solver: str) -> Factors:
 
 
 def check_unknowns_fit(
-    surface: LocalSource, unknowns: float, spacing: float, solver: str = "multigrid", factors: Factors = ""
+    surface: LocalSource,
+    unknowns: float,
+    spacing: float,
+    solver: str = "multigrid",
+    factors: Factors = "",
+    degree: int = 2,
 ) -> None:
     """Refuse a solve of so many unknowns by a solver if it needs more memory than there is.
 
@@ -78,9 +84,9 @@ def check_unknowns_fit(
     ResolutionError
         With the spacing that would fit, and the solver that needs less.
     """
-    needed, limit = peak_bytes(unknowns, surface.largest_dim, factors), memory.memory_limit()
+    needed, limit = peak_bytes(unknowns, surface.largest_dim, factors, degree=degree), memory.memory_limit()
     if needed > limit.bytes:
-        fits = fitting_spacing(surface, limit.bytes, factors)
+        fits = fitting_spacing(surface, limit.bytes, factors, degree)
         direct = solver == "direct"
         raise ResolutionError(
             f"spacing={spacing:g} needs about {unknowns:.2g} unknowns and {needed / 2**30:.3g} GiB"
@@ -89,26 +95,32 @@ def check_unknowns_fit(
         )
 
 
-def expected_unknowns(surface: LocalSource, spacing: float) -> float:
-    """Return about how many unknowns there are at a spacing."""
-    return unknowns_at_one(surface, BAND_DEGREE) / spacing**surface.largest_dim
+def expected_unknowns(surface: LocalSource, spacing: float, degree: int = 2) -> float:
+    """Return about how many unknowns there are at a spacing: as many as a closest point band of this degree has.
+
+    Counted by blocks. Of degree 2 they are 1.00 of them on a sphere, .98 on a circle, .94 on Dziuk's surface, .88 on
+    Spot and .66 on a knot in space (measured).
+    """
+    return unknowns_at_one(surface, degree) / spacing**surface.largest_dim
 
 
-def peak_bytes(unknowns: float, manifold_dim: int, factors: Factors = "", samples: float | None = None) -> float:
+def peak_bytes(
+    unknowns: float, manifold_dim: int, factors: Factors = "", samples: float | None = None, degree: int = 2
+) -> float:
     """Return about how many bytes a solve of so many unknowns needs at its peak, with ``samples`` if they are known."""
     m = manifold_dim
-    sampled = BYTES_PER_SAMPLE[m] * (SAMPLES_PER_UNKNOWN * unknowns if samples is None else samples)
+    sampled = BYTES_PER_SAMPLE[m] * (SAMPLES_PER_UNKNOWN[degree] * unknowns if samples is None else samples)
     if factors != "all":
-        return unknowns * (BYTES_PER_UNKNOWN[m] + (BLOCK_BYTES[m] if factors else 0.0)) + sampled
+        return unknowns * (BYTES_FACTOR[degree] * BYTES_PER_UNKNOWN[m] + (BLOCK_BYTES[m] if factors else 0.0)) + sampled
     # the factors of a curve's matrix are a share of what is beside them
-    fill = ENTRY_BYTES * FILL_FACTOR * unknowns ** (1 / 3) if m > 1 else 0.0
-    return unknowns * (BYTES_BESIDE_FACTORS[m] + fill) + sampled
+    fill = ENTRY_BYTES * FILL_FACTOR * FILL_OF_DEGREE[degree] * unknowns ** (1 / 3) if m > 1 else 0.0
+    return unknowns * (BYTES_FACTOR[degree] * BYTES_BESIDE_FACTORS[m] + fill) + sampled
 
 
-def fitting_spacing(surface: LocalSource, available: int, factors: Factors = "") -> float:
+def fitting_spacing(surface: LocalSource, available: int, factors: Factors = "", degree: int = 2) -> float:
     """Return a spacing, rounded up to two digits, at which a solve fits into so many bytes."""
     m, room = surface.largest_dim, (1 - SPARE_MEMORY_SHARE) * max(available, 1)
     unknowns = 1.0
     for _ in range(FITTING_ROUNDS):
-        unknowns = max(room * unknowns / peak_bytes(unknowns, m, factors), 1.0)
-    return rounded_up((expected_unknowns(surface, 1.0) / unknowns) ** (1 / m))
+        unknowns = max(room * unknowns / peak_bytes(unknowns, m, factors, degree=degree), 1.0)
+    return rounded_up((expected_unknowns(surface, 1.0, degree) / unknowns) ** (1 / m))

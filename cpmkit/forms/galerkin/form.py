@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from cpmkit.errors import SceneError
-from cpmkit.forms.dispersion import QUADRATIC_SPLINES, Dispersion
+from cpmkit.forms.dispersion import SPLINES, Dispersion
 from cpmkit.forms.galerkin.conditions.crossings import of_crossings, of_tips
 from cpmkit.forms.galerkin.conditions.held import held
 from cpmkit.forms.galerkin.conditions.sides import side_moments
@@ -23,7 +23,7 @@ from cpmkit.forms.galerkin.fixed_samples import FixedSamples
 from cpmkit.forms.galerkin.hierarchy.levels import levels_of
 from cpmkit.forms.galerkin.operator import levels_for
 from cpmkit.forms.galerkin.options import FAMILIES, GalerkinOptions
-from cpmkit.forms.galerkin.sample_mesh import Bend, Samples
+from cpmkit.forms.galerkin.sample_mesh import Samples
 from cpmkit.forms.galerkin.sampling import sample
 from cpmkit.forms.galerkin.space.parted import part, pieces
 from cpmkit.forms.galerkin.space.space import space_of
@@ -40,11 +40,12 @@ from cpmkit.scene.scene import Scene
 if TYPE_CHECKING:
     from cpmkit.linear.report import SolveReport
 
-#: By what differences from the root of two and from two times the spacing are divided, by how cells follow the manifold
-#: between their vertices.
-ERROR_DIVISORS: dict[Bend, tuple[float, float]] = {"flat": (1.25, 2.5), "normals": (1.25, 2.5), "feet": (1.8, 6.0)}
-#: The same of eigenvalues: at order 4 on smooth sources the difference is 15 times the error (measured: 13 to 17).
-EIGENVALUE_DIVISORS: dict[Bend, tuple[float, float]] = {**ERROR_DIVISORS, "feet": (2.8, 12.0)}
+#: By what differences from the root of two and from two times the spacing are divided on meshes.
+MESH_DIVISORS = (1.25, 2.5)
+#: The same where cells follow a smooth source, by degree: at orders 3 and 4 differences are 7 and 15 times the error.
+ERROR_DIVISORS = {1: (0.8, 2.4), 2: (1.8, 6.0), 3: (2.8, 12.0)}
+#: The same of eigenvalues: at order 4 the difference is 15 times the error (measured: 13 to 17).
+EIGENVALUE_DIVISORS = {1: (0.8, 2.4), 2: (2.8, 12.0), 3: (2.8, 12.0)}
 #: And where curves end or the manifold is thin or folded.
 SLOW_DIVISORS = (0.59, 1.0)
 
@@ -70,7 +71,6 @@ class Galerkin(Equations):
         "explicit steps": "use scheme 'newmark' or 'implicit', or the form 'collocation'",
     }
     work_record: ClassVar[type] = GalerkinWork
-    dispersion: ClassVar[Dispersion] = QUADRATIC_SPLINES
 
     @property
     def multigrid(self) -> bool:
@@ -86,7 +86,7 @@ class Galerkin(Equations):
         """Refuse factors, of all or of blocks, that the memory of this process cannot hold."""
         factors = factors_in(self.scene, solver)
         if factors:  # what others need was checked before the tables
-            check_unknowns_fit(self.sampled.surface, self.size, self.spacing, solver, factors)
+            check_unknowns_fit(self.sampled.surface, self.size, self.spacing, solver, factors, self.options.own.degree)
 
     def restated(self, scene: Scene) -> Galerkin:
         """Return the same splines for a scene that differs in its equation and its data alone."""
@@ -104,6 +104,11 @@ class Galerkin(Equations):
         """Find what is to be told of any solution, before matrices take the memory that this needs on the way."""
         self.warnings()
         hand_back()
+
+    @property
+    def dispersion(self) -> Dispersion:
+        """How well splines of this degree carry waves."""
+        return SPLINES[self.options.own.degree]
 
     # Levels
 
@@ -145,14 +150,21 @@ class Galerkin(Equations):
     def order_of_difference(self, ratio: float) -> float:
         """Return the order that divides by 6 at twice the spacing on smooth sources, by 2.5 on meshes, by 1 if slow.
 
-        At order 3 the difference is 7 times the error; were the order 2 there, the estimate would be half the error. On
-        meshes, where orders are lower, 2.5 brought it between a half and three times the true one in 87 of 100 cases.
+        Of degree 2; on smooth sources by 2.4 of degree 1, by 12 of degree 3. At order 3 the difference is 7 times the
+        error; were the order 2 there, the estimate would be half the error. On meshes, where orders are lower, 2.5
+        brought it between a half and three times the true one in 87 of 100 cases.
         """
-        return order_dividing(SLOW_DIVISORS if self.slow else ERROR_DIVISORS[self.sampled.bend], ratio)
+        return order_dividing(self._divisors(ERROR_DIVISORS), ratio)
 
     def eigenvalue_order(self, ratio: float) -> float:
         """Return that of 12 on smooth sources, where eigenvalues are of order 4, and else what functions have."""
-        return order_dividing(SLOW_DIVISORS if self.slow else EIGENVALUE_DIVISORS[self.sampled.bend], ratio)
+        return order_dividing(self._divisors(EIGENVALUE_DIVISORS), ratio)
+
+    def _divisors(self, smooth: Mapping[int, tuple[float, float]]) -> tuple[float, float]:
+        """Return those of differences from the root of two and from two times the spacing."""
+        own = smooth[self.options.own.degree]
+        on_meshes = own if own < MESH_DIVISORS else MESH_DIVISORS
+        return SLOW_DIVISORS if self.slow else own if self.sampled.bend == "feet" else on_meshes
 
     @property
     def slow(self) -> str:
@@ -261,7 +273,7 @@ def discretize(scene: Scene, options: Options[GalerkinOptions], progress: Progre
     check(scene, options)
     sampled = sample(scene, options, progress)
     progress("space", 0.0)
-    parting = part(sampled.samples.points, sampled.corners, options.spacing, sampled.samples.cell)
+    parting = part(sampled.samples.points, sampled.corners, options.spacing, sampled.samples.cell, options.own.degree)
     assert isinstance(sampled.samples, Samples)
     sampled = replace(sampled, samples=FixedSamples.of(sampled.samples, parting))  # what they were made of is let go
     hand_back()

@@ -5,9 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from cpmkit.errors import InputError, shown
 from cpmkit.forms.galerkin.samples.clipping import SAMPLINGS
 from cpmkit.forms.galerkin.space.energy import STRENGTHS
+from cpmkit.forms.galerkin.space.splines import DEGREES
 from cpmkit.runtime.declared import Declared, option
 
 #: The families of equations that the form carries.
@@ -36,6 +39,15 @@ def _check_tips(tips: Any, what: str) -> Any:
     return tips
 
 
+def _check_degree(degree: Any, what: str) -> Any:
+    if isinstance(degree, bool) or not isinstance(degree, (int, np.integer)) or int(degree) not in DEGREES:
+        raise InputError(
+            f"{what} must be {', '.join(map(str, DEGREES[:-1]))} or {DEGREES[-1]} in the form 'galerkin', got "
+            f"{shown(degree)}; form='collocation' takes 2 to 5."
+        )
+    return int(degree)
+
+
 @dataclass(frozen=True)
 class GalerkinOptions(Declared):
     """The options that belong to the Galerkin form.
@@ -46,6 +58,12 @@ class GalerkinOptions(Declared):
         If a value is not accepted.
     """
 
+    degree: int = option(
+        2,
+        "Degree of the splines in the form ``galerkin``, 1 to 3, 2 by default: on smooth sources the error falls as "
+        "the spacing to the power of the degree plus one.",
+        _check_degree,
+    )
     strength: str = option(
         "default",
         "How strongly the Galerkin form holds what samples of the manifold do not see. ``accurate`` leaves .5 to .7 of "

@@ -19,7 +19,7 @@ from cpmkit.forms.galerkin.insertion.inserted import inserted
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.sample_mesh import Bend, HalfFacets, SampleMesh, Samples
 from cpmkit.forms.galerkin.samples.bending import bent
-from cpmkit.forms.galerkin.samples.clipping import clipped_triangles, longest_edge_spacings
+from cpmkit.forms.galerkin.samples.clipping import clipped_triangles, is_fine, longest_edge_spacings
 from cpmkit.forms.galerkin.samples.cutting import corners_of, half_facets, is_cut
 from cpmkit.forms.galerkin.samples.quadrature import samples_of
 from cpmkit.forms.galerkin.samples.seams import seams
@@ -114,7 +114,7 @@ def sample(scene: Scene, options: Options[GalerkinOptions], progress: Progress) 
     surface = localize(scene.surface, lattice.origin)
     oriented = [scene.oriented(boundary) for boundary in scene.boundaries]
     sources = [localize(boundary.source, lattice.origin) for boundary in scene.boundaries]
-    check_samples_fit(surface, spacing)
+    check_samples_fit(surface, spacing, options.own.degree)
     progress("samples", 0.0)
     sampling = options.own.sampling
     mesh, bend, told = _cells(surface, spacing, sampling)
@@ -139,7 +139,9 @@ def sample(scene: Scene, options: Options[GalerkinOptions], progress: Progress) 
     told += of_ends
     progress("samples", 1.0)
     clipped = clipped_triangles(mesh, sampling, bend, spacing)
-    samples = samples_of(mesh, spacing, boundary.as_samples if len(boundary) else None, clipped)
+    fine = is_fine(options.own.degree, bend)
+    further = boundary.as_samples if len(boundary) else None
+    samples = samples_of(mesh, spacing, further, clipped, fine)
     # what is held on: cells in 32 bits, and no midpoints, which samples were taken from alone
     cells: Any = mesh.cells.astype(np.int32)
     held_corners: Any = corners.astype(np.int32) if is_cut(mesh, corners) else cells

@@ -152,10 +152,10 @@ def of_space(parting: Parting, pieces: tuple[int, Ints], lattice: Lattice, bound
     size = np.bincount(piece, minlength=count)
     specks = np.flatnonzero(size == 1)
     if len(specks) and count > 1:
-        node = parting.nodes[np.flatnonzero(piece == specks[0])[0]]
+        node = parting.centres(np.flatnonzero(piece == specks[0])[:1])[0]
         yield (
             f"{len(specks)} pieces of the manifold are smaller than {SPECK_SPACINGS:g} spacings and have one value "
-            f"each, the first near {place(lattice.to_scene(lattice.spacing * node))}; a smaller spacing resolves them."
+            f"each, the first near {place(lattice.to_scene(node))}; a smaller spacing resolves them."
         )
     number = np.unique(parting.nodes, axis=0, return_inverse=True)[1].ravel()
     copies = np.bincount(number) - 1

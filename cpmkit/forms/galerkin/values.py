@@ -13,7 +13,7 @@ from cpmkit.forms.galerkin.locating import DIFFERENCE_SPACINGS
 from cpmkit.forms.galerkin.projection import Projection
 from cpmkit.forms.galerkin.reading import Reader
 from cpmkit.forms.galerkin.space.energy import (
-    STRENGTHS,
+    STRENGTHS_OF_DEGREE,
     Strength,
     load,
     mass,
@@ -66,7 +66,7 @@ class Values(Reader):
 
     @property
     def _strength(self) -> Strength:
-        return STRENGTHS[self.options.own.strength]
+        return STRENGTHS_OF_DEGREE[self.options.own.degree][self.options.own.strength]
 
     @cached_property
     def _areas(self) -> Floats:
@@ -186,7 +186,7 @@ class Values(Reader):
     def _slopes(self) -> Iterator[csr_array]:
         """Yield the d matrices (p, n) that read the tangential gradient at the samples, as it is.
 
-        One at a time, and none is kept: each has 27 entries a sample, more than all else of a solution.
+        One at a time, and none is kept: each has 27 entries a sample of degree 2, more than all else of a solution.
         """
         one, parting = self.sampled, self.space.parting
         rows = slice(one.interior)

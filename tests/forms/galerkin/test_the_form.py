@@ -178,8 +178,13 @@ def test_forms_are_chosen_with_a_reason():
     assert "curves and surfaces" in ck.discretize(carried, 0.3).describe()["form_reason"]
     leaping = replace(heat, problem=ck.Wave(xy, until=0.1, step=0.05, scheme="leapfrog"))
     assert "explicit steps" in ck.discretize(leaping, 0.3).describe()["form_reason"]
-    with pytest.raises(ck.InputError, match="degree is an option of the form 'collocation', got form='galerkin'"):
-        solve(SCREENED, 0.3, degree=3)
+    assert reason(degree=5) == "the only one with degree=5"
+    assert reason(degree=1) == "the only one with degree=1"
+    assert "curves and surfaces" in reason(degree=3)
+    with pytest.raises(ck.InputError, match="order is an option of the form 'collocation', got form='galerkin'"):
+        solve(SCREENED, 0.3, order=2)
+    with pytest.raises(ck.InputError, match="degree must be 1, 2 or 3 in the form 'galerkin', got 4; form="):
+        solve(SCREENED, 0.3, degree=4)
     ball = ck.source("analytic.box", lower=[0, 0, 0], upper=[1, 1, 1])
     with pytest.raises(ck.SceneError, match="takes curves and surfaces of one dimension"):
         solve(ck.Scene(ball, ck.ScreenedPoisson(1.0)), 0.3)

@@ -8,6 +8,7 @@ patches touch or are one, and all of these read the coarser node.
 
 from __future__ import annotations
 
+from math import comb
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,9 +30,10 @@ def coarser(parting: Parting) -> tuple[Parting, csr_array]:
 
     Notes
     -----
-    A quadratic spline of spacing 2h is the sum of four of spacing h with the factors (1, 3, 3, 1)/4, along every axis:
-    node J's of 2J - 1 to 2J + 2. Rows of P sum to 1. Coarser patches are components of the patches of one coarser cell
-    that touch; unknowns are made of them as of the finer ones. Samples keep their order.
+    A spline of degree p and spacing 2h is the sum of p + 2 of spacing h with the binomial coefficients of p + 1 over 2^p
+    along every axis, (1, 3, 3, 1)/4 of degree 2: node J's of 2J + p // 2 - p and following. Rows of P sum to 1. Coarser
+    patches are components of the patches of one coarser cell that touch; unknowns are made of them as of the finer
+    ones. Samples keep their order.
     """
     from scipy.sparse import csr_array
 
@@ -42,8 +44,11 @@ def coarser(parting: Parting) -> tuple[Parting, csr_array]:
     cells = np.empty((count, parting.dim), dtype=np.int64)
     cells[label] = parting.cells >> 1
     touching = _pairs(label[parting.touching[~inside]], count)
-    coarse = parting_of(2 * parting.spacing, cells, touching, label[parting.patch], _specks(cells, touching))
-    indptr, indices, weights = two_scale(parting.cells, parting.unknowns, parting.size, label, cells, coarse.unknowns)
+    further = _specks(cells, touching), parting.degree
+    coarse = parting_of(2 * parting.spacing, cells, touching, label[parting.patch], *further)
+    shares = np.array([comb(parting.degree + 1, k) for k in range(parting.degree + 2)]) / 2.0**parting.degree
+    fine = parting.cells, parting.unknowns, parting.size
+    indptr, indices, weights = two_scale(*fine, label, cells, coarse.unknowns, shares)
     return coarse, csr_array((weights, indices, indptr), shape=(parting.size, coarse.size))
 
 

@@ -35,5 +35,15 @@ def levels_of(parting: Parting, beside: Ints) -> list[Level]:
         level, prolongation = coarser(level)
         if level.size > LEAST_GAIN * prolongation.shape[0]:
             break
-        levels.append(Level(prolongation, strip))
+        levels.append(Level(prolongation, strip, lines=_lines(level) if level.degree > 2 else None))
     return levels
+
+
+def _lines(parting: Parting) -> Ints:
+    """Return (r, degree + 1) the unknowns on the lines along the axes inside all patches, each line once."""
+    width, dim = parting.width, parting.dim
+    blocks = parting.unknowns.reshape(-1, *(width,) * dim)
+    lines = np.unique(
+        np.concatenate([np.moveaxis(blocks, 1 + axis, -1).reshape(-1, width) for axis in range(dim)]), axis=0
+    )
+    return np.asarray(lines[lines[:, 0] != lines[:, -1]])  # specks have one unknown all along

@@ -6,52 +6,56 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.protocols import Ints
+from cpmkit.protocols import Floats, Ints
 from cpmkit.runtime.compilation import compiled
 
 
 @compiled
 def two_scale(
-    cells: Ints, unknowns: Ints, n: int, parent: Ints, coarse_cells: Ints, coarse_unknowns: Ints
+    cells: Ints, unknowns: Ints, n: int, parent: Ints, coarse_cells: Ints, coarse_unknowns: Ints, shares: Floats
 ) -> tuple[Any, Any, Any]:
     """Return pointers, columns (ascending in each row) and weights of P.
 
-    ``cells`` (p, d) and ``unknowns`` (p, 3^d) of n are those of the finer patches, ``parent`` (p,) their coarser ones,
-    whose cells and unknowns follow.
+    ``cells`` (p, d) and ``unknowns`` (p, (degree + 1)^d) of n are those of the finer patches, ``parent`` (p,) their
+    coarser ones, whose cells and unknowns follow. ``shares`` (degree + 2,): what a coarser spline is of finer ones.
     """
     p, d = cells.shape
-    width = 3**d
+    width, along = unknowns.shape[1], len(shares) - 1
+    before = (along - 1) // 2
     reader = np.full(n, -1)
     for a in range(p):
         for place in range(width):
             if reader[unknowns[a, place]] < 0:
                 reader[unknowns[a, place]] = a * width + place
+    most = (along + 2) // 2  # coarser splines an axis that a finer one is part of
     pointers = np.zeros(n + 1, dtype=np.int32)
-    columns = np.empty(n << d, dtype=np.int32)
-    weights = np.empty(n << d, dtype=np.float32)  # of multiples of 4^-d, exactly
-    near, far = np.empty(d, dtype=np.int64), np.empty(d, dtype=np.int64)
+    columns = np.empty(n * most**d, dtype=np.int32)
+    weights = np.empty(n * most**d, dtype=np.float32)  # of multiples of 2^(-degree d), exactly
+    own, at = np.empty((d, most)), np.empty((d, most), dtype=np.int64)
+    counts = np.empty(d, dtype=np.int64)
     used = 0
     for i in range(n):
         a = reader[i] // width
         b, rest = parent[a], reader[i] % width
-        stride = 1
+        stride, ways = 1, 1
         for axis in range(d - 1, -1, -1):
-            node = cells[a, axis] + rest % 3 - 1
-            place = (node >> 1) - coarse_cells[b, axis] + 1
-            near[axis] = place * stride
-            far[axis] = (place + 1 if node & 1 else place - 1) * stride
-            rest //= 3
-            stride *= 3
+            node, first = cells[a, axis] + rest % along - before, coarse_cells[b, axis] - before
+            counts[axis] = 0
+            for place in range(along):
+                k = node - 2 * (first + place) + along - 1 - before
+                if 0 <= k < len(shares):
+                    own[axis, counts[axis]], at[axis, counts[axis]] = shares[k], place * stride
+                    counts[axis] += 1
+            ways *= counts[axis]
+            rest //= along
+            stride *= along
         begin = used
-        for choice in range(1 << d):
-            weight, place = 1.0, 0
+        for choice in range(ways):
+            weight, place, left = 1.0, 0, choice
             for axis in range(d):
-                if choice >> axis & 1:
-                    weight *= 0.25
-                    place += far[axis]
-                else:
-                    weight *= 0.75
-                    place += near[axis]
+                weight *= own[axis, left % counts[axis]]
+                place += at[axis, left % counts[axis]]
+                left //= counts[axis]
             used = _put(columns, weights, begin, used, coarse_unknowns[b, place], weight)
         pointers[i + 1] = used
     return pointers, columns[:used].copy(), weights[:used].copy()

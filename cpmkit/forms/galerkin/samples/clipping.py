@@ -30,6 +30,14 @@ def is_clipped(sampling: str, manifold_dim: int) -> bool:
     return manifold_dim == 2 and sampling != "plain"
 
 
+def is_fine(degree: int, bend: Bend) -> bool:
+    """Tell whether pieces of triangles have a rule of degree 4: for cubic splines on what follows the manifold itself.
+
+    On meshes, flat or bent by their normals, the mesh is the error, and it is the same without (measured).
+    """
+    return degree == 3 and bend == "feet"
+
+
 def longest_edge_spacings(sampling: str, bend: Bend, manifold_dim: int) -> float:
     """Return how long edges of cells may be when samples are taken, in spacings."""
     if not is_clipped(sampling, manifold_dim):

@@ -1,4 +1,4 @@
-"""Compiled: samples of triangles, flat or quadratic: three each, or three or four a piece between knot planes."""
+"""Compiled: samples of triangles, flat or quadratic: three each, or three and more a piece between knot planes."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.samples.piece_kernels import MOST_CORNERS, rule
+from cpmkit.forms.galerkin.samples.piece_kernels import MOST_CORNERS, MOST_PLACES, fanned, rule
 from cpmkit.protocols import Bools, Floats
 from cpmkit.runtime.compilation import compiled
 
@@ -182,7 +182,7 @@ def put_back(place: float, cell: float) -> float:
 
 
 @compiled
-def triangle_samples(nodes: Floats, spacing: float, clipped: Bools) -> tuple[Floats, Floats, Floats, Any]:
+def triangle_samples(nodes: Floats, spacing: float, clipped: Bools, fine: bool) -> tuple[Floats, Floats, Floats, Any]:
     """Return points (q, 3), weights (q,), unit normals (q, 1, 3) and triangles (q,) of samples.
 
     Parameters
@@ -193,14 +193,16 @@ def triangle_samples(nodes: Floats, spacing: float, clipped: Bools) -> tuple[Flo
         h: knot planes lie at (k + 1/2) h.
     clipped : (m,) bool
         Whether each triangle is clipped there; else it has the samples at (2/3, 1/6, 1/6).
+    fine : bool
+        Whether pieces have the samples of a rule of degree 4, six for each triangle of them, as cubic splines need.
     """
     curved = nodes.shape[1] == 6
-    points, weights, normals = np.empty((4, 3)), np.empty(4), np.empty((4, 1, 3))
-    triangle = np.empty(4, dtype=np.int32)
+    points, weights, normals = np.empty((MOST_PLACES, 3)), np.empty(MOST_PLACES), np.empty((MOST_PLACES, 1, 3))
+    triangle = np.empty(MOST_PLACES, dtype=np.int32)
     stack, sizes = np.empty((8, MOST_CORNERS + 2, 5)), np.empty(8, dtype=np.int64)
     piece = np.empty((MOST_CORNERS + 2, 5))
-    corners, shares = np.empty((MOST_CORNERS + 2, 2)), np.empty(4)
-    places, first, second, point = np.empty((4, 2)), np.empty(3), np.empty(3), np.empty(3)
+    corners, shares = np.empty((MOST_CORNERS + 2, 2)), np.empty(MOST_PLACES)
+    places, first, second, point = np.empty((MOST_PLACES, 2)), np.empty(3), np.empty(3), np.empty(3)
     own, cell = np.empty(nodes.shape[1:]), np.empty(3)
     used = 0
     for m in range(len(nodes)):
@@ -225,12 +227,17 @@ def triangle_samples(nodes: Floats, spacing: float, clipped: Bools) -> tuple[Flo
                 sizes[waiting], sizes[waiting + 1] = lower, upper
                 waiting += 2
                 continue
-            taken = needed(piece, count) if clipped[m] else 3
-            area = rule(piece, count, taken, corners, places, shares) if clipped[m] else whole(places, shares)
+            if clipped[m] and fine:
+                taken, area = 6 * (count - 2), fanned(piece, count, places, shares)
+            elif clipped[m]:
+                taken = needed(piece, count)
+                area = rule(piece, count, taken, corners, places, shares)
+            else:
+                taken, area = 3, whole(places, shares)
             if area <= LEAST_AREA:
                 continue
             cell_of(piece, count, cell)
-            if used + 4 > len(weights):
+            if used + taken > len(weights):
                 points, weights = np.concatenate((points, points)), np.concatenate((weights, weights))
                 normals, triangle = np.concatenate((normals, normals)), np.concatenate((triangle, triangle))
             for k in range(taken):

@@ -1,4 +1,4 @@
-"""Compiled: quadrature rules of three and four points for convex pieces of triangles."""
+"""Compiled: quadrature rules for convex pieces of triangles, of three and four points, and of degree 4."""
 
 from __future__ import annotations
 
@@ -9,6 +9,11 @@ from cpmkit.runtime.compilation import compiled
 
 #: Pieces have no more corners than this; a triangle has 3, and each plane adds one.
 MOST_CORNERS = 32
+#: Places of the rule of degree 4 for a triangle: how far from two corners each is, and its share (Strang and Fix 1973).
+NEAR, NEAR_SHARE = 0.091576213509770743, 0.109951743655321868
+MIDDLE, MIDDLE_SHARE = 0.445948490915964886, 0.223381589678011466
+#: No piece has more places than this: six for each triangle of it.
+MOST_PLACES = 6 * MOST_CORNERS
 #: Directions among which that of the largest third moment is looked for, and Newton's steps from there.
 DIRECTIONS = np.stack([np.cos(np.arange(12) * np.pi / 12), np.sin(np.arange(12) * np.pi / 12)], axis=1)
 TURNS = 4
@@ -147,3 +152,28 @@ def rule(piece: Floats, count: int, taken: int, corners: Floats, places: Floats,
         shares[k] = own * 0.5 * (1 - sense * last / spread)
         put(frame, c * x - s * y, s * x + c * y, places[k])
     return area
+
+
+@compiled
+def fanned(piece: Floats, count: int, places: Floats, shares: Floats) -> float:
+    """Fill ``places`` and ``shares`` with a rule of degree 4, six places for each triangle of a convex piece.
+
+    Returns the area of the piece; the triangles go out from its first corner.
+    """
+    total = 0.0
+    for k in range(1, count - 1):
+        a, b = piece[k, 0] - piece[0, 0], piece[k, 1] - piece[0, 1]
+        c, d = piece[k + 1, 0] - piece[0, 0], piece[k + 1, 1] - piece[0, 1]
+        own = 0.5 * (a * d - b * c)
+        total += own
+        for j in range(6):
+            away, share = (NEAR, NEAR_SHARE) if j < 3 else (MIDDLE, MIDDLE_SHARE)
+            second = 1.0 - 2.0 * away if j % 3 == 1 else away
+            third = 1.0 - 2.0 * away if j % 3 == 2 else away
+            at = 6 * (k - 1) + j
+            places[at, 0] = piece[0, 0] + second * a + third * c
+            places[at, 1] = piece[0, 1] + second * b + third * d
+            shares[at] = own * share
+    if total > 0:
+        shares[: 6 * (count - 2)] /= total
+    return total

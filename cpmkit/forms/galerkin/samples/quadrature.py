@@ -18,13 +18,17 @@ TRIANGLES_AT_ONCE = 1 << 14
 
 
 def samples_of(
-    mesh: SampleMesh, clipped_at: float | None = None, further: Samples | None = None, clipped: Bools | None = None
+    mesh: SampleMesh,
+    clipped_at: float | None = None,
+    further: Samples | None = None,
+    clipped: Bools | None = None,
+    fine: bool = False,
 ) -> Samples:
     """Return the samples of cells, those of one after those of another, three at least, and ``further`` ones.
 
     Segments have three by Gauss's rule of degree 5. Triangles have three by the rule of degree 2 at barycentric points
-    (2/3, 1/6, 1/6), or for each piece between knot planes four of degree 3, of small ones three of degree 2. The
-    weights are those of the quadratic cells: the speed, or |x_1 x x_2|.
+    (2/3, 1/6, 1/6), or for each piece between knot planes four of degree 3, of small ones three of degree 2, or more
+    where they are to be ``fine``. The weights are those of the quadratic cells: the speed, or |x_1 x x_2|.
 
     Parameters
     ----------
@@ -36,8 +40,10 @@ def samples_of(
         Put behind them.
     clipped : (m,) bool, optional
         Which of them; all if left out.
+    fine : bool
+        Whether pieces between knot planes have a rule of degree 4.
     """
-    own = [_arrays(_of_segments(mesh))] if mesh.manifold_dim == 1 else _of_triangles(mesh, clipped_at, clipped)
+    own = [_arrays(_of_segments(mesh))] if mesh.manifold_dim == 1 else _of_triangles(mesh, clipped_at, clipped, fine)
     return _joined(chain(own, [] if further is None else [_arrays(further)]))
 
 
@@ -48,7 +54,7 @@ def _of_segments(mesh: SampleMesh) -> Samples:
     return Samples(_mixed(mesh, shares), np.tile(weights, len(mesh.cells)) * norms(along), _across(along), cell)
 
 
-def _of_triangles(mesh: SampleMesh, clipped_at: float | None, clipped: Bools | None) -> Iterator[list[Any]]:
+def _of_triangles(mesh: SampleMesh, clipped_at: float | None, clipped: Bools | None, fine: bool) -> Iterator[list[Any]]:
     """Yield the arrays of samples of some triangles after those of others."""
     from cpmkit.forms.galerkin.samples.clipping_kernels import triangle_samples
 
@@ -60,7 +66,7 @@ def _of_triangles(mesh: SampleMesh, clipped_at: float | None, clipped: Bools | N
         nodes = mesh.vertices[mesh.cells[some]]
         if mesh.midpoints is not None:
             nodes = np.concatenate([nodes, mesh.midpoints[some]], axis=1)
-        *others, cell = triangle_samples(np.ascontiguousarray(nodes), spacing, clipped[some])
+        *others, cell = triangle_samples(np.ascontiguousarray(nodes), spacing, clipped[some], fine)
         yield [*others, cell + np.int32(start)]
 
 

@@ -1,13 +1,15 @@
 """The matrices and loads of the Galerkin form: energies over samples, and what makes them independent of position.
 
 The energy of u is sum w a |tangential part of grad u|^2. It says nothing of how the spline goes on off the manifold;
-there it is held by e1 a |normal part|^2, e2 h^2 a (n' H n)^2 and the ghost penalty, squares of third differences of
-coefficients along the axes. All three vanish where u is constant along normals or, the ghosts, quadratic.
+there it is held by e1 a |normal part|^2, e2 h^2 a (n' H n)^2, of cubic splines e3 h^4 a times the square of the third
+derivative along normals, and the ghost penalty, squares of differences of coefficients along the axes, of one order
+more than the degree. All vanish where u is constant along normals or, the ghosts, a polynomial of the splines' degree.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import comb
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -30,17 +32,29 @@ class Strength:
         Of the slope along normals, and of the second derivative.
     g : float
         Of the ghost penalty.
+    e3 : float
+        Of the third derivative, of cubic splines.
     """
 
     e1: float
     e2: float
     g: float
+    e3: float = 0.0
 
 
 #: Half the error and twice the iterations go from the first to the second.
 STRENGTHS = {"default": Strength(1e-2, 1e-2, 1e-4), "accurate": Strength(1e-3, 1e-3, 1e-4)}
-THIRD_DIFFERENCES = np.array([-1.0, 3.0, -3.0, 1.0])
-SECOND_DIFFERENCES = np.array([1.0, -2.0, 1.0])
+#: The same of the degrees 1 and 3.
+STRENGTHS_OF_DEGREE = {
+    1: {"default": Strength(1e-1, 1e-2, 1e-4), "accurate": Strength(1e-2, 1e-2, 1e-4)},
+    2: STRENGTHS,
+    3: {"default": Strength(1e-2, 1e-2, 1e-4, 1e-2), "accurate": Strength(1e-3, 1e-3, 1e-5, 1e-3)},
+}
+
+
+def differences(order: int) -> Floats:
+    """Return (order + 1,) the factors of a difference of neighbouring values: 1, -2, 1 of order 2."""
+    return np.array([(-1.0) ** (order - k) * comb(order, k) for k in range(order + 1)])
 
 
 def stiffness(space: Space, a: Floats | float, strength: Strength) -> csr_array:
@@ -156,7 +170,7 @@ def energy_data(
     data = np.zeros(len(space.indices))
     arrays = (samples.places, samples.weights, samples.directions, scalars, tensors, masses)
     matrix = (space.indptr, space.indices, data)
-    add_energy(*patches(space), *arrays, strength.e1, strength.e2, matrix)
+    add_energy(*patches(space), *arrays, strength.e1, strength.e2, strength.e3, matrix)
     return data
 
 
@@ -174,23 +188,24 @@ def held_data(space: Space, a: Floats | float, strength: Strength) -> Floats:
         np.zeros((1, d, d)),
         np.zeros(0),
     )
-    add_energy(*patches(space), *arrays, strength.e1, strength.e2, (space.indptr, space.indices, data))
+    matrix = space.indptr, space.indices, data
+    add_energy(*patches(space), *arrays, strength.e1, strength.e2, strength.e3, matrix)
     return data
 
 
 def add_ghosts(space: Space, a: Floats | float, strength: Strength, data: Floats) -> None:
-    """Add the ghost penalty g a h^(m - 2) sum (third differences)^2 to the entries ``data``."""
+    """Add the ghost penalty g a h^(m - 2) sum (differences of order degree + 1)^2 to the entries ``data``."""
     means = space.means(conductivity(space, a))
     scale = strength.g * space.parting.spacing ** (space.manifold_dim - 2)
-    add_differences(space, space.runs, THIRD_DIFFERENCES, scale * means[space.runs].mean(axis=1), data)
-    add_differences(space, space.short_runs, SECOND_DIFFERENCES, scale * means[space.short_runs].mean(axis=1), data)
+    add_differences(space, space.runs, scale * means[space.runs].mean(axis=1), data)
+    add_differences(space, space.short_runs, scale * means[space.short_runs].mean(axis=1), data)
 
 
-def add_differences(space: Space, runs: Ints, stencil: Floats, factors: Floats, data: Floats) -> None:
-    """Add ``factors`` (r,) times the squares of the differences along ``runs`` (r, k) to the entries ``data``."""
+def add_differences(space: Space, runs: Ints, factors: Floats, data: Floats) -> None:
+    """Add ``factors`` (r,) times the squares of the differences of all of ``runs`` (r, k) to the entries ``data``."""
     from cpmkit.forms.galerkin.space.difference_kernels import add_squares
 
-    add_squares(runs, stencil, factors, (space.indptr, space.indices, data))
+    add_squares(runs, differences(runs.shape[1] - 1), factors, (space.indptr, space.indices, data))
 
 
 def conductivity(space: Space, a: Floats | float) -> Floats:
@@ -209,6 +224,9 @@ def _at_each(values: Floats | float) -> Floats:
     return np.ascontiguousarray(np.atleast_1d(values), dtype=np.float64)
 
 
-def patches(space: Space) -> tuple[Ints, float, Any, Ints]:
-    """Return what kernels take of a space first: the unknowns of patches, the spacing, and the samples of each."""
-    return space.parting.unknowns, space.parting.spacing, *space.by_patch()
+def patches(space: Space) -> tuple[Ints, float, tuple[int, ...], Any, Ints]:
+    """Return what kernels take of a space first: the unknowns of patches, the spacing, the splines, their samples."""
+    from cpmkit.forms.galerkin.space.energy_kernels import SPLINES
+
+    parting = space.parting
+    return parting.unknowns, parting.spacing, SPLINES[parting.degree], *space.by_patch()

@@ -13,29 +13,35 @@ import numpy as np
 
 from cpmkit.forms.galerkin.fixed_kernels import decode_normals
 from cpmkit.forms.galerkin.fixed_point import PLACE_UNIT
+from cpmkit.forms.galerkin.space.splines import DEGREES, spline_pieces
 from cpmkit.protocols import Floats, Ints
-from cpmkit.runtime.compilation import compiled
+from cpmkit.runtime.compilation import compiled, inlined
 
-#: Linear forms that are gathered before their products are added; at most eight belong to one sample.
-GATHERED = 64
-#: The unknowns of a patch, 27, and room to have rows of whole vectors of four.
-ROOM = 28
+#: Linear forms that are gathered before their products are added; at most so many belong to one sample.
+GATHERED, FORMS_OF_A_SAMPLE = 64, 12
 #: So many forms are taken in one sweep over a block.
 SWEEP = 8
+#: What tells a kernel the degree of the splines: by the length of a tuple, which the compiler knows.
+SPLINES = {degree: (0,) * (degree + 1) for degree in DEGREES}
+#: Where the coefficients of values, slopes, second and third derivatives begin in `POLYNOMIALS`.
+VALUE, SLOPE, SECOND, THIRD = 0, 4, 7, 9
 
 
 def _polynomials() -> Floats:
-    """Return (2, 3, 6, ROOM), for the plane and for space, by axis: the polynomial in t of the spline of each place.
+    """Return (3, 2, 3, 10, 64), by degree, for the plane and for space, by axis: what the spline of each place is in t.
 
-    The six are the coefficients of 1, t, t^2 of its value, of 1, t of its slope, and its second derivative.
+    Four coefficients of its value, those of 1 first, three of its slope, two of its second derivative, one of the third.
     """
-    spline = np.array([[0.5, -1, 0.5, -1, 1, 1], [0.5, 1, -1, 1, -2, -2], [0, 0, 0.5, 0, 1, 1]])
-    table = np.zeros((2, 3, 6, ROOM))
-    for d in (2, 3):
-        digits = np.indices((3,) * d).reshape(d, -1)
-        for axis in range(d):
-            table[d - 2, axis, :, : 3**d] = spline[digits[axis]].T
-    table[0, 2, 0, :9] = 1.0
+    table = np.zeros((len(DEGREES), 2, 3, 10, 64))
+    for degree in DEGREES:
+        pieces, width = spline_pieces(degree).T, degree + 1
+        for d in (2, 3):
+            digits = np.indices((width,) * d).reshape(d, -1)
+            for axis in range(d):
+                for order, first in enumerate((VALUE, SLOPE, SECOND, THIRD)):
+                    own = np.polynomial.polynomial.polyder(pieces, order)
+                    table[degree - 1, d - 2, axis, first : first + len(own), : width**d] = own[:, digits[axis]]
+        table[degree - 1, 0, 2, 0, : width**2] = 1.0
     return table
 
 
@@ -43,21 +49,67 @@ def _polynomials() -> Floats:
 POLYNOMIALS = _polynomials()
 
 
+@inlined
+def splines_read(splines: Any) -> int:
+    """Return the number of splines that a cell of space reads: a constant for the compiler."""
+    return len(splines) ** 3
+
+
+@inlined
+def room_for(splines: Any) -> int:
+    """Return the same in whole vectors of four: the length of rows."""
+    return (len(splines) ** 3 + 3) // 4 * 4
+
+
+@inlined
+def value_of(splines: Any, kind: int, axis: int, i: int, t: float) -> Any:
+    """Return the value at t of the factor along an axis of the spline at place i."""
+    T, p = POLYNOMIALS, len(splines) - 2
+    if len(splines) == 2:
+        return T[p, kind, axis, 0, i] + t * T[p, kind, axis, 1, i]
+    if len(splines) == 3:
+        return T[p, kind, axis, 0, i] + t * (T[p, kind, axis, 1, i] + t * T[p, kind, axis, 2, i])
+    high = T[p, kind, axis, 2, i] + t * T[p, kind, axis, 3, i]
+    return T[p, kind, axis, 0, i] + t * (T[p, kind, axis, 1, i] + t * high)
+
+
+@inlined
+def slope_of(splines: Any, kind: int, axis: int, i: int, t: float) -> Any:
+    """Return its slope."""
+    T, p = POLYNOMIALS, len(splines) - 2
+    if len(splines) == 2:
+        return T[p, kind, axis, 4, i]
+    if len(splines) == 3:
+        return T[p, kind, axis, 4, i] + t * T[p, kind, axis, 5, i]
+    return T[p, kind, axis, 4, i] + t * (T[p, kind, axis, 5, i] + t * T[p, kind, axis, 6, i])
+
+
+@inlined
+def second_of(splines: Any, kind: int, axis: int, i: int, t: float) -> Any:
+    """Return its second derivative."""
+    T, p = POLYNOMIALS, len(splines) - 2
+    if len(splines) == 2:
+        return 0.0
+    if len(splines) == 3:
+        return T[p, kind, axis, 7, i]
+    return T[p, kind, axis, 7, i] + t * T[p, kind, axis, 8, i]
+
+
 @compiled
-def value_form(forms: Floats, kind: int, x: float, y: float, z: float, weight: float) -> None:
+def value_form(forms: Floats, splines: Any, kind: int, x: float, y: float, z: float, weight: float) -> None:
     """Write a pair of rows: the value at (x, y, z) in the cell, and it times the weight."""
-    T = POLYNOMIALS
-    for i in range(ROOM):
-        X = T[kind, 0, 0, i] + x * (T[kind, 0, 1, i] + x * T[kind, 0, 2, i])
-        Y = T[kind, 1, 0, i] + y * (T[kind, 1, 1, i] + y * T[kind, 1, 2, i])
-        Z = T[kind, 2, 0, i] + z * (T[kind, 2, 1, i] + z * T[kind, 2, 2, i])
+    room = room_for(splines)
+    for i in range(room):
+        X, Y = value_of(splines, kind, 0, i, x), value_of(splines, kind, 1, i, y)
+        Z = value_of(splines, kind, 2, i, z)
         forms[i] = X * Y * Z
-        forms[ROOM + i] = weight * (X * Y * Z)
+        forms[room + i] = weight * (X * Y * Z)
 
 
 @compiled
 def slope_forms(
     forms: Floats,
+    splines: Any,
     kind: int,
     x: float,
     y: float,
@@ -70,41 +122,64 @@ def slope_forms(
     zz: float,
 ) -> None:
     """Write three pairs of rows: the slopes along the axes, and what the tensor of these six numbers makes of them."""
-    T = POLYNOMIALS
-    for i in range(ROOM):
-        X = T[kind, 0, 0, i] + x * (T[kind, 0, 1, i] + x * T[kind, 0, 2, i])
-        Y = T[kind, 1, 0, i] + y * (T[kind, 1, 1, i] + y * T[kind, 1, 2, i])
-        Z = T[kind, 2, 0, i] + z * (T[kind, 2, 1, i] + z * T[kind, 2, 2, i])
-        along_x = (T[kind, 0, 3, i] + x * T[kind, 0, 4, i]) * Y * Z
-        along_y = X * (T[kind, 1, 3, i] + y * T[kind, 1, 4, i]) * Z
-        along_z = X * Y * (T[kind, 2, 3, i] + z * T[kind, 2, 4, i])
+    room = room_for(splines)
+    for i in range(room):
+        X, Y = value_of(splines, kind, 0, i, x), value_of(splines, kind, 1, i, y)
+        Z = value_of(splines, kind, 2, i, z)
+        along_x = slope_of(splines, kind, 0, i, x) * Y * Z
+        along_y = X * slope_of(splines, kind, 1, i, y) * Z
+        along_z = X * Y * slope_of(splines, kind, 2, i, z)
         forms[i] = along_x
-        forms[ROOM + i] = xx * along_x + xy * along_y + xz * along_z
-        forms[2 * ROOM + i] = along_y
-        forms[3 * ROOM + i] = xy * along_x + yy * along_y + yz * along_z
-        forms[4 * ROOM + i] = along_z
-        forms[5 * ROOM + i] = xz * along_x + yz * along_y + zz * along_z
+        forms[room + i] = xx * along_x + xy * along_y + xz * along_z
+        forms[2 * room + i] = along_y
+        forms[3 * room + i] = xy * along_x + yy * along_y + yz * along_z
+        forms[4 * room + i] = along_z
+        forms[5 * room + i] = xz * along_x + yz * along_y + zz * along_z
 
 
 @compiled
 def second_form(
-    forms: Floats, kind: int, x: float, y: float, z: float, nx: float, ny: float, nz: float, weight: float
+    forms: Floats, splines: Any, kind: int, x: float, y: float, z: float, n: tuple[float, float, float], weight: float
 ) -> None:
-    """Write a pair of rows: the second derivative along (nx, ny, nz), and it times the weight."""
-    T = POLYNOMIALS
-    for i in range(ROOM):
-        X = T[kind, 0, 0, i] + x * (T[kind, 0, 1, i] + x * T[kind, 0, 2, i])
-        Y = T[kind, 1, 0, i] + y * (T[kind, 1, 1, i] + y * T[kind, 1, 2, i])
-        Z = T[kind, 2, 0, i] + z * (T[kind, 2, 1, i] + z * T[kind, 2, 2, i])
-        dX = nx * (T[kind, 0, 3, i] + x * T[kind, 0, 4, i])
-        dY = ny * (T[kind, 1, 3, i] + y * T[kind, 1, 4, i])
-        dZ = nz * (T[kind, 2, 3, i] + z * T[kind, 2, 4, i])
+    """Write a pair of rows: the second derivative along n = (nx, ny, nz), and it times the weight."""
+    room, (nx, ny, nz) = room_for(splines), n
+    for i in range(room):
+        X, Y = value_of(splines, kind, 0, i, x), value_of(splines, kind, 1, i, y)
+        Z = value_of(splines, kind, 2, i, z)
+        dX = nx * slope_of(splines, kind, 0, i, x)
+        dY = ny * slope_of(splines, kind, 1, i, y)
+        dZ = nz * slope_of(splines, kind, 2, i, z)
         form = (
-            nx * nx * T[kind, 0, 5, i] * Y * Z + ny * ny * X * T[kind, 1, 5, i] * Z + nz * nz * X * Y * T[kind, 2, 5, i]
+            nx * nx * second_of(splines, kind, 0, i, x) * Y * Z
+            + ny * ny * X * second_of(splines, kind, 1, i, y) * Z
+            + nz * nz * X * Y * second_of(splines, kind, 2, i, z)
         )
         form += 2.0 * (dX * dY * Z + dX * Y * dZ + X * dY * dZ)
         forms[i] = form
-        forms[ROOM + i] = weight * form
+        forms[room + i] = weight * form
+
+
+@compiled
+def third_form(
+    forms: Floats, splines: Any, kind: int, x: float, y: float, z: float, n: tuple[float, float, float], weight: float
+) -> None:
+    """Write a pair of rows: the third derivative along n = (nx, ny, nz) of cubic splines, and it times the weight."""
+    room, (nx, ny, nz) = room_for(splines), n
+    for i in range(room):
+        X, Y = value_of(splines, kind, 0, i, x), value_of(splines, kind, 1, i, y)
+        Z = value_of(splines, kind, 2, i, z)
+        dX = nx * slope_of(splines, kind, 0, i, x)
+        dY = ny * slope_of(splines, kind, 1, i, y)
+        dZ = nz * slope_of(splines, kind, 2, i, z)
+        ddX = nx * nx * second_of(splines, kind, 0, i, x)
+        ddY = ny * ny * second_of(splines, kind, 1, i, y)
+        ddZ = nz * nz * second_of(splines, kind, 2, i, z)
+        T = POLYNOMIALS
+        form = nx * nx * nx * T[2, kind, 0, 9, i] * Y * Z + ny * ny * ny * X * T[2, kind, 1, 9, i] * Z
+        form += nz * nz * nz * X * Y * T[2, kind, 2, 9, i] + 6.0 * dX * dY * dZ
+        form += 3.0 * (ddX * (dY * Z + Y * dZ) + ddY * (dX * Z + X * dZ) + ddZ * (dX * Y + X * dY))
+        forms[i] = form
+        forms[room + i] = weight * form
 
 
 @compiled
@@ -140,22 +215,23 @@ def tensor_at(q: int, normals: Floats, a: float, tensors: Floats, e1: float, wei
 
 
 @compiled
-def add_products(forms: Floats, count: int, width: int, block: Floats) -> None:
+def add_products(forms: Floats, splines: Any, count: int, width: int, block: Floats) -> None:
     """Add to the upper half of ``block`` the products of the first ``count`` pairs of rows, a multiple of SWEEP."""
-    for i in range(ROOM - 1):  # a constant number, so that the compiler lays out each row for itself
+    room = room_for(splines)
+    for i in range(splines_read(splines)):  # a constant number, so that the compiler lays out each row for itself
         if i == width:
             break
-        row = block[i * ROOM : (i + 1) * ROOM]
+        row = block[i * room : (i + 1) * room]
         for r in range(0, count, SWEEP):
-            F = forms[2 * ROOM * r : 2 * ROOM * (r + SWEEP)]
-            a, b, c, d = F[i], F[i + 2 * ROOM], F[i + 4 * ROOM], F[i + 6 * ROOM]
-            e, f, g, h = F[i + 8 * ROOM], F[i + 10 * ROOM], F[i + 12 * ROOM], F[i + 14 * ROOM]
-            for j in range(i // 4 * 4, ROOM):
+            F = forms[2 * room * r : 2 * room * (r + SWEEP)]
+            a, b, c, d = F[i], F[i + 2 * room], F[i + 4 * room], F[i + 6 * room]
+            e, f, g, h = F[i + 8 * room], F[i + 10 * room], F[i + 12 * room], F[i + 14 * room]
+            for j in range(i // 4 * 4, room):
                 row[j] += (
-                    (a * F[j + ROOM] + b * F[j + 3 * ROOM])
-                    + (c * F[j + 5 * ROOM] + d * F[j + 7 * ROOM])
-                    + (e * F[j + 9 * ROOM] + f * F[j + 11 * ROOM])
-                    + (g * F[j + 13 * ROOM] + h * F[j + 15 * ROOM])
+                    (a * F[j + room] + b * F[j + 3 * room])
+                    + (c * F[j + 5 * room] + d * F[j + 7 * room])
+                    + (e * F[j + 9 * room] + f * F[j + 11 * room])
+                    + (g * F[j + 13 * room] + h * F[j + 15 * room])
                 )
 
 
@@ -171,8 +247,11 @@ def sort_columns(columns: Ints, rank: Ints, ascending: Any) -> None:
 
 
 @compiled
-def scatter(block: Floats, columns: Ints, indptr: Any, indices: Any, data: Floats) -> None:
-    """Add the upper half of a symmetric ``block`` of the unknowns ``columns``, and its mirror image, to a matrix."""
+def scatter(block: Floats, room: int, columns: Ints, indptr: Any, indices: Any, data: Floats) -> None:
+    """Add the upper half of a symmetric ``block`` of the unknowns ``columns``, and its mirror image, to a matrix.
+
+    ``room``: the length of its rows.
+    """
     width = len(columns)
     rank, ascending = np.empty(width, dtype=np.int64), np.empty(width, dtype=indices.dtype)
     sort_columns(columns, rank, ascending)
@@ -182,13 +261,14 @@ def scatter(block: Floats, columns: Ints, indptr: Any, indices: Any, data: Float
             while indices[to] < ascending[m]:
                 to += np.uint64(1)
             j = rank[m]
-            data[to] += block[i * ROOM + j] if i <= j else block[j * ROOM + i]
+            data[to] += block[i * room + j] if i <= j else block[j * room + i]
 
 
 @compiled
 def add_energy(
     unknowns: Ints,
     spacing: float,
+    splines: Any,
     order: Any,
     start: Ints,
     places: Any,
@@ -199,19 +279,21 @@ def add_energy(
     c: Floats,
     e1: float,
     e2: float,
+    e3: float,
     matrix: Any,
 ) -> None:
     """Add sum w [grad u' A grad u + e1 a |normal part|^2 + e2 h^2 a (n' H n)^2 + c u^2] to ``matrix``.
 
+    Of cubic splines e3 h^4 a times the square of the third derivative along n as well. ``splines``: see `SPLINES`.
     ``places`` and ``directions`` are those of `FixedSamples`; ``a`` (q,), or (1,) for all, or empty for no energy of
     slopes; ``tensors`` (q, d, d), or empty where A is a times the identity; ``c`` (q,), (1,) or empty; ``matrix``:
     (indptr, indices, data).
     """
     indptr, indices, data = matrix
     codim, d = directions.shape[1], places.shape[1]
-    kind, width = d - 2, unknowns.shape[1]
+    kind, width, room = d - 2, unknowns.shape[1], room_for(splines)
     C, z, normals = np.zeros((3, 3)), 0.0, np.zeros((codim, d))
-    forms, block = np.zeros(2 * ROOM * (GATHERED + SWEEP)), np.zeros(ROOM * ROOM)
+    forms, block = np.zeros(2 * room * (GATHERED + SWEEP)), np.zeros(room * room)
     for p in range(len(unknowns)):
         block[:] = 0.0
         count = 0
@@ -219,15 +301,16 @@ def add_energy(
             q = order[s]
             if weights[q] == 0.0:
                 continue
-            if count + 8 > GATHERED:
-                _add_gathered(forms, count, width, block)
+            if count + FORMS_OF_A_SAMPLE > GATHERED:
+                _add_gathered(forms, splines, count, width, block)
                 count = 0
             x = PLACE_UNIT * places[q, 0] + 0.5
             y = PLACE_UNIT * places[q, 1] + 0.5
             if d == 3:
                 z = PLACE_UNIT * places[q, 2] + 0.5
             if len(c):
-                value_form(forms[2 * ROOM * count :], kind, x, y, z, weights[q] * c[q if len(c) > 1 else 0])
+                factor = weights[q] * c[q if len(c) > 1 else 0]
+                value_form(forms[2 * room * count :], splines, kind, x, y, z, factor)
                 count += 1
             if len(a) == 0:
                 continue
@@ -235,25 +318,39 @@ def add_energy(
             own = a[q if len(a) > 1 else 0]
             decode_normals(directions[q], normals)
             tensor_at(q, normals, own, tensors, e1, weight, C)
-            rows = forms[2 * ROOM * count :]
-            slope_forms(rows, kind, x, y, z, C[0, 0], C[0, 1], C[0, 2], C[1, 1], C[1, 2], C[2, 2])
+            rows = forms[2 * room * count :]
+            slope_forms(rows, splines, kind, x, y, z, C[0, 0], C[0, 1], C[0, 2], C[1, 1], C[1, 2], C[2, 2])
             count += d
-            weight *= e2 * own
             for one in range(codim):
                 for two in range(one, codim):
                     share = 1.0 if one == two else np.sqrt(0.5)
                     other = 0.0 if one == two else share
-                    nx = share * normals[one, 0] + other * normals[two, 0]
-                    ny = share * normals[one, 1] + other * normals[two, 1]
-                    nz = share * normals[one, 2] + other * normals[two, 2] if d == 3 else 0.0
-                    second_form(forms[2 * ROOM * count :], kind, x, y, z, nx, ny, nz, weight)
+                    n = combined(normals, one, two, share, other)
+                    second_form(forms[2 * room * count :], splines, kind, x, y, z, n, weight * e2 * own)
                     count += 1
-        _add_gathered(forms, count, width, block)
-        scatter(block, unknowns[p], indptr, indices, data)
+                    if len(splines) < 4:
+                        continue
+                    third_form(forms[2 * room * count :], splines, kind, x, y, z, n, weight * e3 * own)
+                    count += 1
+                    if one < two:  # the fourth cubic of two normals
+                        n = combined(normals, one, two, share, -other)
+                        third_form(forms[2 * room * count :], splines, kind, x, y, z, n, weight * e3 * own)
+                        count += 1
+        _add_gathered(forms, splines, count, width, block)
+        scatter(block, room, unknowns[p], indptr, indices, data)
 
 
 @compiled
-def _add_gathered(forms: Floats, count: int, width: int, block: Floats) -> None:
-    whole = (count + SWEEP - 1) // SWEEP * SWEEP
-    forms[2 * ROOM * count : 2 * ROOM * whole] = 0.0
-    add_products(forms, whole, width, block)
+def combined(normals: Floats, one: int, two: int, share: float, other: float) -> tuple[float, float, float]:
+    """Return the sum of two of the normals (c, d), each times its share."""
+    nx = share * normals[one, 0] + other * normals[two, 0]
+    ny = share * normals[one, 1] + other * normals[two, 1]
+    nz = share * normals[one, 2] + other * normals[two, 2] if normals.shape[1] == 3 else 0.0
+    return nx, ny, nz
+
+
+@compiled
+def _add_gathered(forms: Floats, splines: Any, count: int, width: int, block: Floats) -> None:
+    room, whole = room_for(splines), (count + SWEEP - 1) // SWEEP * SWEEP
+    forms[2 * room * count : 2 * room * whole] = 0.0
+    add_products(forms, splines, whole, width, block)

@@ -1,7 +1,8 @@
 """What holds unknowns whose splines the manifold only grazes, so that no boundary term outweighs their energy.
 
-Their second differences along the axes are held, inside the heaviest patch that reads them: linear functions feel
-nothing of it, where pulling coefficients to zero would leave an error that grows with refinement and contrast.
+Their differences along the axes are held, inside the heaviest patch that reads them: polynomials of a degree below the
+splines' feel nothing of it, where pulling coefficients to zero would leave an error that grows with refinement and
+contrast. Splines of degree 1 have no such differences but the slope, and no floor: their ghosts are strong enough.
 """
 
 from __future__ import annotations
@@ -11,7 +12,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cpmkit.forms.galerkin.space.energy import (
-    SECOND_DIFFERENCES,
     Strength,
     add_differences,
     add_ghosts,
@@ -58,10 +58,12 @@ def floored_stiffness(
 
 def add_floor(space: Space, a: Floats | float, diagonal: Floats, data: Floats) -> None:
     """Add the floor to the entries ``data``; ``diagonal`` (n,) is that of the energy, before ghosts and conditions."""
+    if space.parting.degree == 1:
+        return
     means = space.means(conductivity(space, a))
     ratio = diagonal / means
     median = float(np.median(ratio))
     light = ratio < LIGHT_SHARE * median
     lines = lines_through(space.parting, space.heaviest[light])
     factors = np.tile(FLOOR_SHARE * median * means[light], space.parting.dim)
-    add_differences(space, lines, SECOND_DIFFERENCES, factors, data)
+    add_differences(space, lines, factors, data)

@@ -19,7 +19,7 @@ from cpmkit.protocols import Bools, Floats, Ints
 SPECK_SPACINGS = 2.0
 
 
-def part(points: Floats, contacts: Any, spacing: float, cell: Any = None) -> Parting:
+def part(points: Floats, contacts: Any, spacing: float, cell: Any = None, degree: int = 2) -> Parting:
     """Return the parting of samples at ``points`` (q, d), relative to the lattice's origin.
 
     Parameters
@@ -32,6 +32,8 @@ def part(points: Floats, contacts: Any, spacing: float, cell: Any = None) -> Par
         h, of the lattice.
     cell : (q,) int32, optional
         The cell of each sample; unless given, there is one for each, in their order.
+    degree : int
+        Of the splines: 1, 2 or 3.
 
     Notes
     -----
@@ -59,10 +61,10 @@ def part(points: Floats, contacts: Any, spacing: float, cell: Any = None) -> Par
     extent = bounds(points, patch, label, pieces)
     size = norms(extent) if contacts.shape[1] == 2 else extent.max(axis=1)
     specks = size < SPECK_SPACINGS * spacing
-    return parting_of(spacing, cells, touching, patch, specks[label])
+    return parting_of(spacing, cells, touching, patch, specks[label], degree)
 
 
-def parting_of(spacing: float, cells: Ints, touching: Any, patch: Any, single: Bools) -> Parting:
+def parting_of(spacing: float, cells: Ints, touching: Any, patch: Any, single: Bools, degree: int = 2) -> Parting:
     """Return the parting into these patches: ``cells`` (p, d), pairs ``touching`` (t, 2), ``patch`` (q,) of samples.
 
     ``single`` (p,): patches of pieces that have one unknown each.
@@ -70,8 +72,8 @@ def parting_of(spacing: float, cells: Ints, touching: Any, patch: Any, single: B
     from cpmkit.forms.galerkin.space.parting_kernels import number
 
     touching = np.ascontiguousarray(touching, dtype=np.int32)
-    unknowns, nodes = number(np.ascontiguousarray(cells), touching, single)
-    return Parting(spacing, cells, unknowns, nodes, touching, patch)
+    unknowns, nodes = number(np.ascontiguousarray(cells), touching, single, degree + 1)
+    return Parting(spacing, cells, unknowns, nodes, touching, patch, degree)
 
 
 def components(patches: int, touching: Any) -> tuple[int, Ints]:

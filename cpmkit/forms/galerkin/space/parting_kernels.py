@@ -143,17 +143,17 @@ def bounds(points: Floats, patch: Any, label: Ints, pieces: int) -> Floats:
 
 
 @compiled
-def number(cells: Ints, touching: Any, single: Bools) -> tuple[Any, Ints]:
-    """Return ``unknowns`` (p, 3^d) and ``nodes`` (n, d): nodes that patches read are one where such patches touch.
+def number(cells: Ints, touching: Any, single: Bools, along: int) -> tuple[Any, Ints]:
+    """Return ``unknowns`` (p, along^d) and ``nodes`` (n, d): nodes that patches read are one where such patches touch.
 
     ``cells`` (p, d) are those of the patches, ``touching`` (t, 2) pairs of them; where ``single`` (p,) holds, all that
-    a patch reads is one unknown, and one with those of the patches that it touches. Unknowns are numbered as the
-    patches come to them.
+    a patch reads is one unknown, and one with those of the patches that it touches. ``along``: how many nodes an axis
+    a patch reads. Unknowns are numbered as the patches come to them.
     """
     p, d = cells.shape
-    width = 3**d
+    width = along**d
     parent = np.arange(p * width)
-    depth = 3 if d == 3 else 1
+    depth = along if d == 3 else 1
     for t in range(len(touching)):
         a, b = touching[t, 0], touching[t, 1]
         if single[a]:
@@ -161,11 +161,11 @@ def number(cells: Ints, touching: Any, single: Bools) -> tuple[Any, Ints]:
             continue
         di, dj = cells[b, 0] - cells[a, 0], cells[b, 1] - cells[a, 1]
         dk = cells[b, 2] - cells[a, 2] if d == 3 else 0
-        shift = (di * 3 + dj) * depth + dk
-        for i in range(max(0, di), min(3, 3 + di)):
-            for j in range(max(0, dj), min(3, 3 + dj)):
+        shift = (di * along + dj) * depth + dk
+        for i in range(max(0, di), min(along, along + di)):
+            for j in range(max(0, dj), min(along, along + dj)):
                 for k in range(max(0, dk), min(depth, depth + dk)):
-                    place = (i * 3 + j) * depth + k
+                    place = (i * along + j) * depth + k
                     unite(parent, a * width + place, b * width + place - shift)
     unknowns = np.empty((p, width), dtype=np.int32)
     nodes = np.empty((p * width, d), dtype=np.int64)
@@ -179,8 +179,8 @@ def number(cells: Ints, touching: Any, single: Bools) -> tuple[Any, Ints]:
                 numbers[at] = n
                 rest = width // 2 if single[a] else place
                 for axis in range(d - 1, -1, -1):
-                    nodes[n, axis] = cells[a, axis] + rest % 3 - 1
-                    rest //= 3
+                    nodes[n, axis] = cells[a, axis] + rest % along - (along - 1) // 2
+                    rest //= along
                 n += 1
             unknowns[a, place] = numbers[root]
     return unknowns, nodes[:n].copy()

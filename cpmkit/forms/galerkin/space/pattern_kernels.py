@@ -29,10 +29,11 @@ def inverted(values: Any, n: int) -> tuple[Ints, Any]:
 
 
 @compiled
-def following(unknowns: Ints, n: int, stride: int) -> tuple[Ints, Ints]:
+def following(unknowns: Ints, n: int, stride: int, along: int) -> tuple[Ints, Ints]:
     """Return ``starts`` (n + 1,) and ``after``: the neighbours of each unknown in the direction of an axis.
 
-    Unknowns are neighbours where one patch reads both; ``stride`` is how far they stand apart in it.
+    Unknowns are neighbours where one patch reads both; ``stride`` is how far they stand apart in it, ``along`` how many
+    it reads along an axis.
     """
     head = np.full(n, -1)
     other, link = np.empty(n + 1, dtype=np.int64), np.empty(n + 1, dtype=np.int64)
@@ -40,7 +41,7 @@ def following(unknowns: Ints, n: int, stride: int) -> tuple[Ints, Ints]:
     width = unknowns.shape[1]
     for p in range(len(unknowns)):
         for place in range(width):
-            if place // stride % 3 == 2:
+            if place // stride % along == along - 1:
                 continue
             i, j = unknowns[p, place], unknowns[p, place + stride]
             if i == j:  # a speck
@@ -75,26 +76,24 @@ def _grown(values: Ints) -> Ints:
 
 
 @compiled
-def runs_of_four(starts: Ints, after: Ints) -> Any:
-    """Return (r, 4) all ways to go three steps from neighbour to neighbour."""
+def runs_of(starts: Ints, after: Ints, length: int) -> Any:
+    """Return (r, length) all ways to go from neighbour to neighbour, so many unknowns each."""
     n = len(starts) - 1
-    steps = np.ones((3, n + 1), dtype=np.int64)  # how many ways of so many steps begin at an unknown
-    for length in range(3):
-        for i in range(n):
-            count = 0
-            for at in range(starts[i], starts[i + 1]):
-                count += 1 if length == 0 else steps[length - 1, after[at]]
-            steps[length, i] = count
-    runs = np.empty((steps[2, :n].sum(), 4), dtype=np.int32)
-    used = 0
-    for i in range(n):
-        for one in range(starts[i], starts[i + 1]):
-            j = after[one]
-            for two in range(starts[j], starts[j + 1]):
-                k = after[two]
-                for three in range(starts[k], starts[k + 1]):
-                    runs[used, 0], runs[used, 1], runs[used, 2], runs[used, 3] = i, j, k, after[three]
-                    used += 1
+    runs = np.arange(n).astype(np.int32).reshape(n, 1)
+    for size in range(1, length):
+        count = 0
+        for r in range(len(runs)):
+            last = runs[r, size - 1]
+            count += starts[last + 1] - starts[last]
+        longer = np.empty((count, size + 1), dtype=np.int32)
+        used = 0
+        for r in range(len(runs)):
+            last = runs[r, size - 1]
+            for at in range(starts[last], starts[last + 1]):
+                longer[used, :size] = runs[r]
+                longer[used, size] = after[at]
+                used += 1
+        runs = longer
     return runs
 
 
@@ -104,10 +103,10 @@ def pattern(
 ) -> Any:
     """Return the columns of all rows, ascending, and fill in ``indptr`` (n + 1,), whose type they have.
 
-    ``starts``, ``places``: the inverse of ``unknowns``; ``run_starts``, ``run_places``: that of ``runs`` (r, 4).
+    ``starts``, ``places``: the inverse of ``unknowns``; ``run_starts``, ``run_places``: that of ``runs`` (r, k).
     """
     n = len(starts) - 1
-    width = unknowns.shape[1]
+    width, steps = unknowns.shape[1], runs.shape[1]
     seen = np.full(n, -1, dtype=indptr.dtype)
     for filling in range(2):
         if filling:
@@ -125,8 +124,8 @@ def pattern(
                             columns[used] = j
                         used += 1
             for at in range(run_starts[i], run_starts[i + 1]):
-                for place in range(4):
-                    j = runs[run_places[at] // 4, place]
+                for place in range(steps):
+                    j = runs[run_places[at] // steps, place]
                     if seen[j] != i:
                         seen[j] = i
                         if filling:

@@ -8,25 +8,59 @@ import numpy as np
 
 from cpmkit.forms.galerkin.fixed_point import PLACE_UNIT
 from cpmkit.protocols import Floats, Ints
-from cpmkit.runtime.compilation import compiled
+from cpmkit.runtime.compilation import compiled, inlined
+
+
+@inlined
+def spline_values(t: float, width: int, values: Floats) -> None:
+    """Fill ``values`` (width,) with the splines that a cell reads at t along an axis: 2, 3 or 4 of degree 1, 2 or 3."""
+    s = 1.0 - t
+    if width == 3:
+        values[0], values[1], values[2] = 0.5 * s * s, 0.5 + t * s, 0.5 * t * t
+    elif width == 2:
+        values[0], values[1] = s, t
+    else:
+        values[0], values[3] = s * s * s / 6, t * t * t / 6
+        values[1], values[2] = 2 / 3 + t * t * (0.5 * t - 1.0), 2 / 3 + s * s * (0.5 * s - 1.0)
+
+
+@inlined
+def spline_slopes(t: float, width: int, slopes: Floats) -> None:
+    """Fill ``slopes`` (width,) with their derivatives with respect to t."""
+    s = 1.0 - t
+    if width == 3:
+        slopes[0], slopes[1], slopes[2] = -s, s - t, t
+    elif width == 2:
+        slopes[0], slopes[1] = -1.0, 1.0
+    else:
+        slopes[0], slopes[3] = -0.5 * s * s, 0.5 * t * t
+        slopes[1], slopes[2] = t * (1.5 * t - 2.0), s * (2.0 - 1.5 * s)
+
+
+@inlined
+def splines_along(width: int, d: int) -> int:
+    """Return how many splines an axis a patch reads that reads ``width`` of them."""
+    along = 2
+    while along**d < width:
+        along += 1
+    return along
 
 
 @compiled
-def spline_products(place: Any, products: Floats) -> None:
-    """Fill ``products`` (3^d,) with the splines of a patch at a ``place`` (d,) of fixed point in its cell."""
-    d = len(place)
+def spline_products(place: Any, along: int, values: Floats, products: Floats) -> None:
+    """Fill ``products`` (along^d,) with the splines of a patch at a ``place`` (d,) of fixed point in its cell.
+
+    ``values`` (along,) is room for those of one axis.
+    """
     size = 1
     products[0] = 1.0
-    for axis in range(d):
-        t = PLACE_UNIT * place[axis] + 0.5
-        s = 1.0 - t
-        left, middle, right = 0.5 * s * s, 0.5 + t * s, 0.5 * t * t
+    for axis in range(len(place)):
+        spline_values(PLACE_UNIT * place[axis] + 0.5, along, values)
         for i in range(size - 1, -1, -1):
-            value = products[i]
-            products[3 * i] = value * left
-            products[3 * i + 1] = value * middle
-            products[3 * i + 2] = value * right
-        size *= 3
+            product, first = products[i], along * i
+            for k in range(along):
+                products[first + k] = product * values[k]
+        size *= along
 
 
 @compiled
@@ -44,8 +78,10 @@ def add_load(
     """
     width, channels = unknowns.shape[1], load.shape[1]
     products, sums = np.empty(width), np.zeros(width * channels)
+    along = splines_along(width, places.shape[1])
+    values = np.empty(along)
     for q in range(len(places)):
-        spline_products(places[q], products)
+        spline_products(places[q], along, values, products)
         for channel in range(channels):
             density, first = weights[q] * f[q if len(f) > 1 else 0, channel], np.uint64(channel * width)
             for place in range(np.uint64(width)):  # unsigned, so that no index is tested for its sign
@@ -62,10 +98,11 @@ def add_load(
 def read_values(unknowns: Ints, patch: Any, places: Any, u: Floats, values: Floats) -> None:
     """Fill ``values`` (q, channels) with those of u (n, channels) at the samples."""
     width = unknowns.shape[1]
-    products = np.empty(width)
+    along = splines_along(width, places.shape[1])
+    products, own = np.empty(width), np.empty(along)
     for q in range(len(places)):
         p = patch[q]
-        spline_products(places[q], products)
+        spline_products(places[q], along, own, products)
         for channel in range(u.shape[1]):
             total = 0.0
             for place in range(width):
@@ -78,32 +115,36 @@ def read_slopes(
     unknowns: Ints, cells: Ints, spacing: float, patch: Any, points: Floats, normals: Floats, u: Floats, slopes: Floats
 ) -> None:
     """Fill ``slopes`` (q, channels, d) with the tangential gradients of u (n, channels) at the samples."""
-    d, width = cells.shape[1], unknowns.shape[1]
-    values, steps = np.empty((3, 3)), np.empty((3, 3))
-    values[:], steps[:] = 1.0, 0.0
+    d = cells.shape[1]
+    along = splines_along(unknowns.shape[1], d)
+    depth = along if d == 3 else 1
+    values, steps = np.ones((3, along)), np.zeros((3, along))
     own = np.empty(3)
     for q in range(len(points)):
         p = patch[q]
         for axis in range(d):
             t = points[q, axis] / spacing - cells[p, axis] + 0.5
-            s = 1.0 - t
-            values[axis, 0], values[axis, 1], values[axis, 2] = 0.5 * s * s, 0.5 + t * s, 0.5 * t * t
-            steps[axis, 0], steps[axis, 1], steps[axis, 2] = -s / spacing, (s - t) / spacing, t / spacing
+            spline_values(t, along, values[axis])
+            spline_slopes(t, along, steps[axis])
         for channel in range(u.shape[1]):
             own[:] = 0.0
-            for place in range(width):
-                value = u[unknowns[p, place], channel]
-                for axis in range(d):
-                    product, rest = value, place
-                    for other in range(d - 1, -1, -1):
-                        product *= (steps if other == axis else values)[other, rest % 3]
-                        rest //= 3
-                    own[axis] += product
+            place = 0
+            for i in range(along):
+                for j in range(along):
+                    both = values[0, i] * values[1, j]
+                    first, second = steps[0, i] * values[1, j], values[0, i] * steps[1, j]
+                    for k in range(depth):
+                        value = u[unknowns[p, place], channel]
+                        own[0] += value * first * values[2, k]
+                        own[1] += value * second * values[2, k]
+                        own[2] += value * both * steps[2, k]
+                        place += 1
+            own /= spacing
             for c in range(normals.shape[1]):
-                along = 0.0
+                across = 0.0
                 for axis in range(d):
-                    along += normals[q, c, axis] * own[axis]
+                    across += normals[q, c, axis] * own[axis]
                 for axis in range(d):
-                    own[axis] -= along * normals[q, c, axis]
+                    own[axis] -= across * normals[q, c, axis]
             for axis in range(d):
                 slopes[q, channel, axis] = own[axis]

@@ -30,11 +30,11 @@ class Space:
         In the order in which they were parted.
     heaviest : (n,) int32
         Where each unknown stands in the heaviest patch that reads it, as an index into ``parting.unknowns.ravel()``.
-    runs : (r, 4) int32
-        Runs of four neighbouring unknowns along an axis, all ways where copies branch.
-    short_runs : (s, 3) int32
-        Runs of three inside the heaviest patch of the unknowns that are in no run of four, and of those of curves in
-        space that keep to one layer of cells.
+    runs : (r, degree + 2) int32
+        Runs of neighbouring unknowns along an axis, one more than a patch reads, all ways where copies branch.
+    short_runs : (s, degree + 1) int32
+        Runs inside the heaviest patch of the unknowns that are in none of these, and of those of curves in space that
+        keep to one layer of cells.
     indptr, indices : (n + 1,), (z,) int32 or int64
         The pattern of every matrix, columns ascending.
     """
@@ -85,7 +85,7 @@ class Space:
 
 def space_of(parting: Parting, samples: Samples | FixedSamples) -> Space:
     """Return the space of the unknowns of ``parting`` over its ``samples``, which it numbers."""
-    from cpmkit.forms.galerkin.space.pattern_kernels import following, inverted, pattern, runs_of_four
+    from cpmkit.forms.galerkin.space.pattern_kernels import following, inverted, pattern, runs_of
 
     samples = FixedSamples.of(samples, parting) if isinstance(samples, Samples) else samples
     n = parting.size
@@ -93,8 +93,9 @@ def space_of(parting: Parting, samples: Samples | FixedSamples) -> Space:
     starts, places = inverted(parting.unknowns.ravel(), n)
     weight = np.bincount(parting.patch, samples.weights, minlength=patches)
     heaviest = _heaviest(weight[places // width], starts, places)
-    strides = [3**axis for axis in reversed(range(parting.dim))]
-    by_axis = [runs_of_four(*following(parting.unknowns, n, stride)) for stride in strides]
+    neighbours = [following(parting.unknowns, n, stride, parting.width) for stride in parting.strides]
+    by_axis = [runs_of(*one, parting.width + 1) for one in neighbours]
+    del neighbours
     runs = np.concatenate(by_axis)
     alone = np.ones(n, dtype=bool)
     alone[runs] = False
@@ -102,7 +103,7 @@ def space_of(parting: Parting, samples: Samples | FixedSamples) -> Space:
     if samples.codim > 1:
         short_runs = np.concatenate([short_runs, _across_straight_pieces(parting, by_axis, heaviest)])
     short_runs = np.unique(short_runs, axis=0)
-    short_runs = short_runs[short_runs[:, 0] != short_runs[:, 1]]  # specks have one unknown thrice
+    short_runs = short_runs[short_runs[:, 0] != short_runs[:, 1]]  # specks have one unknown all along
     indptr = np.zeros(n + 1, dtype=np.int32 if len(places) * width < 2**31 else np.int64)
     run_table = inverted(runs.ravel(), n)
     indices = pattern(parting.unknowns, starts, places, runs, *run_table, indptr)
@@ -110,18 +111,17 @@ def space_of(parting: Parting, samples: Samples | FixedSamples) -> Space:
 
 
 def lines_through(parting: Parting, entries: Ints) -> Ints:
-    """Return (d k, 3) the unknowns on the lines along the axes, inside a patch, through k of its places.
+    """Return (d k, degree + 1) the unknowns on the lines along the axes, inside a patch, through k of its places.
 
     ``entries`` (k,): indices into ``parting.unknowns.ravel()``.
     """
-    flat = parting.unknowns.ravel()
-    strides = [3**axis for axis in reversed(range(parting.dim))]
-    lines = [(entries - entries // s % 3 * s)[:, None] + s * np.arange(3) for s in strides]
+    flat, width = parting.unknowns.ravel(), parting.width
+    lines = [(entries - entries // s % width * s)[:, None] + s * np.arange(width) for s in parting.strides]
     return np.asarray(flat[np.concatenate(lines)])
 
 
 def _across_straight_pieces(parting: Parting, by_axis: Sequence[Ints], heaviest: Ints) -> Ints:
-    """Return runs of three along the axes in which a whole piece of a curve in space has no run of four.
+    """Return runs inside patches along the axes in which a whole piece of a curve in space has no longer one.
 
     Such a piece keeps to one layer of cells. Where it is straight, y^2 z vanishes on it with all derivatives that the
     energy holds, y and z being these axes.
@@ -130,7 +130,7 @@ def _across_straight_pieces(parting: Parting, by_axis: Sequence[Ints], heaviest:
     found = []
     for axis, runs in enumerate(by_axis):
         flat = np.bincount(piece[runs[:, 0]], minlength=count) == 0
-        found.append(lines_through(parting, heaviest[flat[piece]]).reshape(parting.dim, -1, 3)[axis])
+        found.append(lines_through(parting, heaviest[flat[piece]]).reshape(parting.dim, -1, parting.width)[axis])
     return np.concatenate(found)
 
 

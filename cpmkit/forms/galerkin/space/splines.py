@@ -1,4 +1,4 @@
-"""Tensor products of quadratic B-splines, read through the polynomial of a patch.
+"""Tensor products of B-splines of degree 1, 2 or 3, read through the polynomial of a patch.
 
 With z = x / h and the patch's cell r, t = z - r + 1/2 runs over [0, 1] inside the cell; outside of it the same
 polynomial goes on.
@@ -6,6 +6,7 @@ polynomial goes on.
 
 from __future__ import annotations
 
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,15 +17,44 @@ from cpmkit.protocols import Floats, Ints
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-
-def spline_values(t: Floats) -> Floats:
-    """Return (..., 3) the splines of nodes r - 1, r, r + 1 at t."""
-    return np.stack(((1 - t) ** 2 / 2, 0.5 + t * (1 - t), t**2 / 2), axis=-1)
+#: The degrees that splines may have.
+DEGREES = (1, 2, 3)
 
 
-def spline_slopes(t: Floats) -> Floats:
-    """Return (..., 3) their derivatives with respect to t."""
-    return np.stack((t - 1, 1 - 2 * t, t), axis=-1)
+@cache
+def spline_pieces(degree: int) -> Floats:
+    """Return (degree + 1, degree + 1) the splines that a cell reads, as coefficients of 1, t, t^2 and so on.
+
+    By the recursion of Cox and de Boor: the k-th of degree p is the sum of (t + p - k)/p times the one before it of
+    degree p - 1, and of (k + 1 - t)/p times the k-th.
+    """
+    if degree == 0:
+        return np.ones((1, 1))
+    lower, found = spline_pieces(degree - 1), np.zeros((degree + 1, degree + 1))
+    for k in range(degree + 1):
+        for of, start, slope in ((k - 1, degree - k, 1), (k, k + 1, -1)):
+            if 0 <= of < degree:
+                found[k, :-1] += start * lower[of] / degree
+                found[k, 1:] += slope * lower[of] / degree
+    return found
+
+
+def spline_values(t: Floats, degree: int) -> Floats:
+    """Return (..., degree + 1) the splines that a cell reads at t."""
+    return _read(t, spline_pieces(degree).T)
+
+
+def spline_slopes(t: Floats, degree: int) -> Floats:
+    """Return (..., degree + 1) their derivatives with respect to t."""
+    return _read(t, np.polynomial.polynomial.polyder(spline_pieces(degree).T))
+
+
+def _read(t: Floats, coefficients: Floats) -> Floats:
+    """Return (..., w) polynomials at t (...), ``coefficients`` (k, w) those of 1 first."""
+    values = np.multiply.outer(t, coefficients[-1]) if len(coefficients) > 1 else np.zeros((*t.shape, 1))
+    for own in coefficients[-2:0:-1]:
+        values = (values + own) * t[..., None]
+    return np.asarray(values + coefficients[0], dtype=np.float64)
 
 
 def value_rows(parting: Parting, patch: Ints, points: Floats) -> csr_array:
@@ -32,14 +62,14 @@ def value_rows(parting: Parting, patch: Ints, points: Floats) -> csr_array:
 
     Points are relative to the lattice's origin, as everywhere inside the form.
     """
-    return _rows(parting, patch, _product(spline_values(_local(parting, patch, points))))
+    return _rows(parting, patch, _product(spline_values(_local(parting, patch, points), parting.degree)))
 
 
 def derivative_rows(parting: Parting, patch: Ints, points: Floats, directions: Floats) -> csr_array:
     """Return (k, n) the rows that read the derivatives of u along ``directions`` (k, d), in their unit per length."""
     t = _local(parting, patch, points)
-    values, slopes = spline_values(t), spline_slopes(t)
-    entries = np.zeros((len(t), 3**parting.dim))
+    values, slopes = spline_values(t, parting.degree), spline_slopes(t, parting.degree)
+    entries = np.zeros((len(t), parting.width**parting.dim))
     for axis in range(parting.dim):
         factors = values.copy()
         factors[:, axis] = slopes[:, axis] * (directions[:, axis, None] / parting.spacing)
@@ -52,10 +82,11 @@ def _local(parting: Parting, patch: Ints, points: Floats) -> Floats:
 
 
 def _product(factors: Floats) -> Floats:
-    """Return (k, 3^d) the products over axes of ``factors`` (k, d, 3), the last axis running fastest."""
+    """Return (k, w^d) the products over axes of ``factors`` (k, d, w), the last axis running fastest."""
     entries = factors[:, 0]
     for axis in range(1, factors.shape[1]):
-        entries = (entries[:, :, None] * factors[:, axis, None, :]).reshape(len(entries), 3 ** (axis + 1))
+        size = entries.shape[1] * factors.shape[2]
+        entries = (entries[:, :, None] * factors[:, axis, None, :]).reshape(len(entries), size)
     return entries
 
 

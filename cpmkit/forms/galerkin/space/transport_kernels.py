@@ -12,7 +12,7 @@ import numpy as np
 
 from cpmkit.forms.galerkin.fixed_kernels import decode_normals
 from cpmkit.forms.galerkin.fixed_point import PLACE_UNIT
-from cpmkit.forms.galerkin.space.energy_kernels import POLYNOMIALS, ROOM, sort_columns
+from cpmkit.forms.galerkin.space.energy_kernels import room_for, second_of, slope_of, sort_columns, value_of
 from cpmkit.protocols import Floats, Ints
 from cpmkit.runtime.compilation import compiled
 
@@ -22,10 +22,19 @@ CONVECTIVE, CONSERVATIVE, RATE, STREAMLINES = 0, 1, 2, 3
 
 @compiled
 def transport_forms(
-    forms: Floats, kind: int, t: Floats, v: Floats, g: Floats, normals: Floats, spacing: float, a: float, c: float
+    forms: Floats,
+    splines: Any,
+    kind: int,
+    t: Floats,
+    v: Floats,
+    g: Floats,
+    normals: Floats,
+    spacing: float,
+    a: float,
+    c: float,
 ) -> None:
-    """Write three rows of ROOM: N, D and R at the place ``t`` (3,) of the cell; v and g = grad a (3,)."""
-    T = POLYNOMIALS
+    """Write three rows: N, D and R at the place ``t`` (3,) of the cell; v and g = grad a (3,)."""
+    room = room_for(splines)
     codim, d = normals.shape
     x, y, z = t[0], t[1], t[2]
     u0, u1, u2 = v[0] / spacing, v[1] / spacing, v[2] / spacing
@@ -41,24 +50,22 @@ def transport_forms(
         xy -= 2.0 * n0 * n1
         xz -= 2.0 * n0 * n2
         yz -= 2.0 * n1 * n2
-    for i in range(ROOM):
-        X = T[kind, 0, 0, i] + x * (T[kind, 0, 1, i] + x * T[kind, 0, 2, i])
-        Y = T[kind, 1, 0, i] + y * (T[kind, 1, 1, i] + y * T[kind, 1, 2, i])
-        Z = T[kind, 2, 0, i] + z * (T[kind, 2, 1, i] + z * T[kind, 2, 2, i])
-        dX = T[kind, 0, 3, i] + x * T[kind, 0, 4, i]
-        dY = T[kind, 1, 3, i] + y * T[kind, 1, 4, i]
-        dZ = T[kind, 2, 3, i] + z * T[kind, 2, 4, i]
-        bend = xx * T[kind, 0, 5, i] * Y * Z + yy * X * T[kind, 1, 5, i] * Z + zz * X * Y * T[kind, 2, 5, i]
+    for i in range(room):
+        X, dX = value_of(splines, kind, 0, i, x), slope_of(splines, kind, 0, i, x)
+        Y, dY = value_of(splines, kind, 1, i, y), slope_of(splines, kind, 1, i, y)
+        Z, dZ = value_of(splines, kind, 2, i, z), slope_of(splines, kind, 2, i, z)
+        bend = xx * second_of(splines, kind, 0, i, x) * Y * Z + yy * X * second_of(splines, kind, 1, i, y) * Z
+        bend += zz * X * Y * second_of(splines, kind, 2, i, z)
         bend += xy * dX * dY * Z + xz * dX * Y * dZ + yz * X * dY * dZ
         forms[i] = X * Y * Z
         along_x, along_y, along_z = dX * Y * Z, X * dY * Z, X * Y * dZ
-        forms[ROOM + i] = u0 * along_x + u1 * along_y + u2 * along_z
-        forms[2 * ROOM + i] = c * (X * Y * Z) - second * bend - (g0 * along_x + g1 * along_y + g2 * along_z)
+        forms[room + i] = u0 * along_x + u1 * along_y + u2 * along_z
+        forms[2 * room + i] = c * (X * Y * Z) - second * bend - (g0 * along_x + g1 * along_y + g2 * along_z)
 
 
 @compiled
-def scatter_unsymmetric(block: Floats, columns: Ints, indptr: Any, indices: Any, data: Floats) -> None:
-    """Add a ``block`` (ROOM ROOM,) of the unknowns ``columns`` to a matrix."""
+def scatter_unsymmetric(block: Floats, room: int, columns: Ints, indptr: Any, indices: Any, data: Floats) -> None:
+    """Add a ``block`` with rows of ``room`` of the unknowns ``columns`` to a matrix."""
     width = len(columns)
     rank, ascending = np.empty(width, dtype=np.int64), np.empty(width, dtype=indices.dtype)
     sort_columns(columns, rank, ascending)
@@ -67,13 +74,14 @@ def scatter_unsymmetric(block: Floats, columns: Ints, indptr: Any, indices: Any,
         for m in range(width):
             while indices[to] < ascending[m]:
                 to += np.uint64(1)
-            data[to] += block[i * ROOM + rank[m]]
+            data[to] += block[i * room + rank[m]]
 
 
 @compiled
 def add_transport(
     unknowns: Ints,
     spacing: float,
+    splines: Any,
     order: Any,
     start: Ints,
     places: Any,
@@ -109,8 +117,8 @@ def add_transport(
     """
     indptr, indices, data = matrix
     d = places.shape[1]
-    kind, width = d - 2, unknowns.shape[1]
-    forms, block = np.zeros(3 * ROOM), np.zeros(ROOM * ROOM)
+    kind, width, room = d - 2, unknowns.shape[1], room_for(splines)
+    forms, block = np.zeros(3 * room), np.zeros(room * room)
     t, v, g, normals = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros((directions.shape[1], d))
     for p in range(len(unknowns)):
         block[:] = 0.0
@@ -126,22 +134,23 @@ def add_transport(
                     g[axis] = of_a[q, axis]
             own, factor = a[q if len(a) > 1 else 0], c[q if len(c) > 1 else 0]
             decode_normals(directions[q], normals)
-            transport_forms(forms, kind, t, v, g, normals, spacing, own, factor)
-            N, D, R = forms[:ROOM], forms[ROOM : 2 * ROOM], forms[2 * ROOM :]
+            transport_forms(forms, splines, kind, t, v, g, normals, spacing, own, factor)
+            N, D, R = forms[:room], forms[room : 2 * room], forms[2 * room :]
             for i in range(width):
                 through = w * upstream[q] * D[i]
                 forth = 0.0 if terms == RATE else through + w * N[i] if terms == CONVECTIVE else through
                 back = w * D[i] if terms == CONSERVATIVE else 0.0
-                row = block[i * ROOM : (i + 1) * ROOM]
-                for j in range(ROOM):
+                row = block[i * room : (i + 1) * room]
+                for j in range(room):
                     row[j] += forth * D[j] + through * R[j] - back * N[j]
-        scatter_unsymmetric(block, unknowns[p], indptr, indices, data)
+        scatter_unsymmetric(block, room, unknowns[p], indptr, indices, data)
 
 
 @compiled
 def add_upstream(
     unknowns: Ints,
     spacing: float,
+    splines: Any,
     order: Any,
     start: Ints,
     places: Any,
@@ -153,8 +162,8 @@ def add_upstream(
 ) -> None:
     """Add sum w tau (v . grad phi) f to ``load`` (n, channels), ``f`` (q, channels), or (1, channels) for all."""
     d = places.shape[1]
-    kind, width, channels = d - 2, unknowns.shape[1], load.shape[1]
-    forms, normals = np.zeros(3 * ROOM), np.zeros((0, d))
+    kind, width, channels, room = d - 2, unknowns.shape[1], load.shape[1], room_for(splines)
+    forms, normals = np.zeros(3 * room), np.zeros((0, d))
     t, v, none = np.zeros(3), np.zeros(3), np.zeros(3)
     for p in range(len(unknowns)):
         for s in range(start[p], start[p + 1]):
@@ -164,8 +173,8 @@ def add_upstream(
             for axis in range(d):
                 t[axis] = PLACE_UNIT * places[q, axis] + 0.5
                 v[axis] = velocity[q, axis]
-            transport_forms(forms, kind, t, v, none, normals, spacing, 0.0, 0.0)
+            transport_forms(forms, splines, kind, t, v, none, normals, spacing, 0.0, 0.0)
             for channel in range(channels):
                 density = weights[q] * upstream[q] * f[q if len(f) > 1 else 0, channel]
                 for place in range(width):
-                    load[unknowns[p, place], channel] += density * forms[ROOM + place]
+                    load[unknowns[p, place], channel] += density * forms[room + place]

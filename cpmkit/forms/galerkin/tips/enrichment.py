@@ -156,5 +156,6 @@ class Enrichment:
         own, found = np.arange(len(self)), []
         for level in levels:
             prolongation = block_diag([level.prolongation, eye_array(len(self))], format="csr")
-            found.append(Level(prolongation, np.concatenate([level.strip, level.prolongation.shape[0] + own])))
+            strip = np.concatenate([level.strip, level.prolongation.shape[0] + own])
+            found.append(Level(prolongation, strip, lines=level.lines))
         return found
