@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from cpmkit.protocols import Ints
+import numpy as np
+
+from cpmkit.protocols import Floats, Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,3 +49,8 @@ class Parting:
     def dim(self) -> int:
         """Dimension d of the space."""
         return int(self.nodes.shape[1])
+
+    @property
+    def places(self) -> Floats:
+        """(n, d) where the node of each unknown lies, relative to the lattice's origin."""
+        return np.asarray(self.spacing * self.nodes)
