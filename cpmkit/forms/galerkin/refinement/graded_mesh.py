@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.refinement.regions import Regions
+from cpmkit.forms.galerkin.refinement.regions import Regions, codes_of_cells, is_among
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh, Samples
-from cpmkit.forms.galerkin.samples.edges import edges_of
+from cpmkit.forms.galerkin.samples.edges import Edges, edges_of
 from cpmkit.forms.galerkin.samples.quadrature import samples_of
 from cpmkit.forms.galerkin.samples.subdivision import halved
 from cpmkit.protocols import Bools, Floats, Ints
@@ -19,29 +19,47 @@ SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
 
 
 def graded(mesh: SampleMesh, regions: Regions, spacings: float) -> SampleMesh:
-    """Return flat triangles with their edges halved that are longer than ``spacings`` times the spacing around them."""
-    done = []
+    """Return flat triangles with their edges halved that are longer than ``spacings`` times the spacing around them.
+
+    With them the longest edge of each triangle is halved, and so on from triangle to triangle: needles end so.
+    """
+    near = regions.codes_near()
     while True:
         edges = edges_of(mesh)
-        long = _long(mesh.vertices, edges.ends, regions, spacings)
-        open_cells = long[edges.of_cells].any(axis=1)
-        done.append(mesh.cells[~open_cells])
-        if not open_cells.any():
-            return replace(mesh, cells=np.concatenate(done))
-        mesh = replace(mesh, cells=mesh.cells[open_cells])
-        edges = edges_of(mesh)
-        long = _long(mesh.vertices, edges.ends, regions, spacings)
+        lengths = edges.lengths(mesh.vertices)
+        long = _with_longest(_long(mesh.vertices, edges.ends, lengths, regions, near, spacings), edges, lengths)
+        if not long.any():
+            return mesh
         middle = np.full(len(edges.ends), -1)
         middle[long] = len(mesh.vertices) + np.arange(long.sum())
         mesh = halved(mesh, edges, middle, mesh.vertices[edges.ends[long]].mean(axis=1))
 
 
-def _long(vertices: Floats, ends: Ints, regions: Regions, spacings: float) -> Bools:
-    first, second = vertices[np.sort(ends, axis=1)].transpose(1, 0, 2)
-    places = [(1 - share) * first + share * second for share in SHARES]
-    level = np.max([regions.levels_around(one) for one in places], axis=0)
-    length = np.linalg.norm(second - first, axis=1)
-    return np.asarray(length > spacings * regions.spacing * 0.5**level)
+def _long(vertices: Floats, ends: Ints, lengths: Floats, regions: Regions, near: Ints, spacings: float) -> Bools:
+    """Return which edges (e,) are long; ``near`` are the codes of the cells of level 0 where any may be."""
+    longest = spacings * regions.spacing
+    long = lengths > longest * 0.5**regions.finest
+    middles = vertices[ends[long]].mean(axis=1)
+    rows = np.flatnonzero(long)[is_among(codes_of_cells(regions.cells(middles, 0)), near)]
+    first, second = vertices[np.sort(ends[rows], axis=1)].transpose(1, 0, 2)
+    level = np.zeros(len(rows), dtype=np.int64)
+    for share in SHARES:
+        level = np.maximum(level, regions.levels_around((1 - share) * first + share * second))
+    long[:] = False
+    long[rows] = lengths[rows] > longest * 0.5**level
+    return long
+
+
+def _with_longest(long: Bools, edges: Edges, lengths: Floats) -> Bools:
+    """Return the ``long`` edges (e,) with the longest of each triangle that has one of those returned."""
+    longest = edges.of_cells[np.arange(len(edges.of_cells)), lengths[edges.of_cells].argmax(axis=1)]
+    rows = np.flatnonzero(~long[longest])
+    while True:
+        rows = rows[~long[longest[rows]]]
+        new = longest[rows[long[edges.of_cells[rows]].any(axis=1)]]
+        if not len(new):
+            return long
+        long[new] = True
 
 
 def graded_samples(mesh: SampleMesh, regions: Regions, clipped: bool, further: Samples | None) -> Samples:

@@ -72,7 +72,7 @@ def _laplacian(form: RefinedGalerkin, u: Floats) -> Floats:
     return found
 
 
-def marked(form: RefinedGalerkin, found: Floats) -> Bools:
+def marked(found: Floats) -> Bools:
     """Return (p,) the patches that hold half of the ``found`` squares (p,), the largest first (Doerfler)."""
     order = np.argsort(-found, kind="stable")
     total = np.cumsum(found[order])

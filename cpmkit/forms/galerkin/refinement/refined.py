@@ -152,9 +152,7 @@ class RefinedGalerkin(Galerkin):
         assert holding is None
         return self._gathered(self._energy(a, c, self._strength, 0, floored=True))
 
-    def _energy(
-        self, a: Floats, c: Floats | None, strength: Strength, power: int, floored: bool = False
-    ) -> csr_array:
+    def _energy(self, a: Floats, c: Floats | None, strength: Strength, power: int, floored: bool = False) -> csr_array:
         """Return the energy (N, N) over the magnified levels, with S, times the magnification to a ``power``.
 
         There lengths are larger and slopes smaller by the magnification, while weights are what they are: the
@@ -231,7 +229,12 @@ class RefinedGalerkin(Galerkin):
     def describe(self) -> dict[str, Any]:
         """Return the form's options, the lattice's origin, and what was refined."""
         sizes = list(self.level_sizes)
-        return {**super().describe(), "refined_levels": sizes, "refinement_passes": self.passes, "refinement": self.told_refinement}
+        return {
+            **super().describe(),
+            "refined_levels": sizes,
+            "refinement_passes": self.passes,
+            "refinement": self.told_refinement,
+        }
 
     def arrays(self) -> dict[str, Any]:
         """Return what the form's are, with the cells that are parted."""

@@ -29,6 +29,8 @@ MOST_FACTORISED = 1_500
 MOST_PASSES = 12
 #: Refining ends where patches that may be parted hold less than this share of what is marked.
 OPEN_SHARE = 0.5
+#: Or where marked patches are more than this share of all: what is left is spread, and a smaller spacing serves better.
+MOST_MARKED_SHARE = 0.1
 #: Nor is it done so far that level 0 holds less than this share of its unknowns.
 LEAST_FIRST_SHARE = 0.1
 #: Splines of one size serve where sizes that differ would save less than this factor of unknowns.
@@ -63,8 +65,8 @@ def solved(form: RefinedGalerkin) -> Floats:
 def refined(scene: Scene, options: Options[GalerkinOptions], progress: Progress = no_progress) -> RefinedGalerkin:
     """Return a scene on splines that are finer where its solution asks for it.
 
-    Solved, marked and parted again until half of what the residual says lies on patches of the finest level, or
-    level 0 would hold less than a tenth of its unknowns: then a smaller spacing serves better.
+    Solved, marked and parted again until what is marked lies mostly on patches of the finest level, or is spread over
+    the manifold, or level 0 would hold less than a tenth of its unknowns.
     """
     progress("samples", 0.0)
     found, most = insert(scene, options), options.own.refine_levels
@@ -78,10 +80,11 @@ def refined(scene: Scene, options: Options[GalerkinOptions], progress: Progress 
             gain = marking.expected_gain(form, squares)
             if gain < LEAST_GAIN:
                 return replace(form, passes=passes, gain=gain)
-        chosen = marking.marked(form, squares)
+        chosen = marking.marked(squares)
         parting = form.refined.parting
         open_patches = chosen & (parting.levels < most)
-        if squares[open_patches].sum() < OPEN_SHARE * squares[chosen].sum():
+        spread = chosen.sum() > MOST_MARKED_SHARE * len(chosen)
+        if spread or squares[open_patches].sum() < OPEN_SHARE * squares[chosen].sum():
             break
         regions = form.regions.with_parted(parting.levels[open_patches], parting.cells[open_patches], most)
         finer = discretized_in(scene, options, found, regions, passes)

@@ -79,6 +79,11 @@ class Regions:
             wanted[level - 1] = np.union1d(wanted[level - 1], codes_of_cells(beside >> 1))
         return Regions(self.spacing, self.dim, tuple(one for one in wanted if len(one)))
 
+    def codes_near(self) -> Ints:
+        """Return the codes, ascending, of the cells of level 0 that are parted or meet such a cell."""
+        first = self.parted[0] if self.finest else np.zeros(0, dtype=np.int64)
+        return codes_of_cells(around(cells_of_codes(first, self.dim)))
+
     def table(self) -> Ints:
         """Return (k, 1 + d) the parted cells as plain numbers: the level, and the cell."""
         rows = [

@@ -104,9 +104,7 @@ class RefinedSpace:
 def refined_space(samples: Samples, corners: Any, levels: Sequence[LevelSplines], regions: Regions) -> RefinedSpace:
     """Return the space of these levels over ``samples``, those of boundaries among them."""
     parting, used = _parting(samples, corners, levels, regions)
-    placed = Samples(
-        parting.magnified(parting.patch, samples.points), samples.weights, samples.normals, samples.cell
-    )
+    placed = Samples(parting.magnified(parting.patch, samples.points), samples.weights, samples.normals, samples.cell)
     fixed = FixedSamples.of(placed, parting)
     own = RefinedSamples(*[getattr(fixed, name) for name in FixedSamples.__dataclass_fields__])
     return RefinedSpace(space_of(parting, own), parting, levels, used)
@@ -117,10 +115,10 @@ def _parting(
 ) -> tuple[RefinedParting, list[Ints]]:
     level_of_sample = regions.levels(samples.points)
     code, taken = np.empty(len(samples), dtype=np.int64), 0
-    for level in range(len(levels)):
-        rows = np.flatnonzero(level_of_sample == level)
-        own = codes_of_cells(regions.cells(samples.points[rows], level))
-        names, place = np.unique(own, return_inverse=True)
+    for number in range(len(levels)):
+        rows = np.flatnonzero(level_of_sample == number)
+        lattice_cells = codes_of_cells(regions.cells(samples.points[rows], number))
+        names, place = np.unique(lattice_cells, return_inverse=True)
         code[rows] = taken + place
         taken += len(names)
     patch, first, touching = patches_of(code, corners, samples.cell)

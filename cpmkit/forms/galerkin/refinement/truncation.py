@@ -45,9 +45,7 @@ def prolongation_to(levels: Sequence[LevelSplines], cap: int, coarser: csr_array
     from scipy.sparse import csr_array, vstack
 
     before = [level.candidates if number == cap - 1 else level.active for number, level in enumerate(levels[:cap])]
-    kept = np.concatenate(
-        [level.active[candidates] for level, candidates in zip(levels[:cap], before, strict=True)]
-    )
+    kept = np.concatenate([level.active[candidates] for level, candidates in zip(levels[:cap], before, strict=True)])
     stay = np.flatnonzero(kept)
     same = csr_array((np.ones(len(stay)), (np.arange(len(stay)), stay)), shape=(len(stay), len(kept)))
     level = levels[cap]
