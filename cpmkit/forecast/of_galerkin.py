@@ -30,11 +30,12 @@ def explained(scene: Scene, asked: Options[GalerkinOptions], solver: str, progre
         rehearsed *= 2
     exact = rehearsed == asked.spacing
     with memory_told(scene, asked, solver):
-        form = discretize(scene, replace(asked, spacing=rehearsed))
+        plain = replace(asked, own=replace(asked.own, refine="off"))  # refining takes solutions
+        form = discretize(scene, replace(plain, spacing=rehearsed))
         counts, ratio = _counts(form), rehearsed / asked.spacing
         if not exact:
             progress("rehearsal", 0.7)
-            coarse = _counts(discretize(scene, replace(asked, spacing=2 * rehearsed)))
+            coarse = _counts(discretize(scene, replace(plain, spacing=2 * rehearsed)))
             m = surface.largest_dim
             counts = {name: _extrapolated(counts[name], coarse[name], ratio, m) for name in counts}
     progress("rehearsal", 1.0)
@@ -85,6 +86,9 @@ def _parts(scene: Scene, form: Galerkin, counts: Mapping[str, float], asked: Opt
             f"unknowns: of degree {asked.own.degree}, strength {asked.own.strength!r}",
         ),
     ]
+    if asked.own.refine == "auto":
+        why = "a first solution tells whether finer splines pay; all counts are those before it"
+        parts.append(Part("levels of refine='auto'", f"up to {asked.own.refine_levels}", why))
     for number, boundary in enumerate(scene.boundaries):
         left, right = boundary.condition("left"), boundary.condition("right")
         sides = named(left) if left is right else f"{named(left)} left, {named(right)} right"

@@ -37,6 +37,7 @@ LATTICE_ARRAYS = (
     SavedArray("lattice_nodes", "i", ("inner", "dim")),
     SavedArray("lattice_ghosts", "i", ("ghosts", 2), needed=False),
     SavedArray("lattice_left", "b", ("ghosts",), needed=False),
+    SavedArray("lattice_parted_cells", "i", ("parted", "level_and_cell"), needed=False),
     SavedArray("lattice_sides", "f", ("boundaries", "dim", "moments"), needed=False),
     SavedArray("lattice_unknowns", "f", ("unknowns", "channels")),
 )

@@ -14,7 +14,6 @@ from cpmkit.forms.at_state import AtState
 from cpmkit.forms.galerkin.conditions.one_side import scaled
 from cpmkit.forms.galerkin.diffusivity import checked, checked_number
 from cpmkit.forms.galerkin.space.energy import slopes_at, transport
-from cpmkit.forms.galerkin.space.splines import derivative_rows, value_rows
 from cpmkit.forms.galerkin.transport.carried import Carried, upstream_times
 from cpmkit.forms.galerkin.transport.reading import velocity_at
 from cpmkit.forms.galerkin.values import Values
@@ -103,9 +102,13 @@ class Coefficients(Values):
     @cached_property
     def _boundary_rows(self) -> tuple[csr_array, csr_array]:
         """Rows that read u, and du/db out of its own cell, at the samples on boundaries."""
-        one, parting = self.sampled.boundary, self.space.parting
-        patch = parting.patch[self.sampled.interior :]
-        return value_rows(parting, patch, one.points), derivative_rows(parting, patch, one.points, one.conormals)
+        one, patch = self.sampled.boundary, self.space.parting.patch[self.sampled.interior :]
+        return self._value_rows(patch, one.points), self._derivative_rows(patch, one.points, one.conormals)
+
+    @property
+    def _boundary_spacings(self) -> Floats:
+        """(b,) the spacing of the splines at the samples on boundaries, (1,) for all of them."""
+        return np.full(1, self.spacing)
 
     def _beside_boundaries(self, at: AtState) -> Callable[[Floats], Floats]:
         """Return a coefficient at a state as a function of one point (b, d) beside each boundary sample."""

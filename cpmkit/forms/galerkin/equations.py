@@ -19,9 +19,8 @@ from cpmkit.forms.galerkin.conditions.held import loops_of
 from cpmkit.forms.galerkin.conditions.terms import ConditionTerms, condition_terms
 from cpmkit.forms.galerkin.conditions.through import flux_through
 from cpmkit.forms.galerkin.operator import GalerkinOperator, operator_of
-from cpmkit.forms.galerkin.space.energy import conductivity, load
+from cpmkit.forms.galerkin.space.energy import conductivity
 from cpmkit.forms.galerkin.space.floor import floored_stiffness
-from cpmkit.forms.galerkin.space.splines import derivative_rows
 from cpmkit.forms.galerkin.transport.reading import speed_out
 from cpmkit.linear.operators import Border, CsrOperator
 from cpmkit.protocols import Floats, Side, Stiffness
@@ -30,7 +29,7 @@ from cpmkit.scene.equations import Terms
 from cpmkit.scene.state_diffusivity import StateDiffusivity
 
 if TYPE_CHECKING:
-    pass
+    from scipy.sparse import csr_array
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +47,7 @@ class Equations(Coefficients):
         a = self._diffusivity(terms.diffusivity)
         c = self._at_samples(terms.c, "the factor c") if callable(terms.c) or terms.c else None
         holding = self._holding(terms.diffusivity)
-        matrix = floored_stiffness(self.space, a, self._strength, c, holding)
+        matrix = self._floored_stiffness(a, c, holding)
         carried = self._carried_for(terms)
         if carried is not None:
             matrix = carried.added_to(matrix, self._strength)
@@ -59,6 +58,10 @@ class Equations(Coefficients):
         if terms.conservative:
             matrix = (matrix + conditions.carried_out).tocsr()
         return operator_of(matrix, conditions, conductivity(self.space, a), c, carried)
+
+    def _floored_stiffness(self, a: Floats, c: Floats | None, holding: Floats | None) -> csr_array:
+        """Return the splines' stiffness of ``a`` and mass of ``c`` at the samples, with the floor."""
+        return floored_stiffness(self.space, a, self._strength, c, holding)
 
     @cached_property
     def _mass_in_time(self) -> CsrOperator:
@@ -92,17 +95,17 @@ class Equations(Coefficients):
     def _conditions(self, terms: Terms, a: Floats | None = None, holding: Floats | None = None) -> ConditionTerms:
         """Return the terms of the conditions where the diffusivity is ``a`` at all samples, 1 unless given."""
         one, diffusivity, along = self.sampled, terms.diffusivity, None
-        logarithms = np.zeros(self.space.parting.size)
+        logarithms = np.zeros(len(self._areas))
         if a is not None:
             means = conductivity(self.space, a)
             varies = means.min() < means.max()
-            logarithms = load(self.space, np.log(means)[:, None])[:, 0] if varies else np.log(means[0]) * self._areas
+            logarithms = self._loads(np.log(means)[:, None])[:, 0] if varies else np.log(means[0]) * self._areas
         if a is not None and a.ndim == 3:
             patch = self.space.parting.patch[one.interior :]
-            along = partial(derivative_rows, self.space.parting, patch, one.boundary.points)
+            along = partial(self._derivative_rows, patch, one.boundary.points)
         given = self._beside_boundaries(diffusivity) if isinstance(diffusivity, AtState) else diffusivity
         where = (one.held, one.boundary, one.left, self._boundary_rows, self._areas)
-        found = condition_terms(*where, given, logarithms, one.lattice, along)
+        found = condition_terms(*where, given, logarithms, one.lattice, along, self._boundary_spacings)
         if terms.velocity is not None:
             found = replace(found, speed_out=speed_out(terms.velocity, one.boundary, one.lattice))
         if holding is not None:  # penalties are a over the width, which is so much wider as a is above what holds

@@ -46,7 +46,7 @@ def turned(space: Space, mesh: SampleMesh, area: Floats) -> Turned:
         return Turned(0.0, np.full(mesh.dim, np.nan))
     heavy = np.flatnonzero(is_turned & (area >= np.median(area[is_turned])))
     worst = heavy[np.argmin(facing[heavy] / area[heavy])]
-    return Turned(float(area[is_turned].sum() / area.sum()), space.parting.centres(worst))
+    return Turned(float(area[is_turned].sum() / area.sum()), space.parting.places[worst])
 
 
 def _faces(mesh: SampleMesh, space: Space) -> Floats:

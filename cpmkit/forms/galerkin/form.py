@@ -23,6 +23,7 @@ from cpmkit.forms.galerkin.fixed_samples import FixedSamples
 from cpmkit.forms.galerkin.hierarchy.levels import levels_of
 from cpmkit.forms.galerkin.operator import levels_for
 from cpmkit.forms.galerkin.options import FAMILIES, GalerkinOptions
+from cpmkit.forms.galerkin.parting import Parting
 from cpmkit.forms.galerkin.sample_mesh import Samples
 from cpmkit.forms.galerkin.sampling import sample
 from cpmkit.forms.galerkin.space.parted import part, pieces
@@ -35,7 +36,9 @@ from cpmkit.linear.levels import Level
 from cpmkit.manifold.abilities import advice_of, has_finite_feet
 from cpmkit.protocols import Floats, Operator, Progress, no_progress
 from cpmkit.runtime.freed_memory import hand_back
+from cpmkit.scene.laws import Nonlinear
 from cpmkit.scene.scene import Scene
+from cpmkit.scene.state_diffusivity import StateDiffusivity
 
 if TYPE_CHECKING:
     from cpmkit.linear.report import SolveReport
@@ -122,6 +125,11 @@ class Galerkin(Equations):
 
     # Telling
 
+    @property
+    def _first_parting(self) -> Parting:
+        """The parting on the lattice itself, by which pieces and copies are told."""
+        return self.space.parting
+
     def warnings(self, missed: float = 0.0) -> tuple[str, ...]:
         """Return what a reader of any solution should know."""
         del missed
@@ -129,7 +137,7 @@ class Galerkin(Equations):
 
     @cached_property
     def _told(self) -> tuple[str, ...]:
-        one, parting = self.sampled, self.space.parting
+        one, parting = self.sampled, self._first_parting
         cuts = parting.patch[one.interior :]
         source = advice_of(one.surface.source, one.lattice.spacing).warnings
         rounding = one.lattice.lost_digits(one.surface.bounds, not one.surface.shift.any())
@@ -198,7 +206,7 @@ class Galerkin(Equations):
     def arrays(self) -> dict[str, Any]:
         """Return the options of the lattice, the nodes of the splines, and where the left of boundaries is."""
         given = {**self.options.as_dict(), "origin": self.sampled.lattice.origin}
-        made = {"nodes": self.space.parting.nodes, "sides": self._sides}
+        made = {"nodes": self._first_parting.nodes, "sides": self._sides}
         return {**{name: np.array(value) for name, value in given.items()}, **made}
 
     @cached_property
@@ -210,7 +218,7 @@ class Galerkin(Equations):
         sides, own = saved.get("sides", self._sides), self._sides
         if sides.shape == own.shape and np.any(np.sum(sides * own, axis=(1, 2)) < 0):
             return "left and right of its boundaries are others"
-        return "" if np.array_equal(self.space.parting.nodes, saved["nodes"]) else "its nodes are others"
+        return "" if np.array_equal(self._first_parting.nodes, saved["nodes"]) else "its nodes are others"
 
 
 def order_dividing(divisors: tuple[float, float], ratio: float) -> float:
@@ -244,6 +252,8 @@ def check(scene: Scene, options: Options[GalerkinOptions]) -> None:
             f"the form {options.form!r} takes no velocity beside a diffusivity that is a tensor; give one that is a "
             "number or a function that returns numbers."
         )
+    if options.own.refine == "auto":
+        check_refined(scene, options)
     orders = [one.order for one in scene.conditions if one.order is not None]
     if orders:
         raise SceneError(
@@ -262,6 +272,30 @@ def check(scene: Scene, options: Options[GalerkinOptions]) -> None:
         )
 
 
+def check_refined(scene: Scene, options: Options[GalerkinOptions]) -> None:
+    """Refuse what splines of several levels do not carry.
+
+    Raises
+    ------
+    SceneError
+        With what to do instead.
+    """
+    problem, terms = scene.problem, scene.problem.terms()
+    reasons = {
+        f"steady problems, got {problem.kind!r}: others move what asks for finer splines": problem.family != "steady",
+        "surfaces, got a curve: a smaller spacing costs little there": scene.surface.manifold_dim == 1,
+        "no velocity: upwinding goes by one spacing": terms.velocity is not None,
+        "no diffusivity that is a tensor or depends on u": scene.has_tensor
+        or isinstance(terms.diffusivity, StateDiffusivity),
+        "no conditions that depend on u": any(isinstance(one.law, Nonlinear) for one in scene.conditions),
+        f"splines of degree 2, got degree={options.own.degree}": options.own.degree != 2,
+        "tips='extended' alone: the ends of boundaries are refined": options.own.tips == "singular",
+    }
+    for reason, holds in reasons.items():
+        if holds:
+            raise SceneError(f"refine='auto' takes {reason}; use refine='off'.")
+
+
 def discretize(scene: Scene, options: Options[GalerkinOptions], progress: Progress = no_progress) -> Galerkin:
     """Discretise a scene on splines; ``progress`` is told the stage and the share of it that is done.
 
@@ -271,6 +305,10 @@ def discretize(scene: Scene, options: Options[GalerkinOptions], progress: Progre
         If the lattice's origin, a boundary or the spacing does not fit.
     """
     check(scene, options)
+    if options.own.refine == "auto":
+        from cpmkit.forms.galerkin.refinement.refining import refined
+
+        return refined(scene, options, progress)
     sampled = sample(scene, options, progress)
     progress("space", 0.0)
     parting = part(sampled.samples.points, sampled.corners, options.spacing, sampled.samples.cell, options.own.degree)

@@ -11,12 +11,17 @@ from cpmkit.errors import InputError, shown
 from cpmkit.forms.galerkin.samples.clipping import SAMPLINGS
 from cpmkit.forms.galerkin.space.energy import STRENGTHS
 from cpmkit.forms.galerkin.space.splines import DEGREES
+from cpmkit.runtime.arrays import whole
 from cpmkit.runtime.declared import Declared, option
 
 #: The families of equations that the form carries.
 FAMILIES = ("steady", "time", "eigen", "biharmonic")
 #: How the ends of boundaries inside a surface may be treated.
 TIPS = ("extended", "singular")
+#: Whether splines are finer where the solution asks for it.
+REFINEMENTS = ("off", "auto")
+#: How many times a lattice cell may be parted there.
+FEWEST_LEVELS, MOST_LEVELS = 1, 4
 
 
 def _check_strength(strength: Any, what: str) -> Any:
@@ -46,6 +51,20 @@ def _check_degree(degree: Any, what: str) -> Any:
             f"{shown(degree)}; form='collocation' takes 2 to 5."
         )
     return int(degree)
+
+
+def _check_refinement(refine: Any, what: str) -> Any:
+    if not isinstance(refine, str) or refine not in REFINEMENTS:
+        raise InputError(f"{what} must be {' or '.join(map(repr, REFINEMENTS))}, got {shown(refine)}.")
+    return refine
+
+
+def _check_levels(levels: Any, what: str) -> int:
+    least, most = FEWEST_LEVELS, MOST_LEVELS
+    found = whole(levels, what, 1)
+    if not least <= found <= most:
+        raise InputError(f"{what} must be a whole number from {least} to {most}, got {found}; use a smaller spacing.")
+    return found
 
 
 @dataclass(frozen=True)
@@ -84,6 +103,18 @@ class GalerkinOptions(Declared):
         "straight continuation; ``singular`` gives each end an unknown of its own besides, the root of the distance "
         "from it that u behaves like there.",
         _check_tips,
+    )
+    refine: str = option(
+        "off",
+        "Whether the Galerkin form takes finer splines where the solution of a steady problem on a surface asks for "
+        "them: ``auto`` solves, and parts lattice cells where the residual is large, as at the ends of boundaries, at "
+        "spikes and in layers, if that is expected to save unknowns; ``off`` does not.",
+        _check_refinement,
+    )
+    refine_levels: int = option(
+        3,
+        "How many times ``refine`` may halve the spacing, from 1 to 4.",
+        _check_levels,
     )
 
     @property

@@ -64,6 +64,7 @@ class Parting:
         """How far apart neighbours along each axis stand among the unknowns of a patch."""
         return tuple(self.width**axis for axis in reversed(range(self.dim)))
 
-    def centres(self, unknowns: Ints) -> Floats:
-        """Return (k, d) where the splines ``unknowns`` (k,) are centred, relative to the lattice's origin."""
-        return np.asarray(self.spacing * (self.nodes[unknowns] - 0.5 * (self.degree % 2)))
+    @property
+    def places(self) -> Floats:
+        """(n, d) where the spline of each unknown is centred, relative to the lattice's origin."""
+        return np.asarray(self.spacing * (self.nodes - 0.5 * (self.degree % 2)))

@@ -17,7 +17,7 @@ from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.sampling import SampledScene
 from cpmkit.forms.galerkin.sides_of_cells import SidesOfCells
 from cpmkit.forms.galerkin.space.space import Space
-from cpmkit.forms.galerkin.space.splines import value_rows
+from cpmkit.forms.galerkin.space.splines import derivative_rows, value_rows
 from cpmkit.forms.galerkin.tips.enrichment import Enrichment
 from cpmkit.forms.options import Options
 from cpmkit.manifold.tangent_space import outward_conormals
@@ -94,10 +94,18 @@ class Reader(Discretized):
 
         feet = self._feet(points)
         patch, nearest = self._locator.patches(feet.points, self._numbered(side))
-        cells, rows = self.sampled.samples.cell_at(nearest), value_rows(self.space.parting, patch, feet.points)
+        cells, rows = self.sampled.samples.cell_at(nearest), self._value_rows(patch, feet.points)
         if len(self._tips):
             rows = hstack([rows, self._tips.values(feet.points, cells)], format="csr")
         return rows, feet, cells
+
+    def _value_rows(self, patch: Ints, points: Floats) -> csr_array:
+        """Return (k, n) the rows that read splines at ``points`` (k, d) through the ``patch`` (k,) of each."""
+        return value_rows(self.space.parting, patch, points)
+
+    def _derivative_rows(self, patch: Ints, points: Floats, directions: Floats) -> csr_array:
+        """Return (k, n) the rows that read their derivatives along ``directions`` (k, d)."""
+        return derivative_rows(self.space.parting, patch, points, directions)
 
     def project(self, points: Any) -> Floats:
         """Return the feet (k, d) of points near the manifold, relative to the lattice's origin.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,6 +17,8 @@ from cpmkit.forms.galerkin.fitting import check_samples_fit
 from cpmkit.forms.galerkin.fixed_samples import FixedSamples
 from cpmkit.forms.galerkin.insertion.inserted import inserted
 from cpmkit.forms.galerkin.options import GalerkinOptions
+from cpmkit.forms.galerkin.refinement.graded_mesh import graded, graded_samples
+from cpmkit.forms.galerkin.refinement.regions import Regions
 from cpmkit.forms.galerkin.sample_mesh import Bend, HalfFacets, SampleMesh, Samples
 from cpmkit.forms.galerkin.samples.bending import bent
 from cpmkit.forms.galerkin.samples.clipping import clipped_triangles, is_fine, longest_edge_spacings
@@ -101,6 +103,32 @@ class SampledScene:
         return sum(counted.values())
 
 
+@dataclass(frozen=True, eq=False)
+class InsertedScene:
+    """A scene's manifold as a mesh with the boundaries in it, from which samples of any fineness are taken.
+
+    Attributes
+    ----------
+    lattice, surface, sources, oriented
+        As of :class:`SampledScene`.
+    mesh : SampleMesh
+        Of flat cells, not yet split.
+    points : mapping
+        The vertices that are points of a surface with a condition, by the number of the boundary.
+    bend, told
+        As of :class:`SampledScene`.
+    """
+
+    lattice: Lattice
+    surface: LocalSource
+    sources: Sequence[LocalSource]
+    oriented: Sequence[OrientedBoundary]
+    mesh: SampleMesh
+    points: Mapping[int, Ints]
+    bend: Bend
+    told: tuple[str, ...]
+
+
 def sample(scene: Scene, options: Options[GalerkinOptions], progress: Progress) -> SampledScene:
     """Sample a scene at the spacing of the options; ``progress`` is told the stage and the share that is done.
 
@@ -109,39 +137,70 @@ def sample(scene: Scene, options: Options[GalerkinOptions], progress: Progress) 
     InputError, SceneError, ResolutionError
         If the lattice's origin, a boundary or the spacing does not fit.
     """
+    progress("samples", 0.0)
+    found = insert(scene, options)
+    progress("samples", 0.5)
+    sampled = sample_inserted(scene, options, found)
+    progress("samples", 1.0)
+    return sampled
+
+
+def insert(scene: Scene, options: Options[GalerkinOptions]) -> InsertedScene:
+    """Return a mesh of a scene's manifold with its boundaries inserted.
+
+    Raises
+    ------
+    InputError, SceneError, ResolutionError
+        As :func:`sample` does.
+    """
     spacing = options.spacing
     lattice = lattice_of(scene.surface, spacing, options.origin)
     surface = localize(scene.surface, lattice.origin)
     oriented = [scene.oriented(boundary) for boundary in scene.boundaries]
     sources = [localize(boundary.source, lattice.origin) for boundary in scene.boundaries]
     check_samples_fit(surface, spacing, options.own.degree)
-    progress("samples", 0.0)
-    sampling = options.own.sampling
-    mesh, bend, told = _cells(surface, spacing, sampling)
-    points: dict[int, Ints] = {}
+    mesh, bend, told = _cells(surface, spacing, options.own.sampling)
+    points: Mapping[int, Ints] = {}
     if sources:
         insertion = inserted(mesh, sources, spacing, movable=bend == "feet")
         mesh, points = insertion.mesh, insertion.points
         check_insertion(insertion, scene.boundaries, spacing)
         told += tuple(of_insertion(insertion, scene.boundaries, spacing))
-    progress("samples", 0.5)
-    mesh = subdivided(mesh, longest_edge_spacings(sampling, bend, mesh.manifold_dim) * spacing)
+    return InsertedScene(lattice, surface, sources, oriented, mesh, points, bend, told)
+
+
+def sample_inserted(
+    scene: Scene, options: Options[GalerkinOptions], found: InsertedScene, regions: Regions | None = None
+) -> SampledScene:
+    """Sample a scene whose boundaries are inserted, finer in ``regions``.
+
+    Raises
+    ------
+    InputError, SceneError, ResolutionError
+        As :func:`sample` does.
+    """
+    spacing, sampling, bend = options.spacing, options.own.sampling, found.bend
+    lattice, surface, sources, oriented = found.lattice, found.surface, found.sources, found.oriented
+    told = found.told
+    longest = longest_edge_spacings(sampling, bend, found.mesh.manifold_dim)
+    mesh = subdivided(found.mesh, longest * spacing)
+    mesh = mesh if regions is None else graded(mesh, regions, longest)
     with_tips = options.own.tips == "singular" and mesh.manifold_dim == 2
     mesh = graded_towards_ends(mesh, spacing) if with_tips else mesh
     mesh = bent(mesh, bend, surface, sources, spacing)
     corners, half = corners_of(mesh), half_facets(mesh)
     told += tuple(of_seams(seams(mesh, half), surface))
-    boundary = boundary_samples(mesh, half, corners, reads_rims(scene), points)
+    boundary = boundary_samples(mesh, half, corners, reads_rims(scene), found.points)
     left = left_of_boundaries(mesh, half, corners, boundary, oriented, lattice)
     told += point_warnings(scene, boundary)
     laws = held(scene, boundary, left, surface, lattice)
     singular, of_ends = singular_functions(mesh, boundary, laws, lattice) if with_tips else ((), ())
     told += of_ends
-    progress("samples", 1.0)
-    clipped = clipped_triangles(mesh, sampling, bend, spacing)
-    fine = is_fine(options.own.degree, bend)
-    further = boundary.as_samples if len(boundary) else None
-    samples = samples_of(mesh, spacing, further, clipped, fine)
+    further, fine = boundary.as_samples if len(boundary) else None, is_fine(options.own.degree, bend)
+    if regions is None:
+        samples = samples_of(mesh, spacing, further, clipped_triangles(mesh, sampling, bend, spacing), fine)
+    else:
+        samples = graded_samples(mesh, regions, sampling, bend, further)
     # what is held on: cells in 32 bits, and no midpoints, which samples were taken from alone
     cells: Any = mesh.cells.astype(np.int32)
     held_corners: Any = corners.astype(np.int32) if is_cut(mesh, corners) else cells

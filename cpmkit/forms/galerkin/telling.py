@@ -152,7 +152,7 @@ def of_space(parting: Parting, pieces: tuple[int, Ints], lattice: Lattice, bound
     size = np.bincount(piece, minlength=count)
     specks = np.flatnonzero(size == 1)
     if len(specks) and count > 1:
-        node = parting.centres(np.flatnonzero(piece == specks[0])[:1])[0]
+        node = parting.places[np.flatnonzero(piece == specks[0])[0]]
         yield (
             f"{len(specks)} pieces of the manifold are smaller than {SPECK_SPACINGS:g} spacings and have one value "
             f"each, the first near {place(lattice.to_scene(node))}; a smaller spacing resolves them."

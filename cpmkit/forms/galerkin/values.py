@@ -21,7 +21,6 @@ from cpmkit.forms.galerkin.space.energy import (
     stiffness,
     values_at_samples,
 )
-from cpmkit.forms.galerkin.space.splines import derivative_rows
 from cpmkit.linear.operators import CsrOperator
 from cpmkit.manifold.tangent_space import project_tangent
 from cpmkit.protocols import Floats
@@ -71,7 +70,11 @@ class Values(Reader):
     @cached_property
     def _areas(self) -> Floats:
         """(n,) the integral of each spline over the manifold."""
-        return load(self.space, np.ones((1, 1)))[:, 0]
+        return self._loads(np.ones((1, 1)))[:, 0]
+
+    def _loads(self, values: Floats) -> Floats:
+        """Return the integrals (n, k) of ``values`` (q, k) at all samples, or (1, k), times each spline."""
+        return load(self.space, values)
 
     @cached_property
     def _totals(self) -> Floats:
@@ -82,7 +85,7 @@ class Values(Reader):
         """Return the integrals (n, k) of ``values`` (p, k) at the points times each spline."""
         none = np.zeros((len(self.sampled.boundary), values.shape[1]))
         everywhere = np.concatenate([values, none]) if len(none) else values
-        return self._tips.with_loads(load(self.space, everywhere), values)
+        return self._tips.with_loads(self._loads(everywhere), values)
 
     @property
     def point_weights(self) -> Floats:
@@ -96,11 +99,15 @@ class Values(Reader):
 
     def slopes_at_points(self, u: Floats) -> Floats:
         """Return the tangential gradients (p, channels, d) of u at the samples, as they are."""
-        found = slopes_at_samples(self.space, self.sampled.interior, u[: self._tips.splines])
+        found = self._spline_slopes(u)
         if len(self._tips):
             own = [slopes @ u[self._tips.splines :] for slopes in self._tips.slopes_inside]
             found = found + np.stack(own, axis=-1)
         return found
+
+    def _spline_slopes(self, u: Floats) -> Floats:
+        """Return the tangential gradients (p, channels, d) at the samples of the splines in u."""
+        return slopes_at_samples(self.space, self.sampled.interior, u[: self._tips.splines])
 
     def put_back(self, values: Floats) -> Floats:
         """Return the splines (n, channels) nearest to ``values`` (p, channels) at the samples, in mean square.
@@ -152,7 +159,7 @@ class Values(Reader):
     def _projected_slopes(self, u: Floats) -> Floats:
         """Return the splines (n, channels d) nearest to the tangential gradient of u's own; kept for the last u."""
         if self._last_slopes.get("u") is not u:
-            raw = slopes_at_samples(self.space, self.sampled.interior, u[: self._tips.splines])
+            raw = self._spline_slopes(u)
             projected = self._projected(self._integrals(raw.reshape(len(raw), -1)))
             self._last_slopes.update(u=u, projected=projected)
         return self._last_slopes["projected"]
@@ -193,7 +200,7 @@ class Values(Reader):
         at, normals = one.samples.points_at(rows), one.samples.normals_at(rows)
         tangential = np.eye(parting.dim) - np.einsum("qcd,qce->qde", normals, normals)
         for axis in range(parting.dim):
-            yield derivative_rows(parting, parting.patch[: len(at)], at, tangential[:, axis])
+            yield self._derivative_rows(parting.patch[: len(at)], at, tangential[:, axis])
 
     def inner(self, u: Floats, v: Floats) -> Floats:
         """Return the means (k, m) over the manifold of the products of u's columns with v's."""

@@ -29,7 +29,7 @@ DIFFUSIVITY_MISMATCH_SHARE = 0.01
 MISREAD_POINTS_SHARE = 0.1
 
 
-def local_widths(values: csr_array, areas: Floats, samples: BoundarySamples, left: Bools, spacing: float) -> Floats:
+def local_widths(values: csr_array, areas: Floats, samples: BoundarySamples, left: Bools, spacing: Floats) -> Floats:
     """Return how wide the manifold is beside boundary samples (b,), h at most: penalties are in units of its inverse.
 
     ``w(y) = min(h, (sum_j N_j(y) A_j / sum_j N_j(y) L_j) / .89)``, A_j and L_j the integrals of spline j over the
@@ -45,10 +45,10 @@ def local_widths(values: csr_array, areas: Floats, samples: BoundarySamples, lef
         Those at which conditions tie u.
     left : (b,) bool
         Which are on the left: sides are measured apart.
-    spacing : float
-        h.
+    spacing : (b,) float64
+        h there.
     """
-    width = np.full(len(samples), float(spacing))
+    width = np.array(spacing, dtype=np.float64)
     for side in (left, ~left):
         rows = np.flatnonzero(side & (samples.half >= 0))
         read = values[rows]

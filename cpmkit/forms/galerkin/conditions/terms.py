@@ -202,6 +202,7 @@ def condition_terms(
     logarithms: Floats,
     lattice: Lattice,
     slopes_along: Callable[[Floats], csr_array] | None = None,
+    spacings: Floats | None = None,
 ) -> ConditionTerms:
     """Return the conditions on the unknowns.
 
@@ -226,6 +227,8 @@ def condition_terms(
     slopes_along : callable, optional
         Returns the rows that read the derivative of u along directions (b, d) at the samples; given where the
         diffusivity is a tensor.
+    spacings : (b,) float64, optional
+        Of the splines at the samples, (1,) for all of them; the lattice's unless given.
 
     Raises
     ------
@@ -236,7 +239,8 @@ def condition_terms(
     """
     values, slopes = read
     ties = stacked([one.all_rows for one in held if one.ties], np.int64)
-    widths = local_widths(values, areas, samples, left, lattice.spacing)
+    spacing = np.broadcast_to(lattice.spacing if spacings is None else spacings, len(samples))
+    widths = local_widths(values, areas, samples, left, spacing)
     around = (values @ logarithms) / (values @ areas)
     if slopes_along is None:
         a = beside(diffusivity, samples, widths, around, lattice, "the diffusivity")
@@ -253,7 +257,7 @@ def condition_terms(
             for rows, own, side in ((one.rows, one.law.left, "left"), (one.across, one.law.right, "right")):
                 beside_it = samples.take(rows)
                 a[rows] = given(own, a[rows], beside_it, widths[rows], lattice, one.what, side)
-    widths[ties] = local_widths(values[ties], areas, samples.take(ties), left[ties], lattice.spacing)
+    widths[ties] = local_widths(values[ties], areas, samples.take(ties), left[ties], spacing[ties])
     return ConditionTerms(tuple(held), samples, values, slopes, a, widths, lattice)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from cpmkit.forms.galerkin.parting import Parting
 from cpmkit.forms.galerkin.space.parted import components, parting_of
-from cpmkit.protocols import Bools, Ints
+from cpmkit.protocols import Bools, Floats, Ints
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -30,8 +30,8 @@ def coarser(parting: Parting) -> tuple[Parting, csr_array]:
 
     Notes
     -----
-    A spline of degree p and spacing 2h is the sum of p + 2 of spacing h with the binomial coefficients of p + 1 over 2^p
-    along every axis, (1, 3, 3, 1)/4 of degree 2: node J's of 2J + p // 2 - p and following. Rows of P sum to 1. Coarser
+    A spline of degree p and spacing 2h is the sum of p + 2 of spacing h with the binomial coefficients of p + 1 over
+    2^p along every axis, (1, 3, 3, 1)/4 of degree 2: node J's of 2J + p // 2 - p and following. Rows of P sum to 1. Coarser
     patches are components of the patches of one coarser cell that touch; unknowns are made of them as of the finer
     ones. Samples keep their order.
     """
@@ -46,10 +46,14 @@ def coarser(parting: Parting) -> tuple[Parting, csr_array]:
     touching = _pairs(label[parting.touching[~inside]], count)
     further = _specks(cells, touching), parting.degree
     coarse = parting_of(2 * parting.spacing, cells, touching, label[parting.patch], *further)
-    shares = np.array([comb(parting.degree + 1, k) for k in range(parting.degree + 2)]) / 2.0**parting.degree
     fine = parting.cells, parting.unknowns, parting.size
-    indptr, indices, weights = two_scale(*fine, label, cells, coarse.unknowns, shares)
+    indptr, indices, weights = two_scale(*fine, label, cells, coarse.unknowns, two_scale_shares(parting.degree))
     return coarse, csr_array((weights, indices, indptr), shape=(parting.size, coarse.size))
+
+
+def two_scale_shares(degree: int) -> Floats:
+    """Return (degree + 2,) what a spline of spacing 2h is of those of spacing h, along an axis."""
+    return np.array([comb(degree + 1, k) for k in range(degree + 2)]) / 2.0**degree
 
 
 def _pairs(pairs: Ints, count: int) -> Ints:

@@ -1,0 +1,1 @@
+"""Splines that are finer where a solution asks for it: truncated hierarchical splines on the patches of all levels."""

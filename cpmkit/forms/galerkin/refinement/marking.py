@@ -1,0 +1,98 @@
+"""Which patches are to be parted: those that hold half of what the residual says the error is.
+
+The square of ``h_l^2 (f + div(a grad u) - c u)``, integrated over a patch of level l, is in proportion to the square of
+the error that its size leaves there. It marks; it does not tell how large the error is.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cpmkit.forms.galerkin.fixed_samples import SAMPLES_AT_ONCE
+from cpmkit.forms.galerkin.refinement.refined import RefinedGalerkin
+from cpmkit.protocols import Bools, Floats
+from cpmkit.scene.data import evaluate_data
+
+#: Marked patches hold this share of the sum of squares.
+MARKED_SHARE = 0.5
+#: The diffusivity's slope is a difference over this share of the spacing.
+SLOPE_STEP_SHARE = 1e-3
+#: With local errors that fall like this power of the size of patches, by what is gained by sizes that differ.
+ORDER = 3.0
+
+
+def squares(form: RefinedGalerkin, u: Floats) -> Floats:
+    """Return (p,) the squares of the residual of ``u`` (n, channels), over patches, in units of h_l^-2.
+
+    Channels count as shares of their own sum, so that the unit of none outweighs another.
+    """
+    found = _residual(form, u) ** 2
+    sums = form.point_weights @ found
+    shares = found @ (1 / np.where(sums > 0, sums, 1.0)) * form.point_weights
+    patch = form.refined.parting.patch[: len(shares)]
+    patches = len(form.refined.parting.cells)
+    lengths = 0.5**form.refined.parting.levels
+    return np.bincount(patch, shares, minlength=patches) * lengths**4
+
+
+def _residual(form: RefinedGalerkin, u: Floats) -> Floats:
+    """Return (p, channels) ``f + a Lap u + grad a . grad u - c u`` at the samples of the manifold."""
+    terms, points = form.scene.problem.terms(), form.points
+    channels = u.shape[1]
+    f = evaluate_data(terms.f, points, channels, "the right-hand side f")
+    c = evaluate_data(terms.c, points, 1, "the factor c")
+    a = evaluate_data(terms.diffusivity, points, 1, "the diffusivity")
+    found = f + a * _laplacian(form, u) - c * form.at_points(u)
+    if callable(terms.diffusivity):
+        slope = np.stack([_slope(terms.diffusivity, points, form.spacing, axis) for axis in range(points.shape[1])], 1)
+        found += np.einsum("pd,pcd->pc", slope, form.slopes_at_points(u))
+    return np.asarray(found)
+
+
+def _slope(a: Any, points: Floats, spacing: float, axis: int) -> Floats:
+    step = SLOPE_STEP_SHARE * spacing * np.eye(points.shape[1])[axis]
+    ahead, behind = (evaluate_data(a, points + sign * step, 1, "the diffusivity")[:, 0] for sign in (1, -1))
+    return np.asarray((ahead - behind) / (2 * SLOPE_STEP_SHARE * spacing))
+
+
+def _laplacian(form: RefinedGalerkin, u: Floats) -> Floats:
+    from cpmkit.forms.galerkin.refinement.residual_kernels import second_derivatives
+
+    parting, samples = form.refined.parting, form.sampled.samples
+    spread, found = np.ascontiguousarray(form.representation @ u), np.empty((form.sampled.interior, u.shape[1]))
+    for start in range(0, len(found), SAMPLES_AT_ONCE):
+        some = slice(start, min(start + SAMPLES_AT_ONCE, len(found)))
+        patch = parting.patch[some]
+        at = np.ascontiguousarray(parting.magnified(patch, samples.points_at(some)))
+        normals, own = np.ascontiguousarray(samples.normals_at(some)), np.empty((len(patch), u.shape[1]))
+        second_derivatives(parting.unknowns, parting.cells, parting.spacing, patch, at, normals, spread, own)
+        found[some] = own * parting.scales(patch)[:, None] ** 2
+    return found
+
+
+def marked(found: Floats) -> Bools:
+    """Return (p,) the patches that hold half of the ``found`` squares (p,), the largest first (Doerfler)."""
+    order = np.argsort(-found, kind="stable")
+    total = np.cumsum(found[order])
+    chosen = np.zeros(len(found), dtype=bool)
+    if total[-1] > 0:
+        chosen[order[: int(np.searchsorted(total, MARKED_SHARE * total[-1])) + 1]] = True
+    return chosen
+
+
+def expected_gain(form: RefinedGalerkin, found: Floats) -> float:
+    """Return by how many times fewer unknowns sizes of patches that differ would leave the same error.
+
+    With squares e_p of patches of areas w_p at size h that fall like h^(2 k), unknowns like h^-2, the fewest unknowns
+    for one sum of squares are those at sizes h_p^2 in proportion to (w_p / e_p)^(1 / (k + 1)): the gain is
+    ``(sum w)(sum e)^(1/k) / (sum w^(k/(k+1)) e^(1/(k+1)))^((k+1)/k)``.
+    """
+    parting, k = form.refined.parting, ORDER
+    patches = len(parting.cells)
+    area = np.bincount(parting.patch, form.sampled.samples.weights, minlength=patches)
+    if not found.sum() > 0:
+        return 1.0
+    best = np.sum(area ** (k / (k + 1)) * found ** (1 / (k + 1))) ** ((k + 1) / k)
+    return float(area.sum() * found.sum() ** (1 / k) / best)
