@@ -197,10 +197,10 @@ def error_of(solution: Solution, tight: bool = False) -> ErrorEstimate:
         If it was not solved on a lattice.
     """
     form = solution.discretized
-    options = getattr(form, "options", None)
+    options = form.lattice_options
     if solution.estimated is False:
         raise InputError("the error of this solution was not to be estimated, estimate=False; leave that out.")
-    if not isinstance(options, Options):
+    if options is None:
         raise InputError(
             f"the error of a solution by {form.form!r} is estimated on a coarser lattice, and it has none; solve with "
             "backend='cpm', or on a finer mesh and compare."
