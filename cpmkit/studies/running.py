@@ -22,7 +22,7 @@ from cpmkit.studies.records import (
 )
 from cpmkit.studies.studyfile import Study
 from cpmkit.studies.sweep import Run
-from cpmkit.studies.truth import truth_of
+from cpmkit.studies.truth import Truth, truth_of
 
 #: What is asked for before the first run that counts.
 ROUGH_TOLERANCE = 0.1
@@ -59,6 +59,7 @@ def run_study(
     *,
     cheap: bool = False,
     spacings: Sequence[float] = (),
+    truth: Truth | None = None,
     progress: Progress = no_progress,
     recorded: Callable[[Record], None] = ignore_record,
 ) -> Outcome:
@@ -76,6 +77,8 @@ def run_study(
         Only the study's cheap spacings.
     spacings : sequence of float
         Only these of the study's spacings; all if empty.
+    truth : Truth, optional
+        What every run should give, in place of what the study says.
     progress : callable, optional
         Told the number of the run and the share of its stage.
     recorded : callable, optional
@@ -97,7 +100,7 @@ def run_study(
     if not waiting:
         return Outcome(0, len(runs), 0, file)
     check_study(study)
-    truth = truth_of(study)
+    truth = truth_of(study) if truth is None else truth
     failed = 0
     for run in {run.method: run for run in reversed(study.sweep.runs(cheap))}.values():
         make_run(study, _quick(run), truth)  # what a first run compiles or reads is no cost of any method
