@@ -163,12 +163,13 @@ def _summary_text(solution: Any, summary: Mapping[str, Any]) -> str:
 @main.command()
 @scene_argument
 @spacing_option
+@click.option("--seconds", is_flag=True, help="Also solve on two coarse grids, and tell how long it would take.")
 @json_option
 @traceback_option
-def explain(scene: Path, spacing: float | None, as_json: bool) -> None:
+def explain(scene: Path, spacing: float | None, seconds: bool, as_json: bool) -> None:
     """Say what solving a scene would build, why, and at what cost.
 
-    Nothing is solved and nothing is written.
+    Nothing is solved, unless seconds are asked for, and nothing is written.
     """
     from cpmkit import explain as explain_scene
     from cpmkit import load_scene
@@ -178,7 +179,7 @@ def explain(scene: Path, spacing: float | None, as_json: bool) -> None:
         try:
             loaded = load_scene(scene)
             spacing, options = how_fine(loaded, spacing or loaded.spacing)
-            explanation = explain_scene(loaded.scene, spacing=spacing, progress=progress, **options)
+            explanation = explain_scene(loaded.scene, spacing=spacing, seconds=seconds, progress=progress, **options)
         except Exception:
             _warn(heard, err=True)
             raise

@@ -6,7 +6,7 @@ import numpy as np
 
 from cpmkit.accuracy.way import Run, Way
 from cpmkit.errors import ResolutionError
-from cpmkit.forecast.growth import Growth, rising_growth
+from cpmkit.forecast.growth import Growth, line_through, rising_growth
 from cpmkit.forecast.needs import bytes_needed, solver_for
 from cpmkit.forms.galerkin.fitting import expected_unknowns
 from cpmkit.manifold.local_source import largest_dim, localize
@@ -90,10 +90,8 @@ def _last_two(way: Way) -> tuple[Run, Run]:
 
 def _seconds(way: Way) -> tuple[float, float]:
     """Return seconds to begin with and those for each unknown, a line through the last two runs."""
-    coarse, fine = _last_two(way)
-    each = (fine.seconds - coarse.seconds) / (fine.unknowns - coarse.unknowns)
-    each = max(each, 0.5 * fine.seconds / fine.unknowns)  # what began slowly was not yet in a cache
-    return max(fine.seconds - each * fine.unknowns, 0.0), each
+    coarse, fine = ((float(run.unknowns), run.seconds) for run in _last_two(way))
+    return line_through(coarse, fine)
 
 
 def _most_in_time(way: Way) -> float:

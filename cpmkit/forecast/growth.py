@@ -1,4 +1,4 @@
-"""How a number grows as the spacing shrinks: ``a / h^m + b / h^(m - 1)`` through two that were counted.
+"""How a number grows as the spacing shrinks, and a cost with it: ``a / h^m + b / h^(m - 1)`` through two counts.
 
 The first term is the manifold's, of dimension m; the second that of edges, boundary curves and curvature.
 """
@@ -44,3 +44,13 @@ def rising_growth(fine: tuple[float, float], coarse: tuple[float, float], m: int
     """
     found = growth_through(fine, coarse, m)
     return found if found.a > 0 and found.b >= 0 else Growth(fine[1] * fine[0] ** m, 0.0, m)
+
+
+def line_through(coarse: tuple[float, float], fine: tuple[float, float]) -> tuple[float, float]:
+    """Return what a solve costs to begin with and for each unknown, through two pairs of unknowns and a cost.
+
+    Each unknown costs at least half of what those of the finer one did: what began slowly was not yet in a cache.
+    """
+    (few, less), (many, more) = coarse, fine
+    each = max((more - less) / (many - few), 0.5 * more / many)
+    return max(more - each * many, 0.0), each
