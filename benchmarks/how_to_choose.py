@@ -29,7 +29,7 @@ from cpmkit.studies.truth import Truth
 CLOUD = 6000
 #: Spacings of the solutions that are taken for the truth on Spot: splines where it is read as smooth, triangles where
 #: as it is.
-FINE_SMOOTH, FINE_FLAT = 0.0125, 0.008
+FINE_SMOOTH, FINE_FLAT = 0.008, 0.005
 SPOT = """
 [surface]
 kind = "moved"
@@ -43,8 +43,7 @@ f = "cos(6*x) + sin(5*y + 2*z) + z"
 reference = "fem"
 points = 3000
 [sweep]
-spacings = [0.1, 0.05, 0.025]
-tolerances = [1e-2, 1e-3]
+spacings = [0.05, 0.025, 0.0175, 0.0125]
 methods = ["galerkin", "collocation", "fem", "fem-refined"]
 """
 SPHERE = """
@@ -147,7 +146,7 @@ def told(name: str, choice: Choice, folder: Path) -> Iterator[str]:
         truth = Truth(points, choice.finely(study.scene).evaluate(points))
     outcome = run_study(study, folder / name, truth=truth, recorded=lambda record: print(record, file=sys.stderr))
     made = attempts(gather(read_records(outcome.file)))
-    yield from (f"### {choice.words}", "", winners_table(made), "", "Unbeaten in error and cost:", "")
+    yield from (f"**{choice.words}**", "", winners_table(made), "", "Unbeaten in error and cost:", "")
     yield from (front_table(made), "")
 
 
