@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import CpmkitError
+from cpmkit.studies.making import make_run
 from cpmkit.studies.records import Record
-from cpmkit.studies.running import make_run
 from cpmkit.studies.studyfile import Study, load_study
 from cpmkit.studies.tables import table_row, table_rule
 from cpmkit.studies.truth import truth_of

@@ -51,7 +51,7 @@ _PUBLIC = {
     "build_band": "grid.band",
     "discretize": "solving",
     "estimate_error": "accuracy.estimate",
-    "explain": "forecast.explanation",
+    "explain": "explaining",
     "load": "saving.loading",
     "load_scene": "scenefile.reading",
     "prepare": "preparing",

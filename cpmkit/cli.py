@@ -12,7 +12,15 @@ from typing import Any
 import click
 
 from cpmkit.command_group import CommandGroup, progress_callback, traceback_option
-from cpmkit.command_options import accuracy_options, how_fine, json_option, scene_argument, spacing_option, with_error
+from cpmkit.command_options import (
+    accuracy_options,
+    how_fine,
+    json_option,
+    scene_argument,
+    showing_field,
+    spacing_option,
+    with_error,
+)
 from cpmkit.studies.commands import study
 
 
@@ -63,6 +71,11 @@ def main() -> None:
     metavar="FILE",
     help="Go on from the checkpoint of an earlier run of the same scene.",
 )
+@click.option(
+    "--field",
+    type=click.Choice(["solution", "error"]),
+    help="What the picture of the file shows: the solution, or its estimated error; overrides the file's.",
+)
 @json_option
 @click.option(
     "--quiet", is_flag=True, help="Show neither progress nor a summary; warnings and errors go to standard error."
@@ -80,6 +93,7 @@ def solve(
     output: Path | None,
     checkpoint: Path | None,
     resume: Path | None,
+    field: str | None,
     as_json: bool,
     quiet: bool,
 ) -> None:
@@ -97,20 +111,20 @@ def solve(
     with collected_warnings() as heard, progress_callback(scene, quiet) as progress:
         try:
             loaded = load_scene(scene)
-            folder = output or loaded.output.folder
-            check_request(loaded.output, loaded.scene.surface, folder)
+            folder, request = output or loaded.output.folder, showing_field(loaded.output, field, estimate)
+            check_request(request, loaded.scene.surface, folder)
             asked = {"tolerance": tolerance, "norm": norm, "seconds": seconds, "memory": memory}
             spacing, options = how_fine(loaded, spacing, **asked)
             if backend != "cpm":
                 options = {"backend": backend, **for_any_backend(options)}
             options |= {key: file for key, file in (("checkpoint", checkpoint), ("resume", resume)) if file}
             solution = solve_scene(loaded.scene, spacing=spacing, progress=progress, **options)
-            solution = with_error(solution, estimate)
+            solution = with_error(solution, estimate, request.wants_error)
         except Exception:
             _warn(heard, err=True)
             raise
         warnings = list(dict.fromkeys([*heard, *solution.warnings]))
-        written = write_results(solution, loaded.output, folder, progress, warnings)
+        written = write_results(solution, request, folder, progress, warnings)
     if as_json:
         click.echo(json.dumps(written.summary, indent=2))
     elif quiet:
@@ -149,12 +163,13 @@ def _summary_text(solution: Any, summary: Mapping[str, Any]) -> str:
 @main.command()
 @scene_argument
 @spacing_option
+@click.option("--seconds", is_flag=True, help="Also solve on two coarse grids, and tell how long it would take.")
 @json_option
 @traceback_option
-def explain(scene: Path, spacing: float | None, as_json: bool) -> None:
+def explain(scene: Path, spacing: float | None, seconds: bool, as_json: bool) -> None:
     """Say what solving a scene would build, why, and at what cost.
 
-    Nothing is solved and nothing is written.
+    Nothing is solved, unless seconds are asked for, and nothing is written.
     """
     from cpmkit import explain as explain_scene
     from cpmkit import load_scene
@@ -164,7 +179,7 @@ def explain(scene: Path, spacing: float | None, as_json: bool) -> None:
         try:
             loaded = load_scene(scene)
             spacing, options = how_fine(loaded, spacing or loaded.spacing)
-            explanation = explain_scene(loaded.scene, spacing=spacing, progress=progress, **options)
+            explanation = explain_scene(loaded.scene, spacing=spacing, seconds=seconds, progress=progress, **options)
         except Exception:
             _warn(heard, err=True)
             raise

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 if TYPE_CHECKING:
+    from cpmkit.scenefile.output_request import OutputRequest
     from cpmkit.scenefile.reading import SceneFile
     from cpmkit.solution.solution import Solution
 
@@ -92,15 +93,18 @@ def how_fine(loaded: SceneFile, spacing: float | None, **asked: Any) -> tuple[fl
     return decided, {**options, **given}
 
 
-def with_error(solution: Solution, wanted: bool | None) -> Solution:
-    """Return a solution with its error estimated, if that is ``wanted``, or not said and it took long enough."""
+def with_error(solution: Solution, wanted: bool | None, drawn: bool = False) -> Solution:
+    """Return a solution with its error estimated, if that is ``wanted``, or not said and it is drawn or took long.
+
+    Unless it is wanted, an error that cannot be estimated is left out: what was solved is not lost.
+    """
     from dataclasses import replace
 
     from cpmkit.errors import CpmkitError
 
     if wanted is False or solution.estimated is not None:
         return solution
-    if wanted is None and sum(solution.seconds.values()) < ESTIMATED_SECONDS:
+    if wanted is None and not drawn and sum(solution.seconds.values()) < ESTIMATED_SECONDS:
         return solution
     try:
         return replace(solution, estimated=solution.error)
@@ -108,3 +112,26 @@ def with_error(solution: Solution, wanted: bool | None) -> Solution:
         if wanted:
             raise
         return solution
+
+
+def showing_field(request: OutputRequest, field: str | None, estimate: bool | None) -> OutputRequest:
+    """Return what is to be written, with a picture of ``field``, if that is said.
+
+    Raises
+    ------
+    InputError
+        If there is no picture, or it shows an error that is not to be estimated.
+    """
+    from dataclasses import replace
+
+    from cpmkit.errors import InputError
+
+    if field is not None and request.picture is None:
+        raise InputError(
+            f"--field {field} says what the picture shows, and the scene asks for none; add picture to [output]."
+        )
+    if field is not None and request.picture is not None:
+        request = replace(request, picture=replace(request.picture, field=field))
+    if request.wants_error and estimate is False:
+        raise InputError("the picture shows the error, and --no-estimate leaves it out; give one of them.")
+    return request

@@ -15,6 +15,7 @@ from cpmkit.forms.choice import FORMS
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.options import Options
 from cpmkit.linear.choice import SolverOptions
+from cpmkit.meshes.display_mesh import DisplayMesh, evaluate_on_sides
 from cpmkit.preparing import solved
 from cpmkit.protocols import Floats
 from cpmkit.runtime.declared import showing
@@ -93,12 +94,19 @@ class ErrorEstimate:
 
     def at_points(self, points: Any) -> Floats:
         """Return the estimated error (n,) or (n, channels) at points of the manifold, in the solution's own unit."""
-        ours, theirs = (one.evaluate(points).reshape(len(points), -1) for one in (self.solution, self.coarse))
+        found = self._apart(*(one.evaluate(points).reshape(len(points), -1) for one in (self.solution, self.coarse)))
+        return np.asarray(found[:, 0] if found.shape[1] == 1 else found)
+
+    def on_mesh(self, mesh: DisplayMesh) -> Floats:
+        """Return the estimated error (v, channels) at a mesh's vertices, each on the side that its cells lie on."""
+        sides = np.zeros((len(mesh.points), 0), dtype=np.int64) if mesh.sides is None else mesh.sides
+        return self._apart(*(evaluate_on_sides(one, mesh.points, sides) for one in (self.solution, self.coarse)))
+
+    def _apart(self, ours: Floats, theirs: Floats) -> Floats:
         if isinstance(self.solution, EigenSolution):  # a multiplet's functions are any basis of it
             theirs = theirs @ np.linalg.lstsq(theirs, ours, rcond=None)[0]
         order = self.solution.discretized.order_of_difference(2.0)
-        found = np.abs(ours - theirs) / (2.0**order - 1)
-        return np.asarray(found[:, 0] if found.shape[1] == 1 else found)
+        return np.asarray(np.abs(ours - theirs) / (2.0**order - 1))
 
     def as_dict(self) -> dict[str, Any]:
         """Return the estimate as plain values."""
@@ -197,10 +205,10 @@ def error_of(solution: Solution, tight: bool = False) -> ErrorEstimate:
         If it was not solved on a lattice.
     """
     form = solution.discretized
-    options = getattr(form, "options", None)
+    options = form.lattice_options
     if solution.estimated is False:
         raise InputError("the error of this solution was not to be estimated, estimate=False; leave that out.")
-    if not isinstance(options, Options):
+    if options is None:
         raise InputError(
             f"the error of a solution by {form.form!r} is estimated on a coarser lattice, and it has none; solve with "
             "backend='cpm', or on a finer mesh and compare."

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from cpmkit.accuracy.way import Run, Way
 from cpmkit.errors import ResolutionError
+from cpmkit.forecast.growth import Growth, line_through, rising_growth
 from cpmkit.forecast.needs import bytes_needed, solver_for
 from cpmkit.forms.galerkin.fitting import expected_unknowns
-from cpmkit.forms.options import Options
 from cpmkit.manifold.local_source import largest_dim, localize
 from cpmkit.runtime import memory
 from cpmkit.scene.scene import Scene
@@ -48,7 +46,8 @@ def expected_seconds(way: Way, spacing: float) -> float | None:
 
 def predicted_bytes(way: Way, unknowns: float) -> float:
     """Return the memory at the peak of a solve of so many unknowns."""
-    options: Options[Any] = getattr(way.last.solution.discretized, "options")  # noqa: B009
+    options = way.last.solution.discretized.lattice_options
+    assert options is not None  # what a way solves is on a lattice
     return bytes_needed(way.scene, options, solver_for(way.scene, options, way.solver, unknowns), unknowns)
 
 
@@ -69,27 +68,18 @@ def check_memory(way: Way) -> None:
 
 
 def unknowns_at(way: Way, spacing: float) -> float:
-    """Return about how many unknowns there will be: ``a / h^m + b / h^(m - 1)`` through two that were counted."""
-    a, b, m = _growth(way)
-    return a / spacing**m + b / spacing ** (m - 1)
+    """Return about how many unknowns there will be."""
+    return _growth(way).at(spacing)
 
 
 def spacing_with(way: Way, unknowns: float) -> float:
     """Return the spacing with so many unknowns."""
-    a, b, m = _growth(way)
-    if m == 1:
-        return a / max(unknowns - b, 1e-9 * unknowns)
-    return float(np.min([root.real for root in np.roots([unknowns, *[0] * (m - 2), -b, -a]) if root.real > 0]))
+    return _growth(way).spacing_with(unknowns)
 
 
-def _growth(way: Way) -> tuple[float, float, int]:
-    m = max(largest_dim(way.scene.surface), 1)
-    coarse, fine = _last_two(way)
-    matrix = [[1 / run.spacing**m, 1 / run.spacing ** (m - 1)] for run in (coarse, fine)]
-    a, b = np.linalg.solve(matrix, [coarse.unknowns, fine.unknowns])
-    if a <= 0 or b < 0:  # a coarse lattice does not see the manifold well enough
-        return fine.unknowns * fine.spacing**m, 0.0, m
-    return float(a), float(b), m
+def _growth(way: Way) -> Growth:
+    coarse, fine = ((float(run.spacing), float(run.unknowns)) for run in _last_two(way))
+    return rising_growth(fine, coarse, max(largest_dim(way.scene.surface), 1))
 
 
 def _last_two(way: Way) -> tuple[Run, Run]:
@@ -100,10 +90,8 @@ def _last_two(way: Way) -> tuple[Run, Run]:
 
 def _seconds(way: Way) -> tuple[float, float]:
     """Return seconds to begin with and those for each unknown, a line through the last two runs."""
-    coarse, fine = _last_two(way)
-    each = (fine.seconds - coarse.seconds) / (fine.unknowns - coarse.unknowns)
-    each = max(each, 0.5 * fine.seconds / fine.unknowns)  # what began slowly was not yet in a cache
-    return max(fine.seconds - each * fine.unknowns, 0.0), each
+    coarse, fine = ((float(run.unknowns), run.seconds) for run in _last_two(way))
+    return line_through(coarse, fine)
 
 
 def _most_in_time(way: Way) -> float:

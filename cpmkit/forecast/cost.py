@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cpmkit.forecast.growth import growth_through
 from cpmkit.forms.collocation.diagnosis.meetings import meeting_sentences
 from cpmkit.forms.collocation.diagnosis.refusals import check_layout
 from cpmkit.forms.collocation.diagnosis.survey import find_unresolved
@@ -159,10 +160,9 @@ def _with_summed_queries(counts: Mapping[str, float]) -> dict[str, float]:
 
 
 def _leading_terms(spacings: list[float], counts: list[float], spacing: float, m: int) -> float:
-    """Fit ``count h^m = a + b h`` to the two finest counts, and read it at ``spacing``."""
-    fine, coarse = (count * h**m for count, h in zip(counts[:2], spacings[:2], strict=True))
-    slope = (coarse - fine) / (spacings[1] - spacings[0])
-    return float(max(fine + slope * (spacing - spacings[0]), 0.0) / spacing**m)
+    """Fit ``count = a / h^m + b / h^(m - 1)`` to the two finest counts, and read it at ``spacing``."""
+    (h, wide, *_), (fine, coarse, *_) = spacings, counts
+    return max(growth_through((h, fine), (wide, coarse), m).at(spacing), 0.0)
 
 
 def _sum_of_powers(spacings: list[float], counts: list[float], spacing: float, m: int) -> float:

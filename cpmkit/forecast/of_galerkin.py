@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+from cpmkit.forecast.growth import growth_through
 from cpmkit.forecast.parts import Explanation, Part, named, solver_part
 from cpmkit.forecast.running_out import memory_told
 from cpmkit.forms.galerkin.fitting import check_samples_fit, check_unknowns_fit, factors_in, peak_bytes
@@ -32,12 +33,13 @@ def explained(scene: Scene, asked: Options[GalerkinOptions], solver: str, progre
     with memory_told(scene, asked, solver):
         plain = replace(asked, own=replace(asked.own, refine="off"))  # refining takes solutions
         form = discretize(scene, replace(plain, spacing=rehearsed))
-        counts, ratio = _counts(form), rehearsed / asked.spacing
+        counts = _counts(form)
         if not exact:
             progress("rehearsal", 0.7)
             coarse = _counts(discretize(scene, replace(plain, spacing=2 * rehearsed)))
-            m = surface.largest_dim
-            counts = {name: _extrapolated(counts[name], coarse[name], ratio, m) for name in counts}
+            m, at = surface.largest_dim, asked.spacing
+            for name, fine in counts.items():
+                counts[name] = max(growth_through((rehearsed, fine), (2 * rehearsed, coarse[name]), m).at(at), fine)
     progress("rehearsal", 1.0)
     chosen = solver_of(form, solver, round(counts["unknowns"]))
     factors = factors_in(scene, chosen)
@@ -66,13 +68,6 @@ def _counts(form: Galerkin) -> dict[str, float]:
     for number, _ in enumerate(form.scene.boundaries):
         counts[f"boundary {number}"] = int((form.sampled.boundary.owner == number).sum())
     return {name: float(count) for name, count in counts.items()}
-
-
-def _extrapolated(fine: float, coarse: float, ratio: float, m: int) -> float:
-    """Return ``a / h^m + b / h^(m - 1)`` through counts at h = 1 and 2, at h = 1 / ratio."""
-    a = (fine - coarse * 2 ** (m - 1)) / (1 - 0.5)
-    b = fine - a
-    return float(max(a * ratio**m + b * ratio ** (m - 1), fine))
 
 
 def _parts(scene: Scene, form: Galerkin, counts: Mapping[str, float], asked: Options[GalerkinOptions]) -> list[Part]:

@@ -50,6 +50,9 @@ class Explanation:
         What parting the sheets leaves: creases, bends, sheets that are too near; the solution warns of the same.
     told : tuple of str
         Sentences on rims that face each other, boundaries beside rims, open ends and branches of curves.
+    seconds : float or None
+        That a solve will take on this machine, to a factor of two; None where it was not asked for, or the scene cannot
+        be solved on coarser lattices.
     """
 
     parts: tuple[Part, ...]
@@ -63,6 +66,7 @@ class Explanation:
     doubled: tuple[TwinCluster, ...] = ()
     remains: tuple[UnresolvedFeature, ...] = ()
     told: tuple[str, ...] = ()
+    seconds: float | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Return the explanation as plain values."""
@@ -75,6 +79,8 @@ class Explanation:
         lines += ["", f"unknowns               {about}{self.unknowns:,}"]
         lines += [f"closest point queries  {about}{self.closest_point_queries:,}"]
         lines += [f"memory at the peak     about {self.bytes / 2**20:,.1f} MiB"]
+        if self.seconds is not None:
+            lines.append(f"seconds on this machine about {self.seconds:.2g}")
         lines.append(f"error of the source    about {self.floor:.0e} of the solution's range, at any spacing")
         if self.doubled:
             rest = sum(cluster.twins for cluster in self.doubled[NAMED_CLUSTERS:])

@@ -22,6 +22,7 @@ from cpmkit.forms.at_state import AtState
 from cpmkit.forms.dispersion import SECOND_ORDER, Dispersion
 from cpmkit.forms.free_constants import defects_of, free_pieces
 from cpmkit.forms.imbalance import Imbalance
+from cpmkit.forms.options import Options
 from cpmkit.linear.operators import Border, Bordered
 from cpmkit.manifold.abilities import advice_of
 from cpmkit.protocols import SIDES, Floats, Operator, Side, Sides, Stiffness
@@ -152,6 +153,12 @@ class Discretized(ABC):
     @abstractmethod
     def points(self) -> Floats:
         """(p, d) the points of the manifold at which the form knows values: in the scene's coordinates."""
+
+    @property
+    def lattice_options(self) -> Options[Any] | None:
+        """With which the scene was discretised, and can be at another spacing: ``options``; None without a lattice."""
+        options = getattr(self, "options", None)  # a form's own field: a property here would be taken for its default
+        return options if isinstance(options, Options) else None
 
     @property
     def channels(self) -> int:

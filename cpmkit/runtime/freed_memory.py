@@ -21,9 +21,15 @@ PAGES = Path("/proc/self/statm")
 
 def hand_back() -> None:
     """Hand freed memory of a large process back to the system, where the C library can (glibc's)."""
-    trim = _trim()
-    if trim is not None and _held() >= LEAST_BYTES:
-        trim(0)
+    if _held() >= LEAST_BYTES:
+        trim()
+
+
+def trim() -> None:
+    """Hand freed memory back to the system, however little there is, where the C library can."""
+    found = _trim()
+    if found is not None:
+        found(0)
 
 
 def _held() -> int:

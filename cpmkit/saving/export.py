@@ -13,7 +13,7 @@ import numpy as np
 from cpmkit.errors import InputError, MissingDependencyError
 from cpmkit.files.whole_files import written_whole
 from cpmkit.meshes.display_mesh import DisplayMesh, mesh_of
-from cpmkit.protocols import ClosestPointSource, HasMesh
+from cpmkit.protocols import ClosestPointSource, Floats, HasMesh
 from cpmkit.view.drawing import in_space, value_colours
 
 if TYPE_CHECKING:
@@ -30,12 +30,13 @@ def save(solution: Solution, path: str | Path) -> None:
     suffix    contents
     ========= ==================================================================================
     ``.vtp``  the surface's mesh, cut along the boundaries, for ParaView: triangles, lines and
-              points with point data ``u`` and, where there are three channels, ``rgb``
+              points with point data ``u`` and, where there are three channels, ``rgb``, and, where the error
+              was estimated, ``error``, in the unit of u
     ``.ply``  its triangles and all its vertices, with a colour a vertex: the three channels, or
               the first in viridis
-    ``.npz``  arrays ``points``, ``cells``, ``values``, ``original`` of that mesh, the lattice and its
-              unknowns under names that begin with ``lattice_``, and ``summary`` and ``format``;
-              :func:`cpmkit.load` reads it
+    ``.npz``  arrays ``points``, ``cells``, ``values``, ``original`` of that mesh and, where it was
+              estimated, ``error``, the lattice and its unknowns under names that begin with
+              ``lattice_``, and ``summary`` and ``format``; :func:`cpmkit.load` reads it
     ``.json`` the summary: what was solved, what it cost, what it reached
     ``.pvd``  the frames of a problem in time, for ParaView: an index, and one ``.vtp`` a frame in a
               folder beside it
@@ -92,10 +93,12 @@ def _write_json(summary: Mapping[str, Any], path: Path) -> None:
     path.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
 
 
-def write_vtp(mesh: DisplayMesh, path: Path) -> None:
-    """Write a mesh with its values for ParaView."""
+def write_vtp(mesh: DisplayMesh, path: Path, error: Floats | None = None) -> None:
+    """Write a mesh with its values, and the estimated error (v, channels) of these, for ParaView."""
     data, channels = _poly_data(mesh), mesh.values.shape[1]
     data.point_data["u"] = mesh.values[:, 0] if channels == 1 else mesh.values
+    if error is not None:
+        data.point_data["error"] = error[:, 0] if channels == 1 else error
     if channels == 3:
         data.point_data["rgb"] = _bytes(mesh.values)
     if mesh.normals is not None:
@@ -141,11 +144,18 @@ def _save_npz(solution: Solution, path: Path) -> None:
     if isinstance(solution.scene.surface, HasMesh):
         mesh = solution.display_mesh()
         arrays |= {name: np.array(getattr(mesh, name)) for name in ("points", "cells", "values", "original")}
+        error = _known_error(solution)
+        arrays |= {} if error is None else {"error": error}
     np.savez_compressed(path, **arrays)
 
 
+def _known_error(solution: Solution) -> Floats | None:
+    """Return the estimated error (v, channels) at the mesh's vertices; None where it was not estimated."""
+    return solution.estimated.on_mesh(solution.display_mesh()) if solution.estimated else None
+
+
 _WRITERS: dict[str, Callable[[Solution, Path], None]] = {
-    ".vtp": lambda solution, path: write_vtp(solution.display_mesh(), path),
+    ".vtp": lambda solution, path: write_vtp(solution.display_mesh(), path, _known_error(solution)),
     ".ply": _save_ply,
     ".npz": _save_npz,
     ".json": lambda solution, path: _write_json(solution.summary(), path),

@@ -143,7 +143,7 @@ def _sentence(file: Path, error: Exception) -> str:
 def _draw(solution: Solution, asked: PictureRequest, folder: Path) -> dict[str, Any]:
     file = _with_folder(folder / asked.file)
     options: dict[str, Any] = {"width": asked.width, "view": asked.view, "up": asked.up, "curves": asked.curves}
-    drawn = picture(solution, file, **options)
+    drawn = picture(solution, file, field=asked.field, **options)
     entry = {"file": asked.file, "renderer": drawn.renderer, "reason": drawn.reason}
     if not asked.frames:
         return entry

@@ -15,6 +15,9 @@ MOST_OUTPUT_BYTES = 1000
 #: Pixels of a picture's width.
 WIDTH_PIXELS = (16, 16_384)
 
+#: What a picture can show.
+PICTURE_FIELDS = ("solution", "error")
+
 
 @dataclass(frozen=True)
 class PictureRequest:
@@ -32,6 +35,8 @@ class PictureRequest:
         Draw the boundaries.
     frames : bool
         Draw each frame too, of a problem in time, into files with numbers in their names.
+    field : str
+        ``solution``, or ``error``: its estimated error.
     """
 
     file: str = "picture.png"
@@ -40,10 +45,16 @@ class PictureRequest:
     up: tuple[float, ...] | None = None
     curves: bool = True
     frames: bool = False
+    field: str = "solution"
 
     def __post_init__(self) -> None:
         relative_name(self.file, "file of the picture")
         whole(self.width, "the picture's width in pixels", *WIDTH_PIXELS)
+        if self.field not in PICTURE_FIELDS:
+            accepted = " or ".join(map(repr, PICTURE_FIELDS))
+            raise SceneError(f"field of the picture must be {accepted}, got {shown(self.field)}.")
+        if self.frames and self.field != PICTURE_FIELDS[0]:
+            raise SceneError("field = 'error' of the picture is the error at the end; leave out frames, or field.")
         for name in ("view", "up"):
             if getattr(self, name) is not None:
                 object.__setattr__(
@@ -68,6 +79,11 @@ class OutputRequest:
     def __post_init__(self) -> None:
         for file in self.files:
             relative_name(file, "a file of [output]")
+
+    @property
+    def wants_error(self) -> bool:
+        """True where a picture shows the error."""
+        return self.picture is not None and self.picture.field == "error"
 
     @property
     def wants_frames(self) -> bool:

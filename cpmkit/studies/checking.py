@@ -12,7 +12,7 @@ from cpmkit.plugins import factory
 from cpmkit.scene.scene import Scene
 from cpmkit.studies.baselines import check_fixable
 from cpmkit.studies.studyfile import Study
-from cpmkit.studies.sweep import BASELINES, closest_points
+from cpmkit.studies.sweep import BASELINES, REFINED, closest_points
 
 
 def check_study(study: Study) -> None:
@@ -26,13 +26,15 @@ def check_study(study: Study) -> None:
         If a method or the reference is no method of studies and offered by no plugin.
     """
     check_comparable(study.scene)
-    at_spacing(study.scene, study.sweep.step_per_spacing, study.sweep.spacings[0])
+    if study.sweep.spacings is not None:
+        at_spacing(study.scene, study.sweep.step_per_spacing, study.sweep.spacings[0])
     if study.solution is not None and study.solution.takes_time and end_of(study.scene) is None:
         raise SceneError(f"u of [exact] depends on t, and the problem {study.scene.problem.kind!r} has no time.")
     for method in study.sweep.methods:
         if method in BASELINES:
             check_fixable(study.scene, method)
     others = [method for method in study.sweep.methods if method not in (*closest_points(), *BASELINES)]
+    others = ["fem" if method == REFINED else method for method in others]
     for backend in [*others, *([] if study.exact.reference is None else [study.exact.reference])]:
         factory(backend, "cpmkit_backends")
 
@@ -51,7 +53,7 @@ def check_comparable(scene: Scene) -> None:
         raise SceneError(f"a study compares one channel, and the scene has {scene.channels}; make a study of each.")
 
 
-def at_spacing(scene: Scene, step_per_spacing: float | None, spacing: float) -> Scene:
+def at_spacing(scene: Scene, step_per_spacing: float | None, spacing: float | None) -> Scene:
     """Return the scene with its time step tied to the spacing: equal steps, none longer than the ratio allows.
 
     Raises
@@ -59,7 +61,7 @@ def at_spacing(scene: Scene, step_per_spacing: float | None, spacing: float) -> 
     SceneError
         If the scene's problem has no time step.
     """
-    if step_per_spacing is None:
+    if step_per_spacing is None or spacing is None:
         return scene
     problem: Any = scene.problem
     if not {"step", "until"} <= {field.name for field in fields(problem)}:

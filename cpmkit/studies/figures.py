@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cpmkit.studies.front import COSTS, attempts, front
 from cpmkit.studies.series import Series
 
 if TYPE_CHECKING:
@@ -74,6 +75,28 @@ def work_figure(series: Sequence[Series], title: str) -> Figure:
     figure.axes[0].set_ylabel("greatest error")
     figure.suptitle(_plain(fill(title, 2 * TITLE_LINE_CHARACTERS)))
     _legend(figure, columns=3)
+    return figure
+
+
+def trade_figure(series: Sequence[Series], title: str) -> Figure:
+    """Return rms error against seconds and against memory, log-log, with what no other attempt beats in both."""
+    from matplotlib.figure import Figure
+
+    made = attempts(series)
+    costs = [cost for cost in COSTS if front(made, cost)]
+    figure = Figure(figsize=(5 * len(costs), 4.8), layout="constrained")
+    for axes, cost in zip(np.atleast_1d(figure.subplots(1, len(costs), sharey=True)), costs, strict=True):
+        unbeaten = front(made, cost)
+        x, y = [one.cost(cost) for one in unbeaten], [one.error for one in unbeaten]
+        axes.plot(x, y, color=GREY, linewidth=7, alpha=0.3, solid_capstyle="round", label="unbeaten")
+        for number, one in enumerate(series):
+            own = attempts([one])
+            _line(axes, number, [each.cost(cost) for each in own], [each.error for each in own], one.label)
+        axes.set(xlabel=COSTS[cost])
+        _log_scales(axes)
+    figure.axes[0].set_ylabel("rms error, share of the range")
+    figure.suptitle(_plain(fill(title, 2 * TITLE_LINE_CHARACTERS)))
+    _legend(figure, columns=2)
     return figure
 
 

@@ -10,26 +10,38 @@ from pathlib import Path
 from typing import Any
 
 from cpmkit.errors import InputError
-from cpmkit.files.plain_values import TEXT, Kind, check_fields, list_of, numbers, or_none, table_of, whole_numbers
+from cpmkit.files.plain_values import (
+    TEXT,
+    Kind,
+    check_fields,
+    list_of,
+    numbers,
+    one_of,
+    or_none,
+    table_of,
+    whole_numbers,
+)
 from cpmkit.files.whole_files import system_told
 from cpmkit.forms.choice import every_option
-from cpmkit.studies.sweep import listed
+from cpmkit.studies.sweep import ASKED_ENTRIES, listed
 
 Record = dict[str, Any]
 RECORDS_FILE = "records.jsonl"
 #: Numbers of a record are smaller: figures can show no larger ones, and no counter runs so far.
 LARGEST_RECORDED = 1e100
 COUNT_KIND, SIZE_KIND = whole_numbers(0, LARGEST_RECORDED), numbers(0, LARGEST_RECORDED)
+SPACING_KIND = numbers(1 / LARGEST_RECORDED, LARGEST_RECORDED)
 #: What tells a run, in every record.
 RUN_ENTRIES = {
     "title": TEXT,
     "content": TEXT,
     "method": TEXT,
-    "spacing": numbers(1 / LARGEST_RECORDED, LARGEST_RECORDED),
+    "spacing": or_none(SPACING_KIND),
     "origin": or_none(COUNT_KIND),
 }
 #: What was measured, unless the run ended with an error.
 MEASURED_ENTRIES = {
+    "spacing": SPACING_KIND,
     "max_error": SIZE_KIND,
     "rms_error": SIZE_KIND,
     "unknowns": whole_numbers(1, LARGEST_RECORDED),
@@ -42,6 +54,8 @@ IMBALANCE_KIND = Kind(
         isinstance(one, Mapping) and list_of(numbers(-LARGEST_RECORDED, LARGEST_RECORDED)).accepts(one.get("shift"))
     ),
 )
+#: What the bytes of a record are.
+MEASURED, FORETOLD = "measured", "foretold"
 OPTIONAL_ENTRIES = {
     "study": TEXT,
     "reference": or_none(TEXT),
@@ -51,6 +65,11 @@ OPTIONAL_ENTRIES = {
     "twins": or_none(COUNT_KIND),
     "imbalances": list_of(IMBALANCE_KIND),
     "seconds": table_of(SIZE_KIND),
+    **dict.fromkeys(ASKED_ENTRIES, or_none(SPACING_KIND)),
+    "estimate": or_none(SIZE_KIND),
+    "status": or_none(TEXT),
+    "bytes": or_none(SIZE_KIND),
+    "bytes_are": or_none(one_of(MEASURED, FORETOLD)),
 }
 
 

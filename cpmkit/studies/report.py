@@ -9,12 +9,14 @@ from pathlib import Path
 from cpmkit.errors import InputError, printable
 from cpmkit.files.whole_files import written_whole
 from cpmkit.studies.comparison import comparison_table, told_of_differences
-from cpmkit.studies.figures import convergence_figure, difference_figure, work_figure
+from cpmkit.studies.figures import convergence_figure, difference_figure, trade_figure, work_figure
+from cpmkit.studies.front import attempts, front_table, winners_table
 from cpmkit.studies.records import RECORDS_FILE, Record, of_content, read_records
 from cpmkit.studies.series import Series, gather
 from cpmkit.studies.tables import costs_table, error_sentence, orders_table, run_name
 
 REPORT_PAGE, CONVERGENCE_FIGURE, WORK_FIGURE = "report.md", "convergence.png", "work.png"
+TRADE_FIGURE = "trade.png"
 DOTS_PER_INCH = 110
 
 
@@ -38,6 +40,11 @@ class Report:
     series: Sequence[Series]
     failed: int
     files: Sequence[Path]
+
+    @property
+    def by_spacing(self) -> list[Series]:
+        """The series of spacings; others ask for an error or a time."""
+        return [one for one in self.series if not one.asked]
 
     @property
     def compares(self) -> bool:
@@ -72,9 +79,14 @@ def write_report(folder: Path, content: str | None = None) -> Report:
         )
     title, failed = _one_line(records[0]["title"]), sum("error" in record for record in records)
     compares = series[0].reference is not None
-    figures = {CONVERGENCE_FIGURE: (difference_figure if compares else convergence_figure)(series, title)}
-    if len({(one.method, one.options.get("degree")) for one in series}) > 1:
-        figures[WORK_FIGURE] = work_figure(series, title)
+    by_spacing = [one for one in series if not one.asked]
+    figures = {}
+    if by_spacing:
+        figures[CONVERGENCE_FIGURE] = (difference_figure if compares else convergence_figure)(by_spacing, title)
+    if len({(one.method, one.options.get("degree")) for one in by_spacing}) > 1:
+        figures[WORK_FIGURE] = work_figure(by_spacing, title)
+    if trades(series):
+        figures[TRADE_FIGURE] = trade_figure(series, title)
     for name, figure in figures.items():
         with written_whole(folder / name) as file:
             figure.savefig(file, dpi=DOTS_PER_INCH)
@@ -89,13 +101,25 @@ def _one_line(text: str) -> str:
     return printable(" ".join(text.split())).replace("|", r"\|")
 
 
+def trades(series: Sequence[Series]) -> bool:
+    """Tell whether there is something to choose from: several methods, or an error or a time that was asked for."""
+    return any(one.asked for one in series) or len({one.method for one in series}) > 1
+
+
+def trade_of(report: Report) -> str:
+    """Return who gets below each decade of error for the least, and what no other attempt beats."""
+    made = attempts(report.series)
+    return "\n\n".join([winners_table(made), "Unbeaten in error and cost:", front_table(made)])
+
+
 def table_of(reports: Sequence[Report]) -> str:
     """Return the tables of one study or of several: studies with a reference share one, each other has its own."""
-    compared = [(report.title, report.series) for report in reports if report.compares]
+    compared = [(report.title, report.by_spacing) for report in reports if report.compares and report.by_spacing]
     tables = [comparison_table(compared)] if compared else []
     for report in reports:
         if not report.compares:
-            tables += [report.title] * (len(reports) > 1) + [orders_table(report.series)]
+            tables += [report.title] * (len(reports) > 1)
+            tables += [orders_table(report.by_spacing)] * bool(report.by_spacing)
     return "\n\n".join(tables)
 
 
@@ -109,6 +133,8 @@ def _page(report: Report, records: Sequence[Record], figures: Sequence[str], lef
     errors_line = told_of_differences(report.series) if report.compares else error_sentence(records)
     parts = [f"# {report.title}", table_of([report]), errors_line]
     parts += [f"![{report.title}]({figure})" for figure in figures]
+    if trades(report.series):
+        parts += ["## Which buys which error for what", trade_of(report)]
     parts += ["## What it cost", costs_table([(report.title, report.series)])]
     failed = [record for record in records if "error" in record]
     if failed:

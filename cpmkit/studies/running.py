@@ -2,29 +2,17 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-
-from cpmkit.errors import ConvergenceError, InputError, ResolutionError
+from cpmkit.errors import InputError
 from cpmkit.files.whole_files import check_place
-from cpmkit.forms.collocation.diagnosis.twin_clusters import twin_feet
-from cpmkit.forms.collocation.form import Collocation
-from cpmkit.grid.lattice import lattice_of
 from cpmkit.protocols import Progress, no_progress
-from cpmkit.runtime.warn import collected_warnings
-from cpmkit.scene.scene import Scene
-from cpmkit.solution.solution import Solution
-from cpmkit.solving import for_any_backend, solve
-from cpmkit.studies.baselines import solve_by_fixed_nodes
-from cpmkit.studies.checking import at_spacing, check_study
+from cpmkit.studies.checking import check_study
+from cpmkit.studies.making import make_run
 from cpmkit.studies.records import (
-    LARGEST_RECORDED,
     RECORDS_FILE,
     Record,
     append_record,
@@ -33,11 +21,11 @@ from cpmkit.studies.records import (
     read_records,
 )
 from cpmkit.studies.studyfile import Study
-from cpmkit.studies.sweep import BASELINES, Run, closest_points
+from cpmkit.studies.sweep import Run
 from cpmkit.studies.truth import Truth, truth_of
 
-#: What of a solve's work is recorded, where the method has it.
-WORK_ENTRIES = ("unknowns", "nonzeros", "operator_applications", "closest_point_queries", "table_bytes")
+#: What is asked for before the first run that counts.
+ROUGH_TOLERANCE = 0.1
 #: A run whose last stage is over still has to be measured and recorded.
 UNFINISHED_SHARE = 0.99
 
@@ -71,6 +59,7 @@ def run_study(
     *,
     cheap: bool = False,
     spacings: Sequence[float] = (),
+    truth: Truth | None = None,
     progress: Progress = no_progress,
     recorded: Callable[[Record], None] = ignore_record,
 ) -> Outcome:
@@ -88,6 +77,8 @@ def run_study(
         Only the study's cheap spacings.
     spacings : sequence of float
         Only these of the study's spacings; all if empty.
+    truth : Truth, optional
+        What every run should give, in place of what the study says.
     progress : callable, optional
         Told the number of the run and the share of its stage.
     recorded : callable, optional
@@ -109,10 +100,10 @@ def run_study(
     if not waiting:
         return Outcome(0, len(runs), 0, file)
     check_study(study)
-    truth = truth_of(study)
+    truth = truth_of(study) if truth is None else truth
     failed = 0
     for run in {run.method: run for run in reversed(study.sweep.runs(cheap))}.values():
-        make_run(study, run, truth)  # what a first run compiles or reads is no cost of any method
+        make_run(study, _quick(run), truth)  # what a first run compiles or reads is no cost of any method
     for number, run in enumerate(waiting, len(runs) - len(waiting) + 1):
         stage = f"run {number} of {len(runs)}"
         record = make_run(study, run, truth, partial(_share_of, progress, stage))
@@ -124,9 +115,14 @@ def run_study(
     return Outcome(len(waiting), len(runs) - len(waiting), failed, file)
 
 
+def _quick(run: Run) -> Run:
+    """Return the run, or one to a rough tolerance in place of what it asks for."""
+    return replace(run, asked_tolerance=ROUGH_TOLERANCE, asked_seconds=None) if run.asked else run
+
+
 def _chosen(runs: Sequence[Run], spacings: Sequence[float]) -> Sequence[Run]:
     """Return the runs of ``spacings``, all if there are none."""
-    known = list(dict.fromkeys(run.spacing for run in runs))
+    known = list(dict.fromkeys(run.spacing for run in runs if run.spacing is not None))
     unknown = [spacing for spacing in spacings if spacing not in known]
     if unknown:
         listed = ", ".join(f"{spacing:g}" for spacing in known)
@@ -138,53 +134,3 @@ def _share_of(progress: Progress, run: str, stage: str, share: float) -> None:
     """Report the progress of a stage of a run; the run itself ends later."""
     del stage
     progress(run, min(share, UNFINISHED_SHARE))
-
-
-def make_run(study: Study, run: Run, truth: Truth, progress: Progress = no_progress) -> Record:
-    """Solve once, and return the record: parameters, errors, work and seconds."""
-    named = {"study": study.name, "title": study.title, "content": study.content}
-    record: Record = {**named, "reference": study.exact.reference, **run.as_dict()}
-    scene = at_spacing(study.scene, study.sweep.step_per_spacing, run.spacing)
-    start = time.process_time()
-    try:
-        with collected_warnings():  # they are recorded
-            solution = _solve(scene, run, study.options, progress)
-    except (ResolutionError, ConvergenceError) as error:
-        return {**record, "error": f"{type(error).__name__}: {error}"}
-    cpu_seconds = time.process_time() - start
-    with np.errstate(over="ignore"):
-        measured = _measured(solution, truth)
-    if not 0 <= (off := measured["max_error"]) < LARGEST_RECORDED:
-        return {**record, "error": f"ResolutionError: the solution is off by {off:g}, beyond all use."}
-    return {**record, **measured, "cpu_seconds": round(cpu_seconds, 4)}
-
-
-def _solve(scene: Scene, run: Run, options: dict[str, Any], progress: Progress) -> Solution:
-    set_by = closest_points()
-    if run.method not in (*set_by, *BASELINES):  # a plugin's back end, which makes of the spacing what it likes
-        return solve(scene, run.spacing, backend=run.method, progress=progress, **for_any_backend(options))
-    lattice = lattice_of(scene.surface, run.spacing, options.get("origin"))
-    placed = {**options, **dict(run.options), "origin": lattice.origin + run.shift(scene.surface.dim)}
-    if run.method in BASELINES:
-        return solve_by_fixed_nodes(scene, run.spacing, method=run.method, progress=progress, **placed)
-    return solve(scene, run.spacing, progress=progress, **placed, **set_by[run.method])
-
-
-def _measured(solution: Solution, truth: Truth) -> Record:
-    error = solution.evaluate(truth.points) - truth.values
-    work, form = solution.work.as_dict(), solution.discretized
-    twins = len(twin_feet(form.tables.layout)) if isinstance(form, Collocation) else None  # none without a grid
-    return {
-        "max_error": float(np.abs(error).max()),
-        "rms_error": float(np.sqrt(np.mean(error**2))),
-        "rms_without_mean": float(np.std(error)),
-        "half_range": truth.half_range,
-        **{name: work.get(name) for name in WORK_ENTRIES},
-        "twins": twins,
-        "imbalances": [imbalance.as_dict() for imbalance in solution.imbalances],
-        "iterations": solution.report.iterations,
-        "residual": solution.report.residual,
-        "seconds": {stage: round(spent, 4) for stage, spent in solution.seconds.items()},
-        "warnings": list(solution.warnings),
-        "versions": solution.summary()["versions"],
-    }

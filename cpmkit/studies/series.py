@@ -26,6 +26,7 @@ METHOD_WORDS = {
     "nearest": "nearest point",
     "ball": "ball",
     "fem": "finite elements",
+    "fem-refined": "finite elements, refined mesh",
 }
 
 
@@ -36,6 +37,7 @@ class Entry:
     Attributes
     ----------
     spacing : float
+        Where something else was asked for the mean of those that were found.
     error : float
         The largest at any sample point; of several origins the root mean square.
     rms_error, rms_without_mean : float
@@ -46,6 +48,10 @@ class Entry:
         By how much the mean was put right at most; not a number where it was not looked at.
     unknowns, twins, queries, iterations, cpu_seconds : float
         Means over the origins; not a number where a method does not count.
+    bytes : float
+        At the peak, the mean; not a number where it is not recorded.
+    asked : float
+        What was asked for in place of a spacing; not a number where nothing was.
     """
 
     spacing: float
@@ -59,6 +65,8 @@ class Entry:
     queries: float
     iterations: float
     cpu_seconds: float
+    bytes: float
+    asked: float
 
     def percent(self, quantity: str) -> float:
         """Return an error, or the shift, in percent of the half range; not a number where that is zero."""
@@ -80,6 +88,8 @@ class Series:
         The coarsest first.
     reference : str or None
         The back end that errors are differences from; None where the solution is known.
+    asked : str
+        ``tolerance`` or ``seconds`` where that was asked for in place of spacings, else empty.
     """
 
     method: str
@@ -87,6 +97,7 @@ class Series:
     label: str
     entries: Sequence[Entry]
     reference: str | None
+    asked: str = ""
 
     @property
     def spacings(self) -> list[float]:
@@ -118,24 +129,29 @@ def gather(records: Sequence[Record]) -> list[Series]:
 
 def _key(record: Record) -> tuple[Any, ...]:
     run = Run.of(record)
-    return run.method, run.options
+    return run.method, run.options, next(iter(run.asked), "")
 
 
 def _series(key: tuple[Any, ...], keys: Sequence[tuple[Any, ...]], records: Sequence[Record]) -> Series:
-    spacings = sorted({record["spacing"] for record in records}, reverse=True)
-    entries = [_entry(spacing, [record for record in records if record["spacing"] == spacing]) for spacing in spacings]
-    method, options = key
-    return Series(method, dict(options), _label(key, keys), entries, records[0].get("reference"))
+    method, options, asked = key
+    fineness = f"asked_{asked}" if asked else "spacing"
+    given = sorted({record[fineness] for record in records}, reverse=asked != "seconds")
+    entries = [_entry([record for record in records if record[fineness] == one], asked) for one in given]
+    return Series(method, dict(options), _label(key, keys), entries, records[0].get("reference"), asked)
 
 
-def _entry(spacing: float, records: Sequence[Record]) -> Entry:
+def _entry(records: Sequence[Record], asked: str) -> Entry:
     def of(name: str) -> Any:
         return np.array([record.get(name) for record in records], dtype=np.float64)
 
     rms = {name: float(np.sqrt(np.mean(of(name) ** 2))) for name in ("max_error", "rms_error", "rms_without_mean")}
-    means = {name: float(of(name).mean()) for name in ("half_range", "unknowns", "twins", "iterations", "cpu_seconds")}
+    names = ("spacing", "half_range", "unknowns", "twins", "iterations", "cpu_seconds", "bytes")
+    means = {name: float(of(name).mean()) for name in names}
+    if not asked:
+        means["spacing"] = records[0]["spacing"]  # a mean of equal numbers may differ from them
+    value = float(records[0][f"asked_{asked}"]) if asked else math.nan
     queries = float(of("closest_point_queries").mean())
-    return Entry(spacing, error=rms.pop("max_error"), shift=_shift(records), queries=queries, **rms, **means)
+    return Entry(error=rms.pop("max_error"), shift=_shift(records), queries=queries, asked=value, **rms, **means)
 
 
 def _shift(records: Sequence[Record]) -> float:
@@ -145,10 +161,11 @@ def _shift(records: Sequence[Record]) -> float:
 
 def _label(key: tuple[Any, ...], keys: Sequence[tuple[Any, ...]]) -> str:
     """Return the method's name where methods differ, and each option that does; the order where nothing does."""
-    (method, options), methods = key, {other for other, _ in keys}
-    differ = [name for name, _ in options if len({dict(other).get(name) for _, other in keys} - {None}) > 1]
+    (method, options, asked), methods = key, {other for other, *_ in keys}
+    differ = [name for name, _ in options if len({dict(other).get(name) for _, other, _ in keys} - {None}) > 1]
     name = "with sheets" if method == "cpm" and methods & {"plain", "unfolded"} else METHOD_WORDS.get(method, method)
     parts = [name] if len(methods) > 1 else []
     parts += [f"{name} {value}" for name, value in options if name in differ]
     parts = parts or [f"{name} {value}" for name, value in options if name == "order"]
-    return ", ".join(parts) or name
+    label = ", ".join(parts) or name
+    return f"{label}, {asked} asked" if asked else label

@@ -22,7 +22,7 @@ from cpmkit.scenefile.condition_tables import as_table
 from cpmkit.scenefile.reading import read_options, read_scene
 from cpmkit.studies.formulas import expand, expand_all, expand_names
 from cpmkit.studies.sampling import VERTICES_WORD
-from cpmkit.studies.sweep import Sweep, listed, read_sweep
+from cpmkit.studies.sweep import ASKED, Sweep, listed, read_sweep
 
 #: Kinds of problems with a time step.
 KINDS_IN_TIME = ("heat", "wave")
@@ -108,6 +108,7 @@ class Study:
                     f"step_per_spacing of [sweep] is for problems with a time step, {' and '.join(KINDS_IN_TIME)}, not "
                     f"for {shown(kind)}."
                 )
+            assert self.sweep.spacings is not None  # a sweep refuses one without the other
             tables["problem"] = {"step": self.sweep.step_per_spacing * self.sweep.spacings[0], **tables["problem"]}
         return read_scene(tables, self.folder)
 
@@ -158,7 +159,7 @@ def _study(tables: dict[str, Any], path: Path) -> Study:
 
 def _swept() -> dict[str, str]:
     """Return the keys of [discretization] that a study varies, and where its file says it."""
-    said = {name: f"{key} of [sweep]" for name, key in {"spacing": "spacings", **listed()}.items()}
+    said = {name: f"{key} of [sweep]" for name, key in {"spacing": "spacings", **ASKED, **listed()}.items()}
     for name, one in every_option().items():
         if one.methods:
             *others, last = one.methods

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from cpmkit.errors import printable
 from cpmkit.studies.records import Record
 from cpmkit.studies.series import Entry, Series
-from cpmkit.studies.sweep import listed
+from cpmkit.studies.sweep import ASKED, listed
 
 
 def orders_table(series: Sequence[Series]) -> str:
@@ -40,7 +40,7 @@ def costs_table(studies: Sequence[tuple[str, Sequence[Series]]]) -> str:
     studies : sequence of (str, sequence of Series)
         The title of each study, shown where there are several, and its series.
     """
-    heads = ["greatest error", "rms error", "unknowns", "queries", "iterations", "CPU seconds"]
+    heads = ["greatest error", "rms error", "unknowns", "queries", "iterations", "CPU seconds", "MiB"]
     titled = len(studies) > 1
     lines = [table_row([*["problem"] * titled, "", "spacing", *heads]), table_rule(1 + titled, 1 + len(heads))]
     for title, series in studies:
@@ -56,8 +56,9 @@ def _coarsest_first(row: tuple[Entry, str]) -> float:
 
 def _cost_cells(entry: Entry) -> list[str]:
     queries = "" if math.isnan(entry.queries) else f"{entry.queries:,.0f}"
-    cells = [f"{entry.spacing:g}", f"{entry.error:.2e}", f"{entry.rms_error:.2e}", f"{entry.unknowns:,.0f}", queries]
-    return [*cells, f"{entry.iterations:.0f}", f"{entry.cpu_seconds:.2f}"]
+    cells = [f"{entry.spacing:.6g}", f"{entry.error:.2e}", f"{entry.rms_error:.2e}", f"{entry.unknowns:,.0f}", queries]
+    mebibytes = "" if math.isnan(entry.bytes) else f"{entry.bytes / 2**20:.3g}"
+    return [*cells, f"{entry.iterations:.0f}", f"{entry.cpu_seconds:.2f}", mebibytes]
 
 
 def run_sentence(record: Record) -> str:
@@ -75,7 +76,9 @@ def run_sentence(record: Record) -> str:
 
 def run_name(record: Record) -> str:
     """Return which run a record is of."""
-    parameters = (f"{key} {record[key]}" for key in (*listed(), "spacing", "origin") if record.get(key) is not None)
+    asked = {name: record.get(f"asked_{name}") for name in ASKED}
+    how = {**record, **asked} | ({} if set(asked.values()) == {None} else {"spacing": None})
+    parameters = (f"{key} {how[key]}" for key in (*listed(), "spacing", *asked, "origin") if how.get(key) is not None)
     return ", ".join([printable(record["method"]), *parameters])
 
 

@@ -19,7 +19,7 @@ from cpmkit.errors import InputError, MissingDependencyError, shown
 from cpmkit.files.whole_files import written_whole
 from cpmkit.runtime.arrays import whole
 from cpmkit.view.camera import Direction, axes_of, fit
-from cpmkit.view.drawing import Drawing, draw
+from cpmkit.view.drawing import FIELDS, Drawing, draw
 
 if TYPE_CHECKING:
     from cpmkit.solution.solution import Solution
@@ -56,8 +56,9 @@ def picture(
     curves: bool = True,
     span: tuple[float, float] | None = None,
     twins: bool = False,
+    field: str = FIELDS[0],
 ) -> Picture:
-    """Draw a solution into a PNG file.
+    """Draw a solution, or how large its error is, into a PNG file.
 
     Three channels are shown as the colour that they are, clipped to [0, 1]; of any other number
     the first is shown in viridis beside a colour bar.
@@ -80,6 +81,9 @@ def picture(
         The values at the ends of the colour bar; the least and the greatest of the solution unless given.
     twins : bool
         Whether dots show where nodes are doubled, because several sheets of the surface share them.
+    field : str
+        ``"solution"``, or ``"error"``: its estimated error in the solution's own unit, of several channels the largest,
+        which is made first where there is none yet.
 
     Raises
     ------
@@ -89,7 +93,9 @@ def picture(
         If matplotlib, which draws where OpenGL does not, is not installed.
     """
     path = check_picture(path, width, view, up)
-    drawing = draw(solution, width, view, up, curves, span, twins)
+    if field not in FIELDS:
+        raise InputError(f"field of a picture must be {' or '.join(map(repr, FIELDS))}, got {shown(field)}.")
+    drawing = draw(solution, width, view, up, curves, span, twins, field)
     planar = "pictures in the plane need no OpenGL" if solution.scene.surface.dim == 2 else ""
     with written_whole(path) as unfinished:
         reason = planar or _opengl(drawing, unfinished)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +12,7 @@ import numpy as np
 from cpmkit.errors import MissingDependencyError
 from cpmkit.meshes.display_mesh import DisplayMesh
 from cpmkit.protocols import BoundarySet, Floats, HasMesh, Ints
+from cpmkit.scenefile.output_request import PICTURE_FIELDS
 from cpmkit.view.camera import Camera, Direction, fit
 
 if TYPE_CHECKING:
@@ -19,6 +20,9 @@ if TYPE_CHECKING:
 
 #: The values at the ends of the colour bar; None: the least and the greatest.
 Span = tuple[float, float] | None
+
+#: What a picture can show.
+FIELDS = PICTURE_FIELDS
 
 #: Share of its colour that a face keeps where no light falls; the light brings the rest.
 AMBIENT = 0.5
@@ -98,10 +102,19 @@ class Drawing:
 
 
 def draw(
-    solution: Solution, width: int, view: Direction, up: Direction, curves: bool, span: Span = None, twins: bool = False
+    solution: Solution,
+    width: int,
+    view: Direction,
+    up: Direction,
+    curves: bool,
+    span: Span = None,
+    twins: bool = False,
+    field: str = FIELDS[0],
 ) -> Drawing:
     """Return the drawing of a solution; arguments as for :func:`cpmkit.view.picture`."""
     mesh = solution.display_mesh()
+    if field == "error":  # of several channels the largest
+        mesh = replace(mesh, values=solution.error.on_mesh(mesh).max(axis=1, keepdims=True))
     points = in_space(mesh.points)
     colours, bar = _colours(mesh, span)
     curve_points, curve_cells, pins = _boundaries(solution.scene.boundaries if curves else (), solution.spacing)

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from cpmkit.studies.making import make_run
 from cpmkit.studies.records import read_records
-from cpmkit.studies.running import make_run, run_study
+from cpmkit.studies.running import run_study
 from cpmkit.studies.series import gather
 from cpmkit.studies.studyfile import STUDY_TABLES, Exact, load_study
 from cpmkit.studies.sweep import Sweep, listed

@@ -10,11 +10,12 @@ from click.testing import CliRunner
 import cpmkit as ck
 from cpmkit.cli import main
 from cpmkit.errors import InputError, PluginError, SceneError
-from cpmkit.studies import running
+from cpmkit.studies import making, running
 from cpmkit.studies.figures import convergence_figure, difference_figure, work_figure
+from cpmkit.studies.making import make_run
 from cpmkit.studies.records import append_record, read_records
 from cpmkit.studies.report import write_report
-from cpmkit.studies.running import make_run, run_study
+from cpmkit.studies.running import run_study
 from cpmkit.studies.series import gather
 from cpmkit.studies.studyfile import load_study
 from cpmkit.studies.sweep import Sweep
@@ -184,8 +185,8 @@ def test_what_no_run_could_be_made_with_is_refused_before_anything_is_solved(
     )
     if "ball" in message:
         text += 'methods = ["cpm", "ball"]\n'
-    for name in ("solve", "truth_of"):
-        monkeypatch.setattr(running, name, lambda *_, **__: pytest.fail("it was solved"))
+    for module, name in ((making, "solve"), (running, "truth_of")):
+        monkeypatch.setattr(module, name, lambda *_, **__: pytest.fail("it was solved"))
     with pytest.raises(error, match=message):
         run_study(study(tmp_path, text), tmp_path / "out")
     assert not (tmp_path / "out").exists()

@@ -11,10 +11,11 @@ from cpmkit.cli import main
 from cpmkit.errors import InputError, ResolutionError, SceneError
 from cpmkit.studies import figures
 from cpmkit.studies.baselines import solve_by_fixed_nodes
+from cpmkit.studies.checking import at_spacing
 from cpmkit.studies.formulas import expand, expand_all, expand_names
 from cpmkit.studies.records import append_record, drop_unfinished_line, read_records
 from cpmkit.studies.report import write_report
-from cpmkit.studies.running import at_spacing, run_study
+from cpmkit.studies.running import run_study
 from cpmkit.studies.sampling import sample_points
 from cpmkit.studies.series import gather
 from cpmkit.studies.studyfile import load_study

@@ -15,9 +15,10 @@ import cpmkit as ck
 from cpmkit.cli import main
 from cpmkit.errors import InputError, SceneError
 from cpmkit.studies import truth
+from cpmkit.studies.making import make_run
 from cpmkit.studies.records import append_record, read_records
 from cpmkit.studies.report import write_report
-from cpmkit.studies.running import make_run, run_study
+from cpmkit.studies.running import run_study
 from cpmkit.studies.series import gather
 from cpmkit.studies.studyfile import load_study
 from cpmkit.studies.tables import run_sentence
@@ -246,7 +247,7 @@ def test_a_report_shows_both_methods_in_percent_of_the_half_range(folder):
     (row,) = [line for line in text.splitlines() if line.startswith("| Thin plate | 0.2 |")]
     assert [cell.strip() for cell in row.strip("|").split("|")][5] == f"{percent:.2f}"
     assert "Differences from the solution of the back end 'fem', whose own error is not known" in text
-    assert [file.name for file in report.files] == ["report.md", "convergence.png", "work.png"]
+    assert [file.name for file in report.files] == ["report.md", "convergence.png", "work.png", "trade.png"]
     assert all(file.stat().st_size > 1000 for file in report.files)
 
 

@@ -1,0 +1,161 @@
+"""Which form buys which error for what time and memory, on six scenes: the table of "How to choose".
+
+Run ``python benchmarks/how_to_choose.py > docs/tables/how-to-choose.md``, some minutes, with names of scenes for these
+alone; it needs ``pip install . ./plugins/*`` and, for Spot, ``CPMKIT_DATA`` set to the folder of the mesh. Every number
+is of one run; seconds are of the processor and of this machine.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+import cpmkit as ck
+from cpmkit.studies.front import attempts, front_table, winners_table
+from cpmkit.studies.records import read_records
+from cpmkit.studies.refined import solve_on_refined_mesh
+from cpmkit.studies.running import run_study
+from cpmkit.studies.sampling import sample_points
+from cpmkit.studies.series import gather
+from cpmkit.studies.studyfile import load_study
+from cpmkit.studies.truth import Truth
+
+#: Points of the cloud.
+CLOUD = 6000
+#: Spacings of the solutions that are taken for the truth on Spot: splines where it is read as smooth, triangles where
+#: as it is.
+FINE_SMOOTH, FINE_FLAT = 0.008, 0.005
+SPOT = """
+[surface]
+kind = "moved"
+of = {{ kind = "mesh.triangles", file = "spot.obj", closest = "{closest}" }}
+scale = 0.5626920538
+translation = [0.2607661277, 0.4108940558, 0.3936430428]
+[problem]
+kind = "screened"
+f = "cos(6*x) + sin(5*y + 2*z) + z"
+[exact]
+reference = "fem"
+points = 3000
+[sweep]
+spacings = [0.05, 0.025, 0.0175, 0.0125]
+methods = ["galerkin", "collocation", "fem", "fem-refined"]
+"""
+SPHERE = """
+[surface]
+{surface}
+[problem]
+kind = "screened"
+f = "37*sin(6*z) - 36*z**2*sin(6*z) + 12*z*cos(6*z)"
+[exact]
+u = "sin(6*z)"
+points = 3000
+[sweep]
+spacings = {spacings}
+tolerances = [1e-2, 1e-3]
+methods = {methods}
+"""
+BALL = 'kind = "analytic.sphere"'
+LEVEL = 'kind = "levelset.expression"\nphi = "x*x + y*y + z*z - 1"\nbounds = [[-1.2, -1.2, -1.2], [1.2, 1.2, 1.2]]'
+TWO_SIDED = """
+[surface]
+kind = "analytic.sphere"
+[[boundary]]
+name = "circle"
+kind = "analytic.circle"
+center = [0, 0, 0.2]
+normal = [0, 0, 1]
+radius = 0.9797958971132712
+left = { dirichlet = 1.2214027581601699 }
+right = { dirichlet = 1.8 }
+[problem]
+kind = "screened"
+f = "inside*exp(z)*(z**2 + 2*z) + (1 - inside)*(2 - 3*z)"
+[let]
+inside = "z > 0.2"
+[exact]
+u = "inside*exp(z) + (1 - inside)*(2 - z)"
+points = 3000
+[sweep]
+spacings = [0.2, 0.1, 0.05]
+tolerances = [1e-2, 1e-3]
+methods = ["galerkin", "collocation"]
+"""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A scene: its study, what it is in words, and what solves it finely where no solution is known."""
+
+    words: str
+    text: str
+    finely: Callable[[ck.Scene], ck.Solution] | None = None
+
+
+def of_sphere(surface: str, spacings: Sequence[float], methods: Sequence[str]) -> str:
+    """Return the study of sin 6z on a sphere."""
+    return SPHERE.format(surface=surface, spacings=list(spacings), methods=list(methods)).replace("'", '"')
+
+
+FORMS = ("galerkin", "collocation")
+CHOICES = {
+    "sphere": Choice(
+        "A sphere by its formula, waves on it",
+        of_sphere(BALL, (0.2, 0.1, 0.05), (*FORMS, "fem")),
+    ),
+    "level-set": Choice("The same sphere as a level set", of_sphere(LEVEL, (0.2, 0.1, 0.05), FORMS)),
+    "cloud": Choice(
+        f"The same sphere as a cloud of {CLOUD:,} points",
+        of_sphere('kind = "pointcloud.points"\nfile = "cloud.npy"', (0.2, 0.1), FORMS),
+    ),
+    "two-sided": Choice("A sphere with a circle that has another value on each side", TWO_SIDED),
+    "spot": Choice(
+        "Spot, whose triangles stand for a smooth surface; against the Galerkin form on a finer lattice",
+        SPOT.format(closest="smooth"),
+        lambda scene: ck.solve(scene, FINE_SMOOTH, form="galerkin"),
+    ),
+    "spot-flat": Choice(
+        "Spot, whose flat triangles are the surface; against finite elements on a finer mesh",
+        SPOT.format(closest="faceted"),
+        lambda scene: solve_on_refined_mesh(scene, FINE_FLAT),
+    ),
+}
+
+
+def cloud() -> np.ndarray:
+    """Return points (n, 3) that lie evenly on the sphere."""
+    k = np.arange(CLOUD) + 0.5
+    z, turn = 1 - 2 * k / CLOUD, np.pi * (1 + np.sqrt(5)) * k
+    return np.stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z], axis=1)
+
+
+def told(name: str, choice: Choice, folder: Path) -> Iterator[str]:
+    """Run the study of a scene; yield what to say of it."""
+    file = folder / f"{name}.toml"
+    file.write_text(choice.text, encoding="utf-8")
+    np.save(folder / "cloud.npy", cloud())
+    study = load_study(file)
+    truth = None
+    if choice.finely is not None:
+        points = sample_points(study.scene, study.exact.points)
+        truth = Truth(points, choice.finely(study.scene).evaluate(points))
+    outcome = run_study(study, folder / name, truth=truth, recorded=lambda record: print(record, file=sys.stderr))
+    made = attempts(gather(read_records(outcome.file)))
+    yield from (f"**{choice.words}**", "", winners_table(made), "", "Unbeaten in error and cost:", "")
+    yield from (front_table(made), "")
+
+
+def main(names: Sequence[str]) -> None:
+    """Print the tables."""
+    with tempfile.TemporaryDirectory() as folder:
+        for name in names or CHOICES:
+            print("\n".join(told(name, CHOICES[name], Path(folder))), flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,91 @@
+"""What a solve will build and cost, and, where that is asked for, how long it will take on this machine."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from cpmkit.errors import ResolutionError, SceneError
+from cpmkit.forecast.explanation import explain as explain_counts
+from cpmkit.forecast.growth import line_through
+from cpmkit.forecast.parts import Explanation
+from cpmkit.forms.choice import FORMS
+from cpmkit.forms.options import Options
+from cpmkit.linear.choice import SolverOptions
+from cpmkit.manifold.local_source import largest_dim
+from cpmkit.preparing import solved
+from cpmkit.protocols import Progress, no_progress
+from cpmkit.runtime.declared import showing
+from cpmkit.runtime.warn import collected_warnings
+from cpmkit.scene.scene import Scene
+from cpmkit.solution.solution import Solution
+
+#: Unknowns of the finer rehearsal, about, and the least ratio of its spacing to that which is asked for.
+REHEARSED_UNKNOWNS, LEAST_RATIO = 8_000, 2.0
+#: Spacings of the two rehearsals.
+REHEARSALS_RATIO = 2.0
+
+#: Solves at a spacing, and returns the solution with what it cost.
+Rehearse = Callable[[float], tuple[Solution, float]]
+
+
+@showing(Options, *FORMS.values(), SolverOptions)
+def explain(
+    scene: Scene,
+    spacing: float | None = None,
+    *,
+    seconds: bool = False,
+    progress: Progress = no_progress,
+    **options: Any,
+) -> Explanation:
+    """Say what :func:`cpmkit.solve` with the same arguments will build, why, and at what cost.
+
+    Large scenes are rehearsed on three coarse lattices; nothing is built at the spacing itself.
+
+    Parameters
+    ----------
+    scene, spacing, progress
+        As for :func:`cpmkit.solve`.
+    seconds : bool
+        Whether the scene is solved on two coarse lattices, to see how fast this machine is: then ``seconds`` of the
+        explanation are how long a solve will take, to about a factor of two.
+    **options
+        As for :func:`cpmkit.solve`.
+
+    Raises
+    ------
+    InputError, SceneError, ResolutionError
+        As ``solve`` would.
+    """
+    explained = explain_counts(scene, spacing, progress=progress, **options)
+    if not seconds:
+        return explained
+    assert spacing is not None  # it was refused above
+    rehearsed = {**options, "solver": explained.solver}
+
+    def rehearse(coarse: float) -> tuple[Solution, float]:
+        with collected_warnings():
+            started = time.perf_counter()
+            solution = solved(scene, coarse, progress=progress, **rehearsed)
+            return solution, time.perf_counter() - started
+
+    return replace(explained, seconds=foretold(rehearse, spacing, explained.unknowns, largest_dim(scene.surface)))
+
+
+def foretold(rehearse: Rehearse, spacing: float, unknowns: int, m: int) -> float | None:
+    """Return what a solve of so many unknowns costs: a line in unknowns through two rehearsals.
+
+    None where the scene cannot be solved on lattices so coarse. The coarser one is made twice, for what is compiled and
+    read at first is no cost of the solve.
+    """
+    fine = spacing * max((unknowns / REHEARSED_UNKNOWNS) ** (1 / max(m, 1)), LEAST_RATIO)
+    try:
+        rehearse(REHEARSALS_RATIO * fine)
+        found = [rehearse(one) for one in (REHEARSALS_RATIO * fine, fine)]
+    except (ResolutionError, SceneError):
+        return None
+    coarse, finer = ((float(solution.discretized.size), cost) for solution, cost in found)
+    start, each = line_through(coarse, finer)
+    return start + each * unknowns

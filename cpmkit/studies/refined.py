@@ -1,0 +1,55 @@
+"""Finite elements on a refined mesh, for studies to compare with: edges are halved, feet of new vertices taken."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from cpmkit.meshes.display_mesh import mesh_of
+from cpmkit.meshes.refinement import refine
+from cpmkit.protocols import ClosestPointSource, Floats, Ints, Progress, no_progress
+from cpmkit.scene.scene import Scene
+from cpmkit.solution.solution import Solution
+from cpmkit.solving import for_any_backend, solve
+
+
+@dataclass(frozen=True, eq=False)
+class RefinedMesh:
+    """A surface whose mesh has no edge longer than the spacing; in all else the surface ``of``.
+
+    New vertices are closest points: of a surface that is itself a mesh they lie on its flat triangles, so that what its
+    flatness leaves of an error is left.
+
+    Attributes
+    ----------
+    of : ClosestPointSource
+        With a mesh of its own.
+    """
+
+    of: ClosestPointSource
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__") or name == "of":  # a copy asks before there is anything
+            raise AttributeError(name)
+        return getattr(self.of, name)
+
+    def mesh(self, spacing: float) -> tuple[Floats, Ints]:
+        """Return vertices (v, d), those that were added being closest points, and triangles (m, 3)."""
+        points, cells = mesh_of(self.of)(spacing)
+        refined, cells = refine(points, cells, points.shape[1], spacing)
+        refined[len(points) :] = self.of.closest_point(refined[len(points) :]).points
+        return refined, cells
+
+
+def solve_on_refined_mesh(
+    scene: Scene, spacing: float, *, progress: Progress = no_progress, **options: Any
+) -> Solution:
+    """Solve a scene by finite elements on its surface's mesh, refined until no edge is longer than ``spacing``.
+
+    Raises
+    ------
+    CpmkitError
+        As the back end ``fem`` does, and if the surface has no mesh.
+    """
+    refined = replace(scene, surface=RefinedMesh(scene.surface))
+    return solve(refined, spacing, backend="fem", progress=progress, **for_any_backend(options))
