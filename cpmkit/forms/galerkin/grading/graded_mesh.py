@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.refinement.regions import Regions, codes_of_cells, is_among
+from cpmkit.forms.galerkin.grading.regions import Regions, codes_of_cells, is_among
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh, Samples
 from cpmkit.forms.galerkin.samples.edges import Edges, edges_of
 from cpmkit.forms.galerkin.samples.quadrature import samples_of
