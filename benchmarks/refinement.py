@@ -86,7 +86,7 @@ CASES = {
     "end of a slit, a value": (slit(True), 0.2, 3),
     "spike of width 0.05": (spike(0.05), 0.2, 2),
     "spike of width 0.02": (spike(0.02), 0.1, 2),
-    "layer of width 0.05": (layer(0.05), 0.2, 2),
+    "layer of width 0.05": (layer(0.05), 0.1, 2),
 }
 
 

@@ -19,13 +19,15 @@ from cpmkit.scene.scene import Scene
 
 #: The options of each form, by its name.
 FORMS: dict[str, type[Declared]] = {"collocation": CollocationOptions, "galerkin": GalerkinOptions}
+#: Where each is discretised.
+MODULES = {"collocation": "cpmkit.forms.collocation.form", "galerkin": "cpmkit.forms.galerkin.discretizing"}
 #: The form that ``auto`` means where nothing in the scene or the options decides.
 DEFAULT_FORM = "galerkin"
 
 
 def module_of(form: str) -> Any:
     """Return a form's module: ``check(scene, options)`` refuses, ``discretize(scene, options, progress)`` makes."""
-    return import_module(f"cpmkit.forms.{form}.form")
+    return import_module(MODULES[form])
 
 
 def options_of(scene: Scene, spacing: float | None, given: Mapping[str, Any]) -> tuple[Options[Any], dict[str, Any]]:

@@ -297,7 +297,7 @@ def check_refined(scene: Scene, options: Options[GalerkinOptions]) -> None:
 
 
 def discretize(scene: Scene, options: Options[GalerkinOptions], progress: Progress = no_progress) -> Galerkin:
-    """Discretise a scene on splines; ``progress`` is told the stage and the share of it that is done.
+    """Discretise a scene on splines of one level; ``progress`` is told the stage and the share of it that is done.
 
     Raises
     ------
@@ -305,10 +305,6 @@ def discretize(scene: Scene, options: Options[GalerkinOptions], progress: Progre
         If the lattice's origin, a boundary or the spacing does not fit.
     """
     check(scene, options)
-    if options.own.refine == "auto":
-        from cpmkit.forms.galerkin.refinement.refining import refined
-
-        return refined(scene, options, progress)
     sampled = sample(scene, options, progress)
     progress("space", 0.0)
     parting = part(sampled.samples.points, sampled.corners, options.spacing, sampled.samples.cell, options.own.degree)

@@ -15,10 +15,10 @@ from cpmkit.forms.galerkin.contouring.curves import traced
 from cpmkit.forms.galerkin.contouring.surfaces import triangulated
 from cpmkit.forms.galerkin.fitting import check_samples_fit
 from cpmkit.forms.galerkin.fixed_samples import FixedSamples
+from cpmkit.forms.galerkin.grading.graded_mesh import graded, graded_samples
+from cpmkit.forms.galerkin.grading.regions import Regions
 from cpmkit.forms.galerkin.insertion.inserted import inserted
 from cpmkit.forms.galerkin.options import GalerkinOptions
-from cpmkit.forms.galerkin.refinement.graded_mesh import graded, graded_samples
-from cpmkit.forms.galerkin.refinement.regions import Regions
 from cpmkit.forms.galerkin.sample_mesh import Bend, HalfFacets, SampleMesh, Samples
 from cpmkit.forms.galerkin.samples.bending import bent
 from cpmkit.forms.galerkin.samples.clipping import clipped_triangles, is_fine, longest_edge_spacings

@@ -6,8 +6,8 @@ import pytest
 import cpmkit as ck
 from cpmkit.errors import InputError, SceneError
 from cpmkit.forms.choice import options_of
+from cpmkit.forms.galerkin.grading.regions import Regions, cells_of_codes, codes_of_cells
 from cpmkit.forms.galerkin.refinement.refining import discretized_in
-from cpmkit.forms.galerkin.refinement.regions import Regions, cells_of_codes, codes_of_cells
 from cpmkit.forms.galerkin.sampling import insert
 
 SPHERE = ck.source("analytic.sphere")

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cpmkit.forms.galerkin.grading.regions import Regions, codes_of_cells, is_among
 from cpmkit.forms.galerkin.hierarchy.coarser import two_scale_shares
 from cpmkit.forms.galerkin.hierarchy.two_scale_kernels import two_scale
 from cpmkit.forms.galerkin.parting import Parting
-from cpmkit.forms.galerkin.refinement.regions import Regions, codes_of_cells, is_among
 from cpmkit.forms.galerkin.space.parted import parting_of
 from cpmkit.protocols import Bools, Floats, Ints
 

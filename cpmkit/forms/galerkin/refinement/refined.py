@@ -12,12 +12,12 @@ import numpy as np
 from cpmkit.forms.galerkin.facing import Turned, turned
 from cpmkit.forms.galerkin.fixed_samples import SAMPLES_AT_ONCE
 from cpmkit.forms.galerkin.form import Galerkin
+from cpmkit.forms.galerkin.grading.regions import Regions
 from cpmkit.forms.galerkin.hierarchy.levels import levels_of
 from cpmkit.forms.galerkin.locating import Locator
 from cpmkit.forms.galerkin.operator import levels_for
 from cpmkit.forms.galerkin.parting import Parting
 from cpmkit.forms.galerkin.projection import Projection
-from cpmkit.forms.galerkin.refinement.regions import Regions
 from cpmkit.forms.galerkin.refinement.space import RefinedParting, RefinedSpace
 from cpmkit.forms.galerkin.refinement.truncation import prolongation_to, representations
 from cpmkit.forms.galerkin.space.energy import (

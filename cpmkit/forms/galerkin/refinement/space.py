@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.forms.galerkin.fixed_samples import FixedSamples
+from cpmkit.forms.galerkin.grading.graded_mesh import shift_of
+from cpmkit.forms.galerkin.grading.regions import Regions, codes_of_cells
 from cpmkit.forms.galerkin.parting import Parting
-from cpmkit.forms.galerkin.refinement.graded_mesh import shift_of
 from cpmkit.forms.galerkin.refinement.levels import LevelSplines, patches_of
-from cpmkit.forms.galerkin.refinement.regions import Regions, codes_of_cells
 from cpmkit.forms.galerkin.sample_mesh import Samples
 from cpmkit.forms.galerkin.space.space import Space, space_of
 from cpmkit.protocols import Floats, Ints

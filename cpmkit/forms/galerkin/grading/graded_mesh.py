@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.refinement.regions import Regions, codes_of_cells, is_among
+from cpmkit.forms.galerkin.grading.regions import Regions, codes_of_cells, is_among
 from cpmkit.forms.galerkin.sample_mesh import Bend, SampleMesh, Samples
 from cpmkit.forms.galerkin.samples.clipping import clipped_triangles
 from cpmkit.forms.galerkin.samples.edges import Edges, edges_of

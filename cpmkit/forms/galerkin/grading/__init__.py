@@ -1,0 +1,1 @@
+"""Where splines are finer, and a mesh whose cells and samples follow."""
