@@ -30,8 +30,8 @@ def coarser(parting: Parting) -> tuple[Parting, csr_array]:
 
     Notes
     -----
-    A spline of degree p and spacing 2h is the sum of p + 2 of spacing h with the binomial coefficients of p + 1 over
-    2^p along every axis, (1, 3, 3, 1)/4 of degree 2: node J's of 2J + p // 2 - p and following. Rows of P sum to 1. Coarser
+    A spline of degree p and spacing 2h is the sum of p + 2 of spacing h with the binomials of p + 1 over 2^p along
+    every axis, (1, 3, 3, 1)/4 of degree 2: node J's of 2J + p // 2 - p and following. Rows of P sum to 1. Coarser
     patches are components of the patches of one coarser cell that touch; unknowns are made of them as of the finer
     ones. Samples keep their order.
     """

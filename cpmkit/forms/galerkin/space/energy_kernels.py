@@ -30,7 +30,7 @@ VALUE, SLOPE, SECOND, THIRD = 0, 4, 7, 9
 def _polynomials() -> Floats:
     """Return (3, 2, 3, 10, 64), by degree, for the plane and for space, by axis: what the spline of each place is in t.
 
-    Four coefficients of its value, those of 1 first, three of its slope, two of its second derivative, one of the third.
+    Four coefficients of its value, that of 1 first, three of its slope, two of its second derivative, one of the third.
     """
     table = np.zeros((len(DEGREES), 2, 3, 10, 64))
     for degree in DEGREES:

@@ -2,7 +2,8 @@
 
 Their differences along the axes are held, inside the heaviest patch that reads them: polynomials of a degree below the
 splines' feel nothing of it, where pulling coefficients to zero would leave an error that grows with refinement and
-contrast. Splines of degree 1 have no such differences but the slope, and no floor: their ghosts are strong enough.
+contrast. Of splines of degree 1 that would be the slope: there it is the second differences of the runs they are in,
+and only beside boundaries, for elsewhere it would cost iterations and is of no use.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from cpmkit.forms.galerkin.space.energy import (
     energy_data,
 )
 from cpmkit.forms.galerkin.space.space import Space, lines_through
-from cpmkit.protocols import Floats
+from cpmkit.protocols import Bools, Floats
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
 LIGHT_SHARE = 1e-4
 #: The floor, as a share of that median.
 FLOOR_SHARE = 1e-3
+#: The same of splines of degree 1: with half of it a circle in a knot plane is still definite, with a tenth it is not.
+LINEAR_FLOOR_SHARE = 0.2
 
 
 def floored_stiffness(
@@ -58,12 +61,22 @@ def floored_stiffness(
 
 def add_floor(space: Space, a: Floats | float, diagonal: Floats, data: Floats) -> None:
     """Add the floor to the entries ``data``; ``diagonal`` (n,) is that of the energy, before ghosts and conditions."""
-    if space.parting.degree == 1:
-        return
     means = space.means(conductivity(space, a))
     ratio = diagonal / means
     median = float(np.median(ratio))
     light = ratio < LIGHT_SHARE * median
+    if space.parting.degree == 1:
+        runs = space.runs[(light & _beside_boundaries(space))[space.runs].any(axis=1)]
+        factors = LINEAR_FLOOR_SHARE * median * means[runs].mean(axis=1)
+        add_differences(space, runs, factors, data)
+        return
     lines = lines_through(space.parting, space.heaviest[light])
     factors = np.tile(FLOOR_SHARE * median * means[light], space.parting.dim)
     add_differences(space, lines, factors, data)
+
+
+def _beside_boundaries(space: Space) -> Bools:
+    """Return (n,) which unknowns patches read that hold samples of boundaries, those without weight."""
+    found = np.zeros(space.parting.size, dtype=bool)
+    found[space.parting.unknowns[space.parting.patch[space.samples.weights == 0]]] = True
+    return found

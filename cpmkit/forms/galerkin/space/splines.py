@@ -46,7 +46,7 @@ def spline_values(t: Floats, degree: int) -> Floats:
 
 def spline_slopes(t: Floats, degree: int) -> Floats:
     """Return (..., degree + 1) their derivatives with respect to t."""
-    return _read(t, np.polynomial.polynomial.polyder(spline_pieces(degree).T))
+    return _read(t, np.asarray(np.polynomial.polynomial.polyder(spline_pieces(degree).T), dtype=np.float64))
 
 
 def _read(t: Floats, coefficients: Floats) -> Floats:
