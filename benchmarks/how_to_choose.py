@@ -1,4 +1,4 @@
-"""Which form buys which error for what time and memory, on six scenes: the table of "How to choose".
+"""Which form buys which error for what time and memory, on five scenes: the table of "How to choose".
 
 Run ``python benchmarks/how_to_choose.py > docs/tables/how-to-choose.md``, some minutes, with names of scenes for these
 alone; it needs ``pip install . ./plugins/*`` and, for Spot, ``CPMKIT_DATA`` set to the folder of the mesh. Every number
@@ -18,7 +18,6 @@ import numpy as np
 import cpmkit as ck
 from cpmkit.studies.front import attempts, front_table, winners_table
 from cpmkit.studies.records import read_records
-from cpmkit.studies.refined import solve_on_refined_mesh
 from cpmkit.studies.running import run_study
 from cpmkit.studies.sampling import sample_points
 from cpmkit.studies.series import gather
@@ -27,13 +26,12 @@ from cpmkit.studies.truth import Truth
 
 #: Points of the cloud.
 CLOUD = 6000
-#: Spacings of the solutions that are taken for the truth on Spot: splines where it is read as smooth, triangles where
-#: as it is.
-FINE_SMOOTH, FINE_FLAT = 0.008, 0.005
+#: Spacing of the solution that is taken for the truth on Spot.
+FINE_SPACING = 0.008
 SPOT = """
 [surface]
 kind = "moved"
-of = {{ kind = "mesh.triangles", file = "spot.obj", closest = "{closest}" }}
+of = { kind = "mesh.triangles", file = "spot.obj", closest = "smooth" }
 scale = 0.5626920538
 translation = [0.2607661277, 0.4108940558, 0.3936430428]
 [problem]
@@ -116,13 +114,8 @@ CHOICES = {
     "two-sided": Choice("A sphere with a circle that has another value on each side", TWO_SIDED),
     "spot": Choice(
         "Spot, whose triangles stand for a smooth surface; against the Galerkin form on a finer lattice",
-        SPOT.format(closest="smooth"),
-        lambda scene: ck.solve(scene, FINE_SMOOTH, form="galerkin"),
-    ),
-    "spot-flat": Choice(
-        "Spot, whose flat triangles are the surface; against finite elements on a finer mesh",
-        SPOT.format(closest="faceted"),
-        lambda scene: solve_on_refined_mesh(scene, FINE_FLAT),
+        SPOT,
+        lambda scene: ck.solve(scene, FINE_SPACING, form="galerkin"),
     ),
 }
 
