@@ -85,7 +85,7 @@ def form_named(form: Any, names: Iterable[str] = ()) -> str | None:
     if not isinstance(form, str) or (form not in FORMS and form != AUTO):
         raise InputError(f"form must be {', '.join(map(repr, FORMS))} or {AUTO!r}, got {shown(form)}.")
     chosen = None if form == AUTO else form
-    for name in names:
+    for name in sorted(names, key=lambda name: len(_having(name))):  # what one form has says more than a value
         having, fitting = _having(name), _fitting(name, names)
         if len(fitting) == 1 and chosen is None:
             chosen = fitting[0]
@@ -122,7 +122,8 @@ def _fitting(name: str, given: Iterable[str]) -> list[str]:
 
 def _deciding(given: Mapping[str, Any]) -> str:
     """Return the first option that only one form has, or takes, in words."""
-    name = next(name for name in given if len(_fitting(name, given)) == 1)
+    deciding = [name for name in given if len(_fitting(name, given)) == 1]
+    name = min(deciding, key=lambda name: len(_having(name)))
     return f"the option {name!r}" if len(_having(name)) == 1 else f"{name}={given[name]!r}"
 
 

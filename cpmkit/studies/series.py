@@ -160,9 +160,10 @@ def _shift(records: Sequence[Record]) -> float:
 
 
 def _label(key: tuple[Any, ...], keys: Sequence[tuple[Any, ...]]) -> str:
-    """Return the method's name where methods differ, and each option that does; the order where nothing does."""
+    """Return the method's name where methods differ, and each option that does in it; the order where nothing does."""
     (method, options, asked), methods = key, {other for other, *_ in keys}
-    differ = [name for name, _ in options if len({dict(other).get(name) for _, other, _ in keys} - {None}) > 1]
+    own = [dict(other) for one, other, _ in keys if one == method]
+    differ = [name for name, _ in options if len({other[name] for other in own}) > 1]
     name = "with sheets" if method == "cpm" and methods & {"plain", "unfolded"} else METHOD_WORDS.get(method, method)
     parts = [name] if len(methods) > 1 else []
     parts += [f"{name} {value}" for name, value in options if name in differ]

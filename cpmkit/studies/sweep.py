@@ -51,11 +51,14 @@ def listed() -> dict[str, str]:
 
 def listed_of(method: str) -> tuple[str, ...]:
     """Return those of them that a method has."""
-    methods = closest_points()
-    if method not in methods:
+    if method not in closest_points():
         return BASELINES.get(method, ())
-    own = declared(FORMS[methods[method].get("form", LISTED_FORM)])
-    return tuple(name for name in listed() if name in own)
+    return tuple(name for name in listed() if name in declared(_form_of(method)))
+
+
+def _form_of(method: str) -> Any:
+    """Return the options of a method's form; baselines have those of the first."""
+    return FORMS[closest_points().get(method, {}).get("form", LISTED_FORM)]
 
 
 def read_sweep(table: Mapping[str, Any]) -> Sweep:
@@ -176,8 +179,9 @@ class Sweep:
 
     def _discretizations(self, method: str) -> Iterator[tuple[tuple[tuple[str, Any], ...], int | None]]:
         """Yield options and number of the origin, None where a method has none."""
-        names = listed_of(method)
-        lists = [self.lists.get(name, [getattr(FORMS[LISTED_FORM], name)]) for name in names]
+        names, own = listed_of(method), _form_of(method)
+        taken = [[one for one in self.lists.get(name, ()) if declared(own)[name].accepts(one)] for name in names]
+        lists = [values or [getattr(own, name)] for name, values in zip(names, taken, strict=True)]
         placed = names or method in closest_points()
         origins = range(self.origins) if self.origins > 1 and placed else [None]
         for values in product(*lists):
@@ -217,7 +221,8 @@ class Run:
     def of(cls, record: Mapping[str, Any]) -> Run:
         """Return the run of a record; an option that it does not know yet had its default."""
         names = listed_of(record["method"])
-        options = tuple((name, record.get(name, getattr(FORMS[LISTED_FORM], name))) for name in names)
+        own = _form_of(record["method"])
+        options = tuple((name, record.get(name, getattr(own, name))) for name in names)
         asked = {key: record.get(key) for key in ASKED_ENTRIES}
         spacing = record["spacing"] if set(asked.values()) == {None} else None  # else it is the one that was found
         return cls(record["method"], spacing, options, record["origin"], **asked)
