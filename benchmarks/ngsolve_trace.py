@@ -1,0 +1,182 @@
+"""The Galerkin form beside trace finite elements of NGSolve, on a sphere and a torus at about equal unknowns.
+
+Trace finite elements restrict those of a background mesh of tetrahedra to the surface, which a level set gives; with a
+mapping of the mesh, its geometry is of the order of the elements (ngsxfem). Make an environment for them, with
+``python -m venv ENV; ENV/bin/pip install ngsolve xfem``, and run ``python benchmarks/ngsolve_trace.py ENV/bin/python``;
+it needs ``pip install . ./plugins/cpmkit-analytic``. It prints docs/tables/ngsolve.md: unknowns, root mean square
+errors and processor time of whole solves, from the source to the solution, which take turns on one thread. The
+background meshes of the trace elements are made beforehand and not counted; the first solve of each, which compiles or
+loads, is not either.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack
+from statistics import median
+from time import process_time
+from typing import Any
+
+import numpy as np
+
+#: Unknowns that are aimed at, degrees, rounds of which the median is taken.
+UNKNOWNS, DEGREES, ROUNDS = (12_000, 49_000), (2, 3), 3
+#: Radii of the torus, and half the sides of the boxes around both surfaces.
+MAJOR, MINOR = 1.0, 0.4
+BOXES = {"sphere": (1.25, 1.25, 1.25), "torus": (1.6, 1.6, 0.6)}
+#: Spacings of the Galerkin form by degree, and lengths of the background's cells by order, that give these unknowns.
+SPACINGS = {
+    "sphere": {2: (0.0691, 0.0342), 3: (0.0798, 0.0394)},
+    "torus": {2: (0.0757, 0.0374), 3: (0.0874, 0.0432)},
+}
+LENGTHS = {
+    "sphere": {2: (0.12, 0.06), 3: (0.215, 0.106)},
+    "torus": {2: (0.135, 0.067), 3: (0.245, 0.12)},
+}
+
+
+def by_ngsolve(surface: str, order: int, length: float) -> Iterator[dict[str, float]]:
+    """Yield the unknowns, error and seconds of solves of -Lap u + u = f by trace elements."""
+    from ngsolve import (
+        H1,
+        BilinearForm,
+        Compress,
+        GridFunction,
+        InnerProduct,
+        Integrate,
+        LinearForm,
+        dx,
+        grad,
+        specialcf,
+    )
+    from ngsolve import x as X
+    from ngsolve import y as Y
+    from ngsolve import z as Z
+    from ngsolve.fem import CoefficientFunction, sqrt
+    from ngsolve.meshes import MakeStructured3DMesh
+    from xfem import IF, CutInfo, GetDofsOfElements, dCut
+    from xfem.lsetcurv import LevelSetMeshAdaptation
+
+    half = BOXES[surface]
+    cells = [int(np.ceil(2 * side / length)) for side in half]
+    mesh = MakeStructured3DMesh(
+        hexes=False,
+        nx=cells[0],
+        ny=cells[1],
+        nz=cells[2],
+        mapping=lambda a, b, c: ((2 * a - 1) * half[0], (2 * b - 1) * half[1], (2 * c - 1) * half[2]),
+    )
+    if surface == "sphere":
+        distance, r = sqrt(X * X + Y * Y + Z * Z) - 1, sqrt(X * X + Y * Y + Z * Z)
+        exact, n = 5 * X * Y * Z / r**3, CoefficientFunction((X, Y, Z)) / r
+        f = 13 * exact
+    else:
+        axis = sqrt(X * X + Y * Y)
+        tube = sqrt((axis - MAJOR) ** 2 + Z * Z)
+        distance, cosine, sine = tube - MINOR, (axis - MAJOR) / tube, Z / tube
+        n = CoefficientFunction((cosine * X / axis, cosine * Y / axis, sine))
+        around, width = 2 * X * Y / axis**2, MAJOR + MINOR * cosine
+        exact = 0.5 * around * cosine
+        across = 0.5 * around * (-cosine / MINOR**2 + sine**2 / (MINOR * width))
+        f = 4 * exact / width**2 - across + exact
+    for _ in range(ROUNDS + 1):
+        start = process_time()
+        adapted = LevelSetMeshAdaptation(mesh, order=order, threshold=1000, discontinuous_qn=True)
+        deformation = adapted.CalcDeformation(distance)
+        cut = CutInfo(mesh, adapted.lset_p1).GetElementsOfType(IF)
+        whole = H1(mesh, order=order)
+        space = Compress(whole, GetDofsOfElements(whole, cut))
+        u, v = space.TnT()
+        on = dCut(adapted.lset_p1, IF, definedonelements=cut, deformation=deformation)
+        near = dx(definedonelements=cut, deformation=deformation)
+
+        def along(w: Any) -> Any:
+            return grad(w) - InnerProduct(grad(w), n) * n
+
+        matrix, load = BilinearForm(space, symmetric=True), LinearForm(space)
+        matrix += (InnerProduct(along(u), along(v)) + u * v) * on
+        matrix += InnerProduct(grad(u), n) * InnerProduct(grad(v), n) / specialcf.mesh_size * near
+        load += f * v * on
+        matrix.Assemble()
+        load.Assemble()
+        solution = GridFunction(space)
+        solution.vec.data = matrix.mat.Inverse(space.FreeDofs(), inverse="sparsecholesky") * load.vec
+        seconds = process_time() - start
+        measure = dCut(adapted.lset_p1, IF, order=2 * order + 4, definedonelements=cut, deformation=deformation)
+        square = Integrate((solution - exact) ** 2 * measure, mesh) / Integrate(
+            CoefficientFunction(1.0) * measure, mesh
+        )
+        yield {"unknowns": space.ndof, "error": float(np.sqrt(square)), "seconds": seconds}
+
+
+def by_cpmkit(surface: str, degree: int, spacing: float) -> dict[str, float]:
+    """Return the same by the Galerkin form."""
+    from knobs import on_sphere, on_torus
+
+    import cpmkit as ck
+
+    exact = {"sphere": on_sphere, "torus": on_torus}[surface]
+    start = process_time()
+    radii = {"sphere": {}, "torus": {"major": MAJOR, "minor": MINOR}}[surface]
+    scene = ck.Scene(ck.source(f"analytic.{surface}", **radii), ck.ScreenedPoisson(lambda x: exact(x)[1], c=1.0))
+    solution = ck.solve(scene, spacing, form="galerkin", degree=degree, estimate=False)
+    seconds, form = process_time() - start, solution.discretized
+    off = solution.evaluate(form.points).ravel() - exact(form.points)[0]
+    rms = float(np.sqrt(form.point_weights @ off**2 / form.point_weights.sum()))
+    return {"unknowns": solution.work.unknowns, "error": rms, "seconds": seconds}
+
+
+def in_turns(python: str, surface: str, size: int) -> dict[str, dict[str, float]]:
+    """Return what both did by every degree, with the median of the seconds; all wait while one of them solves."""
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    found: dict[str, list[dict[str, float]]] = {}
+    with ExitStack() as stack:
+        peers = {}
+        for order in DEGREES:
+            command = [python, __file__, "--trace", surface, str(order), str(LENGTHS[surface][order][size])]
+            pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+            peers[order] = stack.enter_context(subprocess.Popen(command, text=True, env=environment, **pipes))
+        for _ in range(ROUNDS + 1):
+            for degree, peer in peers.items():
+                peer.stdin.write("\n")
+                peer.stdin.flush()
+                found.setdefault(f"trace elements of order {degree}", []).append(json.loads(_answer(peer.stdout)))
+                one = by_cpmkit(surface, degree, SPACINGS[surface][degree][size])
+                found.setdefault(f"Galerkin form, degree {degree}", []).append(one)
+        for peer in peers.values():
+            peer.stdin.close()
+    return {name: {**kept[-1], "seconds": median(one["seconds"] for one in kept[1:])} for name, kept in found.items()}
+
+
+def _answer(lines: Iterable[str]) -> str:
+    """Return the next line that is a record: the library greets at first."""
+    return next(line for line in lines if line.startswith("{"))
+
+
+def main(python: str) -> None:
+    """Print the table."""
+    os.environ["CPMKIT_THREADS"] = os.environ["OMP_NUM_THREADS"] = "1"
+    print("| surface | by | unknowns | rms error | seconds |", "|---|---|--:|--:|--:|", sep="\n", flush=True)
+    for surface in BOXES:
+        for size in range(len(UNKNOWNS)):
+            for name, one in sorted(in_turns(python, surface, size).items(), reverse=True):
+                counts = f"{one['unknowns']:,} | {one['error']:.1e} | {one['seconds']:.2f}"
+                print(f"| {surface} | {name} | {counts} |", flush=True)
+
+
+def trace(surface: str, order: str, length: str) -> None:
+    """Answer each line with one solve."""
+    solves = by_ngsolve(surface, int(order), float(length))
+    for _ in sys.stdin:
+        print(json.dumps(next(solves)), flush=True)
+
+
+if __name__ == "__main__":
+    if sys.argv[1] == "--trace":
+        trace(*sys.argv[2:])
+    else:
+        main(sys.argv[1])
