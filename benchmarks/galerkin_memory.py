@@ -7,14 +7,14 @@ process of its own, which first solves a small scene, so that what is imported a
 
 from __future__ import annotations
 
-import gc
 import os
 import subprocess
 import sys
 
-from galerkin_multigrid import ONE_THREAD, forget_peak, memory
+from galerkin_multigrid import ONE_THREAD
 
 import cpmkit as ck
+from cpmkit.runtime.peak import bytes_since, forget_peak
 
 #: Of 140 and 490 thousand and a million unknowns.
 SPACINGS = (0.02, 0.0107, 0.0075)
@@ -27,7 +27,7 @@ def solved(spacing: float, degree: int) -> ck.Solution:
     return ck.solve(scene, spacing, form="galerkin", degree=degree, solver="multigrid")
 
 
-def peak_of(spacing: float, degree: int) -> tuple[int, float]:
+def peak_of(spacing: float, degree: int = 2) -> tuple[int, float]:
     """Return the number of unknowns, and the peak in bytes for each, of a solve in a process of its own."""
     environment = {**os.environ, **ONE_THREAD}
     command = [sys.executable, __file__, "--here", str(spacing), str(degree)]
@@ -41,10 +41,9 @@ def main() -> None:
     if sys.argv[1:2] == ["--here"]:
         degree = int(sys.argv[3])
         solved(WARMING_SPACING, degree)
-        gc.collect()
         before = forget_peak()
         unknowns = solved(float(sys.argv[2]), degree).work.unknowns
-        print(unknowns, (memory("VmHWM") - before) / unknowns)
+        print(unknowns, (bytes_since(before) or 0) / unknowns)
         return
     degree, given = (int(sys.argv[2]), sys.argv[3:]) if sys.argv[1:2] == ["--degree"] else (2, sys.argv[1:])
     for spacing in [float(one) for one in given] or SPACINGS:

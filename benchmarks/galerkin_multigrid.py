@@ -13,7 +13,6 @@ import subprocess
 import sys
 import time
 from itertools import product
-from pathlib import Path
 
 ONE_THREAD = dict.fromkeys(("CPMKIT_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 SPACINGS = (0.053, 0.0237, 0.0106, 0.0075)
@@ -51,6 +50,7 @@ def measure(spacing):
     from cpmkit.forms.galerkin.space.space import space_of
     from cpmkit.linear.multigrid import Multigrid
     from cpmkit.linear.operators import CsrOperator
+    from cpmkit.runtime.peak import bytes_since, forget_peak
 
     samples, contacts = sphere(spacing)
     parting = part(samples.points, contacts, spacing)
@@ -67,7 +67,7 @@ def measure(spacing):
     marks.append(time.process_time())
     report = prepared.solve(b, 1e-10)[1]
     marks.append(time.process_time())
-    used = (memory("VmHWM") - before) / operator.size
+    used = (bytes_since(before) or 0) / operator.size
     one = float(np.median(times + products(operator.matrix, b)))
     costs = np.diff(marks) / one
     per_row = operator.matrix.nnz / operator.size
@@ -85,20 +85,6 @@ def products(matrix, b):
         matrix @ b[:, 0]
         seconds.append(time.process_time() - start)
     return seconds
-
-
-def memory(field):
-    """Bytes of resident memory: VmRSS now, VmHWM at most so far (of Linux)."""
-    for line in Path("/proc/self/status").read_text().splitlines():
-        if line.startswith(field):
-            return 1024 * int(line.split()[1])
-    return 0
-
-
-def forget_peak():
-    """Let the peak start from what is used now, and return that."""
-    Path("/proc/self/clear_refs").write_text("5")
-    return memory("VmRSS")
 
 
 def main():

@@ -39,6 +39,38 @@ LENGTHS = {
 }
 
 
+def posed(surface: str) -> tuple[Any, Any, Any, Any]:
+    """Return distance, normal, solution and right-hand side as coefficient functions of NGSolve."""
+    from ngsolve import x, y, z
+    from ngsolve.fem import CoefficientFunction, sqrt
+
+    if surface == "sphere":
+        r = sqrt(x * x + y * y + z * z)
+        exact = 5 * x * y * z / r**3
+        return r - 1, CoefficientFunction((x, y, z)) / r, exact, 13 * exact
+    axis = sqrt(x * x + y * y)
+    tube = sqrt((axis - MAJOR) ** 2 + z * z)
+    cosine, sine = (axis - MAJOR) / tube, z / tube
+    around, width = 2 * x * y / axis**2, MAJOR + MINOR * cosine
+    exact = 0.5 * around * cosine
+    across = 0.5 * around * (-cosine / MINOR**2 + sine**2 / (MINOR * width))
+    normal = CoefficientFunction((cosine * x / axis, cosine * y / axis, sine))
+    return tube - MINOR, normal, exact, 4 * exact / width**2 - across + exact
+
+
+def background(surface: str, length: float) -> Any:
+    """Return a mesh of tetrahedra of the box around a surface."""
+    from ngsolve.meshes import MakeStructured3DMesh
+
+    half = BOXES[surface]
+    cells = [int(np.ceil(2 * side / length)) for side in half]
+
+    def placed(a: float, b: float, c: float) -> tuple[float, ...]:
+        return tuple((2 * t - 1) * side for t, side in zip((a, b, c), half, strict=True))
+
+    return MakeStructured3DMesh(hexes=False, nx=cells[0], ny=cells[1], nz=cells[2], mapping=placed)
+
+
 def by_ngsolve(surface: str, order: int, length: float) -> Iterator[dict[str, float]]:
     """Yield the unknowns, error and seconds of solves of -Lap u + u = f by trace elements."""
     from ngsolve import (
@@ -53,52 +85,23 @@ def by_ngsolve(surface: str, order: int, length: float) -> Iterator[dict[str, fl
         grad,
         specialcf,
     )
-    from ngsolve import x as X
-    from ngsolve import y as Y
-    from ngsolve import z as Z
-    from ngsolve.fem import CoefficientFunction, sqrt
-    from ngsolve.meshes import MakeStructured3DMesh
+    from ngsolve.fem import CoefficientFunction
     from xfem import IF, CutInfo, GetDofsOfElements, dCut
     from xfem.lsetcurv import LevelSetMeshAdaptation
 
-    half = BOXES[surface]
-    cells = [int(np.ceil(2 * side / length)) for side in half]
-    mesh = MakeStructured3DMesh(
-        hexes=False,
-        nx=cells[0],
-        ny=cells[1],
-        nz=cells[2],
-        mapping=lambda a, b, c: ((2 * a - 1) * half[0], (2 * b - 1) * half[1], (2 * c - 1) * half[2]),
-    )
-    if surface == "sphere":
-        distance, r = sqrt(X * X + Y * Y + Z * Z) - 1, sqrt(X * X + Y * Y + Z * Z)
-        exact, n = 5 * X * Y * Z / r**3, CoefficientFunction((X, Y, Z)) / r
-        f = 13 * exact
-    else:
-        axis = sqrt(X * X + Y * Y)
-        tube = sqrt((axis - MAJOR) ** 2 + Z * Z)
-        distance, cosine, sine = tube - MINOR, (axis - MAJOR) / tube, Z / tube
-        n = CoefficientFunction((cosine * X / axis, cosine * Y / axis, sine))
-        around, width = 2 * X * Y / axis**2, MAJOR + MINOR * cosine
-        exact = 0.5 * around * cosine
-        across = 0.5 * around * (-cosine / MINOR**2 + sine**2 / (MINOR * width))
-        f = 4 * exact / width**2 - across + exact
+    mesh, (distance, n, exact, f) = background(surface, length), posed(surface)
     for _ in range(ROUNDS + 1):
         start = process_time()
         adapted = LevelSetMeshAdaptation(mesh, order=order, threshold=1000, discontinuous_qn=True)
-        deformation = adapted.CalcDeformation(distance)
-        cut = CutInfo(mesh, adapted.lset_p1).GetElementsOfType(IF)
+        mapped = {"deformation": adapted.CalcDeformation(distance)}
+        mapped["definedonelements"] = cut = CutInfo(mesh, adapted.lset_p1).GetElementsOfType(IF)
         whole = H1(mesh, order=order)
         space = Compress(whole, GetDofsOfElements(whole, cut))
         u, v = space.TnT()
-        on = dCut(adapted.lset_p1, IF, definedonelements=cut, deformation=deformation)
-        near = dx(definedonelements=cut, deformation=deformation)
-
-        def along(w: Any) -> Any:
-            return grad(w) - InnerProduct(grad(w), n) * n
-
+        on, near = dCut(adapted.lset_p1, IF, **mapped), dx(**mapped)
+        du, dv = (grad(w) - InnerProduct(grad(w), n) * n for w in (u, v))
         matrix, load = BilinearForm(space, symmetric=True), LinearForm(space)
-        matrix += (InnerProduct(along(u), along(v)) + u * v) * on
+        matrix += (InnerProduct(du, dv) + u * v) * on
         matrix += InnerProduct(grad(u), n) * InnerProduct(grad(v), n) / specialcf.mesh_size * near
         load += f * v * on
         matrix.Assemble()
@@ -106,10 +109,9 @@ def by_ngsolve(surface: str, order: int, length: float) -> Iterator[dict[str, fl
         solution = GridFunction(space)
         solution.vec.data = matrix.mat.Inverse(space.FreeDofs(), inverse="sparsecholesky") * load.vec
         seconds = process_time() - start
-        measure = dCut(adapted.lset_p1, IF, order=2 * order + 4, definedonelements=cut, deformation=deformation)
-        square = Integrate((solution - exact) ** 2 * measure, mesh) / Integrate(
-            CoefficientFunction(1.0) * measure, mesh
-        )
+        measure = dCut(adapted.lset_p1, IF, order=2 * order + 4, **mapped)
+        area = Integrate(CoefficientFunction(1.0) * measure, mesh)
+        square = Integrate((solution - exact) ** 2 * measure, mesh) / area
         yield {"unknowns": space.ndof, "error": float(np.sqrt(square)), "seconds": seconds}
 
 

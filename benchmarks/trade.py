@@ -17,11 +17,11 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from galerkin_multigrid import forget_peak, memory
 from trade_problems import Problem, problems
 
 import cpmkit as ck
 from cpmkit.grid.lattice import lattice_of
+from cpmkit.runtime.peak import bytes_since, forget_peak
 from cpmkit.studies.tables import table_row, table_rule
 
 TOLERANCES, QUICK_TOLERANCES = (1e-2, 3e-3, 1e-3, 3e-4), (3e-3, 3e-4)
@@ -46,7 +46,7 @@ class TradeRun:
     asked_seconds: float | None
     seconds: float
     predicted_bytes: float
-    bytes: float
+    bytes: int | None
     unknowns: int
     cost_over_last_solve: float
 
@@ -69,7 +69,7 @@ def run(problem: Problem, position: int, norm: str, **asked: Any) -> TradeRun:
         asked.get("seconds"),
         trade.seconds,
         trade.predicted_bytes,
-        memory("VmHWM") - before,
+        bytes_since(before),
         solution.discretized.size,
         trade.cost_over_last_solve,
     )

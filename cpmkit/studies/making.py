@@ -22,12 +22,7 @@ from cpmkit.solution.solution import Solution
 from cpmkit.solving import for_any_backend, solve
 from cpmkit.studies.baselines import solve_by_fixed_nodes
 from cpmkit.studies.checking import at_spacing
-from cpmkit.studies.records import (
-    FORETOLD,
-    LARGEST_RECORDED,
-    MEASURED,
-    Record,
-)
+from cpmkit.studies.records import FORETOLD, LARGEST_RECORDED, MEASURED, Record
 from cpmkit.studies.refined import solve_on_refined_mesh
 from cpmkit.studies.studyfile import Study
 from cpmkit.studies.sweep import BASELINES, REFINED, Run, closest_points

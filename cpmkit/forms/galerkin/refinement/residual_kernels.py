@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from cpmkit.forms.galerkin.space.sample_kernels import spline_slopes, spline_values
 from cpmkit.protocols import Floats, Ints
 from cpmkit.runtime.compilation import compiled
 
@@ -26,11 +27,9 @@ def second_derivatives(
         p = patch[q]
         for axis in range(d):
             t = points[q, axis] / spacing - cells[p, axis] + 0.5
-            s = 1.0 - t
-            splines[0, axis, 0], splines[0, axis, 1], splines[0, axis, 2] = 0.5 * s * s, 0.5 + t * s, 0.5 * t * t
-            splines[1, axis, 0], splines[1, axis, 1], splines[1, axis, 2] = -s / spacing, (s - t) / spacing, t / spacing
-            splines[2, axis, 0] = splines[2, axis, 2] = 1.0 / spacing**2
-            splines[2, axis, 1] = -2.0 / spacing**2
+            spline_values(t, 3, splines[0, axis])
+            spline_slopes(t, 3, splines[1, axis])
+            splines[2, axis, 0], splines[2, axis, 1], splines[2, axis, 2] = 1.0, -2.0, 1.0
         for channel in range(u.shape[1]):
             hessian[:] = 0.0
             for place in range(width):
@@ -50,4 +49,4 @@ def second_derivatives(
                     total -= normals[q, c, i] ** 2 * hessian[i, i]
                     for j in range(i + 1, d):
                         total -= 2.0 * normals[q, c, i] * normals[q, c, j] * hessian[i, j]
-            found[q, channel] = total
+            found[q, channel] = total / spacing**2

@@ -66,11 +66,11 @@ def value_of(splines: Any, kind: int, axis: int, i: int, t: float) -> Any:
     """Return the value at t of the factor along an axis of the spline at place i."""
     T, p = POLYNOMIALS, len(splines) - 2
     if len(splines) == 2:
-        return T[p, kind, axis, 0, i] + t * T[p, kind, axis, 1, i]
+        return T[p, kind, axis, VALUE, i] + t * T[p, kind, axis, VALUE + 1, i]
     if len(splines) == 3:
-        return T[p, kind, axis, 0, i] + t * (T[p, kind, axis, 1, i] + t * T[p, kind, axis, 2, i])
-    high = T[p, kind, axis, 2, i] + t * T[p, kind, axis, 3, i]
-    return T[p, kind, axis, 0, i] + t * (T[p, kind, axis, 1, i] + t * high)
+        return T[p, kind, axis, VALUE, i] + t * (T[p, kind, axis, VALUE + 1, i] + t * T[p, kind, axis, VALUE + 2, i])
+    high = T[p, kind, axis, VALUE + 2, i] + t * T[p, kind, axis, VALUE + 3, i]
+    return T[p, kind, axis, VALUE, i] + t * (T[p, kind, axis, VALUE + 1, i] + t * high)
 
 
 @inlined
@@ -78,10 +78,10 @@ def slope_of(splines: Any, kind: int, axis: int, i: int, t: float) -> Any:
     """Return its slope."""
     T, p = POLYNOMIALS, len(splines) - 2
     if len(splines) == 2:
-        return T[p, kind, axis, 4, i]
+        return T[p, kind, axis, SLOPE, i]
     if len(splines) == 3:
-        return T[p, kind, axis, 4, i] + t * T[p, kind, axis, 5, i]
-    return T[p, kind, axis, 4, i] + t * (T[p, kind, axis, 5, i] + t * T[p, kind, axis, 6, i])
+        return T[p, kind, axis, SLOPE, i] + t * T[p, kind, axis, SLOPE + 1, i]
+    return T[p, kind, axis, SLOPE, i] + t * (T[p, kind, axis, SLOPE + 1, i] + t * T[p, kind, axis, SLOPE + 2, i])
 
 
 @inlined
@@ -91,8 +91,8 @@ def second_of(splines: Any, kind: int, axis: int, i: int, t: float) -> Any:
     if len(splines) == 2:
         return 0.0
     if len(splines) == 3:
-        return T[p, kind, axis, 7, i]
-    return T[p, kind, axis, 7, i] + t * T[p, kind, axis, 8, i]
+        return T[p, kind, axis, SECOND, i]
+    return T[p, kind, axis, SECOND, i] + t * T[p, kind, axis, SECOND + 1, i]
 
 
 @compiled
@@ -175,8 +175,8 @@ def third_form(
         ddY = ny * ny * second_of(splines, kind, 1, i, y)
         ddZ = nz * nz * second_of(splines, kind, 2, i, z)
         T = POLYNOMIALS
-        form = nx * nx * nx * T[2, kind, 0, 9, i] * Y * Z + ny * ny * ny * X * T[2, kind, 1, 9, i] * Z
-        form += nz * nz * nz * X * Y * T[2, kind, 2, 9, i] + 6.0 * dX * dY * dZ
+        form = nx * nx * nx * T[2, kind, 0, THIRD, i] * Y * Z + ny * ny * ny * X * T[2, kind, 1, THIRD, i] * Z
+        form += nz * nz * nz * X * Y * T[2, kind, 2, THIRD, i] + 6.0 * dX * dY * dZ
         form += 3.0 * (ddX * (dY * Z + Y * dZ) + ddY * (dX * Z + X * dZ) + ddZ * (dX * Y + X * dY))
         forms[i] = form
         forms[room + i] = weight * form
