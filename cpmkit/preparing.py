@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib import import_module
 from typing import Any
 
@@ -16,6 +16,7 @@ from cpmkit.families.quasilinear import solve_quasilinear
 from cpmkit.forecast.running_out import memory_told
 from cpmkit.forms.choice import FORMS, module_of, options_of
 from cpmkit.forms.contract import Discretized
+from cpmkit.forms.field import Field, field_of
 from cpmkit.forms.options import Options
 from cpmkit.forms.solver_choice import solver_of
 from cpmkit.linear.choice import SOLVER_OPTIONS, SolverOptions, make_solver, solver_of_steps
@@ -112,6 +113,32 @@ class Prepared:
             solution = self.run(scene, checkpointing, start)
         warn_each(solution.warnings)
         return solution
+
+    def solved_by(self, solver: str, **options: Any) -> Prepared:
+        """Return the same tables with another solver, ``direct``, ``multigrid`` or another, and its options.
+
+        Raises
+        ------
+        InputError
+            If there is no such solver, or it takes no such option.
+        """
+        return replace(self, solver=SolverOptions.of({"solver": solver, **options}), kept=Kept())
+
+    @property
+    def points(self) -> Floats:
+        """(p, d) where the scene's form keeps values: samples, or feet of nodes; in the scene's coordinates."""
+        return self.discretized.points
+
+    def field(self, data: Any) -> Field:
+        """Return values at the points where the scene's form keeps them; see :class:`~cpmkit.Field`.
+
+        Parameters
+        ----------
+        data : number, sequence, array, callable, VertexData or Solution
+            A function of points; the values at ``prepared.points`` themselves, (p,) or (p, channels); or a solution,
+            which is read without loss if it is on the same tables.
+        """
+        return field_of(self.discretized, data)
 
     def run(
         self,

@@ -38,7 +38,7 @@ class Kept:
 
 def left_side(terms: Terms) -> Hashable:
     """Return what tells the operators of two equations apart: all terms but f, functions and arrays by themselves."""
-    parts = terms.c, terms.diffusivity, terms.velocity, terms.conservative
+    parts = terms.c, terms.diffusivity, terms.velocity, terms.conservative, terms.lumped
     return tuple(_Itself(one) if callable(one) or isinstance(one, np.ndarray) else one for one in parts)
 
 

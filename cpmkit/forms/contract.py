@@ -237,6 +237,10 @@ class Discretized(ABC):
     def load(self, f: Data, time: float | None = None) -> Floats:
         """Return what the right-hand side ``f`` adds to b at ``time``, (n, channels)."""
 
+    def load_against_slopes(self, values: Floats) -> Floats:
+        """Return the integrals (n,) of the vectors ``values`` (p, d) at :attr:`points` times each spline's gradient."""
+        raise InputError(f"the form {self.form!r} takes no divergence as a right-hand side; use form='galerkin'.")
+
     @abstractmethod
     def data(self, stiffness: Stiffness, time: float | None = None, of: str = "value") -> Floats:
         """Return what the data of the conditions add to b (n, channels), those of u, or ``of`` -Lap u: "laplacian"."""

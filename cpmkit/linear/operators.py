@@ -91,6 +91,13 @@ def _sum(factor: Any, operator: Operator, weight: Any, mass: Operator | None) ->
     return (weight * matrix + factor * operator.to_csr()).tocsr()
 
 
+def with_diagonal(matrix: csr_array, added: Floats) -> csr_array:
+    """Return ``matrix`` with ``added`` (n,) on its diagonal."""
+    from scipy.sparse import diags_array
+
+    return (matrix + diags_array(added)).tocsr()
+
+
 def has_symmetric_pattern(operator: Operator) -> bool:
     """Tell whether an operator is symmetric, or nearly so: in its pattern, with a positive symmetric part."""
     return operator.symmetric or bool(getattr(operator, "symmetric_pattern", False))

@@ -13,9 +13,17 @@ from cpmkit.errors import CpmkitError, InputError, shown
 from cpmkit.protocols import Floats
 from cpmkit.runtime.arrays import number
 
+
+
+class Functional:
+    """A right-hand side that is no function of points; see :mod:`cpmkit.scene.functionals`."""
+
+    channels: int
+
+
 #: A number, one entry a channel, or a callable of points (n, d) and, where it has a parameter ``t`` without a default,
-#: of the time.
-Data = float | list[Any] | tuple[Any, ...] | Floats | Callable[..., Any]
+#: of the time; as a right-hand side also what is known by its integrals alone.
+Data = float | list[Any] | tuple[Any, ...] | Floats | Callable[..., Any] | Functional
 #: What data may be in size: sums of their squares are numbers.
 LARGEST_DATUM = 1e100
 
@@ -27,11 +35,11 @@ def takes_time(data: Data) -> bool:
     """
     if isinstance(data, (list, tuple)):
         return any(takes_time(entry) for entry in data)
-    if not callable(data):
-        return False
     declared = getattr(data, "takes_time", None)
     if isinstance(declared, bool):
         return declared
+    if not callable(data):
+        return False
     if isinstance(data, FunctionType) and "t" not in data.__code__.co_varnames and not data.__dict__:
         return False  # told in a hundredth of the time that its signature takes, for each step of a run asks
     try:
@@ -64,6 +72,11 @@ def evaluate_data(data: Data, points: Floats, channels: int | None, what: str, t
         asks for the time of a problem that has none.
     """
     n = len(points)
+    if isinstance(data, Functional):
+        raise InputError(
+            f"{what} is a {type(data).__name__}, which is known by its integrals alone and has no values at points; it "
+            "is accepted as the right-hand side f in the form 'galerkin'."
+        )
     if callable(data):
         if takes_time(data) and time is None:
             raise InputError(f"{what} depends on t, and the problem has no time; use Heat or Wave.")

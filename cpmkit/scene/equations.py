@@ -41,6 +41,8 @@ class Terms:
         What carries u along.
     conservative : bool
         Whether the velocity's term is div(velocity u).
+    lumped : bool
+        Whether the integrals of c u v are those of c times the interpolated product: a diagonal matrix.
     """
 
     f: Data = 0.0
@@ -48,6 +50,7 @@ class Terms:
     diffusivity: Any = 1.0
     velocity: Field | None = None
     conservative: bool = False
+    lumped: bool = False
 
     def __str__(self) -> str:
         a = self.diffusivity
@@ -182,6 +185,10 @@ class ScreenedPoisson(Equation):
         Right-hand side, as for :class:`Poisson`.
     c : float
         Above zero, in one over the square of the unit of length.
+    lumped : bool
+        Whether c u is integrated by a diagonal matrix, the row sums of the other, so that a solution that decays from
+        spacing to spacing (c of the order of one over the spacing's square) does not swing below zero. Collocation has
+        no other.
 
     Raises
     ------
@@ -191,6 +198,7 @@ class ScreenedPoisson(Equation):
 
     f: Data
     c: float = 1.0
+    lumped: bool = False
     # King et al. (2024), eq. 19; with c = 1 / t, eq. 23.
     kind: ClassVar[str] = "screened"
 
@@ -199,7 +207,7 @@ class ScreenedPoisson(Equation):
 
     def terms(self) -> Terms:
         """Return the terms of the equation."""
-        return Terms(self.f, float(self.c))
+        return Terms(self.f, float(self.c), lumped=self.lumped)
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ from cpmkit.protocols import SIDES, BoundarySet, ClosestPointSource, Floats
 from cpmkit.scene.boundary import ONE
 from cpmkit.scene.condition import Condition, EdgeConditions
 from cpmkit.scene.conditions import Neumann
-from cpmkit.scene.data import Data, evaluate_data
+from cpmkit.scene.data import Data, Functional, evaluate_data
 from cpmkit.scene.equations import Equation
 from cpmkit.scene.orient import orient
 from cpmkit.scene.oriented import OrientedBoundary
@@ -95,14 +95,18 @@ class Scene:
     def channels(self) -> int:
         """How many right-hand sides are solved together: the entries of the data, where they have more than one."""
         counts = [
-            (what, evaluate_data(data, self._place(place), None, what, self.problem.start_time).shape[1])
-            for what, data, place in self._data()
+            (what, self._channels_of(what, data, place)) for what, data, place in self._data()
         ]
         most = max((count for _, count in counts), default=1)
         for what, count in counts:
             if count not in (1, most):
                 raise SceneError(f"{what} has {count} channels where others have {most}; give one value, or {most}.")
         return most
+
+    def _channels_of(self, what: str, data: Data, place: int) -> int:
+        if isinstance(data, Functional):
+            return data.channels
+        return evaluate_data(data, self._place(place), None, what, self.problem.start_time).shape[1]
 
     @cached_property
     def has_tensor(self) -> bool:

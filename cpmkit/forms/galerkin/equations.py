@@ -19,13 +19,14 @@ from cpmkit.forms.galerkin.conditions.held import loops_of
 from cpmkit.forms.galerkin.conditions.terms import ConditionTerms, condition_terms
 from cpmkit.forms.galerkin.conditions.through import flux_through
 from cpmkit.forms.galerkin.operator import GalerkinOperator, operator_of
-from cpmkit.forms.galerkin.space.energy import conductivity
+from cpmkit.forms.galerkin.space.energy import conductivity, load_against_slopes
 from cpmkit.forms.galerkin.space.floor import floored_stiffness
 from cpmkit.forms.galerkin.transport.reading import speed_out
-from cpmkit.linear.operators import Border, CsrOperator
+from cpmkit.linear.operators import Border, CsrOperator, with_diagonal
 from cpmkit.protocols import Floats, Side, Stiffness
 from cpmkit.scene.data import Data
 from cpmkit.scene.equations import Terms
+from cpmkit.scene.functionals import TestedRightSide
 from cpmkit.scene.state_diffusivity import StateDiffusivity
 
 if TYPE_CHECKING:
@@ -47,7 +48,9 @@ class Equations(Coefficients):
         a = self._diffusivity(terms.diffusivity)
         c = self._at_samples(terms.c, "the factor c") if callable(terms.c) or terms.c else None
         holding = self._holding(terms.diffusivity)
-        matrix = self._floored_stiffness(a, c, holding)
+        matrix = self._floored_stiffness(a, None if terms.lumped else c, holding)
+        if terms.lumped and c is not None:
+            matrix = with_diagonal(matrix, self._loads(c[:, None])[:, 0])
         carried = self._carried_for(terms)
         if carried is not None:
             matrix = carried.added_to(matrix, self._strength)
@@ -115,11 +118,22 @@ class Equations(Coefficients):
 
     def load(self, f: Data, time: float | None = None) -> Floats:
         """Return the integrals of f times each spline, (n, channels)."""
+        if isinstance(f, TestedRightSide):
+            return f.loads(self, time)
         values = self.read(f, "the right-hand side f", time, self.channels)
         loads = self._integrals(values)
         if self._carried is not None:
             self._carried.add_load(values, loads)
         return loads
+
+    def load_against_slopes(self, values: Floats) -> Floats:
+        """Return the integrals (n,) of vectors (p, d) at the samples times the tangential gradient of each spline."""
+        loads = load_against_slopes(self.space, values)
+        if not len(self._tips):
+            return loads
+        weighted = self.point_weights[:, None] * values
+        own = sum(rows.T @ weighted[:, axis] for axis, rows in enumerate(self._tips.slopes_inside))
+        return np.concatenate([loads, own])
 
     def data(self, stiffness: Stiffness, time: float | None = None, of: str = "value") -> Floats:
         """Return what the conditions' data add to b, (n, channels)."""

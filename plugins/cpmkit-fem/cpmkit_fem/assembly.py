@@ -52,3 +52,10 @@ def stiffness_and_mass(
         at_points: Any = 1.0 if weight is None else basis.interpolate(weight)
         matrices.append(csr_array(BilinearForm(form).assemble(basis, weight=at_points)))
     return matrices[0], matrices[1]
+
+
+def lumped(mass: csr_array) -> csr_array:
+    """Return the diagonal matrix of the row sums of a mass matrix."""
+    from scipy.sparse import diags_array
+
+    return diags_array(np.asarray(mass.sum(axis=1)).ravel()).tocsr()

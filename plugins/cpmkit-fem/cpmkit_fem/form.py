@@ -30,7 +30,7 @@ from cpmkit.plugin import (
     Value,
     as_points,
 )
-from cpmkit_fem.assembly import stiffness_and_mass
+from cpmkit_fem.assembly import lumped, stiffness_and_mass
 from cpmkit_fem.location import nearest_on_triangles
 from cpmkit_fem.operator import VertexOperator, pinned_operator, without
 from cpmkit_fem.pins import Pins, pin
@@ -167,7 +167,7 @@ class FiniteElements(Discretized):
         matrix, mass = a[0] * self.laplacian, c[0] * self.mass_matrix
         if callable(terms.diffusivity) or callable(terms.c):
             matrix, mass = stiffness_and_mass(self.vertices, self.faces, a, c)
-        matrix = (matrix + mass).tocsr()
+        matrix = (matrix + (lumped(mass) if terms.lumped else mass)).tocsr()
         rims = [part.mass(a / part.law.alpha) for part in self._flows]
         for part in self._flows:
             if isinstance(part.law, Mixed):

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cpmkit.errors import SceneError
 from cpmkit.forms.galerkin.facing import Turned, turned
 from cpmkit.forms.galerkin.fixed_samples import SAMPLES_AT_ONCE
 from cpmkit.forms.galerkin.form import Galerkin
@@ -122,6 +123,10 @@ class RefinedGalerkin(Galerkin):
 
     def _loads(self, values: Floats) -> Floats:
         return np.asarray(self.representation.T @ load(self.space, values))
+
+    def load_against_slopes(self, values: Floats) -> Floats:
+        """Refuse: what weak divergences are taken of is not known beyond the spacing that it was made at."""
+        raise SceneError("refine='auto' takes no divergence as a right-hand side; use refine='off'.")
 
     def at_points(self, u: Floats) -> Floats:
         """Return the values (p, channels) of u at the samples."""

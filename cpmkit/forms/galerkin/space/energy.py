@@ -144,6 +144,20 @@ def slopes_at_samples(space: Space, count: int, u: Floats) -> Floats:
     return slopes
 
 
+def load_against_slopes(space: Space, field: Floats) -> Floats:
+    """Return (n,) sum w field . grad v, ``field`` (p, d) at the first samples, of which the tangential part counts."""
+    from cpmkit.forms.galerkin.space.sample_kernels import add_slope_load
+
+    parting, loads = space.parting, np.zeros(space.parting.size)
+    for start in range(0, len(field), SAMPLES_AT_ONCE):
+        some = slice(start, min(start + SAMPLES_AT_ONCE, len(field)))
+        points, normals = space.samples.points_at(some), space.samples.normals_at(some)
+        along = field[some] - np.einsum("qcd,qce,qe->qd", normals, normals, field[some])
+        weighted = space.samples.weights[some, None] * along
+        add_slope_load(parting.unknowns, parting.cells, parting.spacing, parting.patch[some], points, weighted, loads)
+    return loads
+
+
 def energy_data(
     space: Space,
     a: Floats | float | None,

@@ -148,3 +148,31 @@ def read_slopes(
                     own[axis] -= across * normals[q, c, axis]
             for axis in range(d):
                 slopes[q, channel, axis] = own[axis]
+
+
+@compiled
+def add_slope_load(
+    unknowns: Ints, cells: Ints, spacing: float, patch: Any, points: Floats, weighted: Floats, load: Floats
+) -> None:
+    """Add sum weighted[q] . grad N_j(y_q) to ``load`` (n,), ``weighted`` (q, d) the vectors times their weights."""
+    d = cells.shape[1]
+    along = splines_along(unknowns.shape[1], d)
+    depth = along if d == 3 else 1
+    values, steps = np.ones((3, along)), np.zeros((3, along))
+    third = 2 if d == 3 else 0
+    for q in range(len(points)):
+        p = patch[q]
+        for axis in range(d):
+            t = points[q, axis] / spacing - cells[p, axis] + 0.5
+            spline_values(t, along, values[axis])
+            spline_slopes(t, along, steps[axis])
+        x, y = weighted[q, 0] / spacing, weighted[q, 1] / spacing
+        z = weighted[q, third] / spacing if d == 3 else 0.0
+        place = 0
+        for i in range(along):
+            for j in range(along):
+                across = x * steps[0, i] * values[1, j] + y * values[0, i] * steps[1, j]
+                both = z * values[0, i] * values[1, j]
+                for k in range(depth):
+                    load[unknowns[p, place]] += across * values[2, k] + both * steps[2, k]
+                    place += 1

@@ -1,0 +1,183 @@
+"""Right-hand sides that are no functions of points: known by their integrals times each function that tests them."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from cpmkit.errors import InputError, shown
+from cpmkit.protocols import Floats
+from cpmkit.runtime.arrays import as_points, number
+from cpmkit.scene.data import Data, Functional
+
+
+class TestsFunctionals(Protocol):
+    """What a form needs to take such right-hand sides."""
+
+    @property
+    def channels(self) -> int:
+        """Number of right-hand sides that are solved together."""
+
+    @property
+    def points(self) -> Floats:
+        """(p, d) at which it knows values."""
+
+    def load(self, f: Data, time: float | None = None) -> Floats:
+        """Return the integrals (n, channels) of a function times each test function."""
+
+    def rows(self, points: Floats) -> Any:
+        """Return the matrix (k, n) of the test functions at the manifold's points nearest to ``points``."""
+
+    def load_against_slopes(self, values: Floats) -> Floats:
+        """Return the integrals (n,) of the vectors ``values`` (p, d) times each test function's gradient."""
+
+
+class TestedRightSide(Functional, ABC):
+    """A right-hand side that is known by its integrals times test functions, and a function ``beside`` it."""
+
+    beside: Data
+
+    @property
+    def takes_time(self) -> bool:
+        """Whether it depends on the time."""
+        from cpmkit.scene.data import takes_time
+
+        return takes_time(self.beside)
+
+    @abstractmethod
+    def tested(self, form: TestsFunctionals) -> Floats:
+        """Return its own integrals (n, channels) times each test function, without the function beside it."""
+
+    def loads(self, form: TestsFunctionals, time: float | None = None) -> Floats:
+        """Return all of its integrals (n, channels) times each test function."""
+        return form.load(self.beside, time) + self.tested(form)
+
+
+@dataclass(frozen=True, eq=False)
+class PointSource(TestedRightSide):
+    """Sources in points of the manifold: f = sum strength_k delta(x - at_k) + beside.
+
+    Each is tested as it is, by every spline at its point, so that total, first and second moments are those of the
+    point. Away from it the solution converges as without it; at it, on a surface, the exact solution is unbounded.
+
+    Parameters
+    ----------
+    at : (k, d) or (d,) array
+        Points on the manifold or near it, in the scene's coordinates.
+    strength : number, (k,) or (k, channels) array
+        What flows in at each point, for one unit of time where the problem has a time.
+    beside : number, sequence or callable
+        A function of points that is added.
+
+    Raises
+    ------
+    InputError
+        If points or strengths are not finite numbers of these shapes.
+
+    Examples
+    --------
+    On a circle the solution of -u'' + u = delta is cosh(pi - s) / (2 sinh(pi)).
+
+    >>> import cpmkit as ck
+    >>> source = ck.PointSource([[1.0, 0.0]], 2.0)
+    >>> scene = ck.Scene(ck.source("analytic.circle"), ck.ScreenedPoisson(source))
+    >>> round(float(ck.solve(scene, spacing=0.1).evaluate([[-1, 0]])[0]), 4)
+    0.0866
+    """
+
+    at: Any
+    strength: Any = 1.0
+    beside: Data = 0.0
+
+    def __post_init__(self) -> None:
+        given = np.asarray(self.at, dtype=np.float64)
+        points = as_points(given[None] if given.ndim == 1 else given, given.shape[-1] if given.ndim else 0)
+        try:
+            strength = np.array(self.strength, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"strength of a point source must be numbers, got {shown(self.strength)}.") from error
+        if strength.ndim > 2 or not np.isfinite(strength).all() or strength.shape[:1] not in ((), (len(points),)):
+            raise InputError(
+                f"strength of a point source must be one finite number, or one row for each of the {len(points)} "
+                f"points, got shape {strength.shape}."
+            )
+        strength = np.broadcast_to(strength, (len(points),)) if strength.ndim == 0 else strength
+        object.__setattr__(self, "at", points)
+        object.__setattr__(self, "strength", strength[:, None] if strength.ndim == 1 else strength)
+
+    @property
+    def channels(self) -> int:
+        """Number of channels of the strengths."""
+        return int(self.strength.shape[1])
+
+    def tested(self, form: TestsFunctionals) -> Floats:
+        """Return each test function at the points times their strengths, (n, channels)."""
+        found = np.asarray(form.rows(self.at).T @ self.strength)
+        return found if found.shape[1] == form.channels else np.repeat(found, form.channels, axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Divergence(TestedRightSide):
+    """f = scale div(X) + beside, weakly: -scale sum X . grad phi, so that X is never differentiated.
+
+    Where a condition gives a slope or nothing is given, it is then du/db + scale X . b that it gives (for -Lap u = f).
+
+    Parameters
+    ----------
+    of : callable
+        X, a function of points (n, d) that returns vectors (n, d); the tangential part counts.
+    scale : float
+        Factor of the divergence.
+    beside : number, sequence or callable
+        A function of points that is added.
+
+    Examples
+    --------
+    Of the field x on the unit circle, less its part across, nothing but -2 y . y is the divergence of (0, y).
+
+    >>> import cpmkit as ck
+    >>> field = ck.Divergence(lambda p: p * [0.0, 1.0])
+    >>> scene = ck.Scene(ck.source("analytic.circle"), ck.ScreenedPoisson(field, c=1.0))
+    >>> ck.solve(scene, spacing=0.1).evaluate([[1, 0], [0, 1]]).round(3)
+    array([ 0.2, -0.2])
+    """
+
+    of: Callable[[Floats], Any]
+    scale: float = 1.0
+    beside: Data = 0.0
+
+    def __post_init__(self) -> None:
+        if not callable(self.of):
+            raise InputError(f"a divergence is that of a function of points, got {shown(self.of)}.")
+        object.__setattr__(self, "scale", number(self.scale, "scale of a divergence"))
+
+    @property
+    def channels(self) -> int:
+        """One."""
+        return 1
+
+    def __neg__(self) -> Divergence:
+        return self * -1.0
+
+    def __mul__(self, factor: float) -> Divergence:
+        beside = self.beside
+        if callable(beside) or np.any(beside):
+            raise InputError("a divergence with a function beside it is not multiplied; give its scale.")
+        return replace(self, scale=self.scale * number(factor, "a factor of a divergence"))
+
+    __rmul__ = __mul__
+
+    def tested(self, form: TestsFunctionals) -> Floats:
+        """Return -scale times the integrals of X . grad phi, (n, channels)."""
+        points = form.points
+        values = np.asarray(self.of(points), dtype=np.float64)
+        if values.shape != points.shape or not np.isfinite(values).all():
+            raise InputError(
+                f"the field of a divergence must return finite vectors {points.shape} at {len(points)} points, got "
+                f"shape {values.shape}."
+            )
+        return np.repeat(-self.scale * form.load_against_slopes(values)[:, None], form.channels, axis=1)
