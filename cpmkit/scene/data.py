@@ -14,11 +14,13 @@ from cpmkit.protocols import Floats
 from cpmkit.runtime.arrays import number
 
 
-
 class Functional:
     """A right-hand side that is no function of points; see :mod:`cpmkit.scene.functionals`."""
 
-    channels: int
+    @property
+    def channels(self) -> int:
+        """Number of its channels."""
+        raise NotImplementedError
 
 
 #: A number, one entry a channel, or a callable of points (n, d) and, where it has a parameter ``t`` without a default,

@@ -165,7 +165,7 @@ class Divergence(TestedRightSide):
 
     def __mul__(self, factor: float) -> Divergence:
         beside = self.beside
-        if callable(beside) or np.any(beside):
+        if callable(beside) or isinstance(beside, Functional) or np.any(np.asarray(beside, dtype=object)):
             raise InputError("a divergence with a function beside it is not multiplied; give its scale.")
         return replace(self, scale=self.scale * number(factor, "a factor of a divergence"))
 

@@ -94,9 +94,7 @@ class Scene:
     @cached_property
     def channels(self) -> int:
         """How many right-hand sides are solved together: the entries of the data, where they have more than one."""
-        counts = [
-            (what, self._channels_of(what, data, place)) for what, data, place in self._data()
-        ]
+        counts = [(what, self._channels_of(what, data, place)) for what, data, place in self._data()]
         most = max((count for _, count in counts), default=1)
         for what, count in counts:
             if count not in (1, most):
@@ -106,7 +104,7 @@ class Scene:
     def _channels_of(self, what: str, data: Data, place: int) -> int:
         if isinstance(data, Functional):
             return data.channels
-        return evaluate_data(data, self._place(place), None, what, self.problem.start_time).shape[1]
+        return int(evaluate_data(data, self._place(place), None, what, self.problem.start_time).shape[1])
 
     @cached_property
     def has_tensor(self) -> bool:

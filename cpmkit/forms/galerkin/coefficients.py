@@ -19,7 +19,7 @@ from cpmkit.forms.galerkin.transport.reading import velocity_at
 from cpmkit.forms.galerkin.values import Values
 from cpmkit.linear.operators import CsrOperator
 from cpmkit.protocols import Floats
-from cpmkit.scene.data import Data, evaluate_data
+from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.laws import Flux, Mixed
 from cpmkit.scene.tensors import evaluate_diffusivity
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 class Coefficients(Values):
     """The part of the form that reads coefficients at its samples, those on boundaries included."""
 
-    def _at_samples(self, data: Data, what: str) -> Floats:
+    def _at_samples(self, data: Any, what: str) -> Floats:
         """Return a coefficient (q,) at all samples, (1,) if it is a number; on boundaries their cell's first."""
         if not callable(data) and np.ndim(data) == 0:
             return evaluate_data(data, np.zeros((1, self.space.parting.dim)), 1, what)[:, 0]
