@@ -51,6 +51,7 @@ _PUBLIC = {
     "Wave": "scene.equations_in_time",
     "VertexData": "scene.vertex_data",
     "assemble": "families.steady",
+    "boundary_points": "solution.boundary_points",
     "build_band": "grid.band",
     "discretize": "solving",
     "estimate_error": "accuracy.estimate",

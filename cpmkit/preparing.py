@@ -56,6 +56,8 @@ class Prepared:
         How it is discretised by the closest point method.
     kept : Kept
         Operators and factors that were used last.
+    others : dict
+        The same tables with other solvers, see :meth:`solved_by`.
     """
 
     discretized: Discretized
@@ -63,6 +65,7 @@ class Prepared:
     progress: Progress = no_progress
     options: Options[Any] | None = None
     kept: Kept = field(default_factory=Kept)
+    others: dict[str, Prepared] = field(default_factory=dict, repr=False)
 
     @showing(Checkpointing)
     def solve(
@@ -117,12 +120,25 @@ class Prepared:
     def solved_by(self, solver: str, **options: Any) -> Prepared:
         """Return the same tables with another solver, ``direct``, ``multigrid`` or another, and its options.
 
+        What that one makes of the tables, factors above all, is kept for the next time.
+
         Raises
         ------
         InputError
             If there is no such solver, or it takes no such option.
         """
-        return replace(self, solver=SolverOptions.of({"solver": solver, **options}), kept=Kept())
+        asked = SolverOptions.of({"solver": solver, **options})
+        if asked == self.solver:
+            return self
+        key = repr(asked)
+        if key not in self.others:
+            self.others[key] = replace(self, solver=asked, kept=Kept())
+        return self.others[key]
+
+    @property
+    def scene(self) -> Scene:
+        """What is prepared."""
+        return self.discretized.scene
 
     @property
     def points(self) -> Floats:

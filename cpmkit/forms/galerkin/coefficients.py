@@ -13,6 +13,7 @@ from cpmkit.errors import InputError
 from cpmkit.forms.at_state import AtState
 from cpmkit.forms.galerkin.conditions.one_side import scaled
 from cpmkit.forms.galerkin.diffusivity import checked, checked_number
+from cpmkit.forms.galerkin.shared import shared_property
 from cpmkit.forms.galerkin.space.energy import slopes_at, transport
 from cpmkit.forms.galerkin.transport.carried import Carried, upstream_times
 from cpmkit.forms.galerkin.transport.reading import velocity_at
@@ -99,7 +100,7 @@ class Coefficients(Values):
         terms = self.scene.problem.terms()
         return None if terms.velocity is None else self._carried_by(terms)
 
-    @cached_property
+    @shared_property
     def _boundary_rows(self) -> tuple[csr_array, csr_array]:
         """Rows that read u, and du/db out of its own cell, at the samples on boundaries."""
         one, patch = self.sampled.boundary, self.space.parting.patch[self.sampled.interior :]

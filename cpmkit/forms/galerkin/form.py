@@ -26,6 +26,7 @@ from cpmkit.forms.galerkin.options import FAMILIES, GalerkinOptions
 from cpmkit.forms.galerkin.parting import Parting
 from cpmkit.forms.galerkin.sample_mesh import Samples
 from cpmkit.forms.galerkin.sampling import sample
+from cpmkit.forms.galerkin.shared import shared_property
 from cpmkit.forms.galerkin.space.parted import part, pieces
 from cpmkit.forms.galerkin.space.space import space_of
 from cpmkit.forms.galerkin.telling import TURNED_SHARE, of_space, of_turning, source_error
@@ -119,7 +120,7 @@ class Galerkin(Equations):
         """Return the prolongations from lattices of twice the spacing, four times, and so on; all resolve A's waves."""
         return levels_for(self._levels, operator, self.spacing)
 
-    @cached_property
+    @shared_property
     def _levels(self) -> Sequence[Level]:
         return self._tips.on_levels(levels_of(self.space.parting, self.space.parting.patch[self.sampled.interior :]))
 
@@ -146,7 +147,7 @@ class Galerkin(Equations):
         layers = () if self._carried is None else of_layers(self._conditions_of_scene)
         return (*source, *rounding, *one.told, *at_points, *resolved, *layers)
 
-    @cached_property
+    @shared_property
     def turned(self) -> Turned:
         """How much of the manifold lies on splines under which it turns: thin, folded or creased on this lattice."""
         return turned(self.space, self.sampled.mesh, self._areas)
@@ -209,7 +210,7 @@ class Galerkin(Equations):
         made = {"nodes": self._first_parting.nodes, "sides": self._sides}
         return {**{name: np.array(value) for name, value in given.items()}, **made}
 
-    @cached_property
+    @shared_property
     def _sides(self) -> Floats:
         return side_moments(self.sampled.boundary, self.sampled.left, len(self.scene.boundaries))
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,6 +14,7 @@ from cpmkit.forms.galerkin.conditions.coefficients import READ_BESIDE_WIDTHS
 from cpmkit.forms.galerkin.locating import DIFFERENCE_SPACINGS, Locator
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.sampling import SampledScene
+from cpmkit.forms.galerkin.shared import shared_property
 from cpmkit.forms.galerkin.sides_of_cells import SidesOfCells
 from cpmkit.forms.galerkin.space.space import Space
 from cpmkit.forms.galerkin.space.splines import derivative_rows, value_rows
@@ -43,13 +43,14 @@ class Reader(Discretized):
     options: Options[GalerkinOptions]
     sampled: SampledScene
     space: Space
+    shared: dict[str, Any] = field(default_factory=dict, kw_only=True, repr=False)
 
     @property
     def spacing(self) -> float:
         """Spacing of the lattice, in the scene's unit."""
         return self.sampled.lattice.spacing
 
-    @cached_property
+    @shared_property
     def _tips(self) -> Enrichment:
         return Enrichment(self.sampled.singular, self.space, self.sampled.interior)
 
@@ -59,7 +60,7 @@ class Reader(Discretized):
         one = self.sampled
         return one.lattice.to_scene(one.samples.points_at(slice(one.interior)))
 
-    @cached_property
+    @shared_property
     def _locator(self) -> Locator:
         one, count = self.sampled, len(self.sampled.half.cell)
         owner, left = np.full(count, -1), np.zeros(count, dtype=bool)

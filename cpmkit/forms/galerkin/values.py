@@ -12,6 +12,7 @@ import numpy as np
 from cpmkit.forms.galerkin.locating import DIFFERENCE_SPACINGS
 from cpmkit.forms.galerkin.projection import Projection
 from cpmkit.forms.galerkin.reading import Reader
+from cpmkit.forms.galerkin.shared import shared_property
 from cpmkit.forms.galerkin.space.energy import (
     STRENGTHS_OF_DEGREE,
     Strength,
@@ -47,7 +48,7 @@ class Values(Reader):
         """M, the integrals of products of splines; singular, for splines that no sample sees have none."""
         return self._mass
 
-    @cached_property
+    @shared_property
     def _mass(self) -> CsrOperator:
         return CsrOperator(self._tips.bordered(mass(self.space, 1.0), None, np.ones(1)), symmetric=True)
 
@@ -67,7 +68,7 @@ class Values(Reader):
     def _strength(self) -> Strength:
         return STRENGTHS_OF_DEGREE[self.options.own.degree][self.options.own.strength]
 
-    @cached_property
+    @shared_property
     def _areas(self) -> Floats:
         """(n,) the integral of each spline over the manifold."""
         return self._loads(np.ones((1, 1)))[:, 0]
@@ -76,7 +77,7 @@ class Values(Reader):
         """Return the integrals (n, k) of ``values`` (q, k) at all samples, or (1, k), times each spline."""
         return load(self.space, values)
 
-    @cached_property
+    @shared_property
     def _totals(self) -> Floats:
         """(n,) the integral of each spline and singular function."""
         return self._tips.with_loads(self._areas[:, None], np.ones((1, 1)))[:, 0]
@@ -139,7 +140,7 @@ class Values(Reader):
     def _projected(self, integrals: Floats) -> Floats:
         return self._projection.solve(integrals)
 
-    @cached_property
+    @shared_property
     def _projection(self) -> Projection:
         holding = stiffness(self.space, 1.0, self._strength) - stiffness(self.space, 1.0, Strength(0.0, 0.0, 0.0))
         held = self._tips.bordered(holding, None, None)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,6 +20,7 @@ from cpmkit.forms.galerkin.parting import Parting
 from cpmkit.forms.galerkin.projection import Projection
 from cpmkit.forms.galerkin.refinement.space import RefinedParting, RefinedSpace
 from cpmkit.forms.galerkin.refinement.truncation import prolongation_to, representations
+from cpmkit.forms.galerkin.shared import shared_property
 from cpmkit.forms.galerkin.space.energy import (
     Strength,
     add_ghosts,
@@ -81,7 +81,7 @@ class RefinedGalerkin(Galerkin):
 
     # Splines
 
-    @cached_property
+    @shared_property
     def representation(self) -> csr_array:
         """R (N, n), the active splines in terms of those of all levels."""
         return self.refined.stacked(representations(self.refined.levels, self.regions.finest))
@@ -114,7 +114,7 @@ class RefinedGalerkin(Galerkin):
         rows = derivative_rows(parting, patch, parting.magnified(patch, points), along)
         return (rows @ self.representation).tocsr()
 
-    @cached_property
+    @shared_property
     def _locator(self) -> Locator:
         plain = super()._locator
         return RefinedLocator(plain.lattice, plain.samples, plain.parting, plain.sides, plain.boundaries)
@@ -143,11 +143,11 @@ class RefinedGalerkin(Galerkin):
             slopes[some] = found * parting.scales(patch)[:, None, None]
         return slopes
 
-    @cached_property
+    @shared_property
     def _mass(self) -> CsrOperator:
         return CsrOperator(self._gathered(mass(self.space, 1.0)), symmetric=True)
 
-    @cached_property
+    @shared_property
     def _projection(self) -> Projection:
         ones, none = np.ones(1), Strength(0.0, 0.0, 0.0)
         held = self._energy(ones, None, self._strength, -2) - self._energy(ones, None, none, -2)
@@ -187,7 +187,7 @@ class RefinedGalerkin(Galerkin):
         capped, below = self._levels_of_both
         return [*capped, *levels_for(below, operator, self.spacing)]
 
-    @cached_property
+    @shared_property
     def _levels_of_both(self) -> tuple[list[Level], list[Level]]:
         levels, cap = self.refined.levels, self.regions.finest
         rows = np.arange(self.sampled.interior, len(self.sampled.samples))
@@ -212,7 +212,7 @@ class RefinedGalerkin(Galerkin):
         """The parting of level 0, by which pieces and copies are told."""
         return self.refined.levels[0].parting
 
-    @cached_property
+    @shared_property
     def turned(self) -> Turned:
         """How much of the manifold lies on splines, of whatever level, under which it turns."""
         return turned(self.space, self.sampled.mesh, load(self.space, np.ones((1, 1)))[:, 0])

@@ -1,0 +1,114 @@
+"""Where distances are measured from: points, curves, several at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+import cpmkit as ck
+from cpmkit.errors import InputError, shown
+from cpmkit.protocols import ClosestPointSource, Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Origins:
+    """Points (k, d) of a manifold, and curves in it.
+
+    Attributes
+    ----------
+    surface : ClosestPointSource
+        The manifold.
+    points : (k, d) float64
+        On it.
+    curves : sequence of ClosestPointSource
+        In it.
+    """
+
+    surface: ClosestPointSource
+    points: Floats
+    curves: Sequence[ClosestPointSource]
+
+    def straight(self, points: Floats) -> Floats:
+        """Return the straight distance (n,) of ``points`` (n, d) from the nearest origin."""
+        found = np.full(len(points), np.inf)
+        if len(self.points):
+            found = self._tree.query(points)[0]
+        for curve in self.curves:
+            found = np.minimum(found, curve.closest_point(points).distance)
+        return found
+
+    def nearest(self, points: Floats) -> Floats:
+        """Return the points (n, d) of the origins that are nearest to ``points`` (n, d), straight."""
+        best, found = np.full(len(points), np.inf), np.zeros_like(points)
+        if len(self.points):
+            best, rows = self._tree.query(points)
+            found = self.points[rows]
+        for curve in self.curves:
+            feet = curve.closest_point(points)
+            found = np.where((feet.distance < best)[:, None], feet.points, found)
+            best = np.minimum(best, feet.distance)
+        return found
+
+    def source(self, spacing: float, reach: float) -> ck.PointSource:
+        """Return what heats all of them: one a length of the spacing on curves, and points as much as to be as warm.
+
+        Heat of time t = reach^2 from a curve falls as exp(-s / reach), that from a point as the Bessel function
+        K0(s / reach) / pi, which is sqrt(pi reach / 2 s) as large. They are equal where s is a quarter of the manifold's
+        size, and ridges between both lie half way, but for a share of the reach.
+        """
+        far = 0.25 * float(np.ptp(self.surface.bounds, axis=0).max())
+        one = np.pi * reach / spacing * np.sqrt(2 * far / (np.pi * reach))
+        at, strength = [self.points], [np.full(len(self.points), one)]
+        for curve in self.curves:
+            along = ck.boundary_points(curve, self.surface, spacing)
+            at.append(along.points)
+            strength.append(along.weights / spacing)
+        return ck.PointSource(np.concatenate(at), np.concatenate(strength))
+
+    @cached_property
+    def _tree(self) -> Any:
+        from scipy.spatial import cKDTree
+
+        return cKDTree(self.points)
+
+
+def origins_of(given: Any, surface: ClosestPointSource) -> Origins:
+    """Return the origins: points (k, d) or (d,), a source of a curve or of points, or a sequence of such.
+
+    Raises
+    ------
+    InputError
+        If there are none, or one is neither.
+    """
+    points, curves = [np.zeros((0, surface.dim))], []
+    accepted = f"origins are finite points (k, {surface.dim}) or sources of curves"
+    for one in _listed(given):
+        if isinstance(one, ClosestPointSource):
+            if one.manifold_dim == 0:
+                points.append(ck.boundary_points(one, surface, 1.0).points)
+            else:
+                curves.append(one)
+            continue
+        try:
+            array = np.atleast_2d(np.asarray(one, dtype=np.float64))
+        except (TypeError, ValueError) as error:
+            raise InputError(f"{accepted}, got {shown(one)}.") from error
+        if array.ndim != 2 or array.shape[1] != surface.dim or not np.isfinite(array).all():
+            raise InputError(f"{accepted}, got {shown(one)}.")
+        points.append(surface.closest_point(array).points)
+    found = np.concatenate(points)
+    if not len(found) and not curves:
+        raise InputError("distances are measured from something: give origins, points or a source of a curve.")
+    return Origins(surface, found, curves)
+
+
+def _listed(given: Any) -> list[Any]:
+    if isinstance(given, ClosestPointSource):
+        return [given]
+    if isinstance(given, Sequence) and any(isinstance(one, ClosestPointSource) for one in given):
+        return list(given)
+    return [given]

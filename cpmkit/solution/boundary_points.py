@@ -1,0 +1,162 @@
+"""Points along a boundary in the order in which it passes them, with tangents, conormals and arc lengths."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cpmkit.combinations.chains import chains
+from cpmkit.errors import InputError, SceneError
+from cpmkit.protocols import ClosestPointSource, Floats, Ints
+from cpmkit.runtime.arrays import positive, whole
+from cpmkit.scene.boundary import Boundary
+from cpmkit.scene.conditions import Neumann
+from cpmkit.scene.equations import Laplace
+from cpmkit.scene.orient import orient
+from cpmkit.scene.oriented import OrientedBoundary
+from cpmkit.scene.scene import Scene
+from cpmkit.solution.boundary_rules import boundary_rule
+
+#: Step of differences of closest points, in spacings.
+DIFFERENCE_SPACINGS = 0.1
+#: Neighbours along a curve are at most so many spacings apart.
+REACH_SPACINGS = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class BoundaryPoints:
+    """Points that integrate over a boundary, curve by curve in the order in which each passes them.
+
+    Attributes
+    ----------
+    source, surface : ClosestPointSource
+        The boundary, and the manifold that it lies in.
+    points : (k, d) float64
+        On the manifold, in the scene's coordinates.
+    weights : (k,) float64
+        Lengths that they stand for; 1 for a point.
+    tangents : (k, d) float64
+        Unit vectors along the boundary, the way it runs; zero where it is points.
+    conormals : (k, d) float64
+        Unit vectors in the manifold across it, to its left where it has one; zero where the manifold is a surface and
+        the boundary points.
+    curve : (k,) int64
+        Which of its curves each belongs to, from 0.
+    arc_length : (k,) float64
+        From where that curve begins; a closed one begins anywhere.
+    closed : tuple of bool
+        Of each curve.
+    """
+
+    source: ClosestPointSource
+    surface: ClosestPointSource
+    points: Floats
+    weights: Floats
+    tangents: Floats
+    conormals: Floats
+    curve: Ints
+    arc_length: Floats
+    closed: tuple[bool, ...]
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    @property
+    def lengths(self) -> Floats:
+        """(curves,) the length of each curve."""
+        return np.asarray(np.bincount(self.curve, self.weights, minlength=len(self.closed)), dtype=np.float64)
+
+    def spaced(self, count: int, curve: int = 0) -> Floats:
+        """Return ``count`` points (count, d) of a curve at equal arc lengths, both ends of an open one among them.
+
+        Raises
+        ------
+        InputError
+            If there is no such curve, or the boundary is points.
+        """
+        count = whole(count, "count", 1, 10_000_000)
+        if not 0 <= curve < len(self.closed) or not self.source.manifold_dim:
+            raise InputError(f"points are spaced on one of {len(self.closed)} curves, from 0 on, got {curve}.")
+        rows = np.flatnonzero(self.curve == curve)
+        length, closed = float(self.lengths[curve]), self.closed[curve]
+        wanted = np.arange(count) * length / (count if closed else max(count - 1, 1))
+        at, points = self.arc_length[rows], self.points[rows]
+        if closed:
+            at, points = np.concatenate([at, at[:1] + length]), np.concatenate([points, points[:1]])
+        else:  # on from the outermost points to the ends, along their tangents
+            ends = points[[0, -1]] + np.array([[-at[0]], [length - at[-1]]]) * self.tangents[rows[[0, -1]]]
+            at, points = np.concatenate([[0.0], at, [length]]), np.concatenate([ends[:1], points, ends[1:]])
+        found = np.stack([np.interp(wanted, at, axis, period=length if closed else None) for axis in points.T], axis=1)
+        return self.surface.closest_point(self.source.closest_point(found).points).points
+
+
+def boundary_points(source: ClosestPointSource, surface: ClosestPointSource, spacing: float) -> BoundaryPoints:
+    """Return points along a boundary of ``surface``, a few to each ``spacing``.
+
+    Parameters
+    ----------
+    source : ClosestPointSource
+        Points, or curves of a surface.
+    surface : ClosestPointSource
+        The manifold; of one dimension more, but that points may lie on a surface.
+    spacing : float
+        Between them at most, in the scene's unit.
+
+    Raises
+    ------
+    InputError, SceneError
+        If the spacing is not above zero, or the boundary is no part of such a manifold.
+
+    Examples
+    --------
+    >>> import cpmkit as ck
+    >>> equator = ck.source("analytic.circle", normal=[0, 0, 1])
+    >>> along = ck.boundary_points(equator, ck.source("analytic.sphere"), spacing=0.1)
+    >>> round(float(along.lengths[0]), 4), along.closed, (along.conormals[0].round(3) + 0.0).tolist()
+    (6.2832, (True,), [0.0, 0.0, 1.0])
+    """
+    spacing = positive(spacing, "spacing")
+    oriented = _oriented(source, surface)
+    rule = boundary_rule(source, surface, spacing)
+    tangents, conormals = _directions(oriented, rule.points, DIFFERENCE_SPACINGS * spacing)
+    if not source.manifold_dim:
+        count = len(rule.points)
+        each = rule.points, rule.weights, tangents, conormals, np.arange(count), np.zeros(count)
+        return BoundaryPoints(source, surface, *each, (False,) * count)
+    found = chains(rule.points, tangents, conormals, REACH_SPACINGS * spacing)
+    runs = [_along(rule.points, tangents, one.order) for one in found]
+    order = np.concatenate(runs)
+    curve = np.repeat(np.arange(len(runs)), [len(run) for run in runs])
+    arc = np.concatenate([np.cumsum(rule.weights[run]) - 0.5 * rule.weights[run] for run in runs])
+    picked = rule.points[order], rule.weights[order], tangents[order], conormals[order]
+    return BoundaryPoints(source, surface, *picked, curve, arc, tuple(one.closed for one in found))
+
+
+def _oriented(source: ClosestPointSource, surface: ClosestPointSource) -> OrientedBoundary:
+    if (source.manifold_dim or 0) > 1:
+        raise SceneError(f"points are put along curves, got a boundary of dimension {source.manifold_dim}.")
+    boundary = Boundary("boundary", source, both=Neumann())
+    Scene(surface, Laplace(), [boundary])  # checks that they belong together
+    return orient(boundary, surface)
+
+
+def _directions(oriented: OrientedBoundary, points: Floats, step: float) -> tuple[Floats, Floats]:
+    """Return unit tangents and leftward conormals (k, d) at points of a boundary; zero where there are none."""
+    if not oriented.has_sides:
+        return np.zeros_like(points), np.zeros_like(points)
+    feet, on = oriented.feet(points - oriented.left.origin)
+    axis, left = oriented.axis_and_left(feet, on, step)
+    if oriented.dimension == 1:
+        return np.zeros_like(points), left
+    if points.shape[1] == 2:
+        return np.stack([left[:, 1], -left[:, 0]], axis=1), left
+    return np.cross(left, axis), left
+
+
+def _along(points: Floats, tangents: Floats, order: Ints) -> Ints:
+    """Return the order of a chain turned round, if need be, so that it runs the way of the tangents."""
+    if len(order) < 2:
+        return order
+    ahead = np.einsum("kd,kd->", points[order[1:]] - points[order[:-1]], tangents[order[:-1]])
+    return order if ahead >= 0 else order[::-1]

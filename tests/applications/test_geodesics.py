@@ -1,0 +1,158 @@
+"""Geodesic distance: accuracy, signs, bounds, symmetry, barriers, paths, several origins, several representations."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import cpmkit as ck
+from cpmkit.applications import geodesic_distance
+
+SPHERE = ck.source("analytic.sphere")
+EQUATOR = ck.source("analytic.circle", normal=[0, 0, 1])
+
+
+def _directions(count: int, seed: int = 0) -> np.ndarray:
+    found = np.random.default_rng(seed).normal(size=(count, 3))
+    return found / np.linalg.norm(found, axis=1, keepdims=True)
+
+
+POINTS = _directions(3000)
+
+
+def _share(found: np.ndarray, exact: np.ndarray) -> float:
+    """Return the rms of the error over the mean distance."""
+    return float(np.sqrt(np.mean((found - exact) ** 2)) / exact.mean())
+
+
+@pytest.mark.parametrize("method", ["heat", "transport"])
+def test_points_of_a_sphere_to_a_thousandth(method: str) -> None:
+    """Over four origins each: the asked .1 percent at .1, and an order of 1.5 over three spacings."""
+    errors = []
+    for spacing in (0.4, 0.2, 0.1):
+        prepared = ck.prepare(ck.Scene(SPHERE, ck.Poisson(0.0)), spacing, form="galerkin")
+        squares = []
+        for origin in _directions(4, seed=1):
+            distance = geodesic_distance(prepared, origin, method=method).evaluate(POINTS)
+            squares.append(_share(distance, np.arccos(np.clip(POINTS @ origin, -1, 1))) ** 2)
+        errors.append(np.sqrt(np.mean(squares)))
+    assert errors[-1] < 1e-3
+    assert np.log2(errors[0] / errors[1]) > 1.5
+    assert np.log2(errors[1] / errors[2]) > 1.5
+
+
+def test_a_circle_of_a_sphere_from_both_sides() -> None:
+    exact = np.abs(np.arcsin(np.clip(POINTS[:, 2], -1, 1)))
+    for method in ("heat", "transport"):
+        distance = geodesic_distance(SPHERE, EQUATOR, spacing=0.1, method=method).evaluate(POINTS)
+        assert _share(distance, exact) < 2e-3
+        assert distance.min() >= 0
+
+
+def test_a_torus_from_its_outer_equator() -> None:
+    torus = ck.source("analytic.torus", major=1.0, minor=0.4)
+    outer = ck.source("analytic.circle", radius=1.4, normal=[0, 0, 1])
+    rng = np.random.default_rng(0)
+    around, along = rng.uniform(-np.pi, np.pi, 3000), rng.uniform(-np.pi, np.pi, 3000)
+    ring = 1 + 0.4 * np.cos(around)
+    points = np.stack([ring * np.cos(along), ring * np.sin(along), 0.4 * np.sin(around)], axis=1)
+    distance = geodesic_distance(torus, outer, spacing=0.1)
+    assert _share(distance.evaluate(points), 0.4 * np.abs(around)) < 1e-2
+
+
+def test_distances_are_symmetric_and_no_shorter_than_straight() -> None:
+    torus = ck.source("analytic.torus", major=1.0, minor=0.4)
+    prepared = ck.prepare(ck.Scene(torus, ck.Poisson(0.0)), 0.1, form="galerkin")
+    places = torus.closest_point(np.random.default_rng(3).normal(size=(5, 3))).points
+    table = np.array([geodesic_distance(prepared, one).evaluate(places) for one in places])
+    straight = np.linalg.norm(places[:, None] - places, axis=2)
+    assert np.abs(table - table.T).max() < 0.02
+    assert (table - straight).min() > -0.01
+    assert np.abs(np.diag(table)).max() < 1e-12
+
+
+def test_of_several_origins_the_nearest_counts() -> None:
+    poles = np.array([[0.0, 0, 1], [0, 0, -1]])
+    distance = geodesic_distance(SPHERE, [poles, EQUATOR], spacing=0.1)
+    latitude = np.abs(np.arcsin(np.clip(POINTS[:, 2], -1, 1)))
+    assert _share(distance.evaluate(POINTS), np.minimum(latitude, np.pi / 2 - latitude)) < 2e-2
+
+
+def _walled_square() -> ck.Scene:
+    x = np.linspace(0, 2, 41)
+    vertices = np.stack([*np.meshgrid(x, x, indexing="ij"), np.zeros((41, 41))], axis=-1).reshape(-1, 3)
+    at = np.arange(41 * 41).reshape(41, 41)
+    a, b, c, d = (one.ravel() for one in (at[:-1, :-1], at[1:, :-1], at[1:, 1:], at[:-1, 1:]))
+    faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    square = ck.source("mesh.triangles", vertices=vertices, faces=faces, closest="faceted")
+    wall = ck.source("mesh.polyline", points=[[1.013, -0.0, 0], [1.013, 1.5, 0]])
+    return ck.Scene(square, ck.Poisson(0.0), [ck.Boundary("wall", wall, both=ck.Neumann(0.0))])
+
+
+def test_barriers_are_gone_round() -> None:
+    start, end, corner = np.array([0.5, 0.5, 0]), np.array([1.5, 0.5, 0]), np.array([1.013, 1.5, 0])
+    exact = np.linalg.norm(start - corner) + np.linalg.norm(corner - end)
+    distance = geodesic_distance(_walled_square(), start, spacing=0.05)
+    assert abs(distance.evaluate(end[None])[0] / exact - 1) < 0.02
+    path = distance.path(end)[0]
+    assert abs(np.linalg.norm(np.diff(path, axis=0), axis=1).sum() / exact - 1) < 0.02
+    assert np.linalg.norm(path - corner, axis=1).min() < 0.1
+
+
+def test_a_path_is_as_long_as_the_distance_and_lies_on_the_surface() -> None:
+    distance = geodesic_distance(SPHERE, [[0, 0.6, 0.8]], spacing=0.1)
+    for path, start in zip(distance.path(POINTS[:4]), POINTS[:4], strict=True):
+        exact = np.arccos(start @ [0, 0.6, 0.8])
+        assert abs(np.linalg.norm(np.diff(path, axis=0), axis=1).sum() - exact) < 5e-3
+        assert np.abs(np.linalg.norm(path, axis=1) - 1).max() < 1e-9
+        np.testing.assert_allclose(path[[0, -1]], [start, [0, 0.6, 0.8]], atol=1e-9)
+
+
+def test_representations_of_one_sphere_agree() -> None:
+    ball = ck.source("levelset.expression", phi="x*x + y*y + z*z - 1", bounds=[[-1.2] * 3, [1.2] * 3])
+    exact = np.arccos(np.clip(POINTS[:, 0], -1, 1))
+    for surface in (ball, ck.source("analytic.sphere")):
+        distance = geodesic_distance(surface, [[1, 0, 0]], spacing=0.1, method="heat")
+        assert _share(distance.evaluate(POINTS), exact) < 1.5e-3
+
+
+def test_further_origins_make_no_further_factors(monkeypatch: pytest.MonkeyPatch) -> None:
+    import cpmkit.linear.factorization as factorization
+
+    made: list[Any] = []
+    plain = factorization.factors_of
+
+    def counted(*arguments: Any, **named: Any) -> Any:
+        made.append(arguments)
+        return plain(*arguments, **named)
+
+    monkeypatch.setattr(factorization, "factors_of", counted)
+    prepared = ck.prepare(ck.Scene(SPHERE, ck.Poisson(0.0)), 0.2, form="galerkin")
+    geodesic_distance(prepared, [1, 0, 0], method="heat")
+    first = len(made)
+    geodesic_distance(prepared, [0, 1, 0], method="heat")
+    assert first == len(made) > 0
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"origins": []}, "finite points"),
+        ({"origins": np.zeros((0, 3))}, "something"),
+        ({"origins": [[0, 1]]}, "finite points"),
+        ({"origins": [1, 0, 0], "method": "fast"}, "method must be"),
+        ({"origins": [1, 0, 0], "rounds": 0}, "rounds"),
+    ],
+)
+def test_bad_input_is_told(given: dict[str, Any], words: str) -> None:
+    origins = given.pop("origins")
+    with pytest.raises(ck.InputError, match=words):
+        geodesic_distance(SPHERE, origins, spacing=0.3, **given)
+
+
+def test_a_boundary_with_data_is_no_barrier() -> None:
+    scene = ck.Scene(SPHERE, ck.Laplace(), [ck.Boundary("equator", EQUATOR, both=ck.Dirichlet(0.0))])
+    with pytest.raises(ck.InputError, match="barriers"):
+        geodesic_distance(scene, [0, 0, 1], spacing=0.3)
