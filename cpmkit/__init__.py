@@ -18,6 +18,7 @@ _PUBLIC = {
     "ClosestPoints": "protocols",
     "ClosestPointSource": "protocols",
     "ConvergenceError": "errors",
+    "Coupled": "scene.compound_equations",
     "CpmkitError": "errors",
     "CpmkitWarning": "errors",
     "Dirichlet": "scene.conditions",

@@ -36,6 +36,7 @@ FAMILIES = {
     "steady": ("cpmkit.families.steady", "solve_steady"),
     "time": ("cpmkit.families.evolution.stepping", "solve_in_time"),
     "eigen": ("cpmkit.families.eigen.solving", "solve_eigen"),
+    "coupled": ("cpmkit.families.coupled", "solve_coupled"),
     "biharmonic": ("cpmkit.families.biharmonic", "solve_biharmonic"),
 }
 

@@ -57,7 +57,7 @@ class Origins:
         """Return what heats all of them: one a length of the spacing on curves, and points as much as to be as warm.
 
         Heat of time t = reach^2 from a curve falls as exp(-s / reach), that from a point as the Bessel function
-        K0(s / reach) / pi, which is sqrt(pi reach / 2 s) as large. They are equal where s is a quarter of the manifold's
+        K0(s / reach) / pi, sqrt(2 reach / (pi s)) / 2 as large. They are equal where s is a quarter of the manifold's
         size, and ridges between both lie half way, but for a share of the reach.
         """
         far = 0.25 * float(np.ptp(self.surface.bounds, axis=0).max())

@@ -124,6 +124,7 @@ class Discretized(ABC):
         "second Laplacian": "use the form 'collocation'",
         "diffusivity that is a tensor": "use form='galerkin'",
         "diffusivity that depends on u": "use form='galerkin'",
+        "coupled channels": "use form='galerkin'",
         "explicit steps": "use scheme 'newmark' or 'implicit', or the form 'collocation'",
     }
 
@@ -236,6 +237,11 @@ class Discretized(ABC):
     @abstractmethod
     def load(self, f: Data, time: float | None = None) -> Floats:
         """Return what the right-hand side ``f`` adds to b at ``time``, (n, channels)."""
+
+    def mass_of(self, values: Floats) -> csr_array:
+        """Return the integrals (n, n) of c u v, c with ``values`` (p,) at :attr:`points`."""
+        self.require("coupled channels")
+        raise InputError(f"the form {self.form!r} ties no channels to each other.")
 
     def load_against_slopes(self, values: Floats) -> Floats:
         """Return the integrals (n,) of the vectors ``values`` (p, d) at :attr:`points` times each spline's gradient."""

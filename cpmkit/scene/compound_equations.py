@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
-from cpmkit.errors import SceneError
+from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.runtime.arrays import number, positive, whole
 from cpmkit.scene.condition import Condition
 from cpmkit.scene.data import Data
@@ -18,6 +18,61 @@ from cpmkit.scene.tensors import diffusivity_of
 #: So many times more unknowns than of one definite system factors of ``A - sigma M`` are worth, sigma inside the
 #: spectrum: each of some sixty solves takes 20 iterations else.
 FACTORS_INSIDE_SPECTRUM = 60.0
+
+
+@dataclass(frozen=True, eq=False)
+class Coupled(Equation):
+    """-div(a grad u_i) + c u_i + sum_j C_ij u_j = f_i: channels that are tied to each other point by point.
+
+    In the Galerkin form. With C = s n n', n the normal and s large, u is a field of tangential vectors, as
+    :func:`cpmkit.applications.vector_field` makes them.
+
+    Parameters
+    ----------
+    coupling : callable
+        C, a function of points (n, d) that returns matrices (n, k, k), k the number of channels.
+    f : number, sequence or callable
+        Right-hand side, of k channels or one value for all.
+    diffusivity, c : number or callable
+        As for :class:`cpmkit.Elliptic`.
+
+    Raises
+    ------
+    InputError
+        If C is no function, a constant diffusivity is not above zero, or c neither a number nor a function.
+
+    Examples
+    --------
+    Two channels that relax to each other.
+
+    >>> import cpmkit as ck
+    >>> import numpy as np
+    >>> tied = ck.Coupled(lambda x: np.tile([[1.0, -1.0], [-1.0, 1.0]], (len(x), 1, 1)), f=[1.0, 0.0], c=1.0)
+    >>> ck.solve(ck.Scene(ck.source("analytic.circle"), tied), spacing=0.2).evaluate([[1, 0]]).round(4)
+    array([[0.6667, 0.3333]])
+    """
+
+    coupling: Callable[..., Any]
+    f: Data = 0.0
+    diffusivity: Data = 1.0
+    c: Data = 0.0
+    kind: ClassVar[str] = "coupled"
+    family: ClassVar[str] = "coupled"
+    #: Blocks of channels make one system.
+    factorise_up_to: ClassVar[float] = 4.0
+
+    def __post_init__(self) -> None:
+        if not callable(self.coupling):
+            raise InputError(
+                f"coupling must be a function of points that returns matrices, got {shown(self.coupling)}."
+            )
+        diffusivity = diffusivity_of(self.diffusivity, "diffusivity of a coupled problem")
+        object.__setattr__(self, "diffusivity", diffusivity)
+        check_factor(self.c, "c of a coupled problem")
+
+    def terms(self) -> Terms:
+        """Return the terms of the left side, without the coupling."""
+        return Terms(self.f, self.c, self.diffusivity)
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,7 +33,7 @@ class _Standard:
         Why others do not: the predicate of a sentence on a condition.
     """
 
-    families: ClassVar[tuple[str, ...]] = ("steady", "time", "eigen")
+    families: ClassVar[tuple[str, ...]] = ("steady", "time", "eigen", "coupled")
     needs: ClassVar[str] = "says nothing of Lap u"
 
 
@@ -44,7 +44,7 @@ class Value(_Standard):
     datum: Data
     alpha: ClassVar[float] = 0.0
     beta: ClassVar[float] = 1.0
-    families: ClassVar[tuple[str, ...]] = ("steady", "time", "eigen", "biharmonic")
+    families: ClassVar[tuple[str, ...]] = ("steady", "time", "eigen", "biharmonic", "coupled")
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +63,7 @@ class Flux(_Standard):
     datum: Data
     alpha: ClassVar[float] = 1.0
     beta: ClassVar[float] = 0.0
-    families: ClassVar[tuple[str, ...]] = ("steady", "time", "eigen", "biharmonic")
+    families: ClassVar[tuple[str, ...]] = ("steady", "time", "eigen", "biharmonic", "coupled")
 
 
 @dataclass(frozen=True, eq=False)

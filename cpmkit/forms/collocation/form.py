@@ -67,6 +67,7 @@ class Collocation(Reader):
 
     form: ClassVar[str] = "collocation"
     cannot: ClassVar[Mapping[str, str]] = {
+        "coupled channels": "use form='galerkin'",
         "diffusivity that is a tensor": "use form='galerkin'",
         "diffusivity that depends on u": "use form='galerkin'",
         "undamped steps": "use scheme 'leapfrog' or 'implicit', or the form 'galerkin'",

@@ -19,7 +19,7 @@ from cpmkit.forms.galerkin.conditions.held import loops_of
 from cpmkit.forms.galerkin.conditions.terms import ConditionTerms, condition_terms
 from cpmkit.forms.galerkin.conditions.through import flux_through
 from cpmkit.forms.galerkin.operator import GalerkinOperator, operator_of
-from cpmkit.forms.galerkin.space.energy import conductivity, load_against_slopes
+from cpmkit.forms.galerkin.space.energy import conductivity, load_against_slopes, mass
 from cpmkit.forms.galerkin.space.floor import floored_stiffness
 from cpmkit.forms.galerkin.transport.reading import speed_out
 from cpmkit.linear.operators import Border, CsrOperator, with_diagonal
@@ -125,6 +125,12 @@ class Equations(Coefficients):
         if self._carried is not None:
             self._carried.add_load(values, loads)
         return loads
+
+    def mass_of(self, values: Floats) -> csr_array:
+        """Return the integrals (n, n) of c u v, c with ``values`` (p,) at the samples."""
+        if len(self._tips):
+            raise SceneError("tips='singular' takes no channels that are tied to each other; use tips='extended'.")
+        return mass(self.space, self._and_on_boundaries(values))
 
     def load_against_slopes(self, values: Floats) -> Floats:
         """Return the integrals (n,) of vectors (p, d) at the samples times the tangential gradient of each spline."""

@@ -283,6 +283,7 @@ def check_refined(scene: Scene, options: Options[GalerkinOptions]) -> None:
     """
     problem, terms = scene.problem, scene.problem.terms()
     reasons = {
+        "no channels that are tied to each other": problem.family == "coupled",
         f"steady problems, got {problem.kind!r}: others move what asks for finer splines": problem.family != "steady",
         "surfaces, got a curve: a smaller spacing costs little there": scene.surface.manifold_dim == 1,
         "no velocity: upwinding goes by one spacing": terms.velocity is not None,

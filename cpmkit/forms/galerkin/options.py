@@ -15,7 +15,7 @@ from cpmkit.runtime.arrays import whole
 from cpmkit.runtime.declared import Declared, option
 
 #: The families of equations that the form carries.
-FAMILIES = ("steady", "time", "eigen", "biharmonic")
+FAMILIES = ("steady", "time", "eigen", "biharmonic", "coupled")
 #: How the ends of boundaries inside a surface may be treated.
 TIPS = ("extended", "singular")
 #: Whether splines are finer where the solution asks for it.

@@ -1,0 +1,115 @@
+"""Problems whose channels are tied to each other point by point: one linear system for all of them.
+
+With A the operator of one channel and M_ij the mass of C_ij, the unknowns ordered channel after channel at each spline,
+``(A x I + sum_ij M_ij x e_i e_j') u = b``. Levels of a multigrid are those of one channel, each for all channels.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cpmkit.errors import InputError, SceneError, shown
+from cpmkit.families.context import SolveContext
+from cpmkit.forms.contract import Discretized
+from cpmkit.linear.levels import Level
+from cpmkit.linear.operators import CsrOperator
+from cpmkit.protocols import Floats, Operator, Stiffness
+from cpmkit.scene.compound_equations import Coupled
+from cpmkit.solution.solution import Solution
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+#: C is symmetric where its entries differ from their mirror images by no more than this share of the largest.
+SYMMETRIC_SHARE = 1e-12
+
+
+def solve_coupled(context: SolveContext) -> Solution:
+    """Assemble and solve the system of all channels.
+
+    Raises
+    ------
+    InputError, SceneError
+        If the coupling is not what is accepted, or nothing fixes the solution.
+    ConvergenceError
+        If the solver does not reach the tolerance.
+    """
+    form, problem = context.discretized, context.scene.problem
+    assert isinstance(problem, Coupled)
+    form.require("coupled channels")
+    form.check()
+    coupling, channels = _read(problem, form), form.channels
+    stiffness = form.stiffness(problem.terms())
+    operator = operator_of(stiffness, form, coupling)
+    form.check_solver_fits(context.solver_name)
+    b = (form.load(problem.f) + form.data(stiffness)).reshape(-1, 1)
+    prepared = context.solver.prepare(operator, _levels(form, stiffness, channels))
+    built = time.perf_counter()
+    guess = None if context.guess is None else context.guess.reshape(-1, 1)
+    values, report = prepared.solve(b, context.tolerance, guess, context.progress)
+    seconds = {"build": built - context.started, "solve": time.perf_counter() - built}
+    work = form.work(operator, report)
+    return Solution(form, values.reshape(-1, channels), report, work, seconds, warnings=form.warnings())
+
+
+def _read(problem: Coupled, form: Discretized) -> Floats:
+    """Return C (p, k, k) at the form's points."""
+    points, channels = form.points, form.channels
+    found = np.asarray(problem.coupling(points), dtype=np.float64)
+    if found.shape != (len(points), channels, channels) or not np.isfinite(found).all():
+        raise InputError(
+            f"coupling must return finite matrices {(len(points), channels, channels)} at {len(points)} points, one "
+            f"row and column a channel, got {shown(found.shape)}."
+        )
+    return found
+
+
+def operator_of(stiffness: Stiffness, form: Discretized, coupling: Floats) -> CsrOperator:
+    """Return the operator of all channels.
+
+    Raises
+    ------
+    SceneError
+        If nothing fixes the solution: neither c, nor a condition, nor the coupling.
+    """
+    from scipy.sparse import bsr_array
+
+    if form.free_constants(stiffness) is not None and not np.any(coupling):
+        raise SceneError("Nothing fixes the solution: give c above zero, a value somewhere, or a coupling that does.")
+    channels = coupling.shape[1]
+    one = stiffness.to_csr()
+    blocks = np.multiply.outer(one.data, np.eye(channels))
+    matrix = bsr_array((blocks, one.indices, one.indptr)).tocsr()
+    mirrored = np.abs(coupling - coupling.transpose(0, 2, 1)).max(initial=0.0)
+    symmetric = mirrored <= SYMMETRIC_SHARE * np.abs(coupling).max(initial=0.0)
+    tied: dict[tuple[int, int], csr_array] = {}
+    for i in range(channels):
+        for j in range(channels):
+            if (j, i) in tied and symmetric:
+                tied[i, j] = tied[j, i]
+            elif coupling[:, i, j].any():
+                tied[i, j] = form.mass_of(coupling[:, i, j])
+    if tied:
+        pattern = next(iter(tied.values()))
+        blocks = np.zeros((len(pattern.data), channels, channels))
+        for (i, j), mass in tied.items():
+            blocks[:, i, j] = mass.data
+        matrix = (matrix + bsr_array((blocks, pattern.indices, pattern.indptr)).tocsr()).tocsr()
+    return CsrOperator(matrix, symmetric=bool(symmetric and stiffness.symmetric), symmetric_pattern=True)
+
+
+def _levels(form: Discretized, stiffness: Operator, channels: int) -> Sequence[Level]:
+    """Return the levels of one channel, each for all of them."""
+    from scipy.sparse import eye_array, kron
+
+    found = []
+    for level in form.levels(stiffness):
+        strip = (level.strip[:, None] * channels + np.arange(channels)).ravel()
+        prolongation = kron(level.prolongation, eye_array(channels), format="csr")
+        found.append(replace(level, prolongation=prolongation, strip=strip, added=None, lines=None))
+    return found
