@@ -8,7 +8,9 @@ from typing import Any
 #: Public names and the modules that hold them, imported on first use.
 _PUBLIC = {
     "Distance": "geodesics",
+    "TangentField": "vector_fields",
     "geodesic_distance": "geodesics",
+    "vector_field": "vector_fields",
 }
 
 __all__ = sorted(_PUBLIC)

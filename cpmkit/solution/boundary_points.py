@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from cpmkit.combinations.chains import chains
 from cpmkit.errors import InputError, SceneError
+from cpmkit.manifold.local_source import LocalSource
+from cpmkit.manifold.tangent_space import normals
 from cpmkit.protocols import ClosestPointSource, Floats, Ints
 from cpmkit.runtime.arrays import positive, whole
 from cpmkit.scene.boundary import Boundary
@@ -22,6 +25,8 @@ from cpmkit.solution.boundary_rules import boundary_rule
 DIFFERENCE_SPACINGS = 0.1
 #: Neighbours along a curve are at most so many spacings apart.
 REACH_SPACINGS = 1.5
+#: Step of differences where there is no spacing, as a share of the surface's size.
+STEP_SHARE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,6 +136,28 @@ def boundary_points(source: ClosestPointSource, surface: ClosestPointSource, spa
     arc = np.concatenate([np.cumsum(rule.weights[run]) - 0.5 * rule.weights[run] for run in runs])
     picked = rule.points[order], rule.weights[order], tangents[order], conormals[order]
     return BoundaryPoints(source, surface, *picked, curve, arc, tuple(one.closed for one in found))
+
+
+def directions_along(
+    source: ClosestPointSource, surface: ClosestPointSource
+) -> Callable[[Floats], tuple[Floats, Floats]]:
+    """Return a function of points (k, d) on a boundary, of the unit tangents and leftward conormals (k, d) there.
+
+    As of :class:`BoundaryPoints`; where sources have no directions of their own, by differences of a
+    thousandth of the surface's size.
+    """
+    oriented, step = _oriented(source, surface), STEP_SHARE * float(np.ptp(surface.bounds, axis=0).max())
+    return lambda points: _directions(oriented, np.asarray(points, dtype=np.float64), step)
+
+
+def normals_at(surface: ClosestPointSource, points: Floats) -> Floats:
+    """Return unit normals (k, d) of a surface in space, or a curve in the plane, at the points nearest to ``points``.
+
+    Of any sign where the surface has none of its own; by differences of a thousandth of its size.
+    """
+    local = LocalSource(surface, np.zeros(surface.dim))
+    step = STEP_SHARE * float(np.ptp(surface.bounds, axis=0).max())
+    return normals(local, local.closest_point(np.asarray(points, dtype=np.float64)), step)
 
 
 def _oriented(source: ClosestPointSource, surface: ClosestPointSource) -> OrientedBoundary:
