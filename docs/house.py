@@ -66,7 +66,9 @@ def _targets(node: ast.AST) -> Iterator[str]:
             if found in modules():
                 yield found
     elif isinstance(node, ast.Import):
-        yield from (one.name for one in node.names if one.name in modules())
+        yield from (one.name for one in node.names if one.name in modules() and one.name != "cpmkit")
+    elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "ck":
+        yield from {_public()[node.attr]} if node.attr in _public() else ()
     elif isinstance(node, ast.Constant) and node.value in modules() and "." in node.value:
         yield node.value
 

@@ -28,7 +28,7 @@ class Field:
 
     A field is a function of points as any other: right-hand sides, initial data, velocities, diffusivities and factors
     accept it. At its own points, where a problem on the same prepared scene reads it, it gives the values as they are;
-    elsewhere what the form's own functions make of them. Made by :meth:`cpmkit.preparing.Prepared.field`.
+    elsewhere what the form's own functions make of them. Made by ``prepared.field(data)``.
 
     Attributes
     ----------
