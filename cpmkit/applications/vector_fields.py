@@ -108,7 +108,7 @@ def vector_field(
 
     Examples
     --------
-    East at one point of a sphere's equator is east all along the equator.
+    East along a sphere's equator goes on as east to both poles, round which the field turns.
 
     >>> import cpmkit as ck
     >>> from cpmkit.applications import vector_field
