@@ -33,6 +33,8 @@ from cpmkit.solution.solution import Solution
 TRANSPORTS = ("parallel", "paper")
 #: s: with 1 the directions are 30 times less exact on a sphere, with 100 iterations are twice as many.
 TANGENTIAL_STRENGTH = 25.0
+#: Vectors whose tangential part is a smaller share of them stand on the surface.
+LEAST_TANGENTIAL_SHARE = 1e-6
 #: Directions along a curve, by name: along it, and across it.
 NAMED = {"tangent": (0, 1.0), "backwards": (0, -1.0), "left": (1, 1.0), "right": (1, -1.0)}
 
@@ -172,8 +174,9 @@ def _boundaries(number: int, pair: Any, surface: ClosestPointSource) -> list[ck.
             return [ck.Boundary(name, where, **{side: ck.Dirichlet(one) for side, one in sides.items()})]
         return [ck.Boundary(name, where, both=ck.Dirichlet(_along(where, surface, which)))]
     points = surface.closest_point(np.atleast_2d(np.asarray(where, dtype=np.float64))).points
-    vectors = _tangential(surface, points, np.broadcast_to(np.asarray(which, dtype=np.float64), points.shape))
-    if not (np.linalg.norm(vectors, axis=1) > 0).all():
+    given = np.broadcast_to(np.asarray(which, dtype=np.float64), points.shape)
+    vectors = _tangential(surface, points, given)
+    if not (np.linalg.norm(vectors, axis=1) > LEAST_TANGENTIAL_SHARE * np.linalg.norm(given, axis=1)).all():
         raise InputError("a direction at a point must not be zero or stand on the surface.")
     return [
         ck.Boundary(f"direction {number}.{k}", ck.source("analytic.point", at=at), both=ck.Dirichlet(one.tolist()))

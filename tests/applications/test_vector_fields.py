@@ -103,6 +103,7 @@ def test_a_direction_at_a_point_is_kept_there() -> None:
         ([(EQUATOR, "up")], "direction along a curve"),
         ([(EQUATOR, {"left": "tangent"})], "left and right"),
         ([([0, 0, 1], [0, 0, 1])], "stand on the surface"),
+        ([([1.0, 0.7, 0.3], [1.0, 0.7, 0.3])], "stand on the surface"),
         ([EQUATOR], "pairs"),
     ],
 )
