@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cpmkit.errors import ResolutionError
+from cpmkit.plugin import unit
 from cpmkit.protocols import Floats
 
 if TYPE_CHECKING:
@@ -40,12 +41,10 @@ def descend(distance: Distance, start: Floats) -> list[Floats]:
             f"{len(going)} of {len(start)} paths did not arrive within {most} steps, the first from {start[going[0]]}; "
             "they are caught at a barrier, or at an end of the distance's resolution: use a smaller spacing."
         )
-    ends = distance.origins.nearest(at)
+    ends = distance.origins.closest(at)[1]
     return [np.array([*way, end]) for way, end in zip(ways, ends, strict=True)]
 
 
 def _downhill(distance: Distance, points: Floats) -> Floats:
-    """Return the unit gradient (k, d) of the distance, straight from the nearest origin near the tip."""
-    slopes = distance.gradient(points)
-    lengths = np.linalg.norm(slopes, axis=1, keepdims=True)
-    return np.asarray(np.divide(slopes, lengths, out=np.zeros_like(slopes), where=lengths > 0))
+    """Return the gradient (k, d) of the distance at length one."""
+    return unit(distance.gradient(points))

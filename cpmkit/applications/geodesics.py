@@ -14,17 +14,18 @@ gives the next X.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
 import cpmkit as ck
 from cpmkit.applications.descent import descend
 from cpmkit.applications.origins import Origins, origins_of
-from cpmkit.errors import InputError, shown
+from cpmkit.errors import InputError, SceneError, shown
+from cpmkit.plugin import unit
 from cpmkit.preparing import Prepared
-from cpmkit.protocols import ClosestPointSource, Floats
+from cpmkit.protocols import ClosestPointSource, Floats, Ints
 from cpmkit.runtime.arrays import as_points, whole
 from cpmkit.solution.solution import Solution
 
@@ -67,7 +68,7 @@ class Distance:
         at = as_points(points, self.solution.scene.surface.dim)
         found = self.solution.evaluate(at)
         feet = self.solution.scene.surface.closest_point(at).points
-        return _with_tips(self.origins.straight(feet), found, self.solution.spacing)
+        return _with_tips(self.origins.closest(feet)[0], found, self.solution.spacing)
 
     def gradient(self, points: Any) -> Floats:
         """Return the tangential gradient (n, d), of length one but at origins and ridges."""
@@ -129,7 +130,8 @@ def geodesic_distance(
     Raises
     ------
     InputError, SceneError
-        If an argument is not what is accepted, or a boundary of the scene is none that nothing passes.
+        If an argument is not what is accepted, a boundary of the scene is none that nothing passes, or a piece of the
+        manifold has no origin, or pieces that do not hang together have some.
 
     Examples
     --------
@@ -145,11 +147,20 @@ def geodesic_distance(
     rounds = whole(rounds, "rounds", 1, 100) if method == "transport" else 0
     prepared = _prepared(surface, spacing, options)
     given = origins_of(origins, prepared.scene.surface)
-    field, phi = _by_heat(prepared, given)
+    straight, _, number = given.closest(prepared.points)
+    near = _Near(straight, number)
+    field, phi = _by_heat(prepared, given, near)
     for _ in range(rounds):
-        phi = _carried(prepared, given, field, phi)
+        phi = _carried(prepared, near, field, phi)
         field = prepared.field(phi).gradient().map(lambda _, slopes: unit(slopes))
     return Distance(phi, given, rounds)
+
+
+class _Near(NamedTuple):
+    """Straight distances (p,) from the points of a prepared scene to the nearest origins, and their numbers (p,)."""
+
+    straight: Floats
+    number: Ints
 
 
 def _prepared(surface: Any, spacing: float | None, options: dict[str, Any]) -> Prepared:
@@ -177,7 +188,7 @@ def _check_barriers(scene: ck.Scene) -> None:
             )
 
 
-def _by_heat(prepared: Prepared, origins: Origins) -> tuple[ck.Field, Solution]:
+def _by_heat(prepared: Prepared, origins: Origins, near: _Near) -> tuple[ck.Field, Solution]:
     """Return X (p, d) away from the origins, and the distance that the heat method makes of it."""
     h = prepared.discretized.spacing
     direct = prepared.discretized.size <= MOST_FACTORISED
@@ -191,39 +202,53 @@ def _by_heat(prepared: Prepared, origins: Origins) -> tuple[ck.Field, Solution]:
         if v.values.min() > share * v.values.max() or time > longest:
             break
         time *= LONGER
+    _check_warmed(int(np.count_nonzero(v.values <= share * v.values.max())), prepared.scene.surface)
     field = v.gradient().map(lambda _, slopes: -unit(slopes))
     phi = heated.solve(problem=ck.Poisson(field.divergence(-1.0)))
-    return field, _moved(phi, prepared, origins)
+    return field, _moved(phi, prepared.field(phi).values, near)
 
 
-def _moved(phi: Solution, prepared: Prepared, origins: Origins) -> Solution:
-    """Return ``phi`` moved by constants to the straight distance near the origins, where it is fixed up to these."""
-    from dataclasses import replace
-
-    h, straight = phi.spacing, origins.straight(prepared.points)
-    own = prepared.field(phi).values
-    near = (straight > h) & (straight < HELD_SPACINGS * h)
-    near = near if near.any() else straight <= straight.min() + h
-    shift = float(np.median((straight - own)[near]))
-    return replace(phi, values=phi.values + shift)
+def _check_warmed(cold: int, surface: ClosestPointSource) -> None:
+    if cold:
+        raise SceneError(
+            f"no heat arrives at {cold} points of the {type(surface).__name__}: a piece of it has no origin, or is too "
+            "far away for the spacing; give each piece an origin, or leave the piece out."
+        )
 
 
-def _carried(prepared: Prepared, origins: Origins, field: ck.Field, before: Solution) -> Solution:
+def _moved(phi: Solution, own: Floats, near: _Near) -> Solution:
+    """Return ``phi``, whose values are ``own`` (p,), moved to the straight distance near the origins.
+
+    It is fixed up to a constant, one for all origins.
+
+    Raises
+    ------
+    SceneError
+        If origins ask for different ones, as on pieces that do not hang together.
+    """
+    h = phi.spacing
+    beside = (near.straight > h) & (near.straight < HELD_SPACINGS * h)
+    beside = beside if beside.any() else near.straight <= near.straight.min() + h
+    off = (near.straight - own)[beside]
+    found, label = np.unique(near.number[beside], return_inverse=True)
+    constants = np.bincount(label, off) / np.bincount(label)
+    if len(found) > 1 and np.ptp(constants) > HELD_SPACINGS * h:
+        raise SceneError(
+            f"distances beside {len(found)} origins differ by {np.ptp(constants):.3g}: they lie on pieces of the "
+            "manifold that do not hang together; measure piece by piece."
+        )
+    return replace(phi, values=phi.values + float(np.median(off)))
+
+
+def _carried(prepared: Prepared, near: _Near, field: ck.Field, before: Solution) -> Solution:
     """Return the solution of the transport along ``field``, the straight distance held near the origins."""
-    h, straight = prepared.discretized.spacing, origins.straight(prepared.points)
+    h = prepared.discretized.spacing
     # no nearer by the way along the manifold than straight: the other side of a thin part is not held
-    beside = np.maximum(prepared.field(before).values, straight)
+    beside = np.maximum(prepared.field(before).values, near.straight)
     hold = np.where(beside < HELD_SPACINGS * h, HELD_STRENGTH / h, 0.0)
     e = DIFFUSION_SPACINGS * h
-    f = field.divergence(-e)
-    f = ck.Divergence(f.of, f.scale, beside=prepared.field(1.0 + hold * straight))
+    f = ck.Divergence(field, -e, beside=prepared.field(1.0 + hold * near.straight))
     return prepared.solve(problem=ck.Elliptic(f, diffusivity=e, velocity=field, c=prepared.field(hold)))
-
-
-def unit(vectors: Floats) -> Floats:
-    """Return ``vectors`` (n, d) of length one; zero stays zero."""
-    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.asarray(np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0))
 
 
 def _with_tips(straight: Floats, found: Floats, spacing: float) -> Floats:

@@ -11,7 +11,7 @@ import numpy as np
 
 import cpmkit as ck
 from cpmkit.errors import InputError, shown
-from cpmkit.protocols import ClosestPointSource, Floats
+from cpmkit.protocols import ClosestPointSource, Floats, Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,26 +32,23 @@ class Origins:
     points: Floats
     curves: Sequence[ClosestPointSource]
 
-    def straight(self, points: Floats) -> Floats:
-        """Return the straight distance (n,) of ``points`` (n, d) from the nearest origin."""
-        found = np.full(len(points), np.inf)
-        if len(self.points):
-            found = self._tree.query(points)[0]
-        for curve in self.curves:
-            found = np.minimum(found, curve.closest_point(points).distance)
-        return found
+    def closest(self, points: Floats) -> tuple[Floats, Floats, Ints]:
+        """Return the straight distance (n,) from ``points`` (n, d) to the nearest origin, its place and its number.
 
-    def nearest(self, points: Floats) -> Floats:
-        """Return the points (n, d) of the origins that are nearest to ``points`` (n, d), straight."""
+        Points are numbered first, then curves.
+        """
+        count = len(self.points)
         best, found = np.full(len(points), np.inf), np.zeros_like(points)
-        if len(self.points):
-            best, rows = self._tree.query(points)
-            found = self.points[rows]
-        for curve in self.curves:
+        number = np.zeros(len(points), dtype=np.int64)
+        if count:
+            best, number = self._tree.query(points)
+            found = self.points[number]
+        for k, curve in enumerate(self.curves):
             feet = curve.closest_point(points)
-            found = np.where((feet.distance < best)[:, None], feet.points, found)
-            best = np.minimum(best, feet.distance)
-        return found
+            nearer = feet.distance < best
+            best, found = np.where(nearer, feet.distance, best), np.where(nearer[:, None], feet.points, found)
+            number = np.where(nearer, count + k, number)
+        return best, found, number
 
     def source(self, spacing: float, reach: float) -> ck.PointSource:
         """Return what heats all of them: one a length of the spacing on curves, and points as much as to be as warm.

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cpmkit.plugin import unit
 from cpmkit.protocols import Floats, Ints
 
 
@@ -33,9 +34,9 @@ def singularities(vertices: Floats, faces: Ints, vectors: Floats) -> list[Singul
     the next one's; its index is what remains of the turns, with the curvature of the triangle, over 2 pi. On a closed
     surface the indices sum to the Euler characteristic of the mesh, exactly, whatever the field.
     """
-    normals = _vertex_normals(vertices, faces)
     corners = vertices[faces]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = _vertex_normals(len(vertices), faces, across)
     signs = np.where(np.einsum("fd,fcd->fc", across, normals[faces]) < 0, -1.0, 1.0)
     planes = normals[faces] * signs[:, :, None]  # (f, 3, 3): the corners' normals, to the triangle's own side
     first = _perpendicular(planes)
@@ -50,13 +51,12 @@ def singularities(vertices: Floats, faces: Ints, vectors: Floats) -> list[Singul
     return [Singularity(corners[one].mean(axis=0), int(index[one])) for one in found]
 
 
-def _vertex_normals(vertices: Floats, faces: Ints) -> Floats:
-    corners = vertices[faces]
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    found = np.zeros_like(vertices)
+def _vertex_normals(count: int, faces: Ints, across: Floats) -> Floats:
+    """Return (count, 3) the unit sums at the vertices of their triangles' normals ``across`` (f, 3)."""
+    found = np.zeros((count, 3))
     for k in range(3):
         np.add.at(found, faces[:, k], across)
-    return np.asarray(found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-300))
+    return unit(found)
 
 
 def _perpendicular(normals: Floats) -> Floats:

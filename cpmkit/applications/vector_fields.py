@@ -22,16 +22,16 @@ from typing import Any
 import numpy as np
 
 import cpmkit as ck
-from cpmkit.applications.geodesics import unit
 from cpmkit.applications.tangent_fields import Singularity, singularities
 from cpmkit.errors import InputError, shown
+from cpmkit.plugin import unit
 from cpmkit.preparing import Prepared
 from cpmkit.protocols import ClosestPointSource, Floats
 from cpmkit.runtime.arrays import as_points
 from cpmkit.solution.solution import Solution
 
 TRANSPORTS = ("parallel", "paper")
-#: s: with 1 the directions are 30 times less exact on a sphere, with 100 iterations are twice as many.
+#: s: with 1 the directions are 18 times less exact on a sphere, with 100 iterations are twice as many.
 TANGENTIAL_STRENGTH = 25.0
 #: Vectors whose tangential part is a smaller share of them stand on the surface.
 LEAST_TANGENTIAL_SHARE = 1e-6

@@ -156,3 +156,13 @@ def test_a_boundary_with_data_is_no_barrier() -> None:
     scene = ck.Scene(SPHERE, ck.Laplace(), [ck.Boundary("equator", EQUATOR, both=ck.Dirichlet(0.0))])
     with pytest.raises(ck.InputError, match="barriers"):
         geodesic_distance(scene, [0, 0, 1], spacing=0.3)
+
+
+@pytest.mark.parametrize("method", ["heat", "transport"])
+@pytest.mark.parametrize(
+    ("origins", "words"), [([[0, 0, 1]], "no heat arrives"), ([[0, 0, 1], [6, 0, 2]], "do not hang together")]
+)
+def test_pieces_that_do_not_hang_together_are_told(method: str, origins: Any, words: str) -> None:
+    pieces = ck.source("union", members=[SPHERE, ck.source("analytic.sphere", center=[6, 0, 0], radius=2.0)])
+    with pytest.raises(ck.SceneError, match=words):
+        geodesic_distance(pieces, origins, spacing=0.4, method=method)
