@@ -26,7 +26,7 @@ from cpmkit.applications.tangent_fields import Singularity, singularities
 from cpmkit.errors import InputError, shown
 from cpmkit.plugin import unit
 from cpmkit.preparing import Prepared
-from cpmkit.protocols import ClosestPointSource, Floats
+from cpmkit.protocols import ClosestPointSource, Floats, HasMesh
 from cpmkit.runtime.arrays import as_points
 from cpmkit.solution.solution import Solution
 
@@ -65,8 +65,10 @@ class TangentField:
     @cached_property
     def singularities(self) -> list[Singularity]:
         """Where the field has no direction, by index; on a closed surface they sum to its Euler characteristic."""
-        mesh = self.solution.scene.surface
-        vertices, faces = mesh.mesh(0.5 * self.solution.spacing)  # type: ignore[attr-defined]
+        surface = self.solution.scene.surface
+        if not isinstance(surface, HasMesh):
+            raise InputError(f"singularities are looked for on a mesh, and {type(surface).__name__} has none.")
+        vertices, faces = surface.mesh(0.5 * self.solution.spacing)
         return singularities(vertices, faces, self.evaluate(vertices))
 
     def save(self, path: Any) -> None:

@@ -111,5 +111,8 @@ def _levels(form: Discretized, stiffness: Operator, channels: int) -> Sequence[L
     for level in form.levels(stiffness):
         strip = (level.strip[:, None] * channels + np.arange(channels)).ravel()
         prolongation = kron(level.prolongation, eye_array(channels), format="csr")
-        found.append(replace(level, prolongation=prolongation, strip=strip, added=None, lines=None))
+        lines = level.lines
+        if lines is not None:
+            lines = (lines[:, None] * channels + np.arange(channels)[:, None]).reshape(-1, lines.shape[1])
+        found.append(replace(level, prolongation=prolongation, strip=strip, lines=lines))
     return found

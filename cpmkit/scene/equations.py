@@ -22,7 +22,7 @@ from cpmkit.scene.data import Data, evaluate_data
 from cpmkit.scene.tensors import diffusivity_of
 
 #: A vector field: a function of points (n, d) that returns (n, d).
-Field = Callable[..., Any]
+VectorField = Callable[..., Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ class Terms:
     f: Data = 0.0
     c: Any = 0.0
     diffusivity: Any = 1.0
-    velocity: Field | None = None
+    velocity: VectorField | None = None
     conservative: bool = False
     lumped: bool = False
 
@@ -70,7 +70,7 @@ class Terms:
         return self.fixes_constant and bool(np.any(evaluate_data(self.c, points, 1, "the factor c")))
 
 
-def check_conservative(conservative: Any, velocity: Field | None, what: str) -> None:
+def check_conservative(conservative: Any, velocity: VectorField | None, what: str) -> None:
     """Refuse ``conservative`` unless it is a flag, and unless there is a velocity where it is set.
 
     Raises
@@ -249,7 +249,7 @@ class Elliptic(Equation):
 
     f: Data = 0.0
     diffusivity: Data = 1.0
-    velocity: Field | None = None
+    velocity: VectorField | None = None
     c: Data = 0.0
     conservative: bool = False
     kind: ClassVar[str] = "elliptic"

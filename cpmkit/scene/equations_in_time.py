@@ -16,7 +16,7 @@ import numpy as np
 from cpmkit.errors import InputError, shown
 from cpmkit.runtime.arrays import number, positive, whole
 from cpmkit.scene.data import Data, takes_time
-from cpmkit.scene.equations import Equation, Field, Terms, check_conservative, check_factor
+from cpmkit.scene.equations import Equation, Terms, VectorField, check_conservative, check_factor
 from cpmkit.scene.tensors import diffusivity_of
 
 HEAT_SCHEMES = ("bdf2", "backward-euler", "crank-nicolson")
@@ -156,7 +156,7 @@ class Heat(Evolution):
     step: float
     f: Data = 0.0
     kappa: Data = 1.0
-    velocity: Field | None = None
+    velocity: VectorField | None = None
     c: Data = 0.0
     scheme: str = "bdf2"
     start: str = "smooth"

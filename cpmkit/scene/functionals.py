@@ -12,7 +12,7 @@ import numpy as np
 from cpmkit.errors import InputError, shown
 from cpmkit.protocols import Floats
 from cpmkit.runtime.arrays import as_points, number
-from cpmkit.scene.data import Data, Functional
+from cpmkit.scene.data import Data, Functional, takes_time
 
 
 class TestsFunctionals(Protocol):
@@ -44,8 +44,6 @@ class TestedRightSide(Functional, ABC):
     @property
     def takes_time(self) -> bool:
         """Whether it depends on the time."""
-        from cpmkit.scene.data import takes_time
-
         return takes_time(self.beside)
 
     @abstractmethod
@@ -138,7 +136,7 @@ class Divergence(TestedRightSide):
 
     Examples
     --------
-    Of the field x on the unit circle, less its part across, nothing but -2 y . y is the divergence of (0, y).
+    On the unit circle the tangential part of (0, y) has the divergence cos 2 s, and u is cos(2 s) / 5.
 
     >>> import cpmkit as ck
     >>> field = ck.Divergence(lambda p: p * [0.0, 1.0])

@@ -24,7 +24,7 @@ from cpmkit.runtime.suggestions import did_you_mean
 from cpmkit.scene.boundary import Boundary
 from cpmkit.scene.compound_equations import Biharmonic, Eigen
 from cpmkit.scene.data import evaluate_data
-from cpmkit.scene.equations import Elliptic, Equation, Field, Helmholtz, Laplace, Poisson, ScreenedPoisson
+from cpmkit.scene.equations import Elliptic, Equation, Helmholtz, Laplace, Poisson, ScreenedPoisson, VectorField
 from cpmkit.scene.equations_in_time import Evolution, Heat, Wave
 from cpmkit.scene.nonlinear_equations import NonlinearDiffusion, PLaplacian, TotalVariation
 from cpmkit.scene.scene import Scene
@@ -272,7 +272,7 @@ def _is_square(value: Any, dim: int) -> bool:
     return rows and all(isinstance(row, list) and len(row) == dim for row in value)
 
 
-def _field(value: Any, dim: int) -> Field:
+def _field(value: Any, dim: int) -> VectorField:
     """Return a vector field from one number or formula a coordinate."""
     if not isinstance(value, list) or len(value) != dim:
         raise SceneError(f"velocity of [problem] must be a list of {dim} numbers or formulas, got {shown(value)}.")

@@ -14,7 +14,7 @@ from cpmkit.forms.collocation.operator import ExtensionOperator
 from cpmkit.grid.stencils import cross_offsets, cross_weights, difference_reach
 from cpmkit.protocols import Floats
 from cpmkit.scene.data import Data, evaluate_data
-from cpmkit.scene.equations import Field, Terms
+from cpmkit.scene.equations import Terms, VectorField
 
 #: Central differences oscillate where advection over one spacing outweighs diffusion by more than this.
 MOST_CELL_PECLET = 2.0
@@ -122,7 +122,7 @@ def check_terms(terms: Terms) -> None:
         )
 
 
-def _advective(tables: Discretization, velocity: Field, diffusive: Floats) -> Floats:
+def _advective(tables: Discretization, velocity: VectorField, diffusive: Floats) -> Floats:
     """Return the weights (n, 2 d) of the neighbours in ``spacing^2 v . grad u``, by central differences.
 
     Raises

@@ -110,6 +110,15 @@ def read_values(unknowns: Ints, patch: Any, places: Any, u: Floats, values: Floa
             values[q, channel] = total
 
 
+@inlined
+def splines_by_axis(point: Floats, cell: Any, spacing: float, along: int, values: Floats, steps: Floats) -> None:
+    """Fill ``values`` and ``steps`` (3, along) with the splines of a cell at a point and their slopes, by axis."""
+    for axis in range(len(cell)):
+        t = point[axis] / spacing - cell[axis] + 0.5
+        spline_values(t, along, values[axis])
+        spline_slopes(t, along, steps[axis])
+
+
 @compiled
 def read_slopes(
     unknowns: Ints, cells: Ints, spacing: float, patch: Any, points: Floats, normals: Floats, u: Floats, slopes: Floats
@@ -122,10 +131,7 @@ def read_slopes(
     own = np.empty(3)
     for q in range(len(points)):
         p = patch[q]
-        for axis in range(d):
-            t = points[q, axis] / spacing - cells[p, axis] + 0.5
-            spline_values(t, along, values[axis])
-            spline_slopes(t, along, steps[axis])
+        splines_by_axis(points[q], cells[p], spacing, along, values, steps)
         for channel in range(u.shape[1]):
             own[:] = 0.0
             place = 0
@@ -162,10 +168,7 @@ def add_slope_load(
     third = 2 if d == 3 else 0
     for q in range(len(points)):
         p = patch[q]
-        for axis in range(d):
-            t = points[q, axis] / spacing - cells[p, axis] + 0.5
-            spline_values(t, along, values[axis])
-            spline_slopes(t, along, steps[axis])
+        splines_by_axis(points[q], cells[p], spacing, along, values, steps)
         x, y = weighted[q, 0] / spacing, weighted[q, 1] / spacing
         z = weighted[q, third] / spacing if d == 3 else 0.0
         place = 0
