@@ -96,8 +96,9 @@ def read_checkpoint(path: Path, plan: RunPlan) -> tuple[RunState, SolveTally]:
     tally = record_from_table(
         SolveTally, read_json_table(arrays["tally"], path, "tally"), f"the tally of {shown(path.name)}"
     )
+    times = [0.0, *(step.end for step in plan.steps[: len(arrays["ends"])])][-len(arrays["lengths"]) :]
     history = tuple(
-        Moment(arrays[f"u_{k}"], arrays.get(f"rate_{k}"), float(length), arrays.get(f"acceleration_{k}"))
+        Moment(arrays[f"u_{k}"], arrays.get(f"rate_{k}"), float(length), arrays.get(f"acceleration_{k}"), times[k])
         for k, length in enumerate(arrays["lengths"])
     )
     return RunState(len(arrays["ends"]), history, tuple(arrays["frames"]), tuple(arrays.get("energies", ()))), tally

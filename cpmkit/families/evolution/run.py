@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from cpmkit.families.evolution.between_steps import after_step
 from cpmkit.families.evolution.schedule import Step
 from cpmkit.families.evolution.schemes import Moment
 from cpmkit.families.evolution.semidiscrete import SemiDiscrete
@@ -85,6 +86,7 @@ def digest_run(plan: RunPlan, time: float) -> str:
     problem, start = plan.problem, plan.start
     tables = problem.form.fingerprint(problem.stiffness)
     data = [start.u, *([] if start.rate is None else [start.rate]), problem.forcing(0.0), problem.forcing(time)]
+    data += [after_step(problem.form, plan.evolution, replace(start, time=when)).u for when in (0.0, time)]
     digest = hashlib.blake2b(digest_size=16)
     for array in [*tables, *data]:
         digest.update(np.ascontiguousarray(array).data)

@@ -41,12 +41,15 @@ class Moment:
         Of the step that led here; zero at the start.
     acceleration : (n, channels) float64 or None
         Of leapfrog: at the start of that step.
+    time : float
+        When it is; that of a step's end, however that was rounded.
     """
 
     u: Floats
     rate: Floats | None
     length: float
     acceleration: Floats | None = None
+    time: float = 0.0
 
 
 History = Sequence[Moment]

@@ -10,6 +10,7 @@ import numpy as np
 
 from cpmkit.errors import ConvergenceError, ResolutionError
 from cpmkit.families.context import SolveContext
+from cpmkit.families.evolution.between_steps import after_step, rate_of_change, rest_sentence
 from cpmkit.families.evolution.checkpoints import read_checkpoint, write_checkpoint
 from cpmkit.families.evolution.conservation import GrowthBound, growth_bound, heat_drift, wave_energy
 from cpmkit.families.evolution.run import RunPlan, RunState
@@ -92,12 +93,19 @@ def _run(context: SolveContext, plan: RunPlan, solver: ShiftedSolver) -> RunStat
     if asked.resume is not None:
         state, tally = read_checkpoint(asked.resume, plan)
         solver.tally.add(tally)
-    while state.done < total:
+    while state.done < total and not _rests(plan, state):
         state = _advanced(state, plan, solver, scheme, growth)
         context.progress("steps", state.done / total)
-        if asked.checkpoint is not None and (state.done % asked.checkpoint_every == 0 or state.done == total):
+        ended = state.done == total or _rests(plan, state)
+        if asked.checkpoint is not None and (ended or state.done % asked.checkpoint_every == 0):
             write_checkpoint(asked.checkpoint, plan, state, solver.tally)
     return state
+
+
+def _rests(plan: RunPlan, state: RunState) -> bool:
+    """Tell whether the run has come to rest, where that ends it."""
+    rest = plan.evolution.rest
+    return rest is not None and rate_of_change(plan.problem.form, plan.start, state.history) < rest
 
 
 def scheme_of(evolution: Evolution) -> Scheme:
@@ -123,6 +131,7 @@ def _advanced(
         )
     if growth is not None:
         growth.check(moment.u, step.end)
+    moment = after_step(plan.problem.form, plan.evolution, replace(moment, time=step.end))
     history = (*state.history, moment)[-REMEMBERED_MOMENTS:]
     later = replace(state, done=state.done + 1, history=history)
     return later.with_frame(moment.u, wave_energy(plan.problem, moment, step.end)) if step.is_frame else later
@@ -132,7 +141,7 @@ def _solution(
     context: SolveContext, plan: RunPlan, state: RunState, tally: SolveTally, seconds: Mapping[str, float]
 ) -> EvolvedSolution:
     """Return the solution at the end, with its frames."""
-    values, total = state.history[-1].u, len(plan.steps)
+    values, total, end = state.history[-1].u, state.done, state.history[-1].time
     reason = (
         f"relative residual {tally.residual:.2e} at most in {total} steps with {tally.iterations} iterations, "
         f"{context.tolerance:.2e} asked for"
@@ -141,15 +150,18 @@ def _solution(
     report = replace(report, solver=tally.solver or report.solver)  # the one that took the last step
     form = context.discretized
     work = form.work(plan.problem.stiffness, report)
-    drift = heat_drift(plan.problem, context.scene, plan.start.u, values)
-    warnings = (*form.warnings(), *run_warnings(plan.problem, plan.evolution, state.history), *drift)
-    end = plan.steps[-1].end
+    told = [
+        *heat_drift(plan.problem, context.scene, plan.start.u, values, end),
+        *rest_sentence(form, plan.evolution, plan.start, state.history),
+    ]
+    warnings = (*form.warnings(), *run_warnings(plan.problem, plan.evolution, state.history), *told)
     energy = wave_energy(plan.problem, state.history[-1], end)
     last = EvolvedSolution(form, values, report, work, seconds, warnings=warnings, time=end, steps=total, energy=energy)
+    # A run that came to rest has fewer frames than were asked for.
     taken = {0.0: 0, **{step.end: number for number, step in enumerate(plan.steps, 1)}}
     energies = state.energies or (None,) * len(state.frames)
     frames = tuple(
         replace(last, values=kept, time=when, steps=taken[when], energy=energy)
-        for when, kept, energy in zip(plan.evolution.frame_times, state.frames, energies, strict=True)
+        for when, kept, energy in zip(plan.evolution.frame_times, state.frames, energies, strict=False)
     )
     return replace(last, frames=frames)
