@@ -35,6 +35,7 @@ _PUBLIC = {
     "PLaplacian": "scene.nonlinear_equations",
     "PluginError": "errors",
     "Poisson": "scene.equations",
+    "ReactionDiffusion": "scene.reaction_diffusion",
     "ResolutionError": "errors",
     "Robin": "scene.conditions",
     "Scene": "scene.scene",

@@ -146,8 +146,8 @@ class Heat(Evolution):
     after_step : callable, optional
         A function of points (p, d), values (p, channels) and, where it has a parameter ``t`` without a default, the
         time, that returns the values (p, channels) from which the run goes on. Where it changes u by as much as a step
-        does, as a projection on a target, steps of any scheme are of first order. What adds an amount at each step takes
-        ``backward-euler``: BDF2 takes the step before for a rate, and counts the amount one and a half times.
+        does, as a projection on a target, steps of any scheme are of first order. What adds an amount at each step
+        takes ``backward-euler``: BDF2 takes the step before for a rate, and counts the amount one and a half times.
     rest : float, optional
         The run ends when u changes more slowly: root mean square of the change over the step and over that of u, at
         the start or now, whichever is larger; in one over the unit of time. Frames past that time are left out.

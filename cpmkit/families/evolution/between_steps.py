@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cpmkit.families.evolution.schemes import History, Moment
+from cpmkit.families.evolution.moment import History, Moment
 from cpmkit.forms.contract import Discretized
 from cpmkit.protocols import Floats
 from cpmkit.scene.after_step import changed_values

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.errors import ResolutionError
-from cpmkit.families.evolution.schemes import Moment
+from cpmkit.families.evolution.moment import Moment
 from cpmkit.families.evolution.semidiscrete import SemiDiscrete
 from cpmkit.protocols import Floats
 from cpmkit.scene.data import takes_time
