@@ -39,6 +39,7 @@ _PUBLIC = {
     "PluginError": "errors",
     "PointSource": "scene.functionals",
     "Poisson": "scene.equations",
+    "ReactionDiffusion": "scene.reaction_diffusion",
     "ResolutionError": "errors",
     "Robin": "scene.conditions",
     "Scene": "scene.scene",

@@ -21,7 +21,7 @@ from cpmkit.protocols import Floats
 from cpmkit.runtime.declared import showing
 from cpmkit.runtime.warn import collected_warnings, warn_each
 from cpmkit.scene.compound_equations import Eigen
-from cpmkit.scene.equations_in_time import Evolution
+from cpmkit.scene.equations_in_time import FIRST_ORDER_SCHEMES, Evolution
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.matched_modes import with_further_modes
 from cpmkit.solution.modes import EigenSolution
@@ -192,8 +192,8 @@ def error_in_time(solution: Solution, solve_at: SolveAt) -> float:
 
 
 def order_in_time(problem: Evolution) -> int:
-    """Return the order of a problem's scheme."""
-    return 1 if problem.scheme == "backward-euler" else 2
+    """Return the order of a problem's scheme; 1 where something is done after each step."""
+    return 1 if problem.scheme in FIRST_ORDER_SCHEMES or problem.after_step is not None else 2
 
 
 def error_of(solution: Solution, tight: bool = False) -> ErrorEstimate:

@@ -11,7 +11,7 @@ form knows of the problem, and is overridden where it knows more.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 
@@ -293,6 +293,19 @@ class Discretized(ABC):
     @abstractmethod
     def put_back(self, values: Floats) -> Floats:
         """Return the unknowns (n, channels) that have ``values`` (p, channels) at :attr:`points`, or nearly so."""
+
+    def with_values(self, u: Floats, values: Floats, time: float) -> Floats:
+        """Return u (n, channels) moved to ``values`` (p, channels) at :attr:`points`, or as near as :meth:`put_back`.
+
+        What of u the points do not see stays; where the values are those of u, all of it.
+        """
+        del time  # of forms whose unknowns hold the conditions' data
+        return u + self.put_back(values - self.at_points(u))
+
+    def load_of(self, function: Callable[[Floats, Floats], Floats], u: Floats) -> Floats:
+        """Return what ``function(values (p, channels), points (p, d))`` of u adds to b, (n, channels)."""
+        values = function(self.at_points(u), self.points)
+        return self.load(lambda _: values)
 
     def read(self, data: Any, what: str, time: float | None = None, channels: int | None = 1) -> Floats:
         """Return a coefficient of the equation at :attr:`points`, (p, channels)."""

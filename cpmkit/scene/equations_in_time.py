@@ -15,12 +15,14 @@ import numpy as np
 
 from cpmkit.errors import InputError, shown
 from cpmkit.runtime.arrays import number, positive, whole
+from cpmkit.scene.after_step import AfterStep, check_after_step
 from cpmkit.scene.data import Data, takes_time
 from cpmkit.scene.equations import Equation, Terms, VectorField, check_conservative, check_factor
 from cpmkit.scene.tensors import diffusivity_of
 
 HEAT_SCHEMES = ("bdf2", "backward-euler", "crank-nicolson")
 WAVE_SCHEMES = ("auto", "newmark", "implicit", "leapfrog")
+FIRST_ORDER_SCHEMES = ("backward-euler", "euler")
 HEAT_STARTS = ("smooth", "plain")
 #: More steps than this are a mistake in the unit of time.
 MOST_TIME_STEPS = 10_000_000
@@ -39,12 +41,18 @@ class Evolution(Equation):
         How the steps go.
     frames : int or sequence of float
         Times whose solutions are kept.
+    after_step : callable, optional
+        What is done with the values after each step.
+    rest : float, optional
+        Rate of change below which the run ends.
     """
 
     until: float
     step: float
     scheme: str
     frames: int | Sequence[float]
+    after_step: AfterStep | None = None
+    rest: float | None = None
     family: ClassVar[str] = "time"
     #: From one step to the next little changes: on a surface with 8,000 unknowns an iterative solver takes 2 to 8
     #: iterations a step, less time than a solve with the factors, which take seconds to make.
@@ -87,6 +95,7 @@ class Evolution(Equation):
                     "the data of conditions may."
                 )
         _check_frames(self.frames, self.until, self.kind)
+        check_after_step(self.after_step, self.rest, self.kind)
 
 
 def _check_frames(frames: int | Sequence[float], until: float, kind: str) -> None:
@@ -134,6 +143,14 @@ class Heat(Evolution):
         Of Crank-Nicolson: ``smooth`` takes the first step as two half steps of backward Euler, ``plain`` does not.
     frames : int or sequence of float
         Times whose solutions are kept: the ends of so many equal parts, with time 0, or a list. A step ends at each.
+    after_step : callable, optional
+        A function of points (p, d), values (p, channels) and, where it has a parameter ``t`` without a default, the
+        time, that returns the values (p, channels) from which the run goes on. Where it changes u by as much as a step
+        does, as a projection on a target, steps of any scheme are of first order. What adds an amount at each step
+        takes ``backward-euler``: BDF2 takes the step before for a rate, and counts the amount one and a half times.
+    rest : float, optional
+        The run ends when u changes more slowly: root mean square of the change over the step and over that of u, at
+        the start or now, whichever is larger; in one over the unit of time. Frames past that time are left out.
 
     Raises
     ------
@@ -162,6 +179,8 @@ class Heat(Evolution):
     start: str = "smooth"
     frames: int | Sequence[float] = 0
     conservative: bool = False
+    after_step: AfterStep | None = None
+    rest: float | None = None
     # King et al. (2024), eq. 18.
     kind: ClassVar[str] = "heat"
 

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import InputError, shown
+from cpmkit.families.evolution.moment import REMEMBERED_MOMENTS, Moment
 from cpmkit.families.evolution.run import RunPlan, RunState, describe_run, digest_arrays, digest_run
 from cpmkit.families.evolution.schedule import ROUNDED_STEP_SHARE
-from cpmkit.families.evolution.schemes import REMEMBERED_MOMENTS, Moment
 from cpmkit.families.evolution.shifted import SolveTally
 from cpmkit.files.plain_values import record_from_table
 from cpmkit.files.saved_arrays import SavedArray, read_json_table, read_saved
@@ -96,8 +96,9 @@ def read_checkpoint(path: Path, plan: RunPlan) -> tuple[RunState, SolveTally]:
     tally = record_from_table(
         SolveTally, read_json_table(arrays["tally"], path, "tally"), f"the tally of {shown(path.name)}"
     )
+    times = [0.0, *(step.end for step in plan.steps[: len(arrays["ends"])])][-len(arrays["lengths"]) :]
     history = tuple(
-        Moment(arrays[f"u_{k}"], arrays.get(f"rate_{k}"), float(length), arrays.get(f"acceleration_{k}"))
+        Moment(arrays[f"u_{k}"], arrays.get(f"rate_{k}"), float(length), arrays.get(f"acceleration_{k}"), times[k])
         for k, length in enumerate(arrays["lengths"])
     )
     return RunState(len(arrays["ends"]), history, tuple(arrays["frames"]), tuple(arrays.get("energies", ()))), tally

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.errors import ResolutionError
-from cpmkit.families.evolution.schemes import Moment
+from cpmkit.families.evolution.moment import Moment
 from cpmkit.families.evolution.semidiscrete import SemiDiscrete
 from cpmkit.protocols import Floats
 from cpmkit.scene.data import takes_time
-from cpmkit.scene.equations_in_time import Evolution, Heat, Wave
+from cpmkit.scene.equations_in_time import Heat, Wave
 from cpmkit.scene.scene import Scene
 
 #: A drift is reported if it exceeds this share of the total heat and this share of the range of u.
@@ -21,18 +21,20 @@ DRIFT_SHARE_OF_HEAT, DRIFT_SHARE_OF_RANGE = 2e-2, 2e-3
 UNSTABLE_GROWTH = 4.0
 
 
-def heat_drift(problem: SemiDiscrete, scene: Scene, start: Floats, u: Floats) -> list[str]:
-    """Tell by how much heat was lost or gained on pieces that nothing flows out of, where c is zero.
+def heat_drift(problem: SemiDiscrete, scene: Scene, start: Floats, u: Floats, time: float) -> list[str]:
+    """Tell by how much heat was lost or gained up to ``time`` on pieces that nothing flows out of, where c is zero.
 
     There the mean of u grows by the mean of f times the time, in every scheme.
     """
     heat = scene.problem
     if not isinstance(heat, Heat) or callable(heat.c) or heat.c or heat.velocity is not None or takes_time(heat.f):
         return []
+    if heat.after_step is not None:
+        return []
     mean = problem.form.means_without_flux()
     if mean is None:
         return []
-    brought = heat.until * (mean @ problem.steady)
+    brought = time * (mean @ problem.steady)
     drift = mean @ u - mean @ start - brought
     size = mean @ np.abs(start) + np.abs(brought)
     span = np.maximum(np.ptp(start, axis=0), np.ptp(u, axis=0))
@@ -96,7 +98,9 @@ def growth_bound(problem: SemiDiscrete, scene: Scene, start: Moment) -> GrowthBo
     Nor is there one where the form has a mass: the norm of b tells nothing of that of ``M^-1 b``.
     """
     evolution, form = scene.problem, problem.form
-    if problem.moves or form.mass is not None or not form.surely_positive() or not isinstance(evolution, Evolution):
+    if not isinstance(evolution, (Heat, Wave)) or evolution.after_step is not None:
+        return None
+    if problem.moves or form.mass is not None or not form.surely_positive():
         return None
     size, forced = float(np.linalg.norm(start.u)), float(np.linalg.norm(problem.steady))
     if isinstance(evolution, Wave):

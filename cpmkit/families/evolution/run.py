@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from cpmkit.families.evolution.between_steps import after_step
+from cpmkit.families.evolution.moment import Moment
 from cpmkit.families.evolution.schedule import Step
-from cpmkit.families.evolution.schemes import Moment
 from cpmkit.families.evolution.semidiscrete import SemiDiscrete
 from cpmkit.protocols import Floats
 from cpmkit.scene.equations_in_time import Evolution
@@ -83,8 +84,11 @@ def describe_run(plan: RunPlan) -> dict[str, Any]:
 def digest_run(plan: RunPlan, time: float) -> str:
     """Return a digest of the tables, of the start, and of the data at the start and at ``time``."""
     problem, start = plan.problem, plan.start
-    tables = problem.form.fingerprint(problem.stiffness)
+    tables = [array for group in problem.groups for array in problem.form.fingerprint(group.stiffness)]
     data = [start.u, *([] if start.rate is None else [start.rate]), problem.forcing(0.0), problem.forcing(time)]
+    data += [after_step(problem.form, plan.evolution, replace(start, time=when)).u for when in (0.0, time)]
+    if problem.reaction is not None:
+        data += [problem.reacting(replace(start, u=start.u.copy(), time=when)) for when in (0.0, time)]
     digest = hashlib.blake2b(digest_size=16)
     for array in [*tables, *data]:
         digest.update(np.ascontiguousarray(array).data)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.families.evolution.schemes import History
+from cpmkit.families.evolution.moment import History
 from cpmkit.families.evolution.semidiscrete import SemiDiscrete
 from cpmkit.scene.equations_in_time import Evolution, Wave
 
 #: Crank-Nicolson rings where its last step takes back more than this share of the one before, and both are more than
 #: the second share of the solution.
 RINGING_SHARE_OF_STEP, RINGING_SHARE_OF_SOLUTION = 0.5, 1e-4
+#: Schemes that can ring: one that does not damp, and those of a reaction.
+RINGING_SCHEMES = ("crank-nicolson", "sbdf2", "euler")
 #: Waves are not resolved where A u is more than this share of its largest eigenvalue times u. Of waves that grow it is
 #: 0.49, of a jump 0.3.
 SHORTEST_WAVE_SHARE = 0.4
@@ -26,7 +28,7 @@ def run_warnings(problem: SemiDiscrete, evolution: Evolution, history: History) 
 
 def _ringing_sentence(evolution: Evolution, history: History) -> list[str]:
     """Tell where Crank-Nicolson swings back and forth instead of settling."""
-    if evolution.scheme != "crank-nicolson" or len(history) < 3:
+    if evolution.scheme not in RINGING_SCHEMES or len(history) < 3:
         return []
     before, after = history[-2].u - history[-3].u, history[-1].u - history[-2].u
     size = float(np.abs(history[-1].u).max(initial=0.0))
@@ -34,6 +36,11 @@ def _ringing_sentence(evolution: Evolution, history: History) -> list[str]:
     taken_back = -float(np.sum(before * after)) > RINGING_SHARE_OF_STEP * float(np.sum(before * before))
     if swing <= RINGING_SHARE_OF_SOLUTION * size or not taken_back:
         return []
+    if evolution.scheme != "crank-nicolson":
+        return [
+            f"The last steps swing back and forth by {swing / size:.1g} of the solution: the reaction is explicit, and "
+            f"step={evolution.step:g} is longer than the time in which it acts; use a shorter step."
+        ]
     return [
         f"The last steps of Crank-Nicolson swing back and forth by {swing / size:.1g} of the solution: it does not "
         f"damp what step={evolution.step:g} does not resolve; use scheme 'bdf2' or 'backward-euler', or a shorter step."

@@ -6,6 +6,7 @@ section III.5 for variable steps):
 backward Euler: ``(M + h A) u1 = M u0 + h b1``;
 BDF2: ``(M + g h A) u1 = M [(1 + w)^2 u0 - w^2 u_1] / (1 + 2 w) + g h b1`` with ``g = (1 + w) / (1 + 2 w)``, after a
 first step of two half steps of backward Euler, which leave half of the error of one whole step;
+a reaction r, which is explicit: backward Euler adds ``h r0``, BDF2 ``g h [(1 + w) r0 - w r_1]``;
 Crank-Nicolson: ``(M + h/2 A) u1 = M u0 + h/2 (-A u0 + b0 + b1)``.
 
 For waves see :mod:`cpmkit.families.evolution.wave_schemes`.
@@ -13,43 +14,16 @@ For waves see :mod:`cpmkit.families.evolution.wave_schemes`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 
 import numpy as np
 
+from cpmkit.families.evolution.moment import History, Moment
 from cpmkit.families.evolution.schedule import Step
 from cpmkit.families.evolution.semidiscrete import SemiDiscrete
 from cpmkit.families.evolution.shifted import ShiftedSolver
 from cpmkit.protocols import Floats
 
-#: Moments that schemes look back on.
-REMEMBERED_MOMENTS = 3
-
-
-@dataclass(frozen=True, eq=False)
-class Moment:
-    """The unknowns at one time.
-
-    Attributes
-    ----------
-    u : (n, channels) float64
-        Their values.
-    rate : (n, channels) float64 or None
-        Of a wave: their rates, for leapfrog those half a step before.
-    length : float
-        Of the step that led here; zero at the start.
-    acceleration : (n, channels) float64 or None
-        Of leapfrog: at the start of that step.
-    """
-
-    u: Floats
-    rate: Floats | None
-    length: float
-    acceleration: Floats | None = None
-
-
-History = Sequence[Moment]
 #: Takes the moments so far, the last one last, and returns the next.
 Scheme = Callable[[SemiDiscrete, ShiftedSolver, History, Step], Moment]
 
@@ -58,7 +32,9 @@ def backward_euler(problem: SemiDiscrete, solver: ShiftedSolver, history: Histor
     """Take one step of backward Euler."""
     h = step.length
     right_side = problem.weighed(history[-1].u) + h * problem.forcing(step.end)
-    return Moment(solver.solve(h, right_side, extrapolate(history, h)), None, h)
+    if problem.reaction is not None:
+        right_side += h * problem.reacting(history[-1])
+    return Moment(solver.solve(h, right_side, extrapolate(history, h)), None, h, time=step.end)
 
 
 def bdf2(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
@@ -68,6 +44,9 @@ def bdf2(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: S
         return half_steps(problem, solver, history, step)
     gh = (1 + ratio) / (1 + 2 * ratio) * step.length
     right_side = problem.weighed(bdf2_start(history[-1].u, before.u, ratio)) + gh * problem.forcing(step.end)
+    if problem.reaction is not None:
+        now, past = problem.reacting(history[-1]), problem.reacting(before)
+        right_side += gh * (now + ratio * (now - past))
     return Moment(solver.solve(gh, right_side, extrapolate(history, step.length)), None, step.length)
 
 

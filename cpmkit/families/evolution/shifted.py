@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from cpmkit.families.context import SolveContext, left_side
-from cpmkit.families.evolution.semidiscrete import SemiDiscrete
+from cpmkit.families.evolution.semidiscrete import ChannelGroup, SemiDiscrete
 from cpmkit.linear.report import SolveReport
-from cpmkit.protocols import Floats, PreparedSolver
+from cpmkit.protocols import Floats, PreparedSolver, Stiffness
 
 
 @dataclass
@@ -69,34 +69,44 @@ class ShiftedSolver:
         ConvergenceError
             If the solver does not reach the tolerance.
         """
-        terms, form = self.context.scene.problem.terms(), self.context.discretized
-        key = ("shifted", left_side(terms), form.data_move, factor)  # a form's mass may tell whether its data move
-        solver: PreparedSolver = self.context.kept.get(key, self._prepare, factor)
+        columns = self.problem.columns
+        return self.problem.joined(
+            lambda group: self._solve(group, factor, columns(group, right_side), columns(group, guess))
+        )
+
+    def _solve(self, group: ChannelGroup, factor: float, right_side: Floats, guess: Floats) -> Floats:
+        moves = self.problem.form.data_move  # a form's mass may tell whether its data move
+        key = ("shifted", left_side(group.terms), moves, factor)
+        solver: PreparedSolver = self.context.kept.get(key, self._prepare, group, factor)
         u, report = solver.solve(right_side, self.context.tolerance, guess)
         self.tally.add(report)
-        return self._with_totals_of(right_side, u)
+        return self._with_totals_of(group, right_side, u)
 
-    def _with_totals_of(self, right_side: Floats, u: Floats) -> Floats:
+    def _with_totals_of(self, group: ChannelGroup, right_side: Floats, u: Floats) -> Floats:
         """Return u moved by a constant on each piece that nothing flows out of, so that no heat is lost there.
 
         With B the pieces' indicators and ``A B = 0``, A symmetric, ``B' M u = B' right_side`` in the exact solution:
         the correction is that of a coarse level, and leaves all else of u at the solver's tolerance.
         """
-        if self._closed is None:
+        closed = self._closed[self.problem.groups.index(group)]
+        if closed is None:
             return u
-        indicator, masses = self._closed
+        indicator, masses = closed
         excess = indicator.T @ (right_side - self.problem.weighed(u))
         return np.asarray(u + indicator @ np.linalg.solve(masses, excess))
 
     @cached_property
-    def _closed(self) -> tuple[Any, Floats] | None:
-        """The pieces on which a constant is free, as columns B, and B' M B; None where A need not be symmetric."""
-        stiffness = self.problem.stiffness
+    def _closed(self) -> list[tuple[Any, Floats] | None]:
+        """Of each group the pieces on which a constant is free; None where A need not be symmetric."""
+        return [self._closed_of(group.stiffness) for group in self.problem.groups]
+
+    def _closed_of(self, stiffness: Stiffness) -> tuple[Any, Floats] | None:
+        """Return the pieces on which a constant is free, as columns B, and B' M B."""
         free = self.problem.form.free_constants(stiffness) if stiffness.symmetric else None
         if free is None:
             return None
         indicator = free.indicator
         return indicator, np.asarray(indicator.T @ self.problem.weighed(indicator.toarray()))
 
-    def _prepare(self, factor: float) -> PreparedSolver:
-        return self.context.prepare(self.problem.stiffness.shifted(factor, self.problem.form.mass_in_time))
+    def _prepare(self, group: ChannelGroup, factor: float) -> PreparedSolver:
+        return self.context.prepare(group.stiffness.shifted(factor, self.problem.form.mass_in_time))

@@ -10,25 +10,20 @@ import numpy as np
 
 from cpmkit.errors import ConvergenceError, ResolutionError
 from cpmkit.families.context import SolveContext
+from cpmkit.families.evolution.between_steps import after_step, rate_of_change, rest_sentence
 from cpmkit.families.evolution.checkpoints import read_checkpoint, write_checkpoint
 from cpmkit.families.evolution.conservation import GrowthBound, growth_bound, heat_drift, wave_energy
+from cpmkit.families.evolution.moment import REMEMBERED_MOMENTS, Moment
 from cpmkit.families.evolution.run import RunPlan, RunState
 from cpmkit.families.evolution.run_warnings import run_warnings
 from cpmkit.families.evolution.schedule import Step, schedule
-from cpmkit.families.evolution.schemes import (
-    REMEMBERED_MOMENTS,
-    Moment,
-    Scheme,
-    backward_euler,
-    bdf2,
-    crank_nicolson,
-    damped_crank_nicolson,
-)
-from cpmkit.families.evolution.semidiscrete import SemiDiscrete
+from cpmkit.families.evolution.schemes import Scheme, backward_euler, bdf2, crank_nicolson, damped_crank_nicolson
+from cpmkit.families.evolution.semidiscrete import ChannelGroup, SemiDiscrete
 from cpmkit.families.evolution.shifted import ShiftedSolver, SolveTally
 from cpmkit.families.evolution.wave_schemes import implicit_wave, leapfrog, newmark
 from cpmkit.forms.contract import Discretized
 from cpmkit.scene.equations_in_time import Evolution, Heat, Wave
+from cpmkit.scene.reaction_diffusion import ReactionDiffusion
 from cpmkit.solution.evolved import EvolvedSolution, check_frames_fit
 
 SCHEMES: dict[str, Scheme] = {
@@ -38,6 +33,8 @@ SCHEMES: dict[str, Scheme] = {
     "leapfrog": leapfrog,
     "implicit": implicit_wave,
     "newmark": newmark,
+    "sbdf2": bdf2,
+    "euler": backward_euler,
 }
 #: What schemes need that not every form has.
 NEEDED = {"leapfrog": "explicit steps", "newmark": "undamped steps"}
@@ -57,26 +54,36 @@ def solve_in_time(context: SolveContext) -> EvolvedSolution:
         If a checkpoint is of another run.
     """
     form, asked = context.discretized, context.scene.problem
-    assert isinstance(asked, (Heat, Wave))
+    assert isinstance(asked, Evolution)
     evolution = asked.settled(form.explicit_steps)
     form.check()
     if evolution.scheme in NEEDED:
         form.require(NEEDED[evolution.scheme])
-    terms = evolution.terms()
-    problem = SemiDiscrete(form, form.stiffness(terms), terms.f)
+    problem = semidiscrete(form, evolution)
     check_frames_fit(len(evolution.frame_times), form.size, form.channels)
     steps = schedule(evolution.until, evolution.step, evolution.frame_times)
     plan = RunPlan(problem, evolution, steps, _start(form, evolution, steps[0]))
     solver = ShiftedSolver(problem, context)
-    solver.tally.operator_applications += form.indefinite(problem.stiffness)[1]
+    solver.tally.operator_applications += sum(form.indefinite(group.stiffness)[1] for group in problem.groups)
     built = time.perf_counter()
     state = _run(context, plan, solver)
     seconds = {"build": built - context.started, "solve": time.perf_counter() - built}
     return _solution(context, plan, state, solver.tally, seconds)
 
 
-def _start(form: Discretized, evolution: Heat | Wave, first: Step) -> Moment:
-    if isinstance(evolution, Heat):
+def semidiscrete(form: Discretized, evolution: Evolution) -> SemiDiscrete:
+    """Return an equation in time with the operators of its channels, one for all unless they differ."""
+    several = [(tuple(range(form.channels)), evolution.terms())]
+    reaction = None
+    if isinstance(evolution, ReactionDiffusion):
+        several, reaction = evolution.terms_of_channels(form.channels), evolution.reaction
+    groups = tuple(ChannelGroup(channels, terms, form.stiffness(terms)) for channels, terms in several)
+    return SemiDiscrete(form, groups, evolution.terms().f, reaction)
+
+
+def _start(form: Discretized, evolution: Evolution, first: Step) -> Moment:
+    if not isinstance(evolution, Wave):
+        assert isinstance(evolution, (Heat, ReactionDiffusion))
         return Moment(form.interpolate_in_range(evolution.initial, "the initial data"), None, 0.0)
     u = form.interpolate(evolution.initial, "the initial data")
     return Moment(u, form.interpolate_rate(evolution.initial_rate, "the initial rate", first.length), 0.0)
@@ -92,12 +99,19 @@ def _run(context: SolveContext, plan: RunPlan, solver: ShiftedSolver) -> RunStat
     if asked.resume is not None:
         state, tally = read_checkpoint(asked.resume, plan)
         solver.tally.add(tally)
-    while state.done < total:
+    while state.done < total and not _rests(plan, state):
         state = _advanced(state, plan, solver, scheme, growth)
         context.progress("steps", state.done / total)
-        if asked.checkpoint is not None and (state.done % asked.checkpoint_every == 0 or state.done == total):
+        ended = state.done == total or _rests(plan, state)
+        if asked.checkpoint is not None and (ended or state.done % asked.checkpoint_every == 0):
             write_checkpoint(asked.checkpoint, plan, state, solver.tally)
     return state
+
+
+def _rests(plan: RunPlan, state: RunState) -> bool:
+    """Tell whether the run has come to rest, where that ends it."""
+    rest = plan.evolution.rest
+    return rest is not None and rate_of_change(plan.problem.form, plan.start, state.history) < rest
 
 
 def scheme_of(evolution: Evolution) -> Scheme:
@@ -119,10 +133,11 @@ def _advanced(
     if not np.isfinite(moment.u).all():
         raise ResolutionError(
             f"The solution ceased to be finite at time {step.end:g}, step {state.done + 1} of {len(plan.steps)}; use a "
-            "shorter step, or another scheme."
+            f"shorter step{'' if plan.problem.reaction else ', or another scheme'}."
         )
     if growth is not None:
         growth.check(moment.u, step.end)
+    moment = after_step(plan.problem.form, plan.evolution, replace(moment, time=step.end))
     history = (*state.history, moment)[-REMEMBERED_MOMENTS:]
     later = replace(state, done=state.done + 1, history=history)
     return later.with_frame(moment.u, wave_energy(plan.problem, moment, step.end)) if step.is_frame else later
@@ -132,7 +147,7 @@ def _solution(
     context: SolveContext, plan: RunPlan, state: RunState, tally: SolveTally, seconds: Mapping[str, float]
 ) -> EvolvedSolution:
     """Return the solution at the end, with its frames."""
-    values, total = state.history[-1].u, len(plan.steps)
+    values, total, end = state.history[-1].u, state.done, state.history[-1].time
     reason = (
         f"relative residual {tally.residual:.2e} at most in {total} steps with {tally.iterations} iterations, "
         f"{context.tolerance:.2e} asked for"
@@ -141,15 +156,18 @@ def _solution(
     report = replace(report, solver=tally.solver or report.solver)  # the one that took the last step
     form = context.discretized
     work = form.work(plan.problem.stiffness, report)
-    drift = heat_drift(plan.problem, context.scene, plan.start.u, values)
-    warnings = (*form.warnings(), *run_warnings(plan.problem, plan.evolution, state.history), *drift)
-    end = plan.steps[-1].end
+    told = [
+        *heat_drift(plan.problem, context.scene, plan.start.u, values, end),
+        *rest_sentence(form, plan.evolution, plan.start, state.history),
+    ]
+    warnings = (*form.warnings(), *run_warnings(plan.problem, plan.evolution, state.history), *told)
     energy = wave_energy(plan.problem, state.history[-1], end)
     last = EvolvedSolution(form, values, report, work, seconds, warnings=warnings, time=end, steps=total, energy=energy)
+    # A run that came to rest has fewer frames than were asked for.
     taken = {0.0: 0, **{step.end: number for number, step in enumerate(plan.steps, 1)}}
     energies = state.energies or (None,) * len(state.frames)
     frames = tuple(
         replace(last, values=kept, time=when, steps=taken[when], energy=energy)
-        for when, kept, energy in zip(plan.evolution.frame_times, state.frames, energies, strict=True)
+        for when, kept, energy in zip(plan.evolution.frame_times, state.frames, energies, strict=False)
     )
     return replace(last, frames=frames)

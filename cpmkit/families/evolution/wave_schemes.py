@@ -16,8 +16,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from cpmkit.families.evolution.moment import History, Moment
 from cpmkit.families.evolution.schedule import Step
-from cpmkit.families.evolution.schemes import History, Moment, bdf2_start, extrapolate, previous_moment
+from cpmkit.families.evolution.schemes import bdf2_start, extrapolate, previous_moment
 from cpmkit.families.evolution.semidiscrete import SemiDiscrete
 from cpmkit.families.evolution.shifted import ShiftedSolver
 from cpmkit.protocols import Floats

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -192,6 +192,16 @@ class Collocation(Reader):
         u = values[known[cKDTree(feet).query(self.tables.sources.points)[1]]]
         u[self._on_manifold] = values
         return self._continued(u, self.tables.datum())
+
+    def with_values(self, u: Floats, values: Floats, time: float) -> Floats:
+        """Return u with ``values`` at the nodes, and what the conditions at ``time`` make of them past boundaries."""
+        moved = u.copy()
+        moved[self._on_manifold] = values
+        return self._continued(moved, self.tables.datum(time))
+
+    def load_of(self, function: Callable[[Floats, Floats], Floats], u: Floats) -> Floats:
+        """Return ``function`` of u at all unknowns: a ghost goes on as what it continues does."""
+        return function(u, self.tables.layout.lattice.to_scene(self.tables.sources.points))
 
     def interpolate(self, data: Data, what: str, time: float = 0.0) -> Floats:
         """Return ``data`` at the unknowns, continued across boundaries by their conditions.

@@ -221,6 +221,11 @@ class FiniteElements(Discretized):
         """Return the values, with those that are given where they are."""
         return self._with_given(values, self.pins.values(self.scene.problem.start_time))
 
+    def with_values(self, u: Floats, values: Floats, time: float) -> Floats:
+        """Return ``values``, with those that are given at ``time`` where they are."""
+        del u
+        return self._with_given(values, self.pins.values(time))
+
     def interpolate(self, data: Data, what: str, time: float = 0.0) -> Floats:
         """Return ``data`` at the vertices, with those that are given where they are."""
         return self._with_given(self.read(data, what, time, self.channels), self.pins.values(time))

@@ -9,7 +9,7 @@ from model_problems import angle_after, on_circle, order_of, sphere_points
 
 import cpmkit as ck
 from cpmkit.families.evolution.schedule import schedule
-from cpmkit.families.evolution.semidiscrete import SemiDiscrete
+from cpmkit.families.evolution.stepping import semidiscrete
 from cpmkit.forms.collocation.form import Collocation
 
 FORMS = pytest.mark.parametrize("form", ["collocation", "galerkin"])
@@ -100,8 +100,7 @@ def evolved(time, form):
 
     scene = circle_scene(ck.Heat(HILL, until=time, step=time), HILL_CUT)
     form = ck.discretize(scene, 0.125, form=form)
-    terms = scene.problem.terms()
-    problem = SemiDiscrete(form, form.stiffness(terms), terms.f)
+    problem = semidiscrete(form, scene.problem)
     M = problem.weighed(np.eye(form.size))
     A, b = np.linalg.solve(M, problem.stiffness.to_csr().toarray()), np.linalg.solve(M, problem.forcing(0.0))
     rest = np.linalg.solve(A, b)

@@ -1,0 +1,59 @@
+"""What a run in time does after each of its steps, and when it has come to rest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from cpmkit.errors import InputError, shown
+from cpmkit.protocols import Floats
+from cpmkit.runtime.arrays import positive
+from cpmkit.scene.data import takes_time
+
+#: A function of points (p, d), values (p, channels) and, where it has a parameter ``t`` without a default, the time,
+#: that returns values (p, channels).
+AfterStep = Callable[..., Any]
+
+
+def check_after_step(after_step: Any, rest: Any, kind: str) -> None:
+    """Refuse what cannot be called after each step, and a rate of rest that is not above zero.
+
+    Raises
+    ------
+    InputError
+        Naming the equation by its ``kind``.
+    """
+    if after_step is not None and not callable(after_step):
+        raise InputError(
+            f"after_step of {kind} must be a function of points (p, d) and values (p, channels), got "
+            f"{shown(after_step)}."
+        )
+    if rest is not None:
+        positive(rest, f"rest of {kind}")
+
+
+def changed_values(after_step: AfterStep, points: Floats, values: Floats, time: float) -> Floats:
+    """Return what ``after_step`` makes of ``values`` (p, channels) at ``points`` (p, d).
+
+    Raises
+    ------
+    InputError
+        If that is of another shape, or not finite.
+    """
+    timed = {"t": time} if takes_time(after_step) else {}
+    given = values.copy()
+    try:
+        found = np.asarray(after_step(points, given, **timed), dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"after_step must return numbers of shape {values.shape} for as many values: {shown(str(error))}."
+        ) from error
+    found = found[:, None] if found.ndim == 1 and values.shape[1] == 1 else found
+    if found.shape != values.shape or not np.isfinite(found).all():
+        raise InputError(
+            f"after_step must return finite values of shape {values.shape}, got shape {found.shape}"
+            f"{'' if np.isfinite(found).all() else ' with NaN or infinity'} at time {time:.4g}."
+        )
+    return found

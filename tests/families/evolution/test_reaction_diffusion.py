@@ -1,0 +1,128 @@
+"""Channels that spread and act on each other: orders in space and time together, what is kept, what is refused."""
+
+import numpy as np
+import pytest
+from model_problems import order_of
+
+import cpmkit as ck
+
+SPHERE, CIRCLE = ck.source("analytic.sphere"), ck.source("analytic.circle")
+KAPPA = (0.3, 0.05)
+FORMS = ("galerkin", "collocation")
+
+
+def exchange(u, points):
+    return np.stack([-u[:, 0] * u[:, 1] ** 2, u[:, 0] * u[:, 1] ** 2], axis=1)
+
+
+def on_sphere(x, t):
+    return np.stack([np.exp(-t) * x[:, 2], 1 + np.cos(t) * x[:, 0]], axis=1)
+
+
+def source_on_sphere(x, t):
+    u = on_sphere(x, t)
+    change = np.stack([-u[:, 0], -np.sin(t) * x[:, 0]], axis=1)
+    laplacian = np.stack([-2 * KAPPA[0] * u[:, 0], -2 * KAPPA[1] * (u[:, 1] - 1)], axis=1)
+    return change - laplacian - exchange(u, x)
+
+
+def on_circle(x, t):
+    angle = np.arctan2(x[:, 1], x[:, 0]) % (2 * np.pi)
+    return np.stack([2 + np.exp(-t) * np.cos(angle / 2), 1 + 0.5 * t * np.cos(angle / 2)], axis=1)
+
+
+def source_on_circle(x, t):
+    u = on_circle(x, t)
+    angle = np.arctan2(x[:, 1], x[:, 0]) % (2 * np.pi)
+    change = np.stack([2 - u[:, 0], 0.5 * np.cos(angle / 2)], axis=1)
+    laplacian = np.stack([KAPPA[0] * (2 - u[:, 0]), KAPPA[1] * (1 - u[:, 1])], axis=1) / 4
+    return change - laplacian - exchange(u, x)
+
+
+def cut_circle(problem):
+    at = ck.source("analytic.point", at=[1, 0])
+    before = ck.Dirichlet([lambda x, t: 2 - np.exp(-t), lambda x, t: 1 - 0.5 * t])
+    after = ck.Dirichlet([lambda x, t: 2 + np.exp(-t), lambda x, t: 1 + 0.5 * t])
+    return ck.Scene(CIRCLE, problem, [ck.Boundary("cut", at, left=before, right=after)])
+
+
+def arc(problem):
+    return ck.Scene(ck.source("analytic.arc", start=0.3, end=4.0), problem, edge=ck.Dirichlet(on_circle))
+
+
+CASES = {
+    "sphere": (lambda problem: ck.Scene(SPHERE, problem), on_sphere, source_on_sphere, (0.3, 0.2, 0.15)),
+    "cut circle": (cut_circle, on_circle, source_on_circle, (0.1, 0.05, 0.025)),
+    "arc": (arc, on_circle, source_on_circle, (0.1, 0.05, 0.025)),
+}
+ANGLES = np.linspace(0.4, 3.9, 30)
+
+
+def run(problem_args, spacing, step, scene=lambda problem: ck.Scene(SPHERE, problem), form="auto", **solving):
+    given = {"reaction": exchange, "kappa": KAPPA, "until": 1.0, "step": step, **problem_args}
+    return ck.solve(scene(ck.ReactionDiffusion(**given)), spacing, form=form, **solving)
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("case", CASES)
+def test_sbdf2_is_of_second_order_in_space_and_time(case, form):
+    scene, exact, f, spacings = CASES[case]
+    points = SPHERE.mesh(0.3)[0] if case == "sphere" else np.stack([np.cos(ANGLES), np.sin(ANGLES)], axis=1)
+    asked = {"initial": lambda x: exact(x, 0.0), "f": f}
+    runs = [run(asked, h, h / 4, scene, form) for h in spacings]
+    errors = [np.abs(one.evaluate(points) - exact(points, 1.0)).max() for one in runs]
+    assert order_of(spacings, errors) > 1.75
+
+
+def test_euler_is_of_first_order():
+    points, steps = SPHERE.mesh(0.3)[0], (0.1, 0.05, 0.025)
+    asked = {"initial": lambda x: on_sphere(x, 0.0), "f": source_on_sphere, "scheme": "euler"}
+    runs = [run(asked, 0.2, step).evaluate(points) for step in steps]
+    errors = [np.abs(one - on_sphere(points, 1.0)).max() for one in runs]
+    assert 0.9 < order_of(steps, errors) < 1.2
+
+
+def test_a_reaction_that_only_exchanges_keeps_the_total():
+    solution = run({"initial": lambda x: 1 + 0.5 * x[:, :2], "frames": 4}, 0.3, 0.05)
+    totals = [frame.totals.sum() for frame in solution.frames]
+    assert abs(solution.frames[0].totals[0] - solution.totals[0]) > 0.1
+    assert np.ptp(totals) < 1e-11 * totals[0]
+
+
+def test_channels_of_equal_kappa_are_as_one_kappa():
+    one, two = (run({"initial": lambda x: 1 + 0.5 * x[:, :2], "kappa": k}, 0.3, 0.1) for k in (0.2, [0.2, 0.2]))
+    assert np.array_equal(one.values, two.values)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_run_goes_on_bit_by_bit(tmp_path, form):
+    path = tmp_path / "state.npz"
+    asked = {"initial": lambda x: on_sphere(x, 0.0), "reaction": lambda u, x, t: np.cos(t) * exchange(u, x)}
+    whole = run(asked, 0.3, 0.07, form=form)
+    run({**asked, "until": 0.49}, 0.3, 0.07, form=form, checkpoint=path)
+    assert np.array_equal(run(asked, 0.3, 0.07, form=form, resume=path).values, whole.values)
+    with pytest.raises(ck.InputError, match="another run"):
+        run({**asked, "reaction": lambda u: 0 * u}, 0.3, 0.07, form=form, resume=path)
+
+
+def test_a_stiff_reaction_that_blows_up_tells_the_time_and_what_to_do():
+    with pytest.raises(ck.ResolutionError, match=r"at time .*use a shorter step"):
+        run({"initial": 2.0, "reaction": lambda u: -1000 * u**3, "kappa": 1.0}, 0.4, 0.1)
+    with pytest.warns(ck.CpmkitWarning, match="swing back and forth"):
+        run({"initial": 2.0, "reaction": lambda u: -100 * u, "kappa": 1.0, "until": 0.5}, 0.4, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        ({"kappa": [0.1, -1.0]}, "kappa"),
+        ({"kappa": [0.1, 0.2, 0.3]}, "3"),
+        ({"reaction": 1.0}, "reaction"),
+        ({"reaction": lambda u: u[:, :1]}, "shape"),
+        ({"scheme": "bdf2"}, "sbdf2 or euler"),
+        ({"reaction": lambda u: u / 0.0 * 0.0}, "finite"),
+    ],
+)
+def test_what_is_no_reaction_diffusion_is_refused(wrong, told):
+    with pytest.raises(ck.CpmkitError, match=told):
+        run({"initial": lambda x: 1 + x[:, :2], **wrong}, 0.4, 0.1)
