@@ -8,12 +8,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from cpmkit.errors import InputError, shown
+from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.runtime.arrays import positive
 from cpmkit.scene.after_step import AfterStep
+from cpmkit.scene.condition import Condition
 from cpmkit.scene.data import Data
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.equations_in_time import Evolution
+from cpmkit.scene.laws import Interface
 from cpmkit.scene.reaction import Reaction
 
 REACTION_SCHEMES = ("sbdf2", "euler")
@@ -111,11 +113,24 @@ class ReactionDiffusion(Evolution):
 
     def data(self) -> list[tuple[str, Data]]:
         """Return what has channels, by the names that errors use."""
-        return [
+        given = [
             ("the right-hand side f", self.f),
             ("the initial data", self.initial),
             ("kappa of reaction-diffusion", list(self.kappa)),
         ]
+        channels = getattr(self.reaction, "channels", None)  # formulas tell how many they are for
+        return [*given, ("the reaction", [0.0] * channels)] if isinstance(channels, int) else given
+
+    def check_conditions(self, conditions: Sequence[tuple[str, Condition]]) -> None:
+        """Refuse transmission too where channels differ in kappa: its conductivities are those of one equation."""
+        super().check_conditions(conditions)
+        alike = all(_same(one, self.kappa[0]) for one in self.kappa)
+        for what, condition in conditions:
+            if isinstance(condition.law, Interface) and not alike:
+                raise SceneError(
+                    f"{what}: {condition.kind!r} takes one kappa for all channels, got {len(self.kappa)} that differ; "
+                    "give one number or function, or conditions on each side."
+                )
 
     def __str__(self) -> str:
         each = ", ".join("a function" if callable(one) else f"{one:g}" for one in self.kappa)

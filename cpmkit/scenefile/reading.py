@@ -14,6 +14,7 @@ from cpmkit.files.toml_files import from_toml
 from cpmkit.forms.asked import Asked
 from cpmkit.forms.choice import own_options
 from cpmkit.forms.options import Options
+from cpmkit.formulas.reaction_expressions import ReactionExpression
 from cpmkit.formulas.state_expressions import StateExpression
 from cpmkit.linear.choice import SOLVER_OPTIONS, SolverOptions
 from cpmkit.plugins import call, check_accepted, check_keys, factory, source, takes
@@ -27,6 +28,7 @@ from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.equations import Elliptic, Equation, Helmholtz, Laplace, Poisson, ScreenedPoisson, VectorField
 from cpmkit.scene.equations_in_time import Evolution, Heat, Wave
 from cpmkit.scene.nonlinear_equations import NonlinearDiffusion, PLaplacian, TotalVariation
+from cpmkit.scene.reaction_diffusion import ReactionDiffusion
 from cpmkit.scene.scene import Scene
 from cpmkit.scene.vertex_data import with_vertex_data
 from cpmkit.scenefile.condition_tables import as_table, read_data, read_edge, read_side
@@ -37,7 +39,7 @@ SOLVER_KEYS = {"solver": "kind", "solver_tolerance": "tolerance"}
 SCENE_TABLES = ("surface", "boundary", "problem", "discretization", "solver", "output")
 EQUATIONS = (
     *(Laplace, Poisson, ScreenedPoisson, Elliptic, Helmholtz, NonlinearDiffusion, PLaplacian, TotalVariation),
-    *(Eigen, Biharmonic, Heat, Wave),
+    *(Eigen, Biharmonic, Heat, ReactionDiffusion, Wave),
 )
 PROBLEMS: dict[str, type[Equation]] = {one.kind: one for one in EQUATIONS}
 #: Keys of a boundary beside those of its kind.
@@ -241,8 +243,16 @@ def _problem(table: dict[str, Any], dim: int) -> Equation:
         for key in STATE_KEYS:
             if key in table:
                 table[key] = _of_state(table[key], dim, f"{key} of [problem]")
+    by_channel = PROBLEMS[kind] is ReactionDiffusion
+    if by_channel:
+        if "reaction" in table:
+            table["reaction"] = _reaction(table["reaction"], dim)
+        if isinstance(table.get("kappa"), list):
+            table["kappa"] = [
+                _one(one, dim, f"entry {n} of kappa of [problem]") for n, one in enumerate(table["kappa"], 1)
+            ]
     for key in FORMULA_KEYS:
-        if callable(table.get(key)):
+        if callable(table.get(key)) or (by_channel and key == "kappa" and isinstance(table.get(key), list)):
             continue
         tensor = key in TENSOR_KEYS and _is_square(table.get(key), dim)
         if key in COEFFICIENT_KEYS and isinstance(table.get(key), list) and not tensor:
@@ -265,6 +275,21 @@ def _of_state(value: Any, dim: int, where: str) -> StateExpression:
         return StateExpression(value, dim)
     except SceneError as error:
         raise SceneError(f"{where}: {error}") from error
+
+
+def _reaction(value: Any, dim: int) -> ReactionExpression:
+    """Return a reaction from one formula a channel."""
+    try:
+        return ReactionExpression(tuple(value) if isinstance(value, list) else (value,), dim)
+    except SceneError as error:
+        raise SceneError(f"reaction of [problem]: {error}") from error
+
+
+def _one(value: Any, dim: int, where: str) -> Any:
+    """Return the number or function that one entry of a list stands for."""
+    if isinstance(value, list):
+        raise SceneError(f"{where} must be one number or formula, got {shown(value)}.")
+    return read_data(value, dim, where)
 
 
 def _is_square(value: Any, dim: int) -> bool:

@@ -25,7 +25,7 @@ from cpmkit.studies.sampling import VERTICES_WORD
 from cpmkit.studies.sweep import ASKED, Sweep, listed, read_sweep
 
 #: Kinds of problems with a time step.
-KINDS_IN_TIME = ("heat", "wave")
+KINDS_IN_TIME = ("heat", "reaction-diffusion", "wave")
 #: Characters of a title.
 MOST_TITLE_CHARACTERS = 300
 #: More sample points than this are a mistake.

@@ -122,6 +122,7 @@ def test_functions_are_not_compared_and_a_file_without_an_edge_is_compared_by_ki
 FAMILIES = {
     "eigen": ck.Eigen(3),
     "heat": ck.Heat(lambda x: x[:, 0], until=0.1, step=0.05, frames=2),
+    "reaction-diffusion": ck.ReactionDiffusion([1, 0.5], lambda u: -u, [0.1, 0.2], until=0.1, step=0.05, frames=2),
     "wave": ck.Wave(lambda x: x[:, 0], until=0.1, step=0.05),
     "biharmonic": ck.Biharmonic(lambda x: x[:, 0]),
 }

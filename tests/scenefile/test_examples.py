@@ -13,6 +13,7 @@ MESHES = {
     "03-spot.toml": ["spot.obj"],
     "08-nefertitis-ear.toml": ["nefertiti-lowres.obj"],
     "09-fish-fins.toml": ["fish.obj"],
+    "10-gray-scott.toml": ["spot.obj"],
 }
 
 

@@ -105,6 +105,43 @@ def test_a_run_goes_on_bit_by_bit(tmp_path, form):
         run({**asked, "reaction": lambda u: 0 * u}, 0.3, 0.07, form=form, resume=path)
 
 
+RING = ck.source("analytic.circle", center=[0, 0, 0.3], normal=[0, 0, 1], radius=0.91**0.5)
+CONDITIONS = {
+    "dirichlet": {"both": ck.Dirichlet(1.0)},
+    "neumann": {"left": ck.Neumann(1.0), "right": ck.Neumann(0.5)},
+    "robin": {"left": ck.Robin(2.0, 1.0, 0.3), "right": ck.Dirichlet(0.5)},
+}
+
+
+def ringed(channels, kappa, **conditions):
+    start = ck.ReactionDiffusion(
+        lambda x: np.stack([1 + 0.5 * x[:, 2] + 0.2 * x[:, 0]] * channels, axis=1),
+        lambda u: 0 * u,
+        kappa,
+        until=0.2,
+        step=0.05,
+    )
+    return ck.Scene(SPHERE, start, [ck.Boundary("ring", RING, **conditions)])
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("kind", CONDITIONS)
+def test_channels_that_do_not_react_are_as_each_alone(kind, form):
+    together = ck.solve(ringed(2, KAPPA, **CONDITIONS[kind]), 0.3, form=form)
+    alone = [ck.solve(ringed(1, kappa, **CONDITIONS[kind]), 0.3, form=form) for kappa in KAPPA]
+    for k, one in enumerate(alone):
+        assert np.abs(together.values[:, k] - one.values.ravel()).max() < 1e-9
+        for side in ("left", "right"):
+            assert together.flux("ring", side)[k] == pytest.approx(one.flux("ring", side), rel=1e-8, abs=1e-9)
+
+
+def test_transmission_takes_one_kappa():
+    contact = ck.Transmission(resistance=2.0)
+    assert ringed(2, 0.1, across=contact).channels == ringed(2, [0.1, 0.1], across=contact).channels == 2
+    with pytest.raises(ck.SceneError, match="one kappa for all channels, got 2 that differ"):
+        ringed(2, KAPPA, across=contact)
+
+
 def test_a_stiff_reaction_that_blows_up_tells_the_time_and_what_to_do():
     with pytest.raises(ck.ResolutionError, match=r"at time .*use a shorter step"):
         run({"initial": 2.0, "reaction": lambda u: -1000 * u**3, "kappa": 1.0}, 0.4, 0.1)
