@@ -16,6 +16,7 @@ import numpy as np
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.families.context import SolveContext
 from cpmkit.forms.contract import Discretized
+from cpmkit.forms.free_constants import MOSTLY
 from cpmkit.linear.levels import Level
 from cpmkit.linear.operators import CsrOperator
 from cpmkit.protocols import Floats, Operator, Stiffness
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 
 #: C is symmetric where its entries differ from their mirror images by no more than this share of the largest.
 SYMMETRIC_SHARE = 1e-12
+#: A constant v is free where |C v| is no more than this share of the largest such: what rounding leaves of the squares.
+FREE_SHARE = 1e-7
 
 
 def solve_coupled(context: SolveContext) -> Solution:
@@ -45,6 +48,7 @@ def solve_coupled(context: SolveContext) -> Solution:
     form.check()
     coupling, channels = _read(problem, form), form.channels
     stiffness = form.stiffness(problem.terms())
+    _check_fixed(form, stiffness, coupling)
     operator = operator_of(stiffness, form, coupling)
     form.check_solver_fits(context.solver_name)
     b = (form.load(problem.f) + form.data(stiffness)).reshape(-1, 1)
@@ -69,18 +73,33 @@ def _read(problem: Coupled, form: Discretized) -> Floats:
     return found
 
 
-def operator_of(stiffness: Stiffness, form: Discretized, coupling: Floats) -> CsrOperator:
-    """Return the operator of all channels.
+def _check_fixed(form: Discretized, stiffness: Stiffness, coupling: Floats) -> None:
+    """Refuse a piece on which some mixture of constant channels is free: C times it vanishes all over the piece.
 
     Raises
     ------
     SceneError
-        If nothing fixes the solution: neither c, nor a condition, nor the coupling.
+        If there is one.
     """
+    free = form.free_constants(stiffness)
+    if free is None:
+        return
+    for on in (form.at_points(free.indicator.toarray()) > MOSTLY).T:
+        squares = np.einsum("pij,pik->jk", coupling[on], coupling[on])  # v' (sum of C'C) v is the sum of |C v|^2
+        sizes, mixtures = np.linalg.eigh(squares)
+        if sizes[0] <= FREE_SHARE**2 * sizes[-1]:
+            near = ", ".join(f"{one:.4g}" for one in form.points[on].mean(axis=0))
+            mixture = ", ".join(f"{one:.3g}" for one in mixtures[:, 0])
+            raise SceneError(
+                f"Nothing fixes the channels on the piece about ({near}): the coupling takes the constant ({mixture}) "
+                "to zero all over it; give c above zero, a value somewhere, or a coupling that does not."
+            )
+
+
+def operator_of(stiffness: Stiffness, form: Discretized, coupling: Floats) -> CsrOperator:
+    """Return the operator of all channels."""
     from scipy.sparse import bsr_array
 
-    if form.free_constants(stiffness) is not None and not np.any(coupling):
-        raise SceneError("Nothing fixes the solution: give c above zero, a value somewhere, or a coupling that does.")
     channels = coupling.shape[1]
     one = stiffness.to_csr()
     blocks = np.multiply.outer(one.data, np.eye(channels))
