@@ -10,7 +10,7 @@ import numpy as np
 from cpmkit.errors import InputError, shown
 from cpmkit.protocols import Floats
 from cpmkit.runtime.arrays import positive
-from cpmkit.scene.data import takes_time
+from cpmkit.scene.pointwise import values_of
 
 #: A function of points (p, d), values (p, channels) and, where it has a parameter ``t`` without a default, the time,
 #: that returns values (p, channels).
@@ -42,15 +42,7 @@ def changed_values(after_step: AfterStep, points: Floats, values: Floats, time: 
     InputError
         If that is of another shape, or not finite.
     """
-    timed = {"t": time} if takes_time(after_step) else {}
-    given = values.copy()
-    try:
-        found = np.asarray(after_step(points, given, **timed), dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            f"after_step must return numbers of shape {values.shape} for as many values: {shown(str(error))}."
-        ) from error
-    found = found[:, None] if found.ndim == 1 and values.shape[1] == 1 else found
+    found = values_of(after_step, (points, values.copy()), time, values.shape[1], "after_step")
     if found.shape != values.shape or not np.isfinite(found).all():
         raise InputError(
             f"after_step must return finite values of shape {values.shape}, got shape {found.shape}"

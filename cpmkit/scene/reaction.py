@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import InputError, ResolutionError, shown
+from cpmkit.errors import InputError, ResolutionError
 from cpmkit.protocols import Floats
-from cpmkit.scene.data import LARGEST_DATUM, takes_time
+from cpmkit.scene.data import LARGEST_DATUM
+from cpmkit.scene.pointwise import values_of
 
 #: A function of u (p, channels), of points (p, d) where it takes them, and of the time where it has a parameter ``t``
 #: without a default, that returns rates (p, channels).
@@ -37,17 +38,9 @@ def rates(reaction: Reaction, u: Floats, points: Floats, time: float) -> Floats:
     ResolutionError
         If they are no longer finite later on.
     """
-    timed = {"t": time} if takes_time(reaction) else {}
-    given = u.copy()
-    try:
-        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            made = reaction(given, points, **timed) if takes_points(reaction) else reaction(given, **timed)
-            found = np.asarray(made, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            f"the reaction must return numbers of shape {u.shape} for values of u of that shape: {shown(str(error))}."
-        ) from error
-    found = found[:, None] if found.ndim == 1 and u.shape[1] == 1 else found
+    given = (u.copy(), points) if takes_points(reaction) else (u.copy(),)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        found = values_of(reaction, given, time, u.shape[1], "the reaction")
     if found.shape != u.shape:
         raise InputError(f"the reaction must return shape {u.shape} for values of u of that shape, got {found.shape}.")
     if not np.abs(found).max(initial=0.0) <= LARGEST_DATUM:

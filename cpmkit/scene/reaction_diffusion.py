@@ -124,7 +124,7 @@ class ReactionDiffusion(Evolution):
     def check_conditions(self, conditions: Sequence[tuple[str, Condition]]) -> None:
         """Refuse transmission too where channels differ in kappa: its conductivities are those of one equation."""
         super().check_conditions(conditions)
-        alike = all(_same(one, self.kappa[0]) for one in self.kappa)
+        alike = len(self.terms_of_channels(len(self.kappa))) == 1
         for what, condition in conditions:
             if isinstance(condition.law, Interface) and not alike:
                 raise SceneError(

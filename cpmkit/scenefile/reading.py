@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +18,7 @@ from cpmkit.formulas.reaction_expressions import ReactionExpression
 from cpmkit.formulas.state_expressions import StateExpression
 from cpmkit.linear.choice import SOLVER_OPTIONS, SolverOptions
 from cpmkit.plugins import call, check_accepted, check_keys, factory, source, takes
-from cpmkit.protocols import ClosestPointSource
+from cpmkit.protocols import ClosestPointSource, Floats
 from cpmkit.runtime.declared import declared, take
 from cpmkit.runtime.key_types import check_types
 from cpmkit.runtime.suggestions import did_you_mean
@@ -242,17 +242,17 @@ def _problem(table: dict[str, Any], dim: int) -> Equation:
     if PROBLEMS[kind] is NonlinearDiffusion:
         for key in STATE_KEYS:
             if key in table:
-                table[key] = _of_state(table[key], dim, f"{key} of [problem]")
-    by_channel = PROBLEMS[kind] is ReactionDiffusion
-    if by_channel:
-        if "reaction" in table:
-            table["reaction"] = _reaction(table["reaction"], dim)
-        if isinstance(table.get("kappa"), list):
-            table["kappa"] = [
-                _one(one, dim, f"entry {n} of kappa of [problem]") for n, one in enumerate(table["kappa"], 1)
-            ]
+                table[key] = _formula(StateExpression, table[key], dim, f"{key} of [problem]")
+    reacts = PROBLEMS[kind] is ReactionDiffusion
+    if reacts and "reaction" in table:
+        given = table["reaction"]
+        texts = tuple(given) if isinstance(given, list) else (given,)
+        table["reaction"] = _formula(ReactionExpression, texts, dim, "reaction of [problem]")
     for key in FORMULA_KEYS:
-        if callable(table.get(key)) or (by_channel and key == "kappa" and isinstance(table.get(key), list)):
+        if callable(table.get(key)):
+            continue
+        if reacts and key == "kappa" and isinstance(table.get(key), list):
+            table[key] = [_one(one, dim, f"entry {n} of kappa of [problem]") for n, one in enumerate(table[key], 1)]
             continue
         tensor = key in TENSOR_KEYS and _is_square(table.get(key), dim)
         if key in COEFFICIENT_KEYS and isinstance(table.get(key), list) and not tensor:
@@ -269,20 +269,14 @@ def _problem(table: dict[str, Any], dim: int) -> Equation:
     return call(PROBLEMS[kind], f"[problem] of kind {kind!r}", table)
 
 
-def _of_state(value: Any, dim: int, where: str) -> StateExpression:
-    """Return a function of u, s and position from a formula."""
+def _formula(
+    make: Callable[[Any, int], Callable[..., Floats]], given: Any, dim: int, where: str
+) -> Callable[..., Floats]:
+    """Return the function that formulas stand for."""
     try:
-        return StateExpression(value, dim)
+        return make(given, dim)
     except SceneError as error:
         raise SceneError(f"{where}: {error}") from error
-
-
-def _reaction(value: Any, dim: int) -> ReactionExpression:
-    """Return a reaction from one formula a channel."""
-    try:
-        return ReactionExpression(tuple(value) if isinstance(value, list) else (value,), dim)
-    except SceneError as error:
-        raise SceneError(f"reaction of [problem]: {error}") from error
 
 
 def _one(value: Any, dim: int, where: str) -> Any:

@@ -27,7 +27,7 @@ def run_warnings(problem: SemiDiscrete, evolution: Evolution, history: History) 
 
 
 def _ringing_sentence(evolution: Evolution, history: History) -> list[str]:
-    """Tell where Crank-Nicolson swings back and forth instead of settling."""
+    """Tell where the last steps swing back and forth instead of settling."""
     if evolution.scheme not in RINGING_SCHEMES or len(history) < 3:
         return []
     before, after = history[-2].u - history[-3].u, history[-1].u - history[-2].u

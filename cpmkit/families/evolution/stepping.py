@@ -99,10 +99,12 @@ def _run(context: SolveContext, plan: RunPlan, solver: ShiftedSolver) -> RunStat
     if asked.resume is not None:
         state, tally = read_checkpoint(asked.resume, plan)
         solver.tally.add(tally)
-    while state.done < total and not _rests(plan, state):
+    rests = _rests(plan, state)
+    while state.done < total and not rests:
         state = _advanced(state, plan, solver, scheme, growth)
         context.progress("steps", state.done / total)
-        ended = state.done == total or _rests(plan, state)
+        rests = _rests(plan, state)
+        ended = rests or state.done == total
         if asked.checkpoint is not None and (ended or state.done % asked.checkpoint_every == 0):
             write_checkpoint(asked.checkpoint, plan, state, solver.tally)
     return state
