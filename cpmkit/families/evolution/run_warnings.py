@@ -6,7 +6,9 @@ import numpy as np
 
 from cpmkit.families.evolution.moment import History
 from cpmkit.families.evolution.semidiscrete import SemiDiscrete
+from cpmkit.protocols import Floats
 from cpmkit.scene.equations_in_time import Evolution, Wave
+from cpmkit.scene.reaction_diffusion import ReactionDiffusion
 
 #: Crank-Nicolson rings where its last step takes back more than this share of the one before, and both are more than
 #: the second share of the solution.
@@ -18,12 +20,42 @@ RINGING_SCHEMES = ("crank-nicolson", "sbdf2", "euler")
 SHORTEST_WAVE_SHARE = 0.4
 #: Nor where the form has a mass and the solution's phase turns by more than this over a spacing: a quarter of a wave.
 SHORTEST_WAVE_PHASE = 0.5 * np.pi
+#: Points at which the length of a pattern is measured, and the share of u's size that one is worth telling of.
+PATTERN_POINTS, PATTERN_SHARE = 2000, 1e-3
 
 
 def run_warnings(problem: SemiDiscrete, evolution: Evolution, history: History) -> tuple[str, ...]:
     """Return one sentence for each thing found at the end of a run."""
     waves = _unresolved_wave_sentence(problem, evolution, history) if isinstance(evolution, Wave) else []
-    return (*_ringing_sentence(evolution, history), *waves)
+    patterns = _short_pattern_sentence(problem, history) if isinstance(evolution, ReactionDiffusion) else []
+    return (*_ringing_sentence(evolution, history), *waves, *patterns)
+
+
+def _short_pattern_sentence(problem: SemiDiscrete, history: History) -> list[str]:
+    """Tell where what a reaction has grown is so short that the lattice decides its length and direction."""
+    form = problem.form
+    longest = float(_wavenumbers(problem, history[-1].u).max(initial=0.0)) * form.spacing
+    if longest <= form.dispersion.coarsest:
+        return []
+    wanted = form.spacing * form.dispersion.coarsest / longest
+    return [
+        f"The pattern is {2 * np.pi / longest:.2g} spacings long, too few for the lattice not to be felt: its length "
+        f"and the directions of its stripes are not those of the equation; use a spacing below {wanted:.2g}."
+    ]
+
+
+def _wavenumbers(problem: SemiDiscrete, u: Floats) -> Floats:
+    """Return |grad u| over |u - mean| (channels,), in root mean squares: of a wave its wavenumber; 0 of constants."""
+    form = problem.form
+    every = slice(None, None, max(1, len(form.points) // PATTERN_POINTS))
+    points, weights = form.points[every], form.point_weights
+    share = np.full(len(points), 1.0) if weights is None else weights[every]
+    values, slopes = form.evaluate(u, points), form.gradient(u, points)
+    share = share / share.sum()
+    spread = share @ (values - share @ values) ** 2
+    steep = np.einsum("p,pcd->c", share, slopes**2)
+    varies = spread > PATTERN_SHARE**2 * (share @ values**2)
+    return np.sqrt(np.divide(steep, spread, out=np.zeros_like(steep), where=varies))
 
 
 def _ringing_sentence(evolution: Evolution, history: History) -> list[str]:

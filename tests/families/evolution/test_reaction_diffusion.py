@@ -163,3 +163,22 @@ def test_a_stiff_reaction_that_blows_up_tells_the_time_and_what_to_do():
 def test_what_is_no_reaction_diffusion_is_refused(wrong, told):
     with pytest.raises(ck.CpmkitError, match=told):
         run({"initial": lambda x: 1 + x[:, :2], **wrong}, 0.4, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("form", "spacing", "carried", "too_short"), [("galerkin", 0.25, 7, 10), ("collocation", 0.15, 5, 8)]
+)
+def test_a_pattern_is_told_where_its_waves_are_too_short_for_the_lattice(form, spacing, carried, too_short):
+    for degree in (carried, too_short):
+        waves = {"initial": lambda x, k=degree: ((x[:, 0] + 1j * x[:, 1]) ** k).real, "reaction": np.zeros_like}
+        ended = run({**waves, "kappa": 1e-9, "until": 0.01}, spacing, 0.01, form=form)
+        radians = spacing * np.sqrt(degree * (degree + 1))  # over a spacing
+        assert (radians > ended.discretized.dispersion.coarsest) == (degree == too_short)
+        assert any("spacings long" in sentence for sentence in ended.warnings) == (degree == too_short)
+
+
+def test_what_has_come_to_a_constant_is_no_pattern():
+    grown = run(
+        {"reaction": lambda u: u * (1 - u), "initial": lambda x: 0.5 + 1e-9 * x[:, 0] ** 11, "kappa": 1e-6}, 0.3, 0.1
+    )
+    assert not any("spacings long" in sentence for sentence in grown.warnings)
