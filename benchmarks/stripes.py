@@ -18,8 +18,8 @@ from scipy.spatial.transform import Rotation
 import cpmkit as ck
 
 ALPHA, BETA, CUBIC = 0.899, -0.91, 3.5
-KAPPA, UNTIL, STEP, TURNS = 0.004, 300.0, 1.0, 3
-SPACINGS = {"galerkin": (0.31, 0.26, 0.23, 0.2, 0.14), "collocation": (0.26, 0.2, 0.14, 0.1)}
+KAPPA, UNTIL, STEP, TURNS = 0.004, 300.0, 1.5, 2
+SPACINGS = {"galerkin": (0.31, 0.26, 0.2, 0.14), "collocation": (0.2, 0.14, 0.1)}
 
 
 def reaction(u: Any) -> Any:

@@ -22,6 +22,8 @@ SHORTEST_WAVE_SHARE = 0.4
 SHORTEST_WAVE_PHASE = 0.5 * np.pi
 #: Points at which the length of a pattern is measured, and the share of u's size that one is worth telling of.
 PATTERN_POINTS, PATTERN_SHARE = 2000, 1e-3
+#: The spacing that is advised, as a share of the largest that carries the pattern.
+WELL_BELOW = 0.9
 
 
 def run_warnings(problem: SemiDiscrete, evolution: Evolution, history: History) -> tuple[str, ...]:
@@ -37,10 +39,10 @@ def _short_pattern_sentence(problem: SemiDiscrete, history: History) -> list[str
     longest = float(_wavenumbers(problem, history[-1].u).max(initial=0.0)) * form.spacing
     if longest <= form.dispersion.coarsest:
         return []
-    wanted = form.spacing * form.dispersion.coarsest / longest
+    wanted = WELL_BELOW * form.spacing * form.dispersion.coarsest / longest
     return [
         f"The pattern is {2 * np.pi / longest:.2g} spacings long, too few for the lattice not to be felt: its length "
-        f"and the directions of its stripes are not those of the equation; use a spacing below {wanted:.2g}."
+        f"and the directions of its stripes are not those of the equation; use a spacing of {wanted:.2g} or less."
     ]
 
 
