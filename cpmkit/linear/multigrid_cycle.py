@@ -123,8 +123,9 @@ def cycle_of(
     for level in reversed(levels):  # the finest, which is the largest, when entries of 64 bits of all others are gone
         matrix, own = made.pop(), halves.pop()
         hand_back()
-        rows = own.rounded() if own else UnsignedCsr.of(matrix).rounded(None if made else MOST_ROUNDED)
-        smoother = _smoother(matrix, rows, strips.pop(), waves)
+        rows = own.rounded() if own is not None else UnsignedCsr.of(matrix).rounded(None if made else MOST_ROUNDED)
+        diagonal = matrix.diagonal() if own is None else own.diagonal
+        smoother = _smoother(diagonal, rows, strips.pop(), waves)
         stages.append(Stage(rows, smoother, UnsignedCsr.of(level.prolongation).rounded()))
     return Cycle(tuple(reversed(stages)), factors)
 
@@ -141,8 +142,7 @@ def with_lines_held(matrix: csr_array, lines: Ints) -> csr_array:
     return (matrix + rows.T @ rows).tocsr()
 
 
-def _smoother(matrix: csr_array, rows: UnsignedCsr | SymmetricCsr, exact: Strip | None, waves: bool) -> Smoother:
-    diagonal = matrix.diagonal()
+def _smoother(diagonal: Floats, rows: UnsignedCsr | SymmetricCsr, exact: Strip | None, waves: bool) -> Smoother:
     swept = abs(diagonal) > ROUNDING * diagonal.max()
     if exact is not None:
         swept[exact.unknowns] = False

@@ -170,14 +170,12 @@ def forms_on_hypersurface(
     second_weight: float,
     value_weight: float,
 ) -> None:
-    """Write the pairs of rows of `slope_forms`, as many as there are axes, of `second_form` and of `value_form`.
+    """Write the three pairs of rows of `slope_forms`, that of `second_form` and that of `value_form`.
 
     All in one go, since they are made of the same splines.
     """
     room, (x, y, z), (nx, ny, nz) = room_for(splines), place, n
     xx, xy, xz, yy, yz, zz = tensor
-    of_second = 2 * room * (kind + 2)
-    of_value = of_second + 2 * room
     for i in range(room):
         X, Y = value_of(splines, kind, 0, i, x), value_of(splines, kind, 1, i, y)
         Z = value_of(splines, kind, 2, i, z)
@@ -188,19 +186,18 @@ def forms_on_hypersurface(
         forms[room + i] = xx * along_x + xy * along_y + xz * along_z
         forms[2 * room + i] = along_y
         forms[3 * room + i] = xy * along_x + yy * along_y + yz * along_z
-        if kind:
-            forms[4 * room + i] = along_z
-            forms[5 * room + i] = xz * along_x + yz * along_y + zz * along_z
+        forms[4 * room + i] = along_z
+        forms[5 * room + i] = xz * along_x + yz * along_y + zz * along_z
         bend = (
             nx * nx * second_of(splines, kind, 0, i, x) * Y * Z
             + ny * ny * X * second_of(splines, kind, 1, i, y) * Z
             + nz * nz * X * Y * second_of(splines, kind, 2, i, z)
         )
         bend += 2.0 * (nx * dX * (ny * dY) * Z + nx * dX * Y * (nz * dZ) + X * (ny * dY) * (nz * dZ))
-        forms[of_second + i] = bend
-        forms[of_second + room + i] = second_weight * bend
-        forms[of_value + i] = X * Y * Z
-        forms[of_value + room + i] = value_weight * (X * Y * Z)
+        forms[6 * room + i] = bend
+        forms[7 * room + i] = second_weight * bend
+        forms[8 * room + i] = X * Y * Z
+        forms[9 * room + i] = value_weight * (X * Y * Z)
 
 
 @compiled
@@ -369,7 +366,7 @@ def add_energy(
                 n = combined(normals, 0, 0, 1.0, 0.0)
                 tensor = C[0, 0], C[0, 1], C[0, 2], C[1, 1], C[1, 2], C[2, 2]
                 forms_on_hypersurface(rows, splines, kind, (x, y, z), tensor, n, weight * e2 * own, factor)
-                count += d + 1 + (len(c) > 0)
+                count += 5 if len(c) else 4
                 if len(splines) == 4:
                     third_form(forms[2 * room * count :], splines, kind, x, y, z, n, weight * e3 * own)
                     count += 1
