@@ -27,11 +27,11 @@ def conjugate_gradients(
     """
     r = residual.copy()
     x, direction, before = np.zeros_like(r), np.zeros_like(r), np.ones(r.shape[1])
-    shares = target / np.linalg.norm(r, axis=0)
+    shares = target / np.sqrt(_dots(r, r))
     first = start = None
     for iteration in range(most + 1):
         z = precondition(r)
-        energy, size = _dots(r, z), np.linalg.norm(r, axis=0)
+        energy, size = _dots(r, z), np.sqrt(_dots(r, r))
         first = energy if first is None else first
         behind = np.maximum(size / target, np.sqrt(np.abs(energy / first)) / shares)
         todo = (size > 0) & ~(behind <= 1)

@@ -18,6 +18,7 @@ from cpmkit.linear.multigrid_cycle import cycle_of
 from cpmkit.linear.multigrid_exact import Indefinite
 from cpmkit.linear.multigrid_indefinite import Minimised, minimised
 from cpmkit.linear.multigrid_matrix import UnsignedCsr
+from cpmkit.linear.multigrid_symmetric import halved
 from cpmkit.linear.multigrid_unsymmetric import PreconditionedUnsymmetric, prepare_unsymmetric
 from cpmkit.linear.operators import Bordered, ComplexShift, CsrOperator, has_symmetric_pattern
 from cpmkit.linear.preconditioned import Preconditioned, indefinite
@@ -67,10 +68,12 @@ class Multigrid:
                 members = bordered.border.indicator.tocoo()
                 piece[members.row] = members.col
             matrix = inner.to_csr()
-            cycle = cycle_of(matrix, levels, piece)
+            half = halved(matrix)
+            cycle = cycle_of(matrix, levels, piece, half=half)
         except Indefinite as error:
             raise indefinite("multigrid", error, 0, np.nan) from error
-        return Preconditioned(operator, UnsignedCsr.of(matrix), bordered, cycle, self.max_iterations, "multigrid")
+        rows = UnsignedCsr.of(matrix) if half is None else half
+        return Preconditioned(operator, rows, bordered, cycle, self.max_iterations, "multigrid")
 
 
 def _unsymmetric(operator: Operator, levels: Sequence[Any], max_iterations: int) -> PreconditionedUnsymmetric:

@@ -14,6 +14,7 @@ from cpmkit.linear.multigrid_exact import Indefinite, PositiveFactors, Symmetric
 from cpmkit.linear.multigrid_lanczos import largest_eigenvalue
 from cpmkit.linear.multigrid_matrix import UnsignedCsr, coarse_operator
 from cpmkit.linear.multigrid_smoother import Chebyshev, Smoother, Strip
+from cpmkit.linear.multigrid_symmetric import SymmetricCsr, halved
 from cpmkit.protocols import Floats, Ints
 from cpmkit.runtime.freed_memory import hand_back
 
@@ -41,7 +42,7 @@ class Stage:
     its equations keep 64.
     """
 
-    matrix: UnsignedCsr
+    matrix: UnsignedCsr | SymmetricCsr
     smoother: Smoother
     prolongation: UnsignedCsr
 
@@ -77,7 +78,13 @@ class Cycle:
         return stage.smoother.after(x, b)
 
 
-def cycle_of(matrix: csr_array, levels: Sequence[Level], piece: Ints, waves: bool = False) -> Cycle:
+def cycle_of(
+    matrix: csr_array,
+    levels: Sequence[Level],
+    piece: Ints,
+    waves: bool = False,
+    half: SymmetricCsr | None = None,
+) -> Cycle:
     """Return the cycle of a symmetric matrix.
 
     Parameters
@@ -90,30 +97,35 @@ def cycle_of(matrix: csr_array, levels: Sequence[Level], piece: Ints, waves: boo
         The free piece that an unknown is on, -1 for none.
     waves : bool
         Whether eigenvalues below zero are expected, whose functions all levels resolve.
+    half : SymmetricCsr, optional
+        The same matrix, where it is held so already.
 
     Raises
     ------
     Indefinite
         If an eigenvalue of the wrong sign shows.
     """
-    made, strips = [matrix], []
+    made, halves, strips = [matrix], [halved(matrix) if half is None else half], []
     for level in levels:  # what this needs on the way is not in memory together with what follows
         P = level.prolongation
         rounded = len(made) > 1 or matrix.nnz <= MOST_ROUNDED
         strips.append(Strip.of(made[-1], _open(level.strip, piece), waves, rounded))
-        coarser = coarse_operator(made[-1], P)
+        coarser = coarse_operator(made[-1], P) if halves[-1] is None else halves[-1].coarser(P)
         made.append(coarser if level.lines is None else with_lines_held(coarser, level.lines))
+        halves.append(halved(made[-1]))
         hand_back()
         coarse = np.full(P.shape[1], -1)
         coarse[P.indices] = np.repeat(piece, np.diff(P.indptr))
         piece = coarse
+    halves.pop()
     factors = (SymmetricFactors if waves else PositiveFactors).of(_held(made.pop(), piece), "on the coarsest level")
     stages = []
     for level in reversed(levels):  # the finest, which is the largest, when entries of 64 bits of all others are gone
-        matrix = made.pop()
+        matrix, own = made.pop(), halves.pop()
         hand_back()
-        rows = UnsignedCsr.of(matrix).rounded(None if made else MOST_ROUNDED)
-        smoother = _smoother(matrix, rows, strips.pop(), waves)
+        rows = own.rounded() if own is not None else UnsignedCsr.of(matrix).rounded(None if made else MOST_ROUNDED)
+        diagonal = matrix.diagonal() if own is None else own.diagonal
+        smoother = _smoother(diagonal, rows, strips.pop(), waves)
         stages.append(Stage(rows, smoother, UnsignedCsr.of(level.prolongation).rounded()))
     return Cycle(tuple(reversed(stages)), factors)
 
@@ -130,8 +142,7 @@ def with_lines_held(matrix: csr_array, lines: Ints) -> csr_array:
     return (matrix + rows.T @ rows).tocsr()
 
 
-def _smoother(matrix: csr_array, rows: UnsignedCsr, exact: Strip | None, waves: bool) -> Smoother:
-    diagonal = matrix.diagonal()
+def _smoother(diagonal: Floats, rows: UnsignedCsr | SymmetricCsr, exact: Strip | None, waves: bool) -> Smoother:
     swept = abs(diagonal) > ROUNDING * diagonal.max()
     if exact is not None:
         swept[exact.unknowns] = False

@@ -6,6 +6,7 @@ import numpy as np
 
 from cpmkit.linear.multigrid_exact import Indefinite
 from cpmkit.linear.multigrid_matrix import UnsignedCsr
+from cpmkit.linear.multigrid_symmetric import SymmetricCsr
 from cpmkit.protocols import Floats
 
 #: Relative residual of the eigenvector at which the iteration stops: the eigenvalue is then right to 1e-2, measured on
@@ -15,7 +16,7 @@ LANCZOS_RESIDUAL = 3e-2
 LANCZOS_STEPS = 50
 
 
-def largest_eigenvalue(matrix: UnsignedCsr, inverse: Floats, waves: bool = False) -> float:
+def largest_eigenvalue(matrix: UnsignedCsr | SymmetricCsr, inverse: Floats, waves: bool = False) -> float:
     """Return the largest eigenvalue of ``D^-1 A`` on the unknowns where ``inverse`` (n,), which is D^-1, is not zero.
 
     It is met from below, to about a hundredth.

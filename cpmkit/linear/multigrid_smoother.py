@@ -13,6 +13,7 @@ import numpy as np
 
 from cpmkit.linear.multigrid_exact import PositiveFactors, SymmetricFactors
 from cpmkit.linear.multigrid_matrix import UnsignedCsr
+from cpmkit.linear.multigrid_symmetric import SymmetricCsr
 from cpmkit.protocols import Floats, Ints
 
 if TYPE_CHECKING:
@@ -29,7 +30,7 @@ class Chebyshev:
 
     Attributes
     ----------
-    matrix : UnsignedCsr
+    matrix : UnsignedCsr or SymmetricCsr
         A.
     inverse : (n,) float64
         D^-1.
@@ -39,7 +40,7 @@ class Chebyshev:
         How many products with A it takes.
     """
 
-    matrix: UnsignedCsr
+    matrix: UnsignedCsr | SymmetricCsr
     inverse: Floats
     largest: float
     steps: int

@@ -15,6 +15,7 @@ from cpmkit.errors import ConvergenceError, SceneError
 from cpmkit.linear.conjugate_gradients import conjugate_gradients
 from cpmkit.linear.multigrid_exact import Indefinite
 from cpmkit.linear.multigrid_matrix import UnsignedCsr
+from cpmkit.linear.multigrid_symmetric import SymmetricCsr
 from cpmkit.linear.operators import Bordered
 from cpmkit.linear.report import SolveReport, judge
 from cpmkit.protocols import Floats, Operator, Progress, no_progress
@@ -59,7 +60,7 @@ class Preconditioned:
     ----------
     operator : Operator
         What is solved with.
-    matrix : UnsignedCsr
+    matrix : UnsignedCsr or SymmetricCsr
         A.
     bordered : Bordered, optional
         ``A + s F W`` where constants are free.
@@ -72,7 +73,7 @@ class Preconditioned:
     """
 
     operator: Operator
-    matrix: UnsignedCsr
+    matrix: UnsignedCsr | SymmetricCsr
     bordered: Bordered | None
     preconditioner: Step
     max_iterations: int

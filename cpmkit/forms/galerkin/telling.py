@@ -157,7 +157,9 @@ def of_space(parting: Parting, pieces: tuple[int, Ints], lattice: Lattice, bound
             f"{len(specks)} pieces of the manifold are smaller than {SPECK_SPACINGS:g} spacings and have one value "
             f"each, the first near {place(lattice.to_scene(node))}; a smaller spacing resolves them."
         )
-    number = np.unique(parting.nodes, axis=0, return_inverse=True)[1].ravel()
+    low, high = parting.nodes.min(axis=0), parting.nodes.max(axis=0)
+    codes = np.ravel_multi_index((parting.nodes - low).T, high - low + 1)
+    number = np.unique(codes, return_inverse=True)[1]
     copies = np.bincount(number) - 1
     copies[number[parting.unknowns[boundaries]]] = 0
     if copies.sum() > COPIES_SHARE * len(copies):

@@ -34,7 +34,10 @@ def pieces(faces: Ints, adjacency: Topology) -> Ints:
         edge = np.unique(ends, axis=0, return_inverse=True)[1].reshape(-1)
         links.append(np.stack([face, count + edge], axis=1))
         count += int(edge.max()) + 1
-    number: Ints = np.unique(components(np.concatenate(links), count)[: len(faces)], return_inverse=True)[1]
+    part = components(np.concatenate(links), count)
+    if count == len(faces):  # all numbers are of faces
+        return part
+    number: Ints = np.unique(part[: len(faces)], return_inverse=True)[1]
     return number
 
 

@@ -133,7 +133,8 @@ def directed(first: Floats, second: Floats, normal: Floats) -> float:
     b = first[2] * second[0] - first[0] * second[2]
     c = first[0] * second[1] - first[1] * second[0]
     area = size = np.sqrt(a * a + b * b + c * c)
-    one, two = np.sum(first * first), np.sum(second * second)
+    one = first[0] * first[0] + first[1] * first[1] + first[2] * first[2]
+    two = second[0] * second[0] + second[1] * second[1] + second[2] * second[2]
     if area <= NO_DIRECTION_SHARE * max(one, two):
         # No area, so that the normal counts for nothing: any across the longer edge.
         u, v = (first[0], first[1]) if one >= two else (second[0], second[1])
@@ -152,13 +153,12 @@ def needed(piece: Floats, count: int) -> int:
         for k in range(count):
             low, high = min(low, piece[k, 2 + i]), max(high, piece[k, 2 + i])
         length += (high - low) ** 2
-    across = np.zeros(3)
+    x, y, z = 0.0, 0.0, 0.0
     for k in range(1, count - 1):
-        for i in range(3):
-            j, m = 2 + (i + 1) % 3, 2 + (i + 2) % 3
-            across[i] += (piece[k, j] - piece[0, j]) * (piece[k + 1, m] - piece[0, m])
-            across[i] -= (piece[k, m] - piece[0, m]) * (piece[k + 1, j] - piece[0, j])
-    area = 0.5 * np.sqrt(np.sum(across * across))
+        a, b, c = piece[k, 2] - piece[0, 2], piece[k, 3] - piece[0, 3], piece[k, 4] - piece[0, 4]
+        d, e, f = piece[k + 1, 2] - piece[0, 2], piece[k + 1, 3] - piece[0, 3], piece[k + 1, 4] - piece[0, 4]
+        x, y, z = x + (b * f - c * e), y + (c * d - a * f), z + (a * e - b * d)
+    area = 0.5 * np.sqrt(x * x + y * y + z * z)
     return 3 if area * length * np.sqrt(length) < THREE_SAMPLES_MOMENT else 4
 
 
@@ -204,11 +204,15 @@ def triangle_samples(nodes: Floats, spacing: float, clipped: Bools, fine: bool) 
     corners, shares = np.empty((MOST_CORNERS + 2, 2)), np.empty(MOST_PLACES)
     places, first, second, point = np.empty((MOST_PLACES, 2)), np.empty(3), np.empty(3), np.empty(3)
     own, cell = np.empty(nodes.shape[1:]), np.empty(3)
+    frame, thirds, normal, across = np.empty(5), np.empty(4), np.empty(3), 0.0
     used = 0
     for m in range(len(nodes)):
         for k in range(len(own)):
             for i in range(3):
                 own[k, i] = nodes[m, k, i] / spacing
+        if not curved:  # one normal for all samples
+            slopes(own, curved, 1.0, 0.0, first, second)
+            across = directed(first, second, normal)
         sizes[0] = 3
         for k in range(3):
             stack[0, k, 0], stack[0, k, 1] = 1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0
@@ -231,7 +235,7 @@ def triangle_samples(nodes: Floats, spacing: float, clipped: Bools, fine: bool) 
                 taken, area = 6 * (count - 2), fanned(piece, count, places, shares)
             elif clipped[m]:
                 taken = needed(piece, count)
-                area = rule(piece, count, taken, corners, places, shares)
+                area = rule(piece, count, taken, frame, thirds, corners, places, shares)
             else:
                 taken, area = 3, whole(places, shares)
             if area <= LEAST_AREA:
@@ -242,9 +246,12 @@ def triangle_samples(nodes: Floats, spacing: float, clipped: Bools, fine: bool) 
                 normals, triangle = np.concatenate((normals, normals)), np.concatenate((triangle, triangle))
             for k in range(taken):
                 position(own, curved, places[k, 0], places[k, 1], point)
-                slopes(own, curved, places[k, 0], places[k, 1], first, second)
-                weights[used] = area * shares[k] * directed(first, second, normals[used, 0]) * spacing**2
+                if curved:
+                    slopes(own, curved, places[k, 0], places[k, 1], first, second)
+                    across = directed(first, second, normal)
+                weights[used] = area * shares[k] * across * spacing**2
                 for i in range(3):
+                    normals[used, 0, i] = normal[i]
                     points[used, i] = spacing * (put_back(point[i], cell[i]) if clipped[m] else point[i])
                 triangle[used] = m
                 used += 1

@@ -116,7 +116,9 @@ def put(frame: Floats, e: float, f: float, place: Floats) -> None:
 
 
 @compiled
-def rule(piece: Floats, count: int, taken: int, corners: Floats, places: Floats, shares: Floats) -> float:
+def rule(
+    piece: Floats, count: int, taken: int, frame: Floats, thirds: Floats, corners: Floats, places: Floats, shares: Floats
+) -> float:
     """Fill ``places`` (4, 2) and ``shares`` (4,) with a rule for a convex piece; returns its area.
 
     In axes e, f in which the covariance is 1 and the mean of e^2 f vanishes, four places, of degree 3, are two along e
@@ -124,9 +126,9 @@ def rule(piece: Floats, count: int, taken: int, corners: Floats, places: Floats,
     moment is largest: in a triangle, on the ways to its corners. The weights are positive; on 5000 random polygons of 3
     to 7 corners the four places were all inside.
 
-    ``taken``: three or four of them.
+    ``taken``: three or four of them; ``frame`` (5,), ``thirds`` (4,) and ``corners`` (count, 2) are room for what this
+    needs on the way.
     """
-    frame, thirds = np.empty(5), np.empty(4)
     area = whitened(piece, count, frame, corners)
     if area <= 0:
         return area

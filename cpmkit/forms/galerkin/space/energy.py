@@ -105,8 +105,7 @@ def load(space: Space, f: Floats) -> Floats:
     loads = np.zeros((space.parting.size, f.shape[1]))
     f = np.ascontiguousarray(f, dtype=np.float64)
     samples = space.samples
-    of_samples = samples.places, samples.weights
-    add_load(space.parting.unknowns, space.parting.patch, *of_samples, f, loads)
+    add_load(*patches(space), samples.places, samples.weights, f, loads)
     return loads
 
 

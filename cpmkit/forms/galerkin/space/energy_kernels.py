@@ -160,6 +160,47 @@ def second_form(
 
 
 @compiled
+def forms_on_hypersurface(
+    forms: Floats,
+    splines: Any,
+    kind: int,
+    place: tuple[float, float, float],
+    tensor: tuple[float, float, float, float, float, float],
+    n: tuple[float, float, float],
+    second_weight: float,
+    value_weight: float,
+) -> None:
+    """Write the three pairs of rows of `slope_forms`, that of `second_form` and that of `value_form`.
+
+    All in one go, since they are made of the same splines.
+    """
+    room, (x, y, z), (nx, ny, nz) = room_for(splines), place, n
+    xx, xy, xz, yy, yz, zz = tensor
+    for i in range(room):
+        X, Y = value_of(splines, kind, 0, i, x), value_of(splines, kind, 1, i, y)
+        Z = value_of(splines, kind, 2, i, z)
+        dX, dY = slope_of(splines, kind, 0, i, x), slope_of(splines, kind, 1, i, y)
+        dZ = slope_of(splines, kind, 2, i, z)
+        along_x, along_y, along_z = dX * Y * Z, X * dY * Z, X * Y * dZ
+        forms[i] = along_x
+        forms[room + i] = xx * along_x + xy * along_y + xz * along_z
+        forms[2 * room + i] = along_y
+        forms[3 * room + i] = xy * along_x + yy * along_y + yz * along_z
+        forms[4 * room + i] = along_z
+        forms[5 * room + i] = xz * along_x + yz * along_y + zz * along_z
+        bend = (
+            nx * nx * second_of(splines, kind, 0, i, x) * Y * Z
+            + ny * ny * X * second_of(splines, kind, 1, i, y) * Z
+            + nz * nz * X * Y * second_of(splines, kind, 2, i, z)
+        )
+        bend += 2.0 * (nx * dX * (ny * dY) * Z + nx * dX * Y * (nz * dZ) + X * (ny * dY) * (nz * dZ))
+        forms[6 * room + i] = bend
+        forms[7 * room + i] = second_weight * bend
+        forms[8 * room + i] = X * Y * Z
+        forms[9 * room + i] = value_weight * (X * Y * Z)
+
+
+@compiled
 def third_form(
     forms: Floats, splines: Any, kind: int, x: float, y: float, z: float, n: tuple[float, float, float], weight: float
 ) -> None:
@@ -247,21 +288,23 @@ def sort_columns(columns: Ints, rank: Ints, ascending: Any) -> None:
 
 
 @compiled
-def scatter(block: Floats, room: int, columns: Ints, indptr: Any, indices: Any, data: Floats) -> None:
+def scatter(
+    block: Floats, room: int, columns: Ints, indptr: Any, indices: Any, data: Floats, standing: Any
+) -> None:
     """Add the upper half of a symmetric ``block`` of the unknowns ``columns``, and its mirror image, to a matrix.
 
-    ``room``: the length of its rows.
+    ``room``: the length of its rows; ``standing`` (n,) is room for where columns stand in a row.
     """
     width = len(columns)
-    rank, ascending = np.empty(width, dtype=np.int64), np.empty(width, dtype=indices.dtype)
-    sort_columns(columns, rank, ascending)
     for i in range(width):
-        to: Any = np.uint64(indptr[columns[i]])  # unsigned, so that no index is tested for its sign
-        for m in range(width):
-            while indices[to] < ascending[m]:
-                to += np.uint64(1)
-            j = rank[m]
-            data[to] += block[i * room + j] if i <= j else block[j * room + i]
+        first: Any = np.uint64(indptr[columns[i]])  # unsigned, so that no index is tested for its sign
+        row = indices[first : indptr[columns[i] + 1]]
+        for k in range(len(row)):
+            standing[row[k]] = k
+        for j in range(i):
+            data[first + np.uint64(standing[columns[j]])] += block[j * room + i]
+        for j in range(i, width):
+            data[first + np.uint64(standing[columns[j]])] += block[i * room + j]
 
 
 @compiled
@@ -294,6 +337,7 @@ def add_energy(
     kind, width, room = d - 2, unknowns.shape[1], room_for(splines)
     C, z, normals = np.zeros((3, 3)), 0.0, np.zeros((codim, d))
     forms, block = np.zeros(2 * room * (GATHERED + SWEEP)), np.zeros(room * room)
+    standing = np.empty(len(indptr) - 1, dtype=np.uint32)
     for p in range(len(unknowns)):
         block[:] = 0.0
         count = 0
@@ -308,19 +352,30 @@ def add_energy(
             y = PLACE_UNIT * places[q, 1] + 0.5
             if d == 3:
                 z = PLACE_UNIT * places[q, 2] + 0.5
-            if len(c):
-                factor = weights[q] * c[q if len(c) > 1 else 0]
-                value_form(forms[2 * room * count :], splines, kind, x, y, z, factor)
-                count += 1
+            factor = weights[q] * c[q if len(c) > 1 else 0] if len(c) else 0.0
+            rows = forms[2 * room * count :]
             if len(a) == 0:
+                value_form(rows, splines, kind, x, y, z, factor)
+                count += 1
                 continue
             weight = weights[q] / spacing**2
             own = a[q if len(a) > 1 else 0]
             decode_normals(directions[q], normals)
             tensor_at(q, normals, own, tensors, e1, weight, C)
-            rows = forms[2 * room * count :]
+            if codim == 1:
+                n = combined(normals, 0, 0, 1.0, 0.0)
+                tensor = C[0, 0], C[0, 1], C[0, 2], C[1, 1], C[1, 2], C[2, 2]
+                forms_on_hypersurface(rows, splines, kind, (x, y, z), tensor, n, weight * e2 * own, factor)
+                count += 5 if len(c) else 4
+                if len(splines) == 4:
+                    third_form(forms[2 * room * count :], splines, kind, x, y, z, n, weight * e3 * own)
+                    count += 1
+                continue
             slope_forms(rows, splines, kind, x, y, z, C[0, 0], C[0, 1], C[0, 2], C[1, 1], C[1, 2], C[2, 2])
             count += d
+            if len(c):
+                value_form(forms[2 * room * count :], splines, kind, x, y, z, factor)
+                count += 1
             for one in range(codim):
                 for two in range(one, codim):
                     share = 1.0 if one == two else np.sqrt(0.5)
@@ -337,7 +392,7 @@ def add_energy(
                         third_form(forms[2 * room * count :], splines, kind, x, y, z, n, weight * e3 * own)
                         count += 1
         _add_gathered(forms, splines, count, width, block)
-        scatter(block, room, unknowns[p], indptr, indices, data)
+        scatter(block, room, unknowns[p], indptr, indices, data, standing)
 
 
 @compiled

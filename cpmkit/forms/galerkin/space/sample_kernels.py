@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.forms.galerkin.fixed_point import PLACE_UNIT
+from cpmkit.forms.galerkin.space.energy_kernels import room_for, value_of
 from cpmkit.protocols import Floats, Ints
 from cpmkit.runtime.compilation import compiled, inlined
 
@@ -66,7 +67,10 @@ def spline_products(place: Any, along: int, values: Floats, products: Floats) ->
 @compiled
 def add_load(
     unknowns: Ints,
-    patch: Any,
+    spacing: float,
+    splines: Any,
+    order: Any,
+    start: Ints,
     places: Any,
     weights: Floats,
     f: Floats,
@@ -74,24 +78,29 @@ def add_load(
 ) -> None:
     """Add sum w[q] f[q] N_j(y_q) to ``load`` (n, channels), ``f`` (q, channels), or (1, channels) for all.
 
-    ``places`` (q, d): as of `FixedSamples`. What follows each other in one ``patch`` (q,) is summed there first.
+    ``places`` (q, d): as of `FixedSamples`; ``splines``: as of the kernels of energies.
     """
-    width, channels = unknowns.shape[1], load.shape[1]
-    products, sums = np.empty(width), np.zeros(width * channels)
-    along = splines_along(width, places.shape[1])
-    values = np.empty(along)
-    for q in range(len(places)):
-        spline_products(places[q], along, values, products)
-        for channel in range(channels):
-            density, first = weights[q] * f[q if len(f) > 1 else 0, channel], np.uint64(channel * width)
-            for place in range(np.uint64(width)):  # unsigned, so that no index is tested for its sign
-                sums[first + place] += products[place] * density
-        if q + 1 < len(places) and patch[q + 1] == patch[q]:
-            continue
+    kind, width, channels, room = places.shape[1] - 2, unknowns.shape[1], load.shape[1], room_for(splines)
+    products, sums, z = np.empty(room), np.empty(room * channels), 0.0
+    for p in range(len(unknowns)):
+        sums[:] = 0.0
+        for s in range(start[p], start[p + 1]):
+            q = order[s]
+            if weights[q] == 0.0:
+                continue
+            x, y = PLACE_UNIT * places[q, 0] + 0.5, PLACE_UNIT * places[q, 1] + 0.5
+            if kind:
+                z = PLACE_UNIT * places[q, 2] + 0.5
+            for i in range(room):
+                X, Y = value_of(splines, kind, 0, i, x), value_of(splines, kind, 1, i, y)
+                products[i] = X * Y * value_of(splines, kind, 2, i, z)
+            for channel in range(channels):
+                density, own = weights[q] * f[q if len(f) > 1 else 0, channel], sums[channel * room :]
+                for i in range(room):
+                    own[i] += density * products[i]
         for place in range(width):
             for channel in range(channels):
-                load[unknowns[patch[q], place], channel] += sums[channel * width + place]
-        sums[:] = 0.0
+                load[unknowns[p, place], channel] += sums[channel * room + place]
 
 
 @compiled
