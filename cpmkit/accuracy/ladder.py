@@ -23,9 +23,10 @@ AIMED_SHARE, ACCEPTED_SHARE = 0.6, 0.8
 FIRST_SHARE = 0.35
 #: Orders at which errors are taken to fall, at least, at most, and at most where something says that it is slow.
 LEAST_ORDER, MOST_ORDER, MOST_SLOW_ORDER = 0.8, 3.0, 1.3
-#: Spacings go down by at least so much at a time, nearer differences tell little, and at most so much, so that each
-#: error is known; a goal that is not much farther than that is tried at once.
-LEAST_FACTOR, WITHOUT_COMPANION, WORTH_COMPANION = 1.4, 2.1, 2.8
+#: Spacings go down by at least so much at a time, for less tells little and costs nearly as much again, and at most so
+#: much, so that each error is known: no whole number, by which lattices would have nodes in common. A goal that is not
+#: much farther than that is tried at once, and what is solved on the way is at least so much finer than what was there.
+LEAST_FACTOR, MOST_FACTOR, WORTH_COMPANION, LEAST_ON_THE_WAY = 1.7, 2.1, 2.3, 1.25
 #: A limit nearer than this is as good as reached.
 NO_FINER = 1.2
 #: A time is kept to within this factor.
@@ -47,9 +48,9 @@ def walk(way: Way) -> tuple[Status, float]:
         here, limit = way.last.spacing, finest_spacing(way)
         goal = max(_foretold(way, aim), limit)
         if here / goal > WORTH_COMPANION:
-            _run(way, "companion", max(2 * goal, here / WITHOUT_COMPANION))
+            _run(way, "companion", min(max(MOST_FACTOR * goal, here / MOST_FACTOR), here / LEAST_ON_THE_WAY))
             continue
-        goal = max(goal, here / WITHOUT_COMPANION)
+        goal = max(goal, here / MOST_FACTOR)
         if here / goal < NO_FINER:
             if not way.answers_differ or way.last.purpose in ANSWERS:
                 break

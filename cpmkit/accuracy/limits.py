@@ -15,6 +15,8 @@ from cpmkit.scene.scene import Scene
 
 #: Unknowns of the first pilot, about, by the manifold's dimension.
 FIRST_UNKNOWNS = {0: 50, 1: 50, 2: 300, 3: 800}
+#: Blocks of the manifold by which these are counted: few, for closest points may be dear.
+COUNTED_BLOCKS = 500
 #: A solve may take so many times longer than foretold.
 LONGER = 1.25
 #: Of the memory that there is, and of that asked for, this share is planned with.
@@ -27,7 +29,7 @@ def first_spacing(scene: Scene) -> float:
     """Return the spacing of the first pilot."""
     surface = localize(scene.surface, np.zeros(scene.surface.dim))
     m = surface.largest_dim
-    return float((expected_unknowns(surface, 1.0) / FIRST_UNKNOWNS[m]) ** (1 / max(m, 1)))
+    return float((expected_unknowns(surface, 1.0, counted=COUNTED_BLOCKS) / FIRST_UNKNOWNS[m]) ** (1 / max(m, 1)))
 
 
 def finest_spacing(way: Way) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 
 from cpmkit.errors import ResolutionError
 from cpmkit.grid.band import check_numbered
-from cpmkit.grid.fitting import SPARE_MEMORY_SHARE, other_solver_hint, rounded_up, unknowns_at_one
+from cpmkit.grid.fitting import COUNTED_BLOCKS, SPARE_MEMORY_SHARE, other_solver_hint, rounded_up, unknowns_at_one
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.runtime import memory
 from cpmkit.scene.scene import Scene
@@ -95,13 +95,15 @@ def check_unknowns_fit(
         )
 
 
-def expected_unknowns(surface: LocalSource, spacing: float, degree: int = 2) -> float:
+def expected_unknowns(
+    surface: LocalSource, spacing: float, degree: int = 2, counted: int = COUNTED_BLOCKS
+) -> float:
     """Return about how many unknowns there are at a spacing: as many as a closest point band of this degree has.
 
-    Counted by blocks. Of degree 2 they are 1.00 of them on a sphere, .98 on a circle, .94 on Dziuk's surface, .88 on
+    Counted by ``counted`` blocks or more. Of degree 2 they are 1.00 of them on a sphere, .98 on a circle, .94 on Dziuk's surface, .88 on
     Spot and .66 on a knot in space (measured).
     """
-    return unknowns_at_one(surface, degree) / spacing**surface.largest_dim
+    return unknowns_at_one(surface, degree, counted) / spacing**surface.largest_dim
 
 
 def peak_bytes(
