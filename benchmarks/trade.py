@@ -6,7 +6,7 @@ it, and, for real meshes, ``CPMKIT_DATA`` set to their folder. A table follows o
 
 With ``--into FOLDER`` each run is kept there when it is done, as are the solutions that errors are measured against;
 what is there already is not run again, so that a long run may be broken off. ``--minutes`` breaks it off by itself.
-All problems come at one position of the lattice before any comes at the next.
+All problems come with one tolerance before any comes with the next, at one position of the lattice after the other.
 """
 
 from __future__ import annotations
@@ -33,21 +33,22 @@ from cpmkit.runtime.peak import bytes_since, forget_peak
 TOLERANCES, QUICK_TOLERANCES = (1e-2, 3e-3, 1e-3, 3e-4), (3e-3, 3e-4)
 SECONDS, QUICK_SECONDS = (3.0, 10.0), (3.0,)
 POSITIONS = 3
+#: With which each problem is solved once before anything is measured.
+WARMING_TOLERANCE = 0.3
 #: Of the problems for ``--quick``.
 QUICK = ("sphere, waves", "tamarind", "cube", "slit, value", "layer", "spot", "eigenvalues", "heat")
 #: Memory for each run: what is beyond it is not reached. A run then takes less than about a minute.
 MEMORY, QUICK_MEMORY = "256 MiB", "128 MiB"
 
 
-def wanted(chosen: Sequence[Problem], quick: bool, memory: str) -> Iterator[tuple[Problem, TradeRun]]:
-    """Yield all that is to be asked: at the first position of all problems, then at the next."""
-    tolerances = QUICK_TOLERANCES if quick else TOLERANCES
-    for position, problem in product(range(1 if quick else POSITIONS), chosen):
-        for tolerance, norm in product(tolerances, ("rms", "max")):
+def wanted(chosen: Sequence[Problem], quick: bool, positions: int) -> Iterator[tuple[Problem, TradeRun]]:
+    """Yield all that is to be asked: one tolerance of all problems, then the next, at one position after the other."""
+    tolerances, memory = (QUICK_TOLERANCES, QUICK_MEMORY) if quick else (TOLERANCES, MEMORY)
+    for position in range(positions):
+        for tolerance, norm, problem in product(tolerances, ("rms", "max"), chosen):
             yield problem, TradeRun(problem.name, position, tolerance, norm, None, memory)
-        if position == 0:
-            for seconds in QUICK_SECONDS if quick else SECONDS:
-                yield problem, TradeRun(problem.name, position, None, "rms", seconds, memory)
+        for seconds, problem in product((QUICK_SECONDS if quick else SECONDS) if position == 0 else (), chosen):
+            yield problem, TradeRun(problem.name, position, None, "rms", seconds, memory)
 
 
 def run(problem: Problem, asked: TradeRun) -> TradeRun:
@@ -95,6 +96,7 @@ def main(arguments: Sequence[str]) -> None:
     parser.add_argument("--quick", action="store_true", help="eight problems, one position, little memory")
     parser.add_argument("--json", action="store_true", help="print records alone")
     parser.add_argument("--into", type=Path, metavar="FOLDER", help="where runs are kept, and found again")
+    parser.add_argument("--positions", type=int, help="of the lattice, three if left out, one with --quick")
     parser.add_argument("--minutes", type=float, default=np.inf, help="no run begins later")
     given = parser.parse_args(arguments)
     names = given.names or (QUICK if given.quick else None)
@@ -103,10 +105,14 @@ def main(arguments: Sequence[str]) -> None:
     file = given.into / "runs.jsonl" if given.into else None
     reference = QUICK_REFERENCE_UNKNOWNS if given.quick else REFERENCE_UNKNOWNS
     chosen = [one for one in problems(reference, given.into) if names is None or one.name in names]
-    todo = list(wanted(chosen, given.quick, QUICK_MEMORY if given.quick else MEMORY))
+    todo = list(wanted(chosen, given.quick, given.positions or (1 if given.quick else POSITIONS)))
     found, started = {one.key: one for one in read(file)}, time.perf_counter()
+    warm: set[str] = set()
     for number, (problem, asked) in enumerate(todo, 1):
         if asked.key not in found and time.perf_counter() - started < 60 * given.minutes:
+            if problem.name not in warm:  # what is compiled or read for the first time is no part of a solve
+                ck.solve(problem.scene, tolerance=WARMING_TOLERANCE)
+                warm.add(problem.name)
             found[asked.key] = one = run(problem, asked)
             append(file, one)
             print(told(number, len(todo), one), file=sys.stderr, flush=True)
