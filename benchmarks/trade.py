@@ -1,136 +1,123 @@
 """What is asked for and what comes: tolerances, times and memories in, answers, their errors and costs out.
 
-Run ``python benchmarks/trade.py``, with ``--quick`` in about ten minutes, with ``--json`` for records, or with names of
-problems; it needs ``pip install . ./plugins/*``, this repository's folder ``tests`` beside it, and, for real meshes,
-``CPMKIT_DATA`` set to their folder. A table follows of what must hold over all runs.
+Run ``python benchmarks/trade.py``, which takes hours, with ``--quick`` within five minutes, with ``--json`` for
+records, or with names of problems; it needs ``pip install . ./plugins/*``, this repository's folder ``tests`` beside
+it, and, for real meshes, ``CPMKIT_DATA`` set to their folder. A table follows of what must hold over all runs.
+
+With ``--into FOLDER`` each run is kept there when it is done, as are the solutions that errors are measured against;
+what is there already is not run again, so that a long run may be broken off. ``--minutes`` breaks it off by itself.
+All problems come with one tolerance before any comes with the next, at one position of the lattice after the other.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import sys
+import time
 import warnings
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import replace
 from itertools import product
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from trade_problems import Problem, problems
+from trade_problems import QUICK_REFERENCE_UNKNOWNS, REFERENCE_UNKNOWNS, Problem, problems
+from trade_records import TradeRun, append, finite, printed, read, table
 
 import cpmkit as ck
+from cpmkit.errors import CpmkitError
 from cpmkit.grid.lattice import lattice_of
 from cpmkit.runtime.peak import bytes_since, forget_peak
-from cpmkit.studies.tables import table_row, table_rule
 
 TOLERANCES, QUICK_TOLERANCES = (1e-2, 3e-3, 1e-3, 3e-4), (3e-3, 3e-4)
 SECONDS, QUICK_SECONDS = (3.0, 10.0), (3.0,)
 POSITIONS = 3
+#: With which each problem is solved once before anything is measured.
+WARMING_TOLERANCE = 0.3
 #: Of the problems for ``--quick``.
 QUICK = ("sphere, waves", "tamarind", "cube", "slit, value", "layer", "spot", "eigenvalues", "heat")
-#: Memory for each run: what is beyond it is not reached.
-MEMORY = "1 GiB"
+#: Memory for each run: what is beyond it is not reached. A run then takes less than about a minute.
+MEMORY, QUICK_MEMORY = "256 MiB", "128 MiB"
 
 
-@dataclass(frozen=True)
-class TradeRun:
-    """One run; None where nothing of the kind was asked for."""
-
-    asked_tolerance: float | None
-    norm: str
-    estimate: float
-    true_error: float
-    status: str
-    slow: bool
-    asked_seconds: float | None
-    seconds: float
-    predicted_bytes: float
-    bytes: int | None
-    unknowns: int
-    cost_over_last_solve: float
+def wanted(chosen: Sequence[Problem], quick: bool, positions: int) -> Iterator[tuple[Problem, TradeRun]]:
+    """Yield all that is to be asked: one tolerance of all problems, then the next, at one position after the other."""
+    tolerances, memory = (QUICK_TOLERANCES, QUICK_MEMORY) if quick else (TOLERANCES, MEMORY)
+    for position in range(positions):
+        for tolerance, norm, problem in product(tolerances, ("rms", "max"), chosen):
+            yield problem, TradeRun(problem.name, position, tolerance, norm, None, memory)
+        for seconds, problem in product((QUICK_SECONDS if quick else SECONDS) if position == 0 else (), chosen):
+            yield problem, TradeRun(problem.name, position, None, "rms", seconds, memory)
 
 
-def run(problem: Problem, position: int, norm: str, **asked: Any) -> TradeRun:
+def run(problem: Problem, asked: TradeRun) -> TradeRun:
     """Solve once, on a lattice at a random position."""
-    shift = np.random.default_rng(position).uniform(0, 1, problem.scene.surface.dim)
+    shift = np.random.default_rng(asked.position).uniform(0, 1, problem.scene.surface.dim)
     origin = lattice_of(problem.scene.surface, 1e-3).origin + 0.2 * shift
+    goal: dict[str, Any] = {"tolerance": asked.asked_tolerance, "seconds": asked.asked_seconds, "memory": asked.memory}
     before = forget_peak()
-    solution = ck.solve(problem.scene, origin=origin, norm=norm, memory=MEMORY, **asked)
-    error = problem.errors(solution)[0 if norm == "rms" else 1]
-    trade = solution.trade
-    return TradeRun(
-        asked.get("tolerance"),
-        norm,
-        trade.error,
-        error,
-        trade.status,
-        bool(solution.error.slow),
-        asked.get("seconds"),
-        trade.seconds,
-        trade.predicted_bytes,
-        bytes_since(before),
-        solution.discretized.size,
-        trade.cost_over_last_solve,
+    try:
+        solution = ck.solve(problem.scene, origin=origin, norm=asked.norm, **goal)
+    except CpmkitError as error:
+        print(f"{problem.name}: {error}", file=sys.stderr)
+        return asked
+    used, trade = bytes_since(before), solution.trade
+    return replace(
+        asked,
+        status=trade.status,
+        estimate=finite(trade.error),
+        true_error=finite(problem.errors(solution)[0 if asked.norm == "rms" else 1]),
+        slow=bool(solution.error.slow),
+        seconds=trade.seconds,
+        predicted_bytes=trade.predicted_bytes,
+        bytes=used,
+        unknowns=solution.discretized.size,
+        cost_over_last_solve=trade.cost_over_last_solve,
     )
 
 
-def runs(problem: Problem, quick: bool) -> Iterator[TradeRun]:
-    """Yield every run of a problem."""
-    tolerances = QUICK_TOLERANCES if quick else TOLERANCES
-    for tolerance, norm, position in product(tolerances, ("rms", "max"), range(1 if quick else POSITIONS)):
-        yield run(problem, position, norm, tolerance=tolerance)
-    for seconds in QUICK_SECONDS if quick else SECONDS:
-        yield run(problem, 0, "rms", seconds=seconds)
-
-
-def table(found: dict[str, list[TradeRun]]) -> Iterator[str]:
-    """Yield what must hold, and what was found, as rows."""
-    every = [one for kept in found.values() for one in kept]
-    asked = [one for one in every if one.asked_tolerance is not None]
-    accepted = [one for one in asked if one.status == "reached"]
-    ratios = np.array([one.estimate / one.true_error for one in every if one.estimate > 0])
-    below = [one for one in accepted if one.true_error <= (one.asked_tolerance or 0)]
-    silent = [one for one in accepted if one.true_error > (one.asked_tolerance or 0) and not one.slow]
-    timed = np.array([one.seconds / one.asked_seconds for one in every if one.asked_seconds])
-    better = np.median([(one.asked_tolerance or 0) / one.true_error for one in accepted])
-    rows = {
-        "runs, accepted": f"{len(asked)}, {len(accepted)}",
-        "accepted answers whose true error is below the tolerance": f"{len(below)} of {len(accepted)}",
-        "effectivity in [.5, 3]": f"{np.mean((ratios >= 0.5) & (ratios <= 3)):.0%} of {len(ratios)}",
-        "lowest, median, highest effectivity": f"{ratios.min():.2g}, {np.median(ratios):.2g}, {ratios.max():.2g}",
-        "cost over that of the last solve, median": f"{np.median([one.cost_over_last_solve for one in every]):.2f}",
-        "accuracy over what was asked, median": f"{better:.2g}",
-        "time within 1.5 of that asked": f"{np.mean(timed <= 1.5):.0%}, at most {timed.max(initial=0):.2f}",
-        "answers above tolerance that were accepted without the flag": str(len(silent)),
-    }
-    yield table_row(["over all runs", "found"])
-    yield table_rule(1, 1)
-    for name, value in rows.items():
-        yield table_row([name, value])
+def told(number: int, count: int, one: TradeRun) -> str:
+    """Return a line on a run."""
+    goal = f"{one.asked_seconds:g} s" if one.asked_tolerance is None else f"{one.norm} {one.asked_tolerance:g}"
+    if one.estimate is None or one.true_error is None:
+        return f"{number}/{count} {one.name}, {goal}, position {one.position}: {one.status}"
+    return (
+        f"{number}/{count} {one.name}, {goal}, position {one.position}: {one.status}, {one.unknowns:,} unknowns, "
+        f"estimate {one.estimate:.2g}, error {one.true_error:.2g}, {one.seconds:.2f} s, cost "
+        f"{one.cost_over_last_solve:.2f}"
+    )
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Run, and print records or tables."""
+    """Run, and print records or a table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*", help="of problems; all if left out")
-    parser.add_argument("--quick", action="store_true", help="eight problems, one position")
+    parser.add_argument("--quick", action="store_true", help="eight problems, one position, little memory")
     parser.add_argument("--json", action="store_true", help="print records alone")
+    parser.add_argument("--into", type=Path, metavar="FOLDER", help="where runs are kept, and found again")
+    parser.add_argument("--positions", type=int, help="of the lattice, three if left out, one with --quick")
+    parser.add_argument("--minutes", type=float, default=np.inf, help="no run begins later")
     given = parser.parse_args(arguments)
-    wanted = given.names or (QUICK if given.quick else None)
-    found: dict[str, list[TradeRun]] = {}
-    for problem in problems():
-        if wanted is not None and problem.name not in wanted:
-            continue
-        found[problem.name] = []
-        for one in runs(problem, given.quick):
-            found[problem.name].append(one)
-            print(f"{problem.name}: {one}", file=sys.stderr, flush=True)
-    if given.json:
-        kept = [{"name": name, "runs": [asdict(one) for one in each]} for name, each in found.items()]
-        print(json.dumps({"problems": kept}, indent=1))
-        return
-    print("\n".join(table(found)))
+    names = given.names or (QUICK if given.quick else None)
+    if given.into:
+        given.into.mkdir(parents=True, exist_ok=True)
+    file = given.into / "runs.jsonl" if given.into else None
+    reference = QUICK_REFERENCE_UNKNOWNS if given.quick else REFERENCE_UNKNOWNS
+    chosen = [one for one in problems(reference, given.into) if names is None or one.name in names]
+    todo = list(wanted(chosen, given.quick, given.positions or (1 if given.quick else POSITIONS)))
+    found, started = {one.key: one for one in read(file)}, time.perf_counter()
+    warm: set[str] = set()
+    for number, (problem, asked) in enumerate(todo, 1):
+        if asked.key not in found and time.perf_counter() - started < 60 * given.minutes:
+            if problem.name not in warm:  # what is compiled or read for the first time is no part of a solve
+                ck.solve(problem.scene, tolerance=WARMING_TOLERANCE)
+                warm.add(problem.name)
+            found[asked.key] = one = run(problem, asked)
+            append(file, one)
+            print(told(number, len(todo), one), file=sys.stderr, flush=True)
+    done = [found[asked.key] for _, asked in todo if asked.key in found]
+    print(printed(done) if given.json else "\n".join(table(done)))
 
 
 if __name__ == "__main__":

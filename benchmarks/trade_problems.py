@@ -1,7 +1,7 @@
 """Problems of benchmarks/trade.py: smooth ones, creases, tips, layers, real meshes, time, eigenvalues, each with truth.
 
 Where the solution is known it is that; elsewhere the Galerkin form with about ``REFERENCE_UNKNOWNS`` unknowns, solved
-once.
+once, and kept in a folder if one is given.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ import cpmkit as ck  # noqa: E402
 from cpmkit.errors import CpmkitError  # noqa: E402
 
 #: Of solutions that errors are measured against where none is known.
-REFERENCE_UNKNOWNS = 400_000
+REFERENCE_UNKNOWNS, QUICK_REFERENCE_UNKNOWNS = 250_000, 100_000
 #: Points at which solutions are read.
 COUNT = 6000
 
@@ -54,17 +54,31 @@ def against(at: Any, exact: Any) -> Callable[[Any], tuple[float, float]]:
     return errors
 
 
-def finer(scene: Any, at: Any, area: float) -> Callable[[Any], tuple[float, float]]:
-    """Return the same against a finer solution, which is solved when it is first asked for."""
+@dataclass(frozen=True)
+class References:
+    """Finer solutions, each solved when it is first asked for, with so many unknowns; kept in a folder, if any."""
 
-    @cache
-    def exact() -> Any:
-        return ck.solve(scene, float(np.sqrt(4.5 * area / REFERENCE_UNKNOWNS))).evaluate(at)
+    unknowns: int
+    folder: Path | None
 
-    return against(at, exact)
+    def problem(self, name: str, scene: Any, at: Any, area: float) -> Problem:
+        """Return a problem whose errors are measured against one, at points (n, d)."""
+
+        @cache
+        def exact() -> Any:
+            file = None if self.folder is None else self.folder / f"{name}, {self.unknowns}.npy"
+            if file is not None and file.exists():
+                return np.load(file)
+            print(f"{name}: solving with about {self.unknowns:,} unknowns", file=sys.stderr, flush=True)
+            found = ck.solve(scene, float(np.sqrt(4.5 * area / self.unknowns))).evaluate(at)
+            if file is not None:
+                np.save(file, found)
+            return found
+
+        return Problem(name, scene, against(at, exact))
 
 
-def smooth() -> Iterator[Problem]:
+def smooth(references: References) -> Iterator[Problem]:
     """Spheres known in several ways, a torus, an open cap, a strip with one side, curves."""
     sphere, at = ck.source("analytic.sphere"), sphere_points(COUNT)
     u = lambda x: x[:, 0] * x[:, 1] + x[:, 2]  # noqa: E731
@@ -90,10 +104,10 @@ def smooth() -> Iterator[Problem]:
     speed = 1 + 1 / (2 * np.pi) ** 2
     bent = lambda x: (1 + 1 / speed) * np.cos(s(x))  # noqa: E731
     yield Problem("helix", ck.Scene(ck.source("parametric.helix"), ck.ScreenedPoisson(bent)), against(helix, np.cos(t)))
-    yield from without_solution()
+    yield from without_solution(references)
 
 
-def without_solution() -> Iterator[Problem]:
+def without_solution(references: References) -> Iterator[Problem]:
     """Smooth shapes whose solution is not known: a torus, a Moebius strip, a flat ellipsoid."""
     wave = lambda x: np.sin(3 * x[:, 0]) * np.cos(2 * x[:, 1]) + x[:, 2]  # noqa: E731
     shapes = {
@@ -109,7 +123,7 @@ def without_solution() -> Iterator[Problem]:
     for name, (source, area) in shapes.items():
         scene = ck.Scene(source, ck.ScreenedPoisson(wave))
         at = np.random.default_rng(0).permutation(source.mesh(0.05)[0])[:COUNT]
-        yield Problem(name, scene, finer(scene, at, area))
+        yield references.problem(name, scene, at, area)
 
 
 def tamarind_points() -> Any:
@@ -120,7 +134,7 @@ def tamarind_points() -> Any:
     return TAMARIND.closest_point(near).points
 
 
-def hard() -> Iterator[Problem]:
+def hard(references: References) -> Iterator[Problem]:
     """A cube, unlike data on a plate, slits, materials, a layer, a spike."""
     half, turned, rng = 0.6, rotation(), np.random.default_rng(0)
     u = lambda x: np.cos(np.pi * (x @ turned) / half).sum(axis=1)  # noqa: E731
@@ -152,10 +166,10 @@ def hard() -> Iterator[Problem]:
         ),
     }.items():
         away = at[np.abs(at[:, 2]) > 1e-3]
-        yield Problem(name, scene, finer(scene, away, 4 * np.pi))
+        yield references.problem(name, scene, away, 4 * np.pi)
 
 
-def meshes() -> Iterator[Problem]:
+def meshes(references: References) -> Iterator[Problem]:
     """Real meshes of unit size, read as smooth; those that are missing are left out."""
     for name in ("spot", "fish", "koala", "nefertiti-lowres"):
         try:
@@ -171,10 +185,10 @@ def meshes() -> Iterator[Problem]:
         source = ck.source("mesh.triangles", vertices=vertices, faces=faces, closest="smooth")
         scene = ck.Scene(source, ck.ScreenedPoisson(lambda x: 40 * np.cos(6 * x[:, 0]) * np.sin(5 * x[:, 1]), c=1.0))
         at = np.random.default_rng(0).permutation(vertices)[:COUNT]
-        yield Problem(name, scene, finer(scene, at, area))
+        yield references.problem(name, scene, at, area)
 
 
-def others() -> Iterator[Problem]:
+def others(_: References) -> Iterator[Problem]:
     """Heat, and eigenvalues, whose errors are relative."""
     sphere, at = ck.source("analytic.sphere"), sphere_points(COUNT)
     u = lambda x, t=0.0: np.exp(-2 * t) * x[:, 2] + np.exp(-6 * t) * x[:, 0] * x[:, 1]  # noqa: E731
@@ -189,7 +203,7 @@ def others() -> Iterator[Problem]:
     yield Problem("eigenvalues", ck.Scene(sphere, ck.Eigen(16)), errors)
 
 
-def problems() -> Iterator[Problem]:
-    """Yield all."""
+def problems(unknowns: int = REFERENCE_UNKNOWNS, folder: Path | None = None) -> Iterator[Problem]:
+    """Yield all; solutions that errors are measured against have so many unknowns, and are kept in a folder, if any."""
     for part in (smooth, hard, meshes, others):
-        yield from part()
+        yield from part(References(unknowns, folder))

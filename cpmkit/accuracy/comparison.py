@@ -11,8 +11,8 @@ from cpmkit.solution.matched_modes import compare_modes
 from cpmkit.solution.modes import EigenSolution
 from cpmkit.solution.solution import Solution
 
-#: At most about so many points of the finer solution are compared.
-MOST_COMPARED = 8_000
+#: Points of the finer solution that are compared, for each of its unknowns, at least, and at most.
+COMPARED_PER_UNKNOWN, LEAST_COMPARED, MOST_COMPARED = 2, 1_000, 8_000
 #: Eigenvalues below this share of the largest are zero: their errors are shares of the first that is not.
 ZERO_SHARE = 1e-6
 #: A range below this share of a solution's size is rounding and what the solver leaves.
@@ -46,11 +46,13 @@ class Difference:
 def compared_points(solution: Solution) -> tuple[Floats, Floats, Floats]:
     """Return points (k, d) at which a solution is compared, their weights (k,) and its values (k, channels) there."""
     form, points = solution.discretized, solution.discretized.points  # a form may make them anew each time
-    chosen = np.linspace(0, len(points) - 1, min(MOST_COMPARED, len(points))).astype(np.int64)
+    count = min(max(COMPARED_PER_UNKNOWN * form.size, LEAST_COMPARED), MOST_COMPARED, len(points))
+    chosen = np.linspace(0, len(points) - 1, count).astype(np.int64)
     weights = form.point_weights
     weights = np.ones(len(chosen)) if weights is None else weights[chosen]
     points = points[chosen]
-    return points, weights / weights.sum(), solution.evaluate(points).reshape(len(points), -1)
+    values = form.at_points(solution.values)[chosen] if form.one_reading else solution.evaluate(points)
+    return points, weights / weights.sum(), values.reshape(len(points), -1)
 
 
 def difference(fine: Solution, coarse: Solution) -> Difference:

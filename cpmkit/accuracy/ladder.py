@@ -10,12 +10,10 @@ import math
 
 import numpy as np
 
-from cpmkit.accuracy.limits import check_memory, expected_seconds, finest_spacing, first_spacing
+from cpmkit.accuracy.limits import check_memory, expected_seconds, finest_spacing, first_spacing, unknowns_at
 from cpmkit.accuracy.trade import Purpose, Status
 from cpmkit.accuracy.way import ANSWERS, Run, Way
 
-#: Spacing of the first pilot over that of the second: one in between would tell more, for half of the second's cost.
-PILOTS_RATIO = 2.0
 #: The spacing is taken for this share of the tolerance, and a solution whose estimate is below that is accepted: where
 #: layers are not yet resolved estimates are down to half of the error.
 AIMED_SHARE, ACCEPTED_SHARE = 0.6, 0.8
@@ -23,14 +21,17 @@ AIMED_SHARE, ACCEPTED_SHARE = 0.6, 0.8
 FIRST_SHARE = 0.35
 #: Orders at which errors are taken to fall, at least, at most, and at most where something says that it is slow.
 LEAST_ORDER, MOST_ORDER, MOST_SLOW_ORDER = 0.8, 3.0, 1.3
-#: Spacings go down by at least so much at a time, nearer differences tell little, and at most so much, so that each
-#: error is known; a goal that is not much farther than that is tried at once.
-LEAST_FACTOR, WITHOUT_COMPANION, WORTH_COMPANION = 1.4, 2.1, 2.8
-#: A limit nearer than this is as good as reached.
+#: Spacings go down by at least so much at a time, for less tells little and costs nearly as much again, and at most so
+#: much, so that each error is known: no whole number, by which lattices would have nodes in common. A goal that is not
+#: much farther than that is tried at once.
+LEAST_FACTOR, MOST_FACTOR, WORTH_COMPANION = 1.7, 2.1, 2.3
+#: Up to so many unknowns a solve costs next to nothing, and spacings go down by the most.
+QUICK_UNKNOWNS = 8_000
+#: A limit nearer than this is as good as reached where no tolerance is asked for.
 NO_FINER = 1.2
 #: A time is kept to within this factor.
 LATE = 1.5
-#: Spacings nearer to each other than this tell no order.
+#: Spacings nearer to each other than this tell neither an order nor an error.
 TELLING_RATIO = 1.35
 #: Finer answers than the first, at most.
 MOST_CORRECTIONS = 2
@@ -45,12 +46,13 @@ def walk(way: Way) -> tuple[Status, float]:
     answers = 0
     while not _done(way, aim) and answers <= MOST_CORRECTIONS:
         here, limit = way.last.spacing, finest_spacing(way)
-        goal = max(_foretold(way, aim), limit)
+        goal, farthest = max(_foretold(way, aim), limit), max(here / MOST_FACTOR, limit)
+        quick = unknowns_at(way, farthest) <= QUICK_UNKNOWNS
         if here / goal > WORTH_COMPANION:
-            _run(way, "companion", max(2 * goal, here / WITHOUT_COMPANION))
+            _run(way, "companion", farthest if quick else max(math.sqrt(goal * here), farthest))
             continue
-        goal = max(goal, here / WITHOUT_COMPANION)
-        if here / goal < NO_FINER:
+        goal = farthest if quick and goal < here else max(goal, farthest)
+        if here / goal < (NO_FINER if tolerance is None else TELLING_RATIO):
             if not way.answers_differ or way.last.purpose in ANSWERS:
                 break
             goal = here
@@ -75,7 +77,7 @@ def _done(way: Way, aim: float) -> bool:
 def pilots(way: Way) -> None:
     """Solve at coarse spacings; see what the steps in time leave."""
     way.first(first_spacing(way.scene))
-    way.run("pilot", way.last.spacing / PILOTS_RATIO)
+    way.run("pilot", way.last.spacing / MOST_FACTOR)
     check_memory(way)
     if way.look_at_steps():
         for run in way.runs[-2:]:

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from cpmkit.accuracy.way import Run, Way
 from cpmkit.errors import ResolutionError
 from cpmkit.forecast.growth import Growth, line_through, rising_growth
 from cpmkit.forecast.needs import bytes_needed, solver_for
-from cpmkit.forms.galerkin.fitting import expected_unknowns
+from cpmkit.forms.galerkin.fitting import SAMPLES_PER_UNKNOWN, expected_unknowns
+from cpmkit.forms.galerkin.work import GalerkinWork
 from cpmkit.manifold.local_source import largest_dim, localize
 from cpmkit.runtime import memory
 from cpmkit.scene.scene import Scene
 
 #: Unknowns of the first pilot, about, by the manifold's dimension.
-FIRST_UNKNOWNS = {0: 50, 1: 50, 2: 300, 3: 800}
+FIRST_UNKNOWNS = {0: 50, 1: 50, 2: 250, 3: 800}
+#: Blocks of the manifold by which these are counted: few, for closest points may be dear.
+COUNTED_BLOCKS = 500
 #: A solve may take so many times longer than foretold.
 LONGER = 1.25
 #: Of the memory that there is, and of that asked for, this share is planned with.
@@ -27,7 +32,7 @@ def first_spacing(scene: Scene) -> float:
     """Return the spacing of the first pilot."""
     surface = localize(scene.surface, np.zeros(scene.surface.dim))
     m = surface.largest_dim
-    return float((expected_unknowns(surface, 1.0) / FIRST_UNKNOWNS[m]) ** (1 / max(m, 1)))
+    return float((expected_unknowns(surface, 1.0, counted=COUNTED_BLOCKS) / FIRST_UNKNOWNS[m]) ** (1 / max(m, 1)))
 
 
 def finest_spacing(way: Way) -> float:
@@ -48,7 +53,18 @@ def predicted_bytes(way: Way, unknowns: float) -> float:
     """Return the memory at the peak of a solve of so many unknowns."""
     options = way.last.solution.discretized.lattice_options
     assert options is not None  # what a way solves is on a lattice
-    return bytes_needed(way.scene, options, solver_for(way.scene, options, way.solver, unknowns), unknowns)
+    solver = solver_for(way.scene, options, way.solver, unknowns)
+    return bytes_needed(way.scene, options, solver, unknowns, _samples(way, unknowns))
+
+
+def _samples(way: Way, unknowns: float) -> float | None:
+    """Return how many samples the Galerkin form will have: as many an unknown as usual, or those of a fine mesh."""
+    last = way.last.solution
+    if not isinstance(last.work, GalerkinWork):
+        return None
+    options: Any = last.discretized.lattice_options
+    usual = SAMPLES_PER_UNKNOWN[options.own.degree] * unknowns
+    return max(usual, float(last.work.samples))
 
 
 def check_memory(way: Way) -> None:

@@ -117,8 +117,8 @@ class Way:
 
     @property
     def answers_differ(self) -> bool:
-        """Whether an answer is another solve than a pilot at its spacing: of fewer modes, or on a lattice as given."""
-        return isinstance(self.scene.problem, Eigen) or self.origin is not None
+        """Whether an answer is another solve than a pilot at its spacing: of fewer modes."""
+        return isinstance(self.scene.problem, Eigen)
 
     @property
     def elapsed(self) -> float:
@@ -135,7 +135,7 @@ class Way:
             scene,
             spacing,
             progress=lambda stage, share: self.progress(f"{what}: {stage}", share),
-            origin=self.origin if purpose in ANSWERS else self._elsewhere(spacing),
+            origin=self._origin(spacing),
         )
         made = Run(purpose, solution, time.perf_counter() - began, self._estimate(solution))
         self.runs.append(made)
@@ -189,8 +189,10 @@ class Way:
         companions = self.companions(solution)
         return from_companions(solution, companions, self.in_time) if companions else None
 
-    def _elsewhere(self, spacing: float) -> Any:
-        """Return where a node is: in no two runs at the same place of the lattice."""
+    def _origin(self, spacing: float) -> Any:
+        """Return where a node is: as given, but on the coarsest lattices, else in no two runs at the same place."""
+        if self.origin is not None and any(run.spacing > spacing for run in self.runs):
+            return self.origin  # what may be the answer; further ratios of spacings are no whole numbers
         return shifted_origin(self.scene, spacing, len(self.runs) + 1)
 
     def steps(self) -> tuple[Step, ...]:

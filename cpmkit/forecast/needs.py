@@ -23,9 +23,15 @@ def solver_for(scene: Scene, options: Options[Any], solver: str, unknowns: float
     return choose_solver(solver, count, m, scene.problem.factors_up_to(iterated), "multigrid" if iterated else "direct")
 
 
-def bytes_needed(scene: Scene, options: Options[Any], solver: str, unknowns: float) -> float:
-    """Return the bytes at the peak of a solve by ``solver``, as :func:`solver_for` names it."""
+def bytes_needed(
+    scene: Scene, options: Options[Any], solver: str, unknowns: float, samples: float | None = None
+) -> float:
+    """Return the bytes at the peak of a solve by ``solver``, as :func:`solver_for` names it.
+
+    With so many ``samples`` of the Galerkin form, if they are known.
+    """
     if isinstance(options.own, GalerkinOptions):
         factors = galerkin.factors_in(scene, solver)
-        return galerkin.peak_bytes(unknowns, largest_dim(scene.surface), factors, degree=options.own.degree)
+        m, degree = largest_dim(scene.surface), options.own.degree
+        return galerkin.peak_bytes(unknowns, m, factors, samples, degree, len(scene.boundaries))
     return unknowns * memory.bytes_per_unknown(scene.surface.dim, options.own.degree, solver)

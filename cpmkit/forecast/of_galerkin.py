@@ -45,12 +45,14 @@ def explained(scene: Scene, asked: Options[GalerkinOptions], solver: str, progre
     factors = factors_in(scene, chosen)
     if factors:  # what others need was checked before
         check_unknowns_fit(surface, counts["unknowns"], asked.spacing, chosen, factors, asked.own.degree)
+    size, m = counts["unknowns"], surface.largest_dim
+    needed = peak_bytes(size, m, factors, counts["samples"], asked.own.degree, len(scene.boundaries))
     return Explanation(
         (*_parts(scene, form, counts, asked), solver_part(scene, chosen, solver)),
         _left_out(scene),
         round(counts["unknowns"]),
         round(counts["queries"]),
-        round(peak_bytes(counts["unknowns"], surface.largest_dim, factors, counts["samples"], asked.own.degree)),
+        round(needed),
         source_error(scene.surface, asked.spacing),
         chosen,
         exact,

@@ -113,6 +113,8 @@ class Discretized(ABC):
 
     #: The form's name, for reports.
     form: ClassVar[str]
+    #: Whether :meth:`at_points` and :meth:`evaluate` say the same at :attr:`points`.
+    one_reading: ClassVar[bool] = False
     #: What :meth:`work` returns.
     work_record: ClassVar[type] = PlainWork
     #: Distributions whose versions a summary names.

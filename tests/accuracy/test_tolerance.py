@@ -5,6 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from model_problems import sphere_points
+from plane_zones import POINTS, slit
 
 import cpmkit as ck
 from cpmkit.accuracy.trading import algebraic_tolerance
@@ -128,6 +129,45 @@ def test_the_origin_that_is_given_is_that_of_the_answer():
     solution = ck.solve(ON_CIRCLE, tolerance=1e-3, origin=[0.01, 0.02])
     np.testing.assert_array_equal(solution.discretization()["origin"], [0.01, 0.02])
     assert true_error(solution, "rms") < 1e-3
+
+
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-4])
+def test_an_origin_that_is_given_costs_no_further_solve(tolerance):
+    free, held = (ck.solve(ON_CIRCLE, tolerance=tolerance, **kind).trade for kind in ({}, {"origin": [0.01, 0.02]}))
+    assert len(held.steps) == len(free.steps)
+    assert all(coarse.spacing > 1.2 * fine.spacing for coarse, fine in pairwise(held.steps))
+
+
+def test_a_body_with_flat_sides_is_solved_to_the_tolerance():
+    """u = sum cos(pi x_i / a) on the cube |x_i| <= a: its twelve triangles are right as they are."""
+    half, turned = 0.6, np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
+    corners = np.stack(np.meshgrid(*[[-half, half]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    sides = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
+    triangles = np.concatenate([sides[:, [0, 1, 2]], sides[:, [0, 2, 3]]])
+    cube = ck.source("mesh.triangles", vertices=corners @ turned.T, faces=triangles, closest="faceted")
+
+    def f(x):
+        flat = np.cos(np.pi * (x @ turned) / half)
+        own = flat[np.arange(len(x)), np.abs(x @ turned).argmax(axis=1)]
+        return (1 + (np.pi / half) ** 2) * (flat.sum(axis=1) - own) + own
+
+    solution = ck.solve(ck.Scene(cube, ck.ScreenedPoisson(f)), tolerance=5e-3)
+    at = np.random.default_rng(0).uniform(-half, half, (900, 3))
+    at[:300, 0] = at[300:600, 1] = at[600:, 2] = half
+    u = np.cos(np.pi * at / half).sum(axis=1)
+    assert solution.trade.status == "reached"
+    assert np.sqrt(np.mean((solution.evaluate(at @ turned.T) - u) ** 2)) / 6 < 5e-3
+
+
+def test_ends_inside_a_surface_are_refined_to_a_tolerance():
+    scene, value = slit("value")
+    solutions = [ck.solve(scene, tolerance=2e-3, refine=refine) for refine in ("auto", "off")]
+    for solution in solutions:
+        off = (solution.evaluate(POINTS) - value(POINTS)) / np.ptp(value(POINTS))
+        assert solution.trade.status == "reached"
+        assert np.sqrt(np.mean(off**2)) < 2e-3
+    refined, plain = (solution.discretized.size for solution in solutions)
+    assert refined < plain / 2
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import numpy as np
 
 from cpmkit.errors import ResolutionError
 from cpmkit.grid.band import check_numbered
-from cpmkit.grid.fitting import SPARE_MEMORY_SHARE, other_solver_hint, rounded_up, unknowns_at_one
+from cpmkit.grid.fitting import COUNTED_BLOCKS, SPARE_MEMORY_SHARE, other_solver_hint, rounded_up, unknowns_at_one
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.runtime import memory
 from cpmkit.scene.scene import Scene
@@ -29,6 +29,15 @@ BYTES_BESIDE_FACTORS = {1: 2500.0, 2: 1800.0}
 #: 2390 from 490 thousand on, where the finest matrix has no rounded copy), and how many an unknown has where they are
 #: not counted.
 BYTES_PER_SAMPLE, SAMPLES_PER_UNKNOWN = {1: 0.0, 2: 32.0}, {1: 30.0, 2: 20.0, 3: 40.0}
+#: Of what a surface needs beside factors so much again is freed memory that the C library keeps, up to so many bytes,
+#: for it is handed back from 512 MiB on (measured with 2 to 140 thousand unknowns: .25 to .5 of it, 180 MB; hardly any
+#: with a million).
+KEPT_SHARE, MOST_KEPT_BYTES = 0.35, 180e6
+#: Bytes of any solve, and of each boundary that is laid into a surface's mesh.
+LEAST_BYTES, BYTES_PER_BOUNDARY = 1e6, {1: 0.0, 2: 5e6}
+#: Bytes of each sample that a mesh of small triangles has beside those of a sparse one: they are made before others
+#: are let go.
+BYTES_PER_FURTHER_SAMPLE = {1: 0.0, 2: 150.0}
 #: Entries of the factors for each unknown of a surface, over the cube root of the unknowns' number (measured), and how
 #: many times as many there are of other degrees.
 FILL_FACTOR, FILL_OF_DEGREE = 45.0, {1: 0.4, 2: 1.0, 3: 2.1}
@@ -95,26 +104,39 @@ def check_unknowns_fit(
         )
 
 
-def expected_unknowns(surface: LocalSource, spacing: float, degree: int = 2) -> float:
+def expected_unknowns(surface: LocalSource, spacing: float, degree: int = 2, counted: int = COUNTED_BLOCKS) -> float:
     """Return about how many unknowns there are at a spacing: as many as a closest point band of this degree has.
 
-    Counted by blocks. Of degree 2 they are 1.00 of them on a sphere, .98 on a circle, .94 on Dziuk's surface, .88 on
-    Spot and .66 on a knot in space (measured).
+    Counted by ``counted`` blocks or more. Of degree 2 they are 1.00 of them on a sphere, .98 on a circle, .94 on
+    Dziuk's surface, .88 on Spot and .66 on a knot in space (measured).
     """
-    return unknowns_at_one(surface, degree) / spacing**surface.largest_dim
+    return unknowns_at_one(surface, degree, counted) / spacing**surface.largest_dim
 
 
 def peak_bytes(
-    unknowns: float, manifold_dim: int, factors: Factors = "", samples: float | None = None, degree: int = 2
+    unknowns: float,
+    manifold_dim: int,
+    factors: Factors = "",
+    samples: float | None = None,
+    degree: int = 2,
+    boundaries: int = 0,
 ) -> float:
     """Return about how many bytes a solve of so many unknowns needs at its peak, with ``samples`` if they are known."""
-    m = manifold_dim
-    sampled = BYTES_PER_SAMPLE[m] * (SAMPLES_PER_UNKNOWN[degree] * unknowns if samples is None else samples)
+    m, usual = manifold_dim, SAMPLES_PER_UNKNOWN[degree] * unknowns
+    count = usual if samples is None else samples
+    used = _tables_bytes(unknowns, m, factors, degree) + BYTES_PER_SAMPLE[m] * count
+    used += min(KEPT_SHARE * used, MOST_KEPT_BYTES) if m > 1 and factors != "all" else 0.0
+    used += BYTES_PER_FURTHER_SAMPLE[m] * max(count - usual, 0.0)
+    return LEAST_BYTES + used + boundaries * BYTES_PER_BOUNDARY[m]
+
+
+def _tables_bytes(unknowns: float, m: int, factors: Factors, degree: int) -> float:
+    """Return the bytes of matrices, factors and tables."""
     if factors != "all":
-        return unknowns * (BYTES_FACTOR[degree] * BYTES_PER_UNKNOWN[m] + (BLOCK_BYTES[m] if factors else 0.0)) + sampled
+        return unknowns * (BYTES_FACTOR[degree] * BYTES_PER_UNKNOWN[m] + (BLOCK_BYTES[m] if factors else 0.0))
     # the factors of a curve's matrix are a share of what is beside them
     fill = ENTRY_BYTES * FILL_FACTOR * FILL_OF_DEGREE[degree] * unknowns ** (1 / 3) if m > 1 else 0.0
-    return unknowns * (BYTES_FACTOR[degree] * BYTES_BESIDE_FACTORS[m] + fill) + sampled
+    return unknowns * (BYTES_FACTOR[degree] * BYTES_BESIDE_FACTORS[m] + fill)
 
 
 def fitting_spacing(surface: LocalSource, available: int, factors: Factors = "", degree: int = 2) -> float:

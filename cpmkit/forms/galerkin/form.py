@@ -71,6 +71,7 @@ class Galerkin(Equations):
     """
 
     form: ClassVar[str] = "galerkin"
+    one_reading: ClassVar[bool] = True
     cannot: ClassVar[Mapping[str, str]] = {
         "explicit steps": "use scheme 'newmark' or 'implicit', or the form 'collocation'",
     }

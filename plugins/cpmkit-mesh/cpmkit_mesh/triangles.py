@@ -27,7 +27,7 @@ from cpmkit_mesh.smooth import SmoothPart, follow_normals, smooth_part
 from cpmkit_mesh.soundness import closest_point_warnings, mesh_warnings
 from cpmkit_mesh.topology import FIRST_BOUNDARY, Topology
 from cpmkit_mesh.tree import Nearest, Tree, build_tree
-from cpmkit_mesh.turning import integral_floor, mesh_floor, turning_angle
+from cpmkit_mesh.turning import integral_floor, is_meant_flat, mesh_floor, turning_angle
 
 #: A foot with a barycentric coordinate below this lies on the edge opposite that corner.
 ON_EDGE_COORDINATE = 1e-12
@@ -146,7 +146,8 @@ class TriangleMesh:
 
     def advice(self, spacing: float, /) -> Advice:
         """Return what was changed in the mesh, or may spoil a solution on it, and the error that it leaves in any."""
-        angle = turning_angle(self.vertices, self.faces, self.normals_at_corners)
+        flat = not self.smooth and is_meant_flat(self.folds, self.crease_angle)
+        angle = 0.0 if flat else turning_angle(self.vertices, self.faces, self.normals_at_corners)
         floors = mesh_floor(angle, self.smooth), integral_floor(angle, self.smooth)
         return Advice(floors[0], mesh_warnings(self), floors[1], closest_point_warnings(self, spacing))
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from cpmkit.plugin import Floats, Ints
 from cpmkit_mesh.directions import doubled_areas
+from cpmkit_mesh.folds import Folds
 
 #: Largest error of a solution as a share of its range, over the turning angle's square (smooth) and over itself
 #: (faceted). u = z on spheres of 66 to 4,098 vertices at spacings 0.1 to 0.03: 0.07 to 0.08; 0.06 to 0.22.
@@ -13,6 +14,17 @@ SMOOTH_ERROR_PER_RADIAN_SQUARED, FACETED_ERROR_PER_RADIAN = 0.075, 0.13
 #: The same by the form ``galerkin``, over the angle's square, on these and on meshes of 500 and 2,000 random vertices:
 #: faceted 0.059 to 0.067; smooth, on the spheres, 0.00012 to 0.0004 at spacings 0.05 and 0.03.
 SMOOTH_INTEGRAL_ERROR, FACETED_INTEGRAL_ERROR = 0.00025, 0.064
+#: Radians up to which triangles that meet at an edge lie in one plane: files keep a few digits alone.
+FLAT_ANGLE = 1e-3
+
+
+def is_meant_flat(folds: Folds, crease_angle: float) -> bool:
+    """Return whether a mesh is a body with flat sides: flat or, by more than ``crease_angle`` degrees, sharp at edges.
+
+    Its triangles then stand for no smooth surface, and are right as they are. A few triangles all of which meet in
+    sharp edges, as those of an icosahedron, may stand for a ball, and are not told apart from the body that they are.
+    """
+    return bool(np.all((folds.angle < FLAT_ANGLE) | (folds.angle > np.deg2rad(crease_angle))))
 
 
 def turning_angle(vertices: Floats, faces: Ints, normals_at_corners: Floats) -> float:

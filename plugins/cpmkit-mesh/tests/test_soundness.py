@@ -137,6 +137,21 @@ def test_the_floor_falls_with_the_edges_and_does_not_depend_on_units_or_spacing(
     assert triangles(vertices=flat[0], faces=flat[1]).advice(0.1).floor == pytest.approx(0, abs=1e-12)
 
 
+@pytest.mark.parametrize("crease_angle", [40.0, 100.0])
+def test_a_body_with_flat_sides_has_no_floor_unless_it_stands_for_a_smooth_one(sphere, crease_angle):
+    """Sheets that meet at 90 degrees are what they are; where that is no crease, at 20 degrees, or smoothed, not."""
+    sharp, blunt = ridge(90, 0.25), ridge(20, 0.25)
+    floors = lambda mesh, closest: [  # noqa: E731
+        getattr(
+            triangles(vertices=mesh[0], faces=mesh[1], closest=closest, crease_angle=crease_angle).advice(0.1), name
+        )
+        for name in ("floor", "integral_floor")
+    ]
+    assert (floors(sharp, "faceted") == [0.0, 0.0]) == (crease_angle < 90)
+    for mesh, closest in ((blunt, "faceted"), (sharp, "smooth"), (sphere(3), "faceted")):
+        assert min(floors(mesh, closest)) > 0
+
+
 def test_every_mesh_says_so(sphere):
     for mesh in (sphere(1), tee()):
         source = triangles(vertices=mesh[0], faces=mesh[1])
