@@ -8,8 +8,10 @@ from typing import Any
 #: Public names and the modules that hold them, imported on first use.
 _PUBLIC = {
     "Distance": "geodesics",
+    "SignedDistance": "signed_distances",
     "TangentField": "vector_fields",
     "geodesic_distance": "geodesics",
+    "signed_distance": "signed_distances",
     "vector_field": "vector_fields",
 }
 

@@ -21,7 +21,9 @@ import numpy as np
 
 import cpmkit as ck
 from cpmkit.applications.descent import descend
+from cpmkit.applications.heat import away_from, heat_solver, prepared_manifold
 from cpmkit.applications.origins import Origins, origins_of
+from cpmkit.applications.transport import HELD_SPACINGS, carried
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.plugin import unit
 from cpmkit.preparing import Prepared
@@ -30,16 +32,6 @@ from cpmkit.runtime.arrays import as_points, whole
 from cpmkit.solution.solution import Solution
 
 METHODS = ("transport", "heat")
-#: Unknowns up to which the heat step is solved directly: v then has digits as far as it falls.
-MOST_FACTORISED = 60_000
-#: Time of the heat step over the spacing's square, and by how much it grows until heat arrives everywhere.
-HEAT_TIME, LONGER = 0.5, 4.0
-#: Below this share of its largest value, v of an iterative solver is noise.
-ITERATED_SHARE = 1e-9
-#: Diffusion of the transport over the spacing: a cell number just below one.
-DIFFUSION_SPACINGS = 1.05
-#: Within so many spacings of an origin the straight distance is held, so strongly over the spacing.
-HELD_SPACINGS, HELD_STRENGTH = 3.0, 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +137,7 @@ def geodesic_distance(
     if method not in METHODS:
         raise InputError(f"method must be {' or '.join(METHODS)}, got {shown(method)}.")
     rounds = whole(rounds, "rounds", 1, 100) if method == "transport" else 0
-    prepared = _prepared(surface, spacing, options)
+    prepared = prepared_manifold(surface, spacing, options)
     given = origins_of(origins, prepared.scene.surface)
     straight, _, number = given.closest(prepared.points)
     near = _Near(straight, number)
@@ -163,57 +155,11 @@ class _Near(NamedTuple):
     number: Ints
 
 
-def _prepared(surface: Any, spacing: float | None, options: dict[str, Any]) -> Prepared:
-    """Return the manifold prepared, with barriers for boundaries."""
-    if isinstance(surface, Prepared):
-        if spacing is not None or options:
-            raise InputError("spacing and options are those of the prepared scene; leave them out.")
-        _check_barriers(surface.scene)
-        return surface
-    scene = surface if isinstance(surface, ck.Scene) else ck.Scene(surface, ck.Poisson(0.0))
-    _check_barriers(scene)
-    options = {"form": "galerkin", **options}
-    made: Prepared = ck.prepare(
-        ck.Scene(scene.surface, ck.Poisson(0.0), scene.boundaries, scene.edge), spacing, **options
-    )
-    return made
-
-
-def _check_barriers(scene: ck.Scene) -> None:
-    for one in scene.conditions:
-        if one.kind != "neumann":
-            raise InputError(
-                f"boundaries of a scene are barriers, with the condition Neumann(0), got {one.kind!r}; curves that "
-                "distances are measured from are origins."
-            )
-
-
 def _by_heat(prepared: Prepared, origins: Origins, near: _Near) -> tuple[ck.Field, Solution]:
     """Return X (p, d) away from the origins, and the distance that the heat method makes of it."""
-    h = prepared.discretized.spacing
-    direct = prepared.discretized.size <= MOST_FACTORISED
-    heated = prepared.solved_by("direct") if direct else prepared
-    share, time = 0.0 if direct else ITERATED_SHARE, HEAT_TIME * h * h
-    longest = float(np.ptp(prepared.scene.surface.bounds, axis=0).max()) ** 2
-    while True:
-        source = origins.source(h, time**0.5)
-        heat = heated.solve(problem=ck.ScreenedPoisson(source, c=1 / time, lumped=True))
-        v = prepared.field(heat)
-        if v.values.min() > share * v.values.max() or time > longest:
-            break
-        time *= LONGER
-    _check_warmed(int(np.count_nonzero(v.values <= share * v.values.max())), prepared.scene.surface)
-    field = v.gradient().map(lambda _, slopes: -unit(slopes))
-    phi = heated.solve(problem=ck.Poisson(field.divergence(-1.0)))
+    field = away_from(prepared, origins)
+    phi = heat_solver(prepared).solve(problem=ck.Poisson(field.divergence(-1.0)))
     return field, _moved(phi, prepared.field(phi).values, near)
-
-
-def _check_warmed(cold: int, surface: ClosestPointSource) -> None:
-    if cold:
-        raise SceneError(
-            f"no heat arrives at {cold} points of the {type(surface).__name__}: a piece of it has no origin, or is too "
-            "far away for the spacing; give each piece an origin, or leave the piece out."
-        )
 
 
 def _moved(phi: Solution, own: Floats, near: _Near) -> Solution:
@@ -245,10 +191,7 @@ def _carried(prepared: Prepared, near: _Near, field: ck.Field, before: Solution)
     h = prepared.discretized.spacing
     # no nearer by the way along the manifold than straight: the other side of a thin part is not held
     beside = np.maximum(prepared.field(before).values, near.straight)
-    hold = np.where(beside < HELD_SPACINGS * h, HELD_STRENGTH / h, 0.0)
-    e = DIFFUSION_SPACINGS * h
-    f = ck.Divergence(field, -e, beside=prepared.field(1.0 + hold * near.straight))
-    return prepared.solve(problem=ck.Elliptic(f, diffusivity=e, velocity=field, c=prepared.field(hold)))
+    return carried(prepared, field, beside < HELD_SPACINGS * h, near.straight)
 
 
 def _with_tips(straight: Floats, found: Floats, spacing: float) -> Floats:

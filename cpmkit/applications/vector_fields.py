@@ -22,17 +22,15 @@ from typing import Any
 import numpy as np
 
 import cpmkit as ck
+from cpmkit.applications.coupling import tangential_coupling
 from cpmkit.applications.tangent_fields import Singularity, singularities
 from cpmkit.errors import InputError, shown
 from cpmkit.plugin import unit
-from cpmkit.preparing import Prepared
 from cpmkit.protocols import ClosestPointSource, Floats, HasMesh
 from cpmkit.runtime.arrays import as_points
 from cpmkit.solution.solution import Solution
 
 TRANSPORTS = ("parallel", "paper")
-#: s: with 1 the directions are 18 times less exact on a sphere, with 100 iterations are twice as many.
-TANGENTIAL_STRENGTH = 25.0
 #: Vectors whose tangential part is a smaller share of them stand on the surface.
 LEAST_TANGENTIAL_SHARE = 1e-6
 #: Directions along a curve, by name: along it, and across it.
@@ -133,33 +131,10 @@ def vector_field(
     boundaries = [one for number, pair in enumerate(directions) for one in _boundaries(number, pair, scene.surface)]
     whole = ck.Scene(scene.surface, ck.Laplace(), [*scene.boundaries, *boundaries], scene.edge)
     prepared = ck.prepare(whole, spacing, **{"form": "galerkin", **options})
-    coupling = _coupling(prepared, transport)
+    coupling = tangential_coupling(prepared, transport == "parallel")
     return TangentField(
         prepared.solve(problem=ck.Coupled(lambda points: coupling(points).reshape(-1, 3, 3))), transport
     )
-
-
-def _coupling(prepared: Prepared, transport: str) -> ck.Field:
-    """Return (s / h^2) n n', less S^2 where vectors are transported in parallel, as a field of nine channels."""
-    count = len(prepared.points)
-    axes = [prepared.field(np.broadcast_to(axis, (count, 3))).project().values for axis in np.eye(3)]
-    across = np.eye(3) - np.stack(axes, axis=2)  # n n'
-    found = TANGENTIAL_STRENGTH / prepared.discretized.spacing**2 * across
-    if transport == "parallel":
-        shape = _shape_operator(prepared, across)
-        found = found - np.einsum("pik,pjk->pij", shape, shape)
-    return prepared.field(np.ascontiguousarray(found.reshape(count, 9)))
-
-
-def _shape_operator(prepared: Prepared, across: Floats) -> Floats:
-    """Return S (p, 3, 3), of any sign, from n n' (p, 3, 3): with n . n = 1, grad(n n') n = grad n."""
-    column = np.einsum("pii->pi", across).argmax(axis=1)
-    normal = unit(across[np.arange(len(across)), :, column])
-    found = np.zeros_like(across)
-    for i in range(3):
-        for j in range(3):
-            found[:, i] += prepared.field(np.ascontiguousarray(across[:, i, j])).gradient().values * normal[:, j, None]
-    return found
 
 
 def _boundaries(number: int, pair: Any, surface: ClosestPointSource) -> list[ck.Boundary]:

@@ -35,6 +35,8 @@ class Coupled(Equation):
         Right-hand side, of k channels or one value for all.
     diffusivity, c : number or callable
         As for :class:`cpmkit.Elliptic`.
+    lumped : bool
+        Whether c u is integrated by a diagonal matrix, as for :class:`cpmkit.ScreenedPoisson`; C u is not.
 
     Raises
     ------
@@ -56,6 +58,7 @@ class Coupled(Equation):
     f: Data = 0.0
     diffusivity: Data = 1.0
     c: Data = 0.0
+    lumped: bool = False
     kind: ClassVar[str] = "coupled"
     family: ClassVar[str] = "coupled"
     #: Blocks of channels make one system.
@@ -72,7 +75,7 @@ class Coupled(Equation):
 
     def terms(self) -> Terms:
         """Return the terms of the left side, without the coupling."""
-        return Terms(self.f, self.c, self.diffusivity)
+        return Terms(self.f, self.c, self.diffusivity, lumped=self.lumped)
 
 
 @dataclass(frozen=True, eq=False)

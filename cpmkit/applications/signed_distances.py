@@ -1,0 +1,203 @@
+"""Signed distance to closed, open and broken curves of a surface, by heat of vectors and by transport.
+
+The signed heat method (Feng and Crane 2024): the conormals of the curves, as vectors, flow as heat with the Laplacian
+of the connection for a short time; X, what arrives, made unit, is the gradient of the distance phi, Lap phi = div X,
+which is moved so that its mean on the curves is zero. It tells a side, and closes gaps, where curves are broken.
+
+Where all curves are closed, X is -grad v / |grad v| of the scalar heat v, the same but for its sign, which the vectors
+give: on coarse lattices it is more exact. Rounds of transport then carry the distance away from the curves as they do
+without a sign.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+import cpmkit as ck
+from cpmkit.applications.coupling import tangential_coupling
+from cpmkit.applications.geodesics import METHODS
+from cpmkit.applications.heat import (
+    HEAT_TIME,
+    ITERATED_SHARE,
+    LONGER,
+    away_from,
+    check_warmed,
+    heat_solver,
+    longest_time,
+    prepared_manifold,
+)
+from cpmkit.applications.origins import Origins, origins_of
+from cpmkit.applications.transport import HELD_SPACINGS, carried
+from cpmkit.errors import InputError, shown
+from cpmkit.plugin import dots, unit
+from cpmkit.preparing import Prepared
+from cpmkit.protocols import ClosestPointSource, Floats
+from cpmkit.runtime.arrays import as_points, whole
+from cpmkit.solution.boundary_points import BoundaryPoints
+from cpmkit.solution.solution import Solution
+
+#: Relative residual of the vectors' heat, well below the share of the largest vector at which they are noise.
+HEAT_RESIDUAL = 1e-12
+#: Across a curve is what is no more than this share along it: else the nearest point is an end.
+ALONG_SHARE = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class SignedDistance:
+    """The signed distance to curves: read, saved and drawn as a solution.
+
+    Attributes
+    ----------
+    solution : Solution
+        The distance on splines of the lattice.
+    curves : Origins
+        Where it is measured from.
+    rounds : int
+        Of transport that were made.
+    """
+
+    solution: Solution
+    curves: Origins
+    rounds: int
+
+    def evaluate(self, points: Any) -> Floats:
+        """Return the distance (n,) at the points of the surface nearest to ``points`` (n, 3), positive to the left."""
+        return self.solution.evaluate(as_points(points, self.solution.scene.surface.dim))
+
+    def gradient(self, points: Any) -> Floats:
+        """Return the tangential gradient (n, 3), of length one but at ridges and about gaps."""
+        return self.solution.gradient(points)
+
+    def save(self, path: Any) -> None:
+        """Write it as :meth:`cpmkit.Solution.save` does."""
+        self.solution.save(path)
+
+    def picture(self, path: Any, **options: Any) -> Any:
+        """Draw it as :meth:`cpmkit.Solution.picture` does."""
+        return self.solution.picture(path, **options)
+
+
+def signed_distance(
+    surface: ClosestPointSource | ck.Scene | Prepared,
+    curves: ClosestPointSource | Sequence[ClosestPointSource],
+    *,
+    spacing: float | None = None,
+    method: str = "transport",
+    rounds: int = 2,
+    **options: Any,
+) -> SignedDistance:
+    """Return the signed distance to curves on a surface, positive to the left of their direction of travel.
+
+    Curves need not be closed nor hang together: the distance is zero on them and on a smooth continuation that joins
+    them, and changes its sign there.
+
+    Parameters
+    ----------
+    surface : ClosestPointSource, Scene or Prepared
+        A surface in space; a scene, whose boundaries are barriers that nothing passes; or a scene that was prepared.
+    curves : ClosestPointSource or sequence of these
+        That have a direction, each in the surface; together they should part a left from a right.
+    spacing : float
+        Of the lattice, in the scene's unit; not of a prepared scene.
+    method : {"transport", "heat"}
+        ``heat`` is the signed heat method; ``transport`` improves it by rounds, as in :func:`geodesic_distance`.
+    rounds : int
+        Of transport.
+    **options
+        Of :func:`cpmkit.prepare`.
+
+    Returns
+    -------
+    SignedDistance
+
+    Raises
+    ------
+    InputError, SceneError
+        If an argument is not what is accepted, or a piece of the surface has no curve.
+
+    Examples
+    --------
+    >>> import cpmkit as ck
+    >>> from cpmkit.applications import signed_distance
+    >>> equator = ck.source("analytic.circle", normal=[0, 0, 1])
+    >>> distance = signed_distance(ck.source("analytic.sphere"), equator, spacing=0.3, method="heat")
+    >>> distance.evaluate([[0.6, 0, 0.8], [0.6, 0, -0.8]]).round(2)
+    array([ 0.93, -0.93])
+    """
+    if method not in METHODS:
+        raise InputError(f"method must be {' or '.join(METHODS)}, got {shown(method)}.")
+    rounds = whole(rounds, "rounds", 1, 100) if method == "transport" else 0
+    prepared = prepared_manifold(surface, spacing, options)
+    manifold = prepared.scene.surface
+    if manifold.dim != 3 or manifold.manifold_dim != 2:
+        raise InputError("signed distances are measured on surfaces in space.")
+    given = origins_of(curves, manifold)
+    if len(given.points):
+        raise InputError("signed distances are those to curves, which have two sides; points have none.")
+    along = [ck.boundary_points(one, manifold, prepared.discretized.spacing) for one in given.curves]
+    field = _upwards(prepared, given, along)
+    phi = heat_solver(prepared).solve(problem=ck.Poisson(field.divergence(-1.0)))
+    on = phi.evaluate(np.concatenate([one.points for one in along]))
+    offset = np.average(on, weights=np.concatenate([one.weights for one in along]))
+    phi = replace(phi, values=phi.values - offset)
+    straight, across = _beside(given, prepared.points)
+    for _ in range(rounds):
+        phi = _carried(prepared, straight, across, field, phi)
+        field = prepared.field(phi).gradient().map(lambda _, slopes: unit(slopes))
+    return SignedDistance(phi, given, rounds)
+
+
+def _upwards(prepared: Prepared, curves: Origins, along: Sequence[BoundaryPoints]) -> ck.Field:
+    """Return X (p, 3), the unit directions in which the distance grows."""
+    vectors = _heat_of_conormals(prepared, along)
+    if not all(all(one.closed) for one in along):
+        return prepared.field(vectors)
+    return away_from(prepared, curves).map(lambda _, one: np.sign(dots(vectors, one))[:, None] * one)
+
+
+def _heat_of_conormals(prepared: Prepared, along: Sequence[BoundaryPoints]) -> Floats:
+    """Return the unit vectors (p, 3) that the curves' conormals become after the shortest time in which any arrive."""
+    h = prepared.discretized.spacing
+    strength = np.concatenate([one.weights[:, None] / h * one.conormals for one in along])
+    source = ck.PointSource(np.concatenate([one.points for one in along]), strength)
+    coupling = tangential_coupling(prepared, parallel=True)
+    heated = prepared.solved_by("jacobi", solver_tolerance=HEAT_RESIDUAL)
+    found = np.zeros_like(prepared.points)
+    cold, time = np.ones(len(found), dtype=bool), HEAT_TIME * h * h
+    while cold.any() and time < LONGER * longest_time(prepared):
+        problem = ck.Coupled(lambda x: coupling(x).reshape(-1, 3, 3), f=source, c=1 / time, lumped=True)
+        arrived = prepared.field(heated.solve(problem=problem)).project().values
+        size = np.linalg.norm(arrived, axis=1)
+        warm = cold & (size > ITERATED_SHARE * size.max())
+        found[warm] = unit(arrived[warm])
+        cold, time = cold & ~warm, LONGER * time
+    check_warmed(cold, prepared.scene.surface)
+    return found
+
+
+def _beside(curves: Origins, points: Floats) -> tuple[Floats, Floats]:
+    """Return the straight distance (p,) to the nearest curve, and the same with its sign, NaN beside and past ends."""
+    straight, places, number = curves.closest(points)
+    signed = np.full(len(points), np.nan)
+    for k, curve in enumerate(curves.curves):
+        mine = np.flatnonzero(number == k)
+        tangents, conormals = ck.directions_along(curve, curves.surface)(places[mine])
+        way = points[mine] - places[mine]
+        across = np.abs(dots(way, tangents)) <= ALONG_SHARE * straight[mine]
+        signed[mine[across]] = (np.sign(dots(way, conormals)) * straight[mine])[across]
+    return straight, signed
+
+
+def _carried(prepared: Prepared, straight: Floats, signed: Floats, field: ck.Field, before: Solution) -> Solution:
+    """Return the distance carried along ``field``: beside curves the straight one is held, in gaps that ``before``."""
+    own = prepared.field(before).values
+    reach = HELD_SPACINGS * prepared.discretized.spacing
+    across = np.isfinite(signed)
+    beside = across & (np.maximum(np.abs(own), straight) < reach)
+    gap = ~across & (np.abs(own) < reach)
+    target = np.where(beside, signed, own)
+    return carried(prepared, field, beside | gap, target, np.sign(target))
