@@ -8,8 +8,10 @@ from typing import Any
 #: Public names and the modules that hold them, imported on first use.
 _PUBLIC = {
     "Distance": "geodesics",
+    "SurfaceMap": "harmonic_maps",
     "TangentField": "vector_fields",
     "geodesic_distance": "geodesics",
+    "harmonic_map": "harmonic_maps",
     "vector_field": "vector_fields",
 }
 
