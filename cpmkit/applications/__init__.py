@@ -9,8 +9,10 @@ from typing import Any
 _PUBLIC = {
     "Distance": "geodesics",
     "SignedDistance": "signed_distances",
+    "SurfaceMap": "harmonic_maps",
     "TangentField": "vector_fields",
     "geodesic_distance": "geodesics",
+    "harmonic_map": "harmonic_maps",
     "signed_distance": "signed_distances",
     "vector_field": "vector_fields",
 }

@@ -23,6 +23,7 @@ import numpy as np
 
 import cpmkit as ck
 from cpmkit.applications.coupling import tangential_coupling
+from cpmkit.applications.held import hold_along, hold_at
 from cpmkit.applications.tangent_fields import Singularity, singularities
 from cpmkit.errors import InputError, shown
 from cpmkit.plugin import unit
@@ -149,16 +150,13 @@ def _boundaries(number: int, pair: Any, surface: ClosestPointSource) -> list[ck.
             if set(sides) != {"left", "right"}:
                 raise InputError(f"directions of two sides are given as left and right, got {', '.join(sides)}.")
             return [ck.Boundary(name, where, **{side: ck.Dirichlet(one) for side, one in sides.items()})]
-        return [ck.Boundary(name, where, both=ck.Dirichlet(_along(where, surface, which)))]
+        return [hold_along(name, where, _along(where, surface, which))]
     points = surface.closest_point(np.atleast_2d(np.asarray(where, dtype=np.float64))).points
     given = np.broadcast_to(np.asarray(which, dtype=np.float64), points.shape)
     vectors = _tangential(surface, points, given)
     if not (np.linalg.norm(vectors, axis=1) > LEAST_TANGENTIAL_SHARE * np.linalg.norm(given, axis=1)).all():
         raise InputError("a direction at a point must not be zero or stand on the surface.")
-    return [
-        ck.Boundary(f"direction {number}.{k}", ck.source("analytic.point", at=at), both=ck.Dirichlet(one.tolist()))
-        for k, (at, one) in enumerate(zip(points, unit(vectors), strict=True))
-    ]
+    return hold_at(f"direction {number}", points, unit(vectors))
 
 
 def _along(curve: ClosestPointSource, surface: ClosestPointSource, which: Any) -> Callable[[Floats], Floats]:

@@ -71,6 +71,11 @@ class Field:
         """(p, channels) the values, one channel a column."""
         return self.values if self.values.ndim == 2 else self.values[:, None]
 
+    @property
+    def channels(self) -> int:
+        """How many."""
+        return int(self.columns.shape[1])
+
     def __call__(self, points: Floats) -> Floats:
         """Return the values (k,) or (k, channels) at points (k, d) of the manifold."""
         own = self.points
@@ -98,8 +103,8 @@ class Field:
         InputError
             If it has several channels.
         """
-        if self.columns.shape[1] != 1:
-            raise InputError(f"the gradient is that of one channel, got {self.columns.shape[1]}; take them one by one.")
+        if self.channels != 1:
+            raise InputError(f"the gradient is that of one channel, got {self.channels}; take them one by one.")
         return Field(self.form, self.form.slopes_at_points(self._unknowns)[:, 0])
 
     def divergence(self, scale: float = 1.0) -> Divergence:
@@ -133,6 +138,23 @@ class Field:
         weights = self.form.point_weights
         found = np.average(self.values, axis=0, weights=weights)
         return float(found) if found.ndim == 0 else found
+
+    def energy(self) -> float:
+        """Return the integral of |grad u|^2 / 2 over the manifold, of all channels together.
+
+        Raises
+        ------
+        InputError
+            In a form whose points have no weights, as ``collocation``.
+        """
+        weights = self.form.point_weights
+        if weights is None:
+            raise InputError(
+                f"the energy is summed over points with weights, which the form {self.form.form!r} has not; use the "
+                "form 'galerkin'."
+            )
+        slopes = self.form.slopes_at_points(self._unknowns)
+        return 0.5 * float(np.einsum("p,pcd,pcd->", weights, slopes, slopes))
 
     def __repr__(self) -> str:
         count, channels = self.columns.shape

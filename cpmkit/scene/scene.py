@@ -102,8 +102,9 @@ class Scene:
         return most
 
     def _channels_of(self, what: str, data: Data, place: int) -> int:
-        if isinstance(data, Functional):
-            return data.channels
+        known = getattr(data, "channels", None)
+        if isinstance(known, int) and (isinstance(data, Functional) or callable(data)):
+            return known  # a field elsewhere than at its own points costs a linear system
         return int(evaluate_data(data, self._place(place), None, what, self.problem.start_time).shape[1])
 
     @cached_property

@@ -1,0 +1,290 @@
+"""Harmonic maps from one curve or surface to another: the rest of u_t = P Lap u, P the projection on the target.
+
+After King et al. (2024), section 6.4, on the flow of Memoli, Sapiro and Osher (2004): coordinates of the map spread as
+heat, and are put back to the target's closest points after each step. What a step takes off the target, the normal
+part n of Lap u, is known from the step before, and added to the next one,
+
+    (u* - u) / step = Lap u* + n,    u_next = cp(u*),    n_next = normal part of n + (u_next - u*) / step,
+
+as the pressure of a fluid is. Without it what comes to rest is off by an amount in proportion to the step. Steps longer
+than about a third of the square of half the manifold's size make it swing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+import cpmkit as ck
+from cpmkit.applications.degree import degree_of_map
+from cpmkit.applications.explicit_flow import explicit_flow
+from cpmkit.applications.held import hold_along, hold_at
+from cpmkit.applications.painted import painted
+from cpmkit.errors import InputError, shown
+from cpmkit.preparing import Prepared
+from cpmkit.protocols import ClosestPointSource, Floats
+from cpmkit.runtime.arrays import as_points, positive, whole
+from cpmkit.runtime.warn import warn_each
+from cpmkit.solution.solution import Solution
+
+METHODS = ("implicit", "explicit")
+#: The step over the square of half the manifold's size: .1 on a sphere of radius one.
+STEP_SHARE = 0.1
+#: A step raises the energy where it grows by more than this share of itself: rounding and projections are below.
+RISING_SHARE = 1e-6
+#: So often a step that raises the energy is halved.
+MOST_HALVINGS = 10
+#: Between two closest points whose difference tells what is tangential, over the target's size.
+DIFFERENCE_SHARE = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceMap:
+    """A map from one manifold to another: read, saved and drawn as a solution whose channels are coordinates.
+
+    Attributes
+    ----------
+    solution : Solution
+        Coordinates of the image on splines of the lattice, on the target to the order of the method.
+    target : ClosestPointSource
+        Where it goes.
+    energy : (steps + 1,) float64
+        Integrals of |grad u|^2 / 2, of the initial map and after each step.
+    at_rest : bool
+        Whether the last step changed the energy by less than was asked for.
+    """
+
+    solution: Solution
+    target: ClosestPointSource
+    energy: Floats
+    at_rest: bool
+
+    def evaluate(self, points: Any, side: Any = None) -> Floats:
+        """Return the images (n, target's dimension), on the target, of the source's points nearest to ``points``."""
+        found = self.solution.evaluate(as_points(points, self.solution.scene.surface.dim), side)
+        return np.asarray(self.target.closest_point(found).points)
+
+    @cached_property
+    def degree(self) -> int:
+        """How often the target is covered, turned-over parts counted negative; of closed surfaces with meshes.
+
+        Raises
+        ------
+        InputError
+            If one is no such surface.
+        """
+        return degree_of_map(self.solution.scene.surface, self.target, self.evaluate, self.solution.spacing)
+
+    def pull_back(self, values: Any) -> Callable[[Any], Floats]:
+        """Return the function of the source's points (n, d) that has the target's ``values`` at their images.
+
+        Parameters
+        ----------
+        values : callable or (v,) or (v, channels) array
+            On the target: a function of points, or one row for each of its vertices, where it is a mesh or a cloud.
+        """
+        known = values if callable(values) else ck.VertexData(self.target, values)
+        return lambda points: np.asarray(known(self.evaluate(points)), dtype=np.float64)
+
+    def save(self, path: Any) -> None:
+        """Write it as :meth:`cpmkit.Solution.save` does."""
+        self.solution.save(path)
+
+    def picture(self, path: Any, texture: Any = None, **options: Any) -> Any:
+        """Draw the source with the target's colours, as :meth:`cpmkit.Solution.picture` draws.
+
+        Parameters
+        ----------
+        path : str or Path
+            Of a PNG file.
+        texture : callable or array, optional
+            Values of the target, as for :meth:`pull_back`; three are a colour. Without one, places in its box are.
+        **options
+            As of :func:`cpmkit.view.picture`.
+        """
+        seen = self._in_box if texture is None else texture
+        mesh = self.solution.display_mesh()
+        return painted(self.solution, self.pull_back(seen)(mesh.points)).picture(path, **options)
+
+    def _in_box(self, points: Floats) -> Floats:
+        low, high = self.target.bounds
+        share = (points - low) / np.where(high > low, high - low, 1.0)
+        return np.pad(share, ((0, 0), (0, 3 - share.shape[1])), constant_values=0.5)
+
+
+def harmonic_map(
+    surface: ClosestPointSource | ck.Scene,
+    target: ClosestPointSource,
+    *,
+    initial: Any = "nearest",
+    landmarks: Sequence[tuple[Any, Any]] = (),
+    spacing: float | None = None,
+    step: float | None = None,
+    most_steps: int = 200,
+    rest: float = 1e-5,
+    method: str = "implicit",
+    **options: Any,
+) -> SurfaceMap:
+    """Return the harmonic map that a given one relaxes to: the map of least stretch nearby.
+
+    Parameters
+    ----------
+    surface : ClosestPointSource or Scene
+        Where it comes from, a curve or surface; a scene, whose boundaries are barriers, or hold points of the target.
+    target : ClosestPointSource
+        Where it goes: a curve or surface of any kind.
+    initial : "nearest" or callable
+        The map to begin with: the target's closest points, or a function of points (n, d), as ``VertexData(surface,
+        vertices of the target)`` where two meshes share their triangles. It is put on the target.
+    landmarks : sequence of pairs
+        Where and whither: points (k, d) with points (k, target's dimension) of the target, or a curve with a function
+        of points on it. A point alone holds the map in its place and little around, the less the finer the spacing.
+    spacing : float
+        Of the lattice, in the scene's unit.
+    step : float
+        Of time, in the unit of length squared. A tenth of the square of half the manifold's size unless given.
+    most_steps : int
+        After which the run ends, with a warning, if the map has not come to rest.
+    rest : float
+        The run ends when a step lowers the energy by less than this share of it.
+    method : {"implicit", "explicit"}
+        ``explicit`` takes the paper's steps, in the form ``collocation``, of a tenth of the spacing's square unless
+        given; it is for comparison.
+    **options
+        Of :func:`cpmkit.prepare`.
+
+    Returns
+    -------
+    SurfaceMap
+
+    Raises
+    ------
+    InputError, SceneError
+        If an argument is not what is accepted.
+
+    Examples
+    --------
+    A sphere's map to an ellipsoid, from nearest points.
+
+    >>> import cpmkit as ck
+    >>> from cpmkit.applications import harmonic_map
+    >>> ellipsoid = ck.source("analytic.ellipsoid", radii=[1.0, 1.0, 1.3])
+    >>> found = harmonic_map(ck.source("analytic.sphere"), ellipsoid, spacing=0.3)
+    >>> found.degree, bool(found.energy[-1] < found.energy[0])
+    (1, True)
+    """
+    if method not in METHODS:
+        raise InputError(f"method must be {' or '.join(METHODS)}, got {shown(method)}.")
+    rest, most_steps = positive(rest, "rest"), whole(most_steps, "most_steps", 1, 1_000_000)
+    scene = _scene(surface, target, landmarks)
+    prepared = ck.prepare(scene, spacing, **{"form": "galerkin" if method == "implicit" else "collocation", **options})
+    start = _start(prepared, target, initial)
+    if method == "explicit":
+        made = explicit_flow(prepared, target, start, step, most_steps, rest)
+    else:
+        half = 0.5 * float(np.ptp(scene.surface.bounds, axis=0).max())
+        first = STEP_SHARE * half**2 if step is None else positive(step, "step")
+        made = _implicit_flow(prepared, target, start, first, most_steps, rest)
+    solution, energy, at_rest = made
+    if not at_rest:
+        warn_each([f"The map did not come to rest within {most_steps} steps; allow more, or longer ones."])
+    return SurfaceMap(solution, target, np.array(energy), at_rest)
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """A map between two steps: its points on the target (p, k), the normal part of Lap u there, and its energy."""
+
+    points: ck.Field
+    normal: Floats
+    energy: float
+    solution: Solution | None = None
+
+
+def _implicit_flow(
+    prepared: Prepared, target: ClosestPointSource, start: Floats, step: float, most_steps: int, rest: float
+) -> tuple[Solution, list[float], bool]:
+    """Take steps until the energy rests; one that would raise it is taken again, half as long.
+
+    The initial map's energy is not compared: it need not meet what is held, nor be resolved by the lattice.
+    """
+    points = prepared.field(start)
+    state = _State(points, np.zeros_like(start), points.energy())
+    energy, halvings, rests = [state.energy], 0, False
+    while len(energy) <= most_steps and not rests:
+        later = _advanced(prepared, target, state, step)
+        fall = (state.energy - later.energy) / state.energy if state.energy > 0 and len(energy) > 1 else 1.0
+        if fall < -RISING_SHARE and halvings < MOST_HALVINGS:
+            step, halvings, state = 0.5 * step, halvings + 1, replace(state, normal=np.zeros_like(start))
+            continue
+        state, rests = later, abs(fall) < rest
+        energy.append(state.energy)
+    assert state.solution is not None
+    return state.solution, energy, rests
+
+
+def _advanced(prepared: Prepared, target: ClosestPointSource, state: _State, step: float) -> _State:
+    """Return the map one step of backward Euler later."""
+    pushed = prepared.field(state.points.values / step + state.normal)
+    solution = prepared.solve(problem=ck.ScreenedPoisson(pushed, c=1 / step), guess=state.solution)
+    reached = prepared.field(solution)
+    points = reached.project(target)
+    normal = state.normal + (points.columns - reached.columns) / step
+    normal -= _tangential(target, points.columns, normal)
+    return _State(points, normal, points.energy(), solution)
+
+
+def _tangential(target: ClosestPointSource, points: Floats, vectors: Floats) -> Floats:
+    """Return the tangential parts of ``vectors`` at points of the target: how closest points move with the query."""
+    step = DIFFERENCE_SHARE * float(np.ptp(target.bounds, axis=0).max())
+    longest = float(np.linalg.norm(vectors, axis=1).max(initial=0.0))
+    if longest == 0.0:
+        return np.zeros_like(vectors)
+    shift = step / longest * vectors
+    ahead, behind = (target.closest_point(points + sign * shift).points for sign in (1.0, -1.0))
+    return np.asarray((ahead - behind) * (longest / (2 * step)))
+
+
+def _start(prepared: Prepared, target: ClosestPointSource, initial: Any) -> Floats:
+    """Return the initial map (p, k) at the points of the prepared scene, on the target."""
+    if isinstance(initial, str) and initial == "nearest":
+        if prepared.scene.surface.dim != target.dim:
+            raise InputError("nearest points are those of a target in the same space; give the initial map.")
+        return np.asarray(target.closest_point(prepared.points).points)
+    if not callable(initial):
+        raise InputError(f"initial must be 'nearest' or a function of points, got {shown(initial)}.")
+    return prepared.field(initial).project(target).columns
+
+
+def _scene(surface: Any, target: ClosestPointSource, landmarks: Sequence[tuple[Any, Any]]) -> ck.Scene:
+    """Return the scene of the flow, with landmarks for boundaries."""
+    problem = ck.ScreenedPoisson([0.0] * target.dim)
+    scene = surface if isinstance(surface, ck.Scene) else ck.Scene(surface, problem)
+    if target.manifold_dim not in (1, 2):
+        raise InputError("maps go to curves and surfaces; the target is neither.")
+    boundaries = list(scene.boundaries)
+    for number, pair in enumerate(landmarks):
+        if not isinstance(pair, tuple) or len(pair) != 2:
+            raise InputError(f"landmarks are pairs (where, whither), got {shown(pair)}.")
+        where, whither = pair
+        name = f"landmark {number}"
+        if isinstance(where, ClosestPointSource) and where.manifold_dim:
+            boundaries.append(hold_along(name, where, _on_target(target, whither)))
+            continue
+        at = scene.surface.closest_point(as_points(np.atleast_2d(where), scene.surface.dim)).points
+        goals = as_points(np.atleast_2d(whither), target.dim)
+        if len(goals) != len(at):
+            raise InputError(f"landmarks at {len(at)} points need as many points of the target, got {len(goals)}.")
+        boundaries += hold_at(name, at, target.closest_point(goals).points)
+    return ck.Scene(scene.surface, problem, boundaries, scene.edge)
+
+
+def _on_target(target: ClosestPointSource, whither: Any) -> Callable[[Floats], Floats]:
+    """Return a function of points of a curve whose values are on the target."""
+    if not callable(whither):
+        raise InputError(f"a landmark curve goes where a function of its points says, got {shown(whither)}.")
+    return lambda points: np.asarray(target.closest_point(np.asarray(whither(points), dtype=np.float64)).points)
