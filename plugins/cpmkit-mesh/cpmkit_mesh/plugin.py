@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from cpmkit.plugin import ClosestPointSource, hookimpl
 from cpmkit_mesh.factory import triangles
 from cpmkit_mesh.mesh_curves import edge_loop, feature_edges
+from cpmkit_mesh.path import path
 from cpmkit_mesh.polyline import polyline
 from cpmkit_mesh.reading import read_mesh
 
@@ -19,10 +20,11 @@ if TYPE_CHECKING:
 
 @hookimpl
 def cpmkit_sources() -> Mapping[str, Callable[..., ClosestPointSource]]:
-    """Return the factories of the four kinds."""
+    """Return the factories of the five kinds."""
     return {
         "mesh.triangles": triangles,
         "mesh.polyline": polyline,
+        "mesh.path": path,
         "mesh.edge_loop": edge_loop,
         "mesh.feature_edges": feature_edges,
     }
