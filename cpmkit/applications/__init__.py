@@ -7,8 +7,10 @@ from typing import Any
 
 #: Public names and the modules that hold them, imported on first use.
 _PUBLIC = {
+    "ColouredSurface": "diffusion_curves",
     "Distance": "geodesics",
     "TangentField": "vector_fields",
+    "diffusion_curves": "diffusion_curves",
     "geodesic_distance": "geodesics",
     "vector_field": "vector_fields",
 }
