@@ -3,6 +3,7 @@
 from cpmkit_mesh import plugin
 from cpmkit_mesh.factory import triangles
 from cpmkit_mesh.mesh_curves import edge_loop, feature_edges
+from cpmkit_mesh.obj_texture import read_texture_coordinates
 from cpmkit_mesh.path import path
 from cpmkit_mesh.polyline import Polyline, polyline
 from cpmkit_mesh.reading import read_mesh
@@ -17,5 +18,6 @@ __all__ = [
     "plugin",
     "polyline",
     "read_mesh",
+    "read_texture_coordinates",
     "triangles",
 ]
