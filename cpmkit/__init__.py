@@ -64,6 +64,7 @@ _PUBLIC = {
     "normals_at": "solution.boundary_points",
     "prepare": "preparing",
     "read_mesh": "plugins",
+    "read_texture_coordinates": "plugins",
     "solve": "solving",
     "source": "plugins",
 }

@@ -231,3 +231,29 @@ def read_mesh(file: str | Path) -> tuple[Floats, Ints]:
     """
     mesh: tuple[Any, Any] = load("mesh.triangles").read_mesh(find_file(file))
     return mesh
+
+
+def read_texture_coordinates(file: str | Path) -> tuple[Floats, Ints]:
+    """Read the texture coordinates of an OBJ file.
+
+    Parameters
+    ----------
+    file : path
+        Found as :func:`cpmkit.source` finds files.
+
+    Returns
+    -------
+    coordinates : (k, 2) float64
+        u to the right and v upwards.
+    corners : (m, 3) int64
+        Those of the corners of each triangle of :func:`cpmkit.read_mesh`, in its order.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, is no OBJ file, is damaged, or a corner has no texture coordinates.
+    PluginError
+        If the mesh plugin is not installed.
+    """
+    found: tuple[Any, Any] = load("mesh.triangles").read_texture_coordinates(find_file(file))
+    return found

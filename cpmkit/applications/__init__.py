@@ -7,10 +7,15 @@ from typing import Any
 
 #: Public names and the modules that hold them, imported on first use.
 _PUBLIC = {
+    "ColouredSurface": "diffusion_curves",
     "Distance": "geodesics",
     "SignedDistance": "signed_distances",
     "SurfaceMap": "harmonic_maps",
     "TangentField": "vector_fields",
+    "Texture": "texture",
+    "TexturedMesh": "texture",
+    "bake": "texture",
+    "diffusion_curves": "diffusion_curves",
     "geodesic_distance": "geodesics",
     "harmonic_map": "harmonic_maps",
     "signed_distance": "signed_distances",

@@ -10,6 +10,7 @@ import numpy as np
 from cpmkit.plugin import Floats, Ints
 from cpmkit_mesh.factory import triangles
 from cpmkit_mesh.mesh_curves import edge_loop, feature_edges
+from cpmkit_mesh.path import path
 from cpmkit_mesh.polyline import Polyline, polyline
 from cpmkit_mesh.triangles import TriangleMesh
 
@@ -49,7 +50,15 @@ def _mesh_curves() -> list[ConformanceCase]:
     low, high = cone[ring], cone[ring + len(cone) - 48]
     corners = np.argwhere(np.triu(np.linalg.norm(box[:, None] - box, axis=2).round(9) == 1.0))
     both = np.concatenate([low, high])
+    plane, cells = _plane()
+    corners_passed = np.array([3, 27, 45])
+    bent = np.stack([plane[corners_passed], plane[np.roll(corners_passed, -1)]], axis=1)
+    keys_of_plane = {"vertices": plane, "faces": cells}
     curves = {
+        "mesh.path": {  # straight where the mesh is flat
+            "open, by numbers": (path, bent[:2], {**keys_of_plane, "through": corners_passed}),
+            "closed, by points": (path, bent, {**keys_of_plane, "through": plane[corners_passed], "closed": True}),
+        },
         "mesh.edge_loop": {
             "two loops": (edge_loop, both, {"vertices": cone, "faces": sides}),
             "the shorter loop": (edge_loop, high, {"vertices": cone, "faces": sides, "loop": 1}),
@@ -112,6 +121,14 @@ def _cone(columns: int = 48, rows: int = 9) -> Mesh:
 def _two_tori() -> Mesh:
     points, faces = _torus(32, 16)
     return np.concatenate([points, points[:, [2, 0, 1]] + [3.0, 0, 0]]), np.concatenate([faces, faces + len(points)])
+
+
+def _plane() -> Mesh:
+    """Return a tilted plane of 7 by 7 vertices."""
+    x, y = np.divmod(np.arange(49), 7)
+    a = np.flatnonzero((x < 6) & (y < 6))
+    faces = np.concatenate([np.stack([a, a + 7, a + 8], axis=1), np.stack([a, a + 8, a + 1], axis=1)])
+    return np.stack([x / 6, y / 6, 0.5 * x / 6], axis=1), faces
 
 
 def _wedge() -> Mesh:

@@ -45,7 +45,7 @@ def edge_loop(
     InputError
         If none or several meshes are given, the mesh is closed, or it has no such loop.
     """
-    mesh = _mesh("mesh.edge_loop", file, vertices, faces, surface)
+    mesh = as_mesh_source("mesh.edge_loop", file, vertices, faces, surface)
     boundary, number = mesh.adjacency.boundary, mesh.adjacency.loop
     if not len(boundary):
         raise InputError("mesh.edge_loop needs an open mesh; this one is closed and has no edge.")
@@ -87,7 +87,7 @@ def feature_edges(
     InputError
         If none or several meshes are given, no edge is as sharp, or there is no such chain.
     """
-    mesh = _mesh("mesh.feature_edges", file, vertices, faces, surface)
+    mesh = as_mesh_source("mesh.feature_edges", file, vertices, faces, surface)
     sharp = mesh.folds.ends[mesh.folds.angle > np.deg2rad(in_degrees(angle, "angle"))]
     edges = np.concatenate([np.sort(sharp, axis=1), crowded_edges(mesh.faces, mesh.adjacency)])
     if not len(edges):
@@ -107,7 +107,14 @@ def _curve(mesh: TriangleMesh, chains: Chains) -> Polyline:
     )
 
 
-def _mesh(kind: str, file: str | Path | None, vertices: Any, faces: Any, surface: Any) -> TriangleMesh:
+def as_mesh_source(kind: str, file: str | Path | None, vertices: Any, faces: Any, surface: Any) -> TriangleMesh:
+    """Return the one mesh that the keys of ``kind`` give.
+
+    Raises
+    ------
+    InputError
+        If they give none or several, or a surface that is no mesh.
+    """
     arrays = vertices is not None or faces is not None
     given = (file is not None) + arrays + (surface is not None)
     if given != 1:

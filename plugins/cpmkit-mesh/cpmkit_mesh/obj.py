@@ -34,7 +34,7 @@ def read_obj(data: bytes) -> tuple[Floats, Polygons]:
     counts: list[int] = []
     face_lines: list[int] = []
     before: list[int] = []  # vertices before each face: negative numbers count from there
-    for number, words in _split(data):
+    for number, words in split_lines(data):
         word = words[0]
         if word == "v":
             if len(words) not in VERTEX_LINE_WORDS or (len(words) in (5, 8) and not _is_one(words[4])):
@@ -52,11 +52,11 @@ def read_obj(data: bytes) -> tuple[Floats, Polygons]:
             raise InputError(f"line {number} begins with {REFUSED_WORDS.get(word, 'no word of the format')}.")
     size = np.array(counts, dtype=np.int64)
     lines = np.repeat(np.array(face_lines, dtype=np.int64), size)
-    index = _from_zero(ints_of(corners, lines), np.repeat(before, size), len(vertex_lines), lines)
+    index = from_zero(ints_of(corners, lines), np.repeat(before, size), len(vertex_lines), lines)
     return floats_of(coordinates, 3, vertex_lines), Polygons(size, index)
 
 
-def _split(data: bytes) -> list[tuple[int, list[str]]]:
+def split_lines(data: bytes) -> list[tuple[int, list[str]]]:
     """Return the number of each line that is not empty, and its words; a backslash joins a line to the next."""
     found, joined = [], ""
     for number, line in enumerate(lines_of(data), 1):
@@ -77,7 +77,7 @@ def _is_one(word: str) -> bool:
         return False
 
 
-def _from_zero(index: Ints, before: Ints, count: int, lines: Ints) -> Ints:
+def from_zero(index: Ints, before: Ints, count: int, lines: Ints) -> Ints:
     """Return numbers of vertices from zero; OBJ counts from one, and negative ones back from the last so far."""
     zero = np.flatnonzero(index == 0)
     if len(zero):

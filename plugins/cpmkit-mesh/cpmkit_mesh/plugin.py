@@ -8,10 +8,13 @@ from typing import TYPE_CHECKING
 from cpmkit.plugin import ClosestPointSource, hookimpl
 from cpmkit_mesh.factory import triangles
 from cpmkit_mesh.mesh_curves import edge_loop, feature_edges
+from cpmkit_mesh.obj_texture import read_texture_coordinates
+from cpmkit_mesh.path import path
 from cpmkit_mesh.polyline import polyline
 from cpmkit_mesh.reading import read_mesh
 
-__all__ = ["cpmkit_conformance_cases", "cpmkit_sources", "read_mesh"]  # cpmkit.read_mesh calls the last
+# cpmkit's functions of the same names call the last two
+__all__ = ["cpmkit_conformance_cases", "cpmkit_sources", "read_mesh", "read_texture_coordinates"]
 
 if TYPE_CHECKING:
     from cpmkit.plugin import ConformanceCase
@@ -19,10 +22,11 @@ if TYPE_CHECKING:
 
 @hookimpl
 def cpmkit_sources() -> Mapping[str, Callable[..., ClosestPointSource]]:
-    """Return the factories of the four kinds."""
+    """Return the factories of the five kinds."""
     return {
         "mesh.triangles": triangles,
         "mesh.polyline": polyline,
+        "mesh.path": path,
         "mesh.edge_loop": edge_loop,
         "mesh.feature_edges": feature_edges,
     }

@@ -1,0 +1,186 @@
+"""Colours baked onto a mesh's own texture coordinates, as an image that other programs wrap round it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+import cpmkit as ck
+from cpmkit.applications.diffusion_curves import ColouredSurface
+from cpmkit.errors import InputError
+from cpmkit.files.png_files import write_png
+from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.runtime.arrays import whole
+from cpmkit.runtime.warn import warn_each
+from cpmkit.solution.solution import Solution
+
+#: Pixels that are looked at at once.
+PARCEL_PIXELS = 2_000_000
+#: Texture coordinates may leave the image by this share of it.
+OUTSIDE_SHARE = 1e-6
+#: Barycentric coordinates below this of two triangles at a pixel are rounding at their common edge.
+INSIDE_COORDINATE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class TexturedMesh:
+    """A mesh with texture coordinates at the corners of its triangles.
+
+    Attributes
+    ----------
+    vertices, faces : (n, 3) float64 and (m, 3) int64
+    coordinates : (k, 2) float64
+        From 0 to 1, u to the right and v upwards.
+    corners : (m, 3) int64
+        Those of each triangle's corners.
+    """
+
+    vertices: Floats
+    faces: Ints
+    coordinates: Floats
+    corners: Ints
+
+
+@dataclass(frozen=True, eq=False)
+class Texture:
+    """An image that wraps round a mesh.
+
+    Attributes
+    ----------
+    colours : (height, width, 3) float64
+        From 0 to 1, the top row (v = 1) first. Pixels of no triangle have the colour of the nearest pixel of one, so
+        that nothing else shows at seams.
+    covered : (height, width) bool
+        Which pixels have their centre in a triangle.
+    """
+
+    colours: Floats
+    covered: Bools
+
+    def save(self, path: str | Path) -> Path:
+        """Write it as a PNG file, eight bits a channel."""
+        return write_png(path, self.colours)
+
+
+def bake(
+    solution: Solution | ColouredSurface,
+    mesh: str | Path | TexturedMesh,
+    *,
+    width: int = 1024,
+    height: int | None = None,
+) -> Texture:
+    """Return the colours of a solution at the places of a mesh that the pixels of its texture show.
+
+    Parameters
+    ----------
+    solution : Solution or ColouredSurface
+        Of three channels, on the mesh or on what the mesh lies on.
+    mesh : path or TexturedMesh
+        An OBJ file with texture coordinates, found as :func:`cpmkit.source` finds files.
+    width, height : int
+        In pixels; square unless both are given.
+
+    Returns
+    -------
+    Texture
+
+    Raises
+    ------
+    InputError
+        If the solution has other than three channels, the mesh has no texture coordinates, they leave the image, or no
+        pixel lies in a triangle.
+
+    Warns
+    -----
+    CpmkitWarning
+        If triangles overlap in the image, as mirrored halves may: of those at a pixel the last one is seen.
+    """
+    read = solution.solution if isinstance(solution, ColouredSurface) else solution
+    if read.channels != 3:
+        raise InputError(f"a texture is baked of three channels, red, green and blue, got {read.channels}.")
+    width = whole(width, "width in pixels", 1, 16384)
+    height = width if height is None else whole(height, "height in pixels", 1, 16384)
+    given = mesh if isinstance(mesh, TexturedMesh) else _read(mesh)
+    triangle, local, overlapping = _shown(_in_pixels(given, width, height), width, height)
+    covered = triangle >= 0
+    if not covered.any():
+        raise InputError(f"no pixel of {width} by {height} lies in a triangle of the texture; use more pixels.")
+    if overlapping:
+        told = f"triangles overlap at {overlapping} of {np.count_nonzero(covered)} pixels of the texture"
+        warn_each([f"{told}, as mirrored halves do; of those the last one is seen."])
+    corners = given.vertices[given.faces[triangle[covered]]]
+    colours = np.zeros((height * width, 3))
+    colours[covered] = np.clip(read.evaluate(np.einsum("nc,ncd->nd", local[covered], corners)), 0.0, 1.0)
+    image, seen = colours.reshape(height, width, 3), covered.reshape(height, width)
+    return Texture(_dilated(image, seen), seen)
+
+
+def _read(file: str | Path) -> TexturedMesh:
+    return TexturedMesh(*ck.read_mesh(file), *ck.read_texture_coordinates(file))
+
+
+def _in_pixels(mesh: TexturedMesh, width: int, height: int) -> Floats:
+    """Return the triangles (m, 3, 2) of the image in pixels, rows downwards, centres of pixels at whole numbers."""
+    outside = np.abs(mesh.coordinates - 0.5).max(initial=0.0) - 0.5
+    if len(mesh.corners) != len(mesh.faces):
+        raise InputError(f"a textured mesh has corners for each of {len(mesh.faces)} faces, got {len(mesh.corners)}.")
+    if not outside <= OUTSIDE_SHARE:
+        raise InputError(
+            f"texture coordinates must be from 0 to 1, and leave it by {outside:.3g}; tiles and repeats are not baked."
+        )
+    at = np.stack([mesh.coordinates[:, 0] * width, (1 - mesh.coordinates[:, 1]) * height], axis=1) - 0.5
+    return np.asarray(at[mesh.corners])
+
+
+def _shown(triangles: Floats, width: int, height: int) -> tuple[Ints, Floats, int]:
+    """Return which triangle each pixel shows, -1 for none, its barycentric coordinates (n, 3), how many overlap."""
+    shown, local = np.full(height * width, -1), np.zeros((height * width, 3))
+    times = np.zeros(height * width, dtype=np.int64)
+    limit = np.array([width, height]) - 1
+    low = np.clip(np.ceil(triangles.min(axis=1)), 0, limit + 1).astype(np.int64)
+    high = np.clip(np.floor(triangles.max(axis=1)), -1, limit).astype(np.int64)
+    size = np.maximum(high - low + 1, 0)
+    ends = np.cumsum(size.prod(axis=1))
+    parcel = (ends - 1) // PARCEL_PIXELS
+    for number in np.unique(parcel[size.prod(axis=1) > 0]):
+        rows = np.flatnonzero(parcel == number)
+        row, column, line = _boxes(rows, low[rows], size[rows])
+        weight = _barycentric(triangles[row], np.stack([column, line], axis=1))
+        inside = (weight >= 0).all(axis=1)
+        pixel = line[inside] * width + column[inside]
+        shown[pixel], local[pixel] = row[inside], weight[inside]
+        times += np.bincount(pixel[(weight[inside] > INSIDE_COORDINATE).all(axis=1)], minlength=len(times))
+    return shown, local, int(np.count_nonzero(times > 1))
+
+
+def _boxes(rows: Ints, low: Ints, size: Ints) -> tuple[Ints, Ints, Ints]:
+    """Return all pixels of the boxes of triangles: the triangle, the column and the line of each."""
+    count = size.prod(axis=1)
+    which = np.repeat(np.arange(len(rows)), count)
+    place = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
+    line, column = np.divmod(place, np.maximum(size[which, 0], 1))
+    return rows[which], low[which, 0] + column, low[which, 1] + line
+
+
+def _barycentric(triangles: Floats, points: Ints) -> Floats:
+    """Return the barycentric coordinates (n, 3) of points in triangles (n, 3, 2) of the plane; -1 without an area."""
+    a, b, c = (triangles[:, k] for k in range(3))
+
+    def twice_area(o: Floats, q: Floats, r: Floats) -> Floats:
+        return np.asarray((q[:, 0] - o[:, 0]) * (r[:, 1] - o[:, 1]) - (q[:, 1] - o[:, 1]) * (r[:, 0] - o[:, 0]))
+
+    whole_area = twice_area(a, b, c)
+    p = points.astype(np.float64)
+    parts = np.stack([twice_area(p, b, c), twice_area(a, p, c), twice_area(a, b, p)], axis=1)
+    safe = np.where(whole_area == 0, 1.0, whole_area)
+    return np.asarray(np.where(whole_area[:, None] == 0, -1.0, parts / safe[:, None]))
+
+
+def _dilated(image: Floats, covered: Bools) -> Floats:
+    """Return the image with the colour of the nearest covered pixel at every other."""
+    from scipy.ndimage import distance_transform_edt
+
+    nearest = distance_transform_edt(~covered, return_distances=False, return_indices=True)
+    return np.asarray(image[nearest[0], nearest[1]])

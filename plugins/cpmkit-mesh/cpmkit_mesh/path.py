@@ -1,0 +1,154 @@
+"""The kind ``mesh.path``: a curve of geodesics through vertices of a mesh."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cpmkit.plugin import Floats, InputError, Ints, MissingDependencyError, as_points, shown
+from cpmkit_mesh.chains import components
+from cpmkit_mesh.mesh_curves import as_mesh_source
+from cpmkit_mesh.polyline import Polyline, polyline
+from cpmkit_mesh.reading import as_numbers
+from cpmkit_mesh.triangles import TriangleMesh
+
+#: Given points may be as far from the mesh's vertices as this share of its size: farther ones are of another unit.
+REACH_SHARE = 0.1
+
+
+def path(
+    *,
+    file: str | Path | None = None,
+    vertices: Any = None,
+    faces: Any = None,
+    surface: Any = None,
+    through: Any,
+    closed: bool = False,
+    tight: bool = False,
+) -> Polyline:
+    """Return the curve of geodesics from vertex to vertex of a mesh, whose every point lies on an edge or a vertex.
+
+    Each geodesic is the straightest that the shortest way along edges can be pulled to by flipping edges (Sharp and
+    Crane, "You can find geodesic paths in triangle meshes by just flipping edges", ACM Trans. Graph. 39 (6), 2020).
+
+    Parameters
+    ----------
+    file : str or Path
+        An OBJ, PLY, STL or OFF file.
+    vertices, faces : (n, 3) and (m, 3) arrays
+        Instead of a file.
+    surface : TriangleMesh
+        Instead of both, a source of the kind ``mesh.triangles``. A scene file's boundary takes the scene's surface
+        where it names no mesh.
+    through : (k,) whole numbers or (k, 3) array
+        Numbers of vertices, from 0 in the order in which they were given (of a file, that of :func:`cpmkit.read_mesh`),
+        or points, each of which stands for the vertex nearest to it; in the order of travel. Neighbours that are the
+        same vertex count once.
+    closed : bool
+        Whether the last vertex leads back to the first.
+    tight : bool
+        Whether the whole curve is pulled straight, so that it passes only the first and the last vertex, and a closed
+        one none. A closed curve needs a waist to stay at; from elsewhere it slips off.
+
+    Raises
+    ------
+    InputError
+        If none or several meshes are given, a number is none of a vertex of a triangle, a point is far from the mesh,
+        two vertices lie on different pieces, or there are too few.
+    MissingDependencyError
+        If potpourri3d, which traces geodesics, is not installed.
+    """
+    mesh = as_mesh_source("mesh.path", file, vertices, faces, surface)
+    stops = _without_repeats(_stops(mesh, through), bool(closed))
+    if len(stops) < (3 if closed else 2):
+        raise InputError(
+            f"through must name at least {3 if closed else 2} vertices that differ from their neighbours"
+            f"{' for a closed curve' if closed else ''}, got {len(stops)}."
+        )
+    _check_one_piece(mesh, stops)
+    return polyline(points=_traced(mesh, stops, bool(closed), bool(tight)), closed=bool(closed))
+
+
+def _stops(mesh: TriangleMesh, through: Any) -> Ints:
+    """Return the mesh's own numbers (k,) of the vertices to pass."""
+    given = as_numbers(through, "through")
+    if given.ndim == 1 and not len(given):
+        return np.zeros(0, dtype=np.int64)
+    if given.ndim == 2 and len(given):
+        return _nearest_vertices(mesh, as_points(given, 3, "through"))
+    if given.ndim != 1 or given.dtype.kind not in "iu":
+        raise InputError(
+            f"through must be whole numbers of vertices (k,) or points (k, 3), got {given.dtype} of shape "
+            f"{given.shape}."
+        )
+    own = np.full(mesh.value_count, -1, dtype=np.int64)
+    own[mesh.given_faces] = mesh.faces
+    bad = np.flatnonzero((given < 0) | (given >= mesh.value_count))
+    if len(bad):
+        raise InputError(
+            f"through must name vertices from 0 to {mesh.value_count - 1}, got {shown(int(given[bad[0]]))}."
+        )
+    unused = given[own[given] < 0]
+    if len(unused):
+        raise InputError(f"vertex {unused[0]} of through is a corner of no triangle; name one that is.")
+    return own[given]
+
+
+def _nearest_vertices(mesh: TriangleMesh, points: Floats) -> Ints:
+    from scipy.spatial import cKDTree
+
+    distance, nearest = cKDTree(mesh.vertices).query(points)
+    far, size = int(np.argmax(distance)), float(np.ptp(mesh.bounds, axis=0).max())
+    if distance[far] > REACH_SHARE * size:
+        raise InputError(
+            f"point {far} of through is {distance[far]:.3g} from the nearest vertex of a mesh {size:.3g} across; give "
+            "points near it, in its unit of length."
+        )
+    return np.asarray(nearest, dtype=np.int64)
+
+
+def _without_repeats(stops: Ints, closed: bool) -> Ints:
+    before = np.roll(stops, 1)
+    if not closed and len(stops):
+        before[0] = -1
+    return stops[stops != before] if len(stops) > 1 else stops
+
+
+def _check_one_piece(mesh: TriangleMesh, stops: Ints) -> None:
+    edges = np.concatenate([mesh.faces[:, :2], mesh.faces[:, 1:]])
+    piece = components(edges, len(mesh.vertices))[stops]
+    other = np.flatnonzero(piece != piece[0])
+    if len(other):
+        raise InputError(
+            f"entries 0 and {other[0]} of through lie on pieces of the mesh that do not hang together; draw a curve on "
+            "each."
+        )
+
+
+def _traced(mesh: TriangleMesh, stops: Ints, closed: bool, tight: bool) -> Floats:
+    """Return the points (p, 3) of the geodesics through ``stops``; the last of a closed curve is the first."""
+    try:
+        import potpourri3d
+    except ImportError as error:
+        raise MissingDependencyError(
+            "mesh.path needs potpourri3d, which traces geodesics; `pip install 'cpmkit-mesh[geodesics]'` adds it."
+        ) from error
+    try:
+        solver = potpourri3d.EdgeFlipGeodesicSolver(mesh.vertices, mesh.faces)
+        if tight:
+            pull = solver.find_geodesic_loop if closed else solver.find_geodesic_path_poly
+            runs = [np.asarray(pull(stops.tolist()), dtype=np.float64)]
+        else:
+            ends = np.roll(stops, -1) if closed else stops[1:]
+            runs = [np.asarray(solver.find_geodesic_path(int(a), int(b))) for a, b in zip(stops, ends, strict=False)]
+    except RuntimeError as error:
+        raise InputError(
+            f"no geodesic is traced on this mesh: {shown(str(error))}. Each edge must have one or two triangles, wound "
+            "alike."
+        ) from error
+    points = np.concatenate([runs[0][:1], *(run[1:] for run in runs)])
+    if closed:
+        points[-1] = points[0]
+    return points
