@@ -6,8 +6,64 @@ Cartesian grid; conditions hold on points and curves inside it.
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING
+
+from cpmkit.runtime.lazy_names import lazy_names
+
+if TYPE_CHECKING:  # for type checkers and editors, the same names as in the table below
+    from cpmkit.accuracy.estimate import estimate_error as estimate_error
+    from cpmkit.errors import ConvergenceError as ConvergenceError
+    from cpmkit.errors import CpmkitError as CpmkitError
+    from cpmkit.errors import CpmkitWarning as CpmkitWarning
+    from cpmkit.errors import InputError as InputError
+    from cpmkit.errors import PluginError as PluginError
+    from cpmkit.errors import ResolutionError as ResolutionError
+    from cpmkit.errors import SceneError as SceneError
+    from cpmkit.explaining import explain as explain
+    from cpmkit.families.steady import assemble as assemble
+    from cpmkit.forms.field import Field as Field
+    from cpmkit.grid.band import build_band as build_band
+    from cpmkit.plugins import read_mesh as read_mesh
+    from cpmkit.plugins import source as source
+    from cpmkit.preparing import prepare as prepare
+    from cpmkit.protocols import ClosestPoints as ClosestPoints
+    from cpmkit.protocols import ClosestPointSource as ClosestPointSource
+    from cpmkit.saving.loading import load as load
+    from cpmkit.scene.boundary import Boundary as Boundary
+    from cpmkit.scene.compound_equations import Biharmonic as Biharmonic
+    from cpmkit.scene.compound_equations import Coupled as Coupled
+    from cpmkit.scene.compound_equations import Eigen as Eigen
+    from cpmkit.scene.conditions import Dirichlet as Dirichlet
+    from cpmkit.scene.conditions import Neumann as Neumann
+    from cpmkit.scene.conditions import Robin as Robin
+    from cpmkit.scene.equations import Elliptic as Elliptic
+    from cpmkit.scene.equations import Equation as Equation
+    from cpmkit.scene.equations import Helmholtz as Helmholtz
+    from cpmkit.scene.equations import Laplace as Laplace
+    from cpmkit.scene.equations import Poisson as Poisson
+    from cpmkit.scene.equations import ScreenedPoisson as ScreenedPoisson
+    from cpmkit.scene.equations_in_time import Heat as Heat
+    from cpmkit.scene.equations_in_time import Wave as Wave
+    from cpmkit.scene.functionals import Divergence as Divergence
+    from cpmkit.scene.functionals import PointSource as PointSource
+    from cpmkit.scene.nonlinear_equations import NonlinearDiffusion as NonlinearDiffusion
+    from cpmkit.scene.nonlinear_equations import PLaplacian as PLaplacian
+    from cpmkit.scene.nonlinear_equations import TotalVariation as TotalVariation
+    from cpmkit.scene.reaction_diffusion import ReactionDiffusion as ReactionDiffusion
+    from cpmkit.scene.scene import Scene as Scene
+    from cpmkit.scene.special_conditions import NonlinearFlux as NonlinearFlux
+    from cpmkit.scene.special_conditions import SimplySupported as SimplySupported
+    from cpmkit.scene.special_conditions import Steklov as Steklov
+    from cpmkit.scene.special_conditions import Transmission as Transmission
+    from cpmkit.scene.vertex_data import VertexData as VertexData
+    from cpmkit.scenefile.reading import load_scene as load_scene
+    from cpmkit.solution.boundary_points import boundary_points as boundary_points
+    from cpmkit.solution.boundary_points import directions_along as directions_along
+    from cpmkit.solution.boundary_points import normals_at as normals_at
+    from cpmkit.solution.modes import EigenSolution as EigenSolution
+    from cpmkit.solution.solution import Solution as Solution
+    from cpmkit.solving import discretize as discretize
+    from cpmkit.solving import solve as solve
 
 __version__ = "0.1.0"
 
@@ -71,14 +127,5 @@ _PUBLIC = {
 
 __all__ = sorted(_PUBLIC)
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _PUBLIC:
-        raise AttributeError(f"module 'cpmkit' has no attribute {name!r}")
-    value = getattr(import_module(f"cpmkit.{_PUBLIC[name]}"), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted([*globals(), *_PUBLIC])
+if not TYPE_CHECKING:  # or every name would exist for a type checker, the misspelt ones too
+    __getattr__, __dir__ = lazy_names(__name__, _PUBLIC, "cpmkit")

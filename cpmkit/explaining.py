@@ -5,9 +5,10 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, Unpack
 
 from cpmkit.errors import ResolutionError, SceneError
+from cpmkit.families.keywords import PreparingKeywords
 from cpmkit.forecast.explanation import explain as explain_counts
 from cpmkit.forecast.growth import line_through
 from cpmkit.forecast.parts import Explanation
@@ -16,8 +17,9 @@ from cpmkit.forms.options import Options
 from cpmkit.linear.choice import SolverOptions
 from cpmkit.manifold.local_source import largest_dim
 from cpmkit.preparing import solved
-from cpmkit.protocols import Progress, no_progress
+from cpmkit.protocols import Progress
 from cpmkit.runtime.declared import showing
+from cpmkit.runtime.shown_progress import ShownProgress, shown_progress
 from cpmkit.runtime.warn import collected_warnings
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.solution import Solution
@@ -37,8 +39,8 @@ def explain(
     spacing: float | None = None,
     *,
     seconds: bool = False,
-    progress: Progress = no_progress,
-    **options: Any,
+    progress: ShownProgress = None,
+    **options: Unpack[PreparingKeywords],
 ) -> Explanation:
     """Say what :func:`cpmkit.solve` with the same arguments will build, why, and at what cost.
 
@@ -59,9 +61,15 @@ def explain(
     InputError, SceneError, ResolutionError
         As ``solve`` would.
     """
-    explained = explain_counts(scene, spacing, progress=progress, **options)
-    if not seconds:
-        return explained
+    with shown_progress(progress) as shown:
+        explained = explain_counts(scene, spacing, progress=shown, **options)
+        return _with_seconds(explained, scene, spacing, shown, dict(options)) if seconds else explained
+
+
+def _with_seconds(
+    explained: Explanation, scene: Scene, spacing: float | None, progress: Progress, options: dict[str, Any]
+) -> Explanation:
+    """Return an explanation with the seconds that a solve will take."""
     assert spacing is not None  # it was refused above
     rehearsed = {**options, "solver": explained.solver}
 

@@ -6,8 +6,9 @@ reader. Everything else in cpmkit may change without notice. import-linter holds
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from cpmkit.runtime.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from cpmkit.combinations.rectangle import rectangle as rectangle
@@ -181,14 +182,4 @@ GROUPS = {
 _MODULES = {name: module for group in GROUPS.values() for name, module in group.items()}
 
 if not TYPE_CHECKING:  # or every name would exist for a type checker, the misspelt ones too
-
-    def __getattr__(name: str) -> Any:
-        if name not in _MODULES:
-            raise AttributeError(f"cpmkit.plugin offers no {name!r}; docs/reference/plugin-api.md has what it offers.")
-        value = getattr(import_module(f"cpmkit.{_MODULES[name]}"), name)
-        globals()[name] = value
-        return value
-
-
-def __dir__() -> list[str]:
-    return sorted([*globals(), *_MODULES])
+    __getattr__, __dir__ = lazy_names(__name__, _MODULES, "cpmkit", "; docs/reference/plugin-api.md has what it offers")

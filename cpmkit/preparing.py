@@ -6,11 +6,12 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from importlib import import_module
-from typing import Any
+from typing import Any, Generic, Literal, TypeVar, Unpack, overload
 
 from cpmkit.errors import InputError
 from cpmkit.families.checkpointing import Checkpointing
 from cpmkit.families.context import Kept, SolveContext
+from cpmkit.families.keywords import CheckpointingKeywords, PreparingKeywords
 from cpmkit.families.nonlinear import solve_nonlinear
 from cpmkit.families.quasilinear import solve_quasilinear
 from cpmkit.forecast.running_out import memory_told
@@ -23,14 +24,16 @@ from cpmkit.linear.choice import SOLVER_OPTIONS, SolverOptions, make_solver, sol
 from cpmkit.plugins import call, check_keys, factory, takes
 from cpmkit.protocols import Backend, Floats, Progress, no_progress
 from cpmkit.runtime.declared import declared, showing, take
+from cpmkit.runtime.shown_progress import ShownProgress, shown_progress
 from cpmkit.runtime.warn import warn_each
-from cpmkit.scene.equations import Equation
+from cpmkit.scene.equations import Equation, Solved
 from cpmkit.scene.laws import Nonlinear
 from cpmkit.scene.nonlinear_equations import QuasilinearEquation
 from cpmkit.scene.restating import restated
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.solution import Solution
 
+Other = TypeVar("Other", bound=Solution)
 #: The module that solves each family of equations, and its function.
 FAMILIES = {
     "steady": ("cpmkit.families.steady", "solve_steady"),
@@ -42,7 +45,7 @@ FAMILIES = {
 
 
 @dataclass(frozen=True, eq=False)
-class Prepared:
+class Prepared(Generic[Solved]):
     """A scene on a form's unknowns, for many equations and right-hand sides; see :func:`prepare`.
 
     Attributes
@@ -51,8 +54,8 @@ class Prepared:
         The scene with its tables.
     solver : SolverOptions
         How linear systems are solved.
-    progress : callable
-        Told the stage and the share of it that is done.
+    progress : callable or bool, optional
+        As for :func:`cpmkit.solve`.
     options : Options, optional
         How it is discretised by the closest point method.
     kept : Kept
@@ -63,20 +66,38 @@ class Prepared:
 
     discretized: Discretized
     solver: SolverOptions
-    progress: Progress = no_progress
+    progress: ShownProgress = None
     options: Options[Any] | None = None
     kept: Kept = field(default_factory=Kept)
-    others: dict[str, Prepared] = field(default_factory=dict, repr=False)
+    others: dict[str, Prepared[Any]] = field(default_factory=dict, repr=False)
 
+    @overload
+    def solve(
+        self,
+        *,
+        problem: None = None,
+        data: Mapping[str, Any] | None = None,
+        guess: Solution | None = None,
+        **options: Unpack[CheckpointingKeywords],
+    ) -> Solved: ...
+    @overload
+    def solve(
+        self,
+        *,
+        problem: Equation[Other],
+        data: Mapping[str, Any] | None = None,
+        guess: Solution | None = None,
+        **options: Unpack[CheckpointingKeywords],
+    ) -> Other: ...
     @showing(Checkpointing)
     def solve(
         self,
         *,
-        problem: Equation | None = None,
+        problem: Equation[Any] | None = None,
         data: Mapping[str, Any] | None = None,
         guess: Solution | None = None,
         **options: Any,
-    ) -> Solution:
+    ) -> Any:
         """Solve an equation on the tables that are there.
 
         Parameters
@@ -118,7 +139,7 @@ class Prepared:
         warn_each(solution.warnings)
         return solution
 
-    def solved_by(self, solver: str, **options: Any) -> Prepared:
+    def solved_by(self, solver: str, **options: Any) -> Prepared[Solved]:
         """Return the same tables with another solver, ``direct``, ``multigrid`` or another, and its options.
 
         What that one makes of the tables, factors above all, is kept for the next time.
@@ -171,10 +192,11 @@ class Prepared:
         form.check_solver_fits(chosen)
         steps = scene.problem.family == "time"
         made = solver_of_steps(self.solver, chosen) if steps else make_solver(chosen, self.solver.further)
-        tolerance, progress = self.solver.solver_tolerance, self.progress
-        return _solve_family(
-            SolveContext(form, made, chosen, tolerance, progress, started, checkpointing, guess, self.kept)
-        )
+        tolerance = self.solver.solver_tolerance
+        with shown_progress(self.progress) as progress:
+            return _solve_family(
+                SolveContext(form, made, chosen, tolerance, progress, started, checkpointing, guess, self.kept)
+            )
 
 
 def _solve_family(context: SolveContext) -> Solution:
@@ -207,15 +229,33 @@ def solved(
         return Prepared(discretise(), solver, progress, asked).run(scene, checkpointing, started=started)
 
 
+@overload
+def prepare(
+    scene: Scene[Solved],
+    spacing: float | None = None,
+    *,
+    backend: Literal["cpm"] = "cpm",
+    progress: ShownProgress = None,
+    **options: Unpack[PreparingKeywords],
+) -> Prepared[Solved]: ...
+@overload
+def prepare(
+    scene: Scene[Solved],
+    spacing: float | None = None,
+    *,
+    backend: str,
+    progress: ShownProgress = None,
+    **options: Any,
+) -> Prepared[Solved]: ...
 @showing(Options, *FORMS.values(), SolverOptions)
 def prepare(
     scene: Scene,
     spacing: float | None = None,
     *,
     backend: str = "cpm",
-    progress: Progress = no_progress,
+    progress: ShownProgress = None,
     **options: Any,
-) -> Prepared:
+) -> Prepared[Any]:
     """Discretise a scene once, for many equations and right-hand sides on it.
 
     Parameters
@@ -226,8 +266,8 @@ def prepare(
         Spacing of the lattice, in the scene's unit of length.
     backend : str
         ``cpm``, or the name of a back end that a plugin offers, as for :func:`cpmkit.solve`.
-    progress : callable, optional
-        ``progress(stage, fraction)``.
+    progress : callable or bool, optional
+        As for :func:`cpmkit.solve`.
     **options
         Further ones of the solver. For another back end, its own options.
 
@@ -250,9 +290,10 @@ def prepare(
     >>> [float(prepared.solve(problem=ck.ScreenedPoisson(f)).evaluate([[1, 0]])[0].round(6)) for f in (1.0, 3.0)]
     [1.0, 3.0]
     """
-    discretise, solver, asked = ask(backend, scene, spacing, progress, options)
-    with memory_told(scene, asked, solver.solver):
-        return Prepared(discretise(), solver, progress, asked)
+    with shown_progress(progress) as shown:
+        discretise, solver, asked = ask(backend, scene, spacing, shown, options)
+        with memory_told(scene, asked, solver.solver):
+            return Prepared(discretise(), solver, progress, asked)
 
 
 def ask(

@@ -28,6 +28,8 @@ Bools = NDArray[np.bool_]
 Side = Literal["left", "right"]
 #: The side from which points on boundaries are read: of all, or of each by its name.
 Sides = Side | Mapping[str, Side] | None
+#: The same, or both sides at once.
+ReadSides = Sides | Literal["both"]
 #: Both sides of a boundary.
 SIDES: tuple[Side, Side] = ("left", "right")
 

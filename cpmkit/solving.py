@@ -3,32 +3,52 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal, Unpack, overload
 
 from cpmkit.accuracy.estimate import with_estimate
 from cpmkit.accuracy.trading import traded
 from cpmkit.errors import InputError
 from cpmkit.families.checkpointing import Checkpointing
+from cpmkit.families.keywords import DiscretizingKeywords, SolvingKeywords
 from cpmkit.forms.asked import Asked
 from cpmkit.forms.choice import FORMS, module_of, options_of
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.options import Options
 from cpmkit.linear.choice import SolverOptions
 from cpmkit.preparing import solved
-from cpmkit.protocols import Progress, no_progress
 from cpmkit.runtime.declared import showing, take
+from cpmkit.runtime.shown_progress import ShownProgress, shown_progress
 from cpmkit.runtime.warn import warn_each
+from cpmkit.scene.equations import Solved
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.solution import Solution
 
 
+@overload
+def solve(
+    scene: Scene[Solved],
+    spacing: float | None = None,
+    *,
+    backend: Literal["cpm"] = "cpm",
+    progress: ShownProgress = None,
+    **options: Unpack[SolvingKeywords],
+) -> Solved: ...
+@overload
+def solve(
+    scene: Scene[Solved],
+    spacing: float | None = None,
+    *,
+    backend: str,
+    progress: ShownProgress = None,
+    **options: Any,
+) -> Solved: ...
 @showing(Asked, Options, *FORMS.values(), SolverOptions, Checkpointing)
 def solve(
     scene: Scene,
     spacing: float | None = None,
     *,
     backend: str = "cpm",
-    progress: Progress = no_progress,
+    progress: ShownProgress = None,
     **options: Any,
 ) -> Solution:
     """Solve a scene, by the closest point method unless another back end is asked for.
@@ -45,8 +65,9 @@ def solve(
         ``cpm``, or the name of a form that a plugin offers, such as ``fem``. It may have options of its own, and
         those below that describe a lattice belong to ``cpm``; equations, solvers, checkpoints and solutions are the
         same.
-    progress : callable, optional
-        ``progress(stage, fraction)``.
+    progress : callable or bool, optional
+        ``progress(stage, fraction)``, called on the way. Unless given, a bar is shown on a terminal and in notebooks
+        for what takes longer than two seconds; ``False`` shows none, ``True`` one at once.
     **options
         Further ones of the solver; ``reference`` takes ``max_iterations``. Those of a plugin's form.
 
@@ -77,11 +98,12 @@ def solve(
     """
     asked, rest = take(Asked, options)
     asked.check_spacing(spacing)
-    if asked.anything:
-        solution = traded(scene, asked, progress, {"backend": backend, **rest})
-    else:
-        solution = solved(scene, spacing, backend=backend, progress=progress, **rest)
-        solution = with_estimate(solution, asked.estimate, {"backend": backend, **rest})
+    with shown_progress(progress) as shown:
+        if asked.anything:
+            solution = traded(scene, asked, shown, {"backend": backend, **rest})
+        else:
+            solution = solved(scene, spacing, backend=backend, progress=shown, **rest)
+            solution = with_estimate(solution, asked.estimate, {"backend": backend, **rest})
     warn_each(solution.warnings)
     return solution
 
@@ -92,7 +114,9 @@ def for_any_backend(options: Mapping[str, Any]) -> dict[str, Any]:
 
 
 @showing(Options, *FORMS.values())
-def discretize(scene: Scene, spacing: float, *, progress: Progress = no_progress, **options: Any) -> Discretized:
+def discretize(
+    scene: Scene, spacing: float, *, progress: ShownProgress = None, **options: Unpack[DiscretizingKeywords]
+) -> Discretized:
     """Discretise ``scene`` at ``spacing``.
 
     Parameters
@@ -101,8 +125,8 @@ def discretize(scene: Scene, spacing: float, *, progress: Progress = no_progress
         Surface, boundaries, edge, problem.
     spacing : float
         Of the lattice, in the scene's unit.
-    progress : callable, optional
-        Told the stage and the share of it that is done.
+    progress : callable or bool, optional
+        As for :func:`cpmkit.solve`.
     **options
         Any other is refused.
 
@@ -114,5 +138,6 @@ def discretize(scene: Scene, spacing: float, *, progress: Progress = no_progress
     asked, others = options_of(scene, spacing, options)
     if others:
         raise InputError(f"discretize has no option {next(iter(others))!r}; accepted are {', '.join(asked.as_dict())}.")
-    made: Discretized = module_of(asked.form).discretize(scene, asked, progress)
+    with shown_progress(progress) as shown:
+        made: Discretized = module_of(asked.form).discretize(scene, asked, shown)
     return made

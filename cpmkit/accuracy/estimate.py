@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from typing import Any, Unpack, cast
 
 import numpy as np
 
 from cpmkit.accuracy.comparison import Difference, difference
 from cpmkit.errors import InputError, place
+from cpmkit.families.keywords import PreparingKeywords
 from cpmkit.forms.choice import FORMS
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.options import Options
@@ -184,7 +185,7 @@ def error_in_time(solution: Solution, solve_at: SolveAt) -> float:
     It depends little on the spacing, and is looked at where that is cheap.
     """
     problem = solution.scene.problem
-    if not isinstance(problem, Evolution) or 2 * problem.step > problem.until:
+    if not isinstance(problem, Evolution) or 2 * problem.step > problem.duration:
         return 0.0
     longer: Any = replace(cast(Any, problem), step=2 * problem.step)
     other = solve_at(replace(solution.scene, problem=longer), solution.spacing)
@@ -243,7 +244,9 @@ def shifted_origin(scene: Scene, spacing: float, number: int = 1) -> Floats:
 
 
 @showing(Options, *FORMS.values(), SolverOptions)
-def estimate_error(scene: Scene, spacing: float, *, tight: bool = False, **options: Any) -> ErrorEstimate:
+def estimate_error(
+    scene: Scene, spacing: float, *, tight: bool = False, **options: Unpack[PreparingKeywords]
+) -> ErrorEstimate:
     """Solve a scene at ``spacing`` and at twice it, and estimate the error of the finer solution.
 
     On a single position of the lattice the estimate is within a factor of two or three of the true error; where the

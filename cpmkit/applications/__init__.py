@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING
+
+from cpmkit.runtime.lazy_names import lazy_names
+
+if TYPE_CHECKING:  # for type checkers and editors, the same names as in the table below
+    from cpmkit.applications.geodesics import Distance as Distance
+    from cpmkit.applications.geodesics import geodesic_distance as geodesic_distance
+    from cpmkit.applications.vector_fields import TangentField as TangentField
+    from cpmkit.applications.vector_fields import vector_field as vector_field
 
 #: Public names and the modules that hold them, imported on first use.
 _PUBLIC = {
@@ -24,14 +31,5 @@ _PUBLIC = {
 
 __all__ = sorted(_PUBLIC)
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _PUBLIC:
-        raise AttributeError(f"module 'cpmkit.applications' has no attribute {name!r}")
-    value = getattr(import_module(f"cpmkit.applications.{_PUBLIC[name]}"), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted([*globals(), *_PUBLIC])
+if not TYPE_CHECKING:  # or every name would exist for a type checker, the misspelt ones too
+    __getattr__, __dir__ = lazy_names(__name__, _PUBLIC, __name__)

@@ -64,7 +64,8 @@ class Distance:
 
     def gradient(self, points: Any) -> Floats:
         """Return the tangential gradient (n, d), of length one but at origins and ridges."""
-        return self.solution.gradient(points)
+        slopes: Floats = self.solution.gradient(points)
+        return slopes
 
     def path(self, start: Any) -> list[Floats]:
         """Return for each of the points ``start`` (k, d) or (d,) the shortest path (m, d) to the origins, by descent.

@@ -43,7 +43,8 @@ class BiharmonicSolution(Solution):
 
     def laplacian(self, points: Any, side: Sides = None) -> Floats:
         """Return Lap u; the parameters are those of :meth:`cpmkit.Solution.evaluate`."""
-        return replace(self, values=self.second).evaluate(points, side)
+        found: Floats = replace(self, values=self.second).evaluate(points, side)
+        return found
 
     def arrays(self) -> dict[str, Any]:
         """Return the lattice, the nodes, the values and the Laplacian as plain arrays."""

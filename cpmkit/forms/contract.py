@@ -322,8 +322,8 @@ class Discretized(ABC):
         return self.interpolate(data, what, time)
 
     def interpolate_rate(self, data: Data, what: str, step: float) -> Floats:
-        """Return the unknowns' rates (n, channels) at time 0, those of the conditions' data taken over ``step``."""
-        return self.put_back(self.read(data, what, 0.0, self.channels))
+        """Return the unknowns' rates (n, channels) at the start, those of the conditions' data taken over ``step``."""
+        return self.put_back(self.read(data, what, self.scene.problem.start_time, self.channels))
 
     @abstractmethod
     def inner(self, u: Floats, v: Floats) -> Floats:

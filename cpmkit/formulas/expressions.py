@@ -1,7 +1,8 @@
-"""Formulas of position and time in scene files, computed by NumPy and never evaluated as Python."""
+"""Formulas of position and time, computed by NumPy and never evaluated as Python."""
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -22,7 +23,7 @@ class Formula:
         For example ``"0.5 + 0.5 * sin(x / 20)"``. ``^`` is not a power; write ``**``. A comparison is 1 or 0. What has
         no value, such as ``1/0``, is infinite or NaN.
     dim : int
-        2 or 3: which coordinates there are.
+        2 or 3: which coordinates it may use. Points that have fewer of them are refused where it does use more.
 
     Raises
     ------
@@ -31,7 +32,7 @@ class Formula:
     """
 
     text: str
-    dim: int
+    dim: int = len(COORDINATES)
 
     def __post_init__(self) -> None:
         _ = self._program  # a formula that is refused is refused here
@@ -48,9 +49,26 @@ class Formula:
 
     def _values(self, points: Floats, **others: Any) -> Floats:
         """Return the values (n,) at points (n, d)."""
-        variables = {name: points[:, k] for k, name in enumerate(COORDINATES[: self.dim])}
+        variables = position_variables(points, self._program.variables, self.text)
         values: Floats = self._program({**variables, **others}, len(points))[0]
         return values
+
+
+def position_variables(points: Floats, used: Collection[str], text: object) -> dict[str, Floats]:
+    """Return the columns of points (n, d) by the names of their coordinates.
+
+    Raises
+    ------
+    SceneError
+        If a coordinate is ``used`` that they do not have.
+    """
+    given = COORDINATES[: points.shape[1]]
+    beyond = [name for name in COORDINATES if name in used and name not in given]
+    if beyond:
+        raise SceneError(
+            f"the formula {shown(text)} uses {beyond[0]}, and points here have {' and '.join(given)} alone."
+        )
+    return {name: points[:, k] for k, name in enumerate(given)}
 
 
 class Expression(Formula):

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from cpmkit.errors import SceneError, shown
+from cpmkit.formulas.expressions import position_variables
 from cpmkit.formulas.steps import Program, Steps, program
 from cpmkit.formulas.trees import COORDINATES, formula_tree
 from cpmkit.protocols import Floats
@@ -27,7 +28,7 @@ class ReactionExpression:
     texts : tuple of str
         The rates of the channels, for example ``("u1*u2**2 - u1", "-u1*u2**2")``.
     dim : int
-        2 or 3: which coordinates there are.
+        2 or 3: which coordinates they may use.
 
     Raises
     ------
@@ -41,7 +42,7 @@ class ReactionExpression:
     """
 
     texts: tuple[str, ...]
-    dim: int
+    dim: int = len(COORDINATES)
 
     def __post_init__(self) -> None:
         if not 1 <= len(self.texts) <= MOST_REACTING_CHANNELS:
@@ -66,7 +67,7 @@ class ReactionExpression:
     def __call__(self, u: Floats, points: Floats, t: float | None = None) -> Floats:
         """Return the rates (n, channels) for u (n, channels), points (n, d) and the time."""
         own = {f"u{k}": u[:, k - 1] for k in range(1, self.channels + 1)}
-        position = {name: points[:, k] for k, name in enumerate(COORDINATES[: self.dim])}
+        position = position_variables(points, self._program.variables, self.texts)
         rates = self._program({"u": u[:, 0], "t": t, **own, **position}, len(points))
         return np.stack(list(rates), axis=1)
 

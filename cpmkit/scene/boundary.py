@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cpmkit.errors import SceneError
 from cpmkit.manifold.answers import check_source
@@ -11,9 +11,11 @@ from cpmkit.protocols import ClosestPointSource, NamesLeft, Side
 from cpmkit.runtime.arrays import as_vector
 from cpmkit.scene.alike import same_condition
 from cpmkit.scene.condition import Condition
+from cpmkit.scene.conditions import as_condition
+from cpmkit.scene.data import Data
 
 #: What may be given for a side, and across.
-ONE = "Dirichlet, Neumann, Robin or another condition of one side"
+ONE = "Dirichlet, Neumann, Robin or another condition of one side, or a number or formula for Dirichlet"
 COUPLING_WORDS = "Transmission or another condition that couples both sides"
 
 
@@ -30,8 +32,8 @@ class Boundary:
         For reports, and to ask for a side when a solution is read.
     source : ClosestPointSource
         Where the boundary lies.
-    both, left, right : Condition
-        Either ``both``, or ``left`` and ``right``.
+    both, left, right : Condition, or number, text, sequence or function
+        Either ``both``, or ``left`` and ``right``; ``1.0`` or ``"sin(x)"`` is short for Dirichlet of it.
     across : Condition
         Instead of these: one that couples both sides, such as Transmission.
     left_of : (d,) array, optional
@@ -62,6 +64,19 @@ class Boundary:
     left_of: Any = None
     across: Condition | None = None
 
+    if TYPE_CHECKING:  # more may be given than is kept
+
+        def __init__(
+            self,
+            name: str,
+            source: ClosestPointSource,
+            both: Condition | Data | None = None,
+            left: Condition | Data | None = None,
+            right: Condition | Data | None = None,
+            left_of: Any = None,
+            across: Condition | None = None,
+        ) -> None: ...
+
     def __post_init__(self) -> None:
         given = [side for side in ("both", "left", "right", "across") if getattr(self, side) is not None]
         if given not in (["both"], ["left", "right"], ["across"]):
@@ -70,7 +85,9 @@ class Boundary:
                 "give `both`, or `left` and `right`, or `across`."
             )
         for side in given:
-            one, across = getattr(self, side), side == "across"
+            across = side == "across"
+            one = getattr(self, side) if across else as_condition(getattr(self, side))
+            object.__setattr__(self, side, one)
             if not isinstance(one, Condition) or one.couples != across:
                 raise SceneError(
                     f"boundary {self.name!r}: `{side}` must be {COUPLING_WORDS if across else ONE}, got {one!r}."

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from cpmkit.scene.condition import Condition
 from cpmkit.scene.data import Data
 from cpmkit.scene.equations import Equation, Terms, check_factor
 from cpmkit.scene.tensors import diffusivity_of
+
+if TYPE_CHECKING:
+    from cpmkit.solution.modes import EigenSolution  # noqa: F401 - in quotes below
 
 #: So many times more unknowns than of one definite system factors of ``A - sigma M`` are worth, sigma inside the
 #: spectrum: each of some sixty solves takes 20 iterations else.
@@ -65,6 +68,7 @@ class Coupled(Equation):
     factorise_up_to: ClassVar[float] = 4.0
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not callable(self.coupling):
             raise InputError(
                 f"coupling must be a function of points that returns matrices, got {shown(self.coupling)}."
@@ -79,7 +83,7 @@ class Coupled(Equation):
 
 
 @dataclass(frozen=True, eq=False)
-class Eigen(Equation):
+class Eigen(Equation["EigenSolution"]):
     """-div(a grad u) + c u = lambda u, with homogeneous conditions: the eigenvalues nearest to ``near``.
 
     Where a side or an edge has the condition :class:`cpmkit.Steklov`, the equation is ``-div(a grad u) + c u = 0`` and
@@ -122,6 +126,7 @@ class Eigen(Equation):
     accepted: ClassVar[str] = "use Dirichlet(0), Neumann(0), Robin(alpha, beta, 0) or Steklov()"
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         whole(self.count, "count of an eigenvalue problem", 1)
         if self.near is not None:
             number(self.near, "near of an eigenvalue problem")
@@ -189,6 +194,7 @@ class Biharmonic(Equation):
     )
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if number(self.c, "c of a biharmonic problem") != 0:
             positive(self.c, "c of a biharmonic problem, where it is not zero,")
 

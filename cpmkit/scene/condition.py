@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from cpmkit.runtime.arrays import whole
 from cpmkit.scene.data import Data
+from cpmkit.scene.formula_data import read_formulas
 from cpmkit.scene.laws import Interface, Law, OneSided, data_of
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ class Condition(ABC):
     order: int | None = None
 
     def __post_init__(self) -> None:
+        read_formulas(self, self.kind)
         if self.order is not None:
             whole(self.order, f"order of {type(self).__name__}", 1, 4)
 

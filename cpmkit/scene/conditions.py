@@ -6,9 +6,11 @@ outward at an edge). Data may be a number, one number a channel, or a function o
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
+
+import numpy as np
 
 from cpmkit.errors import InputError, shown
 from cpmkit.scene.condition import Condition
@@ -22,9 +24,9 @@ class Dirichlet(Condition):
 
     Parameters
     ----------
-    value : number, sequence, or callable
-        A number; one number (or callable) a channel; or a function of points (n, d) that returns
-        (n,) or (n, channels).
+    value : number, text, sequence, or callable
+        A number; a formula such as ``"sin(x)"``; one of them (or a callable) a channel; or a function of points
+        (n, d) that returns (n,) or (n, channels).
     order : 1 to 4, optional
         Overrides the discretisation's order for this condition.
 
@@ -48,6 +50,20 @@ class Dirichlet(Condition):
     def law(self) -> Value:
         """The value."""
         return Value(self.value)
+
+
+def as_condition(given: Any) -> Any:
+    """Return data, numbers, formulas and functions, as the Dirichlet condition of them; anything else as it is."""
+    if isinstance(given, (Condition, bool, type)) or given is None:
+        return given
+    if isinstance(given, (int, float, str, list, tuple, np.ndarray, np.number)) or callable(given):
+        return Dirichlet(given)
+    return given
+
+
+def as_conditions(given: Any) -> Any:
+    """Return what is given for sides or loops, by their names, or for all of them, as :func:`as_condition` does."""
+    return {key: as_condition(one) for key, one in given.items()} if isinstance(given, Mapping) else as_condition(given)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +121,7 @@ class Robin(Condition):
     """
 
     alpha: float
-    beta: float | Callable[..., Any]
+    beta: Data
     gamma: Data = 0.0
     order: int | None = None
     kind: ClassVar[str] = "robin"
@@ -129,4 +145,5 @@ class Robin(Condition):
     @property
     def law(self) -> Mixed:
         """The value and the flux in one relation."""
-        return Mixed(self.alpha, self.beta, self.gamma)
+        beta: Any = self.beta  # a number or a function, formulas made so
+        return Mixed(self.alpha, beta, self.gamma)

@@ -24,8 +24,9 @@ class Functional:
 
 
 #: A number, one entry a channel, or a callable of points (n, d) and, where it has a parameter ``t`` without a default,
-#: of the time; as a right-hand side also what is known by its integrals alone.
-Data = float | list[Any] | tuple[Any, ...] | Floats | Callable[..., Any] | Functional
+#: of the time; text that spells such a function, which is read where the data are given; as a right-hand side also what
+#: is known by its integrals alone.
+Data = float | str | list[Any] | tuple[Any, ...] | Floats | Callable[..., Any] | Functional
 #: What data may be in size: sums of their squares are numbers.
 LARGEST_DATUM = 1e100
 

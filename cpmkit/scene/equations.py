@@ -10,7 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 
@@ -19,10 +19,21 @@ from cpmkit.protocols import Floats
 from cpmkit.runtime.arrays import number, positive
 from cpmkit.scene.condition import Condition
 from cpmkit.scene.data import Data, evaluate_data
+from cpmkit.scene.formula_data import read_formulas
 from cpmkit.scene.tensors import diffusivity_of
 
-#: A vector field: a function of points (n, d) that returns (n, d).
-VectorField = Callable[..., Any]
+if TYPE_CHECKING:
+    from typing_extensions import TypeVar as Defaulted
+
+    from cpmkit.solution.solution import Solution
+
+    #: What an equation is solved as; a variable has a default since Python 3.13, and for type checkers always.
+    Solved = Defaulted("Solved", bound=Solution, covariant=True, default=Solution)
+else:
+    Solved = TypeVar("Solved")
+
+#: A vector field: a function of points (n, d) that returns (n, d), or one number or formula a coordinate.
+VectorField = Callable[..., Any] | list[Any] | tuple[Any, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +108,7 @@ def check_factor(c: Data, what: str) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class Equation(ABC):
+class Equation(ABC, Generic[Solved]):
     """What every equation tells."""
 
     kind: ClassVar[str]
@@ -109,6 +120,9 @@ class Equation(ABC):
     factorise_beside_multigrid: ClassVar[float | None] = None
     #: What to give in place of a condition that is refused.
     accepted: ClassVar[str] = "use Dirichlet, Neumann or Robin"
+
+    def __post_init__(self) -> None:
+        read_formulas(self, self.kind)
 
     @abstractmethod
     def terms(self) -> Terms:
@@ -151,8 +165,9 @@ class Poisson(Equation):
 
     Parameters
     ----------
-    f : number, sequence, or callable
-        Right-hand side on the manifold: a number, one entry a channel, or a function of points (n, d).
+    f : number, text, sequence, or callable
+        Right-hand side on the manifold: a number, a formula such as ``"x*y"``, one entry a channel, or a function of
+        points (n, d).
     """
 
     f: Data
@@ -203,6 +218,7 @@ class ScreenedPoisson(Equation):
     kind: ClassVar[str] = "screened"
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         positive(self.c, "c of a screened Poisson problem")
 
     def terms(self) -> Terms:
@@ -255,6 +271,7 @@ class Elliptic(Equation):
     kind: ClassVar[str] = "elliptic"
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         object.__setattr__(self, "diffusivity", diffusivity_of(self.diffusivity, "diffusivity of an elliptic problem"))
         check_factor(self.c, "c of an elliptic problem")
         check_conservative(self.conservative, self.velocity, "an elliptic problem")
@@ -290,6 +307,7 @@ class Helmholtz(Equation):
     factorise_beside_multigrid: ClassVar[float | None] = 1.0
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         positive(self.wavenumber, "wavenumber of a Helmholtz problem")
 
     def terms(self) -> Terms:

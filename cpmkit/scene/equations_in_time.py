@@ -1,6 +1,7 @@
 """Equations in time: heat and what is like it, and waves.
 
-``heat`` u_t = div(kappa grad u) - v . grad u - c u + f, ``wave`` u_tt = speed^2 Lap u + f. Time begins at 0. How the
+``heat`` u_t = div(kappa grad u) - v . grad u - c u + f, ``wave`` u_tt = speed^2 Lap u + f. Time begins at ``t0``, 0
+unless given. How the
 steps go is in :mod:`cpmkit.families.evolution.schemes`; there is no explicit scheme for heat, whose step would have to
 be about the square of the spacing.
 """
@@ -9,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 
@@ -19,6 +20,9 @@ from cpmkit.scene.after_step import AfterStep, check_after_step
 from cpmkit.scene.data import Data, takes_time
 from cpmkit.scene.equations import Equation, Terms, VectorField, check_conservative, check_factor
 from cpmkit.scene.tensors import diffusivity_of
+
+if TYPE_CHECKING:
+    from cpmkit.solution.evolved import EvolvedSolution  # noqa: F401 - in quotes below
 
 HEAT_SCHEMES = ("bdf2", "backward-euler", "crank-nicolson")
 WAVE_SCHEMES = ("auto", "newmark", "implicit", "leapfrog")
@@ -30,13 +34,15 @@ MOST_TIME_STEPS = 10_000_000
 MOST_FRAMES = 100_000
 
 
-class Evolution(Equation):
+class Evolution(Equation["EvolvedSolution"]):
     """What every equation in time tells.
 
     Attributes
     ----------
     until, step : float
         Time at which the run ends, and its time step.
+    t0 : float
+        Time at which it begins.
     scheme : str
         How the steps go.
     frames : int or sequence of float
@@ -53,6 +59,7 @@ class Evolution(Equation):
     frames: int | Sequence[float]
     after_step: AfterStep | None = None
     rest: float | None = None
+    t0: float = 0.0
     family: ClassVar[str] = "time"
     #: From one step to the next little changes: on a surface with 8,000 unknowns an iterative solver takes 2 to 8
     #: iterations a step, less time than a solve with the factors, which take seconds to make.
@@ -64,7 +71,12 @@ class Evolution(Equation):
     @property
     def start_time(self) -> float:
         """Time of the initial data."""
-        return 0.0
+        return self.t0
+
+    @property
+    def duration(self) -> float:
+        """How long the run lasts."""
+        return self.until - self.t0
 
     def settled(self, explicit_steps: bool) -> Self:
         """Return the same with a scheme named, in a form that takes ``explicit_steps`` or not."""
@@ -75,15 +87,17 @@ class Evolution(Equation):
     def frame_times(self) -> tuple[float, ...]:
         """Times of the frames, rising."""
         if isinstance(self.frames, (int, np.integer)):
-            return tuple(np.linspace(0.0, self.until, self.frames + 1).tolist()) if self.frames else ()
+            return tuple(np.linspace(self.t0, self.until, self.frames + 1).tolist()) if self.frames else ()
         return tuple(sorted({float(time) for time in self.frames}))
 
     def _check(self, schemes: Sequence[str], coefficients: dict[str, object]) -> None:
-        for name in ("until", "step"):
-            object.__setattr__(self, name, positive(getattr(self, name), f"{name} of {self.kind}"))
-        if self.until / self.step > MOST_TIME_STEPS:
+        for name, accept in (("t0", number), ("until", number if self.t0 else positive), ("step", positive)):
+            object.__setattr__(self, name, accept(getattr(self, name), f"{name} of {self.kind}"))
+        if self.until <= self.t0:
+            raise InputError(f"until of {self.kind} must be later than t0={self.t0:g}, got {self.until:g}.")
+        if self.duration / self.step > MOST_TIME_STEPS:
             raise InputError(
-                f"until={self.until:g} with step={self.step:g} of {self.kind} makes {self.until / self.step:.3g} "
+                f"until={self.until:g} with step={self.step:g} of {self.kind} makes {self.duration / self.step:.3g} "
                 f"steps; at most {MOST_TIME_STEPS} are accepted, use a longer step."
             )
         if self.scheme not in schemes:
@@ -94,13 +108,13 @@ class Evolution(Equation):
                     f"{name} of {self.kind} must not depend on t, for then every step has a system of its own; f and "
                     "the data of conditions may."
                 )
-        _check_frames(self.frames, self.until, self.kind)
+        _check_frames(self.frames, self.t0, self.until, self.kind)
         check_after_step(self.after_step, self.rest, self.kind)
 
 
-def _check_frames(frames: int | Sequence[float], until: float, kind: str) -> None:
+def _check_frames(frames: int | Sequence[float], start: float, until: float, kind: str) -> None:
     accepted = (
-        f"frames of {kind} must be a number of equal parts of the time or a list of times from 0 to {until:g}, "
+        f"frames of {kind} must be a number of equal parts of the time or a list of times from {start:g} to {until:g}, "
         f"at most {MOST_FRAMES} of them"
     )
     try:
@@ -110,18 +124,18 @@ def _check_frames(frames: int | Sequence[float], until: float, kind: str) -> Non
         times = [number(time, "a frame") for time in frames]
     except (TypeError, InputError) as error:
         raise InputError(f"{accepted}, got {shown(frames)}.") from error
-    if len(times) > MOST_FRAMES or not all(0 <= time <= until for time in times):
+    if len(times) > MOST_FRAMES or not all(start <= time <= until for time in times):
         raise InputError(f"{accepted}, got {shown(frames)}.")
 
 
 @dataclass(frozen=True, eq=False)
 class Heat(Evolution):
-    """u_t = div(kappa grad u) - v . grad u - c u + f, from u = initial at time 0.
+    """u_t = div(kappa grad u) - v . grad u - c u + f, from u = initial at time t0.
 
     Parameters
     ----------
-    initial : number, sequence, or callable
-        u at time 0, as the right-hand side of :class:`~cpmkit.Poisson`.
+    initial : number, text, sequence, or callable
+        u at the start, as the right-hand side of :class:`~cpmkit.Poisson`.
     until : float
         Time at which the run ends.
     step : float
@@ -142,7 +156,7 @@ class Heat(Evolution):
     start : str
         Of Crank-Nicolson: ``smooth`` takes the first step as two half steps of backward Euler, ``plain`` does not.
     frames : int or sequence of float
-        Times whose solutions are kept: the ends of so many equal parts, with time 0, or a list. A step ends at each.
+        Times whose solutions are kept: the ends of so many equal parts, with the start, or a list. A step ends at each.
     after_step : callable, optional
         A function of points (p, d), values (p, channels) and, where it has a parameter ``t`` without a default, the
         time, that returns the values (p, channels) from which the run goes on. Where it changes u by as much as a step
@@ -151,6 +165,8 @@ class Heat(Evolution):
     rest : float, optional
         The run ends when u changes more slowly: root mean square of the change over the step and over that of u, at
         the start or now, whichever is larger; in one over the unit of time. Frames past that time are left out.
+    t0 : float
+        Time at which the run begins.
 
     Raises
     ------
@@ -181,10 +197,12 @@ class Heat(Evolution):
     conservative: bool = False
     after_step: AfterStep | None = None
     rest: float | None = None
+    t0: float = 0.0
     # King et al. (2024), eq. 18.
     kind: ClassVar[str] = "heat"
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         self._check(HEAT_SCHEMES, {"kappa": self.kappa, "velocity": self.velocity, "c": self.c})
         object.__setattr__(self, "kappa", diffusivity_of(self.kappa, "kappa of heat"))
         check_factor(self.c, "c of heat")
@@ -206,18 +224,18 @@ class Heat(Evolution):
 
 @dataclass(frozen=True, eq=False)
 class Wave(Evolution):
-    """u_tt = speed^2 Lap u + f, from u = initial and u_t = initial_rate at time 0.
+    """u_tt = speed^2 Lap u + f, from u = initial and u_t = initial_rate at time t0.
 
     Parameters
     ----------
-    initial : number, sequence, or callable
-        u at time 0.
+    initial : number, text, sequence, or callable
+        u at the start.
     until : float
         Time at which the run ends.
     step : float
         Time step; the last one before a frame and before the end is shortened.
     initial_rate : number, sequence, or callable
-        u_t at time 0.
+        u_t at the start.
     speed : float
         Of the waves, above zero.
     f : number, sequence, or callable
@@ -230,6 +248,8 @@ class Wave(Evolution):
         above a bound.
     frames : int or sequence of float
         As for :class:`Heat`.
+    t0 : float
+        Time at which the run begins.
 
     Raises
     ------
@@ -255,9 +275,11 @@ class Wave(Evolution):
     f: Data = 0.0
     scheme: str = "auto"
     frames: int | Sequence[float] = 0
+    t0: float = 0.0
     kind: ClassVar[str] = "wave"
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         self._check(WAVE_SCHEMES, {})
         object.__setattr__(self, "speed", positive(self.speed, "speed of wave"))
 

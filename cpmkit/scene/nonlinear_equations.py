@@ -10,10 +10,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from cpmkit.errors import InputError, SceneError, shown
+from cpmkit.formulas.state_expressions import StateExpression
 from cpmkit.protocols import Floats
 from cpmkit.runtime.arrays import number, positive
 from cpmkit.scene.data import Data, evaluate_data
 from cpmkit.scene.equations import Equation, Terms, check_factor
+from cpmkit.scene.formula_data import formula
 from cpmkit.scene.state_diffusivity import StateDiffusivity, of_slope
 
 #: How the equations are solved: by tangents, or with the diffusivity of the step before.
@@ -58,8 +60,9 @@ class NonlinearDiffusion(QuasilinearEquation):
 
     Parameters
     ----------
-    diffusivity : callable
-        a, above zero: of u (n,), of u and s (n,), or of u, s and points (n, d); returns (n,).
+    diffusivity : callable or text
+        a, above zero: a formula such as ``"1 + u**2"``, or a function of u (n,), of u and s (n,), or of u, s and points
+        (n, d) that returns (n,).
     f : number or callable
         Right-hand side, as for :class:`~cpmkit.Poisson`; of one channel.
     c : number or callable
@@ -87,14 +90,19 @@ class NonlinearDiffusion(QuasilinearEquation):
     array([0.5811])
     """
 
-    diffusivity: Callable[..., Any]
+    diffusivity: Callable[..., Any] | str
     f: Data = 0.0
     c: Data = 0.0
-    by_value: Callable[..., Any] | None = None
-    by_slope: Callable[..., Any] | None = None
+    by_value: Callable[..., Any] | str | None = None
+    by_slope: Callable[..., Any] | str | None = None
     kind: ClassVar[str] = "nonlinear-diffusion"
 
     def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("diffusivity", "by_value", "by_slope"):
+            if isinstance(getattr(self, name), str):
+                made = formula(StateExpression, getattr(self, name), f"{name} of {self.kind}")
+                object.__setattr__(self, name, made)
         if not callable(self.diffusivity):
             raise InputError(
                 f"the diffusivity of nonlinear diffusion must be a function of u, got {shown(self.diffusivity)}; use "
@@ -109,7 +117,8 @@ class NonlinearDiffusion(QuasilinearEquation):
 
     @cached_property
     def _law(self) -> StateDiffusivity:
-        return StateDiffusivity(self.diffusivity, self.by_value, self.by_slope)
+        found: Any = (self.diffusivity, self.by_value, self.by_slope)  # functions, formulas made so
+        return StateDiffusivity(*found)
 
     def __str__(self) -> str:
         return str(self.terms()).replace("(a grad u)", "(a(u, |grad u|) grad u)")
@@ -143,6 +152,7 @@ class PLaplacian(QuasilinearEquation):
     kind: ClassVar[str] = "p-laplacian"
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if number(self.p, "p of a p-Laplacian") < 1:
             raise InputError(f"p of a p-Laplacian must be at least 1, got {self.p:g}.")
         positive(self.regularization, "regularization of a p-Laplacian")
@@ -197,6 +207,7 @@ class TotalVariation(QuasilinearEquation):
     held_evenly: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         positive(self.c, "c of total variation")
         positive(self.regularization, "regularization of total variation")
         self._check_method()

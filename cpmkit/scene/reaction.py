@@ -28,7 +28,7 @@ def takes_points(reaction: Reaction) -> bool:
     return sum(one.name != "t" for one in needed) > 1
 
 
-def rates(reaction: Reaction, u: Floats, points: Floats, time: float) -> Floats:
+def rates(reaction: Reaction, u: Floats, points: Floats, time: float, start: float = 0.0) -> Floats:
     """Return the rates (p, channels) of a reaction at values u (p, channels), points (p, d) and a time.
 
     Raises
@@ -44,7 +44,7 @@ def rates(reaction: Reaction, u: Floats, points: Floats, time: float) -> Floats:
     if found.shape != u.shape:
         raise InputError(f"the reaction must return shape {u.shape} for values of u of that shape, got {found.shape}.")
     if not np.abs(found).max(initial=0.0) <= LARGEST_DATUM:
-        if time == 0.0:
+        if time == start:
             raise InputError("the reaction must be finite for the initial data, got NaN, infinity or more than 1e100.")
         raise ResolutionError(
             f"The reaction ceased to be finite at time {time:.4g}: it is taken from the step before, and the step must "

@@ -9,12 +9,14 @@ from typing import Any, ClassVar
 import numpy as np
 
 from cpmkit.errors import InputError, SceneError, shown
+from cpmkit.formulas.reaction_expressions import ReactionExpression
 from cpmkit.runtime.arrays import positive
 from cpmkit.scene.after_step import AfterStep
 from cpmkit.scene.condition import Condition
 from cpmkit.scene.data import Data
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.equations_in_time import Evolution
+from cpmkit.scene.formula_data import as_data, formula
 from cpmkit.scene.laws import Interface
 from cpmkit.scene.reaction import Reaction
 
@@ -23,7 +25,7 @@ REACTION_SCHEMES = ("sbdf2", "euler")
 
 @dataclass(frozen=True, eq=False)
 class ReactionDiffusion(Evolution):
-    """u_t = div(kappa grad u) + reaction(u) + f for each channel of u, from u = initial at time 0.
+    """u_t = div(kappa grad u) + reaction(u) + f for each channel of u, from u = initial at time t0.
 
     Diffusion is taken implicitly, the reaction explicitly: any step suits the diffusion, and one shorter than the time
     in which the fastest part of the reaction acts suits the reaction.
@@ -31,10 +33,11 @@ class ReactionDiffusion(Evolution):
     Parameters
     ----------
     initial : sequence, number, or callable
-        u at time 0: one entry a channel, or a callable of points (n, d) that returns (n, channels).
-    reaction : callable
-        Of u (p, channels), of points (p, d) where it has a second parameter, and of the time where it has a parameter
-        ``t`` without a default; returns rates (p, channels). It is called with values of u at points of the
+        u at the start: one entry a channel, or a callable of points (n, d) that returns (n, channels).
+    reaction : callable, or text
+        Formulas, one a channel, such as ``["u1*u2 - u1", "-u1*u2"]``; or a function of u (p, channels), of points
+        (p, d) where it has a second parameter, and of the time where it has a parameter ``t`` without a default, that
+        returns rates (p, channels). It is called with values of u at points of the
         manifold, never with coefficients.
     kappa : number, callable, or a sequence of one a channel
         Diffusivities, above zero: numbers, or functions of points (n, d) that return (n,).
@@ -49,7 +52,7 @@ class ReactionDiffusion(Evolution):
         Source, as of :class:`~cpmkit.Heat`.
     frames : int or sequence of float
         As for :class:`~cpmkit.Heat`.
-    after_step, rest
+    after_step, rest, t0
         As for :class:`~cpmkit.Heat`.
 
     Raises
@@ -69,7 +72,7 @@ class ReactionDiffusion(Evolution):
     """
 
     initial: Data
-    reaction: Reaction
+    reaction: Reaction | str | Sequence[str]
     kappa: Any
     until: float
     step: float
@@ -78,10 +81,15 @@ class ReactionDiffusion(Evolution):
     frames: int | Sequence[float] = 0
     after_step: AfterStep | None = None
     rest: float | None = None
+    t0: float = 0.0
     kind: ClassVar[str] = "reaction-diffusion"
 
     def __post_init__(self) -> None:
-        given = self.kappa
+        super().__post_init__()
+        if isinstance(self.reaction, (str, list, tuple)):
+            texts = (self.reaction,) if isinstance(self.reaction, str) else tuple(self.reaction)
+            object.__setattr__(self, "reaction", formula(ReactionExpression, texts, "reaction of reaction-diffusion"))
+        given = as_data(self.kappa, "kappa of reaction-diffusion")
         each = tuple(given) if isinstance(given, (list, tuple, np.ndarray)) and np.ndim(given) else (given,)
         if not each:
             raise InputError("kappa of reaction-diffusion must be one number or function a channel, got none.")

@@ -10,6 +10,7 @@ from cpmkit.errors import SceneError
 from cpmkit.scene.alike import same_condition
 from cpmkit.scene.boundary import Boundary
 from cpmkit.scene.condition import Condition
+from cpmkit.scene.conditions import as_conditions
 from cpmkit.scene.equations import Equation
 from cpmkit.scene.laws import Interface, Law, Mixed, Nonlinear
 from cpmkit.scene.scene import Scene
@@ -48,6 +49,7 @@ def _with_data(boundary: Any, given: Any) -> Boundary:
     sides = {side: getattr(boundary, side) for side in ("both", "left", "right", "across")}
     held = {side: one for side, one in sides.items() if one is not None}
     new = given if isinstance(given, Mapping) else dict.fromkeys([*held][:1], given)
+    new = as_conditions(new)
     if set(new) != set(held):
         raise SceneError(
             f"boundary {boundary.name!r} holds conditions on {' and '.join(held)}, got {' and '.join(new)}; give data "
@@ -62,6 +64,7 @@ def _with_data(boundary: Any, given: Any) -> Boundary:
 
 
 def _edge_with_data(edge: Any, given: Any) -> Any:
+    given = as_conditions(given)
     loops, new_loops = (set(one) if isinstance(one, Mapping) else None for one in (edge, given))
     if loops != new_loops:
         raise SceneError("data of the edge must be one condition, or one for each of its loops, as the scene has them.")

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
+from typing import TYPE_CHECKING, Generic
 
 import numpy as np
 
@@ -15,9 +16,9 @@ from cpmkit.manifold.local_source import LocalSource
 from cpmkit.protocols import SIDES, BoundarySet, ClosestPointSource, Floats
 from cpmkit.scene.boundary import ONE
 from cpmkit.scene.condition import Condition, EdgeConditions
-from cpmkit.scene.conditions import Neumann
+from cpmkit.scene.conditions import Neumann, as_conditions
 from cpmkit.scene.data import Data, Functional, evaluate_data
-from cpmkit.scene.equations import Equation
+from cpmkit.scene.equations import Equation, Solved
 from cpmkit.scene.orient import orient
 from cpmkit.scene.oriented import OrientedBoundary
 from cpmkit.scene.tensors import is_tensor
@@ -27,7 +28,7 @@ SURFACE_DATA, EDGE_DATA = -1, -2
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class Scene(Generic[Solved]):
     """A manifold, its boundaries, its edge and an equation.
 
     Parameters
@@ -38,9 +39,10 @@ class Scene:
         Such as ``Laplace()``, ``Poisson(f)`` or ``ScreenedPoisson(f, c)``.
     boundaries : sequence of BoundarySet
         Points and curves inside the manifold, with conditions.
-    edge : Condition or table
+    edge : Condition or table, or number, text, sequence or function
         What holds on the rim of an open surface or the ends of an open curve: one condition, or one a
-        loop number. By default nothing flows through it.
+        loop number; data, such as a function of position, are short for Dirichlet of them. By default
+        nothing flows through it.
 
     Raises
     ------
@@ -59,9 +61,19 @@ class Scene:
     """
 
     surface: ClosestPointSource
-    problem: Equation
+    problem: Equation[Solved]
     boundaries: Sequence[BoundarySet] = ()
     edge: EdgeConditions = field(default_factory=Neumann)
+
+    if TYPE_CHECKING:  # more may be given than is kept
+
+        def __init__(
+            self,
+            surface: ClosestPointSource,
+            problem: Equation[Solved],
+            boundaries: Sequence[BoundarySet] = (),
+            edge: Condition | Data | Mapping[int, Condition | Data] = ...,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         check_source(self.surface, "the surface")
@@ -69,6 +81,7 @@ class Scene:
             raise SceneError(
                 f"the problem must be an equation, such as Laplace(), Poisson(f) or Heat(...), got {self.problem!r}."
             )
+        object.__setattr__(self, "edge", as_conditions(self.edge))
         for one in self.edge_conditions:
             if not isinstance(one, Condition) or one.couples:
                 raise SceneError(f"`edge` must be {ONE}, or a table with one of them for each loop, got {shown(one)}.")

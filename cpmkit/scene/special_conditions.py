@@ -51,6 +51,7 @@ class Transmission(Condition):
     kind: ClassVar[str] = "transmission"
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         for side in ("left", "right"):
             given = getattr(self, side)
             if given is not None and (not callable(given) or takes_time(given)):

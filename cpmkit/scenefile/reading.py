@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,15 +18,15 @@ from cpmkit.formulas.reaction_expressions import ReactionExpression
 from cpmkit.formulas.state_expressions import StateExpression
 from cpmkit.linear.choice import SOLVER_OPTIONS, SolverOptions
 from cpmkit.plugins import call, check_accepted, check_keys, factory, source, takes
-from cpmkit.protocols import ClosestPointSource, Floats
+from cpmkit.protocols import ClosestPointSource
 from cpmkit.runtime.declared import declared, take
 from cpmkit.runtime.key_types import check_types
 from cpmkit.runtime.suggestions import did_you_mean
 from cpmkit.scene.boundary import Boundary
 from cpmkit.scene.compound_equations import Biharmonic, Eigen
-from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.equations import Elliptic, Equation, Helmholtz, Laplace, Poisson, ScreenedPoisson, VectorField
 from cpmkit.scene.equations_in_time import Evolution, Heat, Wave
+from cpmkit.scene.formula_data import field_of_entries, formula
 from cpmkit.scene.nonlinear_equations import NonlinearDiffusion, PLaplacian, TotalVariation
 from cpmkit.scene.reaction_diffusion import ReactionDiffusion
 from cpmkit.scene.scene import Scene
@@ -242,12 +242,12 @@ def _problem(table: dict[str, Any], dim: int) -> Equation:
     if PROBLEMS[kind] is NonlinearDiffusion:
         for key in STATE_KEYS:
             if key in table:
-                table[key] = _formula(StateExpression, table[key], dim, f"{key} of [problem]")
+                table[key] = formula(StateExpression, table[key], f"{key} of [problem]", dim)
     reacts = PROBLEMS[kind] is ReactionDiffusion
     if reacts and "reaction" in table:
         given = table["reaction"]
         texts = tuple(given) if isinstance(given, list) else (given,)
-        table["reaction"] = _formula(ReactionExpression, texts, dim, "reaction of [problem]")
+        table["reaction"] = formula(ReactionExpression, texts, "reaction of [problem]", dim)
     for key in FORMULA_KEYS:
         if callable(table.get(key)):
             continue
@@ -269,16 +269,6 @@ def _problem(table: dict[str, Any], dim: int) -> Equation:
     return call(PROBLEMS[kind], f"[problem] of kind {kind!r}", table)
 
 
-def _formula(
-    make: Callable[[Any, int], Callable[..., Floats]], given: Any, dim: int, where: str
-) -> Callable[..., Floats]:
-    """Return the function that formulas stand for."""
-    try:
-        return make(given, dim)
-    except SceneError as error:
-        raise SceneError(f"{where}: {error}") from error
-
-
 def _one(value: Any, dim: int, where: str) -> Any:
     """Return the number or function that one entry of a list stands for."""
     if isinstance(value, list):
@@ -296,7 +286,7 @@ def _field(value: Any, dim: int) -> VectorField:
     if not isinstance(value, list) or len(value) != dim:
         raise SceneError(f"velocity of [problem] must be a list of {dim} numbers or formulas, got {shown(value)}.")
     entries = read_data(value, dim, "velocity of [problem]")
-    return lambda points: evaluate_data(entries, points, dim, "velocity of [problem]")
+    return field_of_entries(entries, "velocity of [problem]")
 
 
 def _output(table: dict[str, Any], path: Path) -> OutputRequest:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, overload
+
+import numpy as np
 
 from cpmkit.forms.contract import Discretized, MeasuredWork
 from cpmkit.forms.imbalance import Imbalance
 from cpmkit.linear.report import SolveReport
-from cpmkit.protocols import Floats, Side, Sides
+from cpmkit.protocols import SIDES, Floats, ReadSides, Side, Sides
 from cpmkit.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -100,34 +102,60 @@ class Solution:
 
         return error_of(self)
 
-    def error_at(self, points: Any) -> Floats:
+    def error_at(self, points: Any) -> Any:
         """Return the estimated error (n,) or (n, channels) at points of the manifold, in the solution's own unit."""
-        return self.error.at_points(points)
+        return self._at(points, self.error.at_points)
 
-    def evaluate(self, points: Any, side: Sides = None) -> Floats:
+    @overload
+    def evaluate(self, points: Sequence[float], side: ReadSides = None) -> Any: ...
+    @overload
+    def evaluate(self, points: Any, side: ReadSides = None) -> Floats: ...
+    def evaluate(self, points: Any, side: ReadSides = None) -> Any:
         """Return the solution at the points of the manifold nearest to ``points``.
 
         Parameters
         ----------
-        points : (n, d) array
+        points : (n, d) array, or one point (d,)
             In the scene's coordinates, at most the tube's radius away from the manifold.
-        side : "left", "right" or {boundary name: side}, optional
+        side : "left", "right", "both" or {boundary name: side}, optional
             From which side a point on a boundary is read; left if not said. Points off the boundary are
             not affected.
 
         Returns
         -------
         (n,) or (n, channels) float64
+            With ``side="both"`` (n, 2) or (n, 2, channels), the value of the left first. Of one point without the first
+            axis: a float, (channels,), (2,) or (2, channels).
 
         Raises
         ------
         InputError
             If a point is not finite or too far away, or a side names no boundary that has sides.
         """
+        return self._at(points, lambda rows: self._values_at(rows, side))
+
+    def __call__(self, points: Any, side: ReadSides = None) -> Any:
+        """Return the solution at points, as :meth:`evaluate` does: a solution is a function of position."""
+        return self.evaluate(points, side)
+
+    def _values_at(self, points: Any, side: ReadSides) -> Floats:
+        if isinstance(side, str) and side == "both":
+            return np.stack([self._values_at(points, one) for one in SIDES], axis=1)
         values = self.discretized.evaluate(self.values, points, side, self.data_time)
         return values[:, 0] if self.channels == 1 else values
 
-    def gradient(self, points: Any, side: Sides = None) -> Floats:
+    def _at(self, points: Any, read: Callable[[Any], Floats]) -> Any:
+        """Return what is read at points (n, d), or at one point (d,) without the axis of points."""
+        try:
+            one = np.shape(points) == (self.scene.surface.dim,)
+        except ValueError:  # rows of different lengths, which the reader refuses
+            one = False
+        if not one:
+            return read(points)
+        found = read(np.asarray(points)[None])[0]
+        return float(found) if np.ndim(found) == 0 else found
+
+    def gradient(self, points: Any, side: Sides = None) -> Any:
         """Return the surface gradient of the solution at the points of the manifold nearest to ``points``.
 
         Of second order, also on and beside boundaries and edges, where it is that of the point's own side. Where
@@ -141,7 +169,8 @@ class Solution:
         Returns
         -------
         (n, d) or (n, channels, d) float64
-            Tangential vectors, in the unit of the solution over the unit of length.
+            Tangential vectors, in the unit of the solution over the unit of length; of one point without the first
+            axis.
 
         Raises
         ------
@@ -157,8 +186,12 @@ class Solution:
         >>> ck.solve(scene, spacing=0.02).gradient([[0, 1]]).round(2)  # 6 / (2 pi), the way the circle runs
         array([[-0.95,  0.  ]])
         """
-        gradient = self.discretized.gradient(self.values, points, side)
-        return gradient[:, 0] if self.channels == 1 else gradient
+
+        def read(rows: Any) -> Floats:
+            gradient = self.discretized.gradient(self.values, rows, side)
+            return gradient[:, 0] if self.channels == 1 else gradient
+
+        return self._at(points, read)
 
     def flux(self, boundary: str | int, side: Side | None = None) -> float | Floats:
         """Return what flows out of a side of a boundary: the integral of du/db over it.

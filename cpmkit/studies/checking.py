@@ -66,8 +66,8 @@ def at_spacing(scene: Scene, step_per_spacing: float | None, spacing: float | No
     problem: Any = scene.problem
     if not {"step", "until"} <= {field.name for field in fields(problem)}:
         raise SceneError(f"step_per_spacing of [sweep] is for problems with a time step, not for {problem.kind!r}.")
-    steps = math.ceil(problem.until / (step_per_spacing * spacing) - ROUNDED_STEP_SHARE)
-    return replace(scene, problem=replace(problem, step=problem.until / max(steps, 1)))
+    steps = math.ceil(problem.duration / (step_per_spacing * spacing) - ROUNDED_STEP_SHARE)
+    return replace(scene, problem=replace(problem, step=problem.duration / max(steps, 1)))
 
 
 def end_of(scene: Scene) -> float | None:

@@ -96,7 +96,7 @@ def read_checkpoint(path: Path, plan: RunPlan) -> tuple[RunState, SolveTally]:
     tally = record_from_table(
         SolveTally, read_json_table(arrays["tally"], path, "tally"), f"the tally of {shown(path.name)}"
     )
-    times = [0.0, *(step.end for step in plan.steps[: len(arrays["ends"])])][-len(arrays["lengths"]) :]
+    times = [plan.start.time, *(step.end for step in plan.steps[: len(arrays["ends"])])][-len(arrays["lengths"]) :]
     history = tuple(
         Moment(arrays[f"u_{k}"], arrays.get(f"rate_{k}"), float(length), arrays.get(f"acceleration_{k}"), times[k])
         for k, length in enumerate(arrays["lengths"])
@@ -117,7 +117,7 @@ def _check_steps(path: Path, plan: RunPlan, arrays: Mapping[str, np.ndarray]) ->
         raise InputError(f"{_differs(path)}: its {len(ends)} steps and their frames are not those of this one.")
     lengths = [0.0, *(step.length for step in done)][-REMEMBERED_MOMENTS:]
     moments = range(len(lengths))
-    frames = int(np.count_nonzero(kept)) + (0.0 in plan.evolution.frame_times)
+    frames = int(np.count_nonzero(kept)) + (plan.start.time in plan.evolution.frame_times)
     needed = [f"{name}_{k}" for name in ("u", "rate")[: 1 if plan.start.rate is None else 2] for k in moments]
     lacking = [name for name in needed if name not in arrays]
     if lacking or len(arrays["frames"]) != frames or not _same_times(arrays["lengths"], lengths, plan):

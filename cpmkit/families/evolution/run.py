@@ -30,7 +30,7 @@ class RunPlan:
     steps : sequence of Step
         From the start to the end.
     start : Moment
-        The unknowns at time 0.
+        The unknowns at the start.
     """
 
     problem: SemiDiscrete
@@ -74,6 +74,7 @@ def describe_run(plan: RunPlan) -> dict[str, Any]:
         "scheme": evolution.scheme,
         "start": getattr(evolution, "start", ""),
         "step": evolution.step,
+        **({"t0": evolution.t0} if evolution.t0 else {}),
         "spacing": form.spacing,
         **{name: value for name, value in form.describe().items() if isinstance(value, (int, float, str))},
         "number of unknowns": form.size,
@@ -85,10 +86,10 @@ def digest_run(plan: RunPlan, time: float) -> str:
     """Return a digest of the tables, of the start, and of the data at the start and at ``time``."""
     problem, start = plan.problem, plan.start
     tables = [array for group in problem.groups for array in problem.form.fingerprint(group.stiffness)]
-    data = [start.u, *([] if start.rate is None else [start.rate]), problem.forcing(0.0), problem.forcing(time)]
-    data += [after_step(problem.form, plan.evolution, replace(start, time=when)).u for when in (0.0, time)]
+    data = [start.u, *([] if start.rate is None else [start.rate]), problem.forcing(start.time), problem.forcing(time)]
+    data += [after_step(problem.form, plan.evolution, replace(start, time=when)).u for when in (start.time, time)]
     if problem.reaction is not None:
-        data += [problem.reacting(replace(start, u=start.u.copy(), time=when)) for when in (0.0, time)]
+        data += [problem.reacting(replace(start, u=start.u.copy(), time=when)) for when in (start.time, time)]
     digest = hashlib.blake2b(digest_size=16)
     for array in [*tables, *data]:
         digest.update(np.ascontiguousarray(array).data)

@@ -31,8 +31,8 @@ class Step:
     is_frame: bool
 
 
-def schedule(until: float, step: float, frames: Sequence[float]) -> list[Step]:
-    """Return the steps from time 0 to ``until``, of which one ends at each time in ``frames``.
+def schedule(until: float, step: float, frames: Sequence[float], start: float = 0.0) -> list[Step]:
+    """Return the steps from time ``start`` to ``until``, of which one ends at each time in ``frames``.
 
     Examples
     --------
@@ -40,10 +40,10 @@ def schedule(until: float, step: float, frames: Sequence[float]) -> list[Step]:
     [(0.4, 0.4), (0.8, 0.4), (1.0, 0.2)]
     """
     steps: list[Step] = []
-    start = 0.0
-    for stop in sorted({*(time for time in frames if time > 0), until}):
-        steps += _between(start, stop, step, stop in frames)
-        start = stop
+    begin = start
+    for stop in sorted({*(time for time in frames if time > start), until}):
+        steps += _between(begin, stop, step, stop in frames)
+        begin = stop
     return steps
 
 

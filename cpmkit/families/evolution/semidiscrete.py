@@ -108,7 +108,10 @@ class SemiDiscrete:
         for u, known in self._reactions:
             if u is moment.u:
                 return known
-        made = self.form.load_of(lambda values, points: rates(self._reaction, values, points, moment.time), moment.u)
+        start = self.form.scene.problem.start_time or 0.0
+        made = self.form.load_of(
+            lambda values, points: rates(self._reaction, values, points, moment.time, start), moment.u
+        )
         self._reactions[:] = [*self._reactions[-1:], (moment.u, made)]
         return made
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -61,7 +62,7 @@ def solve_in_time(context: SolveContext) -> EvolvedSolution:
         form.require(NEEDED[evolution.scheme])
     problem = semidiscrete(form, evolution)
     check_frames_fit(len(evolution.frame_times), form.size, form.channels)
-    steps = schedule(evolution.until, evolution.step, evolution.frame_times)
+    steps = schedule(evolution.until, evolution.step, evolution.frame_times, evolution.t0)
     plan = RunPlan(problem, evolution, steps, _start(form, evolution, steps[0]))
     solver = ShiftedSolver(problem, context)
     solver.tally.operator_applications += sum(form.indefinite(group.stiffness)[1] for group in problem.groups)
@@ -74,7 +75,7 @@ def solve_in_time(context: SolveContext) -> EvolvedSolution:
 def semidiscrete(form: Discretized, evolution: Evolution) -> SemiDiscrete:
     """Return an equation in time with the operators of its channels, one for all unless they differ."""
     several = [(tuple(range(form.channels)), evolution.terms())]
-    reaction = None
+    reaction: Any = None
     if isinstance(evolution, ReactionDiffusion):
         several, reaction = evolution.terms_of_channels(form.channels), evolution.reaction
     groups = tuple(ChannelGroup(channels, terms, form.stiffness(terms)) for channels, terms in several)
@@ -82,11 +83,12 @@ def semidiscrete(form: Discretized, evolution: Evolution) -> SemiDiscrete:
 
 
 def _start(form: Discretized, evolution: Evolution, first: Step) -> Moment:
+    t0 = evolution.t0
     if not isinstance(evolution, Wave):
         assert isinstance(evolution, (Heat, ReactionDiffusion))
-        return Moment(form.interpolate_in_range(evolution.initial, "the initial data"), None, 0.0)
-    u = form.interpolate(evolution.initial, "the initial data")
-    return Moment(u, form.interpolate_rate(evolution.initial_rate, "the initial rate", first.length), 0.0)
+        return Moment(form.interpolate_in_range(evolution.initial, "the initial data", t0), None, 0.0, time=t0)
+    u = form.interpolate(evolution.initial, "the initial data", t0)
+    return Moment(u, form.interpolate_rate(evolution.initial_rate, "the initial rate", first.length), 0.0, time=t0)
 
 
 def _run(context: SolveContext, plan: RunPlan, solver: ShiftedSolver) -> RunState:
@@ -94,8 +96,8 @@ def _run(context: SolveContext, plan: RunPlan, solver: ShiftedSolver) -> RunStat
     asked, total, scheme = context.checkpointing, len(plan.steps), scheme_of(plan.evolution)
     growth = growth_bound(plan.problem, context.scene, plan.start)
     state = RunState(0, (plan.start,))
-    if 0.0 in plan.evolution.frame_times:
-        state = state.with_frame(plan.start.u, wave_energy(plan.problem, plan.start, 0.0))
+    if plan.start.time in plan.evolution.frame_times:
+        state = state.with_frame(plan.start.u, wave_energy(plan.problem, plan.start, plan.start.time))
     if asked.resume is not None:
         state, tally = read_checkpoint(asked.resume, plan)
         solver.tally.add(tally)
@@ -166,7 +168,7 @@ def _solution(
     energy = wave_energy(plan.problem, state.history[-1], end)
     last = EvolvedSolution(form, values, report, work, seconds, warnings=warnings, time=end, steps=total, energy=energy)
     # A run that came to rest has fewer frames than were asked for.
-    taken = {0.0: 0, **{step.end: number for number, step in enumerate(plan.steps, 1)}}
+    taken = {plan.start.time: 0, **{step.end: number for number, step in enumerate(plan.steps, 1)}}
     energies = state.energies or (None,) * len(state.frames)
     frames = tuple(
         replace(last, values=kept, time=when, steps=taken[when], energy=energy)

@@ -212,9 +212,10 @@ class Collocation(Reader):
         return self._continued(self.tables.read_sources(data, what, time), self.tables.datum(time))
 
     def interpolate_rate(self, data: Data, what: str, step: float) -> Floats:
-        """Return the rates at time 0, continued by the conditions' rates over the first step."""
-        datum = (self._moved(step) - self._moved(0.0)) / step
-        return self._continued(self.tables.read_sources(data, what, 0.0), datum)
+        """Return the rates at the start, continued by the conditions' rates over the first step."""
+        start = self.scene.problem.start_time or 0.0
+        datum = (self._moved(start + step) - self._moved(start)) / step
+        return self._continued(self.tables.read_sources(data, what, start), datum)
 
     def _continued(self, u: Floats, datum: Floats) -> Floats:
         """Return u (n, channels) with what the conditions make of it at ghosts and nodes past an edge."""

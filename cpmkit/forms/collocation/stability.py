@@ -61,7 +61,7 @@ def _check_leapfrog(wave: Wave, degree: int, spacing: float, dim: int) -> None:
             "eigenvalues, under which waves grow without bound; use degree 3, or scheme 'implicit'."
         )
     longest = LEAPFROG_MOST_SPACINGS * spacing / (wave.speed * math.sqrt(dim))
-    if min(wave.step, wave.until) > longest:
+    if min(wave.step, wave.duration) > longest:
         raise ResolutionError(
             f"step={wave.step:g} is too long for leapfrog at spacing={spacing:g}; use at most {longest:.3g}, or scheme "
             "'implicit'."

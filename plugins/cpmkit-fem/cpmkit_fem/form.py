@@ -232,8 +232,9 @@ class FiniteElements(Discretized):
 
     def interpolate_rate(self, data: Data, what: str, step: float) -> Floats:
         """Return the rates at the vertices, at pinned ones those of their values over the first step."""
-        rates = (self.pins.values(step) - self.pins.values(0.0)) / step
-        return self._with_given(self.read(data, what, 0.0, self.channels), rates)
+        start = self.scene.problem.start_time or 0.0
+        rates = (self.pins.values(start + step) - self.pins.values(start)) / step
+        return self._with_given(self.read(data, what, start, self.channels), rates)
 
     def _with_given(self, values: Floats, given: Floats) -> Floats:
         values = values.copy()
