@@ -155,8 +155,7 @@ def _summary_text(solution: Any, summary: Mapping[str, Any]) -> str:
     lines += [f"written    {Path(summary['folder'], file)}" for file in summary["files"]]
     if summary["picture"]:
         drawn = summary["picture"]
-        why = f"; {drawn['reason']}" if drawn["reason"] else ""
-        lines.append(f"written    {Path(summary['folder'], drawn['file'])} (drawn by {drawn['renderer']}{why})")
+        lines.append(f"written    {Path(summary['folder'], drawn['file'])} ({drawn['camera']})")
     return "\n".join(lines)
 
 

@@ -19,11 +19,11 @@ from cpmkit.saving.summary import version_of
 #: Distributions whose versions matter, the required ones first.
 DISTRIBUTIONS = (
     *("cpmkit", "numpy", "scipy", "numba", "pluggy", "click"),
-    *("trimesh", "scikit-fem", "pyvista", "vtk", "matplotlib"),
+    *("trimesh", "scikit-fem", "pyvista", "matplotlib", "imageio"),
 )
 
 #: Variables that change what cpmkit does.
-ENVIRONMENT_VARIABLES = ("CPMKIT_DATA", "CPMKIT_CACHE", "CPMKIT_FETCH", "CPMKIT_THREADS", "VTK_DEFAULT_OPENGL_WINDOW")
+ENVIRONMENT_VARIABLES = ("CPMKIT_DATA", "CPMKIT_CACHE", "CPMKIT_FETCH", "CPMKIT_THREADS")
 
 
 @dataclass(frozen=True)
@@ -44,8 +44,6 @@ class Diagnosis:
         How much memory this process may have, and who sets that limit.
     variables : mapping
         Environment variables that are set and change what cpmkit does.
-    opengl : str
-        Why pictures are not drawn through OpenGL; empty where they are.
     scene : str or None
         What keeps the scene from loading, empty where it loads; ``None`` if none was given.
     advice : tuple of str
@@ -58,7 +56,6 @@ class Diagnosis:
     processors: int
     memory: str
     variables: Mapping[str, str]
-    opengl: str
     scene: str | None
     advice: tuple[str, ...]
 
@@ -71,7 +68,6 @@ class Diagnosis:
         rows += [(name, found or "not installed") for name, found in self.versions.items()]
         rows += [(name, value) for name, value in self.variables.items()]
         rows += [("kinds", ""), *((f"  {kind}", distribution) for kind, distribution in self.kinds.items())]
-        rows.append(("OpenGL", self.opengl or "answers: pictures are drawn with pyvista"))
         if self.scene is not None:
             rows.append(("scene", self.scene or "loads"))
         width = max(len(name) for name, _ in rows) + 2
@@ -80,15 +76,12 @@ class Diagnosis:
 
 
 def diagnose(scene: str | Path | None = None) -> Diagnosis:
-    """Look at what is installed, whether a renderer answers, and whether a scene file loads.
+    """Look at what is installed, and whether a scene file loads.
 
     Plugins are listed without being imported; those that ``scene`` names are imported.
     """
-    from cpmkit.view import probe
-
     versions = {name: version_of(name) for name in DISTRIBUTIONS}
     kinds = {kind.kind: f"{kind.distribution} {kind.version}" for kind in installed_kinds()}
-    opengl = probe()
     with collected_warnings() as heard:
         problem = None if scene is None else _loading(scene)
     return Diagnosis(
@@ -98,9 +91,8 @@ def diagnose(scene: str | Path | None = None) -> Diagnosis:
         processors=processors(),
         memory=str(memory_limit()),
         variables={name: os.environ[name] for name in ENVIRONMENT_VARIABLES if name in os.environ},
-        opengl=opengl,
         scene=problem,
-        advice=(*heard, *_advice(versions, kinds, opengl)),
+        advice=(*heard, *_advice(versions, kinds)),
     )
 
 
@@ -114,20 +106,19 @@ def _loading(scene: str | Path) -> str:
     return ""
 
 
-def _advice(versions: Mapping[str, str | None], kinds: Mapping[str, str], opengl: str) -> list[str]:
+def _advice(versions: Mapping[str, str | None], kinds: Mapping[str, str]) -> list[str]:
     advice = []
     if not kinds:
         advice.append(
             "No plugin is installed, so no scene can name a shape: `pip install ./plugins/*` in a clone adds them."
         )
-    if versions["matplotlib"] is None or versions["pyvista"] is None:
+    missing = [
+        what
+        for what, needed in {"Pictures": "matplotlib", ".vtp files": "pyvista", ".mp4 films": "imageio"}.items()
+        if versions[needed] is None
+    ]
+    if missing:
         advice.append(
-            "Pictures and .vtp files need more than is installed: `pip install '.[view]'` in a clone adds it."
-        )
-    elif opengl:
-        advice.append(
-            "Pictures are drawn with matplotlib, which is plainer. For OpenGL without a display, on Debian: "
-            "`apt-get install libegl1 libgl1-mesa-dri`; or `apt-get install libosmesa6` and set "
-            "VTK_DEFAULT_OPENGL_WINDOW=vtkOSOpenGLRenderWindow."
+            f"{' and '.join(missing)} need more than is installed: `pip install '.[view]'` in a clone adds it."
         )
     return advice

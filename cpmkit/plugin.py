@@ -59,6 +59,7 @@ if TYPE_CHECKING:
     from cpmkit.protocols import Floats as Floats
     from cpmkit.protocols import HasAdvice as HasAdvice
     from cpmkit.protocols import HasFiniteFeet as HasFiniteFeet
+    from cpmkit.protocols import HasGivenMesh as HasGivenMesh
     from cpmkit.protocols import HasLeft as HasLeft
     from cpmkit.protocols import HasLocalMinima as HasLocalMinima
     from cpmkit.protocols import HasManyEdges as HasManyEdges
@@ -117,8 +118,8 @@ _NAMES = {
     },
     "Abilities of sources": {
         "protocols": (
-            "Advice HasAdvice HasFiniteFeet HasLeft HasLocalMinima HasManyEdges HasMembers HasMesh HasNormals "
-            "HasTangents HasTranslation HasValues NamesLeft"
+            "Advice HasAdvice HasFiniteFeet HasGivenMesh HasLeft HasLocalMinima HasManyEdges HasMembers HasMesh "
+            "HasNormals HasTangents HasTranslation HasValues NamesLeft"
         ),
     },
     "Errors": {

@@ -220,6 +220,15 @@ class HasMesh(Protocol):
 
 
 @runtime_checkable
+class HasGivenMesh(Protocol):
+    """A source made from a mesh, polyline or samples of somebody's, which may have been welded or mended since."""
+
+    @property
+    def given_mesh(self) -> tuple[Floats, Ints]:
+        """Vertices (n, d) and cells (m, k) as they were given: all of them, in their order, also those in no cell."""
+
+
+@runtime_checkable
 class HasTranslation(Protocol):
     """A source that can restate itself in shifted coordinates without rounding its own shape.
 

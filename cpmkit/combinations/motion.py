@@ -94,6 +94,12 @@ class Moved(Wrapper):
         vertices, cells = self.of.mesh(positive(spacing, "spacing") / self.scale)
         return self._to_world(vertices), cells
 
+    @property
+    def _given_mesh(self) -> tuple[Floats, Ints]:
+        """The vertices (n, d) that what is moved was made from, moved with it, and their cells."""
+        vertices, cells = self.of.given_mesh
+        return self._to_world(vertices), cells
+
     def _translated(self, offset: Floats, /) -> Moved:
         """Return the same source moved by ``offset`` (d,); the translation alone is rounded, once."""
         return replace(self, translation=self.translation + as_vector(offset, self.dim, "offset"))

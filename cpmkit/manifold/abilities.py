@@ -22,6 +22,7 @@ from cpmkit.protocols import (
     Floats,
     HasAdvice,
     HasFiniteFeet,
+    HasGivenMesh,
     HasLeft,
     HasLocalMinima,
     HasManyEdges,
@@ -102,6 +103,12 @@ ABILITIES: Mapping[type, Passing] = {
         union="nothing says which member's rows come first; give data as functions of position",
         trimmed=shared,
         solid="data of the hypersurface say nothing about the points inside",
+    ),
+    HasGivenMesh: Passing(
+        moved=shared,
+        union="nothing says which member's vertices come first; read the solution at each member's own",
+        trimmed=shared,
+        solid="the mesh is that of the hypersurface, which bounds the solid",
     ),
     HasMesh: Passing(moved=shared, union=shared, trimmed=shared, solid=shared_or_in_plane),
     HasTranslation: Passing(moved=always, union=shared, trimmed=shared, solid=shared),
@@ -185,6 +192,12 @@ class Wrapper:
     def _value_count(self) -> int:
         """How many rows of data what is wrapped expects."""
         return int(self.of.value_count)
+
+    @property
+    def _given_mesh(self) -> tuple[Floats, Ints]:
+        """The vertices and cells that what is wrapped was made from."""
+        vertices, cells = self.of.given_mesh
+        return vertices, cells
 
     @property
     def _edge_limit(self) -> int:

@@ -14,8 +14,9 @@ from cpmkit.files.whole_files import check_place, system_told
 from cpmkit.meshes.display_mesh import mesh_of
 from cpmkit.protocols import ClosestPointSource, Progress
 from cpmkit.saving.export import check_file, save, write_summary
+from cpmkit.saving.mesh_files import MESH_WRITERS
 from cpmkit.saving.series import draw_frames, frames_folder
-from cpmkit.scenefile.output_request import OutputRequest, PictureRequest, check_links
+from cpmkit.scenefile.output_request import VERTICES, OutputRequest, PictureRequest, check_links
 from cpmkit.view import check_picture, picture
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ class WrittenResults:
     ----------
     summary : dict
         Of the solution, with the keys ``folder``, ``files`` (those that are written), ``unwritten`` (why others are
-        not), ``picture`` (the file, its renderer and why it was not another), and the seconds that writing took.
+        not), ``picture`` (the file, and what its camera shows), and the seconds that writing took.
     failures : mapping
         What was raised for each file that could not be written.
     """
@@ -66,10 +67,10 @@ def check_request(request: OutputRequest, surface: ClosestPointSource, folder: P
         If a file or the picture cannot be made of a solution on ``surface`` here, or not be written there.
     """
     for file in request.files:
-        check_file(file, surface)
+        check_file(file, surface, _vertices_of(file, request))
     asked = request.picture
     if asked is not None:
-        check_picture(asked.file, asked.width, asked.view, asked.up)
+        check_picture(asked.file, asked)
         mesh_of(surface)
     for file in (*request.files, *([] if asked is None else [asked.file])):
         check_links((folder / file).parent, folder, f"the folder of {file!r}")
@@ -100,7 +101,7 @@ def write_results(
     for index, file in enumerate(others):
         progress("write", index / len(others))
         with _collecting_failures(failures, file):
-            save(solution, _with_folder(folder / file))
+            save(solution, _with_folder(folder / file), _vertices_of(file, request))
         seconds["write"] = time.perf_counter() - start
     if request.picture is not None:
         progress("picture", 0.0)
@@ -140,15 +141,19 @@ def _sentence(file: Path, error: Exception) -> str:
     return str(error) if isinstance(error, CpmkitError) else f"{file} cannot be written: {type(error).__name__}."
 
 
+def _vertices_of(file: str, request: OutputRequest) -> str:
+    """Return of which mesh a file is: what a solution is loaded from, and what is no mesh file, have no choice."""
+    return request.vertices if Path(file).suffix.lower() in MESH_WRITERS else VERTICES[0]
+
+
 def _draw(solution: Solution, asked: PictureRequest, folder: Path) -> dict[str, Any]:
     file = _with_folder(folder / asked.file)
-    options: dict[str, Any] = {"width": asked.width, "view": asked.view, "up": asked.up, "curves": asked.curves}
-    drawn = picture(solution, file, field=asked.field, **options)
-    entry = {"file": asked.file, "renderer": drawn.renderer, "reason": drawn.reason}
+    drawn = picture(solution, file, **asked.look)
+    entry = {"file": asked.file, "camera": drawn.camera}
     if not asked.frames:
         return entry
-    frames = draw_frames(solution, file, **options)
-    return {**entry, "frames": [str(frame.file.relative_to(folder)) for frame in frames]}
+    frames = draw_frames(solution, file, asked)
+    return {**entry, "frames": [str(frame.relative_to(folder)) for frame in frames]}
 
 
 def _with_folder(path: Path) -> Path:

@@ -5,38 +5,21 @@ from __future__ import annotations
 import os
 import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 from xml.sax.saxutils import quoteattr
 
-import numpy as np
-
-from cpmkit.errors import InputError
 from cpmkit.files.whole_files import remove_leftovers, system_told, unfinished_name, written_whole
-from cpmkit.saving.export import write_vtp
-from cpmkit.solution.evolved import EvolvedSolution
+from cpmkit.saving.mesh_files import write_vtp
+from cpmkit.scenefile.look import Look
+from cpmkit.solution.evolved import EvolvedSolution, frames_of
+from cpmkit.view.film import frame_images
+from cpmkit.view.layout import write_png
 
 if TYPE_CHECKING:
     from cpmkit.solution.solution import Solution
-    from cpmkit.view import Picture
 
 #: Of the folder beside the index.
 FRAMES_SUFFIX = "_frames"
-
-
-def frames_of(solution: Solution, what: str) -> tuple[EvolvedSolution, ...]:
-    """Return the frames of a solution.
-
-    Raises
-    ------
-    InputError
-        If it has none.
-    """
-    frames = solution.frames if isinstance(solution, EvolvedSolution) else ()
-    if not frames:
-        raise InputError(
-            f"{what} needs frames, and the solution has none; ask the problem for some, such as Heat(..., frames=10)."
-        )
-    return frames
 
 
 def save_series(solution: Solution, path: Path) -> None:
@@ -78,23 +61,20 @@ def frames_folder(path: Path) -> Path:
     return path.with_name(path.stem + FRAMES_SUFFIX)
 
 
-def draw_frames(solution: Solution, path: Path, **options: Any) -> list[Picture]:
-    """Draw each frame into ``<name>-0000.png`` and so on, all in the same colours.
+def draw_frames(solution: Solution, path: Path, look: Look) -> list[Path]:
+    """Draw each frame into ``<name>-0000.png`` and so on, all in the same colours, and return these paths.
 
     Raises
     ------
     InputError
         If the solution has no frames.
     """
-    from cpmkit.view import picture
-
-    frames = frames_of(solution, "a picture of each frame")
-    shown = np.stack([frame.discretized.at_points(frame.values)[:, 0] for frame in frames])
-    span = (float(shown.min()), float(shown.max()))
-    return [
-        picture(frame, _numbered(path, number, len(frames)), span=span, **options)
-        for number, frame in enumerate(frames)
-    ]
+    count = len(frames_of(solution, "a picture of each frame"))
+    files = [_numbered(path, number, count) for number in range(count)]
+    for file, image in zip(files, frame_images(solution, look), strict=True):
+        with written_whole(file) as unfinished:
+            write_png(image, unfinished)
+    return files
 
 
 def _numbered(path: Path, number: int, count: int) -> Path:

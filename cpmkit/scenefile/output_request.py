@@ -3,68 +3,55 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path, PurePosixPath, PureWindowsPath
+from typing import Any
 
-from cpmkit.errors import SceneError, shown
+from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.files.whole_files import MOST_FILE_NAME_BYTES, check_name
-from cpmkit.runtime.arrays import as_vector, whole
+from cpmkit.scenefile.look import PICTURE_FIELDS, Look
 
 #: Bytes of a file's name with its folders.
 MOST_OUTPUT_BYTES = 1000
-#: Pixels of a picture's width.
-WIDTH_PIXELS = (16, 16_384)
-
-#: What a picture can show.
-PICTURE_FIELDS = ("solution", "error")
+#: Which mesh files hold: that of the pictures, or the one from which the surface was made.
+VERTICES = ("display", "own")
 
 
 @dataclass(frozen=True)
-class PictureRequest:
-    """A picture: its file in the output folder, its width in pixels, and the camera.
+class PictureRequest(Look):
+    """A picture, with all options of :class:`~cpmkit.scenefile.look.Look`.
 
     Parameters
     ----------
     file : str
         Name of a PNG.
-    width : int
-        Pixels.
-    view, up : three numbers, optional
-        The direction from the model towards the camera, and the one that points up in the picture.
-    curves : bool
-        Draw the boundaries.
     frames : bool
         Draw each frame too, of a problem in time, into files with numbers in their names.
-    field : str
-        ``solution``, or ``error``: its estimated error.
     """
 
     file: str = "picture.png"
-    width: int = 1200
-    view: tuple[float, ...] | None = None
-    up: tuple[float, ...] | None = None
-    curves: bool = True
     frames: bool = False
-    field: str = "solution"
 
     def __post_init__(self) -> None:
         relative_name(self.file, "file of the picture")
-        whole(self.width, "the picture's width in pixels", *WIDTH_PIXELS)
-        if self.field not in PICTURE_FIELDS:
-            accepted = " or ".join(map(repr, PICTURE_FIELDS))
-            raise SceneError(f"field of the picture must be {accepted}, got {shown(self.field)}.")
+        try:
+            super().__post_init__()
+        except InputError as error:
+            raise SceneError(str(error)) from error
+        if not isinstance(self.frames, bool):
+            raise SceneError(f"frames of the picture must be true or false, got {shown(self.frames)}.")
         if self.frames and self.field != PICTURE_FIELDS[0]:
             raise SceneError("field = 'error' of the picture is the error at the end; leave out frames, or field.")
-        for name in ("view", "up"):
-            if getattr(self, name) is not None:
-                object.__setattr__(
-                    self, name, tuple(as_vector(getattr(self, name), 3, f"{name} of the picture").tolist())
-                )
+
+    @property
+    def look(self) -> dict[str, Any]:
+        """Its options, without the file and the frames."""
+        return {field.name: getattr(self, field.name) for field in fields(Look)}
 
 
 @dataclass(frozen=True)
 class OutputRequest:
-    """Where results go: a folder relative to the working directory, files in it, and a picture.
+    """Where results go: a folder relative to the working directory, files in it of which ``vertices``, and a picture.
 
     Raises
     ------
@@ -75,8 +62,10 @@ class OutputRequest:
     folder: Path
     files: tuple[str, ...]
     picture: PictureRequest | None
+    vertices: str = VERTICES[0]
 
     def __post_init__(self) -> None:
+        check_vertices(self.vertices)
         for file in self.files:
             relative_name(file, "a file of [output]")
 
@@ -89,7 +78,13 @@ class OutputRequest:
     def wants_frames(self) -> bool:
         """True where the frames of a problem in time are written or drawn."""
         drawn = self.picture is not None and self.picture.frames
-        return drawn or any(file.lower().endswith(".pvd") for file in self.files)
+        return drawn or any(file.lower().endswith((".pvd", ".gif", ".mp4")) for file in self.files)
+
+
+def check_vertices(vertices: object) -> None:
+    """Refuse what is neither ``"display"`` nor ``"own"``."""
+    if vertices not in VERTICES:
+        raise InputError(f"vertices must be {' or '.join(map(repr, VERTICES))}, got {shown(vertices)}.")
 
 
 def relative_name(name: object, what: str) -> str:

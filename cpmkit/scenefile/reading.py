@@ -32,7 +32,7 @@ from cpmkit.scene.reaction_diffusion import ReactionDiffusion
 from cpmkit.scene.scene import Scene
 from cpmkit.scene.vertex_data import with_vertex_data
 from cpmkit.scenefile.condition_tables import as_table, read_data, read_edge, read_side
-from cpmkit.scenefile.output_request import OutputRequest, PictureRequest, check_links, output_folder
+from cpmkit.scenefile.output_request import VERTICES, OutputRequest, PictureRequest, check_links, output_folder
 
 #: Options of solvers that have another key in [solver].
 SOLVER_KEYS = {"solver": "kind", "solver_tolerance": "tolerance"}
@@ -290,7 +290,7 @@ def _field(value: Any, dim: int) -> VectorField:
 
 
 def _output(table: dict[str, Any], path: Path) -> OutputRequest:
-    check_accepted("[output]", table, ("folder", "files", "picture"))
+    check_accepted("[output]", table, ("folder", "files", "picture", "vertices"))
     picture, files = table.get("picture"), table.get("files", ["summary.json"])
     if picture is not None:
         picture = as_table({"file": picture} if isinstance(picture, str) else picture, "picture of [output]")
@@ -299,4 +299,6 @@ def _output(table: dict[str, Any], path: Path) -> OutputRequest:
         raise SceneError(f"files of [output] must be a list of names, such as ['summary.json'], got {shown(files)}.")
     folder = output_folder(table["folder"]) if "folder" in table else Path(path.stem)
     check_links(folder, Path.cwd(), "folder of [output]")
-    return OutputRequest(folder, tuple(files), picture)
+    vertices = table.get("vertices", VERTICES[0])
+    with _told_of("[output]"):
+        return OutputRequest(folder, tuple(files), picture, vertices)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import ResolutionError
+from cpmkit.errors import InputError, ResolutionError
 from cpmkit.meshes.display_mesh import DisplayMesh
 from cpmkit.protocols import Floats
 from cpmkit.runtime.memory import available_bytes
@@ -65,6 +66,12 @@ class EvolvedSolution(Solution):
         """(channels,) the integrals of u over the manifold, such as its heat; None in forms that know no exact ones."""
         return self.discretized.totals(self.values)
 
+    def animate(self, path: str | Path, fps: float = 12.0, **options: Any) -> Path:
+        """Write the frames as a film, ``.gif`` or ``.mp4``; see :func:`cpmkit.view.film.animate`."""
+        from cpmkit.view.film import animate
+
+        return animate(self, path, fps, **options)
+
     def frame_meshes(self) -> list[DisplayMesh]:
         """Return the display mesh of each frame: one mesh, cut and read once, with the values of each."""
         together = np.concatenate([frame.values for frame in self.frames], axis=1)
@@ -93,3 +100,19 @@ class EvolvedSolution(Solution):
     def __repr__(self) -> str:
         kept = f", {len(self.frames)} frames" if self.frames else ""
         return f"{super().__repr__()}\n  time {self.time:g} after {self.steps} steps{kept}"
+
+
+def frames_of(solution: Solution, what: str) -> tuple[EvolvedSolution, ...]:
+    """Return the frames of a solution.
+
+    Raises
+    ------
+    InputError
+        If it has none.
+    """
+    frames = solution.frames if isinstance(solution, EvolvedSolution) else ()
+    if not frames:
+        raise InputError(
+            f"{what} needs frames, and the solution has none; ask the problem for some, such as Heat(..., frames=10)."
+        )
+    return frames

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from cpmkit.meshes.display_mesh import DisplayMesh
     from cpmkit.solution.integrals import Integrand
     from cpmkit.view import Picture
+    from cpmkit.view.showing import Page
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,6 +155,26 @@ class Solution:
             return read(points)
         found = read(np.asarray(points)[None])[0]
         return float(found) if np.ndim(found) == 0 else found
+
+    def at_vertices(self, side: Sides = None) -> Floats:
+        """Return the solution at the vertices of the mesh, polyline or cloud that the surface was made from.
+
+        One row a vertex, in the order of the file or array, whatever was welded or mended since. A vertex in no face
+        has the value of the surface beside it, NaN where that is farther than half a spacing. ``side`` is as for
+        :meth:`evaluate`.
+
+        Returns
+        -------
+        (n,) or (n, channels) float64
+
+        Raises
+        ------
+        InputError
+            If the surface was not made from vertices.
+        """
+        from cpmkit.solution.own_vertices import at_vertices
+
+        return at_vertices(self, side)
 
     def gradient(self, points: Any, side: Sides = None) -> Any:
         """Return the surface gradient of the solution at the points of the manifold nearest to ``points``.
@@ -296,20 +317,57 @@ class Solution:
 
         return mean(self, function, dim)
 
-    def save(self, path: str | Path) -> None:
-        """Write the solution to ``path``; the suffix decides: .vtp, .ply, .npz, or .json for the summary.
+    def save(self, path: str | Path, vertices: str = "display") -> None:
+        """Write the solution to ``path``; the suffix decides what: see :func:`cpmkit.saving.export.save`.
 
-        A file that is there already is replaced, by a whole one or not at all.
+        A file that is there already is replaced, by a whole one or not at all. ``vertices="own"`` writes a mesh file
+        with the vertices and cells that the surface was made from.
         """
         from cpmkit.saving.export import save
 
-        save(self, path)
+        save(self, path, vertices)
 
     def picture(self, path: str | Path, **options: Any) -> Picture:
         """Draw the solution into the PNG ``path``; see :func:`cpmkit.view.picture`."""
         from cpmkit.view import picture
 
         return picture(self, path, **options)
+
+    def plot(self, axes: Any = None, **options: Any) -> Any:
+        """Draw the solution on axes of matplotlib, as :meth:`picture` does, and return them."""
+        from cpmkit.view.showing import plot
+
+        return plot(self, axes, **options)
+
+    def show(self, **options: Any) -> Page:
+        """Show the solution to be turned and zoomed, in a window of the browser or in a notebook."""
+        from cpmkit.view.showing import show
+
+        return show(self, **options)
+
+    def to_pyvista(self, vertices: str = "display") -> Any:
+        """Return a ``pyvista.PolyData`` with point data ``u``; vertices as for :meth:`save`."""
+        from cpmkit.saving.converting import to_pyvista
+
+        return to_pyvista(self, vertices)
+
+    def to_trimesh(self, vertices: str = "display") -> Any:
+        """Return a ``trimesh.Trimesh`` with the vertex attribute ``u``; vertices as for :meth:`save`."""
+        from cpmkit.saving.converting import to_trimesh
+
+        return to_trimesh(self, vertices)
+
+    def to_meshio(self, vertices: str = "display") -> Any:
+        """Return a ``meshio.Mesh`` with point data ``u``; vertices as for :meth:`save`."""
+        from cpmkit.saving.converting import to_meshio
+
+        return to_meshio(self, vertices)
+
+    def to_polyscope(self, name: str = "solution", vertices: str = "display") -> Any:
+        """Register the mesh with polyscope under ``name``; vertices as for :meth:`save`."""
+        from cpmkit.saving.converting import to_polyscope
+
+        return to_polyscope(self, name, vertices)
 
     @property
     def doubled(self) -> Floats:

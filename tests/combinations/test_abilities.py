@@ -59,6 +59,10 @@ class Able:
         cells = np.stack([np.arange(100), (np.arange(100) + 1) % 100], axis=1)
         return self.center + self.radius * np.stack([np.cos(t), np.sin(t)], axis=1), cells
 
+    @property
+    def given_mesh(self):
+        return self.mesh(0.1)
+
     def translated(self, offset, /):
         return replace(self, center=self.center + offset)
 
@@ -145,6 +149,14 @@ def test_meshes_and_translations_are_those_of_the_source(kind):
     assert there.closest_point(x + offset).points == pytest.approx(source.closest_point(x).points + offset)
     assert all(isinstance(there, one) == isinstance(source, one) for one in ABILITIES)
     assert source.closest_point(source.mesh(0.1)[0]).distance.max() < 1e-9
+
+
+@pytest.mark.parametrize("kind", ["moved", "trimmed"])
+def test_given_meshes_are_those_of_the_source(kind):
+    source, _, placed, _ = made(kind)
+    vertices, cells = source.given_mesh
+    assert vertices == pytest.approx(placed(FIRST.given_mesh[0]))
+    assert np.array_equal(cells, FIRST.given_mesh[1])
 
 
 @pytest.mark.parametrize("kind", KINDS)

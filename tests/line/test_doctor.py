@@ -27,18 +27,10 @@ def test_what_is_installed_is_reported(monkeypatch):
     assert found.processors >= 1
     assert found.memory.endswith(" GiB")
     assert found.variables["CPMKIT_DATA"] == "/somewhere"
-    assert (found.opengl, found.scene) == ("", None)
-    for said in ("numpy", "analytic.circle", "/somewhere", "OpenGL"):
+    assert found.scene is None
+    for said in ("numpy", "analytic.circle", "/somewhere"):
         assert said in str(found)
     assert json.loads(json.dumps(found.as_dict()))["versions"] == found.versions
-
-
-def test_without_a_renderer_the_debian_packages_are_named(monkeypatch):
-    monkeypatch.setattr("cpmkit.view.probe", lambda: "the OpenGL process was ended by SIGSEGV")
-    found = diagnose()
-    assert "libegl1 libgl1-mesa-dri" in str(found)
-    assert "libosmesa6" in str(found)
-    assert "SIGSEGV" in str(found)
 
 
 def test_what_is_absent_is_said_with_the_way_to_add_it(monkeypatch):
@@ -66,14 +58,7 @@ def test_a_scene_that_does_not_load_is_told_and_exits_with_1(tmp_path):
 def test_json_is_the_diagnosis():
     result = runner.invoke(main, ["doctor", "--json"])
     assert result.exit_code == 0
-    assert json.loads(result.stdout)["opengl"] == ""
-
-
-def test_the_probe_answers_with_a_reason_or_draws(monkeypatch):
-    monkeypatch.undo()
-    monkeypatch.setenv("VTK_DEFAULT_OPENGL_WINDOW", "vtkOSOpenGLRenderWindow")
-    found = diagnose()
-    assert found.opengl == "" or "the OpenGL process" in found.opengl or "pyvista" in found.opengl
+    assert json.loads(result.stdout)["versions"]["numpy"]
 
 
 def test_what_a_scene_warns_of_is_among_the_advice(tmp_path, monkeypatch):

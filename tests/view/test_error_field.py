@@ -7,7 +7,9 @@ from click.testing import CliRunner
 import cpmkit as ck
 from cpmkit.cli import main
 from cpmkit.errors import InputError, SceneError
+from cpmkit.scenefile.look import Look
 from cpmkit.scenefile.output_request import PictureRequest
+from cpmkit.view.pictures import shown_values
 
 SCENE = """
 [surface]
@@ -59,13 +61,11 @@ def test_paraview_shows_the_error_beside_the_solution(jumping, tmp_path):
     assert np.allclose(data.point_data["error"], jumping.error.on_mesh(jumping.display_mesh())[:, 0])
 
 
-def test_a_picture_shows_the_error(jumping, tmp_path, monkeypatch):
+def test_a_picture_shows_the_error(jumping, tmp_path):
     pytest.importorskip("matplotlib")
-    from cpmkit.view.drawing import draw
-
-    largest = jumping.error.on_mesh(jumping.display_mesh()).max()
-    assert draw(jumping, 300, None, None, True, field="error").span[1] == largest
-    monkeypatch.setattr("cpmkit.view._opengl", lambda drawing, path: "not asked")
+    mesh = jumping.display_mesh()
+    values, bar = shown_values(jumping, mesh, Look(field="error"))
+    assert bar.ends[1] == values.max() == jumping.error.on_mesh(mesh).max()
     assert jumping.picture(tmp_path / "error.png", width=300, field="error").file.is_file()
     with pytest.raises(InputError, match="field of a picture must be 'solution' or 'error', got 'grad'"):
         jumping.picture(tmp_path / "error.png", field="grad")
@@ -74,7 +74,6 @@ def test_a_picture_shows_the_error(jumping, tmp_path, monkeypatch):
 def test_a_scene_file_asks_for_a_picture_of_the_error(tmp_path, monkeypatch):
     pytest.importorskip("matplotlib")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("cpmkit.view._opengl", lambda drawing, path: "not asked")
     (tmp_path / "ball.toml").write_text(SCENE + 'picture = { field = "error", width = 200 }\n')
     done = CliRunner().invoke(main, ["solve", "ball.toml"])
     assert done.exit_code == 0, done.output

@@ -1,123 +1,169 @@
-"""A picture always results, shows the colours that the solution has, and no renderer's crash is the run's."""
-
-import subprocess
-import sys
+"""Pictures show the colours that the solution has, in their place, and the camera all of the model."""
 
 import numpy as np
 import pytest
 
-import cpmkit.view
+import cpmkit as ck
+import cpmkit.view.pictures
 from cpmkit.errors import InputError, MissingDependencyError
-from cpmkit.view import environment, picture, probe
+from cpmkit.scenefile.look import Look
+from cpmkit.view import picture
 from cpmkit.view.camera import fit
-from cpmkit.view.drawing import _disc_radii, discs
+from cpmkit.view.colours import colour_table, make_bar
+from cpmkit.view.drawing import draw
+from cpmkit.view.marks import LIFT, arrows
+from cpmkit.view.shapes import disc_radii, discs
+from cpmkit.view.standing import stability, upward_axis
 
 image = pytest.importorskip("matplotlib.image")
-
-
-@pytest.fixture(scope="session")
-def answering():
-    """Skip where no OpenGL answers."""
-    reason = probe()
-    if reason:
-        pytest.skip(reason)
+#: Of 255: an eight bit colour and the bar's own steps.
+LEVELS = 2.5 / 255
 
 
 def near(pixels, colour, tolerance=0.12):
     return (np.abs(pixels[:, :, :3] - colour).max(axis=2) < tolerance).sum()
 
 
-def show_torus(torus, path, **options):
-    drawn = picture(torus(0.15), path, width=300, **options)
-    return drawn, image.imread(path)
+def drawn(solution, path, **options):
+    picture(solution, path, **{"width": 300, **options})
+    return image.imread(path)[:, :, :3]
 
 
-@pytest.mark.render
-def test_opengl_shows_both_sides_in_their_own_colour(answering, torus, tmp_path):
-    drawn, pixels = show_torus(torus, tmp_path / "torus.png")
-    assert (drawn.renderer, drawn.reason) == ("opengl", "")
+def test_both_sides_are_in_their_own_colour(torus, tmp_path):
+    pixels = drawn(torus(0.15), tmp_path / "torus.png")
     assert pixels.shape[1] == 300
     assert near(pixels, [0.95, 0.35, 0.1]) > 300
     assert near(pixels, [0.1, 0.4, 0.9]) > 300
     assert near(pixels, [0.12, 0.12, 0.14], 0.06) > 100  # the boundary
 
 
-@pytest.mark.render
-def test_the_two_renderers_agree(answering, torus, tmp_path, monkeypatch):
-    _, first = show_torus(torus, tmp_path / "first.png")
-    monkeypatch.setattr("cpmkit.view._opengl", lambda drawing, path: "not asked")
-    _, second = show_torus(torus, tmp_path / "second.png")
-    assert first.shape[:2] == second.shape[:2]
-    assert np.abs(first[:, :, :3] - second[:, :, :3]).mean() < 0.03
+def test_a_picture_is_the_same_each_time(torus, tmp_path):
+    first, second = (drawn(torus(0.2), tmp_path / f"{k}.png") for k in range(2))
+    np.testing.assert_array_equal(first, second)
 
 
-def test_a_crash_of_the_renderer_still_leaves_a_picture(torus, tmp_path, monkeypatch):
-    # Without OSMesa this window ends the process with a segmentation fault; with it, it draws.
-    monkeypatch.setenv("VTK_DEFAULT_OPENGL_WINDOW", "vtkOSOpenGLRenderWindow")
-    drawn, pixels = show_torus(torus, tmp_path / "torus.png")
-    assert drawn.renderer == "opengl" or "the OpenGL process" in drawn.reason
-    assert near(pixels, [0.95, 0.35, 0.1]) > 300
-    assert [found.name for found in tmp_path.iterdir()] == ["torus.png"]
+def field(torus, values):
+    """Return a solution in one channel on the torus, without boundaries."""
+    solution = torus(0.15, channels=1)
+    object.__setattr__(solution, "boundaries", {})
+    object.__setattr__(solution, "value", lambda x, signs: values(x))
+    return solution
 
 
-@pytest.mark.parametrize(
-    ("ends", "reason"),
-    [
-        ("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", "ended by SIGSEGV"),
-        ("raise ImportError('libGL.so.1 is absent')", "failed: ImportError: libGL.so.1 is absent"),
-        ("pass", "failed: exit code 0"),
-        ("import time; time.sleep(60)", "did not answer within"),
-    ],
-)
-def test_every_end_of_the_renderer_is_told(torus, tmp_path, monkeypatch, ends, reason):
-    run = subprocess.run
-    monkeypatch.setattr(subprocess, "run", lambda _, **how: run([sys.executable, "-c", ends], **how))
-    monkeypatch.setattr("cpmkit.view.RENDERER_SECONDS", 2.0)
-    drawn, pixels = show_torus(torus, tmp_path / "torus.png")
-    assert drawn.renderer == "matplotlib"
-    assert reason in drawn.reason
-    assert np.ptp(pixels) > 0.5
+def model(pixels):
+    """Return the pixels (n, 3) of the model: no background, no dark line, no bar."""
+    inside = pixels[:, :260].reshape(-1, 3)
+    return inside[(inside.min(axis=1) < 0.98) & (np.abs(inside - inside.mean(axis=1)[:, None]).max(axis=1) > 0.05)]
 
 
-def test_without_curves_there_is_no_ink(torus, tmp_path, monkeypatch):
-    monkeypatch.setattr("cpmkit.view._opengl", lambda drawing, path: "not asked")
-    _, pixels = show_torus(torus, tmp_path / "torus.png", curves=False)
+def test_a_constant_has_its_colour_of_the_bar_everywhere(torus, tmp_path):
+    solution = field(torus, lambda x: np.full((len(x), 1), 3.0))
+    pixels = model(drawn(solution, tmp_path / "flat.png", clim=(0.0, 4.0)))
+    want = colour_table("viridis")[round(0.75 * 255)]
+    off = np.abs(pixels - want).max(axis=1)
+    assert (off <= LEVELS).mean() > 0.97  # the rest is mixed with the background, at the outline
+    shaded = model(drawn(solution, tmp_path / "shaded.png", clim=(0.0, 4.0), light="shaded"))
+    assert (np.abs(shaded - want).max(axis=1) > 10 / 255).mean() > 0.5
+
+
+@pytest.mark.parametrize("cmap", ["viridis", "coolwarm"])
+def test_every_colour_of_the_model_is_one_of_the_bar(torus, tmp_path, cmap):
+    pixels = model(drawn(field(torus, lambda x: np.sin(9 * x[:, :1])), tmp_path / "field.png", cmap=cmap))
+    table = colour_table(cmap)
+    off = np.abs(pixels[:, None] - table).max(axis=2).min(axis=1)
+    assert (off <= LEVELS).mean() > 0.9
+
+
+def test_a_value_is_where_it_belongs(square, tmp_path):
+    solution = square(6, line=([1, 0], 0.4))
+    object.__setattr__(solution, "boundaries", {})
+    object.__setattr__(solution, "value", lambda x, signs: x[:, :1])
+    pixels = drawn(solution, tmp_path / "square.png", width=400)
+    row = pixels[len(pixels) // 2, :352]
+    columns = np.flatnonzero(row.min(axis=1) < 0.98)
+    place = np.linspace(0, 1, len(columns))
+    want = colour_table("viridis")[np.round(255 * place).astype(int)]
+    assert np.abs(row[columns] - want).max(axis=1)[5:-5].max() < 0.02
+
+
+def test_isolines_are_where_the_value_is(square, tmp_path):
+    solution = square(6, line=([1, 0], 0.4))
+    object.__setattr__(solution, "boundaries", {})
+    object.__setattr__(solution, "value", lambda x, signs: x[:, :1] ** 2)
+    pixels = drawn(solution, tmp_path / "lines.png", width=800, isolines=[0.25, 0.64], cmap="Wistia")
+    row = pixels[len(pixels) // 3, :700]
+    inside = np.flatnonzero(row.min(axis=1) < 0.98)
+    dark = np.flatnonzero(row[inside].max(axis=1) < 0.7) / (len(inside) - 1)
+    groups = np.split(dark, 1 + np.flatnonzero(np.diff(dark) > 0.02))
+    assert [group.mean() for group in groups] == pytest.approx([0.5, 0.8], abs=0.015)  # values are linear in a cell
+
+
+def test_without_curves_there_is_no_ink(torus, tmp_path):
+    pixels = drawn(torus(0.15), tmp_path / "torus.png", curves=False)
     assert near(pixels, [0.12, 0.12, 0.14], 0.06) == 0
 
 
-def test_values_are_shown_in_viridis_beside_a_bar(torus, tmp_path, monkeypatch):
-    monkeypatch.setattr("cpmkit.view._opengl", lambda drawing, path: "not asked")
-    picture(torus(0.2, channels=1), tmp_path / "torus.png", width=400)
-    pixels = image.imread(tmp_path / "torus.png")
+def test_values_are_shown_in_viridis_beside_a_bar(torus, tmp_path):
+    pixels = drawn(torus(0.2, channels=1), tmp_path / "torus.png", width=400)
     assert pixels.shape[1] == 400
     bar = pixels[:, 360]
-    assert np.abs(bar[:, :3] - [0.993, 0.906, 0.144]).max(axis=1).min() < 0.05  # viridis ends in yellow
-    assert np.abs(bar[:, :3] - [0.267, 0.005, 0.329]).max(axis=1).min() < 0.05  # and begins in violet
+    assert np.abs(bar - [0.993, 0.906, 0.144]).max(axis=1).min() < 0.05  # viridis ends in yellow
+    assert np.abs(bar - [0.267, 0.005, 0.329]).max(axis=1).min() < 0.05  # and begins in violet
 
 
-def test_the_plane_needs_no_opengl(square, tmp_path):
-    drawn = picture(square(6, line=([1, 0], 0.4)), tmp_path / "square.png", width=200)
-    assert drawn.renderer == "matplotlib"
-    pixels = image.imread(tmp_path / "square.png")
+def test_the_plane_shows_both_sides_by_their_areas(square, tmp_path):
+    pixels = drawn(square(6, line=([1, 0], 0.4)), tmp_path / "square.png", width=200)
     left, right = near(pixels, [0.993, 0.906, 0.144], 0.02), near(pixels, [0.267, 0.005, 0.329], 0.02)
     assert left / right == pytest.approx(0.6 / 0.4, rel=0.05)
 
 
-@pytest.mark.parametrize("software", [False, True])
-def test_a_mixture_shows_each_of_its_parts(mixture, tmp_path, monkeypatch, software):
-    if software:
-        monkeypatch.setattr("cpmkit.view._opengl", lambda drawing, path: "not asked")
-    picture(mixture(), tmp_path / "mixture.png", width=400, view=(0, -1, 0.4))
-    pixels = image.imread(tmp_path / "mixture.png")[:, :340]
-    shown = np.flatnonzero((pixels[:, :, :3].min(axis=2) < 0.9).any(axis=1))
+def test_a_mixture_shows_each_of_its_parts(mixture, tmp_path):
+    pixels = drawn(mixture(), tmp_path / "mixture.png", width=400, view=(0, -1, 0.4))[:, :340]
+    shown = np.flatnonzero((pixels.min(axis=2) < 0.9).any(axis=1))
     heights = 1 + np.flatnonzero(np.diff(shown) > 3)
     assert len(heights) == 2  # the plane, the line and the cloud, one above the other, do not touch
     rows = np.split(shown, heights)
     assert len(rows[1]) < 10 < min(len(rows[0]), len(rows[2]))
     for part in rows:
-        coloured = pixels[part][:, :, :3]
-        assert (coloured[:, :, 2] < 0.5 * coloured[:, :, 1]).any()  # yellow on the left of the wall
-        assert (coloured[:, :, 1] < 0.7 * coloured[:, :, 2]).any()  # violet on its right
+        assert (pixels[part][:, :, 2] < 0.5 * pixels[part][:, :, 1]).any()  # yellow on the left of the wall
+        assert (pixels[part][:, :, 1] < 0.7 * pixels[part][:, :, 2]).any()  # violet on its right
+
+
+def test_titles_labels_edges_and_channels(torus, tmp_path):
+    plain = drawn(torus(0.2), tmp_path / "a.png", channel=2)
+    named = drawn(torus(0.2), tmp_path / "b.png", channel=2, title="Heat", label="temperature", unit="K")
+    assert plain.shape[1] == named.shape[1] == 300
+    assert near(named[:20], [0, 0, 0], 0.3) > 10
+    edges = drawn(torus(0.2), tmp_path / "c.png", channel=2, edges=True)
+    assert near(edges, [0.35, 0.35, 0.38], 0.1) > near(plain, [0.35, 0.35, 0.38], 0.1) + 100
+    with pytest.raises(InputError, match="channel must be below 3, the number of channels, got 3"):
+        picture(torus(0.3), tmp_path / "d.png", channel=3)
+
+
+def test_arrows_stay_on_the_surface_and_follow_the_vectors(tmp_path):
+    ball = ck.source("analytic.sphere")
+    around = [lambda x: -x[:, 1], lambda x: x[:, 0], lambda x: 0 * x[:, 0]]
+    solution = ck.solve(ck.Scene(ball, ck.ScreenedPoisson(around)), 0.25)
+    mesh = solution.display_mesh()
+    drawing = draw(solution, mesh, Look(), 300, False)
+    made = arrows(drawing, solution, mesh, mesh.values, make_bar(np.ones(1)))
+    place = made.points - [0, 0, LIFT * drawing.camera.half[0]]
+    world = place @ drawing.camera.axes + drawing.camera.centre
+    assert len(world) > 300
+    assert np.abs(np.linalg.norm(world, axis=1) - 1).max() < 0.03
+    pixels = drawn(solution, tmp_path / "arrows.png", vectors=True)
+    assert near(pixels, [0.12, 0.12, 0.14], 0.05) > 100
+    with pytest.raises(InputError, match="vectors have as many channels as coordinates, 3, got 1"):
+        picture(ck.solve(ck.Scene(ball, ck.ScreenedPoisson(1.0)), 0.5), tmp_path / "one.png", vectors=True)
+
+
+def test_the_modes_of_an_eigenproblem_are_a_sheet(tmp_path):
+    solution = ck.solve(ck.Scene(ck.source("analytic.sphere"), ck.Eigen(count=4)), 0.3)
+    sheet = drawn(solution, tmp_path / "modes.png", width=420)
+    assert sheet.shape[1] == 420
+    one = drawn(solution, tmp_path / "mode.png", width=420, channel=1)
+    assert near(sheet, colour_table("coolwarm")[-8], 0.1) > 50
+    assert near(one, colour_table("viridis")[-8], 0.1) > 50
 
 
 def even(count, spacing):
@@ -126,7 +172,7 @@ def even(count, spacing):
 
 @pytest.mark.parametrize("points", [even(20, 0.1), 2.0 * np.random.default_rng(0).uniform(size=(400, 3)) * [1, 1, 0]])
 def test_discs_leave_no_hole_in_a_cloud(points):
-    radii = _disc_radii(points, 0.1, 0.0, 1e-9)
+    radii = disc_radii(points, 0.1, 0.0, 1e-9)
     inside = np.random.default_rng(1).uniform(0.2, 1.7, (4000, 2))
     apart = np.linalg.norm(inside[:, None] - points[:, :2], axis=2)
     assert (apart < np.cos(np.pi / 8) * radii).any(axis=1).mean() > 0.98
@@ -135,10 +181,10 @@ def test_discs_leave_no_hole_in_a_cloud(points):
 
 def test_points_that_are_no_cloud_are_small_discs():
     lonely = np.array([[5.0, 0, 0], [0, 5, 0]])
-    radii = _disc_radii(np.concatenate([even(5, 0.1), lonely]), 0.1, 0.0, 0.01)
+    radii = disc_radii(np.concatenate([even(5, 0.1), lonely]), 0.1, 0.0, 0.01)
     np.testing.assert_array_equal(radii[-2:], 0.01)
     assert radii[:-2].min() > 0.05
-    np.testing.assert_array_equal(_disc_radii(lonely, 0.1, 0.0, 0.01), 0.01)
+    np.testing.assert_array_equal(disc_radii(lonely, 0.1, 0.0, 0.01), 0.01)
 
 
 def test_discs_lie_in_their_planes_and_face_the_viewer_where_they_have_none():
@@ -156,7 +202,8 @@ def test_discs_lie_in_their_planes_and_face_the_viewer_where_they_have_none():
 
 
 @pytest.mark.parametrize(
-    ("view", "up"), [(None, None), ((0, 0, 1), None), ((1, 0, 0), (0, 1, 0)), ((3, 1, -2), (1, 1, 1))]
+    ("view", "up"),
+    [(None, None), ((0, 0, 1), None), ((0, 1, 0), None), (None, "y"), ((1, 0, 0), (0, 1, 0)), ((3, 1, -2), (1, 1, 1))],
 )
 def test_the_camera_shows_all_points_as_large_as_it_can(view, up):
     points = np.random.default_rng(3).normal(size=(200, 3)) * [5, 1, 2] + 1e3
@@ -168,13 +215,27 @@ def test_the_camera_shows_all_points_as_large_as_it_can(view, up):
     assert camera.pixels[1] / camera.pixels[0] == pytest.approx(camera.half[1] / camera.half[0], rel=2e-3)
     if view is not None:
         np.testing.assert_allclose(camera.axes[2], np.array(view) / np.linalg.norm(view))
+    if up == "y":
+        assert camera.axes[1, 1] > 0.8
 
 
-def test_egl_is_chosen_where_there_is_no_display_and_no_choice():
-    window = "VTK_DEFAULT_OPENGL_WINDOW"
-    assert environment({})[window] == "vtkEGLRenderWindow"
-    assert window not in environment({"DISPLAY": ":0"})
-    assert environment({window: "vtkOSOpenGLRenderWindow"})[window] == "vtkOSOpenGLRenderWindow"
+def test_a_model_that_stands_on_its_lowest_y_is_upright_and_it_is_said():
+    height = np.linspace(0, 2, 400)
+    angle = 170.0 * height
+    radius = 0.5 - 0.2 * height
+    cone = np.column_stack([radius * np.cos(angle), height, radius * np.sin(angle)])
+    camera = fit(cone, 300)
+    assert camera.axes[1, 1] > 0.8
+    assert camera.told == "seen from (0.43, 0.47, 0.78), y up, on which the model stands"
+    lying = cone[:, [0, 2, 1]]
+    assert fit(lying, 300).told == "seen from (0.43, -0.78, 0.47), z up"
+    assert fit(cone, 300, up="z").axes[1, 2] > 0.8
+    assert stability(cone, 1) > 0.2 > 0.05 > stability(cone, 2)
+
+
+@pytest.mark.parametrize(("name", "axis"), [("spot.obj", 1), ("nefertiti-lowres.obj", 1)])
+def test_real_models_stand_upright(real_mesh, name, axis):
+    assert upward_axis(ck.read_mesh(real_mesh(name))[0]) == axis
 
 
 @pytest.mark.parametrize(
@@ -183,11 +244,20 @@ def test_egl_is_chosen_where_there_is_no_display_and_no_choice():
         ({"width": 2}, "width in pixels must be a whole number from 16 to 16384, got 2"),
         ({"view": (0, 0, 0)}, "view must be a direction"),
         ({"view": (0, 1, 0), "up": (0, -2, 0)}, "view and up must not be parallel"),
+        ({"up": "w"}, "up of a picture, unless it is three numbers, must be 'x' or 'y' or 'z', got 'w'"),
+        ({"light": "bright"}, "light of a picture must be 'flat' or 'shaded', got 'bright'"),
+        ({"cmap": "virids"}, r"cmap must be .* got 'virids' \(did you mean 'viridis'\?\)"),
+        ({"clim": (2, 1)}, "clim must be two numbers, the lower first, got 2 and 1"),
+        ({"isolines": -1}, "isolines must be a whole number from 0 to 1000, got -1"),
+        ({"isolines": 3}, "isolines are those of one channel; give channel=."),
+        ({"colourmap": "jet"}, "a picture has no option 'colourmap'; accepted are width, view, up"),
+        ({"edges": 1}, "edges of a picture must be true or false, got 1"),
     ],
 )
-def test_what_no_camera_can_show_is_refused(torus, tmp_path, options, message):
+def test_what_no_picture_can_show_is_refused(torus, tmp_path, options, message):
     with pytest.raises(InputError, match=message):
         picture(torus(0.3), tmp_path / "torus.png", **options)
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_picture_is_a_png_file(torus):
@@ -196,6 +266,6 @@ def test_a_picture_is_a_png_file(torus):
 
 
 def test_without_matplotlib_the_extra_is_named(torus, monkeypatch):
-    monkeypatch.setattr(cpmkit.view, "find_spec", lambda name: None)
+    monkeypatch.setattr(cpmkit.view.pictures, "find_spec", lambda name: None)
     with pytest.raises(MissingDependencyError, match=r"pip install '\.\[view\]'"):
         picture(torus(0.3), "torus.png")

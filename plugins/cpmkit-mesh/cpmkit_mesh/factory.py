@@ -80,6 +80,7 @@ def triangles(
         crease_angle=float(crease_angle),
         notes=made.notes,
         shift=np.zeros(3),
+        as_given=(given_vertices, given_faces),
     )
     if engine != "own":
         mesh.closest_point(made.vertices[:0])  # what the library lacks shows now, not at a solve's first query

@@ -103,7 +103,12 @@ def feature_edges(
 def _curve(mesh: TriangleMesh, chains: Chains) -> Polyline:
     vertices = chains.vertices
     return Polyline(
-        mesh.vertices[vertices], chains.segments(), chains.ends(), mesh.given_vertices[vertices], mesh.value_count
+        vertices=mesh.vertices[vertices],
+        segments=chains.segments(),
+        ends=chains.ends(),
+        given=mesh.given_vertices[vertices],
+        value_count=mesh.value_count,
+        given_points=mesh.given_mesh[0],
     )
 
 

@@ -50,6 +50,8 @@ class Polyline:
         Where each vertex stands among the points that the user gave.
     value_count : int
         How many points the user gave: the rows that :meth:`interpolate` expects.
+    given_points : (value_count, d) float64
+        These points.
     """
 
     vertices: Floats
@@ -57,6 +59,7 @@ class Polyline:
     ends: Ints
     given: Ints
     value_count: int
+    given_points: Floats
 
     manifold_dim = 1
     exact = True
@@ -122,9 +125,15 @@ class Polyline:
         """Return the polyline's own vertices (k, d) and segments (m, 2), whatever the spacing."""
         return self.vertices, self.segments
 
+    @property
+    def given_mesh(self) -> tuple[Floats, Ints]:
+        """The points (value_count, d) that the user gave, and the segments (m, 2) between them."""
+        return self.given_points, self.given[self.segments]
+
     def translated(self, offset: Floats, /) -> Polyline:
         """Return the polyline moved by ``offset`` (d,)."""
-        return replace(self, vertices=self.vertices + as_vector(offset, self.dim, "offset"))
+        shift = as_vector(offset, self.dim, "offset")
+        return replace(self, vertices=self.vertices + shift, given_points=self.given_points + shift)
 
     def _located(self, feet: ClosestPoints) -> tuple[Ints, Floats]:
         if feet.element is None or feet.local is None:
@@ -195,7 +204,7 @@ def _one_chain(given: Floats, kept: Ints, closed: bool) -> Polyline:
     ends = np.full(k, -1)
     if not closed:
         ends[[0, -1]] = 0, 1
-    return Polyline(given[kept], np.stack([start, (start + 1) % k], axis=1), ends, kept, len(given))
+    return Polyline(given[kept], np.stack([start, (start + 1) % k], axis=1), ends, kept, len(given), given)
 
 
 def _in_space(points: Floats) -> Floats:

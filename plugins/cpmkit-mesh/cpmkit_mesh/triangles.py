@@ -62,6 +62,8 @@ class TriangleMesh:
         Sentences on what of the user's mesh was changed.
     shift : (3,) float64
         How far the mesh was moved from where the user gave it.
+    as_given : (n, 3) float64 and (f, 3) int64
+        The user's vertices, where they were given, and faces; some may have been merged or left out since.
     """
 
     vertices: Floats
@@ -77,6 +79,7 @@ class TriangleMesh:
     crease_angle: float
     notes: tuple[str, ...]
     shift: Floats
+    as_given: tuple[Floats, Ints]
 
     dim = 3
     manifold_dim = 2
@@ -139,6 +142,12 @@ class TriangleMesh:
         """Return the mesh's own vertices (k, 3) and triangles (m, 3), whatever the spacing."""
         return self.vertices, self.faces
 
+    @property
+    def given_mesh(self) -> tuple[Floats, Ints]:
+        """The user's vertices (n, 3) and faces (f, 3), all of them and in their order."""
+        vertices, faces = self.as_given
+        return vertices + self.shift, faces
+
     def translated(self, offset: Floats, /) -> TriangleMesh:
         """Return the mesh moved by ``offset`` (3,)."""
         offset = as_vector(offset, 3, "offset")
@@ -158,8 +167,11 @@ class TriangleMesh:
 
     @cached_property
     def given_vertices(self) -> Ints:
-        """(k,) the number that each vertex has among the user's; of several at one place that of an early triangle."""
-        numbers = np.empty(len(self.vertices), dtype=np.int64)
+        """(k,) the number that each vertex has among the user's; of several at one place that of an early triangle.
+
+        Each has one, for a vertex of the mesh is one that triangles use.
+        """
+        numbers = np.full(len(self.vertices), -1)
         numbers[self.faces.ravel()[::-1]] = self.given_faces.ravel()[::-1]
         return numbers
 

@@ -41,12 +41,15 @@ class PointCloud:
         How many points the user gave: the rows that :meth:`interpolate` expects.
     closed : bool
         False where the surface has an edge.
+    given_points : (value_count, d) float64
+        The user's points.
     """
 
     surface: Blend
     given: Ints
     value_count: int
     closed: bool
+    given_points: Floats
 
     exact = False
 
@@ -174,10 +177,16 @@ class PointCloud:
         """Return the feet (v, d) of the samples, thinned to about half of ``spacing``, as cells (v, 1)."""
         return as_cells(self.closest_point(thinned(self.points, spacing)).points)
 
+    @property
+    def given_mesh(self) -> tuple[Floats, Ints]:
+        """The user's points (value_count, d), and their numbers as cells."""
+        return as_cells(self.given_points)
+
     def translated(self, offset: Floats, /) -> PointCloud:
         """Return the cloud moved by ``offset`` (d,)."""
-        moved = replace(self.surface, points=self.points + as_vector(offset, self.dim, "offset"))
-        return replace(self, surface=moved)
+        shift = as_vector(offset, self.dim, "offset")
+        moved = replace(self.surface, points=self.points + shift)
+        return replace(self, surface=moved, given_points=self.given_points + shift)
 
     def _samples(self, feet: ClosestPoints) -> Ints:
         if feet.element is None:

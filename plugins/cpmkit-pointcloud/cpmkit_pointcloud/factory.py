@@ -105,9 +105,9 @@ def _fitted(given: Floats, normals: Floats | None, degree: int, count: int, clos
     share = min(1.0, (reached / count) ** (1.0 / (dim - 1)))
     surface = blend(points, shrunk(patches, share), normals)
     cloud = (
-        PointCloud(surface, first, len(given), closed)
+        PointCloud(surface, first, len(given), closed, given)
         if normals is None
-        else OrientedPointCloud(surface, first, len(given), closed, normals)
+        else OrientedPointCloud(surface, first, len(given), closed, given, normals)
     )
     if closed:
         _refuse_open(cloud)

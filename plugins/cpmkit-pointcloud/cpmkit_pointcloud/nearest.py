@@ -85,6 +85,11 @@ class NearestSamples:
         """Return the cloud moved by ``offset`` (d,)."""
         return NearestSamples(self.points + as_vector(offset, self.dim, "offset"))
 
+    @property
+    def given_mesh(self) -> tuple[Floats, Ints]:
+        """The user's points (n, d), and their numbers as cells."""
+        return as_cells(self.points)
+
     @cached_property
     def _tree(self) -> cKDTree:
         return tree_of(self.points)

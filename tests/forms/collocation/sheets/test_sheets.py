@@ -7,7 +7,9 @@ from sheet_problems import circles, spiral
 from thin_ellipsoid import odd_solution
 
 import cpmkit as ck
+from cpmkit.scenefile.look import Look
 from cpmkit.view.drawing import draw
+from cpmkit.view.shapes import DOT_CORNERS
 
 SPACINGS = (0.05, 0.025, 0.0125)
 
@@ -69,9 +71,10 @@ def test_a_picture_can_show_the_twins():
     assert len(solution.doubled) == band.inner - band.own_inner > 100
     on_either = np.abs(np.hypot(*solution.doubled.T)[:, None] - [1, 1.05]).min(axis=1)
     assert on_either.max() <= 1e-12
-    shown, bare = (draw(solution, 400, None, None, True, twins=twins) for twins in (True, False))
-    assert len(shown.pins) == len(solution.doubled)
-    assert not len(bare.pins)
+    mesh = solution.display_mesh()
+    shown, bare = (draw(solution, mesh, Look(twins=twins), 400, False).ink.points for twins in (True, False))
+    assert len(shown) == DOT_CORNERS * len(solution.doubled)
+    assert not len(bare)
 
 
 def test_the_plain_method_mixes_sheets_and_can_be_asked_for(tmp_path):

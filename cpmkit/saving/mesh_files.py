@@ -1,0 +1,155 @@
+"""Meshes with values at their vertices, in the formats of other programs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cpmkit.errors import MissingDependencyError
+from cpmkit.meshes.display_mesh import DisplayMesh
+from cpmkit.protocols import Floats
+from cpmkit.view.colours import value_colours
+from cpmkit.view.drawing import in_space
+
+#: The colour of vertices without a value.
+NO_VALUE = 0.6
+
+
+def write_vtp(mesh: DisplayMesh, path: Path, error: Floats | None = None) -> None:
+    """Write a mesh with its values, and the estimated error (v, channels) of these, for ParaView."""
+    from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
+
+    path.write_bytes(_by_vtk(vtkXMLPolyDataWriter(), poly_data(mesh, error)))
+
+
+def write_vtu(mesh: DisplayMesh, path: Path, error: Floats | None = None) -> None:
+    """Write the same as an unstructured grid."""
+    from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
+
+    grid = poly_data(mesh, error).cast_to_unstructured_grid()
+    path.write_bytes(_by_vtk(vtkXMLUnstructuredGridWriter(), grid))
+
+
+def write_ply(mesh: DisplayMesh, path: Path, error: Floats | None = None) -> None:
+    """Write vertices, each with its values and a colour, and the triangles: a binary PLY file."""
+    columns = value_columns(mesh, error)
+    names = ["x", "y", "z", *columns]
+    colours = ("red", "green", "blue")
+    kinds = [*((name, "<f8") for name in names), *((name, "u1") for name in colours)]
+    points = np.zeros(len(mesh.points), dtype=kinds)
+    for name, column in zip("xyz", in_space(mesh.points).T, strict=True):
+        points[name] = column
+    for name, column in columns.items():
+        points[name] = column
+    for name, column in zip(colours, _bytes(colours_of(mesh)).T, strict=True):
+        points[name] = column
+    faces = np.zeros(len(mesh.triangles), dtype=[("corners", "u1"), ("vertices", "<i4", 3)])
+    faces["corners"], faces["vertices"] = 3, mesh.triangles
+    header = [
+        *("ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"),
+        *(f"property double {name}" for name in names),
+        *(f"property uchar {name}" for name in colours),
+        *(f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header"),
+    ]
+    path.write_bytes("".join(f"{line}\n" for line in header).encode() + points.tobytes() + faces.tobytes())
+
+
+def write_obj(mesh: DisplayMesh, path: Path, _error: Floats | None = None) -> None:
+    """Write vertices with colours after their coordinates, triangles and segments: an OBJ file."""
+    rows = np.hstack([in_space(mesh.points), colours_of(mesh)])
+    lines = [f"v {x!r} {y!r} {z!r} {r:.4f} {g:.4f} {b:.4f}" for x, y, z, r, g, b in rows.tolist()]
+    lines += [f"f {a} {b} {c}" for a, b, c in (mesh.triangles + 1).tolist()]
+    lines += [f"l {a} {b}" for a, b in (mesh.segments + 1).tolist()]
+    path.write_text("\n".join([*lines, ""]), encoding="ascii")
+
+
+def write_csv(mesh: DisplayMesh, path: Path, error: Floats | None = None) -> None:
+    """Write one line a vertex: its coordinates and values, under a line of names."""
+    columns = value_columns(mesh, error)
+    rows = np.column_stack([mesh.points, *columns.values()])
+    names = ",".join([*"xyz"[: mesh.points.shape[1]], *columns])
+    lines = [",".join(map(repr, row)) for row in rows.tolist()]
+    path.write_text("\n".join([names, *lines, ""]), encoding="ascii")
+
+
+def write_npz(mesh: DisplayMesh, path: Path, error: Floats | None = None) -> None:
+    """Write arrays ``points``, ``cells``, ``values`` and, where it is known, ``error``."""
+    arrays: dict[str, Any] = {"points": mesh.points, "cells": mesh.cells, "values": mesh.values}
+    np.savez_compressed(path, **arrays | ({} if error is None else {"error": error}))
+
+
+#: Writers of a mesh and the estimated error at its vertices, by suffix.
+MESH_WRITERS: dict[str, Callable[[DisplayMesh, Path, Floats | None], None]] = {
+    ".vtp": write_vtp,
+    ".vtu": write_vtu,
+    ".ply": write_ply,
+    ".obj": write_obj,
+    ".csv": write_csv,
+    ".npz": write_npz,
+}
+
+
+def value_columns(mesh: DisplayMesh, error: Floats | None = None) -> dict[str, Floats]:
+    """Return the values by name: ``u``, of several channels ``u0``, ``u1``, ...; and ``error`` likewise."""
+    named = {"u": mesh.values} | ({} if error is None else {"error": error})
+    return {
+        name if array.shape[1] == 1 else f"{name}{channel}": array[:, channel]
+        for name, array in named.items()
+        for channel in range(array.shape[1])
+    }
+
+
+def colours_of(mesh: DisplayMesh) -> Floats:
+    """Return a colour (v, 3) a vertex: its three channels, or the first in viridis; grey without a value."""
+    known = np.flatnonzero(np.isfinite(mesh.values).all(axis=1))
+    colours = np.full((len(mesh.values), 3), NO_VALUE)
+    values = mesh.values[known]
+    if len(values):
+        colours[known] = np.clip(values, 0, 1) if values.shape[1] == 3 else value_colours(values[:, 0])
+    return colours
+
+
+def poly_data(mesh: DisplayMesh, error: Floats | None = None) -> Any:
+    """Return the mesh as a pyvista.PolyData with point data ``u`` and, where they apply, ``error`` and ``rgb``.
+
+    Raises
+    ------
+    MissingDependencyError
+        If pyvista is not installed, or a library of the system that it needs is absent.
+    """
+    try:
+        import pyvista
+    except ImportError as error_of_import:
+        raise MissingDependencyError(
+            f"pyvista, which holds meshes for VTK, does not import: {error_of_import}; `pip install '.[view]'` adds it."
+        ) from error_of_import
+
+    parts = {"faces": mesh.triangles, "lines": mesh.segments, "verts": mesh.dots[:, None]}
+    listed: dict[str, Any] = {
+        name: np.insert(part, 0, part.shape[1], axis=1).ravel() for name, part in parts.items() if len(part)
+    }
+    data = pyvista.PolyData(in_space(mesh.points), **listed)
+    for name, array in {"u": mesh.values, "error": error}.items():
+        if array is not None:
+            data.point_data[name] = array[:, 0] if array.shape[1] == 1 else array
+    if mesh.values.shape[1] == 3:
+        data.point_data["rgb"] = _bytes(colours_of(mesh))
+    if mesh.normals is not None:
+        data.point_data.active_normals = mesh.normals
+    return data
+
+
+def _by_vtk(writer: Any, data: Any) -> bytes:
+    """Return the bytes of a file of VTK. VTK does not write it: on a full disk it leaves half a file in silence."""
+    writer.SetInputData(data)
+    writer.SetDataModeToBinary()
+    writer.WriteToOutputStringOn()
+    writer.Write()
+    return str(writer.GetOutputString()).encode()
+
+
+def _bytes(colours: Any) -> Any:
+    return np.round(255 * np.clip(colours, 0, 1)).astype(np.uint8)

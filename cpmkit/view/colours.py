@@ -1,0 +1,93 @@
+"""The colours of values, and the bar that explains them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cpmkit.errors import InputError, MissingDependencyError, shown
+from cpmkit.protocols import Floats
+from cpmkit.runtime.suggestions import did_you_mean
+
+#: Values that differ by a smaller share of their size are one value, in the middle of a bar of this half length.
+EQUAL_SHARE, BAR_ABOUT_ONE_VALUE = 1e-12, 0.05
+#: What lines are drawn in: dark, and on colours of less than this luminance, of red, green and blue together, light.
+INK, CHALK, DARK, LUMINANCE = np.array((0.12, 0.12, 0.14)), np.array((0.9, 0.9, 0.9)), 0.25, np.array((0.3, 0.59, 0.11))
+#: How many colours a bar has.
+BAR_COLOURS = 256
+
+
+@dataclass(frozen=True, eq=False)
+class Bar:
+    """A colour bar.
+
+    Attributes
+    ----------
+    ends : (2,) float64
+        The values at its ends.
+    cmap : str
+        The name of its colours in matplotlib.
+    table : (BAR_COLOURS, 3) float64
+        These, from 0 to 1.
+    label : str
+        What is written beside it.
+    """
+
+    ends: Floats
+    cmap: str
+    table: Floats
+    label: str
+
+    def colours(self, values: Floats) -> Floats:
+        """Return the colours (n, 3) of values (n,)."""
+        return np.asarray(self.table[np.round((len(self.table) - 1) * self.shares(values)).astype(np.int64)])
+
+    def contrasting(self, values: Floats) -> Floats:
+        """Return colours (n, 3) in which lines can be seen on those of values (n,): dark, or nearly white."""
+        bright = self.colours(values) @ LUMINANCE > DARK
+        return np.where(bright[:, None], INK, CHALK)
+
+    def shares(self, values: Floats) -> Floats:
+        """Return the places (n,) of values (n,) on the bar, from 0 to 1."""
+        return np.asarray(np.clip((values - self.ends[0]) / (self.ends[1] - self.ends[0]), 0, 1))
+
+
+def make_bar(
+    values: Floats, clim: tuple[float, float] | None = None, cmap: str = "viridis", label: str = "", unit: str = ""
+) -> Bar:
+    """Return the bar from the least to the greatest of ``values``, or between ``clim``."""
+    label = f"{label} [{unit}]".strip() if unit else label
+    ends = np.array([values.min(), values.max()] if clim is None else clim, dtype=np.float64)
+    middle, size = ends.mean(), float(np.abs(ends).max())
+    if ends[1] - ends[0] <= EQUAL_SHARE * size:
+        half = BAR_ABOUT_ONE_VALUE * (size or 1.0)
+        ends = np.array([middle - half, middle + half])
+    return Bar(ends, cmap, colour_table(cmap), label)
+
+
+def value_colours(values: Floats) -> Floats:
+    """Return (v, 3) colours of (v,) values, in viridis from the least to the greatest."""
+    return make_bar(values).colours(values)
+
+
+def colour_table(cmap: str) -> Floats:
+    """Return the colours (BAR_COLOURS, 3) of one of matplotlib's maps.
+
+    Raises
+    ------
+    InputError
+        If it has none of that name.
+    MissingDependencyError
+        If matplotlib is not installed.
+    """
+    try:
+        from matplotlib import colormaps
+    except ImportError as error:
+        raise MissingDependencyError("Colours need matplotlib; `pip install '.[view]'` adds it.") from error
+    if cmap not in colormaps:
+        near = did_you_mean(cmap, colormaps)
+        raise InputError(
+            f"cmap must be the name of one of matplotlib's colour maps, such as 'coolwarm', got {shown(cmap)}{near}."
+        )
+    return np.asarray(colormaps[cmap](np.linspace(0, 1, BAR_COLOURS)), dtype=np.float64)[:, :3]

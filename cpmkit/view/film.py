@@ -1,0 +1,98 @@
+"""The frames of a run in time as pictures: of one mesh, under one camera, in the colours of one bar."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cpmkit.errors import InputError, MissingDependencyError, shown
+from cpmkit.files.whole_files import written_whole
+from cpmkit.runtime.arrays import positive
+from cpmkit.scenefile.look import Look
+from cpmkit.solution.evolved import frames_of
+from cpmkit.view.layout import composed
+from cpmkit.view.pictures import check_look, drawn, painted, shown_values
+
+if TYPE_CHECKING:
+    from cpmkit.solution.evolved import EvolvedSolution
+    from cpmkit.solution.solution import Solution
+
+#: Frames a second, and how wide a film is in pixels, unless asked.
+FRAMES_A_SECOND, FILM_WIDTH = 12.0, 700
+
+
+def animate(solution: Solution, path: str | Path, fps: float = FRAMES_A_SECOND, **options: Any) -> Path:
+    """Write the frames of a run in time as a film, and return its path.
+
+    Parameters
+    ----------
+    solution : EvolvedSolution
+        With frames: ask the problem for some, such as ``Heat(..., frames=40)``.
+    path : path
+        Ends in ``.gif`` or ``.mp4``. A GIF has 256 colours a frame; an MP4 needs imageio and imageio-ffmpeg.
+    fps : float
+        Frames a second.
+    **options
+        Of :class:`~cpmkit.scenefile.look.Look`. The bar spans the values of all frames unless ``clim`` says otherwise.
+
+    Raises
+    ------
+    InputError
+        If the solution has no frames, or an argument is not what is accepted.
+    MissingDependencyError
+        If what writes the film is not installed.
+    """
+    look = Look.of({"width": FILM_WIDTH, **options})
+    check_look(look)
+    path, fps = Path(path), positive(fps, "fps")
+    writers = {".gif": _write_gif, ".mp4": _write_mp4}
+    if path.suffix.lower() not in writers:
+        raise InputError(f"A film must be a .gif or .mp4 file, got {shown(path.name)}.")
+    if path.suffix.lower() == ".mp4" and (find_spec("imageio") is None or find_spec("imageio_ffmpeg") is None):
+        raise MissingDependencyError(".mp4 films are written by imageio; `pip install imageio imageio-ffmpeg` adds it.")
+    images = frame_images(solution, look)
+    with written_whole(path) as unfinished:
+        writers[path.suffix.lower()](images, unfinished, fps)
+    return path
+
+
+def frame_images(solution: Solution, look: Look) -> Iterator[Any]:
+    """Yield the picture (rows, columns, 3) of each frame, as bytes, under its time.
+
+    Raises
+    ------
+    InputError
+        If the solution has no frames.
+    """
+    frames = frames_of(solution, "a film")
+    evolved: EvolvedSolution = frames[0]
+    meshes = replace(evolved, frames=frames).frame_meshes()
+    every = replace(meshes[0], values=np.concatenate([mesh.values for mesh in meshes]))
+    _, bar = shown_values(evolved, every, look)
+    drawing = drawn(evolved, meshes[0], look, bar)
+    for frame, mesh in zip(frames, meshes, strict=True):
+        values, _ = shown_values(frame, mesh, look)
+        title = f"{look.title}, t = {frame.time:.4g}" if look.title else f"t = {frame.time:.4g}"
+        yield composed(painted(drawing, frame, mesh, values, bar, look), bar, title, look.width)
+
+
+def _write_gif(images: Iterator[Any], path: Path, fps: float) -> None:
+    from PIL import Image
+
+    first, *others = [Image.fromarray(image).quantize(256, dither=Image.Dither.NONE) for image in images]
+    first.save(path, "GIF", save_all=True, append_images=others, duration=1000 / fps, loop=0)
+
+
+def _write_mp4(images: Iterator[Any], path: Path, fps: float) -> None:
+    import imageio.v2
+
+    made: Any = imageio.v2.get_writer(path, format="FFMPEG", fps=fps, quality=8, macro_block_size=2)
+    with made as writer:
+        for image in images:
+            rows, columns = image.shape[:2]  # both must be even
+            writer.append_data(np.pad(image, ((0, rows % 2), (0, columns % 2), (0, 0)), constant_values=255))

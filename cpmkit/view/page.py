@@ -1,0 +1,105 @@
+"""One page that shows a solution in any browser: mesh and values are in it, and nothing else is loaded."""
+
+from __future__ import annotations
+
+import base64
+import json
+from dataclasses import replace
+from html import escape
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cpmkit.protocols import Floats
+from cpmkit.scenefile.look import Look
+from cpmkit.solution.evolved import EvolvedSolution
+from cpmkit.solution.modes import EigenSolution
+from cpmkit.view.camera import fit
+from cpmkit.view.colours import Bar, make_bar
+from cpmkit.view.drawing import boundary_meshes, in_space
+from cpmkit.view.pictures import SIGNED_CMAP, check_look, shown_values
+
+if TYPE_CHECKING:
+    from cpmkit.meshes.display_mesh import DisplayMesh
+    from cpmkit.solution.solution import Solution
+
+#: Pixels; only the ratio of what is shown matters.
+WIDTH = 800
+
+
+def page_of(solution: Solution, **options: Any) -> str:
+    """Return the page, HTML, of a solution: with a slider over the frames of a run in time, or over modes.
+
+    Parameters
+    ----------
+    solution : Solution
+    **options
+        Of :class:`~cpmkit.scenefile.look.Look`; isolines, edges and vectors are left out.
+    """
+    look = Look.of(options)
+    check_look(look)
+    mesh, fields, bar = _fields(solution, look)
+    points = in_space(mesh.points)
+    curve_points, curve_cells, pins = boundary_meshes(
+        solution.scene.boundaries if look.curves else (), solution.spacing
+    )
+    more = np.concatenate([curve_points, pins])
+    camera = fit(points, WIDTH, look.view, look.up, mesh.points.shape[1] == 2, more)
+    every = np.concatenate([points, more]) - camera.centre
+    data = {
+        "points": _packed(points - camera.centre, "<f4"),
+        "triangles": _packed(mesh.triangles, "<u4"),
+        "segments": _packed(mesh.segments, "<u4"),
+        "dots": _packed(mesh.dots, "<u4"),
+        "curves": _packed(curve_points[curve_cells] - camera.centre, "<f4"),
+        "pins": _packed(pins - camera.centre, "<f4"),
+        "fields": [{"name": name, "values": _packed(values, "<f4")} for name, values in fields],
+        "rgb": bar is None,
+        "lit": look.light == "shaded" or (look.light is None and bar is None),
+        "ends": [0, 1] if bar is None else bar.ends.tolist(),
+        "ticks": [] if bar is None else _ticks(bar),
+        "label": "" if bar is None else bar.label,
+        "table": _packed(np.zeros((256, 3)) if bar is None else np.round(255 * bar.table), "u1"),
+        "axes": camera.axes.tolist(),
+        "middle": [0.0, 0.0, 0.0],
+        "half": camera.half.tolist(),
+        "radius": float(np.linalg.norm(every, axis=1).max()),
+    }
+    template = files("cpmkit.view").joinpath("page.html").read_text(encoding="utf-8")
+    written = json.dumps(data).replace("</", "<\\/")
+    title = escape(look.title or f"{solution.scene.problem.kind}")
+    return template.replace("__TITLE__", title).replace("__DATA__", written)
+
+
+def _fields(solution: Solution, look: Look) -> tuple[DisplayMesh, list[tuple[str, Floats]], Bar | None]:
+    """Return the mesh, what the slider chooses from, and the bar of all of it."""
+    if isinstance(solution, EigenSolution) and look.channel is None:
+        mesh = solution.display_mesh()
+        most = float(np.abs(mesh.values).max())
+        cmap = SIGNED_CMAP if look.cmap == Look.cmap else look.cmap
+        signed = make_bar(mesh.values, look.clim or (-most, most), cmap, look.label, look.unit)
+        names = [f"\N{GREEK SMALL LETTER LAMDA} = {value:.4g}" for value in solution.eigenvalues]
+        return mesh, list(zip(names, mesh.values.T, strict=True)), signed
+    look = replace(look, vectors=False)
+    if isinstance(solution, EvolvedSolution) and solution.frames and look.field != "error":
+        meshes = solution.frame_meshes()
+        every = replace(meshes[0], values=np.concatenate([mesh.values for mesh in meshes]))
+        values, bar = shown_values(solution, every, look)
+        names = [f"t = {frame.time:.4g}" for frame in solution.frames]
+        return meshes[0], list(zip(names, np.split(values, len(meshes)), strict=True)), bar
+    mesh = solution.display_mesh()
+    values, bar = shown_values(solution, mesh, look)
+    return mesh, [("", values)], bar
+
+
+def _ticks(bar: Bar) -> list[tuple[float, str]]:
+    from matplotlib.ticker import MaxNLocator
+
+    places = [tick for tick in MaxNLocator(7).tick_values(*bar.ends) if bar.ends[0] <= tick <= bar.ends[1]]
+    texts = [f"{place:.6g}" for place in places]
+    return list(zip(bar.shares(np.array(places)).tolist(), texts, strict=True))
+
+
+def _packed(array: Any, kind: str) -> str:
+    return base64.b64encode(np.ascontiguousarray(array, dtype=kind).tobytes()).decode("ascii")

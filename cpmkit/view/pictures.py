@@ -1,0 +1,192 @@
+"""Pictures of solutions in PNG files."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cpmkit.errors import InputError, MissingDependencyError, shown
+from cpmkit.files.whole_files import written_whole
+from cpmkit.meshes.display_mesh import DisplayMesh
+from cpmkit.protocols import Floats
+from cpmkit.scenefile.look import Look
+from cpmkit.solution.modes import EigenSolution
+from cpmkit.view import marks
+from cpmkit.view.camera import axes_of
+from cpmkit.view.colours import Bar, make_bar
+from cpmkit.view.drawing import Drawing, draw
+from cpmkit.view.layout import composed, grid, model_width, write_png
+from cpmkit.view.raster import pixels
+from cpmkit.view.shapes import Shapes
+
+if TYPE_CHECKING:
+    from cpmkit.solution.solution import Solution
+
+#: A sheet of modes has at most so many columns, and colours of both signs.
+SHEET_COLUMNS, SIGNED_CMAP = 3, "coolwarm"
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture that was drawn.
+
+    Attributes
+    ----------
+    file : Path
+        The PNG file.
+    camera : str
+        From where it looks, and what is up.
+    """
+
+    file: Path
+    camera: str
+
+
+def picture(solution: Solution, path: str | Path, **options: Any) -> Picture:
+    """Draw a solution, or how large its error is, into a PNG file.
+
+    Of an eigenvalue problem all modes are drawn, on one sheet, unless ``channel`` says which.
+
+    Parameters
+    ----------
+    solution : Solution
+        What to draw. Its surface must have a mesh; boundaries are drawn if theirs has one.
+    path : str or Path
+        Where the picture goes; must end in ``.png``.
+    **options
+        Of :class:`~cpmkit.scenefile.look.Look`.
+
+    Raises
+    ------
+    InputError
+        If the surface has no mesh, or an argument is not what is accepted.
+    MissingDependencyError
+        If matplotlib, which writes the letters, is not installed.
+    """
+    look = Look.of(options)
+    path = check_picture(path, look)
+    image, camera = rendered(solution, look)
+    with written_whole(path) as unfinished:
+        write_png(image, unfinished)
+    logging.getLogger("cpmkit").info("%s: %s.", path, camera)
+    return Picture(path, camera)
+
+
+def check_picture(path: str | Path, look: Look) -> Path:
+    """Return ``path`` if a picture can be drawn into such a file here.
+
+    Raises
+    ------
+    InputError
+        If it does not end in ``.png``, or the options are no camera's or no colour map's.
+    MissingDependencyError
+        If matplotlib is not installed.
+    """
+    path = Path(path)
+    if path.suffix.lower() != ".png":
+        raise InputError(f"A picture must be a .png file, got {shown(path.name)}.")
+    check_look(look)
+    return path
+
+
+def check_look(look: Look) -> None:
+    """Refuse what no picture can look like, and all of them where matplotlib is not installed."""
+    if find_spec("matplotlib") is None:
+        raise MissingDependencyError("Pictures need matplotlib; `pip install '.[view]'` adds it.")
+    if look.view is not None or look.up is not None:
+        axes_of(look.view, look.up)
+    make_bar(np.zeros(1), None, look.cmap)
+
+
+def rendered(solution: Solution, look: Look) -> tuple[Any, str]:
+    """Return the picture (rows, columns, 3) as bytes, and what its camera shows."""
+    if isinstance(solution, EigenSolution) and look.channel is None and look.field != "error":
+        return _sheet(solution, look)
+    mesh = solution.display_mesh()
+    values, bar = shown_values(solution, mesh, look)
+    drawing = drawn(solution, mesh, look, bar)
+    image = painted(drawing, solution, mesh, values, bar, look)
+    return composed(image, bar, look.title, look.width), drawing.camera.told
+
+
+def drawn(solution: Solution, mesh: DisplayMesh, look: Look, bar: Bar | None) -> Drawing:
+    """Return the drawing of a mesh as the look has it: flat beside a bar, unless it says otherwise."""
+    lit = look.light == "shaded" or (look.light is None and bar is None)
+    width = model_width(look.width, bar is not None, bar.label if bar else "")
+    return _outlined(draw(solution, mesh, look, width, lit), look)
+
+
+def _outlined(drawing: Drawing, look: Look) -> Drawing:
+    """Return the drawing with the lines that are the same whatever the values: outlines without light, and edges."""
+    ink = [drawing.ink]
+    if not drawing.lit:
+        ink.append(marks.outlines(drawing))
+    if look.edges:
+        ink.append(marks.mesh_edges(drawing))
+    return replace(drawing, ink=Shapes.join(ink))
+
+
+def shown_values(solution: Solution, mesh: DisplayMesh, look: Look) -> tuple[Floats, Bar | None]:
+    """Return what the mesh's vertices show, (v, 3) colours or (v, 1) values, and the bar of the latter.
+
+    Raises
+    ------
+    InputError
+        If there is no such channel, or the channels are no vectors.
+    """
+    values, label, count = mesh.values, look.label, mesh.values.shape[1]
+    if look.field == "error":  # of several channels the largest
+        values = solution.error.on_mesh(mesh)
+        values = values.max(axis=1, keepdims=True) if look.channel is None else _channel(values, look.channel)
+        label = label or "estimated error"
+    elif look.vectors:
+        if count != mesh.points.shape[1]:
+            raise InputError(f"vectors have as many channels as coordinates, {mesh.points.shape[1]}, got {count}.")
+        values = np.linalg.norm(values, axis=1, keepdims=True)
+    elif look.channel is not None or count != 3:
+        values = _channel(values, look.channel or 0)
+    else:
+        return np.clip(values, 0, 1), None
+    return values, make_bar(values, look.clim, look.cmap, label, look.unit)
+
+
+def painted(
+    drawing: Drawing, solution: Solution, mesh: DisplayMesh, values: Floats, bar: Bar | None, look: Look
+) -> Floats:
+    """Return the model (rows, columns, 3), from 0 to 1, with the lines that its values make."""
+    ink = [drawing.ink]
+    if look.isolines:
+        if bar is None:
+            raise InputError("isolines are those of one channel; give channel=.")
+        ink.append(marks.isolines(drawing, values[:, 0], look.levels(bar.ends.tolist()), bar))
+    if look.vectors and bar is not None:
+        ink.append(marks.arrows(drawing, solution, mesh, mesh.values, bar))
+    return pixels(drawing, values, bar, Shapes.join(ink))
+
+
+def _channel(values: Floats, channel: int) -> Floats:
+    if channel >= values.shape[1]:
+        raise InputError(f"channel must be below {values.shape[1]}, the number of channels, got {channel}.")
+    return values[:, channel : channel + 1]
+
+
+def _sheet(solution: EigenSolution, look: Look) -> tuple[Any, str]:
+    """Return all modes in the same colours, each under its eigenvalue."""
+    mesh = solution.display_mesh()
+    columns = min(SHEET_COLUMNS, solution.channels)
+    most = float(np.abs(mesh.values).max())
+    cmap = SIGNED_CMAP if look.cmap == Look.cmap else look.cmap
+    bar = make_bar(mesh.values, look.clim or (-most, most), cmap, look.label, look.unit)
+    width = model_width(look.width, True, bar.label)
+    drawing = _outlined(draw(solution, mesh, look, width // columns, look.light == "shaded"), look)
+    tiles = [
+        painted(drawing, solution, mesh, mesh.values[:, k : k + 1], bar, replace(look, vectors=False))
+        for k in range(solution.channels)
+    ]
+    sheet = grid(tiles, [f"\N{GREEK SMALL LETTER LAMDA} = {value:.4g}" for value in solution.eigenvalues], columns)
+    return composed(sheet, bar, look.title, look.width), drawing.camera.told

@@ -1,0 +1,141 @@
+"""Films have a frame a frame, all of one scale; pages draw in a browser without an error."""
+
+import base64
+import json
+import re
+import shutil
+import subprocess
+import sys
+from types import ModuleType, SimpleNamespace
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import cpmkit as ck
+from cpmkit.errors import InputError
+from cpmkit.scenefile.look import Look
+from cpmkit.view.colours import colour_table
+from cpmkit.view.film import frame_images
+from cpmkit.view.page import page_of
+from cpmkit.view.showing import in_notebook
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+BROWSER_OPTIONS = (
+    *("--headless", "--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader", "--disable-quic"),
+    *("--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync"),
+    *("--enable-logging=stderr", "--window-size=600,500", "--virtual-time-budget=4000"),
+)
+
+
+@pytest.fixture(scope="module")
+def cooling():
+    ball = ck.source("analytic.sphere")
+    heat = ck.Heat(lambda x: x[:, 2], until=0.5, step=0.1, frames=5)
+    return ck.solve(ck.Scene(ball, heat), 0.3)
+
+
+def test_the_frames_are_of_one_scale_and_one_size(cooling):
+    look = Look(width=200)
+    images = list(frame_images(cooling, look))
+    assert len(images) == len(cooling.frames) == 6
+    assert {image.shape for image in images} == {images[0].shape}
+    bars = [image[20:, 180:] for image in images]
+    for bar in bars[1:]:
+        np.testing.assert_array_equal(bar, bars[0])
+    lowest = colour_table("viridis")[:13]  # a twentieth of the bar
+    shares = [(np.abs(image[30:, :170, None] / 255 - lowest).max(axis=3).min(axis=2) < 0.02).mean() for image in images]
+    assert shares[0] > 0.01
+    assert shares[-1] == 0  # it cools
+
+
+def test_a_gif_and_an_mp4_have_all_frames(cooling, tmp_path):
+    assert cooling.animate(tmp_path / "film.gif", fps=5, width=120) == tmp_path / "film.gif"
+    with Image.open(tmp_path / "film.gif") as film:
+        assert (film.n_frames, film.info["duration"]) == (6, 200)
+    imageio = pytest.importorskip("imageio.v3")
+    pytest.importorskip("imageio_ffmpeg")
+    cooling.animate(tmp_path / "film.mp4", fps=5, width=121)
+    assert len(imageio.imread(tmp_path / "film.mp4", plugin="FFMPEG")) == 6
+    with pytest.raises(InputError, match=r"A film must be a \.gif or \.mp4 file, got 'film\.avi'"):
+        cooling.animate(tmp_path / "film.avi")
+
+
+def test_a_film_needs_frames(tmp_path):
+    still = ck.solve(ck.Scene(ck.source("analytic.circle"), ck.ScreenedPoisson(1.0)), 0.3)
+    with pytest.raises(InputError, match="a film needs frames, and the solution has none"):
+        still.save(tmp_path / "film.gif")
+
+
+def read(page):
+    return json.loads(re.search(r'<script id="data"[^>]*>(.*?)</script>', page, re.S)[1])
+
+
+def test_a_page_holds_the_mesh_and_the_values_and_loads_nothing(cooling, tmp_path):
+    cooling.save(tmp_path / "page.html")
+    page = (tmp_path / "page.html").read_text()
+    assert not re.search(r"(src|href)\s*=|https?://|import\s*\(|fetch\(", page)
+    data, mesh = read(page), cooling.display_mesh()
+    points = np.frombuffer(base64.b64decode(data["points"]), "<f4").reshape(-1, 3)
+    assert np.ptp(points, axis=0) == pytest.approx(np.ptp(mesh.points, axis=0), rel=1e-6)
+    values = [np.frombuffer(base64.b64decode(field["values"]), "<f4") for field in data["fields"]]
+    assert [len(one) for one in values] == [len(mesh.points)] * 6
+    assert values[-1] == pytest.approx(cooling.frame_meshes()[-1].values[:, 0], abs=1e-6)
+    assert data["ends"] == pytest.approx([min(map(np.min, values)), max(map(np.max, values))])
+
+
+def test_titles_cannot_leave_their_place(cooling):
+    page = page_of(cooling, title="</title><script>alert(1)</script>", label="</script><b>")
+    assert page.count("<script") == 2
+    assert read(page)["label"] == "</script><b>"
+
+
+@pytest.mark.browser
+@pytest.mark.skipif(CHROMIUM is None, reason="no chromium is installed: the page was not opened")
+def test_a_browser_draws_the_page_without_an_error(cooling, tmp_path):
+    page = page_of(cooling, clim=(-2.0, 2.0)).replace("preserveDrawingBuffer: true", "preserveDrawingBuffer: true ")
+    (tmp_path / "page.html").write_text(page)
+    shot = tmp_path / "shot.png"
+    command = [str(CHROMIUM), *BROWSER_OPTIONS, f"--user-data-dir={tmp_path / 'user'}", f"--screenshot={shot}"]
+    done = subprocess.run(
+        [*command, (tmp_path / "page.html").as_uri()], capture_output=True, text=True, timeout=120, check=False
+    )
+    told = [line for line in done.stderr.splitlines() if "CONSOLE" in line and "GL Driver Message" not in line]
+    assert told == []
+    with Image.open(shot) as image:
+        pixels = np.asarray(image.convert("RGB")).astype(float) / 255
+    model = pixels[60:430, 60:440]
+    coloured = model[np.ptp(model, axis=2) > 0.1]
+    assert len(coloured) > 0.2 * model.shape[0] * model.shape[1]
+    ends = [np.frombuffer(base64.b64decode(read(page)["table"]), "u1").reshape(-1, 3)[k] / 255 for k in (90, 185)]
+    for end in ends:  # u runs from -1 to 1 on a bar from -2 to 2
+        assert np.abs(coloured - end).max(axis=1).min() < 0.02
+
+
+def test_a_notebook_gets_a_frame_and_a_terminal_a_browser(cooling, monkeypatch):
+    assert not in_notebook()
+    opened = []
+    monkeypatch.setattr("webbrowser.open", lambda address: opened.append(address) or True)
+    page = cooling.show()
+    assert opened == [page.file.as_uri()]
+    page.file.unlink()
+    monkeypatch.setattr("webbrowser.open", lambda address: False)
+    with pytest.raises(InputError, match=r"no browser opens here; copy .*\.html to where one does") as told:
+        cooling.show()
+    (file,) = re.findall(r"/\S+\.html", str(told.value))
+    ck_file = __import__("pathlib").Path(file)
+    ck_file.unlink()
+    shell = type("ZMQInteractiveShell", (), {})()
+    kernel = ModuleType("IPython")
+    kernel.get_ipython = lambda: shell
+    monkeypatch.setitem(sys.modules, "IPython", kernel)
+    html = cooling.show()._repr_html_()
+    assert html.startswith("<iframe srcdoc=")
+    assert "<canvas" not in html  # escaped
+
+
+def test_a_plot_is_on_the_axes_that_are_given(cooling):
+    shown = []
+    axes = SimpleNamespace(imshow=shown.append, set_axis_off=lambda: None)
+    assert cooling.plot(axes, width=150) is axes
+    assert shown[0].shape[1] == 150
