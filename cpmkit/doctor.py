@@ -11,6 +11,7 @@ from typing import Any
 
 from cpmkit.errors import CpmkitError
 from cpmkit.plugins import installed_kinds
+from cpmkit.runtime.installing import to_install
 from cpmkit.runtime.memory import memory_limit
 from cpmkit.runtime.threads import processors
 from cpmkit.runtime.warn import collected_warnings
@@ -117,13 +118,9 @@ def _loading(scene: str | Path) -> str:
 def _advice(versions: Mapping[str, str | None], kinds: Mapping[str, str], opengl: str) -> list[str]:
     advice = []
     if not kinds:
-        advice.append(
-            "No plugin is installed, so no scene can name a shape: `pip install ./plugins/*` in a clone adds them."
-        )
+        advice.append(f"No plugin is installed, so no scene can name a shape: {to_install('all')} adds them.")
     if versions["matplotlib"] is None or versions["pyvista"] is None:
-        advice.append(
-            "Pictures and .vtp files need more than is installed: `pip install '.[view]'` in a clone adds it."
-        )
+        advice.append(f"Pictures and .vtp files need more than is installed: {to_install('view')} adds it.")
     elif opengl:
         advice.append(
             "Pictures are drawn with matplotlib, which is plainer. For OpenGL without a display, on Debian: "

@@ -14,6 +14,7 @@ from cpmkit.errors import InputError, MissingDependencyError
 from cpmkit.files.whole_files import written_whole
 from cpmkit.meshes.display_mesh import DisplayMesh, mesh_of
 from cpmkit.protocols import ClosestPointSource, Floats, HasMesh
+from cpmkit.runtime.installing import to_install
 from cpmkit.view.drawing import in_space, value_colours
 
 if TYPE_CHECKING:
@@ -80,7 +81,7 @@ def check_file(path: str | Path, surface: ClosestPointSource) -> None:
             f"{path.name!r} would hold a curve, and PLY files hold no lines; accepted are .vtp, .npz, .json."
         )
     if suffix != ".ply" and find_spec("pyvista") is None:
-        raise MissingDependencyError(f"{suffix} files are written by pyvista; `pip install '.[view]'` adds it.")
+        raise MissingDependencyError(f"{suffix} files are written by pyvista; {to_install('view')} adds it.")
 
 
 def write_summary(summary: Mapping[str, Any], path: str | Path) -> None:

@@ -18,6 +18,7 @@ import numpy as np
 from cpmkit.errors import InputError, MissingDependencyError, shown
 from cpmkit.files.whole_files import written_whole
 from cpmkit.runtime.arrays import whole
+from cpmkit.runtime.installing import to_install
 from cpmkit.view.camera import Direction, axes_of, fit
 from cpmkit.view.drawing import FIELDS, Drawing, draw
 
@@ -122,7 +123,7 @@ def check_picture(path: str | Path, width: int = 1200, view: Direction = None, u
     whole(width, "width in pixels", 16, 16384)
     axes_of(view, up)
     if find_spec("matplotlib") is None:
-        raise MissingDependencyError("Pictures need matplotlib and pyvista; `pip install '.[view]'` adds them.")
+        raise MissingDependencyError(f"Pictures need matplotlib and pyvista; {to_install('view')} adds them.")
     return path
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from cpmkit.errors import MissingDependencyError
 from cpmkit.meshes.display_mesh import DisplayMesh
 from cpmkit.protocols import BoundarySet, Floats, HasMesh, Ints
+from cpmkit.runtime.installing import to_install
 from cpmkit.scenefile.output_request import PICTURE_FIELDS
 from cpmkit.view.camera import Camera, Direction, fit
 
@@ -204,7 +205,7 @@ def viridis(share: Floats) -> Floats:
     try:
         from matplotlib import colormaps
     except ImportError as error:
-        raise MissingDependencyError("Colours need matplotlib; `pip install '.[view]'` adds it.") from error
+        raise MissingDependencyError(f"Colours need matplotlib; {to_install('view')} adds it.") from error
     return np.asarray(colormaps["viridis"](share), dtype=np.float64)[:, :3]
 
 
