@@ -1,8 +1,12 @@
-"""What works with the core, one plugin and no extras: a circle solved, a scene file solved, a missing extra named."""
+"""What works with the core, one plugin and no extras: a circle, a scene file, the README's scene.
+
+A missing extra is named.
+"""
 
 from __future__ import annotations
 
 import json
+import re
 import tempfile
 from importlib.util import find_spec
 from pathlib import Path
@@ -12,6 +16,7 @@ from click.testing import CliRunner
 
 import cpmkit as ck
 from cpmkit.cli import main
+from cpmkit.errors import MissingDependencyError
 
 SCENE = """
 [surface]
@@ -59,7 +64,24 @@ def from_file(folder: Path) -> None:
         assert not (folder / "mesh").exists()
 
 
+def from_readme() -> None:
+    """Run the README's scene, as far as a picture is asked for: that needs an extra, which is named."""
+    readme = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"^```python\n(.*?)^```", readme, re.MULTILINE | re.DOTALL)
+    before, _, picture = code.rpartition("solution.picture(")
+    names: dict[str, object] = {}
+    exec(before, names)
+    if find_spec("pyvista") is None:
+        refused = ""
+        try:
+            exec("solution.picture(" + picture, names)
+        except MissingDependencyError as error:
+            refused = str(error)
+        assert "[view]" in refused, refused
+
+
 if __name__ == "__main__":
     from_python()
+    from_readme()
     with tempfile.TemporaryDirectory() as folder:
         from_file(Path(folder))

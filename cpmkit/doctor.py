@@ -11,6 +11,7 @@ from typing import Any
 
 from cpmkit.errors import CpmkitError
 from cpmkit.plugins import installed_kinds
+from cpmkit.runtime.installing import to_install
 from cpmkit.runtime.memory import memory_limit
 from cpmkit.runtime.threads import processors
 from cpmkit.runtime.warn import collected_warnings
@@ -109,16 +110,12 @@ def _loading(scene: str | Path) -> str:
 def _advice(versions: Mapping[str, str | None], kinds: Mapping[str, str]) -> list[str]:
     advice = []
     if not kinds:
-        advice.append(
-            "No plugin is installed, so no scene can name a shape: `pip install ./plugins/*` in a clone adds them."
-        )
+        advice.append(f"No plugin is installed, so no scene can name a shape: {to_install('all')} adds them.")
     missing = [
         what
         for what, needed in {"Pictures": "matplotlib", ".vtp files": "pyvista", ".mp4 films": "imageio"}.items()
         if versions[needed] is None
     ]
     if missing:
-        advice.append(
-            f"{' and '.join(missing)} need more than is installed: `pip install '.[view]'` in a clone adds it."
-        )
+        advice.append(f"{' and '.join(missing)} need more than is installed: {to_install('view')} adds it.")
     return advice

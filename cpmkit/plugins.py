@@ -18,6 +18,7 @@ import pluggy
 from cpmkit import hookspecs
 from cpmkit.errors import PluginError, SceneError, shown
 from cpmkit.files.data_files import find_file
+from cpmkit.runtime.installing import FAMILIES, to_install
 from cpmkit.runtime.key_types import check_types
 from cpmkit.runtime.suggestions import did_you_mean
 
@@ -73,8 +74,8 @@ def _unknown_kind(kind: str) -> str:
     if near:
         return f"{missing}{meant}. Kinds of the family {family!r}: {', '.join(near)}."
     listed = ", ".join(kinds) or "none"
-    advice = f"`pip install ./plugins/cpmkit-{family}` in a clone of the repository adds the family {family!r}."
-    return f"{missing}{meant}. Installed: {listed}. {advice if len(family) < 30 else ''}".rstrip()
+    advice = f" {to_install(family)} adds the family {family!r}." if family in FAMILIES else ""
+    return f"{missing}{meant}. Installed: {listed}.{advice}"
 
 
 def load(kind: str) -> Any:

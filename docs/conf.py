@@ -17,15 +17,25 @@ author = "The cpmkit developers"
 copyright = author
 version = release = cpmkit.__version__
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.mathjax"]
-exclude_patterns = ["_build", "generated/*.md"]
+extensions = [
+    *("myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.mathjax"),
+    *("sphinx.ext.viewcode", "sphinx_copybutton"),
+]
+exclude_patterns = ["_build", "generated/*.md", "tables/*.md"]  # pages include these
 myst_enable_extensions = ["dollarmath", "colon_fence"]
 myst_heading_anchors = 3
 
 html_theme = "pydata_sphinx_theme"
-html_title = "cpmkit"
-html_show_sourcelink = False
-html_theme_options = {"show_prev_next": False, "secondary_sidebar_items": ["page-toc"]}
+html_title = f"cpmkit {release}"
+templates_path = ["_templates"]
+html_static_path = ["_static"]
+html_css_files = ["sections.css"]
+html_sidebars = {"**": ["sections.html"]}
+html_theme_options = {
+    "show_prev_next": False,
+    "navbar_center": [],  # all pages are in the sidebar, by section
+    "secondary_sidebar_items": ["page-toc", "sourcelink"],
+}
 
 autodoc_typehints = "none"  # types and shapes are in the docstrings' own words
 autodoc_member_order = "bysource"

@@ -50,7 +50,9 @@ def _closed_mesh(surface: ClosestPointSource, spacing: float) -> tuple[Floats, I
     edges = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)]) if faces.shape[1] == 3 else np.zeros((1, 2))
     ahead, back = ({*map(tuple, one.tolist())} for one in (edges, edges[:, ::-1]))
     if len(ahead) < len(edges) or ahead != back:
-        raise InputError(f"a degree is that of a map between closed oriented surfaces; {type(surface).__name__} is none.")
+        raise InputError(
+            f"a degree is that of a map between closed oriented surfaces; {type(surface).__name__} is none."
+        )
     corners = vertices[faces]
     volume = np.einsum("fd,fd->", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2])
     return vertices, faces if volume > 0 else faces[:, ::-1]

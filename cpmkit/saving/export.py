@@ -14,6 +14,7 @@ from cpmkit.errors import InputError, MissingDependencyError
 from cpmkit.files.whole_files import written_whole
 from cpmkit.meshes.display_mesh import DisplayMesh, mesh_of
 from cpmkit.protocols import ClosestPointSource, Floats, HasMesh
+from cpmkit.runtime.installing import to_install
 from cpmkit.saving.mesh_files import MESH_WRITERS
 from cpmkit.scenefile.output_request import check_vertices
 from cpmkit.solution.own_vertices import at_vertices, given_mesh_of
@@ -117,9 +118,9 @@ def check_file(path: str | Path, surface: ClosestPointSource, vertices: str = "d
             f"{path.name!r} would hold a curve, and PLY files hold no lines; accepted are .vtp, .obj, .csv, .npz."
         )
     if suffix in (".vtp", ".vtu", ".pvd") and find_spec("pyvista") is None:
-        raise MissingDependencyError(f"{suffix} files are written by pyvista; `pip install '.[view]'` adds it.")
+        raise MissingDependencyError(f"{suffix} files are written by pyvista; {to_install('view')} adds it.")
     if suffix in FILMS and find_spec("imageio") is None:
-        raise MissingDependencyError(f"{suffix} files are written by imageio; `pip install '.[view]'` adds it.")
+        raise MissingDependencyError(f"{suffix} files are written by imageio; {to_install('view')} adds it.")
 
 
 def write_summary(summary: Mapping[str, Any], path: str | Path) -> None:

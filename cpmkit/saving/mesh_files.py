@@ -11,6 +11,7 @@ import numpy as np
 from cpmkit.errors import MissingDependencyError
 from cpmkit.meshes.display_mesh import DisplayMesh
 from cpmkit.protocols import Floats
+from cpmkit.runtime.installing import to_install
 from cpmkit.view.colours import value_colours
 from cpmkit.view.drawing import in_space
 
@@ -124,7 +125,7 @@ def poly_data(mesh: DisplayMesh, error: Floats | None = None) -> Any:
         import pyvista
     except ImportError as error_of_import:
         raise MissingDependencyError(
-            f"pyvista, which holds meshes for VTK, does not import: {error_of_import}; `pip install '.[view]'` adds it."
+            f"pyvista, which holds meshes for VTK, does not import: {error_of_import}; {to_install('view')} adds it."
         ) from error_of_import
 
     parts = {"faces": mesh.triangles, "lines": mesh.segments, "verts": mesh.dots[:, None]}

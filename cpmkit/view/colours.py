@@ -8,6 +8,7 @@ import numpy as np
 
 from cpmkit.errors import InputError, MissingDependencyError, shown
 from cpmkit.protocols import Floats
+from cpmkit.runtime.installing import to_install
 from cpmkit.runtime.suggestions import did_you_mean
 
 #: Values that differ by a smaller share of their size are one value, in the middle of a bar of this half length.
@@ -84,7 +85,7 @@ def colour_table(cmap: str) -> Floats:
     try:
         from matplotlib import colormaps
     except ImportError as error:
-        raise MissingDependencyError("Colours need matplotlib; `pip install '.[view]'` adds it.") from error
+        raise MissingDependencyError(f"Colours need matplotlib; {to_install('view')} adds it.") from error
     if cmap not in colormaps:
         near = did_you_mean(cmap, colormaps)
         raise InputError(

@@ -14,6 +14,7 @@ from cpmkit.errors import InputError, MissingDependencyError, shown
 from cpmkit.files.whole_files import written_whole
 from cpmkit.meshes.display_mesh import DisplayMesh
 from cpmkit.protocols import Floats
+from cpmkit.runtime.installing import to_install
 from cpmkit.scenefile.look import Look
 from cpmkit.solution.modes import EigenSolution
 from cpmkit.view import marks
@@ -97,7 +98,7 @@ def check_picture(path: str | Path, look: Look) -> Path:
 def check_look(look: Look) -> None:
     """Refuse what no picture can look like, and all of them where matplotlib is not installed."""
     if find_spec("matplotlib") is None:
-        raise MissingDependencyError("Pictures need matplotlib; `pip install '.[view]'` adds it.")
+        raise MissingDependencyError(f"Pictures need matplotlib; {to_install('view')} adds it.")
     if look.view is not None or look.up is not None:
         axes_of(look.view, look.up)
     make_bar(np.zeros(1), None, look.cmap)

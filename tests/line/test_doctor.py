@@ -40,8 +40,8 @@ def test_what_is_absent_is_said_with_the_way_to_add_it(monkeypatch):
     found = diagnose()
     assert found.versions["pyvista"] is None
     assert "not installed" in str(found)
-    assert any("pip install '.[view]'" in sentence for sentence in found.advice)
-    assert any("pip install ./plugins/*" in sentence for sentence in found.advice)
+    assert any("pip install 'cpmkit[view]'" in sentence for sentence in found.advice)
+    assert any("pip install 'cpmkit[all]'" in sentence for sentence in found.advice)
 
 
 def _absent(name):

@@ -78,3 +78,36 @@ def test_every_plugin_is_in_the_list_that_windows_needs():
 def test_pictures_in_the_repository_are_small():
     for picture in (ROOT / "docs" / "images").iterdir():
         assert picture.stat().st_size < 250_000, picture.name
+
+
+def test_every_plugin_is_an_extra_of_the_core_and_all_of_them_are_one():
+    from cpmkit.runtime.installing import FAMILIES
+
+    extras, (major, minor, _) = project(ROOT)["optional-dependencies"], cpmkit.__version__.split(".")
+    assert [f"cpmkit-{family}" for family in FAMILIES] == [folder.name for folder in PLUGINS]
+    for family in FAMILIES:
+        assert extras[family] == [f"cpmkit-{family}>={major}.{minor},<{major}.{int(minor) + 1}"]
+    (everything,) = extras["all"]
+    assert re.fullmatch(r"cpmkit\[(.*)\]", everything)[1].split(",") == [*FAMILIES, "view", "data"]
+
+
+@pytest.mark.parametrize("folder", [ROOT, *PLUGINS], ids=lambda folder: folder.name)
+def test_every_distribution_has_what_an_index_shows(folder):
+    settings = project(folder)
+    assert settings["license-files"] == ["LICENSE"]
+    assert (folder / "LICENSE").read_text(encoding="utf-8") == (ROOT / "LICENSE").read_text(encoding="utf-8")
+    assert settings["urls"] == project(ROOT)["urls"]
+    assert settings["classifiers"] == project(ROOT)["classifiers"]
+    assert settings.get("readme", "README.md") == "README.md"
+    assert settings["authors"] == project(ROOT)["authors"]
+
+
+@pytest.mark.parametrize("folder", [ROOT, *PLUGINS], ids=lambda folder: folder.name)
+def test_no_readme_sends_a_reader_of_the_index_nowhere(folder):
+    """Links there lead to addresses, or keep their words alone."""
+    text = (folder / "README.md").read_text(encoding="utf-8")
+    hook = tomllib.loads((folder / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["hatch"].get("metadata", {})
+    for change in hook.get("hooks", {}).get("fancy-pypi-readme", {}).get("substitutions", []):
+        text = re.sub(change["pattern"], change["replacement"], text)
+    assert len(text) > 200
+    assert re.findall(r"\]\((?!https?://)[^)]*\)", text) == []

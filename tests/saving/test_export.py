@@ -108,7 +108,7 @@ def test_a_surface_without_a_mesh_is_refused_before_anything_is_solved():
 
 def test_without_pyvista_the_extra_is_named(square, monkeypatch):
     monkeypatch.setattr("cpmkit.saving.export.find_spec", lambda name: None)
-    with pytest.raises(MissingDependencyError, match=r"pip install '\.\[view\]'"):
+    with pytest.raises(MissingDependencyError, match=r"pip install 'cpmkit\[view\]'"):
         check_file("u.vtp", square(2).surface)
 
 

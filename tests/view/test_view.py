@@ -267,5 +267,5 @@ def test_a_picture_is_a_png_file(torus):
 
 def test_without_matplotlib_the_extra_is_named(torus, monkeypatch):
     monkeypatch.setattr(cpmkit.view.pictures, "find_spec", lambda name: None)
-    with pytest.raises(MissingDependencyError, match=r"pip install '\.\[view\]'"):
+    with pytest.raises(MissingDependencyError, match=r"pip install 'cpmkit\[view\]'"):
         picture(torus(0.3), "torus.png")

@@ -57,7 +57,7 @@ def _wavenumbers(problem: SemiDiscrete, u: Floats) -> Floats:
     spread = share @ (values - share @ values) ** 2
     steep = np.einsum("p,pcd->c", share, slopes**2)
     varies = spread > PATTERN_SHARE**2 * (share @ values**2)
-    return np.sqrt(np.divide(steep, spread, out=np.zeros_like(steep), where=varies))
+    return np.asarray(np.sqrt(np.divide(steep, spread, out=np.zeros_like(steep), where=varies)))
 
 
 def _ringing_sentence(evolution: Evolution, history: History) -> list[str]:

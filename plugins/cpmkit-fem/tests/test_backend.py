@@ -93,7 +93,7 @@ def test_the_command_names_an_unknown_back_end(run, tmp_path):
 
 def test_names_of_back_ends():
     scene = ck.Scene(SPHERE, ck.ScreenedPoisson(1.0))
-    with pytest.raises(ck.PluginError, match=r"kind 'fea'. Installed: .*\bfem\b.*pip install ./plugins/cpmkit-fea"):
+    with pytest.raises(ck.PluginError, match=r"kind 'fea'. Installed: .*\bfem\b"):
         ck.solve(scene, 0.2, backend="fea")
     with pytest.raises(ck.PluginError, match=r"'mesh.triangles' is not among .* cpmkit_backends"):
         ck.solve(scene, 0.2, backend="mesh.triangles")

@@ -288,9 +288,7 @@ def sort_columns(columns: Ints, rank: Ints, ascending: Any) -> None:
 
 
 @compiled
-def scatter(
-    block: Floats, room: int, columns: Ints, indptr: Any, indices: Any, data: Floats, standing: Any
-) -> None:
+def scatter(block: Floats, room: int, columns: Ints, indptr: Any, indices: Any, data: Floats, standing: Any) -> None:
     """Add the upper half of a symmetric ``block`` of the unknowns ``columns``, and its mirror image, to a matrix.
 
     ``room``: the length of its rows; ``standing`` (n,) is room for where columns stand in a row.
