@@ -64,6 +64,9 @@ def test_docstrings_hold_examples():
         "docs/how-to/run-in-time.md",
         "docs/how-to/read-a-solution.md",
         "docs/how-to/solve-many-times.md",
+        "docs/how-to/describe-a-shape.md",
+        "docs/how-to/fit-scattered-data.md",
+        "docs/how-to/fill-in-values.md",
         "docs/explanation/two-forms.md",
     ],
 )
