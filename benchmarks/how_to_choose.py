@@ -1,4 +1,4 @@
-"""Which form buys which error for what time and memory, on five scenes: the table of "How to choose".
+"""Which form buys which error for what time and memory, on six scenes: the table of "How to choose".
 
 Run ``python benchmarks/how_to_choose.py > docs/tables/how-to-choose.md``, some minutes, with names of scenes for these
 alone; it needs ``pip install . ./plugins/*`` and, for Spot, ``CPMKIT_DATA`` set to the folder of the mesh. Every number
@@ -84,6 +84,32 @@ spacings = [0.2, 0.1, 0.05]
 tolerances = [1e-2, 1e-3]
 methods = ["galerkin", "collocation"]
 """
+#: Rows are the normals of the cube's sides, which lie on no plane of the grid.
+TURNED = np.array([[0.8, 0.6, 0.0], [-3 / 13, 4 / 13, 12 / 13], [7.2 / 13, -9.6 / 13, 5 / 13]])
+#: Half of the cube's side.
+HALF = 0.6
+#: Its sides are squares, and u has no slope across its edges.
+CUBE = """
+[surface]
+kind = "mesh.triangles"
+file = "cube.obj"
+closest = "faceted"
+[problem]
+kind = "screened"
+f = "(1 + k**2)*(waves + 1) - 1"
+[let]
+k = {k}
+p = "{p}"
+q = "{q}"
+r = "{r}"
+waves = "cos(k*p) + cos(k*q) + cos(k*r)"
+[exact]
+u = "waves"
+points = 3000
+[sweep]
+spacings = [0.2, 0.1, 0.05, 0.025]
+methods = ["galerkin", "fem-refined"]
+"""
 
 
 @dataclass(frozen=True)
@@ -100,6 +126,12 @@ def of_sphere(surface: str, spacings: Sequence[float], methods: Sequence[str]) -
     return SPHERE.format(surface=surface, spacings=list(spacings), methods=list(methods)).replace("'", '"')
 
 
+def of_cube() -> str:
+    """Return the study of waves on the cube."""
+    places = [" + ".join(f"({one!r})*{axis}" for one, axis in zip(row, "xyz", strict=True)) for row in TURNED.tolist()]
+    return CUBE.format(k=np.pi / HALF, p=places[0], q=places[1], r=places[2])
+
+
 FORMS = ("galerkin", "collocation")
 CHOICES = {
     "sphere": Choice(
@@ -112,6 +144,7 @@ CHOICES = {
         of_sphere('kind = "pointcloud.points"\nfile = "cloud.npy"', (0.2, 0.1), FORMS),
     ),
     "two-sided": Choice("A sphere with a circle that has another value on each side", TWO_SIDED),
+    "cube": Choice("A turned cube: twelve flat triangles that are the surface themselves", of_cube()),
     "spot": Choice(
         "Spot, whose triangles stand for a smooth surface; against the Galerkin form on a finer lattice",
         SPOT,
@@ -127,11 +160,21 @@ def cloud() -> np.ndarray:
     return np.stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z], axis=1)
 
 
+def cube() -> str:
+    """Return the turned cube as the text of an .obj file."""
+    corners = np.stack(np.meshgrid(*[[-HALF, HALF]] * 3, indexing="ij"), axis=-1).reshape(-1, 3) @ TURNED
+    sides = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in corners.tolist()]
+    halves = [half for a, b, c, d in sides for half in ((a, b, c), (a, c, d))]
+    return "\n".join([*lines, *(f"f {a + 1} {b + 1} {c + 1}" for a, b, c in halves)]) + "\n"
+
+
 def told(name: str, choice: Choice, folder: Path) -> Iterator[str]:
     """Run the study of a scene; yield what to say of it."""
     file = folder / f"{name}.toml"
     file.write_text(choice.text, encoding="utf-8")
     np.save(folder / "cloud.npy", cloud())
+    (folder / "cube.obj").write_text(cube(), encoding="utf-8")
     study = load_study(file)
     truth = None
     if choice.finely is not None:

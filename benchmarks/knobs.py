@@ -1,17 +1,21 @@
 """What the knobs of the Galerkin form cost and gain: degree, strength and samples, on the sphere and a torus.
 
 Run ``python benchmarks/knobs.py``, or with the spacings behind it; it needs ``pip install . ./plugins/cpmkit-analytic``
-and takes three minutes. It prints the table of docs/tables/knobs.md. Solutions are in closed form, errors root mean
-squares over the samples, of a solution with range about 1; processor times are of a whole solve on one thread, after
-one that compiles.
+and takes three minutes. It prints the table of docs/tables/knobs.md; with ``--record`` it also writes the record in the
+package, cpmkit/accuracy/knobs.json, by which ``tolerance=`` chooses the degree. Solutions are in closed form, errors
+root mean squares over the samples, of a solution with range about 1; processor times are of a whole solve on one
+thread, after one that compiles.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from time import process_time
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +26,8 @@ SPACINGS = (0.2, 0.1, 0.05)
 DEGREES = (1, 2, 3)
 #: Options of a row, beside the degree.
 KNOBS = ({}, {"strength": "accurate"}, {"samples": "plain"})
+#: Degrees between which a tolerance chooses, and where what it knows of them is kept.
+RECORDED, RECORD = (2, 3), Path(ck.__file__).parent / "accuracy" / "knobs.json"
 #: The radii of the torus.
 MAJOR, MINOR = 1.0, 0.4
 
@@ -42,10 +48,10 @@ def on_torus(x: Floats) -> tuple[Floats, Floats]:
     return u, 4 * u / width**2 - across + u
 
 
-def printed(
-    name: str, surface: object, exact: Callable[[Floats], tuple[Floats, Floats]], h: float, **knobs: str
-) -> str:
-    """Return a row of the table."""
+def measured(
+    name: str, surface: object, exact: Callable[[Floats], tuple[Floats, Floats]], h: float, **knobs: Any
+) -> tuple[str, dict[str, Any]]:
+    """Return a row of the table, and what is recorded of it."""
     scene = ck.Scene(surface, ck.ScreenedPoisson(lambda x: exact(x)[1], c=1.0))
     start = process_time()
     solution = ck.solve(scene, h, form="galerkin", solver="multigrid", **knobs)
@@ -56,12 +62,16 @@ def printed(
     said = ", ".join(f'`{key}="{value}"`' for key, value in knobs.items() if key != "degree")
     counts = f"{work.unknowns:,} | {work.nonzeros / work.unknowns:.0f} | {work.samples / work.unknowns:.0f}"
     first = f"| {name} | {h:g} | {knobs['degree']} | {said or 'as they are'}"
-    return f"{first} | {counts} | {solution.report.iterations} | {seconds:.2f} | {rms:.1e} |"
+    row = f"{first} | {counts} | {solution.report.iterations} | {seconds:.2f} | {rms:.1e} |"
+    kept = {"surface": name, "degree": knobs["degree"], "spacing": h}
+    return row, {**kept, "seconds": float(f"{seconds:.2f}"), "error": float(f"{rms:.1e}")}
 
 
 def main() -> None:
     """Print the table."""
     os.environ["CPMKIT_THREADS"] = "1"
+    spacings = [float(one) for one in sys.argv[1:] if one != "--record"] or SPACINGS
+    records = []
     torus = ck.source("analytic.torus", major=MAJOR, minor=MINOR)
     shapes = (("sphere", ck.source("analytic.sphere"), on_sphere), ("torus", torus, on_torus))
     print("| surface | spacing | degree | other knobs | unknowns | entries | samples | iterations | seconds | error |")
@@ -69,11 +79,15 @@ def main() -> None:
     for name, surface, exact in shapes:
         for degree in DEGREES:
             for knobs in KNOBS:
-                printed(name, surface, exact, SPACINGS[0], degree=degree, **knobs)
-        for h in [float(one) for one in sys.argv[1:]] or SPACINGS:
+                measured(name, surface, exact, SPACINGS[0], degree=degree, **knobs)
+        for h in spacings:
             for degree in DEGREES:
                 for knobs in KNOBS:
-                    print(printed(name, surface, exact, h, degree=degree, **knobs), flush=True)
+                    row, record = measured(name, surface, exact, h, degree=degree, **knobs)
+                    print(row, flush=True)
+                    records += [record] if degree in RECORDED and not knobs else []
+    if "--record" in sys.argv:
+        RECORD.write_text("[\n" + ",\n".join(f" {json.dumps(one)}" for one in records) + "\n]\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from cpmkit.accuracy.knobs import HIGHER_DEGREE, worth_higher_degree
 from cpmkit.accuracy.limits import check_memory, expected_seconds, finest_spacing, first_spacing, unknowns_at
 from cpmkit.accuracy.trade import Purpose, Status
 from cpmkit.accuracy.way import ANSWERS, Run, Way
@@ -24,7 +25,7 @@ LEAST_ORDER, MOST_ORDER, MOST_SLOW_ORDER = 0.8, 3.0, 1.3
 #: Spacings go down by at least so much at a time, for less tells little and costs nearly as much again, and at most so
 #: much, so that each error is known: no whole number, by which lattices would have nodes in common. A goal that is not
 #: much farther than that is tried at once.
-LEAST_FACTOR, MOST_FACTOR, WORTH_COMPANION = 1.7, 2.1, 2.3
+LEAST_FACTOR, MOST_FACTOR, WORTH_COMPANION = 1.9, 2.1, 2.3
 #: Up to so many unknowns a solve costs next to nothing, and spacings go down by the most.
 QUICK_UNKNOWNS = 8_000
 #: A limit nearer than this is as good as reached where no tolerance is asked for.
@@ -43,6 +44,10 @@ def walk(way: Way) -> tuple[Status, float]:
     floor = way.last.solution.discretized.source_error()
     tolerance = way.asked.tolerance
     aim = 0.0 if tolerance is None else max(tolerance, floor)
+    if worth_higher_degree(way, aim):
+        way.further["degree"] = HIGHER_DEGREE
+        for run in way.runs[-2:]:
+            way.run("pilot", run.spacing)
     answers = 0
     while not _done(way, aim) and answers <= MOST_CORRECTIONS:
         here, limit = way.last.spacing, finest_spacing(way)
@@ -77,11 +82,10 @@ def _done(way: Way, aim: float) -> bool:
 def pilots(way: Way) -> None:
     """Solve at coarse spacings; see what the steps in time leave."""
     way.first(first_spacing(way.scene))
+    if way.look_at_steps():
+        way.run("pilot", way.last.spacing)
     way.run("pilot", way.last.spacing / MOST_FACTOR)
     check_memory(way)
-    if way.look_at_steps():
-        for run in way.runs[-2:]:
-            way.run("pilot", run.spacing)
 
 
 def _run(way: Way, purpose: Purpose, spacing: float) -> None:
@@ -115,5 +119,5 @@ def order(way: Way) -> float:
 
 
 def _known(way: Way) -> list[Run]:
-    """Return the runs whose error is known, the finest last."""
-    return [run for run in way.runs if np.isfinite(run.error(way.asked.norm))]
+    """Return the runs of the last one's degree whose error is known, the finest last."""
+    return [run for run in way.runs if np.isfinite(run.error(way.asked.norm)) and way.alike(run.solution)]

@@ -62,6 +62,8 @@ class Trade:
         Every solve, in order.
     told : str
         What came of it, in a sentence.
+    chosen : str
+        What was chosen beside the spacing, and why; empty where nothing was.
     """
 
     asked: Asked
@@ -71,6 +73,7 @@ class Trade:
     seconds: float
     steps: tuple[Step, ...]
     told: str
+    chosen: str = ""
 
     @property
     def cost_over_last_solve(self) -> float:
@@ -87,4 +90,4 @@ class Trade:
             f"{'error not yet known' if step.error != step.error else f'error about {step.error:.2g}'}"
             for step in self.steps
         ]
-        return "\n".join([*lines, self.told])
+        return "\n".join([*lines, *([self.chosen] if self.chosen else []), self.told])

@@ -93,6 +93,10 @@ class Way:
         Position of a node of the answer's lattice, if one was given.
     solver : str
         That is asked for.
+    degree_given : bool
+        Whether the degree of the form is asked for.
+    further : dict
+        Options that were chosen on the way.
     """
 
     scene: Scene
@@ -100,10 +104,12 @@ class Way:
     asked: Asked
     progress: Progress = no_progress
     in_time: float = 0.0
-    started: float = field(default_factory=time.perf_counter)
+    started: float = field(default_factory=lambda: time.perf_counter())
     runs: list[Run] = field(default_factory=list)
     origin: Any = None
     solver: str = "auto"
+    degree_given: bool = False
+    further: dict[str, Any] = field(default_factory=dict)
 
     @property
     def last(self) -> Run:
@@ -136,6 +142,7 @@ class Way:
             spacing,
             progress=lambda stage, share: self.progress(f"{what}: {stage}", share),
             origin=self._origin(spacing),
+            **self.further,
         )
         made = Run(purpose, solution, time.perf_counter() - began, self._estimate(solution))
         self.runs.append(made)
@@ -156,7 +163,7 @@ class Way:
     def look_at_steps(self) -> bool:
         """Shorten the steps in time until they leave a small share of the tolerance; tell whether they were too long.
 
-        What they leave counts from here on.
+        Asked of the first pilot, for that hardly depends on the spacing; what they leave counts from here on.
         """
         problem: Any = self.scene.problem
         if not isinstance(problem, Evolution):
@@ -166,7 +173,6 @@ class Way:
         order = order_in_time(problem)
         wanted = TIME_SHARE * (self.asked.tolerance or np.inf)
         if self.in_time <= wanted:
-            self.runs[-1] = replace(self.last, estimate=self._estimate(self.last.solution))
             return False
         parts = math.ceil((self.in_time / wanted) ** (1 / order))
         self.scene = replace(self.scene, problem=replace(cast(Any, problem), step=problem.step / parts))
@@ -175,15 +181,23 @@ class Way:
 
     def companions(self, solution: Solution) -> list[Solution]:
         """Return the solutions that one is held against: nearest to twice its spacing, and to the root of two."""
-        ratios = {one.spacing / solution.spacing: one.solution for one in self.runs if self._same_steps(one.solution)}
+        ratios = {
+            one.spacing / solution.spacing: one.solution for one in self.runs if self._serves(one.solution, solution)
+        }
         near = {ratio: one for ratio, one in ratios.items() if LEAST_RATIO <= ratio <= MOST_RATIO}
         if not near:
             return []
         return [near[ratio] for ratio in sorted({min(near), max(near)})]
 
-    def _same_steps(self, solution: Solution) -> bool:
-        mine, other = self.scene.problem, solution.scene.problem
-        return not isinstance(mine, Evolution) or cast(Any, other).step == mine.step
+    def alike(self, solution: Solution, other: Solution | None = None) -> bool:
+        """Return whether two solutions are of one form with one degree, the last one if no ``other`` is given."""
+        mine, theirs = (one.discretized.lattice_options for one in (solution, other or self.last.solution))
+        return mine is not None and theirs is not None and mine.own == theirs.own
+
+    def _serves(self, companion: Solution, solution: Solution) -> bool:
+        mine, other = self.scene.problem, companion.scene.problem
+        same_steps = not isinstance(mine, Evolution) or cast(Any, other).step == mine.step
+        return same_steps and self.alike(companion, solution)
 
     def _estimate(self, solution: Solution) -> ErrorEstimate | None:
         companions = self.companions(solution)
