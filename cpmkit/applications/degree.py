@@ -26,20 +26,39 @@ def degree_of_map(
     ResolutionError
         If the quotient is no whole number.
     """
+    return _degree_and_area(surface, target, images, spacing)[0]
+
+
+def covered_area(
+    surface: ClosestPointSource, target: ClosestPointSource, images: Callable[[Floats], Floats], spacing: float
+) -> float:
+    """Return the area of the target times the degree's size; arguments and errors as of :func:`degree_of_map`."""
+    degree, area = _degree_and_area(surface, target, images, spacing)
+    return abs(degree) * area
+
+
+def _degree_and_area(
+    surface: ClosestPointSource, target: ClosestPointSource, images: Callable[[Floats], Floats], spacing: float
+) -> tuple[int, float]:
     from scipy.spatial import cKDTree
 
     vertices, faces = _closed_mesh(surface, 0.5 * spacing)
     goals, cells = _closed_mesh(target, 0.5 * spacing)
-    corners = images(vertices)[faces]
-    across = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    middles = target.closest_point(corners.mean(axis=1)).points
+    found_at = images(vertices)
+    across = _areas(found_at, faces)
+    middles = target.closest_point(found_at[faces].mean(axis=1)).points
     normals = vertex_normals(goals, cells)[cKDTree(goals).query(middles)[1]]
-    whole = goals[cells]
-    area = 0.5 * np.linalg.norm(np.cross(whole[:, 1] - whole[:, 0], whole[:, 2] - whole[:, 0]), axis=1).sum()
+    area = float(np.linalg.norm(_areas(goals, cells), axis=1).sum())
     found = float(np.einsum("fd,fd->", across, normals) / area)
     if abs(found - round(found)) > WHOLE_TOLERANCE:
         raise ResolutionError(f"the map covers {found:.2f} of the target, no whole number; use a smaller spacing.")
-    return round(found)
+    return round(found), area
+
+
+def _areas(vertices: Floats, faces: Ints) -> Floats:
+    """Return (f, 3) the triangles' normals, as long as their areas."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    return np.asarray(0.5 * np.cross(b - a, c - a))
 
 
 def _closed_mesh(surface: ClosestPointSource, spacing: float) -> tuple[Floats, Ints]:

@@ -13,18 +13,18 @@ than about a third of the square of half the manifold's size make it swing.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 import cpmkit as ck
-from cpmkit.applications.degree import degree_of_map
+from cpmkit.applications.degree import covered_area, degree_of_map
 from cpmkit.applications.explicit_flow import explicit_flow
 from cpmkit.applications.held import hold_along, hold_at
 from cpmkit.applications.painted import painted
-from cpmkit.errors import InputError, shown
+from cpmkit.errors import InputError, ResolutionError, shown
 from cpmkit.preparing import Prepared
 from cpmkit.protocols import ClosestPointSource, Floats
 from cpmkit.runtime.arrays import as_points, positive, whole
@@ -36,8 +36,18 @@ METHODS = ("implicit", "explicit")
 STEP_SHARE = 0.1
 #: A step raises the energy where it grows by more than this share of itself: rounding and projections are below.
 RISING_SHARE = 1e-6
-#: So often a step that raises the energy is halved.
-MOST_HALVINGS = 10
+#: A projection that makes the energy so many times what it was jumps between parts of the target, as between legs that
+#: are thin for the step; below the other, steps are doubled.
+TORN_RATIO, SMOOTH_RATIO = 1.1, 1.01
+#: A map that covers a closed target has no energy below its area, but for the error of the lattice.
+COVERING_SHARE = 0.99
+#: Steps begin at the spacing's square, and are no shorter than this share of it.
+LEAST_SHARE = 0.01
+UNCOVERED = (
+    "The next step would lower the energy to {:.4g}, below the area {:.4g} that the map covers: the lattice is too "
+    "coarse for thin parts of the target, and the map would come off them. The map before it is returned; use a "
+    "smaller spacing."
+)
 #: Between two closest points whose difference tells what is tangential, over the target's size.
 DIFFERENCE_SHARE = 1e-4
 
@@ -168,14 +178,15 @@ def harmonic_map(
 
     Examples
     --------
-    A sphere's map to an ellipsoid, from nearest points.
+    A circle's map to an ellipse comes to rest at one speed: half the squared length over the circle's is its energy.
 
     >>> import cpmkit as ck
     >>> from cpmkit.applications import harmonic_map
-    >>> ellipsoid = ck.source("analytic.ellipsoid", radii=[1.0, 1.0, 1.3])
-    >>> found = harmonic_map(ck.source("analytic.sphere"), ellipsoid, spacing=0.3)
-    >>> found.degree, bool(found.energy[-1] < found.energy[0])
-    (1, True)
+    >>> circle = ck.source("analytic.circle")
+    >>> ellipse = ck.source("parametric.curve", x=["1.5*cos(t)", "sin(t)"], range=[0, 6.283185307179586], periodic=True)
+    >>> found = harmonic_map(circle, ellipse, spacing=0.1)
+    >>> bool(abs(found.energy[-1] - 7.9327**2 / 2 / 6.2832) < 0.01)
+    True
     """
     if method not in METHODS:
         raise InputError(f"method must be {' or '.join(METHODS)}, got {shown(method)}.")
@@ -188,41 +199,59 @@ def harmonic_map(
     else:
         half = 0.5 * float(np.ptp(scene.surface.bounds, axis=0).max())
         first = STEP_SHARE * half**2 if step is None else positive(step, "step")
-        made = _implicit_flow(prepared, target, start, first, most_steps, rest)
+        covering = _covering(prepared, target, initial)
+        made = _implicit_flow(prepared, target, start, first, most_steps, rest, covering)
     solution, energy, at_rest = made
-    if not at_rest:
+    if not at_rest and len(energy) > most_steps:
         warn_each([f"The map did not come to rest within {most_steps} steps; allow more, or longer ones."])
     return SurfaceMap(solution, target, np.array(energy), at_rest)
 
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """A map between two steps: its points on the target (p, k), the normal part of Lap u there, and its energy."""
+    """A map between two steps: its points on the target (p, k), the normal part of Lap u there, and its energy.
+
+    ``made`` is the energy over that before the projection.
+    """
 
     points: ck.Field
     normal: Floats
     energy: float
     solution: Solution | None = None
+    made: float = 1.0
 
 
 def _implicit_flow(
-    prepared: Prepared, target: ClosestPointSource, start: Floats, step: float, most_steps: int, rest: float
+    prepared: Prepared,
+    target: ClosestPointSource,
+    start: Floats,
+    step: float,
+    most_steps: int,
+    rest: float,
+    covering: float,
 ) -> tuple[Solution, list[float], bool]:
-    """Take steps until the energy rests; one that would raise it is taken again, half as long.
+    """Take steps until the energy rests, short ones first; one that would raise or tear the map is taken again.
 
-    The initial map's energy is not compared: it need not meet what is held, nor be resolved by the lattice.
+    Not the first one where something is held: the initial map need not meet it.
     """
-    points = prepared.field(start)
+    points = prepared.field(start).resolved().project(target)
     state = _State(points, np.zeros_like(start), points.energy())
-    energy, halvings, rests = [state.energy], 0, False
+    length = min(step, prepared.discretized.spacing**2)
+    least, energy, rests = LEAST_SHARE * length, [state.energy], False
     while len(energy) <= most_steps and not rests:
-        later = _advanced(prepared, target, state, step)
-        fall = (state.energy - later.energy) / state.energy if state.energy > 0 and len(energy) > 1 else 1.0
-        if fall < -RISING_SHARE and halvings < MOST_HALVINGS:
-            step, halvings, state = 0.5 * step, halvings + 1, replace(state, normal=np.zeros_like(start))
+        later = _advanced(prepared, target, state, length)
+        free = state.solution is None and bool(prepared.scene.boundaries)
+        fall = 1.0 if free or state.energy == 0 else 1 - later.energy / state.energy
+        if (fall < -RISING_SHARE or (later.made > TORN_RATIO and not free)) and length > least:
+            length *= 0.5
             continue
-        state, rests = later, abs(fall) < rest
+        if later.energy < COVERING_SHARE * covering and state.solution is not None:
+            warn_each([UNCOVERED.format(later.energy, covering)])
+            return state.solution, energy, False
+        state, rests = later, abs(fall) < rest and length >= min(step, prepared.discretized.spacing**2)
         energy.append(state.energy)
+        if later.made < SMOOTH_RATIO:
+            length = min(2 * length, step)
     assert state.solution is not None
     return state.solution, energy, rests
 
@@ -235,7 +264,8 @@ def _advanced(prepared: Prepared, target: ClosestPointSource, state: _State, ste
     points = reached.project(target)
     normal = state.normal + (points.columns - reached.columns) / step
     normal -= _tangential(target, points.columns, normal)
-    return _State(points, normal, points.energy(), solution)
+    energy = points.energy()
+    return _State(points, normal, energy, solution, energy / max(reached.energy(), np.finfo(float).tiny))
 
 
 def _tangential(target: ClosestPointSource, points: Floats, vectors: Floats) -> Floats:
@@ -247,6 +277,17 @@ def _tangential(target: ClosestPointSource, points: Floats, vectors: Floats) -> 
     shift = step / longest * vectors
     ahead, behind = (target.closest_point(points + sign * shift).points for sign in (1.0, -1.0))
     return np.asarray((ahead - behind) * (longest / (2 * step)))
+
+
+def _covering(prepared: Prepared, target: ClosestPointSource, initial: Any) -> float:
+    """Return the area that the initial map covers, 0 where it is not known: no map like it has less energy."""
+    images = target.closest_point if not callable(initial) else lambda points: target.closest_point(initial(points))
+    try:
+        return covered_area(
+            prepared.scene.surface, target, lambda points: images(points).points, prepared.discretized.spacing
+        )
+    except (InputError, ResolutionError):
+        return 0.0
 
 
 def _start(prepared: Prepared, target: ClosestPointSource, initial: Any) -> Floats:

@@ -133,6 +133,10 @@ class Field:
             return replace(self, values=onto.closest_point(self.columns).points, unknowns=None)
         return replace(self, values=tangential(self.form, self.points, self.values), unknowns=None)
 
+    def resolved(self) -> Field:
+        """Return what the form's own functions make of the values, at the same points: as fine as the lattice."""
+        return Field(self.form, self.form.at_points(self._unknowns).reshape(self.values.shape), self._unknowns)
+
     def mean(self) -> float | Floats:
         """Return the mean over the manifold, a float or (channels,), by the weights of the points."""
         weights = self.form.point_weights
