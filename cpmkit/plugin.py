@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from cpmkit.files.ply_files import PlyLists as PlyLists
     from cpmkit.files.ply_files import ply_vertices as ply_vertices
     from cpmkit.files.ply_files import read_ply as read_ply
+    from cpmkit.files.png_files import write_png as write_png
     from cpmkit.forms.contract import Discretized as Discretized
     from cpmkit.forms.contract import MeasuredWork as MeasuredWork
     from cpmkit.forms.contract import PlainWork as PlainWork
@@ -49,6 +50,7 @@ if TYPE_CHECKING:
     from cpmkit.manifold.vectors import unit as unit
     from cpmkit.meshes.display_mesh import DisplayMesh as DisplayMesh
     from cpmkit.meshes.display_mesh import vertex_normals as vertex_normals
+    from cpmkit.plugins import source as source
     from cpmkit.protocols import SIDES as SIDES
     from cpmkit.protocols import Advice as Advice
     from cpmkit.protocols import Backend as Backend
@@ -86,15 +88,20 @@ if TYPE_CHECKING:
     from cpmkit.runtime.arrays import one_row_each as one_row_each
     from cpmkit.runtime.arrays import positive as positive
     from cpmkit.runtime.arrays import whole as whole
+    from cpmkit.runtime.colours import as_colour as as_colour
     from cpmkit.runtime.compilation import compiled as compiled
     from cpmkit.runtime.compilation import inlined as inlined
     from cpmkit.runtime.threads import run_parcels as run_parcels
     from cpmkit.runtime.threads import thread_count as thread_count
+    from cpmkit.scene.boundary import Boundary as Boundary
     from cpmkit.scene.condition import Condition as Condition
+    from cpmkit.scene.conditions import Dirichlet as Dirichlet
+    from cpmkit.scene.conditions import Neumann as Neumann
     from cpmkit.scene.data import Data as Data
     from cpmkit.scene.data import evaluate_data as evaluate_data
     from cpmkit.scene.data import takes_time as takes_time
     from cpmkit.scene.equations import Equation as Equation
+    from cpmkit.scene.equations import Laplace as Laplace
     from cpmkit.scene.equations import Terms as Terms
     from cpmkit.scene.laws import Flux as Flux
     from cpmkit.scene.laws import Interface as Interface
@@ -107,6 +114,9 @@ if TYPE_CHECKING:
     from cpmkit.scene.laws import Value as Value
     from cpmkit.scene.scene import Scene as Scene
     from cpmkit.scene.scene import edge_condition as edge_condition
+    from cpmkit.scene.vertex_data import VertexData as VertexData
+    from cpmkit.solution.solution import Solution as Solution
+    from cpmkit.solving import solve as solve
     from cpmkit.testing import ConformanceCase as ConformanceCase
     from cpmkit.testing import parametrize_with_laws as parametrize_with_laws
     from cpmkit.testing import run_laws as run_laws
@@ -131,11 +141,13 @@ _NAMES = {
     "Checking input": {
         "runtime.arrays": "as_points as_positions as_vector check_size length one_row_each positive whole",
         "combinations.rotation": "as_rotation",
+        "runtime.colours": "as_colour",
     },
-    "Reading files": {
+    "Reading and writing files": {
         "files.ply_files": "PlyLists ply_vertices read_ply",
         "files.data_files": "existing_file",
         "files.array_files": "read_array read_bytes",
+        "files.png_files": "write_png",
     },
     "Formulas": {
         "formulas.trees": "COORDINATES FUNCTIONS formula_tree",
@@ -149,6 +161,15 @@ _NAMES = {
         "manifold.vectors": "dots norms unit",
         "combinations.rectangle": "rectangle",
         "combinations.rotation": "rotate",
+    },
+    "Making and solving scenes": {
+        "plugins": "source",
+        "scene.boundary": "Boundary",
+        "scene.conditions": "Dirichlet Neumann",
+        "scene.equations": "Laplace",
+        "scene.vertex_data": "VertexData",
+        "solving": "solve",
+        "solution.solution": "Solution",
     },
     "Scenes, and the laws of their conditions": {
         "protocols": "BoundarySet SIDES",

@@ -1,0 +1,42 @@
+"""Elliptical arcs as cubics."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.plugin import Floats
+
+#: The angle of one cubic at most: an eighth of a turn is off by 4e-6 of the radius.
+LARGEST_ANGLE = np.pi / 4
+
+
+def arc_cubics(start: Floats, radii: Floats, turned: float, large: bool, sweep: bool, end: Floats) -> list[Floats]:
+    """Return the cubics (4, 2) of an arc from ``start`` to ``end`` (2,).
+
+    By the formulas of SVG 1.1, appendix F.6.5 and F.6.6; ``turned`` is the ellipse's rotation in degrees. Radii that
+    are too small are scaled up; without one the arc is a line, and nothing where both ends are one point.
+    """
+    radii = np.abs(radii)
+    if (start == end).all():
+        return []
+    if not radii.all():
+        return [np.linspace(start, end, 4)]
+    angle = np.radians(turned)
+    axes = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    half = axes @ (start - end) / 2 / radii  # in the frame where the ellipse is a unit circle
+    size = float(half @ half)
+    if size > 1:
+        radii, half, size = radii * np.sqrt(size), half / np.sqrt(size), 1.0
+    side = -1.0 if large == sweep else 1.0
+    middle = side * np.sqrt(max(1 / size - 1, 0.0)) * np.array([half[1], -half[0]])
+    first, last = (np.arctan2(*(one - middle)[::-1]) for one in (half, -half))
+    turn = (last - first) % (2 * np.pi) - (0 if sweep else 2 * np.pi)
+    centre = (start + end) / 2 + axes.T @ (radii * middle)
+    knots = first + np.linspace(0, turn, int(np.ceil(abs(turn) / LARGEST_ANGLE - 1e-9)) + 1)
+    arm = 4 / 3 * np.tan(np.diff(knots)[:1] / 4)
+    on = np.stack([np.cos(knots), np.sin(knots)], axis=1)
+    along = np.stack([-on[:, 1], on[:, 0]], axis=1)
+    circle = np.stack([on[:-1], on[:-1] + arm * along[:-1], on[1:] - arm * along[1:], on[1:]], axis=1)
+    cubics = centre + (circle * radii) @ axes
+    cubics[0, 0], cubics[-1, 3] = start, end
+    return list(cubics)

@@ -1,0 +1,56 @@
+"""The kind ``svg.path``: one curve of an SVG file in the plane."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cpmkit.plugin import ClosestPointSource, InputError, shown, source, whole
+from cpmkit_svg.drawing import read_drawing
+from cpmkit_svg.flattening import flattened
+from cpmkit_svg.path_data import subpaths
+
+
+def path(
+    *, file: str | Path | None = None, id: str | None = None, d: str | None = None, subpath: int | None = None
+) -> ClosestPointSource:
+    """Return a curve of an SVG file, or of path data, as a polyline that leaves it by 1e-5 of its size at most.
+
+    It runs as it is drawn, with its left at your left hand as you see the drawing.
+
+    Parameters
+    ----------
+    file : str or Path
+        An SVG file. The curve lies in the plane with y upwards, so that the drawing stands on its feet: the canvas
+        keeps its place, and y becomes the sum of its upper and lower end less y.
+    id : str
+        Of the path in the file, or of another shape; transforms of it and of groups about it are applied. May be left
+        out where the file has one curve alone.
+    d : str
+        Instead of a file, path data, in coordinates of the plane as they stand.
+    subpath : int, optional
+        Which of the path's curves, from 0; needed where it has several.
+
+    Raises
+    ------
+    InputError
+        If both or neither of ``file`` and ``d`` are given, the file cannot be read, or there is no such curve.
+    """
+    if (file is None) == (d is None) or (d is not None and id is not None):
+        raise InputError("svg.path takes a file, with the id of a path in it, or path data d, and not both.")
+    if file is None:
+        found = [(flattened(one.cubics), one.closed) for one in subpaths(str(d), "d")]
+        what = "the path data"
+    else:
+        drawn = read_drawing(file).curves
+        found = [(one.points, one.closed) for one in drawn if id is None or one.element == id]
+        what = f"{shown(Path(file).name)}" if id is None else f"path {shown(id)} of {shown(Path(file).name)}"
+        if not found:
+            known = ", ".join(shown(one.element) for one in drawn if one.element)[:200]
+            raise InputError(f"{what} draws no curve; the ids of those that are drawn are {known or 'none'}.")
+    if not found:
+        raise InputError(f"{what} draw no curve.")
+    if subpath is None and len(found) > 1:
+        choose = "give its id, and subpath" if file is not None and id is None else "give subpath"
+        raise InputError(f"{what} draws {len(found)} curves; {choose} from 0 to {len(found) - 1}.")
+    points, closed = found[whole(0 if subpath is None else subpath, "subpath", 0, len(found) - 1)]
+    return source("mesh.polyline", points=points, closed=closed)

@@ -1,0 +1,26 @@
+"""What this distribution offers to cpmkit: curves of SVG files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from cpmkit.plugin import ClosestPointSource, hookimpl
+from cpmkit_svg.path import path
+
+if TYPE_CHECKING:
+    from cpmkit.plugin import ConformanceCase
+
+
+@hookimpl
+def cpmkit_sources() -> Mapping[str, Callable[..., ClosestPointSource]]:
+    """Return the factory of the one kind."""
+    return {"svg.path": path}
+
+
+@hookimpl
+def cpmkit_conformance_cases() -> Sequence[ConformanceCase]:
+    """Return an open and a closed curve, with lines, arcs and cubics."""
+    from cpmkit_svg.conformance import cases
+
+    return cases()

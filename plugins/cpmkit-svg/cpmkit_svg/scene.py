@@ -1,0 +1,119 @@
+"""A whole drawing as a scene of diffusion curves, and its colours as a picture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cpmkit.plugin import (
+    Boundary,
+    Dirichlet,
+    Floats,
+    InputError,
+    Laplace,
+    Neumann,
+    Scene,
+    Solution,
+    VertexData,
+    shown,
+    solve,
+    source,
+    whole,
+    write_png,
+)
+from cpmkit_svg.clipping import Clipped, clipped
+from cpmkit_svg.drawing import Drawing, DrawnCurve, read_drawing
+from cpmkit_svg.gradients import Stops
+
+#: Spacing of the lattice over the canvas' size unless it is given.
+SPACING_SHARE = 1 / 200
+#: Pixels that are read at once.
+PARCEL_PIXELS = 200_000
+
+
+def drawing_scene(file: str | Path | Drawing) -> Scene:
+    """Return the scene of the diffusion curves of an SVG file: three channels, harmonic between the curves.
+
+    A curve holds on both sides the colour of its ``stroke``, in place of it on one side that of ``data-left`` or
+    ``data-right``: a colour, ``url(#id)`` of a gradient, whose stops are then shares of the curve's length, or ``none``
+    where nothing passes. Curves without any of them are left out. Plane and curves are cut off at the canvas, where
+    nothing passes.
+
+    Raises
+    ------
+    InputError
+        If the file is not read, or no curve has a colour.
+    """
+    drawing = file if isinstance(file, Drawing) else read_drawing(file)
+    held = [one for one in drawing.curves if one.coloured]
+    if not held:
+        raise InputError("no curve of the drawing has a stroke, data-left or data-right; give one a colour.")
+    lower, upper = drawing.canvas
+    boundaries = [one for curve in held for one in _boundaries(curve, lower, upper)]
+    if not boundaries:
+        raise InputError("no curve with a colour passes over the canvas; compare the viewBox with the curves.")
+    return Scene(source("analytic.box", lower=lower.tolist(), upper=upper.tolist()), Laplace(), boundaries)
+
+
+def draw(
+    file: str | Path, png: str | Path, *, width: int = 800, spacing: float | None = None, **options: Any
+) -> Solution:
+    """Solve the diffusion curves of an SVG file and write their colours over the canvas as a PNG file.
+
+    Parameters
+    ----------
+    file, png : path
+        What is read, and what is written.
+    width : int
+        In pixels; the height follows from the canvas.
+    spacing : float, optional
+        Of the lattice, in the drawing's unit: a two-hundredth of the canvas' larger side unless it is given. Curves
+        nearer to each other than a few spacings mix.
+    **options
+        Of :func:`cpmkit.solve`.
+
+    Returns
+    -------
+    Solution
+        Of three channels.
+
+    Raises
+    ------
+    InputError
+        If the file is not read, or an argument is not what is accepted.
+    """
+    if Path(png).suffix.lower() != ".png":
+        raise InputError(f"A picture must be a .png file, got {shown(Path(png).name)}.")
+    columns = whole(width, "width in pixels", 1, 16384)
+    drawing = read_drawing(file)
+    lower, upper = drawing.canvas
+    across, up = upper - lower
+    solution = solve(drawing_scene(drawing), SPACING_SHARE * max(across, up) if spacing is None else spacing, **options)
+    rows = max(round(columns * up / across), 1)
+    x = lower[0] + (np.arange(columns) + 0.5) * across / columns
+    y = upper[1] - (np.arange(rows) + 0.5) * up / rows
+    points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    parts = [solution.evaluate(points[k : k + PARCEL_PIXELS]) for k in range(0, len(points), PARCEL_PIXELS)]
+    write_png(png, np.concatenate(parts).reshape(rows, columns, 3))
+    return solution
+
+
+def _boundaries(curve: DrawnCurve, lower: Floats, upper: Floats) -> list[Boundary]:
+    """Return what the pieces of a curve that lie on the canvas hold."""
+    pieces = clipped(curve.points, lower, upper)
+    whole_one = len(pieces) == 1 and len(pieces[0].points) == len(curve.points)
+    named = [curve.name] if len(pieces) == 1 else [f"{curve.name}, piece {k}" for k in range(len(pieces))]
+    return [_boundary(curve, name, one, curve.closed and whole_one) for name, one in zip(named, pieces, strict=True)]
+
+
+def _boundary(curve: DrawnCurve, name: str, piece: Clipped, closed: bool) -> Boundary:
+    polyline = source("mesh.polyline", points=piece.points, closed=closed)
+
+    def condition(stops: Stops | None) -> Any:
+        return Neumann(0.0) if stops is None else Dirichlet(VertexData(polyline, stops.at(piece.shares)))
+
+    if curve.left is curve.right:
+        return Boundary(name, polyline, both=condition(curve.left))
+    return Boundary(name, polyline, left=condition(curve.left), right=condition(curve.right))

@@ -1,0 +1,73 @@
+"""Shapes of SVG as path data: lines, polygons, rectangles, circles and ellipses besides paths."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+
+from cpmkit.plugin import InputError, shown
+from cpmkit_svg.scanner import Scanner
+
+LENGTH = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(?:px)?\s*")
+
+
+def length(text: str, what: str) -> float:
+    """Return a length in the user's unit; other units are refused.
+
+    Raises
+    ------
+    InputError
+        If it is no number, but for ``px`` after it.
+    """
+    found = LENGTH.fullmatch(text)
+    if found is None:
+        raise InputError(f"{what} must be a number, or one with px after it, got {shown(text)}.")
+    return float(found[1])
+
+
+def path_data(name: str, attributes: Mapping[str, str], what: str) -> str:
+    """Return the path data that an element of :data:`SHAPES` draws."""
+    if name == "path":
+        return attributes.get("d", "")
+    if name in ("polyline", "polygon"):
+        return _through(attributes.get("points", ""), name == "polygon", what)
+
+    def of(key: str) -> float:
+        return length(attributes.get(key, "0"), f"{key} of {what}")
+
+    return SHAPES_OF_NUMBERS[name](of)
+
+
+def _through(points: str, closed: bool, what: str) -> str:
+    scanner, numbers = Scanner(points, f"points of {what}"), []
+    while not scanner.ended:
+        numbers += scanner.numbers(2)
+    return f"M {' '.join(map(repr, numbers))} {'Z' if closed else ''}" if numbers else ""
+
+
+def _line(of: Callable[[str], float]) -> str:
+    return f"M {of('x1')!r} {of('y1')!r} L {of('x2')!r} {of('y2')!r}"
+
+
+def _rectangle(of: Callable[[str], float]) -> str:
+    if of("rx") or of("ry"):
+        raise InputError("rectangles with rounded corners are not read; make a path of them.")
+    return f"M {of('x')!r} {of('y')!r} h {of('width')!r} v {of('height')!r} h {-of('width')!r} Z"
+
+
+def _circle(of: Callable[[str], float]) -> str:
+    return _round(of("cx"), of("cy"), of("r"), of("r"))
+
+
+def _ellipse(of: Callable[[str], float]) -> str:
+    return _round(of("cx"), of("cy"), of("rx"), of("ry"))
+
+
+def _round(x: float, y: float, rx: float, ry: float) -> str:
+    half = f"A {rx!r} {ry!r} 0 0 1"
+    return f"M {x + rx!r} {y!r} {half} {x - rx!r} {y!r} {half} {x + rx!r} {y!r} Z"
+
+
+SHAPES_OF_NUMBERS = {"line": _line, "rect": _rectangle, "circle": _circle, "ellipse": _ellipse}
+#: Elements that draw a curve.
+SHAPES = ("path", "polyline", "polygon", *SHAPES_OF_NUMBERS)
