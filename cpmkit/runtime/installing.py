@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 #: Families of kinds that the project's own plugins bring. Each is an extra of the core, and a distribution.
-FAMILIES = ("analytic", "fem", "levelset", "mesh", "parametric", "pointcloud")
+FAMILIES = ("analytic", "fem", "levelset", "mesh", "parametric", "pointcloud", "svg")
 
 
 def to_install(extra: str) -> str:

@@ -29,7 +29,7 @@ FILMS, PAGE = (".gif", ".mp4"), ".html"
 SUFFIXES = (*MESH_WRITERS, ".json", ".pvd", *FILMS, PAGE)
 
 
-def save(solution: Solution, path: str | Path, vertices: str = "display") -> None:
+def save(solution: Solution, path: str | Path, vertices: str = "display", **options: Any) -> None:
     """Write ``solution`` to ``path``, whole or not at all; a file that is there already is replaced.
 
     ========= ==================================================================================
@@ -60,6 +60,8 @@ def save(solution: Solution, path: str | Path, vertices: str = "display") -> Non
         Of meshes: that of the pictures, as fine as the lattice and cut along the boundaries, or that from which the
         surface was made, as it was given, its vertices in their order; see :meth:`Solution.at_vertices`. Then ``.npz``
         holds ``points``, ``cells`` and ``values`` alone.
+    **options
+        Of ``.html``, ``.gif`` and ``.mp4``: those of :class:`~cpmkit.scenefile.look.Look`.
 
     Raises
     ------
@@ -72,6 +74,8 @@ def save(solution: Solution, path: str | Path, vertices: str = "display") -> Non
     path = Path(path)
     check_file(path, solution.scene.surface, vertices)
     suffix = path.suffix.lower()
+    if options and suffix not in (*FILMS, PAGE):
+        raise InputError(f"{', '.join(options)} are options of films and pages, and {path.name!r} is neither.")
     if suffix == ".pvd":
         from cpmkit.saving.series import save_series
 
@@ -79,7 +83,7 @@ def save(solution: Solution, path: str | Path, vertices: str = "display") -> Non
     if suffix in FILMS:
         from cpmkit.view.film import animate
 
-        animate(solution, path)
+        animate(solution, path, **options)
         return
     with written_whole(path) as unfinished:
         if suffix == ".json":
@@ -87,7 +91,7 @@ def save(solution: Solution, path: str | Path, vertices: str = "display") -> Non
         if suffix == PAGE:
             from cpmkit.view.page import page_of
 
-            unfinished.write_text(page_of(solution), encoding="utf-8")
+            unfinished.write_text(page_of(solution, **options), encoding="utf-8")
             return
         if suffix == ".npz" and vertices == "display":
             return _save_npz(solution, unfinished)

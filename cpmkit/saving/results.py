@@ -13,7 +13,7 @@ from cpmkit.errors import CpmkitError, InputError
 from cpmkit.files.whole_files import check_place, system_told
 from cpmkit.meshes.display_mesh import mesh_of
 from cpmkit.protocols import ClosestPointSource, Progress
-from cpmkit.saving.export import check_file, save, write_summary
+from cpmkit.saving.export import FILMS, PAGE, check_file, save, write_summary
 from cpmkit.saving.mesh_files import MESH_WRITERS
 from cpmkit.saving.series import draw_frames, frames_folder
 from cpmkit.scenefile.output_request import VERTICES, OutputRequest, PictureRequest, check_links
@@ -101,7 +101,7 @@ def write_results(
     for index, file in enumerate(others):
         progress("write", index / len(others))
         with _collecting_failures(failures, file):
-            save(solution, _with_folder(folder / file), _vertices_of(file, request))
+            save(solution, _with_folder(folder / file), _vertices_of(file, request), **_look_of(file, request))
         seconds["write"] = time.perf_counter() - start
     if request.picture is not None:
         progress("picture", 0.0)
@@ -144,6 +144,12 @@ def _sentence(file: Path, error: Exception) -> str:
 def _vertices_of(file: str, request: OutputRequest) -> str:
     """Return of which mesh a file is: what a solution is loaded from, and what is no mesh file, have no choice."""
     return request.vertices if Path(file).suffix.lower() in MESH_WRITERS else VERTICES[0]
+
+
+def _look_of(file: str, request: OutputRequest) -> dict[str, Any]:
+    """Return how a film or a page looks: as the picture, where there is one."""
+    drawn = Path(file).suffix.lower() in (*FILMS, PAGE) and request.picture is not None
+    return request.picture.look if drawn and request.picture is not None else {}
 
 
 def _draw(solution: Solution, asked: PictureRequest, folder: Path) -> dict[str, Any]:

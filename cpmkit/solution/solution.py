@@ -317,15 +317,15 @@ class Solution:
 
         return mean(self, function, dim)
 
-    def save(self, path: str | Path, vertices: str = "display") -> None:
+    def save(self, path: str | Path, vertices: str = "display", **options: Any) -> None:
         """Write the solution to ``path``; the suffix decides what: see :func:`cpmkit.saving.export.save`.
 
         A file that is there already is replaced, by a whole one or not at all. ``vertices="own"`` writes a mesh file
-        with the vertices and cells that the surface was made from.
+        with the vertices and cells that the surface was made from; options are those of films and pages.
         """
         from cpmkit.saving.export import save
 
-        save(self, path, vertices)
+        save(self, path, vertices, **options)
 
     def picture(self, path: str | Path, **options: Any) -> Picture:
         """Draw the solution into the PNG ``path``; see :func:`cpmkit.view.picture`."""

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 CURVE_RADIUS, PIN_RADIUS, STROKE_RADIUS = 0.0045, 0.012, 0.009
 
 #: Curves lie so many of their radii before the surface, which is flat between its vertices.
-CURVE_LIFT_RADII = 2.5
+CURVE_LIFT_RADII = 2.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -132,13 +132,13 @@ def test_every_key_of_a_problem_is_documented(kind, tmp_path):
 
 
 def test_every_condition_key_and_word_is_documented():
-    from cpmkit.saving.export import _WRITERS
+    from cpmkit.saving.export import SUFFIXES
 
     named = documented("scene-keys.md")
     sides = {name for name in inspect.signature(cpmkit.Boundary).parameters if name != "source"}
     assert {*sides, "kind", "edge", "order"} - named == set()
     assert set(inspect.signature(PictureRequest).parameters) - named == set()
-    assert {"auto", *SOLVERS, *_WRITERS} - named == set()
+    assert {"auto", *SOLVERS, *SUFFIXES} - named == set()
     for condition in condition_tables.CONDITIONS:
         assert any(name.startswith(f"{{ {condition} = ") for name in named), condition
     assert {*trees.COORDINATES, *trees.CONSTANTS, *trees.FUNCTIONS} - named == set()

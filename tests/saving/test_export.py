@@ -97,7 +97,7 @@ def test_json_is_the_summary(square, tmp_path):
 
 
 def test_an_unknown_suffix_is_answered_with_the_accepted_ones(square, tmp_path):
-    with pytest.raises(InputError, match=r"'u\.xyz'; accepted are \.vtp, \.ply, \.npz, \.json"):
+    with pytest.raises(InputError, match=r"'u\.xyz'; accepted are \.vtp, \.vtu, \.ply, \.obj, \.csv, \.npz, \.json"):
         save(square(2), tmp_path / "u.xyz")
 
 

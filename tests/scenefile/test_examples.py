@@ -14,6 +14,7 @@ MESHES = {
     "08-nefertitis-ear.toml": ["nefertiti-lowres.obj"],
     "09-fish-fins.toml": ["fish.obj"],
     "10-gray-scott.toml": ["spot.obj"],
+    "11-heat-on-spot.toml": ["spot.obj"],
 }
 
 
