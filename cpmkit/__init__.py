@@ -6,6 +6,7 @@ Cartesian grid; conditions hold on points and curves inside it.
 
 from __future__ import annotations
 
+import logging
 from typing import TYPE_CHECKING
 
 from cpmkit.runtime.lazy_names import lazy_names
@@ -56,6 +57,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same names as in the tab
     from cpmkit.scene.special_conditions import Steklov as Steklov
     from cpmkit.scene.special_conditions import Transmission as Transmission
     from cpmkit.scene.vertex_data import VertexData as VertexData
+    from cpmkit.scenefile.kinds import kinds as kinds
     from cpmkit.scenefile.reading import load_scene as load_scene
     from cpmkit.solution.boundary_points import boundary_points as boundary_points
     from cpmkit.solution.boundary_points import directions_along as directions_along
@@ -115,6 +117,7 @@ _PUBLIC = {
     "discretize": "solving",
     "estimate_error": "accuracy.estimate",
     "explain": "explaining",
+    "kinds": "scenefile.kinds",
     "load": "saving.loading",
     "load_scene": "scenefile.reading",
     "normals_at": "solution.boundary_points",
@@ -126,6 +129,9 @@ _PUBLIC = {
 }
 
 __all__ = sorted(_PUBLIC)
+
+#: What long work says of itself; silent unless the caller asks for it, as the logging of Python has it.
+logging.getLogger("cpmkit").addHandler(logging.NullHandler())
 
 if not TYPE_CHECKING:  # or every name would exist for a type checker, the misspelt ones too
     __getattr__, __dir__ = lazy_names(__name__, _PUBLIC, "cpmkit")

@@ -21,6 +21,7 @@ from cpmkit.command_options import (
     spacing_option,
     with_error,
 )
+from cpmkit.starting import examples, new, schema
 from cpmkit.studies.commands import study
 
 
@@ -187,26 +188,36 @@ def explain(scene: Path, spacing: float | None, seconds: bool, as_json: bool) ->
 
 
 @main.command()
+@click.argument("kind", required=False)
 @json_option
 @traceback_option
-def plugins(as_json: bool) -> None:
-    """List the kinds of surfaces and curves that scenes can name.
+def plugins(kind: str | None, as_json: bool) -> None:
+    """List the kinds that scenes can name, or the keys of one KIND or family of kinds.
 
-    Names are read from the metadata of installed distributions; no plugin is imported.
+    Names are read from the metadata of installed distributions, and no plugin is imported, unless a KIND is asked for,
+    such as `analytic.torus`, `analytic` or `heat`: then its keys, what they accept and their defaults are told.
     """
     from dataclasses import asdict
+
+    if kind is not None:
+        from cpmkit.scenefile.kinds import kinds as documented
+
+        asked = documented(kind)
+        told = json.dumps([asdict(one) for one in asked], indent=2, default=str)
+        click.echo(told if as_json else "\n\n".join(map(str, asked)))
+        return
 
     from cpmkit.plugins import installed_kinds
 
     kinds = installed_kinds()
     if as_json:
-        click.echo(json.dumps([asdict(kind) for kind in kinds], indent=2))
+        click.echo(json.dumps([asdict(one) for one in kinds], indent=2))
         return
     if not kinds:
         click.echo("No plugin is installed; `pip install ./plugins/*` in a clone of the repository adds them.")
-    width = max((len(kind.kind) for kind in kinds), default=0) + 2
-    for kind in kinds:
-        click.echo(f"{kind.kind:<{width}}{kind.distribution} {kind.version}")
+    width = max((len(one.kind) for one in kinds), default=0) + 2
+    for one in kinds:
+        click.echo(f"{one.kind:<{width}}{one.distribution} {one.version}")
 
 
 @main.command()
@@ -227,4 +238,5 @@ def doctor(ctx: click.Context, scene: Path | None, as_json: bool) -> None:
         ctx.exit(1)
 
 
-main.add_command(study)
+for command in (study, new, examples, schema):
+    main.add_command(command)

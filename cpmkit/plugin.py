@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from cpmkit.linear.operators import CsrOperator as CsrOperator
     from cpmkit.linear.report import SolveReport as SolveReport
     from cpmkit.linear.report import judge as judge
+    from cpmkit.manifold.short_text import source_repr as source_repr
     from cpmkit.manifold.vectors import dots as dots
     from cpmkit.manifold.vectors import norms as norms
     from cpmkit.manifold.vectors import unit as unit
@@ -158,6 +159,7 @@ _NAMES = {
         "runtime.threads": "run_parcels thread_count",
     },
     "Vectors and meshes": {
+        "manifold.short_text": "source_repr",
         "manifold.vectors": "dots norms unit",
         "combinations.rectangle": "rectangle",
         "combinations.rotation": "rotate",

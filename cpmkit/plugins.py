@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
 Made = TypeVar("Made")
 KINDS_GROUP = "cpmkit.kinds"
 COMMANDS_GROUP = "cpmkit.commands"
+#: Hooks through which plugins hand factories of kinds.
+FACTORY_HOOKS = ("cpmkit_sources", "cpmkit_conditions", "cpmkit_solvers", "cpmkit_backends")
 
 
 @dataclass(frozen=True)
@@ -125,6 +128,21 @@ def factory(kind: str, hook: str = "cpmkit_sources") -> Callable[..., Any]:
     if make is None:
         raise PluginError(f"The kind {kind!r} is not among what its plugin hands to the hook {hook}.")
     return make
+
+
+def any_factory(kind: str) -> tuple[str, Callable[..., Any]]:
+    """Return the factory that an installed plugin offers for ``kind`` through whatever hook, and the hook.
+
+    Raises
+    ------
+    PluginError
+        If none is installed, or its plugin offers it through none of them.
+    """
+    load(kind)
+    for hook in FACTORY_HOOKS:
+        with suppress(PluginError):
+            return hook, factory(kind, hook)
+    raise PluginError(f"The kind {kind!r} is offered through none of the hooks {', '.join(FACTORY_HOOKS)}.")
 
 
 def call(make: Callable[..., Made], what: str, table: Mapping[str, Any]) -> Made:

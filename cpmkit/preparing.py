@@ -71,6 +71,11 @@ class Prepared(Generic[Solved]):
     kept: Kept = field(default_factory=Kept)
     others: dict[str, Prepared[Any]] = field(default_factory=dict, repr=False)
 
+    def __repr__(self) -> str:
+        made = self.discretized
+        what = f"form {made.form}, spacing {made.spacing:g}, {made.size:,} unknowns, solver {self.solver.solver}"
+        return f"<Prepared: {what}\n  {self.scene.problem.kind} on {self.scene.surface!r}>"
+
     @overload
     def solve(
         self,

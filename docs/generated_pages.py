@@ -5,7 +5,6 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,6 @@ import click
 
 from cpmkit import plugin, plugins
 from cpmkit.cli import main
-from cpmkit.errors import PluginError
 
 API = Path(__file__).parent / "reference" / "api.md"
 #: What carries no docstring.
@@ -30,7 +28,6 @@ DATA = {
     "SIDES": "Both sides, left first.",
     "Side": '``"left"`` or ``"right"``.',
 }
-FACTORY_HOOKS = ("cpmkit_sources", "cpmkit_conditions", "cpmkit_solvers", "cpmkit_backends")
 
 
 def write_all(folder: Path) -> list[Path]:
@@ -49,16 +46,8 @@ def kinds_page() -> str:
         if kind.distribution != distribution:
             distribution = kind.distribution
             parts.append(f"## {distribution}\n")
-        parts.append(_kind(kind.kind, factory_of(kind.kind)))
+        parts.append(_kind(kind.kind, plugins.any_factory(kind.kind)[1]))
     return "\n".join(parts)
-
-
-def factory_of(kind: str) -> Callable[..., Any]:
-    """Return the factory that an installed plugin offers for ``kind``, through whatever hook."""
-    for hook in FACTORY_HOOKS:
-        with suppress(PluginError):
-            return plugins.factory(kind, hook)
-    raise PluginError(f"the kind {kind!r} is offered through none of the hooks {', '.join(FACTORY_HOOKS)}.")
 
 
 def _kind(kind: str, factory: Callable[..., Any]) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 from cpmkit.combinations.cubics import Cubics
 from cpmkit.combinations.tracing import Knots
 from cpmkit.errors import InputError
+from cpmkit.manifold.short_text import source_repr
 from cpmkit.manifold.vectors import dots, norms, unit
 from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 from cpmkit.runtime.arrays import as_points, as_vector, positive
@@ -36,6 +37,8 @@ class TracedCurve:
 
     manifold_dim = 1
     exact = True
+
+    __repr__ = source_repr
 
     @property
     def dim(self) -> int:

@@ -14,6 +14,7 @@ from cpmkit.combinations.rotation import as_rotation, rotate
 from cpmkit.combinations.union import Union, union
 from cpmkit.manifold.abilities import Wrapper, advice_of, with_abilities
 from cpmkit.manifold.answers import check_source
+from cpmkit.manifold.short_text import source_repr
 from cpmkit.protocols import Advice, ClosestPoints, ClosestPointSource, Floats, Ints
 from cpmkit.runtime.arrays import as_points, as_vector, positive
 
@@ -36,6 +37,8 @@ class Moved(Wrapper):
     rotation: Floats
     translation: Floats
     scale: float
+
+    __repr__ = source_repr
 
     @property
     def bounds(self) -> Floats:

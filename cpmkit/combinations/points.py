@@ -12,6 +12,7 @@ import numpy as np
 from cpmkit.errors import InputError, shown
 from cpmkit.files.array_files import read_array
 from cpmkit.files.data_files import existing_file
+from cpmkit.manifold.short_text import source_repr
 from cpmkit.protocols import ClosestPoints, Floats, Ints
 from cpmkit.runtime.arrays import as_points, as_positions, as_vector, one_row_each
 
@@ -33,6 +34,8 @@ class PointSet:
 
     manifold_dim = 0
     exact = True
+
+    __repr__ = source_repr
 
     @property
     def dim(self) -> int:

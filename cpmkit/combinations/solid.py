@@ -12,6 +12,7 @@ from cpmkit.combinations.union import Union
 from cpmkit.errors import InputError
 from cpmkit.manifold.abilities import MOST_EDGES, Wrapper, with_abilities
 from cpmkit.manifold.answers import check_source
+from cpmkit.manifold.short_text import source_repr
 from cpmkit.protocols import Bools, ClosestPoints, ClosestPointSource, Floats, HasNormals, HasTangents, Ints
 from cpmkit.runtime.arrays import as_points, positive
 
@@ -32,6 +33,8 @@ class Solid(Wrapper):
     """
 
     outward: tuple[float, ...]
+
+    __repr__ = source_repr
 
     @property
     def manifold_dim(self) -> int:

@@ -13,6 +13,7 @@ from cpmkit.combinations.descent import descend
 from cpmkit.combinations.position_function import PositionFunction
 from cpmkit.combinations.rim import MeshRim
 from cpmkit.manifold.abilities import MOST_EDGES, Wrapper, edge_limit_of
+from cpmkit.manifold.short_text import source_repr
 from cpmkit.manifold.vectors import dots, norms
 from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 from cpmkit.runtime.arrays import as_points, as_vector, positive
@@ -52,6 +53,8 @@ class Trimmed(Wrapper):
     covering: float
     margin: float
     tolerance: float
+
+    __repr__ = source_repr
 
     @property
     def bounds(self) -> Floats:

@@ -12,6 +12,7 @@ import numpy as np
 from cpmkit.errors import InputError
 from cpmkit.manifold.abilities import advice_of, edge_limit_of, local_minima_of, with_abilities
 from cpmkit.manifold.answers import check_source
+from cpmkit.manifold.short_text import source_repr
 from cpmkit.protocols import Advice, ClosestPoints, ClosestPointSource, Floats, HasMembers, Ints
 from cpmkit.runtime.arrays import as_points, as_vector, positive
 
@@ -27,6 +28,8 @@ class Union:
     """
 
     members: tuple[Any, ...]
+
+    __repr__ = source_repr
 
     @property
     def dim(self) -> int:

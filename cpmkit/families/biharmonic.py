@@ -29,7 +29,7 @@ from cpmkit.solution.solution import Solution
 COMPLEX_SOLVERS = ("direct", "multigrid", "reference")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class BiharmonicSolution(Solution):
     """The solution of a biharmonic problem, with its Laplacian.
 

@@ -25,6 +25,9 @@ class Kept:
 
     made: dict[Hashable, Any] = field(default_factory=dict)
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {"made": {}}  # factors do not pickle, and are made again
+
     def get(self, key: Hashable, make: Callable[..., Any], *arguments: Any) -> Any:
         """Return what was made for ``key``, or make it of the ``arguments``.
 

@@ -45,7 +45,7 @@ class StepRecord:
     energy: float | None = None
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class QuasilinearSolution(Solution):
     """The solution of an equation whose diffusivity depends on it.
 

@@ -7,6 +7,7 @@ from typing import Any
 
 from cpmkit.forms.collocation.diagnosis.twin_clusters import TwinCluster
 from cpmkit.forms.collocation.diagnosis.unresolved import UnresolvedFeature
+from cpmkit.runtime.html_tables import html_table
 from cpmkit.scene.condition import Condition
 from cpmkit.scene.laws import is_zero_neumann
 from cpmkit.scene.scene import Scene
@@ -71,6 +72,22 @@ class Explanation:
     def as_dict(self) -> dict[str, Any]:
         """Return the explanation as plain values."""
         return asdict(self)
+
+    def __repr__(self) -> str:
+        about = "" if self.exact else "about "
+        return (
+            f"<Explanation: {about}{self.unknowns:,} unknowns, {about}{self.bytes / 2**20:,.1f} MiB, solver "
+            f"{self.solver!r}; print it for all parts>"
+        )
+
+    def _repr_html_(self) -> str:
+        rows = [(part.name, f"{part.amount}: {part.reason}") for part in self.parts]
+        about = "" if self.exact else "about "
+        rows += [("unknowns", f"{about}{self.unknowns:,}"), ("memory", f"about {self.bytes / 2**20:,.1f} MiB")]
+        if self.seconds is not None:
+            rows.append(("seconds on this machine", f"about {self.seconds:.2g}"))
+        rows += [("remark", sentence) for sentence in (*(one.sentence for one in self.remains), *self.told)]
+        return html_table("Explanation", rows)
 
     def __str__(self) -> str:
         widths = [max(len(getattr(part, key)) for part in self.parts) for key in ("name", "amount")]

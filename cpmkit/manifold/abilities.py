@@ -158,7 +158,14 @@ def _showing(base: Any, abilities: tuple[type, ...]) -> Any:
     names = [name for ability in abilities for name in members_of(ability)]
     # A field, as the members of a union, has its public name already.
     members = {name: getattr_static(base, f"_{name}") for name in names if hasattr(base, f"_{name}")}
+    members["__reduce__"] = lambda self: (_bare, (base, abilities), vars(self))
     return type(base.__name__, (base,), {"__module__": base.__module__, "__doc__": base.__doc__, **members})
+
+
+def _bare(base: Any, abilities: tuple[type, ...]) -> Any:
+    """Return an object of a class that shows abilities, without its state: what pickle begins with."""
+    made = _showing(base, abilities)
+    return made.__new__(made)
 
 
 def members_of(ability: type) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import warnings
 from collections.abc import Callable
@@ -9,8 +10,15 @@ from functools import cache
 from typing import Any, TypeVar
 
 from cpmkit.errors import CpmkitWarning
+from cpmkit.runtime.shown_progress import tell_under_way
 
 Function = TypeVar("Function", bound=Callable[..., Any])
+
+#: Told of by the logger ``cpmkit``, once a process that compiles.
+COMPILED_SENTENCE = "Kernels are compiled at their first use, which takes some twenty seconds; they are kept on disk."
+#: The stage of progress while one is compiled.
+COMPILING_STAGE = "compile"
+logger = logging.getLogger("cpmkit")
 
 #: Told where compiled kernels cannot be kept.
 NOT_KEPT_SENTENCE = (
@@ -40,7 +48,30 @@ def _njit() -> Any:
     os.environ.setdefault("NUMBA_CACHE_DIR", "")
     from numba import njit
 
+    _listen_once()
     return njit
+
+
+@cache
+def _listen_once() -> None:
+    """Let compilations be told: they take seconds, at the first use of a kernel alone."""
+    from numba.core import event
+
+    event.register("numba:compile", _compilations(event.Listener))
+
+
+def _compilations(base: type) -> Any:
+    """Return a listener that tells the logger and the work under way of kernels that are compiled, not of kept ones."""
+
+    def on_start(_: object, started: Any) -> None:
+        if not heard:
+            logger.info(COMPILED_SENTENCE)
+        heard.append(str(started.data["dispatcher"].py_func.__name__))
+        logger.debug("The kernel %s is compiled.", heard[-1])
+        tell_under_way(COMPILING_STAGE, 0.0)
+
+    heard: list[str] = []
+    return type("Compilations", (base,), {"on_start": on_start, "on_end": lambda *_: None})()
 
 
 @cache

@@ -102,6 +102,11 @@ class Boundary:
                 self, "left_of", as_vector(self.left_of, self.source.dim, f"left_of of boundary {self.name!r}")
             )
 
+    def __repr__(self) -> str:
+        held = {side: getattr(self, side) for side in ("both", "left", "right", "across")}
+        told = ", ".join(f"{side}={one.kind}" for side, one in held.items() if one is not None)
+        return f"Boundary({self.name!r}, {self.source!r}, {told})"
+
     def condition(self, side: Side, /) -> Condition:
         """Return what holds on ``side``."""
         condition = self.both or self.across or (self.left if side == "left" else self.right)

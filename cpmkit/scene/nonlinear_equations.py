@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -247,10 +247,15 @@ class _Scaled:
 
 def power_of_slope(p: float, r: float) -> StateDiffusivity:
     """Return ``(s^2 + r^2)^((p - 2) / 2)``."""
-    return of_slope(
-        lambda s: (s**2 + r**2) ** (p / 2 - 1),
-        lambda s: (p - 2) * s * (s**2 + r**2) ** (p / 2 - 2),
-    )
+    return of_slope(partial(_power, p, r), partial(_slope_of_power, p, r))
+
+
+def _power(p: float, r: float, s: Floats) -> Floats:
+    return np.asarray((s**2 + r**2) ** (p / 2 - 1))
+
+
+def _slope_of_power(p: float, r: float, s: Floats) -> Floats:
+    return np.asarray((p - 2) * s * (s**2 + r**2) ** (p / 2 - 2))
 
 
 def check_one_channel(channels: int) -> None:

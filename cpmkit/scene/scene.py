@@ -14,6 +14,7 @@ from cpmkit.errors import SceneError, shown
 from cpmkit.manifold.answers import check_source
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.protocols import SIDES, BoundarySet, ClosestPointSource, Floats
+from cpmkit.runtime.html_tables import html_table
 from cpmkit.scene.boundary import ONE
 from cpmkit.scene.condition import Condition, EdgeConditions
 from cpmkit.scene.conditions import Neumann, as_conditions
@@ -130,6 +131,19 @@ class Scene(Generic[Solved]):
     def edge_conditions(self) -> list[Condition]:
         """The condition of the edge, or those of all its loops."""
         return list(self.edge.values()) if isinstance(self.edge, Mapping) else [self.edge]
+
+    def __repr__(self) -> str:
+        edge = ", ".join(one.kind for one in self.edge_conditions)
+        names = ", ".join(repr(boundary.name) for boundary in self.boundaries) or "none"
+        return f"Scene of {self.problem.kind}, {self.problem}, boundaries {names}, edge {edge}\n  on {self.surface!r}"
+
+    def _repr_html_(self) -> str:
+        rows = [("equation", f"{self.problem.kind}: {self.problem}"), ("surface", repr(self.surface))]
+        for one in self.boundaries:
+            left, right = (one.condition(side).kind for side in SIDES)
+            rows.append((f"boundary {one.name!r}", f"{left} on the left, {right} on the right"))
+        rows.append(("edge", ", ".join(one.kind for one in self.edge_conditions)))
+        return html_table("Scene", rows)
 
     def oriented(self, boundary: BoundarySet) -> OrientedBoundary:
         """Return one of the boundaries with what tells its left.

@@ -85,7 +85,17 @@ class StateDiffusivity:
 
 def of_slope(function: Callable[[Floats], Floats], derivative: Callable[[Floats], Floats]) -> StateDiffusivity:
     """Return a(s), with its derivative."""
-    return StateDiffusivity(lambda u, s: function(s) + 0 * u, _zero, lambda u, s: derivative(s) + 0 * u)
+    return StateDiffusivity(_OfSlope(function), _zero, _OfSlope(derivative))
+
+
+@dataclass(frozen=True, eq=False)
+class _OfSlope:
+    """A function of s alone, called with u and s."""
+
+    function: Callable[[Floats], Floats]
+
+    def __call__(self, u: Floats, s: Floats) -> Floats:
+        return self.function(s) + 0 * u
 
 
 def _zero(u: Floats) -> Floats:

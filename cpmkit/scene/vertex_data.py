@@ -52,6 +52,9 @@ class VertexData:
             )
         object.__setattr__(self, "values", _checked(self.values, self.source.value_count))
 
+    def __repr__(self) -> str:
+        return f"VertexData({self.source!r}, {np.shape(self.values)} values)"
+
     def __call__(self, points: Floats) -> Floats:
         """Return the data (n,) or (n, channels) at ``points`` (n, d)."""
         assert isinstance(self.source, HasValues)

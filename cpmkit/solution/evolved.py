@@ -97,9 +97,13 @@ class EvolvedSolution(Solution):
         frames = np.stack([frame.values for frame in self.frames]) if self.frames else np.zeros((0, *self.values.shape))
         return {**super().arrays(), "time": np.array(self.time), "frame_times": times, "frames": frames}
 
+    def _figures(self) -> list[tuple[str, str]]:
+        kept = f", {len(self.frames)} frames" if self.frames else ""
+        return [*super()._figures(), ("time", f"{self.time:g} after {self.steps} steps{kept}")]
+
     def __repr__(self) -> str:
         kept = f", {len(self.frames)} frames" if self.frames else ""
-        return f"{super().__repr__()}\n  time {self.time:g} after {self.steps} steps{kept}"
+        return f"{super().__repr__()}, time {self.time:g} after {self.steps} steps{kept}"
 
 
 def frames_of(solution: Solution, what: str) -> tuple[EvolvedSolution, ...]:

@@ -8,6 +8,9 @@ from typing import Any
 from cpmkit.protocols import Floats
 from cpmkit.solution.solution import Solution
 
+#: So many eigenvalues are told in a line.
+MOST_TOLD_EIGENVALUES = 4
+
 
 @dataclass(frozen=True, eq=False)
 class EigenSolution(Solution):
@@ -43,4 +46,12 @@ class EigenSolution(Solution):
         return {**super().summary(), "eigenvalues": self.eigenvalues.tolist(), "residuals": self.residuals.tolist()}
 
     def __repr__(self) -> str:
-        return f"{super().__repr__()}\n  eigenvalues {', '.join(f'{value:.6g}' for value in self.eigenvalues)}"
+        return f"{super().__repr__()}, {self._told}"
+
+    def _figures(self) -> list[tuple[str, str]]:
+        return [*super()._figures(), ("eigenvalues", ", ".join(f"{value:.6g}" for value in self.eigenvalues))]
+
+    @property
+    def _told(self) -> str:
+        first = ", ".join(f"{value:.6g}" for value in self.eigenvalues[:MOST_TOLD_EIGENVALUES])
+        return f"eigenvalues {first}{', ...' if len(self.eigenvalues) > MOST_TOLD_EIGENVALUES else ''}"

@@ -14,6 +14,7 @@ from cpmkit.forms.contract import Discretized, MeasuredWork
 from cpmkit.forms.imbalance import Imbalance
 from cpmkit.linear.report import SolveReport
 from cpmkit.protocols import SIDES, Floats, ReadSides, Side, Sides
+from cpmkit.runtime.html_tables import html_table
 from cpmkit.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -397,12 +398,29 @@ class Solution:
         return {**known, "unknowns": self.values} if known else {}
 
     def __repr__(self) -> str:
-        counts = {name.replace("_", " "): one for name, one in self.work.as_dict().items() if isinstance(one, int)}
-        lines = [
-            f"Solution of {self.scene.problem.kind} with {len(self.scene.boundaries)} boundaries",
-            f"form {self.discretized.form}, spacing {self.spacing:g}, channels {self.channels}",
-            ", ".join(f"{value} {name}" for name, value in counts.items()),
-            f"{self.report.solver}: {self.report.reason}",
-            f"{len(self.warnings)} warnings",
+        warned = f", {len(self.warnings)} warnings" if self.warnings else ""
+        channels = f", {self.channels} channels" if self.channels > 1 else ""
+        return (
+            f"Solution of {self.scene.problem.kind} with {len(self.scene.boundaries)} boundaries, form "
+            f"{self.discretized.form}, spacing {self.spacing:g}{channels}\n"
+            f"  {self.work.unknowns:,} unknowns, solver {self.report.solver}{warned}"
+        )
+
+    def _figures(self) -> list[tuple[str, str]]:
+        """Return what a notebook shows beside the picture."""
+        low, high = (float(function(self.values)) for function in (np.min, np.max))
+        return [
+            ("equation", f"{self.scene.problem.kind}: {self.scene.problem}"),
+            ("form", f"{self.discretized.form}, spacing {self.spacing:g}"),
+            ("unknowns", f"{self.work.unknowns:,} of {self.channels} channel{'s' * (self.channels > 1)}"),
+            ("values", f"from {low:.4g} to {high:.4g}"),
+            ("solver", f"{self.report.solver}: {self.report.reason}"),
+            ("seconds", f"{sum(self.seconds.values()):.2g}"),
+            *(("error", line) for line in str(self.estimated or "").splitlines()),
+            *(("warning", sentence) for sentence in self.warnings),
         ]
-        return "\n  ".join(lines)
+
+    def _repr_html_(self) -> str:
+        from cpmkit.view.thumbnail import thumbnail
+
+        return html_table(f"Solution of {self.scene.problem.kind}", self._figures(), thumbnail(self))

@@ -24,6 +24,7 @@ from cpmkit.forms.galerkin.space.floor import floored_stiffness
 from cpmkit.forms.galerkin.transport.reading import speed_out
 from cpmkit.linear.operators import Border, CsrOperator, with_diagonal
 from cpmkit.protocols import Floats, Side, Stiffness
+from cpmkit.runtime.pickled_state import without_cached
 from cpmkit.scene.data import Data
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.functionals import TestedRightSide
@@ -36,6 +37,8 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, eq=False)
 class Equations(Coefficients):
     """The part of the form that makes operators and right-hand sides."""
+
+    __getstate__ = without_cached
 
     def stiffness(self, terms: Terms) -> GalerkinOperator:
         """Return A: the energy of u over the samples, what holds the rest of u, c u v, and the conditions' terms.

@@ -16,6 +16,7 @@ import numpy as np
 from cpmkit.linear.conjugate_gradients import conjugate_gradients
 from cpmkit.linear.multigrid_matrix import UnsignedCsr
 from cpmkit.protocols import Floats, no_progress
+from cpmkit.runtime.pickled_state import without_cached
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -37,6 +38,8 @@ class Projection:
     """
 
     matrix: csr_array
+
+    __getstate__ = without_cached
 
     def solve(self, integrals: Floats) -> Floats:
         """Return the splines (n, k) of the ``integrals`` (n, k) of values times each spline."""

@@ -27,13 +27,27 @@ CLOSED_ARC_TURNS = 1e-12
 
 
 def point(*, at: Any, rotation: Any = None, translation: Any = None, scale: Any = 1.0) -> Placed:
-    """Return the point ``at``, 2 or 3 numbers."""
+    """Return the point ``at``, 2 or 3 numbers.
+
+    Parameters
+    ----------
+    at : 2 or 3 numbers
+        Where it is.
+    """
     center = as_position(at, "at")
     return place(Point(len(center)), center, np.eye(len(center))).moved(rotation, translation, scale)
 
 
 def segment(*, start: Any, end: Any, rotation: Any = None, translation: Any = None, scale: Any = 1.0) -> Placed:
-    """Return the segment from ``start`` (end 0) to ``end`` (end 1), each 2 or 3 numbers."""
+    """Return the segment from ``start`` (end 0) to ``end`` (end 1), each 2 or 3 numbers.
+
+    Parameters
+    ----------
+    start : 2 or 3 numbers
+        Its end 0.
+    end : 2 or 3 numbers
+        Its end 1.
+    """
     origin = as_position(start, "start")
     across = as_place(end, len(origin), "end") - origin
     if not across.any():
@@ -57,6 +71,15 @@ def circle(
     """Return a circle: in the plane, or in space if ``normal`` or a ``center`` of 3 numbers is given.
 
     It runs counterclockwise about ``normal``, which is (0, 0, 1) unless given.
+
+    Parameters
+    ----------
+    center : 2 or 3 numbers, optional
+        Its middle, the origin unless given.
+    radius : number
+        Above zero.
+    normal : (3,) numbers, optional
+        In space, what it runs counterclockwise about.
     """
     middle, axes = _plane_of(center, normal, None)
     shape = Circle(len(middle), as_length(radius, "radius"))
@@ -79,6 +102,21 @@ def arc(
 
     Angles are counted about ``normal`` from the part of ``x_axis`` across it; unless given, that is the
     coordinate axis farthest from the normal, the first of equals. Plane or space as for :func:`circle`.
+
+    Parameters
+    ----------
+    start : number
+        The angle of its end 0, in radians.
+    end : number
+        The angle of its end 1, in radians.
+    center : 2 or 3 numbers, optional
+        Its middle, the origin unless given.
+    radius : number
+        Above zero.
+    normal : (3,) numbers, optional
+        In space, what angles are counted about.
+    x_axis : (d,) numbers, optional
+        The direction of the angle zero.
     """
     middle, axes = _plane_of(center, normal, x_axis)
     first, last = as_vector([start, end], 2, "[start, end]")
@@ -95,7 +133,15 @@ def arc(
 def sphere(
     *, center: Any = DEFAULT_CENTRE, radius: Any = 1.0, rotation: Any = None, translation: Any = None, scale: Any = 1.0
 ) -> Placed:
-    """Return a sphere; around a ``center`` of 2 numbers, the circle."""
+    """Return a sphere; around a ``center`` of 2 numbers, the circle.
+
+    Parameters
+    ----------
+    center : (d,) numbers
+        Its middle.
+    radius : number
+        Above zero.
+    """
     middle, length = as_position(center, "center"), as_length(radius, "radius")
     shape = Circle(2, length) if len(middle) == 2 else Sphere(length)
     return place(shape, middle, np.eye(len(middle))).moved(rotation, translation, scale)
@@ -114,6 +160,17 @@ def cap(
     """Return the points x of a sphere with (x - center) . axis >= height, ``axis`` scaled to length one.
 
     ``height`` is a length, 0 for the half sphere, and smaller than the radius in size. The rim is edge loop 0.
+
+    Parameters
+    ----------
+    center : (d,) numbers
+        Its middle.
+    radius : number
+        Above zero.
+    axis : (3,) numbers
+        A direction, of any length.
+    height : number
+        Where the sphere is cut along the axis, a length from the centre.
     """
     length, offset = as_length(radius, "radius"), float(as_vector([height], 1, "height")[0])
     if not abs(offset) < length:
@@ -134,7 +191,19 @@ def torus(
     translation: Any = None,
     scale: Any = 1.0,
 ) -> Placed:
-    """Return the points at the distance ``minor`` from a circle of radius ``major`` around ``axis``."""
+    """Return the points at the distance ``minor`` from a circle of radius ``major`` around ``axis``.
+
+    Parameters
+    ----------
+    center : (3,) numbers
+        Its middle.
+    axis : (3,) numbers
+        A direction, of any length.
+    major : number
+        Radius of the circle in the middle of the tube.
+    minor : number
+        Radius of the tube, smaller than ``major``.
+    """
     shape = Torus(as_length(major, "major"), as_length(minor, "minor"))
     if not shape.minor < shape.major:
         raise InputError(f"minor must be smaller than major, got {shown(minor)} and {shown(major)}.")
@@ -154,6 +223,17 @@ def cylinder(
     """Return the open lateral surface of a cylinder, ``center`` in its middle.
 
     Edge loop 0 is the rim at the end that ``axis`` points away from, 1 the rim that it points to.
+
+    Parameters
+    ----------
+    center : (3,) numbers
+        Its middle.
+    axis : (3,) numbers
+        A direction, of any length.
+    radius : number
+        Above zero.
+    length : number
+        Along the axis.
     """
     shape = Cylinder(as_length(radius, "radius"), as_length(length, "length"))
     return place(shape, as_place(center, 3, "center"), space_frame(axis)).moved(rotation, translation, scale)
@@ -164,6 +244,13 @@ def box(*, lower: Any, upper: Any, rotation: Any = None, translation: Any = None
 
     Its sides are the edges: 0 and 1 where x is least and greatest, 2 and 3 where y is, 4 and 5 where z is, before
     any rotation. Beyond a corner or a cuboid's edge, a point belongs to the side that it is farthest out of.
+
+    Parameters
+    ----------
+    lower : 2 or 3 numbers
+        The corner with the least coordinates.
+    upper : 2 or 3 numbers
+        The corner with the greatest coordinates.
     """
     low = as_position(lower, "lower")
     high = as_place(upper, len(low), "upper")

@@ -19,6 +19,7 @@ from cpmkit.plugin import (
     norms,
     positive,
     rotate,
+    source_repr,
 )
 from cpmkit_analytic.shapes import HasShapeNormals, HasShapeTangents, Shape
 
@@ -43,6 +44,9 @@ class Placed:
     shape: Shape
     center: Floats
     axes: Floats
+
+    def __repr__(self) -> str:
+        return source_repr(self, type(self.shape).__name__)
 
     @property
     def dim(self) -> int:

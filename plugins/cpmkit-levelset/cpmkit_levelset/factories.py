@@ -164,6 +164,15 @@ def goursat(
 
     The defaults give the tangle cube. ``a`` must be above -1/3, where the surface is bounded.
 
+    Parameters
+    ----------
+    a : number
+        Factor of the square of the squared distance, above -1/3.
+    b : number
+        Factor of the squared distance from the origin.
+    c : number
+        Constant of the polynomial.
+
     Raises
     ------
     InputError

@@ -7,7 +7,19 @@ from functools import cached_property
 
 import numpy as np
 
-from cpmkit.plugin import Advice, Bools, ClosestPoints, Floats, InputError, Ints, as_points, as_vector, norms, positive
+from cpmkit.plugin import (
+    Advice,
+    Bools,
+    ClosestPoints,
+    Floats,
+    InputError,
+    Ints,
+    as_points,
+    as_vector,
+    norms,
+    positive,
+    source_repr,
+)
 from cpmkit_levelset.fields import Field
 from cpmkit_levelset.manifold import ZeroSet, unit_or_nan
 from cpmkit_levelset.marching import marching_simplices
@@ -52,6 +64,8 @@ class LevelSet:
     edge: Layer | None
     shift: Floats
     slope_error: float = 0.0
+
+    __repr__ = source_repr
 
     @property
     def dim(self) -> int:

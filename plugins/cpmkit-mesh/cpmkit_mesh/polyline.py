@@ -21,6 +21,7 @@ from cpmkit.plugin import (
     existing_file,
     one_row_each,
     read_array,
+    source_repr,
     unit,
 )
 from cpmkit_mesh.reading import as_numbers
@@ -63,6 +64,8 @@ class Polyline:
 
     manifold_dim = 1
     exact = True
+
+    __repr__ = source_repr
 
     @property
     def dim(self) -> int:

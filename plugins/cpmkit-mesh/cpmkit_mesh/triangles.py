@@ -18,6 +18,7 @@ from cpmkit.plugin import (
     as_vector,
     one_row_each,
     positive,
+    source_repr,
     unit,
 )
 from cpmkit_mesh.engines import Search, search_with
@@ -83,6 +84,8 @@ class TriangleMesh:
 
     dim = 3
     manifold_dim = 2
+
+    __repr__ = source_repr
 
     @property
     def exact(self) -> bool:

@@ -24,6 +24,17 @@ def torus_knot(*, a: Any = 3, b: Any = 7, major: Any = 3.0, minor: Any = 1.0, tr
     """Return the knot that winds ``a`` times about the axis and ``b`` times about the core of a torus.
 
     King et al. (2024), eq. 21, where ``major`` is 3 and ``minor`` 1. The trefoil is a = 2, b = 3.
+
+    Parameters
+    ----------
+    a : whole number
+        How many times it winds about the axis.
+    b : whole number
+        How many times it winds about the core.
+    major : number
+        Radius of the circle in the middle of the torus.
+    minor : number
+        Radius of the torus's tube.
     """
     a, b = whole(a, "a", 1, MOST_WINDINGS), whole(b, "b", 1, MOST_WINDINGS)
     if gcd(a, b) != 1:
@@ -41,14 +52,34 @@ def torus_knot(*, a: Any = 3, b: Any = 7, major: Any = 3.0, minor: Any = 1.0, tr
 
 
 def helix(*, radius: Any = 1.0, pitch: Any = 1.0, turns: Any = 2.0, translation: Any = None) -> Curve:
-    """Return the helix about the z axis that starts at (radius, 0, 0) and rises by ``pitch`` a turn; t is the angle."""
+    """Return the helix about the z axis that starts at (radius, 0, 0) and rises by ``pitch`` a turn; t is the angle.
+
+    Parameters
+    ----------
+    radius : number
+        Of the cylinder that it winds around.
+    pitch : number
+        How far it climbs in a turn.
+    turns : number
+        How many turns it has.
+    """
     rise = positive(pitch, "pitch") / (2 * np.pi)
     r, end = positive(radius, "radius"), 2 * np.pi * positive(turns, "turns")
     return curve(x=[f"{r!r}*cos(t)", f"{r!r}*sin(t)", f"{rise!r}*t"], range=[0.0, end], translation=translation)
 
 
 def planar_curve(*, a: Any = 3, b: Any = 4, c: Any = -0.5, translation: Any = None) -> Curve:
-    """Return the closed diffusion curve in the plane of King et al. (2024), eq. 22: (v cos t + c, v sin t + c)."""
+    """Return the closed diffusion curve in the plane of King et al. (2024), eq. 22: (v cos t + c, v sin t + c).
+
+    Parameters
+    ----------
+    a : whole number
+        The first frequency of its lobes.
+    b : whole number
+        The second frequency of its lobes.
+    c : number
+        Added to both coordinates.
+    """
     a, b = whole(a, "a", 1, MOST_WINDINGS), whole(b, "b", 1, MOST_WINDINGS)
     shift = float(as_vector([c], 1, "c")[0])
     v = f"(cos(t)*({(a + b) / 2!r} + sin({a}*t) + sin({b}*t)) + {(a + b) / 2!r})/{a + b}"
@@ -89,7 +120,15 @@ def revolution(
 
 
 def moebius(*, radius: Any = 1.0, half_width: Any = 0.35, translation: Any = None) -> Surface:
-    """Return the Moebius strip about a core circle; u is the angle, v from -half_width to half_width."""
+    """Return the Moebius strip about a core circle; u is the angle, v from -half_width to half_width.
+
+    Parameters
+    ----------
+    radius : number
+        Of the circle in the middle of the strip.
+    half_width : number
+        Half the width of the strip.
+    """
     R, w = positive(radius, "radius"), positive(half_width, "half_width")
     if w >= R:
         raise InputError(f"half_width must be smaller than radius, got {w:g} and {R:g}.")
@@ -109,6 +148,13 @@ def klein(*, radius: Any = 2.0, width: Any = 1.0, translation: Any = None) -> Su
 
     It crosses itself along the circle of ``radius``. Closest points know only the set of points in space, on
     which the two sheets meet there.
+
+    Parameters
+    ----------
+    radius : number
+        Of the circle that the figure of eight is carried around.
+    width : number
+        Size of the figure of eight.
     """
     R, w = positive(radius, "radius"), positive(width, "width")
     if w >= R:

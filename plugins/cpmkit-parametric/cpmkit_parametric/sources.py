@@ -7,7 +7,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from cpmkit.plugin import ClosestPoints, Floats, Ints, as_points, as_vector, positive
+from cpmkit.plugin import ClosestPoints, Floats, Ints, as_points, as_vector, positive, source_repr
 from cpmkit_parametric.cells import CellTree
 from cpmkit_parametric.descent import descend
 from cpmkit_parametric.domain import Domain, Sides
@@ -54,6 +54,8 @@ class Parametric:
     tree: CellTree
     size: float
     shift: Floats
+
+    __repr__ = source_repr
 
     @property
     def dim(self) -> int:

@@ -8,7 +8,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.plugin import Advice, ClosestPoints, Floats, InputError, Ints, as_points, as_vector, one_row_each, positive
+from cpmkit.plugin import (
+    Advice,
+    ClosestPoints,
+    Floats,
+    InputError,
+    Ints,
+    as_points,
+    as_vector,
+    one_row_each,
+    positive,
+    source_repr,
+)
 from cpmkit_pointcloud.blend import Blend, project, surface_normals
 from cpmkit_pointcloud.floor import SLOPE_SAMPLES, fitted_floor, integral_floor, slope_error
 from cpmkit_pointcloud.patches import curvatures
@@ -52,6 +63,8 @@ class PointCloud:
     given_points: Floats
 
     exact = False
+
+    __repr__ = source_repr
 
     @property
     def points(self) -> Floats:
@@ -231,6 +244,8 @@ class OrientedPointCloud(PointCloud):
     """
 
     sample_normals: Floats
+
+    __repr__ = source_repr
 
     @property
     def _sides(self) -> Floats:

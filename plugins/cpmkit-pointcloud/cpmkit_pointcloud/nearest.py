@@ -8,7 +8,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.plugin import Advice, ClosestPoints, Floats, InputError, Ints, as_points, as_vector, one_row_each, positive
+from cpmkit.plugin import (
+    Advice,
+    ClosestPoints,
+    Floats,
+    InputError,
+    Ints,
+    as_points,
+    as_vector,
+    one_row_each,
+    positive,
+    source_repr,
+)
 from cpmkit_pointcloud.floor import plain_floor
 from cpmkit_pointcloud.samples import as_cells, ask, thinned, tree_of
 
@@ -29,6 +40,8 @@ class NearestSamples:
     points: Floats
 
     exact = True
+
+    __repr__ = source_repr
 
     @property
     def dim(self) -> int:

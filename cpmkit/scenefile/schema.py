@@ -1,0 +1,148 @@
+"""A JSON schema of scene files, read off the code that reads them: editors complete and check TOML by it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import fields
+from typing import Any
+
+from cpmkit.forms.asked import Asked
+from cpmkit.forms.choice import FORMS
+from cpmkit.forms.options import Options
+from cpmkit.linear.choice import SolverOptions
+from cpmkit.runtime.declared import Declared, declared
+from cpmkit.scenefile.condition_tables import CONDITIONS
+from cpmkit.scenefile.documented_keys import Key, keys_of
+from cpmkit.scenefile.kinds import Kind, kinds
+from cpmkit.scenefile.output_request import PictureRequest
+from cpmkit.scenefile.reading import SIDE_KEYS, SOLVER_KEYS
+
+DRAFT = "http://json-schema.org/draft-07/schema#"
+#: What plain types of Python are in JSON.
+JSON_TYPES = {"float": "number", "int": "integer", "str": "string", "bool": "boolean", "None": "null"}
+#: Keys that hold a source, a list of sources.
+SOURCE_KEYS, SOURCES_KEYS = ("of",), ("members",)
+DATUM = {"$ref": "#/definitions/datum"}
+
+Schema = dict[str, Any]
+
+
+def scene_schema() -> Schema:
+    """Return the schema of scene files, with the kinds that are installed."""
+    return {
+        "$schema": DRAFT,
+        "title": "A scene of cpmkit",
+        "type": "object",
+        "properties": scene_tables(),
+        "required": ["surface", "problem"],
+        "additionalProperties": False,
+        "definitions": definitions(),
+    }
+
+
+def definitions() -> Schema:
+    """Return what the tables refer to."""
+    sources = [one for one in kinds() if one.sort == "source"]
+    return {
+        "datum": {
+            "description": "A number, a formula in x, y, z and t, values by the vertex, or a list of them.",
+            "type": ["number", "string", "array", "object"],
+        },
+        "condition": _condition(),
+        "source": _one_of(sources),
+    }
+
+
+def scene_tables(problem_needs: bool = True) -> Schema:
+    """Return the schemas of a scene's tables; ``problem_needs`` is False where a study gives what is lacking."""
+    every = kinds()
+    sources = [one for one in every if one.sort == "source"]
+    edge = {"description": "What holds on the rim; or a table with one for each loop.", "type": "object"}
+    condition = {"$ref": "#/definitions/condition"}
+    sides: Schema = dict.fromkeys(SIDE_KEYS, condition) | {
+        "left_of": {"description": "A point on the left.", "type": "array"},
+        "across": {"description": "A transmission, or another condition that couples both sides.", "type": "object"},
+        "name": {"description": "For reports, and to ask for a side.", "type": "string"},
+    }
+    equations = [one for one in every if one.sort == "equation"]
+    return {
+        "surface": _one_of(sources, {"edge": edge}),
+        "boundary": {"type": "array", "items": _one_of(sources, sides)},
+        "problem": _one_of(equations, needs=problem_needs, of_data=True),
+        "discretization": _options([Options, Asked, *FORMS.values()]),
+        "solver": _options([SolverOptions], SOLVER_KEYS, further=True),
+        "output": _table(
+            {
+                "folder": {"description": "Where results go, inside the working directory.", "type": "string"},
+                "files": {"description": "Names of files in it.", "type": "array", "items": {"type": "string"}},
+                "picture": {"anyOf": [{"type": "string"}, table_of(keys_of(PictureRequest))]},
+            }
+        ),
+    }
+
+
+def table_of(keys: Iterable[Key]) -> Schema:
+    """Return the schema of a table with these keys."""
+    return _table({key.name: _of_key(key) for key in keys})
+
+
+def _table(properties: Schema, needed: Iterable[str] = (), further: bool = False) -> Schema:
+    required = sorted(needed)
+    made = {"type": "object", "properties": properties, "additionalProperties": further}
+    return {**made, "required": required} if required else made
+
+
+def _one_of(choices: Iterable[Kind], more: Mapping[str, Any] = {}, needs: bool = True, of_data: bool = False) -> Schema:
+    """Return the schema of a table whose ``kind`` says which keys it has; a boundary's surface need not be named."""
+    variants = []
+    for one in choices:
+        own = {key.name: {**DATUM, "description": key.told} if of_data else _of_key(key) for key in one.keys}
+        needed = [key.name for key in one.keys if key.needed and needs and key.name != "surface"]
+        kind = {"const": one.name, "description": one.told}
+        variants.append(_table({"kind": kind, **own, **more}, ["kind", *needed]))
+    return {"oneOf": variants}
+
+
+def _condition() -> Schema:
+    """Return the schema of a condition: one kind as a key, and perhaps an order; or a plugin's kind with its keys."""
+    order = {"type": "integer", "minimum": 1, "maximum": 4}
+    variants = [_table({kind: _value_of(kind), "order": order}, [kind]) for kind in CONDITIONS]
+    offered = {"kind": {"type": "string"}, "order": order}
+    return {"anyOf": [*variants, _table(offered, ["kind"], further=True)]}
+
+
+def _value_of(kind: str) -> Schema:
+    return {"const": True} if kind == "steklov" else DATUM
+
+
+def _options(declaring: Iterable[type[Declared]], renamed: Mapping[str, str] = {}, further: bool = False) -> Schema:
+    """Return the schema of a table of declared options; one that several declare takes what one of them takes."""
+    properties: Schema = {}
+    for kind in declaring:
+        types = {one.name: str(one.type) for one in fields(kind)}
+        for name, option in declared(kind).items():
+            before = properties.get(renamed.get(name, name), {}).get("description", "")
+            told = f"{before} {option.told}".strip()
+            properties[renamed.get(name, name)] = {**_json_type(types[name]), "description": told}
+    properties |= {"memory": {**properties["memory"], "type": ["number", "string"]}} if "memory" in properties else {}
+    return _table(properties, further=further)
+
+
+def _of_key(key: Key) -> Schema:
+    if key.name in SOURCE_KEYS:
+        return {"$ref": "#/definitions/source"}
+    if key.name in SOURCES_KEYS:
+        return {"type": "array", "items": {"$ref": "#/definitions/source"}}
+    made = _json_type(key.declared)
+    told = {"description": key.told} if key.told else {}
+    known = key.default if isinstance(key.default, (bool, int, float, str)) else None
+    return {**made, **told, **({} if known is None else {"default": known})}
+
+
+def _json_type(declared_type: str) -> Schema:
+    """Return what a declared type is in JSON; nothing where it is more than plain ones."""
+    names = [JSON_TYPES.get(one.strip(), "") for one in declared_type.split("|")]
+    if not all(names):
+        return {}
+    plain = [name for name in names if name != "null"]
+    return {"type": plain[0] if len(plain) == 1 else plain}

@@ -1,0 +1,107 @@
+"""What a prompt and a notebook show of sources, scenes, solutions and explanations: a line or two, and a table."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+import cpmkit as ck
+from cpmkit.plugins import installed_kinds, load, manager
+
+CIRCLE = ck.source("analytic.circle")
+CUT = ck.Boundary("cut", ck.source("analytic.point", at=[1, 0]), left=1.0, right="x < 5")
+#: Kinds that are made slowly, or of a function that no module holds by a name, which Python does not pickle.
+LEFT_OUT = ("pointcloud", "levelset.grid", "levelset.callable")
+
+
+@pytest.fixture(scope="module")
+def solution():
+    return ck.solve(ck.Scene(CIRCLE, ck.Laplace(), [CUT]), spacing=0.2)
+
+
+def sources():
+    for kind in installed_kinds():
+        load(kind.kind)
+    cases = [case for found in manager().hook.cpmkit_conformance_cases() for case in found]
+    first = {case.kind: case for case in reversed(cases) if not case.kind.startswith(LEFT_OUT)}
+    return [pytest.param(case.make, id=kind) for kind, case in first.items()]
+
+
+@pytest.mark.parametrize("make", sources())
+def test_a_source_is_told_in_one_line_and_pickles(make):
+    source = make()
+    assert "\n" not in repr(source)
+    assert len(repr(source)) < 200
+    assert f"in {source.dim}D" in repr(source)
+    again = pickle.loads(pickle.dumps(source))
+    x = source.bounds.mean(axis=0) + np.linspace(-0.3, 0.3, 7)[:, None] * np.arange(1, source.dim + 1)
+    np.testing.assert_array_equal(source.closest_point(x).points, again.closest_point(x).points)
+
+
+def test_a_cloud_is_told_in_one_line():
+    angle = np.linspace(0, 2 * np.pi, 60, endpoint=False)
+    points = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    for normals in (None, points):
+        cloud = ck.source("pointcloud.points", points=points, normals=normals)
+        assert "60 vertices" in repr(cloud)
+        assert len(repr(cloud)) < 200
+
+
+@pytest.mark.parametrize(
+    ("problem", "told"),
+    [
+        (ck.Laplace(), "Solution of laplace with 1 boundaries, form galerkin, spacing 0.2"),
+        (ck.Heat("x", until=0.2, step=0.1, frames=1), "time 0.2 after 2 steps, 2 frames"),
+        (ck.Eigen(6), "eigenvalues .*, ..."),
+        (ck.PLaplacian(3.0, "x", 1.0, regularization=0.1), "Solution of p-laplacian"),
+    ],
+    ids=lambda one: getattr(one, "kind", None),
+)
+def test_a_solution_is_told_in_two_lines_and_pickles(problem, told):
+    cut = ck.Boundary("cut", CUT.source, both=0.0) if problem.kind == "eigen" else CUT
+    prepared = ck.prepare(ck.Scene(CIRCLE, problem, [cut]), spacing=0.2)
+    solution = prepared.solve()
+    assert repr(solution).count("\n") == 1
+    assert told.partition(" .*")[0] in repr(solution)
+    again = pickle.loads(pickle.dumps(solution))
+    points = np.array([[0.6, 0.8], [1.0, 0.0]])
+    np.testing.assert_array_equal(again.evaluate(points, "both"), solution.evaluate(points, "both"))
+    assert again.summary() == solution.summary()
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(prepared)).solve().values, solution.values)
+    assert repr(prepared).count("\n") == 1
+
+
+def test_scenes_boundaries_and_explanations_are_told_shortly(solution):
+    scene = solution.scene
+    assert repr(scene).count("\n") == 1
+    assert "'cut'" in repr(scene)
+    assert repr(CUT) == f"Boundary('cut', {CUT.source!r}, left=dirichlet, right=dirichlet)"
+    explained = ck.explain(scene, spacing=0.2)
+    assert "\n" not in repr(explained)
+    assert f"{explained.unknowns:,} unknowns" in repr(explained)
+    assert pickle.loads(pickle.dumps(explained)) == explained
+    vertices, faces = ck.source("analytic.sphere").mesh(0.5)
+    mesh = ck.source("mesh.triangles", vertices=vertices, faces=faces)
+    assert len(repr(ck.Dirichlet(ck.VertexData(mesh, vertices)))) < 300
+
+
+def test_a_notebook_shows_tables_and_a_picture_where_one_can_be_drawn(solution, monkeypatch):
+    import cpmkit.view.thumbnail as thumbnail
+
+    for shown in (solution.scene, ck.explain(solution.scene, spacing=0.2)):
+        assert shown._repr_html_().count("<tr>") > 2
+    monkeypatch.setattr(thumbnail, "thumbnail", lambda _: b"a picture")
+    assert "data:image/png;base64,YSBwaWN0dXJl" in solution._repr_html_()
+    assert "dirichlet on the left" in solution.scene._repr_html_()
+
+
+def test_a_notebook_shows_figures_where_no_renderer_answers(solution, monkeypatch):
+    import cpmkit.view.thumbnail as thumbnail
+
+    def broken(*_, **__):
+        raise RuntimeError("no renderer")
+
+    monkeypatch.setattr(thumbnail, "picture", broken)
+    shown = solution._repr_html_()
+    assert "<img" not in shown
+    assert "unknowns" in shown
