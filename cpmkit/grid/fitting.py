@@ -98,17 +98,18 @@ def fitting_spacing(source: LocalSource, degree: int, available: int, solver: st
     return rounded_up((unknowns_at_one(source, degree) / unknowns) ** (1 / max(source.largest_dim, 1)))
 
 
-def unknowns_at_one(source: LocalSource, degree: int) -> float:
+def unknowns_at_one(source: LocalSource, degree: int, blocks: int = COUNTED_BLOCKS) -> float:
     """Return how many unknowns a band has, times the spacing to the power of the manifold's dimension.
 
-    Counted from the blocks that the manifold meets, coarse ones: thin parts look as thick as a block.
+    Counted from the blocks that the manifold meets, some more than ``blocks``, coarse ones: thin parts look as thick
+    as a block.
     """
     from cpmkit.grid.band import cell_levels, nodes_of_blocks
 
     extent = float((source.bounds[1] - source.bounds[0]).max()) or 1.0
     cell = extent * FINEST_CELL_SHARE
     levels = cell_levels(source, cell, -source.bounds[0] / cell)
-    side, count = next((side, len(blocks)) for side, blocks in levels if side == 1 or len(blocks) > COUNTED_BLOCKS)
+    side, count = next((side, len(met)) for side, met in levels if side == 1 or len(met) > blocks)
     m = source.largest_dim
     return nodes_of_blocks(count, side, source.dim, m, degree) * cell**m
 
