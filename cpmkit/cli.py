@@ -163,11 +163,14 @@ def _summary_text(solution: Any, summary: Mapping[str, Any]) -> str:
 @main.command()
 @scene_argument
 @spacing_option
-@click.option("--seconds", is_flag=True, help="Also solve on two coarse grids, and tell how long it would take.")
+@click.option("--rehearse", is_flag=True, help="Count on coarse grids, and look for what may spoil the solution.")
+@click.option(
+    "--seconds", is_flag=True, help="Rehearse, and solve on two coarse grids, and tell how long it would take."
+)
 @json_option
 @traceback_option
-def explain(scene: Path, spacing: float | None, seconds: bool, as_json: bool) -> None:
-    """Say what solving a scene would build, why, and at what cost.
+def explain(scene: Path, spacing: float | None, rehearse: bool, seconds: bool, as_json: bool) -> None:
+    """Say what solving a scene would build, why, and at what cost: an estimate in a second, unless it is rehearsed.
 
     Nothing is solved, unless seconds are asked for, and nothing is written.
     """
@@ -179,7 +182,8 @@ def explain(scene: Path, spacing: float | None, seconds: bool, as_json: bool) ->
         try:
             loaded = load_scene(scene)
             spacing, options = how_fine(loaded, spacing or loaded.spacing)
-            explanation = explain_scene(loaded.scene, spacing=spacing, seconds=seconds, progress=progress, **options)
+            asked = {"rehearse": rehearse, "seconds": seconds}
+            explanation = explain_scene(loaded.scene, spacing=spacing, progress=progress, **asked, **options)
         except Exception:
             _warn(heard, err=True)
             raise
@@ -208,13 +212,14 @@ def plugins(kind: str | None, as_json: bool) -> None:
         return
 
     from cpmkit.plugins import installed_kinds
+    from cpmkit.runtime.installing import to_install
 
     kinds = installed_kinds()
     if as_json:
         click.echo(json.dumps([asdict(one) for one in kinds], indent=2))
         return
     if not kinds:
-        click.echo("No plugin is installed; `pip install ./plugins/*` in a clone of the repository adds them.")
+        click.echo(f"No plugin is installed; {to_install('all')} adds them.")
     width = max((len(one.kind) for one in kinds), default=0) + 2
     for one in kinds:
         click.echo(f"{one.kind:<{width}}{one.distribution} {one.version}")

@@ -38,31 +38,36 @@ def explain(
     scene: Scene,
     spacing: float | None = None,
     *,
+    rehearse: bool = False,
     seconds: bool = False,
     progress: ShownProgress = None,
     **options: Unpack[PreparingKeywords],
 ) -> Explanation:
     """Say what :func:`cpmkit.solve` with the same arguments will build, why, and at what cost.
 
-    Large scenes are rehearsed on three coarse lattices; nothing is built at the spacing itself.
+    By default an estimate from the size of the surface and its boundaries, in a second, right within a factor of 2.
 
     Parameters
     ----------
     scene, spacing, progress
         As for :func:`cpmkit.solve`.
+    rehearse : bool
+        Whether the scene is laid out on coarse lattices, up to three of them, so that counts are right to 10 percent,
+        and what may spoil the solution (creases, sheets that are too near, boundaries that meet) is told. Small scenes
+        are laid out as they are. It takes up to as long as a solve.
     seconds : bool
-        Whether the scene is solved on two coarse lattices, to see how fast this machine is: then ``seconds`` of the
-        explanation are how long a solve will take, to about a factor of two.
+        Whether, beside that, the scene is solved on two coarse lattices, to see how fast this machine is: then
+        ``seconds`` of the explanation are how long a solve will take, to about a factor of two.
     **options
         As for :func:`cpmkit.solve`.
 
     Raises
     ------
     InputError, SceneError, ResolutionError
-        As ``solve`` would.
+        As ``solve`` would: without a rehearsal what can be seen before anything is laid out.
     """
     with shown_progress(progress) as shown:
-        explained = explain_counts(scene, spacing, progress=shown, **options)
+        explained = explain_counts(scene, spacing, rehearse=rehearse or seconds, progress=shown, **options)
         return _with_seconds(explained, scene, spacing, shown, dict(options)) if seconds else explained
 
 
@@ -73,13 +78,15 @@ def _with_seconds(
     assert spacing is not None  # it was refused above
     rehearsed = {**options, "solver": explained.solver}
 
-    def rehearse(coarse: float) -> tuple[Solution, float]:
+    def on_a_coarse_lattice(coarse: float) -> tuple[Solution, float]:
         with collected_warnings():
             started = time.perf_counter()
             solution = solved(scene, coarse, progress=progress, **rehearsed)
             return solution, time.perf_counter() - started
 
-    return replace(explained, seconds=foretold(rehearse, spacing, explained.unknowns, largest_dim(scene.surface)))
+    return replace(
+        explained, seconds=foretold(on_a_coarse_lattice, spacing, explained.unknowns, largest_dim(scene.surface))
+    )
 
 
 def foretold(rehearse: Rehearse, spacing: float, unknowns: int, m: int) -> float | None:

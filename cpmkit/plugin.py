@@ -34,6 +34,8 @@ if TYPE_CHECKING:
     from cpmkit.forms.contract import MeasuredWork as MeasuredWork
     from cpmkit.forms.contract import PlainWork as PlainWork
     from cpmkit.forms.contract import StateFlux as StateFlux
+    from cpmkit.forms.galerkin.cut_mesh import CutMesh as CutMesh
+    from cpmkit.forms.galerkin.cut_mesh import cut_along_boundaries as cut_along_boundaries
     from cpmkit.formulas.derivatives import FormulaJets as FormulaJets
     from cpmkit.formulas.derivatives import formula_jets as formula_jets
     from cpmkit.formulas.trees import COORDINATES as COORDINATES
@@ -189,6 +191,7 @@ _NAMES = {
         "protocols": "Backend Stiffness no_progress",
         "linear.operators": "Border CsrOperator",
         "forms.contract": "Discretized MeasuredWork PlainWork StateFlux",
+        "forms.galerkin.cut_mesh": "CutMesh cut_along_boundaries",
         "meshes.display_mesh": "DisplayMesh vertex_normals",
         "grid.fitting": "needed_spacing",
     },

@@ -6,6 +6,7 @@ from importlib import import_module
 from typing import Any
 
 from cpmkit.forecast.parts import Explanation
+from cpmkit.forecast.rough import guessed
 from cpmkit.forms.choice import FORMS, module_of, options_of
 from cpmkit.forms.options import Options
 from cpmkit.linear.choice import SolverOptions
@@ -16,11 +17,16 @@ from cpmkit.scene.scene import Scene
 
 @showing(Options, *FORMS.values(), SolverOptions)
 def explain(
-    scene: Scene, spacing: float | None = None, *, progress: Progress = no_progress, **options: Any
+    scene: Scene,
+    spacing: float | None = None,
+    *,
+    rehearse: bool = False,
+    progress: Progress = no_progress,
+    **options: Any,
 ) -> Explanation:
     """Say what :func:`cpmkit.solve` with the same arguments will build, why, and at what cost.
 
-    Large scenes are rehearsed on three coarse lattices; nothing is built at the spacing itself.
+    A guess from the size of the manifold and its boundaries; with ``rehearse`` it is counted on coarse lattices.
 
     Raises
     ------
@@ -30,5 +36,7 @@ def explain(
     asked, rest = options_of(scene, spacing, options)
     solver = SolverOptions.of(rest).solver
     module_of(asked.form).check(scene, asked)
+    if not rehearse:
+        return guessed(scene, asked, solver)
     explained: Explanation = import_module(f"cpmkit.forecast.of_{asked.form}").explained(scene, asked, solver, progress)
     return explained

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+import numpy as np
+
 from cpmkit.forecast.growth import growth_through
 from cpmkit.forecast.parts import Explanation, Part, named, solver_part
 from cpmkit.forecast.running_out import memory_told
@@ -15,10 +17,13 @@ from cpmkit.forms.galerkin.telling import source_error
 from cpmkit.forms.options import Options
 from cpmkit.forms.solver_choice import solver_of
 from cpmkit.grid.fitting import suggest_spacing
-from cpmkit.grid.lattice import lattice_of
+from cpmkit.grid.lattice import COARSEST_SPACING_SHARE, lattice_of
 from cpmkit.manifold.local_source import localize
 from cpmkit.protocols import Progress
 from cpmkit.scene.scene import Scene
+
+#: A rehearsal's spacing is doubled while it is below this share of the largest side: another one of twice it is made.
+COARSEST_REHEARSAL_SHARE = COARSEST_SPACING_SHARE / 4
 
 
 def explained(scene: Scene, asked: Options[GalerkinOptions], solver: str, progress: Progress) -> Explanation:
@@ -26,7 +31,8 @@ def explained(scene: Scene, asked: Options[GalerkinOptions], solver: str, progre
     progress("rehearsal", 0.0)
     surface = localize(scene.surface, lattice_of(scene.surface, asked.spacing, asked.origin).origin)
     check_samples_fit(surface, asked.spacing, asked.own.degree)
-    rehearsed, quick = asked.spacing, suggest_spacing(scene.surface)
+    largest = float(np.ptp(surface.bounds, axis=0).max())
+    rehearsed, quick = asked.spacing, min(suggest_spacing(scene.surface), COARSEST_REHEARSAL_SHARE * largest)
     while rehearsed < quick:
         rehearsed *= 2
     exact = rehearsed == asked.spacing

@@ -14,6 +14,11 @@ from cpmkit.scene.scene import Scene
 
 #: Number of clusters of twins that are listed.
 NAMED_CLUSTERS = 3
+#: What a guess says of itself.
+_ROUGH = (
+    "An estimate from the size of the surface and its boundaries: the unknowns are right within a factor of {:g}. With "
+    "rehearse=True (--rehearse) they are counted to 10 percent, and what may spoil the solution is looked for."
+)
 
 
 @dataclass(frozen=True)
@@ -35,8 +40,11 @@ class Explanation:
         What is built, in the order of the line.
     left_out : tuple of str
         What the scene does not require and is therefore not built.
-    unknowns, closest_point_queries, bytes : int
-        Predicted to 10 percent, 10 percent and a factor of 2; ``bytes`` is the peak of tables and vectors.
+    unknowns, bytes : int
+        Predicted to 10 percent and a factor of 2, without a rehearsal to ``off_by``; ``bytes`` is the peak of tables
+        and vectors.
+    closest_point_queries : int or None
+        Predicted to 10 percent; None without a rehearsal.
     floor : float
         The error that the representation alone leaves, as a share of the solution's range, predicted to a factor
         of 3: no spacing gets below it. For a mesh, a cloud or samples it is what they say of themselves for the form;
@@ -54,12 +62,15 @@ class Explanation:
     seconds : float or None
         That a solve will take on this machine, to a factor of two; None where it was not asked for, or the scene cannot
         be solved on coarser lattices.
+    off_by : float or None
+        The factor within which the unknowns are right where nothing was rehearsed, and the bytes if the solver is;
+        ``doubled``, ``remains`` and ``told`` are empty then, and ``exact`` is False.
     """
 
     parts: tuple[Part, ...]
     left_out: tuple[str, ...]
     unknowns: int
-    closest_point_queries: int
+    closest_point_queries: int | None
     bytes: int
     floor: float
     solver: str
@@ -68,6 +79,7 @@ class Explanation:
     remains: tuple[UnresolvedFeature, ...] = ()
     told: tuple[str, ...] = ()
     seconds: float | None = None
+    off_by: float | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Return the explanation as plain values."""
@@ -93,8 +105,10 @@ class Explanation:
         widths = [max(len(getattr(part, key)) for part in self.parts) for key in ("name", "amount")]
         lines = [f"{part.name:<{widths[0]}}  {part.amount:>{widths[1]}}  {part.reason}" for part in self.parts]
         about = "" if self.exact else "about "
-        lines += ["", f"unknowns               {about}{self.unknowns:,}"]
-        lines += [f"closest point queries  {about}{self.closest_point_queries:,}"]
+        count = self.unknowns if self.off_by is None else int(float(f"{self.unknowns:.2g}"))
+        lines += ["", f"unknowns               {about}{count:,}"]
+        if self.closest_point_queries is not None:
+            lines += [f"closest point queries  {about}{self.closest_point_queries:,}"]
         lines += [f"memory at the peak     about {self.bytes / 2**20:,.1f} MiB"]
         if self.seconds is not None:
             lines.append(f"seconds on this machine about {self.seconds:.2g}")
@@ -107,6 +121,8 @@ class Explanation:
             lines += ["", *(feature.sentence for feature in self.remains), *self.told]
         if self.left_out:
             lines += ["", "not built: " + "; ".join(self.left_out)]
+        if self.off_by is not None:
+            lines += ["", _ROUGH.format(self.off_by)]
         return "\n".join(lines)
 
 

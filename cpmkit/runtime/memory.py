@@ -135,8 +135,10 @@ def peak_bytes(rows: float, unknowns: float, dim: int, degree: int, channels: in
 
 
 def bytes_per_unknown(dim: int, degree: int, solver: str = "reference") -> float:
-    """Return the bytes that an unknown needs at the peak of a solve of one channel.
+    """Return the bytes that an unknown needs at the peak of a solve of one channel."""
+    return peak_bytes(rows_per_unknown(dim), 1.0, dim, degree, 1, solver)
 
-    A band has about 1.3 rows of E an unknown in space, 1.5 in the plane.
-    """
-    return peak_bytes(1.3 if dim == 3 else 1.5, 1.0, dim, degree, 1, solver)
+
+def rows_per_unknown(dim: int) -> float:
+    """Return about how many rows of E a band has for each unknown."""
+    return 1.3 if dim == 3 else 1.5

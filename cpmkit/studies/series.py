@@ -26,6 +26,7 @@ METHOD_WORDS = {
     "nearest": "nearest point",
     "ball": "ball",
     "fem": "finite elements",
+    "fem-pinned": "finite elements, nearest vertices",
     "fem-refined": "finite elements, refined mesh",
 }
 

@@ -24,7 +24,7 @@ def work(solution):
 @pytest.mark.parametrize("form", ["galerkin", "collocation"])
 def test_the_work_of_a_solve_is_foretold_within_two(boundaries, form):
     scene, spacing = ck.Scene(BALL, F, boundaries), 0.06
-    told = ck.explain(scene, spacing, form=form)
+    told = ck.explain(scene, spacing, form=form, rehearse=True)
     spacings = []
 
     def rehearse(coarse):
@@ -45,7 +45,7 @@ def test_a_line_goes_through_both_and_never_below_half_a_share():
 
 def test_seconds_are_told_where_they_are_asked_for(tmp_path):
     scene = ck.Scene(BALL, F)
-    assert ck.explain(scene, 0.1).seconds is None
+    assert ck.explain(scene, 0.1, rehearse=True).seconds is None
     told = ck.explain(scene, 0.1, seconds=True)
     assert told.seconds > 0
     assert "seconds on this machine about" in str(told)

@@ -267,7 +267,10 @@ def test_a_real_scene_is_explained(run):
     Path("scene.toml").write_text(CIRCLE)
     told = json.loads(run("explain", "scene.toml", "--json").stdout)
     assert told["unknowns"] > 50
-    assert "samples" in run("explain", "scene.toml").stdout
+    assert "rehearse=True (--rehearse)" in run("explain", "scene.toml").stdout
+    rehearsed = run("explain", "scene.toml", "--rehearse").stdout
+    assert "samples" in rehearsed
+    assert "--rehearse" not in rehearsed
 
 
 def test_a_real_scene_with_a_wrong_key_is_one_line(run):

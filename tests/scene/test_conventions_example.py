@@ -34,8 +34,8 @@ def test_the_example(in_folder):
             ck.Boundary("pin", ck.source("analytic.point", at=V[0]), both=ck.Dirichlet([0, 0, 1.0])),
         ],
     )
-    assert "ghosts of 'brow'" in str(ck.explain(scene, spacing=30.0, form="collocation"))
-    told = ck.explain(scene, spacing=30.0)
+    assert "ghosts of 'brow'" in str(ck.explain(scene, spacing=30.0, form="collocation", rehearse=True))
+    told = ck.explain(scene, spacing=30.0, rehearse=True)
     assert "'brow'" in str(told)
     solution = ck.solve(scene, spacing=30.0)
     rgb = solution.evaluate(V)

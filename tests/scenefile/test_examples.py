@@ -32,7 +32,7 @@ SLOW = "09-fish-fins.toml"
 def test_scene_loads_and_is_explained(name, example):
     wanted = loaded(example(name, *MESHES.get(name, [])))
     assert wanted.spacing is not None
-    told = str(ck.explain(wanted.scene, spacing=(3 if name in MESHES else 2) * wanted.spacing))
+    told = str(ck.explain(wanted.scene, spacing=(3 if name in MESHES else 2) * wanted.spacing, rehearse=True))
     for boundary in wanted.scene.boundaries:
         assert boundary.name in told
 

@@ -30,7 +30,7 @@ def series_of(name, folder, cheap=True, **changes):
 def test_on_a_curve_second_order_wins_and_the_ball_is_worst(name, tmp_path):
     series = series_of(name, tmp_path)
     second, first = series["cpm", 3, 2], series["cpm", 3, 1]
-    nearest, ball, fem = series["nearest", 3, None], series["ball", 3, None], series["fem", None, None]
+    nearest, ball, fem = series["nearest", 3, None], series["ball", 3, None], series["fem-pinned", None, None]
     assert second.fitted_order >= 1.8
     assert 0.85 <= first.fitted_order <= 1.3
     assert 0.6 <= ball.fitted_order <= 1.4
@@ -77,7 +77,7 @@ def test_all_others_are_of_first_order(name, tmp_path):
     assert 0.85 <= series["cpm", 3, 1].fitted_order <= 1.3
     assert 0.8 <= series["nearest", 3, None].fitted_order <= 1.2
     assert 0.8 <= series["ball", 3, None].fitted_order <= 1.2
-    assert 0.8 <= series["fem", None, None].fitted_order <= 1.3
+    assert 0.8 <= series["fem-pinned", None, None].fitted_order <= 1.3
     assert series["cpm", 3, 2].fitted_order >= 1.8
 
 

@@ -1,7 +1,7 @@
 """Linear finite elements on a triangulation: a reference that shares no stencil with the closest point method."""
 
 from cpmkit_fem import plugin
-from cpmkit_fem.backend import fem
+from cpmkit_fem.backend import fem, fem_pinned
 from cpmkit_fem.form import FemWork, FiniteElements
 
-__all__ = ["FemWork", "FiniteElements", "fem", "plugin"]
+__all__ = ["FemWork", "FiniteElements", "fem", "fem_pinned", "plugin"]

@@ -4,26 +4,36 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from cpmkit.plugin import Backend, Progress, ResolutionError, Scene, no_progress
+from cpmkit.plugin import Backend, Progress, ResolutionError, Scene, cut_along_boundaries, no_progress
 from cpmkit_fem.assembly import stiffness_and_mass
-from cpmkit_fem.form import FiniteElements
-from cpmkit_fem.pins import pin
-from cpmkit_fem.rim import rim_of
-from cpmkit_fem.triangulation import triangulate
+from cpmkit_fem.form import FiniteElements, conditions_of
+from cpmkit_fem.pins import pins_of
+from cpmkit_fem.triangulation import Triangulation, triangulate
 
 
 def fem() -> Backend:
     """Return the form ``solve(scene, spacing, backend="fem")``, which has no options of its own.
 
     A surface that is itself a mesh is solved on its own triangles and needs no spacing; any other that
-    can be drawn is triangulated with edges of about the spacing.
+    can be drawn is triangulated with edges of about the spacing. The triangles are cut along the boundaries.
     """
     return LinearElements()
 
 
+def fem_pinned() -> Backend:
+    """Return the form ``solve(scene, spacing, backend="fem-pinned")``: as ``fem``, on triangles that nothing cuts.
+
+    The vertices nearest to a boundary get its value, as mesh methods commonly do, and as King et al. (2024), section
+    6.4, compare with. Boundaries hold Dirichlet conditions, the same on both sides.
+    """
+    return LinearElements(pinned=True)
+
+
 @dataclass(frozen=True)
 class LinearElements:
-    """Linear finite elements."""
+    """Linear finite elements; ``pinned`` says whether boundaries pin the nearest vertices and cut nothing."""
+
+    pinned: bool = False
 
     def discretize(
         self, scene: Scene, spacing: float | None = None, *, progress: Progress = no_progress
@@ -33,7 +43,7 @@ class LinearElements:
         Parameters
         ----------
         scene : Scene
-            A surface with Dirichlet data, the same on both sides, at its boundaries, and any data on its edge.
+            A surface; its boundaries and its edge hold any conditions that tie no two sides to each other.
         spacing : float, optional
             About the length of an edge, in the scene's unit; a mesh needs none and keeps its own.
         progress : callable, optional
@@ -42,18 +52,22 @@ class LinearElements:
         Raises
         ------
         InputError, SceneError
-            If there are no triangles, or a condition is not one that vertices can hold.
+            If there are no triangles, a boundary lies off them, or a condition ties two sides to each other.
         ResolutionError
             If all vertices are pinned.
         """
         progress("build", 0.0)
         mesh = triangulate(scene, spacing)
-        rim = rim_of(scene, mesh)
-        pins = pin(scene, mesh, rim)
+        cut = None
+        if scene.boundaries and not self.pinned:
+            cut = cut_along_boundaries(scene, mesh.vertices, mesh.faces, mesh.mean_edge)
+        mesh = mesh if cut is None else Triangulation(cut.vertices, cut.faces)
+        parts = conditions_of(scene, mesh, cut)
+        pins = pins_of(parts, scene.channels)
         if len(pins.vertices) == len(mesh.vertices):
             raise ResolutionError(
                 f"All {len(mesh.vertices)} vertices of the mesh are pinned by Dirichlet data; use a finer mesh."
             )
         laplacian, mass = stiffness_and_mass(mesh.vertices, mesh.faces)
         progress("build", 1.0)
-        return FiniteElements(scene, mesh, rim, pins, laplacian, mass)
+        return FiniteElements(scene, mesh, cut, parts, pins, laplacian, mass)

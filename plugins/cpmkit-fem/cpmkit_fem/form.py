@@ -12,6 +12,7 @@ import numpy as np
 from cpmkit.plugin import (
     Border,
     CsrOperator,
+    CutMesh,
     Data,
     Discretized,
     Floats,
@@ -31,10 +32,11 @@ from cpmkit.plugin import (
     as_points,
 )
 from cpmkit_fem.assembly import lumped, stiffness_and_mass
-from cpmkit_fem.location import nearest_on_triangles
+from cpmkit_fem.nearest import pinned_vertices, warnings_of
 from cpmkit_fem.operator import VertexOperator, pinned_operator, without
-from cpmkit_fem.pins import Pins, pin
+from cpmkit_fem.pins import Pins, pins_of
 from cpmkit_fem.rim import RimPart, rim_of
+from cpmkit_fem.sides import located, sides_of
 from cpmkit_fem.triangulation import Triangulation
 
 if TYPE_CHECKING:
@@ -80,8 +82,10 @@ class FiniteElements(Discretized):
         What is discretised.
     mesh : Triangulation
         Of the surface.
+    cut : CutMesh or None
+        What lies on boundaries; None where there are none, or vertices near them are pinned.
     rim : sequence of RimPart
-        Its rim, by condition.
+        Its rim and the sides of boundaries, by condition.
     pins : Pins
         The vertices whose values are given.
     laplacian, mass_matrix : csr_array (v, v)
@@ -90,6 +94,7 @@ class FiniteElements(Discretized):
 
     scene: Scene
     mesh: Triangulation
+    cut: CutMesh | None
     rim: Sequence[RimPart]
     pins: Pins
     laplacian: csr_array
@@ -137,8 +142,8 @@ class FiniteElements(Discretized):
         pairs = zip(scene.boundaries, self.scene.boundaries, strict=True)
         if scene.edge is self.scene.edge and all(first is second for first, second in pairs):
             return replace(self, scene=scene, pins=replace(self.pins, channels=scene.channels))
-        rim = rim_of(scene, self.mesh)
-        return replace(self, scene=scene, rim=rim, pins=pin(scene, self.mesh, rim))
+        rim = conditions_of(scene, self.mesh, self.cut)
+        return replace(self, scene=scene, rim=rim, pins=pins_of(rim, scene.channels))
 
     # Equations
 
@@ -178,7 +183,7 @@ class FiniteElements(Discretized):
 
     @property
     def _flows(self) -> list[RimPart]:
-        """The parts of the rim on which du/db is in the law."""
+        """The parts on which du/db is in the law."""
         return [part for part in self.rim if not isinstance(part.law, Value)]
 
     def load(self, f: Data, time: float | None = None) -> Floats:
@@ -246,7 +251,9 @@ class FiniteElements(Discretized):
         return np.asarray(u.T @ (self.mass_matrix @ v) / self.mass_matrix.sum())
 
     def rows(self, points: Floats, side: Side | Mapping[str, Side] | None = None) -> csr_array:
-        """Return the matrix (k, v) that reads u at the nearest points of the triangulation; both sides hold one value.
+        """Return the matrix (k, v) that reads u at the nearest points of the triangulation, on the points' own side.
+
+        Of points on a boundary it is the left one unless ``side`` says so.
 
         Raises
         ------
@@ -255,9 +262,8 @@ class FiniteElements(Discretized):
         """
         from scipy.sparse import csr_array
 
-        self.sides(side)
         queries = as_points(points, self.scene.surface.dim)
-        face, local = nearest_on_triangles(self.vertices, self.faces, queries)
+        face, local = located(self.scene, self.mesh, self.cut, queries, self.sides(side))
         starts = 3 * np.arange(len(queries) + 1)
         return csr_array((local.ravel(), self.faces[face].ravel(), starts), shape=(len(queries), self.size))
 
@@ -265,11 +271,11 @@ class FiniteElements(Discretized):
 
     @property
     def state_fluxes(self) -> Sequence[StateFlux]:
-        """The parts of the rim whose flux depends on the solution."""
+        """The parts whose flux depends on the solution."""
         return [part for part in self.rim if isinstance(part.law, Nonlinear)]
 
     def linearized(self, seen: Sequence[Floats]) -> FiniteElements:
-        """Return the form with the fluxes' tangents on the rim."""
+        """Return the form with the fluxes' tangents."""
         values = iter(seen)
         rim = [part.linearized(next(values)) if isinstance(part.law, Nonlinear) else part for part in self.rim]
         return replace(self, rim=rim)
@@ -277,9 +283,9 @@ class FiniteElements(Discretized):
     # Telling
 
     def warnings(self, missed: float = 0.0) -> tuple[str, ...]:
-        """Return how far from their boundaries vertices are pinned."""
+        """Return how boundaries came into the mesh, or how far from them vertices are pinned."""
         del missed
-        return self.pins.warnings
+        return warnings_of(self.rim) if self.cut is None else self.cut.told
 
     def work(self, operator: Operator, report: SolveReport | None) -> FemWork:
         """Return what the triangulation holds and what the solve did."""
@@ -288,7 +294,8 @@ class FiniteElements(Discretized):
 
     def describe(self) -> dict[str, Any]:
         """Return that these are finite elements, and their degree."""
-        return {"backend": "fem", "degree": 1}
+        pinned = self.cut is None and bool(self.scene.boundaries)
+        return {"backend": "fem-pinned" if pinned else "fem", "degree": 1}
 
     def display_mesh(self, u: Floats) -> DisplayMesh:
         """Return the triangulation with u at its vertices."""
@@ -296,3 +303,10 @@ class FiniteElements(Discretized):
 
         normals = vertex_normals(self.vertices, self.faces) if self.scene.surface.dim == 3 else None
         return DisplayMesh(self.vertices, self.faces, u, normals, self.size)
+
+
+def conditions_of(scene: Scene, mesh: Triangulation, cut: CutMesh | None) -> Sequence[RimPart]:
+    """Return the parts of the rim and the sides of boundaries, each with its law."""
+    if cut is None:
+        return [*pinned_vertices(scene, mesh), *rim_of(scene, mesh, np.zeros((0, 2), dtype=np.int64))]
+    return [*sides_of(scene, mesh, cut), *rim_of(scene, mesh, cut.edges)]

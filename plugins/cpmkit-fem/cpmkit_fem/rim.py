@@ -1,4 +1,4 @@
-"""The rim of an open triangulation, and the integrals over it."""
+"""Where conditions hold, on the rim of a triangulation and on sides of boundaries, and the integrals over it."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cpmkit.plugin import (
+    ClosestPointSource,
     Condition,
     Data,
     Floats,
@@ -37,7 +38,7 @@ WHAT = "the edge's condition"
 
 @dataclass(frozen=True, eq=False)
 class RimPart:
-    """The edges of the rim on which one law holds.
+    """Edges on which one law holds: of the rim, or on one side of a boundary.
 
     Attributes
     ----------
@@ -46,27 +47,43 @@ class RimPart:
     mesh : Triangulation
         Whose rim it is.
     edges : (e, 2) int64
-        Vertices.
+        Vertices; the same one twice for a point.
+    what : str
+        Named in errors.
+    place : ClosestPointSource, optional
+        The boundary, at whose feet data are asked; on the rim they are at the vertices.
     """
 
     law: OneSided
     mesh: Triangulation
     edges: Ints
+    what: str = WHAT
+    place: ClosestPointSource | None = None
 
     @cached_property
     def on(self) -> Ints:
         """(k,) the vertices."""
         return np.unique(self.edges)
 
-    @property
+    @cached_property
     def points(self) -> Floats:
-        """(k, d) where they are."""
-        return self.mesh.vertices[self.on]
+        """(k, d) where data are asked for them."""
+        at = self.mesh.vertices[self.on]
+        return at if self.place is None else self.place.closest_point(at).points
+
+    @property
+    def off(self) -> Floats:
+        """(k,) how far that is from them."""
+        return np.asarray(np.linalg.norm(self.points - self.mesh.vertices[self.on], axis=1))
+
+    def values(self, channels: int, time: float | None) -> Floats:
+        """Return the law's datum (k, channels) there."""
+        return evaluate_data(self.law.datum, self.points, channels, self.what, time)
 
     def given(self, data: Data, channels: int, time: float | None) -> Floats:
         """Return data (v, channels) at the part's vertices, zero at all others."""
         values = np.zeros((len(self.mesh.vertices), channels))
-        values[self.on] = evaluate_data(data, self.points, channels, WHAT, time)
+        values[self.on] = evaluate_data(data, self.points, channels, self.what, time)
         return values
 
     def mass(self, weight: Floats) -> csr_array:
@@ -107,8 +124,8 @@ class RimPart:
         return self.law
 
 
-def rim_of(scene: Scene, mesh: Triangulation) -> Sequence[RimPart]:
-    """Return the parts of the rim; none where the triangulation is closed.
+def rim_of(scene: Scene, mesh: Triangulation, besides: Ints) -> Sequence[RimPart]:
+    """Return the parts of the rim without the edges ``besides`` (e, 2); none where the triangulation is closed.
 
     Raises
     ------
@@ -116,7 +133,10 @@ def rim_of(scene: Scene, mesh: Triangulation) -> Sequence[RimPart]:
         If a loop is not in the scene's table.
     """
     edges, count, opposite = mesh.edges
-    edges, opposite = edges[count == 1], opposite[count == 1]
+    size = len(mesh.vertices)
+    low, high = np.sort(besides, axis=1).T
+    rim = (count == 1) & ~np.isin(edges[:, 0] * size + edges[:, 1], low * size + high)
+    edges, opposite = edges[rim], opposite[rim]
     if not len(edges):
         return []
     if not isinstance(scene.edge, Mapping):

@@ -1,11 +1,11 @@
-"""Pinned vertices form a wall without gaps along a curve, on meshes of any quality, and do not reach past its ends."""
+"""With fem-pinned, vertices form a wall without gaps along a curve, on meshes of any quality, but not past its ends."""
 
 import numpy as np
 import pytest
 from cpmkit_fem.gaps import ends_in_gaps
-from cpmkit_fem.pins import pin
-from cpmkit_fem.rim import rim_of
+from cpmkit_fem.nearest import pinned_vertices
 from cpmkit_fem.triangulation import Triangulation, triangulate
+from model_problems import order_of, rotation, sphere_poisson
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
@@ -16,7 +16,8 @@ def pinned(vertices, faces, curve):
     surface = ck.source("mesh.triangles", vertices=vertices, faces=faces)
     scene = ck.Scene(surface, ck.Laplace(), [ck.Boundary("curve", curve, both=ck.Dirichlet(0.0))])
     mesh = triangulate(scene, None)
-    return mesh, pin(scene, mesh, rim_of(scene, mesh)).vertices
+    (part,) = pinned_vertices(scene, mesh)
+    return mesh, part.on
 
 
 @pytest.mark.parametrize("height", [1.0, 0.3])
@@ -68,3 +69,21 @@ def test_an_edge_around_the_end_of_a_curve_is_not_crossed(shift, count):
     vertices = np.array([[shift - 0.05, -0.4, 0], [shift - 0.05, 0.6, 0], [shift - 2, 0.1, 0]])
     ends = ends_in_gaps(curve, Triangulation(vertices, np.array([[0, 1, 2]])), np.array([2]))
     assert ends.tolist() == [0] * count
+
+
+def test_it_is_of_first_order_and_says_so():
+    scene, points, exact = sphere_poisson([rotation()[0]])
+    spacings, errors = [0.2, 0.1, 0.05, 0.025], []
+    for spacing in spacings:
+        solution = ck.solve(scene, spacing, backend="fem-pinned")
+        errors.append(np.abs(solution.evaluate(points) - exact).max())
+        assert "first order" in solution.warnings[0]
+    assert solution.summary()["discretization"]["backend"] == "fem-pinned"
+    assert 0.8 < order_of(spacings, errors) < 1.6
+
+
+@pytest.mark.parametrize(("left", "right"), [(ck.Dirichlet(1), ck.Dirichlet(2)), (ck.Neumann(), ck.Neumann())])
+def test_what_one_value_a_vertex_cannot_hold(left, right):
+    equator = ck.Boundary("equator", ck.source("analytic.circle", normal=[0, 0, 1]), left=left, right=right)
+    with pytest.raises(ck.SceneError, match=r"'equator' has .* one value a vertex .*; use backend='fem'"):
+        ck.solve(ck.Scene(ck.source("analytic.sphere"), ck.Laplace(), [equator]), 0.3, backend="fem-pinned")

@@ -211,10 +211,14 @@ balance = 4
     )
     loaded = ck.load_scene(tmp_path / "ball.toml")
     assert loaded.options == {"balance": 4}
-    (part,) = [one for one in ck.explain(loaded.scene, loaded.spacing, **loaded.options).parts if one.name == "balance"]
+    (part,) = [
+        one
+        for one in ck.explain(loaded.scene, loaded.spacing, **loaded.options, rehearse=True).parts
+        if one.name == "balance"
+    ]
     assert part.amount == "35 polynomials"
     with pytest.raises(ck.InputError, match="whole number"):
-        ck.explain(loaded.scene, loaded.spacing, balance=-1)
+        ck.explain(loaded.scene, loaded.spacing, balance=-1, rehearse=True)
     solution = ck.solve(loaded.scene, loaded.spacing, **loaded.options)
     summary = solution.summary()
     (told,) = summary["imbalances"]

@@ -161,7 +161,7 @@ def test_a_real_mesh_is_reported_alike_by_the_explanation_and_the_solution(real_
     vertices, faces = ck.read_mesh(real_mesh("fish.obj"))
     vertices = (vertices - vertices.min(axis=0)) / np.ptp(vertices, axis=0).max()
     scene = ck.Scene(ck.source("mesh.triangles", vertices=vertices, faces=faces), ck.ScreenedPoisson(1.0))
-    explained = ck.explain(scene, 0.04, form="collocation")
+    explained = ck.explain(scene, 0.04, form="collocation", rehearse=True)
     assert "bend" in {one.kind for one in explained.remains}
     sentences = [one.sentence for one in explained.remains]
     assert all(text in str(explained) for text in sentences)
@@ -173,7 +173,7 @@ def test_an_explanation_from_coarser_lattices_is_of_the_spacing_that_was_asked_f
     monkeypatch.setattr("cpmkit.forecast.cost.REHEARSED_CELLS", 400)
     scene = ck.Scene(ck.source("analytic.torus", major=1.0, minor=0.15), ck.ScreenedPoisson(1.0))
     for spacing, kinds in ((0.06, {"bend"}), (0.03, set())):
-        explained = ck.explain(scene, spacing, form="collocation")
+        explained = ck.explain(scene, spacing, form="collocation", rehearse=True)
         assert not explained.exact
         assert {one.kind for one in explained.remains} == kinds
 
@@ -182,7 +182,7 @@ def test_the_explanation_names_where_nodes_are_doubled():
     """Two circles that touch but for two spacings: twins are where they are near each other, and nowhere else."""
     second = ck.source("analytic.circle", center=[2.05, 0])
     scene = ck.Scene(ck.source("union", members=[ck.source("analytic.circle"), second]), ck.ScreenedPoisson(1.0))
-    explained = ck.explain(scene, 0.025, form="collocation")
+    explained = ck.explain(scene, 0.025, form="collocation", rehearse=True)
     (cluster,) = explained.doubled
     assert np.all(np.abs(np.array([cluster.lower, cluster.upper]) - [1.025, 0]) < [0.1, 0.5])
     (twins,) = [part for part in explained.parts if part.name == "twins"]

@@ -1,0 +1,95 @@
+"""A mesh of triangles cut along a scene's boundaries, for forms that solve on the triangles themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cpmkit.forms.galerkin.conditions.boundary_samples import boundary_samples
+from cpmkit.forms.galerkin.conditions.sides import left_of_boundaries
+from cpmkit.forms.galerkin.insertion.inserted import inserted
+from cpmkit.forms.galerkin.sample_mesh import SampleMesh
+from cpmkit.forms.galerkin.samples.cutting import corners_of, half_facets
+from cpmkit.forms.galerkin.telling import check_insertion, of_insertion
+from cpmkit.grid.lattice import Lattice
+from cpmkit.manifold.local_source import localize
+from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.scene.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class CutMesh:
+    """Triangles with boundaries along their edges, and two vertices, one a side, where there was one.
+
+    Attributes
+    ----------
+    vertices : (v, d) float64
+    faces : (m, 3) int64
+    edges : (e, 2) int64
+        Those on boundaries, once for each triangle beside them.
+    owner : (e,) int64
+        The number of the boundary that each lies on.
+    left : (e,) bool
+        Whether its triangle is on the left.
+    points : mapping of int to (k,) int64
+        The vertices of boundaries that are points of a surface.
+    told : tuple of str
+        Sentences on how boundaries came into the mesh.
+    """
+
+    vertices: Floats
+    faces: Ints
+    edges: Ints
+    owner: Ints
+    left: Bools
+    points: Mapping[int, Ints]
+    told: tuple[str, ...]
+
+
+def cut_along_boundaries(scene: Scene, vertices: Floats, faces: Ints, length: float) -> CutMesh:
+    """Return a mesh of the scene's surface cut along the scene's boundaries, as the Galerkin form cuts its own.
+
+    Parameters
+    ----------
+    scene : Scene
+    vertices, faces : (v, d) float64, (m, 3) int64
+        Of its surface: welded, no triangle without an area.
+    length : float
+        About that of an edge. Curves are followed in steps of half of it; one that lies farther than some of them from
+        the surface is refused.
+
+    Raises
+    ------
+    SceneError
+        If a boundary lies off the surface, or on another one that holds something else.
+    """
+    bounds = np.asarray(scene.surface.bounds, dtype=np.float64)
+    lattice = Lattice(0.5 * (bounds[0] + bounds[1]), length)
+    sources = [localize(boundary.source, lattice.origin) for boundary in scene.boundaries]
+    insertion = inserted(SampleMesh.of(vertices - lattice.origin, faces), sources, length)
+    check_insertion(insertion, scene.boundaries, length)
+    whole = insertion.mesh
+    ends = ~whole.extends  # past its tips u is continuous
+    mesh = replace(whole, cut=whole.cut[ends], owner=whole.owner[ends], extends=whole.extends[ends])
+    numbers, corners = np.unique(corners_of(mesh), return_inverse=True)
+    corners, half = corners.reshape(mesh.cells.shape), half_facets(mesh)
+    samples = boundary_samples(mesh, half, corners, False)
+    oriented = [scene.oriented(boundary) for boundary in scene.boundaries]
+    left = left_of_boundaries(mesh, half, corners, samples, oriented, lattice)
+    first = np.flatnonzero((samples.owner >= 0) & (samples.place == 0))
+    cell, facet = half.cell[samples.half[first]], half.facet[samples.half[first]]
+    places = np.zeros((len(numbers), mesh.dim))
+    places[corners] = mesh.vertices[mesh.cells]
+    at = np.zeros(len(mesh.vertices), dtype=np.int64)
+    at[mesh.cells] = corners
+    return CutMesh(
+        lattice.to_scene(places),
+        np.asarray(corners, dtype=np.int64),
+        np.stack([corners[cell, (facet + 1) % 3], corners[cell, (facet + 2) % 3]], axis=1),
+        samples.owner[first],
+        left[first],
+        {number: at[found] for number, found in insertion.points.items()},
+        tuple(of_insertion(insertion, scene.boundaries, length)),
+    )

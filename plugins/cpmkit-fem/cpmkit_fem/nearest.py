@@ -1,0 +1,77 @@
+"""Boundaries held by the vertices nearest to them, as mesh methods commonly do; King et al. (2024), section 2.3.
+
+Of first order in the length of an edge, of second where the boundary runs along edges of the mesh.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cpmkit.plugin import SIDES, BoundarySet, Floats, Ints, Scene, SceneError, Value
+from cpmkit_fem.gaps import ends_in_gaps
+from cpmkit_fem.rim import RimPart
+from cpmkit_fem.triangulation import Triangulation
+
+#: Points a side of each triangle near a boundary whose feet sample the boundary.
+TRIANGLE_SIDE_SAMPLES = 3
+#: A boundary passes through a vertex if it is nearer than this share of an edge.
+THROUGH_VERTEX_SHARE = 1e-6
+
+
+def pinned_vertices(scene: Scene, mesh: Triangulation) -> Sequence[RimPart]:
+    """Return the vertices that each boundary pins, with its law.
+
+    Raises
+    ------
+    SceneError
+        If a boundary holds anything but one Dirichlet condition on both sides, or lies off the mesh.
+    """
+    return [_held(boundary, mesh) for boundary in scene.boundaries]
+
+
+def warnings_of(parts: Sequence[RimPart]) -> tuple[str, ...]:
+    """Tell how far from their boundaries the pinned vertices lie."""
+    return tuple(
+        f"The {part.what} pins {len(part.on)} vertices up to {part.off.max():.3g} away from it (a mean edge is "
+        f"{part.mesh.mean_edge:.3g}): the answer is of first order there."
+        for part in parts
+        if part.place is not None and part.off.max() > THROUGH_VERTEX_SHARE * part.mesh.mean_edge
+    )
+
+
+def _held(boundary: BoundarySet, mesh: Triangulation) -> RimPart:
+    left, right = (boundary.condition(side) for side in SIDES)
+    if left is not right or not isinstance(left.law, Value):
+        raise SceneError(
+            f"boundary {boundary.name!r} has {left.kind} on its left and {right.kind} on its right; "
+            "backend='fem-pinned' keeps one value a vertex and takes both = Dirichlet alone; use backend='fem'."
+        )
+    vertices = _nearest_vertices(boundary, mesh)
+    return RimPart(left.law, mesh, np.stack([vertices, vertices], 1), f"boundary {boundary.name!r}", boundary.source)
+
+
+def _nearest_vertices(boundary: BoundarySet, mesh: Triangulation) -> Ints:
+    """Return the vertices nearest to some point of the boundary, without gaps."""
+    from scipy.spatial import cKDTree
+
+    nearest = np.unique(cKDTree(mesh.vertices).query(_samples(boundary, mesh))[1])
+    return np.union1d(nearest, ends_in_gaps(boundary.source, mesh, nearest))
+
+
+def _samples(boundary: BoundarySet, mesh: Triangulation) -> Floats:
+    """Return points of the boundary, closer together than vertices: feet of points all over the triangles near it."""
+    corners = mesh.vertices[mesh.faces]
+    near = boundary.source.closest_point(corners.mean(axis=1)).distance <= mesh.longest_edges
+    if not near.any():
+        raise SceneError(
+            f"boundary {boundary.name!r} is farther than an edge from every triangle of the mesh; move it onto the "
+            "surface."
+        )
+    i, j = np.divmod(np.arange((TRIANGLE_SIDE_SAMPLES + 1) ** 2), TRIANGLE_SIDE_SAMPLES + 1)
+    inside = i + j <= TRIANGLE_SIDE_SAMPLES
+    weights = np.stack([i, j, TRIANGLE_SIDE_SAMPLES - i - j], axis=1)[inside] / TRIANGLE_SIDE_SAMPLES
+    spread = np.einsum("wc,mcd->mwd", weights, corners[near]).reshape(-1, mesh.vertices.shape[1])
+    points: Floats = boundary.source.closest_point(spread).points
+    return points

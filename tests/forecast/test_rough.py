@@ -1,0 +1,96 @@
+"""Without a rehearsal an explanation is an estimate: soon there at any spacing, and within what it says of itself."""
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import cpmkit as ck
+from cpmkit.cli import main
+from cpmkit.forecast.rough import OFF_BY
+
+SCREENED = ck.ScreenedPoisson(1.0)
+SPHERE = ck.source("analytic.sphere")
+
+
+def cloud():
+    points = np.random.default_rng(0).normal(size=(1500, 3))
+    return ck.source("pointcloud.points", points=points / np.linalg.norm(points, axis=1, keepdims=True))
+
+
+def two_sided(name="ring", radius=1.0, **keys):
+    curve = ck.source("analytic.circle", normal=[0, 0, 1], radius=radius, **keys)
+    return ck.Boundary(name, curve, left=ck.Dirichlet(0), right=ck.Dirichlet(1))
+
+
+SCENES = {
+    "sphere": lambda: (SPHERE, [], 0.15),
+    "sphere with a circle": lambda: (SPHERE, [two_sided()], 0.15),
+    "thin torus with two circles": lambda: (
+        ck.source("analytic.torus", major=1, minor=0.2),
+        [two_sided(radius=1.2), two_sided("inner", 0.8)],
+        0.1,
+    ),
+    "cap": lambda: (ck.source("analytic.cap"), [], 0.15),
+    "circle in the plane": lambda: (ck.source("analytic.circle"), [], 0.02),
+    "knot": lambda: (ck.source("parametric.torus_knot"), [], 0.1),
+    "level set": lambda: (ck.source("levelset.dziuk"), [], 0.25),
+    "cloud": lambda: (cloud(), [], 0.2),
+    "Moebius strip": lambda: (ck.source("parametric.moebius"), [], 0.15),
+    "segment": lambda: (ck.source("analytic.segment", start=[0, 0, 0], end=[1, 2, 0]), [], 0.02),
+}
+
+
+@pytest.mark.parametrize("form", ["galerkin", "collocation"])
+@pytest.mark.parametrize("name", SCENES)
+def test_unknowns_are_within_a_factor_of_two(name, form):
+    surface, boundaries, spacing = SCENES[name]()
+    scene = ck.Scene(surface, SCREENED, boundaries)
+    told, counted = (ck.explain(scene, spacing, form=form, rehearse=one) for one in (False, True))
+    assert told.off_by == OFF_BY == 2
+    assert counted.off_by is None
+    assert 1 / told.off_by < told.unknowns / counted.unknowns < told.off_by
+    if told.solver == counted.solver:
+        assert 1 / told.off_by < told.bytes / counted.bytes < told.off_by
+
+
+@pytest.mark.parametrize("form", ["galerkin", "collocation"])
+def test_a_real_mesh_is_within_it_too(real_mesh, form):
+    scene = ck.Scene(ck.source("mesh.triangles", file=real_mesh("spot.obj")), SCREENED)
+    told, counted = (ck.explain(scene, 0.06, form=form, rehearse=one) for one in (False, True))
+    assert 1 / told.off_by < told.unknowns / counted.unknowns < told.off_by
+
+
+@pytest.mark.parametrize("form", ["galerkin", "collocation"])
+def test_what_it_asks_of_a_surface_does_not_grow_with_fineness(form):
+    class Counted:
+        dim, manifold_dim, bounds, exact = SPHERE.dim, SPHERE.manifold_dim, SPHERE.bounds, True
+        asked = 0
+
+        def closest_point(self, points):
+            Counted.asked += len(points)
+            return SPHERE.closest_point(points)
+
+    def asked(spacing):
+        Counted.asked = 0
+        found = ck.explain(ck.Scene(Counted(), SCREENED), spacing, form=form)
+        return Counted.asked, found.unknowns
+
+    (few, unknowns), (many, more) = asked(0.1), asked(0.01)
+    assert many == few < 60_000
+    assert more == pytest.approx(100 * unknowns, rel=1e-3)
+
+
+def test_it_says_that_it_is_an_estimate_and_how_to_count(tmp_path):
+    (tmp_path / "ball.toml").write_text('[surface]\nkind = "analytic.sphere"\n[problem]\nkind = "screened"\nf = "x"\n')
+    command = ["explain", str(tmp_path / "ball.toml"), "--spacing", "0.2"]
+    quick, counted = (CliRunner().invoke(main, [*command, *more]).output for more in ([], ["--rehearse"]))
+    assert "An estimate" in quick
+    assert "within a factor of 2" in quick
+    assert "An estimate" not in counted
+    assert "closest point queries" in counted
+
+
+def test_what_does_not_fit_into_memory_is_refused_at_once():
+    for form in ("galerkin", "collocation"):
+        with pytest.raises(ck.ResolutionError, match="or more would fit"):
+            ck.explain(ck.Scene(SPHERE, SCREENED), 1e-5, form=form)
