@@ -58,6 +58,7 @@ _PUBLIC = {
     "directions_along": "solution.boundary_points",
     "discretize": "solving",
     "estimate_error": "accuracy.estimate",
+    "estimate_error_by": "accuracy.by_spacing",
     "explain": "explaining",
     "load": "saving.loading",
     "load_scene": "scenefile.reading",
@@ -65,6 +66,7 @@ _PUBLIC = {
     "prepare": "preparing",
     "read_mesh": "plugins",
     "solve": "solving",
+    "solve_by": "accuracy.by_spacing",
     "source": "plugins",
 }
 

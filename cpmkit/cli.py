@@ -21,6 +21,7 @@ from cpmkit.command_options import (
     spacing_option,
     with_error,
 )
+from cpmkit.distance_command import distance
 from cpmkit.studies.commands import study
 
 
@@ -229,3 +230,4 @@ def doctor(ctx: click.Context, scene: Path | None, as_json: bool) -> None:
 
 
 main.add_command(study)
+main.add_command(distance)

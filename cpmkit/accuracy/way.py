@@ -93,6 +93,10 @@ class Way:
         Position of a node of the answer's lattice, if one was given.
     solver : str
         That is asked for.
+    order : float, optional
+        At which errors are taken to fall, where it is not the form's.
+    trials : int
+        How often spacings that are too coarse are made finer.
     """
 
     scene: Scene
@@ -104,6 +108,8 @@ class Way:
     runs: list[Run] = field(default_factory=list)
     origin: Any = None
     solver: str = "auto"
+    order: float | None = None
+    trials: int = MOST_TRIALS
 
     @property
     def last(self) -> Run:
@@ -144,7 +150,7 @@ class Way:
     def first(self, spacing: float) -> Run:
         """Solve a pilot at a spacing, or at the first finer one that the scene can be solved at."""
         refused: Exception | None = None
-        for _ in range(MOST_TRIALS):
+        for _ in range(self.trials):
             try:
                 return self.run("pilot", spacing)
             except (ResolutionError, SceneError) as error:
@@ -187,7 +193,7 @@ class Way:
 
     def _estimate(self, solution: Solution) -> ErrorEstimate | None:
         companions = self.companions(solution)
-        return from_companions(solution, companions, self.in_time) if companions else None
+        return from_companions(solution, companions, self.in_time, self.order) if companions else None
 
     def _elsewhere(self, spacing: float) -> Any:
         """Return where a node is: in no two runs at the same place of the lattice."""
