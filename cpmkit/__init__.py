@@ -116,6 +116,7 @@ _PUBLIC = {
     "directions_along": "solution.boundary_points",
     "discretize": "solving",
     "estimate_error": "accuracy.estimate",
+    "estimate_error_by": "accuracy.by_spacing",
     "explain": "explaining",
     "kinds": "scenefile.kinds",
     "load": "saving.loading",
@@ -125,6 +126,7 @@ _PUBLIC = {
     "read_mesh": "plugins",
     "read_texture_coordinates": "plugins",
     "solve": "solving",
+    "solve_by": "accuracy.by_spacing",
     "source": "plugins",
 }
 

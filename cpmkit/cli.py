@@ -21,6 +21,7 @@ from cpmkit.command_options import (
     spacing_option,
     with_error,
 )
+from cpmkit.distance_command import distance
 from cpmkit.starting import examples, new, schema
 from cpmkit.studies.commands import study
 
@@ -243,5 +244,5 @@ def doctor(ctx: click.Context, scene: Path | None, as_json: bool) -> None:
         ctx.exit(1)
 
 
-for command in (study, new, examples, schema):
+for command in (study, distance, new, examples, schema):
     main.add_command(command)

@@ -62,6 +62,8 @@ class ErrorEstimate:
         Whose error it is.
     companions : tuple of Solution
         That it was held against, the one at twice the spacing last.
+    order : float, optional
+        At which errors are taken to fall, where it is not the form's.
     """
 
     rms: Floats
@@ -73,6 +75,7 @@ class ErrorEstimate:
     slow: str
     solution: Solution
     companions: tuple[Solution, ...]
+    order: float | None = None
 
     @property
     def error(self) -> Floats:
@@ -106,7 +109,7 @@ class ErrorEstimate:
     def _apart(self, ours: Floats, theirs: Floats) -> Floats:
         if isinstance(self.solution, EigenSolution):  # a multiplet's functions are any basis of it
             theirs = theirs @ np.linalg.lstsq(theirs, ours, rcond=None)[0]
-        order = self.solution.discretized.order_of_difference(2.0)
+        order = self.order or self.solution.discretized.order_of_difference(2.0)
         return np.asarray(np.abs(ours - theirs) / (2.0**order - 1))
 
     def as_dict(self) -> dict[str, Any]:
@@ -152,26 +155,37 @@ def coarser_scene(scene: Scene) -> Scene:
     return with_further_modes(scene) if isinstance(scene.problem, Eigen) else scene
 
 
-def from_companions(solution: Solution, companions: Sequence[Solution], in_time: float = 0.0) -> ErrorEstimate:
+def from_companions(
+    solution: Solution, companions: Sequence[Solution], in_time: float = 0.0, order: float | None = None
+) -> ErrorEstimate:
     """Estimate from solutions at larger spacings that are there; ``in_time`` is what the steps add, as a share.
 
     The estimate is the geometric mean of those from each companion: |u_h - u_rh| / (r^p - 1) at r times the spacing,
-    with the order p that the form has for differences at that ratio (GALERKIN 10).
+    with the order p that the form has for differences at that ratio (GALERKIN 10), or that is given.
     """
     form = solution.discretized
     found = [difference(solution, one) for one in companions]
-    rms, largest = (_mean([_from(form, solution, one, norm) for one in found]) for norm in ("rms", "largest"))
+    rms, largest = (_mean([_from(form, solution, one, norm, order) for one in found]) for norm in ("rms", "largest"))
     last = found[-1]
     left = 0.0 if isinstance(solution, EigenSolution) else form.source_error()
     floor = np.full(len(last.unit), left)
     return ErrorEstimate(
-        rms + in_time, largest + in_time, last.unit, in_time, floor, last.at, form.slow, solution, tuple(companions)
+        rms + in_time,
+        largest + in_time,
+        last.unit,
+        in_time,
+        floor,
+        last.at,
+        form.slow,
+        solution,
+        tuple(companions),
+        order,
     )
 
 
-def _from(form: Discretized, solution: Solution, one: Difference, norm: str) -> Floats:
+def _from(form: Discretized, solution: Solution, one: Difference, norm: str, given: float | None) -> Floats:
     eigen = isinstance(solution, EigenSolution)
-    order = form.eigenvalue_order(one.ratio) if eigen else form.order_of_difference(one.ratio)
+    order = given or (form.eigenvalue_order(one.ratio) if eigen else form.order_of_difference(one.ratio))
     return np.asarray(getattr(one, norm) / (one.ratio**order - 1))
 
 

@@ -110,7 +110,7 @@ def _foretold(way: Way, aim: float) -> float:
 def order(way: Way) -> float:
     """Return the order at which the error is taken to fall: the mean of that seen and of the form's."""
     form = way.last.solution.discretized
-    seen = prior = form.order_of_difference(2.0)
+    seen = prior = way.order or form.order_of_difference(2.0)
     known = _known(way)[-2:]
     if len(known) == 2 and known[0].spacing > TELLING_RATIO * known[1].spacing:
         errors = [max(run.error(way.asked.norm) - way.in_time, np.finfo(float).tiny) for run in known]

@@ -55,9 +55,14 @@ def traded(scene: Scene, asked: Asked, progress: Progress, options: Mapping[str,
             return solved(scene, spacing, **{**kept, **further})
 
     solver = str(options.get("solver", "auto"))
-    way = Way(
-        scene, solve, asked, progress, origin=options.get("origin"), solver=solver, degree_given="degree" in options
+    return walked(
+        Way(scene, solve, asked, progress, origin=options.get("origin"), solver=solver, degree_given="degree" in options)
     )
+
+
+def walked(way: Way) -> Solution:
+    """Return the answer at the end of a way, with its estimate and its trade."""
+    asked = way.asked
     status, aim = walk(way)
     answer, estimate = way.last.solution, way.last.estimate
     trade = Trade(

@@ -97,6 +97,10 @@ class Way:
         Whether the degree of the form is asked for.
     further : dict
         Options that were chosen on the way.
+    order : float, optional
+        At which errors are taken to fall, where it is not the form's.
+    trials : int
+        How often spacings that are too coarse are made finer.
     """
 
     scene: Scene
@@ -110,6 +114,8 @@ class Way:
     solver: str = "auto"
     degree_given: bool = False
     further: dict[str, Any] = field(default_factory=dict)
+    order: float | None = None
+    trials: int = MOST_TRIALS
 
     @property
     def last(self) -> Run:
@@ -151,7 +157,7 @@ class Way:
     def first(self, spacing: float) -> Run:
         """Solve a pilot at a spacing, or at the first finer one that the scene can be solved at."""
         refused: Exception | None = None
-        for _ in range(MOST_TRIALS):
+        for _ in range(self.trials):
             try:
                 return self.run("pilot", spacing)
             except (ResolutionError, SceneError) as error:
@@ -201,7 +207,7 @@ class Way:
 
     def _estimate(self, solution: Solution) -> ErrorEstimate | None:
         companions = self.companions(solution)
-        return from_companions(solution, companions, self.in_time) if companions else None
+        return from_companions(solution, companions, self.in_time, self.order) if companions else None
 
     def _origin(self, spacing: float) -> Any:
         """Return where a node is: as given, but on the coarsest lattices, else in no two runs at the same place."""

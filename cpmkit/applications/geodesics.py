@@ -21,8 +21,9 @@ import numpy as np
 
 import cpmkit as ck
 from cpmkit.applications.descent import descend
-from cpmkit.applications.heat import away_from, heat_solver, prepared_manifold
+from cpmkit.applications.heat import away_from, heat_solver, manifold_of
 from cpmkit.applications.origins import Origins, origins_of
+from cpmkit.applications.spacings import Measured, measured
 from cpmkit.applications.transport import HELD_SPACINGS, carried
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.plugin import unit
@@ -34,8 +35,8 @@ from cpmkit.solution.solution import Solution
 METHODS = ("transport", "heat")
 
 
-@dataclass(frozen=True, eq=False)
-class Distance:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Distance(Measured):
     """The geodesic distance from origins: read, saved and drawn as a solution.
 
     Attributes
@@ -48,7 +49,6 @@ class Distance:
         Of transport that were made.
     """
 
-    solution: Solution
     origins: Origins
     rounds: int
 
@@ -62,11 +62,6 @@ class Distance:
         feet = self.solution.scene.surface.closest_point(at).points
         return _with_tips(self.origins.closest(feet)[0], found, self.solution.spacing)
 
-    def gradient(self, points: Any) -> Floats:
-        """Return the tangential gradient (n, d), of length one but at origins and ridges."""
-        slopes: Floats = self.solution.gradient(points)
-        return slopes
-
     def path(self, start: Any) -> list[Floats]:
         """Return for each of the points ``start`` (k, d) or (d,) the shortest path (m, d) to the origins, by descent.
 
@@ -77,14 +72,6 @@ class Distance:
         """
         given = np.atleast_2d(np.asarray(start, dtype=np.float64))
         return descend(self, as_points(given, self.solution.scene.surface.dim))
-
-    def save(self, path: Any) -> None:
-        """Write it as :meth:`cpmkit.Solution.save` does."""
-        self.solution.save(path)
-
-    def picture(self, path: Any, **options: Any) -> Any:
-        """Draw it as :meth:`cpmkit.Solution.picture` does."""
-        return self.solution.picture(path, **options)
 
 
 def geodesic_distance(
@@ -106,7 +93,8 @@ def geodesic_distance(
     origins : (k, d) array, ClosestPointSource, or a sequence of these
         Points and curves that distances are measured from, to the nearest of them.
     spacing : float
-        Of the lattice, in the scene's unit; not of a prepared scene.
+        Of the lattice, in the scene's unit; not of a prepared scene. Or, in its place, ``tolerance``, the error that is
+        accepted as a share of the largest distance, ``seconds`` or ``memory``, as for :func:`cpmkit.solve`.
     method : {"transport", "heat"}
         ``heat`` takes two linear solves, and little for further origins on a prepared scene. ``transport`` improves it
         on meshes by rounds that cost several times as much: on Spot with 19,000 unknowns from 1.1 percent of the mean
@@ -138,15 +126,18 @@ def geodesic_distance(
     if method not in METHODS:
         raise InputError(f"method must be {' or '.join(METHODS)}, got {shown(method)}.")
     rounds = whole(rounds, "rounds", 1, 100) if method == "transport" else 0
-    prepared = prepared_manifold(surface, spacing, options)
-    given = origins_of(origins, prepared.scene.surface)
+    given = origins_of(origins, manifold_of(surface))
+    return measured(surface, spacing, options, lambda prepared: _measured(prepared, given, rounds))
+
+
+def _measured(prepared: Prepared, given: Origins, rounds: int) -> Distance:
     straight, _, number = given.closest(prepared.points)
     near = _Near(straight, number)
     field, phi = _by_heat(prepared, given, near)
     for _ in range(rounds):
         phi = _carried(prepared, near, field, phi)
         field = prepared.field(phi).gradient().map(lambda _, slopes: unit(slopes))
-    return Distance(phi, given, rounds)
+    return Distance(solution=phi, origins=given, rounds=rounds)
 
 
 class _Near(NamedTuple):

@@ -21,6 +21,15 @@ HEAT_TIME, LONGER = 0.5, 4.0
 ITERATED_SHARE = 1e-9
 
 
+def manifold_of(surface: ClosestPointSource | ck.Scene | Prepared) -> ClosestPointSource:
+    """Return the manifold of what an application is given."""
+    if isinstance(surface, Prepared):
+        return surface.scene.surface
+    scene = surface if isinstance(surface, ck.Scene) else ck.Scene(surface, ck.Poisson(0.0))
+    found: ClosestPointSource = scene.surface
+    return found
+
+
 def prepared_manifold(surface: Any, spacing: float | None, options: dict[str, Any]) -> Prepared:
     """Return a source, a scene or a prepared scene prepared, with barriers for boundaries.
 
@@ -34,13 +43,21 @@ def prepared_manifold(surface: Any, spacing: float | None, options: dict[str, An
             raise InputError("spacing and options are those of the prepared scene; leave them out.")
         _check_barriers(surface.scene)
         return surface
+    made: Prepared = ck.prepare(barriers(surface), spacing, **{"form": "galerkin", **options})
+    return made
+
+
+def barriers(surface: ClosestPointSource | ck.Scene) -> ck.Scene:
+    """Return the scene of a manifold with barriers, and nothing else.
+
+    Raises
+    ------
+    InputError
+        If a boundary is no barrier.
+    """
     scene = surface if isinstance(surface, ck.Scene) else ck.Scene(surface, ck.Poisson(0.0))
     _check_barriers(scene)
-    options = {"form": "galerkin", **options}
-    made: Prepared = ck.prepare(
-        ck.Scene(scene.surface, ck.Poisson(0.0), scene.boundaries, scene.edge), spacing, **options
-    )
-    return made
+    return ck.Scene(scene.surface, ck.Poisson(0.0), scene.boundaries, scene.edge)
 
 
 def _check_barriers(scene: ck.Scene) -> None:

@@ -28,9 +28,10 @@ from cpmkit.applications.heat import (
     check_warmed,
     heat_solver,
     longest_time,
-    prepared_manifold,
+    manifold_of,
 )
 from cpmkit.applications.origins import Origins, origins_of
+from cpmkit.applications.spacings import Measured, measured
 from cpmkit.applications.transport import HELD_SPACINGS, carried
 from cpmkit.errors import InputError, shown
 from cpmkit.plugin import dots, unit
@@ -46,8 +47,8 @@ HEAT_RESIDUAL = 1e-12
 ALONG_SHARE = 0.3
 
 
-@dataclass(frozen=True, eq=False)
-class SignedDistance:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SignedDistance(Measured):
     """The signed distance to curves: read, saved and drawn as a solution.
 
     Attributes
@@ -60,25 +61,12 @@ class SignedDistance:
         Of transport that were made.
     """
 
-    solution: Solution
     curves: Origins
     rounds: int
 
     def evaluate(self, points: Any) -> Floats:
         """Return the distance (n,) at the points of the surface nearest to ``points`` (n, 3), positive to the left."""
         return self.solution.evaluate(as_points(points, self.solution.scene.surface.dim))
-
-    def gradient(self, points: Any) -> Floats:
-        """Return the tangential gradient (n, 3), of length one but at ridges and about gaps."""
-        return self.solution.gradient(points)
-
-    def save(self, path: Any) -> None:
-        """Write it as :meth:`cpmkit.Solution.save` does."""
-        self.solution.save(path)
-
-    def picture(self, path: Any, **options: Any) -> Any:
-        """Draw it as :meth:`cpmkit.Solution.picture` does."""
-        return self.solution.picture(path, **options)
 
 
 def signed_distance(
@@ -102,7 +90,8 @@ def signed_distance(
     curves : ClosestPointSource or sequence of these
         That have a direction, each in the surface; together they should part a left from a right.
     spacing : float
-        Of the lattice, in the scene's unit; not of a prepared scene.
+        Of the lattice, in the scene's unit; not of a prepared scene. Or, in its place, ``tolerance``, the error that is
+        accepted as a share of the largest distance, ``seconds`` or ``memory``, as for :func:`cpmkit.solve`.
     method : {"transport", "heat"}
         ``heat`` is the signed heat method; ``transport`` improves it by rounds, as in :func:`geodesic_distance`.
     rounds : int
@@ -131,13 +120,17 @@ def signed_distance(
     if method not in METHODS:
         raise InputError(f"method must be {' or '.join(METHODS)}, got {shown(method)}.")
     rounds = whole(rounds, "rounds", 1, 100) if method == "transport" else 0
-    prepared = prepared_manifold(surface, spacing, options)
-    manifold = prepared.scene.surface
+    manifold = manifold_of(surface)
     if manifold.dim != 3 or manifold.manifold_dim != 2:
         raise InputError("signed distances are measured on surfaces in space.")
     given = origins_of(curves, manifold)
     if len(given.points):
         raise InputError("signed distances are those to curves, which have two sides; points have none.")
+    return measured(surface, spacing, options, lambda prepared: _measured(prepared, given, rounds))
+
+
+def _measured(prepared: Prepared, given: Origins, rounds: int) -> SignedDistance:
+    manifold = prepared.scene.surface
     along = [ck.boundary_points(one, manifold, prepared.discretized.spacing) for one in given.curves]
     field = _upwards(prepared, given, along)
     phi = heat_solver(prepared).solve(problem=ck.Poisson(field.divergence(-1.0)))
@@ -148,7 +141,7 @@ def signed_distance(
     for _ in range(rounds):
         phi = _carried(prepared, straight, across, field, phi)
         field = prepared.field(phi).gradient().map(lambda _, slopes: unit(slopes))
-    return SignedDistance(phi, given, rounds)
+    return SignedDistance(solution=phi, curves=given, rounds=rounds)
 
 
 def _upwards(prepared: Prepared, curves: Origins, along: Sequence[BoundaryPoints]) -> ck.Field:

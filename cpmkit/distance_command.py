@@ -1,0 +1,134 @@
+"""The command ``cpmkit distance``. What it needs is imported when it runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from cpmkit.command_group import progress_callback, traceback_option
+from cpmkit.command_options import how_fine, scene_argument, spacing_option
+
+if TYPE_CHECKING:
+    from cpmkit.scene.scene import Scene
+
+
+@click.command()
+@scene_argument
+@click.option(
+    "--from",
+    "origins",
+    multiple=True,
+    required=True,
+    metavar="X,Y,Z|NAME",
+    help="Where distances are measured from: a point, or the name of a boundary; may be given several times.",
+)
+@click.option("--signed", is_flag=True, help="To curves with a sign, positive to the left of the way they run.")
+@click.option("--method", type=click.Choice(["transport", "heat"]), default="transport", show_default=True)
+@spacing_option
+@click.option(
+    "--tolerance",
+    type=click.FloatRange(0, 1, min_open=True, max_open=True),
+    metavar="SHARE",
+    help="In place of a spacing: the error that is accepted, as a share of the largest distance.",
+)
+@click.option(
+    "--path-from",
+    "starts",
+    multiple=True,
+    metavar="X,Y,Z",
+    help="Also write the shortest path from this point, as path-1.csv; may be given several times.",
+)
+@click.option(
+    "--output",
+    type=click.Path(file_okay=False, path_type=Path),
+    metavar="FOLDER",
+    help="Where results go; overrides the file's folder.",
+)
+@traceback_option
+def distance(
+    scene: Path,
+    origins: tuple[str, ...],
+    signed: bool,
+    method: str,
+    spacing: float | None,
+    tolerance: float | None,
+    starts: tuple[str, ...],
+    output: Path | None,
+) -> None:
+    """Measure geodesic distances on a scene's surface, and write what its [output] asks for.
+
+    Boundaries that are not named with --from are barriers, and have the condition neumann = 0. The scene's equation
+    plays no part.
+    """
+    from dataclasses import replace
+
+    import numpy as np
+
+    from cpmkit import load_scene
+    from cpmkit.applications import geodesic_distance, signed_distance
+    from cpmkit.errors import InputError
+    from cpmkit.runtime.warn import collected_warnings
+    from cpmkit.saving.results import check_request, write_results
+
+    if signed and starts:
+        raise InputError("paths lead to the origins of a distance without a sign; leave out --signed or --path-from.")
+    with collected_warnings() as heard, progress_callback(scene) as progress:
+        loaded = load_scene(scene)
+        folder = output or loaded.output.folder
+        check_request(loaded.output, loaded.scene.surface, folder)
+        decided, options = how_fine(loaded, spacing, tolerance=tolerance)
+        options.pop("estimate", None)
+        barriers, given = _split(loaded.scene, origins)
+        progress("distance", 0.0)
+        if signed:
+            found: Any = signed_distance(barriers, given, spacing=decided, method=method, **options)
+        else:
+            found = geodesic_distance(barriers, given, spacing=decided, method=method, **options)
+        solution = found.solution
+        if loaded.output.wants_error:
+            solution = replace(solution, estimated=found.error)
+        paths = found.path(np.array([_point(one, barriers.surface.dim) for one in starts])) if starts else []
+        warnings = list(dict.fromkeys([*heard, *solution.warnings]))
+        written = write_results(solution, loaded.output, folder, progress, warnings)
+    for number, path in enumerate(paths, start=1):
+        np.savetxt(Path(folder, f"path-{number}.csv"), path, delimiter=",")
+        length = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
+        click.echo(f"path       {length:.6g} long, written to {Path(folder, f'path-{number}.csv')}")
+    click.echo(f"unknowns   {solution.discretized.size:,} at spacing {solution.spacing:.4g}")
+    if solution.trade is not None:
+        click.echo(f"way        {solution.trade.told}")
+    for file in written.summary["files"]:
+        click.echo(f"written    {Path(folder, file)}")
+    for sentence in warnings:
+        click.echo(f"warning    {sentence}")
+    written.check()
+
+
+def _split(scene: Scene, origins: tuple[str, ...]) -> tuple[Scene, Any]:
+    """Return the scene of the barriers, and the origins: points together, then the sources of named boundaries."""
+    import numpy as np
+
+    from cpmkit.scene.equations import Poisson
+    from cpmkit.scene.scene import Scene
+
+    boundaries = {one.name: one for one in scene.boundaries}
+    points = [_point(one, scene.surface.dim) for one in origins if one not in boundaries]
+    curves = [boundaries[one].source for one in origins if one in boundaries]
+    barriers = [one for name, one in boundaries.items() if name not in origins]
+    given: Any = [np.array(points), *curves] if points and curves else curves or np.array(points)
+    return Scene(scene.surface, Poisson(0.0), barriers, scene.edge), given
+
+
+def _point(text: str, dim: int) -> list[float]:
+    """Return the coordinates that a point is given by."""
+    from cpmkit.errors import InputError
+
+    try:
+        found = [float(one) for one in text.split(",")]
+    except ValueError:
+        found = []
+    if len(found) != dim:
+        raise InputError(f"a point is given by {dim} numbers such as {','.join('0' * dim)}, or a name, got {text!r}.")
+    return found

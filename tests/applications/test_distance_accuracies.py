@@ -1,0 +1,65 @@
+"""Distances to an accuracy or in a time in place of a spacing, and how large their errors are told to be."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import cpmkit as ck
+from cpmkit.applications import geodesic_distance, signed_distance
+
+SPHERE = ck.source("analytic.sphere")
+POINTS = np.random.default_rng(0).normal(size=(2000, 3))
+POINTS /= np.linalg.norm(POINTS, axis=1, keepdims=True)
+EXACT = np.arccos(np.clip(POINTS[:, 2], -1, 1))
+
+
+def test_a_tolerance_is_reached_and_told() -> None:
+    distance = geodesic_distance(SPHERE, [0, 0, 1], tolerance=2e-2, method="heat")
+    trade, estimate = distance.solution.trade, distance.error
+    assert trade is not None
+    assert trade.status == "reached"
+    assert len(trade.steps) > 1
+    assert distance.solution.spacing == trade.steps[-1].spacing
+    error = np.sqrt(np.mean((distance.evaluate(POINTS) - EXACT) ** 2)) / np.pi
+    assert error < estimate.of("rms") < 2e-2
+
+
+def test_seconds_are_kept() -> None:
+    distance = geodesic_distance(SPHERE, [0, 0, 1], seconds=3.0, method="heat")
+    assert distance.solution.trade is not None
+    assert distance.solution.trade.status == "within"
+
+
+@pytest.mark.parametrize("spacing", [0.24, 0.16])
+def test_the_error_of_a_distance_is_no_smaller_than_it_is_and_not_much_larger(spacing: float) -> None:
+    distance = geodesic_distance(SPHERE, [0, 0, 1], spacing=spacing, method="heat")
+    error = np.sqrt(np.mean((distance.solution.evaluate(POINTS) - EXACT) ** 2)) / np.pi
+    assert error < distance.error.of("rms") < 10 * error
+    assert distance.error is distance.error
+
+
+def test_of_a_signed_distance_and_of_a_prepared_scene() -> None:
+    equator = ck.source("analytic.circle", normal=[0, 0, 1])
+    prepared = ck.prepare(ck.Scene(SPHERE, ck.Poisson(0.0)), 0.24, form="galerkin")
+    distance = signed_distance(prepared, equator, method="heat")
+    error = np.abs(distance.evaluate(POINTS) - np.arcsin(POINTS[:, 2])).max()
+    assert error < distance.error.bound[0] < 20 * error
+
+
+@pytest.mark.parametrize(("given", "words"), [({}, "spacing"), ({"spacing": 0.3, "tolerance": 1e-2}, "tolerance")])
+def test_one_of_spacing_and_accuracy_is_needed(given: dict[str, float], words: str) -> None:
+    with pytest.raises(ck.InputError, match=words):
+        geodesic_distance(SPHERE, [0, 0, 1], **given)
+
+
+def test_what_no_spacing_helps_is_told_soon() -> None:
+    pieces = ck.source("union", members=[SPHERE, ck.source("analytic.sphere", center=[6, 0, 0])])
+    with pytest.raises(ck.SceneError, match="no heat arrives"):
+        geodesic_distance(pieces, [0, 0, 1], tolerance=1e-2, method="heat")
+
+
+def test_a_recipe_needs_something_to_reach() -> None:
+    scene = ck.Scene(SPHERE, ck.Poisson(0.0))
+    with pytest.raises(ck.InputError, match="needs a tolerance"):
+        ck.solve_by(lambda spacing, origin: ck.solve(scene, spacing, origin=origin), scene)
