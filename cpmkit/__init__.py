@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 from cpmkit.runtime.lazy_names import lazy_names
 
 if TYPE_CHECKING:  # for type checkers and editors, the same names as in the table below
+    from cpmkit.accuracy.by_spacing import estimate_error_by as estimate_error_by
+    from cpmkit.accuracy.by_spacing import solve_by as solve_by
     from cpmkit.accuracy.estimate import estimate_error as estimate_error
     from cpmkit.errors import ConvergenceError as ConvergenceError
     from cpmkit.errors import CpmkitError as CpmkitError
@@ -25,6 +27,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same names as in the tab
     from cpmkit.forms.field import Field as Field
     from cpmkit.grid.band import build_band as build_band
     from cpmkit.plugins import read_mesh as read_mesh
+    from cpmkit.plugins import read_texture_coordinates as read_texture_coordinates
     from cpmkit.plugins import source as source
     from cpmkit.preparing import prepare as prepare
     from cpmkit.protocols import ClosestPoints as ClosestPoints

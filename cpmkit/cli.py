@@ -183,8 +183,9 @@ def explain(scene: Path, spacing: float | None, rehearse: bool, seconds: bool, a
         try:
             loaded = load_scene(scene)
             spacing, options = how_fine(loaded, spacing or loaded.spacing)
-            asked = {"rehearse": rehearse, "seconds": seconds}
-            explanation = explain_scene(loaded.scene, spacing=spacing, progress=progress, **asked, **options)
+            explanation = explain_scene(
+                loaded.scene, spacing=spacing, rehearse=rehearse, seconds=seconds, progress=progress, **options
+            )
         except Exception:
             _warn(heard, err=True)
             raise

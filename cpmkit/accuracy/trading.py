@@ -56,7 +56,9 @@ def traded(scene: Scene, asked: Asked, progress: Progress, options: Mapping[str,
 
     solver = str(options.get("solver", "auto"))
     return walked(
-        Way(scene, solve, asked, progress, origin=options.get("origin"), solver=solver, degree_given="degree" in options)
+        Way(
+            scene, solve, asked, progress, origin=options.get("origin"), solver=solver, degree_given="degree" in options
+        )
     )
 
 

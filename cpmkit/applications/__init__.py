@@ -7,8 +7,17 @@ from typing import TYPE_CHECKING
 from cpmkit.runtime.lazy_names import lazy_names
 
 if TYPE_CHECKING:  # for type checkers and editors, the same names as in the table below
+    from cpmkit.applications.diffusion_curves import ColouredSurface as ColouredSurface
+    from cpmkit.applications.diffusion_curves import diffusion_curves as diffusion_curves
     from cpmkit.applications.geodesics import Distance as Distance
     from cpmkit.applications.geodesics import geodesic_distance as geodesic_distance
+    from cpmkit.applications.harmonic_maps import SurfaceMap as SurfaceMap
+    from cpmkit.applications.harmonic_maps import harmonic_map as harmonic_map
+    from cpmkit.applications.signed_distances import SignedDistance as SignedDistance
+    from cpmkit.applications.signed_distances import signed_distance as signed_distance
+    from cpmkit.applications.texture import Texture as Texture
+    from cpmkit.applications.texture import TexturedMesh as TexturedMesh
+    from cpmkit.applications.texture import bake as bake
     from cpmkit.applications.vector_fields import TangentField as TangentField
     from cpmkit.applications.vector_fields import vector_field as vector_field
 

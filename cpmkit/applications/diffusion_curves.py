@@ -40,7 +40,7 @@ class ColouredSurface:
 
         ``side`` says from where points on a curve are read, as for :meth:`cpmkit.Solution.evaluate`.
         """
-        return np.clip(self.solution.evaluate(points, side), 0.0, 1.0)
+        return np.asarray(np.clip(self.solution.evaluate(points, side), 0.0, 1.0))
 
     def save(self, path: Any) -> None:
         """Write it as :meth:`cpmkit.Solution.save` does."""

@@ -59,7 +59,8 @@ class Measured:
 
     def gradient(self, points: Any) -> Floats:
         """Return the tangential gradient (n, d), of length one but at ridges, ends and gaps."""
-        return self.solution.gradient(points)
+        slopes: Floats = self.solution.gradient(points)
+        return slopes
 
     def save(self, path: Any) -> None:
         """Write it as :meth:`cpmkit.Solution.save` does."""
