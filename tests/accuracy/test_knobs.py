@@ -36,22 +36,22 @@ def test_costs_are_equal_between_the_errors_at_which_each_degree_wins():
 
 
 def test_cubic_splines_reach_small_errors(monkeypatch):
-    monkeypatch.setattr(knobs, "error_of_equal_cost", lambda: 2e-4)  # a size that is solved quickly
-    solution = ck.solve(ck.Scene(SPHERE, ck.ScreenedPoisson(f)), tolerance=1e-4)
+    monkeypatch.setattr(knobs, "error_of_equal_cost", lambda: 2e-3)  # a size that is solved quickly
+    solution = ck.solve(ck.Scene(SPHERE, ck.ScreenedPoisson(f)), tolerance=1e-3)
     off = (solution.evaluate(AT) - AT[:, 0] * AT[:, 1]) / np.ptp(AT[:, 0] * AT[:, 1])
     trade = solution.trade
     assert solution.discretization()["degree"] == 3
     assert "degree 3 was chosen" in trade.chosen
     assert trade.chosen in str(trade)
     assert trade.status == "reached"
-    assert np.sqrt(np.mean(off**2)) < 1e-4
+    assert np.sqrt(np.mean(off**2)) < 1e-3
     assert 0.4 < trade.error / np.sqrt(np.mean(off**2)) < 6
     assert all(one.discretized.options.own.degree == 3 for one in solution.error.companions)
 
 
-@pytest.mark.parametrize("options", [{"tolerance": 1e-3}, {"tolerance": 1e-4, "degree": 2}, {"memory": "20 MB"}])
+@pytest.mark.parametrize("options", [{"tolerance": 5e-3}, {"tolerance": 1e-3, "degree": 2}, {"memory": "20 MB"}])
 def test_nothing_is_chosen_elsewhere(options, monkeypatch):
-    monkeypatch.setattr(knobs, "error_of_equal_cost", lambda: 2e-4)
+    monkeypatch.setattr(knobs, "error_of_equal_cost", lambda: 2e-3)
     solution = ck.solve(ck.Scene(SPHERE, ck.ScreenedPoisson(f)), **options)
     assert solution.discretization()["degree"] == 2
     assert not solution.trade.chosen
