@@ -36,9 +36,9 @@ def _share(found: np.ndarray, exact: np.ndarray) -> float:
 
 @pytest.mark.parametrize("method", ["heat", "transport"])
 def test_points_of_a_sphere_to_a_thousandth(method: str) -> None:
-    """The asked .1 percent at .1 from one origin; an order of 1.5 over three spacings, from four on the coarse ones."""
+    """The asked .1 percent at .1 from one origin; an order of 1.5 over three spacings, from two on the coarse ones."""
     errors = []
-    for spacing, count in ((0.4, 4), (0.2, 4), (0.1, 1)):
+    for spacing, count in ((0.4, 2), (0.2, 2), (0.1, 1)):
         squares = []
         for origin in _directions(4, seed=1)[:count]:
             distance = geodesic_distance(_sphere(spacing), origin, method=method).evaluate(POINTS)
@@ -64,7 +64,7 @@ def test_a_torus_from_its_outer_equator() -> None:
     around, along = rng.uniform(-np.pi, np.pi, 3000), rng.uniform(-np.pi, np.pi, 3000)
     ring = 1 + 0.4 * np.cos(around)
     points = np.stack([ring * np.cos(along), ring * np.sin(along), 0.4 * np.sin(around)], axis=1)
-    distance = geodesic_distance(torus, outer, spacing=0.12)
+    distance = geodesic_distance(torus, outer, spacing=0.12, method="heat")
     assert _share(distance.evaluate(points), 0.4 * np.abs(around)) < 1e-2
 
 
@@ -100,7 +100,7 @@ def _walled_square() -> ck.Scene:
 def test_barriers_are_gone_round() -> None:
     start, end, corner = np.array([0.5, 0.5, 0]), np.array([1.5, 0.5, 0]), np.array([1.013, 1.5, 0])
     exact = np.linalg.norm(start - corner) + np.linalg.norm(corner - end)
-    distance = geodesic_distance(_walled_square(), start, spacing=0.07)
+    distance = geodesic_distance(_walled_square(), start, spacing=0.05)
     assert abs(distance.evaluate(end[None])[0] / exact - 1) < 0.02
     path = distance.path(end)[0]
     assert abs(np.linalg.norm(np.diff(path, axis=0), axis=1).sum() / exact - 1) < 0.02
