@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from typing import Any, Literal, Unpack, overload
 
@@ -22,6 +23,9 @@ from cpmkit.runtime.warn import warn_each
 from cpmkit.scene.equations import Solved
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.solution import Solution
+
+#: Silent unless the caller asks for it.
+logger = logging.getLogger("cpmkit")
 
 
 @overload
@@ -104,6 +108,8 @@ def solve(
         else:
             solution = solved(scene, spacing, backend=backend, progress=shown, **rest)
             solution = with_estimate(solution, asked.estimate, {"backend": backend, **rest})
+    told = scene.problem.kind, len(solution.values), solution.report.solver, sum(solution.seconds.values())
+    logger.info("Solved %s: %d unknowns by %s in %.1f s.", *told)
     warn_each(solution.warnings)
     return solution
 

@@ -20,6 +20,7 @@ from cpmkit.scene.condition import Condition, EdgeConditions
 from cpmkit.scene.conditions import Neumann, as_conditions
 from cpmkit.scene.data import Data, Functional, evaluate_data
 from cpmkit.scene.equations import Equation, Solved
+from cpmkit.scene.given_surfaces import Surface, as_source
 from cpmkit.scene.orient import orient
 from cpmkit.scene.oriented import OrientedBoundary
 from cpmkit.scene.tensors import is_tensor
@@ -34,8 +35,9 @@ class Scene(Generic[Solved]):
 
     Parameters
     ----------
-    surface : ClosestPointSource
-        The manifold.
+    surface : ClosestPointSource, or a mesh or cloud
+        The manifold; of a mesh or cloud of trimesh, pyvista, open3d or meshio, or of a pair of vertices and faces, the
+        source is made with its defaults.
     problem : Equation
         Such as ``Laplace()``, ``Poisson(f)`` or ``ScreenedPoisson(f, c)``.
     boundaries : sequence of BoundarySet
@@ -70,13 +72,14 @@ class Scene(Generic[Solved]):
 
         def __init__(
             self,
-            surface: ClosestPointSource,
+            surface: Surface,
             problem: Equation[Solved],
             boundaries: Sequence[BoundarySet] = (),
             edge: Condition | Data | Mapping[int, Condition | Data] = ...,
         ) -> None: ...
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "surface", as_source(self.surface))
         check_source(self.surface, "the surface")
         if not isinstance(self.problem, Equation):
             raise SceneError(
