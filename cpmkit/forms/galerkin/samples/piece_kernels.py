@@ -117,7 +117,14 @@ def put(frame: Floats, e: float, f: float, place: Floats) -> None:
 
 @compiled
 def rule(
-    piece: Floats, count: int, taken: int, frame: Floats, thirds: Floats, corners: Floats, places: Floats, shares: Floats
+    piece: Floats,
+    count: int,
+    taken: int,
+    frame: Floats,
+    thirds: Floats,
+    corners: Floats,
+    places: Floats,
+    shares: Floats,
 ) -> float:
     """Fill ``places`` (4, 2) and ``shares`` (4,) with a rule for a convex piece; returns its area.
 
