@@ -99,7 +99,7 @@ def multiply(
     Rows that are not ``wanted`` (n,) are empty; ``room`` is about the number of entries: what is not needed costs no
     memory, what is lacking some time.
     """
-    place = np.zeros(width, dtype=np.uint64)  # one above where a column stands, in this row or an earlier one
+    met, total = np.full(width, -1, dtype=np.int32), np.empty(width)  # the last row with each column, its entry there
     starts = np.zeros(len(pointers), dtype=np.uint64)
     found, sums = np.empty(room, dtype=np.uint32), np.empty(room)
     used = np.uint64(0)
@@ -120,11 +120,13 @@ def multiply(
             entry, row = entries[k], columns[k]
             for at in range(other_pointers[row], other_pointers[row + np.uint64(1)]):
                 column = other_columns[at]
-                if place[column] > begin:
-                    sums[place[column] - np.uint64(1)] += entry * other_entries[at]
+                if met[column] == i:
+                    total[column] += entry * other_entries[at]
                 else:
-                    found[used], sums[used] = column, entry * other_entries[at]
+                    met[column], total[column] = i, entry * other_entries[at]
+                    found[used] = column
                     used += np.uint64(1)
-                    place[column] = used
+        for at in range(begin, used):
+            sums[at] = total[found[at]]
         starts[i + 1] = used
     return starts, found[:used], sums[:used]

@@ -41,7 +41,7 @@ def upper_half(indptr: Any, indices: Any, data: Floats) -> tuple[Any, Any, Float
 
 @compiled
 def subtract_product(pointers: Any, columns: Any, entries: Any, x: Floats, out: Floats) -> None:
-    """Subtract ``A x`` from ``out``, both (channels, n): every entry is read once, and serves its row and its column."""
+    """Subtract ``A x`` from ``out``, both (channels, n): an entry that is read serves its row and its column."""
     one = np.uint64(1)
     for channel in range(len(x)):
         own, rest = x[channel], out[channel]

@@ -100,12 +100,14 @@ def transport(space: Space, field: Floats) -> csr_array:
 
 def load(space: Space, f: Floats) -> Floats:
     """Return (n, channels) sum w f v, with ``f`` (q, channels) at the samples, or (1, channels) at all of them."""
+    from cpmkit.forms.galerkin.space.energy_kernels import SPLINES
     from cpmkit.forms.galerkin.space.sample_kernels import add_load
 
-    loads = np.zeros((space.parting.size, f.shape[1]))
+    parting, samples = space.parting, space.samples
+    along = SPLINES[parting.degree], SPLINES[parting.degree] if parting.dim == 3 else (0,)
+    loads = np.zeros((parting.size, f.shape[1]))
     f = np.ascontiguousarray(f, dtype=np.float64)
-    samples = space.samples
-    add_load(*patches(space), samples.places, samples.weights, f, loads)
+    add_load(parting.unknowns, parting.patch, *along, samples.places, samples.weights, f, loads)
     return loads
 
 

@@ -255,6 +255,20 @@ def tensor_at(q: int, normals: Floats, a: float, tensors: Floats, e1: float, wei
                 C[i, j] += weight * e1 * a * normals[c, i] * normals[c, j]
 
 
+@inlined
+def tangential(n: Any, less: float, a: float) -> Any:
+    """Return the six numbers of a times the identity, of which the part along n counts ``less`` than the rest."""
+    x, y, z = n
+    return (
+        a * (1.0 - less * (x * x)),
+        a * (0.0 - less * (x * y)),
+        a * (0.0 - less * (x * z)),
+        a * (1.0 - less * (y * y)),
+        a * (0.0 - less * (y * z)),
+        a * (1.0 - less * (z * z)),
+    )
+
+
 @compiled
 def add_products(forms: Floats, splines: Any, count: int, width: int, block: Floats) -> None:
     """Add to the upper half of ``block`` the products of the first ``count`` pairs of rows, a multiple of SWEEP."""
@@ -359,17 +373,21 @@ def add_energy(
             weight = weights[q] / spacing**2
             own = a[q if len(a) > 1 else 0]
             decode_normals(directions[q], normals)
-            tensor_at(q, normals, own, tensors, e1, weight, C)
+            if codim == 1 and len(tensors) == 0:
+                n = combined(normals, 0, 0, 1.0, 0.0)
+                tensor = tangential(n, 1.0 - e1, weight * own)
+            else:
+                tensor_at(q, normals, own, tensors, e1, weight, C)
+                tensor = C[0, 0], C[0, 1], C[0, 2], C[1, 1], C[1, 2], C[2, 2]
             if codim == 1:
                 n = combined(normals, 0, 0, 1.0, 0.0)
-                tensor = C[0, 0], C[0, 1], C[0, 2], C[1, 1], C[1, 2], C[2, 2]
                 forms_on_hypersurface(rows, splines, kind, (x, y, z), tensor, n, weight * e2 * own, factor)
                 count += 5 if len(c) else 4
                 if len(splines) == 4:
                     third_form(forms[2 * room * count :], splines, kind, x, y, z, n, weight * e3 * own)
                     count += 1
                 continue
-            slope_forms(rows, splines, kind, x, y, z, C[0, 0], C[0, 1], C[0, 2], C[1, 1], C[1, 2], C[2, 2])
+            slope_forms(rows, splines, kind, x, y, z, *tensor)
             count += d
             if len(c):
                 value_form(forms[2 * room * count :], splines, kind, x, y, z, factor)

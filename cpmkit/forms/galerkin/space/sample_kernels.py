@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from cpmkit.forms.galerkin.fixed_point import PLACE_UNIT
-from cpmkit.forms.galerkin.space.energy_kernels import room_for, value_of
 from cpmkit.protocols import Floats, Ints
 from cpmkit.runtime.compilation import compiled, inlined
 
@@ -67,10 +66,9 @@ def spline_products(place: Any, along: int, values: Floats, products: Floats) ->
 @compiled
 def add_load(
     unknowns: Ints,
-    spacing: float,
+    patch: Any,
     splines: Any,
-    order: Any,
-    start: Ints,
+    third: Any,
     places: Any,
     weights: Floats,
     f: Floats,
@@ -78,29 +76,35 @@ def add_load(
 ) -> None:
     """Add sum w[q] f[q] N_j(y_q) to ``load`` (n, channels), ``f`` (q, channels), or (1, channels) for all.
 
-    ``places`` (q, d): as of `FixedSamples`; ``splines``: as of the kernels of energies.
+    ``places`` (q, d): as of `FixedSamples`. What follows each other in one ``patch`` (q,) is summed there first.
+    ``splines`` and ``third`` are tuples as long as there are splines along the first axes and along the third, one in
+    the plane: numbers that the compiler knows.
     """
-    kind, width, channels, room = places.shape[1] - 2, unknowns.shape[1], load.shape[1], room_for(splines)
-    products, sums, z = np.empty(room), np.empty(room * channels), 0.0
-    for p in range(len(unknowns)):
-        sums[:] = 0.0
-        for s in range(start[p], start[p + 1]):
-            q = order[s]
-            if weights[q] == 0.0:
-                continue
-            x, y = PLACE_UNIT * places[q, 0] + 0.5, PLACE_UNIT * places[q, 1] + 0.5
-            if kind:
-                z = PLACE_UNIT * places[q, 2] + 0.5
-            for i in range(room):
-                X, Y = value_of(splines, kind, 0, i, x), value_of(splines, kind, 1, i, y)
-                products[i] = X * Y * value_of(splines, kind, 2, i, z)
-            for channel in range(channels):
-                density, own = weights[q] * f[q if len(f) > 1 else 0, channel], sums[channel * room :]
-                for i in range(room):
-                    own[i] += density * products[i]
+    width, channels, last = unknowns.shape[1], load.shape[1], len(places) - 1
+    along, depth = len(splines), len(third)
+    X, Y, Z = np.empty(along), np.empty(along), np.ones(depth)
+    sums = np.zeros(channels * along * along * depth)
+    for q in range(len(places)):
+        spline_values(PLACE_UNIT * places[q, 0] + 0.5, along, X)
+        spline_values(PLACE_UNIT * places[q, 1] + 0.5, along, Y)
+        if depth > 1:
+            spline_values(PLACE_UNIT * places[q, 2] + 0.5, depth, Z)
+        at = np.uint64(0)  # unsigned, so that no index is tested for its sign
+        for channel in range(channels):
+            density = weights[q] * f[q if len(f) > 1 else 0, channel]
+            for i in range(along):
+                for j in range(along):
+                    both = density * X[i] * Y[j]
+                    for k in range(depth):
+                        sums[at] += both * Z[k]
+                        at += np.uint64(1)
+        p = patch[q]
+        if q < last and patch[q + 1] == p:
+            continue
         for place in range(width):
             for channel in range(channels):
-                load[unknowns[p, place], channel] += sums[channel * room + place]
+                load[unknowns[p, place], channel] += sums[channel * width + place]
+        sums[:] = 0.0
 
 
 @compiled
