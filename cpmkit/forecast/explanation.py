@@ -6,7 +6,7 @@ from importlib import import_module
 from typing import Any
 
 from cpmkit.forecast.parts import Explanation
-from cpmkit.forms.choice import FORMS, module_of, options_of
+from cpmkit.forms.choice import FORMS, every_option, module_of, options_of
 from cpmkit.forms.options import Options
 from cpmkit.linear.choice import SolverOptions
 from cpmkit.protocols import Progress, no_progress
@@ -28,7 +28,7 @@ def explain(
         As ``solve`` would.
     """
     asked, rest = options_of(scene, spacing, options)
-    solver = SolverOptions.of(rest).solver
+    solver = SolverOptions.of(rest, every_option()).solver
     module_of(asked.form).check(scene, asked)
     explained: Explanation = import_module(f"cpmkit.forecast.of_{asked.form}").explained(scene, asked, solver, progress)
     return explained
