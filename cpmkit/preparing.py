@@ -15,7 +15,8 @@ from cpmkit.families.keywords import CheckpointingKeywords, PreparingKeywords
 from cpmkit.families.nonlinear import solve_nonlinear
 from cpmkit.families.quasilinear import solve_quasilinear
 from cpmkit.forecast.running_out import memory_told
-from cpmkit.forms.choice import FORMS, module_of, options_of
+from cpmkit.forms.asked import Asked
+from cpmkit.forms.choice import FORMS, every_option, module_of, options_of
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.field import Field, field_of
 from cpmkit.forms.options import Options
@@ -25,6 +26,7 @@ from cpmkit.plugins import call, check_keys, factory, takes
 from cpmkit.protocols import Backend, Floats, Progress, no_progress
 from cpmkit.runtime.declared import declared, showing, take
 from cpmkit.runtime.shown_progress import ShownProgress, shown_progress
+from cpmkit.runtime.suggestions import did_you_mean
 from cpmkit.runtime.warn import warn_each
 from cpmkit.scene.equations import Equation, Solved
 from cpmkit.scene.laws import Nonlinear
@@ -128,8 +130,11 @@ class Prepared(Generic[Solved]):
         """
         checkpointing, others = take(Checkpointing, options)
         if others:
+            known = ("problem", "data", "guess", *declared(Checkpointing))
+            name = next(iter(others))
             raise InputError(
-                f"Prepared.solve has no option {next(iter(others))!r}; those of the solver are given to prepare."
+                f"Prepared.solve has no option {name!r}{did_you_mean(name, known)}; those of the solver are given to "
+                "prepare."
             )
         scene = restated(self.discretized.scene, problem, data)
         checkpointing.check_for(scene.problem)
@@ -316,7 +321,10 @@ def ask(
     if backend != "cpm":
         return (*_ask_elsewhere(backend, scene, spacing, progress, given), None)
     asked, rest = options_of(scene, spacing, given)
-    solver, form = SolverOptions.of(rest), module_of(asked.form)
+    solver, form = (
+        SolverOptions.of(rest, (*every_option(), *declared(Asked), *declared(Checkpointing))),
+        module_of(asked.form),
+    )
     form.check(scene, asked)
     return lambda: form.discretize(scene, asked, progress), solver, asked
 

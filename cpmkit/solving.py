@@ -19,6 +19,7 @@ from cpmkit.linear.choice import SolverOptions
 from cpmkit.preparing import solved
 from cpmkit.runtime.declared import showing, take
 from cpmkit.runtime.shown_progress import ShownProgress, shown_progress
+from cpmkit.runtime.suggestions import did_you_mean
 from cpmkit.runtime.warn import warn_each
 from cpmkit.scene.equations import Solved
 from cpmkit.scene.scene import Scene
@@ -143,7 +144,10 @@ def discretize(
     """
     asked, others = options_of(scene, spacing, options)
     if others:
-        raise InputError(f"discretize has no option {next(iter(others))!r}; accepted are {', '.join(asked.as_dict())}.")
+        near = did_you_mean(next(iter(others)), asked.as_dict())
+        raise InputError(
+            f"discretize has no option {next(iter(others))!r}{near}; accepted are {', '.join(asked.as_dict())}."
+        )
     with shown_progress(progress) as shown:
         made: Discretized = module_of(asked.form).discretize(scene, asked, shown)
     return made

@@ -7,7 +7,7 @@ from typing import Any
 
 from cpmkit.forecast.parts import Explanation
 from cpmkit.forecast.rough import guessed
-from cpmkit.forms.choice import FORMS, module_of, options_of
+from cpmkit.forms.choice import FORMS, every_option, module_of, options_of
 from cpmkit.forms.options import Options
 from cpmkit.linear.choice import SolverOptions
 from cpmkit.protocols import Progress, no_progress
@@ -34,7 +34,7 @@ def explain(
         As ``solve`` would.
     """
     asked, rest = options_of(scene, spacing, options)
-    solver = SolverOptions.of(rest).solver
+    solver = SolverOptions.of(rest, every_option()).solver
     module_of(asked.form).check(scene, asked)
     if not rehearse:
         return guessed(scene, asked, solver)

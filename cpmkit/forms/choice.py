@@ -14,6 +14,7 @@ from cpmkit.grid.fitting import needed_spacing
 from cpmkit.manifold.abilities import has_finite_feet
 from cpmkit.manifold.local_source import largest_dim
 from cpmkit.runtime.declared import Declared, Option, declared, either, take
+from cpmkit.runtime.suggestions import did_you_mean
 from cpmkit.scene.equations_in_time import Wave
 from cpmkit.scene.scene import Scene
 
@@ -83,7 +84,8 @@ def form_named(form: Any, names: Iterable[str] = ()) -> str | None:
         If there is no such form, or the options belong to another one, or to several.
     """
     if not isinstance(form, str) or (form not in FORMS and form != AUTO):
-        raise InputError(f"form must be {', '.join(map(repr, FORMS))} or {AUTO!r}, got {shown(form)}.")
+        near = did_you_mean(form, (*FORMS, AUTO))
+        raise InputError(f"form must be {', '.join(map(repr, FORMS))} or {AUTO!r}, got {shown(form)}{near}.")
     chosen = None if form == AUTO else form
     for name in sorted(names, key=lambda name: len(_having(name))):  # what one form has says more than a value
         having, fitting = _having(name), _fitting(name, names)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,6 +15,7 @@ from cpmkit.plugins import call, factory, installed_kinds
 from cpmkit.protocols import LinearSolver
 from cpmkit.runtime.arrays import positive, whole
 from cpmkit.runtime.declared import Declared, declared, option
+from cpmkit.runtime.suggestions import did_you_mean
 
 #: Up to this many unknowns, by dimension of the manifold, a direct factorisation is the quicker one.
 DIRECT_UNKNOWNS = {0: 10**6, 1: 100_000, 2: 6_000, 3: 3_000}
@@ -112,15 +113,28 @@ class SolverOptions(Declared):
                 )
             make_solver(name, further)
             return
-        unknown = [key for key in further if key not in SOLVER_OPTIONS[name]]
-        if unknown:
-            accepted = ", ".join(SOLVER_OPTIONS[name]) or "none"
-            raise InputError(f"the solver {name!r} has no option {unknown[0]!r}; accepted are {accepted}.")
+        _check_further(name, further)
         if "max_iterations" in further:
             whole(further["max_iterations"], f"max_iterations of the solver {name!r}", 1)
 
     @classmethod
-    def of(cls, given: Mapping[str, Any]) -> SolverOptions:
-        """Return the options among keyword arguments; all that are not declared are the solver's own."""
+    def of(cls, given: Mapping[str, Any], others: Iterable[str] = ()) -> SolverOptions:
+        """Return the options among keyword arguments; all that are not declared are the solver's own.
+
+        One that a built-in solver lacks is answered with the one that may be meant, ``others`` among them.
+        """
         own = {name: given[name] for name in declared(cls) if name in given}
-        return cls(**own, further={name: value for name, value in given.items() if name not in own})
+        further = {name: value for name, value in given.items() if name not in own}
+        _check_further(given.get("solver", cls.solver), further, (*others, *declared(cls)))
+        return cls(**own, further=further)
+
+
+def _check_further(solver: Any, further: Mapping[str, Any], others: Iterable[str] = ()) -> None:
+    """Refuse options that a built-in solver lacks; a plugin's checks its own."""
+    accepted = SOLVER_OPTIONS.get(solver) if isinstance(solver, str) else None
+    unknown = [] if accepted is None else [key for key in further if key not in accepted]
+    if accepted is not None and unknown:
+        near = did_you_mean(unknown[0], (*accepted, *others))
+        raise InputError(
+            f"the solver {solver!r} has no option {unknown[0]!r}{near}; accepted are {', '.join(accepted) or 'none'}."
+        )

@@ -27,8 +27,10 @@ def read_side(key: str, value: Any, dim: int, where: str) -> Any:
     """Return what a boundary's key for its sides holds: a point, a transmission, or a condition."""
     if key == "left_of":
         return value
+    if key != "across":
+        return read_condition(value, dim, where)
     table = as_table(value, where)
-    if key != "across" or "kind" in table:
+    if "kind" in table:
         return read_condition(table, dim, where)
     for name in ("jump", "flux", "left", "right"):
         if name in table:
@@ -39,7 +41,8 @@ def read_side(key: str, value: Any, dim: int, where: str) -> Any:
 def read_condition(table: Any, dim: int, where: str) -> Condition:
     """Return the condition that a table with one kind, and perhaps an order, describes.
 
-    The kind is a key, of which the value is the datum, or, of a plugin's conditions, ``kind = NAME`` beside its keys.
+    A number, a formula or a list of them is a Dirichlet condition's. Else the kind is a key, of which the value is the
+    datum, or, of a plugin's conditions, ``kind = NAME`` beside its keys.
 
     Raises
     ------
@@ -48,6 +51,8 @@ def read_condition(table: Any, dim: int, where: str) -> Condition:
     PluginError
         If no installed plugin offers the kind.
     """
+    if _is_datum(table):
+        return Dirichlet(read_data(table, dim, where))
     table = as_table(table, where)
     order = {"order": table.pop("order")} if "order" in table else {}
     for given in order.values():
@@ -88,8 +93,14 @@ def _entries(kind: str, value: Any, dim: int, where: str) -> list[Any]:
     ]
 
 
+def _is_datum(value: Any) -> bool:
+    return isinstance(value, (int, float, str, list, VertexData)) and not isinstance(value, bool)
+
+
 def read_edge(table: Any, where: str) -> Any:
     """Return a function of the dimension that makes the edge's condition, or one a loop number."""
+    if _is_datum(table):
+        return lambda dim: read_condition(table, dim, where)
     table = as_table(table, where)
     if table and all(LOOP_NUMBER.fullmatch(key) for key in table):
         return lambda dim: {int(key): read_condition(value, dim, f"edge {key}") for key, value in table.items()}

@@ -57,7 +57,7 @@ def scene_tables(problem_needs: bool = True) -> Schema:
     """Return the schemas of a scene's tables; ``problem_needs`` is False where a study gives what is lacking."""
     every = kinds()
     sources = [one for one in every if one.sort == "source"]
-    edge = {"description": "What holds on the rim; or a table with one for each loop.", "type": "object"}
+    edge = {"description": "What holds on the rim; or a table with one for each loop."}
     condition = {"$ref": "#/definitions/condition"}
     sides: Schema = dict.fromkeys(SIDE_KEYS, condition) | {
         "left_of": {"description": "A point on the left.", "type": "array"},
@@ -108,7 +108,8 @@ def _condition() -> Schema:
     order = {"type": "integer", "minimum": 1, "maximum": 4}
     variants = [_table({kind: _value_of(kind), "order": order}, [kind]) for kind in CONDITIONS]
     offered = {"kind": {"type": "string"}, "order": order}
-    return {"anyOf": [*variants, _table(offered, ["kind"], further=True)]}
+    datum = {"description": "Dirichlet's.", "type": ["number", "string", "array"]}
+    return {"anyOf": [*variants, _table(offered, ["kind"], further=True), datum]}
 
 
 def _value_of(kind: str) -> Schema:

@@ -80,6 +80,34 @@ def test_numbers_and_formulas_are_dirichlet_conditions():
         assert bar.evaluate([[0.25, 0.0]])[0] == pytest.approx(1.25)
 
 
+def test_a_scene_file_takes_numbers_and_formulas_for_conditions(tmp_path):
+    file = tmp_path / "scene.toml"
+    file.write_text(
+        "[surface]\nkind = 'analytic.segment'\nstart = [0, 0]\nend = [1, 0]\nedge = { 0 = 1.0, 1 = '1 + x' }\n"
+        "[problem]\nkind = 'laplace'\n"
+        "[[boundary]]\nname = 'cut'\nkind = 'analytic.point'\nat = [0.5, 0]\nleft = '3*x'\nright = 2\n"
+    )
+    scene = ck.load_scene(file).scene
+    assert {one.kind for one in scene.conditions} == {"dirichlet"}
+    solution = ck.solve(scene, spacing=0.05)
+    assert solution.evaluate([0.5, 0.0], side="both") == pytest.approx([1.5, 2.0])
+    file.write_text(file.read_text().replace("right = 2", "right = true"))
+    with pytest.raises(ck.SceneError, match="right of .* must be a table, got True"):
+        ck.load_scene(file)
+
+
+@pytest.mark.parametrize(
+    ("given", "meant"),
+    [({"toleranc": 1e-3}, "tolerance"), ({"degre": 2}, "degree"), ({"form": "galerkn"}, "galerkin")],
+)
+def test_a_misspelt_option_is_answered_with_the_one_that_may_be_meant(given, meant):
+    with pytest.raises(ck.InputError, match=f"did you mean '{meant}'"):
+        ck.solve(CUT, 0.2, **given)
+    prepared = ck.prepare(CUT, 0.2)
+    with pytest.raises(ck.InputError, match="did you mean 'problem'"):
+        prepared.solve(problm=ck.Laplace())
+
+
 def test_data_of_a_prepared_scene_may_be_numbers():
     prepared = ck.prepare(CUT, spacing=0.1)
     doubled = prepared.solve(data={"cut": {"left": 2.0, "right": "0*x"}})
