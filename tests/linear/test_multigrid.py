@@ -15,6 +15,7 @@ from cpmkit.linear import multigrid_cycle, multigrid_matrix
 from cpmkit.linear.direct import Direct
 from cpmkit.linear.multigrid import Multigrid
 from cpmkit.linear.multigrid_matrix import UnsignedCsr, coarse_operator
+from cpmkit.linear.multigrid_symmetric import SymmetricCsr
 from cpmkit.linear.operators import Bordered, CsrOperator
 
 NOWHERE = np.zeros(0, dtype=np.int64)
@@ -198,3 +199,21 @@ def test_coarser_matrices_made_in_parts_are_whole(monkeypatch):
     coarse = coarse_operator(a, p)
     assert np.allclose(coarse.toarray(), (p.T @ a @ p).toarray(), atol=1e-13)
     assert coarse.nnz == (p.T @ a @ p).nnz
+
+
+@pytest.mark.parametrize("density", [0.0, 0.05, 0.6])
+def test_products_of_upper_halves_are_those_of_the_whole(density):
+    rng = np.random.default_rng(3)
+    half = random_array((60, 60), density=density, format="csr", rng=3)
+    a, p = (half + half.T).tocsr(), random_array((60, 17), density=0.2, format="csr", rng=4)
+    rows, x, b = SymmetricCsr.of(a), rng.standard_normal((60, 3)), rng.standard_normal((60, 3))
+    assert np.allclose(rows.residual(x, b), b - a @ x)
+    assert np.allclose(rows.apply(x[:, :1].copy()), a @ x[:, :1])
+    assert np.array_equal(rows.diagonal, a.diagonal())
+    inverse, move = rng.random(60), rng.standard_normal((60, 3))
+    moved = 0.5 * move + 2.0 * inverse[:, None] * (b - a @ x)
+    assert np.allclose(rows.step(x, b, inverse, 0.5, 2.0, move), x + moved)
+    assert np.allclose(move, moved)
+    coarse = rows.coarser(p).toarray()
+    assert np.allclose(coarse, (p.T @ a @ p).toarray())
+    assert np.array_equal(coarse, coarse.T)
