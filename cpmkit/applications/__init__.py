@@ -8,10 +8,14 @@ from typing import Any
 #: Public names and the modules that hold them, imported on first use.
 _PUBLIC = {
     "Distance": "geodesics",
+    "LogarithmicMap": "transport",
     "SurfaceMap": "harmonic_maps",
     "TangentField": "vector_fields",
+    "TransportedField": "transport",
     "geodesic_distance": "geodesics",
     "harmonic_map": "harmonic_maps",
+    "logarithmic_map": "transport",
+    "transport_vector": "transport",
     "vector_field": "vector_fields",
 }
 
