@@ -32,7 +32,7 @@ def revolution():
     wave = ck.source("cut.function", surface=surface, phi="z - 0.8 - 0.1*sin(3*arctan2(y, x))")
     east, west = (ring(surface, [x, -0.9, 0.3], 0.08) for x in (0.9, -0.9))
     directions = [(wave, {"left": "tangent", "right": "backwards"}), (east, [0, 0, 1]), (west, [0, 0, -1])]
-    return vector_field(surface, directions, spacing=0.05), {"view": (0.1, -1.0, 0.75)}
+    return vector_field(surface, directions, spacing=0.08), {"view": (0.1, -1.0, 0.75)}
 
 
 def moebius():
@@ -56,7 +56,7 @@ def cloud():
         (ring(surface, [0.0, 0.4, 0.4], 0.06), [0, 0, 1.0]),
         (ring(surface, [-0.35, -0.6, -0.1], 0.04), [0, -1.0, 0]),
     ]
-    return vector_field(surface, directions, spacing=0.035), {"view": (-1.0, 0.35, -0.6), "up": (0, 1.0, 0)}
+    return vector_field(surface, directions, spacing=0.05), {"view": (-1.0, 0.35, -0.6), "up": (0, 1.0, 0)}
 
 
 DESIGNS = {"revolution": revolution, "moebius": moebius, "cloud": cloud}

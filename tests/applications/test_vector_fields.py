@@ -13,6 +13,11 @@ from cpmkit.applications.tangent_fields import singularities
 
 SPHERE = ck.source("analytic.sphere")
 EQUATOR = ck.source("analytic.circle", normal=[0, 0, 1])
+DOUBLE_TORUS = ck.source(
+    "levelset.expression",
+    phi="(x*(x-1)**2*(x-2)+y**2)**2+z**2-0.03",
+    bounds=[[-0.4, -0.9, -0.4], [2.4, 0.9, 0.4]],
+)
 #: Polar angles of two circles on the sphere, and places between them.
 NORTH, SOUTH = 0.7, 2.0
 ANGLES, TURNS = np.random.default_rng(0).uniform([[NORTH + 0.02], [0]], [[SOUTH - 0.02], [2 * np.pi]], (2, 2000))
@@ -77,6 +82,24 @@ def test_indices_sum_to_the_euler_characteristic_of_any_field(kind: str, euler: 
         rng = np.random.default_rng(seed)
         vectors = rng.normal(size=3) + vertices @ rng.normal(size=(3, 3))
         assert sum(one.index for one in singularities(vertices, faces, vectors)) == euler
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_indices_on_a_double_torus_sum_to_minus_two(seed: int) -> None:
+    """Of a mesh so coarse that some slivers face their own corners' normals."""
+    vertices, faces = DOUBLE_TORUS.mesh(0.12)
+    rng = np.random.default_rng(seed)
+    vectors = rng.normal(size=3) + vertices @ rng.normal(size=(3, 3))
+    assert sum(one.index for one in singularities(vertices, faces, vectors)) == -2
+
+
+def test_a_field_along_a_moebius_strip_has_no_singularity_and_a_vortex_has_one() -> None:
+    vertices, faces = ck.source("parametric.moebius").mesh(0.1)
+    assert singularities(vertices, faces, _zonal(vertices)) == []
+    centre = vertices[faces[len(faces) // 2]].mean(axis=0)
+    found = singularities(vertices, faces, vertices - centre)
+    near = [one for one in found if np.linalg.norm(one.place - centre) < 0.1]
+    assert [abs(one.index) for one in near] == [1]
 
 
 def test_singularities_of_a_field_along_the_equator_are_at_the_poles() -> None:
