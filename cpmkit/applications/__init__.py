@@ -13,6 +13,10 @@ if TYPE_CHECKING:  # for type checkers and editors, the same names as in the tab
     from cpmkit.applications.geodesics import geodesic_distance as geodesic_distance
     from cpmkit.applications.harmonic_maps import SurfaceMap as SurfaceMap
     from cpmkit.applications.harmonic_maps import harmonic_map as harmonic_map
+    from cpmkit.applications.parallel_transport import LogarithmicMap as LogarithmicMap
+    from cpmkit.applications.parallel_transport import TransportedField as TransportedField
+    from cpmkit.applications.parallel_transport import logarithmic_map as logarithmic_map
+    from cpmkit.applications.parallel_transport import transport_vector as transport_vector
     from cpmkit.applications.signed_distances import SignedDistance as SignedDistance
     from cpmkit.applications.signed_distances import signed_distance as signed_distance
     from cpmkit.applications.texture import Texture as Texture
@@ -25,16 +29,20 @@ if TYPE_CHECKING:  # for type checkers and editors, the same names as in the tab
 _PUBLIC = {
     "ColouredSurface": "diffusion_curves",
     "Distance": "geodesics",
+    "LogarithmicMap": "parallel_transport",
     "SignedDistance": "signed_distances",
     "SurfaceMap": "harmonic_maps",
     "TangentField": "vector_fields",
     "Texture": "texture",
     "TexturedMesh": "texture",
+    "TransportedField": "parallel_transport",
     "bake": "texture",
     "diffusion_curves": "diffusion_curves",
     "geodesic_distance": "geodesics",
     "harmonic_map": "harmonic_maps",
+    "logarithmic_map": "parallel_transport",
     "signed_distance": "signed_distances",
+    "transport_vector": "parallel_transport",
     "vector_field": "vector_fields",
 }
 

@@ -118,7 +118,11 @@ class SurfaceMap:
         """
         seen = self._in_box if texture is None else texture
         mesh = self.solution.display_mesh()
-        return painted(self.solution, self.pull_back(seen)(mesh.points)).picture(path, **options)
+        return self.drawn_with(self.pull_back(seen)(mesh.points)).picture(path, **options)
+
+    def drawn_with(self, colours: Any) -> Solution:
+        """Return the source with ``colours`` (v, 3) at the vertices of ``solution.display_mesh()``, to be drawn."""
+        return painted(self.solution, colours)
 
     def _in_box(self, points: Floats) -> Floats:
         low, high = self.target.bounds

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.plugin import unit
+from cpmkit.plugin import vertex_normals
 from cpmkit.protocols import Floats, Ints
 
 
@@ -36,8 +36,10 @@ def singularities(vertices: Floats, faces: Ints, vectors: Floats) -> list[Singul
     """
     corners = vertices[faces]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals = _vertex_normals(len(vertices), faces, across)
+    normals = vertex_normals(vertices, faces)
     signs = np.where(np.einsum("fd,fcd->fc", across, normals[faces]) < 0, -1.0, 1.0)
+    if _turned_one_way(faces):  # a sliver that faces its own corners' normals is no other side of the surface
+        signs = np.ones_like(signs)
     planes = normals[faces] * signs[:, :, None]  # (f, 3, 3): the corners' normals, to the triangle's own side
     first = _perpendicular(planes)
     second = np.cross(planes, first)
@@ -51,12 +53,10 @@ def singularities(vertices: Floats, faces: Ints, vectors: Floats) -> list[Singul
     return [Singularity(corners[one].mean(axis=0), int(index[one])) for one in found]
 
 
-def _vertex_normals(count: int, faces: Ints, across: Floats) -> Floats:
-    """Return (count, 3) the unit sums at the vertices of their triangles' normals ``across`` (f, 3)."""
-    found = np.zeros((count, 3))
-    for k in range(3):
-        np.add.at(found, faces[:, k], across)
-    return unit(found)
+def _turned_one_way(faces: Ints) -> bool:
+    """Tell whether neighbouring triangles run opposite ways along their edge, all over the mesh."""
+    edges = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)])
+    return len(np.unique(edges, axis=0)) == len(edges)
 
 
 def _perpendicular(normals: Floats) -> Floats:

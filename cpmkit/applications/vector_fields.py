@@ -22,18 +22,22 @@ from typing import Any
 import numpy as np
 
 import cpmkit as ck
+from cpmkit.applications.arrows import APART_LENGTHS, arrows, spread
 from cpmkit.applications.coupling import tangential_coupling
 from cpmkit.applications.held import hold_along, hold_at
+from cpmkit.applications.painted import painted, with_triangles
 from cpmkit.applications.tangent_fields import Singularity, singularities
 from cpmkit.errors import InputError, shown
 from cpmkit.plugin import unit
 from cpmkit.protocols import ClosestPointSource, Floats, HasMesh
-from cpmkit.runtime.arrays import as_points
+from cpmkit.runtime.arrays import as_points, positive
 from cpmkit.solution.solution import Solution
 
 TRANSPORTS = ("parallel", "paper")
 #: Vectors whose tangential part is a smaller share of them stand on the surface.
 LEAST_TANGENTIAL_SHARE = 1e-6
+#: Length of an arrow over the surface's size, and colours of a picture.
+ARROW_SHARE, IVORY, INDIGO = 0.045, (0.93, 0.92, 0.9), (0.10, 0.25, 0.55)
 #: Directions along a curve, by name: along it, and across it.
 NAMED = {"tangent": (0, 1.0), "backwards": (0, -1.0), "left": (1, 1.0), "right": (1, -1.0)}
 
@@ -58,7 +62,7 @@ class TangentField:
         surface = self.solution.scene.surface
         at = as_points(points, surface.dim)
         found = self.solution.evaluate(at, side)
-        found = _tangential(surface, at, found)
+        found = tangential(surface, at, found)
         return unit(found) if normalized else found
 
     @cached_property
@@ -73,6 +77,26 @@ class TangentField:
     def save(self, path: Any) -> None:
         """Write it as :meth:`cpmkit.Solution.save` does."""
         self.solution.save(path)
+
+    def picture(self, path: Any, *, length: float | None = None, **options: Any) -> Any:
+        """Draw arrows of one length that lie on the surface, as :meth:`cpmkit.Solution.picture` draws.
+
+        Parameters
+        ----------
+        path : str or Path
+            Of a PNG file.
+        length : float, optional
+            Of an arrow; a share of the surface's size unless given.
+        **options
+            As of :func:`cpmkit.view.picture`.
+        """
+        surface, mesh = self.solution.scene.surface, self.solution.display_mesh()
+        size = float(np.ptp(surface.bounds, axis=0).max())
+        length = ARROW_SHARE * size if length is None else positive(length, "length")
+        middles = mesh.points[spread(mesh.points, APART_LENGTHS * length)]
+        drawn = arrows(surface, middles, self.evaluate(middles, normalized=True), length)
+        plain = painted(self.solution, np.broadcast_to(IVORY, mesh.points.shape))
+        return with_triangles(plain, *drawn, INDIGO).picture(path, **options)
 
 
 def vector_field(
@@ -125,8 +149,7 @@ def vector_field(
     if transport not in TRANSPORTS:
         raise InputError(f"transport must be {' or '.join(TRANSPORTS)}, got {shown(transport)}.")
     scene = surface if isinstance(surface, ck.Scene) else ck.Scene(surface, ck.Laplace())
-    if scene.surface.dim != 3 or scene.surface.manifold_dim != 2:
-        raise InputError("fields of tangential vectors are made on surfaces in space.")
+    check_surface(scene.surface)
     if not directions:
         raise InputError("give directions at a point or along a curve at least.")
     boundaries = [one for number, pair in enumerate(directions) for one in _boundaries(number, pair, scene.surface)]
@@ -136,6 +159,18 @@ def vector_field(
     return TangentField(
         prepared.solve(problem=ck.Coupled(lambda points: coupling(points).reshape(-1, 3, 3))), transport
     )
+
+
+def check_surface(surface: ClosestPointSource) -> None:
+    """Refuse what is no surface in space.
+
+    Raises
+    ------
+    InputError
+        If it is another manifold.
+    """
+    if surface.dim != 3 or surface.manifold_dim != 2:
+        raise InputError("fields of tangential vectors are made on surfaces in space.")
 
 
 def _boundaries(number: int, pair: Any, surface: ClosestPointSource) -> list[ck.Boundary]:
@@ -153,7 +188,7 @@ def _boundaries(number: int, pair: Any, surface: ClosestPointSource) -> list[ck.
         return [hold_along(name, where, _along(where, surface, which))]
     points = surface.closest_point(np.atleast_2d(np.asarray(where, dtype=np.float64))).points
     given = np.broadcast_to(np.asarray(which, dtype=np.float64), points.shape)
-    vectors = _tangential(surface, points, given)
+    vectors = tangential(surface, points, given)
     if not (np.linalg.norm(vectors, axis=1) > LEAST_TANGENTIAL_SHARE * np.linalg.norm(given, axis=1)).all():
         raise InputError("a direction at a point must not be zero or stand on the surface.")
     return hold_at(f"direction {number}", points, unit(vectors))
@@ -167,14 +202,14 @@ def _along(curve: ClosestPointSource, surface: ClosestPointSource, which: Any) -
         (kind, sign), found = NAMED[which], ck.directions_along(curve, surface)
         return lambda points: sign * found(points)[kind]
     if callable(which):
-        return lambda points: unit(_tangential(surface, points, np.asarray(which(points), dtype=np.float64)))
+        return lambda points: unit(tangential(surface, points, np.asarray(which(points), dtype=np.float64)))
     vector = np.asarray(which, dtype=np.float64)
     if vector.shape != (3,):
         raise InputError(f"a direction along a curve is a name, a vector (3,) or a function, got {shown(which)}.")
-    return lambda points: unit(_tangential(surface, points, np.broadcast_to(vector, points.shape)))
+    return lambda points: unit(tangential(surface, points, np.broadcast_to(vector, points.shape)))
 
 
-def _tangential(surface: ClosestPointSource, points: Floats, vectors: Floats) -> Floats:
+def tangential(surface: ClosestPointSource, points: Floats, vectors: Floats) -> Floats:
     """Return the tangential parts (k, 3) of ``vectors`` (k, 3) at the points of a surface nearest to ``points``."""
     normals = ck.normals_at(surface, points)
     return np.asarray(vectors - np.einsum("kd,kd->k", normals, vectors)[:, None] * normals)

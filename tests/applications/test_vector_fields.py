@@ -13,6 +13,11 @@ from cpmkit.applications.tangent_fields import singularities
 
 SPHERE = ck.source("analytic.sphere")
 EQUATOR = ck.source("analytic.circle", normal=[0, 0, 1])
+DOUBLE_TORUS = ck.source(
+    "levelset.expression",
+    phi="(x*(x-1)**2*(x-2)+y**2)**2+z**2-0.03",
+    bounds=[[-0.4, -0.9, -0.4], [2.4, 0.9, 0.4]],
+)
 #: Polar angles of two circles on the sphere, and places between them.
 NORTH, SOUTH = 0.7, 2.0
 ANGLES, TURNS = np.random.default_rng(0).uniform([[NORTH + 0.02], [0]], [[SOUTH - 0.02], [2 * np.pi]], (2, 2000))
@@ -49,7 +54,10 @@ def _exact(transport: str) -> np.ndarray:
 
 
 @pytest.mark.parametrize("transport", ["parallel", "paper"])
-def test_directions_between_two_circles(transport: str) -> None:
+@pytest.mark.parametrize(
+    ("spacings", "most"), [((0.5, 0.3, 0.2), 0.03), pytest.param((0.4, 0.2, 0.1), 0.01, marks=pytest.mark.slow)]
+)
+def test_directions_between_two_circles(transport: str, spacings: tuple[float, ...], most: float) -> None:
     """Asked for: .15 degrees at .1, falling with the spacing."""
     circles = [
         ck.source("analytic.circle", center=[0, 0, np.cos(end)], radius=np.sin(end), normal=[0, 0, 1])
@@ -57,14 +65,14 @@ def test_directions_between_two_circles(transport: str) -> None:
     ]
     exact, means = _exact(transport), []
     exact /= np.linalg.norm(exact, axis=1, keepdims=True)
-    for spacing in (0.4, 0.2, 0.1):
+    for spacing in spacings:
         given = [(circles[0], _meridional), (circles[1], "tangent")]
         found = vector_field(SPHERE, given, spacing=spacing, transport=transport).evaluate(POINTS)
         means.append(np.degrees(np.arccos(np.clip(np.sum(found * exact, axis=1), -1, 1))).mean())
         assert np.abs(np.sum(found * POINTS, axis=1)).max() < 1e-9
-    assert means[-1] < 0.01
-    assert np.log2(means[0] / means[1]) > 1.5
-    assert np.log2(means[1] / means[2]) > 1.5
+    assert means[-1] < most
+    for k in (0, 1):
+        assert np.log(means[k] / means[k + 1]) / np.log(spacings[k] / spacings[k + 1]) > 1.2
 
 
 @pytest.mark.parametrize(("kind", "euler"), [("sphere", 2), ("torus", 0)])
@@ -74,6 +82,24 @@ def test_indices_sum_to_the_euler_characteristic_of_any_field(kind: str, euler: 
         rng = np.random.default_rng(seed)
         vectors = rng.normal(size=3) + vertices @ rng.normal(size=(3, 3))
         assert sum(one.index for one in singularities(vertices, faces, vectors)) == euler
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_indices_on_a_double_torus_sum_to_minus_two(seed: int) -> None:
+    """Of a mesh so coarse that some slivers face their own corners' normals."""
+    vertices, faces = DOUBLE_TORUS.mesh(0.12)
+    rng = np.random.default_rng(seed)
+    vectors = rng.normal(size=3) + vertices @ rng.normal(size=(3, 3))
+    assert sum(one.index for one in singularities(vertices, faces, vectors)) == -2
+
+
+def test_a_field_along_a_moebius_strip_has_no_singularity_and_a_vortex_has_one() -> None:
+    vertices, faces = ck.source("parametric.moebius").mesh(0.1)
+    assert singularities(vertices, faces, _zonal(vertices)) == []
+    centre = vertices[faces[len(faces) // 2]].mean(axis=0)
+    found = singularities(vertices, faces, vertices - centre)
+    near = [one for one in found if np.linalg.norm(one.place - centre) < 0.1]
+    assert [abs(one.index) for one in near] == [1]
 
 
 def test_singularities_of_a_field_along_the_equator_are_at_the_poles() -> None:
@@ -90,7 +116,7 @@ def test_a_curve_may_turn_the_field_on_its_two_sides() -> None:
 
 
 def test_a_direction_at_a_point_is_kept_there() -> None:
-    field = vector_field(SPHERE, [([[1, 0, 0], [0, 1, 0]], [0, 0.3, 1.0]), ([0, 0, 1], [1, 0, 0])], spacing=0.1)
+    field = vector_field(SPHERE, [([[1, 0, 0], [0, 1, 0]], [0, 0.3, 1.0]), ([0, 0, 1], [1, 0, 0])], spacing=0.2)
     found = field.evaluate([[1.0, 0, 0], [0, 1, 0], [0, 0, 1]])
     exact = np.array([[0, 0.3, 1], [0, 0, 1], [1, 0, 0]])
     np.testing.assert_allclose(found, exact / np.linalg.norm(exact, axis=1, keepdims=True), atol=0.02)
