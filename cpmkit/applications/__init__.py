@@ -7,13 +7,13 @@ from typing import Any
 
 #: Public names and the modules that hold them, imported on first use.
 _PUBLIC = {
-    "ColouredSurface": "diffusion_curves",
+    "ColouredSurface": "colouring",
     "Distance": "geodesics",
     "TangentField": "vector_fields",
     "Texture": "texture",
     "TexturedMesh": "texture",
     "bake": "texture",
-    "diffusion_curves": "diffusion_curves",
+    "diffusion_curves": "colouring",
     "geodesic_distance": "geodesics",
     "vector_field": "vector_fields",
 }
