@@ -11,7 +11,7 @@ import numpy as np
 import cpmkit as ck
 from cpmkit.applications import ColouredSurface, diffusion_curves
 
-SPACING = 0.03  # the model is 1.8 long
+SPACING = 0.04  # the model is 1.8 long
 VIEW = {"view": (-1.0, 0.4, -0.5), "up": (0, 1, 0)}
 BACK = ((0, 0.26, 0.45), (0, 0.25, 0.75), (0, 0.1, 0.93))  # along the spine
 NECK = ((0.3, 0.2, -0.05), (0, 0.45, 0.15), (-0.3, 0.2, -0.05), (0, -0.1, -0.25))
@@ -42,7 +42,7 @@ def main(picture: Path = Path("diffusion-curves.png"), spacing: float = SPACING)
         ),
     }
     found = diffusion_curves(cow, curves, spacing=spacing)
-    found.picture(picture, width=1200, **VIEW)
+    found.picture(picture, width=900, **VIEW)
     return found
 
 
