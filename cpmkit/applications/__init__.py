@@ -27,7 +27,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same names as in the tab
 
 #: Public names and the modules that hold them, imported on first use.
 _PUBLIC = {
-    "ColouredSurface": "diffusion_curves",
+    "ColouredSurface": "colouring",
     "Distance": "geodesics",
     "LogarithmicMap": "parallel_transport",
     "SignedDistance": "signed_distances",
@@ -37,7 +37,7 @@ _PUBLIC = {
     "TexturedMesh": "texture",
     "TransportedField": "parallel_transport",
     "bake": "texture",
-    "diffusion_curves": "diffusion_curves",
+    "diffusion_curves": "colouring",
     "geodesic_distance": "geodesics",
     "harmonic_map": "harmonic_maps",
     "logarithmic_map": "parallel_transport",

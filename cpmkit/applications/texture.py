@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 import cpmkit as ck
-from cpmkit.applications.diffusion_curves import ColouredSurface
+from cpmkit.applications.colouring import ColouredSurface
 from cpmkit.errors import InputError
 from cpmkit.files.png_files import write_png
 from cpmkit.protocols import Bools, Floats, Ints

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import cpmkit as ck
-from cpmkit.applications import diffusion_curves
+from cpmkit.applications import ColouredSurface, diffusion_curves
 from cpmkit.applications.curve_colours import Along, colour_data
 from cpmkit.errors import InputError, SceneError
 
@@ -54,6 +54,7 @@ def test_colours_along_a_curve_are_the_same_from_arrays_names_and_files(tmp_path
 def test_colours_are_met_on_both_sides():
     data = {"left": ["red", "lime", "red"], "right": "#0000ff"}
     found = diffusion_curves(SPHERE, [(EQUATOR, data)], spacing=0.2)
+    assert isinstance(found, ColouredSurface)
     angle = np.linspace(0, 6, 20)
     on = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
     exact = colour_data(data["left"], Along(EQUATOR), "left")(on)
@@ -118,3 +119,38 @@ def test_a_damaged_list_of_colours_is_refused(tmp_path):
     (tmp_path / "colours.csv").write_text("red,green,blue\n0,0,1\n")
     with pytest.raises(InputError, match=r"colours\.csv' must hold lines of three numbers"):
         diffusion_curves(SPHERE, [(EQUATOR, tmp_path / "colours.csv")], spacing=0.3)
+
+
+@pytest.mark.slow
+def test_the_square_of_the_paper_keeps_to_its_colours():
+    """The curve crosses itself at (-0.5, 0) in a loop 0.013 long, whose right side lies inside the large loop."""
+    from matplotlib.path import Path
+
+    spacing = 0.01
+    angle = np.linspace(0, 2 * np.pi, 20001)
+    size = (np.cos(angle) * (3.5 + np.sin(3 * angle) + np.sin(4 * angle)) + 3.5) / 7
+    curve = np.stack([size * np.cos(angle) - 0.5, size * np.sin(angle)], axis=1)
+
+    def left(x):
+        return np.stack([0.9 * (0.5 - 0.5 * x), 0.8 * (0.5 + 0.5 * x), 0 * x + 0.1], axis=1)
+
+    def right(x):
+        return left(x)[:, [2, 1, 0]]
+
+    source = ck.source("parametric.planar_curve", translation=[0, 0.5])
+    box = ck.source("analytic.box", lower=[-1, -1], upper=[1, 1])
+    sides = {"left": lambda points: left(points[:, 0]), "right": lambda points: right(points[:, 0])}
+    points = RNG.uniform(-0.99, 0.99, (20000, 2))
+    found = diffusion_curves(box, [(source, sides)], spacing=spacing).evaluate(points)
+    large = size >= 0
+    inside = Path(curve[large]).contains_points(points)
+    away = np.linalg.norm(points - [-0.5, 0], axis=1) > 3 * spacing
+    outer = right(curve[large, 0])
+    inner = np.concatenate([left(curve[large, 0]), right(curve[~large, 0])])
+    for part, held in ((~inside, outer), (inside, inner)):
+        seen = found[part & away]
+        assert (seen > held.min(axis=0) - 1e-2).all()
+        assert (seen < held.max(axis=0) + 1e-2).all()
+    # beyond the loop its blue falls as that of a slit's end: by 2 / pi arctan(sqrt(length / distance))
+    blue = found[inside & (np.linalg.norm(points - [-0.5, 0], axis=1) > 0.2), 2]
+    assert (blue < 0.1 + 0.57 * 2 / np.pi * np.arctan(np.sqrt(0.03 / 0.2))).all()

@@ -125,5 +125,5 @@ def test_each_name_of_the_facade_serves_a_plugin_or_is_a_part_of_its_contract():
 
 
 def test_an_unknown_name_is_refused_by_naming_the_page():
-    with pytest.raises(AttributeError, match=r"no attribute 'solve'; .*plugin-api\.md"):
-        cpmkit.plugin.solve  # noqa: B018
+    with pytest.raises(AttributeError, match=r"no attribute 'prepare'; .*plugin-api\.md"):
+        cpmkit.plugin.prepare  # noqa: B018

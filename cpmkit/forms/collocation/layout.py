@@ -171,9 +171,7 @@ def _compared(layout: Layout, time: float | None) -> Layout:
     """Return the layout with what the data of boundaries that meet do to each other."""
     seen, lattice, channels = layout.boundaries, layout.lattice, layout.channels
     crossings, strips = find_encounters(seen, lattice, channels, time)
-    return replace(
-        layout, sector_jumps=crossings, strips=strips, blurs=find_blurs(seen, layout.band, lattice, channels, time)
-    )
+    return replace(layout, sector_jumps=crossings, strips=strips, blurs=find_blurs(seen, lattice, channels, time))
 
 
 def with_data_of(layout: Layout, scene: Scene) -> Layout:

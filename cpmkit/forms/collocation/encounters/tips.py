@@ -9,7 +9,6 @@ import numpy as np
 from cpmkit.errors import place
 from cpmkit.forms.collocation.boundary.on_band import BoundariesOnBand
 from cpmkit.forms.collocation.encounters.boundaries import DIFFERENT_DATA_SHARE
-from cpmkit.grid.band import Band
 from cpmkit.grid.lattice import Lattice
 from cpmkit.protocols import Floats
 from cpmkit.scene.alike import same_condition
@@ -18,7 +17,7 @@ from cpmkit.scene.laws import Value
 
 #: An end this many spacings from another boundary is closed by it.
 CLOSED_END_SPACINGS = 0.5
-#: Conormals at the feet of neighbouring nodes of one side face each other below this cosine: the angle is below 45
+#: Conormals at feet of one side face each other below this cosine: the angle is below 45
 #: degrees, or the flanks run side by side.
 FACING_FLANKS_COSINE = -0.7
 #: Nodes within so many spacings of the boundary are looked at.
@@ -56,16 +55,14 @@ class Blur:
     more: int = 0
 
 
-def find_blurs(
-    boundaries: BoundariesOnBand, band: Band, lattice: Lattice, channels: int, time: float | None = None
-) -> list[Blur]:
+def find_blurs(boundaries: BoundariesOnBand, lattice: Lattice, channels: int, time: float | None = None) -> list[Blur]:
     """Return where the sides of boundaries with unlike sides are not told apart."""
     found: list[Blur] = []
     for number, (boundary, one) in enumerate(zip(boundaries.given, boundaries.on_lattice, strict=True)):
         alike = same_condition(boundary.condition("left"), boundary.condition("right"))
         if one.has_sides and one.oriented.dimension > 1 and not alike:
             found += _tips(number, boundaries, lattice, channels, time)
-            found += _flanks(number, boundaries, band, lattice)
+            found += _flanks(number, boundaries, lattice)
             found += _ring(number, boundaries, lattice)
     return found
 
@@ -90,24 +87,27 @@ def _tips(number: int, boundaries: BoundariesOnBand, lattice: Lattice, channels:
     return []
 
 
-def _flanks(number: int, boundaries: BoundariesOnBand, band: Band, lattice: Lattice) -> list[Blur]:
-    """Find the medial axis of a boundary near it: there feet of neighbouring nodes jump from flank to flank."""
+def _flanks(number: int, boundaries: BoundariesOnBand, lattice: Lattice) -> list[Blur]:
+    """Find where a boundary faces itself: there the feet of neighbouring nodes jump from flank to flank.
+
+    Looked for among feet of the boundary, at whatever place of the lattice it lies.
+    """
+    from scipy.spatial import cKDTree
+
     view, h = boundaries.side_views[number], lattice.spacing
     near = view.take((view.distance < TIP_SEARCH_SPACINGS * h) & ~view.end)
-    place = np.full(len(band.nodes), -1)
-    place[near.rows] = np.arange(len(near.rows))
-    first, second = (place[each] for each in band.neighbours())
-    both = (first >= 0) & (second >= 0)
-    first, second = first[both], second[both]
+    if not len(near.rows):
+        return []
+    first, second = cKDTree(near.foot).query_pairs(2 * TIP_SEARCH_SPACINGS * h, output_type="ndarray").T
     facing = np.sum(near.conormal[first] * near.conormal[second], axis=1) < FACING_FLANKS_COSINE
-    facing &= near.signed[first] * near.signed[second] > 0
     first, second = first[facing], second[facing]
     chord = near.foot[second] - near.foot[first]
-    into = np.sign(near.signed[first])[:, None] * near.conormal[first]
-    opposite = np.sum(chord * into, axis=1) > 0.5 * np.linalg.norm(chord, axis=1)
+    into = [np.sum(chord * near.conormal[first], axis=1), -np.sum(chord * near.conormal[second], axis=1)]
+    width = np.linalg.norm(chord, axis=1)
+    opposite = (np.sign(into[0]) == np.sign(into[1])) & (np.abs(into).min(axis=0) > 0.5 * width)
     if not opposite.any():
         return []
-    first, second, width = first[opposite], second[opposite], np.linalg.norm(chord[opposite], axis=1)
+    first, second, width = first[opposite], second[opposite], width[opposite]
     widest = int(width.argmax())
     middle = 0.5 * (near.foot[first[widest]] + near.foot[second[widest]])
     return [Blur("flanks", number, lattice.to_scene(middle[None])[0], float(width[widest]))]

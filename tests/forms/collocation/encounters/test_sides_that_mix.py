@@ -98,3 +98,16 @@ def test_three_curves_that_meet_are_told_and_two_are_not():
     told = ck.explain(ck.Scene(branches, ck.ScreenedPoisson(1.0)), 0.1, form="collocation", rehearse=True).told
     assert len([text for text in told if "3 curves meet at (1, 0), where no law holds" in text]) == 1
     assert not ck.explain(ck.Scene(corner, ck.ScreenedPoisson(1.0)), 0.1, rehearse=True).told
+
+
+def test_a_narrow_tip_is_told_wherever_the_lattice_lies():
+    """A wedge of 30 degrees along an axis of the lattice, whose medial axis passes nodes or runs between them."""
+    box, spacing = ck.source("analytic.box", lower=[-1, -0.5], upper=[0.2, 0.5]), 0.05
+    rise = 0.8 * np.tan(np.radians(15))
+    wedge = ck.source("mesh.polyline", points=[[-0.8, -rise], [0, 0], [-0.8, rise]])
+    scene = ck.Scene(box, ck.Laplace(), [ck.Boundary("wedge", wedge, left=ONE, right=ZERO)])
+    for origin in [*np.random.default_rng(0).uniform(0, spacing, (3, 2)), [0.0, spacing / 2]]:
+        made = ck.discretize(scene, spacing, form="collocation", origin=origin)
+        (blur,) = [one for one in made.tables.layout.blurs if one.kind == "flanks"]
+        assert 0 < blur.size < 2 * spacing
+        assert np.linalg.norm(blur.point) < 2 * spacing / np.tan(np.radians(15))
