@@ -123,8 +123,10 @@ def check_file(path: str | Path, surface: ClosestPointSource, vertices: str = "d
         )
     if suffix in (".vtp", ".vtu", ".pvd") and find_spec("pyvista") is None:
         raise MissingDependencyError(f"{suffix} files are written by pyvista; {to_install('view')} adds it.")
-    if suffix in FILMS and find_spec("imageio") is None:
-        raise MissingDependencyError(f"{suffix} files are written by imageio; {to_install('view')} adds it.")
+    if suffix == ".mp4" and (find_spec("imageio") is None or find_spec("imageio_ffmpeg") is None):
+        raise MissingDependencyError(
+            f".mp4 films are written by imageio and imageio-ffmpeg; {to_install('view')} adds them."
+        )
 
 
 def write_summary(summary: Mapping[str, Any], path: str | Path) -> None:

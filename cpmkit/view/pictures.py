@@ -22,7 +22,6 @@ from cpmkit.view.camera import axes_of
 from cpmkit.view.colours import Bar, make_bar
 from cpmkit.view.drawing import Drawing, draw
 from cpmkit.view.layout import composed, grid, model_width, write_png
-from cpmkit.view.raster import pixels
 from cpmkit.view.shapes import Shapes
 
 if TYPE_CHECKING:
@@ -160,6 +159,8 @@ def painted(
     drawing: Drawing, solution: Solution, mesh: DisplayMesh, values: Floats, bar: Bar | None, look: Look
 ) -> Floats:
     """Return the model (rows, columns, 3), from 0 to 1, with the lines that its values make."""
+    from cpmkit.view.raster import pixels  # compiles
+
     ink = [drawing.ink]
     if look.isolines:
         if bar is None:

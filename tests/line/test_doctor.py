@@ -14,11 +14,6 @@ from cpmkit.errors import CpmkitWarning
 runner = pytest.importorskip("click.testing").CliRunner()
 
 
-@pytest.fixture(autouse=True)
-def answering(monkeypatch):
-    monkeypatch.setattr("cpmkit.view.probe", lambda: "")
-
-
 def test_what_is_installed_is_reported(monkeypatch):
     monkeypatch.setenv("CPMKIT_DATA", "/somewhere")
     found = diagnose()
@@ -34,7 +29,7 @@ def test_what_is_installed_is_reported(monkeypatch):
 
 
 def test_what_is_absent_is_said_with_the_way_to_add_it(monkeypatch):
-    monkeypatch.setattr(doctor, "DISTRIBUTIONS", ("matplotlib", "pyvista", "cpmkit-no-such"))
+    monkeypatch.setattr(doctor, "DISTRIBUTIONS", ("matplotlib", "pyvista", "imageio", "cpmkit-no-such"))
     monkeypatch.setattr("cpmkit.saving.summary.version", _absent)
     monkeypatch.setattr(doctor, "installed_kinds", list)
     found = diagnose()

@@ -43,8 +43,10 @@ def test_the_frames_are_of_one_scale_and_one_size(cooling):
     bars = [image[20:, 180:] for image in images]
     for bar in bars[1:]:
         np.testing.assert_array_equal(bar, bars[0])
-    lowest = colour_table("viridis")[:13]  # a twentieth of the bar
-    shares = [(np.abs(image[30:, :170, None] / 255 - lowest).max(axis=3).min(axis=2) < 0.02).mean() for image in images]
+    highest = colour_table("viridis")[-13:]  # a twentieth of the bar
+    shares = [
+        (np.abs(image[30:, :170, None] / 255 - highest).max(axis=3).min(axis=2) < 0.02).mean() for image in images
+    ]
     assert shares[0] > 0.01
     assert shares[-1] == 0  # it cools
 

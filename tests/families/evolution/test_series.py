@@ -13,6 +13,7 @@ from cpmkit.cli import main
 from cpmkit.errors import SceneError
 from cpmkit.saving.export import save
 from cpmkit.saving.series import draw_frames
+from cpmkit.scenefile.look import Look
 
 POINTS = on_circle(np.linspace(0, 6, 50))
 
@@ -106,14 +107,19 @@ def test_without_frames_there_is_no_series(tmp_path):
 
 
 def test_frames_are_drawn_in_the_same_colours(tmp_path, monkeypatch):
-    drawn = []
-    monkeypatch.setattr("cpmkit.view.picture", lambda frame, path, **options: drawn.append((path.name, options)))
+    bars = []
+
+    def composed(model, bar, title, width):
+        bars.append((title, *bar.ends))
+        return np.zeros((4, 4, 3), dtype=np.uint8)
+
+    monkeypatch.setattr("cpmkit.view.film.composed", composed)
     solution = ck.solve(scene(heat(frames=2)), 0.2)
-    draw_frames(solution, tmp_path / "u.png", width=300)
-    assert [name for name, _ in drawn] == ["u-0000.png", "u-0001.png", "u-0002.png"]
-    spans = {options["span"] for _, options in drawn}
-    assert len(spans) == 1
-    low, high = spans.pop()
+    files = draw_frames(solution, tmp_path / "u.png", Look(width=300))
+    assert [file.name for file in files] == ["u-0000.png", "u-0001.png", "u-0002.png"]
+    assert all(file.stat().st_size > 0 for file in files)
+    assert [title for title, *_ in bars] == [f"t = {frame.time:.4g}" for frame in solution.frames]
+    ((low, high),) = {(low, high) for _, low, high in bars}
     assert low <= -0.9
     assert high >= 0.9
 
