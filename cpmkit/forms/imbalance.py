@@ -93,25 +93,25 @@ class Imbalance:
 def _of_data(one: Imbalance) -> str:
     worst = one.value[one.shares.index(one.relative)]
     return (
-        f"The data do not balance on the piece of the manifold {one.where}: f brings in {worst:.4g} a unit of "
-        f"measure more than flows out, {one.relative:.2g} of the data's mean size where the spacing explains "
-        f"{one.explained:.2g}; f less that was solved, check f and the fluxes."
+        f"The data do not balance on the piece of the manifold {one.where}, so no solution fits them: check f and the "
+        f"fluxes; what was too much in f was left out. f brings in {worst:.4g} a unit of measure more than flows out, "
+        f"{one.relative:.2g} of the data's mean size where the spacing explains {one.explained:.2g}."
     )
 
 
 def _of_mean(one: Imbalance) -> str:
     worst, share = max(one.value, key=abs), f"{one.relative:.1%}"
     return (
-        f"c times the mean of u missed the mean of f by {worst:.3g} on a piece that nothing flows out of, {share} of "
-        "the range of u: creases or thin parts that the spacing does not resolve let it leak; the mean was put right, "
-        f"the rest of the solution may be off by up to {share} of its range."
+        "The solution leaks at creases or thin parts that the spacing does not resolve; use a smaller one. Its mean "
+        f"was put right, the rest of the solution may be off by up to {share} of its range: on a piece that nothing "
+        f"flows out of, c times the mean of u missed the mean of f by {worst:.3g}."
     )
 
 
 def _of_fluxes(one: Imbalance) -> str:
     return (
-        f"Balancing the fluxes moved u by {one.relative:.1%} of its range: creases or thin parts that the "
-        "spacing does not resolve let it leak; near them the solution may still be off by as much."
+        "The solution leaks at creases or thin parts that the spacing does not resolve; use a smaller one. Balancing "
+        f"the fluxes moved u by {one.relative:.1%} of its range, and near them it may still be off by as much."
     )
 
 

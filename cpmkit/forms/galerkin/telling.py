@@ -174,10 +174,10 @@ def of_turning(turned: Turned, lattice: Lattice) -> Iterator[str]:
     """Tell where the manifold is thin or folded on the lattice."""
     if turned.share > TURNED_SHARE:
         yield (
-            f"The manifold is thin, folded or creased on this lattice: {turned.share:.0%} of it lies on splines that "
-            f"see it from several sides, most near {place(lattice.to_scene(turned.near))}; the error may fall slowly "
-            "there, and up to three spacings of the way along the manifold may be missing at a fold; use a smaller "
-            "spacing."
+            "Errors may be large, and fall slowly, where the manifold is thin, folded or creased on this lattice; use "
+            f"a smaller spacing. {turned.share:.0%} of it lies on splines that see it from several sides, most near "
+            f"{place(lattice.to_scene(turned.near))}; at a fold up to three spacings of the way along the manifold may "
+            "be missing."
         )
 
 

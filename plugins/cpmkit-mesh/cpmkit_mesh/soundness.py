@@ -73,6 +73,7 @@ def _crease_sentences(mesh: TriangleMesh, spacing: float) -> list[str]:
     sharpest = int(np.argmax(creases.angle))
     beside = _share_beside(mesh, creases, areas, BESIDE_CREASE_SPACINGS * spacing)
     return [
+        "The mesh has creases, beside which the solution is less accurate: "
         f"{len(creases.angle)} edges of the mesh turn by more than {mesh.crease_angle:g} degrees, the sharpest by "
         f"{np.rad2deg(creases.angle[sharpest]):.0f} near {_near(mesh, creases.ends[sharpest])}, and "
         f"{beside:.0%} of the surface lies within two spacings of them: " + _consequence(mesh.smooth, creases, spacing)

@@ -69,32 +69,34 @@ class UnresolvedFeature:
         harm = f"about {self.error:.1%} of the solution's range, where it flows across"
         if self.kind == "crease":
             return (
-                f"The surface has creases: it turns at one place by {self.typical:.0f} degrees typically, by "
-                f"{self.worst:.0f} at most {where}, and {self.share:.1%} of it lies within a stencil's reach of them; "
-                f"expect an error of {harm}, which a smaller spacing hardly lessens."
+                "The surface has creases. Beside them the solution is less exact, and a smaller spacing hardly lessens "
+                f"that: expect an error of {harm}. The surface turns at one place by {self.typical:.0f} degrees "
+                f"typically, by {self.worst:.0f} at most {where}; {self.share:.1%} of it lies within a stencil's reach "
+                "of a crease."
             )
         if self.kind == "bend":
             return (
-                f"{self.share:.1%} of the surface bends more sharply than the band is wide, with a radius of "
-                f"{self.typical:.3g} typically, of {self.worst:.3g} at the sharpest {where}; expect an error of "
-                f"{harm}; a spacing of {self.cure:.2g} resolves most of it."
+                "Part of the surface bends more sharply than the band is wide, and the solution is less exact there; a "
+                f"spacing of {self.cure:.2g} resolves most of it. That part is {self.share:.1%} of the surface, with a "
+                f"radius of {self.typical:.3g} typically, of {self.worst:.3g} at the sharpest {where}; expect an error "
+                f"of {harm}."
             )
         if self.kind == "limbs":
             return (
-                f"Limbs side by side read each other across the valley between them, {self.worst:.3g} wide where it is "
-                f"worst {where}, {self.typical:.3g} typically, on {self.share:.1%} of the surface: values of one show "
-                f"on the other, an error of about {self.error:.1%} of the solution's range where they differ; a "
-                f'spacing of {self.cure:.2g} parts them, and so may sheets="unfolded".'
+                "Limbs side by side read each other across the valley between them, so that values of one show on the "
+                f'other; a spacing of {self.cure:.2g} parts them, and so may sheets="unfolded". The valley is '
+                f"{self.worst:.3g} wide where it is worst {where}, {self.typical:.3g} typically, on {self.share:.1%} "
+                f"of the surface; expect an error of about {self.error:.1%} of the solution's range where they differ."
             )
         if self.kind == "sheets":
             return (
-                f"On {self.share:.1%} of the surface two sheets are too near to each other to be parted, "
-                f"{self.typical:.3g} apart typically, {self.worst:.3g} at least {where}: values of one show on the "
-                f"other, an error of about {self.error:.1%} of the solution's range where they differ; a spacing of "
-                f"{self.cure:.2g} parts them."
+                "Two sheets of the surface are too near to each other to be parted, so that values of one show on the "
+                f"other; a spacing of {self.cure:.2g} parts them. They are {self.typical:.3g} apart typically, "
+                f"{self.worst:.3g} at least {where}, on {self.share:.1%} of the surface; expect an error of about "
+                f"{self.error:.1%} of the solution's range where values differ."
             )
         return (
-            f"On {self.share:.1%} of the surface, for one {where}, stencils read nodes of a sheet that is not theirs, "
-            f"because no foot on their own was found; expect an error of about {self.error:.1%} of the solution's "
-            "range; a smaller spacing narrows the band."
+            "In places stencils read nodes of a sheet that is not theirs, because no foot on their own was found; a "
+            f"smaller spacing narrows the band. These are {self.share:.1%} of the surface, for one {where}; expect an "
+            f"error of about {self.error:.1%} of the solution's range."
         )

@@ -38,9 +38,9 @@ def of_crossings(scene: Scene, mesh: SampleMesh, lattice: Lattice) -> Iterator[s
         first, second = (scene.boundaries[k].name for k in pair)
         more = f" and {len(jumps) - 1} more pairs" if len(jumps) > 1 else ""
         yield (
-            f"Boundaries {first!r} and {second!r}{more} cross with different values in the sectors around, near "
-            f"{place(where)}: within half a spacing of it the solution is off by up to a third of their difference, "
-            f"{jump:.3g}, and by a hundredth four spacings away."
+            f"Boundaries {first!r} and {second!r}{more} cross with different values near {place(where)}: do not trust "
+            "the solution just there; a smaller spacing narrows the spot. Within half a spacing of it the solution is "
+            f"off by up to a third of their difference, {jump:.3g}, and by a hundredth four spacings away."
         )
 
 
@@ -64,9 +64,9 @@ def of_tips(scene: Scene, mesh: SampleMesh, lattice: Lattice) -> Iterator[str]:
             more = f" and at {len(bad) - 1} more ends" if len(bad) > 2 else " and at its other end" * (len(bad) - 1)
             yield (
                 f"Boundary {boundary.name!r} ends near {place(where[bad[0]])}{more} with different values on its "
-                f"sides: within about a spacing, {lattice.spacing:.2g}, of the end the solution is off by up to a "
-                f"fifth of their difference, {apart[bad[0]]:.3g}; give both sides one value there, or a smaller "
-                "spacing."
+                "sides: do not trust the solution just there; give both sides one value there, or a smaller spacing. "
+                f"Within about a spacing, {lattice.spacing:.2g}, of the end it is off by up to a fifth of their "
+                f"difference, {apart[bad[0]]:.3g}."
             )
 
 
