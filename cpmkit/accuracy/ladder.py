@@ -79,7 +79,7 @@ def _accepted(way: Way, aim: float) -> bool:
     share = ACCEPTED_SHARE if len(_known(way)) > 1 else FIRST_SHARE
     prior = way.last.solution.discretized.order_of_difference(MOST_FACTOR)
     slower = (MOST_FACTOR**prior - 1) / (MOST_FACTOR ** min(order(way), prior) - 1)
-    return way.error * slower <= share * aim
+    return bool(way.error * slower <= share * aim)
 
 
 def _done(way: Way, aim: float) -> bool:
