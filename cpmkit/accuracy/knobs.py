@@ -22,13 +22,14 @@ RECORDED_KINDS = ("poisson", "screened")
 def worth_higher_degree(way: Way, aim: float) -> bool:
     """Return whether the way goes on with cubic splines.
 
-    Only where the record says something: no degree was asked for, nothing bounds a smooth closed surface that is
-    known exactly, and the error falls as it should.
+    Only where the record, which is one of seconds, says something: neither a degree nor a memory is asked for, nothing
+    bounds a smooth closed surface that is known exactly, and the error falls as it should.
     """
     form, scene = way.last.solution.discretized, way.scene
     return (
         not way.degree_given
         and aim > 0
+        and way.asked.memory is None
         and isinstance(form, Galerkin)
         and form.sampled.mesh.manifold_dim == 2
         and form.sampled.bend == "feet"

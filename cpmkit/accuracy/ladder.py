@@ -72,7 +72,14 @@ def walk(way: Way) -> tuple[Status, float]:
 
 
 def _accepted(way: Way, aim: float) -> bool:
-    return way.error <= (ACCEPTED_SHARE if len(_known(way)) > 1 else FIRST_SHARE) * aim
+    """Return whether the estimate is below what is aimed at, also where errors fall more slowly than it takes them to.
+
+    So they do while a layer is about as wide as a spacing.
+    """
+    share = ACCEPTED_SHARE if len(_known(way)) > 1 else FIRST_SHARE
+    prior = way.last.solution.discretized.order_of_difference(MOST_FACTOR)
+    slower = (MOST_FACTOR**prior - 1) / (MOST_FACTOR ** min(order(way), prior) - 1)
+    return bool(way.error * slower <= share * aim)
 
 
 def _done(way: Way, aim: float) -> bool:

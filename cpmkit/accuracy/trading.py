@@ -118,7 +118,8 @@ def _told(way: Way, status: Status, aim: float, estimate: ErrorEstimate | None) 
         )
     if asked.tolerance is None:
         return f"{asked.seconds:g} seconds were not enough, it took {way.elapsed:.2g}: {error}{slow}."
-    return f"tolerance {asked.tolerance:g} not reached: {error}, the finest that {_limits(way)} allow{slow}."
+    doubt = "; errors do not fall yet as they should" if way.error <= asked.tolerance else ""
+    return f"tolerance {asked.tolerance:g} not reached: {error}, the finest that {_limits(way)} allow{doubt}{slow}."
 
 
 def _chosen(way: Way) -> str:
