@@ -33,7 +33,7 @@ from cpmkit.applications.heat import (
 from cpmkit.applications.origins import Origins, origins_of
 from cpmkit.applications.spacings import Measured, measured
 from cpmkit.applications.transport import HELD_SPACINGS, carried
-from cpmkit.errors import InputError, shown
+from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.plugin import dots, unit
 from cpmkit.preparing import Prepared
 from cpmkit.protocols import ClosestPointSource, Floats
@@ -106,7 +106,8 @@ def signed_distance(
     Raises
     ------
     InputError, SceneError
-        If an argument is not what is accepted, or a piece of the surface has no curve.
+        If an argument is not what is accepted, a piece of the surface has no curve, or curves do not part one left from
+        one right.
 
     Examples
     --------
@@ -134,14 +135,32 @@ def _measured(prepared: Prepared, given: Origins, rounds: int) -> SignedDistance
     along = [ck.boundary_points(one, manifold, prepared.discretized.spacing) for one in given.curves]
     field = _upwards(prepared, given, along)
     phi = heat_solver(prepared).solve(problem=ck.Poisson(field.divergence(-1.0)))
-    on = phi.evaluate(np.concatenate([one.points for one in along]))
-    offset = np.average(on, weights=np.concatenate([one.weights for one in along]))
-    phi = replace(phi, values=phi.values - offset)
+    phi = replace(phi, values=phi.values - _on_curves(phi, along))
     straight, across = _beside(given, prepared.points)
     for _ in range(rounds):
         phi = _carried(prepared, straight, across, field, phi)
         field = prepared.field(phi).gradient().map(lambda _, slopes: unit(slopes))
     return SignedDistance(solution=phi, curves=given, rounds=rounds)
+
+
+def _on_curves(phi: Solution, along: Sequence[BoundaryPoints]) -> float:
+    """Return the mean of phi on the curves, to be zero.
+
+    Raises
+    ------
+    SceneError
+        If curves ask for different constants.
+    """
+    means = np.concatenate(
+        [np.bincount(one.curve, one.weights * phi.evaluate(one.points)) / one.lengths for one in along]
+    )
+    if np.ptp(means) > phi.spacing:
+        raise SceneError(
+            f"the distance is to be zero on {len(means)} curves and differs by {np.ptp(means):.3g} between them: they "
+            "do not part one left from one right, or lie on pieces of the surface that do not hang together; turn some "
+            "round, or measure from fewer."
+        )
+    return float(np.average(means, weights=np.concatenate([one.lengths for one in along])))
 
 
 def _upwards(prepared: Prepared, curves: Origins, along: Sequence[BoundaryPoints]) -> ck.Field:
