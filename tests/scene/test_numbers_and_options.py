@@ -26,7 +26,7 @@ def test_an_order_of_a_special_condition_that_is_not_offered_is_refused(order):
             made(order=order)
 
 
-@pytest.mark.parametrize("value", [True, "1.0", None, np.nan, [1.0, "2"], np.array([True])])
+@pytest.mark.parametrize("value", [True, b"1.0", None, np.nan, [1.0, b"2"], np.array([True])])
 def test_what_is_no_number_is_no_datum(value):
     pin = ck.Boundary("pin", ck.source("analytic.point", at=[1, 0]), both=ck.Dirichlet(value))
     with pytest.raises(ck.InputError, match="boundary 'pin' must be a finite number"):
@@ -44,21 +44,21 @@ def test_a_callable_may_return_truth_values_and_no_text():
     "make",
     [
         lambda: ck.Robin(True, 1.0),
-        lambda: ck.Robin(1.0, "1"),
-        lambda: ck.Elliptic(c="1"),
+        lambda: ck.Robin(1.0, b"1"),
+        lambda: ck.Elliptic(c=b"1"),
         lambda: ck.Elliptic(c=True),
         lambda: ck.Elliptic(diffusivity=True),
         lambda: ck.Heat(0.0, "1", 0.1),
         lambda: ck.Heat(0.0, 1.0, True),
-        lambda: ck.Heat(0.0, 1.0, 0.1, c="1"),
+        lambda: ck.Heat(0.0, 1.0, 0.1, c=b"1"),
         lambda: ck.Heat(0.0, 1.0, 0.1, frames=["0.5"]),
         lambda: ck.Heat(0.0, 1.0, 0.1, frames=True),
         lambda: ck.Eigen(near=True),
-        lambda: ck.Eigen(c="1"),
+        lambda: ck.Eigen(c=b"1"),
         lambda: ck.Biharmonic(0.0, c=True),
         lambda: ck.NonlinearFlux(abs, guess="1"),
         lambda: ck.Transmission(resistance=False),
-        lambda: ck.Transmission(left="2"),
+        lambda: ck.Transmission(left=b"2"),
     ],
 )
 def test_true_and_text_are_no_numbers(make):

@@ -92,7 +92,7 @@ def test_a_scene_file_takes_numbers_and_formulas_for_conditions(tmp_path):
     solution = ck.solve(scene, spacing=0.05)
     assert solution.evaluate([0.5, 0.0], side="both") == pytest.approx([1.5, 2.0])
     file.write_text(file.read_text().replace("right = 2", "right = true"))
-    with pytest.raises(ck.SceneError, match="right of .* must be a table, got True"):
+    with pytest.raises(ck.SceneError, match=r"right of .* must be a table, got True"):
         ck.load_scene(file)
 
 
