@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 from cpmkit.runtime.lazy_names import lazy_names
 
 if TYPE_CHECKING:  # for type checkers and editors, the same names as in the table below
-    from cpmkit.applications.diffusion_curves import ColouredSurface as ColouredSurface
-    from cpmkit.applications.diffusion_curves import diffusion_curves as diffusion_curves
+    from cpmkit.applications.colouring import ColouredSurface as ColouredSurface
+    from cpmkit.applications.colouring import diffusion_curves as diffusion_curves
     from cpmkit.applications.geodesics import Distance as Distance
     from cpmkit.applications.geodesics import geodesic_distance as geodesic_distance
     from cpmkit.applications.harmonic_maps import SurfaceMap as SurfaceMap
