@@ -44,10 +44,10 @@ def examples(to: Path | None) -> None:
 
 
 @click.command()
-@click.argument("sort", type=click.Choice(["scene", "study"]))
+@click.argument("sort", type=click.Choice(["scene", "study"]), metavar="SORT")
 @traceback_option
 def schema(sort: str) -> None:
-    """Print the JSON schema of scene or study files, with the kinds that are installed.
+    """Print the JSON schema of files, SORT `scene` or `study`, with the kinds that are installed.
 
     Editors complete and check TOML by it: write it to a file, and begin a scene with the line `#:schema ./FILE`.
     """
