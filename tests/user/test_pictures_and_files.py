@@ -24,7 +24,7 @@ def test_a_two_sided_cut_both_values_to_a_ply_of_the_own_vertices(real_mesh, tmp
     read = meshio.read(tmp_path / "both.ply")
     assert np.array_equal(read.cells_dict["triangle"], faces)
     assert np.abs(read.points - vertices).max() == 0
-    assert np.array_equal(read.point_data["left"], solution.at_vertices())
+    assert np.array_equal(read.point_data["left"], solution.at_vertices("left"))
     near = np.abs(np.abs(read.point_data["left"]) - 1) < 1e-2
     assert near.mean() > 0.95  # each part takes the value of its side
 
