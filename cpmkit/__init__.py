@@ -30,8 +30,8 @@ if TYPE_CHECKING:  # for type checkers and editors, the same names as in the tab
     from cpmkit.plugins import read_texture_coordinates as read_texture_coordinates
     from cpmkit.plugins import source as source
     from cpmkit.preparing import prepare as prepare
-    from cpmkit.protocols import ClosestPointSource as ClosestPointSource
     from cpmkit.protocols import ClosestPoints as ClosestPoints
+    from cpmkit.protocols import ClosestPointSource as ClosestPointSource
     from cpmkit.saving.loading import load as load
     from cpmkit.scene.boundary import Boundary as Boundary
     from cpmkit.scene.compound_equations import Biharmonic as Biharmonic
