@@ -1,6 +1,6 @@
 """Geodesic distance, from heat, and from a transport equation whose solution is the distance.
 
-The heat method (Crane, Weischedel and Wardetzky 2013; King et al. (2024), section 5.2): heat v flows from the origins
+The heat method (Crane, Weischedel and Wardetzky 2013; King et al. (2024), section 7.2): heat v flows from the origins
 for a short time, X = -grad v / |grad v|, and the distance phi is what has this gradient, Lap phi = div X. Its heat step
 has a lumped mass here, so that v stays positive as far as it falls.
 

@@ -1,6 +1,6 @@
 """Harmonic maps from one curve or surface to another: the rest of u_t = P Lap u, P the projection on the target.
 
-After King et al. (2024), section 6.4, on the flow of Memoli, Sapiro and Osher (2004): coordinates of the map spread as
+After King et al. (2024), section 7.4, on the flow of Memoli, Sapiro and Osher (2004): coordinates of the map spread as
 heat, and are put back to the target's closest points after each step. What a step takes off the target, the normal
 part n of Lap u, is known from the step before, and added to the next one,
 

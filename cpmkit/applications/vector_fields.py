@@ -2,7 +2,7 @@
 
 ``parallel``: vectors go on as by parallel transport, P Lap (P u) = 0 with the connection's Laplacian, as in the vector
 heat method (Sharp, Soliman and Crane 2019). ``paper``: each coordinate goes on by itself, vectors are kept tangential,
-P Lap u = 0, the rest of the flow of King et al. (2024), section 5.3; it bends towards where the surface is flat.
+P Lap u = 0, the rest of the flow of King et al. (2024), section 7.3; it bends towards where the surface is flat.
 
 With n the normal, S = -grad n and componentwise energies |grad u|^2 = |P grad u|^2 + |S u|^2 of tangential u,
 

@@ -77,7 +77,7 @@ def test_every_plugin_is_in_the_list_that_windows_needs():
 
 def test_pictures_in_the_repository_are_small():
     for picture in (ROOT / "docs" / "images").iterdir():
-        assert picture.stat().st_size < 250_000, picture.name
+        assert picture.stat().st_size < 300_000, picture.name  # in full colours, which a palette of 256 falsifies
 
 
 def test_every_plugin_is_an_extra_of_the_core_and_all_of_them_are_one():

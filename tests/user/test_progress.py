@@ -3,6 +3,7 @@
 import io
 import logging
 import sys
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -86,7 +87,7 @@ def test_short_work_shows_nothing(terminal):
 
 def test_a_callback_gets_all_stages_and_what_is_no_choice_is_refused():
     told = []
-    for call in (ck.solve, ck.prepare, ck.explain, ck.discretize):
+    for call in (ck.solve, ck.prepare, partial(ck.explain, rehearse=True), ck.discretize):
         told.clear()
         call(SCENE, 0.2, progress=lambda stage, fraction: told.append((stage, fraction)))
         assert told
