@@ -1,8 +1,8 @@
 """Diffusion curves: colours held on both sides of curves, and as smooth as they can be between them.
 
 Each of the three channels solves the Laplace equation between the curves: in the plane Orzan et al. (2008), on
-manifolds King et al. (2024), section 7.1. By the maximum principle no colour between them is brighter or darker than those
-held on the sides that it sees.
+manifolds King et al. (2024), section 7.1. By the maximum principle no colour between them is brighter or darker than
+those held on the sides that it sees.
 """
 
 from __future__ import annotations
