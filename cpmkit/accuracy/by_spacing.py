@@ -69,7 +69,8 @@ def solve_by(
             "solve_by needs a tolerance, seconds or a memory"
             + (f", and takes no {next(iter(others))!r}." if others else ", none of which was given.")
         )
-    way = Way(scene, _quiet(recipe), goal, progress, order=order, trials=MOST_TRIALS)
+    # a recipe has no degree that could be chosen
+    way = Way(scene, _quiet(recipe), goal, progress, order=order, trials=MOST_TRIALS, degree_given=True)
     found = walked(way)
     warn_each(found.warnings)
     return found
