@@ -42,7 +42,7 @@ class SurfaceMap:
     target : ClosestPointSource
         Where it goes.
     energy : (steps + 1,) float64
-        Integrals of |grad u|^2 / 2, of the initial map and after each step.
+        Integrals of ``|grad u|^2 / 2``, of the initial map and after each step.
     at_rest : bool
         Whether the last step changed the energy by less than was asked for.
     """
