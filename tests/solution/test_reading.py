@@ -52,7 +52,7 @@ def test_points_far_from_the_manifold_are_refused(form, reach):
         solution.evaluate([[2.0, 0.0]])
 
 
-@pytest.mark.parametrize("points", [[[np.nan, 0.0]], [[1.0, 0.0, 0.0]], [1.0, 0.0], "here"])
+@pytest.mark.parametrize("points", [[[np.nan, 0.0]], [[1.0, 0.0, 0.0]], [1.0], "here"])
 def test_points_that_are_none(jump, points):
     with pytest.raises(ck.InputError, match="points must"):
         jump.evaluate(points)
