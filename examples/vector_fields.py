@@ -2,7 +2,7 @@
 
 Directions are given at points and along curves, as unit tangents. Each component is harmonic in between; the field
 is its part in the tangent plane. That is one Laplace problem with three channels, and not what King et al. (2024),
-section 6.3, come to by short steps of heat flow and projections: between two circles of a sphere its directions are 1.2
+section 7.3, come to by short steps of heat flow and projections: between two circles of a sphere its directions are 1.2
 degrees off at every spacing. ``cpmkit.applications.vector_field`` solves the right problem, with either transport.
 
     python examples/vector_fields.py revolution vectors-revolution.png
