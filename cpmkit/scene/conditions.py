@@ -56,6 +56,8 @@ def as_condition(given: Any) -> Any:
     """Return data, numbers, formulas and functions, as the Dirichlet condition of them; anything else as it is."""
     if isinstance(given, (Condition, bool, type)) or given is None:
         return given
+    if isinstance(given, (list, tuple)) and any(isinstance(one, Condition) for one in given):
+        return given  # no data of channels
     if isinstance(given, (int, float, str, list, tuple, np.ndarray, np.number)) or callable(given):
         return Dirichlet(given)
     return given

@@ -110,9 +110,9 @@ CUTS = {
 #: Where cut and rim meet at a slant the solution is no smoother than its corners: the Galerkin form's error is theirs
 #: (rms 2.4e-4, 1.1e-4, 2.7e-5 at 0.14, 0.0875, 0.0547), and three spacings show no order.
 FORMS = {"parametric.moebius": "collocation"}
-#: No manifolds to solve on; a polygon, whose corners leave an error at every spacing; and those that cross themselves.
+#: No manifolds to solve on; polygons, whose corners leave an error at every spacing; and those that cross themselves.
 OTHERS = {"analytic.point", "points", "cut.plane", "cut.function", "mesh.edge_loop", "mesh.feature_edges"}
-OTHERS |= {"mesh.polyline", "parametric.klein", "parametric.planar_curve"}
+OTHERS |= {"mesh.polyline", "mesh.path", "svg.path", "parametric.klein", "parametric.planar_curve"}
 
 
 def u(x):

@@ -159,7 +159,7 @@ def test_results_that_are_lost_are_told_with_those_that_are_there(run, square, m
     monkeypatch.setattr(cpmkit, "load_scene", lambda path: loaded, raising=False)
     monkeypatch.setattr(cpmkit, "solve", lambda scene, **how: square(3), raising=False)
 
-    def fail(solution, path):
+    def fail(solution, path, *vertices, **options):
         raise SceneError(f"{path} cannot be written: No space left on device.")
 
     monkeypatch.setattr("cpmkit.saving.results.save", fail)

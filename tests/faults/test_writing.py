@@ -135,11 +135,11 @@ def test_a_full_disk_is_told_and_the_earlier_file_stays(torus, tmp_path, name):
 
 @pytest.mark.parametrize("raised", [OSError(28, os.strerror(28)), MemoryError(), ZeroDivisionError("a defect")])
 def test_a_file_that_fails_keeps_no_other_from_being_written(square, tmp_path, monkeypatch, raised):
-    def fail(solution, path):
+    def fail(solution, path, *vertices, **options):
         if path.name == "lost.npz":
             with written_whole(path):
                 raise raised
-        save(solution, path)
+        save(solution, path, *vertices, **options)
 
     monkeypatch.setattr(results, "save", fail)
     request = OutputRequest(tmp_path / "r", ("lost.npz", "u.npz", "summary.json"), None)

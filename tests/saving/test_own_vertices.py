@@ -151,8 +151,8 @@ def test_polylines_and_clouds_have_their_points(tmp_path):
     line = ck.source("mesh.polyline", points=points)
     solution = ck.solve(ck.Scene(line, ck.ScreenedPoisson(lambda x: x[:, 0])), 0.1)
     values = solution.at_vertices()
-    assert np.array_equal(values, solution.evaluate(points))
-    assert values[0] == values[1] == values[-1]
+    np.testing.assert_allclose(values, solution.evaluate(points), rtol=1e-14)
+    np.testing.assert_allclose(values[[1, -1]], values[0], rtol=1e-14)  # the closing foot lies on another segment
     solution.save(tmp_path / "line.csv", vertices="own")
     assert len((tmp_path / "line.csv").read_text().splitlines()) == 43
     cloud = ck.source("pointcloud.points", points=points)

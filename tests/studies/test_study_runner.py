@@ -295,6 +295,7 @@ def test_the_time_step_is_tied_to_the_spacing():
     class Timed:
         step: float = 1.0
         until: float = 0.1
+        duration: float = 0.1
         kind: str = "heat"
 
     @dataclass(frozen=True)

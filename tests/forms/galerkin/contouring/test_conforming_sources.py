@@ -30,7 +30,7 @@ SHAPES = {
 #: Areas, and the length of an ellipse, of clouds, which do not draw themselves.
 AREAS = {"(curve)": 5.10539977, "small sphere": 4e-6 * pi, "sphere": 4 * pi, "torus of degree 4": 1.6 * pi**2}
 #: No surface, or one whose cells are taken as they are: coarse creases between its facets are no part of its shape.
-LEFT_OUT = ("mesh.triangles", "(nearest)")
+LEFT_OUT = ("mesh.triangles", "mesh.path", "svg.path", "(nearest)")
 #: Components of curves that have several.
 COMPONENTS = {"two circles": 2, "two loops": 2, "two open pieces": 2, "cut.function (torus)": 2}
 #: Kinds of curves that end, and how many ends they have; others are closed.
