@@ -5,11 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from cpmkit.protocols import Floats
 from cpmkit.solution.solution import Solution
 
 #: So many eigenvalues are told in a line.
 MOST_TOLD_EIGENVALUES = 4
+#: An eigenvalue below this share of the largest is zero but for rounding.
+ZERO_EIGENVALUE_SHARE = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +40,12 @@ class EigenSolution(Solution):
     eigenvalues: Floats
     imaginary: Floats
     residuals: Floats
+
+    @property
+    def titles(self) -> list[str]:
+        """A title for each mode, its eigenvalue to four digits; one that is zero but for rounding is 0."""
+        zero = ZERO_EIGENVALUE_SHARE * float(np.abs(self.eigenvalues).max(initial=0.0))
+        return [f"\N{GREEK SMALL LETTER LAMDA} = {value if abs(value) > zero else 0:.4g}" for value in self.eigenvalues]
 
     def arrays(self) -> dict[str, Any]:
         """Return the lattice, the nodes, the values and the eigenvalues as plain arrays."""

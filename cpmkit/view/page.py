@@ -79,8 +79,7 @@ def _fields(solution: Solution, look: Look) -> tuple[DisplayMesh, list[tuple[str
         most = float(np.abs(mesh.values).max())
         cmap = SIGNED_CMAP if look.cmap == Look.cmap else look.cmap
         signed = make_bar(mesh.values, look.clim or (-most, most), cmap, look.label, look.unit)
-        names = [f"\N{GREEK SMALL LETTER LAMDA} = {value:.4g}" for value in solution.eigenvalues]
-        return mesh, list(zip(names, mesh.values.T, strict=True)), signed
+        return mesh, list(zip(solution.titles, mesh.values.T, strict=True)), signed
     look = replace(look, vectors=False)
     if isinstance(solution, EvolvedSolution) and solution.frames and look.field != "error":
         meshes = solution.frame_meshes()

@@ -190,5 +190,5 @@ def _sheet(solution: EigenSolution, look: Look) -> tuple[Any, str]:
         painted(drawing, solution, mesh, mesh.values[:, k : k + 1], bar, replace(look, vectors=False))
         for k in range(solution.channels)
     ]
-    sheet = grid(tiles, [f"\N{GREEK SMALL LETTER LAMDA} = {value:.4g}" for value in solution.eigenvalues], columns)
+    sheet = grid(tiles, solution.titles, columns)
     return composed(sheet, bar, look.title, look.width), drawing.camera.told
