@@ -22,7 +22,7 @@ UNSTABLE_GROWTH = 4.0
 
 
 def heat_drift(problem: SemiDiscrete, scene: Scene, start: Floats, u: Floats, time: float) -> list[str]:
-    """Tell by how much heat was lost or gained up to ``time`` on pieces that nothing flows out of, where c is zero.
+    """Tell by how much heat was lost or gained in ``time`` on pieces that nothing flows out of, where c is zero.
 
     There the mean of u grows by the mean of f times the time, in every scheme.
     """
@@ -67,12 +67,14 @@ def wave_energy(problem: SemiDiscrete, moment: Moment, time: float) -> Floats | 
 class GrowthBound:
     """A bound of how large u may become: ``|u| <= start + rate t`` for heat, ``+ rate t + push t^2 / 2`` for waves.
 
-    Where A has no eigenvalue below zero and the data do not depend on time, the norm of u grows no faster.
+    t runs from ``begin``. Where A has no eigenvalue below zero and the data do not depend on time, the norm of u grows
+    no faster.
     """
 
     start: float
     rate: float
     push: float
+    begin: float = 0.0
 
     def check(self, u: Floats, time: float) -> None:
         """Refuse a solution that outgrew the bound.
@@ -82,7 +84,8 @@ class GrowthBound:
         ResolutionError
             If it did: that is proof of an eigenvalue of the wrong sign.
         """
-        bound = self.start + self.rate * time + 0.5 * self.push * time**2
+        elapsed = time - self.begin
+        bound = self.start + self.rate * elapsed + 0.5 * self.push * elapsed**2
         size = float(np.linalg.norm(u))
         if size > UNSTABLE_GROWTH * bound > 0:
             raise ResolutionError(
@@ -105,5 +108,5 @@ def growth_bound(problem: SemiDiscrete, scene: Scene, start: Moment) -> GrowthBo
     size, forced = float(np.linalg.norm(start.u)), float(np.linalg.norm(problem.steady))
     if isinstance(evolution, Wave):
         rate = 0.0 if start.rate is None else float(np.linalg.norm(start.rate))
-        return GrowthBound(size, rate, forced)
-    return GrowthBound(size, forced, 0.0)
+        return GrowthBound(size, rate, forced, start.time)
+    return GrowthBound(size, forced, 0.0, start.time)

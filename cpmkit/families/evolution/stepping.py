@@ -161,7 +161,7 @@ def _solution(
     form = context.discretized
     work = form.work(plan.problem.stiffness, report)
     told = [
-        *heat_drift(plan.problem, context.scene, plan.start.u, values, end),
+        *heat_drift(plan.problem, context.scene, plan.start.u, values, end - plan.start.time),
         *rest_sentence(form, plan.evolution, plan.start, state.history),
     ]
     warnings = (*form.warnings(), *run_warnings(plan.problem, plan.evolution, state.history), *told)

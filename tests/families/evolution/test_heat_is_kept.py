@@ -133,3 +133,14 @@ def test_values_at_vertices_are_data():
     with pytest.warns(ck.CpmkitWarning):
         read = ck.solve(ck.Scene(source, heat), 0.06).evaluate(vertices[::50])
     np.testing.assert_allclose(read[:, 0], read[:, 1], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("form", ["galerkin", "collocation"])
+def test_a_run_that_begins_later_keeps_heat_as_one_that_begins_at_zero(form):
+    sphere = ck.source("analytic.sphere")
+    runs = [
+        ck.solve(ck.Scene(sphere, ck.Heat(1.0, until=t0 + 0.1, step=0.05, f=1.0, t0=t0)), 0.3, form=form)
+        for t0 in (0.0, 5.0)
+    ]
+    assert not any("Heat was" in sentence for one in runs for sentence in one.warnings)
+    np.testing.assert_allclose(*(one.evaluate([[1, 0, 0]]) for one in runs), rtol=1e-9)
