@@ -202,10 +202,20 @@ class Prepared(Generic[Solved]):
         form.check_solver_fits(chosen)
         steps = scene.problem.family == "time"
         made = solver_of_steps(self.solver, chosen) if steps else make_solver(chosen, self.solver.further)
-        tolerance = self.solver.solver_tolerance
         with shown_progress(self.progress) as progress:
             return _solve_family(
-                SolveContext(form, made, chosen, tolerance, progress, started, checkpointing, guess, self.kept)
+                SolveContext(
+                    form,
+                    made,
+                    chosen,
+                    self.solver.residual,
+                    progress,
+                    started,
+                    checkpointing,
+                    guess,
+                    self.kept,
+                    by_default=self.solver.solver_tolerance is None,
+                )
             )
 
 

@@ -82,6 +82,8 @@ class SolveContext:
         Where the iteration of a steady problem starts.
     kept : Kept
         Operators and prepared solvers, shared by all solves on the same tables.
+    by_default : bool
+        True if nobody asked for that tolerance: one solve that nothing is built on may then stop by its error.
     """
 
     discretized: Discretized
@@ -93,6 +95,7 @@ class SolveContext:
     checkpointing: Checkpointing
     guess: Floats | None = None
     kept: Kept = field(default_factory=Kept)
+    by_default: bool = False
 
     @property
     def scene(self) -> Scene:

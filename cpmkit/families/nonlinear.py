@@ -50,7 +50,9 @@ def solve_nonlinear(context: SolveContext, solve_linear: Callable[[SolveContext]
     boundary_values = [np.full(len(flux.points), flux.guess) for flux in fluxes]
     applications = iterations = 0
     for step in range(1, MOST_NEWTON_STEPS + 1):
-        solution = solve_linear(replace(context, discretized=form.linearized(boundary_values), kept=Kept()))
+        solution = solve_linear(
+            replace(context, discretized=form.linearized(boundary_values), kept=Kept(), by_default=False)
+        )
         if not all(flux.grows(v) for flux, v in zip(fluxes, boundary_values, strict=True)):
             _check_balance(solution)
         applications += solution.report.operator_applications

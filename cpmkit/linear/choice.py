@@ -21,6 +21,8 @@ from cpmkit.runtime.suggestions import did_you_mean
 DIRECT_UNKNOWNS = {0: 10**6, 1: 100_000, 2: 6_000, 3: 3_000}
 #: The same where a form has coarser levels for a multigrid.
 DIRECT_BESIDE_MULTIGRID = {**DIRECT_UNKNOWNS, 2: 1_500, 3: 1_000}
+#: Relative residual of linear systems where none is asked for.
+DEFAULT_RESIDUAL = 1e-10
 SOLVERS: Mapping[str, Callable[..., LinearSolver]] = {
     "direct": Direct,
     "multigrid": Multigrid,
@@ -51,7 +53,9 @@ def choose_solver(
     return "direct" if unknowns <= factor * most.get(manifold_dim, 0) else iterative
 
 
-def _check_tolerance(tolerance: Any, what: str) -> float:
+def _check_tolerance(tolerance: Any, what: str) -> float | None:
+    if tolerance is None:
+        return None
     value = positive(tolerance, what)
     if value >= 1:  # nothing would be solved
         raise InputError(f"{what} must be below 1, got {value:g}: u = 0 has a relative residual of 1; use 1e-10.")
@@ -98,8 +102,12 @@ class SolverOptions(Declared):
         "auto",
         "``auto``, ``direct``, ``multigrid``, ``jacobi``, ``reference``, or the kind of a solver that a plugin offers.",
     )
-    solver_tolerance: float = option(
-        1e-10, "Relative residual of linear systems, recomputed after the solve.", _check_tolerance
+    solver_tolerance: float | None = option(
+        None,
+        "Relative residual of linear systems, recomputed after the solve; 1e-10 if left out, but steady problems of "
+        "the Galerkin form by ``multigrid`` stop at 1e-8 of the preconditioned residual, which follows the error, and "
+        "1e-6 of the residual.",
+        _check_tolerance,
     )
     further: Mapping[str, Any] = field(default_factory=dict)
 
@@ -116,6 +124,11 @@ class SolverOptions(Declared):
         _check_further(name, further)
         if "max_iterations" in further:
             whole(further["max_iterations"], f"max_iterations of the solver {name!r}", 1)
+
+    @property
+    def residual(self) -> float:
+        """Relative residual of linear systems, asked for or not."""
+        return DEFAULT_RESIDUAL if self.solver_tolerance is None else self.solver_tolerance
 
     @classmethod
     def of(cls, given: Mapping[str, Any], others: Iterable[str] = ()) -> SolverOptions:

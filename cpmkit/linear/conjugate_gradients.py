@@ -13,12 +13,12 @@ Map = Callable[[Floats], Floats]
 
 
 def conjugate_gradients(
-    apply: Map, precondition: Map, residual: Floats, target: Floats, most: int, progress: Progress
+    apply: Map, precondition: Map, residual: Floats, target: Floats, most: int, progress: Progress, slack: float = 1.0
 ) -> tuple[Floats, int]:
     """Return x (n, channels), about the solution of ``A x = residual``, and the iterations that it took.
 
     A channel is done where ``|r|`` is below its ``target`` (channels,) and ``(r, M r)^(1/2)``, which sees what large
-    entries of A hide, has fallen by as much; or after ``most`` iterations.
+    entries of A hide, has fallen by as much, ``slack`` times; or after ``most`` iterations.
 
     Raises
     ------
@@ -27,7 +27,7 @@ def conjugate_gradients(
     """
     r = residual.copy()
     x, direction, before = np.zeros_like(r), np.zeros_like(r), np.ones(r.shape[1])
-    shares = target / np.sqrt(_dots(r, r))
+    shares = target / slack / np.sqrt(_dots(r, r))
     first = start = None
     for iteration in range(most + 1):
         z = precondition(r)

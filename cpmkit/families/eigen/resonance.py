@@ -7,6 +7,7 @@ import numpy as np
 from cpmkit.errors import ConvergenceError, ResolutionError
 from cpmkit.families.context import SolveContext
 from cpmkit.forms.contract import Discretized
+from cpmkit.linear.preconditioned import followed_by_error
 from cpmkit.linear.report import SolveReport
 from cpmkit.protocols import Floats, PreparedSolver
 from cpmkit.scene.equations import Terms
@@ -56,8 +57,10 @@ def solved_or_resonant(context: SolveContext, prepared: PreparedSolver, b: Float
     ConvergenceError
         If the solver does not reach the tolerance; of standing waves it says whether an eigenvalue is why.
     """
+    by_error = followed_by_error(prepared) if context.by_default else None
+    solver, tolerance = (prepared, context.tolerance) if by_error is None else by_error
     try:
-        return prepared.solve(b, context.tolerance, context.guess, context.progress)
+        return solver.solve(b, tolerance, context.guess, context.progress)
     except ConvergenceError as error:
         square = square_of_wavenumber(context.scene.problem.terms())
         if not square:
