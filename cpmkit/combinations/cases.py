@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from cpmkit.combinations.motion import moved
 from cpmkit.combinations.solid import solid
+from cpmkit.combinations.tube import tube
 from cpmkit.combinations.union import union
 from cpmkit.plugins import source
+from cpmkit.protocols import Floats
 from cpmkit.testing import ConformanceCase
 
 
@@ -22,6 +26,10 @@ def conformance_cases() -> list[ConformanceCase]:
         ConformanceCase("solid", "disc", lambda: solid(of=_circle(2.0))),
         ConformanceCase("solid", "annulus", lambda: solid(of=union(members=[_circle(1.0), _circle(3.0)]))),
         ConformanceCase("solid", "full torus", lambda: solid(of=source("analytic.torus", minor=0.3))),
+        ConformanceCase("tube", "a circle's, a torus", lambda: tube(around=_ring(), radius=0.3), _on_torus),
+        ConformanceCase("tube", "a segment's, a capsule", lambda: tube(around=_rod(3), radius=0.5)),
+        ConformanceCase("tube", "a circle's in the plane", lambda: tube(around=_circle(2.0), radius=0.5)),
+        ConformanceCase("tube", "a segment's in the plane", lambda: tube(around=_rod(2), radius=0.5)),
     ]
 
 
@@ -30,6 +38,20 @@ def mixed_union() -> Any:
     torus = source("analytic.torus", major=0.6, minor=0.2)
     segments = [source("analytic.segment", start=[sign * 0.25, 0, 0], end=[sign * 0.4, 0, 0]) for sign in (-1.0, 1.0)]
     return union(members=[torus, source("analytic.sphere", radius=0.25), *segments])
+
+
+def _ring() -> Any:
+    return source("analytic.circle", normal=[0, 0, 1])
+
+
+def _rod(dim: int) -> Any:
+    return source("analytic.segment", start=[0.0] * dim, end=[2.0, 1.0, 0.5][:dim])
+
+
+def _on_torus(rng: np.random.Generator, n: int) -> Floats:
+    u, v = rng.uniform(0, 2 * np.pi, (2, n))
+    around = 1 + 0.3 * np.cos(v)
+    return np.stack([around * np.cos(u), around * np.sin(u), 0.3 * np.sin(v)], axis=1)
 
 
 def _circle(radius: float) -> Any:

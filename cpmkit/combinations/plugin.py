@@ -10,6 +10,7 @@ from cpmkit.combinations.motion import moved
 from cpmkit.combinations.points import points
 from cpmkit.combinations.solid import solid
 from cpmkit.combinations.trimmed import trimmed
+from cpmkit.combinations.tube import tube
 from cpmkit.combinations.union import union
 from cpmkit.hookspecs import hookimpl
 from cpmkit.protocols import ClosestPointSource
@@ -26,6 +27,7 @@ def cpmkit_sources() -> Mapping[str, Callable[..., ClosestPointSource]]:
         "moved": moved,
         "solid": solid,
         "trimmed": trimmed,
+        "tube": tube,
         "cut.plane": plane_cut,
         "cut.function": function_cut,
         "points": points,

@@ -15,13 +15,22 @@ from typing import Any
 import numpy as np
 
 from cpmkit.plugin import Floats, InputError, as_vector, existing_file, norms, positive, read_array, shown, whole
-from cpmkit_levelset.fields import HESSIAN_STEP_SHARE, Field, FunctionField, check_gradient
+from cpmkit_levelset.fields import (
+    GRADIENT_STEP_SHARE,
+    HESSIAN_STEP_SHARE,
+    Differences,
+    Field,
+    FunctionField,
+    check_gradient,
+)
 from cpmkit_levelset.formulas import formula_field
 from cpmkit_levelset.gridfield import STENCIL_NODES, GridField
 from cpmkit_levelset.levelset import LevelSet, level_set
 
 #: Cells of the lattice of samples along the longest side of the bounds.
 DEFAULT_RESOLUTION = 64
+#: Differences are judged by the worst but for one sample in twenty: phi may have a crease somewhere.
+SLOPE_ERROR_QUANTILE = 0.95
 
 
 def expression(*, phi: Any, bounds: Any, trim: Any = None, resolution: Any = DEFAULT_RESOLUTION) -> LevelSet:
@@ -29,7 +38,7 @@ def expression(*, phi: Any, bounds: Any, trim: Any = None, resolution: Any = DEF
 
     Parameters
     ----------
-    phi : str
+    phi : str or SymPy expression
         In x, y and, in space, z. What has no second derivative (floor, minimum, comparisons, ...) is refused.
     bounds : (2, d) numbers
         The lower and upper corner of a box that holds the zero set.
@@ -46,13 +55,14 @@ def expression(*, phi: Any, bounds: Any, trim: Any = None, resolution: Any = DEF
         If another key does not hold what is accepted, or there is no zero set inside the bounds.
     """
     box = as_box(bounds)
-    return _made(formula_field(phi, box.shape[1], "phi"), trim, box, resolution)
+    text = str(phi) if hasattr(phi, "free_symbols") else phi  # SymPy writes formulas as scene files do
+    return _made(formula_field(text, box.shape[1], "phi"), trim, box, resolution)
 
 
 def function(
     *,
     phi: Callable[[Floats], Any],
-    gradient: Callable[[Floats], Any],
+    gradient: Callable[[Floats], Any] | None = None,
     bounds: Any,
     hessian: Callable[[Floats], Any] | None = None,
     trim: Any = None,
@@ -62,8 +72,11 @@ def function(
 
     Parameters
     ----------
-    phi, gradient : callable
-        Of points (n, d): they return (n,) and (n, d). Feet are as good as the gradient is, so it must be exact.
+    phi : callable
+        Of points (n, d), returns (n,): a signed distance, or any other smooth function.
+    gradient : callable, optional
+        Returns (n, d). Feet are as good as the gradient is, so it must be exact. Without it, fourth-order central
+        differences of phi are taken; where these are off by more than a millionth, solutions warn of it.
     bounds : (2, d) numbers
     hessian : callable, optional
         Returns (n, d, d). Without it, fourth-order central differences of the gradient are taken, which
@@ -79,15 +92,20 @@ def function(
     """
     box = as_box(bounds)
     for name, given in (("phi", phi), ("gradient", gradient), ("hessian", hessian)):
-        if not (callable(given) or (name == "hessian" and given is None)):
+        if not (callable(given) or (name != "phi" and given is None)):
             raise InputError(
                 f"{name} of levelset.callable must be a function of points (n, d), got {shown(given)}; "
                 "levelset.expression takes formulas."
             )
     size = float(norms((box[1] - box[0])[None])[0])
-    field = FunctionField(box.shape[1], phi, gradient, hessian, HESSIAN_STEP_SHARE * size)
-    check_gradient(field, box)
-    return _made(field, trim, box, resolution)
+    differences = Differences(phi, box.shape[1], GRADIENT_STEP_SHARE * size)
+    step = (GRADIENT_STEP_SHARE if gradient is None else HESSIAN_STEP_SHARE) * size
+    field = FunctionField(box.shape[1], phi, gradient or differences, hessian, step)
+    if gradient is not None:
+        check_gradient(field, box)
+        return _made(field, trim, box, resolution)
+    made = _made(field, trim, box, resolution)
+    return replace(made, slope_error=float(np.quantile(differences.errors(_some(made)), SLOPE_ERROR_QUANTILE)))
 
 
 def grid(
@@ -130,9 +148,7 @@ def grid(
         raise InputError(f"spacing must be above zero, got {shown(spacing)}.")
     field = GridField(samples, np.zeros(d) if origin is None else as_vector(origin, d, "origin"), steps)
     made = _made(field, trim, field.box, resolution)
-    return replace(
-        made, slope_error=field.slope_error(made.surface.samples[:: max(len(made.surface.samples) // 2000, 1)])
-    )
+    return replace(made, slope_error=field.slope_error(_some(made)))
 
 
 def dziuk(*, trim: Any = None, resolution: Any = DEFAULT_RESOLUTION) -> LevelSet:
@@ -214,6 +230,12 @@ def as_box(bounds: Any) -> Floats:
 def _made(field: Field, trim: Any, box: Floats, resolution: Any) -> LevelSet:
     cells = whole(resolution, "resolution", 8, 512)
     return level_set(field, None if trim is None else formula_field(trim, field.dim, "trim"), box, cells)
+
+
+def _some(made: LevelSet) -> Floats:
+    """Return about 2000 of the samples (n, d)."""
+    samples = made.surface.samples
+    return samples[:: max(len(samples) // 2000, 1)]
 
 
 def _as_grid(values: Any) -> Floats:

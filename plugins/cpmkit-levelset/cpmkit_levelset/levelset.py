@@ -20,7 +20,7 @@ from cpmkit.plugin import (
     positive,
     source_repr,
 )
-from cpmkit_levelset.fields import Field
+from cpmkit_levelset.fields import Field, FunctionField
 from cpmkit_levelset.manifold import ZeroSet, unit_or_nan
 from cpmkit_levelset.marching import marching_simplices
 from cpmkit_levelset.sampling import COVERING_SPACINGS, in_chunks, sample_lattice, surface_samples, ways_out
@@ -33,6 +33,8 @@ ON_LEVELSET_EDGE_SHARE = 1e-11
 #: The error of a solution, as a share of its range, over that of the field's slope. Spheres from values on 10 to 28
 #: grid points a side, u = z: 0.06 to 0.4.
 ERROR_PER_FIELD_SLOPE = 0.13
+#: Differences whose gradient is off by more than this share are told of.
+ROUGH_SLOPE_SHARE = 1e-6
 #: A mesh has at least this many cells along the longest side of the bounds.
 LEVELSET_LEAST_CELLS = 16
 
@@ -129,7 +131,13 @@ class LevelSet:
 
     def advice(self, _spacing: float, /) -> Advice:
         """Return the error that the field's own leaves in a solution at any spacing."""
-        return Advice(ERROR_PER_FIELD_SLOPE * self.slope_error)
+        told = ()
+        if isinstance(self.field, FunctionField) and self.slope_error > ROUGH_SLOPE_SHARE:
+            told = (
+                f"The gradient of phi, taken by differences, is off by up to {self.slope_error:.1g} of its length on "
+                "the level set: give gradient=..., or a smoother phi.",
+            )
+        return Advice(ERROR_PER_FIELD_SLOPE * self.slope_error, told)
 
     def translated(self, offset: Floats, /) -> LevelSet:
         """Return the same level set moved by ``offset`` (d,)."""
