@@ -15,14 +15,13 @@ TANGENTIAL_STRENGTH = 25.0
 
 def tangential_coupling(prepared: Prepared, parallel: bool) -> ck.Field:
     """Return (s / h^2) n n', less S^2 where vectors are transported in parallel, as a field of nine channels."""
-    count = len(prepared.points)
-    axes = [prepared.field(np.broadcast_to(axis, (count, 3))).project().values for axis in np.eye(3)]
-    across = np.eye(3) - np.stack(axes, axis=2)  # n n'
+    normals = ck.normals_at(prepared.scene.surface, prepared.points)
+    across = np.einsum("pi,pj->pij", normals, normals)
     found = TANGENTIAL_STRENGTH / prepared.discretized.spacing**2 * across
     if parallel:
         shape = _shape_operator(prepared, across)
         found = found - np.einsum("pik,pjk->pij", shape, shape)
-    return prepared.field(np.ascontiguousarray(found.reshape(count, 9)))
+    return prepared.field(np.ascontiguousarray(found.reshape(-1, 9)))
 
 
 def _shape_operator(prepared: Prepared, across: Floats) -> Floats:

@@ -27,19 +27,24 @@ class Singularity:
     index: int
 
 
-def singularities(vertices: Floats, faces: Ints, vectors: Floats) -> list[Singularity]:
+def singularities(vertices: Floats, faces: Ints, vectors: Floats, normals: Floats | None = None) -> list[Singularity]:
     """Return the singularities of a field given by tangential ``vectors`` (v, 3) at the vertices of a mesh.
+
+    ``normals`` (v, 3) are those of the triangles unless given, and on a surface that is not orientable.
 
     In each triangle the field is turned from corner to corner by the smallest rotation that takes one corner's plane to
     the next one's; its index is what remains of the turns, with the curvature of the triangle, over 2 pi. On a closed
-    surface the indices sum to the Euler characteristic of the mesh, exactly, whatever the field.
+    surface the indices sum to the Euler characteristic of the mesh, exactly, whatever the field; also where the mesh is
+    cut along a curve that the field runs along on both sides, one way or opposite ways, with the same ``normals``.
     """
     corners = vertices[faces]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals = vertex_normals(vertices, faces)
-    signs = np.where(np.einsum("fd,fcd->fc", across, normals[faces]) < 0, -1.0, 1.0)
     if _turned_one_way(faces):  # a sliver that faces its own corners' normals is no other side of the surface
-        signs = np.ones_like(signs)
+        normals = vertex_normals(vertices, faces) if normals is None else normals
+        signs = np.ones(faces.shape)
+    else:
+        normals = _normals_of_any_sign(len(vertices), faces, across)
+        signs = np.where(np.einsum("fd,fcd->fc", across, normals[faces]) < 0, -1.0, 1.0)
     planes = normals[faces] * signs[:, :, None]  # (f, 3, 3): the corners' normals, to the triangle's own side
     first = _perpendicular(planes)
     second = np.cross(planes, first)
@@ -57,6 +62,14 @@ def _turned_one_way(faces: Ints) -> bool:
     """Tell whether neighbouring triangles run opposite ways along their edge, all over the mesh."""
     edges = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)])
     return len(np.unique(edges, axis=0)) == len(edges)
+
+
+def _normals_of_any_sign(count: int, faces: Ints, across: Floats) -> Floats:
+    """Return unit normals (count, 3) at vertices to which no sign of the triangles' own ``across`` (f, 3) matters."""
+    squares = np.zeros((count, 3, 3))
+    area = np.linalg.norm(across, axis=1)[:, None, None]
+    np.add.at(squares, faces.ravel(), np.repeat(across[:, :, None] * across[:, None] / (area + (area == 0)), 3, axis=0))
+    return np.asarray(np.linalg.eigh(squares)[1][:, :, -1])
 
 
 def _perpendicular(normals: Floats) -> Floats:

@@ -29,7 +29,7 @@ from cpmkit.applications.painted import painted, with_triangles
 from cpmkit.applications.tangent_fields import Singularity, singularities
 from cpmkit.errors import InputError, shown
 from cpmkit.plugin import unit
-from cpmkit.protocols import ClosestPointSource, Floats, HasMesh
+from cpmkit.protocols import ClosestPointSource, Floats
 from cpmkit.runtime.arrays import as_points, positive
 from cpmkit.solution.solution import Solution
 
@@ -67,12 +67,21 @@ class TangentField:
 
     @cached_property
     def singularities(self) -> list[Singularity]:
-        """Where the field has no direction, by index; on a closed surface they sum to its Euler characteristic."""
-        surface = self.solution.scene.surface
-        if not isinstance(surface, HasMesh):
-            raise InputError(f"singularities are looked for on a mesh, and {type(surface).__name__} has none.")
-        vertices, faces = surface.mesh(0.5 * self.solution.spacing)
-        return singularities(vertices, faces, self.evaluate(vertices))
+        """Where the field has no direction, by index; on a closed surface they sum to its Euler characteristic.
+
+        So they do where it runs along a curve opposite ways on the two sides. Where the two sides differ otherwise,
+        each side's are listed, and the sum means nothing.
+
+        Raises
+        ------
+        InputError
+            If the surface has no triangles, as a cloud.
+        """
+        surface, mesh = self.solution.scene.surface, self.solution.display_mesh()
+        if not len(mesh.triangles):
+            raise InputError(f"singularities are looked for on triangles, and {type(surface).__name__} has none.")
+        vectors = tangential(surface, mesh.points, mesh.values)
+        return singularities(mesh.points, mesh.triangles, vectors, mesh.normals)
 
     def save(self, path: Any) -> None:
         """Write it as :meth:`cpmkit.Solution.save` does."""

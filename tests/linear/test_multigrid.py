@@ -13,10 +13,12 @@ from cpmkit.forms.galerkin.hierarchy.levels import levels_of
 from cpmkit.forms.galerkin.space import energy
 from cpmkit.linear import multigrid_cycle, multigrid_matrix
 from cpmkit.linear.direct import Direct
+from cpmkit.linear.jacobi import Jacobi
 from cpmkit.linear.multigrid import Multigrid
 from cpmkit.linear.multigrid_matrix import UnsignedCsr, coarse_operator
 from cpmkit.linear.multigrid_symmetric import SymmetricCsr
 from cpmkit.linear.operators import Bordered, CsrOperator
+from cpmkit.linear.preconditioned import followed_by_error
 
 NOWHERE = np.zeros(0, dtype=np.int64)
 sphere = cache(sphere_space)
@@ -135,6 +137,38 @@ def test_a_guess_near_the_solution_saves_iterations():
     assert second.iterations < first.iterations
     assert (u == kept).all()
     assert abs(near - 1.001 * u).max() < 1e-8 * abs(u).max()
+
+
+def energy_error(operator, u, exact):
+    """Return the error in the energy's norm, as a share of the solution's."""
+    off = u - exact
+    return float(np.sqrt((off * operator.apply(off)).sum() / (exact * operator.apply(exact)).sum()))
+
+
+@pytest.mark.parametrize("share", [0.0, 1e-7])
+def test_where_nothing_is_asked_for_it_stops_by_the_error(share):
+    space = sphere(0.1)
+    operator = stiffness_of(space, 1.0)
+    strict = Multigrid().prepare(operator, levels_of(space.parting, NOWHERE))
+    b = load(space, smooth)
+    exact, _ = strict.solve(b, 1e-13)
+    solver, tolerance = followed_by_error(strict)
+    # A guess whose residual alone would do, though its error would not, is gone on from.
+    guess = exact + share * np.random.default_rng(0).standard_normal(exact.shape) if share else None
+    u, report = solver.solve(b, tolerance, guess)
+    _, slow = strict.solve(b, 1e-10, guess)
+    assert report.residual <= tolerance == 1e-6
+    assert energy_error(operator, u, exact) < 1e-7
+    assert 0 < report.iterations <= slow.iterations - (0 if share else 4)
+
+
+def test_other_solvers_and_what_is_asked_for_stay_by_the_residual():
+    space = sphere(0.16)
+    operator, levels = stiffness_of(space, 1.0), levels_of(space.parting, NOWHERE)
+    for solver in (Direct(), Jacobi()):
+        assert followed_by_error(solver.prepare(operator, levels)) is None
+    _, report = Multigrid().prepare(operator, levels).solve(load(space, smooth), 1e-12)
+    assert report.residual <= 1e-12
 
 
 @pytest.mark.parametrize("shift", [1.0, 8.0, 200.0])

@@ -90,7 +90,7 @@ def test_studies_load_and_their_solutions_hold_on_their_boundaries(file):
     "name", [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in PANELS + INTERIOR]
 )
 def test_studies_show_first_and_second_order(name, tmp_path):
-    fitted, series = orders(name, tmp_path)
+    fitted, series = orders(name, tmp_path, lists={"order": [1, 2]})
     assert fitted["cpm", 3, 2] >= 1.8
     assert 0.85 <= fitted["cpm", 3, 1] <= 1.3
     assert series["cpm", 3, 2].errors[-1] <= BOUNDS[name]
