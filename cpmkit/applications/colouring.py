@@ -15,6 +15,7 @@ import numpy as np
 
 import cpmkit as ck
 from cpmkit.applications.curve_colours import Along, colour_data
+from cpmkit.applications.result import Result
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.protocols import ClosestPointSource, Floats
 from cpmkit.solution.solution import Solution
@@ -23,8 +24,8 @@ from cpmkit.solution.solution import Solution
 SIDES = {"left", "right"}
 
 
-@dataclass(frozen=True, eq=False)
-class ColouredSurface:
+@dataclass(frozen=True, eq=False, repr=False)
+class ColouredSurface(Result):
     """Colours everywhere on a manifold: read, saved and drawn as a solution of three channels.
 
     Attributes
@@ -33,22 +34,12 @@ class ColouredSurface:
         Red, green and blue, as they were solved for: at the tips of curves by some hundredths beyond 0 and 1.
     """
 
-    solution: Solution
-
     def evaluate(self, points: Any, side: Any = None) -> Floats:
         """Return the colours (n, 3), from 0 to 1, at the points of the manifold nearest to ``points`` (n, d).
 
         ``side`` says from where points on a curve are read, as for :meth:`cpmkit.Solution.evaluate`.
         """
         return np.asarray(np.clip(self.solution.evaluate(points, side), 0.0, 1.0))
-
-    def save(self, path: Any) -> None:
-        """Write it as :meth:`cpmkit.Solution.save` does."""
-        self.solution.save(path)
-
-    def picture(self, path: Any, **options: Any) -> Any:
-        """Draw it as :meth:`cpmkit.Solution.picture` does."""
-        return self.solution.picture(path, **options)
 
 
 def diffusion_curves(

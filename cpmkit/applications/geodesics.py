@@ -35,7 +35,7 @@ from cpmkit.solution.solution import Solution
 METHODS = ("transport", "heat")
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Distance(Measured):
     """The geodesic distance from origins: read, saved and drawn as a solution.
 

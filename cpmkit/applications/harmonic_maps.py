@@ -19,6 +19,7 @@ from cpmkit.applications.explicit_flow import explicit_flow
 from cpmkit.applications.held import hold_along, hold_at
 from cpmkit.applications.implicit_flow import implicit_flow
 from cpmkit.applications.painted import painted
+from cpmkit.applications.result import Result
 from cpmkit.errors import InputError, ResolutionError, shown
 from cpmkit.preparing import Prepared
 from cpmkit.protocols import ClosestPointSource, Floats
@@ -31,8 +32,8 @@ METHODS = ("implicit", "explicit")
 STEP_SHARE = 0.1
 
 
-@dataclass(frozen=True, eq=False)
-class SurfaceMap:
+@dataclass(frozen=True, eq=False, repr=False)
+class SurfaceMap(Result):
     """A map from one manifold to another: read, saved and drawn as a solution whose channels are coordinates.
 
     Attributes
@@ -47,7 +48,6 @@ class SurfaceMap:
         Whether the last step changed the energy by less than was asked for.
     """
 
-    solution: Solution
     target: ClosestPointSource
     energy: Floats
     at_rest: bool
@@ -79,9 +79,9 @@ class SurfaceMap:
         known = values if callable(values) else ck.VertexData(self.target, values)
         return lambda points: np.asarray(known(self.evaluate(points)), dtype=np.float64)
 
-    def save(self, path: Any) -> None:
-        """Write it as :meth:`cpmkit.Solution.save` does."""
-        self.solution.save(path)
+    @property
+    def _told(self) -> str:
+        return f" to {self.target!r}, energy {self.energy[-1]:.6g} {'at' if self.at_rest else 'not at'} rest"
 
     def picture(self, path: Any, texture: Any = None, **options: Any) -> Any:
         """Draw the source with the target's colours, as :meth:`cpmkit.Solution.picture` draws.

@@ -23,7 +23,7 @@ from cpmkit.applications.geodesics import Distance, geodesic_distance
 from cpmkit.applications.painted import painted
 from cpmkit.applications.transport import HELD_SPACINGS
 from cpmkit.applications.vector_fields import TangentField, check_surface, tangential
-from cpmkit.errors import InputError
+from cpmkit.errors import InputError, place
 from cpmkit.plugin import unit
 from cpmkit.preparing import Prepared
 from cpmkit.protocols import ClosestPointSource, Floats, HasNormals
@@ -38,7 +38,7 @@ STRAIGHT_SPACINGS = 2.0
 RINGS, RAYS = 16, 24
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class TransportedField(TangentField):
     """Vectors transported from points, with their lengths.
 
@@ -59,7 +59,7 @@ class TransportedField(TangentField):
         return np.asarray((weighed / heat)[:, None] * directions)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class LogarithmicMap:
     """Coordinates about a point: the plane's polar coordinates of length and direction of the shortest way.
 
@@ -96,6 +96,9 @@ class LogarithmicMap:
     def vectors(self, points: Any) -> Floats:
         """Return the logarithms (n, 3): tangent vectors at the point, as long as the shortest ways."""
         return np.asarray(self.evaluate(points) @ self.axes)
+
+    def __repr__(self) -> str:
+        return f"LogarithmicMap about {place(self.point)} by a {self.distance!r}"
 
     def save(self, path: Any) -> None:
         """Write the distance as :meth:`cpmkit.Solution.save` does."""

@@ -47,7 +47,7 @@ HEAT_RESIDUAL = 1e-12
 ALONG_SHARE = 0.3
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class SignedDistance(Measured):
     """The signed distance to curves: read, saved and drawn as a solution.
 

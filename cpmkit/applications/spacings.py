@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import cpmkit as ck
 from cpmkit.applications.heat import barriers, prepared_manifold
+from cpmkit.applications.result import Result
 from cpmkit.preparing import Prepared
 from cpmkit.protocols import Floats
 from cpmkit.solution.solution import Solution
@@ -22,8 +23,8 @@ ASKED = ("tolerance", "norm", "seconds", "memory")
 ORDER = 1.0
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Measured:
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Measured(Result):
     """What is measured by several solves, the last of which is its solution.
 
     Attributes
@@ -34,8 +35,7 @@ class Measured:
         Makes the solution at another spacing and origin of the lattice.
     """
 
-    solution: Solution
-    again: Callable[[float, Any], Solution] | None = field(default=None, repr=False)
+    again: Callable[[float, Any], Solution] | None = None
 
     @property
     def error(self) -> ErrorEstimate:
@@ -61,14 +61,6 @@ class Measured:
         """Return the tangential gradient (n, d), of length one but at ridges, ends and gaps."""
         slopes: Floats = self.solution.gradient(points)
         return slopes
-
-    def save(self, path: Any) -> None:
-        """Write it as :meth:`cpmkit.Solution.save` does."""
-        self.solution.save(path)
-
-    def picture(self, path: Any, **options: Any) -> Any:
-        """Draw it as :meth:`cpmkit.Solution.picture` does."""
-        return self.solution.picture(path, **options)
 
     def by(self, again: Callable[[float, Any], Solution], solution: Solution | None = None) -> Self:
         """Return the same with what makes it at other spacings, and with a solution that knows its error.

@@ -42,6 +42,9 @@ class TexturedMesh:
     coordinates: Floats
     corners: Ints
 
+    def __repr__(self) -> str:
+        return f"TexturedMesh of {len(self.vertices):,} vertices and {len(self.faces):,} triangles"
+
 
 @dataclass(frozen=True, eq=False)
 class Texture:
@@ -58,6 +61,10 @@ class Texture:
 
     colours: Floats
     covered: Bools
+
+    def __repr__(self) -> str:
+        height, width = self.covered.shape
+        return f"Texture of {width} x {height} pixels, {self.covered.mean():.0%} of them in triangles"
 
     def save(self, path: str | Path) -> Path:
         """Write it as a PNG file, eight bits a channel."""

@@ -26,12 +26,12 @@ from cpmkit.applications.arrows import APART_LENGTHS, arrows, spread
 from cpmkit.applications.coupling import tangential_coupling
 from cpmkit.applications.held import hold_along, hold_at
 from cpmkit.applications.painted import painted, with_triangles
+from cpmkit.applications.result import Result
 from cpmkit.applications.tangent_fields import Singularity, singularities
 from cpmkit.errors import InputError, shown
 from cpmkit.plugin import unit
 from cpmkit.protocols import ClosestPointSource, Floats
 from cpmkit.runtime.arrays import as_points, positive
-from cpmkit.solution.solution import Solution
 
 TRANSPORTS = ("parallel", "paper")
 #: Vectors whose tangential part is a smaller share of them stand on the surface.
@@ -42,8 +42,8 @@ ARROW_SHARE, IVORY, INDIGO = 0.045, (0.93, 0.92, 0.9), (0.10, 0.25, 0.55)
 NAMED = {"tangent": (0, 1.0), "backwards": (0, -1.0), "left": (1, 1.0), "right": (1, -1.0)}
 
 
-@dataclass(frozen=True, eq=False)
-class TangentField:
+@dataclass(frozen=True, eq=False, repr=False)
+class TangentField(Result):
     """A field of tangential vectors: read, saved and drawn as a solution of three channels.
 
     Attributes
@@ -54,7 +54,6 @@ class TangentField:
         How they go on.
     """
 
-    solution: Solution
     transport: str
 
     def evaluate(self, points: Any, side: Any = None, *, normalized: bool = True) -> Floats:
@@ -82,10 +81,6 @@ class TangentField:
             raise InputError(f"singularities are looked for on triangles, and {type(surface).__name__} has none.")
         vectors = tangential(surface, mesh.points, mesh.values)
         return singularities(mesh.points, mesh.triangles, vectors, mesh.normals)
-
-    def save(self, path: Any) -> None:
-        """Write it as :meth:`cpmkit.Solution.save` does."""
-        self.solution.save(path)
 
     def picture(self, path: Any, *, length: float | None = None, **options: Any) -> Any:
         """Draw arrows of one length that lie on the surface, as :meth:`cpmkit.Solution.picture` draws.

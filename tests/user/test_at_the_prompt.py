@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import cpmkit as ck
+from cpmkit.applications import geodesic_distance, logarithmic_map, vector_field
 from cpmkit.plugins import installed_kinds, load, manager
 
 CIRCLE = ck.source("analytic.circle")
@@ -36,6 +37,21 @@ def test_a_source_is_told_in_one_line_and_pickles(make):
     again = pickle.loads(pickle.dumps(source))
     x = source.bounds.mean(axis=0) + np.linspace(-0.3, 0.3, 7)[:, None] * np.arange(1, source.dim + 1)
     np.testing.assert_array_equal(source.closest_point(x).points, again.closest_point(x).points)
+
+
+def test_results_of_applications_are_told_in_two_lines():
+    sphere = ck.source("analytic.sphere")
+    found = [
+        geodesic_distance(sphere, [[0.0, 0.0, 1.0]], spacing=0.3),
+        vector_field(sphere, [([0.0, 0.0, 1.0], [1.0, 0.0, 0.0])], spacing=0.3),
+        logarithmic_map(sphere, [0.0, 0.0, 1.0], spacing=0.3),
+    ]
+    for one in found:
+        first, second = repr(one).split("\n")
+        assert first.startswith(type(one).__name__)
+        assert "a surface in 3D" in first
+        assert "unknowns" in second
+        assert len(repr(one)) < 250
 
 
 def test_a_cloud_is_told_in_one_line():

@@ -1,0 +1,38 @@
+"""What the results of applications share: a solution that is written and drawn, and two lines at a prompt."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from cpmkit.solution.solution import Solution
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Result:
+    """What an application has found: read, saved and drawn as a solution.
+
+    Attributes
+    ----------
+    solution : Solution
+        What is read, saved and drawn.
+    """
+
+    solution: Solution
+
+    def save(self, path: Any) -> None:
+        """Write it as :meth:`cpmkit.Solution.save` does."""
+        self.solution.save(path)
+
+    def picture(self, path: Any, **options: Any) -> Any:
+        """Draw it as :meth:`cpmkit.Solution.picture` does."""
+        return self.solution.picture(path, **options)
+
+    @property
+    def _told(self) -> str:
+        """What there is to say of it beside its solution."""
+        return ""
+
+    def __repr__(self) -> str:
+        figures = repr(self.solution).rpartition("\n")[2].strip()
+        return f"{type(self).__name__} on {self.solution.scene.surface!r}{self._told}\n  {figures}"
