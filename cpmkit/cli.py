@@ -14,10 +14,10 @@ import click
 from cpmkit.command_group import CommandGroup, progress_callback, traceback_option
 from cpmkit.command_options import (
     accuracy_options,
+    as_shown,
     how_fine,
     json_option,
     scene_argument,
-    showing_field,
     spacing_option,
     with_error,
 )
@@ -78,6 +78,13 @@ def main() -> None:
     type=click.Choice(["solution", "error"]),
     help="What the picture of the file shows: the solution, or its estimated error; overrides the file's.",
 )
+@click.option(
+    "--look",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="How the picture of the file looks, such as cmap=magma, clim=[0,1], isolines=8, up=y; overrides the file's. "
+    "May be given several times.",
+)
 @json_option
 @click.option(
     "--quiet", is_flag=True, help="Show neither progress nor a summary; warnings and errors go to standard error."
@@ -96,6 +103,7 @@ def solve(
     checkpoint: Path | None,
     resume: Path | None,
     field: str | None,
+    look: tuple[str, ...],
     as_json: bool,
     quiet: bool,
 ) -> None:
@@ -113,7 +121,7 @@ def solve(
     with collected_warnings() as heard, progress_callback(scene, quiet) as progress:
         try:
             loaded = load_scene(scene)
-            folder, request = output or loaded.output.folder, showing_field(loaded.output, field, estimate)
+            folder, request = output or loaded.output.folder, as_shown(loaded.output, field, look, estimate)
             check_request(request, loaded.scene.surface, folder)
             asked = {"tolerance": tolerance, "norm": norm, "seconds": seconds, "memory": memory}
             spacing, options = how_fine(loaded, spacing, **asked)

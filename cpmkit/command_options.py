@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+import tomllib
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -114,24 +115,39 @@ def with_error(solution: Solution, wanted: bool | None, drawn: bool = False) -> 
         return solution
 
 
-def showing_field(request: OutputRequest, field: str | None, estimate: bool | None) -> OutputRequest:
-    """Return what is to be written, with a picture of ``field``, if that is said.
+def as_shown(request: OutputRequest, field: str | None, look: Sequence[str], estimate: bool | None) -> OutputRequest:
+    """Return what is to be written, with a picture of ``field`` and of the ``look``, KEY=VALUE each, if these are said.
 
     Raises
     ------
     InputError
-        If there is no picture, or it shows an error that is not to be estimated.
+        If there is no picture, it shows an error that is not to be estimated, or something is not what is accepted.
     """
     from dataclasses import replace
 
     from cpmkit.errors import InputError
 
-    if field is not None and request.picture is None:
+    said = ([f"--field {field}"] if field else []) + [f"--look {text}" for text in look]
+    if said and request.picture is None:
         raise InputError(
-            f"--field {field} says what the picture shows, and the scene asks for none; add picture to [output]."
+            f"{said[0]} says what the picture shows, and the scene asks for none; add picture to [output]."
         )
-    if field is not None and request.picture is not None:
-        request = replace(request, picture=replace(request.picture, field=field))
+    if request.picture is not None:
+        changed = request.picture.look_changed(dict(_key_and_value(text) for text in look))
+        request = replace(request, picture=replace(changed, field=field or changed.field))
     if request.wants_error and estimate is False:
         raise InputError("the picture shows the error, and --no-estimate leaves it out; give one of them.")
     return request
+
+
+def _key_and_value(text: str) -> tuple[str, Any]:
+    """Return what ``KEY=VALUE`` says: the value as scene files write it, or else as text."""
+    from cpmkit.errors import InputError, shown
+
+    key, sign, value = text.partition("=")
+    if not sign or not key.strip():
+        raise InputError(f"--look must be KEY=VALUE, such as cmap=magma, got {shown(text)}.")
+    try:
+        return key.strip(), tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        return key.strip(), value

@@ -37,6 +37,7 @@ spacing = 0.1               # of the lattice: half of it costs four times as muc
 [output]
 folder = "{stem}"
 files = ["solution.vtp", "summary.json"]
+# picture = {{ file = "picture.png", isolines = 8 }} # with `pip install 'cpmkit[pictures]'`
 """
 
 

@@ -48,6 +48,16 @@ class PictureRequest(Look):
         """Its options, without the file and the frames."""
         return {field.name: getattr(self, field.name) for field in fields(Look)}
 
+    def look_changed(self, options: dict[str, Any]) -> PictureRequest:
+        """Return the same picture with these options of its look.
+
+        Raises
+        ------
+        InputError
+            If there is none of such a name, or one is not what is accepted.
+        """
+        return PictureRequest(file=self.file, frames=self.frames, **vars(Look.of({**self.look, **options})))
+
 
 @dataclass(frozen=True)
 class OutputRequest:

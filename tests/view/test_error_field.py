@@ -1,14 +1,17 @@
 """The estimated error is a field like the solution: drawn, and saved beside it."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 import cpmkit as ck
 from cpmkit.cli import main
+from cpmkit.command_options import as_shown
 from cpmkit.errors import InputError, SceneError
 from cpmkit.scenefile.look import Look
-from cpmkit.scenefile.output_request import PictureRequest
+from cpmkit.scenefile.output_request import OutputRequest, PictureRequest
 from cpmkit.view.pictures import shown_values
 
 SCENE = """
@@ -86,8 +89,21 @@ def test_a_scene_file_asks_for_a_picture_of_the_error(tmp_path, monkeypatch):
     shown = CliRunner().invoke(main, ["solve", "ball.toml", "--field", "solution", "--no-estimate"])
     assert shown.exit_code == 0, shown.output
     (tmp_path / "ball.toml").write_text(SCENE)
-    refused = CliRunner().invoke(main, ["solve", "ball.toml", "--field", "error"])
-    assert "the scene asks for none" in refused.output
+    for said in (["--field", "error"], ["--look", "cmap=magma"]):
+        refused = CliRunner().invoke(main, ["solve", "ball.toml", *said])
+        assert refused.exit_code == 1
+        assert "the scene asks for none" in refused.output
+
+
+def test_the_command_line_says_how_the_picture_looks():
+    output = OutputRequest(Path("out"), (), PictureRequest(file="ball.png", cmap="gray", edges=True))
+    look = ["cmap=magma", "clim=[0, 2]", "isolines=3", "title=two words", "up=y"]
+    drawn = as_shown(output, None, look, None).picture
+    assert (drawn.file, drawn.edges) == ("ball.png", True)
+    assert (drawn.cmap, drawn.clim, drawn.isolines, drawn.title, drawn.up) == ("magma", (0.0, 2.0), 3, "two words", "y")
+    for wrong, told in (("cmpa=magma", "'cmap'"), ("clim=[2, 0]", "the lower first"), ("magma", "KEY=VALUE")):
+        with pytest.raises(InputError, match=told):
+            as_shown(output, None, [wrong], None)
 
 
 @pytest.mark.parametrize("given", [{"field": "grad"}, {"field": "error", "frames": True}])
