@@ -26,10 +26,10 @@ def conformance_cases() -> list[ConformanceCase]:
         ConformanceCase("solid", "disc", lambda: solid(of=_circle(2.0))),
         ConformanceCase("solid", "annulus", lambda: solid(of=union(members=[_circle(1.0), _circle(3.0)]))),
         ConformanceCase("solid", "full torus", lambda: solid(of=source("analytic.torus", minor=0.3))),
-        ConformanceCase("tube", "a circle's, a torus", lambda: tube(around=_ring(), radius=0.3), _on_torus),
-        ConformanceCase("tube", "a segment's, a capsule", lambda: tube(around=_rod(3), radius=0.5)),
-        ConformanceCase("tube", "a circle's in the plane", lambda: tube(around=_circle(2.0), radius=0.5)),
-        ConformanceCase("tube", "a segment's in the plane", lambda: tube(around=_rod(2), radius=0.5)),
+        ConformanceCase("tube", "round a circle, a torus", lambda: tube(around=_ring(), radius=0.3), _on_torus),
+        ConformanceCase("tube", "round a segment", lambda: tube(around=_rod(3), radius=0.5)),
+        ConformanceCase("tube", "both offsets of a circle", lambda: tube(around=_circle(2.0), radius=0.5)),
+        ConformanceCase("tube", "offset of a segment, closed", lambda: tube(around=_rod(2), radius=0.5)),
     ]
 
 

@@ -13,7 +13,7 @@ class SolverKeywords(TypedDict, total=False):
     """How linear systems are solved; see :class:`cpmkit.linear.choice.SolverOptions`."""
 
     solver: str
-    solver_tolerance: float
+    solver_tolerance: float | None
     max_iterations: int
 
 

@@ -91,7 +91,7 @@ def test_the_table_of_back_ends_is_what_the_study_prints(backends, real_mesh, fo
 @pytest.mark.parametrize("name", ["double-torus", "moebius"])
 def test_vector_fields_are_tangent_and_keep_their_directions(name):
     design = module(ROOT / "examples" / "vector_fields.py").DESIGNS[name]()
-    field = design.solve(2.5 * design.spacing)
+    field = design.solve(2 * design.spacing)
     points = design.surface.mesh(0.2)[0]
     vectors = field.evaluate(points)
     assert np.abs(np.linalg.norm(vectors, axis=1) - 1).max() < 1e-9

@@ -32,12 +32,19 @@ AREAS = {"(curve)": 5.10539977, "small sphere": 4e-6 * pi, "sphere": 4 * pi, "to
 #: No surface, or one whose cells are taken as they are: coarse creases between its facets are no part of its shape.
 LEFT_OUT = ("mesh.triangles", "mesh.path", "svg.path", "(nearest)")
 #: Components of curves that have several.
-COMPONENTS = {"two circles": 2, "two loops": 2, "two open pieces": 2, "cut.function (torus)": 2}
+COMPONENTS = {
+    "two circles": 2,
+    "two loops": 2,
+    "two open pieces": 2,
+    "cut.function (torus)": 2,
+    "both offsets of a circle": 2,
+}
 #: Kinds of curves that end, and how many ends they have; others are closed.
 ENDS = {
     "two open pieces": 4,
     "arc": 2,
     "segment": 2,
+    "offset of a segment, closed": 0,
     "helix": 2,
     "open": 2,
     "one that ends": 2,
