@@ -68,8 +68,8 @@ class TangentField(Result):
     def singularities(self) -> list[Singularity]:
         """Where the field has no direction, by index; on a closed surface they sum to its Euler characteristic.
 
-        So they do where it runs along a curve opposite ways on the two sides. Where the two sides differ otherwise,
-        each side's are listed, and the sum means nothing.
+        So they do where it runs along a curve opposite ways on the two sides. Where the two sides differ otherwise, as
+        around a piece that the spacing does not resolve, each side's are listed, and the sum means nothing.
 
         Raises
         ------
