@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -12,6 +13,12 @@ os.environ.setdefault("CPMKIT_FETCH", "0")
 if "PYTEST_XDIST_WORKER" in os.environ:  # one process a core: threads would only get in each other's way
     for name in ("CPMKIT_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
+
+
+def pytest_collection_finish() -> None:
+    """Keep the collector of garbage from what was collected of tests: each run of a study would go through it all."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture
