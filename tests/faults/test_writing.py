@@ -42,7 +42,7 @@ while True:
 @contextmanager
 def writing(path, letter):
     """Run a process that writes, from when its first file is there; at the end it is killed."""
-    process = subprocess.Popen([sys.executable, "-c", WRITER, str(path), letter], stderr=subprocess.DEVNULL)
+    process = subprocess.Popen([sys.executable, "-P", "-c", WRITER, str(path), letter], stderr=subprocess.DEVNULL)
     try:
         end = time.monotonic() + 20
         while not path.exists() and time.monotonic() < end:
@@ -90,7 +90,7 @@ def test_two_runs_in_one_folder_write_whole_files(tmp_path):
 
 
 def test_only_what_dead_processes_left_of_this_file_is_removed(tmp_path):
-    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead = subprocess.Popen([sys.executable, "-P", "-c", ""])
     dead.wait()
     kept = [f".u.{os.getppid()}.npz", f".v.{dead.pid}.npz", f".u.{dead.pid}.vtp", f".u.x{dead.pid}.npz", ".u.npz"]
     for name in (*kept, f".u.{dead.pid}.npz", ".u.9999999999.npz"):
@@ -179,7 +179,7 @@ def test_two_solves_into_one_folder_leave_whole_results(tmp_path):
         '[surface]\nkind = "analytic.circle"\n[problem]\nkind = "screened"\nf = "x"\n[discretization]\nspacing = 0.1\n'
         '[output]\nfolder = "shared"\nfiles = ["u.npz", "summary.json"]\n'
     )
-    command = [sys.executable, "-c", "from cpmkit.cli import main; main(['solve', 'circle.toml', '--quiet'])"]
+    command = [sys.executable, "-P", "-c", "from cpmkit.cli import main; main(['solve', 'circle.toml', '--quiet'])"]
     runs = [subprocess.Popen(command, cwd=tmp_path) for _ in range(2)]
     assert [run.wait() for run in runs] == [0, 0]
     assert sorted(os.listdir(tmp_path / "shared")) == ["summary.json", "u.npz"]

@@ -129,5 +129,5 @@ found = scene.oriented(scene.boundaries[0])
 assert found.signed_distance(scene.surface.closest_point(found.left.origin[None] + [[1, 0, 1]]).points, 0.1)[0] > 0
 print([name for name in sys.modules if name.startswith("cpmkit.forms")])
 """
-    told = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    told = subprocess.run([sys.executable, "-P", "-c", program], capture_output=True, text=True, check=True)
     assert told.stdout.strip() == "[]"

@@ -52,7 +52,7 @@ def test_type_checkers_see_the_names_of_the_table(package):
 
 def test_a_misspelt_name_is_answered_with_the_one_that_may_be_meant():
     done = subprocess.run(
-        [sys.executable, "-c", "import cpmkit; cpmkit.Dirichlett"], capture_output=True, text=True, check=False
+        [sys.executable, "-P", "-c", "import cpmkit; cpmkit.Dirichlett"], capture_output=True, text=True, check=False
     )
     assert "module 'cpmkit' has no attribute 'Dirichlett'. Did you mean: 'Dirichlet'?" in done.stderr
 

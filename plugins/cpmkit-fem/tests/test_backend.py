@@ -284,5 +284,5 @@ assert not any(name.partition(".")[0] == "skfem" for name in sys.modules)
 ck.solve(scene, 0.4, backend="fem")
 assert "skfem" in sys.modules
 """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    done = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

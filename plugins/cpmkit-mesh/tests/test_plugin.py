@@ -12,7 +12,7 @@ import cpmkit.plugins
 
 def test_importing_the_plugin_imports_nothing_heavy():
     code = "import sys, cpmkit_mesh; print(*(m for m in ('numba', 'scipy', 'trimesh') if m in sys.modules))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    done = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == []
 
 
@@ -46,6 +46,6 @@ def treble(x):
 assert compiled(double)(3) == 6
 assert compiled(treble)(3) == 9
 """
-    run = subprocess.run([sys.executable, "-c", code], check=True, cwd=tmp_path, capture_output=True, text=True)
+    run = subprocess.run([sys.executable, "-P", "-c", code], check=True, cwd=tmp_path, capture_output=True, text=True)
     assert run.stderr.count("CpmkitWarning: There is no folder in which compiled kernels can be kept") == 1
     assert "NUMBA_CACHE_DIR" in run.stderr

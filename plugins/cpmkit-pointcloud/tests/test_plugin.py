@@ -14,7 +14,7 @@ import cpmkit.plugins
 def test_importing_the_plugin_imports_nothing_heavy():
     heavy = "('numba', 'scipy', 'trimesh', 'open3d', 'hypothesis')"
     code = f"import sys, cpmkit_pointcloud; print(*(m for m in {heavy} if m in sys.modules))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    done = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == []
 
 
