@@ -7,17 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from cpmkit.manifold.vectors import unit
+from cpmkit.meshes.polylines import Polyline
 from cpmkit.protocols import Floats, Ints
 
 #: A ring about a curve in space has at least this many corners.
 LEAST_RING_CORNERS = 8
-
-
-class Sweep(NamedTuple):
-    """The points (n, d) of one curve in the order of travel; a closed one goes on from the last to the first."""
-
-    points: Floats
-    closed: bool
 
 
 class Swept(NamedTuple):
@@ -27,22 +21,7 @@ class Swept(NamedTuple):
     cells: Ints
 
 
-def curves_of(vertices: Floats, segments: Ints) -> list[Sweep]:
-    """Return the curves that directed segments (m, 2) run along."""
-    following = dict(segments.tolist())
-    starts = [one for one in following if one not in set(following.values())]
-    found = []
-    while following:
-        first = starts.pop() if starts else next(iter(following))
-        way = [first]
-        while way[-1] in following:
-            way.append(following.pop(way[-1]))
-        closed = way[-1] == first
-        found.append(Sweep(vertices[way[:-1] if closed else way], closed))
-    return found
-
-
-def swept(curves: list[Sweep], radius: float, spacing: float, corners: int | None = None) -> Swept:
+def swept(curves: list[Polyline], radius: float, spacing: float, corners: int | None = None) -> Swept:
     """Return cells of about ``spacing`` at the distance ``radius`` from curves, caps at open ends.
 
     Rings have ``corners``; by default as many as the spacing asks for.
@@ -54,7 +33,7 @@ def swept(curves: list[Sweep], radius: float, spacing: float, corners: int | Non
     return Swept(np.concatenate([part.points for part in parts]), np.concatenate(cells))
 
 
-def _one(curve: Sweep, radius: float, count: int) -> Swept:
+def _one(curve: Polyline, radius: float, count: int) -> Swept:
     points, along = curve.points, _tangents(curve)
     if points.shape[1] == 2:
         return _offset(curve, np.stack([along[:, 1], -along[:, 0]], axis=1), radius, count)
@@ -79,7 +58,7 @@ def _one(curve: Sweep, radius: float, count: int) -> Swept:
     )
 
 
-def _offset(curve: Sweep, right: Floats, radius: float, count: int) -> Swept:
+def _offset(curve: Polyline, right: Floats, radius: float, count: int) -> Swept:
     """Return the two sides of a curve in the plane; of an open one, joined by half circles about its ends."""
     sides = curve.points + radius * right, (curve.points - radius * right)[::-1]
     if curve.closed:
@@ -98,7 +77,7 @@ def _offset(curve: Sweep, right: Floats, radius: float, count: int) -> Swept:
     return Swept(points, np.stack([start, (start + 1) % len(points)], axis=1))
 
 
-def _tangents(curve: Sweep) -> Floats:
+def _tangents(curve: Polyline) -> Floats:
     """Return (n, d) unit tangents: the mean direction of the two segments at each point."""
     p = curve.points
     steps = unit(np.diff(p, axis=0, append=p[:1]))

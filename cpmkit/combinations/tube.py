@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.combinations.sweep import Sweep, curves_of, swept
+from cpmkit.combinations.sweep import swept
 from cpmkit.errors import InputError, place, shown
 from cpmkit.manifold.abilities import advice_of
 from cpmkit.manifold.answers import check_source
 from cpmkit.manifold.short_text import source_repr
 from cpmkit.manifold.vectors import norms
+from cpmkit.meshes.polylines import Polyline, polylines_of
 from cpmkit.protocols import Advice, ClosestPoints, ClosestPointSource, Floats, HasMesh, HasTranslation, Ints
 from cpmkit.runtime.arrays import as_points, as_vector, positive
 
@@ -172,7 +173,7 @@ def _refuse_if_it_meets_itself(made: Tube, around: HasMesh) -> None:
         )
 
 
-def _curves(around: Any, spacing: float) -> list[Sweep]:
+def _curves(around: Any, spacing: float) -> list[Polyline]:
     if not isinstance(around, HasMesh):
         raise InputError(f"{type(around).__name__} cannot be drawn, so neither can a tube around it.")
-    return curves_of(*around.mesh(spacing))
+    return polylines_of(*around.mesh(spacing))

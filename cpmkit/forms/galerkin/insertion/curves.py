@@ -11,11 +11,12 @@ import numpy as np
 
 from cpmkit.forms.galerkin.insertion.feet import Triangles
 from cpmkit.forms.galerkin.insertion.loops import without_loops
-from cpmkit.forms.galerkin.insertion.polylines import Polyline, simplified
+from cpmkit.forms.galerkin.insertion.polylines import simplified
 from cpmkit.forms.galerkin.insertion.rims import Run, runs
 from cpmkit.forms.galerkin.insertion.route import chosen
 from cpmkit.forms.galerkin.insertion.triples import Triple
 from cpmkit.forms.galerkin.insertion.walk import Walker
+from cpmkit.meshes.polylines import Polyline
 from cpmkit.protocols import Floats, Ints
 
 #: A curve is simplified as far as it stays within this share of L, and cut into pieces of at most so many L.

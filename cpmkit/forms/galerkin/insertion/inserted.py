@@ -13,13 +13,14 @@ from cpmkit.forms.galerkin.insertion.curves import Course, course, insert_curve
 from cpmkit.forms.galerkin.insertion.feet import Triangles
 from cpmkit.forms.galerkin.insertion.lined_mesh import AT_MOVABLE_SHARE, AT_SHARE, LinedMesh
 from cpmkit.forms.galerkin.insertion.points import cut_at_points, positions
-from cpmkit.forms.galerkin.insertion.polylines import Polyline, drawn
+from cpmkit.forms.galerkin.insertion.polylines import drawn
 from cpmkit.forms.galerkin.insertion.tips import extend, mend
 from cpmkit.forms.galerkin.insertion.tracing import traced
 from cpmkit.forms.galerkin.insertion.triangulation import Triangulation
 from cpmkit.forms.galerkin.insertion.walk import Walker
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.manifold.local_source import LocalSource
+from cpmkit.meshes.polylines import Polyline
 from cpmkit.protocols import Floats, Ints
 
 #: Curves are extended past their tips by so many spacings.

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vectors import norms
+from cpmkit.meshes.polylines import Polyline, polylines_of
 from cpmkit.protocols import Floats, HasMesh, Ints
 
 #: A chord is halved where its middle is farther than this share of ``length`` from the curve.
@@ -18,13 +17,6 @@ OTHER_BRANCH_SHARE = 0.3
 MOST_ROUNDS = 12
 
 
-class Polyline(NamedTuple):
-    """Points (n, d) in the order of travel; a closed one goes on from the last to the first."""
-
-    points: Floats
-    closed: bool
-
-
 def drawn(source: LocalSource, length: float) -> list[Polyline] | None:
     """Return a curve as it draws itself, closer than ``CHORD_ERROR_SHARE * length``; None where it does not."""
     if not isinstance(source.source, HasMesh):
@@ -33,35 +25,7 @@ def drawn(source: LocalSource, length: float) -> list[Polyline] | None:
     if cells.shape[1] != 2:
         return None
     vertices = np.asarray(vertices, dtype=np.float64) - source.shift
-    return [followed(source, Polyline(vertices[order], closed), length) for order, closed in chains(cells)]
-
-
-def chains(segments: Ints) -> list[tuple[Ints, bool]]:
-    """Return the vertices along each chain of directed segments (m, 2), and whether it is closed.
-
-    Chains end where a vertex does not end one segment and start one.
-    """
-    starts, ends = segments.T
-    count = int(segments.max(initial=-1)) + 1
-    through = (np.bincount(starts, minlength=count) == 1) & (np.bincount(ends, minlength=count) == 1)
-    following = np.full(count, -1)
-    following[starts] = ends
-    found, seen = [], np.zeros(count, dtype=bool)
-    rest = [[start, end] for start, end in segments.tolist() if not through[start]]
-    for chain in rest:
-        while through[chain[-1]]:
-            seen[chain[-1]] = True
-            chain.append(int(following[chain[-1]]))
-        closed = chain[0] == chain[-1]
-        found.append((np.array(chain[:-1] if closed else chain), closed))
-    for first in np.flatnonzero(through).tolist():
-        if not seen[first]:
-            chain = [first]
-            while not seen[chain[-1]]:
-                seen[chain[-1]] = True
-                chain.append(int(following[chain[-1]]))
-            found.append((np.array(chain[:-1]), True))
-    return found
+    return [followed(source, line, length) for line in polylines_of(vertices, cells)]
 
 
 def followed(source: LocalSource, line: Polyline, length: float) -> Polyline:

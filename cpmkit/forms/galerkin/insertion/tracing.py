@@ -8,10 +8,11 @@ from itertools import product
 import numpy as np
 
 from cpmkit.forms.galerkin.insertion.feet import Triangles
-from cpmkit.forms.galerkin.insertion.polylines import Polyline, followed
+from cpmkit.forms.galerkin.insertion.polylines import followed
 from cpmkit.grid.band import cell_levels
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vectors import norms, unit
+from cpmkit.meshes.polylines import Polyline
 from cpmkit.protocols import Floats
 
 #: The step, in L.
