@@ -12,13 +12,15 @@ from cpmkit.errors import InputError, place, shown
 from cpmkit.manifold.abilities import advice_of
 from cpmkit.manifold.answers import check_source
 from cpmkit.manifold.short_text import source_repr
-from cpmkit.manifold.vectors import norms
+from cpmkit.manifold.vectors import norms, unit
 from cpmkit.meshes.polylines import Polyline, polylines_of
 from cpmkit.protocols import Advice, ClosestPoints, ClosestPointSource, Floats, HasMesh, HasTranslation, Ints
 from cpmkit.runtime.arrays import as_points, as_vector, positive
 
 #: Nearer to the curve than this share of the radius, no direction leads away from it.
 ON_CURVE_SHARE = 1e-12
+#: Nearer than this the direction is rounding in part, and is taken anew from where it leads.
+NEAR_CURVE_SHARE = 1e-4
 #: A point of the tube may lie nearer to the curve than the radius by this share: curves are tried at samples.
 RADIUS_MISMATCH_SHARE = 1e-3
 #: Of these samples: their distance along the curve as a share of the radius, and how many directions around it.
@@ -82,14 +84,16 @@ class Tube:
         if lost.any():
             away[lost], length[lost] = self._across(middle.points[lost]), 1.0
         feet = middle.points + (self.radius / length)[:, None] * away
+        near = lost | (length < NEAR_CURVE_SHARE * self.radius)
+        if near.any():
+            feet[near] = self._put_back(feet[near])
         distance = np.abs(np.where(lost, 0.0, length) - self.radius)
         doubtful = lost if middle.doubtful is None else lost | middle.doubtful
         return ClosestPoints(feet, distance, np.full(len(x), -1), doubtful=doubtful)
 
     def normals(self, feet: ClosestPoints, /) -> Floats:
         """Return (n, d) unit normals at ``feet``: away from the curve."""
-        away = feet.points - self.around.closest_point(feet.points).points
-        return np.asarray(away / norms(away)[:, None])
+        return unit(feet.points - self.around.closest_point(feet.points).points)
 
     def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
         """Return vertices (v, d) on the tube and cells (m, d), triangles or segments, of about ``spacing``.
@@ -116,6 +120,11 @@ class Tube:
 
         return replace(self, around=moved(of=self.around, translation=offset))
 
+    def _put_back(self, points: Floats) -> Floats:
+        """Return the feet (n, d) of points near the tube: there directions away from the curve are exact."""
+        middle = self.around.closest_point(points).points
+        return np.asarray(middle + self.radius * unit(points - middle))
+
     def _across(self, points: Floats) -> Floats:
         """Return unit vectors (n, d) across the curve at points on it, by its feet a little way off along each axis."""
         step, best = 0.1 * self.radius, np.zeros(points.shape)
@@ -123,7 +132,7 @@ class Tube:
             found = points + step * axis
             found = found - self.around.closest_point(found).points
             best = np.where((norms(found) > norms(best))[:, None], found, best)
-        return np.asarray(best / norms(best)[:, None])
+        return unit(best)
 
 
 def tube(*, around: ClosestPointSource, radius: Any) -> Tube:
