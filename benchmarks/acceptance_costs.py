@@ -48,7 +48,8 @@ def iterations() -> Row:
         assert file.spacing is not None
         cases[f"{name}.toml"] = (file.scene, (1.5 * file.spacing,), ON_LIMBS)
     for name, (scene, spacings, limit) in cases.items():
-        found = [ck.solve(scene, h, form="galerkin", solver="multigrid").report.iterations for h in spacings]
+        options = {"form": "galerkin", "solver": "multigrid", "solver_tolerance": 1e-10}
+        found = [ck.solve(scene, h, **options).report.iterations for h in spacings]
         yield f"{name}, iterations", max(found), limit
 
 

@@ -132,9 +132,9 @@ def as_shown(request: OutputRequest, field: str | None, look: Sequence[str], est
         raise InputError(
             f"{said[0]} says what the picture shows, and the scene asks for none; add picture to [output]."
         )
-    if request.picture is not None:
-        changed = request.picture.look_changed(dict(_key_and_value(text) for text in look))
-        request = replace(request, picture=replace(changed, field=field or changed.field))
+    if said and request.picture is not None:
+        changes = dict(map(_key_and_value, look)) | ({"field": field} if field else {})
+        request = replace(request, picture=request.picture.look_changed(changes))
     if request.wants_error and estimate is False:
         raise InputError("the picture shows the error, and --no-estimate leaves it out; give one of them.")
     return request
