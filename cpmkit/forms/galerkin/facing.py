@@ -34,34 +34,36 @@ class Turned:
     near: Floats
 
 
-def turned(space: Space, mesh: SampleMesh, area: Floats) -> Turned:
-    """Return how much of the manifold lies on splines with ``|sum w N n| < .6 sum w N``, n the oriented normals.
+def facing(space: Space, mesh: SampleMesh) -> Floats:
+    """Return (n, 1 + d) the integral of each spline, and of the direction n that the manifold faces times it.
 
-    Of curves n is the tangent. Cells are oriented by walking over the facets that two of them share. ``area`` (n,) is
-    the integral of each spline.
+    Of curves n is the tangent. Cells are oriented by walking over the facets that two of them share.
     """
-    facing = norms(load(space, _faces(mesh, space)))
-    is_turned = facing < FACED_LENGTH * area
-    if not is_turned.any():
-        return Turned(0.0, np.full(mesh.dim, np.nan))
-    heavy = np.flatnonzero(is_turned & (area >= np.median(area[is_turned])))
-    worst = heavy[np.argmin(facing[heavy] / area[heavy])]
-    return Turned(float(area[is_turned].sum() / area.sum()), space.parting.places[worst])
-
-
-def _faces(mesh: SampleMesh, space: Space) -> Floats:
-    """Return (q, d) the directions in which samples face, in the sense of the walk."""
-    signs, cells, samples = orientation(mesh), space.samples.cell, space.samples
+    samples = space.samples
+    signs, cells = orientation(mesh), samples.cell
     ends = mesh.vertices[mesh.cells] if mesh.manifold_dim == 1 else mesh.vertices[:0, None]
-    faces = np.empty((len(samples), mesh.dim))
+    found = np.zeros((space.parting.size, 1 + mesh.dim))
     for start in range(0, len(samples), SAMPLES_AT_ONCE):
-        some = slice(start, start + SAMPLES_AT_ONCE)
+        some = slice(start, min(start + SAMPLES_AT_ONCE, len(samples)))
+        faced = np.ones((some.stop - start, 1 + mesh.dim))
         if mesh.manifold_dim == 2:
-            faces[some] = samples.normals_at(some)[:, 0]
+            faced[:, 1:] = samples.normals_at(some)[:, 0]
         else:
-            faces[some] = unit(ends[cells[some], 1] - ends[cells[some], 0])
-        faces[some] *= signs[cells[some], None]
-    return faces
+            faced[:, 1:] = unit(ends[cells[some], 1] - ends[cells[some], 0])
+        faced[:, 1:] *= signs[cells[some], None]
+        found += load(space, faced, some)
+    return found
+
+
+def turned(space: Space, facing: Floats) -> Turned:
+    """Return how much of the manifold lies on splines with ``|sum w N n| < .6 sum w N``, both sums in ``facing``."""
+    area, length = facing[:, 0], norms(facing[:, 1:])
+    is_turned = length < FACED_LENGTH * area
+    if not is_turned.any():
+        return Turned(0.0, np.full(space.parting.dim, np.nan))
+    heavy = np.flatnonzero(is_turned & (area >= np.median(area[is_turned])))
+    worst = heavy[np.argmin(length[heavy] / area[heavy])]
+    return Turned(float(area[is_turned].sum() / area.sum()), space.parting.places[worst])
 
 
 def orientation(mesh: SampleMesh) -> Ints:

@@ -151,7 +151,7 @@ class Galerkin(Equations):
     @shared_property
     def turned(self) -> Turned:
         """How much of the manifold lies on splines under which it turns: thin, folded or creased on this lattice."""
-        return turned(self.space, self.sampled.mesh, self._areas)
+        return turned(self.space, self._facing)
 
     def source_error(self) -> float:
         """Return what the source leaves in integrals."""

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cpmkit.forms.galerkin.facing import facing
 from cpmkit.forms.galerkin.locating import DIFFERENCE_SPACINGS
 from cpmkit.forms.galerkin.projection import Projection
 from cpmkit.forms.galerkin.reading import Reader
@@ -71,7 +72,12 @@ class Values(Reader):
     @shared_property
     def _areas(self) -> Floats:
         """(n,) the integral of each spline over the manifold."""
-        return self._loads(np.ones((1, 1)))[:, 0]
+        return self._facing[:, 0]
+
+    @shared_property
+    def _facing(self) -> Floats:
+        """(n, 1 + d) the same, and of the direction that the manifold faces: samples are gone through once for both."""
+        return facing(self.space, self.sampled.mesh)
 
     def _loads(self, values: Floats) -> Floats:
         """Return the integrals (n, k) of ``values`` (q, k) at all samples, or (1, k), times each spline."""

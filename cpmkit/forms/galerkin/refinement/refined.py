@@ -124,6 +124,10 @@ class RefinedGalerkin(Galerkin):
     def _loads(self, values: Floats) -> Floats:
         return np.asarray(self.representation.T @ load(self.space, values))
 
+    @shared_property
+    def _areas(self) -> Floats:
+        return np.asarray(self.representation.T @ self._facing[:, 0])
+
     def load_against_slopes(self, values: Floats) -> Floats:
         """Refuse: what weak divergences are taken of is not known beyond the spacing that it was made at."""
         raise SceneError("refine='auto' takes no divergence as a right-hand side; use refine='off'.")
@@ -215,7 +219,7 @@ class RefinedGalerkin(Galerkin):
     @shared_property
     def turned(self) -> Turned:
         """How much of the manifold lies on splines, of whatever level, under which it turns."""
-        return turned(self.space, self.sampled.mesh, load(self.space, np.ones((1, 1)))[:, 0])
+        return turned(self.space, self._facing)
 
     @property
     def told_refinement(self) -> str:

@@ -23,6 +23,8 @@ NO_DIRECTION_SHARE = 1e-14
 #: A piece whose area times the cube of its length, in spacings, is less than this has three samples, others four: 19 an
 #: unknown in place of 22. With three everywhere, of degree 2, gradients on a sphere are a quarter worse at h = .05.
 THREE_SAMPLES_MOMENT = 2e-3
+#: The same bound grows so many times as fast as that of pieces with a single sample: to three for all.
+THREE_OVER_ONE = 1e3
 #: A triangle is split so often and no more: corners that a curved edge puts beyond a plane again need not end.
 MOST_SPLITS = 100_000
 #: Newton's steps from the chord to the place where an edge crosses a knot plane.
@@ -145,8 +147,12 @@ def directed(first: Floats, second: Floats, normal: Floats) -> float:
 
 
 @compiled
-def needed(piece: Floats, count: int) -> int:
-    """Return how many samples a piece has: three miss what goes with its area and the cube of its length."""
+def needed(piece: Floats, count: int, single: float) -> int:
+    """Return how many samples a piece has.
+
+    One misses what goes with its area and the square of its length, which is to stay below ``single``, and three what
+    goes with its area and the cube of its length.
+    """
     length = 0.0
     for i in range(3):
         low, high = np.inf, -np.inf
@@ -159,7 +165,9 @@ def needed(piece: Floats, count: int) -> int:
         d, e, f = piece[k + 1, 2] - piece[0, 2], piece[k + 1, 3] - piece[0, 3], piece[k + 1, 4] - piece[0, 4]
         x, y, z = x + (b * f - c * e), y + (c * d - a * f), z + (a * e - b * d)
     area = 0.5 * np.sqrt(x * x + y * y + z * z)
-    return 3 if area * length * np.sqrt(length) < THREE_SAMPLES_MOMENT else 4
+    if area * length < single:
+        return 1
+    return 3 if area * length * np.sqrt(length) < THREE_SAMPLES_MOMENT + THREE_OVER_ONE * single else 4
 
 
 @compiled
@@ -182,7 +190,9 @@ def put_back(place: float, cell: float) -> float:
 
 
 @compiled
-def triangle_samples(nodes: Floats, spacing: float, clipped: Bools, fine: bool) -> tuple[Floats, Floats, Floats, Any]:
+def triangle_samples(
+    nodes: Floats, spacing: float, clipped: Bools, single: Floats, fine: bool
+) -> tuple[Floats, Floats, Floats, Any]:
     """Return points (q, 3), weights (q,), unit normals (q, 1, 3) and triangles (q,) of samples.
 
     Parameters
@@ -193,6 +203,8 @@ def triangle_samples(nodes: Floats, spacing: float, clipped: Bools, fine: bool) 
         h: knot planes lie at (k + 1/2) h.
     clipped : (m,) bool
         Whether each triangle is clipped there; else it has the samples at (2/3, 1/6, 1/6).
+    single : (m,) float64
+        Pieces of each triangle have one sample where their area times the square of their length, in spacings, is less.
     fine : bool
         Whether pieces have the samples of a rule of degree 4, six for each triangle of them, as cubic splines need.
     """
@@ -234,7 +246,7 @@ def triangle_samples(nodes: Floats, spacing: float, clipped: Bools, fine: bool) 
             if clipped[m] and fine:
                 taken, area = 6 * (count - 2), fanned(piece, count, places, shares)
             elif clipped[m]:
-                taken = needed(piece, count)
+                taken = needed(piece, count, single[m])
                 area = rule(piece, count, taken, frame, thirds, corners, places, shares)
             else:
                 taken, area = 3, whole(places, shares)

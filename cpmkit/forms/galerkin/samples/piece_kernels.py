@@ -131,13 +131,17 @@ def rule(
     In axes e, f in which the covariance is 1 and the mean of e^2 f vanishes, four places, of degree 3, are two along e
     by Gauss's rule, and two across at each; three, of degree 2, lie evenly on a circle, the first where the third
     moment is largest: in a triangle, on the ways to its corners. The weights are positive; on 5000 random polygons of 3
-    to 7 corners the four places were all inside.
+    to 7 corners the four places were all inside. One, of degree 1, is the centroid.
 
-    ``taken``: three or four of them; ``frame`` (5,), ``thirds`` (4,) and ``corners`` (count, 2) are room for what this
-    needs on the way.
+    ``taken``: one, three or four of them; ``frame`` (5,), ``thirds`` (4,) and ``corners`` (count, 2) are room for what
+    this needs on the way.
     """
     area = whitened(piece, count, frame, corners)
     if area <= 0:
+        return area
+    if taken == 1:
+        shares[0] = 1.0
+        put(frame, 0.0, 0.0, places[0])
         return area
     skewness(corners, count, thirds)
     c, s = most_skew(thirds)

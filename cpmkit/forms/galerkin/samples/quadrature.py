@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh, Samples
+from cpmkit.forms.galerkin.samples.facets import single_moments
 from cpmkit.manifold.vectors import norms, unit
 from cpmkit.protocols import Bools, Floats
 
@@ -27,8 +28,9 @@ def samples_of(
     """Return the samples of cells, those of one after those of another, three at least, and ``further`` ones.
 
     Segments have three by Gauss's rule of degree 5. Triangles have three by the rule of degree 2 at barycentric points
-    (2/3, 1/6, 1/6), or for each piece between knot planes four of degree 3, of small ones three of degree 2, or more
-    where they are to be ``fine``. The weights are those of the quadratic cells: the speed, or |x_1 x x_2|.
+    (2/3, 1/6, 1/6), or for each piece between knot planes four of degree 3, of small ones three of degree 2, of smaller
+    ones among facets their centroid, or more where they are to be ``fine``. The weights are those of the quadratic
+    cells: the speed, or |x_1 x x_2|.
 
     Parameters
     ----------
@@ -61,12 +63,13 @@ def _of_triangles(mesh: SampleMesh, clipped_at: float | None, clipped: Bools | N
     spacing = 1.0 if clipped_at is None else float(clipped_at)
     if clipped is None or clipped_at is None:
         clipped = np.full(len(mesh.cells), clipped_at is not None)
+    single = single_moments(mesh) if clipped.any() else np.zeros(len(mesh.cells))
     for start in range(0, max(len(mesh.cells), 1), TRIANGLES_AT_ONCE):
         some = slice(start, start + TRIANGLES_AT_ONCE)
         nodes = mesh.vertices[mesh.cells[some]]
         if mesh.midpoints is not None:
             nodes = np.concatenate([nodes, mesh.midpoints[some]], axis=1)
-        *others, cell = triangle_samples(np.ascontiguousarray(nodes), spacing, clipped[some], fine)
+        *others, cell = triangle_samples(np.ascontiguousarray(nodes), spacing, clipped[some], single[some], fine)
         yield [*others, cell + np.int32(start)]
 
 

@@ -22,6 +22,10 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
+#: Samples are gone through from the first to the last.
+EVERY_SAMPLE = slice(None)
+
+
 @dataclass(frozen=True)
 class Strength:
     """How strongly u is held off the manifold: constants without units.
@@ -98,8 +102,8 @@ def transport(space: Space, field: Floats) -> csr_array:
     return space.matrix(-data)
 
 
-def load(space: Space, f: Floats) -> Floats:
-    """Return (n, channels) sum w f v, with ``f`` (q, channels) at the samples, or (1, channels) at all of them."""
+def load(space: Space, f: Floats, some: slice = EVERY_SAMPLE) -> Floats:
+    """Return (n, channels) sum w f v over ``some`` samples, with ``f`` (q, channels) at them, or (1, channels)."""
     from cpmkit.forms.galerkin.space.energy_kernels import SPLINES
     from cpmkit.forms.galerkin.space.sample_kernels import add_load
 
@@ -107,7 +111,8 @@ def load(space: Space, f: Floats) -> Floats:
     along = SPLINES[parting.degree], SPLINES[parting.degree] if parting.dim == 3 else (0,)
     loads = np.zeros((parting.size, f.shape[1]))
     f = np.ascontiguousarray(f, dtype=np.float64)
-    add_load(parting.unknowns, parting.patch, *along, samples.places, samples.weights, f, loads)
+    of_samples = parting.patch[some], *along, samples.places[some], samples.weights[some]
+    add_load(parting.unknowns, *of_samples, f, loads)
     return loads
 
 

@@ -1,0 +1,37 @@
+"""How roughly the triangles of a faceted surface may be sampled: as much as the surface turns at their edges.
+
+Where flat triangles stand for a bent surface, the gradient of u has kinks at their edges, of the size of the angle
+there, which no spline between knot planes has. A rule for a piece of a triangle need not err less than that.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.forms.galerkin.sample_mesh import SampleMesh
+from cpmkit.protocols import Floats
+
+#: Pieces with the area times the square of the length, in spacings, below the angle times this have one sample.
+SINGLE_MOMENT_OF_ANGLE = 0.5
+#: And below this at most. Errors on Spot are then those of all samples to 1 percent, at three spacings, with five
+#: eighths of them; on a ball of 1,280 facets, under smooth data, 1 to 4 percent more with three fifths.
+MOST_SINGLE_MOMENT = 5e-3
+
+
+def single_moments(mesh: SampleMesh) -> Floats:
+    """Return (m,) the area times the square of the length, in spacings, below which pieces of a triangle have a sample.
+
+    None has where triangles are curved, and where a flat one lies in a plane with a neighbour, has none at an edge or
+    several, or touches a boundary: what one side of that sees of a cell may be little.
+    """
+    if mesh.midpoints is not None:
+        return np.zeros(len(mesh.cells))
+    from cpmkit.forms.galerkin.samples.edges import edges_of
+    from cpmkit.forms.galerkin.samples.facet_kernels import least_turn
+
+    sine = least_turn(mesh.vertices, np.ascontiguousarray(mesh.cells), edges_of(mesh).of_cells)
+    found = np.minimum(SINGLE_MOMENT_OF_ANGLE * sine, MOST_SINGLE_MOMENT)
+    beside = np.zeros(len(mesh.vertices), dtype=bool)
+    beside[mesh.cut] = True
+    found[beside[mesh.cells].any(axis=1)] = 0.0
+    return found
