@@ -1,4 +1,4 @@
-"""Compiled: quadrature rules for convex pieces of triangles, of three and four points, and of degree 4."""
+"""Compiled: quadrature rules for convex pieces of triangles, of one, three and four points, and of degree 4."""
 
 from __future__ import annotations
 
@@ -116,6 +116,35 @@ def put(frame: Floats, e: float, f: float, place: Floats) -> None:
 
 
 @compiled
+def centroid(piece: Floats, count: int, place: Floats) -> float:
+    """Fill ``place`` (2,) with the centroid of a convex piece; returns its area."""
+    area = x = y = 0.0
+    r, s = piece[0, 0], piece[0, 1]
+    for k in range(1, count - 1):
+        a, b = piece[k, 0] - r, piece[k, 1] - s
+        c, d = piece[k + 1, 0] - r, piece[k + 1, 1] - s
+        own = 0.5 * (a * d - b * c)
+        area += own
+        x += own * (a + c) / 3
+        y += own * (b + d) / 3
+    if area > 0:
+        place[0], place[1] = r + x / area, s + y / area
+    return area
+
+
+@compiled
+def on_ways_to_corners(piece: Floats, places: Floats, shares: Floats) -> float:
+    """Fill three of ``places`` and ``shares`` with the rule of degree 2 for a triangle; returns its area."""
+    for i in range(2):
+        third = (piece[0, i] + piece[1, i] + piece[2, i]) / 6
+        for k in range(3):
+            places[k, i] = third + 0.5 * piece[k, i]
+    shares[:3] = 1 / 3
+    a, b = piece[1, 0] - piece[0, 0], piece[1, 1] - piece[0, 1]
+    return float(0.5 * (a * (piece[2, 1] - piece[0, 1]) - b * (piece[2, 0] - piece[0, 0])))
+
+
+@compiled
 def rule(
     piece: Floats,
     count: int,
@@ -136,12 +165,13 @@ def rule(
     ``taken``: one, three or four of them; ``frame`` (5,), ``thirds`` (4,) and ``corners`` (count, 2) are room for what
     this needs on the way.
     """
-    area = whitened(piece, count, frame, corners)
-    if area <= 0:
-        return area
     if taken == 1:
         shares[0] = 1.0
-        put(frame, 0.0, 0.0, places[0])
+        return centroid(piece, count, places[0])
+    if taken == 3 and count == 3:  # the same, but for which place comes first
+        return on_ways_to_corners(piece, places, shares)
+    area = whitened(piece, count, frame, corners)
+    if area <= 0:
         return area
     skewness(corners, count, thirds)
     c, s = most_skew(thirds)
