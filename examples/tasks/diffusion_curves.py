@@ -1,0 +1,9 @@
+"""Diffusion curves on an OBJ file of one's own, along a line that was drawn on it."""
+
+import cpmkit as ck
+from cpmkit.applications import diffusion_curves
+
+model = ck.source("mesh.triangles", file="model.obj")
+line = ck.source("mesh.polyline", file="line.csv")
+painted = diffusion_curves(model, {"line": (line, {"left": "gold", "right": "teal"})}, spacing=0.05)
+painted.picture("painted.png", width=700)
