@@ -5,5 +5,6 @@ from cpmkit.applications import diffusion_curves
 
 model = ck.source("mesh.triangles", file="model.obj")
 line = ck.source("mesh.polyline", file="line.csv")
-painted = diffusion_curves(model, {"line": (line, {"left": "gold", "right": "teal"})}, spacing=0.05)
-painted.picture("painted.png", width=700)
+colours = {"left": ["gold", "tomato", "gold"], "right": ["teal", "navy", "teal"]}
+painted = diffusion_curves(model, {"line": (line, colours)}, spacing=0.05)
+painted.picture("painted.png", view=(-1, 0.4, -0.5), width=700)

@@ -23,15 +23,17 @@ from cpmkit.runtime.declared import declared
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = Path(__file__).with_name("typed_script.py")
+TASKS = sorted((ROOT / "examples" / "tasks").glob("*.py"))
 #: What options are kept as, where they are given in more ways: text is read as bytes, or as a path.
 KEPT = {"Path": "PathLike[str]"}
 
 
 @pytest.mark.slow
 def test_a_type_checker_passes_what_is_right_and_refuses_each_line_that_is_not():
-    told = mypy(SCRIPT)
+    told = mypy(SCRIPT, *TASKS)
     refused = {int(number) for number in re.findall(rf"{SCRIPT.name}:([0-9]+): error:", told)}
     assert refused == {number for number, line in enumerate(lines(), 1) if line.endswith("# wrong")}, told
+    assert [line for line in told.splitlines() if ": error:" in line and SCRIPT.name not in line] == []
 
 
 def test_the_script_uses_public_names_alone():
