@@ -171,7 +171,7 @@ def polyline(*, points: Any = None, file: str | Path | None = None, closed: bool
     points : (n, 2) or (n, 3) array
         At least two that differ, in the direction of travel; repeated neighbours count once.
     file : str or Path
-        A ``.npy`` file that holds such an array, a ``.csv``, ``.txt`` or ``.xyz`` file with a point a row, or a ``.obj``
+        A ``.npy`` file that holds such an array, a ``.csv``, ``.txt`` or ``.xyz`` file with a point a row, or an OBJ
         file with one line.
     closed : bool, optional
         True adds the segment from the last point to the first. By default a polyline is closed

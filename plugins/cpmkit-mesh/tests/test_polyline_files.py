@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from cpmkit_mesh import polyline
 
 from cpmkit.errors import InputError
-from cpmkit_mesh import polyline
 
 BEND = np.array([[0.0, 0.0, 0.25], [1.0, 0.5, 0.0], [2.0, 0.0, -1e-3]])
 VERTICES = "".join(f"v {x} {y} {z}\n" for x, y, z in BEND)
