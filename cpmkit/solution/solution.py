@@ -341,7 +341,10 @@ class Solution:
         return plot(self, axes, **options)
 
     def show(self, **options: Any) -> Page:
-        """Show the solution to be turned and zoomed, in a window of the browser or in a notebook."""
+        """Show the solution to be turned and zoomed, in a window of the browser or in a notebook.
+
+        :func:`cpmkit.pick_line` shows it in a window in which lines are drawn on it.
+        """
         from cpmkit.view.showing import show
 
         return show(self, **options)
