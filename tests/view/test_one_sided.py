@@ -1,6 +1,11 @@
 """Surfaces are lit on whichever side is seen, whatever the winding of triangles and the signs of normals."""
 
+import json
+import re
+import shutil
+import subprocess
 from dataclasses import replace
+from importlib.resources import files
 
 import numpy as np
 import pytest
@@ -63,3 +68,31 @@ def test_a_moebius_strip_is_as_bright_as_its_slope_says_and_has_no_line_where_it
     view = np.abs(face[:, 2])
     near = np.linalg.norm(middle[:, None, :2] - ((a + b + c) / 3)[None, :, :2], axis=2).argmin(axis=1)
     assert view[near].max() < 0.75  # outlines run where the strip turns away alone
+
+
+NODE = shutil.which("node")
+
+
+@pytest.mark.skipif(NODE is None, reason="node, which runs the page's JavaScript, is not installed")
+def test_a_page_lights_a_moebius_strip_alike_on_both_sides_of_the_line_where_they_meet():
+    points, triangles = ck.source("parametric.moebius").mesh(0.2)
+    page = files("cpmkit.view").joinpath("page.html").read_text(encoding="utf-8")
+    (script,) = re.findall(r"<script>(.*?)</script>", page, re.DOTALL)
+    function = script[script.index("function shaded") : script.index("function start")]
+    asked = f"shaded(new Float32Array({points.ravel().tolist()}), new Uint32Array({triangles.ravel().tolist()}))"
+    told = "for (const k in found) found[k] = Array.from(found[k]); console.log(JSON.stringify(found));"
+    for code in (f"new Function({json.dumps(script)})", f"{function}; const found = {asked}; {told}"):
+        done = subprocess.run([NODE, "-e", code], capture_output=True, text=True, check=True)  # the first parses all
+    found = {name: np.array(values) for name, values in json.loads(done.stdout).items()}
+    made, normals = found["points"].reshape(-1, 3), found["normals"].reshape(-1, 3)
+    cells, owner = found["triangles"].reshape(-1, 3), found["owner"]
+    assert 0 < len(owner) < len(points) / 4
+    np.testing.assert_allclose(made, np.concatenate([points, points[owner]]), atol=1e-6)
+    np.testing.assert_array_equal(np.concatenate([np.arange(len(points)), owner])[cells], triangles)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    a, b, c = (normals[cells[:, k]] for k in range(3))
+    assert min(np.einsum("td,td->t", *pair).min() for pair in ((a, b), (b, c), (a, c))) > 0.8
+    corners = made[cells]
+    face = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    face /= np.linalg.norm(face, axis=1, keepdims=True)
+    assert np.abs(np.einsum("tkd,td->tk", normals[cells], face)).min() > 0.9
