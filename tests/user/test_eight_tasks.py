@@ -73,7 +73,7 @@ def test_poisson_on_a_noisy_scan(monkeypatch, tmp_path):
     points = TORUS.mesh(0.1)[0]
     noise = np.random.default_rng(0).normal(scale=0.01, size=points.shape)
     np.savetxt(tmp_path / "scan.xyz", points + noise)
-    with pytest.warns(ck.CpmkitWarning, match="The data do not balance"):  # on a torus they would; on noise hardly
+    with pytest.warns(ck.CpmkitWarning, match="The data do not balance"):  # the noise moves the mean of f
         found = run("noisy_scan", monkeypatch, tmp_path, 0.25)["solution"]
     exact = ck.solve(ck.Scene(TORUS, ck.Poisson("x*y")), spacing=0.15)
     difference = found.evaluate(points) - exact.evaluate(points)
