@@ -69,6 +69,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same names as in the tab
     from cpmkit.solution.solution import Solution as Solution
     from cpmkit.solving import discretize as discretize
     from cpmkit.solving import solve as solve
+    from cpmkit.view.picking import pick_line as pick_line
 
 __version__ = "0.1.0"
 
@@ -125,6 +126,7 @@ _PUBLIC = {
     "load": "saving.loading",
     "load_scene": "scenefile.reading",
     "normals_at": "solution.boundary_points",
+    "pick_line": "view.picking",
     "prepare": "preparing",
     "read_mesh": "plugins",
     "read_texture_coordinates": "plugins",

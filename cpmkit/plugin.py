@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from cpmkit.manifold.vectors import norms as norms
     from cpmkit.manifold.vectors import unit as unit
     from cpmkit.meshes.display_mesh import DisplayMesh as DisplayMesh
-    from cpmkit.meshes.display_mesh import vertex_normals as vertex_normals
+    from cpmkit.meshes.vertex_normals import vertex_normals as vertex_normals
     from cpmkit.plugins import source as source
     from cpmkit.protocols import SIDES as SIDES
     from cpmkit.protocols import Advice as Advice
@@ -192,7 +192,8 @@ _NAMES = {
         "linear.operators": "Border CsrOperator",
         "forms.contract": "Discretized MeasuredWork PlainWork StateFlux",
         "forms.galerkin.cut_mesh": "CutMesh cut_along_boundaries",
-        "meshes.display_mesh": "DisplayMesh vertex_normals",
+        "meshes.display_mesh": "DisplayMesh",
+        "meshes.vertex_normals": "vertex_normals",
         "grid.fitting": "needed_spacing",
     },
     "Hooks": {

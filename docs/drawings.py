@@ -56,7 +56,7 @@ def left_and_right() -> Figure:
 def _sphere(axes: Any, curve: ck.ClosestPointSource, angles: tuple[float, float]) -> None:
     """Draw a unit sphere, coloured by the side of ``curve``, with the directions at two of its points."""
     sphere = ck.source("analytic.sphere")
-    solution = _two_sided(sphere, curve, 0.25)
+    sides = _sides(sphere, curve, 0.25)
     right, above, towards = _camera()
     u, w = np.meshgrid(np.linspace(-1, 1, 500), np.linspace(-1, 1, 500))
     visible = u**2 + w**2 < 1
@@ -65,7 +65,7 @@ def _sphere(axes: Any, curve: ck.ClosestPointSource, angles: tuple[float, float]
     picture = np.ones((*u.shape, 4))
     picture[..., 3] = visible
     shade = 0.35 + 0.65 * depth[visible]
-    picture[visible, :3] = 1 - shade[:, None] * (1 - _side_colours(solution.signed_distance("C", points[visible])))
+    picture[visible, :3] = 1 - shade[:, None] * (1 - _side_colours(sides.signed_distance("C", points[visible])))
     axes.imshow(picture, origin="lower", extent=(-1, 1, -1, 1), interpolation="bilinear")
 
     vertices, cells = curve.mesh(0.02)
@@ -75,7 +75,7 @@ def _sphere(axes: Any, curve: ck.ClosestPointSource, angles: tuple[float, float]
 
     guesses = np.array([[np.cos(angle), np.sin(angle), 0.3] for angle in angles])
     feet = curve.closest_point(guesses)
-    view = _side_view(solution, feet.points)
+    view = _side_view(sides, feet.points)
     tangent, normal = curve.tangents(feet), sphere.normals(sphere.closest_point(feet.points))
     for at, t, n, v in zip(feet.points, tangent, normal, view.conormal, strict=True):
         for vector, name in ((t, "$t$"), (n, "$n$"), (v, "$v$")):
@@ -89,17 +89,17 @@ def corner() -> Figure:
     vertices = np.array([[x, y, 0.0] for x in (-1, 1) for y in (-1, 1)])
     square = ck.source("mesh.triangles", vertices=vertices, faces=[[0, 2, 3], [0, 3, 1]], closest="faceted")
     bend = np.array([[-0.9, -0.5, 0], [0.2, 0.0, 0], [-0.6, 0.8, 0]])
-    solution = _two_sided(square, ck.source("mesh.polyline", points=bend), 0.4)
+    sides = _sides(square, ck.source("mesh.polyline", points=bend), 0.4)
     figure = Figure(figsize=(4.6, 4.6))
     axes = figure.add_subplot()
     x, y = np.meshgrid(np.linspace(-1, 1, 500), np.linspace(-1, 1, 500))
-    signed = solution.signed_distance("C", np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3))
+    signed = sides.signed_distance("C", np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3))
     axes.imshow(_side_colours(signed).reshape(500, 500, 3), origin="lower", extent=(-1, 1, -1, 1))
     axes.plot(*bend[:, :2].T, color=INK, lw=2.5)
-    along = solution.scene.boundaries[0].source
+    along = sides.scene.boundaries[0].source
     at = np.array([[-0.45, -0.3, 0.0], [0.2, 0.0, 0.0], [-0.25, 0.45, 0.0]])
     feet = along.closest_point(at)
-    view = _side_view(solution, feet.points)
+    view = _side_view(sides, feet.points)
     for foot, t, v in zip(feet.points, along.tangents(feet), view.conormal, strict=True):
         _arrow(axes, foot[:2], t[:2], "", 0.3)
         _arrow(axes, foot[:2], v[:2], "$v$", 0.3)
@@ -113,7 +113,8 @@ def corner() -> Figure:
 
 def point_on_curve() -> Figure:
     """Draw a circle that is cut at one point, coloured by the solution with 1 on the left and 0 on the right."""
-    solution = _cut_circle(0.1)
+    scene = _cut_circle()
+    solution = ck.solve(scene, 0.1, form="collocation")
     angles = np.linspace(0, 2 * np.pi, 721) + 0.9
     points = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     middle = 0.5 * (points[1:] + points[:-1])
@@ -126,7 +127,7 @@ def point_on_curve() -> Figure:
         at = np.array([np.cos(angle), np.sin(angle)])
         _arrow(axes, 0.88 * at - 0.12 * np.array([-at[1], at[0]]), np.array([-at[1], at[0]]), "", 0.24)
     axes.text(-0.62, 0.02, "direction\nof travel", ha="left", va="center", color=INK)
-    cut = solution.scene.boundaries[0].source.closest_point(np.zeros((1, 2))).points[0]
+    cut = scene.boundaries[0].source.closest_point(np.zeros((1, 2))).points[0]
     axes.plot(*cut, "o", color=INK, ms=8)
     axes.annotate("$C$", cut, (11, 9), textcoords="offset points", fontsize=14)
     for angle, name, colour in ((0.9 - 0.28, "left", LEFT), (0.9 + 0.28, "right", RIGHT)):
@@ -138,8 +139,8 @@ def point_on_curve() -> Figure:
 
 def ghost() -> Figure:
     """Draw the nodes near a cut, which of them have a ghost, and what one ghost reads."""
-    solution = _cut_circle(0.1)
-    layout = solution.discretized.tables.layout
+    cut = ck.discretize(_cut_circle(), 0.1, form="collocation")
+    layout = cut.tables.layout
     band, ghosts = layout.band, layout.ghosts[0]
     figure = Figure(figsize=(7.5, 5.4))
     axes = figure.add_subplot()
@@ -155,7 +156,7 @@ def ghost() -> Figure:
 
     chosen = int(np.argmin(np.linalg.norm(own - [0.9, 0.8], axis=1)))
     x, z = own[chosen], band.feet.points[ghosts.nodes[chosen]]
-    seen = _side_view(solution, z[None])
+    seen = _side_view(cut, z[None])
     y, mirror = seen.foot[0], ghosts.formula.points[chosen]
     axes.plot(*np.stack([x, z]).T, "--", color=INK, lw=1)
     for point, name, offset in (
@@ -173,22 +174,26 @@ def ghost() -> Figure:
     return figure
 
 
-def _two_sided(surface: ck.ClosestPointSource, curve: ck.ClosestPointSource, spacing: float) -> ck.Solution:
+def _two_sided(surface: ck.ClosestPointSource, curve: ck.ClosestPointSource) -> ck.Scene:
     boundary = ck.Boundary("C", curve, left=ck.Dirichlet(1.0), right=ck.Dirichlet(0.0))
-    return ck.solve(ck.Scene(surface, ck.Laplace(), [boundary]), spacing, form="collocation")
+    return ck.Scene(surface, ck.Laplace(), [boundary])
 
 
-def _cut_circle(spacing: float) -> ck.Solution:
+def _sides(surface: ck.ClosestPointSource, curve: ck.ClosestPointSource, spacing: float) -> Any:
+    """Return the scene on a lattice, unsolved: only its sides are drawn, and values would run together at open ends."""
+    return ck.discretize(_two_sided(surface, curve), spacing, form="collocation")
+
+
+def _cut_circle() -> ck.Scene:
     point = ck.source("analytic.point", at=[np.cos(0.9), np.sin(0.9)])
-    return _two_sided(ck.source("analytic.circle"), point, spacing)
+    return _two_sided(ck.source("analytic.circle"), point)
 
 
-def _side_view(solution: ck.Solution, points: Any) -> SideView:
-    """Return how the boundary of ``solution`` sees ``points``, in the scene's coordinates."""
-    lattice = solution.discretized.tables.layout.lattice
-    return solution.discretized.tables.layout.boundaries.on_lattice[0].side_view(
-        lattice.to_local(points), np.inf, solution.spacing
-    )
+def _side_view(discretized: Any, points: Any) -> SideView:
+    """Return how the boundary sees ``points``, in the scene's coordinates."""
+    layout = discretized.tables.layout
+    on_lattice = layout.boundaries.on_lattice[0]
+    return on_lattice.side_view(layout.lattice.to_local(points), np.inf, discretized.spacing)
 
 
 def _side_colours(signed: Any) -> Any:

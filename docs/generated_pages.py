@@ -1,4 +1,4 @@
-"""Pages of the reference that are read off the code: kinds with their keys, commands, what a plugin may import."""
+"""Pages that are read off the code: kinds with their keys, commands, what a plugin may import, the gallery's files."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ import click
 from cpmkit import plugin, plugins
 from cpmkit.cli import main
 
-API = Path(__file__).parent / "reference" / "api.md"
+ROOT = Path(__file__).parent.parent
+API, GALLERY = ROOT / "docs" / "reference" / "api.md", ROOT / "docs" / "gallery.md"
+#: Of the files that make the pictures of the gallery, by their suffixes.
+LANGUAGES = {".toml": "toml", ".py": "python", ".svg": "xml"}
 #: What carries no docstring.
 DATA = {
     "Bools": "A NumPy array of bool.",
@@ -33,10 +36,22 @@ DATA = {
 def write_all(folder: Path) -> list[Path]:
     """Write every page into ``folder``, which is made if need be, and return the files."""
     folder.mkdir(parents=True, exist_ok=True)
-    pages = {"kinds.md": kinds_page(), "cli.md": commands_page(), "plugin-api.md": facade_page()}
+    pages = {"kinds.md": kinds_page(), "cli.md": commands_page(), "plugin-api.md": facade_page(), **gallery_listings()}
     for name, text in pages.items():
         (folder / name).write_text(text, encoding="utf-8")
     return [folder / name for name in pages]
+
+
+def gallery_listings() -> dict[str, str]:
+    """Return, by the name of the page that the gallery includes, the text of each example that it names, folded."""
+    named = dict.fromkeys(re.findall(r"`(examples/[^`]+)`", GALLERY.read_text(encoding="utf-8")))
+    return {f"gallery-{Path(name).name}.md": _listing(name) for name in named}
+
+
+def _listing(name: str) -> str:
+    text = (ROOT / name).read_text(encoding="utf-8").rstrip()
+    listing = f"```{LANGUAGES[Path(name).suffix]}\n{text}\n```"
+    return f"<details><summary><code>{name}</code></summary>\n\n{listing}\n\n</details>\n"
 
 
 def kinds_page() -> str:

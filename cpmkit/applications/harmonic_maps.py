@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
@@ -26,6 +26,9 @@ from cpmkit.protocols import ClosestPointSource, Floats
 from cpmkit.runtime.arrays import as_points, positive, whole
 from cpmkit.runtime.warn import warn_each
 from cpmkit.solution.solution import Solution
+
+if TYPE_CHECKING:
+    from cpmkit.scenefile.look_keywords import LookKeywords
 
 METHODS = ("implicit", "explicit")
 #: The step over the square of half the manifold's size: .1 on a sphere of radius one.
@@ -83,7 +86,7 @@ class SurfaceMap(Result):
     def _told(self) -> str:
         return f" to {self.target!r}, energy {self.energy[-1]:.6g} {'at' if self.at_rest else 'not at'} rest"
 
-    def picture(self, path: Any, texture: Any = None, **options: Any) -> Any:
+    def picture(self, path: Any, texture: Any = None, **options: Unpack[LookKeywords]) -> Any:
         """Draw the source with the target's colours, as :meth:`cpmkit.Solution.picture` draws.
 
         Parameters

@@ -13,7 +13,7 @@ which the shortest way to q leaves: the angle at q between the gradient of the d
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
@@ -29,6 +29,9 @@ from cpmkit.preparing import Prepared
 from cpmkit.protocols import ClosestPointSource, Floats, HasNormals
 from cpmkit.runtime.arrays import as_points, as_vector
 from cpmkit.solution.solution import Solution
+
+if TYPE_CHECKING:
+    from cpmkit.scenefile.look_keywords import LookKeywords
 
 #: Time of the heat over the spacing's square: with 4 directions far away are less exact, with 1 they are noise.
 HEAT_TIME = 16.0
@@ -104,7 +107,7 @@ class LogarithmicMap:
         """Write the distance as :meth:`cpmkit.Solution.save` does."""
         self.distance.save(path)
 
-    def picture(self, path: Any, **options: Any) -> Any:
+    def picture(self, path: Any, **options: Unpack[LookKeywords]) -> Any:
         """Draw rings and rays of the coordinates as :meth:`cpmkit.Solution.picture` draws."""
         solution = self.distance.solution
         x, y = self.evaluate(solution.display_mesh().points).T

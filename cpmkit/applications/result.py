@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 from cpmkit.solution.solution import Solution
+
+if TYPE_CHECKING:
+    from cpmkit.scenefile.look_keywords import LookKeywords
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -24,7 +27,7 @@ class Result:
         """Write it as :meth:`cpmkit.Solution.save` does."""
         self.solution.save(path)
 
-    def picture(self, path: Any, **options: Any) -> Any:
+    def picture(self, path: Any, **options: Unpack[LookKeywords]) -> Any:
         """Draw it as :meth:`cpmkit.Solution.picture` does."""
         return self.solution.picture(path, **options)
 

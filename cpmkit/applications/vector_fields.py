@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
@@ -32,6 +32,9 @@ from cpmkit.errors import InputError, shown
 from cpmkit.plugin import unit
 from cpmkit.protocols import ClosestPointSource, Floats
 from cpmkit.runtime.arrays import as_points, positive
+
+if TYPE_CHECKING:
+    from cpmkit.scenefile.look_keywords import LookKeywords
 
 TRANSPORTS = ("parallel", "paper")
 #: Vectors whose tangential part is a smaller share of them stand on the surface.
@@ -82,7 +85,7 @@ class TangentField(Result):
         vectors = tangential(surface, mesh.points, mesh.values)
         return singularities(mesh.points, mesh.triangles, vectors, mesh.normals)
 
-    def picture(self, path: Any, *, length: float | None = None, **options: Any) -> Any:
+    def picture(self, path: Any, *, length: float | None = None, **options: Unpack[LookKeywords]) -> Any:
         """Draw arrows of one length that lie on the surface, as :meth:`cpmkit.Solution.picture` draws.
 
         Parameters

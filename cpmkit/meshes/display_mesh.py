@@ -19,6 +19,7 @@ from cpmkit.manifold.vectors import unit
 from cpmkit.meshes.cells import with_corners
 from cpmkit.meshes.cut import Pieces, cut
 from cpmkit.meshes.refinement import refine
+from cpmkit.meshes.vertex_normals import vertex_normals
 from cpmkit.protocols import ClosestPointSource, Floats, HasMesh, HasNormals, Ints, Side
 
 if TYPE_CHECKING:
@@ -136,17 +137,6 @@ def _normals(surface: ClosestPointSource, points: Floats, cells: Ints) -> Floats
         own = surface.normals(surface.closest_point(positions)) if isinstance(surface, HasNormals) else None
         normals[dots] = plane_normals(positions) if own is None else own
     return normals
-
-
-def vertex_normals(points: Floats, triangles: Ints) -> Floats:
-    """Return (v, 3) unit normals at the vertices: the mean of the triangles around, weighted by area."""
-    a, b, c = (points[triangles[:, k]] for k in range(3))
-    twice_area = np.cross(b - a, c - a)
-    total = np.empty_like(points)
-    for axis in range(3):
-        weights = np.repeat(twice_area[:, axis], 3)
-        total[:, axis] = np.bincount(triangles.ravel(), weights, minlength=len(points))
-    return unit(total)
 
 
 def plane_normals(points: Floats) -> Floats:

@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from cpmkit.scenefile.output_request import check_vertices
 from cpmkit.solution.own_vertices import at_vertices, given_mesh_of
 
 if TYPE_CHECKING:
+    from cpmkit.scenefile.look_keywords import SavingKeywords
     from cpmkit.solution.solution import Solution
 
 #: Of the arrays in a .npz; :func:`cpmkit.load` reads no other.
@@ -29,7 +30,7 @@ FILMS, PAGE = (".gif", ".mp4"), ".html"
 SUFFIXES = (*MESH_WRITERS, ".json", ".pvd", *FILMS, PAGE)
 
 
-def save(solution: Solution, path: str | Path, vertices: str = "display", **options: Any) -> None:
+def save(solution: Solution, path: str | Path, vertices: str = "display", **options: Unpack[SavingKeywords]) -> None:
     """Write ``solution`` to ``path``, whole or not at all; a file that is there already is replaced.
 
     ========= ==================================================================================
@@ -91,7 +92,8 @@ def save(solution: Solution, path: str | Path, vertices: str = "display", **opti
         if suffix == PAGE:
             from cpmkit.view.page import page_of
 
-            unfinished.write_text(page_of(solution, **options), encoding="utf-8")
+            seen: Any = options  # what a page has none of, such as fps, is refused
+            unfinished.write_text(page_of(solution, **seen), encoding="utf-8")
             return
         if suffix == ".npz" and vertices == "display":
             return _save_npz(solution, unfinished)

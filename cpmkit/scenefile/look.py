@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, Self
 
@@ -118,8 +118,8 @@ class Look:
             self._set("isolines", tuple(as_vector(self.isolines, np.size(self.isolines), "isolines").tolist()))
 
     @classmethod
-    def of(cls, options: dict[str, Any]) -> Self:
-        """Return the look with these options.
+    def of(cls, options: Mapping[str, Any], what: str = "a picture", also: Sequence[str] = ()) -> Self:
+        """Return the look of ``what`` with these options; ``also`` names arguments of its own, as which one is meant.
 
         Raises
         ------
@@ -129,8 +129,8 @@ class Look:
         accepted = [field.name for field in fields(cls)]
         for name in options:
             if name not in accepted:
-                near = did_you_mean(name, accepted)
-                raise InputError(f"a picture has no option {name!r}{near}; accepted are {', '.join(accepted)}.")
+                near, every = did_you_mean(name, (*also, *accepted)), ", ".join((*also, *accepted))
+                raise InputError(f"{what} has no option {name!r}{near}; accepted are {every}.")
         return cls(**options)
 
     def levels(self, ends: Sequence[float]) -> list[float]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from cpmkit.protocols import Floats
 from cpmkit.runtime.memory import available_bytes
 from cpmkit.scene.equations_in_time import Evolution
 from cpmkit.solution.solution import Solution
+
+if TYPE_CHECKING:
+    from cpmkit.scenefile.look_keywords import LookKeywords
 
 #: Bytes of a value, and how often frames are in memory while they are saved.
 VALUE_BYTES, FRAME_COPIES = 8, 2
@@ -66,7 +69,7 @@ class EvolvedSolution(Solution):
         """(channels,) the integrals of u over the manifold, such as its heat; None in forms that know no exact ones."""
         return self.discretized.totals(self.values)
 
-    def animate(self, path: str | Path, fps: float = 12.0, **options: Any) -> Path:
+    def animate(self, path: str | Path, fps: float = 12.0, **options: Unpack[LookKeywords]) -> Path:
         """Write the frames as a film, ``.gif`` or ``.mp4``; see :func:`cpmkit.view.film.animate`."""
         from cpmkit.view.film import animate
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, overload
+from typing import TYPE_CHECKING, Any, Literal, Unpack, overload
 
 import numpy as np
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from cpmkit.accuracy.estimate import ErrorEstimate
     from cpmkit.accuracy.trade import Trade
     from cpmkit.meshes.display_mesh import DisplayMesh
+    from cpmkit.scenefile.look_keywords import LookKeywords, SavingKeywords
     from cpmkit.solution.integrals import Integrand
     from cpmkit.view import Picture
     from cpmkit.view.showing import Page
@@ -318,7 +319,7 @@ class Solution:
 
         return mean(self, function, dim)
 
-    def save(self, path: str | Path, vertices: str = "display", **options: Any) -> None:
+    def save(self, path: str | Path, vertices: str = "display", **options: Unpack[SavingKeywords]) -> None:
         """Write the solution to ``path``; the suffix decides what: see :func:`cpmkit.saving.export.save`.
 
         A file that is there already is replaced, by a whole one or not at all. ``vertices="own"`` writes a mesh file
@@ -328,20 +329,23 @@ class Solution:
 
         save(self, path, vertices, **options)
 
-    def picture(self, path: str | Path, **options: Any) -> Picture:
+    def picture(self, path: str | Path, **options: Unpack[LookKeywords]) -> Picture:
         """Draw the solution into the PNG ``path``; see :func:`cpmkit.view.picture`."""
         from cpmkit.view import picture
 
         return picture(self, path, **options)
 
-    def plot(self, axes: Any = None, **options: Any) -> Any:
+    def plot(self, axes: Any = None, **options: Unpack[LookKeywords]) -> Any:
         """Draw the solution on axes of matplotlib, as :meth:`picture` does, and return them."""
         from cpmkit.view.showing import plot
 
         return plot(self, axes, **options)
 
-    def show(self, **options: Any) -> Page:
-        """Show the solution to be turned and zoomed, in a window of the browser or in a notebook."""
+    def show(self, **options: Unpack[LookKeywords]) -> Page:
+        """Show the solution to be turned and zoomed, in a window of the browser or in a notebook.
+
+        :func:`cpmkit.pick_line` shows it in a window in which lines are drawn on it.
+        """
         from cpmkit.view.showing import show
 
         return show(self, **options)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from cpmkit.view.layout import composed
 from cpmkit.view.pictures import check_look, drawn, painted, shown_values
 
 if TYPE_CHECKING:
+    from cpmkit.scenefile.look_keywords import LookKeywords
     from cpmkit.solution.evolved import EvolvedSolution
     from cpmkit.solution.solution import Solution
 
@@ -26,7 +27,9 @@ if TYPE_CHECKING:
 FRAMES_A_SECOND, FILM_WIDTH = 12.0, 700
 
 
-def animate(solution: Solution, path: str | Path, fps: float = FRAMES_A_SECOND, **options: Any) -> Path:
+def animate(
+    solution: Solution, path: str | Path, fps: float = FRAMES_A_SECOND, **options: Unpack[LookKeywords]
+) -> Path:
     """Write the frames of a run in time as a film, and return its path.
 
     Parameters
@@ -47,7 +50,7 @@ def animate(solution: Solution, path: str | Path, fps: float = FRAMES_A_SECOND, 
     MissingDependencyError
         If what writes the film is not installed.
     """
-    look = Look.of({"width": FILM_WIDTH, **options})
+    look = Look.of({"width": FILM_WIDTH, **options}, "a film", ("fps",))
     check_look(look)
     path, fps = Path(path), positive(fps, "fps")
     writers = {".gif": _write_gif, ".mp4": _write_mp4}

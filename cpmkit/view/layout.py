@@ -14,22 +14,35 @@ from cpmkit.view.colours import Bar
 
 #: Width of the colour bar's column, with and without a label, and the height of a title, as shares of the whole width.
 LABELLED_BAR_WIDTH, BAR_WIDTH, TITLE_HEIGHT = 0.16, 0.12, 0.055
-#: Size of the letters at the bar, as a share of the whole width.
-LETTER_SIZE = 1 / 65
+#: Size of the letters at the bar, as a share of the whole width; in pixels at least, as far as the bar's column, which
+#: is as many letters wide, takes no more than a share of the whole.
+LETTER_SIZE, LEAST_LETTER, LARGEST_BAR_SHARE = 1 / 65, 10.0, 0.35
+#: How much larger a title's letters are, and how wide one is on the mean, as a share of its size.
+TITLE_LETTERS, LETTER_BREADTH = 1.3, 0.6
 #: Dots an inch of the figures; only the ratio to the size of the type matters.
 DOTS_PER_INCH, POINTS_PER_INCH = 100, 72
 
 
+def letter_size(width: int, share: float) -> float:
+    """Return the size of letters in pixels, in a picture of ``width`` whose bar has this share of it where it is large.
+
+    They are read down to about 10 pixels; in narrower pictures they and the bar's column take more of the width.
+    """
+    return max(LETTER_SIZE * width, min(LEAST_LETTER, LETTER_SIZE * width * LARGEST_BAR_SHARE / share))
+
+
 def model_width(width: int, bar: bool, label: str) -> int:
     """Return how many pixels of the whole ``width`` are the model's."""
-    return width - round((LABELLED_BAR_WIDTH if label else BAR_WIDTH) * width) if bar else width
+    share = LABELLED_BAR_WIDTH if label else BAR_WIDTH
+    return width - round(share * letter_size(width, share) / LETTER_SIZE) if bar else width
 
 
 def composed(model: Floats, bar: Bar | None, title: str, width: int) -> Any:
     """Return the whole picture (rows, columns, 3) as bytes: the model (r, c, 3), with title and bar."""
     parts = [_bytes(model)]
     if bar is not None:
-        parts.append(_bar(bar, len(model), width - model.shape[1], LETTER_SIZE * width))
+        letters = letter_size(width, LABELLED_BAR_WIDTH if bar.label else BAR_WIDTH)
+        parts.append(_bar(bar, len(model), width - model.shape[1], letters))
     whole = np.concatenate(parts, axis=1)
     if title:
         whole = np.concatenate([titled(title, whole.shape[1], width), whole])
@@ -49,8 +62,9 @@ def grid(tiles: Sequence[Floats], titles: Sequence[str], columns: int) -> Floats
 
 def titled(title: str, columns: int, width: int) -> Any:
     """Return a strip of bytes (r, columns, 3) with a title, in letters that suit a picture of ``width``."""
-    figure = _figure(round(TITLE_HEIGHT * width), columns)
-    size = 1.3 * LETTER_SIZE * width * POINTS_PER_INCH / DOTS_PER_INCH
+    letters = max(LETTER_SIZE * width, LEAST_LETTER)
+    figure = _figure(round(TITLE_HEIGHT * letters / LETTER_SIZE), columns)
+    size = min(TITLE_LETTERS * letters, columns / (LETTER_BREADTH * len(title))) * POINTS_PER_INCH / DOTS_PER_INCH
     figure.text(0.5, 0.45, title, ha="center", va="center", fontsize=size)
     return _drawn(figure)
 
@@ -75,7 +89,8 @@ def _bar(bar: Bar, rows: int, columns: int, letters: float) -> Any:
     column.tick_params(labelsize=size)
     column.yaxis.get_offset_text().set_fontsize(size)
     if bar.label:
-        column.set_ylabel(bar.label, fontsize=1.1 * size)
+        tallest = rows / (LETTER_BREADTH * len(bar.label)) * POINTS_PER_INCH / DOTS_PER_INCH
+        column.set_ylabel(bar.label, fontsize=min(1.1 * size, tallest))
     return _drawn(figure)
 
 

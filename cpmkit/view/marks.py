@@ -30,13 +30,18 @@ SHAFT_STEPS, HEAD_SHARE, HEAD_BREADTH = 6, 0.35, 0.4
 
 
 def outlines(drawing: Drawing) -> Shapes:
-    """Return the edges of the mesh between a triangle that faces the viewer and one that does not."""
+    """Return the edges of the mesh between a triangle whose one side is seen and one whose other side is.
+
+    Which side that is tells the winding; triangles that pass their edge the same way are wound against each other.
+    """
     triangles, half = drawing.triangles[: drawing.mesh_triangles], drawing.camera.half[0]
     a, b, c = (drawing.points[triangles[:, k], :2] for k in range(3))
     front = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0] > 0
     edges, members, counts = _edges(triangles)
-    seen = np.bincount(members, np.tile(front, 3), len(edges))
-    turning = edges[(counts == 2) & (seen == 1)]
+    rising = np.concatenate([triangles[:, 0] < triangles[:, 1], triangles[:, 1] < triangles[:, 2],
+                             triangles[:, 2] < triangles[:, 0]])  # fmt: skip
+    alike = np.bincount(members, np.tile(front, 3) == rising, len(edges))  # 1 where the surface goes on
+    turning = edges[(counts == 2) & (alike != 1)]
     return _lines(drawing, drawing.points, turning, OUTLINE_WIDTH * half, INK, lift=0.25 * LIFT)
 
 

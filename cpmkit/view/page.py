@@ -7,7 +7,7 @@ import json
 from dataclasses import replace
 from html import escape
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
@@ -22,13 +22,14 @@ from cpmkit.view.pictures import SIGNED_CMAP, check_look, shown_values
 
 if TYPE_CHECKING:
     from cpmkit.meshes.display_mesh import DisplayMesh
+    from cpmkit.scenefile.look_keywords import LookKeywords
     from cpmkit.solution.solution import Solution
 
 #: Pixels; only the ratio of what is shown matters.
 WIDTH = 800
 
 
-def page_of(solution: Solution, **options: Any) -> str:
+def page_of(solution: Solution, **options: Unpack[LookKeywords]) -> str:
     """Return the page, HTML, of a solution: with a slider over the frames of a run in time, or over modes.
 
     Parameters
@@ -37,7 +38,7 @@ def page_of(solution: Solution, **options: Any) -> str:
     **options
         Of :class:`~cpmkit.scenefile.look.Look`; isolines, edges and vectors are left out.
     """
-    look = Look.of(options)
+    look = Look.of(options, "a page")
     check_look(look)
     mesh, fields, bar = _fields(solution, look)
     points = in_space(mesh.points)

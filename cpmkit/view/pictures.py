@@ -6,7 +6,7 @@ import logging
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from cpmkit.view.layout import composed, grid, model_width, write_png
 from cpmkit.view.shapes import Shapes
 
 if TYPE_CHECKING:
+    from cpmkit.scenefile.look_keywords import LookKeywords
     from cpmkit.solution.solution import Solution
 
 #: A sheet of modes has at most so many columns, and colours of both signs.
@@ -47,7 +48,7 @@ class Picture:
     camera: str
 
 
-def picture(solution: Solution, path: str | Path, **options: Any) -> Picture:
+def picture(solution: Solution, path: str | Path, **options: Unpack[LookKeywords]) -> Picture:
     """Draw a solution, or how large its error is, into a PNG file.
 
     Of an eigenvalue problem all modes are drawn, on one sheet, unless ``channel`` says which.

@@ -15,6 +15,7 @@ def fill(
     paint: Floats,
     table: Floats,
     normals: Floats,
+    signs: Floats,
     light: Floats,
     ambient: float,
     first_row: int,
@@ -32,6 +33,8 @@ def fill(
         Colours of the vertices, or their places from 0 to 1 in ``table`` (k, 3).
     normals : (v, 3) float64
         To the right, up and towards the viewer; no rows where no light falls.
+    signs : (t, 3) float64
+        1 or -1 at each corner of a triangle: what turns its normal to the side of the triangle that is seen.
     light : (3,) float64
         Unit vector towards the light.
     ambient : float
@@ -53,7 +56,6 @@ def fill(
         top, bottom = max(int(np.ceil(min(ay, by, cy) - 0.5)), 0), min(int(np.floor(max(ay, by, cy) - 0.5)), rows - 1)
         left = max(int(np.ceil(min(ax, bx, cx) - 0.5)), 0)
         right = min(int(np.floor(max(ax, bx, cx) - 0.5)), columns - 1)
-        turned = area > 0  # rows run downwards
         for row in range(top, bottom + 1):
             y = row + 0.5
             for column in range(left, right + 1):
@@ -70,11 +72,11 @@ def fill(
                 factor = 1.0
                 if lit:
                     length, along = 0.0, 0.0
+                    su, sv, sw = u * signs[t, 0], v * signs[t, 1], w * signs[t, 2]
                     for axis in range(3):
-                        normal[axis] = u * normals[i, axis] + v * normals[j, axis] + w * normals[k, axis]
+                        normal[axis] = su * normals[i, axis] + sv * normals[j, axis] + sw * normals[k, axis]
                         length += normal[axis] ** 2
                         along += normal[axis] * light[axis]
-                    along = -along if turned else along  # both sides of a face are lit
                     factor = ambient + (1 - ambient) * max(along / np.sqrt(length), 0.0) if length > 0 else 1.0
                 if channels == 1:
                     share = u * paint[i, 0] + v * paint[j, 0] + w * paint[k, 0]

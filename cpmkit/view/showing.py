@@ -8,7 +8,7 @@ import webbrowser
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 from cpmkit.errors import InputError
 from cpmkit.scenefile.look import Look
@@ -16,6 +16,7 @@ from cpmkit.view.page import page_of
 from cpmkit.view.pictures import check_look, rendered
 
 if TYPE_CHECKING:
+    from cpmkit.scenefile.look_keywords import LookKeywords
     from cpmkit.solution.solution import Solution
 
 #: Of the frame in a notebook, in pixels; and how wide a picture on axes is.
@@ -44,7 +45,7 @@ class Page:
         return f"Page({'in a notebook' if self.file is None else str(self.file)!r})"
 
 
-def show(solution: Solution, **options: Any) -> Page:
+def show(solution: Solution, **options: Unpack[LookKeywords]) -> Page:
     """Show a solution to be turned and zoomed: in a notebook below the cell, else in a window of the browser.
 
     Raises
@@ -63,11 +64,11 @@ def show(solution: Solution, **options: Any) -> Page:
     return page
 
 
-def plot(solution: Solution, axes: Any = None, **options: Any) -> Any:
+def plot(solution: Solution, axes: Any = None, **options: Unpack[LookKeywords]) -> Any:
     """Draw a solution on axes of matplotlib, those of a new figure unless given, and return them."""
     from matplotlib import pyplot
 
-    look = Look.of({"width": PLOT_WIDTH, **options})
+    look = Look.of({"width": PLOT_WIDTH, **options}, "a plot", ("axes",))
     check_look(look)
     image, _ = rendered(solution, look)
     if axes is None:

@@ -184,6 +184,26 @@ def test_every_name_that_a_plugin_may_import_is_documented():
             assert f"cpmkit.plugin.{name}\n" in section + "\n" or f"``{name}`` is " in section, name
 
 
+def test_every_picture_of_the_gallery_stands_with_the_file_that_makes_it():
+    listings = from_docs("generated_pages").gallery_listings()
+    text = (DOCS / "gallery.md").read_text(encoding="utf-8")
+    shown = re.findall(r"`(examples/[^`]+)`|(!\[)|\{include\} generated/(\S+)", text)
+    waiting, named, included = 0, "", set()
+    for example, picture, page in shown:
+        if example:
+            assert waiting == 0, example  # the pictures before it have their listing
+            named = example
+        waiting += bool(picture)
+        if page:
+            assert waiting > 0, page
+            assert page == f"gallery-{Path(named).name}.md"
+            assert (ROOT / named).read_text(encoding="utf-8").strip() in listings[page]
+            waiting, included = 0, {*included, page}
+    assert waiting == 0
+    assert included == set(listings)
+    assert len(included) > 15
+
+
 def test_drawings(tmp_path):
     from matplotlib.image import imread
 

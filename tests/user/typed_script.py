@@ -31,6 +31,15 @@ loaded = ck.load_scene("scene.toml")
 print(ck.solve(loaded.scene, loaded.spacing, **loaded.options).summary())
 print(geodesic_distance(sphere, [[1.0, 0.0, 0.0]], spacing=0.2))
 
+solution.picture("sphere.png", view=np.array([1.0, 0.0, 0.0]), up="z", isolines=[0.1, 0.2], light="shaded", clim=(0, 1))
+solution.plot(cmap="magma", channel=0)
+solution.show(title="A sphere", field="error")
+solution.save("page.html", label="u", unit="K")
+cooling.animate("film.gif", fps=5, width=200, curves=False)
+cooling.save("film.gif", fps=5, edges=True)
+line = ck.pick_line(solution, "line.csv", closed=True)
+print(line.shape)
+
 ck.nonexistent  # wrong
 ck.Dirichlett(1)  # wrong
 ck.solve(1, banana=1)  # wrong
@@ -45,3 +54,10 @@ solution.evaluat([[1, 0, 0]])  # wrong
 solution.evaluate([[1, 0, 0]], side="lefft")  # wrong
 modes.time  # wrong
 prepared.solve(problem=ck.Laplace(), spacing=0.1)  # wrong
+solution.picture("sphere.png", widht=300)  # wrong
+solution.picture("sphere.png", light="bright")  # wrong
+solution.plot(cmap=3)  # wrong
+solution.show(titel="A sphere")  # wrong
+solution.save("page.html", isoline=3)  # wrong
+cooling.animate("film.gif", fsp=5)  # wrong
+geodesic_distance(sphere, [[1.0, 0.0, 0.0]], spacing=0.2).picture("distance.png", isoline=3)  # wrong

@@ -17,6 +17,7 @@ from cpmkit.errors import InputError
 from cpmkit.scenefile.look import Look
 from cpmkit.view.colours import colour_table
 from cpmkit.view.film import frame_images
+from cpmkit.view.layout import model_width
 from cpmkit.view.page import page_of
 from cpmkit.view.showing import in_notebook
 
@@ -40,12 +41,14 @@ def test_the_frames_are_of_one_scale_and_one_size(cooling):
     images = list(frame_images(cooling, look))
     assert len(images) == len(cooling.frames) == 6
     assert {image.shape for image in images} == {images[0].shape}
-    bars = [image[20:, 180:] for image in images]
+    place = model_width(200, True, "")
+    bars = [image[20:, place + 4 :] for image in images]
     for bar in bars[1:]:
         np.testing.assert_array_equal(bar, bars[0])
     highest = colour_table("viridis")[-13:]  # a twentieth of the bar
     shares = [
-        (np.abs(image[30:, :170, None] / 255 - highest).max(axis=3).min(axis=2) < 0.02).mean() for image in images
+        (np.abs(image[30:, : place - 6][:, :, None] / 255 - highest).max(axis=3).min(axis=2) < 0.02).mean()
+        for image in images
     ]
     assert shares[0] > 0.01
     assert shares[-1] == 0  # it cools

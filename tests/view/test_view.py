@@ -11,6 +11,7 @@ from cpmkit.view import picture
 from cpmkit.view.camera import fit
 from cpmkit.view.colours import colour_table, make_bar
 from cpmkit.view.drawing import draw
+from cpmkit.view.layout import letter_size, model_width
 from cpmkit.view.marks import LIFT, arrows
 from cpmkit.view.shapes import disc_radii, discs
 from cpmkit.view.standing import stability, upward_axis
@@ -52,7 +53,7 @@ def field(torus, values):
 
 def model(pixels):
     """Return the pixels (n, 3) of the model: no background, no dark line, no bar."""
-    inside = pixels[:, :260].reshape(-1, 3)
+    inside = pixels[:, : model_width(300, True, "")].reshape(-1, 3)
     return inside[(inside.min(axis=1) < 0.98) & (np.abs(inside - inside.mean(axis=1)[:, None]).max(axis=1) > 0.05)]
 
 
@@ -79,7 +80,7 @@ def test_a_value_is_where_it_belongs(square, tmp_path):
     object.__setattr__(solution, "boundaries", {})
     object.__setattr__(solution, "value", lambda x, signs: x[:, :1])
     pixels = drawn(solution, tmp_path / "square.png", width=400)
-    row = pixels[len(pixels) // 2, :352]
+    row = pixels[len(pixels) // 2, : model_width(400, True, "")]
     columns = np.flatnonzero(row.min(axis=1) < 0.98)
     place = np.linspace(0, 1, len(columns))
     want = colour_table("viridis")[np.round(255 * place).astype(int)]
@@ -106,9 +107,27 @@ def test_without_curves_there_is_no_ink(torus, tmp_path):
 def test_values_are_shown_in_viridis_beside_a_bar(torus, tmp_path):
     pixels = drawn(torus(0.2, channels=1), tmp_path / "torus.png", width=400)
     assert pixels.shape[1] == 400
-    bar = pixels[:, 360]
+    bar = pixels[:, model_width(400, True, "") + 12]
     assert np.abs(bar - [0.993, 0.906, 0.144]).max(axis=1).min() < 0.05  # viridis ends in yellow
     assert np.abs(bar - [0.267, 0.005, 0.329]).max(axis=1).min() < 0.05  # and begins in violet
+
+
+@pytest.mark.parametrize(("width", "least"), [(200, 5), (300, 7), (400, 7), (900, 9)])
+def test_numbers_beside_a_bar_are_tall_enough_to_be_read(torus, tmp_path, width, least):
+    pixels = drawn(torus(0.3, channels=1), tmp_path / "torus.png", width=width)
+    column = pixels[:, model_width(width, True, "") :]
+    numbers = column[:, round(0.42 * column.shape[1]) :]
+    rows = (numbers.max(axis=2) < 0.6).any(axis=1)
+    heights = np.diff(np.flatnonzero(np.diff(np.r_[False, rows, False].astype(int))).reshape(-1, 2), axis=1)
+    assert least <= np.median(heights) < 2 * least + 2
+    assert model_width(width, True, "") > 0.6 * width
+
+
+def test_letters_grow_with_the_picture_and_no_bar_takes_half_of_it():
+    sizes = [letter_size(width, 0.12) for width in (16, 160, 300, 650, 1300)]
+    assert sizes == sorted(sizes)
+    assert sizes[2:] == pytest.approx([10, 10, 20])
+    assert all(model_width(width, True, "u") > width / 2 for width in range(16, 2000))
 
 
 def test_the_plane_shows_both_sides_by_their_areas(square, tmp_path):
@@ -118,7 +137,8 @@ def test_the_plane_shows_both_sides_by_their_areas(square, tmp_path):
 
 
 def test_a_mixture_shows_each_of_its_parts(mixture, tmp_path):
-    pixels = drawn(mixture(), tmp_path / "mixture.png", width=400, view=(0, -1, 0.4))[:, :340]
+    pixels = drawn(mixture(), tmp_path / "mixture.png", width=400, view=(0, -1, 0.4))
+    pixels = pixels[:, : model_width(400, True, "")]
     shown = np.flatnonzero((pixels.min(axis=2) < 0.9).any(axis=1))
     heights = 1 + np.flatnonzero(np.diff(shown) > 3)
     assert len(heights) == 2  # the plane, the line and the cloud, one above the other, do not touch

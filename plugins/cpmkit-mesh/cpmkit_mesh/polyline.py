@@ -18,12 +18,11 @@ from cpmkit.plugin import (
     as_points,
     as_positions,
     as_vector,
-    existing_file,
     one_row_each,
-    read_array,
     source_repr,
     unit,
 )
+from cpmkit_mesh.polyline_files import read_polyline
 from cpmkit_mesh.reading import as_numbers
 from cpmkit_mesh.tree import Tree, build_tree, nearest
 
@@ -172,7 +171,8 @@ def polyline(*, points: Any = None, file: str | Path | None = None, closed: bool
     points : (n, 2) or (n, 3) array
         At least two that differ, in the direction of travel; repeated neighbours count once.
     file : str or Path
-        A ``.npy`` file that holds such an array.
+        A ``.npy`` file that holds such an array, a ``.csv``, ``.txt`` or ``.xyz`` file with a point a row, or an OBJ
+        file with one line.
     closed : bool, optional
         True adds the segment from the last point to the first. By default a polyline is closed
         if its last point equals its first.
@@ -180,14 +180,14 @@ def polyline(*, points: Any = None, file: str | Path | None = None, closed: bool
     Raises
     ------
     InputError
-        If both or neither of ``points`` and ``file`` are given, the file is missing or no array,
-        or the points are of another shape, not finite, or all the same.
+        If both or neither of ``points`` and ``file`` are given, the file is missing or no
+        polyline, or the points are of another shape, not finite, or all the same.
     """
     if (points is None) == (file is None):
         raise InputError(
             "mesh.polyline takes either points or a file, got " + ("neither." if file is None else "both.")
         )
-    array = as_numbers(points, "points") if file is None else read_array(existing_file(file), "an array of points")
+    array = as_numbers(points, "points") if file is None else read_polyline(file)
     if array.ndim != 2 or array.shape[1] not in (2, 3):
         raise InputError(f"points must have shape (n, 2) or (n, 3), got {array.shape}.")
     given = as_positions(array, array.shape[1])

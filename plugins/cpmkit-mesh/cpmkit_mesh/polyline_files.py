@@ -1,0 +1,74 @@
+"""Polylines in files: arrays, rows of numbers, and the line of an OBJ file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from cpmkit.plugin import Floats, InputError, existing_file, read_array, read_bytes, shown
+from cpmkit_mesh.obj import VERTEX_LINE_WORDS, from_zero, split_lines
+from cpmkit_mesh.text import floats_of, ints_of, lines_of
+
+
+def read_polyline(path: str | Path) -> np.ndarray:
+    """Return the points (n, d) of a polyline, in the direction of travel, as they stand in a file.
+
+    Of an OBJ file they are those of its one line, ``l``, or of several of which each begins where the last ended;
+    a line that ends at its first vertex gives that point twice.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, does not parse, or holds no line or several that do not meet.
+    """
+    file = existing_file(path)
+    read = READERS.get(file.suffix.lower())
+    if read is None:
+        return read_array(file, "an array of points")
+    try:
+        return read(read_bytes(file))
+    except InputError as error:
+        raise InputError(f"{shown(file.name)} is no polyline: {error}") from error
+    except OSError as error:
+        raise InputError(f"{shown(file.name)} cannot be read: {error.strerror or error}.") from error
+
+
+def _rows(data: bytes) -> Floats:
+    """Return the numbers of a text, a row a point, with commas or blanks between them."""
+    rows = [(number, line.replace(",", " ").split()) for number, line in enumerate(lines_of(data), 1)]
+    rows = [(number, words) for number, words in rows if words]
+    if not rows:
+        raise InputError("it holds no point.")
+    columns = len(rows[0][1])
+    for number, words in rows:
+        if len(words) != columns:
+            raise InputError(f"line {number} holds {len(words)} numbers, and the first point has {columns}.")
+    return floats_of([word for _, words in rows for word in words], columns, [number for number, _ in rows])
+
+
+def _obj_line(data: bytes) -> Floats:
+    coordinates: list[str] = []
+    vertex_lines: list[int] = []
+    chain: list[int] = []
+    for number, words in split_lines(data):
+        if words[0] == "v":
+            if len(words) not in VERTEX_LINE_WORDS:
+                raise InputError(f"line {number} holds no vertex of three coordinates.")
+            coordinates += words[1:4]
+            vertex_lines.append(number)
+        elif words[0] == "l":
+            lines, count = np.full(len(words) - 1, number), len(vertex_lines)
+            given = ints_of([word.partition("/")[0] for word in words[1:]], lines)
+            found = from_zero(given, np.full(len(given), count), count, lines).tolist()
+            if chain and found and found[0] != chain[-1]:
+                raise InputError(f"line {number} begins a second line, which does not go on where the first ended.")
+            chain += found[1:] if chain else found
+    if not chain:
+        raise InputError("it holds no line, which begins with l; points alone are read from a .csv file.")
+    return floats_of(coordinates, 3, vertex_lines)[chain]
+
+
+#: By suffix; other files are read as those of NumPy.
+READERS: dict[str, Callable[[bytes], Floats]] = {".csv": _rows, ".txt": _rows, ".xyz": _rows, ".obj": _obj_line}
