@@ -72,7 +72,7 @@ class Values(Reader):
     @shared_property
     def _areas(self) -> Floats:
         """(n,) the integral of each spline over the manifold."""
-        return self._facing[:, 0]
+        return np.ascontiguousarray(self._facing[:, 0])
 
     @shared_property
     def _facing(self) -> Floats:
