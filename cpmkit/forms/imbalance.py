@@ -81,12 +81,6 @@ class Imbalance:
     def warnings(self) -> list[str]:
         """What a reader of the solution should know, in sentences."""
         sentences = [_TOLD[self.of](self)] if self.relative > self.explained else []
-        if self.of == "data" and not any(self.size):
-            sentences.append(
-                f"Nothing is given on the piece of the manifold {self.where}: no condition holds a value there, and "
-                "no right-hand side or flux acts, so that any constant is a solution; zero was taken. Give a side of a "
-                "boundary there a Dirichlet condition."
-            )
         if self.parts > 1:
             sentences.append(
                 f"Boundaries that cross cut the piece of the manifold {self.where}, into {self.parts} parts, which "
@@ -94,6 +88,17 @@ class Imbalance:
                 "each part flow through the crossings."
             )
         return sentences
+
+    @property
+    def nothing_given(self) -> list[str]:
+        """What a reader of a steady solution should know where it is zero because nothing acts, in sentences."""
+        if self.of != "data" or any(self.size):
+            return []
+        return [
+            f"Nothing is given on the piece of the manifold {self.where}: no condition holds a value there, and no "
+            "right-hand side or flux acts, so that any constant is a solution; zero was taken. Give a side of a boundary "
+            "there a Dirichlet condition."
+        ]
 
 
 def _of_data(one: Imbalance) -> str:
