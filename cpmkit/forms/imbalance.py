@@ -96,8 +96,8 @@ class Imbalance:
             return []
         return [
             f"Nothing is given on the piece of the manifold {self.where}: no condition holds a value there, and no "
-            "right-hand side or flux acts, so that any constant is a solution; zero was taken. Give a side of a boundary "
-            "there a Dirichlet condition."
+            "right-hand side or flux acts, so that any constant is a solution; zero was taken. Give a side of a "
+            "boundary there a Dirichlet condition."
         ]
 
 

@@ -9,9 +9,15 @@ from pathlib import Path
 from cpmkit.errors import InputError, shown
 from cpmkit.scenefile.documented_keys import first_sentence
 
-#: Where scenes and studies are, in the order in which they are listed, and what is copied beside them.
+#: Where scenes and studies are, in the order in which they are listed, and all that is copied.
 SCENE_FOLDERS = ("", "applications/", "studies/")
-EXAMPLE_FILES = (*(f"{folder}*.toml" for folder in SCENE_FOLDERS), "curves/*.npy", "*.py", "studies/*.py")
+EXAMPLE_FILES = (
+    *(f"{folder}*.toml" for folder in SCENE_FOLDERS),
+    "curves/*.npy",
+    "drawings/*.svg",
+    "*.py",
+    "studies/*.py",
+)
 
 
 def examples_folder() -> Path:
