@@ -1,6 +1,6 @@
 """Every picture of the gallery and of the pages beside it, drawn anew, two at a time.
 
-    python examples/gallery.py pictures                           (20 minutes on two cores at most; needs the meshes)
+    python examples/gallery.py pictures                           (some five minutes on two cores; needs the meshes)
     python examples/gallery.py pictures --only spot.png --only turing.png
     python examples/gallery.py --list
 
@@ -80,45 +80,46 @@ def script(seconds: float, file: str, *arguments: str, pictures: Sequence[str]) 
 
 
 JOBS = (
-    scene("first-curves.png", 10, "01-first-curves.toml", None),
-    scene("nefertiti.png", 60, "02-nefertiti.toml", 780),
-    scene("spot.png", 20, "03-spot.toml", 1050),
-    scene("mixed-codimension.png", 60, "04-mixed-codimension.toml", 900),
-    scene("square.png", 250, "05-square.toml", None),
-    scene("carried-around.png", 20, "06-heat-carried-around.toml", None, written="picture-0003.png"),
-    scene("two-materials.png", 10, "07-two-materials.toml", None),
-    scene("nefertitis-ear.png", 60, "08-nefertitis-ear.toml", 700),
-    scene("fish-fins.png", 60, "09-fish-fins.toml", 600),
-    scene("gray-scott.png", 100, "10-gray-scott.toml", None),
+    scene("first-curves.png", 8, "01-first-curves.toml", None),
+    scene("nefertiti.png", 16, "02-nefertiti.toml", 780),
+    scene("spot.png", 6, "03-spot.toml", 1050),
+    scene("mixed-codimension.png", 15, "04-mixed-codimension.toml", 900),
+    scene("square.png", 36, "05-square.toml", None),
+    scene("carried-around.png", 13, "06-heat-carried-around.toml", None, written="picture-0003.png"),
+    scene("two-materials.png", 4, "07-two-materials.toml", None),
+    scene("nefertitis-ear.png", 6, "08-nefertitis-ear.toml", 700),
+    scene("fish-fins.png", 6, "09-fish-fins.toml", 600),
+    scene("gray-scott.png", 104, "10-gray-scott.toml", None),
     scene("spots-divide.gif", 40, "12-spots-divide.toml", None, written="film.gif"),
-    scene("turing.png", 25, "13-turing.toml", None),
-    scene("spirals.png", 40, "14-spirals.toml", None),
-    scene("neural.png", 60, "cpmkit-neural/neural.toml", None),
-    script(5, "diffusion_curves.py", pictures=["painted-spot.png"]),
+    scene("turing.png", 22, "13-turing.toml", None),
+    scene("spirals.png", 31, "14-spirals.toml", None),
+    scene("neural.png", 62, "cpmkit-neural/neural.toml", None),
+    script(3, "diffusion_curves.py", pictures=["painted-spot.png"]),
     Job(
         ("hills.png",),
-        20,
+        5,
         ("-m", "cpmkit_svg", "drawings/hills.svg", "PICTURE", "--width", "900", "--spacing", "1.5"),
     ),
-    *(script(20, "distances.py", one, pictures=[f"distances-{one}.png"]) for one in ("spot", "dziuk")),
+    script(6, "distances.py", "spot", pictures=["distances-spot.png"]),
+    script(9, "distances.py", "dziuk", pictures=["distances-dziuk.png"]),
     *(
-        script(20, "vector_fields.py", one, pictures=[f"vectors-{one}.png"])
-        for one in ("spot", "double-torus", "moebius", "cloud")
+        script(seconds, "vector_fields.py", one, pictures=[f"vectors-{one}.png"])
+        for one, seconds in {"spot": 9, "double-torus": 12, "moebius": 15, "cloud": 39}.items()
     ),
-    script(30, "harmonic_map.py", pictures=["harmonic-before.png", "harmonic-after.png"]),
+    script(8, "harmonic_map.py", pictures=["harmonic-before.png", "harmonic-after.png"]),
     *(
         script(seconds, "pictures_of_pages.py", one.partition(".")[0], pictures=[one])
         for one, seconds in {
-            "heat-on-spot.gif": 10,
-            "ring.png": 3,
-            "picture-spot.png": 5,
-            "picture-warm.png": 5,
-            "picture-arrows.png": 10,
-            "picture-modes.png": 10,
-            "twins-fish.png": 30,
-            "difference-spot.png": 20,
-            "difference-fish.png": 20,
-            "difference-nefertiti.png": 20,
+            "heat-on-spot.gif": 4,
+            "ring.png": 2,
+            "picture-spot.png": 2,
+            "picture-warm.png": 2,
+            "picture-arrows.png": 4,
+            "picture-modes.png": 2,
+            "twins-fish.png": 11,
+            "difference-spot.png": 4,
+            "difference-fish.png": 4,
+            "difference-nefertiti.png": 9,
         }.items()
     ),
 )

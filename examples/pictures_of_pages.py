@@ -74,7 +74,7 @@ def twins_fish(file: str) -> None:
     size = float(np.ptp(fish.bounds, axis=0).max())
     scene = ck.Scene(fish, ck.ScreenedPoisson(lambda x: np.cos(6 * x[:, 0] / size)))
     solution = ck.solve(scene, spacing=0.0156 * size, form="collocation")
-    solution.picture(file, twins=True, light="shaded", width=900, view=(1.0, 0.35, -0.35), up=(0, 0.6, 1.0))
+    solution.picture(file, twins=True, light="shaded", width=900, view=(1.0, 0.35, -0.5), up="y")
 
 
 def difference(mesh: str, file: str) -> None:

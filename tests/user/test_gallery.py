@@ -1,4 +1,4 @@
-"""The command that draws the gallery: what it draws, that it goes on where it was, and that a failure stops no other."""
+"""The command that draws the gallery: what it draws, that it goes on where it was, and that one failure stops none."""
 
 from __future__ import annotations
 
