@@ -94,6 +94,7 @@ JOBS = (
     scene("turing.png", 22, "13-turing.toml", None),
     scene("spirals.png", 31, "14-spirals.toml", None),
     scene("neural.png", 62, "cpmkit-neural/neural.toml", None),
+    Job(("map-spot.png",), 7, ("map", "applications/map-spot.toml"), "picture.png"),
     script(3, "diffusion_curves.py", pictures=["painted-spot.png"]),
     Job(
         ("hills.png",),
