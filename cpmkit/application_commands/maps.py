@@ -22,10 +22,8 @@ def map_to_target(**keys: Any) -> None:
 
 def _made(arguments: dict[str, Any]) -> Made:
     from cpmkit.applications import harmonic_map
-    from cpmkit.errors import CpmkitError, InputError
+    from cpmkit.errors import CpmkitError
 
-    if "estimate" in arguments:
-        raise InputError("maps have no estimate of their error; leave out estimate of [discretization].")
     texture = arguments.pop("texture", None)
     found = harmonic_map(**arguments)
     try:

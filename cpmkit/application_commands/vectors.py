@@ -22,10 +22,8 @@ def vectors(**keys: Any) -> None:
 
 def _made(arguments: dict[str, Any]) -> Made:
     from cpmkit.applications import vector_field
-    from cpmkit.errors import CpmkitError, InputError
+    from cpmkit.errors import CpmkitError
 
-    if "estimate" in arguments:
-        raise InputError("fields of vectors have no estimate of their error; leave out estimate of [discretization].")
     field = vector_field(**arguments)
     try:
         places = [{"index": one.index, "place": one.place.tolist()} for one in field.singularities]

@@ -10,7 +10,9 @@ from typing import Any
 
 from cpmkit.errors import InputError, SceneError
 from cpmkit.files.toml_files import from_toml
+from cpmkit.forms.asked import Asked
 from cpmkit.plugins import check_accepted
+from cpmkit.runtime.declared import declared
 from cpmkit.scene.scene import Scene
 from cpmkit.scenefile.application_tables import read_colours, read_directions, read_map
 from cpmkit.scenefile.condition_tables import as_table
@@ -61,6 +63,11 @@ def _application_file(command: str, tables: dict[str, Any], path: Path) -> Appli
         raise SceneError("a scene needs the table [surface].")
     scene = read_scene({**tables, "problem": {"kind": "laplace"}}, path.parent)
     spacing, options = read_options(tables)
+    asked = next((name for name in declared(Asked) if name in options), None)
+    if asked is not None and command != "paint":
+        raise SceneError(
+            f"`cpmkit {command}` takes a spacing and estimates no error; leave out {asked} of [discretization]."
+        )
     output = read_output(as_table(tables.get("output", {}), "[output]"), path)
     if output.wants_frames:
         raise SceneError(

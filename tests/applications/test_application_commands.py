@@ -180,6 +180,14 @@ def test_refusals_leave_nothing_behind(folder: Path, command: str, text: str, wo
     assert not (folder / "out").exists()
 
 
+@pytest.mark.parametrize("key", ["tolerance = 0.01", "seconds = 5.0", "estimate = true"])
+@pytest.mark.parametrize(("command", "text"), [("vectors", VECTORS), ("map", MAP)])
+def test_what_takes_a_spacing_takes_no_accuracy(folder: Path, command: str, text: str, key: str) -> None:
+    found = _run(command, text + SPHERE.replace("spacing = 0.4", key))
+    assert found.exit_code == 1
+    assert f"takes a spacing and estimates no error; leave out {key.split()[0]}" in " ".join(found.output.split())
+
+
 @pytest.mark.parametrize(
     ("asked", "words"),
     [
