@@ -134,6 +134,7 @@ def run(job: Job, into: Path) -> float:
     RuntimeError
         With the last line that the command wrote, if it failed or a picture is not there.
     """
+    print(f"    {job.name} begins, about {job.seconds:.0f} s", flush=True)
     with tempfile.TemporaryDirectory(prefix=f".{job.name}-", dir=into) as folder:
         files = {place: Path(folder, name) for place, name in zip(("PICTURE", "PICTURE2"), job.pictures, strict=False)}
         parts = [str(EXAMPLES / part) if (EXAMPLES / part).is_file() else part for part in job.command]

@@ -72,7 +72,7 @@ def test_one_that_fails_stops_no_other_and_is_told(gallery, tmp_path, capsys):
     lazy = gallery.Job(("lazy.png",), 1.5, ("-c", "pass"))
     assert gallery.main([str(tmp_path), "--at-once", "1"], [broken, lazy, written(gallery, "b.png")]) == 1
     told = capsys.readouterr().out
-    assert "[1/3] broken.png: FAILED: no such mesh" in told
+    assert told.index("broken.png begins, about 2 s") < told.index("[1/3] broken.png: FAILED: no such mesh")
     assert "lazy.png: FAILED: it did not write lazy.png" in told
     assert "[3/3] b.png: 0 s" in told
     assert "2 failed: broken.png, lazy.png" in told
