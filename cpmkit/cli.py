@@ -11,6 +11,9 @@ from typing import Any
 
 import click
 
+from cpmkit.application_commands.maps import map_to_target
+from cpmkit.application_commands.paint import paint
+from cpmkit.application_commands.vectors import vectors
 from cpmkit.command_group import CommandGroup, progress_callback, traceback_option
 from cpmkit.command_options import (
     accuracy_options,
@@ -253,5 +256,5 @@ def doctor(ctx: click.Context, scene: Path | None, as_json: bool) -> None:
         ctx.exit(1)
 
 
-for command in (study, distance, new, examples, schema):
+for command in (study, distance, vectors, map_to_target, paint, new, examples, schema):
     main.add_command(command)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 
 import click
@@ -33,7 +34,7 @@ def new(name: str) -> None:
 )
 @traceback_option
 def examples(to: Path | None) -> None:
-    """List the examples, scenes and studies, or copy them to a folder."""
+    """List the examples, scenes, those of applications and studies, or copy them to a folder."""
     from cpmkit.scenefile.examples import copy_examples, example_files, example_title
 
     if to is not None:
@@ -44,15 +45,19 @@ def examples(to: Path | None) -> None:
 
 
 @click.command()
-@click.argument("sort", type=click.Choice(["scene", "study"]), metavar="SORT")
+@click.argument("sort", type=click.Choice(["scene", "study", "vectors", "map", "paint"]), metavar="SORT")
 @traceback_option
 def schema(sort: str) -> None:
-    """Print the JSON schema of files, SORT `scene` or `study`, with the kinds that are installed.
+    """Print the JSON schema of files, with the kinds that are installed: SORT is scene, study, vectors, map or paint.
 
     Editors complete and check TOML by it: write it to a file, and begin a scene with the line `#:schema ./FILE`.
     """
     if sort == "scene":
         from cpmkit.scenefile.schema import scene_schema as make
-    else:
+    elif sort == "study":
         from cpmkit.studies.schema import study_schema as make
+    else:
+        from cpmkit.scenefile.application_schema import application_schema
+
+        make = partial(application_schema, sort)
     click.echo(json.dumps(make(), indent=1))

@@ -1,9 +1,10 @@
 """Paint Spot by curves through picked points: geodesic paths, colours by name and along the curves.
 
-`python examples/diffusion_curves.py` writes `diffusion-curves.png`. It finds the mesh as scenes do, needs cpmkit-mesh
-and the extra `geodesics`.
+`python examples/diffusion_curves.py` writes `diffusion-curves.png`, or the file that it is given. It finds the mesh as
+scenes do, needs cpmkit-mesh and the extra `geodesics`.
 """
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -47,4 +48,4 @@ def main(picture: Path = Path("diffusion-curves.png"), spacing: float = SPACING)
 
 
 if __name__ == "__main__":
-    print(main().solution)
+    print(main(Path(*sys.argv[1:2] or ["diffusion-curves.png"])).solution)

@@ -98,9 +98,12 @@ class SurfaceMap(Result):
         **options
             As of :func:`cpmkit.view.picture`.
         """
+        return self.drawn(texture).picture(path, **options)
+
+    def drawn(self, texture: Any = None) -> Solution:
+        """Return the source with the target's colours, to be drawn; ``texture`` as for :meth:`picture`."""
         seen = self._in_box if texture is None else texture
-        mesh = self.solution.display_mesh()
-        return self.drawn_with(self.pull_back(seen)(mesh.points)).picture(path, **options)
+        return self.drawn_with(self.pull_back(seen)(self.solution.display_mesh().points))
 
     def drawn_with(self, colours: Any) -> Solution:
         """Return the source with ``colours`` (v, 3) at the vertices of ``solution.display_mesh()``, to be drawn."""

@@ -29,7 +29,11 @@ class Result:
 
     def picture(self, path: Any, **options: Unpack[LookKeywords]) -> Any:
         """Draw it as :meth:`cpmkit.Solution.picture` does."""
-        return self.solution.picture(path, **options)
+        return self.drawn().picture(path, **options)
+
+    def drawn(self) -> Solution:
+        """Return what its pictures show: a solution whose display mesh may have other colours."""
+        return self.solution
 
     @property
     def _told(self) -> str:

@@ -32,6 +32,7 @@ from cpmkit.errors import InputError, shown
 from cpmkit.plugin import unit
 from cpmkit.protocols import ClosestPointSource, Floats
 from cpmkit.runtime.arrays import as_points, positive
+from cpmkit.solution.solution import Solution
 
 if TYPE_CHECKING:
     from cpmkit.scenefile.look_keywords import LookKeywords
@@ -85,6 +86,16 @@ class TangentField(Result):
         vectors = tangential(surface, mesh.points, mesh.values)
         return singularities(mesh.points, mesh.triangles, vectors, mesh.normals)
 
+    def drawn(self, length: float | None = None) -> Solution:
+        """Return the surface with arrows of one ``length`` that lie on it; a share of its size unless given."""
+        surface, mesh = self.solution.scene.surface, self.solution.display_mesh()
+        size = float(np.ptp(surface.bounds, axis=0).max())
+        length = ARROW_SHARE * size if length is None else positive(length, "length")
+        middles = mesh.points[spread(mesh.points, APART_LENGTHS * length)]
+        made = arrows(surface, middles, self.evaluate(middles, normalized=True), length)
+        plain = painted(self.solution, np.broadcast_to(IVORY, mesh.points.shape))
+        return with_triangles(plain, *made, INDIGO)
+
     def picture(self, path: Any, *, length: float | None = None, **options: Unpack[LookKeywords]) -> Any:
         """Draw arrows of one length that lie on the surface, as :meth:`cpmkit.Solution.picture` draws.
 
@@ -97,13 +108,7 @@ class TangentField(Result):
         **options
             As of :func:`cpmkit.view.picture`.
         """
-        surface, mesh = self.solution.scene.surface, self.solution.display_mesh()
-        size = float(np.ptp(surface.bounds, axis=0).max())
-        length = ARROW_SHARE * size if length is None else positive(length, "length")
-        middles = mesh.points[spread(mesh.points, APART_LENGTHS * length)]
-        drawn = arrows(surface, middles, self.evaluate(middles, normalized=True), length)
-        plain = painted(self.solution, np.broadcast_to(IVORY, mesh.points.shape))
-        return with_triangles(plain, *drawn, INDIGO).picture(path, **options)
+        return self.drawn(length).picture(path, **options)
 
 
 def vector_field(

@@ -78,7 +78,7 @@ def solve_steady(context: SolveContext) -> Solution:
     poor += near_resonance(context, prepared, settled.values)
     seconds = {"build": built - context.started, "solve": time.perf_counter() - built, **settled.seconds}
     found = form.warnings(settled.missed)
-    unbalanced = [text for one in settled.imbalances for text in one.warnings]
+    unbalanced = [text for one in settled.imbalances for text in (*one.warnings, *one.nothing_given)]
     return Solution(
         form,
         settled.values,

@@ -89,6 +89,17 @@ class Imbalance:
             )
         return sentences
 
+    @property
+    def nothing_given(self) -> list[str]:
+        """What a reader of a steady solution should know where it is zero because nothing acts, in sentences."""
+        if self.of != "data" or any(self.size):
+            return []
+        return [
+            f"Nothing is given on the piece of the manifold {self.where}: no condition holds a value there, and no "
+            "right-hand side or flux acts, so that any constant is a solution; zero was taken. Give a side of a "
+            "boundary there a Dirichlet condition."
+        ]
+
 
 def _of_data(one: Imbalance) -> str:
     worst = one.value[one.shares.index(one.relative)]

@@ -85,29 +85,32 @@ def write_results(
     folder: Path,
     progress: Progress,
     warnings: Sequence[str] | None = None,
+    drawn_as: Solution | None = None,
 ) -> WrittenResults:
     """Write all that ``request`` asks for into ``folder``, made if need be; what is there already is replaced.
 
     A file that cannot be written keeps none of the others from being written, the summary last. Every file there is
-    whole. ``warnings`` take the place of the solution's in the summary.
+    whole. ``warnings`` take the place of the solution's in the summary, and ``drawn_as`` that of the solution in
+    pictures and pages, where what it means is drawn in another way.
     """
     summaries = [file for file in request.files if file.endswith(".json")]
     others = [file for file in request.files if file not in summaries]
     failures: dict[str, Exception] = {}
-    seconds = dict(solution.seconds)
+    seconds, shown = dict(solution.seconds), drawn_as or solution
     drawn = None
 
     start = time.perf_counter()
     for index, file in enumerate(others):
         progress("write", index / len(others))
         with _collecting_failures(failures, file):
-            save(solution, _with_folder(folder / file), _vertices_of(file, request), **_look_of(file, request))
+            what = shown if Path(file).suffix.lower() == PAGE else solution
+            save(what, _with_folder(folder / file), _vertices_of(file, request), **_look_of(file, request))
         seconds["write"] = time.perf_counter() - start
     if request.picture is not None:
         progress("picture", 0.0)
         start = time.perf_counter()
         with _collecting_failures(failures, request.picture.file):
-            drawn = _draw(solution, request.picture, folder)
+            drawn = _draw(shown, request.picture, folder)
         seconds["picture"] = time.perf_counter() - start
     summary = {
         **solution.summary(),

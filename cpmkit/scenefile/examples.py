@@ -9,8 +9,15 @@ from pathlib import Path
 from cpmkit.errors import InputError, shown
 from cpmkit.scenefile.documented_keys import first_sentence
 
-#: What is copied: scenes and studies, arrays, and scripts.
-EXAMPLE_FILES = ("*.toml", "studies/*.toml", "curves/*.npy", "*.py", "studies/*.py")
+#: Where scenes and studies are, in the order in which they are listed, and all that is copied.
+SCENE_FOLDERS = ("", "applications/", "studies/")
+EXAMPLE_FILES = (
+    *(f"{folder}*.toml" for folder in SCENE_FOLDERS),
+    "curves/*.npy",
+    "drawings/*.svg",
+    "*.py",
+    "studies/*.py",
+)
 
 
 def examples_folder() -> Path:
@@ -29,9 +36,9 @@ def examples_folder() -> Path:
 
 
 def example_files() -> dict[str, Path]:
-    """Return the scenes, then the studies, by their names in the folder."""
+    """Return the scenes, those of applications, then the studies, by their names in the folder."""
     folder = examples_folder()
-    files = [*sorted(folder.glob("*.toml")), *sorted(folder.glob("studies/*.toml"))]
+    files = [file for one in SCENE_FOLDERS for file in sorted(folder.glob(f"{one}*.toml"))]
     return {file.relative_to(folder).as_posix(): file for file in files}
 
 

@@ -37,6 +37,8 @@ from cpmkit.scenefile.output_request import VERTICES, OutputRequest, PictureRequ
 #: Options of solvers that have another key in [solver].
 SOLVER_KEYS = {"solver": "kind", "solver_tolerance": "tolerance"}
 SCENE_TABLES = ("surface", "boundary", "problem", "discretization", "solver", "output")
+#: Tables of the scenes that the commands of applications make, in place of an equation, by the command.
+APPLICATION_TABLES = {"vectors": ("direction", "vectors"), "map": ("target", "landmark", "map"), "paint": ("curve",)}
 EQUATIONS = (
     *(Laplace, Poisson, ScreenedPoisson, Elliptic, Helmholtz, NonlinearDiffusion, PLaplacian, TotalVariation),
     *(Eigen, Biharmonic, Heat, ReactionDiffusion, Wave),
@@ -92,13 +94,24 @@ def load_scene(path: str | Path) -> SceneFile:
 
 
 def _scene_file(tables: dict[str, Any], path: Path) -> SceneFile:
+    _check_is_solved(tables)
     check_accepted("the scene", tables, SCENE_TABLES)
     scene = read_scene(tables, path.parent)
     spacing, options = read_options(tables)
-    output = _output(as_table(tables.get("output", {}), "[output]"), path)
+    output = read_output(as_table(tables.get("output", {}), "[output]"), path)
     if output.wants_frames and not (isinstance(scene.problem, Evolution) and scene.problem.frame_times):
         raise SceneError("[output] asks for frames, and [problem] gives none; add a key such as frames = 10 to heat.")
     return SceneFile(scene, spacing, options, output)
+
+
+def _check_is_solved(tables: Mapping[str, Any]) -> None:
+    """Refuse the scene of an application, which has a command of its own."""
+    for command, own in APPLICATION_TABLES.items():
+        found = next((name for name in own if name in tables), None)
+        if found is not None and "problem" not in tables:
+            raise SceneError(
+                f"{found!r} is a table of the application that `cpmkit {command}` makes; use that command."
+            )
 
 
 def read_scene(tables: Mapping[str, Any], folder: Path) -> Scene:
@@ -123,7 +136,7 @@ def read_scene(tables: Mapping[str, Any], folder: Path) -> Scene:
     surface_table = as_table(tables["surface"], "[surface]")
     edge_table = surface_table.pop("edge", {"neumann": 0.0})
     edge_of = f"edge of {surface_table.get('kind', '[surface]')}"
-    surface = _source(surface_table, folder, "[surface]")
+    surface = read_source(surface_table, folder, "[surface]")
     carriers = [("surface", surface)]
     edge = read_edge(with_vertex_data(edge_table, folder, carriers, edge_of), edge_of)
     problem = with_vertex_data(as_table(tables["problem"], "[problem]"), folder, carriers, "[problem]")
@@ -146,7 +159,7 @@ def read_options(tables: Mapping[str, Any]) -> tuple[float | None, dict[str, Any
         If a key or its value is not accepted.
     """
     grid = as_table(tables.get("discretization", {}), "[discretization]")
-    with _told_of("[discretization]"):
+    with told_of("[discretization]"):
         own, accepted = own_options(grid)
         check_accepted("[discretization]", grid, (*declared(Options), *declared(Asked), *accepted))
         asked, further = take(Asked, grid)
@@ -161,14 +174,15 @@ def read_options(tables: Mapping[str, Any]) -> tuple[float | None, dict[str, Any
     if name in SOLVER_OPTIONS:  # a plugin's solver has keys of its own
         keys = (SOLVER_KEYS[option] for option in declared(SolverOptions))
         check_accepted("[solver]", solver, (*keys, *SOLVER_OPTIONS[name]))
-        with _told_of("[solver]"):
+        with told_of("[solver]"):
             SolverOptions.of(renamed)
     spacing = grid.pop("spacing", None)
     return spacing, {**grid, **renamed}
 
 
 @contextmanager
-def _told_of(where: str) -> Iterator[None]:
+def told_of(where: str) -> Iterator[None]:
+    """Name the table ``where`` in errors of the block that name none."""
     try:
         yield
     except InputError as error:
@@ -177,7 +191,7 @@ def _told_of(where: str) -> Iterator[None]:
         raise SceneError(f"{where}: {error}") from error
 
 
-def _source(
+def read_source(
     table: dict[str, Any], folder: Path, where: str, surface: ClosestPointSource | None = None
 ) -> ClosestPointSource:
     """Make the source that a table describes; a boundary's may ask for the ``surface`` that it lies on."""
@@ -204,7 +218,7 @@ def _keys(table: dict[str, Any], folder: Path, where: str) -> dict[str, Any]:
 def _made_source(value: Any, folder: Path, where: str) -> Any:
     """Return the source that a table with a kind describes, a list with its tables made, anything else as it is."""
     if isinstance(value, dict):
-        return _source(dict(value), folder, where)
+        return read_source(dict(value), folder, where)
     if isinstance(value, list):
         return [_made_source(entry, folder, f"entry {number} of {where}") for number, entry in enumerate(value, 1)]
     return value
@@ -214,7 +228,7 @@ def _boundary(table: dict[str, Any], number: int, folder: Path, surface: Closest
     name = _name(table.pop("name", f"boundary {number}"), number)
     where = f"[[boundary]] {name!r}"
     sides = {key: table.pop(key) for key in SIDE_KEYS if key in table}
-    own = _source(table, folder, where, surface)
+    own = read_source(table, folder, where, surface)
     carriers = [("boundary", own), ("surface", surface)]
     conditions: dict[str, Any] = {
         key: read_side(key, value, surface.dim, f"{key} of {where}")
@@ -289,7 +303,14 @@ def _field(value: Any, dim: int) -> VectorField:
     return field_of_entries(entries, "velocity of [problem]")
 
 
-def _output(table: dict[str, Any], path: Path) -> OutputRequest:
+def read_output(table: dict[str, Any], path: Path) -> OutputRequest:
+    """Return what [output] of the file ``path`` asks for.
+
+    Raises
+    ------
+    SceneError
+        If a key or its value is not accepted.
+    """
     check_accepted("[output]", table, ("folder", "files", "picture", "vertices"))
     picture, files = table.get("picture"), table.get("files", ["summary.json"])
     if picture is not None:
@@ -300,5 +321,5 @@ def _output(table: dict[str, Any], path: Path) -> OutputRequest:
     folder = output_folder(table["folder"]) if "folder" in table else Path(path.stem)
     check_links(folder, Path.cwd(), "folder of [output]")
     vertices = table.get("vertices", VERTICES[0])
-    with _told_of("[output]"):
+    with told_of("[output]"):
         return OutputRequest(folder, tuple(files), picture, vertices)

@@ -49,7 +49,7 @@ def definitions() -> Schema:
             "type": ["number", "string", "array", "object"],
         },
         "condition": _condition(),
-        "source": _one_of(sources),
+        "source": one_of_kinds(sources),
     }
 
 
@@ -66,9 +66,9 @@ def scene_tables(problem_needs: bool = True) -> Schema:
     }
     equations = [one for one in every if one.sort == "equation"]
     return {
-        "surface": _one_of(sources, {"edge": edge}),
-        "boundary": {"type": "array", "items": _one_of(sources, sides)},
-        "problem": _one_of(equations, needs=problem_needs, of_data=True),
+        "surface": one_of_kinds(sources, {"edge": edge}),
+        "boundary": {"type": "array", "items": one_of_kinds(sources, sides)},
+        "problem": one_of_kinds(equations, needs=problem_needs, of_data=True),
         "discretization": _options([Options, Asked, *FORMS.values()]),
         "solver": _options([SolverOptions], SOLVER_KEYS, further=True),
         "output": _table(
@@ -92,7 +92,9 @@ def _table(properties: Schema, needed: Iterable[str] = (), further: bool = False
     return {**made, "required": required} if required else made
 
 
-def _one_of(choices: Iterable[Kind], more: Mapping[str, Any] = {}, needs: bool = True, of_data: bool = False) -> Schema:
+def one_of_kinds(
+    choices: Iterable[Kind], more: Mapping[str, Any] = {}, needs: bool = True, of_data: bool = False
+) -> Schema:
     """Return the schema of a table whose ``kind`` says which keys it has; a boundary's surface need not be named."""
     variants = []
     for one in choices:

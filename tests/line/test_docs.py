@@ -17,7 +17,7 @@ from cpmkit.cli import main
 from cpmkit.errors import SceneError
 from cpmkit.formulas import trees
 from cpmkit.linear.choice import SOLVERS
-from cpmkit.scenefile import condition_tables, reading
+from cpmkit.scenefile import application_tables, condition_tables, reading
 from cpmkit.scenefile.output_request import PictureRequest
 
 ROOT = Path(__file__).parents[2]
@@ -118,6 +118,16 @@ def test_every_table_of_a_scene_is_documented():
     text = (DOCS / "reference" / "scene-keys.md").read_text()
     for table in reading.SCENE_TABLES:
         assert f"## `[{table}]`" in text or f"## `[[{table}]]`" in text
+
+
+def test_every_table_and_key_of_an_application_is_documented():
+    text = (DOCS / "reference" / "application-keys.md").read_text()
+    for command, tables in reading.APPLICATION_TABLES.items():
+        assert f"## `cpmkit {command}`" in text
+        assert all(f"[{table}]" in text for table in tables)
+    own = {*application_tables.ALONG_KEYS, *application_tables.COLOUR_KEYS}
+    named = own | {*application_tables.MAP_KEYS, *application_tables.VECTORS_KEYS}
+    assert named - documented("application-keys.md") == set()
 
 
 @pytest.mark.parametrize("table", ["discretization", "solver", "output"])

@@ -6,8 +6,10 @@ from pathlib import Path
 import pytest
 
 import cpmkit as ck
+from cpmkit.scenefile.application_files import load_application
 
 SCENES = sorted(path.name for path in (Path(__file__).parents[2] / "examples").glob("*.toml"))
+APPLICATIONS = sorted(path.name for path in (Path(__file__).parents[2] / "examples" / "applications").glob("*.toml"))
 MESHES = {
     "02-nefertiti.toml": ["nefertiti-lowres.obj"],
     "03-spot.toml": ["spot.obj"],
@@ -20,6 +22,7 @@ MESHES = {
 
 def test_there_are_scenes():
     assert {"01-first-curves.toml", *MESHES} <= set(SCENES)
+    assert {name.split("-")[0] for name in APPLICATIONS} == {"vectors", "map", "paint"}
 
 
 loaded = cache(ck.load_scene)  # meshes are read, and cut, once
@@ -35,6 +38,15 @@ def test_scene_loads_and_is_explained(name, example):
     told = str(ck.explain(wanted.scene, spacing=(3 if name in MESHES else 2) * wanted.spacing, rehearse=True))
     for boundary in wanted.scene.boundaries:
         assert boundary.name in told
+
+
+@pytest.mark.parametrize("name", APPLICATIONS)
+def test_scene_of_an_application_loads(name, example):
+    command, on = name.removesuffix(".toml").split("-", 1)
+    wanted = load_application(example(f"applications/{name}", *(["spot.obj"] if on == "spot" else [])), command)
+    assert wanted.spacing is not None
+    assert wanted.given
+    assert wanted.output.picture is not None
 
 
 def test_nefertiti_has_six_curves_with_two_sides_and_one_wall(example):

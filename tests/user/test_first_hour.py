@@ -12,6 +12,8 @@ from click.testing import CliRunner
 import cpmkit as ck
 from cpmkit.cli import main
 from cpmkit.plugins import installed_kinds
+from cpmkit.scenefile.application_files import load_application
+from cpmkit.scenefile.application_schema import application_schema
 from cpmkit.scenefile.documented_keys import first_sentence, keys_of
 from cpmkit.scenefile.reading import PROBLEMS
 from cpmkit.scenefile.schema import scene_schema
@@ -80,6 +82,15 @@ def test_the_schema_accepts_every_example(schema, folder):
         assert list(validator.iter_errors(tomllib.loads(file.read_text()))) == [], file.name
 
 
+@pytest.mark.parametrize("command", ["vectors", "map", "paint"])
+def test_the_schemas_of_applications_accept_their_examples_and_nothing_else(command):
+    validator = jsonschema.Draft7Validator(application_schema(command))
+    files = sorted((ROOT / "examples" / "applications").glob("*.toml"))
+    accepted = [file.name for file in files if validator.is_valid(tomllib.loads(file.read_text()))]
+    assert accepted == [file.name for file in files if file.name.startswith(command)]
+    assert json.loads(run("schema", command).output) == application_schema(command)
+
+
 @pytest.mark.parametrize(
     "wrong",
     [
@@ -124,8 +135,10 @@ def test_examples_are_listed_and_copied(tmp_path):
     listed = run("examples").output
     assert "01-first-curves.toml" in listed
     assert "studies/degrees-heat.toml" in listed
+    assert "applications/map-spot.toml" in listed
     assert run("examples", "--to", tmp_path / "all").exit_code == 0
     assert ck.load_scene(tmp_path / "all" / "05-square.toml").spacing
+    assert load_application(tmp_path / "all" / "applications" / "map-dziuk.toml", "map").spacing
     assert len(list((tmp_path / "all" / "curves").iterdir())) == len(list((ROOT / "examples" / "curves").iterdir()))
     assert "is there already" in run("examples", "--to", tmp_path / "all").output
 

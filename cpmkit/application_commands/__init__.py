@@ -1,0 +1,1 @@
+"""The commands that make applications of scene files: fields of vectors, maps, and painted surfaces."""
