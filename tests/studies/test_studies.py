@@ -88,7 +88,7 @@ def test_the_table_of_back_ends_is_what_the_study_prints(backends, real_mesh, fo
     assert {line[0] for line in rows("backends.md")} == {"mesh", "spot", "fish", "nefertiti-lowres"}
 
 
-@pytest.mark.parametrize("name", ["double-torus", "moebius"])
+@pytest.mark.parametrize("name", ["double-torus", pytest.param("moebius", marks=pytest.mark.slow)])
 def test_vector_fields_are_tangent_and_keep_their_directions(name):
     design = module(ROOT / "examples" / "vector_fields.py").DESIGNS[name]()
     field = design.solve(2 * design.spacing)
