@@ -15,6 +15,33 @@ if "PYTEST_XDIST_WORKER" in os.environ:  # one process a core: threads would onl
         os.environ.setdefault(name, "1")
 
 
+#: Members of parametrised tests that are slow, one a line.
+RARE = Path(__file__).parent / "tests" / "rare_members.txt"
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Mark the rare members of parametrised tests as slow.
+
+    Raises
+    ------
+    pytest.UsageError
+        If one is listed that its file does not have, or all members of a test are.
+    """
+    rare = {line for line in RARE.read_text(encoding="utf-8").splitlines() if line and not line.startswith("#")}
+    for item in items:
+        if item.nodeid in rare:
+            item.add_marker(pytest.mark.slow)
+    if any("::" in argument for argument in config.args):
+        return  # of a file a part was collected
+    kept = {item.nodeid.partition("[")[0] for item in items if item.nodeid not in rare}
+    files = {item.nodeid.partition("::")[0] for item in items}
+    there = {item.nodeid for item in items}
+    for name in rare:
+        if name.partition("::")[0] in files and (name not in there or name.partition("[")[0] not in kept):
+            raise pytest.UsageError(f"{RARE.name} lists {name}, which is no test or has no sibling that always runs.")
+
+
 def pytest_collection_finish() -> None:
     """Keep the collector of garbage from what was collected of tests: each run of a study would go through it all."""
     gc.collect()
