@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import gc
 import os
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,6 +15,20 @@ os.environ.setdefault("CPMKIT_FETCH", "0")
 if "PYTEST_XDIST_WORKER" in os.environ:  # one process a core: threads would only get in each other's way
     for name in ("CPMKIT_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Where nothing is compiled yet, compile what most tests call before there are workers, each part once."""
+    if "PYTEST_XDIST_WORKER" in os.environ or not session.config.getoption("numprocesses", None):
+        return
+    import cpmkit
+
+    if any(Path(cpmkit.__file__).parent.rglob("*.nbi")):
+        return
+    script = str(Path(__file__).parent / "tests" / "compile_kernels.py")
+    for one in [subprocess.Popen([sys.executable, "-P", script, part]) for part in ("galerkin", "others")]:
+        one.wait()  # what fails here fails where it is tested
 
 
 #: Members of parametrised tests that are slow, one a line.
