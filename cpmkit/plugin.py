@@ -103,6 +103,7 @@ if TYPE_CHECKING:
     from cpmkit.scene.data import Data as Data
     from cpmkit.scene.data import evaluate_data as evaluate_data
     from cpmkit.scene.data import takes_time as takes_time
+    from cpmkit.scene.edge import conditions_along as conditions_along
     from cpmkit.scene.equations import Equation as Equation
     from cpmkit.scene.equations import Laplace as Laplace
     from cpmkit.scene.equations import Terms as Terms
@@ -116,7 +117,6 @@ if TYPE_CHECKING:
     from cpmkit.scene.laws import Support as Support
     from cpmkit.scene.laws import Value as Value
     from cpmkit.scene.scene import Scene as Scene
-    from cpmkit.scene.scene import edge_condition as edge_condition
     from cpmkit.scene.vertex_data import VertexData as VertexData
     from cpmkit.solution.solution import Solution as Solution
     from cpmkit.solving import solve as solve
@@ -181,7 +181,8 @@ _NAMES = {
         "scene.data": "Data evaluate_data takes_time",
         "scene.equations": "Equation Terms",
         "scene.laws": "Flux Interface Law Mixed Nonlinear OneSided Spectral Support Value",
-        "scene.scene": "Scene edge_condition",
+        "scene.edge": "conditions_along",
+        "scene.scene": "Scene",
     },
     "Linear solvers": {
         "protocols": "LinearSolver Operator PreparedSolver",

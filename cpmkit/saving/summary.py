@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.protocols import SIDES
+from cpmkit.scene.by_position import ByPosition
 from cpmkit.scene.condition import Condition
+from cpmkit.scene.edge import LoopConditions
 
 if TYPE_CHECKING:
     from cpmkit.scene.scene import Scene
@@ -38,7 +40,7 @@ def summarize(solution: Solution) -> dict[str, Any]:
 def describe_scene(scene: Scene) -> dict[str, Any]:
     """Return what a scene holds, as plain values: of functions only that they are some."""
     edge = scene.edge
-    held = {str(loop): _condition(one) for loop, one in edge.items()} if isinstance(edge, Mapping) else _condition(edge)
+    held = {str(loop): _on_loop(one) for loop, one in edge.items()} if isinstance(edge, Mapping) else _on_loop(edge)
     return {
         "surface": type(scene.surface).__name__,
         "dim": scene.surface.dim,
@@ -54,6 +56,14 @@ def describe_scene(scene: Scene) -> dict[str, Any]:
         ],
         "edge": held,
     }
+
+
+def _on_loop(held: LoopConditions) -> Any:
+    """Return what holds on a loop of the edge: a condition, or where each of its parts holds."""
+    if not isinstance(held, ByPosition):
+        return _condition(held)
+    where = [None if one.where is None else getattr(one.where, "text", "of position") for one in held.parts]
+    return [[_condition(part.condition), here] for part, here in zip(held.parts, where, strict=True)]
 
 
 def _condition(condition: Condition) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -71,7 +70,3 @@ class Condition(ABC):
     def refusal(self, problem: Equation) -> str:
         """Return why an equation does not take it, the predicate of a sentence; empty where it does."""
         return "" if problem.family in self.law.families else self.law.needs
-
-
-#: What holds on the edge of a manifold: one condition, or one for each loop, by its number.
-EdgeConditions = Condition | Mapping[int, Condition]

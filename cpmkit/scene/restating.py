@@ -11,6 +11,7 @@ from cpmkit.scene.alike import same_condition
 from cpmkit.scene.boundary import Boundary
 from cpmkit.scene.condition import Condition
 from cpmkit.scene.conditions import as_conditions
+from cpmkit.scene.edge import as_edge, parts_of_edge, shape_of_edge
 from cpmkit.scene.equations import Equation
 from cpmkit.scene.laws import Interface, Law, Mixed, Nonlinear
 from cpmkit.scene.scene import Scene
@@ -64,13 +65,16 @@ def _with_data(boundary: Any, given: Any) -> Boundary:
 
 
 def _edge_with_data(edge: Any, given: Any) -> Any:
-    given = as_conditions(given)
-    loops, new_loops = (set(one) if isinstance(one, Mapping) else None for one in (edge, given))
-    if loops != new_loops:
-        raise SceneError("data of the edge must be one condition, or one for each of its loops, as the scene has them.")
-    pairs = [(edge[loop], given[loop]) for loop in edge] if isinstance(edge, Mapping) else [(edge, given)]
-    for old, new in pairs:
-        _check_same(old, new, "the edge")
+    given = as_edge(given)
+    if shape_of_edge(edge) != shape_of_edge(given):
+        raise SceneError(
+            "data of the edge must be one condition, or one for each of its loops or parts, as the scene has them, "
+            "and each part where it is."
+        )
+    if isinstance(edge, Mapping):
+        given = {loop: given[loop] for loop in edge}
+    for (old, _), (new, _) in zip(parts_of_edge(edge), parts_of_edge(given), strict=True):
+        _check_same(old.condition, new.condition, "the edge")
     return given
 
 

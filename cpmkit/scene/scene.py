@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import product
 from typing import TYPE_CHECKING, Generic
 
 import numpy as np
@@ -16,16 +15,17 @@ from cpmkit.manifold.local_source import LocalSource
 from cpmkit.protocols import SIDES, BoundarySet, ClosestPointSource, Floats
 from cpmkit.runtime.html_tables import html_table
 from cpmkit.scene.boundary import ONE
-from cpmkit.scene.condition import Condition, EdgeConditions
-from cpmkit.scene.conditions import Neumann, as_conditions
+from cpmkit.scene.condition import Condition
+from cpmkit.scene.conditions import Neumann
 from cpmkit.scene.data import Data, Functional, evaluate_data
+from cpmkit.scene.edge import EdgeConditions, GivenEdge, as_edge, conditions_of_edge, parts_of_edge, place_on_edge
 from cpmkit.scene.equations import Equation, Solved
 from cpmkit.scene.given_surfaces import Surface, as_source
 from cpmkit.scene.orient import orient
 from cpmkit.scene.oriented import OrientedBoundary
 from cpmkit.scene.tensors import is_tensor
 
-#: Where data of the equation and of the edge are asked; numbers from zero are boundaries.
+#: Where data of the equation and of the edge are asked; numbers from zero are boundaries, those below the edge's parts.
 SURFACE_DATA, EDGE_DATA = -1, -2
 
 
@@ -42,10 +42,12 @@ class Scene(Generic[Solved]):
         Such as ``Laplace()``, ``Poisson(f)`` or ``ScreenedPoisson(f, c)``.
     boundaries : sequence of BoundarySet
         Points and curves inside the manifold, with conditions.
-    edge : Condition or table, or number, text, sequence or function
-        What holds on the rim of an open surface or the ends of an open curve: one condition, or one a
-        loop number; data, such as a function of position, are short for Dirichlet of them. By default
-        nothing flows through it.
+    edge : Condition, list or table, or number, text, sequence or function
+        What holds on the rim of an open surface or the ends of an open curve: one condition; or a list of
+        pairs of a condition and where it holds, a formula such as ``"x < 0"`` or a function of points,
+        of which the first that holds counts and a last condition alone holds on the rest; or a table of
+        either by the number of the loop. Data, such as a function of position, are short for Dirichlet of
+        them. By default nothing flows through it.
 
     Raises
     ------
@@ -75,7 +77,7 @@ class Scene(Generic[Solved]):
             surface: Surface,
             problem: Equation[Solved],
             boundaries: Sequence[BoundarySet] = (),
-            edge: Condition | Data | Mapping[int, Condition | Data] = ...,
+            edge: GivenEdge | Mapping[int, GivenEdge] = ...,
         ) -> None: ...
 
     def __post_init__(self) -> None:
@@ -85,10 +87,13 @@ class Scene(Generic[Solved]):
             raise SceneError(
                 f"the problem must be an equation, such as Laplace(), Poisson(f) or Heat(...), got {self.problem!r}."
             )
-        object.__setattr__(self, "edge", as_conditions(self.edge))
+        object.__setattr__(self, "edge", as_edge(self.edge))
         for one in self.edge_conditions:
             if not isinstance(one, Condition) or one.couples:
-                raise SceneError(f"`edge` must be {ONE}, or a table with one of them for each loop, got {shown(one)}.")
+                raise SceneError(
+                    f"`edge` must be {ONE}, or a table with one of them for each loop, or a list of pairs of one and "
+                    f"where it holds, got {shown(one)}."
+                )
         object.__setattr__(self, "boundaries", tuple(self.boundaries))
         names = [boundary.name for boundary in self.boundaries]
         twice = sorted({name for name in names if names.count(name) > 1})
@@ -132,8 +137,8 @@ class Scene(Generic[Solved]):
 
     @property
     def edge_conditions(self) -> list[Condition]:
-        """The condition of the edge, or those of all its loops."""
-        return list(self.edge.values()) if isinstance(self.edge, Mapping) else [self.edge]
+        """The condition of the edge, or those of all its loops and parts."""
+        return conditions_of_edge(self.edge)
 
     def __repr__(self) -> str:
         edge = ", ".join(one.kind for one in self.edge_conditions)
@@ -180,7 +185,7 @@ class Scene(Generic[Solved]):
     def _data(self) -> list[tuple[str, Data, int]]:
         """Return all data, what they are, and the place at which they can be asked, a number for :meth:`_place`."""
         places = [number for number, _ in enumerate(self.boundaries) for _ in SIDES]
-        places += [EDGE_DATA] * len(self.edge_conditions)
+        places += [EDGE_DATA - number for number, _ in enumerate(self.edge_conditions)]
         found: list[tuple[str, Data, int]] = []
         for (what, one), place in zip(self._conditions(), places, strict=True):
             data = one.data()
@@ -194,30 +199,14 @@ class Scene(Generic[Solved]):
         """
         if number not in self._places:
             source = self.boundaries[number].source if number >= 0 else self.surface
-            bounds = np.asarray(source.bounds, dtype=np.float64)
-            centre = bounds.mean(axis=0)
-            asked = centre[None] if number != EDGE_DATA else np.array([*product(*bounds.T), centre])
-            foot = LocalSource(source, np.zeros(source.dim)).closest_point(asked)
-            self._places[number] = foot.points[np.argmax(foot.edge >= 0)][None] if number == EDGE_DATA else foot.points
+            if number <= EDGE_DATA:
+                found = place_on_edge(source, *parts_of_edge(self.edge)[EDGE_DATA - number])
+            else:
+                centre = np.asarray(source.bounds, dtype=np.float64).mean(axis=0)[None]
+                found = LocalSource(source, np.zeros(source.dim)).closest_point(centre).points
+            self._places[number] = found
         return self._places[number]
 
     @cached_property
     def _places(self) -> dict[int, Floats]:
         return {}
-
-
-def edge_condition(edge: EdgeConditions, loop: int) -> Condition:
-    """Return the condition of edge ``loop``.
-
-    Raises
-    ------
-    SceneError
-        If the edge is a table and the loop is not in it.
-    """
-    if not isinstance(edge, Mapping):
-        return edge
-    if loop not in edge:
-        raise SceneError(
-            f"the surface has an edge loop {loop} for which `edge` gives no condition; it has {sorted(edge)}."
-        )
-    return edge[loop]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from typing import Any
 
 from cpmkit.errors import SceneError, shown
@@ -98,13 +99,40 @@ def _is_datum(value: Any) -> bool:
 
 
 def read_edge(table: Any, where: str) -> Any:
-    """Return a function of the dimension that makes the edge's condition, or one a loop number."""
-    if _is_datum(table):
+    """Return a function of the dimension that makes the edge's condition, parts by position, or either a loop."""
+    if _is_datum(table) and not is_by_position(table):
         return lambda dim: read_condition(table, dim, where)
+    if is_by_position(table):
+        return lambda dim: _on_loop(table, dim, where)
     table = as_table(table, where)
     if table and all(LOOP_NUMBER.fullmatch(key) for key in table):
-        return lambda dim: {int(key): read_condition(value, dim, f"edge {key}") for key, value in table.items()}
+        return lambda dim: {int(key): _on_loop(value, dim, f"edge {key}") for key, value in table.items()}
     return lambda dim: read_condition(table, dim, "edge")
+
+
+def _on_loop(table: Any, dim: int, where: str) -> Any:
+    if is_by_position(table):
+        return [_part(one, dim, f"part {number} of {where}") for number, one in enumerate(table)]
+    return read_condition(table, dim, where)
+
+
+def is_by_position(table: Any) -> bool:
+    """Tell conditions for parts of an edge, tables in a list, from data with one entry a channel."""
+    return isinstance(table, list) and any(isinstance(one, Mapping) for one in table)
+
+
+def _part(table: Any, dim: int, where: str) -> Any:
+    """Return a condition and where on the edge it holds, or a condition alone."""
+    if _is_datum(table):
+        return read_condition(table, dim, where)
+    table = dict(as_table(table, where))
+    holds = table.pop("where", None)
+    condition = read_condition(table, dim, where)
+    if holds is None:
+        return condition
+    if not isinstance(holds, str):
+        raise SceneError(f"`where` of {where} must be a formula such as 'x < 0', got {shown(holds)}.")
+    return condition, holds
 
 
 def read_data(value: Any, dim: int, where: str) -> Data:

@@ -57,7 +57,9 @@ def scene_tables(problem_needs: bool = True) -> Schema:
     """Return the schemas of a scene's tables; ``problem_needs`` is False where a study gives what is lacking."""
     every = kinds()
     sources = [one for one in every if one.sort == "source"]
-    edge = {"description": "What holds on the rim; or a table with one for each loop."}
+    edge = {
+        "description": "What holds on the rim; or a list of tables, each with `where`, a formula; or a table of loops."
+    }
     condition = {"$ref": "#/definitions/condition"}
     sides: Schema = dict.fromkeys(SIDE_KEYS, condition) | {
         "left_of": {"description": "A point on the left.", "type": "array"},

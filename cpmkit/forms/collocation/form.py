@@ -37,6 +37,7 @@ from cpmkit.grid.fitting import check_fits
 from cpmkit.linear.operators import Border
 from cpmkit.protocols import Floats, Ints, Operator, Progress, Stiffness, no_progress
 from cpmkit.scene.data import Data
+from cpmkit.scene.edge import by_position
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.laws import Spectral, Support
 from cpmkit.scene.scene import Scene
@@ -374,6 +375,11 @@ def check(scene: Scene, options: Options[CollocationOptions]) -> None:
         raise SceneError(
             "the form 'collocation' has no diffusivity that depends on u: beside boundaries it continues a diffusivity "
             f"as a function of position, which that of {scene.problem.kind!r} is not; use form='galerkin'."
+        )
+    if by_position(scene.edge):
+        raise SceneError(
+            "the form 'collocation' takes one condition for each loop of the edge, got conditions by position; use "
+            "form='galerkin', which curves and surfaces have."
         )
     check_terms(scene.problem.terms())
     check_balance(scene, options.own.balance)

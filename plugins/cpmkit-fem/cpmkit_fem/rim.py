@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -20,7 +20,7 @@ from cpmkit.plugin import (
     Nonlinear,
     OneSided,
     Scene,
-    edge_condition,
+    conditions_along,
     evaluate_data,
 )
 from cpmkit_fem.triangulation import Triangulation
@@ -130,7 +130,7 @@ def rim_of(scene: Scene, mesh: Triangulation, besides: Ints) -> Sequence[RimPart
     Raises
     ------
     SceneError
-        If a loop is not in the scene's table.
+        If a loop is not in the scene's table, or no part of the edge holds at a place of it.
     """
     edges, count, opposite = mesh.edges
     size = len(mesh.vertices)
@@ -139,11 +139,9 @@ def rim_of(scene: Scene, mesh: Triangulation, besides: Ints) -> Sequence[RimPart
     edges, opposite = edges[rim], opposite[rim]
     if not len(edges):
         return []
-    if not isinstance(scene.edge, Mapping):
-        return [RimPart(_one_sided(scene.edge), mesh, edges)]
-    loop = scene.surface.closest_point(_outside(mesh.vertices, edges, opposite)).edge
-    laws = {number: _one_sided(edge_condition(scene.edge, int(number))) for number in np.unique(loop)}
-    return [RimPart(law, mesh, edges[loop == number]) for number, law in laws.items()]
+    feet = scene.surface.closest_point(_outside(mesh.vertices, edges, opposite))
+    found = conditions_along(scene.edge, feet.edge, feet.points)
+    return [RimPart(_one_sided(condition), mesh, edges[own]) for condition, own in found]
 
 
 def _one_sided(condition: Condition) -> OneSided:

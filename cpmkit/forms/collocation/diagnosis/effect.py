@@ -16,8 +16,9 @@ from cpmkit.protocols import SIDES, ClosestPointSource, Floats, HasMesh
 from cpmkit.runtime.arrays import whole
 from cpmkit.scene.alike import same_condition
 from cpmkit.scene.condition import Condition
+from cpmkit.scene.edge import edge_condition
 from cpmkit.scene.laws import Interface, Mixed, beta_at, is_zero_neumann
-from cpmkit.scene.scene import Scene, edge_condition
+from cpmkit.scene.scene import Scene
 
 #: The dimension of a solid in space.
 SPACE_DIM = 3
@@ -55,7 +56,8 @@ def _check_edges(scene: Scene, layout: Layout) -> None:
         missing = sorted({whole(loop, "a key of `edge`, the number of a loop,") for loop in scene.edge} - set(met))
         given = f"`edge` gives a condition for loop {missing[0]}" if missing else ""
     else:
-        missing, given = ([] if met or is_zero_neumann(scene.edge.law) else [0]), "`edge` gives a condition"
+        no_flux = all(is_zero_neumann(one.law) for one in scene.edge_conditions)
+        missing, given = ([] if met or no_flux else [0]), "`edge` gives a condition"
     if not missing:
         return
     spacing, known = layout.lattice.spacing, _loops(scene.surface, layout.lattice.spacing)

@@ -15,8 +15,9 @@ from cpmkit.protocols import SIDES, Floats, Ints
 from cpmkit.scene.alike import same_condition
 from cpmkit.scene.condition import Condition
 from cpmkit.scene.data import evaluate_data
+from cpmkit.scene.edge import edge_condition
 from cpmkit.scene.laws import Interface, Nonlinear, Value, data_of
-from cpmkit.scene.scene import Scene, edge_condition
+from cpmkit.scene.scene import Scene
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

@@ -34,9 +34,8 @@ from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.tangent_space import outward_conormals
 from cpmkit.manifold.walking import nearest_on_sheet
 from cpmkit.protocols import ClosestPoints, Floats, Ints
-from cpmkit.scene.condition import EdgeConditions
+from cpmkit.scene.edge import EdgeConditions, edge_condition
 from cpmkit.scene.laws import OneSided, beta_at, is_zero_neumann
-from cpmkit.scene.scene import edge_condition
 
 #: Nodes nearer to their foot than this share of the spacing do not tell the direction of the conormal.
 UNDIRECTED_EDGE_SPACINGS = 1e-6

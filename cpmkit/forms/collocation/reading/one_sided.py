@@ -19,8 +19,8 @@ from cpmkit.grid.stencils import stencil_cells, stencil_nodes
 from cpmkit.manifold.tangent_space import outward_conormals
 from cpmkit.protocols import SIDES, Bools, ClosestPoints, Floats, Ints, Rows, Side
 from cpmkit.scene.condition import Condition
+from cpmkit.scene.edge import edge_condition
 from cpmkit.scene.laws import Value
-from cpmkit.scene.scene import edge_condition
 
 if TYPE_CHECKING:
     from cpmkit.forms.collocation.reading.points import Reader

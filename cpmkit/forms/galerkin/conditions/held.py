@@ -16,8 +16,9 @@ from cpmkit.protocols import SIDES, Bools, Floats, Ints
 from cpmkit.runtime.arrays import whole
 from cpmkit.scene.alike import same_condition
 from cpmkit.scene.condition import Condition
+from cpmkit.scene.edge import LoopConditions, check_parts_met, conditions_along
 from cpmkit.scene.laws import Flux, Interface, Law, Mixed, Nonlinear, Spectral, Value, beta_at, is_zero_neumann
-from cpmkit.scene.scene import Scene, edge_condition
+from cpmkit.scene.scene import Scene
 
 #: The edge's condition, in sentences.
 EDGE_CONDITION = "the edge's condition"
@@ -173,20 +174,35 @@ def _on_rims(scene: Scene, samples: BoundarySamples, surface: LocalSource, latti
     if not isinstance(scene.edge, Mapping):
         if not len(rows):
             raise SceneError("`edge` gives a condition, which the manifold has not: it is closed; leave it out.")
-        yield Held(scene.edge.law, EDGE_CONDITION, rows, none, kind=scene.edge.kind)
-        return
-    loop_of = loops_of(samples.take(rows), surface, lattice.spacing)
+        loop_of = none
+    else:
+        loop_of = _loops_of_table(scene.edge, samples.take(rows), surface, lattice)
+    found = conditions_along(scene.edge, loop_of, lattice.to_scene(samples.points[rows]))
+    check_parts_met(scene.edge, [condition for condition, _ in found])
+    for condition, own in found:
+        yield Held(condition.law, EDGE_CONDITION, rows[own], none, kind=condition.kind)
+
+
+def _loops_of_table(
+    edge: Mapping[int, LoopConditions], samples: BoundarySamples, surface: LocalSource, lattice: Lattice
+) -> Ints:
+    """Return the number (k,) of the loop of the rim that each sample lies on.
+
+    Raises
+    ------
+    SceneError
+        If a loop of the table is not among them.
+    """
+    loop_of = loops_of(samples, surface, lattice.spacing)
     loops = np.unique(loop_of).tolist()
-    missing = sorted({whole(loop, "a key of `edge`, the number of a loop,") for loop in scene.edge} - set(loops))
+    missing = sorted({whole(loop, "a key of `edge`, the number of a loop,") for loop in edge} - set(loops))
     if missing:
         named = f"its loops are {', '.join(map(str, loops))}" if loops else "it is closed"
         raise SceneError(
             f"`edge` gives a condition for loop {missing[0]}, which the manifold has not: {named}; leave it out, or "
             "correct the number."
         )
-    for loop in loops:
-        condition = edge_condition(scene.edge, loop)
-        yield Held(condition.law, EDGE_CONDITION, rows[loop_of == loop], none, kind=condition.kind)
+    return loop_of
 
 
 def loops_of(samples: BoundarySamples, surface: LocalSource, spacing: float) -> Ints:

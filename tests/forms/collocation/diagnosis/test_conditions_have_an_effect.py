@@ -65,7 +65,7 @@ def test_a_surface_without_a_mesh_tells_both_ways_out():
         ck.solve(ck.Scene(Bare(CIRCLE), ck.ScreenedPoisson(1.0), edge=ck.Dirichlet(1.0)), 0.1, form="collocation")
 
 
-@pytest.mark.parametrize("edge", [None, {0: None}, [ck.Neumann()], ck.Transmission()])
+@pytest.mark.parametrize("edge", [None, {0: None}, [(ck.Transmission(), "x < 0"), 0.0], ck.Transmission()])
 def test_what_is_no_condition_of_an_edge_is_refused(edge):
     with pytest.raises(ck.SceneError, match=r"`edge` must be Dirichlet, .* or a table with one of them for each loop"):
         ck.Scene(ARC, ck.Laplace(), edge=edge)
