@@ -1,10 +1,12 @@
 """Every solution tells its error: when it is read, at once, tightly, or not at all."""
 
 import json
+import re
 
 import numpy as np
 import pytest
 from model_problems import sphere_points
+from trimesh.creation import box
 
 import cpmkit as ck
 
@@ -74,6 +76,37 @@ def test_tips_and_thin_limbs_are_said_to_be_slow():
     limb = ck.source("analytic.cylinder", radius=0.05, length=2.0)
     assert "thin, folded or creased" in ck.solve(ck.Scene(limb, ck.ScreenedPoisson(1.0)), 0.1).error.slow
     assert not ck.solve(SCENE, 0.2).error.slow
+
+
+def test_layers_thinner_than_a_spacing_are_told_and_their_error_is_not_taken_for_less():
+    """-Lap u + c u = 0 between two values on a ring: layers 1 / sqrt(c) wide. Without conditions there is none."""
+    ring = ck.Boundary("ring", ck.source("analytic.circle", normal=[0, 0, 1]), left=1.0, right=0.0)
+    at = sphere_points(2000)
+    at = at[np.abs(at[:, 2]) > 1e-3]
+    scene = ck.Scene(SPHERE, ck.ScreenedPoisson(0.0, c=100.0), [ring])
+    fine = ck.solve(scene, 0.05).evaluate(at)
+    for spacing, told in ((0.2, True), (0.1, False)):
+        solution = ck.solve(scene, spacing)
+        assert ("a layer beside conditions is 0.5 spacings wide" in solution.error.slow) == told
+        off = np.sqrt(np.mean((solution.evaluate(at) - fine) ** 2))
+        assert solution.error.rms[0] * np.ptp(fine) > 0.45 * off
+    for free in (ck.Scene(SPHERE, ck.ScreenedPoisson("x", c=400.0)), ck.Scene(SPHERE, ck.ScreenedPoisson("x"), [ring])):
+        assert not ck.discretize(free, 0.1).slow
+
+
+def test_folds_as_long_as_the_surface_is_wide_are_told_at_any_spacing():
+    """A knife's edge of 30 degrees around a lens, and a cube's edges of 90."""
+    angle = np.linspace(0, 2 * np.pi, 60, endpoint=False)
+    rim = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    vertices = np.concatenate([rim, [[0, 0, 0.27], [0, 0, -0.27]]])
+    following = (np.arange(60) + 1) % 60
+    faces = [np.stack([np.arange(60), following, np.full(60, 60)], axis=1)]
+    faces += [np.stack([following, np.arange(60), np.full(60, 61)], axis=1)]
+    lens = ck.Scene((vertices, np.concatenate(faces)), ck.ScreenedPoisson("x"))
+    cube = ck.Scene(box(), ck.ScreenedPoisson("x"))
+    for spacing in (0.1, 0.05):
+        assert re.match("thin, folded or creased|long folds or creases", ck.discretize(lens, spacing).slow)
+        assert not ck.discretize(cube, spacing, form="galerkin").slow
 
 
 def test_waves_and_heat_have_an_error_in_time():

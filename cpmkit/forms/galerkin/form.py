@@ -27,9 +27,10 @@ from cpmkit.forms.galerkin.parting import Parting
 from cpmkit.forms.galerkin.sample_mesh import Samples
 from cpmkit.forms.galerkin.sampling import sample
 from cpmkit.forms.galerkin.shared import shared_property
+from cpmkit.forms.galerkin.slowness import why_slow
 from cpmkit.forms.galerkin.space.parted import part, pieces
 from cpmkit.forms.galerkin.space.space import space_of
-from cpmkit.forms.galerkin.telling import TURNED_SHARE, of_space, of_turning, source_error
+from cpmkit.forms.galerkin.telling import of_space, of_turning, source_error
 from cpmkit.forms.galerkin.transport.telling import of_layers
 from cpmkit.forms.galerkin.work import GalerkinWork
 from cpmkit.forms.options import Options
@@ -176,14 +177,10 @@ class Galerkin(Equations):
         on_meshes = own if own < MESH_DIVISORS else MESH_DIVISORS
         return SLOW_DIVISORS if self.slow else own if self.sampled.bend == "feet" else on_meshes
 
-    @property
+    @cached_property
     def slow(self) -> str:
-        """Whether boundaries end inside the surface, or it is thin, folded or creased: in words."""
-        if bool(self.sampled.mesh.extends.any()) and not self.sampled.singular:
-            return "boundaries end inside the surface; the error may fall slowly"
-        if self.turned.share > TURNED_SHARE:
-            return f"thin, folded or creased: {self.turned.share:.0%} of the area; the error may fall slowly"
-        return ""
+        """Why the error may fall slowly, in words."""
+        return why_slow(self)
 
     def work(self, operator: Operator, report: SolveReport | None) -> GalerkinWork:
         """Return what the space holds and what the solve did."""
