@@ -166,10 +166,9 @@ def _torus_sources() -> dict[str, Any]:
 def jobs() -> Iterator[tuple[str, Callable[[], Iterator[list[str]]]]]:
     """Yield the name of each row, and what yields its numbers."""
     for name, count, spacings in (
-        ("spot.obj", 4, (0.0635,)),
-        ("spot.obj", 2, (0.0355,)),
-        ("koala.obj", 1, (0.33,)),
-        ("nefertiti-lowres.obj", 1, (17.7,)),
+        ("spot.obj", 16, (0.0635, 0.0355)),
+        ("koala.obj", 16, (0.33, 0.155)),
+        ("nefertiti-lowres.obj", 16, (17.7, 8.5)),
     ):
         yield name, partial(mesh_heat_method, name, count)
         for spacing in spacings:

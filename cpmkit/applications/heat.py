@@ -13,6 +13,8 @@ from cpmkit.plugin import unit
 from cpmkit.preparing import Prepared
 from cpmkit.protocols import Bools, ClosestPointSource
 
+#: Residuals at which solves end: distances are right to 1e-3, so that a direct solve need not be refined.
+ENOUGH = 1e-7
 #: Unknowns up to which the heat step is solved directly: v then has digits as far as it falls.
 MOST_FACTORISED = 60_000
 #: Time of the heat step over the spacing's square, and by how much it grows until heat arrives everywhere.
@@ -71,7 +73,8 @@ def _check_barriers(scene: ck.Scene) -> None:
 
 def heat_solver(prepared: Prepared) -> Prepared:
     """Return the scene with the solver for heat: the direct one as long as it is affordable."""
-    return prepared.solved_by("direct") if prepared.discretized.size <= MOST_FACTORISED else prepared
+    size = prepared.discretized.size
+    return prepared.solved_by("direct", solver_tolerance=ENOUGH) if size <= MOST_FACTORISED else prepared
 
 
 def longest_time(prepared: Prepared) -> float:

@@ -140,14 +140,20 @@ class Galerkin(Equations):
 
     @cached_property
     def _told(self) -> tuple[str, ...]:
+        one, (before, after) = self.sampled, self._told_of_lattice
+        at_points = [text for tell in (of_crossings, of_tips) for text in tell(self.scene, one.mesh, one.lattice)]
+        layers = () if self._carried is None else of_layers(self._conditions_of_scene)
+        return (*before, *at_points, *after, *layers)
+
+    @shared_property
+    def _told_of_lattice(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """What is told of the source and the samples, and of how the lattice resolves them, whatever the equation."""
         one, parting = self.sampled, self._first_parting
         cuts = parting.patch[one.interior :]
         source = advice_of(one.surface.source, one.lattice.spacing).warnings
         rounding = one.lattice.lost_digits(one.surface.bounds, not one.surface.shift.any())
-        at_points = [text for tell in (of_crossings, of_tips) for text in tell(self.scene, one.mesh, one.lattice)]
         resolved = (*of_space(parting, pieces(parting), one.lattice, cuts), *of_turning(self.turned, one.lattice))
-        layers = () if self._carried is None else of_layers(self._conditions_of_scene)
-        return (*source, *rounding, *one.told, *at_points, *resolved, *layers)
+        return (*source, *rounding, *one.told), resolved
 
     @shared_property
     def turned(self) -> Turned:
