@@ -8,6 +8,7 @@ from cpmkit.plugin import Backend, Progress, ResolutionError, Scene, cut_along_b
 from cpmkit_fem.assembly import stiffness_and_mass
 from cpmkit_fem.form import FiniteElements, conditions_of
 from cpmkit_fem.pins import pins_of
+from cpmkit_fem.ties import ties_of
 from cpmkit_fem.triangulation import Triangulation, triangulate
 
 
@@ -43,7 +44,7 @@ class LinearElements:
         Parameters
         ----------
         scene : Scene
-            A surface; its boundaries and its edge hold any conditions that tie no two sides to each other.
+            A surface; its boundaries and its edge hold any conditions; a point of a surface holds a value.
         spacing : float, optional
             About the length of an edge, in the scene's unit; a mesh needs none and keeps its own.
         progress : callable, optional
@@ -52,7 +53,7 @@ class LinearElements:
         Raises
         ------
         InputError, SceneError
-            If there are no triangles, a boundary lies off them, or a condition ties two sides to each other.
+            If there are no triangles, a boundary lies off them, or what couples two sides has one alone.
         ResolutionError
             If all vertices are pinned.
         """
@@ -70,4 +71,4 @@ class LinearElements:
             )
         laplacian, mass = stiffness_and_mass(mesh.vertices, mesh.faces)
         progress("build", 1.0)
-        return FiniteElements(scene, mesh, cut, parts, pins, laplacian, mass)
+        return FiniteElements(scene, mesh, cut, parts, ties_of(scene, mesh, cut), pins, laplacian, mass)

@@ -37,12 +37,16 @@ from cpmkit_fem.operator import VertexOperator, pinned_operator, without
 from cpmkit_fem.pins import Pins, pins_of
 from cpmkit_fem.rim import RimPart, rim_of
 from cpmkit_fem.sides import located, sides_of
+from cpmkit_fem.ties import Tie, ties_of
 from cpmkit_fem.triangulation import Triangulation
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
     from cpmkit.plugin import DisplayMesh, SolveReport
+
+#: Data are asked for vertices on boundaries so far from their feet there, towards the middle of their triangles.
+INWARD_SHARE = 1e-4
 
 
 @dataclass(frozen=True)
@@ -86,6 +90,8 @@ class FiniteElements(Discretized):
         What lies on boundaries; None where there are none, or vertices near them are pinned.
     rim : sequence of RimPart
         Its rim and the sides of boundaries, by condition.
+    ties : sequence of Tie
+        The boundaries that couple their sides.
     pins : Pins
         The vertices whose values are given.
     laplacian, mass_matrix : csr_array (v, v)
@@ -96,6 +102,7 @@ class FiniteElements(Discretized):
     mesh: Triangulation
     cut: CutMesh | None
     rim: Sequence[RimPart]
+    ties: Sequence[Tie]
     pins: Pins
     laplacian: csr_array
     mass_matrix: csr_array
@@ -132,10 +139,21 @@ class FiniteElements(Discretized):
         corners = self.vertices[self.faces]
         return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean())
 
-    @property
+    @cached_property
     def points(self) -> Floats:
-        """(v, d) the vertices."""
-        return self.vertices
+        """(v, d) the vertices; on boundaries a little on their own side, for data that differ on the two."""
+        if self.cut is None or not len(self.cut.edges):
+            return self.vertices
+        on, count = np.unique(self.cut.edges), np.bincount(self.faces.ravel(), minlength=self.size)
+        centres = np.repeat(self.vertices[self.faces].mean(axis=1), 3, axis=0)
+        total = np.stack([np.bincount(self.faces.ravel(), one, minlength=self.size) for one in centres.T], axis=1)
+        points = self.vertices.copy()
+        for number, boundary in enumerate(self.scene.boundaries):
+            own = np.unique(self.cut.edges[self.cut.owner == number])
+            if len(own):
+                points[own] = boundary.source.closest_point(points[own]).points
+        points[on] += INWARD_SHARE * (total[on] / count[on, None] - self.vertices[on])
+        return points
 
     def restated(self, scene: Scene) -> FiniteElements:
         """Return the same triangulation and matrices with another scene, whose conditions have other data at most."""
@@ -143,7 +161,8 @@ class FiniteElements(Discretized):
         if scene.edge is self.scene.edge and all(first is second for first, second in pairs):
             return replace(self, scene=scene, pins=replace(self.pins, channels=scene.channels))
         rim = conditions_of(scene, self.mesh, self.cut)
-        return replace(self, scene=scene, rim=rim, pins=pins_of(rim, scene.channels))
+        ties = ties_of(scene, self.mesh, self.cut)
+        return replace(self, scene=scene, rim=rim, ties=ties, pins=pins_of(rim, scene.channels))
 
     # Equations
 
@@ -173,13 +192,15 @@ class FiniteElements(Discretized):
         if callable(terms.diffusivity) or callable(terms.c):
             matrix, mass = stiffness_and_mass(self.vertices, self.faces, a, c)
         matrix = (matrix + (lumped(mass) if terms.lumped else mass)).tocsr()
+        for tie in self.ties:
+            matrix = (matrix + tie.stiffness(a)).tocsr()
         rims = [part.mass(a / part.law.alpha) for part in self._flows]
         for part in self._flows:
             if isinstance(part.law, Mixed):
                 beta = part.given(part.law.beta, 1, None)[:, 0]
                 matrix = (matrix + part.mass(a * beta / part.law.alpha)).tocsr()
         fixed = not callable(terms.c) and bool(terms.c)
-        return pinned_operator(matrix, self.pins.vertices, rims, fixed)
+        return pinned_operator(matrix, self.pins.vertices, rims, fixed, a)
 
     @property
     def _flows(self) -> list[RimPart]:
@@ -199,6 +220,8 @@ class FiniteElements(Discretized):
         b = np.zeros((self.size, self.channels))
         for part, rim in zip(self._flows, stiffness.rims, strict=True):
             b += rim @ part.given(part.law.datum, self.channels, time)
+        for tie in self.ties:
+            b += tie.load(stiffness.diffusivity, self.channels, time)
         b[self.pins.vertices] = 0.0
         return np.asarray(b - stiffness.coupling @ self.pins.values(time))
 

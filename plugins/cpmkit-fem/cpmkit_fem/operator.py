@@ -32,21 +32,28 @@ class VertexOperator(CsrOperator):
         For each part of the rim, the integrals of a u v divided by the law's alpha.
     fixed : bool
         Whether c alone surely fixes the solution.
+    diffusivity : (v,) float64
+        At the vertices.
     """
 
     coupling: csr_array
     rims: Sequence[csr_array]
     fixed: bool
+    diffusivity: Floats
 
 
-def pinned_operator(matrix: csr_array, pins: Ints, rims: Sequence[csr_array], fixed: bool) -> VertexOperator:
+def pinned_operator(
+    matrix: csr_array, pins: Ints, rims: Sequence[csr_array], fixed: bool, diffusivity: Floats
+) -> VertexOperator:
     """Return A of a symmetric K (v, v) with ``pins`` (p,)."""
     diagonal = np.zeros(len(matrix.indptr) - 1)
     diagonal[pins] = np.abs(matrix.diagonal()[pins])
     rows = diagonal_matrix(diagonal)
     made = without(matrix, pins, columns=True) + rows
     coupling = without(matrix, pins, columns=False)[:, pins] - rows[:, pins]
-    return VertexOperator(made.tocsr(), True, coupling=coupling.tocsr(), rims=rims, fixed=fixed)
+    return VertexOperator(
+        made.tocsr(), True, coupling=coupling.tocsr(), rims=rims, fixed=fixed, diffusivity=diffusivity
+    )
 
 
 def without(matrix: csr_array, pins: Ints, columns: bool) -> csr_array:

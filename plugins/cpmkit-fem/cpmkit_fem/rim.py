@@ -88,15 +88,7 @@ class RimPart:
 
     def mass(self, weight: Floats) -> csr_array:
         """Return the integrals of ``weight`` u v over the part (v, v); it is given (v,) and linear on each edge."""
-        from scipy.sparse import csr_array
-
-        i, j = self.edges.T
-        length = np.linalg.norm(self.mesh.vertices[i] - self.mesh.vertices[j], axis=1)
-        first, second = length * weight[i] / 12, length * weight[j] / 12
-        entries = np.concatenate([3 * first + second, first + 3 * second, first + second, first + second])
-        rows, columns = np.concatenate([i, j, i, j]), np.concatenate([i, j, j, i])
-        count = len(self.mesh.vertices)
-        return csr_array((entries, (rows, columns)), shape=(count, count))
+        return edge_mass(self.mesh.vertices, self.edges, weight)
 
     # What Newton's method asks where the flux depends on u
 
@@ -122,6 +114,18 @@ class RimPart:
     def _flux(self) -> Nonlinear:
         assert isinstance(self.law, Nonlinear)
         return self.law
+
+
+def edge_mass(vertices: Floats, edges: Ints, weight: Floats) -> csr_array:
+    """Return the integrals (v, v) of ``weight`` u v over ``edges`` (e, 2); it is given (v,) and linear on each edge."""
+    from scipy.sparse import csr_array
+
+    i, j = edges.T
+    length = np.linalg.norm(vertices[i] - vertices[j], axis=1)
+    first, second = length * weight[i] / 12, length * weight[j] / 12
+    entries = np.concatenate([3 * first + second, first + 3 * second, first + second, first + second])
+    rows, columns = np.concatenate([i, j, i, j]), np.concatenate([i, j, j, i])
+    return csr_array((entries, (rows, columns)), shape=(len(vertices), len(vertices)))
 
 
 def rim_of(scene: Scene, mesh: Triangulation, besides: Ints) -> Sequence[RimPart]:

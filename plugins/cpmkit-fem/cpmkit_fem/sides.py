@@ -18,12 +18,12 @@ DIFFERENCE_EDGE_SHARE = 0.5
 
 
 def sides_of(scene: Scene, mesh: Triangulation, cut: CutMesh) -> Sequence[RimPart]:
-    """Return the edges on each side of each boundary with the law that holds there.
+    """Return the edges on each side of each boundary with the law that holds there, and couples no two sides.
 
     Raises
     ------
     SceneError
-        If a law couples two sides, or a point of the surface holds anything but one value.
+        If a point of the surface holds anything but one value.
     """
     parts = []
     for number, boundary in enumerate(scene.boundaries):
@@ -31,10 +31,7 @@ def sides_of(scene: Scene, mesh: Triangulation, cut: CutMesh) -> Sequence[RimPar
         for side, those in zip(SIDES, (cut.left, ~cut.left), strict=True):
             law = boundary.condition(side).law
             if isinstance(law, Interface):
-                raise SceneError(
-                    f"backend='fem' ties no sides to each other, and {what} has a {boundary.condition(side).kind}; "
-                    "use backend='cpm'."
-                )
+                continue  # a tie
             parts.append(RimPart(law, mesh, cut.edges[on & those], what, boundary.source))
             at = cut.points.get(number)
             if at is not None:

@@ -137,11 +137,6 @@ def test_a_spacing_is_needed_where_there_is_no_mesh(octahedron):
     assert len(solve(mesh, spacing=None, both=ck.Dirichlet(1.0)).discretized.faces) > len(faces)
 
 
-def test_what_ties_two_sides_to_each_other_is_refused():
-    with pytest.raises(ck.SceneError, match=r"no sides to each other, and boundary 'equator' .*; use backend='cpm'"):
-        solve(problem=ck.ScreenedPoisson(1.0), across=ck.Transmission(jump=1.0))
-
-
 def test_a_point_takes_a_value_alone():
     pin = ck.Boundary("pin", ck.source("analytic.point", at=[0, 0, 1]), both=ck.Neumann(0.0))
     with pytest.raises(ck.SceneError, match=r"'pin' is a point of a surface .* give it a value"):
