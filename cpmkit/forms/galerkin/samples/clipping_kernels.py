@@ -202,7 +202,7 @@ def triangle_samples(
     spacing : float
         h: knot planes lie at (k + 1/2) h.
     clipped : (m,) bool
-        Whether each triangle is clipped there; else it has the samples at (2/3, 1/6, 1/6).
+        Whether each triangle is clipped there; else it has the samples at (2/3, 1/6, 1/6), or its centroid.
     single : (m,) float64
         Pieces of each triangle have one sample where their area times the square of their length, in spacings, is less.
     fine : bool
@@ -248,6 +248,8 @@ def triangle_samples(
             elif clipped[m]:
                 taken = needed(piece, count, single[m])
                 area = rule(piece, count, taken, frame, thirds, corners, places, shares)
+            elif needed(piece, count, single[m]) == 1:
+                taken, area = 1, rule(piece, count, 1, frame, thirds, corners, places, shares)
             else:
                 taken, area = 3, whole(places, shares)
             if area <= LEAST_AREA:

@@ -14,7 +14,8 @@ from cpmkit.protocols import Floats
 #: Pieces with the area times the square of the length, in spacings, below the angle times this have one sample.
 SINGLE_MOMENT_OF_ANGLE = 0.5
 #: And below this at most. Errors on Spot are then those of all samples to 1 percent, at three spacings, with five
-#: eighths of them; on a ball of 1,280 facets, under smooth data, 1 to 4 percent more with three fifths.
+#: eighths of them; on a ball of 1,280 facets, under smooth data, 1 to 4 percent more with three fifths; on Spot and a
+#: koala of 100,000 triangles, left whole on coarse lattices, up to 5 percent more with one sample a triangle.
 MOST_SINGLE_MOMENT = 5e-3
 
 

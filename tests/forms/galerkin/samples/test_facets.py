@@ -66,6 +66,17 @@ def test_facets_cost_two_thirds_of_the_samples_and_no_accuracy():
     assert off[0] < 1.06 * off[1]
 
 
+def test_small_whole_facets_have_one_sample_each():
+    ball = mesh(BALL.vertices, BALL.faces)
+    whole = np.zeros(len(ball.cells), dtype=bool)
+    for spacing, each in ((1.0, 1), (0.18, 3)):
+        found = samples_of(ball, spacing, clipped=whole)
+        assert len(found) == each * len(ball.cells)
+        assert found.weights.sum() == pytest.approx(BALL.area, rel=1e-12)
+        flat = np.einsum("qi,qi->q", found.normals[:, 0], found.points - ball.vertices[ball.cells[found.cell, 0]])
+        assert np.abs(flat).max() < 1e-12
+
+
 def test_the_area_is_kept():
     ball = mesh(BALL.vertices, BALL.faces)
     assert samples_of(ball, 0.18).weights.sum() == pytest.approx(BALL.area, rel=1e-12)
