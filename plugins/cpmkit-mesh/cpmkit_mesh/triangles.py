@@ -27,7 +27,7 @@ from cpmkit_mesh.folds import Folds, folds
 from cpmkit_mesh.smooth import SmoothPart, follow_normals, smooth_part
 from cpmkit_mesh.soundness import closest_point_warnings, mesh_warnings
 from cpmkit_mesh.topology import FIRST_BOUNDARY, Topology
-from cpmkit_mesh.tree import Nearest, Tree, build_tree
+from cpmkit_mesh.tree import Nearest, Tree, build_tree, moved_tree
 from cpmkit_mesh.turning import integral_floor, is_meant_flat, mesh_floor, turning_angle
 
 #: A foot with a barycentric coordinate below this lies on the edge opposite that corner.
@@ -152,21 +152,35 @@ class TriangleMesh:
         return vertices + self.shift, faces
 
     def translated(self, offset: Floats, /) -> TriangleMesh:
-        """Return the mesh moved by ``offset`` (3,)."""
+        """Return the mesh moved by ``offset`` (3,); what is searched and told is made once for all places."""
         offset = as_vector(offset, 3, "offset")
-        return replace(self, vertices=self.vertices + offset, shift=self.shift + offset)
+        made = replace(self, vertices=self.vertices + offset, shift=self.shift + offset)
+        made.__dict__["_first"] = self._first
+        return made
+
+    @cached_property
+    def _first(self) -> TriangleMesh:
+        """The mesh that this one was moved from, or itself."""
+        return self
 
     def advice(self, spacing: float, /) -> Advice:
         """Return what was changed in the mesh, or may spoil a solution on it, and the error that it leaves in any."""
-        flat = not self.smooth and is_meant_flat(self.folds, self.crease_angle)
-        angle = 0.0 if flat else turning_angle(self.vertices, self.faces, self.normals_at_corners)
-        floors = mesh_floor(angle, self.smooth), integral_floor(angle, self.smooth)
+        floors = mesh_floor(self._turning, self.smooth), integral_floor(self._turning, self.smooth)
         return Advice(floors[0], mesh_warnings(self), floors[1], closest_point_warnings(self, spacing))
 
     @cached_property
     def folds(self) -> Folds:
         """The edges at which two triangles meet, with their angles."""
-        return folds(self.vertices, self.faces, self.adjacency)
+        return folds(self.vertices, self.faces, self.adjacency) if self._first is self else self._first.folds
+
+    @cached_property
+    def _turning(self) -> float:
+        """The angle by which the mesh turns from vertex to vertex; zero where its sides are meant to be flat."""
+        if self._first is not self:
+            return self._first._turning
+        if not self.smooth and is_meant_flat(self.folds, self.crease_angle):
+            return 0.0
+        return turning_angle(self.vertices, self.faces, self.normals_at_corners)
 
     @cached_property
     def given_vertices(self) -> Ints:
@@ -232,7 +246,8 @@ class TriangleMesh:
 
     @cached_property
     def _tree(self) -> Tree:
-        return build_tree(self.vertices[self.faces])
+        corners = self.vertices[self.faces]
+        return build_tree(corners) if self._first is self else moved_tree(self._first._tree, corners)
 
     @cached_property
     def _patches(self) -> VertexPatches:
