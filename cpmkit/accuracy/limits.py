@@ -135,5 +135,5 @@ def _most_in_memory(way: Way) -> float:
     limit = PLANNED_SHARE * min(way.asked.memory or np.inf, memory.available_bytes())
     most = float(way.last.unknowns)
     for _ in range(FITTING_ROUNDS):
-        most = max(limit * most / predicted_bytes(way, most), 1.0)
+        most = max(limit * most / _bytes_of_solve(way, most), 1.0)
     return most

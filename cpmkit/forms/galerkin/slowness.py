@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 #: Folds whose splines are more than this over the root of all splines: so they are where folds are about as long as the
 #: manifold is wide, at any spacing, though their share of it falls. Nefertiti .7 to 1.6, and estimates without this a
 #: third of the error; Spot, koala and fish where they are resolved, a cube and a Moebius strip below .8.
-FOLD_ROOTS = 0.9
+FOLD_ROOTS = 0.85
 #: A layer narrower than this, in spacings, is not resolved: estimates were down to .3 of the error at a half, .66 at 1.
 LAYER_SPACINGS = 0.9
 
