@@ -24,10 +24,6 @@ COUNTED_BLOCKS = 500
 LONGER = 1.25
 #: Of the memory that there is, and of that asked for, this share is planned with.
 PLANNED_SHARE = 0.8
-#: A solution that was read keeps this share of what was in memory at the peak of its solve (measured: .4 to .6).
-KEPT_SHARE = 0.5
-#: Solutions with less than this share of another's unknowns are coarser, and held beside it to estimate its error.
-COARSER_SHARE = 0.9
 #: Rounds in which bytes, which grow faster than unknowns beside factors, are brought to the limit.
 FITTING_ROUNDS = 20
 
@@ -54,12 +50,7 @@ def expected_seconds(way: Way, spacing: float) -> float | None:
 
 
 def predicted_bytes(way: Way, unknowns: float) -> float:
-    """Return the memory at the peak of a solve of so many unknowns, beside what coarser solutions hold."""
-    coarser = [float(run.unknowns) for run in way.runs if run.unknowns < COARSER_SHARE * unknowns]
-    return _bytes_of_solve(way, unknowns) + KEPT_SHARE * sum(_bytes_of_solve(way, one) for one in coarser)
-
-
-def _bytes_of_solve(way: Way, unknowns: float) -> float:
+    """Return the memory at the peak of a solve of so many unknowns."""
     options = way.last.solution.discretized.lattice_options
     assert options is not None  # what a way solves is on a lattice
     solver = solver_for(way.scene, options, way.solver, unknowns)
@@ -135,5 +126,5 @@ def _most_in_memory(way: Way) -> float:
     limit = PLANNED_SHARE * min(way.asked.memory or np.inf, memory.available_bytes())
     most = float(way.last.unknowns)
     for _ in range(FITTING_ROUNDS):
-        most = max(limit * most / _bytes_of_solve(way, most), 1.0)
+        most = max(limit * most / predicted_bytes(way, most), 1.0)
     return most
