@@ -18,7 +18,7 @@ from cpmkit.protocols import Advice, ClosestPoints, ClosestPointSource, Floats, 
 from cpmkit.runtime.arrays import as_points, as_vector, positive
 
 #: Nearer to the curve than this share of the radius, no direction leads away from it.
-ON_CURVE_SHARE = 1e-12
+ON_CURVE_SHARE = 1e-10
 #: Nearer than this the direction is rounding in part, and is taken anew from where it leads.
 NEAR_CURVE_SHARE = 1e-4
 #: A point of the tube may lie nearer to the curve than the radius by this share: curves are tried at samples.
@@ -87,7 +87,8 @@ class Tube:
         near = lost | (length < NEAR_CURVE_SHARE * self.radius)
         if near.any():
             feet[near] = self._put_back(feet[near])
-        distance = np.abs(np.where(lost, 0.0, length) - self.radius)
+        # Feet that were put back have left the line through the foot on the curve, and have a distance of their own.
+        distance = np.where(near, norms(x - feet), np.abs(length - self.radius))
         doubtful = lost if middle.doubtful is None else lost | middle.doubtful
         return ClosestPoints(feet, distance, np.full(len(x), -1), doubtful=doubtful)
 

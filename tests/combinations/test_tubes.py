@@ -66,13 +66,16 @@ def test_queries_on_the_curve_get_a_foot_and_are_doubtful():
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-@pytest.mark.parametrize("share", [0.0, 1e-13, 1e-11, 1e-9, 1e-6, 1e-3])
+@pytest.mark.parametrize("share", [0.0, 1e-13, 3e-12, 1e-11, 1e-9, 1e-6, 1e-3])
 def test_feet_of_queries_beside_the_curve_are_on_the_tube_and_stay(share, dim):
     rod = ck.source("analytic.segment", start=[0.0] * dim, end=[2.0, 1.0, 0.5][:dim])
     made = ck.source("tube", around=rod, radius=0.5)
     rng = np.random.default_rng(1)
     on = rod.closest_point(rng.uniform(-1, 3, (2000, dim))).points
-    feet = made.closest_point(on + 0.5 * share * rng.choice([-1, 1], on.shape)).points
+    x = on + 0.5 * share * rng.choice([-1, 1], on.shape)
+    found = made.closest_point(x)
+    feet = found.points
+    assert np.abs(found.distance - np.linalg.norm(x - feet, axis=1)).max() < 1e-14
     assert np.abs(rod.closest_point(feet).distance - 0.5).max() < 1e-14
     assert np.abs(made.closest_point(feet).points - feet).max() < 1e-14
 
