@@ -19,7 +19,7 @@ from cpmkit.scene.scene import Scene
 #: Unknowns of the first pilot, about, by the manifold's dimension.
 FIRST_UNKNOWNS = {0: 50, 1: 50, 2: 250, 3: 800}
 #: Blocks of the manifold by which these are counted: few, for closest points may be dear.
-COUNTED_BLOCKS = 500
+COUNTED_BLOCKS = 100
 #: A solve may take so many times longer than foretold.
 LONGER = 1.25
 #: Of the memory that there is, and of that asked for, this share is planned with.

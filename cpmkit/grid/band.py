@@ -135,6 +135,8 @@ def cell_levels(source: LocalSource, spacing: float, offset: float | Floats) -> 
     lower, upper = cells[0] // side, cells[1] // side
     blocks = np.stack(np.meshgrid(*[np.arange(a, b + 1) for a, b in zip(lower, upper, strict=True)], indexing="ij"), -1)
     blocks = blocks.reshape(-1, dim)
+    while side > 1 and len(blocks) <= len(children):  # nothing is far from blocks as large as the manifold
+        blocks, side = (2 * blocks[:, None] + children).reshape(-1, dim), side // 2
     while True:
         centres = ((blocks + 0.5) * side - offset) * spacing
         reach = 0.5 * np.sqrt(dim) * side * spacing * (1 + CELL_SLACK_SHARE)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -44,13 +44,21 @@ def smooth_part(vertices: Floats, adjacency: Topology, normals_at_corners: Float
     neighbours = adjacency.neighbours[order]
     inner = neighbours >= 0
     neighbours[inner] = slot[neighbours[inner]]
-    extent = np.ptp(vertices, axis=0).max()
     return SmoothPart(
         normals=as_frames(normals_at_corners[order]),
         neighbours=neighbours,
         rim=_rim(vertices, adjacency, normals_at_corners, slot),
-        tiny=1e-13 * float(extent) + 4e-16 * float(np.abs(vertices).max()),
+        tiny=_tiny(vertices),
     )
+
+
+def moved_smooth_part(part: SmoothPart, vertices: Floats, adjacency: Topology) -> SmoothPart:
+    """Return the arrays of a mesh that was moved, in the same order of slots."""
+    return replace(part, rim=(vertices[adjacency.boundary], *part.rim[1:]), tiny=_tiny(vertices))
+
+
+def _tiny(vertices: Floats) -> float:
+    return 1e-13 * float(np.ptp(vertices, axis=0).max()) + 4e-16 * float(np.abs(vertices).max())
 
 
 def follow_normals(tree: Tree, part: SmoothPart, x: Floats, found: Nearest) -> Bools:

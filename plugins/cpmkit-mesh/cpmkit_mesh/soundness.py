@@ -10,7 +10,7 @@ from cpmkit.plugin import Floats, Ints, place
 from cpmkit_mesh.chains import components
 from cpmkit_mesh.directions import doubled_areas
 from cpmkit_mesh.folds import Folds, crowded_edges
-from cpmkit_mesh.pieces import closest_meeting, pieces
+from cpmkit_mesh.pieces import closest_meeting
 from cpmkit_mesh.tree import build_tree, nearest
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ MEETING_PIECES_SPACINGS = 0.5
 
 def mesh_warnings(mesh: TriangleMesh) -> tuple[str, ...]:
     """Return what was changed in a mesh, and how many pieces it has, places in the user's coordinates."""
-    count = int(pieces(mesh.faces, mesh.adjacency).max()) + 1
+    count = int(mesh.piece.max()) + 1
     apart = [f"The mesh has {count} pieces that share no edge; each is solved by itself."] if count > 1 else []
     return (*mesh.notes, *apart)
 
@@ -53,8 +53,7 @@ def closest_point_warnings(mesh: TriangleMesh, spacing: float) -> tuple[str, ...
 
 
 def _meeting_pieces_sentences(mesh: TriangleMesh, spacing: float) -> list[str]:
-    piece = pieces(mesh.faces, mesh.adjacency)
-    meeting = closest_meeting(mesh.vertices, mesh.faces, piece, MEETING_PIECES_SPACINGS * spacing)
+    meeting = closest_meeting(mesh.vertices, mesh.faces, mesh.piece, MEETING_PIECES_SPACINGS * spacing)
     if meeting is None:
         return []
     return [

@@ -24,7 +24,8 @@ from cpmkit.plugin import (
 from cpmkit_mesh.engines import Search, search_with
 from cpmkit_mesh.feet import VertexPatches, distinct, local_minima, patches, with_nearest
 from cpmkit_mesh.folds import Folds, folds
-from cpmkit_mesh.smooth import SmoothPart, follow_normals, smooth_part
+from cpmkit_mesh.pieces import pieces
+from cpmkit_mesh.smooth import SmoothPart, follow_normals, moved_smooth_part, smooth_part
 from cpmkit_mesh.soundness import closest_point_warnings, mesh_warnings
 from cpmkit_mesh.topology import FIRST_BOUNDARY, Topology
 from cpmkit_mesh.tree import Nearest, Tree, build_tree, moved_tree
@@ -174,6 +175,11 @@ class TriangleMesh:
         return folds(self.vertices, self.faces, self.adjacency) if self._first is self else self._first.folds
 
     @cached_property
+    def piece(self) -> Ints:
+        """(m,) the number of the piece that each triangle is on: those that share an edge are on the same."""
+        return pieces(self.faces, self.adjacency) if self._first is self else self._first.piece
+
+    @cached_property
     def _turning(self) -> float:
         """The angle by which the mesh turns from vertex to vertex; zero where its sides are meant to be flat."""
         if self._first is not self:
@@ -259,6 +265,8 @@ class TriangleMesh:
 
     @cached_property
     def _smooth_part(self) -> SmoothPart:
+        if self._first is not self:  # a moved tree has the same slots
+            return moved_smooth_part(self._first._smooth_part, self.vertices, self.adjacency)
         return smooth_part(self.vertices, self.adjacency, self.normals_at_corners, self._tree.order)
 
 
