@@ -23,7 +23,7 @@ NO_DIRECTION_SHARE = 1e-14
 #: A piece whose area times the cube of its length, in spacings, is less than this has three samples, others four: 19 an
 #: unknown in place of 22. With three everywhere, of degree 2, gradients on a sphere are a quarter worse at h = .05.
 THREE_SAMPLES_MOMENT = 2e-3
-#: The same bound grows so many times as fast as that of pieces with a single sample: to three for all.
+#: Of flat triangles the same bound grows so many times as fast as that of pieces with one sample: to three for all.
 THREE_OVER_ONE = 1e3
 #: A triangle is split so often and no more: corners that a curved edge puts beyond a plane again need not end.
 MOST_SPLITS = 100_000
@@ -147,7 +147,7 @@ def directed(first: Floats, second: Floats, normal: Floats) -> float:
 
 
 @compiled
-def needed(piece: Floats, count: int, single: float) -> int:
+def needed(piece: Floats, count: int, curved: bool, single: float) -> int:
     """Return how many samples a piece has.
 
     One misses what goes with its area and the square of its length, which is to stay below ``single``, and three what
@@ -167,7 +167,8 @@ def needed(piece: Floats, count: int, single: float) -> int:
     area = 0.5 * np.sqrt(x * x + y * y + z * z)
     if area * length < single:
         return 1
-    return 3 if area * length * np.sqrt(length) < THREE_SAMPLES_MOMENT + THREE_OVER_ONE * single else 4
+    most = THREE_SAMPLES_MOMENT + (0.0 if curved else THREE_OVER_ONE * single)
+    return 3 if area * length * np.sqrt(length) < most else 4
 
 
 @compiled
@@ -246,9 +247,9 @@ def triangle_samples(
             if clipped[m] and fine:
                 taken, area = 6 * (count - 2), fanned(piece, count, places, shares)
             elif clipped[m]:
-                taken = needed(piece, count, single[m])
+                taken = needed(piece, count, curved, single[m])
                 area = rule(piece, count, taken, frame, thirds, corners, places, shares)
-            elif needed(piece, count, single[m]) == 1:
+            elif needed(piece, count, curved, single[m]) == 1:
                 taken, area = 1, rule(piece, count, 1, frame, thirds, corners, places, shares)
             else:
                 taken, area = 3, whole(places, shares)

@@ -29,7 +29,7 @@ def samples_of(
 
     Segments have three by Gauss's rule of degree 5. Triangles have three by the rule of degree 2 at barycentric points
     (2/3, 1/6, 1/6), or for each piece between knot planes four of degree 3, of small ones three of degree 2, of smaller
-    ones among facets their centroid, or more where they are to be ``fine``. The weights are those of the quadratic
+    ones their centroid, or more where they are to be ``fine``. The weights are those of the quadratic
     cells: the speed, or |x_1 x x_2|.
 
     Parameters

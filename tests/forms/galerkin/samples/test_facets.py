@@ -8,7 +8,13 @@ from trimesh.creation import box, icosphere
 
 import cpmkit as ck
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
-from cpmkit.forms.galerkin.samples.facets import MOST_SINGLE_MOMENT, SINGLE_MOMENT_OF_ANGLE, single_moments
+from cpmkit.forms.galerkin.samples import facets
+from cpmkit.forms.galerkin.samples.facets import (
+    CURVED_SINGLE_MOMENT,
+    MOST_SINGLE_MOMENT,
+    SINGLE_MOMENT_OF_ANGLE,
+    single_moments,
+)
 from cpmkit.forms.galerkin.samples.quadrature import samples_of
 
 BALL = icosphere(subdivisions=3)
@@ -32,15 +38,27 @@ def test_the_least_angle_at_an_edge_decides_whichever_way_triangles_are_wound():
     np.testing.assert_allclose(single_moments(low), SINGLE_MOMENT_OF_ANGLE * sine.min(axis=1), rtol=1e-12)
 
 
-def test_planes_rims_curved_triangles_and_edges_of_three_have_all_samples():
+def test_planes_rims_and_edges_of_three_have_all_samples():
     bent = roof(0.01)
     third = replace(bent, vertices=np.r_[bent.vertices, [[0, 0, 1]]], cells=np.r_[bent.cells, [[0, 1, 4]]])
     for one in (roof(0.0), bent, third, mesh(*(getattr(box(), name) for name in ("vertices", "faces")))):
         np.testing.assert_allclose(single_moments(one), 0.0, atol=1e-15)
-    ball = mesh(BALL.vertices, BALL.faces)
-    assert single_moments(ball).min() == MOST_SINGLE_MOMENT
-    middles = ball.vertices[ball.cells[:, [[1, 2], [2, 0], [0, 1]]]].mean(axis=2)
-    assert not single_moments(replace(ball, midpoints=middles)).any()
+    assert single_moments(mesh(BALL.vertices, BALL.faces)).min() == MOST_SINGLE_MOMENT
+
+
+def test_curved_triangles_much_smaller_than_a_spacing_have_one_sample_and_cost_no_accuracy():
+    fine = icosphere(subdivisions=5)
+    surface = ck.source("mesh.triangles", vertices=fine.vertices, faces=fine.faces)
+    scene, at = ck.Scene(surface, ck.ScreenedPoisson("13*x*y*z")), fine.vertices[::7]
+    errors, samples = [], []
+    for limit in (0.0, CURVED_SINGLE_MOMENT):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(facets, "CURVED_SINGLE_MOMENT", limit)
+            found = [ck.solve(scene, 0.45, form="galerkin", origin=[x, 0.1, 0.2]) for x in (0.0, 0.13, 0.29)]
+        errors.append(np.sqrt(np.mean([(one.evaluate(at) - at.prod(axis=1)) ** 2 for one in found])))
+        samples.append(found[0].work.samples)
+    assert errors[1] < 1.01 * errors[0]
+    assert samples[1] < 0.4 * samples[0]
 
 
 def test_triangles_that_touch_a_boundary_have_all_samples():
