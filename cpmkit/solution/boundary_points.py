@@ -20,6 +20,7 @@ from cpmkit.scene.orient import orient
 from cpmkit.scene.oriented import OrientedBoundary
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.boundary_rules import boundary_rule
+from cpmkit.solution.corner_joints import joined_at_corners
 
 #: Step of differences of closest points, in spacings.
 DIFFERENCE_SPACINGS = 0.1
@@ -130,12 +131,18 @@ def boundary_points(source: ClosestPointSource, surface: ClosestPointSource, spa
         each = rule.points, rule.weights, tangents, conormals, np.arange(count), np.zeros(count)
         return BoundaryPoints(source, surface, *each, (False,) * count)
     found = chains(rule.points, tangents, conormals, REACH_SPACINGS * spacing)
-    runs = [_along(rule.points, tangents, one.order) for one in found]
+    runs, closed = joined_at_corners(
+        [_along(rule.points, tangents, one.order) for one in found],
+        [one.closed for one in found],
+        rule.points,
+        tangents,
+        rule.weights,
+    )
     order = np.concatenate(runs)
     curve = np.repeat(np.arange(len(runs)), [len(run) for run in runs])
     arc = np.concatenate([np.cumsum(rule.weights[run]) - 0.5 * rule.weights[run] for run in runs])
     picked = rule.points[order], rule.weights[order], tangents[order], conormals[order]
-    return BoundaryPoints(source, surface, *picked, curve, arc, tuple(one.closed for one in found))
+    return BoundaryPoints(source, surface, *picked, curve, arc, closed)
 
 
 def directions_along(
