@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from cpmkit.plugin import Backend, Progress, ResolutionError, Scene, cut_along_boundaries, no_progress
+from cpmkit.plugin import Backend, InputError, Progress, ResolutionError, Scene, cut_along_boundaries, no_progress
 from cpmkit_fem.assembly import stiffness_and_mass
-from cpmkit_fem.form import FiniteElements, conditions_of
+from cpmkit_fem.cell_mesh import CellMesh
+from cpmkit_fem.equations import conditions_of
+from cpmkit_fem.form import FiniteElements
 from cpmkit_fem.pins import pins_of
 from cpmkit_fem.ties import ties_of
-from cpmkit_fem.triangulation import Triangulation, triangulate
+from cpmkit_fem.triangulation import triangulate
 
 
 def fem() -> Backend:
@@ -57,18 +59,21 @@ class LinearElements:
         ResolutionError
             If all vertices are pinned.
         """
+        if self.pinned and scene.surface.manifold_dim == 1:
+            raise InputError("backend='fem-pinned' pins vertices of surfaces, got a curve; use backend='fem'.")
         progress("build", 0.0)
         mesh = triangulate(scene, spacing)
         cut = None
         if scene.boundaries and not self.pinned:
-            cut = cut_along_boundaries(scene, mesh.vertices, mesh.faces, mesh.mean_edge)
-        mesh = mesh if cut is None else Triangulation(cut.vertices, cut.faces)
+            cut = cut_along_boundaries(scene, mesh.nodes, mesh.cells, mesh.mean_edge)
+        mesh = mesh if cut is None else CellMesh(cut.vertices, cut.faces, mesh.manifold_dim)
         parts = conditions_of(scene, mesh, cut)
-        pins = pins_of(parts, scene.channels)
-        if len(pins.vertices) == len(mesh.vertices):
+        ties = ties_of(scene, mesh, cut)
+        pins = pins_of(parts, ties, scene.channels)
+        if len(pins.vertices) == len(mesh.nodes):
             raise ResolutionError(
-                f"All {len(mesh.vertices)} vertices of the mesh are pinned by Dirichlet data; use a finer mesh."
+                f"All {len(mesh.nodes)} vertices of the mesh are pinned by Dirichlet data; use a finer mesh."
             )
-        laplacian, mass = stiffness_and_mass(mesh.vertices, mesh.faces)
+        laplacian, mass = stiffness_and_mass(mesh.nodes, mesh.cells)
         progress("build", 1.0)
-        return FiniteElements(scene, mesh, cut, parts, ties_of(scene, mesh, cut), pins, laplacian, mass)
+        return FiniteElements(scene, mesh, cut, parts, ties, pins, laplacian, mass)

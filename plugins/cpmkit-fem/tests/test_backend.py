@@ -214,10 +214,20 @@ def test_what_it_does_not_read():
             asked()
 
 
-def test_surfaces_that_give_no_triangles():
-    circle = ck.source("analytic.circle")
-    with pytest.raises(ck.InputError, match="of manifold_dim 1 gives no triangles; use backend='cpm'"):
-        solve(circle, ck.ScreenedPoisson(1.0))
+class Solid:
+    """A ball, whose points are closest to themselves."""
+
+    dim, manifold_dim, exact, bounds = 3, 3, True, SPHERE.bounds
+
+    def closest_point(self, x):
+        return SPHERE.closest_point(x)
+
+
+def test_manifolds_that_give_neither_triangles_nor_segments():
+    with pytest.raises(
+        ck.InputError, match="of manifold_dim 3 gives neither triangles nor segments; use backend='cpm'"
+    ):
+        solve(Solid(), ck.ScreenedPoisson(1.0))
 
 
 class Flattened:
