@@ -49,7 +49,7 @@ class CutMesh:
     told: tuple[str, ...]
 
 
-def cut_along_boundaries(scene: Scene, vertices: Floats, faces: Ints, length: float, movable: bool = False) -> CutMesh:
+def cut_along_boundaries(scene: Scene, vertices: Floats, faces: Ints, length: float) -> CutMesh:
     """Return a mesh of the scene's manifold cut along the scene's boundaries, as the Galerkin form cuts its own.
 
     Parameters
@@ -60,8 +60,6 @@ def cut_along_boundaries(scene: Scene, vertices: Floats, faces: Ints, length: fl
     length : float
         About that of an edge. Curves are followed in steps of half of it; one that lies farther than some of them from
         the surface is refused.
-    movable : bool
-        Whether the caller moves vertices onto boundaries later: these may then go through vertices beside them.
 
     Raises
     ------
@@ -71,7 +69,7 @@ def cut_along_boundaries(scene: Scene, vertices: Floats, faces: Ints, length: fl
     bounds = np.asarray(scene.surface.bounds, dtype=np.float64)
     lattice = Lattice(0.5 * (bounds[0] + bounds[1]), length)
     sources = [localize(boundary.source, lattice.origin) for boundary in scene.boundaries]
-    insertion = inserted(SampleMesh.of(vertices - lattice.origin, faces), sources, length, movable)
+    insertion = inserted(SampleMesh.of(vertices - lattice.origin, faces), sources, length)
     check_insertion(insertion, scene.boundaries, length)
     whole = insertion.mesh
     ends = ~whole.extends  # past its tips u is continuous

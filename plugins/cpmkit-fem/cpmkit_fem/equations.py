@@ -160,6 +160,8 @@ class Equations(Discretized):
         if terms.velocity is not None:
             kind = self.scene.problem.kind
             raise SceneError(f"backend='fem' takes no velocity, got the kind {kind!r} with one; use backend='cpm'.")
+        if terms.lumped and self.mesh.degree == 2:
+            raise InputError("a lumped mass is one of degree 1, got degree=2, whose row sums are zero; use degree=1.")
         a, c = (self.read(*one)[:, 0] for one in ((terms.diffusivity, "the diffusivity"), (terms.c, "the factor c")))
         if np.any(a <= 0):
             raise InputError(f"the diffusivity must be above zero, got {a.min():g}.")

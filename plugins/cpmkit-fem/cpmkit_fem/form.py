@@ -11,7 +11,7 @@ import numpy as np
 from cpmkit.plugin import Data, Floats, Operator, Side, as_points
 from cpmkit_fem.equations import Equations
 from cpmkit_fem.nearest import warnings_of
-from cpmkit_fem.reading import reading_matrix
+from cpmkit_fem.reading import on_curved, reading_matrix
 from cpmkit_fem.sides import located
 from cpmkit_fem.work import FemWork
 
@@ -70,7 +70,11 @@ class FiniteElements(Equations):
             If a point is not finite, or a side is neither left nor right of a boundary of the scene.
         """
         queries = as_points(points, self.scene.surface.dim)
+        if self.mesh.curved:
+            queries = self.scene.surface.closest_point(queries).points
         cell, local = located(self.scene, self.mesh, self.cut, queries, self.sides(side))
+        if self.mesh.curved:
+            local = on_curved(self.mesh, cell, local, queries)
         rows = reading_matrix(self.mesh, cell, local)
         return rows if self.change is None else (rows @ self.change).tocsr()
 

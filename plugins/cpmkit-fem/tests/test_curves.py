@@ -58,21 +58,25 @@ def test_a_closed_curve_has_no_conditions():
     def f(x):
         return 10 * np.sin(3 * np.arctan2(x[:, 1], x[:, 0]))
 
-    found = errors_of(ck.Scene(CIRCLE, ck.ScreenedPoisson(f)), on_circle(ANGLE), np.sin(3 * ANGLE))
-    assert order_of(SPACINGS, found) > 1.9
-    assert found[-1] < 6e-3
+    scene, points, exact = ck.Scene(CIRCLE, ck.ScreenedPoisson(f)), on_circle(ANGLE), np.sin(3 * ANGLE)
+    linear, quadratic = errors_of(scene, points, exact), errors_of(scene, points, exact, degree=2)
+    assert order_of(SPACINGS, linear) > 1.9
+    assert order_of(SPACINGS, quadratic) > 2.8
+    assert linear[-1] < 6e-3
+    assert quadratic[-1] < 3e-5
 
 
+@pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize(
     ("left", "right"),
     [("dirichlet", "dirichlet"), ("neumann", "dirichlet"), ("robin", "neumann"), ("nonlinear", "robin")],
 )
-def test_a_point_has_a_condition_on_each_side(left, right):
+def test_a_point_has_a_condition_on_each_side(left, right, degree):
     cut = boundary_at(CUT, left=condition(left, 2 * np.pi, 1), right=condition(right, 0.0, -1))
     scene = ck.Scene(CIRCLE, equation(after_cut), [cut])
-    found = errors_of(scene, on_circle(CUT + ANGLE), u(ANGLE))
-    assert order_of(SPACINGS, found) > 1.8
-    assert found[-1] < 4e-3
+    found = errors_of(scene, on_circle(CUT + ANGLE), u(ANGLE), degree=degree)
+    assert order_of(SPACINGS, found) > degree + 0.8
+    assert found[-1] < (4e-3 if degree == 1 else 3e-5)
     at = on_circle(np.array([CUT]))
     solution = ck.solve(scene, 0.05, backend="fem")
     sides = [solution.evaluate(at, side)[0] for side in ("left", "right", None)]

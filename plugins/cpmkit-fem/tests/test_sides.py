@@ -70,6 +70,16 @@ def test_second_order_with_another_condition_on_each_side(left, right):
     assert errors[-1] < 1.5e-3
 
 
+@pytest.mark.parametrize(("left", "right"), [("dirichlet", "dirichlet"), ("robin", "neumann")])
+def test_third_order_with_elements_of_degree_2(left, right):
+    spacings, errors = [0.2, 0.14, 0.1], []
+    for spacing in spacings:
+        solution = ck.solve(scene(ck.source("analytic.sphere"), left, right), spacing, backend="fem", degree=2)
+        errors.append(np.abs(solution.evaluate(POINTS) - exact(POINTS)).max())
+    assert order_of(spacings, errors) > 2.5
+    assert errors[-1] < 1.2e-4
+
+
 def test_a_point_on_a_curve_reads_the_left_unless_the_right_is_asked_for(octahedron):
     vertices, faces = octahedron(4)
     surface = ck.source("mesh.triangles", vertices=vertices, faces=faces)
