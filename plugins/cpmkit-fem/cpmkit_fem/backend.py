@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from cpmkit.plugin import (
     Backend,
     CutMesh,
+    Floats,
     InputError,
     Progress,
     ResolutionError,
@@ -17,6 +19,7 @@ from cpmkit.plugin import (
 from cpmkit_fem.assembly import stiffness_and_mass
 from cpmkit_fem.cell_mesh import CellMesh
 from cpmkit_fem.equations import conditions_of
+from cpmkit_fem.flips import flipped
 from cpmkit_fem.form import FiniteElements
 from cpmkit_fem.pins import pins_of
 from cpmkit_fem.quadratic import curved, with_midpoints
@@ -41,6 +44,10 @@ def fem_pinned() -> Backend:
     6.4, compare with. Boundaries hold Dirichlet conditions, the same on both sides.
     """
     return PinnedElements()
+
+
+#: Nodes farther from where they belong than this share of an edge are told of.
+OFF_EDGE_SHARE = 2e-3
 
 
 @dataclass(frozen=True)
@@ -79,10 +86,12 @@ class Elements:
         if scene.boundaries:
             cut = cut_along_boundaries(scene, mesh.nodes, mesh.cells, mesh.mean_edge)
             mesh = CellMesh(cut.vertices, cut.faces, mesh.manifold_dim)
+            if degree == 2 and smooth and mesh.manifold_dim == 2:
+                mesh = flipped(mesh, cut.edges)
         mesh = with_midpoints(mesh) if degree == 2 else mesh
         if degree == 2 and smooth:
-            mesh, stayed = curved(scene, mesh, cut)
-            cut = replace(cut, told=(*cut.told, _of_flat(stayed, mesh))) if cut is not None and stayed else cut
+            mesh, off = curved(scene, mesh, cut)
+            cut = cut and replace(cut, told=(*cut.told, *_of_flat(mesh, off)))
         return _discretized(scene, mesh, cut, progress)
 
 
@@ -100,11 +109,14 @@ class PinnedElements:
         return _discretized(scene, triangulate(scene, spacing), None, progress)
 
 
-def _of_flat(stayed: int, mesh: CellMesh) -> str:
-    return (
-        f"{stayed} of {len(mesh.cells)} cells beside boundaries are too thin to be bent, and flat: the answer is of "
-        "second order there; another spacing may avoid them."
-    )
+def _of_flat(mesh: CellMesh, off: Floats) -> Iterator[str]:
+    """Tell of nodes that could not be put where they belong."""
+    if off.max() > OFF_EDGE_SHARE * mesh.mean_edge:
+        flat = int((off > OFF_EDGE_SHARE * mesh.mean_edge)[mesh.cells].any(axis=1).sum())
+        yield (
+            f"{flat} of {len(mesh.cells)} cells, beside boundaries, are too thin to be bent, and up to {off.max():.2g} "
+            "off the surface or the boundary: the answer is of second order there; another spacing may avoid them."
+        )
 
 
 def _discretized(scene: Scene, mesh: CellMesh, cut: CutMesh | None, progress: Progress) -> FiniteElements:

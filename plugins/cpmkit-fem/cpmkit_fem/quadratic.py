@@ -35,11 +35,11 @@ def with_midpoints(mesh: CellMesh) -> CellMesh:
     return CellMesh(np.concatenate([mesh.nodes, mesh.nodes[edges].mean(axis=1)]), cells, mesh.manifold_dim, 2)
 
 
-def curved(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> tuple[CellMesh, int]:
+def curved(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> tuple[CellMesh, Floats]:
     """Return a mesh whose nodes are moved onto the surface, on its rim and on boundaries onto these.
 
     Nodes beside these are moved along, so that thin cells keep their shape. Nodes stay where the way is far, or would
-    fold a cell; of how many cells is returned too.
+    fold a cell; how far they are (n,) from where they belong is returned too.
     """
     lines, wanted = _on_lines(scene, mesh, cut)
     joined, number = _joined(mesh)
@@ -49,12 +49,12 @@ def curved(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> tuple[CellMesh,
         wanted[others] += _carried(mesh, lines, wanted - mesh.nodes, mesh.nodes[others], reach)
     wanted[others] = scene.surface.closest_point(wanted[others]).points
     far = np.linalg.norm(wanted - mesh.nodes, axis=1) > MOVED_EDGE_SHARE * reach
-    wanted[far] = mesh.nodes[far]
+    kept = wanted.copy()
+    kept[far] = mesh.nodes[far]
     places = joined.nodes.copy()
-    places[number] = wanted
+    places[number] = kept
     nodes = _unfolded(joined, places)[number]
-    stayed = (nodes != wanted).any(axis=1)
-    return replace(mesh, nodes=nodes, curved=True), int(stayed[mesh.cells].any(axis=1).sum())
+    return replace(mesh, nodes=nodes, curved=True), np.linalg.norm(nodes - wanted, axis=1)
 
 
 def _on_lines(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> tuple[Ints, Floats]:

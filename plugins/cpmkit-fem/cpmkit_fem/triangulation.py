@@ -10,6 +10,8 @@ from cpmkit_fem.junctions import check_junctions
 
 #: Vertices nearer than this share of the size are one: seams of parametrisations are closed.
 WELDED_SIZE_SHARE = 1e-12
+#: Edges along the largest extent with which a source is asked whether it has one mesh alone: some have a coarsest one.
+FEWEST_EDGES = (4, 8, 32)
 
 
 def triangulate(scene: Scene, spacing: float | None) -> CellMesh:
@@ -52,8 +54,9 @@ def own_mesh(surface: ClosestPointSource) -> tuple[Floats, Ints] | None:
     """Return the mesh that the surface itself is; None if it answers each spacing with another one."""
     assert isinstance(surface, HasMesh)
     size = float(np.ptp(surface.bounds, axis=0).max())
-    (vertices, faces), (finer, _) = surface.mesh(size / 4), surface.mesh(size / 8)
-    return (vertices, faces) if np.array_equal(vertices, finer) else None
+    vertices, faces = surface.mesh(size / FEWEST_EDGES[0])
+    same = all(np.array_equal(vertices, surface.mesh(size / edges)[0]) for edges in FEWEST_EDGES[1:])
+    return (vertices, faces) if same else None
 
 
 def _welded(vertices: Floats, faces: Ints) -> CellMesh:

@@ -70,11 +70,10 @@ def test_second_order_with_another_condition_on_each_side(left, right):
     assert errors[-1] < 1.5e-3
 
 
-@pytest.mark.parametrize(("left", "right"), [("dirichlet", "dirichlet"), ("robin", "neumann")])
-def test_third_order_with_elements_of_degree_2(left, right):
+def test_third_order_with_elements_of_degree_2():
     spacings, errors = [0.2, 0.14, 0.1], []
     for spacing in spacings:
-        solution = ck.solve(scene(ck.source("analytic.sphere"), left, right), spacing, backend="fem", degree=2)
+        solution = ck.solve(scene(ck.source("analytic.sphere"), "robin", "neumann"), spacing, backend="fem", degree=2)
         errors.append(np.abs(solution.evaluate(POINTS) - exact(POINTS)).max())
     assert order_of(spacings, errors) > 2.5
     assert errors[-1] < 1.2e-4
