@@ -1,4 +1,4 @@
-"""Linear finite elements on a triangulation: a reference that shares no stencil with the closest point method."""
+"""Finite elements on triangles or segments: a reference that shares no stencil with the closest point method."""
 
 from cpmkit_fem import plugin
 from cpmkit_fem.backend import fem, fem_pinned

@@ -82,14 +82,14 @@ class Elements:
             raise InputError(f"backend='fem' has elements of degree 1 and 2, got degree={degree!r}; use degree=2.")
         progress("build", 0.0)
         mesh, cut = triangulate(scene, spacing), None
-        smooth = own_mesh(scene.surface) is None
+        bent = degree == 2 and own_mesh(scene.surface) is None
         if scene.boundaries:
             cut = cut_along_boundaries(scene, mesh.nodes, mesh.cells, mesh.mean_edge)
             mesh = CellMesh(cut.vertices, cut.faces, mesh.manifold_dim)
-            if degree == 2 and smooth and mesh.manifold_dim == 2:
+            if bent and mesh.manifold_dim == 2:
                 mesh = flipped(mesh, cut.edges)
         mesh = with_midpoints(mesh) if degree == 2 else mesh
-        if degree == 2 and smooth:
+        if bent:
             mesh, off = curved(scene, mesh, cut)
             cut = cut and replace(cut, told=(*cut.told, *_of_flat(mesh, off)))
         return _discretized(scene, mesh, cut, progress)
