@@ -18,9 +18,9 @@ from cpmkit.plugin import (
 )
 from cpmkit_fem.assembly import stiffness_and_mass
 from cpmkit_fem.cell_mesh import CellMesh
-from cpmkit_fem.equations import conditions_of
 from cpmkit_fem.flips import flipped
 from cpmkit_fem.form import FiniteElements
+from cpmkit_fem.on_nodes import conditions_of
 from cpmkit_fem.pins import pins_of
 from cpmkit_fem.quadratic import curved, with_midpoints
 from cpmkit_fem.ties import ties_of

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cpmkit.plugin import Ints
 from cpmkit_fem.ties import Tie
 
 if TYPE_CHECKING:
@@ -22,12 +23,17 @@ def change_of(ties: Sequence[Tie], size: int) -> csr_array | None:
     """Return T (n, n), n the ``size``; None where no contact holds its jump so."""
     from scipy.sparse import csr_array
 
-    held = [tie for tie in ties if tie.holds_jump]
-    if not held:
+    left, right = sides_of_jumps(ties)
+    if not len(left):
         return None
-    left, right = (np.concatenate([getattr(tie, side) for tie in held]) for side in ("left", "right"))
     sign = np.ones(size)
     sign[right] = -1.0
     entries = np.concatenate([sign, np.ones(len(right))])
     rows, columns = np.concatenate([np.arange(size), right]), np.concatenate([np.arange(size), left])
     return csr_array((entries, (rows, columns)), shape=(size, size))
+
+
+def sides_of_jumps(ties: Sequence[Tie]) -> tuple[Ints, Ints]:
+    """Return the nodes (k,) on the left and on the right of the contacts that hold their jumps so."""
+    none, held = np.zeros(0, dtype=np.int64), [tie for tie in ties if tie.holds_jump]
+    return np.concatenate([none, *(tie.left for tie in held)]), np.concatenate([none, *(tie.right for tie in held)])

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.plugin import Data, Floats, Operator, Side, as_points
+from cpmkit_fem.contacts import sides_of_jumps
 from cpmkit_fem.equations import Equations
 from cpmkit_fem.nearest import warnings_of
 from cpmkit_fem.reading import on_curved, reading_matrix
@@ -52,7 +53,12 @@ class FiniteElements(Equations):
 
     def _with_given(self, values: Floats, given: Floats) -> Floats:
         u = self.exchanged(values).copy()
+        left, right = sides_of_jumps(self.ties)
+        before = u[right]
         u[self.pins.vertices] = given
+        if len(left):  # a jump that is new parts the sides by their masses: together they gain no heat by it
+            mass = np.asarray(self.mass_matrix.sum(axis=1)).ravel()
+            u[left] += (mass[right] / (mass[left] + mass[right]))[:, None] * (u[right] - before)
         return u
 
     def inner(self, u: Floats, v: Floats) -> Floats:

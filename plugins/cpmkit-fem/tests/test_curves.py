@@ -176,6 +176,16 @@ def test_heat_and_waves_go_along_a_curve():
         np.testing.assert_allclose(solution.evaluate(on_circle(ANGLE)), factor * np.cos(ANGLE), atol=5e-3)
 
 
+@pytest.mark.parametrize("degree", [1, 2])
+def test_a_jump_that_starts_suddenly_brings_no_heat_and_leaves_the_mean_of_a_free_constant(degree):
+    seam = boundary_at(CUT, across=ck.Transmission(0.5))
+    for problem in (ck.Heat(0.0, until=0.2, step=0.02), ck.Poisson(lambda x: x[:, 0])):
+        solution = ck.solve(ck.Scene(CIRCLE, problem, [seam]), 0.1, backend="fem", degree=degree)
+        assert solution.integrate() == pytest.approx(0.0, abs=1e-5)  # of 1e-2 if it brought any
+        sides = [solution.evaluate(on_circle(np.array([CUT])), side)[0] for side in ("left", "right")]
+        assert sides[0] - sides[1] == pytest.approx(0.5, abs=1e-9)
+
+
 def star(*ends):
     return ck.source("union", members=[ck.source("analytic.segment", start=[0, 0], end=list(end)) for end in ends])
 
