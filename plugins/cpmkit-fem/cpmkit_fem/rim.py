@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 OUTSIDE_EDGE_SHARE = 0.25
 #: A flux that changes with u by less than this, over the length of an edge, fixes no constant.
 STILL = 1e-9
+#: Data of the rim are asked so far from a boundary that ends there, as a share of half an edge.
+ALONG_SHARE = 1e-6
 #: Named in errors.
 WHAT = "the edge's condition"
 
@@ -52,7 +54,9 @@ class RimPart:
     what : str
         Named in errors.
     place : ClosestPointSource, optional
-        The boundary, at whose feet data are asked; on the rim they are at the vertices.
+        The boundary, at whose feet data are asked; on the rim they are at the nodes.
+    asked : (n, d) float64, optional
+        Or beside these, where a boundary ends on the rim and data may jump.
     """
 
     law: OneSided
@@ -60,6 +64,7 @@ class RimPart:
     edges: Ints
     what: str = WHAT
     place: ClosestPointSource | None = None
+    asked: Floats | None = None
 
     @cached_property
     def on(self) -> Ints:
@@ -69,12 +74,15 @@ class RimPart:
     @cached_property
     def points(self) -> Floats:
         """(k, d) where data are asked for them."""
-        at = self.mesh.nodes[self.on]
-        return at if self.place is None else self.place.closest_point(at).points
+        if self.place is None:
+            return (self.mesh.nodes if self.asked is None else self.asked)[self.on]
+        return self.place.closest_point(self.mesh.nodes[self.on]).points
 
     @property
     def off(self) -> Floats:
         """(k,) how far that is from them."""
+        if self.place is None:
+            return np.zeros(len(self.on))
         return np.asarray(np.linalg.norm(self.points - self.mesh.nodes[self.on], axis=1))
 
     def values(self, channels: int, time: float | None) -> Floats:
@@ -130,7 +138,8 @@ def rim_of(scene: Scene, mesh: CellMesh, besides: Ints) -> Sequence[RimPart]:
         return []
     feet = scene.surface.closest_point(outside(mesh.nodes, facets, opposite))
     found = conditions_along(scene.edge, feet.edge, feet.points)
-    return [RimPart(_one_sided(condition), mesh, facets[own]) for condition, own in found]
+    asked = _beside_ends(mesh, facets, besides)
+    return [RimPart(_one_sided(condition), mesh, facets[own], asked=asked) for condition, own in found]
 
 
 def rim_facets(mesh: CellMesh, besides: Ints) -> tuple[Ints, Ints]:
@@ -140,6 +149,15 @@ def rim_facets(mesh: CellMesh, besides: Ints) -> tuple[Ints, Ints]:
     powers = size ** np.arange(k)
     rim = (count == 1) & ~np.isin(np.sort(facets[:, :k], axis=1) @ powers, np.sort(besides, axis=1) @ powers)
     return facets[rim], opposite[rim]
+
+
+def _beside_ends(mesh: CellMesh, facets: Ints, besides: Ints) -> Floats:
+    """Return the nodes (n, d), those of the rim's facets on a cut a little along the rim, on their own side."""
+    asked, ends = mesh.nodes.copy(), facets[:, : mesh.manifold_dim]
+    facet, place = np.nonzero(np.isin(ends, besides))
+    at = ends[facet, place]
+    asked[at] += ALONG_SHARE * (mesh.nodes[ends[facet]].mean(axis=1) - mesh.nodes[at])
+    return asked
 
 
 def _one_sided(condition: Condition) -> OneSided:

@@ -120,6 +120,21 @@ def test_a_flux_that_depends_on_u():
     assert np.abs(solution.evaluate(POINTS) - exact(POINTS)).max() < 0.01
 
 
+def test_data_of_the_rim_may_jump_where_a_curve_ends_on_it():
+    """u = x on the left of a seam across a plate, x + 2 on its right: what the edge holds jumps at its ends."""
+    corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=float)
+    plate = ck.source("mesh.triangles", vertices=corners, faces=[[0, 1, 2], [0, 2, 3]])
+
+    def u(x):
+        return x[:, 0] + np.where(x[:, 0] > 0.3, 2.0, 0.0)
+
+    line = ck.source("mesh.polyline", points=[[0.3, 0, 0], [0.3, 1, 0]])
+    seam = ck.Boundary("seam", line, left=ck.Neumann(1.0), right=ck.Neumann(-1.0))
+    solution = ck.solve(ck.Scene(plate, ck.Laplace(), [seam], edge=ck.Dirichlet(u)), backend="fem")
+    points = np.hstack([np.random.default_rng(0).uniform(0, 1, (100, 2)), np.zeros((100, 1))])
+    np.testing.assert_allclose(solution.evaluate(points), u(points), atol=1e-5)
+
+
 def test_a_point_is_a_vertex(octahedron):
     vertices, faces = octahedron(2)
     surface = ck.source("mesh.triangles", vertices=vertices, faces=faces)
