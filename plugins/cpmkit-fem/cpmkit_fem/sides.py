@@ -99,5 +99,5 @@ def _beside(mesh: CellMesh, cut: CutMesh, number: int) -> tuple[Bools, Bools]:
     for own, other in (sides, sides[::-1]):
         on = np.zeros(len(mesh.nodes), dtype=bool)
         on[np.setdiff1d(own, other)] = True
-        found.append(on[mesh.corners].any(axis=1))
+        found.append(np.asarray(on[mesh.corners].any(axis=1)))
     return found[0], found[1]

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cpmkit.plugin import (
+    Bools,
     ClosestPointSource,
     CutMesh,
     Data,
@@ -158,7 +159,7 @@ def ties_of(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> Sequence[Tie]:
     return found
 
 
-def _across(vertices: Floats, left: Ints, right: Ints) -> tuple[Ints, Ints]:
+def _across(vertices: Floats, left: Ints, right: Ints) -> tuple[Ints, Bools]:
     """Return for each of ``left`` (k,) the one of ``right`` at the same point, and which have none."""
     places = {point.tobytes(): int(vertex) for point, vertex in zip(vertices[right], right, strict=True)}
     found = np.array([places.get(point.tobytes(), -1) for point in vertices[left]], dtype=np.int64)
