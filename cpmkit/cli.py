@@ -56,8 +56,9 @@ def main() -> None:
     default="cpm",
     metavar="NAME",
     help="What solves: cpm, the closest point method, or a back end of a plugin, such as fem. Of the file's "
-    "[discretization] and [solver], another back end takes the spacing and the tolerance.",
+    "[discretization] and [solver], another back end takes the spacing and the tolerance, fem the degree too.",
 )
+@click.option("--degree", type=int, metavar="NUMBER", help="Of the polynomials; overrides the file's.")
 @click.option(
     "--output",
     type=click.Path(file_okay=False, path_type=Path),
@@ -102,6 +103,7 @@ def solve(
     memory: str | None,
     estimate: bool | None,
     backend: str,
+    degree: int | None,
     output: Path | None,
     checkpoint: Path | None,
     resume: Path | None,
@@ -127,9 +129,9 @@ def solve(
             folder, request = output or loaded.output.folder, as_shown(loaded.output, field, look, estimate)
             check_request(request, loaded.scene.surface, folder)
             asked = {"tolerance": tolerance, "norm": norm, "seconds": seconds, "memory": memory}
-            spacing, options = how_fine(loaded, spacing, **asked)
+            spacing, options = how_fine(loaded, spacing, **asked, degree=degree)
             if backend != "cpm":
-                options = {"backend": backend, **for_any_backend(options)}
+                options = {"backend": backend, **for_any_backend(options, backend)}
             options |= {key: file for key, file in (("checkpoint", checkpoint), ("resume", resume)) if file}
             solution = solve_scene(loaded.scene, spacing=spacing, progress=progress, **options)
             solution = with_error(solution, estimate, request.wants_error)

@@ -16,6 +16,7 @@ from cpmkit.forms.choice import FORMS, module_of, options_of
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.options import Options
 from cpmkit.linear.choice import SolverOptions
+from cpmkit.plugins import call, factory, takes
 from cpmkit.preparing import solved
 from cpmkit.runtime.declared import showing, take
 from cpmkit.runtime.shown_progress import ShownProgress, shown_progress
@@ -115,9 +116,14 @@ def solve(
     return solution
 
 
-def for_any_backend(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return those options of a scene file that every form is given; the others describe the lattice, or its solver."""
-    return {name: value for name, value in options.items() if name == "solver_tolerance"}
+def for_any_backend(options: Mapping[str, Any], backend: str = "") -> dict[str, Any]:
+    """Return those options of a scene file that every form is given; the others describe the lattice, or its solver.
+
+    The degree too where a ``backend`` is named that has one.
+    """
+    has_degree = bool(backend) and takes(call(factory(backend, "cpmkit_backends"), backend, {}).discretize, "degree")
+    given = ("solver_tolerance", *(("degree",) if has_degree else ()))
+    return {name: value for name, value in options.items() if name in given}
 
 
 @showing(Options, *FORMS.values())

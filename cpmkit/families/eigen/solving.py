@@ -14,6 +14,7 @@ from cpmkit.families.eigen.block_iteration import MOST_BLOCK_SHARE, block_change
 from cpmkit.families.eigen.inverse_iteration import InverseIteration, Pairs, inverse_iteration
 from cpmkit.families.eigen.multiplets import cut_multiplet
 from cpmkit.families.eigen.shift_invert import SAME_EIGENVALUE_TOLERANCES, shift_inverted_pairs
+from cpmkit.families.eigen.small_range import all_pairs, few_seen
 from cpmkit.forms.contract import Discretized
 from cpmkit.linear.report import SolveReport
 from cpmkit.protocols import Floats
@@ -77,6 +78,9 @@ def _pairs(problem: Eigen, stepped: InverseIteration) -> Pairs:
     InputError, ConvergenceError
         As :func:`solve_eigen` does.
     """
+    seen = few_seen(stepped)
+    if seen is not None:
+        return all_pairs(stepped, seen, problem.count)
     n, wanted = stepped.operator.size, problem.count + SPARE_PAIRS
     if wanted > n - 2:
         raise InputError(f"count={problem.count} is too many for {n} unknowns; use {n - 2 - SPARE_PAIRS} or less.")

@@ -1,4 +1,4 @@
-"""A mesh of triangles cut along a scene's boundaries, for forms that solve on the triangles themselves."""
+"""A mesh cut along a scene's boundaries, for forms that solve on its triangles or segments themselves."""
 
 from __future__ import annotations
 
@@ -21,18 +21,19 @@ from cpmkit.scene.scene import Scene
 
 @dataclass(frozen=True, eq=False)
 class CutMesh:
-    """Triangles with boundaries along their edges, and two vertices, one a side, where there was one.
+    """Cells with boundaries along their facets, and two vertices, one a side, where there was one.
 
     Attributes
     ----------
     vertices : (v, d) float64
-    faces : (m, 3) int64
-    edges : (e, 2) int64
-        Those on boundaries, once for each triangle beside them.
+    faces : (m, k) int64
+        Triangles, k = 3, or segments of a curve, k = 2.
+    edges : (e, k - 1) int64
+        Facets on boundaries, edges of triangles or ends of segments, once for each cell beside them.
     owner : (e,) int64
         The number of the boundary that each lies on.
     left : (e,) bool
-        Whether its triangle is on the left.
+        Whether its cell is on the left.
     points : mapping of int to (k,) int64
         The vertices of boundaries that are points of a surface.
     told : tuple of str
@@ -49,13 +50,13 @@ class CutMesh:
 
 
 def cut_along_boundaries(scene: Scene, vertices: Floats, faces: Ints, length: float) -> CutMesh:
-    """Return a mesh of the scene's surface cut along the scene's boundaries, as the Galerkin form cuts its own.
+    """Return a mesh of the scene's manifold cut along the scene's boundaries, as the Galerkin form cuts its own.
 
     Parameters
     ----------
     scene : Scene
-    vertices, faces : (v, d) float64, (m, 3) int64
-        Of its surface: welded, no triangle without an area.
+    vertices, faces : (v, d) float64, (m, k) int64
+        Of its surface, k = 3, or curve, k = 2: welded, no cell without a measure.
     length : float
         About that of an edge. Curves are followed in steps of half of it; one that lies farther than some of them from
         the surface is refused.
@@ -80,6 +81,7 @@ def cut_along_boundaries(scene: Scene, vertices: Floats, faces: Ints, length: fl
     left = left_of_boundaries(mesh, half, corners, samples, oriented, lattice)
     first = np.flatnonzero((samples.owner >= 0) & (samples.place == 0))
     cell, facet = half.cell[samples.half[first]], half.facet[samples.half[first]]
+    k = mesh.cells.shape[1]
     places = np.zeros((len(numbers), mesh.dim))
     places[corners] = mesh.vertices[mesh.cells]
     at = np.zeros(len(mesh.vertices), dtype=np.int64)
@@ -87,7 +89,7 @@ def cut_along_boundaries(scene: Scene, vertices: Floats, faces: Ints, length: fl
     return CutMesh(
         lattice.to_scene(places),
         np.asarray(corners, dtype=np.int64),
-        np.stack([corners[cell, (facet + 1) % 3], corners[cell, (facet + 2) % 3]], axis=1),
+        corners[cell[:, None], (facet[:, None] + np.arange(1, k)) % k],
         samples.owner[first],
         left[first],
         {number: at[found] for number, found in insertion.points.items()},

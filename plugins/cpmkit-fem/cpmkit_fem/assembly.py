@@ -1,57 +1,59 @@
-"""The matrices of linear elements: scikit-fem integrates, SciPy's sparse arrays come out."""
+"""The matrices of finite elements: sums over points of each cell, as SciPy's sparse arrays."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cpmkit.plugin import Floats, Ints
+from cpmkit_fem.elements import NODES, Shape, quadrature
+from cpmkit_fem.surface_mapping import jacobians, unfold
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
+#: Points are exact for products of so many functions of the element; one more where there is a coefficient.
+PRODUCTS = 2
+
 
 def stiffness_and_mass(
-    vertices: Floats, faces: Ints, diffusivity: Floats | None = None, density: Floats | None = None
+    vertices: Floats,
+    faces: Ints,
+    diffusivity: Floats | None = None,
+    density: Floats | None = None,
+    degree: int = 1,
 ) -> tuple[csr_array, csr_array]:
-    """Return the integrals of a grad u . grad v and of c u v over a triangulated surface.
+    """Return the integrals of a grad u . grad v and of c u v over a surface or a curve.
 
-    Without a and c the first is the cotangent Laplacian (Pinkall and Polthier 1993; Dziuk 1988), positive
-    semi-definite, and the second the consistent mass matrix.
+    On flat triangles, without a and c, the first is the cotangent Laplacian (Pinkall and Polthier 1993; Dziuk 1988),
+    positive semi-definite, and the second the consistent mass matrix.
 
     Parameters
     ----------
     vertices : (v, d) float64
         d = 2 or 3.
-    faces : (m, 3) int64
-        Triangles with an area above zero.
+    faces : (m, n) int64
+        Triangles with an area above zero, or segments; of degree 2 with their midpoints, which may lie off the chords.
     diffusivity, density : (v,) float64, optional
-        a and c at the vertices, linear in between; 1 unless given.
+        a and c at the vertices, polynomials of the degree in between; 1 unless given.
+    degree : int
+        1 or 2.
 
     Returns
     -------
     stiffness, mass : csr_array (v, v)
     """
-    from scipy.sparse import csr_array
-    from skfem import Basis, BilinearForm, ElementTriP1, MeshTri
-    from skfem.helpers import dot, grad
+    dim = next(k for k in (2, 1) if NODES[k, degree] == faces.shape[1])
+    return (
+        _summed(vertices, faces, _shape(dim, degree, diffusivity), diffusivity, True),
+        _summed(vertices, faces, _shape(dim, degree, density), density, False),
+    )
 
-    from cpmkit_fem.surface_mapping import SurfaceMapping
 
-    def gradients(u: Any, v: Any, given: Any) -> Any:
-        return dot(grad(u), grad(v)) * given.weight
-
-    def products(u: Any, v: Any, given: Any) -> Any:
-        return u * v * given.weight
-
-    mesh = MeshTri(np.ascontiguousarray(vertices.T), np.ascontiguousarray(faces.T))
-    mapping, matrices = SurfaceMapping(mesh.p, mesh.t), []
-    for form, weight in ((gradients, diffusivity), (products, density)):
-        basis = Basis(mesh, ElementTriP1(), mapping=mapping, intorder=2 if weight is None else 3)
-        at_points: Any = 1.0 if weight is None else basis.interpolate(weight)
-        matrices.append(csr_array(BilinearForm(form).assemble(basis, weight=at_points)))
-    return matrices[0], matrices[1]
+def mass_over(vertices: Floats, cells: Ints, weight: Floats, manifold_dim: int, degree: int) -> csr_array:
+    """Return the integrals (v, v) of ``weight`` u v over ``cells`` (m, n), points among them; it is given (v,)."""
+    return _summed(vertices, cells, _shape(manifold_dim, degree, weight), weight, False)
 
 
 def lumped(mass: csr_array) -> csr_array:
@@ -59,3 +61,29 @@ def lumped(mass: csr_array) -> csr_array:
     from scipy.sparse import diags_array
 
     return diags_array(np.asarray(mass.sum(axis=1)).ravel()).tocsr()
+
+
+def _shape(manifold_dim: int, degree: int, weight: Floats | None) -> Shape:
+    return quadrature(manifold_dim, degree, degree * (PRODUCTS + (weight is not None)))
+
+
+def _summed(vertices: Floats, cells: Ints, shape: Shape, weight: Floats | None, slopes: bool) -> csr_array:
+    """Return the integrals of ``weight`` times the products of functions, or of their gradients."""
+    from scipy.sparse import csr_array
+
+    measure, inverse = unfold(jacobians(vertices, cells, shape))
+    measure = measure * shape.weights
+    if weight is not None:
+        measure = measure * (weight[cells] @ shape.values)
+    gradients = [np.einsum("kq,kdmq->dmq", slope, inverse) for slope in shape.slopes] if slopes else []
+    blocks = []
+    for i, j in _pairs(cells.shape[1]):
+        product = np.sum(gradients[i] * gradients[j], axis=0) if slopes else shape.values[i] * shape.values[j]
+        blocks.append((cells[:, i], cells[:, j], np.sum(product * measure, axis=1)))
+    rows, columns, entries = (np.concatenate([one[k] for one in blocks]) for k in range(3))
+    size = len(vertices)
+    return csr_array((entries, (rows, columns)), shape=(size, size))
+
+
+def _pairs(count: int) -> list[tuple[int, int]]:
+    return [(i, j) for i in range(count) for j in range(count)]

@@ -2,23 +2,39 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
-from cpmkit.plugin import Backend, Progress, ResolutionError, Scene, cut_along_boundaries, no_progress
+from cpmkit.plugin import (
+    Backend,
+    CutMesh,
+    Floats,
+    InputError,
+    Progress,
+    ResolutionError,
+    Scene,
+    cut_along_boundaries,
+    no_progress,
+)
 from cpmkit_fem.assembly import stiffness_and_mass
-from cpmkit_fem.form import FiniteElements, conditions_of
+from cpmkit_fem.cell_mesh import CellMesh
+from cpmkit_fem.flips import flipped
+from cpmkit_fem.form import FiniteElements
+from cpmkit_fem.on_nodes import conditions_of
 from cpmkit_fem.pins import pins_of
+from cpmkit_fem.quadratic import curved, with_midpoints
 from cpmkit_fem.ties import ties_of
-from cpmkit_fem.triangulation import Triangulation, triangulate
+from cpmkit_fem.triangulation import own_mesh, triangulate
 
 
 def fem() -> Backend:
-    """Return the form ``solve(scene, spacing, backend="fem")``, which has no options of its own.
+    """Return the form ``solve(scene, spacing, backend="fem")``, whose one option is the ``degree``.
 
     A surface that is itself a mesh is solved on its own triangles and needs no spacing; any other that
-    can be drawn is triangulated with edges of about the spacing. The triangles are cut along the boundaries.
+    can be drawn is triangulated with edges of about the spacing. The triangles are cut along the boundaries, and
+    segments of a curve at points of it.
     """
-    return LinearElements()
+    return Elements()
 
 
 def fem_pinned() -> Backend:
@@ -27,48 +43,89 @@ def fem_pinned() -> Backend:
     The vertices nearest to a boundary get its value, as mesh methods commonly do, and as King et al. (2024), section
     6.4, compare with. Boundaries hold Dirichlet conditions, the same on both sides.
     """
-    return LinearElements(pinned=True)
+    return PinnedElements()
+
+
+#: Nodes farther from where they belong than this share of an edge are told of.
+OFF_EDGE_SHARE = 2e-3
 
 
 @dataclass(frozen=True)
-class LinearElements:
-    """Linear finite elements; ``pinned`` says whether boundaries pin the nearest vertices and cut nothing."""
-
-    pinned: bool = False
+class Elements:
+    """Finite elements on cells that boundaries cut."""
 
     def discretize(
-        self, scene: Scene, spacing: float | None = None, *, progress: Progress = no_progress
+        self, scene: Scene, spacing: float | None = None, *, degree: int = 1, progress: Progress = no_progress
     ) -> FiniteElements:
-        """Triangulate a scene.
+        """Discretise a scene on triangles or segments.
 
         Parameters
         ----------
         scene : Scene
-            A surface; its boundaries and its edge hold any conditions; a point of a surface holds a value.
+            A surface or a curve; its boundaries and its edge hold any conditions; a point of a surface holds a value.
         spacing : float, optional
             About the length of an edge, in the scene's unit; a mesh needs none and keeps its own.
+        degree : int
+            Of the polynomials on each cell: 1, or 2 with cells that follow a surface which is no mesh.
         progress : callable, optional
             ``progress(stage, fraction)``.
 
         Raises
         ------
         InputError, SceneError
-            If there are no triangles, a boundary lies off them, or what couples two sides has one alone.
+            If there are no cells, the degree is another, a boundary lies off them, or what couples two sides has one
+            alone.
         ResolutionError
             If all vertices are pinned.
         """
+        if degree not in (1, 2):
+            raise InputError(f"backend='fem' has elements of degree 1 and 2, got degree={degree!r}; use degree=2.")
         progress("build", 0.0)
-        mesh = triangulate(scene, spacing)
-        cut = None
-        if scene.boundaries and not self.pinned:
-            cut = cut_along_boundaries(scene, mesh.vertices, mesh.faces, mesh.mean_edge)
-        mesh = mesh if cut is None else Triangulation(cut.vertices, cut.faces)
-        parts = conditions_of(scene, mesh, cut)
-        pins = pins_of(parts, scene.channels)
-        if len(pins.vertices) == len(mesh.vertices):
-            raise ResolutionError(
-                f"All {len(mesh.vertices)} vertices of the mesh are pinned by Dirichlet data; use a finer mesh."
-            )
-        laplacian, mass = stiffness_and_mass(mesh.vertices, mesh.faces)
-        progress("build", 1.0)
-        return FiniteElements(scene, mesh, cut, parts, ties_of(scene, mesh, cut), pins, laplacian, mass)
+        mesh, cut = triangulate(scene, spacing), None
+        bent = degree == 2 and own_mesh(scene.surface) is None
+        if scene.boundaries:
+            cut = cut_along_boundaries(scene, mesh.nodes, mesh.cells, mesh.mean_edge)
+            mesh = CellMesh(cut.vertices, cut.faces, mesh.manifold_dim)
+            if bent and mesh.manifold_dim == 2:
+                mesh = flipped(mesh, cut.edges)
+        mesh = with_midpoints(mesh) if degree == 2 else mesh
+        if bent:
+            mesh, off = curved(scene, mesh, cut)
+            cut = cut and replace(cut, told=(*cut.told, *_of_flat(mesh, off)))
+        return _discretized(scene, mesh, cut, progress)
+
+
+@dataclass(frozen=True)
+class PinnedElements:
+    """Linear finite elements on triangles of which boundaries pin the nearest vertices and cut nothing."""
+
+    def discretize(
+        self, scene: Scene, spacing: float | None = None, *, progress: Progress = no_progress
+    ) -> FiniteElements:
+        """Triangulate a scene; as :meth:`Elements.discretize` does, with values at boundaries alone."""
+        if scene.surface.manifold_dim == 1:
+            raise InputError("backend='fem-pinned' pins vertices of surfaces, got a curve; use backend='fem'.")
+        progress("build", 0.0)
+        return _discretized(scene, triangulate(scene, spacing), None, progress)
+
+
+def _of_flat(mesh: CellMesh, off: Floats) -> Iterator[str]:
+    """Tell of nodes that could not be put where they belong."""
+    if off.max() > OFF_EDGE_SHARE * mesh.mean_edge:
+        flat = int((off > OFF_EDGE_SHARE * mesh.mean_edge)[mesh.cells].any(axis=1).sum())
+        yield (
+            f"{flat} of {len(mesh.cells)} cells, beside boundaries, are too thin to be bent, and up to {off.max():.2g} "
+            "off the surface or the boundary: the answer is of second order there; another spacing may avoid them."
+        )
+
+
+def _discretized(scene: Scene, mesh: CellMesh, cut: CutMesh | None, progress: Progress) -> FiniteElements:
+    parts, ties = conditions_of(scene, mesh, cut), ties_of(scene, mesh, cut)
+    pins = pins_of(parts, ties, scene.channels)
+    if len(pins.vertices) == len(mesh.nodes):
+        raise ResolutionError(
+            f"All {len(mesh.nodes)} vertices of the mesh are pinned by Dirichlet data; use a finer mesh."
+        )
+    laplacian, mass = stiffness_and_mass(mesh.nodes, mesh.cells, degree=mesh.degree)
+    progress("build", 1.0)
+    return FiniteElements(scene, mesh, cut, parts, ties, pins, laplacian, mass)

@@ -1,4 +1,4 @@
-"""The nearest point of a triangulation: exact, by the nearest centroids with a bound that says when to stop."""
+"""The nearest point of triangles or segments: exact, by the nearest centroids with a bound that says when to stop."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ FIRST_CENTROIDS = 8
 MOST_LOCATION_PAIRS = 1 << 18
 
 
-def nearest_on_triangles(vertices: Floats, faces: Ints, queries: Floats) -> tuple[Ints, Floats]:
-    """Return the triangle (n,) that holds the nearest point of each query, and its barycentric coordinates (n, 3).
+def nearest_on_cells(vertices: Floats, faces: Ints, queries: Floats) -> tuple[Ints, Floats]:
+    """Return the cell (n,) that holds the nearest point of each query, and its barycentric coordinates (n, k).
 
-    Triangles are taken by powers of two of their radius, for one large triangle would spoil the bound of all
-    small ones.
+    Cells, triangles (k = 3) or segments (k = 2), are taken by powers of two of their radius, for one large cell would
+    spoil the bound of all small ones.
     """
     corners = vertices[faces]
     radii = np.linalg.norm(corners - corners.mean(axis=1, keepdims=True), axis=2).max(axis=1)
@@ -24,7 +24,7 @@ def nearest_on_triangles(vertices: Floats, faces: Ints, queries: Floats) -> tupl
     best, face, local = (
         np.full(len(queries), np.inf),
         np.zeros(len(queries), dtype=np.int64),
-        np.zeros((len(queries), 3)),
+        np.zeros((len(queries), faces.shape[1])),
     )
     for size in np.unique(octave):
         group = np.flatnonzero(octave == size)
@@ -36,15 +36,15 @@ def nearest_on_triangles(vertices: Floats, faces: Ints, queries: Floats) -> tupl
 
 
 def _nearest_of_one_size(corners: Floats, radius: float, queries: Floats, bound: Floats) -> tuple[Ints, Floats, Floats]:
-    """Return the nearest of triangles (m, 3, d), barycentric coordinates and distances; of interest below ``bound``.
+    """Return the nearest of cells (m, k, d), barycentric coordinates and distances; of interest below ``bound``.
 
-    A triangle lies within ``radius`` of its centroid. So none past the k nearest centroids can be nearer
+    A cell lies within ``radius`` of its centroid. So none past the k nearest centroids can be nearer
     once the best distance is below the k-th centroid's less the radius.
     """
     from scipy.spatial import cKDTree
 
     tree = cKDTree(corners.mean(axis=1))
-    member, weights = np.zeros(len(queries), dtype=np.int64), np.zeros((len(queries), 3))
+    member, weights = np.zeros(len(queries), dtype=np.int64), np.zeros((len(queries), corners.shape[1]))
     distance = np.full(len(queries), np.inf)
     rows, count = np.arange(len(queries)), min(FIRST_CENTROIDS, len(corners))
     while len(rows):
@@ -61,7 +61,10 @@ def _nearest_of_one_size(corners: Floats, radius: float, queries: Floats, bound:
 
 
 def _feet(corners: Floats, queries: Floats) -> tuple[Floats, Floats]:
-    """Return the barycentric coordinates (n, k, 3) of the nearest points of triangles (n, k, 3, d), and distances."""
+    """Return the barycentric coordinates (n, c, k) of the nearest points of cells (n, c, k, d), and distances."""
+    if corners.shape[2] == 2:
+        weights = _on_side(corners, queries, 0)
+        return weights, np.linalg.norm(np.einsum("nkc,nkcd->nkd", weights, corners) - queries[:, None, :], axis=2)
     candidates = [_in_plane(corners, queries), *(_on_side(corners, queries, side) for side in range(3))]
     weights = np.stack(candidates)
     points = np.einsum("snkc,nkcd->snkd", weights, corners)
@@ -87,9 +90,10 @@ def _in_plane(corners: Floats, queries: Floats) -> Floats:
 
 def _on_side(corners: Floats, queries: Floats, side: int) -> Floats:
     """Return the barycentric coordinates of the nearest point of one side."""
-    start, end = corners[..., side, :], corners[..., (side + 1) % 3, :]
+    k = corners.shape[2]
+    start, end = corners[..., side, :], corners[..., (side + 1) % k, :]
     along = end - start
     t = np.clip(np.sum((queries[:, None, :] - start) * along, axis=-1) / np.sum(along**2, axis=-1), 0.0, 1.0)
-    weights = np.zeros((*t.shape, 3))
-    weights[..., side], weights[..., (side + 1) % 3] = 1 - t, t
+    weights = np.zeros((*t.shape, k))
+    weights[..., side], weights[..., (side + 1) % k] = 1 - t, t
     return weights

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from cpmkit.plugin import SIDES, BoundarySet, Floats, Ints, Scene, SceneError, Value
+from cpmkit_fem.cell_mesh import CellMesh
 from cpmkit_fem.gaps import ends_in_gaps
 from cpmkit_fem.rim import RimPart
-from cpmkit_fem.triangulation import Triangulation
 
 #: Points a side of each triangle near a boundary whose feet sample the boundary.
 TRIANGLE_SIDE_SAMPLES = 3
@@ -20,7 +20,7 @@ TRIANGLE_SIDE_SAMPLES = 3
 THROUGH_VERTEX_SHARE = 1e-6
 
 
-def pinned_vertices(scene: Scene, mesh: Triangulation) -> Sequence[RimPart]:
+def pinned_vertices(scene: Scene, mesh: CellMesh) -> Sequence[RimPart]:
     """Return the vertices that each boundary pins, with its law.
 
     Raises
@@ -41,7 +41,7 @@ def warnings_of(parts: Sequence[RimPart]) -> tuple[str, ...]:
     )
 
 
-def _held(boundary: BoundarySet, mesh: Triangulation) -> RimPart:
+def _held(boundary: BoundarySet, mesh: CellMesh) -> RimPart:
     left, right = (boundary.condition(side) for side in SIDES)
     if left is not right or not isinstance(left.law, Value):
         raise SceneError(
@@ -49,20 +49,20 @@ def _held(boundary: BoundarySet, mesh: Triangulation) -> RimPart:
             "backend='fem-pinned' keeps one value a vertex and takes both = Dirichlet alone; use backend='fem'."
         )
     vertices = _nearest_vertices(boundary, mesh)
-    return RimPart(left.law, mesh, np.stack([vertices, vertices], 1), f"boundary {boundary.name!r}", boundary.source)
+    return RimPart(left.law, mesh, vertices[:, None], f"boundary {boundary.name!r}", boundary.source)
 
 
-def _nearest_vertices(boundary: BoundarySet, mesh: Triangulation) -> Ints:
+def _nearest_vertices(boundary: BoundarySet, mesh: CellMesh) -> Ints:
     """Return the vertices nearest to some point of the boundary, without gaps."""
     from scipy.spatial import cKDTree
 
-    nearest = np.unique(cKDTree(mesh.vertices).query(_samples(boundary, mesh))[1])
+    nearest = np.unique(cKDTree(mesh.nodes).query(_samples(boundary, mesh))[1])
     return np.union1d(nearest, ends_in_gaps(boundary.source, mesh, nearest))
 
 
-def _samples(boundary: BoundarySet, mesh: Triangulation) -> Floats:
+def _samples(boundary: BoundarySet, mesh: CellMesh) -> Floats:
     """Return points of the boundary, closer together than vertices: feet of points all over the triangles near it."""
-    corners = mesh.vertices[mesh.faces]
+    corners = mesh.nodes[mesh.corners]
     near = boundary.source.closest_point(corners.mean(axis=1)).distance <= mesh.longest_edges
     if not near.any():
         raise SceneError(
@@ -72,6 +72,6 @@ def _samples(boundary: BoundarySet, mesh: Triangulation) -> Floats:
     i, j = np.divmod(np.arange((TRIANGLE_SIDE_SAMPLES + 1) ** 2), TRIANGLE_SIDE_SAMPLES + 1)
     inside = i + j <= TRIANGLE_SIDE_SAMPLES
     weights = np.stack([i, j, TRIANGLE_SIDE_SAMPLES - i - j], axis=1)[inside] / TRIANGLE_SIDE_SAMPLES
-    spread = np.einsum("wc,mcd->mwd", weights, corners[near]).reshape(-1, mesh.vertices.shape[1])
+    spread = np.einsum("wc,mcd->mwd", weights, corners[near]).reshape(-1, mesh.nodes.shape[1])
     points: Floats = boundary.source.closest_point(spread).points
     return points

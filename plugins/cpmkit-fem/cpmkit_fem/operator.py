@@ -1,4 +1,4 @@
-"""The operator A of linear elements: unknowns are all vertices, and pinned ones have a row of their own.
+"""The operator A of finite elements: unknowns are all nodes, and pinned ones have a row of their own.
 
 With f the free vertices, p the pinned ones and g their values, ``A = [K_ff 0; 0 D]`` and ``b = [b_f - K_fp g; D g]``,
 D the diagonal of K: A is symmetric where K is, and its solution has u = g at pinned vertices.

@@ -9,6 +9,7 @@ import numpy as np
 
 from cpmkit.plugin import Floats, Ints, Value
 from cpmkit_fem.rim import RimPart
+from cpmkit_fem.ties import Tie
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,8 +19,8 @@ class Pins:
     Attributes
     ----------
     vertices : (p,) int64
-    parts : sequence of RimPart
-        Those with values.
+    parts : sequence of RimPart and Tie
+        Those with values, and those that hold a jump.
     picked : (p,) int64
         The row of the joined parts that each vertex takes.
     channels : int
@@ -27,7 +28,7 @@ class Pins:
     """
 
     vertices: Ints
-    parts: Sequence[RimPart]
+    parts: Sequence[RimPart | Tie]
     picked: Ints
     channels: int
 
@@ -38,9 +39,10 @@ class Pins:
         return np.concatenate([none, *found])[self.picked]
 
 
-def pins_of(parts: Sequence[RimPart], channels: int) -> Pins:
+def pins_of(parts: Sequence[RimPart], ties: Sequence[Tie], channels: int) -> Pins:
     """Return all pinned vertices."""
-    held = [part for part in parts if isinstance(part.law, Value)]
+    held: list[RimPart | Tie] = [part for part in parts if isinstance(part.law, Value)]
+    held += [tie for tie in ties if tie.holds_jump]
     vertices = np.concatenate([np.zeros(0, dtype=np.int64), *(part.on for part in held)])
     off = np.concatenate([np.zeros(0), *(part.off for part in held)])
     order = np.lexsort((off, vertices))

@@ -1,4 +1,4 @@
-"""Where conditions hold, on the rim of a triangulation and on sides of boundaries, and the integrals over it."""
+"""Where conditions hold, on the rim of a mesh and on sides of boundaries, and the integrals over it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ from cpmkit.plugin import (
     conditions_along,
     evaluate_data,
 )
-from cpmkit_fem.triangulation import Triangulation
+from cpmkit_fem.assembly import mass_over
+from cpmkit_fem.cell_mesh import CellMesh
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -32,33 +33,38 @@ if TYPE_CHECKING:
 OUTSIDE_EDGE_SHARE = 0.25
 #: A flux that changes with u by less than this, over the length of an edge, fixes no constant.
 STILL = 1e-9
+#: Data of the rim are asked so far from a boundary that ends there, as a share of half an edge.
+ALONG_SHARE = 1e-6
 #: Named in errors.
 WHAT = "the edge's condition"
 
 
 @dataclass(frozen=True, eq=False)
 class RimPart:
-    """Edges on which one law holds: of the rim, or on one side of a boundary.
+    """Facets on which one law holds: of the rim, or on one side of a boundary.
 
     Attributes
     ----------
     law : OneSided
         What holds.
-    mesh : Triangulation
+    mesh : CellMesh
         Whose rim it is.
-    edges : (e, 2) int64
-        Vertices; the same one twice for a point.
+    edges : (e, c) int64
+        The nodes of each: one for a point, of a curve or of a surface, two for an edge, of degree 2 three.
     what : str
         Named in errors.
     place : ClosestPointSource, optional
-        The boundary, at whose feet data are asked; on the rim they are at the vertices.
+        The boundary, at whose feet data are asked; on the rim they are at the nodes.
+    asked : (n, d) float64, optional
+        Or beside these, where a boundary ends on the rim and data may jump.
     """
 
     law: OneSided
-    mesh: Triangulation
+    mesh: CellMesh
     edges: Ints
     what: str = WHAT
     place: ClosestPointSource | None = None
+    asked: Floats | None = None
 
     @cached_property
     def on(self) -> Ints:
@@ -68,13 +74,16 @@ class RimPart:
     @cached_property
     def points(self) -> Floats:
         """(k, d) where data are asked for them."""
-        at = self.mesh.vertices[self.on]
-        return at if self.place is None else self.place.closest_point(at).points
+        if self.place is None:
+            return (self.mesh.nodes if self.asked is None else self.asked)[self.on]
+        return self.place.closest_point(self.mesh.nodes[self.on]).points
 
     @property
     def off(self) -> Floats:
         """(k,) how far that is from them."""
-        return np.asarray(np.linalg.norm(self.points - self.mesh.vertices[self.on], axis=1))
+        if self.place is None:
+            return np.zeros(len(self.on))
+        return np.asarray(np.linalg.norm(self.points - self.mesh.nodes[self.on], axis=1))
 
     def values(self, channels: int, time: float | None) -> Floats:
         """Return the law's datum (k, channels) there."""
@@ -82,13 +91,13 @@ class RimPart:
 
     def given(self, data: Data, channels: int, time: float | None) -> Floats:
         """Return data (v, channels) at the part's vertices, zero at all others."""
-        values = np.zeros((len(self.mesh.vertices), channels))
+        values = np.zeros((len(self.mesh.nodes), channels))
         values[self.on] = evaluate_data(data, self.points, channels, self.what, time)
         return values
 
     def mass(self, weight: Floats) -> csr_array:
         """Return the integrals of ``weight`` u v over the part (v, v); it is given (v,) and linear on each edge."""
-        return edge_mass(self.mesh.vertices, self.edges, weight)
+        return mass_over(self.mesh.nodes, self.edges, weight, self.mesh.manifold_dim - 1, self.mesh.degree)
 
     # What Newton's method asks where the flux depends on u
 
@@ -116,36 +125,39 @@ class RimPart:
         return self.law
 
 
-def edge_mass(vertices: Floats, edges: Ints, weight: Floats) -> csr_array:
-    """Return the integrals (v, v) of ``weight`` u v over ``edges`` (e, 2); it is given (v,) and linear on each edge."""
-    from scipy.sparse import csr_array
-
-    i, j = edges.T
-    length = np.linalg.norm(vertices[i] - vertices[j], axis=1)
-    first, second = length * weight[i] / 12, length * weight[j] / 12
-    entries = np.concatenate([3 * first + second, first + 3 * second, first + second, first + second])
-    rows, columns = np.concatenate([i, j, i, j]), np.concatenate([i, j, j, i])
-    return csr_array((entries, (rows, columns)), shape=(len(vertices), len(vertices)))
-
-
-def rim_of(scene: Scene, mesh: Triangulation, besides: Ints) -> Sequence[RimPart]:
-    """Return the parts of the rim without the edges ``besides`` (e, 2); none where the triangulation is closed.
+def rim_of(scene: Scene, mesh: CellMesh, besides: Ints) -> Sequence[RimPart]:
+    """Return the parts of the rim without the facets ``besides`` (e, k - 1); none where the mesh is closed.
 
     Raises
     ------
     SceneError
         If a loop is not in the scene's table, or no part of the edge holds at a place of it.
     """
-    edges, count, opposite = mesh.edges
-    size = len(mesh.vertices)
-    low, high = np.sort(besides, axis=1).T
-    rim = (count == 1) & ~np.isin(edges[:, 0] * size + edges[:, 1], low * size + high)
-    edges, opposite = edges[rim], opposite[rim]
-    if not len(edges):
+    facets, opposite = rim_facets(mesh, besides)
+    if not len(facets):
         return []
-    feet = scene.surface.closest_point(_outside(mesh.vertices, edges, opposite))
+    feet = scene.surface.closest_point(outside(mesh.nodes, facets, opposite))
     found = conditions_along(scene.edge, feet.edge, feet.points)
-    return [RimPart(_one_sided(condition), mesh, edges[own]) for condition, own in found]
+    asked = _beside_ends(mesh, facets, besides)
+    return [RimPart(_one_sided(condition), mesh, facets[own], asked=asked) for condition, own in found]
+
+
+def rim_facets(mesh: CellMesh, besides: Ints) -> tuple[Ints, Ints]:
+    """Return the facets (e, c) of one cell alone but for ``besides`` (b, k - 1), and the corners opposite."""
+    facets, count, opposite = mesh.facets
+    k, size = mesh.manifold_dim, len(mesh.nodes)
+    powers = size ** np.arange(k)
+    rim = (count == 1) & ~np.isin(np.sort(facets[:, :k], axis=1) @ powers, np.sort(besides, axis=1) @ powers)
+    return facets[rim], opposite[rim]
+
+
+def _beside_ends(mesh: CellMesh, facets: Ints, besides: Ints) -> Floats:
+    """Return the nodes (n, d), those of the rim's facets on a cut a little along the rim, on their own side."""
+    asked, ends = mesh.nodes.copy(), facets[:, : mesh.manifold_dim]
+    facet, place = np.nonzero(np.isin(ends, besides))
+    at = ends[facet, place]
+    asked[at] += ALONG_SHARE * (mesh.nodes[ends[facet]].mean(axis=1) - mesh.nodes[at])
+    return asked
 
 
 def _one_sided(condition: Condition) -> OneSided:
@@ -154,11 +166,14 @@ def _one_sided(condition: Condition) -> OneSided:
     return condition.law
 
 
-def _outside(vertices: Floats, edges: Ints, opposite: Ints) -> Floats:
+def outside(nodes: Floats, facets: Ints, opposite: Ints) -> Floats:
     """Return points (e, d) a little outside: their feet lie on the rim, which a chord's middle may miss."""
-    start, end = (vertices[edges[:, k]] for k in (0, 1))
+    if facets.shape[1] == 1:
+        end = nodes[facets[:, 0]]
+        return np.ascontiguousarray(end + OUTSIDE_EDGE_SHARE * (end - nodes[opposite]))
+    start, end = (nodes[facets[:, k]] for k in (0, 1))
     middle, along = 0.5 * (start + end), end - start
-    inward = vertices[opposite] - middle
+    inward = nodes[opposite] - middle
     inward -= (np.sum(inward * along, axis=1) / np.sum(along**2, axis=1))[:, None] * along
     scale = OUTSIDE_EDGE_SHARE * np.linalg.norm(along, axis=1) / np.linalg.norm(inward, axis=1)
     return np.ascontiguousarray(middle - scale[:, None] * inward)

@@ -1,60 +1,40 @@
-"""Triangles in the plane or in space for scikit-fem, whose own mappings want square Jacobians.
+"""The maps of the reference element onto cells in the plane or in space, whose Jacobians are not square.
 
-This module alone imports scikit-fem; it is imported where matrices are assembled.
+Every Jacobian J (d, k) is split into Q R with orthonormal columns Q: R is the cell unfolded into its tangent plane or
+line. ``R^-1 Q'`` is then the pseudo-inverse, so gradients come out tangential, and ``det R`` the factor of area or
+length. Unlike the metric J'J it does not square the condition number of thin triangles.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from skfem.mapping import Mapping
 
 from cpmkit.plugin import Floats, Ints
+from cpmkit_fem.elements import Shape
 
 
-class SurfaceMapping(Mapping):  # type: ignore[misc]  # scikit-fem ships types that strict checks refuse
-    """The affine map of the reference triangle onto each triangle of a mesh.
-
-    Every Jacobian J (d, 2) is split into Q R with orthonormal columns Q: R is the triangle unfolded into
-    the plane. ``R^-1 Q'`` is then the pseudo-inverse, so gradients come out tangential, and ``det R``
-    twice the area. Unlike the metric J'J it does not square the condition number of thin triangles.
-
-    Parameters
-    ----------
-    points : (d, v) float64
-        Vertices, d = 2 or 3, in scikit-fem's layout.
-    triangles : (3, m) int
-    """
-
-    def __init__(self, points: Floats, triangles: Ints) -> None:
-        self.dim = 2
-        self._corner = points[:, triangles[0]]
-        first, second = (points[:, triangles[k]] - self._corner for k in (1, 2))
-        self._jacobian = np.stack([first, second], axis=1)
-        self._determinant, self._inverse = _unfold(first, second)
-
-    def F(self, X: Floats, tind: Ints | None = None) -> Floats:
-        """Return the images (d, m, q) of the reference points ``X`` (2, q)."""
-        pick = slice(None) if tind is None else tind
-        images: Floats = self._corner[:, pick, None] + np.einsum("aim,iq->amq", self._jacobian[:, :, pick], X)
-        return images
-
-    def DF(self, X: Floats, tind: Ints | None = None) -> Floats:
-        """Return the Jacobians (d, 2, m, q)."""
-        return _at_points(self._jacobian, X, tind)
-
-    def detDF(self, X: Floats, tind: Ints | None = None) -> Floats:
-        """Return the factors of area (m, q)."""
-        return _at_points(self._determinant, X, tind)
-
-    def invDF(self, X: Floats, tind: Ints | None = None) -> Floats:
-        """Return the pseudo-inverses (2, d, m, q) of the Jacobians."""
-        return _at_points(self._inverse, X, tind)
+def jacobians(nodes: Floats, cells: Ints, shape: Shape) -> Floats:
+    """Return the Jacobians (k, d, m, q) of cells (m, n) at the points of a shape; q is 1 where they are constant."""
+    slopes = shape.slopes
+    if np.array_equal(slopes, np.broadcast_to(slopes[..., :1], slopes.shape)):
+        slopes = slopes[..., :1]
+    corner, others = nodes[cells[:, 0]], nodes[cells[:, 1:]] - nodes[cells[:, :1]]
+    found = np.zeros((slopes.shape[1], nodes.shape[1], len(corner), slopes.shape[2]))
+    for j in range(others.shape[1]):  # the functions' derivatives add up to zero: differences lose no digits far away
+        found += slopes[j + 1][:, None, None, :] * others[:, j].T[None, :, :, None]
+    return found
 
 
-def _unfold(first: Floats, second: Floats) -> tuple[Floats, Floats]:
-    """Return det R (m,) and R^-1 Q' (2, d, m) of the Jacobians with the columns ``first`` and ``second`` (d, m)."""
+def unfold(jacobian: Floats) -> tuple[Floats, Floats]:
+    """Return det R (m, q) and R^-1 Q' (k, d, m, q) of Jacobians with k = 0, 1 or 2 columns (k, d, m, q)."""
+    if not len(jacobian):
+        return np.ones(jacobian.shape[2:]), jacobian
+    first = jacobian[0]
     along = np.linalg.norm(first, axis=0)
     axis = first / along
+    if len(jacobian) == 1:
+        return along, (axis / along)[None]
+    second = jacobian[1]
     shear = np.sum(axis * second, axis=0)
     height = second - shear * axis
     height -= np.sum(axis * height, axis=0) * axis  # once more: thin triangles lose the right angle at first
@@ -62,9 +42,3 @@ def _unfold(first: Floats, second: Floats) -> tuple[Floats, Floats]:
     normal = height / across
     inverse = np.stack([(axis - (shear / across) * normal) / along, normal / across])
     return along * across, inverse
-
-
-def _at_points(constant: Floats, X: Floats, tind: Ints | None) -> Floats:
-    """Return an array (..., m), constant on each triangle, at the reference points: (..., m, q)."""
-    picked = constant if tind is None else constant[..., tind]
-    return np.broadcast_to(picked[..., None], (*picked.shape, X.shape[-1]))

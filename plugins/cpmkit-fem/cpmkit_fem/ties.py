@@ -4,8 +4,8 @@ With k du/db the flow into each side, their sum q given and phi from left to rig
 
     int q (v_left + v_right) / 2 - phi (v_left - v_right),    phi = (u_left - u_right - jump) / R.
 
-Where there is no resistance R is a hundred thousandth of an edge over the diffusivity: what that leaves of a jump is
-less than linear elements see.
+Along curves of a surface R is a hundred thousandth of an edge over the diffusivity where there is no resistance:
+what that leaves of a jump is less than linear elements see.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cpmkit.plugin import (
+    Bools,
     ClosestPointSource,
     CutMesh,
     Data,
@@ -28,8 +29,8 @@ from cpmkit.plugin import (
     SceneError,
     evaluate_data,
 )
-from cpmkit_fem.rim import edge_mass
-from cpmkit_fem.triangulation import Triangulation
+from cpmkit_fem.assembly import mass_over
+from cpmkit_fem.cell_mesh import CellMesh
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -40,16 +41,16 @@ NO_RESISTANCE_EDGES = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class Tie:
-    """Edges on both sides of a boundary that one law couples.
+    """Facets on both sides of a boundary that one law couples.
 
     Attributes
     ----------
     law : Interface
         What holds.
-    mesh : Triangulation
+    mesh : CellMesh
         That is cut along the boundary.
-    edges : (e, 2) int64
-        On the left, as places among ``left``.
+    edges : (e, c) int64
+        Facets on the left, as places among ``left``.
     left, right : (k,) int64
         Vertices on the left, and those at the same points on the right; at ends of the boundary the same.
     what : str
@@ -59,17 +60,36 @@ class Tie:
     """
 
     law: Interface
-    mesh: Triangulation
+    mesh: CellMesh
     edges: Ints
     left: Ints
     right: Ints
     what: str
     place: ClosestPointSource
 
+    @property
+    def holds_jump(self) -> bool:
+        """Whether the jump is given at unknowns of its own, those of ``right``, and there is nothing to conduct."""
+        return self.mesh.manifold_dim == 1 and not self.law.resistance
+
+    @property
+    def on(self) -> Ints:
+        """(k,) the unknowns whose values are given where the jump is held."""
+        return self.right
+
+    @property
+    def off(self) -> Floats:
+        """(k,) how far the places of the data are from these, as of parts of the rim: not at all."""
+        return np.zeros(len(self.right))
+
+    def values(self, channels: int, time: float | None) -> Floats:
+        """Return the jumps (k, channels)."""
+        return self._given(self.law.jump, channels, time)
+
     @cached_property
     def points(self) -> Floats:
         """(k, d) where data are asked for the vertices."""
-        return self.place.closest_point(self.mesh.vertices[self.left]).points
+        return self.place.closest_point(self.mesh.nodes[self.left]).points
 
     def stiffness(self, a: Floats) -> csr_array:
         """Return the integrals (v, v) of ``(u_left - u_right) (v_left - v_right) / R``, ``a`` (v,) the diffusivity."""
@@ -77,9 +97,11 @@ class Tie:
 
     def load(self, a: Floats, channels: int, time: float | None) -> Floats:
         """Return what the law's data add to b (v, channels)."""
-        jump, flux = (self._given(one, channels, time) for one in (self.law.jump, self.law.flux))
-        added = self._difference.T @ (self._mass(self._conductance(a)) @ jump)
-        return np.asarray(added + self._mean.T @ (self._mass(np.ones(len(self.left))) @ flux))
+        flux = self._given(self.law.flux, channels, time)
+        added = self._mean.T @ (self._mass(np.ones(len(self.left))) @ flux)
+        if not self.holds_jump:
+            added += self._difference.T @ (self._mass(self._conductance(a)) @ self.values(channels, time))
+        return np.asarray(added)
 
     def _given(self, data: Data, channels: int, time: float | None) -> Floats:
         return evaluate_data(data, self.points, channels, self.what, time)
@@ -91,7 +113,7 @@ class Tie:
         return np.maximum(a[self.left], a[self.right]) / (NO_RESISTANCE_EDGES * self.mesh.mean_edge)
 
     def _mass(self, weight: Floats) -> csr_array:
-        return edge_mass(self.mesh.vertices[self.left], self.edges, weight)
+        return mass_over(self.mesh.nodes[self.left], self.edges, weight, self.mesh.manifold_dim - 1, self.mesh.degree)
 
     @cached_property
     def _difference(self) -> csr_array:
@@ -107,10 +129,10 @@ class Tie:
         count = len(self.left)
         entries = np.repeat([left, right], count)
         rows, columns = np.tile(np.arange(count), 2), np.concatenate([self.left, self.right])
-        return csr_array((entries, (rows, columns)), shape=(count, len(self.mesh.vertices)))
+        return csr_array((entries, (rows, columns)), shape=(count, len(self.mesh.nodes)))
 
 
-def ties_of(scene: Scene, mesh: Triangulation, cut: CutMesh | None) -> Sequence[Tie]:
+def ties_of(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> Sequence[Tie]:
     """Return the boundaries whose law couples their sides.
 
     Raises
@@ -124,19 +146,20 @@ def ties_of(scene: Scene, mesh: Triangulation, cut: CutMesh | None) -> Sequence[
         if cut is None or not isinstance(law, Interface):
             continue
         on, what = cut.owner == number, f"boundary {boundary.name!r}"
-        edges = cut.edges[on & cut.left]
+        edges = mesh.with_midpoints(cut.edges[on & cut.left])
         left, own = np.unique(edges, return_inverse=True)
-        right, missing = _across(mesh.vertices, left, np.unique(cut.edges[on & ~cut.left]))
-        if number in cut.points or missing.any() or not len(edges):
+        others = np.unique(mesh.with_midpoints(cut.edges[on & ~cut.left]))
+        right, missing = _across(mesh.nodes, left, others)
+        if number in cut.points or missing.any() or len(others) != len(left) or not len(edges):
             raise SceneError(
-                f"{what} couples two sides, and has one alone on this mesh; end it off the rim, or give conditions of "
-                "one side."
+                f"{what} couples two sides, and has one alone on this mesh, or three and more; end it off the rim and "
+                "junctions, or give conditions of one side."
             )
-        found.append(Tie(law, mesh, own.reshape(-1, 2), left, right, what, boundary.source))
+        found.append(Tie(law, mesh, own.reshape(edges.shape), left, right, what, boundary.source))
     return found
 
 
-def _across(vertices: Floats, left: Ints, right: Ints) -> tuple[Ints, Ints]:
+def _across(vertices: Floats, left: Ints, right: Ints) -> tuple[Ints, Bools]:
     """Return for each of ``left`` (k,) the one of ``right`` at the same point, and which have none."""
     places = {point.tobytes(): int(vertex) for point, vertex in zip(vertices[right], right, strict=True)}
     found = np.array([places.get(point.tobytes(), -1) for point in vertices[left]], dtype=np.int64)

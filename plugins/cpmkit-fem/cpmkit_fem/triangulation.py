@@ -1,50 +1,21 @@
-"""A triangulation of a scene's surface: the source's own mesh, welded, without triangles that have no area."""
+"""A mesh of a scene's surface or curve: the source's own, welded, without cells that have no area or length."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from cpmkit.plugin import ClosestPointSource, Floats, HasMesh, InputError, Ints, Scene, needed_spacing
+from cpmkit_fem.cell_mesh import CellMesh
+from cpmkit_fem.junctions import check_junctions
 
 #: Vertices nearer than this share of the size are one: seams of parametrisations are closed.
 WELDED_SIZE_SHARE = 1e-12
-#: A triangle whose doubled area is below this share of its longest edge squared has no gradient in float64.
-FLAT_TRIANGLE_SHARE = 1e-12
+#: Edges along the largest extent with which a source is asked whether it has one mesh alone: some have a coarsest one.
+FEWEST_EDGES = (4, 8, 32)
 
 
-@dataclass(frozen=True, eq=False)
-class Triangulation:
-    """Vertices (v, d) and triangles (m, 3), each vertex in use."""
-
-    vertices: Floats
-    faces: Ints
-
-    @cached_property
-    def edges(self) -> tuple[Ints, Ints, Ints]:
-        """Each edge once, as (e, 2) vertices; how many triangles it has; the vertex opposite in one of them."""
-        pairs = np.concatenate([self.faces[:, [k, (k + 1) % 3]] for k in range(3)])
-        opposite = np.concatenate([self.faces[:, (k + 2) % 3] for k in range(3)])
-        edges, first, count = np.unique(np.sort(pairs, axis=1), axis=0, return_index=True, return_counts=True)
-        return edges, count, opposite[first]
-
-    @property
-    def mean_edge(self) -> float:
-        """The mean length of an edge."""
-        return float(np.mean(_lengths(self.vertices, self.edges[0])))
-
-    @cached_property
-    def longest_edges(self) -> Floats:
-        """(m,) the longest edge of each triangle."""
-        sides = [_lengths(self.vertices, self.faces[:, [k, (k + 1) % 3]]) for k in range(3)]
-        longest: Floats = np.max(sides, axis=0)
-        return longest
-
-
-def triangulate(scene: Scene, spacing: float | None) -> Triangulation:
-    """Return the mesh of the scene's surface.
+def triangulate(scene: Scene, spacing: float | None) -> CellMesh:
+    """Return the mesh of the scene's surface or curve.
 
     Parameters
     ----------
@@ -56,32 +27,39 @@ def triangulate(scene: Scene, spacing: float | None) -> Triangulation:
     Raises
     ------
     InputError
-        If the surface is no surface or has no mesh, the spacing is needed and absent, or a triangle has no area.
+        If the manifold is neither a surface nor a curve, or has no mesh, the spacing is needed and absent, a triangle
+        has no area, or curves meet where their meshes have no common vertex.
     """
     surface = scene.surface
-    if surface.manifold_dim != 2 or not isinstance(surface, HasMesh):
+    dim = surface.manifold_dim
+    if dim not in (1, 2) or not isinstance(surface, HasMesh):
         raise InputError(
-            f"backend='fem' triangulates surfaces that have a method mesh(spacing), and {type(surface).__name__} "
-            f"of manifold_dim {surface.manifold_dim} gives no triangles; use backend='cpm'."
+            "backend='fem' takes surfaces and curves that have a method mesh(spacing), and "
+            f"{type(surface).__name__} of manifold_dim {dim} gives neither triangles nor segments; use backend='cpm'."
         )
     own = own_mesh(surface) if spacing is None else None
     vertices, faces = own or surface.mesh(needed_spacing(surface, spacing))
-    if faces.shape[1] != 3:
+    if faces.shape[1] != dim + 1:
+        what = "triangles" if dim == 2 else "segments"
         raise InputError(
-            f"backend='fem' needs triangles, and {type(surface).__name__} gives only points; use backend='cpm'."
+            f"backend='fem' needs {what}, and {type(surface).__name__} gives only points; use backend='cpm'."
         )
-    return _welded(np.asarray(vertices, dtype=np.float64), np.asarray(faces, dtype=np.int64))
+    mesh = _welded(np.asarray(vertices, dtype=np.float64), np.asarray(faces, dtype=np.int64))
+    mesh.check()
+    check_junctions(surface, mesh)
+    return mesh
 
 
 def own_mesh(surface: ClosestPointSource) -> tuple[Floats, Ints] | None:
     """Return the mesh that the surface itself is; None if it answers each spacing with another one."""
     assert isinstance(surface, HasMesh)
     size = float(np.ptp(surface.bounds, axis=0).max())
-    (vertices, faces), (finer, _) = surface.mesh(size / 4), surface.mesh(size / 8)
-    return (vertices, faces) if np.array_equal(vertices, finer) else None
+    vertices, faces = surface.mesh(size / FEWEST_EDGES[0])
+    same = all(np.array_equal(vertices, surface.mesh(size / edges)[0]) for edges in FEWEST_EDGES[1:])
+    return (vertices, faces) if same else None
 
 
-def _welded(vertices: Floats, faces: Ints) -> Triangulation:
+def _welded(vertices: Floats, faces: Ints) -> CellMesh:
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
@@ -98,26 +76,4 @@ def _welded(vertices: Floats, faces: Ints) -> Triangulation:
         faces = first[place[faces]]
     faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
     used, compact = np.unique(faces, return_inverse=True)
-    mesh = Triangulation(vertices[used], compact.reshape(-1, 3))
-    _refuse_flat(mesh)
-    return mesh
-
-
-def _refuse_flat(mesh: Triangulation) -> None:
-    if not len(mesh.faces):
-        raise InputError("backend='fem' needs triangles with three different corners, got none.")
-    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
-    first, second = b - a, c - a
-    shear = np.sum(first * second, axis=1) / np.sum(first**2, axis=1)
-    twice_area = np.linalg.norm(first, axis=1) * np.linalg.norm(second - shear[:, None] * first, axis=1)
-    flat = np.flatnonzero(~(twice_area > FLAT_TRIANGLE_SHARE * mesh.longest_edges**2))
-    if len(flat):
-        raise InputError(
-            f"backend='fem' needs triangles with an area, got {len(flat)} of {len(mesh.faces)} without, the first at "
-            f"{a[flat[0]].tolist()}; repair the mesh, or use backend='cpm'."
-        )
-
-
-def _lengths(vertices: Floats, pairs: Ints) -> Floats:
-    lengths: Floats = np.linalg.norm(vertices[pairs[:, 1]] - vertices[pairs[:, 0]], axis=1)
-    return lengths
+    return CellMesh(vertices[used], compact.reshape(faces.shape), faces.shape[1] - 1)

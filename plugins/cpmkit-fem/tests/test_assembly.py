@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 from cpmkit_fem.assembly import stiffness_and_mass
-from cpmkit_fem.surface_mapping import SurfaceMapping
+from cpmkit_fem.elements import shape_at
+from cpmkit_fem.surface_mapping import jacobians, unfold
 from scipy.sparse import coo_array
 from skfem import Basis, BilinearForm, ElementTriP1, MeshTri
 from skfem.helpers import dot, grad
@@ -79,17 +80,22 @@ def test_the_plane_is_a_surface_too(octahedron):
         assert abs(planar - spatial).max() == 0
 
 
-def test_the_mapping_picks_triangles(octahedron):
+@pytest.mark.parametrize("degree", [1, 2])
+def test_pseudo_inverses_undo_jacobians_within_the_tangent_plane(octahedron, degree):
     vertices, faces = bumpy(octahedron, 1)
-    mapping, X = SurfaceMapping(vertices.T, faces.T), np.array([[0.2, 0.0, 1.0], [0.3, 0.0, 0.0]])
-    picked = np.array([5, 2])
-    for ask in (mapping.F, mapping.DF, mapping.detDF, mapping.invDF):
-        whole = ask(X)
-        part = ask(X, picked)
-        np.testing.assert_array_equal(part, whole[..., picked, :])
-    np.testing.assert_allclose(mapping.F(X)[:, :, 2].T, vertices[faces[:, 1]], rtol=1e-14)
-    product = np.einsum("iamq,ajmq->ijmq", mapping.invDF(X), mapping.DF(X))
+    if degree == 2:
+        middles = 0.5 * vertices[faces[:, [[0, 1], [1, 2], [0, 2]]]].sum(axis=2).reshape(-1, 3)
+        middles += 0.05 * np.random.default_rng(1).normal(size=middles.shape)
+        faces = np.hstack([faces, len(vertices) + np.arange(len(middles)).reshape(-1, 3)])
+        vertices = np.concatenate([vertices, middles])
+    shape = shape_at(2, degree, np.array([[0.2, 0.0, 1.0], [0.3, 0.0, 0.0]]))
+    jacobian = jacobians(vertices, faces, shape)
+    measure, inverse = unfold(jacobian)
+    assert jacobian.shape == (2, 3, len(faces), 1 if degree == 1 else 3)
+    product = np.einsum("idmq,jdmq->ijmq", inverse, jacobian)
     np.testing.assert_allclose(product, np.broadcast_to(np.eye(2)[:, :, None, None], product.shape), atol=1e-12)
+    crossed = np.linalg.norm(np.cross(jacobian[0], jacobian[1], axis=0), axis=0)
+    np.testing.assert_allclose(measure, crossed, rtol=1e-12)
 
 
 def test_coefficients_are_linear_between_vertices(octahedron):

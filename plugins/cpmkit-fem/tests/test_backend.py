@@ -102,7 +102,7 @@ def test_names_of_back_ends():
     assert "fem" not in kinds_without_case()
 
 
-@pytest.mark.parametrize("option", [{"degree": 2}, {"order": 1}, {"origin": [0, 0, 0]}, {"balance": 3}, {"pace": 2}])
+@pytest.mark.parametrize("option", [{"order": 1}, {"origin": [0, 0, 0]}, {"balance": 3}, {"pace": 2}])
 def test_options_of_the_lattice_are_refused(option):
     scene = ck.Scene(SPHERE, ck.ScreenedPoisson(1.0))
     with pytest.raises(
@@ -214,10 +214,20 @@ def test_what_it_does_not_read():
             asked()
 
 
-def test_surfaces_that_give_no_triangles():
-    circle = ck.source("analytic.circle")
-    with pytest.raises(ck.InputError, match="of manifold_dim 1 gives no triangles; use backend='cpm'"):
-        solve(circle, ck.ScreenedPoisson(1.0))
+class Solid:
+    """A ball, whose points are closest to themselves."""
+
+    dim, manifold_dim, exact, bounds = 3, 3, True, SPHERE.bounds
+
+    def closest_point(self, x):
+        return SPHERE.closest_point(x)
+
+
+def test_manifolds_that_give_neither_triangles_nor_segments():
+    with pytest.raises(
+        ck.InputError, match="of manifold_dim 3 gives neither triangles nor segments; use backend='cpm'"
+    ):
+        solve(Solid(), ck.ScreenedPoisson(1.0))
 
 
 class Flattened:

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from cpmkit_fem.cell_mesh import CellMesh
 from cpmkit_fem.gaps import ends_in_gaps
 from cpmkit_fem.nearest import pinned_vertices
-from cpmkit_fem.triangulation import Triangulation, triangulate
+from cpmkit_fem.triangulation import triangulate
 from model_problems import order_of, rotation, sphere_poisson
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
@@ -31,13 +32,13 @@ def test_no_path_along_edges_avoids_the_pins(octahedron, height):
         normal /= np.linalg.norm(normal)
         circle = ck.source("analytic.circle", normal=normal, center=offset * normal, radius=np.sqrt(1 - offset**2))
         mesh, pins = pinned(vertices, faces, circle)
-        edges = mesh.edges[0]
+        edges = mesh.edges
         open_edges = edges[~np.isin(edges, pins).any(axis=1)]
-        n = len(mesh.vertices)
+        n = len(mesh.nodes)
         _, piece = connected_components(
             coo_array((np.ones(len(open_edges)), open_edges.T), shape=(n, n)), directed=False
         )
-        side = mesh.vertices @ normal - offset
+        side = mesh.nodes @ normal - offset
         free = np.setdiff1d(np.arange(n), pins)
         left, right = (set(piece[free[sign * side[free] > 0.25]]) for sign in (1, -1))
         assert not left & right
@@ -51,23 +52,23 @@ def test_an_open_curve_pins_nothing_past_its_ends(octahedron, height):
     angle = np.linspace(0.3, 1.4, 200)
     curve = ck.source("mesh.polyline", points=np.stack([np.cos(angle), np.sin(angle), 0.04 + 0 * angle], axis=1))
     mesh, pins = pinned(vertices, faces, curve)
-    reached = np.arctan2(mesh.vertices[pins, 1], mesh.vertices[pins, 0])
+    reached = np.arctan2(mesh.nodes[pins, 1], mesh.nodes[pins, 0])
     assert 0.1 < reached.min() < 0.4
     assert 1.3 < reached.max() < 1.6
-    assert curve.closest_point(mesh.vertices[pins]).distance.max() < mesh.longest_edges.max()
+    assert curve.closest_point(mesh.nodes[pins]).distance.max() < mesh.longest_edges.max()
 
 
 def test_a_point_pins_one_vertex(octahedron):
     vertices, faces = octahedron(3)
     mesh, pins = pinned(vertices, faces, ck.source("analytic.point", at=vertices[30] + 0.01))
-    np.testing.assert_array_equal(mesh.vertices[pins], vertices[30:31])
+    np.testing.assert_array_equal(mesh.nodes[pins], vertices[30:31])
 
 
 @pytest.mark.parametrize(("shift", "count"), [(0.0, 0), (0.5, 1)])
 def test_an_edge_around_the_end_of_a_curve_is_not_crossed(shift, count):
     curve = ck.source("mesh.polyline", points=[[0, 0, 0], [1, 0, 0]])
     vertices = np.array([[shift - 0.05, -0.4, 0], [shift - 0.05, 0.6, 0], [shift - 2, 0.1, 0]])
-    ends = ends_in_gaps(curve, Triangulation(vertices, np.array([[0, 1, 2]])), np.array([2]))
+    ends = ends_in_gaps(curve, CellMesh(vertices, np.array([[0, 1, 2]]), 2), np.array([2]))
     assert ends.tolist() == [0] * count
 
 

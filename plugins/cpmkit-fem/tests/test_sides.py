@@ -70,6 +70,15 @@ def test_second_order_with_another_condition_on_each_side(left, right):
     assert errors[-1] < 1.5e-3
 
 
+def test_third_order_with_elements_of_degree_2():
+    spacings, errors = [0.2, 0.14, 0.1], []
+    for spacing in spacings:
+        solution = ck.solve(scene(ck.source("analytic.sphere"), "robin", "neumann"), spacing, backend="fem", degree=2)
+        errors.append(np.abs(solution.evaluate(POINTS) - exact(POINTS)).max())
+    assert order_of(spacings, errors) > 2.5
+    assert errors[-1] < 1.2e-4
+
+
 def test_a_point_on_a_curve_reads_the_left_unless_the_right_is_asked_for(octahedron):
     vertices, faces = octahedron(4)
     surface = ck.source("mesh.triangles", vertices=vertices, faces=faces)
@@ -109,6 +118,21 @@ def test_u_is_continuous_past_the_end_of_a_curve():
 def test_a_flux_that_depends_on_u():
     solution = ck.solve(scene(ck.source("analytic.sphere"), "nonlinear", "dirichlet"), 0.1, backend="fem")
     assert np.abs(solution.evaluate(POINTS) - exact(POINTS)).max() < 0.01
+
+
+def test_data_of_the_rim_may_jump_where_a_curve_ends_on_it():
+    """u = x on the left of a seam across a plate, x + 2 on its right: what the edge holds jumps at its ends."""
+    corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=float)
+    plate = ck.source("mesh.triangles", vertices=corners, faces=[[0, 1, 2], [0, 2, 3]])
+
+    def u(x):
+        return x[:, 0] + np.where(x[:, 0] > 0.3, 2.0, 0.0)
+
+    line = ck.source("mesh.polyline", points=[[0.3, 0, 0], [0.3, 1, 0]])
+    seam = ck.Boundary("seam", line, left=ck.Neumann(1.0), right=ck.Neumann(-1.0))
+    solution = ck.solve(ck.Scene(plate, ck.Laplace(), [seam], edge=ck.Dirichlet(u)), backend="fem")
+    points = np.hstack([np.random.default_rng(0).uniform(0, 1, (100, 2)), np.zeros((100, 1))])
+    np.testing.assert_allclose(solution.evaluate(points), u(points), atol=1e-5)
 
 
 def test_a_point_is_a_vertex(octahedron):

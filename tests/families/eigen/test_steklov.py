@@ -23,6 +23,16 @@ def errors_of(scene, exact, spacings, **options):
     return [np.abs(ck.solve(scene, h, **options).eigenvalues - exact).max() for h in spacings]
 
 
+@pytest.mark.parametrize("form", ["galerkin"])
+def test_the_ends_of_a_segment_have_two(form):
+    """Linear functions: 0, and 2 over the length; lambda stands in the conditions of two points alone."""
+    segment = ck.source("analytic.segment", start=[0, 0], end=[3, 4])
+    scene = ck.Scene(segment, ck.Eigen(count=2), edge=ck.Steklov())
+    np.testing.assert_allclose(ck.solve(scene, 0.5, form=form).eigenvalues, [0, 2 / 5], atol=1e-9)
+    with pytest.raises(ck.InputError, match="count=3 is more than the 2 eigenvalues that there are"):
+        ck.solve(ck.Scene(segment, ck.Eigen(count=3), edge=ck.Steklov()), 0.5, form=form)
+
+
 def test_disc():
     """r^m cos(m phi) has lambda = m."""
     scene = ck.Scene(DISC, ck.Eigen(count=7), edge=ck.Steklov())

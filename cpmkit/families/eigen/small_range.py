@@ -1,0 +1,53 @@
+"""All eigenpairs where B sees few unknowns, as at the ends of a curve with conditions of Steklov.
+
+Iterations need room: Lanczos' asks for more vectors than such a B has directions. With S the unknowns that B sees and
+``G = S' (A - sigma B)^-1 S``, the eigenvalues of the small ``R' G R``, ``R R' = S' B S``, are ``1 / (lambda - sigma)``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.errors import InputError
+from cpmkit.families.eigen.inverse_iteration import InverseIteration, Pairs
+from cpmkit.protocols import Ints
+
+#: Unknowns that are few.
+MOST_SEEN = 64
+#: What is smaller than this share of the largest is rounding.
+ROUNDING_SHARE = 1e-9
+
+
+def few_seen(stepped: InverseIteration) -> Ints | None:
+    """Return the unknowns that B sees where they are few, and the problem is symmetric; None elsewhere."""
+    if not stepped.symmetric or stepped.mass is None or not hasattr(stepped.mass, "to_csr"):
+        return None
+    matrix = stepped.mass.to_csr()
+    seen = np.unique(matrix.indices[matrix.data != 0])
+    return seen if len(seen) <= min(MOST_SEEN, matrix.shape[0] // 2) else None
+
+
+def all_pairs(stepped: InverseIteration, seen: Ints, count: int) -> Pairs:
+    """Return every eigenpair with an eigenvalue that is not infinite.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than ``count``.
+    """
+    mass, n = stepped.mass.to_csr()[seen][:, seen].toarray(), stepped.operator.size
+    sizes, directions = np.linalg.eigh(0.5 * (mass + mass.T))
+    kept = sizes > ROUNDING_SHARE * sizes.max(initial=0.0)
+    root = directions[:, kept] * np.sqrt(sizes[kept])
+    images = np.zeros((n, root.shape[1]))
+    images[seen] = root
+    inverted = stepped.inverted(images)
+    small = root.T @ inverted[seen]
+    theta, vectors = np.linalg.eigh(0.5 * (small + small.T))
+    finite = np.abs(theta) > ROUNDING_SHARE * np.abs(theta).max()
+    if finite.sum() < count:
+        raise InputError(
+            f"count={count} is more than the {int(finite.sum())} eigenvalues that there are: lambda stands in the "
+            "conditions of so few points; ask for these."
+        )
+    return Pairs(stepped.shift + 1 / theta[finite], inverted @ (vectors[:, finite] / theta[finite]))

@@ -1,0 +1,118 @@
+"""Triangles of a surface or segments of a curve, with the nodes of their elements."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from cpmkit.plugin import Floats, InputError, Ints
+from cpmkit_fem.elements import EDGES_OF
+
+#: A triangle whose doubled area is below this share of its longest edge squared has no gradient in float64.
+FLAT_TRIANGLE_SHARE = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class CellMesh:
+    """Cells of one kind on a surface or a curve; each node is in use.
+
+    Attributes
+    ----------
+    nodes : (n, d) float64
+        The corners of the cells, of degree 2 then the midpoints of their edges.
+    cells : (m, c) int64
+        The nodes of each: its corners, of degree 2 then midpoints in the order of :data:`EDGES_OF`.
+    manifold_dim : int
+        2 for triangles, 1 for segments.
+    degree : int
+        Of the functions, 1 or 2.
+    curved : bool
+        Whether midpoints may lie off the chords.
+    """
+
+    nodes: Floats
+    cells: Ints
+    manifold_dim: int
+    degree: int = 1
+    curved: bool = False
+
+    @property
+    def corners(self) -> Ints:
+        """(m, k) the corners of each cell."""
+        return self.cells[:, : self.manifold_dim + 1]
+
+    @cached_property
+    def edges(self) -> Ints:
+        """(e, 2) each edge of a cell once."""
+        return np.unique(np.sort(self.corners[:, EDGES_OF[self.manifold_dim]].reshape(-1, 2), axis=1), axis=0)
+
+    @cached_property
+    def facets(self) -> tuple[Ints, Ints, Ints]:
+        """Each facet once, (f, c) nodes: edges of triangles, ends of segments; its cells' number; a corner opposite."""
+        k = self.manifold_dim + 1
+        around = (np.arange(k)[:, None] + np.arange(1, k)) % k
+        facets, opposite = self.corners[:, around].reshape(-1, k - 1), self.corners.ravel()
+        order = np.sort(facets, axis=1)
+        _, first, count = np.unique(order, axis=0, return_index=True, return_counts=True)
+        return self.with_midpoints(facets[first]), count, opposite[first]
+
+    def with_midpoints(self, facets: Ints) -> Ints:
+        """Return the nodes (f, c) of facets that are given by their corners (f, k - 1), edges or points."""
+        if self.degree == 1 or facets.shape[1] == 1:
+            return facets
+        keys, nodes = self._midpoints
+        return np.concatenate([facets, nodes[np.searchsorted(keys, self._keys(facets))][:, None]], axis=1)
+
+    @cached_property
+    def _midpoints(self) -> tuple[Ints, Ints]:
+        pairs, nodes = self.corners[:, EDGES_OF[self.manifold_dim]], self.cells[:, self.manifold_dim + 1 :]
+        keys, first = np.unique(self._keys(pairs.reshape(-1, 2)), return_index=True)
+        return keys, nodes.ravel()[first]
+
+    def _keys(self, pairs: Ints) -> Ints:
+        low, high = np.sort(pairs, axis=1).T
+        return np.asarray(low * len(self.nodes) + high)
+
+    @property
+    def mean_edge(self) -> float:
+        """The mean length of an edge."""
+        return float(np.mean(lengths(self.nodes, self.edges)))
+
+    @cached_property
+    def longest_edges(self) -> Floats:
+        """(m,) the longest edge of each cell."""
+        longest: Floats = np.max(
+            [lengths(self.nodes, self.corners[:, pair]) for pair in EDGES_OF[self.manifold_dim]], axis=0
+        )
+        return longest
+
+    def check(self) -> None:
+        """Refuse a mesh without cells, or with cells without a measure.
+
+        Raises
+        ------
+        InputError
+            If so.
+        """
+        if not len(self.cells):
+            raise InputError("backend='fem' needs triangles with three different corners, got none.")
+        if self.manifold_dim == 1:
+            return
+        a, b, c = (self.nodes[self.corners[:, k]] for k in range(3))
+        first, second = b - a, c - a
+        shear = np.sum(first * second, axis=1) / np.sum(first**2, axis=1)
+        twice_area = np.linalg.norm(first, axis=1) * np.linalg.norm(second - shear[:, None] * first, axis=1)
+        flat = np.flatnonzero(~(twice_area > FLAT_TRIANGLE_SHARE * self.longest_edges**2))
+        if len(flat):
+            raise InputError(
+                f"backend='fem' needs triangles with an area, got {len(flat)} of {len(self.cells)} without, the first "
+                f"at {a[flat[0]].tolist()}; repair the mesh, or use backend='cpm'."
+            )
+
+
+def lengths(nodes: Floats, pairs: Ints) -> Floats:
+    """Return the distances (e,) of pairs (e, 2) of nodes."""
+    found: Floats = np.linalg.norm(nodes[pairs[:, 1]] - nodes[pairs[:, 0]], axis=1)
+    return found

@@ -1,0 +1,39 @@
+"""Contacts without resistance at points of a curve: what u jumps by is an unknown of its own there, and given.
+
+With ``w = u_left - u_right`` in the place of ``u_right``, u is ``T w`` with a T that is its own inverse. Along a curve
+of a surface the jump is held by a large conductance instead (``ties.py``), since seams may meet; at points of a curve,
+where b is as small as an edge, the rounding of that would be felt.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cpmkit.plugin import Ints
+from cpmkit_fem.ties import Tie
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+
+def change_of(ties: Sequence[Tie], size: int) -> csr_array | None:
+    """Return T (n, n), n the ``size``; None where no contact holds its jump so."""
+    from scipy.sparse import csr_array
+
+    left, right = sides_of_jumps(ties)
+    if not len(left):
+        return None
+    sign = np.ones(size)
+    sign[right] = -1.0
+    entries = np.concatenate([sign, np.ones(len(right))])
+    rows, columns = np.concatenate([np.arange(size), right]), np.concatenate([np.arange(size), left])
+    return csr_array((entries, (rows, columns)), shape=(size, size))
+
+
+def sides_of_jumps(ties: Sequence[Tie]) -> tuple[Ints, Ints]:
+    """Return the nodes (k,) on the left and on the right of the contacts that hold their jumps so."""
+    none, held = np.zeros(0, dtype=np.int64), [tie for tie in ties if tie.holds_jump]
+    return np.concatenate([none, *(tie.left for tie in held)]), np.concatenate([none, *(tie.right for tie in held)])

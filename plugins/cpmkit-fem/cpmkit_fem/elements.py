@@ -1,0 +1,74 @@
+"""Reference elements: points with weights, and the functions that are 1 at one node and 0 at all others."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from cpmkit.plugin import Floats, Ints
+
+#: Corners of a cell and nodes of an element, by the dimension of the manifold and the degree.
+NODES = {(0, 1): 1, (1, 1): 2, (2, 1): 3, (0, 2): 1, (1, 2): 3, (2, 2): 6}
+#: The edges between the corners of a cell in the order of their midpoints, which follow the corners.
+EDGES_OF = {1: np.array([[0, 1]]), 2: np.array([[0, 1], [1, 2], [0, 2]])}
+#: The parts of an element between its nodes, by the dimension of the manifold and the degree.
+PARTS = {
+    (1, 1): np.array([[0, 1]]),
+    (2, 1): np.array([[0, 1, 2]]),
+    (1, 2): np.array([[0, 2], [2, 1]]),
+    (2, 2): np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """Functions on a reference element at points of it.
+
+    Attributes
+    ----------
+    values : (n, q) float64
+        Of each of n functions.
+    slopes : (n, k, q) float64
+        Their derivatives along k axes.
+    weights : (q,) float64
+        Of the points; they add up to the element's measure.
+    """
+
+    values: Floats
+    slopes: Floats
+    weights: Floats
+
+
+@lru_cache(maxsize=16)
+def quadrature(manifold_dim: int, degree: int, order: int) -> Shape:
+    """Return the functions at points that integrate polynomials of an ``order`` exactly."""
+    from skfem.quadrature import get_quadrature
+
+    if manifold_dim == 0:
+        return Shape(np.ones((1, 1)), np.zeros((1, 0, 1)), np.ones(1))
+    points, weights = get_quadrature(_element(manifold_dim, degree).refdom, order)
+    return shape_at(manifold_dim, degree, points, weights)
+
+
+def shape_at(manifold_dim: int, degree: int, points: Floats, weights: Floats | None = None) -> Shape:
+    """Return the functions at ``points`` (k, q) of the reference element."""
+    found = [_element(manifold_dim, degree).lbasis(points, i) for i in range(NODES[manifold_dim, degree])]
+    count = points.shape[1]
+    values = np.stack([np.broadcast_to(phi, (count,)) for phi, _ in found])
+    slopes = np.stack([np.broadcast_to(slope, (manifold_dim, count)) for _, slope in found])
+    return Shape(values, slopes, np.ones(count) if weights is None else weights)
+
+
+def _element(manifold_dim: int, degree: int):  # type: ignore[no-untyped-def]  # scikit-fem has no types
+    from skfem import ElementLineP1, ElementLineP2, ElementTriP1, ElementTriP2
+
+    return {(1, 1): ElementLineP1, (2, 1): ElementTriP1, (1, 2): ElementLineP2, (2, 2): ElementTriP2}[
+        manifold_dim, degree
+    ]()
+
+
+def in_parts(cells: Ints, manifold_dim: int, degree: int) -> Ints:
+    """Return the parts (m, k) of elements (m, n), between nodes that are next to each other."""
+    return np.ascontiguousarray(cells[:, PARTS[manifold_dim, degree]].reshape(-1, manifold_dim + 1))

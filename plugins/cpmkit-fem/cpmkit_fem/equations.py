@@ -1,0 +1,125 @@
+"""Finite elements as the families of equations see them: matrices, right-hand sides, conditions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from cpmkit.plugin import (
+    Border,
+    CsrOperator,
+    Data,
+    Floats,
+    InputError,
+    Mixed,
+    Nonlinear,
+    SceneError,
+    Spectral,
+    StateFlux,
+    Stiffness,
+    Terms,
+    Value,
+)
+from cpmkit_fem.assembly import lumped, stiffness_and_mass
+from cpmkit_fem.on_nodes import OnNodes
+from cpmkit_fem.operator import VertexOperator, diagonal_matrix, pinned_operator, without
+from cpmkit_fem.rim import RimPart
+
+
+@dataclass(frozen=True, eq=False)
+class Equations(OnNodes):
+    """The equations on the nodes of a mesh."""
+
+    def stiffness(self, terms: Terms) -> VertexOperator:
+        """Return A, the integrals of a grad u . grad v + c u v, and over the rim of a beta / alpha u v.
+
+        Raises
+        ------
+        SceneError
+            If there is a velocity.
+        InputError
+            If a diffusivity is not above zero.
+        """
+        if terms.velocity is not None:
+            kind = self.scene.problem.kind
+            raise SceneError(f"backend='fem' takes no velocity, got the kind {kind!r} with one; use backend='cpm'.")
+        if terms.lumped and self.mesh.degree == 2:
+            raise InputError("a lumped mass is one of degree 1, got degree=2, whose row sums are zero; use degree=1.")
+        a, c = (self.read(*one)[:, 0] for one in ((terms.diffusivity, "the diffusivity"), (terms.c, "the factor c")))
+        if np.any(a <= 0):
+            raise InputError(f"the diffusivity must be above zero, got {a.min():g}.")
+        matrix, mass = a[0] * self.laplacian, c[0] * self.mass_matrix
+        if callable(terms.diffusivity) or callable(terms.c):
+            matrix, mass = stiffness_and_mass(self.mesh.nodes, self.mesh.cells, a, c, self.mesh.degree)
+        matrix = (matrix + (lumped(mass) if terms.lumped else mass)).tocsr()
+        for tie in self.ties:
+            if not tie.holds_jump:
+                matrix = (matrix + tie.stiffness(a)).tocsr()
+        rims = [part.mass(a / part.law.alpha) for part in self._flows]
+        for part in self._flows:
+            if isinstance(part.law, Mixed):
+                beta = part.given(part.law.beta, 1, None)[:, 0]
+                matrix = (matrix + part.mass(a * beta / part.law.alpha)).tocsr()
+        fixed = not callable(terms.c) and bool(terms.c)
+        return pinned_operator(self.changed(matrix), self.pins.vertices, rims, fixed, a)
+
+    @property
+    def _flows(self) -> list[RimPart]:
+        """The parts on which du/db is in the law."""
+        return [part for part in self.rim if not isinstance(part.law, Value)]
+
+    def load(self, f: Data, time: float | None = None) -> Floats:
+        """Return the integrals of f v, f linear between the vertices; none at pinned vertices."""
+        b = self.tested(self.mass_matrix @ self.read(f, "the right-hand side f", time, self.channels))
+        b[self.pins.vertices] = 0.0
+        return b
+
+    def data(self, stiffness: Stiffness, time: float | None = None, of: str = "value") -> Floats:
+        """Return the integrals of the fluxes' data over the rim, and what the given values add to b."""
+        del of  # a second Laplacian is refused
+        assert isinstance(stiffness, VertexOperator)
+        b = np.zeros((self.size, self.channels))
+        for part, rim in zip(self._flows, stiffness.rims, strict=True):
+            b += rim @ part.given(part.law.datum, self.channels, time)
+        for tie in self.ties:
+            b += tie.load(stiffness.diffusivity, self.channels, time)
+        b = self.tested(b)
+        b[self.pins.vertices] = 0.0
+        return np.asarray(b - stiffness.coupling @ self.pins.values(time))
+
+    def boundary_mass(self, stiffness: Stiffness) -> CsrOperator | None:
+        """Return the integrals of a u v over the parts of the rim where du/db = lambda u; None where there are none."""
+        assert isinstance(stiffness, VertexOperator)
+        pairs = zip(self._flows, stiffness.rims, strict=True)
+        spectral = [rim for part, rim in pairs if isinstance(part.law, Spectral)]
+        if not spectral:
+            return None
+        return CsrOperator(
+            without(self.changed(sum(spectral[1:], spectral[0])), self.pins.vertices, columns=True), symmetric=True
+        )
+
+    def free_constants(self, stiffness: Stiffness) -> Border | None:
+        """Return the pieces on which a constant is free, with means over them; None where there is none."""
+        assert isinstance(stiffness, VertexOperator)
+        border = None if stiffness.fixed else super().free_constants(stiffness)
+        if border is None or self.change is None:
+            return border
+        weights = (border.indicator.T @ self._mass).tocsr()  # M has no columns at jumps that are given
+        measure = np.asarray((weights @ border.indicator).sum(axis=1)).ravel()
+        return replace(border, mean=diagonal_matrix(1 / measure) @ weights)
+
+    # Fluxes that depend on the solution
+
+    @property
+    def state_fluxes(self) -> Sequence[StateFlux]:
+        """The parts whose flux depends on the solution."""
+        return [part for part in self.rim if isinstance(part.law, Nonlinear)]
+
+    def linearized(self, seen: Sequence[Floats]) -> Self:
+        """Return the form with the fluxes' tangents."""
+        values = iter(seen)
+        rim = [part.linearized(next(values)) if isinstance(part.law, Nonlinear) else part for part in self.rim]
+        return replace(self, rim=rim)

@@ -1,0 +1,55 @@
+"""Where the curves of a union meet: u is one there only if their meshes have a vertex in common."""
+
+from __future__ import annotations
+
+from itertools import permutations
+
+import numpy as np
+
+from cpmkit.plugin import ClosestPointSource, Floats, HasMembers, InputError, Ints, place
+from cpmkit_fem.cell_mesh import CellMesh, lengths
+
+#: Curves meet where they come nearer than this share of an edge.
+MEETING_EDGE_SHARE = 0.1
+#: Rounds of projections from one curve to the other.
+ROUNDS = 12
+
+
+def check_junctions(surface: ClosestPointSource, mesh: CellMesh) -> None:
+    """Refuse a union of curves that meet where their meshes have no common vertex.
+
+    Raises
+    ------
+    InputError
+        With the place.
+    """
+    if mesh.manifold_dim != 1 or not isinstance(surface, HasMembers) or len(surface.members) < 2:
+        return
+    member = surface.closest_point(mesh.nodes[mesh.corners].mean(axis=1)).element
+    assert member is not None
+    for own, other in permutations(range(len(surface.members)), 2):
+        cells = mesh.corners[member == own]
+        shared = np.intersect1d(cells, mesh.corners[member == other])
+        for point, reach in zip(*_meetings(mesh.nodes, cells, surface.members[other]), strict=True):
+            if not np.any(np.linalg.norm(mesh.nodes[shared] - point, axis=1) <= reach):
+                raise InputError(
+                    f"members {own} and {other} of the union meet near {place(point)}, where their segments have no "
+                    "common vertex, so backend='fem' would part them; end the members there, or use backend='cpm'."
+                )
+
+
+def _meetings(nodes: Floats, cells: Ints, other: ClosestPointSource) -> tuple[Floats, Floats]:
+    """Return the points (k, d) of segments at which another curve meets them, and the lengths (k,) of these."""
+    length = lengths(nodes, cells)
+    centres = nodes[cells].mean(axis=1)
+    near = other.closest_point(centres).distance <= length if len(cells) else np.zeros(0, dtype=bool)
+    start, way, length = nodes[cells[near, 0]], (nodes[cells[near, 1]] - nodes[cells[near, 0]]), length[near]
+    points = centres[near]
+    if not len(points):
+        return points, length
+    for _ in range(ROUNDS):
+        feet = other.closest_point(points).points
+        share = np.clip(np.sum((feet - start) * way, axis=1) / length**2, 0.0, 1.0)
+        points = start + share[:, None] * way
+    met = np.linalg.norm(points - feet, axis=1) <= MEETING_EDGE_SHARE * length
+    return points[met], length[met]

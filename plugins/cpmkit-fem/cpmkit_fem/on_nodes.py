@@ -1,0 +1,136 @@
+"""A scene on the nodes of a mesh: what is unknown there, and what is held."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, ClassVar, Self
+
+import numpy as np
+
+from cpmkit.plugin import CsrOperator, CutMesh, Discretized, Floats, Ints, Scene
+from cpmkit_fem.cell_mesh import CellMesh
+from cpmkit_fem.contacts import change_of
+from cpmkit_fem.elements import in_parts
+from cpmkit_fem.nearest import pinned_vertices
+from cpmkit_fem.operator import without
+from cpmkit_fem.pins import Pins, pins_of
+from cpmkit_fem.rim import RimPart, rim_of
+from cpmkit_fem.sides import on_own_side, sides_of
+from cpmkit_fem.ties import Tie, ties_of
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+
+@dataclass(frozen=True, eq=False)
+class OnNodes(Discretized):
+    """A scene on a mesh, with functions that are polynomials on each cell: unknowns are values at nodes.
+
+    Attributes
+    ----------
+    scene : Scene
+        What is discretised.
+    mesh : CellMesh
+        Of the surface or curve.
+    cut : CutMesh or None
+        What lies on boundaries; None where there are none, or vertices near them are pinned.
+    rim : sequence of RimPart
+        Its rim and the sides of boundaries, by condition.
+    ties : sequence of Tie
+        The boundaries that couple their sides.
+    pins : Pins
+        The vertices whose values are given.
+    laplacian, mass_matrix : csr_array (v, v)
+        The integrals of grad u . grad v and of u v.
+    """
+
+    scene: Scene
+    mesh: CellMesh
+    cut: CutMesh | None
+    rim: Sequence[RimPart]
+    ties: Sequence[Tie]
+    pins: Pins
+    laplacian: csr_array
+    mass_matrix: csr_array
+
+    form: ClassVar[str] = "fem"
+    libraries: ClassVar[tuple[str, ...]] = ("cpmkit", "cpmkit-fem", "scikit-fem", "numpy", "scipy")
+    cannot: ClassVar[Mapping[str, str]] = {
+        "second Laplacian": "use backend='cpm'",
+        "diffusivity that is a tensor": "use backend='cpm'",
+        "diffusivity that depends on u": "use backend='cpm'",
+        "explicit steps": "use scheme 'newmark' or 'implicit', or backend='cpm'",
+    }
+    #: Factors of a matrix of triangles are sparse enough for every mesh.
+    factorise_up_to: ClassVar[float] = np.inf
+
+    @property
+    def vertices(self) -> Floats:
+        """(v, d) the nodes of the mesh: its vertices, of degree 2 then the midpoints of its edges."""
+        return self.mesh.nodes
+
+    @cached_property
+    def faces(self) -> Ints:
+        """(m, k) triangles, k = 3, or segments, k = 2, between them; of degree 2 four or two to a cell."""
+        return in_parts(self.mesh.cells, self.mesh.manifold_dim, self.mesh.degree)
+
+    @property
+    def size(self) -> int:
+        """Number of nodes."""
+        return len(self.vertices)
+
+    @cached_property
+    def spacing(self) -> float:
+        """The mean length of a cell's side."""
+        corners = self.vertices[self.mesh.corners]
+        return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean())
+
+    @cached_property
+    def points(self) -> Floats:
+        """(v, d) the nodes; on boundaries a little on their own side, for data that differ on the two."""
+        return on_own_side(self.scene, self.mesh, self.cut)
+
+    def restated(self, scene: Scene) -> Self:
+        """Return the same mesh and matrices with another scene, whose conditions have other data at most."""
+        pairs = zip(scene.boundaries, self.scene.boundaries, strict=True)
+        if scene.edge is self.scene.edge and all(first is second for first, second in pairs):
+            return replace(self, scene=scene, pins=replace(self.pins, channels=scene.channels))
+        rim = conditions_of(scene, self.mesh, self.cut)
+        ties = ties_of(scene, self.mesh, self.cut)
+        return replace(self, scene=scene, rim=rim, ties=ties, pins=pins_of(rim, ties, scene.channels))
+
+    @cached_property
+    def mass(self) -> CsrOperator:
+        """M, with no rows at pinned vertices, and columns there only where data, and so their values, move in time."""
+        moves = self.data_move
+        return CsrOperator(without(self._mass, self.pins.vertices, columns=not moves), symmetric=not moves)
+
+    @cached_property
+    def _mass(self) -> csr_array:
+        return self.changed(self.mass_matrix)
+
+    @cached_property
+    def change(self) -> csr_array | None:
+        """T (n, n), with values at nodes ``T u`` and T its own inverse; None where unknowns are these values."""
+        return change_of(self.ties, self.size)
+
+    def changed(self, matrix: csr_array) -> csr_array:
+        """Return ``T' matrix T``: a form of values at nodes as one of unknowns."""
+        return matrix if self.change is None else (self.change.T @ matrix @ self.change).tocsr()
+
+    def tested(self, b: Floats) -> Floats:
+        """Return ``T' b``: what is tested by functions at nodes, as by the unknowns'."""
+        return b if self.change is None else np.asarray(self.change.T @ b)
+
+    def exchanged(self, values: Floats) -> Floats:
+        """Return ``T values``: the unknowns of values at nodes, and the reverse."""
+        return values if self.change is None else np.asarray(self.change @ values)
+
+
+def conditions_of(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> Sequence[RimPart]:
+    """Return the parts of the rim and the sides of boundaries, each with its law."""
+    if cut is None:
+        return [*pinned_vertices(scene, mesh), *rim_of(scene, mesh, np.zeros((0, mesh.manifold_dim), dtype=np.int64))]
+    return [*sides_of(scene, mesh, cut), *rim_of(scene, mesh, cut.edges)]

@@ -1,0 +1,44 @@
+"""Reading functions of elements at places inside cells."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cpmkit.plugin import Floats, Ints
+from cpmkit_fem.cell_mesh import CellMesh
+from cpmkit_fem.elements import shape_at
+from cpmkit_fem.surface_mapping import unfold
+
+#: Steps of Gauss and Newton from the place on a flat cell to that on the curved one, and how far they may lead.
+STEPS, FARTHEST = 3, 0.3
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+
+def on_curved(mesh: CellMesh, cell: Ints, local: Floats, points: Floats) -> Floats:
+    """Return the barycentric coordinates (k, c) of the places on curved cells nearest to ``points`` (k, d) near them.
+
+    From those on the flat cells, which stay where steps lead far away.
+    """
+    start = local[:, 1:].T
+    found, nodes = start, mesh.nodes[mesh.cells[cell]]
+    for _ in range(STEPS):
+        shape = shape_at(mesh.manifold_dim, mesh.degree, found)
+        missed = points - np.einsum("nk,knd->kd", shape.values, nodes)
+        jacobian = np.einsum("njk,knd->jdk", shape.slopes, nodes)
+        found = found + np.einsum("jdk,kd->jk", unfold(jacobian[..., None])[1][..., 0], missed)
+    astray = ~(np.abs(found - start).max(axis=0, initial=0.0) <= FARTHEST)
+    found = np.where(astray, start, found)
+    return np.concatenate([1 - found.sum(axis=0, keepdims=True), found]).T
+
+
+def reading_matrix(mesh: CellMesh, cell: Ints, local: Floats) -> csr_array:
+    """Return the matrix (k, n) that reads u in a cell (k,) each, at barycentric coordinates (k, c) of its corners."""
+    from scipy.sparse import csr_array
+
+    values = local if mesh.degree == 1 else shape_at(mesh.manifold_dim, mesh.degree, local[:, 1:].T).values.T
+    starts = values.shape[1] * np.arange(len(cell) + 1)
+    return csr_array((values.ravel(), mesh.cells[cell].ravel(), starts), shape=(len(cell), len(mesh.nodes)))
