@@ -58,7 +58,7 @@ def solution_off(name: str) -> tuple[ck.Scene, dict[str, Any], Callable[[Any], f
     problem = ck.ScreenedPoisson(lambda x: np.cos(6 * x[:, 0]) + np.sin(5 * x[:, 1] + 2 * x[:, 2]) + x[:, 2], c=1.0)
     scene = ck.Scene(ck.source("mesh.triangles", vertices=vertices, faces=faces), problem)
     u = ck.solve(scene, backend="fem", solver_tolerance=1e-9).evaluate(vertices)
-    options = {"solver_tolerance": 1e-8, "max_iterations": 6000}
+    options = {"form": "collocation", "solver_tolerance": 1e-8, "max_iterations": 6000}
     return scene, options, lambda s: float(200 * np.std(s.evaluate(vertices) - u) / np.ptp(u))
 
 

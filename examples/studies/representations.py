@@ -226,7 +226,7 @@ def study(manifold: Manifold) -> dict[str, list[Row]]:
             errors = [float(np.abs(one - u(points)).max() / spread) for one in solved]
             closed = finest.setdefault(problem, solved[-1])
             difference = float(np.abs(solved[-1] - closed).max() / spread)
-            floor = ck.explain(scene, manifold.spacings[-1], origin=ORIGIN).floor
+            floor = ck.explain(scene, manifold.spacings[-1], origin=ORIGIN, form="collocation").floor
             tables.setdefault(problem, []).append(Row(representation, off, errors, difference, floor))
             print(manifold.name, problem, tables[problem][-1], flush=True)
     return tables
@@ -243,7 +243,8 @@ def as_markdown(manifold: Manifold, tables: dict[str, list[Row]]) -> str:
     for problem, rows in tables.items():
         spacings = " | ".join(f"error at {h:g}" for h in manifold.spacings)
         lines += [f"**{manifold.name.capitalize()}: {problem}**", ""]
-        lines += [f"| representation | feet off by | {spacings} | order | differs from closed form | floor predicted |"]
+        heads = f"closest points off by | {spacings} | order | differs from closed form | floor predicted"
+        lines += [f"| representation | {heads} |"]
         lines += ["|---|---|" + "---|" * (len(manifold.spacings) + 3)]
         for row in rows:
             errors = " | ".join(f"{error:.1e}" for error in row.errors)
