@@ -138,7 +138,7 @@ def cell_levels(source: LocalSource, spacing: float, offset: float | Floats) -> 
     while side > 1 and len(blocks) <= len(children):  # nothing is far from blocks as large as the manifold
         blocks, side = (2 * blocks[:, None] + children).reshape(-1, dim), side // 2
     while True:
-        centres: Floats = ((blocks + 0.5) * side - offset) * spacing
+        centres = np.asarray(((blocks + 0.5) * side - offset) * spacing, dtype=np.float64)
         reach = 0.5 * np.sqrt(dim) * side * spacing * (1 + CELL_SLACK_SHARE)
         blocks = blocks[source.closest_point(centres).distance <= reach]
         yield side, blocks
