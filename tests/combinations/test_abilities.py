@@ -70,10 +70,6 @@ class Able:
         asked = f"The circle was asked at {spacing:g}."
         return protocols.Advice(1e-3 * spacing, (asked,), 1e-4 * spacing, (asked,))
 
-    @property
-    def members(self):
-        raise AttributeError("it is no union")
-
 
 class Pair(Able):
     """The same, called a union of one."""

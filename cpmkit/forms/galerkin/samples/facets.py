@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
+from cpmkit.manifold.vectors import dots, norms
 from cpmkit.protocols import Floats
 
 #: Pieces with the area times the square of the length, in spacings, below the angle times this have one sample.
@@ -17,19 +18,19 @@ SINGLE_MOMENT_OF_ANGLE = 0.5
 #: eighths of them; on a ball of 1,280 facets, under smooth data, 1 to 4 percent more with three fifths; on Spot and a
 #: koala of 100,000 triangles, left whole on coarse lattices, up to 5 percent more with one sample a triangle.
 MOST_SINGLE_MOMENT = 5e-3
-#: The same limit for curved triangles, which only lattices far coarser than a mesh come to. A sphere of 82,000
+#: The same for whole curved triangles, which only lattices far coarser than a mesh come to. A sphere of 82,000
 #: triangles and a torus of 58,000 then have the same errors to 1 percent, Nefertiti and a koala of 100,000 errors up to
 #: 7 percent larger, with a third to three quarters of the samples; ten times the limit is a sixth more on the sphere.
 CURVED_SINGLE_MOMENT = 1e-4
 
 
-def single_moments(mesh: SampleMesh) -> Floats:
+def single_moments(mesh: SampleMesh, spacing: float) -> Floats:
     """Return (m,) the area times the square of the length, in spacings, below which pieces of a triangle have a sample.
 
     None has where a triangle touches a boundary: what one side of that sees of a cell may be little. And where a flat
-    one lies in a plane with a neighbour, or has none at an edge or several.
+    one lies in a plane with a neighbour, or has none at an edge or several, or a curved one is not small as a whole.
     """
-    found = np.full(len(mesh.cells), CURVED_SINGLE_MOMENT) if mesh.midpoints is not None else _of_flat(mesh)
+    found = _of_flat(mesh) if mesh.midpoints is None else _of_curved(mesh, spacing)
     beside = np.zeros(len(mesh.vertices), dtype=bool)
     beside[mesh.cut] = True
     found[beside[mesh.cells].any(axis=1)] = 0.0
@@ -43,3 +44,10 @@ def _of_flat(mesh: SampleMesh) -> Floats:
     sine = least_turn(mesh.vertices, np.ascontiguousarray(mesh.cells), edges_of(mesh).of_cells)
     found: Floats = np.minimum(SINGLE_MOMENT_OF_ANGLE * sine, MOST_SINGLE_MOMENT)
     return found
+
+
+def _of_curved(mesh: SampleMesh, spacing: float) -> Floats:
+    corners = mesh.vertices[mesh.cells] / spacing
+    area = 0.5 * norms(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+    extent = corners.max(axis=1) - corners.min(axis=1)
+    return np.where(area * dots(extent, extent) < CURVED_SINGLE_MOMENT, CURVED_SINGLE_MOMENT, 0.0)

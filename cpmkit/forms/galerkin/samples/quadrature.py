@@ -63,7 +63,7 @@ def _of_triangles(mesh: SampleMesh, clipped_at: float | None, clipped: Bools | N
     spacing = 1.0 if clipped_at is None else float(clipped_at)
     if clipped is None or clipped_at is None:
         clipped = np.full(len(mesh.cells), clipped_at is not None)
-    single = np.zeros(len(mesh.cells)) if clipped_at is None else single_moments(mesh)
+    single = np.zeros(len(mesh.cells)) if clipped_at is None else single_moments(mesh, spacing)
     for start in range(0, max(len(mesh.cells), 1), TRIANGLES_AT_ONCE):
         some = slice(start, start + TRIANGLES_AT_ONCE)
         nodes = mesh.vertices[mesh.cells[some]]

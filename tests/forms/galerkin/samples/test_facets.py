@@ -35,15 +35,15 @@ def test_the_least_angle_at_an_edge_decides_whichever_way_triangles_are_wound():
     normals = np.cross(*(low.vertices[low.cells[:, k]] - low.vertices[low.cells[:, 0]] for k in (1, 2)))
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     sine = np.linalg.norm(np.cross(normals[:, None], normals[None]), axis=2) + 9 * np.eye(4)
-    np.testing.assert_allclose(single_moments(low), SINGLE_MOMENT_OF_ANGLE * sine.min(axis=1), rtol=1e-12)
+    np.testing.assert_allclose(single_moments(low, 1.0), SINGLE_MOMENT_OF_ANGLE * sine.min(axis=1), rtol=1e-12)
 
 
 def test_planes_rims_and_edges_of_three_have_all_samples():
     bent = roof(0.01)
     third = replace(bent, vertices=np.r_[bent.vertices, [[0, 0, 1]]], cells=np.r_[bent.cells, [[0, 1, 4]]])
     for one in (roof(0.0), bent, third, mesh(*(getattr(box(), name) for name in ("vertices", "faces")))):
-        np.testing.assert_allclose(single_moments(one), 0.0, atol=1e-15)
-    assert single_moments(mesh(BALL.vertices, BALL.faces)).min() == MOST_SINGLE_MOMENT
+        np.testing.assert_allclose(single_moments(one, 1.0), 0.0, atol=1e-15)
+    assert single_moments(mesh(BALL.vertices, BALL.faces), 1.0).min() == MOST_SINGLE_MOMENT
 
 
 def test_curved_triangles_much_smaller_than_a_spacing_have_one_sample_and_cost_no_accuracy():
@@ -66,7 +66,7 @@ def test_triangles_that_touch_a_boundary_have_all_samples():
     cut = replace(ball, cut=ball.cells[:1, :2])
     touching = np.isin(ball.cells, cut.cut).any(axis=1)
     assert 0 < touching.sum() < 20
-    np.testing.assert_array_equal(single_moments(cut) == 0, touching)
+    np.testing.assert_array_equal(single_moments(cut, 1.0) == 0, touching)
 
 
 def test_facets_cost_two_thirds_of_the_samples_and_no_accuracy():
@@ -76,7 +76,9 @@ def test_facets_cost_two_thirds_of_the_samples_and_no_accuracy():
     origins = [np.zeros(3), np.array([0.06, 0.03, 0.01])]
     fewer = [ck.solve(scene, spacing, form="galerkin", origin=origin) for origin in origins]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("cpmkit.forms.galerkin.samples.quadrature.single_moments", lambda one: np.zeros(len(one.cells)))
+        patch.setattr(
+            "cpmkit.forms.galerkin.samples.quadrature.single_moments", lambda one, _spacing: np.zeros(len(one.cells))
+        )
         every = [ck.solve(scene, spacing, form="galerkin", origin=origin) for origin in origins]
         fine = ck.solve(scene, spacing / 3, form="galerkin").evaluate(at)
     assert sum(one.work.samples for one in fewer) < 0.67 * sum(one.work.samples for one in every)
