@@ -12,7 +12,7 @@ from cpmkit.solution.modes import EigenSolution
 from cpmkit.solution.solution import Solution
 
 #: Points of the finer solution that are compared, for each of its unknowns, at least, and at most.
-COMPARED_PER_UNKNOWN, LEAST_COMPARED, MOST_COMPARED = 1, 1_000, 8_000
+COMPARED_PER_UNKNOWN, LEAST_COMPARED, MOST_COMPARED = 0.5, 1_000, 8_000
 #: Eigenvalues below this share of the largest are zero: their errors are shares of the first that is not.
 ZERO_SHARE = 1e-6
 #: A range below this share of a solution's size is rounding and what the solver leaves.
@@ -45,13 +45,16 @@ class Difference:
 
 def compared_points(solution: Solution) -> tuple[Floats, Floats, Floats]:
     """Return points (k, d) at which a solution is compared, their weights (k,) and its values (k, channels) there."""
-    form, points = solution.discretized, solution.discretized.points  # a form may make them anew each time
-    count = min(max(COMPARED_PER_UNKNOWN * form.size, LEAST_COMPARED), MOST_COMPARED, len(points))
-    chosen = np.linspace(0, len(points) - 1, count).astype(np.int64)
+    form = solution.discretized
+    count = min(max(int(COMPARED_PER_UNKNOWN * form.size), LEAST_COMPARED), MOST_COMPARED, form.point_count)
+    chosen = np.linspace(0, form.point_count - 1, count).astype(np.int64)
     weights = form.point_weights
     weights = np.ones(len(chosen)) if weights is None else weights[chosen]
-    points = points[chosen]
-    values = form.at_points(solution.values)[chosen] if form.one_reading else solution.evaluate(points)
+    if form.one_reading:
+        points, values = form.at_some_points(chosen, solution.values)
+    else:
+        points = form.points[chosen]
+        values = solution.evaluate(points)
     return points, weights / weights.sum(), values.reshape(len(points), -1)
 
 

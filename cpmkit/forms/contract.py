@@ -25,7 +25,7 @@ from cpmkit.forms.imbalance import Imbalance
 from cpmkit.forms.options import Options
 from cpmkit.linear.operators import Border, Bordered
 from cpmkit.manifold.abilities import advice_of
-from cpmkit.protocols import SIDES, Floats, Operator, Side, Sides, Stiffness
+from cpmkit.protocols import SIDES, Floats, Ints, Operator, Side, Sides, Stiffness
 from cpmkit.scene.data import Data, evaluate_data, takes_time
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.laws import Spectral, takes_nothing
@@ -287,6 +287,15 @@ class Discretized(ABC):
     @abstractmethod
     def at_points(self, u: Floats) -> Floats:
         """Return the values (p, channels) of u (n, channels) at :attr:`points`."""
+
+    @property
+    def point_count(self) -> int:
+        """How many :attr:`points` there are."""
+        return len(self.points)
+
+    def at_some_points(self, rows: Ints, u: Floats) -> tuple[Floats, Floats]:
+        """Return those of the points that ``rows`` (k,) number, (k, d), and the values (k, channels) of u there."""
+        return self.points[rows], self.at_points(u)[rows]
 
     def slopes_at_points(self, u: Floats) -> Floats:
         """Return the tangential gradients (p, channels, d) of u (n, channels) at :attr:`points`."""

@@ -25,7 +25,7 @@ from cpmkit.forms.galerkin.space.energy import (
 )
 from cpmkit.linear.operators import CsrOperator
 from cpmkit.manifold.tangent_space import project_tangent
-from cpmkit.protocols import Floats
+from cpmkit.protocols import Floats, Ints
 from cpmkit.scene.data import Data
 
 if TYPE_CHECKING:
@@ -101,8 +101,24 @@ class Values(Reader):
 
     def at_points(self, u: Floats) -> Floats:
         """Return the values (p, channels) of u at the samples."""
-        found = values_at_samples(self.space, u[: self._tips.splines])[: self.sampled.interior]
+        found = self._spline_values(u, slice(self.sampled.interior))
         return found + self._tips.inside @ u[self._tips.splines :] if len(self._tips) else found
+
+    @property
+    def point_count(self) -> int:
+        """Number of samples of the manifold."""
+        return self.sampled.interior
+
+    def at_some_points(self, rows: Ints, u: Floats) -> tuple[Floats, Floats]:
+        """Return the samples (k, d) that ``rows`` (k,) number, and the values (k, channels) of u there."""
+        found = self._spline_values(u, rows)
+        if len(self._tips):
+            found = found + self._tips.inside[rows] @ u[self._tips.splines :]
+        return self.sampled.lattice.to_scene(self.sampled.samples.points_at(rows)), found
+
+    def _spline_values(self, u: Floats, rows: slice | Ints) -> Floats:
+        """Return the values (k, channels) at samples of the splines in u."""
+        return values_at_samples(self.space, u[: self._tips.splines], rows)
 
     def slopes_at_points(self, u: Floats) -> Floats:
         """Return the tangential gradients (p, channels, d) of u at the samples, as they are."""

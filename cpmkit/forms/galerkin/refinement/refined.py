@@ -132,9 +132,8 @@ class RefinedGalerkin(Galerkin):
         """Refuse: what weak divergences are taken of is not known beyond the spacing that it was made at."""
         raise SceneError("refine='auto' takes no divergence as a right-hand side; use refine='off'.")
 
-    def at_points(self, u: Floats) -> Floats:
-        """Return the values (p, channels) of u at the samples."""
-        return values_at_samples(self.space, self._spread(u))[: self.sampled.interior]
+    def _spline_values(self, u: Floats, rows: slice | Ints) -> Floats:
+        return values_at_samples(self.space, self._spread(u), rows)
 
     def _spline_slopes(self, u: Floats) -> Floats:
         parting, spread = self.refined.parting, self._spread(u)

@@ -116,13 +116,13 @@ def load(space: Space, f: Floats, some: slice = EVERY_SAMPLE) -> Floats:
     return loads
 
 
-def values_at_samples(space: Space, u: Floats) -> Floats:
-    """Return (q, channels) the values at the samples of the splines with coefficients ``u`` (n, channels)."""
+def values_at_samples(space: Space, u: Floats, rows: slice | Ints = EVERY_SAMPLE) -> Floats:
+    """Return (k, channels) the values at samples ``rows`` of the splines with coefficients ``u`` (n, channels)."""
     from cpmkit.forms.galerkin.space.sample_kernels import read_values
 
-    parting, places = space.parting, space.samples.places
+    parting, places = space.parting, space.samples.places[rows]
     values = np.empty((len(places), u.shape[1]))
-    read_values(parting.unknowns, parting.patch, places, np.ascontiguousarray(u), values)
+    read_values(parting.unknowns, parting.patch[rows], places, np.ascontiguousarray(u), values)
     return values
 
 
