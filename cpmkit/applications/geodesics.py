@@ -131,8 +131,8 @@ def geodesic_distance(
 
 
 def _measured(prepared: Prepared, given: Origins, rounds: int) -> Distance:
-    straight, _, number = given.closest(prepared.points)
-    near = _Near(straight, number)
+    points = prepared.discretized.points_in_use  # held here, so that all fields below share them
+    near = _Near(*given.distances(points))
     field, phi = _by_heat(prepared, given, near)
     for _ in range(rounds):
         phi = _carried(prepared, near, field, phi)
@@ -151,11 +151,11 @@ def _by_heat(prepared: Prepared, origins: Origins, near: _Near) -> tuple[ck.Fiel
     """Return X (p, d) away from the origins, and the distance that the heat method makes of it."""
     field = away_from(prepared, origins)
     phi = heat_solver(prepared).solve(problem=ck.Poisson(field.divergence(-1.0)))
-    return field, _moved(phi, prepared.field(phi).values, near)
+    return field, _moved(phi, near)
 
 
-def _moved(phi: Solution, own: Floats, near: _Near) -> Solution:
-    """Return ``phi``, whose values are ``own`` (p,), moved to the straight distance near the origins.
+def _moved(phi: Solution, near: _Near) -> Solution:
+    """Return ``phi`` moved to the straight distance near the origins.
 
     It is fixed up to a constant, one for all origins.
 
@@ -167,8 +167,9 @@ def _moved(phi: Solution, own: Floats, near: _Near) -> Solution:
     h = phi.spacing
     beside = (near.straight > h) & (near.straight < HELD_SPACINGS * h)
     beside = beside if beside.any() else near.straight <= near.straight.min() + h
-    off = (near.straight - own)[beside]
-    found, label = np.unique(near.number[beside], return_inverse=True)
+    rows = np.flatnonzero(beside)
+    off = near.straight[rows] - phi.discretized.at_some_points(phi.values, rows)[:, 0]
+    found, label = np.unique(near.number[rows], return_inverse=True)
     constants = np.bincount(label, off) / np.bincount(label)
     if len(found) > 1 and np.ptp(constants) > HELD_SPACINGS * h:
         raise SceneError(

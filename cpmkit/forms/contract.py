@@ -25,7 +25,7 @@ from cpmkit.forms.imbalance import Imbalance
 from cpmkit.forms.options import Options
 from cpmkit.linear.operators import Border, Bordered
 from cpmkit.manifold.abilities import advice_of
-from cpmkit.protocols import SIDES, Floats, Operator, Side, Sides, Stiffness
+from cpmkit.protocols import SIDES, Floats, Ints, Operator, Side, Sides, Stiffness
 from cpmkit.scene.data import Data, evaluate_data, takes_time
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.laws import Spectral, takes_nothing
@@ -158,6 +158,11 @@ class Discretized(ABC):
         """(p, d) the points of the manifold at which the form knows values: in the scene's coordinates."""
 
     @property
+    def points_in_use(self) -> Floats:
+        """(p, d) the same for reading alone: one array, where a form makes its points anew each time."""
+        return self.points
+
+    @property
     def lattice_options(self) -> Options[Any] | None:
         """With which the scene was discretised, and can be at another spacing: ``options``; None without a lattice."""
         options = getattr(self, "options", None)  # a form's own field: a property here would be taken for its default
@@ -287,6 +292,10 @@ class Discretized(ABC):
     @abstractmethod
     def at_points(self, u: Floats) -> Floats:
         """Return the values (p, channels) of u (n, channels) at :attr:`points`."""
+
+    def at_some_points(self, u: Floats, rows: Ints) -> Floats:
+        """Return the values (k, channels) of u at the :attr:`points` of these numbers (k,)."""
+        return self.at_points(u)[rows]
 
     def slopes_at_points(self, u: Floats) -> Floats:
         """Return the tangential gradients (p, channels, d) of u (n, channels) at :attr:`points`."""
@@ -438,7 +447,7 @@ class Discretized(ABC):
         """Return the solution u of ``operator u = b`` with free constants taken out and what has no solution told."""
         if not isinstance(operator, Bordered):
             return Settled(u)
-        return Settled(*defects_of(operator, b, u, self.mass, self.at_points, self.points))
+        return Settled(*defects_of(operator, b, u, self))
 
     # Telling
 

@@ -25,7 +25,7 @@ from cpmkit.forms.galerkin.space.energy import (
 )
 from cpmkit.linear.operators import CsrOperator
 from cpmkit.manifold.tangent_space import project_tangent
-from cpmkit.protocols import Floats
+from cpmkit.protocols import Floats, Ints
 from cpmkit.scene.data import Data
 
 if TYPE_CHECKING:
@@ -103,6 +103,11 @@ class Values(Reader):
         """Return the values (p, channels) of u at the samples."""
         found = values_at_samples(self.space, u[: self._tips.splines])[: self.sampled.interior]
         return found + self._tips.inside @ u[self._tips.splines :] if len(self._tips) else found
+
+    def at_some_points(self, u: Floats, rows: Ints) -> Floats:
+        """Return the values (k, channels) of u at the samples of these numbers (k,)."""
+        found = values_at_samples(self.space, u[: self._tips.splines], rows)
+        return found + self._tips.inside[rows] @ u[self._tips.splines :] if len(self._tips) else found
 
     def slopes_at_points(self, u: Floats) -> Floats:
         """Return the tangential gradients (p, channels, d) of u at the samples, as they are."""

@@ -136,6 +136,10 @@ class RefinedGalerkin(Galerkin):
         """Return the values (p, channels) of u at the samples."""
         return values_at_samples(self.space, self._spread(u))[: self.sampled.interior]
 
+    def at_some_points(self, u: Floats, rows: Ints) -> Floats:
+        """Return the values (k, channels) of u at the samples of these numbers (k,)."""
+        return values_at_samples(self.space, self._spread(u), rows)
+
     def _spline_slopes(self, u: Floats) -> Floats:
         parting, spread = self.refined.parting, self._spread(u)
         slopes = np.empty((self.sampled.interior, u.shape[1], parting.dim))
