@@ -22,7 +22,7 @@ HEAT_TIME, LONGER = 0.5, 4.0
 #: Below this share of its largest value, v of an iterative solver is noise.
 ITERATED_SHARE = 1e-9
 #: So few points may stay without a direction where v was lost in rounding: a longer time would blur all others.
-LOST_SHARE = 1e-3
+LOST_SHARE = 1e-2
 
 
 def manifold_of(surface: ClosestPointSource | ck.Scene | Prepared) -> ClosestPointSource:

@@ -91,9 +91,7 @@ def add_load(
 
 
 @compiled
-def read_values(
-    unknowns: Ints, patch: Any, splines: Any, third: Any, places: Any, u: Floats, values: Floats
-) -> None:
+def read_values(unknowns: Ints, patch: Any, splines: Any, third: Any, places: Any, u: Floats, values: Floats) -> None:
     """Fill ``values`` (q, channels) with those of u (n, channels) at the samples; ``splines``, ``third`` as above."""
     width, channels = unknowns.shape[1], u.shape[1]
     along, depth = len(splines), len(third)
