@@ -24,7 +24,7 @@ from cpmkit.applications.descent import descend
 from cpmkit.applications.heat import away_from, heat_solver, manifold_of
 from cpmkit.applications.origins import Origins, origins_of
 from cpmkit.applications.spacings import Measured, measured
-from cpmkit.applications.transport import HELD_SPACINGS, carried
+from cpmkit.applications.transport import HELD_SPACINGS, carried, carriers
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.plugin import unit
 from cpmkit.preparing import Prepared
@@ -134,8 +134,9 @@ def _measured(prepared: Prepared, given: Origins, rounds: int) -> Distance:
     points = prepared.discretized.points_in_use  # held here, so that all fields below share them
     near = _Near(*given.distances(points))
     field, phi = _by_heat(prepared, given, near)
+    carrying = carriers(prepared)
     for _ in range(rounds):
-        phi = _carried(prepared, near, field, phi)
+        phi = _carried(carrying, near, field, phi)
         field = prepared.field(phi).gradient().map(lambda _, slopes: unit(slopes))
     return Distance(solution=phi, origins=given, rounds=rounds)
 
@@ -184,7 +185,7 @@ def _carried(prepared: Prepared, near: _Near, field: ck.Field, before: Solution)
     h = prepared.discretized.spacing
     # no nearer by the way along the manifold than straight: the other side of a thin part is not held
     beside = np.maximum(prepared.field(before).values, near.straight)
-    return carried(prepared, field, beside < HELD_SPACINGS * h, near.straight)
+    return carried(prepared, field, beside < HELD_SPACINGS * h, near.straight, guess=before)
 
 
 def _with_tips(straight: Floats, found: Floats, spacing: float) -> Floats:

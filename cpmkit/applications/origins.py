@@ -61,7 +61,8 @@ class Origins:
     def _nearest_point(self, points: Floats) -> tuple[Floats, Ints]:
         """Return the distance (n,) to the nearest of the points, infinity where there is none, and its number."""
         if len(self.points) > FEW:
-            return self._tree.query(points)
+            best, number = self._tree.query(points)
+            return best, number
         best, number = np.full(len(points), np.inf), np.zeros(len(points), dtype=np.int64)
         for k, one in enumerate(self.points):
             away = norms(points - one)

@@ -32,7 +32,7 @@ from cpmkit.applications.heat import (
 )
 from cpmkit.applications.origins import Origins, origins_of
 from cpmkit.applications.spacings import Measured, measured
-from cpmkit.applications.transport import HELD_SPACINGS, carried
+from cpmkit.applications.transport import HELD_SPACINGS, carried, carriers
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.plugin import dots, unit
 from cpmkit.preparing import Prepared
@@ -137,8 +137,9 @@ def _measured(prepared: Prepared, given: Origins, rounds: int) -> SignedDistance
     phi = heat_solver(prepared).solve(problem=ck.Poisson(field.divergence(-1.0)))
     phi = replace(phi, values=phi.values - _on_curves(phi, along))
     straight, across = _beside(given, prepared.points)
+    carrying = carriers(prepared)
     for _ in range(rounds):
-        phi = _carried(prepared, straight, across, field, phi)
+        phi = _carried(carrying, straight, across, field, phi)
         field = prepared.field(phi).gradient().map(lambda _, slopes: unit(slopes))
     return SignedDistance(solution=phi, curves=given, rounds=rounds)
 
@@ -212,4 +213,4 @@ def _carried(prepared: Prepared, straight: Floats, signed: Floats, field: ck.Fie
     beside = across & (np.maximum(np.abs(own), straight) < reach)
     gap = ~across & (np.abs(own) < reach)
     target = np.where(beside, signed, own)
-    return carried(prepared, field, beside | gap, target, np.sign(target))
+    return carried(prepared, field, beside | gap, target, np.sign(target), before)

@@ -12,6 +12,7 @@ import cpmkit as ck
 import cpmkit.forms.galerkin.equations as equations
 import cpmkit.forms.galerkin.values as values
 import cpmkit.linear.factorization as factorization
+import cpmkit.linear.multigrid as multigrid
 from cpmkit.applications import geodesic_distance
 from cpmkit.applications.heat import LOST_SHARE, lost_alone
 from cpmkit.forms.galerkin.fixed_samples import FixedSamples
@@ -66,3 +67,20 @@ def test_few_points_may_be_lost_in_rounding_but_none_where_nothing_arrives() -> 
     assert not lost_alone(heat, heat <= 0)
     heat[: int(2 * LOST_SHARE * len(heat))] = -1e-25
     assert not lost_alone(heat, heat <= 0)
+
+
+def test_the_rounds_of_transport_share_one_preconditioner(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[Any] = []
+    plain = multigrid.prepare_unsymmetric
+
+    def counted(*arguments: Any) -> Any:
+        made.append(plain(*arguments))
+        return made[-1]
+
+    monkeypatch.setattr(multigrid, "prepare_unsymmetric", counted)
+    prepared = ck.prepare(ck.Scene(SPHERE, ck.Poisson(0.0)), 0.15, form="galerkin")
+    distance = geodesic_distance(prepared, [0, 0, 1], rounds=3)
+    assert len(made) == 1
+    assert 0 < distance.solution.report.iterations < 20
+    geodesic_distance(prepared, [1, 0, 0], rounds=1)
+    assert len(made) == 2
