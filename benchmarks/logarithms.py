@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cache
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -41,9 +41,17 @@ class Mesh:
     vertices: np.ndarray
     faces: np.ndarray
 
-    @cache
+    @cached_property
+    def _rings(self) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+        return {}
+
     def ring(self, vertex: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the neighbours (k,) of a vertex in turn, the first not repeated, and their scaled angles (k + 1,)."""
+        if vertex not in self._rings:
+            self._rings[vertex] = self._ring(vertex)
+        return self._rings[vertex]
+
+    def _ring(self, vertex: int) -> tuple[np.ndarray, np.ndarray]:
         following = {}
         for face in self.faces[(self.faces == vertex).any(axis=1)]:
             at = int(np.flatnonzero(face == vertex)[0])
@@ -111,7 +119,9 @@ def ways_from(mesh: Mesh, start: int, rng: np.random.Generator) -> Ways:
 
     exact = PyGeodesicAlgorithmExact(mesh.vertices, mesh.faces)
     far = exact.geodesicDistances([start])[0]
-    ends = np.concatenate([rng.choice(np.flatnonzero((far > a) & (far < b)), TARGETS, replace=False) for a, b in RANGES])
+    ends = np.concatenate(
+        [rng.choice(np.flatnonzero((far > a) & (far < b)), TARGETS, replace=False) for a, b in RANGES]
+    )
     leaving, arriving = [], []
     for end in ends.tolist():
         way = np.asarray(exact.geodesicDistance(start, end)[1])
@@ -195,7 +205,7 @@ def main() -> None:
     source = ck.source("mesh.triangles", vertices=vertices, faces=faces, closest="faceted")
     for spacing in (0.0635, 0.045, 0.0355):
         prepared = ck.prepare(ck.Scene(source, ck.Poisson(0.0)), spacing, form="galerkin")
-        jobs.append((["cpmkit", f"{spacing:g}", f"{prepared.discretized.size:,}"], by_splines(mesh, prepared)))
+        jobs.append((["splines", f"{spacing:g}", f"{prepared.discretized.size:,}"], by_splines(mesh, prepared)))
     for name, measure in jobs:
         for row in rows(name, measure, all_ways):
             print(table_row(row), flush=True)
