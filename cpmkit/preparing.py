@@ -167,6 +167,15 @@ class Prepared(Generic[Solved]):
             self.others[key] = replace(self, solver=asked, kept=Kept())
         return self.others[key]
 
+    def lending(self) -> Prepared[Solved]:
+        """Return the same tables for equations that differ a little, as the rounds of an iteration do.
+
+        What preconditions the first one that has a velocity preconditions the following ones too, which then take some
+        iterations more, and half of the time or less. One that does not converge so gets its own. Direct solvers, and
+        equations without a velocity, are not concerned.
+        """
+        return replace(self, kept=Kept(lends=True), others={})
+
     @property
     def scene(self) -> Scene:
         """What is prepared."""

@@ -9,6 +9,7 @@ import sys
 import warnings
 
 import cpmkit as ck
+from cpmkit.applications import geodesic_distance
 
 SPHERE, SOURCE = ck.source("analytic.sphere"), ck.ScreenedPoisson("x")
 CUT = ck.Boundary("cut", ck.source("analytic.circle", normal=[0, 0, 1]), left=1.0, right=ck.Neumann(0.0))
@@ -16,11 +17,12 @@ POINT = [[0.0, 0.0, 1.0]]
 
 
 def galerkin() -> None:
-    """Solve on a surface with a curve by multigrid, read the solution, and solve on a curve and a mesh."""
+    """Solve on a surface with a curve by multigrid, read the solution, solve on a curve and a mesh, and measure."""
     solution = ck.solve(ck.Scene(SPHERE, SOURCE, [CUT]), 0.06, form="galerkin", solver="multigrid")
     solution.evaluate(POINT)
     solution.gradient(POINT)
     ck.solve(ck.Scene(ck.source("analytic.circle"), SOURCE), 0.1, form="galerkin")
+    geodesic_distance(SPHERE, POINT, spacing=0.3, method="heat")
     ck.solve(ck.Scene(SPHERE.mesh(0.2), ck.Heat("x", until=0.1, step=0.05)), 0.3, form="galerkin")
 
 

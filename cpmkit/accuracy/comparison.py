@@ -50,11 +50,8 @@ def compared_points(solution: Solution) -> tuple[Floats, Floats, Floats]:
     chosen = np.linspace(0, form.point_count - 1, count).astype(np.int64)
     weights = form.point_weights
     weights = np.ones(len(chosen)) if weights is None else weights[chosen]
-    if form.one_reading:
-        points, values = form.at_some_points(chosen, solution.values)
-    else:
-        points = form.points[chosen]
-        values = solution.evaluate(points)
+    points = form.some_points(chosen)
+    values = form.at_some_points(solution.values, chosen) if form.one_reading else solution.evaluate(points)
     return points, weights / weights.sum(), values.reshape(len(points), -1)
 
 

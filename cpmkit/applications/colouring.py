@@ -15,6 +15,8 @@ import numpy as np
 
 import cpmkit as ck
 from cpmkit.applications.curve_colours import Along, colour_data
+from cpmkit.applications.held import held_ends
+from cpmkit.applications.painted import painted
 from cpmkit.applications.result import Result
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.protocols import ClosestPointSource, Floats
@@ -31,15 +33,29 @@ class ColouredSurface(Result):
     Attributes
     ----------
     solution : Solution
-        Red, green and blue, as they were solved for: at the tips of curves by some hundredths beyond 0 and 1.
+        Red, green and blue, as they were solved for: at the tips and crossings of curves by some hundredths beyond the
+        colours that are held.
+    ends : (2, 3) float64
+        The least and the largest red, green and blue that are held: no colour is beyond, so that what was solved for is
+        cut off there.
     """
+
+    ends: Floats
 
     def evaluate(self, points: Any, side: Any = None) -> Floats:
         """Return the colours (n, 3), from 0 to 1, at the points of the manifold nearest to ``points`` (n, d).
 
         ``side`` says from where points on a curve are read, as for :meth:`cpmkit.Solution.evaluate`.
         """
-        return np.asarray(np.clip(self.solution.evaluate(points, side), 0.0, 1.0))
+        return self.limited(self.solution.evaluate(points, side))
+
+    def limited(self, colours: Floats) -> Floats:
+        """Return colours (n, 3) between those that are held."""
+        return np.asarray(np.clip(colours, *self.ends))
+
+    def drawn(self) -> Solution:
+        """Return the solution with its display mesh in these colours."""
+        return painted(self.solution, self.limited(self.solution.display_mesh().values))
 
 
 def diffusion_curves(
@@ -96,7 +112,7 @@ def diffusion_curves(
     whole = ck.Scene(scene.surface, ck.Laplace(), [*scene.boundaries, *boundaries], scene.edge)
     solution = ck.solve(whole, spacing, **options)
     _check_every_piece_coloured(solution)
-    return ColouredSurface(solution)
+    return ColouredSurface(solution, held_ends(whole, 0.25 * solution.spacing))
 
 
 def _check_every_piece_coloured(solution: Solution) -> None:

@@ -143,12 +143,12 @@ def colour_data(given: Any, along: Along, what: str) -> Any:
     try:
         array = np.asarray(given, dtype=np.float64)
     except (TypeError, ValueError):
-        return _ramp(_named_along(given, what), along)
+        return Ramp(_named_along(given, what), along)
     if array.shape == (3,):
         return as_colour(array, what).tolist()
     if array.ndim != 2 or array.shape[1] not in (3, 4) or not len(array):
         raise InputError(f"{what} must be {ACCEPTED}; got shape {array.shape}.")
-    return _ramp(_stops(array, what), along)
+    return Ramp(_stops(array, what), along)
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,14 +159,17 @@ class _Stops:
     colours: Floats
 
 
-def _ramp(stops: _Stops, along: Along) -> Callable[[Floats], Floats]:
-    """Return the function of points of a curve that is linear in the arc length between the stops."""
+@dataclass(frozen=True, eq=False)
+class Ramp:
+    """The function of points of a curve that is linear in the arc length between stops."""
 
-    def colours(points: Floats) -> Floats:
-        share = along(points)
-        return np.stack([np.interp(share, stops.shares, channel) for channel in stops.colours.T], axis=1)
+    stops: _Stops
+    along: Along
 
-    return colours
+    def __call__(self, points: Floats) -> Floats:
+        """Return the colours (n, 3) at ``points`` (n, d)."""
+        share = self.along(points)
+        return np.stack([np.interp(share, self.stops.shares, channel) for channel in self.stops.colours.T], axis=1)
 
 
 def _stops(array: Floats, what: str) -> _Stops:

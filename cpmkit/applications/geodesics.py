@@ -24,7 +24,7 @@ from cpmkit.applications.descent import descend
 from cpmkit.applications.heat import away_from, heat_solver, manifold_of
 from cpmkit.applications.origins import Origins, origins_of
 from cpmkit.applications.spacings import Measured, measured
-from cpmkit.applications.transport import HELD_SPACINGS, carried
+from cpmkit.applications.transport import HELD_SPACINGS, carried, carriers
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.plugin import unit
 from cpmkit.preparing import Prepared
@@ -131,11 +131,12 @@ def geodesic_distance(
 
 
 def _measured(prepared: Prepared, given: Origins, rounds: int) -> Distance:
-    straight, _, number = given.closest(prepared.points)
-    near = _Near(straight, number)
+    points = prepared.discretized.points_in_use  # held here, so that all fields below share them
+    near = _Near(*given.distances(points))
     field, phi = _by_heat(prepared, given, near)
+    carrying = carriers(prepared)
     for _ in range(rounds):
-        phi = _carried(prepared, near, field, phi)
+        phi = _carried(carrying, near, field, phi)
         field = prepared.field(phi).gradient().map(lambda _, slopes: unit(slopes))
     return Distance(solution=phi, origins=given, rounds=rounds)
 
@@ -151,11 +152,11 @@ def _by_heat(prepared: Prepared, origins: Origins, near: _Near) -> tuple[ck.Fiel
     """Return X (p, d) away from the origins, and the distance that the heat method makes of it."""
     field = away_from(prepared, origins)
     phi = heat_solver(prepared).solve(problem=ck.Poisson(field.divergence(-1.0)))
-    return field, _moved(phi, prepared.field(phi).values, near)
+    return field, _moved(phi, near)
 
 
-def _moved(phi: Solution, own: Floats, near: _Near) -> Solution:
-    """Return ``phi``, whose values are ``own`` (p,), moved to the straight distance near the origins.
+def _moved(phi: Solution, near: _Near) -> Solution:
+    """Return ``phi`` moved to the straight distance near the origins.
 
     It is fixed up to a constant, one for all origins.
 
@@ -167,8 +168,9 @@ def _moved(phi: Solution, own: Floats, near: _Near) -> Solution:
     h = phi.spacing
     beside = (near.straight > h) & (near.straight < HELD_SPACINGS * h)
     beside = beside if beside.any() else near.straight <= near.straight.min() + h
-    off = (near.straight - own)[beside]
-    found, label = np.unique(near.number[beside], return_inverse=True)
+    rows = np.flatnonzero(beside)
+    off = near.straight[rows] - phi.discretized.at_some_points(phi.values, rows)[:, 0]
+    found, label = np.unique(near.number[rows], return_inverse=True)
     constants = np.bincount(label, off) / np.bincount(label)
     if len(found) > 1 and np.ptp(constants) > HELD_SPACINGS * h:
         raise SceneError(
@@ -183,7 +185,7 @@ def _carried(prepared: Prepared, near: _Near, field: ck.Field, before: Solution)
     h = prepared.discretized.spacing
     # no nearer by the way along the manifold than straight: the other side of a thin part is not held
     beside = np.maximum(prepared.field(before).values, near.straight)
-    return carried(prepared, field, beside < HELD_SPACINGS * h, near.straight)
+    return carried(prepared, field, beside < HELD_SPACINGS * h, near.straight, guess=before)
 
 
 def _with_tips(straight: Floats, found: Floats, spacing: float) -> Floats:

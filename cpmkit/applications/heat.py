@@ -11,7 +11,7 @@ from cpmkit.applications.origins import Origins
 from cpmkit.errors import InputError, SceneError
 from cpmkit.plugin import unit
 from cpmkit.preparing import Prepared
-from cpmkit.protocols import Bools, ClosestPointSource
+from cpmkit.protocols import Bools, ClosestPointSource, Floats
 
 #: Residuals at which solves end: distances are right to 1e-3, so that a direct solve need not be refined.
 ENOUGH = 1e-7
@@ -21,6 +21,8 @@ MOST_FACTORISED = 60_000
 HEAT_TIME, LONGER = 0.5, 4.0
 #: Below this share of its largest value, v of an iterative solver is noise.
 ITERATED_SHARE = 1e-9
+#: So few points may stay without a direction where v was lost in rounding: a longer time would blur all others.
+LOST_SHARE = 1e-2
 
 
 def manifold_of(surface: ClosestPointSource | ck.Scene | Prepared) -> ClosestPointSource:
@@ -83,7 +85,7 @@ def longest_time(prepared: Prepared) -> float:
 
 
 def away_from(prepared: Prepared, origins: Origins) -> ck.Field:
-    """Return the unit directions (p, d) in which heat flows away from the origins.
+    """Return the unit directions (p, d) in which heat flows away from the origins, zero at few points that are lost.
 
     Raises
     ------
@@ -96,11 +98,20 @@ def away_from(prepared: Prepared, origins: Origins) -> ck.Field:
         source = origins.source(h, time**0.5)
         v = prepared.field(heated.solve(problem=ck.ScreenedPoisson(source, c=1 / time, lumped=True)))
         cold = v.values <= share * v.values.max()
-        if not cold.any() or time > longest_time(prepared):
+        if lost_alone(v.values, cold) or time > longest_time(prepared):
             break
         time *= LONGER
-    check_warmed(cold, prepared.scene.surface)
-    return v.gradient().map(lambda _, slopes: -unit(slopes))
+    if not lost_alone(v.values, cold):
+        check_warmed(cold, prepared.scene.surface)
+    return v.gradient().map(lambda _, slopes: np.where(cold[:, None], 0.0, -unit(slopes)))
+
+
+def lost_alone(v: Floats, cold: Bools) -> bool:
+    """Tell whether the points (p,) that are cold are few, and have values v (p,) that were lost in rounding.
+
+    On a piece without an origin nothing arrives, not even rounding.
+    """
+    return bool(cold.mean() <= LOST_SHARE and v[cold].all())
 
 
 def check_warmed(cold: Bools, surface: ClosestPointSource) -> None:

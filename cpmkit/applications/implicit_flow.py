@@ -31,8 +31,8 @@ COVERING_SHARE = 0.99
 LEAST_SHARE = 0.01
 UNCOVERED = (
     "The next step would lower the energy to {:.4g}, below the area {:.4g} that the map covers: the lattice is too "
-    "coarse for thin parts of the target, and the map would come off them. The map before it is returned; use a "
-    "smaller spacing."
+    "coarse for thin parts of the target, and the map would come off them. The map before it is returned; hold the "
+    "ends of thin parts by landmarks, or use a smaller spacing."
 )
 #: Between two closest points whose difference tells what is tangential, over the target's size.
 DIFFERENCE_SHARE = 1e-4

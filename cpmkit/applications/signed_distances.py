@@ -20,19 +20,11 @@ import numpy as np
 import cpmkit as ck
 from cpmkit.applications.coupling import tangential_coupling
 from cpmkit.applications.geodesics import METHODS
-from cpmkit.applications.heat import (
-    HEAT_TIME,
-    ITERATED_SHARE,
-    LONGER,
-    away_from,
-    check_warmed,
-    heat_solver,
-    longest_time,
-    manifold_of,
-)
+from cpmkit.applications.heat import HEAT_TIME, away_from, heat_solver, manifold_of
 from cpmkit.applications.origins import Origins, origins_of
 from cpmkit.applications.spacings import Measured, measured
-from cpmkit.applications.transport import HELD_SPACINGS, carried
+from cpmkit.applications.transport import HELD_SPACINGS, carried, carriers
+from cpmkit.applications.vector_heat import directions_of_heat
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.plugin import dots, unit
 from cpmkit.preparing import Prepared
@@ -41,8 +33,6 @@ from cpmkit.runtime.arrays import as_points, whole
 from cpmkit.solution.boundary_points import BoundaryPoints
 from cpmkit.solution.solution import Solution
 
-#: Relative residual of the vectors' heat, well below the share of the largest vector at which they are noise.
-HEAT_RESIDUAL = 1e-12
 #: Across a curve is what is no more than this share along it: else the nearest point is an end.
 ALONG_SHARE = 0.3
 
@@ -137,8 +127,9 @@ def _measured(prepared: Prepared, given: Origins, rounds: int) -> SignedDistance
     phi = heat_solver(prepared).solve(problem=ck.Poisson(field.divergence(-1.0)))
     phi = replace(phi, values=phi.values - _on_curves(phi, along))
     straight, across = _beside(given, prepared.points)
+    carrying = carriers(prepared)
     for _ in range(rounds):
-        phi = _carried(prepared, straight, across, field, phi)
+        phi = _carried(carrying, straight, across, field, phi)
         field = prepared.field(phi).gradient().map(lambda _, slopes: unit(slopes))
     return SignedDistance(solution=phi, curves=given, rounds=rounds)
 
@@ -176,19 +167,7 @@ def _heat_of_conormals(prepared: Prepared, along: Sequence[BoundaryPoints]) -> F
     h = prepared.discretized.spacing
     strength = np.concatenate([one.weights[:, None] / h * one.conormals for one in along])
     source = ck.PointSource(np.concatenate([one.points for one in along]), strength)
-    coupling = tangential_coupling(prepared, parallel=True)
-    heated = prepared.solved_by("jacobi", solver_tolerance=HEAT_RESIDUAL)
-    found = np.zeros_like(prepared.points)
-    cold, time = np.ones(len(found), dtype=bool), HEAT_TIME * h * h
-    while cold.any() and time < LONGER * longest_time(prepared):
-        problem = ck.Coupled(lambda x: coupling(x).reshape(-1, 3, 3), f=source, c=1 / time, lumped=True)
-        arrived = prepared.field(heated.solve(problem=problem)).project().values
-        size = np.linalg.norm(arrived, axis=1)
-        warm = cold & (size > ITERATED_SHARE * size.max())
-        found[warm] = unit(arrived[warm])
-        cold, time = cold & ~warm, LONGER * time
-    check_warmed(cold, prepared.scene.surface)
-    return found
+    return directions_of_heat(prepared, tangential_coupling(prepared, parallel=True), source, HEAT_TIME)[0]
 
 
 def _beside(curves: Origins, points: Floats) -> tuple[Floats, Floats]:
@@ -212,4 +191,4 @@ def _carried(prepared: Prepared, straight: Floats, signed: Floats, field: ck.Fie
     beside = across & (np.maximum(np.abs(own), straight) < reach)
     gap = ~across & (np.abs(own) < reach)
     target = np.where(beside, signed, own)
-    return carried(prepared, field, beside | gap, target, np.sign(target))
+    return carried(prepared, field, beside | gap, target, np.sign(target), before)

@@ -119,7 +119,7 @@ def bake(
         warn_each([f"{told}, as mirrored halves do; of those the last one is seen."])
     corners = given.vertices[given.faces[triangle[covered]]]
     colours = np.zeros((height * width, 3))
-    colours[covered] = np.clip(read.evaluate(np.einsum("nc,ncd->nd", local[covered], corners)), 0.0, 1.0)
+    colours[covered] = np.clip(solution.evaluate(np.einsum("nc,ncd->nd", local[covered], corners)), 0.0, 1.0)
     image, seen = colours.reshape(height, width, 3), covered.reshape(height, width)
     return Texture(_dilated(image, seen), seen)
 

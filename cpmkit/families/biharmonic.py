@@ -108,7 +108,7 @@ def _solve_in_turn(context: SolveContext, stiffness: Stiffness, c: float, r: Flo
     v, first = prepared.solve(q, context.tolerance, progress=context.progress)
     unbalanced: tuple[Imbalance, ...] = ()
     if isinstance(operator, Bordered):
-        v, unbalanced = defects_of(operator, q, v, form.mass, form.at_points, form.points)
+        v, unbalanced = defects_of(operator, q, v, form)
     u, second = prepared.solve(r + _weighed(form, v), context.tolerance, progress=context.progress)
     if isinstance(operator, Bordered):
         u, v = _with_mean_of_laplacian(operator, form, u, v)

@@ -10,6 +10,7 @@ import numpy as np
 
 from cpmkit.families.checkpointing import Checkpointing
 from cpmkit.forms.contract import Discretized
+from cpmkit.linear.lent import Lends, Lent
 from cpmkit.linear.report import SolveReport
 from cpmkit.protocols import Floats, LinearSolver, Operator, PreparedSolver, Progress
 from cpmkit.scene.equations import Terms
@@ -21,12 +22,24 @@ KEPT = 4
 
 @dataclass(frozen=True, eq=False)
 class Kept:
-    """What was made of a discretised scene, by what it was made for; what was used last is kept."""
+    """What was made of a discretised scene, by what it was made for; what was used last is kept.
+
+    Attributes
+    ----------
+    made : dict
+        Operators and prepared solvers.
+    lends : bool
+        Whether the first operator's preconditioner serves the others of its size.
+    lenders : dict
+        The prepared solvers that lend theirs, by the size of their operators.
+    """
 
     made: dict[Hashable, Any] = field(default_factory=dict)
+    lends: bool = False
+    lenders: dict[int, Lends] = field(default_factory=dict)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {"made": {}}  # factors do not pickle, and are made again
+        return {"made": {}, "lends": self.lends, "lenders": {}}  # factors do not pickle, and are made again
 
     def get(self, key: Hashable, make: Callable[..., Any], *arguments: Any) -> Any:
         """Return what was made for ``key``, or make it of the ``arguments``.
@@ -104,6 +117,15 @@ class SolveContext:
 
     def prepare(self, operator: Operator) -> PreparedSolver:
         """Return the solver of systems with ``operator``, with what it makes once of it and of the form's levels."""
+        lender = self.kept.lenders.get(operator.size)
+        if lender is not None:
+            return Lent(lender.for_operator(operator), lambda: self._prepare(operator))
+        made = self._prepare(operator)
+        if self.kept.lends and isinstance(made, Lends):
+            self.kept.lenders[operator.size] = made
+        return made
+
+    def _prepare(self, operator: Operator) -> PreparedSolver:
         return self.solver.prepare(operator, self.discretized.levels(operator))
 
     def report(self, converged: bool, iterations: int, products: int, residual: float, reason: str) -> SolveReport:

@@ -158,6 +158,11 @@ class Discretized(ABC):
         """(p, d) the points of the manifold at which the form knows values: in the scene's coordinates."""
 
     @property
+    def points_in_use(self) -> Floats:
+        """(p, d) the same for reading alone: one array, where a form makes its points anew each time."""
+        return self.points
+
+    @property
     def lattice_options(self) -> Options[Any] | None:
         """With which the scene was discretised, and can be at another spacing: ``options``; None without a lattice."""
         options = getattr(self, "options", None)  # a form's own field: a property here would be taken for its default
@@ -293,9 +298,13 @@ class Discretized(ABC):
         """How many :attr:`points` there are."""
         return len(self.points)
 
-    def at_some_points(self, rows: Ints, u: Floats) -> tuple[Floats, Floats]:
-        """Return those of the points that ``rows`` (k,) number, (k, d), and the values (k, channels) of u there."""
-        return self.points[rows], self.at_points(u)[rows]
+    def some_points(self, rows: Ints) -> Floats:
+        """Return the :attr:`points` (k, d) of these numbers (k,)."""
+        return self.points[rows]
+
+    def at_some_points(self, u: Floats, rows: Ints) -> Floats:
+        """Return the values (k, channels) of u at the :attr:`points` of these numbers (k,)."""
+        return self.at_points(u)[rows]
 
     def slopes_at_points(self, u: Floats) -> Floats:
         """Return the tangential gradients (p, channels, d) of u (n, channels) at :attr:`points`."""
@@ -447,7 +456,7 @@ class Discretized(ABC):
         """Return the solution u of ``operator u = b`` with free constants taken out and what has no solution told."""
         if not isinstance(operator, Bordered):
             return Settled(u)
-        return Settled(*defects_of(operator, b, u, self.mass, self.at_points, self.points))
+        return Settled(*defects_of(operator, b, u, self))
 
     # Telling
 

@@ -7,7 +7,8 @@ balance, a constant on each piece, is left out of f and told.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from typing import NamedTuple, Protocol
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -51,32 +52,62 @@ def free_pieces(stiffness: Operator, mass: Operator | None, summing: int | None 
     return Border(indicator, mean, None if mass is None else csr_array(mean.T * members))
 
 
-def defects_of(
-    operator: Bordered,
-    b: Floats,
-    u: Floats,
-    mass: Operator | None,
-    at_points: Callable[[Floats], Floats],
-    points: Floats,
-) -> tuple[Floats, tuple[Imbalance, ...]]:
+class KnowsPoints(Protocol):
+    """What is asked of a form to tell of pieces."""
+
+    @property
+    def mass(self) -> Operator | None:
+        """M; None where it is the identity."""
+
+    @property
+    def points(self) -> Floats:
+        """(p, d) at which it knows values."""
+
+    def at_points(self, u: Floats) -> Floats:
+        """Return the values (p, channels) there of u (n, channels)."""
+
+
+class _Told(NamedTuple):
+    """What is told of a piece: the defect that its points explain, one of them, and its share of all."""
+
+    explained: float
+    near: tuple[float, ...]
+    share: float
+
+
+#: Of the pieces of borders in use: it takes as long as a solve with factors that are there.
+_KNOWN: WeakKeyDictionary[Border, list[_Told]] = WeakKeyDictionary()
+
+
+def defects_of(operator: Bordered, b: Floats, u: Floats, form: KnowsPoints) -> tuple[Floats, tuple[Imbalance, ...]]:
     """Return u (n, channels) with mean zero on each free piece, and what of b has no solution there."""
     u, means = operator.border.centred(u)
     indicator, carried = operator.border.indicator.toarray(), operator.border.carried
-    measure = (indicator * (indicator if mass is None else mass.apply(indicator))).sum(axis=0)
+    measure = (indicator * (indicator if form.mass is None else form.mass.apply(indicator))).sum(axis=0)
     values = operator.shift * (means.T * ((indicator * carried.toarray()).sum(axis=0) / measure)).T
-    found = []
-    for k, on in enumerate((at_points(indicator) > MOSTLY).T):
+    if operator.border not in _KNOWN:
+        _KNOWN[operator.border] = _pieces(form, indicator)
+    return u, tuple(
+        Imbalance(
+            "data",
+            value=tuple(values[k].tolist()),
+            size=tuple((indicator[:, k] @ np.abs(b) / measure[k]).tolist()),
+            explained=piece.explained,
+            near=piece.near,
+            share=piece.share,
+        )
+        for k, piece in enumerate(_KNOWN[operator.border])
+    )
+
+
+def _pieces(form: KnowsPoints, indicator: Floats) -> list[_Told]:
+    """Return what is told of the pieces with these indicators (n, k)."""
+    found, points = [], form.points
+    for on in (form.at_points(indicator) > MOSTLY).T:
         members = np.flatnonzero(on)
         extent = float(np.ptp(points[members], axis=0).max()) if len(members) else 0.0
         steps = max(len(members) ** 0.5, 1.0) if extent else 1.0
-        found.append(
-            Imbalance(
-                "data",
-                value=tuple(values[k].tolist()),
-                size=tuple((indicator[:, k] @ np.abs(b) / measure[k]).tolist()),
-                explained=min(EXPLAINED_DEFECT_FACTOR / steps**2, GROSS_DEFECT_SHARE),
-                near=tuple(points[members[len(members) // 2]].tolist()) if len(members) else (),
-                share=len(members) / max(len(points), 1),
-            )
-        )
-    return u, tuple(found)
+        explained = min(EXPLAINED_DEFECT_FACTOR / steps**2, GROSS_DEFECT_SHARE)
+        near = tuple(points[members[len(members) // 2]].tolist()) if len(members) else ()
+        found.append(_Told(explained, near, len(members) / max(len(points), 1)))
+    return found

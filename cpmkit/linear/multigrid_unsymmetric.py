@@ -7,7 +7,7 @@ on a correction is brought to the next finer one and followed by a step of overl
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -143,6 +143,10 @@ class PreconditionedUnsymmetric:
             callback_type="pr_norm",
         )
         return np.asarray(u), len(steps)
+
+    def for_operator(self, operator: Operator) -> PreconditionedUnsymmetric:
+        """Return the iteration for another operator with the same cycle."""
+        return replace(self, operator=operator)
 
     @property
     def step_products(self) -> int:

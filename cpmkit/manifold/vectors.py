@@ -23,5 +23,7 @@ def norms(a: Floats) -> Floats:
 def unit(a: Floats) -> Floats:
     """Return the rows (n, d) at length one, those of no length as zero."""
     length = norms(a)[:, None]
+    if (length > 0).all():
+        return np.asarray(a / length)
     with np.errstate(all="ignore"):
         return np.where(length > 0, a / length, 0.0)

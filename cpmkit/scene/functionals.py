@@ -26,6 +26,10 @@ class TestsFunctionals(Protocol):
     def points(self) -> Floats:
         """(p, d) at which it knows values."""
 
+    @property
+    def points_in_use(self) -> Floats:
+        """(p, d) the same for reading alone."""
+
     def load(self, f: Data, time: float | None = None) -> Floats:
         """Return the integrals (n, channels) of a function times each test function."""
 
@@ -172,8 +176,9 @@ class Divergence(TestedRightSide):
 
     def tested(self, form: TestsFunctionals) -> Floats:
         """Return -scale times the integrals of X . grad phi, (n, channels)."""
-        points = form.points
-        values = np.asarray(self.of(points), dtype=np.float64)
+        points = form.points_in_use
+        own = getattr(self.of, "points", None) is points  # a field's; any other function may write to what it is given
+        values = np.asarray(self.of(points if own else points.copy()), dtype=np.float64)
         if values.shape != points.shape or not np.isfinite(values).all():
             raise InputError(
                 f"the field of a divergence must return finite vectors {points.shape} at {len(points)} points, got "

@@ -124,24 +124,6 @@ def test_representations_of_one_sphere_agree() -> None:
         assert _share(distance.evaluate(POINTS), exact) < 5e-3
 
 
-def test_further_origins_make_no_further_factors(monkeypatch: pytest.MonkeyPatch) -> None:
-    import cpmkit.linear.factorization as factorization
-
-    made: list[Any] = []
-    plain = factorization.factors_of
-
-    def counted(*arguments: Any, **named: Any) -> Any:
-        made.append(arguments)
-        return plain(*arguments, **named)
-
-    monkeypatch.setattr(factorization, "factors_of", counted)
-    prepared = ck.prepare(ck.Scene(SPHERE, ck.Poisson(0.0)), 0.3, form="galerkin")
-    geodesic_distance(prepared, [1, 0, 0], method="heat")
-    first = len(made)
-    geodesic_distance(prepared, [0, 1, 0], method="heat")
-    assert first == len(made) > 0
-
-
 @pytest.mark.parametrize(
     ("given", "words"),
     [

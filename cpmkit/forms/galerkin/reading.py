@@ -23,6 +23,7 @@ from cpmkit.forms.options import Options
 from cpmkit.manifold.tangent_space import outward_conormals
 from cpmkit.protocols import SIDES, ClosestPoints, Floats, Ints, Side
 from cpmkit.runtime.arrays import as_points
+from cpmkit.runtime.weakly import Weakly
 from cpmkit.scene.scene import Scene
 from cpmkit.scene.tensors import evaluate_diffusivity
 
@@ -59,6 +60,20 @@ class Reader(Discretized):
         """(p, d) the samples of the manifold; made anew each time, for they are as large as all unknowns' rows."""
         one = self.sampled
         return one.lattice.to_scene(one.samples.points_at(slice(one.interior)))
+
+    @property
+    def points_in_use(self) -> Floats:
+        """(p, d) the same for reading alone: one array, kept as long as somebody holds it."""
+        return self._points_in_use.get(self._fixed_points)
+
+    @shared_property
+    def _points_in_use(self) -> Weakly[Floats]:
+        return Weakly()
+
+    def _fixed_points(self) -> Floats:
+        points = self.points
+        points.flags.writeable = False
+        return points
 
     @shared_property
     def _locator(self) -> Locator:

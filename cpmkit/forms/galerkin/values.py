@@ -109,12 +109,14 @@ class Values(Reader):
         """Number of samples of the manifold."""
         return self.sampled.interior
 
-    def at_some_points(self, rows: Ints, u: Floats) -> tuple[Floats, Floats]:
-        """Return the samples (k, d) that ``rows`` (k,) number, and the values (k, channels) of u there."""
+    def some_points(self, rows: Ints) -> Floats:
+        """Return the samples (k, d) of these numbers (k,)."""
+        return self.sampled.lattice.to_scene(self.sampled.samples.points_at(rows))
+
+    def at_some_points(self, u: Floats, rows: Ints) -> Floats:
+        """Return the values (k, channels) of u at the samples of these numbers (k,)."""
         found = self._spline_values(u, rows)
-        if len(self._tips):
-            found = found + self._tips.inside[rows] @ u[self._tips.splines :]
-        return self.sampled.lattice.to_scene(self.sampled.samples.points_at(rows)), found
+        return found + self._tips.inside[rows] @ u[self._tips.splines :] if len(self._tips) else found
 
     def _spline_values(self, u: Floats, rows: slice | Ints) -> Floats:
         """Return the values (k, channels) at samples of the splines in u."""

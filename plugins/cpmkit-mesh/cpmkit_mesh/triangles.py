@@ -96,6 +96,10 @@ class TriangleMesh:
     @property
     def bounds(self) -> Floats:
         """(2, 3) corners of the box that holds all vertices."""
+        return self._bounds.copy()
+
+    @cached_property
+    def _bounds(self) -> Floats:
         return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])
 
     def closest_point(self, x: Floats, /) -> ClosestPoints:

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.fixed_samples import SAMPLES_AT_ONCE
 from cpmkit.forms.galerkin.space.space import Space
 from cpmkit.protocols import Floats, Ints
 
@@ -104,25 +103,23 @@ def transport(space: Space, field: Floats) -> csr_array:
 
 def load(space: Space, f: Floats, some: slice = EVERY_SAMPLE) -> Floats:
     """Return (n, channels) sum w f v over ``some`` samples, with ``f`` (q, channels) at them, or (1, channels)."""
-    from cpmkit.forms.galerkin.space.energy_kernels import SPLINES
     from cpmkit.forms.galerkin.space.sample_kernels import add_load
 
     parting, samples = space.parting, space.samples
-    along = SPLINES[parting.degree], SPLINES[parting.degree] if parting.dim == 3 else (0,)
     loads = np.zeros((parting.size, f.shape[1]))
     f = np.ascontiguousarray(f, dtype=np.float64)
-    of_samples = parting.patch[some], *along, samples.places[some], samples.weights[some]
+    of_samples = parting.patch[some], *_splines_of(space), samples.places[some], samples.weights[some]
     add_load(parting.unknowns, *of_samples, f, loads)
     return loads
 
 
-def values_at_samples(space: Space, u: Floats, rows: slice | Ints = EVERY_SAMPLE) -> Floats:
-    """Return (k, channels) the values at samples ``rows`` of the splines with coefficients ``u`` (n, channels)."""
+def values_at_samples(space: Space, u: Floats, some: slice | Ints = EVERY_SAMPLE) -> Floats:
+    """Return (q, channels) the values at ``some`` samples of the splines with coefficients ``u`` (n, channels)."""
     from cpmkit.forms.galerkin.space.sample_kernels import read_values
 
-    parting, places = space.parting, space.samples.places[rows]
+    parting, places = space.parting, space.samples.places[some]
     values = np.empty((len(places), u.shape[1]))
-    read_values(parting.unknowns, parting.patch[rows], places, np.ascontiguousarray(u), values)
+    read_values(parting.unknowns, parting.patch[some], *_splines_of(space), places, np.ascontiguousarray(u), values)
     return values
 
 
@@ -142,26 +139,32 @@ def slopes_at(space: Space, patch: Ints, points: Floats, normals: Floats, u: Flo
 
 def slopes_at_samples(space: Space, count: int, u: Floats) -> Floats:
     """Return (count, channels, d) the same at the first ``count`` samples."""
-    slopes = np.empty((count, u.shape[1], space.parting.dim))
-    for start in range(0, count, SAMPLES_AT_ONCE):
-        some = slice(start, min(start + SAMPLES_AT_ONCE, count))
-        at = space.samples.points_at(some), space.samples.normals_at(some)
-        slopes[some] = slopes_at(space, space.parting.patch[some], *at, u)
+    from cpmkit.forms.galerkin.space.slope_kernels import read_slopes_at_samples
+
+    parting, samples = space.parting, space.samples
+    slopes = np.empty((count, u.shape[1], parting.dim))
+    of_samples = parting.patch, *_splines_of(space), samples.places, samples.directions
+    read_slopes_at_samples(parting.unknowns, parting.spacing, *of_samples, np.ascontiguousarray(u), slopes)
     return slopes
 
 
 def load_against_slopes(space: Space, field: Floats) -> Floats:
     """Return (n,) sum w field . grad v, ``field`` (p, d) at the first samples, of which the tangential part counts."""
-    from cpmkit.forms.galerkin.space.sample_kernels import add_slope_load
+    from cpmkit.forms.galerkin.space.slope_kernels import add_slope_load_of_samples
 
-    parting, loads = space.parting, np.zeros(space.parting.size)
-    for start in range(0, len(field), SAMPLES_AT_ONCE):
-        some = slice(start, min(start + SAMPLES_AT_ONCE, len(field)))
-        points, normals = space.samples.points_at(some), space.samples.normals_at(some)
-        along = field[some] - np.einsum("qcd,qce,qe->qd", normals, normals, field[some])
-        weighted = space.samples.weights[some, None] * along
-        add_slope_load(parting.unknowns, parting.cells, parting.spacing, parting.patch[some], points, weighted, loads)
+    parting, samples, loads = space.parting, space.samples, np.zeros(space.parting.size)
+    of_samples = parting.patch, *_splines_of(space), samples.places, samples.directions, samples.weights
+    field = np.ascontiguousarray(field, dtype=np.float64)
+    add_slope_load_of_samples(parting.unknowns, parting.spacing, *of_samples, field, loads)
     return loads
+
+
+def _splines_of(space: Space) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Return tuples as long as there are splines along the first axes and along the third, one in the plane."""
+    from cpmkit.forms.galerkin.space.energy_kernels import SPLINES
+
+    along = SPLINES[space.parting.degree]
+    return along, along if space.parting.dim == 3 else (0,)
 
 
 def energy_data(

@@ -47,23 +47,6 @@ def splines_along(width: int, d: int) -> int:
 
 
 @compiled
-def spline_products(place: Any, along: int, values: Floats, products: Floats) -> None:
-    """Fill ``products`` (along^d,) with the splines of a patch at a ``place`` (d,) of fixed point in its cell.
-
-    ``values`` (along,) is room for those of one axis.
-    """
-    size = 1
-    products[0] = 1.0
-    for axis in range(len(place)):
-        spline_values(PLACE_UNIT * place[axis] + 0.5, along, values)
-        for i in range(size - 1, -1, -1):
-            product, first = products[i], along * i
-            for k in range(along):
-                products[first + k] = product * values[k]
-        size *= along
-
-
-@compiled
 def add_load(
     unknowns: Ints,
     patch: Any,
@@ -108,18 +91,36 @@ def add_load(
 
 
 @compiled
-def read_values(unknowns: Ints, patch: Any, places: Any, u: Floats, values: Floats) -> None:
-    """Fill ``values`` (q, channels) with those of u (n, channels) at the samples."""
-    width = unknowns.shape[1]
-    along = splines_along(width, places.shape[1])
-    products, own = np.empty(width), np.empty(along)
+def read_values(unknowns: Ints, patch: Any, splines: Any, third: Any, places: Any, u: Floats, values: Floats) -> None:
+    """Fill ``values`` (q, channels) with those of u (n, channels) at the samples; ``splines``, ``third`` as above."""
+    width, channels = unknowns.shape[1], u.shape[1]
+    along, depth = len(splines), len(third)
+    X, Y, Z = np.empty(along), np.empty(along), np.ones(depth)
+    of_patch = np.empty(channels * along * along * depth)
+    last = -1
     for q in range(len(places)):
         p = patch[q]
-        spline_products(places[q], along, own, products)
-        for channel in range(u.shape[1]):
+        if p != last:
+            last = p
+            for channel in range(channels):
+                for place in range(width):
+                    of_patch[channel * width + place] = u[unknowns[p, place], channel]
+        spline_values(PLACE_UNIT * places[q, 0] + 0.5, along, X)
+        spline_values(PLACE_UNIT * places[q, 1] + 0.5, along, Y)
+        if depth > 1:
+            spline_values(PLACE_UNIT * places[q, 2] + 0.5, depth, Z)
+        at = np.uint64(0)
+        for channel in range(channels):
             total = 0.0
-            for place in range(width):
-                total += products[place] * u[unknowns[p, place], channel]
+            for i in range(along):
+                layer = 0.0
+                for j in range(along):
+                    line = 0.0
+                    for k in range(depth):
+                        line += of_patch[at] * Z[k]
+                        at += np.uint64(1)
+                    layer += Y[j] * line
+                total += X[i] * layer
             values[q, channel] = total
 
 
@@ -167,28 +168,3 @@ def read_slopes(
                     own[axis] -= across * normals[q, c, axis]
             for axis in range(d):
                 slopes[q, channel, axis] = own[axis]
-
-
-@compiled
-def add_slope_load(
-    unknowns: Ints, cells: Ints, spacing: float, patch: Any, points: Floats, weighted: Floats, load: Floats
-) -> None:
-    """Add sum weighted[q] . grad N_j(y_q) to ``load`` (n,), ``weighted`` (q, d) the vectors times their weights."""
-    d = cells.shape[1]
-    along = splines_along(unknowns.shape[1], d)
-    depth = along if d == 3 else 1
-    values, steps = np.ones((3, along)), np.zeros((3, along))
-    third = 2 if d == 3 else 0
-    for q in range(len(points)):
-        p = patch[q]
-        splines_by_axis(points[q], cells[p], spacing, along, values, steps)
-        x, y = weighted[q, 0] / spacing, weighted[q, 1] / spacing
-        z = weighted[q, third] / spacing if d == 3 else 0.0
-        place = 0
-        for i in range(along):
-            for j in range(along):
-                across = x * steps[0, i] * values[1, j] + y * values[0, i] * steps[1, j]
-                both = z * values[0, i] * values[1, j]
-                for k in range(depth):
-                    load[unknowns[p, place]] += across * values[2, k] + both * steps[2, k]
-                    place += 1

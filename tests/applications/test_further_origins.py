@@ -1,0 +1,86 @@
+"""Distances from further origins on one prepared scene: the same as from fresh ones, and little work."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+import numpy as np
+import pytest
+
+import cpmkit as ck
+import cpmkit.forms.galerkin.equations as equations
+import cpmkit.forms.galerkin.values as values
+import cpmkit.linear.factorization as factorization
+import cpmkit.linear.multigrid as multigrid
+from cpmkit.applications import geodesic_distance
+from cpmkit.applications.heat import LOST_SHARE, lost_alone
+from cpmkit.forms.galerkin.fixed_samples import FixedSamples
+
+SPHERE = ck.source("analytic.sphere")
+
+
+@pytest.mark.parametrize("method", ["heat", "transport"])
+def test_a_further_origin_measures_as_a_fresh_scene_does(method: str) -> None:
+    prepared = ck.prepare(ck.Scene(SPHERE, ck.Poisson(0.0)), 0.3, form="galerkin")
+    points = SPHERE.closest_point(np.random.default_rng(0).normal(size=(200, 3))).points
+    for origin in ([1, 0, 0], [0, 0.6, 0.8], [1, 0, 0]):
+        further = geodesic_distance(prepared, origin, method=method).evaluate(points)
+        fresh = geodesic_distance(SPHERE, origin, spacing=0.3, method=method).evaluate(points)
+        np.testing.assert_allclose(further, fresh, atol=1e-8)
+
+
+def test_a_further_origin_by_heat_makes_no_factors_and_goes_through_the_samples_four_times(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Values and slopes of the heat, the load of its directions, and the places of all samples once."""
+    done: Counter[str] = Counter()
+
+    def counted(where: Any, name: str, size: Any = lambda _: True) -> None:
+        plain = getattr(where, name)
+
+        def call(*arguments: Any, **named: Any) -> Any:
+            found = plain(*arguments, **named)
+            done[name] += bool(size(found))
+            return found
+
+        monkeypatch.setattr(where, name, call)
+
+    prepared = ck.prepare(ck.Scene(SPHERE, ck.Poisson(0.0)), 0.3, form="galerkin")
+    count = len(prepared.points)
+    geodesic_distance(prepared, [1, 0, 0], method="heat")
+    counted(factorization, "factors_of")
+    counted(values, "values_at_samples", lambda found: len(found) >= count)
+    counted(values, "slopes_at_samples")
+    counted(equations, "load_against_slopes")
+    for name in ("points_at", "normals_at"):
+        counted(FixedSamples, name, lambda found: len(found) >= count)
+    geodesic_distance(prepared, [0, 1, 0], method="heat")
+    assert +done == Counter(values_at_samples=1, slopes_at_samples=1, load_against_slopes=1, points_at=1)
+
+
+def test_few_points_may_be_lost_in_rounding_but_none_where_nothing_arrives() -> None:
+    heat = np.full(1000, 1e-20)
+    heat[:5] = -1e-25
+    assert lost_alone(heat, heat <= 0)
+    heat[0] = 0.0
+    assert not lost_alone(heat, heat <= 0)
+    heat[: int(2 * LOST_SHARE * len(heat))] = -1e-25
+    assert not lost_alone(heat, heat <= 0)
+
+
+def test_the_rounds_of_transport_share_one_preconditioner(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[Any] = []
+    plain = multigrid.prepare_unsymmetric
+
+    def counted(*arguments: Any) -> Any:
+        made.append(plain(*arguments))
+        return made[-1]
+
+    monkeypatch.setattr(multigrid, "prepare_unsymmetric", counted)
+    prepared = ck.prepare(ck.Scene(SPHERE, ck.Poisson(0.0)), 0.15, form="galerkin")
+    distance = geodesic_distance(prepared, [0, 0, 1], rounds=3)
+    assert len(made) == 1
+    assert 0 < distance.solution.report.iterations < 20
+    geodesic_distance(prepared, [1, 0, 0], rounds=1)
+    assert len(made) == 2
