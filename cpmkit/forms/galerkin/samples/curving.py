@@ -10,7 +10,8 @@ import numpy as np
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.forms.galerkin.samples.carrying import carried_along
 from cpmkit.forms.galerkin.samples.edges import Edges, edges_of, edges_on_cut
-from cpmkit.forms.galerkin.samples.folding import is_folded, unturned
+from cpmkit.forms.galerkin.samples.folding import unturned
+from cpmkit.forms.galerkin.samples.midpoint_folds import unfolded
 from cpmkit.forms.galerkin.samples.rim import Rim, rim_of_edges, rim_of_vertices
 from cpmkit.forms.galerkin.samples.segments import split_at_knots
 from cpmkit.forms.galerkin.samples.shortcuts import shortened
@@ -97,10 +98,8 @@ def with_midpoints(mesh: SampleMesh, source: LocalSource, boundaries: Sequence[L
                 target[rows] = boundary.closest_point(straight[rows]).points
     found = _uncreased(_to_manifold(source, target, rim), straight, length)
     if mesh.manifold_dim == 2 and len(mesh.cut):
-        folded = np.zeros(len(straight), dtype=bool)
-        folded[edges.of_cells[is_folded(mesh, found[edges.of_cells])]] = True
-        rows = np.unique(number[folded[number] & ~mesh.extends])
-        found[rows] = _uncreased(source.closest_point(straight[rows]).points, straight[rows], length[rows])
+        found = unfolded(mesh, edges, number[~mesh.extends], found, straight, source)
+        found = _uncreased(found, straight, length)
     return replace(mesh, midpoints=found[edges.of_cells])
 
 

@@ -41,12 +41,11 @@ def kept_shares(before: Floats, moved: Floats) -> Floats:
     return _kept(*_sides(before), *_sides(moved))
 
 
-def is_folded(mesh: SampleMesh, midpoints: Floats) -> Bools:
-    """Tell which triangles (m,) with ``midpoints`` (m, 3, d) turn over at a corner, or nearly so.
+def is_folded(x: Floats, midpoints: Floats) -> Bools:
+    """Tell which triangles (m,) with corners ``x`` and ``midpoints`` (m, 3, d) turn over at a corner, or nearly so.
 
     A thin one beside a boundary does where that bends by more than its height.
     """
-    x = mesh.vertices[mesh.cells]
     ahead, behind = np.roll(x, -1, axis=1), np.roll(x, 1, axis=1)
     first = 4 * np.roll(midpoints, 1, axis=1) - 3 * x - ahead
     second = 4 * np.roll(midpoints, -1, axis=1) - 3 * x - behind

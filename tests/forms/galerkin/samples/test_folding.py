@@ -20,9 +20,9 @@ def test_what_turns_a_triangle_over_is_put_back():
 def test_an_edge_that_bends_over_the_opposite_corner_folds_its_triangle():
     corners = FLAT[MESH.cells]
     middles = 0.5 * (np.roll(corners, -1, axis=1) + np.roll(corners, -2, axis=1))
-    assert not is_folded(MESH, middles).any()
+    assert not is_folded(MESH.vertices[MESH.cells], middles).any()
     middles[:, 2, 1] += 0.02  # the common edge, opposite to the last corner of either
-    assert is_folded(MESH, middles).tolist() == [True, False]
+    assert is_folded(MESH.vertices[MESH.cells], middles).tolist() == [True, False]
 
 
 def test_nothing_beside_a_circle_counts_twice():
