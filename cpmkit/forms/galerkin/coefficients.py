@@ -54,7 +54,7 @@ class Coefficients(Values):
         if isinstance(given, AtState):
             own = given.coefficient(self.at_points(given.u)[:, 0], self.slopes_at_points(given.u)[:, 0], points)
         else:
-            own = evaluate_diffusivity(given, points, "the diffusivity")
+            own = evaluate_diffusivity(given, self._reading_points(given), "the diffusivity")
         if own.ndim == 3 and len(self._tips):
             raise InputError("tips='singular' takes a diffusivity that is a number, got a tensor; use 'extended'.")
         if own.ndim < 3:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cpmkit.forms.field import Field
+from cpmkit.forms.galerkin.conditions.own_side import astray
 from cpmkit.forms.galerkin.facing import facing
 from cpmkit.forms.galerkin.locating import DIFFERENCE_SPACINGS
 from cpmkit.forms.galerkin.projection import Projection
@@ -26,7 +28,7 @@ from cpmkit.forms.galerkin.space.energy import (
 from cpmkit.linear.operators import CsrOperator
 from cpmkit.manifold.tangent_space import project_tangent
 from cpmkit.protocols import Floats, Ints
-from cpmkit.scene.data import Data
+from cpmkit.scene.data import Data, evaluate_data
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -43,6 +45,24 @@ class Values(Reader):
     def size(self) -> int:
         """Number of splines, copies counted, and of singular functions behind them."""
         return self.space.parting.size + len(self._tips)
+
+    def read(self, data: Any, what: str, time: float | None = None, channels: int | None = 1) -> Floats:
+        """Return a coefficient of the equation at the samples, (p, channels), each on the side of its cell."""
+        return evaluate_data(data, self._reading_points(data), channels, what, time)
+
+    def _reading_points(self, data: Any) -> Floats:
+        """Return where data are read for the samples, (p, d): on the side of their cell, but fields as they are."""
+        each = data if isinstance(data, Sequence) else [data]
+        points = self.points
+        if self.sampled.oriented and any(map(callable, each)) and not any(isinstance(one, Field) for one in each):
+            rows, places = self._astray
+            points[rows] = places
+        return points
+
+    @shared_property
+    def _astray(self) -> tuple[Ints, Floats]:
+        """The samples past the boundary that their cell lies beside, and their places on its own side."""
+        return astray(self.sampled, self._locator.sides)
 
     @property
     def mass(self) -> CsrOperator:

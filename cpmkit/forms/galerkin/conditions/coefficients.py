@@ -22,6 +22,9 @@ WIDE_SHARE = 0.89
 READ_BESIDE_WIDTHS = 0.25
 #: Readings whose logarithms differ by less are of one material, and are continued to the boundary.
 SAME_MATERIAL_LOG_RATIO = 0.4
+#: Readings whose logarithm is farther than this from the zone's mean near by are of another zone: all of a sliver may
+#: be, that a boundary cuts off beside an edge of the mesh.
+OTHER_ZONE_LOG_RATIO = 2.0
 
 #: What is given may differ from the problem's diffusivity by this share of it.
 DIFFUSIVITY_MISMATCH_SHARE = 0.01
@@ -108,10 +111,11 @@ def readings(
     off = [np.abs(one - around) for one in found]
     by_conormal = off[0] <= off[1] + SAME_MATERIAL_LOG_RATIO
     value = np.where(by_conormal, *found)
-    value = np.where(np.isfinite(value), value, around)
+    value = np.where(np.abs(value - around) < OTHER_ZONE_LOG_RATIO, value, around)
     rim = samples.owner < 0  # nothing is beyond
     (near, far), beyond = pairs[0], logarithm(np.where(rim[:, None], 0.0, -along))
-    smooth = rim | (np.abs(far - 3 * near + 3 * here - beyond) <= np.abs(far - 2 * near + here))
+    smooth = np.abs(far - 3 * near + 3 * here - beyond) <= np.abs(far - 2 * near + here)
+    smooth = rim | (smooth & (np.abs(here - around) < OTHER_ZONE_LOG_RATIO))
     return np.exp(np.where(smooth, here, value)), smooth | by_conormal
 
 

@@ -98,7 +98,8 @@ def with_midpoints(mesh: SampleMesh, source: LocalSource, boundaries: Sequence[L
                 target[rows] = boundary.closest_point(straight[rows]).points
     found = _uncreased(_to_manifold(source, target, rim), straight, length)
     if mesh.manifold_dim == 2 and len(mesh.cut):
-        found = unfolded(mesh, edges, number[~mesh.extends], found, straight, source)
+        own = number[~mesh.extends]
+        found = unfolded(mesh, edges, own, found, straight, source, lambda x: source.closest_point(x).points)
         found = _uncreased(found, straight, length)
     return replace(mesh, midpoints=found[edges.of_cells])
 

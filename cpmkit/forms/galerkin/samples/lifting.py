@@ -21,6 +21,7 @@ from cpmkit.forms.galerkin.samples.curving import (
     vertices_on,
 )
 from cpmkit.forms.galerkin.samples.edges import Edges, edges_of, edges_on_cut
+from cpmkit.forms.galerkin.samples.midpoint_folds import unfolded
 from cpmkit.forms.galerkin.samples.subdivision import halved
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vectors import dots, norms, unit
@@ -79,7 +80,8 @@ def curved_by_normals(
             step = _off(boundary.closest_point(vertices[rows]).points - vertices[rows], normals[rows])
             vertices[rows] += np.where(norms(step) <= reach[rows], 1.0, 0.0)[:, None] * step
     mesh = lifted_to_neighbours(replace(mesh, vertices=vertices), edges, on_cut, normals)
-    points = above_middles(mesh.vertices, edges.ends, normals)
+    free = above_middles(mesh.vertices, edges.ends, normals)
+    points = free.copy()
     for owner, boundary in enumerate(boundaries):
         rows = np.unique(number[(mesh.owner == owner) & ~mesh.extends])
         if boundary is not None and len(rows):
@@ -87,6 +89,8 @@ def curved_by_normals(
             step = _off(boundary.closest_point(points[rows]).points - points[rows], across)
             near = norms(step) <= CREASED_EDGE_SHARE * edges.lengths(mesh.vertices)[rows]
             points[rows] += np.where(near, 1.0, 0.0)[:, None] * step
+    if len(mesh.cut):
+        points = unfolded(mesh, edges, number[~mesh.extends], points, free, source, lambda x: x)
     return replace(mesh, midpoints=points[edges.of_cells])
 
 

@@ -7,6 +7,8 @@ be given data of the other one.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
@@ -24,7 +26,13 @@ ROUNDS = 4
 
 
 def unfolded(
-    mesh: SampleMesh, edges: Edges, number: Ints, found: Floats, straight: Floats, source: LocalSource
+    mesh: SampleMesh,
+    edges: Edges,
+    number: Ints,
+    found: Floats,
+    free: Floats,
+    source: LocalSource,
+    put: Callable[[Floats], Floats],
 ) -> Floats:
     """Return the midpoints ``found`` (e, d) of edges, changed where triangles beside boundaries would turn over.
 
@@ -36,17 +44,19 @@ def unfolded(
         Of it.
     number : (c,) int64
         Among them, those on boundaries.
-    found, straight : (e, d) float64
-        Midpoints on the manifold, the rim and boundaries, and the middles of the chords.
+    found, free : (e, d) float64
+        Midpoints on the manifold, the rim and boundaries, and where they would be but for these.
     source : LocalSource
         The manifold.
+    put : callable
+        Puts points (k, d) beside the free midpoints on it.
     """
     folded = _folded(mesh, edges, found, source)
     if not len(folded):
         return found
     on_boundary = np.zeros(len(found), dtype=bool)
     on_boundary[number] = True
-    carried = _carried(mesh, edges, on_boundary, folded, found, straight, source)
+    carried = _carried(mesh, edges, on_boundary, folded, found, free, put)
     for _ in range(ROUNDS):
         left = edges.of_cells[_folded(mesh, edges, carried, source)].ravel()
         if not len(left):
@@ -54,7 +64,7 @@ def unfolded(
         rows = np.unique(left[on_boundary[left]])
         others = np.unique(left[~on_boundary[left]])
         carried[others] = found[others]
-        carried[rows] = source.closest_point(straight[rows]).points
+        carried[rows] = put(free[rows])
     return carried
 
 
@@ -80,8 +90,8 @@ def _carried(
     on_boundary: Bools,
     folded: Ints,
     found: Floats,
-    straight: Floats,
-    source: LocalSource,
+    free: Floats,
+    put: Callable[[Floats], Floats],
 ) -> Floats:
     """Return the midpoints with those of ``folded`` triangles (k,) moved as the boundary is next to them."""
     own = edges.of_cells[folded]
@@ -90,12 +100,11 @@ def _carried(
     if not len(own):
         return moved
     line = own[on_boundary[own]]
-    free = own[~on_boundary[own]].reshape(-1, 2)
     start, end = (mesh.vertices[edges.ends[line, k]] for k in range(2))
-    chord, way = end - start, found[line] - straight[line]
-    for rows in free.T:
-        along = dots(straight[rows] - start, chord) / dots(chord, chord)
-        gap = norms(straight[rows] - start - along[:, None] * chord) / norms(chord)
+    chord, way = end - start, found[line] - free[line]
+    for rows in own[~on_boundary[own]].reshape(-1, 2).T:
+        along = dots(free[rows] - start, chord) / dots(chord, chord)
+        gap = norms(free[rows] - start - along[:, None] * chord) / norms(chord)
         share = np.maximum(4 * along * (1 - along), 0.0) * np.maximum(1 - gap, 0.0)
-        moved[rows] = source.closest_point(straight[rows] + share[:, None] * way).points
+        moved[rows] = put(free[rows] + share[:, None] * way)
     return moved
