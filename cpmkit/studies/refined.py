@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 from cpmkit.meshes.display_mesh import mesh_of
@@ -28,10 +29,8 @@ class RefinedMesh:
 
     of: ClosestPointSource
 
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("__") or name == "of":  # a copy asks before there is anything
-            raise AttributeError(name)
-        return getattr(self.of, name)
+    def __reduce__(self) -> Any:
+        return refined_mesh, (self.of,)
 
     def mesh(self, spacing: float) -> tuple[Floats, Ints]:
         """Return vertices (v, d), those that were added being closest points, and triangles (m, 3)."""
@@ -39,6 +38,24 @@ class RefinedMesh:
         refined, cells = refine(points, cells, points.shape[1], spacing)
         refined[len(points) :] = self.of.closest_point(refined[len(points) :]).points
         return refined, cells
+
+
+def refined_mesh(of: ClosestPointSource) -> RefinedMesh:
+    """Return a surface with its mesh refined, which can do all that ``of`` can."""
+    return _class_for(type(of))(of)
+
+
+@cache
+def _class_for(kind: type) -> type[RefinedMesh]:
+    """Return the class with the public names of another one: what a source can do is told by its class."""
+    names = [name for name in dir(kind) if not name.startswith("_") and not hasattr(RefinedMesh, name)]
+    fields = [name for name in getattr(kind, "__dataclass_fields__", ()) if not name.startswith("_") and name != "of"]
+    passed = {name: _passed_on(name) for name in {*names, *fields}}
+    return type(RefinedMesh.__name__, (RefinedMesh,), passed)
+
+
+def _passed_on(name: str) -> property:
+    return property(lambda self: getattr(self.of, name))
 
 
 def solve_on_refined_mesh(
@@ -51,5 +68,6 @@ def solve_on_refined_mesh(
     CpmkitError
         As the back end ``fem`` does, and if the surface has no mesh.
     """
-    refined = replace(scene, surface=RefinedMesh(scene.surface))
+    surface: Any = refined_mesh(scene.surface)
+    refined = replace(scene, surface=surface)
     return solve(refined, spacing, backend="fem", progress=progress, **for_any_backend(options))

@@ -100,8 +100,8 @@ def test_a_sum_of_thousands_of_terms_is_a_sum():
         ("1" * 400, "a number|the number"),
         ("1" * 5000, "too many digits"),
         ("1e999", "beyond 1.8e308"),
-        ("~" * 3000 + "x", "nested too deeply"),
-        ("-" * 5000 + "x", "nested too deeply"),
+        ("~" * 3000 + "x", "nested too deeply|offered are"),  # Python 3.13 parses these
+        ("-" * 5000 + "x", "nested too deeply|numbers, names and operations"),
         ("(" * 199 + "x", "was never closed"),
         ("x**" * 5000 + "x", "nested too deeply"),
         ("-" * 100_000 + "x", "100001 characters; at most 20000"),
