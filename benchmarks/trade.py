@@ -74,6 +74,7 @@ def run(problem: Problem, asked: TradeRun) -> TradeRun:
         bytes=used,
         unknowns=solution.discretized.size,
         cost_over_last_solve=trade.cost_over_last_solve,
+        solves=len(trade.steps),
     )
 
 

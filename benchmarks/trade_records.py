@@ -49,6 +49,7 @@ class TradeRun:
     bytes: int | None = None
     unknowns: int | None = None
     cost_over_last_solve: float | None = None
+    solves: int | None = None
 
     @property
     def key(self) -> tuple[Any, ...]:
@@ -91,7 +92,8 @@ def table(runs: Sequence[TradeRun]) -> Iterator[str]:
     below = [one for one in accepted if one.true_error <= one.asked_tolerance]
     silent = [one for one in accepted if one.true_error > one.asked_tolerance and not one.slow]
     timed = np.array([one.seconds / one.asked_seconds for one in runs if one.asked_seconds and one.seconds])
-    better = np.median([one.asked_tolerance / one.true_error for one in accepted])
+    better = [one.asked_tolerance / one.true_error for one in accepted]
+    further = [share for share, one in zip(better, accepted, strict=True) if (one.solves or 0) > 2]
     costs = [one.cost_over_last_solve for one in runs if one.cost_over_last_solve]
     foretold = np.array([one.predicted_bytes / one.bytes for one in runs if one.predicted_bytes and one.bytes])
     statuses = [f"{sum(one.status == status for one in asked)} {status}" for status in _statuses(asked)]
@@ -103,7 +105,8 @@ def table(runs: Sequence[TradeRun]) -> Iterator[str]:
         "effectivity in [.5, 3]": f"{np.mean((ratios >= 0.5) & (ratios <= 3)):.0%} of {len(ratios)}",
         "lowest, median, highest effectivity": f"{ratios.min():.2g}, {np.median(ratios):.2g}, {ratios.max():.2g}",
         "cost over that of the last solve, median": f"{np.median(costs):.2f}",
-        "accuracy over what was asked, median": f"{better:.2g}",
+        "accuracy over what was asked, median": f"{np.median(better):.2g}",
+        "the same, of answers that took more than two solves": f"{np.median(further):.2g}" if further else "none",
         "time within 1.5 of that asked": f"{np.sum(timed <= 1.5)} of {len(timed)}, at most {timed.max(initial=0):.2f}",
         "bytes foretold within a factor of two": f"{np.mean((foretold >= 0.5) & (foretold <= 2)):.0%}, "
         f"{foretold.min(initial=np.inf):.2f} to {foretold.max(initial=0):.2f} of the truth",
