@@ -59,6 +59,7 @@ def test_a_cut_on_the_rod_has_two_sides():
     assert np.abs(solution.evaluate([[-1.0, 0, 0], [1.5, 0, 0], [2.5, 0, 0], [5.0, 0, 0]]) - [1, 1, 3, 3]).max() < 1e-6
 
 
+@pytest.mark.slow
 def test_the_papers_object_keeps_the_maximum_principle():
     circle = ck.source("analytic.circle", center=[0, 0, 0.1], normal=[0, 0, 1], radius=np.sqrt(0.25**2 - 0.01))
     ring = ck.source("analytic.circle", center=[0, 0, 0], normal=[0, 0, 1], radius=0.8)

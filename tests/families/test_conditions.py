@@ -230,6 +230,7 @@ def test_robin_in_a_scene_file(tmp_path):
         ck.load_scene(file)
 
 
+@pytest.mark.slow
 def test_each_rim_of_a_tube_has_its_own_condition():
     """u = exp(z) sin(theta) on a cylinder: a value on one rim, a flux through the other, and the other way round."""
 
@@ -302,6 +303,7 @@ def test_a_moebius_strip_takes_equal_data_and_refuses_different_ones():
         ck.solve(ck.Scene(strip, ck.ScreenedPoisson(2.0, c=1.0), [different]), 0.1)
 
 
+@pytest.mark.slow
 def test_right_hand_sides_that_jump_at_a_boundary_on_which_nodes_lie():
     """A circle in a plane of nodes: they count as left, and read what holds there."""
     axis = np.array([0.0, 0.0, 1.0])

@@ -25,6 +25,7 @@ def test_second_order_on_a_mesh_of_4098_vertices():
     assert order_of((0.2, 0.1, 0.067), errors) >= 1.8
 
 
+@pytest.mark.slow
 def test_the_floor_of_a_coarse_mesh_falls_with_the_square_of_its_edges():
     floors = [error(rounds, 0.05) for rounds in (2, 3, 4)]
     assert floors[0] / floors[1] > 2.5

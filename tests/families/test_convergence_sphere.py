@@ -31,6 +31,7 @@ def test_first_order(normals):
     assert 0.8 <= order_of(SPACINGS, errors) <= 1.4
 
 
+@pytest.mark.slow
 def test_a_circle_in_a_plane_of_nodes_is_no_special_case():
     problem = sphere_poisson([[1.0, 0.0, 0.0]])
     errors = [max_error(*problem, h, origin=np.zeros(3)) for h in SPACINGS]

@@ -64,6 +64,7 @@ def sphere_problem(k_left=4.0, k_right=1.0, height=0.2):
     return scene, points, np.where(left(points), w(points), 2 - 3 * w(points))
 
 
+@pytest.mark.slow
 def test_a_sphere_of_two_materials():
     spacings = (0.2, 0.1, 0.05)
     errors = [max_error(*sphere_problem(), h) for h in spacings]

@@ -53,6 +53,7 @@ def test_degree_2_is_of_second_order_too_if_irregularly(tmp_path):
     assert series["cpm", 2, 2].fitted_order >= 1.3
 
 
+@pytest.mark.slow
 def test_at_a_point_the_ball_is_worst(tmp_path):
     """At one spacing and one position of the grid, where orders are erratic."""
     few = {"origins": 1, "methods": ["cpm", "nearest", "ball"], "spacings": [0.2]}

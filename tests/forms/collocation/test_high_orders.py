@@ -114,6 +114,7 @@ def test_a_circle_on_the_sphere():
     assert order_of(COARSE, errors) >= 3.6
 
 
+@pytest.mark.slow
 def test_fluxes_on_both_sides_of_a_circle_on_the_sphere():
     circle, axis = tilted()
     left = towards(axis)

@@ -41,6 +41,7 @@ def test_equal_values_around_a_crossing_are_not():
     assert not [text for text in ck.solve(scene, 0.1, form="collocation").warnings if "cross" in text]
 
 
+@pytest.mark.slow
 def test_outside_that_radius_the_sectors_do_not_suffer():
     """u = a + b atan2(w2, w1) in each quarter, w along the circles' normals: harmonic, and constant on each curve."""
     turn = rotation()
@@ -155,6 +156,7 @@ def test_a_curve_that_ends_on_another():
     assert order_of(spacings, errors) >= 1.8
 
 
+@pytest.mark.slow
 def test_a_triangle_of_great_arcs():
     """Its corners turn by more than a right angle: the oriented test keeps second order."""
     corners = (1, 0, 0.2), (0, 1, 0.2), (0.3, 0.3, 1)

@@ -157,6 +157,7 @@ def test_a_mean_that_was_far_off_says_by_how_much_the_rest_may_be_off():
     assert "the rest of the solution may be off by up to 110.0% of its range" in told
 
 
+@pytest.mark.slow
 def test_the_error_foretold_is_the_larger_of_what_bends_cost_and_what_the_mean_missed():
     plate = ck.source(
         "levelset.expression", phi="(x**2 + y**2)**4 + (z/0.1)**8 - 1", bounds=[[-1.2, -1.2, -0.4], [1.2, 1.2, 0.4]]

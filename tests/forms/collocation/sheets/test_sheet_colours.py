@@ -57,6 +57,7 @@ def colour_errors(solution, vertices, centres, radius, margin):
     return errors
 
 
+@pytest.mark.slow
 def test_rings_on_both_faces_of_a_thin_part_keep_their_colours(thin_ellipsoid):
     scene, centres = discs(thin_ellipsoid, 0.35)
     vertices, _ = thin_ellipsoid.mesh(0.07)

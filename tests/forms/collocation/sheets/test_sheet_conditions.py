@@ -145,6 +145,7 @@ def rolled_sheet(kind, curve, gap, turns=1.2, height=0.5):
     return ck.Scene(surface, ck.ScreenedPoisson(f, c=1.0), [boundary]), points, u(points)
 
 
+@pytest.mark.slow
 def test_a_curve_on_one_turn_of_a_rolled_sheet():
     """The jump is 10: that is the error where the next turn shares it."""
     h = 0.1

@@ -33,6 +33,7 @@ def test_a_spiral(gap):
     assert order_of(SPACINGS, errors) >= 1.6
 
 
+@pytest.mark.slow
 def test_a_thin_smooth_ellipsoid():
     """Of axes 1 : 1 : 0.1, its upper and lower half two to six spacings apart, with u odd from one to the other."""
     scene, u = odd_solution(0.1)
