@@ -10,6 +10,9 @@ from cpmkit.protocols import Bools, Floats
 
 #: A triangle that keeps less than this share of its area, at one of its corners, is turned over, or nearly so.
 KEPT_SHARE = 0.2
+#: As its vertices are moved onto a boundary it may become as thin as this: put back, they would be a hundredth of a
+#: spacing off the boundary, where data may jump.
+LEFT_SHARE = 0.02
 #: Vertices put back turn other triangles over; so often it is looked again.
 ROUNDS = 4
 
@@ -27,7 +30,7 @@ def unturned(mesh: SampleMesh, before: Floats, moved: Floats) -> Floats:
     for _ in range(ROUNDS):
         near = np.flatnonzero(astray[mesh.cells].any(axis=1))
         cells = mesh.cells[near]
-        turned = kept_shares(before[cells], moved[cells]) < KEPT_SHARE
+        turned = kept_shares(before[cells], moved[cells]) < LEFT_SHARE
         back = np.unique(cells[turned])
         back = back[astray[back]]
         if not len(back):

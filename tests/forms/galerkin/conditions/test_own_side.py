@@ -56,6 +56,13 @@ def test_slivers_beside_edges_have_the_material_of_their_side(spacing, origin):
     assert np.unique(on_boundary[~left]).tolist() == [1000.0]
 
 
+def test_a_boundary_keeps_its_vertices_where_triangles_become_thin():
+    """Two of its vertices are .018 spacings apart, and a third vertex lies .01 off: they were put back on chords."""
+    origin = [0.0395425133151816, 0.0437351976421664, 0.0145834340286955]
+    solution = ck.solve(SCENE, 0.0912954370688479, origin=origin, form="galerkin")
+    assert errors(solution, POINTS)[1] < 1e-4
+
+
 def test_nothing_is_read_elsewhere_where_all_samples_are_on_their_side():
     form = ck.solve(ck.Scene(SPHERE, SCENE.problem, SCENE.boundaries), 0.3, form="galerkin").discretized
     seen = []
