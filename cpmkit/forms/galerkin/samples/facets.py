@@ -33,9 +33,10 @@ def single_moments(mesh: SampleMesh, spacing: float) -> Floats:
     one lies in a plane with a neighbour, or has none at an edge or several, or a curved one is not small as a whole.
     """
     found = _of_flat(mesh) if mesh.midpoints is None else _of_curved(mesh, spacing)
-    beside = np.zeros(len(mesh.vertices), dtype=bool)
-    beside[mesh.cut] = True
-    found[beside[mesh.cells].any(axis=1)] = 0.0
+    if len(mesh.cut):
+        beside = np.zeros(len(mesh.vertices), dtype=bool)
+        beside[mesh.cut] = True
+        found[beside[mesh.cells].any(axis=1)] = 0.0
     return found
 
 
@@ -55,5 +56,6 @@ def _of_curved(mesh: SampleMesh, spacing: float) -> Floats:
         corners = mesh.vertices[mesh.cells[some]] / spacing
         area = 0.5 * norms(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
         extent = corners.max(axis=1) - corners.min(axis=1)
-        found[some] = np.where(area * dots(extent, extent) < CURVED_SINGLE_MOMENT, CURVED_SINGLE_MOMENT, 0.0)
+        small = np.flatnonzero(area * dots(extent, extent) < CURVED_SINGLE_MOMENT)
+        found[start + small] = CURVED_SINGLE_MOMENT  # zeros that nobody writes take no memory
     return found
