@@ -98,10 +98,11 @@ def away_from(prepared: Prepared, origins: Origins) -> ck.Field:
         source = origins.source(h, time**0.5)
         v = prepared.field(heated.solve(problem=ck.ScreenedPoisson(source, c=1 / time, lumped=True)))
         cold = v.values <= share * v.values.max()
-        if lost_alone(v.values, cold) or time > longest_time(prepared):
+        lost = lost_alone(v.values, cold)
+        if lost or time > longest_time(prepared):
             break
         time *= LONGER
-    if not lost_alone(v.values, cold):
+    if not lost:
         check_warmed(cold, prepared.scene.surface)
     return v.gradient().map(lambda _, slopes: np.where(cold[:, None], 0.0, -unit(slopes)))
 

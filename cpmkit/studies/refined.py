@@ -48,9 +48,8 @@ def refined_mesh(of: ClosestPointSource) -> RefinedMesh:
 @cache
 def _class_for(kind: type) -> type[RefinedMesh]:
     """Return the class with the public names of another one: what a source can do is told by its class."""
-    names = [name for name in dir(kind) if not name.startswith("_") and not hasattr(RefinedMesh, name)]
-    fields = [name for name in getattr(kind, "__dataclass_fields__", ()) if not name.startswith("_") and name != "of"]
-    passed = {name: _passed_on(name) for name in {*names, *fields}}
+    names = {*dir(kind), *getattr(kind, "__dataclass_fields__", ())} - {*dir(RefinedMesh), "of"}
+    passed = {name: _passed_on(name) for name in names if not name.startswith("_")}
     return type(RefinedMesh.__name__, (RefinedMesh,), passed)
 
 

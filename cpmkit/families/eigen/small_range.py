@@ -23,6 +23,8 @@ def few_seen(stepped: InverseIteration) -> Ints | None:
     if not stepped.symmetric or stepped.mass is None or not hasattr(stepped.mass, "to_csr"):
         return None
     matrix = stepped.mass.to_csr()
+    if np.count_nonzero(matrix.data) > MOST_SEEN**2:  # more than so few unknowns have: large ones are not gone through
+        return None
     seen = np.unique(matrix.indices[matrix.data != 0])
     return seen if len(seen) <= min(MOST_SEEN, matrix.shape[0] // 2) else None
 

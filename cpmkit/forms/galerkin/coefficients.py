@@ -50,11 +50,11 @@ class Coefficients(Values):
         one = self.sampled
         if not callable(given) and not isinstance(given, AtState) and np.ndim(given) == 0:
             return checked_number(self._at_samples(given, "the diffusivity"))
-        points = self.points
+        points = self.points if isinstance(given, AtState) else self._reading_points(given)
         if isinstance(given, AtState):
             own = given.coefficient(self.at_points(given.u)[:, 0], self.slopes_at_points(given.u)[:, 0], points)
         else:
-            own = evaluate_diffusivity(given, self._reading_points(given), "the diffusivity")
+            own = evaluate_diffusivity(given, points, "the diffusivity")
         if own.ndim == 3 and len(self._tips):
             raise InputError("tips='singular' takes a diffusivity that is a number, got a tensor; use 'extended'.")
         if own.ndim < 3:

@@ -44,7 +44,7 @@ def astray(one: SampledScene, sides: SidesOfCells) -> tuple[Ints, Floats]:
         feet, on = oriented.feet(x)
         leftward = oriented.axis_and_left(feet, on, DIFFERENCE_SPACINGS * one.lattice.spacing)[1]
         inside, doubt = side * dots(x - on.points, leftward), GAPS * norms(on.points - feet.points)
-        past = ((inside < 0) | (inside < doubt)) & (feet.edge < 0)
+        past = (inside < doubt) & (feet.edge < 0)
         step = side * np.maximum(doubt, -inside)
         rows.append(near[past])
         places.append((on.points + step[:, None] * leftward)[past] + origin)

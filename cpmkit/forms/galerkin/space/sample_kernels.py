@@ -46,6 +46,15 @@ def splines_along(width: int, d: int) -> int:
     return along
 
 
+@inlined
+def gather(unknowns: Ints, u: Floats, of_patch: Floats) -> None:
+    """Fill ``of_patch`` with the coefficients in u (n, channels) of a patch's ``unknowns``, channel after channel."""
+    width = len(unknowns)
+    for channel in range(u.shape[1]):
+        for place in range(width):
+            of_patch[channel * width + place] = u[unknowns[place], channel]
+
+
 @compiled
 def add_load(
     unknowns: Ints,
@@ -93,7 +102,7 @@ def add_load(
 @compiled
 def read_values(unknowns: Ints, patch: Any, splines: Any, third: Any, places: Any, u: Floats, values: Floats) -> None:
     """Fill ``values`` (q, channels) with those of u (n, channels) at the samples; ``splines``, ``third`` as above."""
-    width, channels = unknowns.shape[1], u.shape[1]
+    channels = u.shape[1]
     along, depth = len(splines), len(third)
     X, Y, Z = np.empty(along), np.empty(along), np.ones(depth)
     of_patch = np.empty(channels * along * along * depth)
@@ -102,9 +111,7 @@ def read_values(unknowns: Ints, patch: Any, splines: Any, third: Any, places: An
         p = patch[q]
         if p != last:
             last = p
-            for channel in range(channels):
-                for place in range(width):
-                    of_patch[channel * width + place] = u[unknowns[p, place], channel]
+            gather(unknowns[p], u, of_patch)
         spline_values(PLACE_UNIT * places[q, 0] + 0.5, along, X)
         spline_values(PLACE_UNIT * places[q, 1] + 0.5, along, Y)
         if depth > 1:

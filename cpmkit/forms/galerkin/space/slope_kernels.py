@@ -12,7 +12,7 @@ import numpy as np
 
 from cpmkit.forms.galerkin.fixed_kernels import decode_normals
 from cpmkit.forms.galerkin.fixed_point import PLACE_UNIT
-from cpmkit.forms.galerkin.space.sample_kernels import spline_slopes, spline_values
+from cpmkit.forms.galerkin.space.sample_kernels import gather, spline_slopes, spline_values
 from cpmkit.protocols import Floats, Ints
 from cpmkit.runtime.compilation import compiled, inlined
 
@@ -53,7 +53,7 @@ def read_slopes_at_samples(
 
     ``splines`` and ``third``: as of `add_load`.
     """
-    width, channels, d = unknowns.shape[1], u.shape[1], places.shape[1]
+    channels, d = u.shape[1], places.shape[1]
     along, depth = len(splines), len(third)
     values, steps = np.ones((3, along)), np.zeros((3, along))
     X, Y, Z, dX, dY, dZ = values[0], values[1], values[2], steps[0], steps[1], steps[2]
@@ -64,9 +64,7 @@ def read_slopes_at_samples(
         p = patch[q]
         if p != last:
             last = p
-            for channel in range(channels):
-                for place in range(width):
-                    of_patch[channel * width + place] = u[unknowns[p, place], channel]
+            gather(unknowns[p], u, of_patch)
         splines_by_place(places[q], along, depth, values, steps)
         decode_normals(directions[q], normals)
         at = np.uint64(0)  # unsigned, so that no index is tested for its sign
