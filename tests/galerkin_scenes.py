@@ -143,3 +143,17 @@ def plane_circle(spacing):
 def space_circle(spacing):
     u, v = np.linalg.qr(np.random.default_rng(7).normal(size=(3, 2)))[0].T
     return circle(spacing, u, v, SHIFT)
+
+
+def plate(thickness):
+    """A unit square plate with faces, and walls round it."""
+    corners = np.stack(np.meshgrid([0, 1], [0, 1], [0, thickness], indexing="ij"), axis=-1).reshape(-1, 3).astype(float)
+    sides = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
+    return corners, np.concatenate([sides[:, [0, 1, 2]], sides[:, [0, 2, 3]]])
+
+
+def fold(degrees):
+    """Two unit squares that meet at an angle."""
+    x, z = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    corners = np.array([[0, 0, 0], [0, 1, 0], [1, 0, 0], [1, 1, 0], [x, 0, z], [x, 1, z]])
+    return corners, np.array([[0, 2, 3], [0, 3, 1], [0, 1, 5], [0, 5, 4]])

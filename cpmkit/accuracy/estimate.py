@@ -62,8 +62,8 @@ class ErrorEstimate:
         Whose error it is.
     companions : tuple of Solution
         That it was held against, the one at twice the spacing last.
-    order : float, optional
-        At which errors are taken to fall, where it is not the form's.
+    order : float
+        At which errors are taken to fall from the last companion on: the form's, or one that is given.
     """
 
     rms: Floats
@@ -75,7 +75,7 @@ class ErrorEstimate:
     slow: str
     solution: Solution
     companions: tuple[Solution, ...]
-    order: float | None = None
+    order: float
 
     @property
     def error(self) -> Floats:
@@ -109,8 +109,8 @@ class ErrorEstimate:
     def _apart(self, ours: Floats, theirs: Floats) -> Floats:
         if isinstance(self.solution, EigenSolution):  # a multiplet's functions are any basis of it
             theirs = theirs @ np.linalg.lstsq(theirs, ours, rcond=None)[0]
-        order = self.order or self.solution.discretized.order_of_difference(2.0)
-        return np.asarray(np.abs(ours - theirs) / (2.0**order - 1))
+        ratio = self.coarse.spacing / self.solution.spacing
+        return np.asarray(np.abs(ours - theirs) / (ratio**self.order - 1))
 
     def as_dict(self) -> dict[str, Any]:
         """Return the estimate as plain values."""
@@ -165,10 +165,16 @@ def from_companions(
     """
     form = solution.discretized
     found = [difference(solution, one) for one in companions]
-    rms, largest = (_mean([_from(form, solution, one, norm, order) for one in found]) for norm in ("rms", "largest"))
+    orders = [order or _order(form, solution, *both) for both in zip(companions, found, strict=True)]
+    divisors = [one.ratio**p - 1 for one, p in zip(found, orders, strict=True)]
+    rms, largest = (
+        _mean([getattr(one, norm) / divisor for one, divisor in zip(found, divisors, strict=True)])
+        for norm in ("rms", "largest")
+    )
     last = found[-1]
     left = 0.0 if isinstance(solution, EigenSolution) else form.source_error()
     floor = np.full(len(last.unit), left)
+    slow = form.slow_beside(companions[-1].discretized)
     return ErrorEstimate(
         rms + in_time,
         largest + in_time,
@@ -176,17 +182,16 @@ def from_companions(
         in_time,
         floor,
         last.at,
-        form.slow,
+        slow,
         solution,
         tuple(companions),
-        order,
+        orders[-1],
     )
 
 
-def _from(form: Discretized, solution: Solution, one: Difference, norm: str, given: float | None) -> Floats:
-    eigen = isinstance(solution, EigenSolution)
-    order = given or (form.eigenvalue_order(one.ratio) if eigen else form.order_of_difference(one.ratio))
-    return np.asarray(getattr(one, norm) / (one.ratio**order - 1))
+def _order(form: Discretized, solution: Solution, companion: Solution, found: Difference) -> float:
+    of = form.eigenvalue_order if isinstance(solution, EigenSolution) else form.order_of_difference
+    return of(found.ratio, companion.discretized, float(found.rms.max()))
 
 
 def _mean(found: Sequence[Floats]) -> Floats:

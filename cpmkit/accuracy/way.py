@@ -29,7 +29,7 @@ from cpmkit.solution.solution import Solution
 
 ANSWERS = ("answer", "correction")
 #: Ratios of spacings between which a solution serves another as companion.
-LEAST_RATIO, MOST_RATIO = 1.19, 2.2
+LEAST_RATIO, MOST_RATIO = 1.3, 2.2
 #: Spacings that were too coarse for a scene are made finer by the root of two, so many times.
 MOST_TRIALS = 10
 #: Steps in time are shortened until they leave this share of the tolerance.

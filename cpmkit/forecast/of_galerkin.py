@@ -17,13 +17,13 @@ from cpmkit.forms.galerkin.telling import source_error
 from cpmkit.forms.options import Options
 from cpmkit.forms.solver_choice import solver_of
 from cpmkit.grid.fitting import suggest_spacing
-from cpmkit.grid.lattice import COARSEST_SPACING_SHARE, lattice_of
+from cpmkit.grid.lattice import lattice_of
 from cpmkit.manifold.local_source import localize
 from cpmkit.protocols import Progress
 from cpmkit.scene.scene import Scene
 
 #: A rehearsal's spacing is doubled while it is below this share of the largest side: another one of twice it is made.
-COARSEST_REHEARSAL_SHARE = COARSEST_SPACING_SHARE / 4
+COARSEST_REHEARSAL_SHARE = 1 / 16
 
 
 def explained(scene: Scene, asked: Options[GalerkinOptions], solver: str, progress: Progress) -> Explanation:

@@ -472,19 +472,34 @@ class Discretized(ABC):
         """Return the share of the solution's range that the source alone leaves as an error, whatever the spacing."""
         return advice_of(self.scene.surface, self.spacing).floor
 
-    def order_of_difference(self, ratio: float) -> float:
-        """Return the order p with which ``|u_h - u_rh| / (r^p - 1)`` estimates the error, at a ratio r of spacings."""
-        del ratio
+    def order_of_difference(self, ratio: float, coarser: Discretized | None = None, apart: float = 0.0) -> float:
+        """Return the order p with which ``|u_h - u_rh| / (r^p - 1)`` estimates the error.
+
+        Parameters
+        ----------
+        ratio : float
+            Of spacings, r.
+        coarser : Discretized, optional
+            What u_rh is on, if it is known already.
+        apart : float
+            Root mean square of the difference, as a share of the solution's range.
+        """
+        del ratio, coarser, apart
         return 2.0
 
-    def eigenvalue_order(self, ratio: float) -> float:
+    def eigenvalue_order(self, ratio: float, coarser: Discretized | None = None, apart: float = 0.0) -> float:
         """Return the same for eigenvalues, which may converge faster than functions."""
-        return self.order_of_difference(ratio)
+        return self.order_of_difference(ratio, coarser, apart)
 
     @property
     def slow(self) -> str:
         """Why errors may fall slowly with the spacing; empty where nothing says so."""
         return ""
+
+    def slow_beside(self, coarser: Discretized) -> str:
+        """Return the same where a solution on a coarser lattice is there to compare."""
+        del coarser
+        return self.slow
 
     def work(self, operator: Operator, report: SolveReport | None) -> MeasuredWork:
         """Return what a solve cost."""

@@ -15,8 +15,8 @@ from cpmkit.errors import ResolutionError
 from cpmkit.protocols import ClosestPointSource, Floats, Ints
 from cpmkit.runtime.arrays import as_vector
 
-#: The largest spacing, as a share of the manifold's largest side, at which the band still tells its parts apart.
-COARSEST_SPACING_SHARE = 0.25
+#: The largest spacing, as a share of the manifold's largest side, at which splines still say something of it.
+COARSEST_SPACING_SHARE = 0.4
 #: Rounding of coordinates above this share of a surface's size is reported.
 LOST_SIZE_SHARE = 1e-7
 #: So many roundings are lost where closest points are computed far out: spheres of classes of one's own, at 1e8 to
@@ -68,7 +68,9 @@ class Lattice:
         return points - self.origin
 
 
-def lattice_of(surface: ClosestPointSource, spacing: float, origin: Any = None) -> Lattice:
+def lattice_of(
+    surface: ClosestPointSource, spacing: float, origin: Any = None, coarsest: float = COARSEST_SPACING_SHARE
+) -> Lattice:
     """Return the lattice of this spacing; a node lies at ``origin``, by default the centre of the surface's bounds.
 
     Raises
@@ -76,14 +78,14 @@ def lattice_of(surface: ClosestPointSource, spacing: float, origin: Any = None) 
     InputError
         If the origin is not d numbers.
     ResolutionError
-        If the spacing is more than a quarter of the manifold's largest side.
+        If the spacing is more than the share ``coarsest`` of the manifold's largest side.
     """
     bounds = np.asarray(surface.bounds, dtype=np.float64)
     largest = float((bounds[1] - bounds[0]).max())
-    if spacing > COARSEST_SPACING_SHARE * largest > 0:
+    if spacing > coarsest * largest > 0:
         raise ResolutionError(
             f"spacing={spacing:g} is too coarse for a manifold whose largest side is {largest:.3g}; "
-            f"use {COARSEST_SPACING_SHARE * largest:.3g} or less."
+            f"use {coarsest * largest:.3g} or less."
         )
     centre: Floats = 0.5 * (bounds[0] + bounds[1])
     return Lattice(centre if origin is None else as_vector(origin, surface.dim, "origin"), float(spacing))

@@ -53,5 +53,5 @@ def test_what_the_source_leaves_is_that_of_the_form(form):
 
 
 def test_a_spacing_too_coarse_to_be_doubled_is_refused():
-    with pytest.raises(ck.ResolutionError, match=r"spacing=0\.6 is too coarse"):
-        ck.estimate_error(ck.Scene(ck.source("analytic.sphere"), ck.ScreenedPoisson(1.0)), 0.3)
+    with pytest.raises(ck.ResolutionError, match=r"spacing=0\.9 is too coarse"):
+        ck.estimate_error(ck.Scene(ck.source("analytic.sphere"), ck.ScreenedPoisson(1.0)), 0.45)

@@ -102,7 +102,7 @@ def test_a_time_and_a_memory_bound_the_work():
     with pytest.warns(ck.CpmkitWarning, match="not reached"):
         bound = ck.solve(scene, tolerance=1e-7, memory="20 MB")
     assert bound.trade.status == "not reached"
-    assert bound.discretized.size == small.discretized.size
+    assert bound.discretized.size == pytest.approx(small.discretized.size, rel=0.2)
     assert "19.07 MiB" in bound.trade.told
     with pytest.raises(ck.ResolutionError, match=r"less than the .* of a coarse solve"):
         ck.solve(scene, memory="1 MB")

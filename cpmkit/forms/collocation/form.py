@@ -31,7 +31,7 @@ from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.collocation.reading.points import Reader
 from cpmkit.forms.collocation.stability import check_waves
 from cpmkit.forms.collocation.work import Work, measure_work
-from cpmkit.forms.contract import Settled
+from cpmkit.forms.contract import Discretized, Settled
 from cpmkit.forms.options import Options
 from cpmkit.grid.fitting import check_fits
 from cpmkit.linear.operators import Border
@@ -305,9 +305,9 @@ class Collocation(Reader):
             f"{resolving_spacing(self.tables.layout):.2g}"
         )
 
-    def order_of_difference(self, ratio: float) -> float:
+    def order_of_difference(self, ratio: float, coarser: Discretized | None = None, apart: float = 0.0) -> float:
         """Return the order of the conditions, 3 counting as 2."""
-        del ratio
+        del ratio, coarser, apart
         order = self.tables.layout.order
         return 2.0 if order == 3 else float(order)
 

@@ -34,6 +34,9 @@ from cpmkit.manifold.local_source import LocalSource, localize
 from cpmkit.protocols import Ints, Progress, no_progress
 from cpmkit.scene.scene import Scene
 
+#: The largest spacing, as a share of the manifold's largest side, at which the band still tells its parts apart.
+COARSEST_BAND_SHARE = 0.25
+
 
 @dataclass(frozen=True, eq=False)
 class Layout:
@@ -125,7 +128,7 @@ def lay_out(scene: Scene, options: Options[CollocationOptions], progress: Progre
         If the lattice's origin, a boundary or the spacing does not fit.
     """
     order, sheets = options.own.order, options.own.sheets
-    lattice = lattice_of(scene.surface, options.spacing, options.origin)
+    lattice = lattice_of(scene.surface, options.spacing, options.origin, COARSEST_BAND_SHARE)
     options = replace(options, origin=lattice.origin)
     surface = localize(scene.surface, lattice.origin)
     band = build_band(surface, lattice.spacing, options.own.degree, progress, difference_reach(order))

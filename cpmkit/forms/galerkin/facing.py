@@ -12,10 +12,10 @@ from cpmkit.forms.galerkin.samples.edges import edges_of
 from cpmkit.forms.galerkin.space.energy import load
 from cpmkit.forms.galerkin.space.space import Space
 from cpmkit.manifold.vectors import norms, unit
-from cpmkit.protocols import Floats, Ints
+from cpmkit.protocols import Bools, Floats, Ints
 
-#: A spline is not faced one way where its mean normal is shorter than this.
-FACED_LENGTH = 0.6
+#: A spline is not faced one way where its mean normal is shorter than this, and on what bends where it is below that.
+FACED_LENGTH, BENT_LENGTH = 0.6, 0.85
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,19 +28,24 @@ class Turned:
         Of the manifold's measure, on such splines.
     near : (d,) float64
         Relative to the lattice's origin, the node of that whose normals cancel most; NaN where there is none.
+    bent : float
+        What share is on splines under which the manifold bends about as sharply as the spacing, these included.
     """
 
     share: float
     near: Floats
+    bent: float = 0.0
 
 
 def facing(space: Space, mesh: SampleMesh) -> Floats:
     """Return (n, 1 + d) the integral of each spline, and of the direction n that the manifold faces times it.
 
-    Of curves n is the tangent. Cells are oriented by walking over the facets that two of them share.
+    Of curves n is the tangent. Cells are oriented by walking over the facets that two of them share. One-sided pieces
+    break somewhere: on splines near that nothing is said of the direction, which is NaN there.
     """
     samples = space.samples
-    signs, cells = orientation(mesh), samples.cell
+    signs, breaks = orientation(mesh)
+    cells = samples.cell
     ends = mesh.vertices[mesh.cells] if mesh.manifold_dim == 1 else mesh.vertices[:0, None]
     found = np.zeros((space.parting.size, 1 + mesh.dim))
     for start in range(0, len(samples), SAMPLES_AT_ONCE):
@@ -51,6 +56,8 @@ def facing(space: Space, mesh: SampleMesh) -> Floats:
         else:
             faced[:, 1:] = unit(ends[cells[some], 1] - ends[cells[some], 0])
         faced[:, 1:] *= signs[cells[some], None]
+        if breaks.any():
+            faced[breaks[cells[some]], 1:] = np.nan
         found += load(space, faced, some)
     return found
 
@@ -58,16 +65,17 @@ def facing(space: Space, mesh: SampleMesh) -> Floats:
 def turned(space: Space, facing: Floats) -> Turned:
     """Return how much of the manifold lies on splines with ``|sum w N n| < .6 sum w N``, both sums in ``facing``."""
     area, length = facing[:, 0], norms(facing[:, 1:])
-    is_turned = length < FACED_LENGTH * area
+    is_turned = length < FACED_LENGTH * area  # never where nothing is said
+    bent = float(area[length < BENT_LENGTH * area].sum() / area.sum())
     if not is_turned.any():
-        return Turned(0.0, np.full(space.parting.dim, np.nan))
+        return Turned(0.0, np.full(space.parting.dim, np.nan), bent)
     heavy = np.flatnonzero(is_turned & (area >= np.median(area[is_turned])))
     worst = heavy[np.argmin(length[heavy] / area[heavy])]
-    return Turned(float(area[is_turned].sum() / area.sum()), space.parting.places[worst])
+    return Turned(float(area[is_turned].sum() / area.sum()), space.parting.places[worst], bent)
 
 
-def orientation(mesh: SampleMesh) -> Ints:
-    """Return 1 or -1 for each cell (m,), so that neighbours are wound alike; one-sided pieces break somewhere."""
+def orientation(mesh: SampleMesh) -> tuple[Ints, Bools]:
+    """Return 1 or -1 for each cell (m,), so that neighbours are wound alike, and where one beside it is not (m,)."""
     from cpmkit.forms.galerkin.facing_kernels import walk
 
     k = mesh.cells.shape[1]
@@ -77,4 +85,8 @@ def orientation(mesh: SampleMesh) -> Ints:
         facets = edges_of(mesh).of_cells
         ends = mesh.facets
         senses = np.where(ends[:, :, 0] < ends[:, :, 1], 1, -1)
-    return walk(np.ascontiguousarray(facets, dtype=np.int64), np.ascontiguousarray(senses, dtype=np.int64))
+    facets = np.ascontiguousarray(facets, dtype=np.int64)
+    signs = walk(facets, np.ascontiguousarray(senses, dtype=np.int64))
+    cells_beside = np.bincount(facets.ravel())
+    wound = np.bincount(facets.ravel(), (signs[:, None] * senses).ravel())  # two that are wound alike cancel
+    return signs, np.any(((cells_beside == 2) & (np.abs(wound) == 2))[facets], axis=1)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -17,6 +16,7 @@ from cpmkit.forms.galerkin.conditions.held import held
 from cpmkit.forms.galerkin.conditions.sides import side_moments
 from cpmkit.forms.galerkin.definiteness import surely_iterated
 from cpmkit.forms.galerkin.equations import Equations
+from cpmkit.forms.galerkin.error_orders import EIGENVALUE_DIVISORS, ERROR_DIVISORS, order_of
 from cpmkit.forms.galerkin.facing import Turned, turned
 from cpmkit.forms.galerkin.fitting import check_unknowns_fit, factors_in
 from cpmkit.forms.galerkin.fixed_samples import FixedSamples
@@ -43,16 +43,8 @@ from cpmkit.scene.scene import Scene
 from cpmkit.scene.state_diffusivity import StateDiffusivity
 
 if TYPE_CHECKING:
+    from cpmkit.forms.contract import Discretized
     from cpmkit.linear.report import SolveReport
-
-#: By what differences from the root of two and from two times the spacing are divided on meshes.
-MESH_DIVISORS = (1.25, 2.5)
-#: The same where cells follow a smooth source, by degree: at orders 3 and 4 differences are 7 and 15 times the error.
-ERROR_DIVISORS = {1: (0.8, 2.4), 2: (1.8, 6.0), 3: (2.8, 12.0)}
-#: The same of eigenvalues: at order 4 the difference is 15 times the error (measured: 13 to 17).
-EIGENVALUE_DIVISORS = {1: (0.8, 2.4), 2: (2.8, 12.0), 3: (2.8, 12.0)}
-#: And where curves end or the manifold is thin or folded.
-SLOW_DIVISORS = (0.59, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,29 +156,26 @@ class Galerkin(Equations):
         """Return what the source leaves in integrals."""
         return source_error(self.scene.surface, self.spacing)
 
-    def order_of_difference(self, ratio: float) -> float:
-        """Return the order that divides by 6 at twice the spacing on smooth sources, by 2.5 on meshes, by 1 if slow.
+    def order_of_difference(self, ratio: float, coarser: Discretized | None = None, apart: float = 0.0) -> float:
+        """Return what divides by 4 to 7 at twice the spacing on smooth sources, by 2.5 on meshes, by 1 if slow.
 
-        Of degree 2; on smooth sources by 2.4 of degree 1, by 12 of degree 3. At order 3 the difference is 7 times the
-        error; were the order 2 there, the estimate would be half the error. On meshes, where orders are lower, 2.5
-        brought it between a half and three times the true one in 87 of 100 cases.
+        Of degree 2; on smooth sources by 1.6 to 2.8 of degree 1, by 8 to 14 of degree 3. At order 3 the difference is 7
+        times the error; were the order 2 there, the estimate would be half the error.
         """
-        return order_dividing(self._divisors(ERROR_DIVISORS), ratio)
+        return order_of(self, ERROR_DIVISORS[self.options.own.degree], ratio, coarser, apart)
 
-    def eigenvalue_order(self, ratio: float) -> float:
-        """Return that of 12 on smooth sources, where eigenvalues are of order 4, and else what functions have."""
-        return order_dividing(self._divisors(EIGENVALUE_DIVISORS), ratio)
-
-    def _divisors(self, smooth: Mapping[int, tuple[float, float]]) -> tuple[float, float]:
-        """Return those of differences from the root of two and from two times the spacing."""
-        own = smooth[self.options.own.degree]
-        on_meshes = own if own < MESH_DIVISORS else MESH_DIVISORS
-        return SLOW_DIVISORS if self.slow else own if self.sampled.bend == "feet" else on_meshes
+    def eigenvalue_order(self, ratio: float, coarser: Discretized | None = None, apart: float = 0.0) -> float:
+        """Return the same with 8 to 14 on smooth sources, where eigenvalues are of order 4."""
+        return order_of(self, EIGENVALUE_DIVISORS[self.options.own.degree], ratio, coarser, apart)
 
     @cached_property
     def slow(self) -> str:
         """Why the error may fall slowly, in words."""
         return why_slow(self)
+
+    def slow_beside(self, coarser: Discretized) -> str:
+        """Return why it may fall slowly, folds that are as long on the coarser lattice among the reasons."""
+        return why_slow(self, coarser)
 
     def work(self, operator: Operator, report: SolveReport | None) -> GalerkinWork:
         """Return what the space holds and what the solve did."""
@@ -224,16 +213,6 @@ class Galerkin(Equations):
         if sides.shape == own.shape and np.any(np.sum(sides * own, axis=(1, 2)) < 0):
             return "left and right of its boundaries are others"
         return "" if np.array_equal(self._first_parting.nodes, saved["nodes"]) else "its nodes are others"
-
-
-def order_dividing(divisors: tuple[float, float], ratio: float) -> float:
-    """Return the order p with ``r^p - 1`` equal to the ``divisors`` at r = sqrt(2) and 2, and between them in between.
-
-    Below and above it is that of the nearer one (GALERKIN 10).
-    """
-    near, far = (math.log(1 + one) / math.log(at) for one, at in zip(divisors, (math.sqrt(2), 2), strict=True))
-    share = min(max(2 * math.log2(ratio) - 1, 0.0), 1.0)
-    return near + share * (far - near)
 
 
 def check(scene: Scene, options: Options[GalerkinOptions]) -> None:

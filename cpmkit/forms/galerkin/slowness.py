@@ -7,33 +7,57 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cpmkit.forms.galerkin.telling import TURNED_SHARE
-from cpmkit.manifold.local_source import largest_dim
 from cpmkit.scene.state_diffusivity import StateDiffusivity
 
 if TYPE_CHECKING:
+    from cpmkit.forms.contract import Discretized
     from cpmkit.forms.galerkin.form import Galerkin
 
-#: Folds whose splines are more than this over the root of all splines: so they are where folds are about as long as the
-#: manifold is wide, at any spacing, though their share of it falls. Nefertiti .7 to 1.6, and estimates without this a
-#: third of the error; Spot, koala and fish where they are resolved, a cube and a Moebius strip below .8.
-FOLD_ROOTS = 0.85
+#: Folds stay where more than the first share of the area is on splines under which the manifold turns, and more than
+#: the second of what it was at twice the spacing: where parts are thinner than both, both have the same errors there
+#: (Nefertiti .5 to 1.9, and estimates without this are a quarter of the error; Spot, koala and fish .1 to .4 from the
+#: second solution on, and estimates without this are right).
+STAYING_AREA, STAYING_SHARE = 0.005, 0.4
 #: A layer narrower than this, in spacings, is not resolved: estimates were down to .3 of the error at a half, .66 at 1.
 LAYER_SPACINGS = 0.9
 
 
-def why_slow(form: Galerkin) -> str:
-    """Return in words why the error may fall slowly; nothing where nothing says so."""
-    mesh, turned = form.sampled.mesh, form.turned
-    if bool(mesh.extends.any()) and not form.sampled.singular:
+def why_slow(form: Galerkin, coarser: Discretized | None = None) -> str:
+    """Return in words why the error may fall slowly, beside a coarser lattice too if one is given; else nothing."""
+    return end_or_layer(form) or _folded(form, coarser)
+
+
+def _folded(form: Galerkin, coarser: Discretized | None) -> str:
+    share = form.turned.share
+    if share > TURNED_SHARE:
+        return f"thin, folded or creased: {share:.0%} of the area; the error may fall slowly"
+    if coarser is not None and folds_stay(form, coarser):
+        same = f"about as much at spacing {coarser.spacing:.3g}"
+        return f"thin, folded or creased: {share:.1%} of the area, {same}; the error may fall slowly"
+    return ""
+
+
+def end_or_layer(form: Galerkin) -> str:
+    """Return whether boundaries end inside the surface, or a layer beside conditions is not resolved, in words."""
+    if bool(form.sampled.mesh.extends.any()) and not form.sampled.singular:
         return "boundaries end inside the surface; the error may fall slowly"
-    if turned.share > TURNED_SHARE:
-        return f"thin, folded or creased: {turned.share:.0%} of the area; the error may fall slowly"
-    if largest_dim(form.scene.surface) == 2 and turned.share * np.sqrt(form.size) > FOLD_ROOTS:
-        return f"long folds or creases, with {turned.share:.1%} of the area; the error may fall slowly"
     width = layer_spacings(form)
     if width < LAYER_SPACINGS:
         return f"a layer beside conditions is {width:.2g} spacings wide; the error may fall slowly"
     return ""
+
+
+def folds_stay(form: Galerkin, coarser: Discretized) -> bool:
+    """Return whether the manifold turns under splines of a coarser lattice on hardly more of its area."""
+    mine, theirs = form.turned.share, turned_share(coarser)
+    halvings = np.log2(coarser.spacing / form.spacing)
+    return bool(mine > STAYING_AREA and mine > STAYING_SHARE**halvings * theirs)
+
+
+def turned_share(form: Discretized) -> float:
+    """Return the share of the area on splines under which the manifold turns; 0 of a form that does not know it."""
+    turned = getattr(form, "turned", None)
+    return 0.0 if turned is None else float(turned.share)
 
 
 def layer_spacings(form: Galerkin) -> float:

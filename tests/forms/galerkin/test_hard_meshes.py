@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from cut_meshes import icosphere
+from galerkin_scenes import fold, plate
 
 import cpmkit as ck
 from cpmkit.forms.galerkin.space.parted import pieces
@@ -129,25 +130,11 @@ def test_fifty_specks_are_told_and_do_no_harm(solver):
     np.testing.assert_allclose(solution.evaluate(on_specks), 7 * xy(centres), rtol=0.2, atol=0.05)
 
 
-def plate(thickness):
-    """A unit square plate with faces, and walls round it."""
-    corners = np.stack(np.meshgrid([0, 1], [0, 1], [0, thickness], indexing="ij"), axis=-1).reshape(-1, 3).astype(float)
-    sides = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
-    return corners, np.concatenate([sides[:, [0, 1, 2]], sides[:, [0, 2, 3]]])
-
-
-def fold(degrees):
-    """Two unit squares that meet at an angle."""
-    x, z = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-    corners = np.array([[0, 0, 0], [0, 1, 0], [1, 0, 0], [1, 1, 0], [x, 0, z], [x, 1, z]])
-    return corners, np.array([[0, 2, 3], [0, 3, 1], [0, 1, 5], [0, 5, 4]])
-
-
 @pytest.mark.parametrize("mesh", [*(plate(0.05 * share) for share in (1, 0.4, 0.1)), *map(fold, (45, 20, 5, 2))])
 def test_thin_plates_and_folds_are_told(mesh):
     form = form_of(*mesh, spacing=0.05).discretized
     assert any("is thin, folded or creased on this lattice" in told for told in form.warnings())
-    assert form.order_of_difference(2.0) == 1.0
+    assert form.order_of_difference(2.0) < 1.0
 
 
 def test_a_right_angle_is_not_told():

@@ -48,6 +48,8 @@ def left_of_boundaries(
         That coordinates are relative to.
     """
     n = len(half.cell)
+    if not n:
+        return np.zeros(len(samples), dtype=bool)
     rows = np.flatnonzero(samples.half >= 0)
     votes = np.bincount(samples.half[rows], _votes(samples, boundaries, lattice)[rows], n)
     group, piece = _groups(mesh, half, corners)

@@ -1,0 +1,59 @@
+"""What differences of solutions are divided by: on coarse lattices, near folds, on one-sided strips."""
+
+import numpy as np
+import pytest
+from galerkin_scenes import fold, plate
+from model_problems import sphere_points
+
+import cpmkit as ck
+from cpmkit.accuracy.estimate import from_companions, shifted_origin
+from cpmkit.forms.galerkin.error_orders import ERROR_DIVISORS, order_dividing
+
+SPHERE, AT = ck.source("analytic.sphere"), sphere_points()
+
+
+def estimate_of(scene, spacing, coarse):
+    """Return a solution's estimate from one at a coarser spacing, elsewhere."""
+    other = ck.solve(scene, coarse, origin=shifted_origin(scene, coarse), form="galerkin")
+    return from_companions(ck.solve(scene, spacing, form="galerkin"), [other])
+
+
+@pytest.mark.parametrize("ratio", [1.5, 2.0])
+@pytest.mark.parametrize("waves", [1, 4])
+def test_estimates_hold_from_the_coarsest_lattices_on(waves, ratio):
+    u = lambda x: np.sin(waves * x[:, 2])  # noqa: E731
+    load = lambda x: (1 + waves**2 * (1 - x[:, 2] ** 2)) * u(x) + 2 * waves * x[:, 2] * np.cos(waves * x[:, 2])  # noqa: E731
+    scene, unit = ck.Scene(SPHERE, ck.ScreenedPoisson(load)), np.ptp(u(AT))
+    for spacing in (0.4, 0.28, 0.2, 0.14):
+        estimate = estimate_of(scene, spacing, ratio * spacing)
+        off = (estimate.solution.evaluate(AT) - u(AT)) / unit
+        assert 0.4 < estimate.of("rms") / np.sqrt(np.mean(off**2)) < 3
+        assert 0.4 < estimate.of("max") / np.abs(off).max() < 3
+
+
+def test_errors_are_taken_to_fall_faster_the_finer_the_lattices_and_the_nearer_the_solutions():
+    form, coarse, fine = (
+        ck.solve(ck.Scene(SPHERE, ck.ScreenedPoisson(1.0)), h, form="galerkin").discretized for h in (0.3, 0.6, 0.32)
+    )
+    by_spacing = [form.order_of_difference(2.0, other) for other in (coarse, fine)]
+    by_distance = [form.order_of_difference(2.0, fine, apart) for apart in (1e-1, 1e-2, 1e-3, 1e-4)]
+    assert by_spacing[0] < by_spacing[1] == by_distance[-1]
+    assert by_distance == sorted(by_distance)
+    assert form.order_of_difference(2.0) == pytest.approx(order_dividing(ERROR_DIVISORS[2], 2.0))
+
+
+@pytest.mark.parametrize("mesh", [plate(0.02), fold(20)])
+def test_folds_that_stay_are_slow_beside_a_coarser_lattice(mesh):
+    vertices, faces = mesh
+    source = ck.source("mesh.triangles", vertices=vertices, faces=faces)
+    estimate = estimate_of(ck.Scene(source, ck.ScreenedPoisson(lambda x: x[:, 0])), 0.05, 0.1)
+    assert estimate.order < 1.0
+    assert "fall slowly" in estimate.slow
+
+
+def test_a_strip_with_one_side_is_not_folded_where_its_cells_turn_round():
+    scene = ck.Scene(ck.source("parametric.moebius"), ck.ScreenedPoisson(lambda x: x[:, 2]))
+    estimate = estimate_of(scene, 0.1, 0.2)
+    assert estimate.solution.discretized.turned.share == 0.0
+    assert estimate.order > 2.5
+    assert not estimate.slow
