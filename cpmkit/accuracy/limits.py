@@ -21,7 +21,7 @@ from cpmkit.scene.scene import Scene
 FIRST_UNKNOWNS = {0: 50, 1: 50, 2: 135, 3: 800}
 #: Tolerances below this begin with more, for fewer say nothing there: by this power of what they are below it for each
 #: dimension, up to so many times.
-EASY_TOLERANCE, FIRST_POWER, MOST_TIMES = 1.6e-3, 0.18, 20.0
+EASY_TOLERANCE, FIRST_POWER, MOST_TIMES = 1.6e-3, 0.18, 4.0
 #: Blocks of the manifold by which these are counted: few, for closest points may be dear.
 COUNTED_BLOCKS = 100
 #: A solve may take so many times longer than foretold.
