@@ -57,13 +57,18 @@ def expected_seconds(way: Way, spacing: float) -> float | None:
 
 
 def predicted_bytes(way: Way, unknowns: float) -> float:
-    """Return the memory at the peak of a solve of so many unknowns."""
+    """Return the memory at the peak of a solve of so many unknowns, pages and holes included."""
+    used, held = _needed(way, unknowns)
+    return held + used + min(PAGED_BYTES + PAGED_SHARE * used, MOST_PAGED_BYTES)
+
+
+def _needed(way: Way, unknowns: float) -> tuple[float, float]:
+    """Return the bytes that a solve of so many unknowns needs, and those that coarser ones hold meanwhile."""
     options = way.last.solution.discretized.lattice_options
     assert options is not None  # what a way solves is on a lattice
     solver = solver_for(way.scene, options, way.solver, unknowns)
     used = bytes_needed(way.scene, options, solver, unknowns, _samples(way, unknowns))
-    held = sum(_held(run) for run in way.runs if run.unknowns < unknowns)
-    return held + used + min(PAGED_BYTES + PAGED_SHARE * used, MOST_PAGED_BYTES)
+    return used, sum(_held(run) for run in way.runs if run.unknowns < unknowns)
 
 
 def _held(run: Run) -> float:
@@ -90,7 +95,7 @@ def check_memory(way: Way) -> None:
     ResolutionError
         With what they need.
     """
-    needed, asked = predicted_bytes(way, way.last.unknowns), way.asked.memory
+    needed, asked = sum(_needed(way, way.last.unknowns)), way.asked.memory
     if asked is not None and needed > asked:
         raise ResolutionError(
             f"memory={asked:.3g} bytes are less than the {needed:.3g} of a coarse solve with {way.last.unknowns:,} "
