@@ -4,9 +4,10 @@ Trace finite elements restrict those of a background mesh of tetrahedra to the s
 mapping of the mesh, its geometry is of the order of the elements (ngsxfem). Make an environment for them, with
 ``python -m venv ENV; ENV/bin/pip install ngsolve xfem``, and run ``python benchmarks/ngsolve_trace.py ENV/bin/python``;
 it needs ``pip install . ./plugins/cpmkit-analytic``. It prints docs/tables/ngsolve.md: unknowns, root mean square
-errors and processor time of whole solves, from the source to the solution, which take turns on one thread. The
-background meshes of the trace elements are made beforehand and not counted; the first solve of each, which compiles or
-loads, is not either.
+errors and processor time of whole solves, from the source to the solution, which take turns on one thread; beside the
+trace elements, also those of the Galerkin form of degree 2 on the coarsest lattice that has less error than they. The
+background meshes of the trace elements are made beforehand and not counted, nor is the search for that lattice; the
+first solve of each, which compiles or loads, is not either.
 """
 
 from __future__ import annotations
@@ -25,6 +26,9 @@ import numpy as np
 
 #: Unknowns that are aimed at, degrees, rounds of which the median is taken.
 UNKNOWNS, DEGREES, ROUNDS = (12_000, 49_000), (2, 3), 3
+#: Degree that is also solved on a coarser lattice, with less error than the trace elements still; the spacing is
+#: reduced by this factor while the error is not less.
+COARSER_DEGREE, REDUCED = 2, 0.97
 #: Radii of the torus, and half the sides of the boxes around both surfaces.
 MAJOR, MINOR = 1.0, 0.4
 BOXES = {"sphere": (1.25, 1.25, 1.25), "torus": (1.6, 1.6, 0.6)}
@@ -136,6 +140,7 @@ def in_turns(python: str, surface: str, size: int) -> dict[str, dict[str, float]
     """Return what both did by every degree, with the median of the seconds; all wait while one of them solves."""
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     found: dict[str, list[dict[str, float]]] = {}
+    coarser: dict[int, float] = {}
     with ExitStack() as stack:
         peers = {}
         for order in DEGREES:
@@ -146,12 +151,51 @@ def in_turns(python: str, surface: str, size: int) -> dict[str, dict[str, float]
             for degree, peer in peers.items():
                 peer.stdin.write("\n")
                 peer.stdin.flush()
-                found.setdefault(f"trace elements of order {degree}", []).append(json.loads(_answer(peer.stdout)))
+                traced = json.loads(_answer(peer.stdout))
+                found.setdefault(trace_name(degree), []).append(traced)
                 one = by_cpmkit(surface, degree, SPACINGS[surface][degree][size])
                 found.setdefault(f"Galerkin form, degree {degree}", []).append(one)
+                if degree not in coarser:
+                    coarser[degree] = coarser_spacing(surface, size, traced["error"])
+                one = by_cpmkit(surface, COARSER_DEGREE, coarser[degree])
+                found.setdefault(beside_name(degree), []).append(one)
         for peer in peers.values():
             peer.stdin.close()
     return {name: {**kept[-1], "seconds": median(one["seconds"] for one in kept[1:])} for name, kept in found.items()}
+
+
+def trace_name(order: int) -> str:
+    """Return what trace elements are called in the table."""
+    return f"trace elements of order {order}"
+
+
+def beside_name(order: int) -> str:
+    """Return the name of the coarser solves beside trace elements."""
+    return f"coarser than {trace_name(order)}"
+
+
+def coarser_spacing(surface: str, size: int, error: float) -> float:
+    """Return a spacing at which the Galerkin form has less than an error, the largest such, about.
+
+    Its error is taken to be of its order, and a solve has to confirm it: on coarse lattices it depends on their
+    position by a third.
+    """
+    spacing = SPACINGS[surface][COARSER_DEGREE][size]
+    spacing *= (error / by_cpmkit(surface, COARSER_DEGREE, spacing)["error"]) ** (1 / (COARSER_DEGREE + 1))
+    while by_cpmkit(surface, COARSER_DEGREE, spacing)["error"] >= error:
+        spacing *= REDUCED
+    return spacing
+
+
+def row(surface: str, name: str, found: dict[str, dict[str, float]]) -> str:
+    """Return a row of the table; beside trace elements it goes on with the coarser solve, and its share of the time."""
+    one = found[name]
+    cells = [surface, name, f"{one['unknowns']:,}", f"{one['error']:.1e}", f"{one['seconds']:.2f}"]
+    beside = {trace_name(order): found[beside_name(order)] for order in DEGREES}.get(name)
+    if beside is None:
+        return f"| {' | '.join(cells)} | | | | |"
+    cells += [f"{beside['unknowns']:,}", f"{beside['error']:.1e}", f"{beside['seconds']:.2f}"]
+    return f"| {' | '.join([*cells, format(beside['seconds'] / one['seconds'], '.2f')])} |"
 
 
 def _answer(lines: Iterable[str]) -> str:
@@ -162,12 +206,16 @@ def _answer(lines: Iterable[str]) -> str:
 def main(python: str) -> None:
     """Print the table."""
     os.environ["CPMKIT_THREADS"] = os.environ["OMP_NUM_THREADS"] = "1"
-    print("| surface | by | unknowns | rms error | seconds |", "|---|---|--:|--:|--:|", sep="\n", flush=True)
+    beside = "unknowns of degree 2 with less error | its error | its seconds | share of the time"
+    print(
+        f"| surface | by | unknowns | rms error | seconds | {beside} |", "|---|---|" + 7 * "--:|", sep="\n", flush=True
+    )
     for surface in BOXES:
         for size in range(len(UNKNOWNS)):
-            for name, one in sorted(in_turns(python, surface, size).items(), reverse=True):
-                counts = f"{one['unknowns']:,} | {one['error']:.1e} | {one['seconds']:.2f}"
-                print(f"| {surface} | {name} | {counts} |", flush=True)
+            found = in_turns(python, surface, size)
+            for name in sorted(found, reverse=True):
+                if not name.startswith("coarser"):
+                    print(row(surface, name, found), flush=True)
 
 
 def trace(surface: str, order: str, length: str) -> None:

@@ -33,5 +33,5 @@ def bytes_needed(
     if isinstance(options.own, GalerkinOptions):
         factors = galerkin.factors_in(scene, solver)
         m, degree = largest_dim(scene.surface), options.own.degree
-        return galerkin.peak_bytes(unknowns, m, factors, samples, degree, len(scene.boundaries))
+        return galerkin.peak_bytes(unknowns, m, factors, samples, degree, galerkin.beside_of(scene))
     return unknowns * memory.bytes_per_unknown(scene.surface.dim, options.own.degree, solver)

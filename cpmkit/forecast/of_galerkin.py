@@ -10,7 +10,7 @@ import numpy as np
 from cpmkit.forecast.growth import growth_through
 from cpmkit.forecast.parts import Explanation, Part, named, solver_part
 from cpmkit.forecast.running_out import memory_told
-from cpmkit.forms.galerkin.fitting import check_samples_fit, check_unknowns_fit, factors_in, peak_bytes
+from cpmkit.forms.galerkin.fitting import beside_of, check_samples_fit, check_unknowns_fit, factors_in, peak_bytes
 from cpmkit.forms.galerkin.form import Galerkin, discretize
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.telling import source_error
@@ -52,7 +52,7 @@ def explained(scene: Scene, asked: Options[GalerkinOptions], solver: str, progre
     if factors:  # what others need was checked before
         check_unknowns_fit(surface, counts["unknowns"], asked.spacing, chosen, factors, asked.own.degree)
     size, m = counts["unknowns"], surface.largest_dim
-    needed = peak_bytes(size, m, factors, counts["samples"], asked.own.degree, len(scene.boundaries))
+    needed = peak_bytes(size, m, factors, counts["samples"], asked.own.degree, beside_of(scene))
     return Explanation(
         (*_parts(scene, form, counts, asked), solver_part(scene, chosen, solver)),
         _left_out(scene),

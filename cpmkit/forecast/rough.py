@@ -92,7 +92,9 @@ def _bytes(
     if isinstance(asked.own, GalerkinOptions):
         factors = galerkin.factors_in(scene, chosen)
         galerkin.check_unknowns_fit(surface, unknowns, asked.spacing, chosen, factors, degree)
-        return galerkin.peak_bytes(unknowns, largest_dim(scene.surface), factors, degree=degree)
+        return galerkin.peak_bytes(
+            unknowns, largest_dim(scene.surface), factors, degree=degree, beside=galerkin.beside_of(scene)
+        )
     check_fits(surface, unknowns, asked.spacing, degree, chosen)
     rows = memory.rows_per_unknown(surface.dim) * unknowns
     return memory.peak_bytes(rows, unknowns, surface.dim, degree, scene.channels, chosen)

@@ -42,12 +42,15 @@ class LocalSource:
         ``queries["points"]`` counts the closest point queries made so far.
     origin : (d,) float64, optional
         Where zero lies in the scene, for messages; ``shift`` unless given.
+    of : ClosestPointSource, optional
+        The source as it stands in the scene, by which is kept what no place changes.
     """
 
     source: ClosestPointSource
     shift: Floats
     queries: Counter[str] = field(default_factory=Counter)
     origin: Floats | None = None
+    of: ClosestPointSource | None = None
 
     @property
     def dim(self) -> int:
@@ -69,7 +72,11 @@ class LocalSource:
         """The members of a union, seen from the same origin; the source itself where it is none."""
         if not isinstance(self.source, HasMembers):
             return (self,)
-        return tuple(LocalSource(member, self.shift, self.queries, self.origin) for member in self.source.members)
+        of = self.of.members if isinstance(self.of, HasMembers) else (None,) * len(self.source.members)
+        return tuple(
+            LocalSource(member, self.shift, self.queries, self.origin, own)
+            for member, own in zip(self.source.members, of, strict=True)
+        )
 
     @property
     def largest_dim(self) -> int:
@@ -168,5 +175,5 @@ def largest_dim(source: ClosestPointSource) -> int:
 def localize(source: ClosestPointSource, origin: Floats) -> LocalSource:
     """Return ``source`` as seen from ``origin`` (d,)."""
     if origin.any() and isinstance(source, HasTranslation):
-        return LocalSource(source.translated(-origin), np.zeros_like(origin), origin=np.array(origin))
-    return LocalSource(source, np.array(origin))
+        return LocalSource(source.translated(-origin), np.zeros_like(origin), origin=np.array(origin), of=source)
+    return LocalSource(source, np.array(origin), of=source)

@@ -94,16 +94,16 @@ def test_what_the_solver_leaves_is_a_twentieth(c, tolerance):
 def test_a_time_and_a_memory_bound_the_work():
     at = sphere_points()
     scene = ck.Scene(SPHERE, ck.ScreenedPoisson(lambda x: 7 * x[:, 0] * x[:, 1]))
-    small, large = (ck.solve(scene, memory=size) for size in ("20 MB", "60 MB"))
-    assert small.trade.predicted_bytes < 20e6 < large.trade.predicted_bytes < 60e6
+    small, large = (ck.solve(scene, memory=size) for size in ("32 MB", "80 MB"))
+    assert small.trade.predicted_bytes < 32e6 < large.trade.predicted_bytes < 80e6
     assert small.trade.status == large.trade.status == "within"
     assert large.error.of("rms") < small.error.of("rms")
     assert np.abs(large.evaluate(at) - at[:, 0] * at[:, 1]).max() < 2 * large.error.bound.max()
     with pytest.warns(ck.CpmkitWarning, match="not reached"):
-        bound = ck.solve(scene, tolerance=1e-7, memory="20 MB")
+        bound = ck.solve(scene, tolerance=1e-7, memory="32 MB")
     assert bound.trade.status == "not reached"
     assert bound.discretized.size == pytest.approx(small.discretized.size, rel=0.2)
-    assert "19.07 MiB" in bound.trade.told
+    assert "30.52 MiB" in bound.trade.told
     with pytest.raises(ck.ResolutionError, match=r"less than the .* of a coarse solve"):
         ck.solve(scene, memory="1 MB")
 

@@ -31,6 +31,8 @@ COMPLEX_SHARE = 1e-8
 WRONG_SIGN_UNITS = 0.2
 #: Values are of the greatest size down to this share of it.
 NEARLY_GREATEST_SHARE = 1 - 1e-3
+#: So many modes are read at the points of the manifold at a time: all would take more memory than their matrix.
+READ_TOGETHER = 4
 
 
 def solve_eigen(context: SolveContext) -> EigenSolution:
@@ -129,10 +131,15 @@ def _normalised(form: Discretized, values: Floats, functions: Floats, same: Floa
         root = np.linalg.cholesky(form.inner(group, group))
         made.append(group @ np.linalg.inv(root).T)
     result = np.concatenate(made, axis=1)
-    at_points = form.at_points(result)
+    few = np.array_split(result, -(-result.shape[1] // READ_TOGETHER), axis=1)
+    return np.ascontiguousarray(result * np.concatenate([_signs(form.at_points(some)) for some in few]))
+
+
+def _signs(at_points: Floats) -> Floats:
+    """Return the sign (k,) of each column of values (p, k) at the first point where its size is nearly the greatest."""
     size = np.abs(at_points)
     first = np.argmax(size >= NEARLY_GREATEST_SHARE * size.max(axis=0), axis=0)
-    return np.ascontiguousarray(result * np.sign(at_points[first, np.arange(result.shape[1])]))
+    return np.sign(at_points[first, np.arange(at_points.shape[1])])
 
 
 def _residuals(stepped: InverseIteration, values: Any, vectors: Any) -> Floats:

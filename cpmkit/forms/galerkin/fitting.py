@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from cpmkit.errors import ResolutionError
+from cpmkit.forms.galerkin.projection import MOST_FACTORISED_PROJECTION
 from cpmkit.grid.band import check_numbered
 from cpmkit.grid.fitting import COUNTED_BLOCKS, SPARE_MEMORY_SHARE, other_solver_hint, rounded_up, unknowns_at_one
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.runtime import memory
+from cpmkit.scene.equations_in_time import Evolution
 from cpmkit.scene.scene import Scene
 
 #: What of a matrix is factorised beside the multigrid's coarsest level.
@@ -35,6 +37,13 @@ BYTES_PER_SAMPLE, SAMPLES_PER_UNKNOWN = {1: 0.0, 2: 32.0}, {1: 30.0, 2: 20.0, 3:
 KEPT_SHARE, MOST_KEPT_BYTES = 0.35, 180e6
 #: Bytes of any solve, and of each boundary that is laid into a surface's mesh.
 LEAST_BYTES, BYTES_PER_BOUNDARY = 1e6, {1: 0.0, 2: 5e6}
+#: Where there are any, bytes for each unknown without factors: of their terms, and of the blocks along them that the
+#: multigrid factorises (measured with 2 to 56 thousand unknowns beside one and two boundaries: 1800 to 4700).
+BYTES_BESIDE_BOUNDARIES = {1: 0.0, 2: 2000.0}
+#: Of steps in time, bytes for each unknown: of the mass matrix in its forms, and of what is shifted by it (measured:
+#: 2500 held, and more on the way); how many systems are factorised, that of the first steps and that of all others; and
+#: beside that of data, of few unknowns.
+BYTES_OF_STEPS, SYSTEMS_OF_STEPS = 4000.0, 2
 #: Bytes of each sample that a mesh of small triangles has beside those of a sparse one: they are made before others
 #: are let go.
 BYTES_PER_FURTHER_SAMPLE = {1: 0.0, 2: 150.0}
@@ -51,6 +60,21 @@ FOLDED_FACTOR = 10.0
 UNKNOWNS_PER_CELL = {1: 3.0, 2: 4.5, 3: 6.1}
 #: Rounds in which the number of unknowns whose factors fit is found: the error falls by 3 in each at least.
 FITTING_ROUNDS = 30
+
+
+class Beside(NamedTuple):
+    """What of a scene takes memory beside its surface: how many boundaries, and whether there are steps in time."""
+
+    boundaries: int
+    in_time: bool
+
+
+NOTHING_BESIDE = Beside(0, False)
+
+
+def beside_of(scene: Scene) -> Beside:
+    """Return what of a scene takes memory beside its surface."""
+    return Beside(len(scene.boundaries), isinstance(scene.problem, Evolution))
 
 
 def check_samples_fit(surface: LocalSource, spacing: float, degree: int = 2) -> None:
@@ -119,7 +143,7 @@ def peak_bytes(
     factors: Factors = "",
     samples: float | None = None,
     degree: int = 2,
-    boundaries: int = 0,
+    beside: Beside = NOTHING_BESIDE,
 ) -> float:
     """Return about how many bytes a solve of so many unknowns needs at its peak, with ``samples`` if they are known."""
     m, usual = manifold_dim, SAMPLES_PER_UNKNOWN[degree] * unknowns
@@ -127,16 +151,32 @@ def peak_bytes(
     used = _tables_bytes(unknowns, m, factors, degree) + BYTES_PER_SAMPLE[m] * count
     used += min(KEPT_SHARE * used, MOST_KEPT_BYTES) if m > 1 and factors != "all" else 0.0
     used += BYTES_PER_FURTHER_SAMPLE[m] * max(count - usual, 0.0)
-    return LEAST_BYTES + used + boundaries * BYTES_PER_BOUNDARY[m]
+    return LEAST_BYTES + used + _bytes_beside(unknowns, m, factors, degree, beside)
 
 
 def _tables_bytes(unknowns: float, m: int, factors: Factors, degree: int) -> float:
     """Return the bytes of matrices, factors and tables."""
     if factors != "all":
         return unknowns * (BYTES_FACTOR[degree] * BYTES_PER_UNKNOWN[m] + (BLOCK_BYTES[m] if factors else 0.0))
-    # the factors of a curve's matrix are a share of what is beside them
+    return unknowns * BYTES_FACTOR[degree] * BYTES_BESIDE_FACTORS[m] + _factors_bytes(unknowns, m, degree)
+
+
+def _factors_bytes(unknowns: float, m: int, degree: int) -> float:
+    """Return the bytes of one matrix's factors; those of a curve's are a share of what is beside them."""
     fill = ENTRY_BYTES * FILL_FACTOR * FILL_OF_DEGREE[degree] * unknowns ** (1 / 3) if m > 1 else 0.0
-    return unknowns * (BYTES_FACTOR[degree] * BYTES_BESIDE_FACTORS[m] + fill)
+    return unknowns * fill
+
+
+def _bytes_beside(unknowns: float, m: int, factors: Factors, degree: int, beside: Beside) -> float:
+    """Return the bytes of boundaries, and of steps in time."""
+    used = beside.boundaries * BYTES_PER_BOUNDARY[m]
+    if beside.boundaries and factors != "all":
+        used += BYTES_BESIDE_BOUNDARIES[m] * unknowns
+    if beside.in_time:
+        used += BYTES_OF_STEPS * unknowns
+        systems = (SYSTEMS_OF_STEPS - 1 if factors == "all" else 0) + (unknowns <= MOST_FACTORISED_PROJECTION)
+        used += systems * _factors_bytes(unknowns, m, degree)
+    return used
 
 
 def fitting_spacing(surface: LocalSource, available: int, factors: Factors = "", degree: int = 2) -> float:

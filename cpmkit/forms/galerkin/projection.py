@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.linear.conjugate_gradients import conjugate_gradients
+from cpmkit.linear.factorization import factors_of
 from cpmkit.linear.multigrid_matrix import UnsignedCsr
 from cpmkit.protocols import Floats, no_progress
 from cpmkit.runtime.pickled_state import without_cached
@@ -64,6 +65,4 @@ class Projection:
 
     @cached_property
     def _factors(self) -> Any:
-        from scipy.sparse.linalg import splu
-
-        return splu(self.matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
+        return factors_of(self.matrix, symmetric_pattern=True)

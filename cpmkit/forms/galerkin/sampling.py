@@ -22,10 +22,10 @@ from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.sample_mesh import Bend, HalfFacets, SampleMesh, Samples
 from cpmkit.forms.galerkin.samples.bending import bent
 from cpmkit.forms.galerkin.samples.clipping import clipped_triangles, is_fine, longest_edge_spacings
-from cpmkit.forms.galerkin.samples.cutting import corners_of, half_facets, is_cut
+from cpmkit.forms.galerkin.samples.cutting import half_facets, is_cut
+from cpmkit.forms.galerkin.samples.own_cells import edges_with, made_sound, own_corners
 from cpmkit.forms.galerkin.samples.quadrature import samples_of
 from cpmkit.forms.galerkin.samples.seams import seams
-from cpmkit.forms.galerkin.samples.soundness import sound
 from cpmkit.forms.galerkin.samples.sources import cells_of
 from cpmkit.forms.galerkin.samples.subdivision import subdivided
 from cpmkit.forms.galerkin.telling import check_insertion, of_contouring, of_insertion, of_mending, of_seams, of_tracing
@@ -188,7 +188,7 @@ def sample_inserted(
     with_tips = options.own.tips == "singular" and mesh.manifold_dim == 2
     mesh = graded_towards_ends(mesh, spacing) if with_tips else mesh
     mesh = bent(mesh, bend, surface, sources, spacing)
-    corners, half = corners_of(mesh), half_facets(mesh)
+    corners, half = own_corners(surface, mesh), half_facets(mesh, edges_with(surface, mesh))
     told += tuple(of_seams(seams(mesh, half), surface))
     boundary = boundary_samples(mesh, half, corners, reads_rims(scene), found.points)
     left = left_of_boundaries(mesh, half, corners, boundary, oriented, lattice)
@@ -228,7 +228,7 @@ def _cells(surface: LocalSource, spacing: float, sampling: str) -> tuple[SampleM
     """Return a sound mesh of the manifold, how its cells are to be bent, and what is to be told of it."""
     own = cells_of(surface, spacing, sampling)
     if own is not None:
-        mesh, mended = sound(own.mesh)
+        mesh, mended = made_sound(surface, own.mesh)
         return mesh, own.bend, tuple(of_mending(mended))
     if surface.manifold_dim == 1:
         traces, of_curve = traced(surface, spacing, curved=False)

@@ -27,7 +27,7 @@ from cpmkit_levelset.sampling import COVERING_SPACINGS, in_chunks, sample_lattic
 from cpmkit_levelset.search import Layer, layer, search
 
 #: Queries that are answered at a time: temporary arrays stay in the cache.
-LEVELSET_PARCEL_QUERIES = 16384
+LEVELSET_PARCEL_QUERIES = 8192
 #: A foot closer than this to the edge, relative to the size, lies on it.
 ON_LEVELSET_EDGE_SHARE = 1e-11
 #: The error of a solution, as a share of its range, over that of the field's slope. Spheres from values on 10 to 28

@@ -22,6 +22,8 @@ from cpmkit_levelset.manifold import ZeroSet, normal_basis
 
 #: How many of the nearest samples are looked at: first by every query, then by those for which that was too few.
 SAMPLE_TIERS = (12, 192)
+#: Pairs of queries and samples that are looked at in one go: their models take some 180 bytes each.
+PAIRS_IN_ONE_GO = 200_000
 #: Descents from different samples, for one query and tier.
 LEVELSET_DESCENTS = 10
 #: What a sample's model says is trusted to this share of the covering radius and of its curvature.
@@ -146,11 +148,12 @@ def search(where: Layer, x: Floats, known: Floats | None = None, keep: Keep | No
     points, sure = np.full((n, d), np.nan), np.zeros(n, dtype=bool)
     rows = np.arange(n)
     for count in SAMPLE_TIERS:
-        last = count >= len(where.samples)
-        before = BestPoints(points[rows], distance[rows], sure[rows])
-        after = _descents(where, x[rows], before, min(count, len(where.samples)), keep)
-        points[rows], distance[rows], sure[rows] = after.points, after.distance, after.sure
-        rows = rows[~after.sure]
+        last, most = count >= len(where.samples), min(count, len(where.samples))
+        for some in np.array_split(rows, -(-len(rows) * most // PAIRS_IN_ONE_GO)) if len(rows) else ():
+            before = BestPoints(points[some], distance[some], sure[some])
+            after = _descents(where, x[some], before, most, keep)
+            points[some], distance[some], sure[some] = after.points, after.distance, after.sure
+        rows = rows[~sure[rows]]
         if last or not len(rows):
             break
     return BestPoints(points, distance, sure)

@@ -170,8 +170,14 @@ class TriangleMesh:
 
     def advice(self, spacing: float, /) -> Advice:
         """Return what was changed in the mesh, or may spoil a solution on it, and the error that it leaves in any."""
-        floors = mesh_floor(self._turning, self.smooth), integral_floor(self._turning, self.smooth)
-        return Advice(floors[0], mesh_warnings(self), floors[1], closest_point_warnings(self, spacing))
+        if self._first is not self:
+            return self._first.advice(spacing)
+        told = self.__dict__.get("_advised")  # it is asked for several times at one spacing
+        if told is None or told[0] != spacing:
+            floors = mesh_floor(self._turning, self.smooth), integral_floor(self._turning, self.smooth)
+            found = Advice(floors[0], mesh_warnings(self), floors[1], closest_point_warnings(self, spacing))
+            self.__dict__["_advised"] = told = spacing, found
+        return told[1]
 
     @cached_property
     def folds(self) -> Folds:

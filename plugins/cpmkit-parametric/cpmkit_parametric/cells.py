@@ -29,6 +29,8 @@ FASTEST_CELL_SPANS = 3.0
 MOST_QUERY_STARTS = 8
 #: Pairs of a query and a cell that are held at a time.
 MOST_QUERY_CELL_PAIRS = 1 << 21
+#: For each query there is room for so many at first: two to six are usual.
+USUAL_CELLS_OF_QUERY = 32
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,10 +149,13 @@ class CellTree:
         """Return query, finest cell and distance to its disc for each pair that may be closest; None: too many."""
         from cpmkit_parametric.cell_kernels import survivors
 
-        room = min(len(x) * len(self.finest.radii), MOST_QUERY_CELL_PAIRS)
-        query, cell, distance = np.empty(room, np.int64), np.empty(room, np.int64), np.empty(room)
-        count = survivors(np.ascontiguousarray(x), *self._stacked, query, cell, distance)
-        return None if count < 0 else (query[:count].copy(), cell[:count].copy(), distance[:count].copy())
+        most, x = min(len(x) * len(self.finest.radii), MOST_QUERY_CELL_PAIRS), np.ascontiguousarray(x)
+        for room in (min(most, USUAL_CELLS_OF_QUERY * len(x)), most):
+            query, cell, distance = np.empty(room, np.int64), np.empty(room, np.int64), np.empty(room)
+            count = survivors(x, *self._stacked, query, cell, distance)
+            if count >= 0:
+                return query[:count].copy(), cell[:count].copy(), distance[:count].copy()
+        return None
 
     @cached_property
     def _stacked(self) -> tuple[Ints, Ints, Floats, Floats, Floats, Floats]:

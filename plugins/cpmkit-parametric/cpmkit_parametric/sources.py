@@ -15,7 +15,7 @@ from cpmkit_parametric.maps import UnitMap
 from cpmkit_parametric.meshes import curve_mesh, surface_mesh
 
 #: Queries that are searched at a time.
-PARAMETRIC_PARCEL_QUERIES = 1 << 14
+PARAMETRIC_PARCEL_QUERIES = 1 << 11
 #: Step, as a share of the range, off a point at which the derivatives do not tell a direction.
 ASIDE_RANGE_SHARE = 1e-5
 #: Derivatives shorter than this share of the typical one tell no direction.

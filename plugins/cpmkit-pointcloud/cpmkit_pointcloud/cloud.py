@@ -103,6 +103,11 @@ class PointCloud:
         return int((self.surface.patches.thickness > THICK_SPREAD_SHARE).sum())
 
     @cached_property
+    def _first(self) -> PointCloud:
+        """The cloud that this one was moved from, or itself: what no place changes is looked at once, there."""
+        return self
+
+    @cached_property
     def gap(self) -> float:
         """No foot is farther than this from its nearest sample: the largest radius within which a patch counts."""
         return float(self.surface.patches.radii.max())
@@ -114,6 +119,8 @@ class PointCloud:
         Farther out the nearest foot may be another than the one that was found, and ``distance`` is a lower
         bound: the distance to the samples less :attr:`gap`, but not less than this.
         """
+        if self._first is not self:
+            return self._first.trusted
         bend = float(curvatures(self.surface.patches).max())
         extent = float(np.linalg.norm(np.ptp(self.points, axis=0)))
         return min(extent, TRUSTED_RADIUS_SHARE / bend) if bend > 0.0 else extent
@@ -184,6 +191,8 @@ class PointCloud:
     @cached_property
     def open_samples(self) -> tuple[int, int]:
         """Return at how many samples the surface ends, and how many were asked."""
+        if self._first is not self:
+            return self._first.open_samples
         return open_samples(self.surface, self._tree, self._tiny)
 
     def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
@@ -196,10 +205,12 @@ class PointCloud:
         return as_cells(self.given_points)
 
     def translated(self, offset: Floats, /) -> PointCloud:
-        """Return the cloud moved by ``offset`` (d,)."""
+        """Return the cloud moved by ``offset`` (d,); what is told of it is looked at once for all places."""
         shift = as_vector(offset, self.dim, "offset")
         moved = replace(self.surface, points=self.points + shift)
-        return replace(self, surface=moved, given_points=self.given_points + shift)
+        made = replace(self, surface=moved, given_points=self.given_points + shift)
+        made.__dict__["_first"] = self._first
+        return made
 
     def _samples(self, feet: ClosestPoints) -> Ints:
         if feet.element is None:
@@ -208,11 +219,15 @@ class PointCloud:
 
     @cached_property
     def _slope(self) -> tuple[float, float]:
+        if self._first is not self:
+            return self._first._slope
         return slope_error(self.points, self.surface.patches, self._tree, self._sides)
 
     @cached_property
     def _noise(self) -> float:
         """How far samples lie from the surface, root mean square, as a share of its extent."""
+        if self._first is not self:
+            return self._first._noise
         count = len(self.points)
         rows = np.sort(np.random.default_rng(0).choice(count, min(SLOPE_SAMPLES, count), replace=False))
         off = self.points[rows] - self.closest_point(self.points[rows]).points

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 #: Samples that are asked whether the surface ends there.
 RIM_CANDIDATES = 10_000
+#: So many of them at a time: their neighbours' directions take more memory than a coarse solve.
+PARCEL_CANDIDATES = 2_000
 #: Neighbours whose directions are compared, on curves and on surfaces.
 DIRECTION_NEIGHBOURS = {2: 3, 3: 16}
 #: Radians without a neighbour in the tangent plane at a sample on the rim. Among samples inside, 7 in 10,000 have them.
@@ -48,7 +50,9 @@ def open_samples(surface: Blend, tree: cKDTree, tiny: float) -> tuple[int, int]:
     """Return beyond how many samples the surface ends, and how many were asked; zero where that may be chance."""
     n, dim = surface.points.shape
     rows = np.sort(np.random.default_rng(0).choice(n, min(RIM_CANDIDATES, n), replace=False))
-    rim, outward = rim_samples(surface, tree, rows)
+    parcels = np.array_split(rows, -(-len(rows) // PARCEL_CANDIDATES))
+    found = [rim_samples(surface, tree, some) for some in parcels]
+    rim, outward = (np.concatenate(parts) for parts in zip(*found, strict=True))
     beyond = np.ascontiguousarray(surface.points[rim] + OUT_RADII * surface.patches.radii[rim, None] * outward)
     lost = project(surface, beyond, rim, tiny, True)[3]
     ends = int(lost.sum())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cpmkit.forms.galerkin.sample_mesh import HalfFacets, SampleMesh
-from cpmkit.forms.galerkin.samples.edges import edges_of, edges_on_cut
+from cpmkit.forms.galerkin.samples.edges import Edges, edges_of, edges_on_cut
 from cpmkit.protocols import Ints
 
 
@@ -36,15 +36,16 @@ def is_cut(mesh: SampleMesh, corners: Ints) -> bool:
     return bool(corners.max(initial=-1) + 1 > np.count_nonzero(np.bincount(mesh.cells.ravel())))
 
 
-def half_facets(mesh: SampleMesh) -> HalfFacets:
+def half_facets(mesh: SampleMesh, edges: Edges | None = None) -> HalfFacets:
     """Return the facets on boundaries, once for each cell beside them, and those of one cell alone: the rim.
 
-    Of several boundaries on one facet the first in ``mesh.cut`` is named.
+    Of several boundaries on one facet the first in ``mesh.cut`` is named. The ``edges`` of triangles are found if they
+    are not given.
     """
     if mesh.manifold_dim == 1:
         facets, count, on_cut = mesh.cells[:, ::-1], len(mesh.vertices), mesh.cut[:, 0]
     else:
-        edges = edges_of(mesh)
+        edges = edges_of(mesh) if edges is None else edges
         facets, count, on_cut = edges.of_cells, len(edges.ends), edges_on_cut(mesh, edges)
     cut = np.full(count, -1)
     cut[on_cut[::-1]] = np.arange(len(on_cut))[::-1]

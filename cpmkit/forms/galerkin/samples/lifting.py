@@ -22,6 +22,7 @@ from cpmkit.forms.galerkin.samples.curving import (
 )
 from cpmkit.forms.galerkin.samples.edges import Edges, edges_of, edges_on_cut
 from cpmkit.forms.galerkin.samples.midpoint_folds import unfolded
+from cpmkit.forms.galerkin.samples.own_cells import edges_with, in_scene, own_cells
 from cpmkit.forms.galerkin.samples.subdivision import halved
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vectors import dots, norms, unit
@@ -43,9 +44,9 @@ def lifted(mesh: SampleMesh, source: LocalSource, length: float) -> SampleMesh:
     length : float
         In the unit of the vertices.
     """
-    normals = normals_at(source, mesh.vertices)
+    normals = vertex_normals(source, mesh)
     while True:
-        edges = edges_of(mesh)
+        edges = edges_with(source, mesh) or edges_of(mesh)
         long = edges.lengths(mesh.vertices) > length
         if not long.any():
             return mesh
@@ -69,7 +70,12 @@ def curved_by_normals(
     boundaries : sequence of LocalSource
         By their number in ``mesh.owner``; None where a boundary stays where the mesh has it.
     """
-    edges = edges_of(mesh)
+    edges = edges_with(source, mesh)
+    if edges is not None and not boundaries:
+        ends = edges.ends
+        middles = 0.5 * (mesh.vertices[ends[:, 0]] + mesh.vertices[ends[:, 1]])
+        return replace(mesh, midpoints=(middles + _kept_heights(source, edges))[edges.of_cells])
+    edges = edges or edges_of(mesh)
     on_cut, number = np.unique(mesh.cut), edges_on_cut(mesh, edges)
     normals = normals_at(source, mesh.vertices)
     vertices = mesh.vertices.copy()
@@ -92,6 +98,29 @@ def curved_by_normals(
     if len(mesh.cut):
         points = unfolded(mesh, edges, number[~mesh.extends], points, free, source, lambda x: x)
     return replace(mesh, midpoints=points[edges.of_cells])
+
+
+def vertex_normals(source: LocalSource, mesh: SampleMesh) -> Floats:
+    """Return the source's own normals (v, d) at the vertices of its cells, or of other ones."""
+    own = own_cells(source)
+    if own is None or not own.is_final(mesh):
+        return normals_at(source, mesh.vertices)
+    if "normals" not in own.found:
+        own.found["normals"] = normals_at(in_scene(source), own.final.vertices)
+    found: Floats = own.found["normals"]
+    return found
+
+
+def _kept_heights(source: LocalSource, edges: Edges) -> Floats:
+    """Return (e, d) how far the smooth surface is above the middles of the edges of a source's own cells."""
+    own = own_cells(source)
+    assert own is not None  # their edges are kept
+    if "heights" not in own.found:
+        mesh = own.final
+        middles = 0.5 * (mesh.vertices[edges.ends[:, 0]] + mesh.vertices[edges.ends[:, 1]])
+        own.found["heights"] = above_middles(mesh.vertices, edges.ends, vertex_normals(source, mesh)) - middles
+    found: Floats = own.found["heights"]
+    return found
 
 
 def normals_at(source: LocalSource, points: Floats) -> Floats:

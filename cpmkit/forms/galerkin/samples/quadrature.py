@@ -15,7 +15,7 @@ from cpmkit.manifold.vectors import norms, unit
 from cpmkit.protocols import Bools, Floats
 
 #: Triangles that samples are taken from at a time: what is needed on the way stays small beside the samples.
-TRIANGLES_AT_ONCE = 1 << 14
+TRIANGLES_AT_ONCE = 1 << 11
 
 
 def samples_of(

@@ -47,11 +47,17 @@ def sound(mesh: SampleMesh) -> tuple[SampleMesh, Mended]:
     mesh : SampleMesh
         Not cut by boundaries; unused vertices are left out.
     """
+    at, corners, kept, mended = sound_corners(mesh)
+    midpoints = None if mesh.midpoints is None else mesh.midpoints[kept]
+    return SampleMesh.of(mesh.vertices[at], corners, midpoints), mended
+
+
+def sound_corners(mesh: SampleMesh) -> tuple[Ints, Ints, Bools, Mended]:
+    """Return which vertex (v,) each of a sound mesh is, its cells (k, c), those (m,) of the mesh, and what changed."""
     place = _places(mesh.vertices)
     cells = place[mesh.cells]
     kept = _distinct(cells, len(mesh.vertices))
-    midpoints = None if mesh.midpoints is None else mesh.midpoints[kept]
-    welded = SampleMesh.of(mesh.vertices, np.ascontiguousarray(cells[kept]), midpoints)
+    welded = SampleMesh.of(mesh.vertices, np.ascontiguousarray(cells[kept]))
     corners = corners_of(welded)
     at = np.empty(int(corners.max(initial=-1)) + 1, dtype=np.int64)
     at[corners] = welded.cells
@@ -62,7 +68,7 @@ def sound(mesh: SampleMesh) -> tuple[SampleMesh, Mended]:
         doubled=len(mesh.cells) - len(welded.cells),
         fans=len(at) - int(used.sum()),
     )
-    return SampleMesh.of(mesh.vertices[at], corners, midpoints), mended
+    return at, corners, kept, mended
 
 
 def _places(vertices: Floats) -> Ints:

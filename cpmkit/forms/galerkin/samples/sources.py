@@ -11,6 +11,7 @@ from cpmkit.forms.galerkin.sample_mesh import Bend, SampleMesh
 from cpmkit.forms.galerkin.samples.clipping import PLAIN_EDGE_SPACINGS, longest_edge_spacings
 from cpmkit.forms.galerkin.samples.drawings import is_fit
 from cpmkit.forms.galerkin.samples.lifting import lifted
+from cpmkit.forms.galerkin.samples.own_cells import in_scene, made_sound, own_cells
 from cpmkit.forms.galerkin.samples.soundness import sound
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vectors import norms
@@ -64,12 +65,12 @@ def cells_of(source: LocalSource, spacing: float, sampling: str = "auto") -> Dra
     mesh = _drawn(source, length)
     if mesh is None:
         return None
-    height = _height(source, mesh)
+    height = _kept_height(source, mesh)
     if height <= FLAT_SIZE_SHARE * _size(mesh):
         if source.source.exact or m == 1 or not source.has_normals:
             return Drawn(mesh, "flat")
         length = spacing * longest_edge_spacings(sampling, "normals", m)
-        return Drawn(lifted(sound(mesh)[0], source, length), "normals")
+        return Drawn(lifted(made_sound(source, mesh)[0], source, length), "normals")
     if height <= BENT_EDGE_SHARE * length or length == short:
         mesh = sound(mesh)[0]
         if is_fit(source, mesh, length):
@@ -88,6 +89,16 @@ def _drawn(source: LocalSource, length: float) -> SampleMesh | None:
     if cells.shape[1] != (source.manifold_dim or 0) + 1 or not len(cells):
         return None
     return SampleMesh.of(np.ascontiguousarray(vertices - source.shift), np.ascontiguousarray(cells, dtype=np.int64))
+
+
+def _kept_height(source: LocalSource, mesh: SampleMesh) -> float:
+    own = own_cells(source, mesh.cells)
+    if own is None:
+        return _height(source, mesh)
+    if "height" not in own.found:
+        own.found["height"] = _height(in_scene(source), SampleMesh.of(own.vertices, own.cells))
+    found: float = own.found["height"]
+    return found
 
 
 def _height(source: LocalSource, mesh: SampleMesh) -> float:

@@ -40,6 +40,8 @@ def subdivided(mesh: SampleMesh, length: float) -> SampleMesh:
     short = []
     while True:  # what has a long edge is split with all that share the edge; the rest is done
         long = subdivision_kernels.with_long_edges(mesh.vertices, mesh.cells, longest)
+        if not short and not long.any():
+            return mesh  # these very cells: what is kept of them serves again
         short.append(mesh.cells[~long])
         if not long.any():
             return replace(mesh, cells=np.concatenate(short))

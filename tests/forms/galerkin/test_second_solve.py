@@ -1,0 +1,88 @@
+"""What a source alone decides is found out once: later solves of it, on other lattices, ask for less."""
+
+import gc
+from importlib import import_module
+
+import numpy as np
+import pytest
+
+import cpmkit as ck
+from cpmkit.forms.galerkin.samples import own_cells, soundness
+from cpmkit.forms.galerkin.samples.own_cells import KEPT
+
+SPACING = 0.35
+F = ck.ScreenedPoisson(lambda x: np.cos(2 * x[:, 0]), c=1.0)
+
+
+def ball_mesh(**options):
+    """Return a sphere of triangles."""
+    vertices, faces = ck.source("analytic.sphere").mesh(0.12)
+    return ck.source("mesh.triangles", vertices=vertices, faces=faces, **options)
+
+
+def counted(monkeypatch, places):
+    """Return a list that grows with each call of functions, given as (module, name)."""
+    calls = []
+    for module, name in places:
+        before = getattr(module, name)
+
+        def noted(*arguments, before=before, name=name):
+            calls.append(name)
+            return before(*arguments)
+
+        monkeypatch.setattr(module, name, noted)
+    return calls
+
+
+def queries(scene, spacing, origin=None):
+    return ck.solve(scene, spacing, form="galerkin", origin=origin).work.closest_point_queries
+
+
+@pytest.mark.parametrize("closest", ["smooth", "faceted"])
+def test_cells_of_a_mesh_are_made_sound_once(monkeypatch, closest):
+    calls = counted(monkeypatch, [(own_cells, "sound_corners"), (soundness, "sound_corners")])
+    scene = ck.Scene(ball_mesh(closest=closest), F)
+    ck.solve(scene, SPACING, form="galerkin")
+    first = len(calls)
+    ck.solve(scene, 0.8 * SPACING, form="galerkin")
+    assert 0 < first == len(calls)
+
+
+def test_a_second_solve_asks_for_fewer_points_and_edges(monkeypatch):
+    triangles = import_module("cpmkit_mesh.triangles")
+    scene, finer = ck.Scene(ball_mesh(closest="smooth"), F), 0.8 * SPACING
+    made = counted(monkeypatch, [(own_cells, "edges_of"), (triangles, "build_tree")])
+    first = queries(scene, SPACING)
+    assert made == ["edges_of"]
+    assert queries(scene, finer) < 0.1 * first
+    assert made == ["edges_of"]
+
+
+def test_solutions_do_not_depend_on_which_lattice_came_first():
+    finer, origin = 0.8 * SPACING, [0.013, 0.007, 0.002]
+    alone = ck.solve(ck.Scene(ball_mesh(closest="smooth"), F), finer, form="galerkin", origin=origin)
+    scene = ck.Scene(ball_mesh(closest="smooth"), F)
+    ck.solve(scene, SPACING, form="galerkin")
+    later = ck.solve(scene, finer, form="galerkin", origin=origin)
+    assert np.array_equal(alone.values, later.values)
+
+
+def test_what_is_kept_goes_with_its_source():
+    source = ball_mesh(closest="smooth")
+    ck.solve(ck.Scene(source, F), SPACING, form="galerkin")
+    arrays = [one for one in KEPT[source].found.values() if isinstance(one, np.ndarray)]
+    assert sum(one.nbytes for one in arrays) < 8 * (source.vertices.nbytes + source.faces.nbytes)
+    del source
+    gc.collect()
+    assert not len(KEPT)
+
+
+def test_what_a_cloud_tells_is_looked_at_once(monkeypatch):
+    cloud = import_module("cpmkit_pointcloud.cloud")
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(1500, 3))
+    source = ck.source("pointcloud.points", points=points / np.linalg.norm(points, axis=1)[:, None])
+    ck.solve(ck.Scene(source, F), 0.4, form="galerkin")
+    calls = counted(monkeypatch, [(cloud, "open_samples"), (cloud, "slope_error")])
+    ck.solve(ck.Scene(source, F), 0.35, form="galerkin")
+    assert calls == []
