@@ -17,7 +17,7 @@ from cpmkit.forms.galerkin.conditions.held import held
 from cpmkit.forms.galerkin.conditions.sides import side_moments
 from cpmkit.forms.galerkin.definiteness import surely_iterated
 from cpmkit.forms.galerkin.equations import Equations
-from cpmkit.forms.galerkin.facing import Turned, turned
+from cpmkit.forms.galerkin.facing import Turned
 from cpmkit.forms.galerkin.fitting import check_unknowns_fit, factors_in
 from cpmkit.forms.galerkin.fixed_samples import FixedSamples
 from cpmkit.forms.galerkin.hierarchy.levels import levels_of
@@ -155,10 +155,10 @@ class Galerkin(Equations):
         resolved = (*of_space(parting, pieces(parting), one.lattice, cuts), *of_turning(self.turned, one.lattice))
         return (*source, *rounding, *one.told), resolved
 
-    @shared_property
+    @property
     def turned(self) -> Turned:
         """How much of the manifold lies on splines under which it turns: thin, folded or creased on this lattice."""
-        return turned(self.space, self._facing)
+        return self._areas_and_turned[1]
 
     def source_error(self) -> float:
         """Return what the source leaves in integrals."""
