@@ -106,10 +106,7 @@ def cycle_of(
     halves, strips = [halved(matrix) if half is None else half], []
     for level in levels:  # what this needs on the way is not in memory together with what follows
         P, own = level.prolongation, halves[-1]
-        strip = _open(level.strip, piece)
-        rows = matrix[strip].tocsr() if len(halves) == 1 else own.rows_of(strip)
-        rounded = len(halves) > 1 or matrix.nnz <= MOST_ROUNDED
-        strips.append(Strip.of(rows, strip, waves, rounded) if len(strip) else None)
+        strips.append(_strip(matrix if len(halves) == 1 else own, _open(level.strip, piece), waves))
         coarser = coarse_operator(matrix, P) if own is None else own.coarser(P)
         halves.append(coarser if level.lines is None else with_lines_held(coarser, level.lines))
         hand_back()
@@ -141,6 +138,14 @@ def with_lines_held(half: SymmetricCsr, lines: Ints) -> SymmetricCsr:
     entries = np.sqrt(scale)[:, None] * stencil
     rows = csr_array((entries.ravel(), lines.ravel(), np.arange(0, r * k + 1, k)), shape=(r, len(half)))
     return SymmetricCsr.of((half.whole().to_csr() + rows.T @ rows).tocsr())
+
+
+def _strip(matrix: csr_array | SymmetricCsr, unknowns: Ints, waves: bool) -> Strip | None:
+    if not len(unknowns):
+        return None
+    if isinstance(matrix, SymmetricCsr):
+        return Strip.of(matrix.rows_of(unknowns), unknowns, waves)
+    return Strip.of(matrix[unknowns].tocsr(), unknowns, waves, matrix.nnz <= MOST_ROUNDED)
 
 
 def _smoother(diagonal: Floats, rows: UnsignedCsr | SymmetricCsr, exact: Strip | None, waves: bool) -> Smoother:
