@@ -13,7 +13,7 @@ from cpmkit.linear.levels import Level
 from cpmkit.linear.multigrid_exact import Indefinite, PositiveFactors, SymmetricFactors
 from cpmkit.linear.multigrid_lanczos import largest_eigenvalue
 from cpmkit.linear.multigrid_matrix import UnsignedCsr
-from cpmkit.linear.multigrid_smoother import Chebyshev, GaussSeidel, Smoother, Strip
+from cpmkit.linear.multigrid_smoother import COARSER_SWEEPS, FINEST_SWEEPS, Chebyshev, GaussSeidel, Smoother, Strip
 from cpmkit.linear.multigrid_symmetric import SymmetricCsr, coarse_operator, halved
 from cpmkit.protocols import Floats, Ints
 from cpmkit.runtime.freed_memory import hand_back
@@ -123,7 +123,8 @@ def cycle_of(
         hand_back()
         rows = own.shared() if isinstance(own, SymmetricCsr) else own
         del own
-        smoother = _smoother(diagonal, rows, strips.pop(), waves)
+        sweeps = COARSER_SWEEPS if halves else FINEST_SWEEPS
+        smoother = _smoother(diagonal, rows, strips.pop(), waves, sweeps)
         stages.append(Stage(smoother, UnsignedCsr.of(level.prolongation).rounded()))
     return Cycle(tuple(reversed(stages)), factors)
 
@@ -148,7 +149,9 @@ def _strip(matrix: csr_array | SymmetricCsr, unknowns: Ints, waves: bool) -> Str
     return Strip.of(matrix[unknowns].tocsr(), unknowns, waves, matrix.nnz <= MOST_ROUNDED)
 
 
-def _smoother(diagonal: Floats, rows: UnsignedCsr | SymmetricCsr, exact: Strip | None, waves: bool) -> Smoother:
+def _smoother(
+    diagonal: Floats, rows: UnsignedCsr | SymmetricCsr, exact: Strip | None, waves: bool, sweeps: int
+) -> Smoother:
     swept = abs(diagonal) > ROUNDING * diagonal.max()
     if exact is not None:
         swept[exact.unknowns] = False
@@ -157,7 +160,7 @@ def _smoother(diagonal: Floats, rows: UnsignedCsr | SymmetricCsr, exact: Strip |
     inverse = np.zeros(len(diagonal))
     inverse[swept] = 1 / diagonal[swept]
     if isinstance(rows, SymmetricCsr) and not waves:
-        return Smoother(GaussSeidel(rows, inverse), exact)
+        return Smoother(GaussSeidel(rows, inverse, sweeps), exact)
     largest = EIGENVALUE_MARGIN * largest_eigenvalue(rows, inverse, waves)
     return Smoother(Chebyshev(rows, inverse, largest, SMOOTHING_STEPS), exact)
 

@@ -66,8 +66,8 @@ class UnsignedCsr:
     ) -> UnsignedCsr:
         """Return ``A B`` with the ``wanted`` (n,) rows, all unless given, and nothing in others.
 
-        ``upper``: only what is on the diagonal, which comes first in each row, and right of it. The ``first`` entries of
-        A's rows count so much.
+        ``upper``: only what is on the diagonal, which comes first in each row, and right of it. The ``first`` entries
+        of A's rows count so much.
         """
         from cpmkit.linear.multigrid_kernels import multiply
 

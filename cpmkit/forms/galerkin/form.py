@@ -35,7 +35,7 @@ from cpmkit.forms.galerkin.transport.telling import of_layers
 from cpmkit.forms.galerkin.work import GalerkinWork
 from cpmkit.forms.options import Options
 from cpmkit.linear.levels import Level
-from cpmkit.manifold.abilities import advice_of, has_finite_feet
+from cpmkit.manifold.abilities import has_finite_feet, warnings_of
 from cpmkit.protocols import Floats, Operator, Progress, no_progress
 from cpmkit.runtime.freed_memory import hand_back
 from cpmkit.scene.laws import Nonlinear
@@ -150,7 +150,7 @@ class Galerkin(Equations):
         """What is told of the source and the samples, and of how the lattice resolves them, whatever the equation."""
         one, parting = self.sampled, self._first_parting
         cuts = parting.patch[one.interior :]
-        source = advice_of(one.surface.source, one.lattice.spacing).warnings
+        source = warnings_of(one.surface.source, one.lattice.spacing)
         rounding = one.lattice.lost_digits(one.surface.bounds, not one.surface.shift.any())
         resolved = (*of_space(parting, pieces(parting), one.lattice, cuts), *of_turning(self.turned, one.lattice))
         return (*source, *rounding, *one.told), resolved

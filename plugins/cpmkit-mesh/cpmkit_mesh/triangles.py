@@ -171,7 +171,12 @@ class TriangleMesh:
     def advice(self, spacing: float, /) -> Advice:
         """Return what was changed in the mesh, or may spoil a solution on it, and the error that it leaves in any."""
         floors = mesh_floor(self._turning, self.smooth), integral_floor(self._turning, self.smooth)
-        return Advice(floors[0], mesh_warnings(self), floors[1], closest_point_warnings(self, spacing))
+        return Advice(floors[0], self.own_warnings(spacing), floors[1], closest_point_warnings(self, spacing))
+
+    def own_warnings(self, spacing: float, /) -> tuple[str, ...]:
+        """Return what was changed in the mesh, and how many pieces it has, at whatever spacing."""
+        del spacing
+        return mesh_warnings(self)
 
     @cached_property
     def folds(self) -> Folds:

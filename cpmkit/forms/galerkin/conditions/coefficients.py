@@ -54,6 +54,8 @@ def local_widths(values: csr_array, areas: Floats, samples: BoundarySamples, lef
     width = np.array(spacing, dtype=np.float64)
     for side in (left, ~left):
         rows = np.flatnonzero(side & (samples.half >= 0))
+        if not len(rows):
+            continue
         read = values[rows]
         lengths = read.T @ samples.weights[rows]
         width[rows] = np.minimum(width[rows], (read @ areas) / (read @ lengths) / WIDE_SHARE)

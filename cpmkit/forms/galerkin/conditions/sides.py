@@ -47,6 +47,8 @@ def left_of_boundaries(
     lattice : Lattice
         That coordinates are relative to.
     """
+    if not len(samples):
+        return np.zeros(0, dtype=bool)
     n = len(half.cell)
     rows = np.flatnonzero(samples.half >= 0)
     votes = np.bincount(samples.half[rows], _votes(samples, boundaries, lattice)[rows], n)
