@@ -14,7 +14,7 @@ from cpmkit.linear.multigrid_exact import Indefinite, PositiveFactors, Symmetric
 from cpmkit.linear.multigrid_lanczos import largest_eigenvalue
 from cpmkit.linear.multigrid_matrix import UnsignedCsr
 from cpmkit.linear.multigrid_smoother import COARSER_SWEEPS, FINEST_SWEEPS, Chebyshev, GaussSeidel, Smoother, Strip
-from cpmkit.linear.multigrid_symmetric import SymmetricCsr, coarse_operator, halved
+from cpmkit.linear.multigrid_symmetric import SymmetricCsr, coarse_operator, halved, rounded
 from cpmkit.protocols import Floats, Ints
 from cpmkit.runtime.freed_memory import hand_back
 
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 SMOOTHING_STEPS = 3
 #: What the eigenvalue that Lanczos' method finds, from below, is multiplied by.
 EIGENVALUE_MARGIN = 1.1
-#: A finest matrix with more entries is smoothed as it is: rounded ones beside it would be a tenth of the memory at the
-#: peak, and save an eighth of the time of a solve.
-MOST_ROUNDED = 1 << 24
+#: A finest matrix with more entries is smoothed as it is: rounded ones beside it would be an eighth of the memory at
+#: the peak, and save a tenth of the time of a solve.
+MOST_ROUNDED = 1 << 25
 #: A diagonal entry below this share of the largest is zero: of a piece with one unknown on which a constant is free.
 ROUNDING = 1e-14
 #: By this share of the largest diagonal entry on it a line's differences are held: above what entries of 32 bits lose.
@@ -119,10 +119,10 @@ def cycle_of(
     for level in reversed(levels):  # the finest, which is the largest, when entries of 64 bits of all others are gone
         own = halves.pop()
         diagonal = matrix.diagonal() if own is None else own.diagonal
-        own = UnsignedCsr.of(matrix).rounded(MOST_ROUNDED) if own is None else own.rounded()
-        hand_back()
-        rows = own.shared() if isinstance(own, SymmetricCsr) else own
+        rows = rounded(matrix, MOST_ROUNDED) if own is None else own.rounded()
         del own
+        hand_back()
+        rows = rows.shared() if isinstance(rows, SymmetricCsr) else rows
         sweeps = COARSER_SWEEPS if halves else FINEST_SWEEPS
         smoother = _smoother(diagonal, rows, strips.pop(), waves, sweeps)
         stages.append(Stage(smoother, UnsignedCsr.of(level.prolongation).rounded()))

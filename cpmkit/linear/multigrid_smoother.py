@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 #: The iteration damps the eigenvalues of D^-1 A from this share of the largest on; the coarser levels see the others.
 #: Spheres take 19 to 21 iterations with 1/8, 16 to 19 with this, and no fewer with less where conditions stand.
 SMOOTHED_SHARE = 1 / 16
-#: Sweeps through the equations before and after a coarser level, of the finest and of all others: with two there it takes
-#: as many iterations as with one.
+#: Sweeps through the equations before and after a coarser level, of the finest and of all others; two there save no
+#: iteration.
 FINEST_SWEEPS, COARSER_SWEEPS = 2, 1
 
 

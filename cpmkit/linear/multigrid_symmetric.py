@@ -36,11 +36,11 @@ class SymmetricCsr:
     entries: Any
 
     @classmethod
-    def of(cls, matrix: csr_array) -> SymmetricCsr:
-        """Return the same matrix."""
+    def of(cls, matrix: csr_array, kind: Any = np.float64) -> SymmetricCsr:
+        """Return the same matrix, with entries of this ``kind``."""
         from cpmkit.linear.multigrid_symmetric_kernels import upper_half
 
-        return cls(*upper_half(matrix.indptr, matrix.indices, matrix.data))
+        return cls(*upper_half(matrix.indptr, matrix.indices, matrix.data, np.empty(0, dtype=kind)))
 
     def rounded(self) -> SymmetricCsr:
         """Return the same matrix with entries of 32 bits, whose products take less time."""
@@ -129,6 +129,16 @@ class SymmetricCsr:
 def halved(matrix: csr_array) -> SymmetricCsr | None:
     """Return a symmetric matrix by its upper half; None where all threads have a share in its products."""
     return SymmetricCsr.of(matrix) if matrix.nnz < LEAST_SHARED_ENTRIES else None
+
+
+def rounded(matrix: csr_array, most: int) -> SymmetricCsr | UnsignedCsr:
+    """Return a large symmetric matrix with entries of 32 bits, by its upper half if one thread works.
+
+    Beyond ``most`` entries it is whole, and has 64.
+    """
+    if matrix.nnz > most or thread_count() > 1:
+        return UnsignedCsr.of(matrix).rounded(most)
+    return SymmetricCsr.of(matrix, np.float32)
 
 
 def coarse_operator(matrix: csr_array, prolongation: csr_array) -> SymmetricCsr:

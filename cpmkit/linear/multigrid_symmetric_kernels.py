@@ -15,15 +15,18 @@ from cpmkit.runtime.compilation import compiled, inlined
 
 
 @compiled
-def upper_half(indptr: Any, indices: Any, data: Floats) -> tuple[Any, Any, Floats]:
-    """Return pointers, columns and entries of the upper half of a matrix, whose rows need not be sorted."""
+def upper_half(indptr: Any, indices: Any, data: Floats, entries: Any) -> tuple[Any, Any, Any]:
+    """Return pointers, columns and entries of the upper half of a matrix, whose rows need not be sorted.
+
+    The latter have the type of ``entries``, which is empty.
+    """
     n = len(indptr) - 1
     pointers = np.empty(n + 1, dtype=np.uint64)
     used = n
     for i in range(n):
         for k in range(indptr[i], indptr[i + 1]):
             used += indices[k] > i
-    columns, entries = np.empty(used, dtype=np.uint32), np.empty(used)
+    columns, entries = np.empty(used, dtype=np.uint32), np.empty(used, dtype=entries.dtype)
     used = 0
     for i in range(n):
         pointers[i] = at = used
