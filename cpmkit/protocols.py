@@ -302,6 +302,14 @@ class HasAdvice(Protocol):
         """Return what a reader of a solution at ``spacing`` should know."""
 
 
+@runtime_checkable
+class TellsWarnings(Protocol):
+    """A source with advice that tells the warnings in it by themselves, for less than floors take to be found."""
+
+    def own_warnings(self, spacing: float, /) -> tuple[str, ...]:
+        """Return the ``warnings`` of the advice at ``spacing``."""
+
+
 class Operator(Protocol):
     """A square linear map of the unknowns, kept in whatever form its maker likes; all that a solver asks."""
 

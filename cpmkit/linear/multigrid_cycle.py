@@ -12,9 +12,9 @@ import numpy as np
 from cpmkit.linear.levels import Level
 from cpmkit.linear.multigrid_exact import Indefinite, PositiveFactors, SymmetricFactors
 from cpmkit.linear.multigrid_lanczos import largest_eigenvalue
-from cpmkit.linear.multigrid_matrix import UnsignedCsr, coarse_operator
-from cpmkit.linear.multigrid_smoother import Chebyshev, Smoother, Strip
-from cpmkit.linear.multigrid_symmetric import SymmetricCsr, halved
+from cpmkit.linear.multigrid_matrix import UnsignedCsr
+from cpmkit.linear.multigrid_smoother import COARSER_SWEEPS, FINEST_SWEEPS, Chebyshev, GaussSeidel, Smoother, Strip
+from cpmkit.linear.multigrid_symmetric import SymmetricCsr, coarse_operator, halved, rounded
 from cpmkit.protocols import Floats, Ints
 from cpmkit.runtime.freed_memory import hand_back
 
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 SMOOTHING_STEPS = 3
 #: What the eigenvalue that Lanczos' method finds, from below, is multiplied by.
 EIGENVALUE_MARGIN = 1.1
-#: A finest matrix with more entries is smoothed as it is: rounded ones beside it would be a tenth of the memory at the
-#: peak, and save an eighth of the time of a solve.
-MOST_ROUNDED = 1 << 24
+#: A finest matrix with more entries is smoothed as it is: rounded ones beside it would be an eighth of the memory at
+#: the peak, and save a tenth of the time of a solve.
+MOST_ROUNDED = 1 << 25
 #: A diagonal entry below this share of the largest is zero: of a piece with one unknown on which a constant is free.
 ROUNDING = 1e-14
 #: By this share of the largest diagonal entry on it a line's differences are held: above what entries of 32 bits lose.
@@ -36,13 +36,12 @@ HELD_SHARE = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """One level that is smoothed: its matrix, its smoother, and P from the next coarser one.
+    """One level that is smoothed: its smoother, with its matrix, and P from the next coarser one.
 
     Entries have 32 bits, but of a large finest level. That changes the cycle by 1e-7 or so and the solution by nothing:
     its equations keep 64.
     """
 
-    matrix: UnsignedCsr | SymmetricCsr
     smoother: Smoother
     prolongation: UnsignedCsr
 
@@ -65,16 +64,15 @@ class Cycle:
     @property
     def products(self) -> int:
         """How many products with the finest matrix it takes."""
-        return 2 * self.stages[0].smoother.chebyshev.steps if self.stages else 0
+        return self.stages[0].smoother.iteration.products if self.stages else 0
 
     def apply(self, b: Floats, depth: int = 0) -> Floats:
         """Return x (n, channels), about the solution of ``A x = b`` on the level at ``depth``."""
         if depth == len(self.stages):
             return self.coarsest.solve(b)
         stage = self.stages[depth]
-        x = stage.smoother.before(b)
-        residual = stage.prolongation.transposed(stage.matrix.residual(x, b))
-        stage.prolongation.add_to(x, self.apply(residual, depth + 1))
+        x, residual = stage.smoother.before(b)
+        stage.prolongation.add_to(x, self.apply(stage.prolongation.transposed(residual), depth + 1))
         return stage.smoother.after(x, b)
 
 
@@ -105,44 +103,55 @@ def cycle_of(
     Indefinite
         If an eigenvalue of the wrong sign shows.
     """
-    made, halves, strips = [matrix], [halved(matrix) if half is None else half], []
+    halves, strips = [halved(matrix) if half is None else half], []
     for level in levels:  # what this needs on the way is not in memory together with what follows
-        P = level.prolongation
-        rounded = len(made) > 1 or matrix.nnz <= MOST_ROUNDED
-        strips.append(Strip.of(made[-1], _open(level.strip, piece), waves, rounded))
-        coarser = coarse_operator(made[-1], P) if halves[-1] is None else halves[-1].coarser(P)
-        made.append(coarser if level.lines is None else with_lines_held(coarser, level.lines))
-        halves.append(halved(made[-1]))
+        P, own = level.prolongation, halves[-1]
+        strips.append(_strip(matrix if len(halves) == 1 else own, _open(level.strip, piece), waves))
+        coarser = coarse_operator(matrix, P) if own is None else own.coarser(P)
+        halves.append(coarser if level.lines is None else with_lines_held(coarser, level.lines))
         hand_back()
         coarse = np.full(P.shape[1], -1)
         coarse[P.indices] = np.repeat(piece, np.diff(P.indptr))
         piece = coarse
-    halves.pop()
-    factors = (SymmetricFactors if waves else PositiveFactors).of(_held(made.pop(), piece), "on the coarsest level")
+    coarsest = halves.pop().whole().to_csr() if levels else matrix
+    factors = (SymmetricFactors if waves else PositiveFactors).of(_held(coarsest, piece), "on the coarsest level")
     stages = []
     for level in reversed(levels):  # the finest, which is the largest, when entries of 64 bits of all others are gone
-        matrix, own = made.pop(), halves.pop()
-        hand_back()
-        rows = own.rounded() if own is not None else UnsignedCsr.of(matrix).rounded(None if made else MOST_ROUNDED)
+        own = halves.pop()
         diagonal = matrix.diagonal() if own is None else own.diagonal
-        smoother = _smoother(diagonal, rows, strips.pop(), waves)
-        stages.append(Stage(rows, smoother, UnsignedCsr.of(level.prolongation).rounded()))
+        rows = rounded(matrix, MOST_ROUNDED) if own is None else own.rounded()
+        del own
+        hand_back()
+        rows = rows.shared() if isinstance(rows, SymmetricCsr) else rows
+        sweeps = COARSER_SWEEPS if halves else FINEST_SWEEPS
+        smoother = _smoother(diagonal, rows, strips.pop(), waves, sweeps)
+        stages.append(Stage(smoother, UnsignedCsr.of(level.prolongation).rounded()))
     return Cycle(tuple(reversed(stages)), factors)
 
 
-def with_lines_held(matrix: csr_array, lines: Ints) -> csr_array:
+def with_lines_held(half: SymmetricCsr, lines: Ints) -> SymmetricCsr:
     """Return the matrix with the differences of unknowns on ``lines`` (r, k) held, by a small share of its diagonal."""
     from scipy.sparse import csr_array
 
     r, k = lines.shape
-    scale = HELD_SHARE * matrix.diagonal()[lines].max(axis=1)
+    scale = HELD_SHARE * half.diagonal[lines].max(axis=1)
     stencil = np.array([(-1.0) ** place * comb(k - 1, place) for place in range(k)])
     entries = np.sqrt(scale)[:, None] * stencil
-    rows = csr_array((entries.ravel(), lines.ravel(), np.arange(0, r * k + 1, k)), shape=(r, matrix.shape[0]))
-    return (matrix + rows.T @ rows).tocsr()
+    rows = csr_array((entries.ravel(), lines.ravel(), np.arange(0, r * k + 1, k)), shape=(r, len(half)))
+    return SymmetricCsr.of((half.whole().to_csr() + rows.T @ rows).tocsr())
 
 
-def _smoother(diagonal: Floats, rows: UnsignedCsr | SymmetricCsr, exact: Strip | None, waves: bool) -> Smoother:
+def _strip(matrix: csr_array | SymmetricCsr, unknowns: Ints, waves: bool) -> Strip | None:
+    if not len(unknowns):
+        return None
+    if isinstance(matrix, SymmetricCsr):
+        return Strip.of(matrix.rows_of(unknowns), unknowns, waves)
+    return Strip.of(matrix[unknowns].tocsr(), unknowns, waves, matrix.nnz <= MOST_ROUNDED)
+
+
+def _smoother(
+    diagonal: Floats, rows: UnsignedCsr | SymmetricCsr, exact: Strip | None, waves: bool, sweeps: int
+) -> Smoother:
     swept = abs(diagonal) > ROUNDING * diagonal.max()
     if exact is not None:
         swept[exact.unknowns] = False
@@ -150,6 +159,8 @@ def _smoother(diagonal: Floats, rows: UnsignedCsr | SymmetricCsr, exact: Strip |
         raise Indefinite("it has entries below zero on the diagonal")
     inverse = np.zeros(len(diagonal))
     inverse[swept] = 1 / diagonal[swept]
+    if isinstance(rows, SymmetricCsr) and not waves:
+        return Smoother(GaussSeidel(rows, inverse, sweeps), exact)
     largest = EIGENVALUE_MARGIN * largest_eigenvalue(rows, inverse, waves)
     return Smoother(Chebyshev(rows, inverse, largest, SMOOTHING_STEPS), exact)
 

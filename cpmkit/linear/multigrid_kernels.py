@@ -93,13 +93,16 @@ def multiply(
     other_entries: Floats,
     width: int,
     room: int,
+    upper: bool,
+    first: float,
 ) -> tuple[Any, Any, Floats]:
     """Return pointers, columns (in no order) and entries of ``A B``, which has ``width`` columns.
 
-    Rows that are not ``wanted`` (n,) are empty; ``room`` is about the number of entries: what is not needed costs no
-    memory, what is lacking some time.
+    Rows that are not ``wanted`` (n,) are empty, and of others only the ``upper`` halves may be asked for, the diagonal
+    before all else; the ``first`` entries of A's rows count so much. ``room`` is about the number of entries: what is
+    not needed costs no memory, what is lacking some time.
     """
-    met, total = np.full(width, -1, dtype=np.int32), np.empty(width)  # the last row with each column, its entry there
+    met, total = np.full(width, -1, dtype=np.int32), np.zeros(width)  # the last row with each column, its entry there
     starts = np.zeros(len(pointers), dtype=np.uint64)
     found, sums = np.empty(room, dtype=np.uint32), np.empty(room)
     used = np.uint64(0)
@@ -108,25 +111,30 @@ def multiply(
         if not wanted[i]:
             starts[i + 1] = used
             continue
-        if used + np.uint64(width) > np.uint64(len(sums)):
-            most = used
+        if used + np.uint64(width) >= np.uint64(len(sums)):
+            most = used + np.uint64(1)
             for k in range(pointers[i], pointers[i + 1]):
                 most += other_pointers[columns[k] + np.uint64(1)] - other_pointers[columns[k]]
-            if most > np.uint64(len(sums)):
+            if most >= np.uint64(len(sums)):
                 more, further = np.empty(2 * most, dtype=np.uint32), np.empty(2 * most)
                 more[:used], further[:used] = found[:used], sums[:used]
                 found, sums = more, further
+        least = 0
+        if upper:
+            least, met[i], found[used] = i, i, i
+            used += np.uint64(1)
         for k in range(pointers[i], pointers[i + 1]):
-            entry, row = entries[k], columns[k]
+            entry, row = entries[k] * (first if k == pointers[i] else 1.0), columns[k]
             for at in range(other_pointers[row], other_pointers[row + np.uint64(1)]):
                 column = other_columns[at]
-                if met[column] == i:
-                    total[column] += entry * other_entries[at]
-                else:
-                    met[column], total[column] = i, entry * other_entries[at]
-                    found[used] = column
-                    used += np.uint64(1)
+                if column < least:
+                    continue
+                total[column] += entry * other_entries[at]
+                found[used] = column  # and stays where it is new: no branch, which would often be guessed wrongly
+                used += np.uint64(met[column] != i)
+                met[column] = i
         for at in range(begin, used):
             sums[at] = total[found[at]]
+            total[found[at]] = 0.0
         starts[i + 1] = used
     return starts, found[:used], sums[:used]

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
 #: Matrices with fewer entries are multiplied by one thread: handing out parcels takes as long as one or two of them.
 LEAST_SHARED_ENTRIES = 1 << 22
-#: Coarser matrices are made in so many parts, of so many rows at least: what is made twice is a tenth of the work.
-COARSE_PARTS, LEAST_COARSE_ROWS = 16, 1 << 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,15 +59,22 @@ class UnsignedCsr:
 
     def __matmul__(self, other: UnsignedCsr) -> UnsignedCsr:
         """Return the product ``A B`` with another matrix."""
-        return self.times(other, np.ones(len(self), dtype=bool))
+        return self.times(other)
 
-    def times(self, other: UnsignedCsr, wanted: Bools) -> UnsignedCsr:
-        """Return ``A B`` with the ``wanted`` (n,) rows, and nothing in others."""
+    def times(
+        self, other: UnsignedCsr, wanted: Bools | None = None, upper: bool = False, first: float = 1.0
+    ) -> UnsignedCsr:
+        """Return ``A B`` with the ``wanted`` (n,) rows, all unless given, and nothing in others.
+
+        ``upper``: only what is on the diagonal, which comes first in each row, and right of it. The ``first`` entries
+        of A's rows count so much.
+        """
         from cpmkit.linear.multigrid_kernels import multiply
 
+        wanted = np.ones(len(self), dtype=bool) if wanted is None else wanted
         one, two = ((own.pointers, own.columns, own.entries) for own in (self, other))
         room = int(max(len(self.entries), len(other.entries)) * wanted.mean()) if len(wanted) else 0
-        pointers, columns, entries = multiply(wanted, *one, *two, other.width, room)
+        pointers, columns, entries = multiply(wanted, *one, *two, other.width, room, upper, first)
         return UnsignedCsr(pointers, columns, entries, other.width)
 
     def __len__(self) -> int:
@@ -120,32 +125,3 @@ class UnsignedCsr:
             work(0, len(self))
         else:
             run_parcels(work, len(self), rows)
-
-
-def coarse_operator(matrix: csr_array, prolongation: csr_array) -> csr_array:
-    """Return P' A P.
-
-    Some rows at a time: of A P only what these need is made, and let go. The rows of a lattice's unknowns that follow
-    each other lie in a slab, so that little of A P is made twice.
-    """
-    fine, P, back = UnsignedCsr.of(matrix), UnsignedCsr.of(prolongation), UnsignedCsr.of(prolongation.T.tocsr())
-    size = len(back)
-    at_once = max(LEAST_COARSE_ROWS, -(-size // COARSE_PARTS))
-    pointers, room = np.zeros(size + 1, dtype=np.uint64), len(fine.entries) // 2  # what is not written to takes none
-    columns, entries, used = np.empty(room, dtype=np.uint32), np.empty(room), 0
-    for start in range(0, size, at_once):
-        stop = min(start + at_once, size)
-        asked, wanted = np.zeros(len(fine), dtype=bool), np.zeros(size, dtype=bool)
-        asked[back.columns[back.pointers[start] : back.pointers[stop]]] = True
-        wanted[start:stop] = True
-        some = back.times(fine.times(P, asked), wanted)
-        pointers[start + 1 : stop + 1] = some.pointers[start + 1 : stop + 1] + np.uint64(used)
-        before, used = used, used + len(some.entries)
-        for whole, part in ((columns, some.columns), (entries, some.entries)):
-            if used > len(whole):
-                whole.resize(2 * used, refcheck=False)  # no view of it is anywhere
-            whole[before:used] = part
-        del some, part
-    for whole in (columns, entries):
-        whole.resize(used, refcheck=False)
-    return UnsignedCsr(pointers, columns, entries, size).to_csr()

@@ -11,10 +11,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.linear.multigrid_matrix import LEAST_SHARED_ENTRIES, UnsignedCsr
-from cpmkit.protocols import Floats
+from cpmkit.protocols import Floats, Ints
+from cpmkit.runtime.threads import thread_count
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
+
+#: Coarser matrices are made in so many parts, of so many rows at least: what is made twice is a tenth of the work.
+COARSE_PARTS, LEAST_COARSE_ROWS = 16, 1 << 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,11 +36,11 @@ class SymmetricCsr:
     entries: Any
 
     @classmethod
-    def of(cls, matrix: csr_array) -> SymmetricCsr:
-        """Return the same matrix."""
+    def of(cls, matrix: csr_array, kind: Any = np.float64) -> SymmetricCsr:
+        """Return the same matrix, with entries of this ``kind``."""
         from cpmkit.linear.multigrid_symmetric_kernels import upper_half
 
-        return cls(*upper_half(matrix.indptr, matrix.indices, matrix.data))
+        return cls(*upper_half(matrix.indptr, matrix.indices, matrix.data, np.empty(0, dtype=kind)))
 
     def rounded(self) -> SymmetricCsr:
         """Return the same matrix with entries of 32 bits, whose products take less time."""
@@ -71,17 +75,96 @@ class SymmetricCsr:
         move_by(out, inverse, kept, added, x, move)
         return out
 
-    def coarser(self, prolongation: csr_array) -> csr_array:
-        """Return P' A P: as A = U + U', with half of the diagonal in each, it is T + T' of T = P' U P."""
-        from cpmkit.linear.multigrid_symmetric_kernels import with_transposed
+    def solved_upwards(self, x: Floats | None, b: Floats, inverse: Floats, sweeps: int) -> tuple[Floats, Floats]:
+        """Return x, from zero where it is None, and ``b - A x``, after ``sweeps`` through the equations from the last.
 
-        entries = self.entries.copy()
-        entries[self.pointers[:-1]] *= 0.5
-        upper = UnsignedCsr(self.pointers, self.columns, entries, len(self))
-        T = UnsignedCsr.of(prolongation.T.tocsr()) @ (upper @ UnsignedCsr.of(prolongation))
-        return UnsignedCsr(*with_transposed(T.pointers, T.columns, T.entries), T.width).to_csr()
+        Each is solved in its turn where ``inverse`` (n,), of the diagonal, is not zero (Gauss and Seidel).
+        """
+        from cpmkit.linear.multigrid_symmetric_kernels import sweep_up
+
+        rest = np.array(b.T if x is None else self.residual(x, b).T, order="C")
+        found = np.zeros_like(rest) if x is None else np.array(x.T, order="C")
+        for _ in range(sweeps):
+            sweep_up(self.pointers, self.columns, self.entries, inverse, rest, found)
+        return np.ascontiguousarray(found.T), np.ascontiguousarray(rest.T)
+
+    def solved_downwards(self, x: Floats, b: Floats, inverse: Floats, sweeps: int) -> Floats:
+        """Return x after as many sweeps from the first equation on: the adjoint of `solved_upwards`."""
+        from cpmkit.linear.multigrid_symmetric_kernels import sweep_down
+
+        found = np.array(x.T, order="C")
+        for _ in range(sweeps):
+            sweep_down(self.pointers, self.columns, self.entries, inverse, np.array(b.T, order="C"), found)
+        return np.ascontiguousarray(found.T)
+
+    def coarser(self, prolongation: csr_array) -> SymmetricCsr:
+        """Return P' A P: as A = U + U', with half of the diagonal in each, it is T + T' of T = P' U P."""
+        from cpmkit.linear.multigrid_symmetric_kernels import folded
+
+        upper = UnsignedCsr(self.pointers, self.columns, self.entries, len(self))
+        T = UnsignedCsr.of(prolongation.T.tocsr()) @ upper.times(UnsignedCsr.of(prolongation), first=0.5)
+        return SymmetricCsr(*folded(T.pointers, T.columns, T.entries))
+
+    def whole(self) -> UnsignedCsr:
+        """Return the same matrix with all of its entries."""
+        from cpmkit.linear.multigrid_symmetric_kernels import unfolded
+
+        return UnsignedCsr(*unfolded(self.pointers, self.columns, self.entries), len(self))
+
+    def shared(self) -> SymmetricCsr | UnsignedCsr:
+        """Return the whole matrix where all threads have a share in its products, and itself where not."""
+        shared = 2 * len(self.entries) - len(self) >= LEAST_SHARED_ENTRIES and thread_count() > 1
+        return self.whole() if shared else self
+
+    def rows_of(self, unknowns: Ints) -> csr_array:
+        """Return some rows of the matrix, (k, n)."""
+        from scipy.sparse import csr_array
+
+        upper = UnsignedCsr(self.pointers, self.columns, self.entries, len(self)).to_csr()
+        left = csr_array(upper[:, unknowns].T)
+        diagonal = csr_array((self.diagonal[unknowns], (np.arange(len(unknowns)), unknowns)), shape=left.shape)
+        return (upper[unknowns] + left - diagonal).tocsr()
 
 
 def halved(matrix: csr_array) -> SymmetricCsr | None:
     """Return a symmetric matrix by its upper half; None where all threads have a share in its products."""
     return SymmetricCsr.of(matrix) if matrix.nnz < LEAST_SHARED_ENTRIES else None
+
+
+def rounded(matrix: csr_array, most: int) -> SymmetricCsr | UnsignedCsr:
+    """Return a large symmetric matrix with entries of 32 bits, by its upper half if one thread works.
+
+    Beyond ``most`` entries it is whole, and has 64.
+    """
+    if matrix.nnz > most or thread_count() > 1:
+        return UnsignedCsr.of(matrix).rounded(most)
+    return SymmetricCsr.of(matrix, np.float32)
+
+
+def coarse_operator(matrix: csr_array, prolongation: csr_array) -> SymmetricCsr:
+    """Return P' A P of a large symmetric matrix, by its upper half.
+
+    Some rows at a time: of A P only what these need is made, and let go. The rows of a lattice's unknowns that follow
+    each other lie in a slab, so that little of A P is made twice.
+    """
+    fine, P, back = UnsignedCsr.of(matrix), UnsignedCsr.of(prolongation), UnsignedCsr.of(prolongation.T.tocsr())
+    size = len(back)
+    at_once = max(LEAST_COARSE_ROWS, -(-size // COARSE_PARTS))
+    pointers, room = np.zeros(size + 1, dtype=np.uint64), len(fine.entries) // 4  # what is not written to takes none
+    columns, entries, used = np.empty(room, dtype=np.uint32), np.empty(room), 0
+    for start in range(0, size, at_once):
+        stop = min(start + at_once, size)
+        asked, wanted = np.zeros(len(fine), dtype=bool), np.zeros(size, dtype=bool)
+        asked[back.columns[back.pointers[start] : back.pointers[stop]]] = True
+        wanted[start:stop] = True
+        some = back.times(fine.times(P, asked), wanted, upper=True)
+        pointers[start + 1 : stop + 1] = some.pointers[start + 1 : stop + 1] + np.uint64(used)
+        before, used = used, used + len(some.entries)
+        for whole, part in ((columns, some.columns), (entries, some.entries)):
+            if used > len(whole):
+                whole.resize(2 * used, refcheck=False)  # no view of it is anywhere
+            whole[before:used] = part
+        del some, part
+    for whole in (columns, entries):
+        whole.resize(used, refcheck=False)
+    return SymmetricCsr(pointers, columns, entries)

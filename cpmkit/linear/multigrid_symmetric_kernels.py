@@ -11,19 +11,22 @@ from typing import Any
 import numpy as np
 
 from cpmkit.protocols import Floats
-from cpmkit.runtime.compilation import compiled
+from cpmkit.runtime.compilation import compiled, inlined
 
 
 @compiled
-def upper_half(indptr: Any, indices: Any, data: Floats) -> tuple[Any, Any, Floats]:
-    """Return pointers, columns and entries of the upper half of a matrix, whose rows need not be sorted."""
+def upper_half(indptr: Any, indices: Any, data: Floats, entries: Any) -> tuple[Any, Any, Any]:
+    """Return pointers, columns and entries of the upper half of a matrix, whose rows need not be sorted.
+
+    The latter have the type of ``entries``, which is empty.
+    """
     n = len(indptr) - 1
     pointers = np.empty(n + 1, dtype=np.uint64)
     used = n
     for i in range(n):
         for k in range(indptr[i], indptr[i + 1]):
             used += indices[k] > i
-    columns, entries = np.empty(used, dtype=np.uint32), np.empty(used)
+    columns, entries = np.empty(used, dtype=np.uint32), np.empty(used, dtype=entries.dtype)
     used = 0
     for i in range(n):
         pointers[i] = at = used
@@ -77,31 +80,94 @@ def move_by(rest: Floats, inverse: Floats, kept: float, added: float, x: Floats,
 
 
 @compiled
-def with_transposed(pointers: Any, columns: Any, entries: Floats) -> tuple[Any, Any, Floats]:
-    """Return pointers, columns (in no order) and entries of ``T + T'``, T square."""
+def sweep_up(pointers: Any, columns: Any, entries: Any, inverse: Floats, rest: Floats, x: Floats) -> None:
+    """Solve the equations one by one from the last on, where ``inverse`` (n,), of the diagonal, is not zero.
+
+    ``rest``, which is b - A x, is kept so; it and x are (channels, n).
+    """
+    one = np.uint64(1)
+    for channel in range(len(x)):
+        own, left = x[channel], rest[channel]
+        move = np.zeros(len(inverse))
+        for i in range(len(inverse) - 1, -1, -1):
+            first, stop = pointers[i] + one, pointers[i + 1]
+            here = left[i] - _right_of(first, stop, columns, entries, move)
+            if inverse[i] == 0.0:
+                left[i] = here
+                continue
+            move[i] = inverse[i] * here
+            own[i] += move[i]
+            left[i] = 0.0
+            for k in range(first, stop):
+                left[columns[k]] -= np.float64(entries[k]) * move[i]
+
+
+@compiled
+def sweep_down(pointers: Any, columns: Any, entries: Any, inverse: Floats, b: Floats, x: Floats) -> None:
+    """Solve the equations ``A x = b`` one by one from the first on, where ``inverse`` is not zero; b is overwritten."""
+    one = np.uint64(1)
+    for channel in range(len(x)):
+        own, left = x[channel], b[channel]
+        for i in range(len(inverse)):
+            first, stop = pointers[i] + one, pointers[i + 1]
+            if inverse[i] != 0.0:
+                own[i] = inverse[i] * (left[i] - _right_of(first, stop, columns, entries, own))
+            for k in range(first, stop):
+                left[columns[k]] -= np.float64(entries[k]) * own[i]
+
+
+@inlined
+def _right_of(k: Any, stop: Any, columns: Any, entries: Any, x: Floats) -> float:
+    """Return the product of the entries from k to ``stop`` with x, in four sums: one would wait for itself."""
+    a, b, c, d = 0.0, 0.0, 0.0, 0.0
+    while (stop - k) % np.uint64(4):
+        a += np.float64(entries[k]) * x[columns[k]]
+        k += np.uint64(1)
+    while k < stop:
+        a += np.float64(entries[k]) * x[columns[k]]
+        b += np.float64(entries[k + np.uint64(1)]) * x[columns[k + np.uint64(1)]]
+        c += np.float64(entries[k + np.uint64(2)]) * x[columns[k + np.uint64(2)]]
+        d += np.float64(entries[k + np.uint64(3)]) * x[columns[k + np.uint64(3)]]
+        k += np.uint64(4)
+    total: float = (a + b) + (c + d)
+    return total
+
+
+@compiled
+def folded(pointers: Any, columns: Any, entries: Floats) -> tuple[Any, Any, Floats]:
+    """Return pointers, columns and entries of the upper half of ``T + T'``, T square."""
     n, one = len(pointers) - 1, np.uint64(1)
     starts = np.zeros(n + 1, dtype=np.uint64)
-    for column in columns:
-        starts[column + one] += one
+    for i in range(n):
+        for k in range(pointers[i], pointers[i + 1]):
+            if columns[k] < i:
+                starts[columns[k] + one] += one
     for i in range(n):
         starts[i + 1] += starts[i]
     free = starts[:n].copy()
-    rows, turned = np.empty_like(columns), np.empty_like(entries)
+    rows, turned = np.empty(starts[n], dtype=np.uint32), np.empty(starts[n])
     for i in range(n):
         for k in range(pointers[i], pointers[i + 1]):
-            at = free[columns[k]]
-            rows[at], turned[at] = i, entries[k]
-            free[columns[k]] += one
+            if columns[k] < i:
+                at = free[columns[k]]
+                rows[at], turned[at] = i, entries[k]
+                free[columns[k]] += one
     place = np.zeros(n, dtype=np.uint64)  # one above where a column stands, in this row or an earlier one
     sums = np.zeros(n + 1, dtype=np.uint64)
-    found, both = np.empty(2 * len(columns), dtype=np.uint32), np.empty(2 * len(columns))
+    room = len(columns) + n  # of each row the diagonal, and no more than it has on both sides
+    found, both = np.empty(room, dtype=np.uint32), np.empty(room)
     used = np.uint64(0)
     for i in range(n):
         begin = used
+        found[used], both[used] = i, 0.0
+        used += one
         for k in range(pointers[i], pointers[i + 1]):  # no column twice
-            found[used], both[used] = columns[k], entries[k]
-            used += one
-            place[columns[k]] = used
+            if columns[k] == i:
+                both[begin] = 2.0 * entries[k]
+            elif columns[k] > i:
+                found[used], both[used] = columns[k], entries[k]
+                used += one
+                place[columns[k]] = used
         for k in range(starts[i], starts[i + 1]):
             j = rows[k]
             if place[j] > begin:
@@ -111,3 +177,27 @@ def with_transposed(pointers: Any, columns: Any, entries: Floats) -> tuple[Any, 
                 used += one
         sums[i + 1] = used
     return sums, found[:used], both[:used]
+
+
+@compiled
+def unfolded(pointers: Any, columns: Any, entries: Any) -> tuple[Any, Any, Any]:
+    """Return pointers, columns (ascending) and entries of the whole of a matrix by its upper half."""
+    n, one = len(pointers) - 1, np.uint64(1)
+    starts = np.zeros(n + 1, dtype=np.uint64)
+    for i in range(n):
+        starts[i + 1] += pointers[i + 1] - pointers[i]
+        for k in range(pointers[i] + one, pointers[i + 1]):
+            starts[columns[k] + one] += one
+    for i in range(n):
+        starts[i + 1] += starts[i]
+    free = starts[:n].copy()
+    found, whole = np.empty(starts[n], dtype=np.uint32), np.empty(starts[n], dtype=entries.dtype)
+    for i in range(n):
+        for k in range(pointers[i], pointers[i + 1]):
+            j = columns[k]
+            if j != i:  # of row i itself what is left of the diagonal is there already
+                found[free[j]], whole[free[j]] = i, entries[k]
+                free[j] += one
+            found[free[i]], whole[free[i]] = j, entries[k]
+            free[i] += one
+    return starts, found, whole

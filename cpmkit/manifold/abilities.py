@@ -34,6 +34,7 @@ from cpmkit.protocols import (
     HasValues,
     Ints,
     NamesLeft,
+    TellsWarnings,
 )
 
 Base = TypeVar("Base")
@@ -233,6 +234,11 @@ def local_minima_of(source: ClosestPointSource, x: Floats, radius: float) -> tup
 def advice_of(source: object, spacing: float) -> Advice:
     """Return what ``source`` says of itself at ``spacing``: no warnings and no floor where it says nothing."""
     return source.advice(spacing) if isinstance(source, HasAdvice) else Advice()
+
+
+def warnings_of(source: object, spacing: float) -> tuple[str, ...]:
+    """Return the warnings in the advice of ``source`` at ``spacing``, without what else may take long to be found."""
+    return source.own_warnings(spacing) if isinstance(source, TellsWarnings) else advice_of(source, spacing).warnings
 
 
 def has_finite_feet(source: object) -> bool:

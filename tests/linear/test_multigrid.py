@@ -11,12 +11,12 @@ from cpmkit.errors import ConvergenceError, SceneError
 from cpmkit.forms.free_constants import free_pieces
 from cpmkit.forms.galerkin.hierarchy.levels import levels_of
 from cpmkit.forms.galerkin.space import energy
-from cpmkit.linear import multigrid_cycle, multigrid_matrix
+from cpmkit.linear import multigrid_cycle, multigrid_symmetric
 from cpmkit.linear.direct import Direct
 from cpmkit.linear.jacobi import Jacobi
 from cpmkit.linear.multigrid import Multigrid
-from cpmkit.linear.multigrid_matrix import UnsignedCsr, coarse_operator
-from cpmkit.linear.multigrid_symmetric import SymmetricCsr
+from cpmkit.linear.multigrid_matrix import UnsignedCsr
+from cpmkit.linear.multigrid_symmetric import SymmetricCsr, coarse_operator
 from cpmkit.linear.operators import Bordered, CsrOperator
 from cpmkit.linear.preconditioned import followed_by_error
 
@@ -78,7 +78,7 @@ def test_a_strip_hides_its_penalties():
         with_strip.append(iterations(space, operator, beside))
         without.append(iterations(space, operator))
     assert max(with_strip) <= 25
-    assert min(without) > 2 * max(with_strip)
+    assert all(long > 2 * short for long, short in zip(without, with_strip, strict=True))
 
 
 def test_a_strip_without_penalties_that_holds_whole_pieces_does_no_harm():
@@ -98,7 +98,7 @@ def test_it_finds_what_the_direct_solver_finds():
     exact, _ = Direct().prepare(operator).solve(b, 1e-10)
     assert abs(u - exact).max() < 1e-9 * abs(exact).max()
     assert not u[:, 2].any()
-    assert report.operator_applications >= 7 * report.iterations
+    assert report.operator_applications >= 5 * report.iterations
 
 
 def test_constants_free_on_two_pieces_are_those_of_the_direct_solver():
@@ -189,6 +189,7 @@ def test_a_strip_of_the_wrong_sign_is_told():
 def test_an_interval_that_is_too_small_gives_no_wrong_answer(monkeypatch):
     space = sphere(0.1)
     operator = stiffness_of(space, 1.0)
+    monkeypatch.setattr(multigrid_symmetric, "LEAST_SHARED_ENTRIES", 0)
     for share in (0.8, 0.5, 0.3):
         monkeypatch.setattr(multigrid_cycle, "EIGENVALUE_MARGIN", share)
         with pytest.raises(ConvergenceError) as caught:
@@ -229,10 +230,10 @@ def test_coarser_matrices_made_in_parts_are_whole(monkeypatch):
     rng = np.random.default_rng(3)
     dense = [np.where(rng.random(shape) < 0.1, rng.standard_normal(shape), 0.0) for shape in ((90, 90), (90, 31))]
     a, p = (csr_array(one) for one in (dense[0] + dense[0].T, dense[1]))
-    monkeypatch.setattr(multigrid_matrix, "LEAST_COARSE_ROWS", 4)
-    coarse = coarse_operator(a, p)
+    monkeypatch.setattr(multigrid_symmetric, "LEAST_COARSE_ROWS", 4)
+    coarse = coarse_operator(a, p).whole().to_csr()
     assert np.allclose(coarse.toarray(), (p.T @ a @ p).toarray(), atol=1e-13)
-    assert coarse.nnz == (p.T @ a @ p).nnz
+    assert coarse.count_nonzero() == (p.T @ a @ p).count_nonzero()
 
 
 @pytest.mark.parametrize("density", [0.0, 0.05, 0.6])
@@ -248,6 +249,26 @@ def test_products_of_upper_halves_are_those_of_the_whole(density):
     moved = 0.5 * move + 2.0 * inverse[:, None] * (b - a @ x)
     assert np.allclose(rows.step(x, b, inverse, 0.5, 2.0, move), x + moved)
     assert np.allclose(move, moved)
-    coarse = rows.coarser(p).toarray()
+    coarse = rows.coarser(p).whole().to_csr().toarray()
     assert np.allclose(coarse, (p.T @ a @ p).toarray())
     assert np.array_equal(coarse, coarse.T)
+    some = np.array([7, 59, 0])
+    assert np.array_equal(rows.rows_of(some).toarray(), a[some].toarray())
+
+
+def test_sweeps_solve_one_equation_after_the_other():
+    rng = np.random.default_rng(3)
+    half = random_array((40, 40), density=0.1, format="csr", rng=3)
+    a = (half + half.T).toarray() + 5 * np.eye(40)
+    rows, x, b = SymmetricCsr.of(csr_array(a)), rng.standard_normal((40, 2)), rng.standard_normal((40, 2))
+    inverse = np.where(rng.random(40) < 0.2, 0.0, 1 / a.diagonal())
+    for order, swept in ((range(39, -1, -1), "up"), (range(40), "down")):
+        expected = x.copy()
+        for i in [*order, *order]:
+            expected[i] += inverse[i] * (b[i] - a[i] @ expected)
+        if swept == "down":
+            assert np.allclose(rows.solved_downwards(x, b, inverse, 2), expected)
+            continue
+        found, rest = rows.solved_upwards(x, b, inverse, 2)
+        assert np.allclose(found, expected)
+        assert np.allclose(rest, b - a @ expected)

@@ -17,7 +17,7 @@ from cpmkit.forms.galerkin.conditions.sides import side_moments
 from cpmkit.forms.galerkin.definiteness import surely_iterated
 from cpmkit.forms.galerkin.equations import Equations
 from cpmkit.forms.galerkin.error_orders import EIGENVALUE_DIVISORS, ERROR_DIVISORS, order_of
-from cpmkit.forms.galerkin.facing import Turned, turned
+from cpmkit.forms.galerkin.facing import Turned
 from cpmkit.forms.galerkin.fitting import check_unknowns_fit, factors_in
 from cpmkit.forms.galerkin.fixed_samples import FixedSamples
 from cpmkit.forms.galerkin.hierarchy.levels import levels_of
@@ -35,7 +35,7 @@ from cpmkit.forms.galerkin.transport.telling import of_layers
 from cpmkit.forms.galerkin.work import GalerkinWork
 from cpmkit.forms.options import Options
 from cpmkit.linear.levels import Level
-from cpmkit.manifold.abilities import advice_of, has_finite_feet
+from cpmkit.manifold.abilities import has_finite_feet, warnings_of
 from cpmkit.protocols import Floats, Operator, Progress, no_progress
 from cpmkit.runtime.freed_memory import hand_back
 from cpmkit.scene.laws import Nonlinear
@@ -142,15 +142,15 @@ class Galerkin(Equations):
         """What is told of the source and the samples, and of how the lattice resolves them, whatever the equation."""
         one, parting = self.sampled, self._first_parting
         cuts = parting.patch[one.interior :]
-        source = advice_of(one.surface.source, one.lattice.spacing).warnings
+        source = warnings_of(one.surface.source, one.lattice.spacing)
         rounding = one.lattice.lost_digits(one.surface.bounds, not one.surface.shift.any())
         resolved = (*of_space(parting, pieces(parting), one.lattice, cuts), *of_turning(self.turned, one.lattice))
         return (*source, *rounding, *one.told), resolved
 
-    @shared_property
+    @property
     def turned(self) -> Turned:
         """How much of the manifold lies on splines under which it turns: thin, folded or creased on this lattice."""
-        return turned(self.space, self._facing)
+        return self._areas_and_turned[1]
 
     def source_error(self) -> float:
         """Return what the source leaves in integrals."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from cpmkit.forms.field import Field
 from cpmkit.forms.galerkin.conditions.own_side import astray
-from cpmkit.forms.galerkin.facing import facing
+from cpmkit.forms.galerkin.facing import Turned, facing, turned
 from cpmkit.forms.galerkin.locating import DIFFERENCE_SPACINGS
 from cpmkit.forms.galerkin.projection import Projection
 from cpmkit.forms.galerkin.reading import Reader
@@ -92,12 +92,13 @@ class Values(Reader):
     @shared_property
     def _areas(self) -> Floats:
         """(n,) the integral of each spline over the manifold."""
-        return np.ascontiguousarray(self._facing[:, 0])
+        return self._areas_and_turned[0]
 
     @shared_property
-    def _facing(self) -> Floats:
-        """(n, 1 + d) the same, and of the direction that the manifold faces: samples are gone through once for both."""
-        return facing(self.space, self.sampled.mesh)
+    def _areas_and_turned(self) -> tuple[Floats, Turned]:
+        """The same, and how much of the manifold turns under splines: samples are gone through once for both."""
+        sums = facing(self.space, self.sampled.mesh)
+        return sums[:, 0].copy(), turned(self.space, sums)
 
     def _loads(self, values: Floats) -> Floats:
         """Return the integrals (n, k) of ``values`` (q, k) at all samples, or (1, k), times each spline."""

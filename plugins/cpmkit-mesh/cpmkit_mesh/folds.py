@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.plugin import Bools, Floats, InputError, Ints, positive, unit
+from cpmkit.plugin import Bools, Floats, InputError, Ints, dots, norms, positive, unit
 from cpmkit_mesh.directions import across
 from cpmkit_mesh.topology import BLOCKED, Topology
 
@@ -45,13 +45,14 @@ def folds(vertices: Floats, faces: Ints, adjacency: Topology) -> Folds:
     face, corner = np.nonzero(adjacency.neighbours > np.arange(len(faces))[:, None])
     other = adjacency.neighbours[face, corner]
     start, end = faces[face, (corner + 1) % 3], faces[face, (corner + 2) % 3]
-    alike = ~((faces[other] == start[:, None]) & (np.roll(faces[other], -1, axis=1) == end[:, None])).any(axis=1)
+    a, b, c = faces[other].T
+    alike = ~(((a == start) & (b == end)) | ((b == start) & (c == end)) | ((c == start) & (a == end)))
     over_faces = across(vertices, faces)
     normal = unit(over_faces)
     one, two = normal[face], np.where(alike[:, None], 1.0, -1.0) * normal[other]
-    angle = np.arctan2(np.linalg.norm(np.cross(one, two), axis=1), np.einsum("ij,ij->i", one, two))
-    length = np.linalg.norm(vertices[end] - vertices[start], axis=1)
-    twice_area = np.linalg.norm(over_faces, axis=1)
+    angle = np.arctan2(norms(np.cross(one, two)), dots(one, two))
+    length = norms(vertices[end] - vertices[start])
+    twice_area = norms(over_faces)
     heights = np.stack([twice_area[face], twice_area[other]]) / length
     angle[heights.min(axis=0) < LEAST_HEIGHT_SIZE_SHARE * np.ptp(vertices, axis=0).max()] = 0.0
     return Folds(np.stack([start, end], axis=1), angle, heights.mean(axis=0), length)

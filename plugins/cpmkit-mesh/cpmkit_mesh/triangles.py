@@ -175,9 +175,14 @@ class TriangleMesh:
         told = self.__dict__.get("_advised")  # it is asked for several times at one spacing
         if told is None or told[0] != spacing:
             floors = mesh_floor(self._turning, self.smooth), integral_floor(self._turning, self.smooth)
-            found = Advice(floors[0], mesh_warnings(self), floors[1], closest_point_warnings(self, spacing))
+            found = Advice(floors[0], self.own_warnings(spacing), floors[1], closest_point_warnings(self, spacing))
             self.__dict__["_advised"] = told = spacing, found
         return told[1]
+
+    def own_warnings(self, spacing: float, /) -> tuple[str, ...]:
+        """Return what was changed in the mesh, and how many pieces it has, at whatever spacing."""
+        del spacing
+        return mesh_warnings(self)
 
     @cached_property
     def folds(self) -> Folds:

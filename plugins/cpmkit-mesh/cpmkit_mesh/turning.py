@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.plugin import Floats, Ints
+from cpmkit.plugin import Floats, Ints, dots, norms
 from cpmkit_mesh.directions import doubled_areas
 from cpmkit_mesh.folds import Folds
 
@@ -31,8 +31,7 @@ def turning_angle(vertices: Floats, faces: Ints, normals_at_corners: Floats) -> 
     """Return the angle in radians between the normals at both ends of an edge, root mean square over the area."""
     area = doubled_areas(vertices, faces)
     beside = np.roll(normals_at_corners, 1, axis=1)
-    sine = np.linalg.norm(np.cross(normals_at_corners, beside), axis=2)
-    angle = np.arctan2(sine, np.einsum("fck,fck->fc", normals_at_corners, beside))
+    angle = np.arctan2(norms(np.cross(normals_at_corners, beside)), dots(normals_at_corners, beside))
     return float(np.sqrt(np.average((angle**2).mean(axis=1), weights=area))) if area.any() else 0.0
 
 

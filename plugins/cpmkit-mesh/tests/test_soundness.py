@@ -108,6 +108,7 @@ def test_triangles_given_twice_count_once(sphere):
     once = triangles(vertices=points, faces=faces)
     twice = triangles(vertices=points, faces=np.concatenate([faces, faces[:, ::-1]]))
     assert [text.split(" of ")[0] for text in twice.advice(0.1).warnings] == [str(len(faces))]
+    assert twice.own_warnings(0.1) == twice.advice(0.1).warnings
     x = np.random.default_rng(1).normal(size=(500, 3))
     np.testing.assert_array_equal(twice.closest_point(x).points, once.closest_point(x).points)
     np.testing.assert_array_equal(twice.closest_point(x).element, once.closest_point(x).element)

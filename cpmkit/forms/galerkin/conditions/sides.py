@@ -47,6 +47,8 @@ def left_of_boundaries(
     lattice : Lattice
         That coordinates are relative to.
     """
+    if not len(samples):
+        return np.zeros(0, dtype=bool)
     n = len(half.cell)
     if not n:
         return np.zeros(len(samples), dtype=bool)

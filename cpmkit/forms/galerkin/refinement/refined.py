@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.errors import SceneError
-from cpmkit.forms.galerkin.facing import Turned, turned
 from cpmkit.forms.galerkin.fixed_samples import SAMPLES_AT_ONCE
 from cpmkit.forms.galerkin.form import Galerkin
 from cpmkit.forms.galerkin.grading.regions import Regions
@@ -126,7 +125,7 @@ class RefinedGalerkin(Galerkin):
 
     @shared_property
     def _areas(self) -> Floats:
-        return np.asarray(self.representation.T @ self._facing[:, 0])
+        return np.asarray(self.representation.T @ self._areas_and_turned[0])
 
     def load_against_slopes(self, values: Floats) -> Floats:
         """Refuse: what weak divergences are taken of is not known beyond the spacing that it was made at."""
@@ -214,11 +213,6 @@ class RefinedGalerkin(Galerkin):
     def _first_parting(self) -> Parting:
         """The parting of level 0, by which pieces and copies are told."""
         return self.refined.levels[0].parting
-
-    @shared_property
-    def turned(self) -> Turned:
-        """How much of the manifold lies on splines, of whatever level, under which it turns."""
-        return turned(self.space, self._facing)
 
     @property
     def told_refinement(self) -> str:

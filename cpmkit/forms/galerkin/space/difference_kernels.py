@@ -11,20 +11,22 @@ from cpmkit.runtime.compilation import compiled
 
 
 @compiled
-def add_squares(runs: Ints, stencil: Floats, factors: Floats, matrix: Any) -> None:
-    """Add the squares of differences: ``factors`` (r,) times (stencil . u[runs])^2 with ``runs`` (r, k)."""
+def add_squares(runs: Ints, starts: Ints, places: Any, stencil: Floats, factors: Floats, matrix: Any) -> None:
+    """Add the squares of differences: ``factors`` (r,) times (stencil . u[runs])^2 with ``runs`` (r, k).
+
+    Row after row of the matrix; ``starts`` (n + 1,) and ``places`` are the inverse of ``runs.ravel()``.
+    """
     indptr, indices, data = matrix
-    for r in range(len(runs)):
-        for one in range(len(stencil)):
-            i = runs[r, one]
-            for two in range(len(stencil)):
-                j = runs[r, two]
-                low: Any = np.uint64(indptr[i])
-                high = np.uint64(indptr[i + 1])
-                while low < high:
-                    middle = (low + high) >> np.uint64(1)
-                    if indices[middle] < j:
-                        low = middle + np.uint64(1)
-                    else:
-                        high = middle
-                data[low] += factors[r] * (stencil[one] * stencil[two])
+    k = len(stencil)
+    standing = np.empty(len(indptr) - 1, dtype=np.uint32)
+    for i in range(len(starts) - 1):
+        if starts[i] == starts[i + 1]:
+            continue
+        first: Any = np.uint64(indptr[i])  # unsigned, so that no index is tested for its sign
+        row = indices[first : indptr[i + 1]]
+        for at in range(len(row)):
+            standing[row[at]] = at
+        for at in range(starts[i], starts[i + 1]):
+            r, one = places[at] // k, places[at] % k
+            for two in range(k):
+                data[first + np.uint64(standing[runs[r, two]])] += factors[r] * (stencil[one] * stencil[two])

@@ -227,8 +227,10 @@ def add_ghosts(space: Space, a: Floats | float, strength: Strength, data: Floats
 def add_differences(space: Space, runs: Ints, factors: Floats, data: Floats) -> None:
     """Add ``factors`` (r,) times the squares of the differences of all of ``runs`` (r, k) to the entries ``data``."""
     from cpmkit.forms.galerkin.space.difference_kernels import add_squares
+    from cpmkit.forms.galerkin.space.pattern_kernels import inverted
 
-    add_squares(runs, differences(runs.shape[1] - 1), factors, (space.indptr, space.indices, data))
+    found = inverted(runs.ravel(), space.parting.size)
+    add_squares(runs, *found, differences(runs.shape[1] - 1), factors, (space.indptr, space.indices, data))
 
 
 def conductivity(space: Space, a: Floats | float) -> Floats:

@@ -121,10 +121,13 @@ def touching_pairs(patch: Any, patches: int, first: Any, after: Any, holder: Any
         pair = head[a]
         begin = at
         while pair >= 0:
-            pairs[at, 0], pairs[at, 1] = a, other[pair]
+            b, place = other[pair], at
+            while place > begin and pairs[place - 1, 1] > b:  # in order: there are a dozen
+                pairs[place, 1] = pairs[place - 1, 1]
+                place -= 1
+            pairs[at, 0], pairs[place, 1] = a, b
             at += 1
             pair = link[pair]
-        pairs[begin:at, 1].sort()
     return pairs
 
 

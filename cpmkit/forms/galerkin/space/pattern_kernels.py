@@ -38,11 +38,9 @@ def following(unknowns: Ints, n: int, stride: int, along: int) -> tuple[Ints, In
     head = np.full(n, -1)
     other, link = np.empty(n + 1, dtype=np.int64), np.empty(n + 1, dtype=np.int64)
     used = 0
-    width = unknowns.shape[1]
+    before = np.array([place for place in range(unknowns.shape[1]) if place // stride % along < along - 1])
     for p in range(len(unknowns)):
-        for place in range(width):
-            if place // stride % along == along - 1:
-                continue
+        for place in before:
             i, j = unknowns[p, place], unknowns[p, place + stride]
             if i == j:  # a speck
                 continue
@@ -108,31 +106,27 @@ def pattern(
     n = len(starts) - 1
     width, steps = unknowns.shape[1], runs.shape[1]
     seen = np.full(n, -1, dtype=indptr.dtype)
-    for filling in range(2):
-        if filling:
-            seen[:] = -1
-            columns = np.empty(indptr[n], dtype=indptr.dtype)
-        used = 0
-        for i in range(n):
-            for at in range(starts[i], starts[i + 1]):
-                p = places[at] // width
-                for place in range(width):
-                    j = unknowns[p, place]
-                    if seen[j] != i:
-                        seen[j] = i
-                        if filling:
-                            columns[used] = j
-                        used += 1
-            for at in range(run_starts[i], run_starts[i + 1]):
-                for place in range(steps):
-                    j = runs[run_places[at] // steps, place]
-                    if seen[j] != i:
-                        seen[j] = i
-                        if filling:
-                            columns[used] = j
-                        used += 1
-            indptr[i + 1] = used
-        indptr[0] = 0
+    columns = np.empty(max(len(places), 1), dtype=indptr.dtype)
+    used = np.uint64(0)  # unsigned, so that no index is tested for its sign
+    indptr[0] = 0
+    for i in range(n):
+        most = used + np.uint64((starts[i + 1] - starts[i]) * width + (run_starts[i + 1] - run_starts[i]) * steps + 1)
+        while most > len(columns):
+            columns = _grown(columns)
+        for at in range(starts[i], starts[i + 1]):
+            row = unknowns[places[at] // width]
+            for j in row:
+                columns[used] = j  # and stays where it is new: no branch, which would often be guessed wrongly
+                used += np.uint64(seen[j] != i)
+                seen[j] = i
+        for at in range(run_starts[i], run_starts[i + 1]):
+            run = runs[run_places[at] // steps]
+            for j in run:
+                columns[used] = j
+                used += np.uint64(seen[j] != i)
+                seen[j] = i
+        indptr[i + 1] = used
+    columns = columns[:used]
     # The pattern is symmetric: going through its rows in order fills those of its transpose in ascending order.
     ascending = np.empty(len(columns), dtype=indptr.dtype)
     free = indptr[:n].copy()
