@@ -379,7 +379,8 @@ class Preconditioner(PreparedSolver, Protocol):
 class LinearSolver(Protocol):
     """What solves linear systems, in two phases; a plugin's factory in ``cpmkit_solvers`` returns one.
 
-    What is prepared is kept: over channels, steps in time, Newton's steps and iterations for eigenvalues.
+    What is prepared is kept: over channels, steps in time, Newton's steps and iterations for eigenvalues. One whose
+    attribute ``takes_levels`` is false is given none, and none are made.
     """
 
     def prepare(self, operator: Operator, levels: Sequence[Any] = ()) -> PreparedSolver:

@@ -126,7 +126,8 @@ class SolveContext:
         return made
 
     def _prepare(self, operator: Operator) -> PreparedSolver:
-        return self.solver.prepare(operator, self.discretized.levels(operator))
+        takes = getattr(self.solver, "takes_levels", True)
+        return self.solver.prepare(operator, self.discretized.levels(operator) if takes else ())
 
     def report(self, converged: bool, iterations: int, products: int, residual: float, reason: str) -> SolveReport:
         """Return the report of a solve that is more than one linear system."""

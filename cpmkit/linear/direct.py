@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -20,6 +20,8 @@ REFINED_SHARE = 1e-4
 @dataclass(frozen=True)
 class Direct:
     """SuperLU."""
+
+    takes_levels: ClassVar[bool] = False
 
     def prepare(self, operator: Operator, levels: Sequence[Any] = ()) -> Factorized:
         """Factorise.

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -37,6 +37,8 @@ class Reference:
     max_iterations : int
         At most.
     """
+
+    takes_levels: ClassVar[bool] = False
 
     max_iterations: int = 20_000
 
