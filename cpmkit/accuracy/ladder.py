@@ -20,7 +20,7 @@ from cpmkit.accuracy.way import ANSWERS, Run, Way
 #: the 23 steady problems of benchmarks/trade_problems.py at spacings a fourth of an octave apart.
 AIMED_SHARE, ACCEPTED_SHARE = 0.83, 0.92
 #: The same where no coarser error is known, so that nothing tells whether errors fall yet as they should.
-FIRST_SHARE = 0.84
+FIRST_SHARE = 0.6
 #: Orders at which errors are taken to fall, at least, at most, and at most where something says that it is slow.
 LEAST_ORDER, MOST_ORDER, MOST_SLOW_ORDER = 0.8, 3.0, 1.3
 #: Spacings go down by at least so much at a time, for less tells little and costs nearly as much again, by so much from

@@ -7,7 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.forms.galerkin.slowness import STAYING_AREA, end_or_layer, folds_stay, turned_share
+from cpmkit.forms.galerkin.slowness import (
+    STAYING_AREA,
+    end_or_layer,
+    folds_stay,
+    layer_spacings,
+    turned_share,
+)
 from cpmkit.forms.galerkin.telling import TURNED_SHARE
 
 if TYPE_CHECKING:
@@ -21,8 +27,9 @@ FROM_TWO, FROM_ROOT = (0.65, 1.0, 2.5, 6.0, 12.0), (0.42, 0.59, 1.25, 1.8, 2.8)
 ERROR_DIVISORS = {1: 2.4, 2: 6.0, 3: 12.0}
 EIGENVALUE_DIVISORS = {1: 2.4, 2: 12.0, 3: 12.0}
 #: At most: on meshes, where orders are lower; of smooth sources that turn under splines of the coarser lattice, or bend
-#: under those of the finer one on more than this share of their area; where boundaries end, or a layer is not resolved.
-MESH_DIVISOR, TURNING_DIVISOR, BENT_AREA, END_DIVISOR = 2.5, 2.5, 1e-4, 0.65
+#: under those of the finer one on more than this share of their area, or with a layer narrower than so many spacings;
+#: where boundaries end, or a layer is not resolved.
+MESH_DIVISOR, TURNING_DIVISOR, BENT_AREA, SEEN_LAYER_SPACINGS, END_DIVISOR = 2.5, 2.5, 1e-4, 1.6, 0.65
 #: Of meshes that turn under splines of the coarser lattice, or of the finer one on more than a small share, and where
 #: folds stay; of smooth sources on the latter if more than this share of the area is turned.
 FOLDED_DIVISOR, STAYING_DIVISOR, THIN_DIVISOR, THIN_SHARE = 1.25, 0.7, 1.0, 0.1
@@ -71,7 +78,7 @@ def _divisor(form: Galerkin, smooth: float, coarser: Discretized | None, apart: 
         return STAYING_DIVISOR if stays else min(smooth, FOLDED_DIVISOR if folded else MESH_DIVISOR)
     if stays and mine > THIN_SHARE:
         return THIN_DIVISOR
-    if form.turned.bent > BENT_AREA or theirs > TURNED_SHARE:
+    if form.turned.bent > BENT_AREA or theirs > TURNED_SHARE or layer_spacings(form) < SEEN_LAYER_SPACINGS:
         return min(smooth, TURNING_DIVISOR)
     return smooth * min(_at_distance(apart), 1.0 if coarser is None else _at_spacing(coarser))
 
