@@ -1,4 +1,4 @@
-"""Memory at the peak of small solves is foretold within a factor of two of what the system counts, to a tolerance too."""
+"""Memory at the peak of small solves is foretold within a factor of two of what the system counts."""
 
 import json
 import subprocess
