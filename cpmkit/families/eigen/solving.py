@@ -139,7 +139,7 @@ def _signs(at_points: Floats) -> Floats:
     """Return the sign (k,) of each column of values (p, k) at the first point where its size is nearly the greatest."""
     size = np.abs(at_points)
     first = np.argmax(size >= NEARLY_GREATEST_SHARE * size.max(axis=0), axis=0)
-    return np.sign(at_points[first, np.arange(at_points.shape[1])])
+    return np.asarray(np.sign(at_points[first, np.arange(at_points.shape[1])]))
 
 
 def _residuals(stepped: InverseIteration, values: Any, vectors: Any) -> Floats:

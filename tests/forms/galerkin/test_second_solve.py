@@ -2,6 +2,7 @@
 
 import gc
 from importlib import import_module
+from weakref import ref
 
 import numpy as np
 import pytest
@@ -72,9 +73,11 @@ def test_what_is_kept_goes_with_its_source():
     ck.solve(ck.Scene(source, F), SPACING, form="galerkin")
     arrays = [one for one in KEPT[source].found.values() if isinstance(one, np.ndarray)]
     assert sum(one.nbytes for one in arrays) < 8 * (source.vertices.nbytes + source.faces.nbytes)
+    number, gone = len(KEPT), ref(source)
     del source
     gc.collect()
-    assert not len(KEPT)
+    assert gone() is None
+    assert len(KEPT) < number
 
 
 def test_what_a_cloud_tells_is_looked_at_once(monkeypatch):

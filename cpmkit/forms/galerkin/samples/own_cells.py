@@ -107,7 +107,7 @@ def own_cells(source: LocalSource, cells: Ints | None = None) -> OwnCells | None
         return kept
     if not isinstance(of, HasGivenMesh) or not isinstance(of, HasMesh):
         return None
-    vertices, own = of.mesh(float(np.ptp(of.bounds, axis=0).max()))
+    vertices, own = of.mesh(float(np.ptp(source.bounds, axis=0).max()))
     if own is not cells:
         return None
     KEPT[of] = kept = OwnCells(vertices, own)

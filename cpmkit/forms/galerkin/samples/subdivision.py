@@ -37,7 +37,7 @@ def subdivided(mesh: SampleMesh, length: float) -> SampleMesh:
 
     mesh, halves = split_needles(mesh, length)
     longest = float(length) * (1 + SAME_LENGTH_SHARE)
-    short = []
+    short: list[Ints] = []
     while True:  # what has a long edge is split with all that share the edge; the rest is done
         long = subdivision_kernels.with_long_edges(mesh.vertices, mesh.cells, longest)
         if not short and not long.any():
