@@ -113,7 +113,8 @@ def cycle_of(
         coarse = np.full(P.shape[1], -1)
         coarse[P.indices] = np.repeat(piece, np.diff(P.indptr))
         piece = coarse
-    coarsest = halves.pop().whole().to_csr() if levels else matrix
+    last = halves.pop()
+    coarsest = matrix if last is None or not levels else last.whole().to_csr()
     factors = (SymmetricFactors if waves else PositiveFactors).of(_held(coarsest, piece), "on the coarsest level")
     stages = []
     for level in reversed(levels):  # the finest, which is the largest, when entries of 64 bits of all others are gone
