@@ -109,7 +109,8 @@ def cycle_of(
         strips.append(_strip(matrix if len(halves) == 1 else own, _open(level.strip, piece), waves))
         coarser = coarse_operator(matrix, P) if own is None else own.coarser(P)
         halves.append(coarser if level.lines is None else with_lines_held(coarser, level.lines))
-        hand_back()
+        if len(halves) == 2:  # what is handed back must be cleared anew: of the others it is little
+            hand_back()
         coarse = np.full(P.shape[1], -1)
         coarse[P.indices] = np.repeat(piece, np.diff(P.indptr))
         piece = coarse
@@ -122,7 +123,8 @@ def cycle_of(
         diagonal = matrix.diagonal() if own is None else own.diagonal
         rows = rounded(matrix, MOST_ROUNDED) if own is None else own.rounded()
         del own
-        hand_back()
+        if len(halves) == 1:
+            hand_back()
         rows = rows.shared() if isinstance(rows, SymmetricCsr) else rows
         sweeps = COARSER_SWEEPS if halves else FINEST_SWEEPS
         smoother = _smoother(diagonal, rows, strips.pop(), waves, sweeps)
