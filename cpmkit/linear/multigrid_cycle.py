@@ -109,11 +109,13 @@ def cycle_of(
         strips.append(_strip(matrix if len(halves) == 1 else own, _open(level.strip, piece), waves))
         coarser = coarse_operator(matrix, P) if own is None else own.coarser(P)
         halves.append(coarser if level.lines is None else with_lines_held(coarser, level.lines))
-        hand_back()
+        if len(halves) == 2:  # what is handed back must be cleared anew: of the others it is little
+            hand_back()
         coarse = np.full(P.shape[1], -1)
         coarse[P.indices] = np.repeat(piece, np.diff(P.indptr))
         piece = coarse
-    coarsest = halves.pop().whole().to_csr() if levels else matrix
+    last = halves.pop()
+    coarsest = matrix if last is None or not levels else last.whole().to_csr()
     factors = (SymmetricFactors if waves else PositiveFactors).of(_held(coarsest, piece), "on the coarsest level")
     stages = []
     for level in reversed(levels):  # the finest, which is the largest, when entries of 64 bits of all others are gone
@@ -121,7 +123,8 @@ def cycle_of(
         diagonal = matrix.diagonal() if own is None else own.diagonal
         rows = rounded(matrix, MOST_ROUNDED) if own is None else own.rounded()
         del own
-        hand_back()
+        if len(halves) == 1:
+            hand_back()
         rows = rows.shared() if isinstance(rows, SymmetricCsr) else rows
         sweeps = COARSER_SWEEPS if halves else FINEST_SWEEPS
         smoother = _smoother(diagonal, rows, strips.pop(), waves, sweeps)

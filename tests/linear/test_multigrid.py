@@ -190,6 +190,7 @@ def test_an_interval_that_is_too_small_gives_no_wrong_answer(monkeypatch):
     space = sphere(0.1)
     operator = stiffness_of(space, 1.0)
     monkeypatch.setattr(multigrid_symmetric, "LEAST_SHARED_ENTRIES", 0)
+    monkeypatch.setattr(multigrid_symmetric, "thread_count", lambda: 2)
     for share in (0.8, 0.5, 0.3):
         monkeypatch.setattr(multigrid_cycle, "EIGENVALUE_MARGIN", share)
         with pytest.raises(ConvergenceError) as caught:

@@ -43,21 +43,22 @@ def facing(space: Space, mesh: SampleMesh) -> Floats:
     Of curves n is the tangent. Cells are oriented by walking over the facets that two of them share. One-sided pieces
     break somewhere: on splines near that nothing is said of the direction, which is NaN there.
     """
-    samples = space.samples
-    signs, breaks = orientation(mesh)
-    cells = samples.cell
-    ends = mesh.vertices[mesh.cells] if mesh.manifold_dim == 1 else mesh.vertices[:0, None]
-    found = np.zeros((space.parting.size, 1 + mesh.dim))
+    samples, parting = space.samples, space.parting
+    (wound, breaks), cells = orientation(mesh), samples.cell
+    signs = np.where(breaks, np.nan, wound)
+    found = np.zeros((parting.size, 1 + mesh.dim))
+    if mesh.manifold_dim == 2:
+        from cpmkit.forms.galerkin.facing_kernels import add_facing
+        from cpmkit.forms.galerkin.space.energy_kernels import SPLINES
+
+        own = samples.places, samples.directions, samples.weights
+        add_facing(parting.unknowns, parting.patch, SPLINES[parting.degree], own, cells, signs, found)
+        return found
+    ends = mesh.vertices[mesh.cells]
     for start in range(0, len(samples), SAMPLES_AT_ONCE):
         some = slice(start, min(start + SAMPLES_AT_ONCE, len(samples)))
         faced = np.ones((some.stop - start, 1 + mesh.dim))
-        if mesh.manifold_dim == 2:
-            faced[:, 1:] = samples.normals_at(some)[:, 0]
-        else:
-            faced[:, 1:] = unit(ends[cells[some], 1] - ends[cells[some], 0])
-        faced[:, 1:] *= signs[cells[some], None]
-        if breaks.any():
-            faced[breaks[cells[some]], 1:] = np.nan
+        faced[:, 1:] = unit(ends[cells[some], 1] - ends[cells[some], 0]) * signs[cells[some], None]
         found += load(space, faced, some)
     return found
 

@@ -1,10 +1,18 @@
-"""Walking over cells: a union of sets in which each cell knows whether it is wound as the first of its set is."""
+"""Compiled: which way cells are wound, found by walking over them, and sums of normals that face one way.
+
+The walk is a union of sets in which each cell knows whether it is wound as the first of its set is.
+"""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from cpmkit.protocols import Ints
+from cpmkit.forms.galerkin.fixed_kernels import decode_normals
+from cpmkit.forms.galerkin.fixed_point import PLACE_UNIT
+from cpmkit.forms.galerkin.space.sample_kernels import spline_values
+from cpmkit.protocols import Floats, Ints
 from cpmkit.runtime.compilation import compiled
 
 
@@ -44,3 +52,46 @@ def _root(parent: Ints, sign: Ints, cell: int) -> tuple[int, int]:
         total *= sign[cell]
         cell = parent[cell]
     return cell, total
+
+
+@compiled
+def add_facing(
+    unknowns: Ints, patch: Any, splines: Any, samples: tuple[Any, Any, Floats], cell: Any, signs: Floats, sums: Floats
+) -> None:
+    """Add sum w N_j (1, n) to ``sums`` (n, 4), n the normals of a surface times the ``signs`` (m,) of their cells.
+
+    ``samples``: the places, directions and weights of `FixedSamples`; ``splines`` is as long as a cell reads along an
+    axis. What follows each other in one ``patch`` (q,) is summed there first.
+    """
+    places, directions, weights = samples
+    width, along, last = unknowns.shape[1], len(splines), len(places) - 1
+    X, Y, Z, normals = np.empty(along), np.empty(along), np.empty(along), np.empty((1, 3))
+    own, of_patch = np.empty(width), np.zeros(4 * width)
+    area, first, second = of_patch[:width], of_patch[width : 2 * width], of_patch[2 * width : 3 * width]
+    third = of_patch[3 * width :]
+    for q in range(len(places)):
+        spline_values(PLACE_UNIT * places[q, 0] + 0.5, along, X)
+        spline_values(PLACE_UNIT * places[q, 1] + 0.5, along, Y)
+        spline_values(PLACE_UNIT * places[q, 2] + 0.5, along, Z)
+        at = np.uint64(0)  # unsigned, so that no index is tested for its sign
+        for i in range(along):
+            for j in range(along):
+                both = weights[q] * X[i] * Y[j]
+                for k in range(along):
+                    own[at] = both * Z[k]
+                    at += np.uint64(1)
+        decode_normals(directions[q], normals)
+        sign = signs[cell[q]]
+        x, y, z = sign * normals[0, 0], sign * normals[0, 1], sign * normals[0, 2]
+        for place in range(width):
+            area[place] += own[place]
+            first[place] += x * own[place]
+            second[place] += y * own[place]
+            third[place] += z * own[place]
+        p = patch[q]
+        if q < last and patch[q + 1] == p:
+            continue
+        for place in range(width):
+            for channel in range(4):
+                sums[unknowns[p, place], channel] += of_patch[channel * width + place]
+        of_patch[:] = 0.0

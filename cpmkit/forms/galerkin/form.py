@@ -295,7 +295,6 @@ def discretize(scene: Scene, options: Options[GalerkinOptions], progress: Progre
     parting = part(sampled.samples.points, sampled.corners, options.spacing, sampled.samples.cell, options.own.degree)
     assert isinstance(sampled.samples, Samples)
     sampled = replace(sampled, samples=FixedSamples.of(sampled.samples, parting))  # what they were made of is let go
-    hand_back()
     made = Galerkin(scene, options, sampled, space_of(parting, sampled.samples))
     hand_back()
     progress("space", 1.0)

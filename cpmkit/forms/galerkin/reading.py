@@ -58,8 +58,9 @@ class Reader(Discretized):
     @property
     def points(self) -> Floats:
         """(p, d) the samples of the manifold; made anew each time, for they are as large as all unknowns' rows."""
-        one = self.sampled
-        return one.lattice.to_scene(one.samples.points_at(slice(one.interior)))
+        points = self.sampled.samples.points_at(slice(self.sampled.interior))  # fixed ones: nobody else's
+        points += self.sampled.lattice.origin
+        return points
 
     @property
     def points_in_use(self) -> Floats:
