@@ -23,10 +23,10 @@ AIMED_SHARE, ACCEPTED_SHARE = 0.83, 0.92
 FIRST_SHARE = 0.6
 #: Orders at which errors are taken to fall, at least, at most, and at most where something says that it is slow.
 LEAST_ORDER, MOST_ORDER, MOST_SLOW_ORDER = 0.8, 3.0, 1.3
-#: Spacings go down by at least so much at a time, for less tells little and costs nearly as much again, by so much from
-#: the first pilot to the second, and at most so much, so that each error is known: no whole number, by which lattices
-#: would have nodes in common. A goal that is not much farther than that is tried at once.
-LEAST_FACTOR, PILOT_FACTOR, MOST_FACTOR, WORTH_COMPANION = 1.87, 1.96, 2.1, 2.75
+#: Spacings go down by at least so much at a time, for less tells little and costs nearly as much again, and at most so
+#: much, so that each error is known: no whole number, by which lattices would have nodes in common. A goal that is not
+#: much farther than that is tried at once.
+LEAST_FACTOR, MOST_FACTOR, WORTH_COMPANION = 1.45, 2.1, 2.75
 #: A limit nearer than this is as good as reached where no tolerance is asked for.
 NO_FINER = 1.2
 #: A time is kept to within this factor.
@@ -86,10 +86,10 @@ def _done(way: Way, aim: float) -> bool:
 
 def pilots(way: Way) -> None:
     """Solve at coarse spacings; see what the steps in time leave."""
-    way.first(first_spacing(way.scene, way.asked.tolerance))
+    way.first(first_spacing(way.scene))
     if way.look_at_steps():
         way.run("pilot", way.last.spacing)
-    way.run("pilot", way.last.spacing / PILOT_FACTOR)
+    way.run("pilot", way.last.spacing / MOST_FACTOR)
     check_memory(way)
 
 

@@ -18,10 +18,7 @@ from cpmkit.runtime import memory
 from cpmkit.scene.scene import Scene
 
 #: Unknowns of the first pilot, about, by the manifold's dimension.
-FIRST_UNKNOWNS = {0: 50, 1: 50, 2: 135, 3: 800}
-#: Tolerances below this begin with more, for fewer say nothing there: by this power of what they are below it for each
-#: dimension, up to so many times.
-EASY_TOLERANCE, FIRST_POWER, MOST_TIMES = 1.6e-3, 0.18, 4.0
+FIRST_UNKNOWNS = {0: 50, 1: 50, 2: 250, 3: 800}
 #: Blocks of the manifold by which these are counted: few, for closest points may be dear.
 COUNTED_BLOCKS = 100
 #: A solve may take so many times longer than foretold.
@@ -39,13 +36,11 @@ HELD_BYTES_PER_SAMPLE, HELD_BYTES_PER_UNKNOWN = 50.0, 300.0
 FITTING_ROUNDS = 20
 
 
-def first_spacing(scene: Scene, tolerance: float | None = None) -> float:
-    """Return the spacing of the first pilot on the way to a tolerance, if any."""
+def first_spacing(scene: Scene) -> float:
+    """Return the spacing of the first pilot."""
     surface = localize(scene.surface, np.zeros(scene.surface.dim))
     m = surface.largest_dim
-    times = 1.0 if tolerance is None else min(max(EASY_TOLERANCE / tolerance, 1.0) ** (FIRST_POWER * m), MOST_TIMES)
-    unknowns = times * FIRST_UNKNOWNS[m]
-    spacing = (expected_unknowns(surface, 1.0, counted=COUNTED_BLOCKS) / unknowns) ** (1 / max(m, 1))
+    spacing = (expected_unknowns(surface, 1.0, counted=COUNTED_BLOCKS) / FIRST_UNKNOWNS[m]) ** (1 / max(m, 1))
     return float(min(spacing, COARSEST_SPACING_SHARE * np.ptp(surface.bounds, axis=0).max()))
 
 
