@@ -11,7 +11,6 @@ from cpmkit.forms.galerkin.slowness import (
     STAYING_AREA,
     end_or_layer,
     folds_stay,
-    layer_spacings,
     turned_share,
 )
 from cpmkit.forms.galerkin.telling import TURNED_SHARE
@@ -78,7 +77,7 @@ def _divisor(form: Galerkin, smooth: float, coarser: Discretized | None, apart: 
         return STAYING_DIVISOR if stays else min(smooth, FOLDED_DIVISOR if folded else MESH_DIVISOR)
     if stays and mine > THIN_SHARE:
         return THIN_DIVISOR
-    if form.turned.bent > BENT_AREA or theirs > TURNED_SHARE or layer_spacings(form) < SEEN_LAYER_SPACINGS:
+    if form.turned.bent > BENT_AREA or theirs > TURNED_SHARE or form.layer_spacings < SEEN_LAYER_SPACINGS:
         return min(smooth, TURNING_DIVISOR)
     return smooth * min(_at_distance(apart), 1.0 if coarser is None else _at_spacing(coarser))
 

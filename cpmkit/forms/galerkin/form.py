@@ -27,7 +27,7 @@ from cpmkit.forms.galerkin.parting import Parting
 from cpmkit.forms.galerkin.sample_mesh import Samples
 from cpmkit.forms.galerkin.sampling import sample
 from cpmkit.forms.galerkin.shared import shared_property
-from cpmkit.forms.galerkin.slowness import why_slow
+from cpmkit.forms.galerkin.slowness import layer_spacings, why_slow
 from cpmkit.forms.galerkin.space.parted import part, pieces
 from cpmkit.forms.galerkin.space.space import space_of
 from cpmkit.forms.galerkin.telling import of_space, of_turning, source_error
@@ -167,6 +167,11 @@ class Galerkin(Equations):
     def eigenvalue_order(self, ratio: float, coarser: Discretized | None = None, apart: float = 0.0) -> float:
         """Return the same with 8 to 14 on smooth sources, where eigenvalues are of order 4."""
         return order_of(self, EIGENVALUE_DIVISORS[self.options.own.degree], ratio, coarser, apart)
+
+    @cached_property
+    def layer_spacings(self) -> float:
+        """How wide layers beside conditions are, in spacings; infinite where there can be none."""
+        return layer_spacings(self)
 
     @cached_property
     def slow(self) -> str:

@@ -41,9 +41,8 @@ def end_or_layer(form: Galerkin) -> str:
     """Return whether boundaries end inside the surface, or a layer beside conditions is not resolved, in words."""
     if bool(form.sampled.mesh.extends.any()) and not form.sampled.singular:
         return "boundaries end inside the surface; the error may fall slowly"
-    width = layer_spacings(form)
-    if width < LAYER_SPACINGS:
-        return f"a layer beside conditions is {width:.2g} spacings wide; the error may fall slowly"
+    if form.layer_spacings < LAYER_SPACINGS:
+        return f"a layer beside conditions is {form.layer_spacings:.2g} spacings wide; the error may fall slowly"
     return ""
 
 
