@@ -23,7 +23,7 @@ from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.options import Options
 from cpmkit.grid.band import cell_levels, nodes_of_blocks
 from cpmkit.grid.fitting import check_fits
-from cpmkit.grid.lattice import lattice_of
+from cpmkit.grid.lattice import COARSEST_BAND_SHARE, lattice_of
 from cpmkit.grid.stencils import base_offset
 from cpmkit.manifold.local_source import largest_dim, localize
 from cpmkit.protocols import Progress, no_progress
@@ -116,7 +116,7 @@ def _rehearsal_spacing(scene: Scene, spacing: float, degree: int) -> float:
     ResolutionError
         If the spacing itself would need more memory than the machine has.
     """
-    lattice = lattice_of(scene.surface, spacing)
+    lattice = lattice_of(scene.surface, spacing, coarsest=COARSEST_BAND_SHARE)
     surface = localize(scene.surface, lattice.origin)
     levels = cell_levels(surface, lattice.spacing, base_offset(degree))
     side, blocks = next((side, len(blocks)) for side, blocks in levels if side == 1 or len(blocks) > REHEARSED_CELLS)

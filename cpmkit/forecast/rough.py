@@ -14,7 +14,7 @@ from cpmkit.forms.galerkin.telling import source_error
 from cpmkit.forms.options import Options
 from cpmkit.grid.band import check_numbered
 from cpmkit.grid.fitting import check_fits, unknowns_at_one
-from cpmkit.grid.lattice import lattice_of
+from cpmkit.grid.lattice import COARSEST_BAND_SHARE, COARSEST_SPACING_SHARE, lattice_of
 from cpmkit.manifold.abilities import advice_of
 from cpmkit.manifold.local_source import LocalSource, largest_dim, localize
 from cpmkit.protocols import ClosestPointSource
@@ -37,11 +37,12 @@ def guessed(scene: Scene, asked: Options[CollocationOptions] | Options[GalerkinO
     ResolutionError
         If there is not the memory for it.
     """
-    origin = lattice_of(scene.surface, asked.spacing, asked.origin).origin
+    by_galerkin = isinstance(asked.own, GalerkinOptions)
+    coarsest = COARSEST_SPACING_SHARE if by_galerkin else COARSEST_BAND_SHARE
+    origin = lattice_of(scene.surface, asked.spacing, asked.origin, coarsest).origin
     surface = localize(scene.surface, origin)
     check_numbered(surface.bounds, asked.spacing)
     of_surface = _unknowns(surface, asked)
-    by_galerkin = isinstance(asked.own, GalerkinOptions)
     sides = GALERKIN_SIDES if by_galerkin else COLLOCATION_SIDES
     of_boundaries = [sides * _unknowns(localize(one.source, origin), asked) for one in scene.boundaries]
     unknowns = of_surface + sum(of_boundaries)

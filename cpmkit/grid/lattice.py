@@ -15,8 +15,9 @@ from cpmkit.errors import ResolutionError
 from cpmkit.protocols import ClosestPointSource, Floats, Ints
 from cpmkit.runtime.arrays import as_vector
 
-#: The largest spacing, as a share of the manifold's largest side, at which splines still say something of it.
-COARSEST_SPACING_SHARE = 0.4
+#: The largest spacing, as a share of the manifold's largest side, at which splines still say something of it, and at
+#: which a band of nodes still tells its parts apart.
+COARSEST_SPACING_SHARE, COARSEST_BAND_SHARE = 0.4, 0.25
 #: Rounding of coordinates above this share of a surface's size is reported.
 LOST_SIZE_SHARE = 1e-7
 #: So many roundings are lost where closest points are computed far out: spheres of classes of one's own, at 1e8 to

@@ -88,7 +88,7 @@ def _group_limits() -> Iterator[Limit]:
 
 @cache
 def _group_files(own: Path, groups: Path) -> tuple[Path, ...]:
-    """Return the files that hold these limits, listed once: they are asked time and again."""
+    """Return the files that may hold these limits, listed once: they are asked time and again."""
     files: list[Path] = []
     lines = _text_of(own).splitlines()
     for number, controllers, path in (line.split(":", 2) for line in lines if line.count(":") >= 2):
@@ -100,7 +100,7 @@ def _group_files(own: Path, groups: Path) -> tuple[Path, ...]:
             continue
         inner = Path(path.lstrip("/"))
         files += [root / part / file for root in roots for part in (inner, *inner.parents)]
-    return tuple(one for one in files if one.exists())
+    return tuple(one for one in files if one.parent.exists())
 
 
 def _text_of(file: Path) -> str:

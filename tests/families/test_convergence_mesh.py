@@ -52,6 +52,6 @@ def test_a_two_sided_curve_on_a_mesh(closest):
     points = sphere_points()
     north = points[:, 2] > 0.3 / np.sqrt(1.09) + 1e-3
     south = points[:, 2] < 0.3 / np.sqrt(1.09) - 1e-3
-    values = ck.solve(scene, 0.1).evaluate(points)
+    values = ck.solve(scene, 0.1, solver_tolerance=1e-10).evaluate(points)
     np.testing.assert_allclose(values[north], 1.0, atol=1e-7)
     np.testing.assert_allclose(values[south], 5.0, atol=1e-7)

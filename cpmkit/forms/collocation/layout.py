@@ -28,14 +28,11 @@ from cpmkit.forms.collocation.sheets.twins import separate_sheets
 from cpmkit.forms.collocation.tube_width import check_one_sheet, check_reach
 from cpmkit.forms.options import Options
 from cpmkit.grid.band import Band, build_band
-from cpmkit.grid.lattice import Lattice, lattice_of
+from cpmkit.grid.lattice import COARSEST_BAND_SHARE, Lattice, lattice_of
 from cpmkit.grid.stencils import difference_reach, reading_radius
 from cpmkit.manifold.local_source import LocalSource, localize
 from cpmkit.protocols import Ints, Progress, no_progress
 from cpmkit.scene.scene import Scene
-
-#: The largest spacing, as a share of the manifold's largest side, at which the band still tells its parts apart.
-COARSEST_BAND_SHARE = 0.25
 
 
 @dataclass(frozen=True, eq=False)
