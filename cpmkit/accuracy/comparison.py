@@ -12,7 +12,7 @@ from cpmkit.solution.modes import EigenSolution
 from cpmkit.solution.solution import Solution
 
 #: Points of the finer solution that are compared, for each of its unknowns, at least, and at most.
-COMPARED_PER_UNKNOWN, LEAST_COMPARED, MOST_COMPARED = 0.5, 400, 8_000
+COMPARED_PER_UNKNOWN, LEAST_COMPARED, MOST_COMPARED = 0.3, 400, 8_000
 #: Eigenvalues below this share of the largest are zero: their errors are shares of the first that is not.
 ZERO_SHARE = 1e-6
 #: A range below this share of a solution's size is rounding and what the solver leaves.

@@ -26,7 +26,7 @@ LEAST_ORDER, MOST_ORDER, MOST_SLOW_ORDER = 0.8, 3.0, 1.3
 #: Spacings go down by at least so much at a time, for less tells little and costs nearly as much again, and at most so
 #: much, so that each error is known: no whole number, by which lattices would have nodes in common. A goal that is not
 #: much farther than that is tried at once.
-LEAST_FACTOR, MOST_FACTOR, WORTH_COMPANION = 2.0, 2.1, 2.75
+LEAST_FACTOR, MOST_FACTOR, WORTH_COMPANION = 1.45, 2.1, 2.75
 #: A limit nearer than this is as good as reached where no tolerance is asked for.
 NO_FINER = 1.2
 #: A time is kept to within this factor.
