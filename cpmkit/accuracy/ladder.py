@@ -15,9 +15,8 @@ from cpmkit.accuracy.limits import check_memory, expected_seconds, finest_spacin
 from cpmkit.accuracy.trade import Purpose, Status
 from cpmkit.accuracy.way import ANSWERS, Run, Way
 
-#: The spacing is taken for this share of the tolerance, and a solution whose estimate is below that is accepted: these
-#: and the factors below are those of least time and least surplus of accuracy, found by walking through solves of
-#: the 23 steady problems of benchmarks/trade_problems.py at spacings a fourth of an octave apart.
+#: The spacing is taken for this share of the tolerance, and a solution whose estimate is below that is accepted: with
+#: these and the factors below benchmarks/trade.py took less time in all than with others, for less surplus of accuracy.
 AIMED_SHARE, ACCEPTED_SHARE = 0.83, 0.92
 #: The same where no coarser error is known, so that nothing tells whether errors fall yet as they should.
 FIRST_SHARE = 0.6

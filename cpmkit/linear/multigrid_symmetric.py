@@ -56,11 +56,15 @@ class SymmetricCsr:
 
     def residual(self, x: Floats, b: Floats) -> Floats:
         """Return ``b - A x``."""
+        return np.ascontiguousarray(self._rest(x, b).T)
+
+    def _rest(self, x: Floats, b: Floats) -> Floats:
+        """Return ``b - A x``, (channels, n)."""
         from cpmkit.linear.multigrid_symmetric_kernels import subtract_product
 
         rest = np.array(b.T, order="C")
         subtract_product(self.pointers, self.columns, self.entries, np.ascontiguousarray(x.T), rest)
-        return np.ascontiguousarray(rest.T)
+        return rest
 
     def apply(self, x: Floats) -> Floats:
         """Return ``A x``."""
@@ -82,7 +86,7 @@ class SymmetricCsr:
         """
         from cpmkit.linear.multigrid_symmetric_kernels import sweep_up
 
-        rest = np.array(b.T if x is None else self.residual(x, b).T, order="C")
+        rest = np.array(b.T, order="C") if x is None else self._rest(x, b)
         found = np.zeros_like(rest) if x is None else np.array(x.T, order="C")
         for _ in range(sweeps):
             sweep_up(self.pointers, self.columns, self.entries, inverse, rest, found)

@@ -34,7 +34,7 @@ class Turned:
 
     share: float
     near: Floats
-    bent: float = 0.0
+    bent: float
 
 
 def facing(space: Space, mesh: SampleMesh) -> Floats:

@@ -157,15 +157,15 @@ class Galerkin(Equations):
         return source_error(self.scene.surface, self.spacing)
 
     def order_of_difference(self, ratio: float, coarser: Discretized | None = None, apart: float = 0.0) -> float:
-        """Return what divides by 4 to 7 at twice the spacing on smooth sources, by 2.5 on meshes, by 1 if slow.
+        """Return what divides by 2.7 to 7 at twice the spacing on smooth sources, by 2.5 on meshes, by less if slow.
 
-        Of degree 2; on smooth sources by 1.6 to 2.8 of degree 1, by 8 to 14 of degree 3. At order 3 the difference is 7
-        times the error; were the order 2 there, the estimate would be half the error.
+        Of degree 2; on smooth sources by 1.1 to 2.8 of degree 1, by 5.4 to 14 of degree 3. At order 3 the difference is
+        7 times the error; were the order 2 there, the estimate would be half the error.
         """
         return order_of(self, ERROR_DIVISORS[self.options.own.degree], ratio, coarser, apart)
 
     def eigenvalue_order(self, ratio: float, coarser: Discretized | None = None, apart: float = 0.0) -> float:
-        """Return the same with 8 to 14 on smooth sources, where eigenvalues are of order 4."""
+        """Return the same with 5.4 to 14 on smooth sources, where eigenvalues are of order 4."""
         return order_of(self, EIGENVALUE_DIVISORS[self.options.own.degree], ratio, coarser, apart)
 
     @cached_property

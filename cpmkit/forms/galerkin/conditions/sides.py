@@ -47,10 +47,8 @@ def left_of_boundaries(
     lattice : Lattice
         That coordinates are relative to.
     """
-    if not len(samples):
-        return np.zeros(0, dtype=bool)
     n = len(half.cell)
-    if not n:
+    if not n or not len(samples):
         return np.zeros(len(samples), dtype=bool)
     rows = np.flatnonzero(samples.half >= 0)
     votes = np.bincount(samples.half[rows], _votes(samples, boundaries, lattice)[rows], n)
