@@ -101,7 +101,8 @@ def split(
 ) -> tuple[int, int]:
     """Fill ``below`` and ``above`` with the parts of a piece beside a plane; returns how many corners each has.
 
-    No corner belongs to both but where the edges cross: a piece that lies nearly in the plane would count twice.
+    No corner belongs to both but where the edges cross: a piece that lies nearly in the plane would count twice. Edges
+    cross the plane twice, see :func:`crosses_twice`: then both parts of a convex piece are convex, with its area.
     """
     lower = upper = 0
     for k in range(count):
@@ -118,6 +119,30 @@ def split(
             above[upper] = below[lower]
             lower, upper = lower + 1, upper + 1
     return lower, upper
+
+
+@compiled
+def crosses_twice(piece: Floats, count: int, axis: int, plane: float) -> bool:
+    """Return whether a piece's edges cross a plane twice, and not oftener, as those of curved triangles may."""
+    crossings, before = 0, piece[count - 1, 2 + axis] < plane
+    for k in range(count):
+        here = piece[k, 2 + axis] < plane
+        crossings += here != before
+        before = here
+    return crossings == 2
+
+
+@compiled
+def halve(piece: Floats, count: int, below: Floats, above: Floats) -> tuple[int, int]:
+    """Fill ``below`` and ``above`` with the parts of a piece beside a chord of it; returns how many corners each has.
+
+    Both have fewer corners than the piece, and what has three crosses no plane oftener than twice.
+    """
+    half = count // 2
+    below[: half + 1] = piece[: half + 1]
+    above[: count - half] = piece[half:count]
+    above[count - half] = piece[0]
+    return half + 1, count - half + 1
 
 
 @compiled
@@ -240,7 +265,11 @@ def triangle_samples(
                 splits += 1
                 if waiting + 2 > len(sizes):
                     stack, sizes = np.concatenate((stack, stack)), np.concatenate((sizes, sizes))
-                lower, upper = split(own, curved, piece, count, axis, plane, stack[waiting], stack[waiting + 1])
+                below, above = stack[waiting], stack[waiting + 1]
+                if crosses_twice(piece, count, axis, plane):
+                    lower, upper = split(own, curved, piece, count, axis, plane, below, above)
+                else:
+                    lower, upper = halve(piece, count, below, above)
                 sizes[waiting], sizes[waiting + 1] = lower, upper
                 waiting += 2
                 continue

@@ -127,6 +127,49 @@ def test_curved_triangles_keep_their_area():
     assert errors[-1] < 0.3 * errors[0]
 
 
+#: Corners and midpoints, in spacings, of a triangle of Spot that runs along y = -17/2 and z = -5/2 at once.
+ALONG_TWO_PLANES = np.array(
+    [
+        [-1.1698125, -8.53429679, -2.48364601],
+        [-1.59443386, -8.51970912, -2.57422995],
+        [-1.33391802, -8.31216766, -2.7052339],
+        [-1.47029414, -8.40455659, -2.63099251],
+        [-1.25218342, -8.42116037, -2.59232973],
+        [-1.39119801, -8.49604331, -2.50268002],
+    ]
+)
+
+
+def test_curved_triangles_that_cross_planes_often_count_once():
+    """Edges that bend to and fro over planes: pieces that cross them four times were counted twice, again and again."""
+    rng, count = np.random.default_rng(0), 4000
+    frames = np.linalg.qr(rng.normal(size=(count, 3, 3)))[0]
+    corners = np.array([[1.0, 0, 0], [-0.5, 0.8, 0], [-0.5, -0.8, 0]]) + 0.2 * rng.normal(size=(count, 3, 3))
+    corners = rng.uniform(0, 1, (count, 1, 3)) + 0.25 * corners @ frames
+    chords = 0.5 * (corners[:, [1, 2, 0]] + corners[:, [2, 0, 1]])
+    size = np.linalg.norm(np.ptp(corners, axis=1), axis=1)[:, None, None]
+    nodes = np.concatenate([corners, chords + 0.03 * size * rng.normal(size=chords.shape)], axis=1)
+    nodes = np.concatenate([nodes, ALONG_TWO_PLANES[None]])
+    gauss, weight = np.polynomial.legendre.leggauss(24)
+    r, along = (x.ravel() for x in np.meshgrid(0.5 * (gauss + 1), 0.5 * (gauss + 1), indexing="ij"))
+    area = areas_at(nodes, r, along * (1 - r)) @ (np.outer(weight, weight).ravel() / 4 * (1 - r))
+    mesh = SampleMesh.of(nodes[:, :3].reshape(-1, 3), np.arange(3 * len(nodes)).reshape(-1, 3), nodes[:, 3:])
+    clipped = samples_of(mesh, 1.0)
+    held = np.bincount(clipped.cell, clipped.weights)
+    assert np.quantile(np.abs(held / area - 1), 0.99) < 2e-3
+    assert np.abs(held / area - 1).max() < 1e-2
+    assert held[-1] == pytest.approx(area[-1], rel=1e-3)
+    assert np.bincount(clipped.cell).max() < 100
+
+
+def areas_at(nodes, r, s):
+    """Return |x_r x x_s| (m, q) of curved triangles at places."""
+    t, none = 1 - r - s, 0 * r
+    along = np.stack([4 * r - 1, none, 1 - 4 * t, -4 * s, 4 * (t - r), 4 * s], axis=1) @ nodes
+    across = np.stack([none, 4 * s - 1, 1 - 4 * t, 4 * (t - s), -4 * r, 4 * r], axis=1) @ nodes
+    return np.linalg.norm(np.cross(along, across), axis=2)
+
+
 def test_how_samples_are_taken_is_an_option():
     scene = ck.Scene(ck.source("analytic.sphere"), ck.ScreenedPoisson(1.0))
     counts = {
