@@ -13,7 +13,7 @@ import numpy as np
 from cpmkit.accuracy.knobs import HIGHER_DEGREE, worth_higher_degree
 from cpmkit.accuracy.limits import check_memory, expected_seconds, finest_spacing, first_spacing
 from cpmkit.accuracy.trade import Purpose, Status
-from cpmkit.accuracy.way import ANSWERS, Run, Way
+from cpmkit.accuracy.way import Run, Way
 
 #: The spacing is taken for this share of the tolerance, and a solution whose estimate is below that is accepted: with
 #: these and the factors below benchmarks/trade.py took less time in all than with others, for less surplus of accuracy.
@@ -47,7 +47,7 @@ def walk(way: Way) -> tuple[Status, float]:
         for run in way.runs[-2:]:
             way.run("pilot", run.spacing)
     answers = 0
-    while not _done(way, aim) and answers <= MOST_CORRECTIONS:
+    while not _accepted(way, aim) and answers <= MOST_CORRECTIONS:
         here, limit = way.last.spacing, finest_spacing(way)
         goal, farthest = max(_foretold(way, aim), limit), max(here / MOST_FACTOR, limit)
         if here / goal > WORTH_COMPANION:
@@ -55,9 +55,7 @@ def walk(way: Way) -> tuple[Status, float]:
             continue
         goal = max(goal, farthest)
         if here / goal < (NO_FINER if tolerance is None else TELLING_RATIO):
-            if not way.answers_differ or way.last.purpose in ANSWERS:
-                break
-            goal = here
+            break
         answers += 1
         _run(way, "answer" if answers == 1 else "correction", goal)
     if tolerance is None:
@@ -77,10 +75,6 @@ def _accepted(way: Way, aim: float) -> bool:
     prior = _prior(way)
     slower = (MOST_FACTOR**prior - 1) / (MOST_FACTOR ** min(order(way), prior) - 1)
     return bool(way.error * slower <= share * aim)
-
-
-def _done(way: Way, aim: float) -> bool:
-    return _accepted(way, aim) and (way.last.purpose in ANSWERS or not way.answers_differ)
 
 
 def pilots(way: Way) -> None:

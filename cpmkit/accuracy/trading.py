@@ -66,7 +66,7 @@ def walked(way: Way) -> Solution:
     """Return the answer at the end of a way, with its estimate and its trade."""
     asked = way.asked
     status, aim = walk(way)
-    answer, estimate = way.last.solution, way.last.estimate
+    answer, estimate = way.asked_of(way.last.solution), way.last.estimate
     trade = Trade(
         asked,
         status,

@@ -20,11 +20,13 @@ from cpmkit.accuracy.estimate import (
 )
 from cpmkit.accuracy.trade import Purpose, Step
 from cpmkit.errors import ResolutionError, SceneError
+from cpmkit.families.eigen.fewer import fewer_modes
 from cpmkit.forms.asked import Asked
 from cpmkit.protocols import Progress, no_progress
 from cpmkit.scene.compound_equations import Eigen
 from cpmkit.scene.equations_in_time import Evolution
 from cpmkit.scene.scene import Scene
+from cpmkit.solution.modes import EigenSolution
 from cpmkit.solution.solution import Solution
 
 ANSWERS = ("answer", "correction")
@@ -127,10 +129,10 @@ class Way:
         """The estimate of the last one's error in the norm that is asked for."""
         return self.last.error(self.asked.norm)
 
-    @property
-    def answers_differ(self) -> bool:
-        """Whether an answer is another solve than a pilot at its spacing: of fewer modes."""
-        return isinstance(self.scene.problem, Eigen)
+    def asked_of(self, solution: Solution) -> Solution:
+        """Return what is asked for out of a solution: of pilots of eigenvalue problems fewer modes."""
+        modes = isinstance(self.scene.problem, Eigen) and isinstance(solution, EigenSolution)
+        return fewer_modes(cast(EigenSolution, solution), self.scene) if modes else solution
 
     @property
     def elapsed(self) -> float:
@@ -206,7 +208,7 @@ class Way:
         return same_steps and self.alike(companion, solution)
 
     def _estimate(self, solution: Solution) -> ErrorEstimate | None:
-        companions = self.companions(solution)
+        companions, solution = self.companions(solution), self.asked_of(solution)
         return from_companions(solution, companions, self.in_time, self.order) if companions else None
 
     def _origin(self, spacing: float) -> Any:

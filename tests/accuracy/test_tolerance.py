@@ -9,6 +9,7 @@ from plane_zones import POINTS, slit
 
 import cpmkit as ck
 from cpmkit.accuracy.trading import algebraic_tolerance
+from cpmkit.families.eigen.fewer import fewer_modes
 
 CIRCLE, SPHERE = ck.source("analytic.circle"), ck.source("analytic.sphere")
 AT = np.stack([np.cos(turn := np.linspace(0, 2 * np.pi, 700)), np.sin(turn)], axis=1)
@@ -62,6 +63,22 @@ def test_eigenvalues_are_as_many_as_asked_and_as_right():
     assert solution.channels == 4
     assert solution.trade.status == "reached"
     np.testing.assert_allclose(solution.eigenvalues[1:], 2, rtol=1e-2)
+    spacings = [step.spacing for step in solution.trade.steps]
+    assert len(set(spacings)) == len(spacings)  # further modes of pilots are left out, and not solved without
+
+
+@pytest.mark.parametrize(("count", "near"), [(5, None), (4, 6.0)])
+def test_modes_out_of_more_are_those_that_are_asked_for(count, near):
+    scene, more = (ck.Scene(SPHERE, ck.Eigen(many, near=near)) for many in (count, count + 6))
+    solved, wide = (ck.solve(one, 0.3, estimate=False, solver="direct") for one in (scene, more))
+    fewer = fewer_modes(wide, scene)
+    assert fewer.channels == count
+    np.testing.assert_allclose(fewer.eigenvalues, solved.eigenvalues, rtol=1e-8, atol=1e-8)
+    assert fewer.evaluate(sphere_points(50)).shape == (50, count)
+    (told,) = (text for text in fewer.warnings if "multiplet" in text)
+    assert told.startswith(f"count={count} ends inside a multiplet")
+    assert any(text.startswith(f"count={count} ends inside a multiplet") for text in solved.warnings)
+    assert fewer_modes(solved, scene) is solved
 
 
 def test_steps_in_time_are_shortened_and_count():

@@ -9,6 +9,8 @@ from cpmkit.scene.compound_equations import Eigen
 
 #: Eigenvalues that differ by less than this share of their distance from the shift may be one of the manifold.
 ONE_EIGENVALUE_SHARE = 1e-3
+#: What is told of it.
+CUT = "ends inside a multiplet"
 
 
 def cut_multiplet(problem: Eigen, values: Floats, shift: float) -> list[str]:
@@ -32,7 +34,7 @@ def cut_multiplet(problem: Eigen, values: Floats, shift: float) -> list[str]:
         return []
     known = len(cut) < len(left)
     return [
-        f"count={problem.count} ends inside a multiplet: {'' if known else 'at least '}{len(cut)} further eigenvalue"
+        f"count={problem.count} {CUT}: {'' if known else 'at least '}{len(cut)} further eigenvalue"
         f"{'s' if len(cut) > 1 else ''} near {cut[0]:.6g} {'are' if len(cut) > 1 else 'is'} left out, and which of its "
         f"functions are told is chance; use count={problem.count + len(cut)}{'' if known else ' or more'}."
     ]
