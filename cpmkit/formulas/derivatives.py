@@ -8,9 +8,11 @@ from __future__ import annotations
 import ast
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import chain
 
 from cpmkit.errors import SceneError
+from cpmkit.formulas.staged import MOST_STAGED_POINTS, StagedProgram, staged
 from cpmkit.formulas.steps import Program, Steps, program
 from cpmkit.protocols import Floats
 
@@ -36,7 +38,13 @@ class FormulaJets:
 
     def rows(self, order: int, columns: Floats) -> Floats:
         """Return the rows (r, n) up to derivatives of ``order``, at the variables' values ``columns`` (m, n)."""
-        return self.programs[order](dict(zip(self.names, columns, strict=True)), columns.shape[1])
+        count = columns.shape[1]
+        programs = self._staged if count <= MOST_STAGED_POINTS else self.programs
+        return programs[order](dict(zip(self.names, columns, strict=True)), count)
+
+    @cached_property
+    def _staged(self) -> tuple[StagedProgram, ...]:
+        return tuple(staged(one) for one in self.programs)
 
 
 def formula_jets(trees: Sequence[ast.expr], names: Sequence[str], what: str) -> FormulaJets:

@@ -5,6 +5,7 @@ import pytest
 
 from cpmkit import SceneError
 from cpmkit.formulas.derivatives import MOST_FORMULA_STEPS, formula_jets
+from cpmkit.formulas.staged import MOST_STAGED_POINTS
 from cpmkit.formulas.trees import formula_tree
 
 NAMES = ("x", "y", "z")
@@ -41,6 +42,22 @@ def test_first_and_second_derivatives_agree_with_differences(text):
         for j in range(i, 3):
             differences = (ahead[1 + j] - behind[1 + j]) / (2 * h)
             np.testing.assert_allclose(next(curvatures), differences, atol=1e-5 * scale)
+
+
+@pytest.mark.parametrize("text", SMOOTH)
+def test_few_points_are_worked_out_like_many(text):
+    """Few are computed by compiled arithmetic and many by NumPy's: rows are the same, with NaN where they are NaN."""
+    made, some = jets(text), np.random.default_rng(1).uniform(-2, 2, (3, 2 * MOST_STAGED_POINTS))
+    some[:, :9] = 0.0
+    for order in range(3):
+        few = [made.rows(order, part) for part in np.array_split(some, 30, axis=1)]
+        np.testing.assert_allclose(np.concatenate(few, axis=1), made.rows(order, some), rtol=1e-14, atol=0)
+
+
+def test_arithmetic_of_few_points_is_that_of_many_to_the_bit():
+    made, some = jets("sqrt(x*y + 2)/(z - x**3) - (-y)**5 + z/(x - x)"), np.random.default_rng(1).normal(size=(3, 3000))
+    few = [made.rows(2, part) for part in np.array_split(some, 30, axis=1)]
+    np.testing.assert_array_equal(np.concatenate(few, axis=1), made.rows(2, some))
 
 
 def test_derivatives_are_right_to_rounding():

@@ -10,12 +10,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.plugin import Bools, Floats, dots, norms
+from cpmkit.plugin import Bools, Floats, norms
+from cpmkit_levelset.descent_kernels import keep_gains, newton_steps, settle
 from cpmkit_levelset.manifold import LocalShape, ZeroSet
 
 LEVELSET_DESCENT_STEPS = 40
-#: Where the squared distance bends less than this, near a centre of curvature, the step is made as if it bent so.
-LEAST_BENDING_OF_DISTANCE = 1e-3
 #: A Newton step shorter than this, relative to the size, is the last: the next one would be its square.
 LAST_NEWTON_SHARE = 1e-9
 #: A point whose shortest step still was longer than this, relative to the size, has not converged.
@@ -47,46 +46,23 @@ def descend(zero_set: ZeroSet, x: Floats, start: Floats, stride: float) -> tuple
     y, converged = start.copy(), np.zeros(len(x), dtype=bool)
     rows = np.arange(len(x))
     last = np.full(len(x), np.inf)
+    least, loose = LAST_NEWTON_SHARE * zero_set.size, LOOSE_STEP_SHARE * zero_set.size
     for _ in range(LEVELSET_DESCENT_STEPS):
-        step = newton_step(zero_set.shape(x[rows], y[rows]))
-        length = norms(step)
-        shortened = step * np.divide(stride, length, out=np.ones_like(length), where=length > stride)[:, None]
-        y[rows], moved = _downhill(zero_set, x[rows], y[rows], shortened, stride)
-        # where steps are short and no longer shrink, rounding or a kink between cells of a grid keeps them up
-        stuck = (length <= LOOSE_STEP_SHARE * zero_set.size) & (length > 0.5 * last[rows])
-        short = (length <= LAST_NEWTON_SHARE * zero_set.size) | stuck
-        last[rows] = length
-        converged[rows[short]] = True
-        rows = rows[moved & ~short]
+        queries, points = x[rows], y[rows]
+        step, length = newton_step(zero_set.shape(queries, points), stride)
+        y[rows], moved = _downhill(zero_set, queries, points, step, stride)
+        rows = rows[: settle(rows, length, moved, last, converged, least, loose)]
         if not len(rows):
             break
-    return y, converged | (last <= LOOSE_STEP_SHARE * zero_set.size)
+    return y, converged | (last <= loose)
 
 
-def newton_step(shape: LocalShape) -> Floats:
-    """Return tangential steps (n, d): (I + bending)^-1 force, with I + bending shifted until it is positive."""
-    force, bending = shape.force, shape.bending
-    m = force.shape[1]
-    if m == 0:
-        return np.zeros((len(force), shape.tangents.shape[2]))
-    with np.errstate(all="ignore"):
-        if m == 1:
-            coordinates = force / _raised(1.0 + bending[:, 0])
-        else:
-            a, b, c = 1.0 + bending[:, 0, 0], bending[:, 0, 1], 1.0 + bending[:, 1, 1]
-            least = 0.5 * (a + c) - np.hypot(0.5 * (a - c), b)
-            shift = _raised(least) - least
-            a, c = a + shift, c + shift
-            determinant = a * c - b * b
-            u, v = force.T
-            coordinates = np.stack([c * u - b * v, a * v - b * u], axis=1) / determinant[:, None]
-        step: Floats = np.einsum("na,nai->ni", coordinates, shape.tangents, optimize=False)
-    return step
-
-
-def _raised(bending: Floats) -> Floats:
-    raised: Floats = np.maximum(np.abs(bending), LEAST_BENDING_OF_DISTANCE)
-    return raised
+def newton_step(shape: LocalShape, stride: float) -> tuple[Floats, Floats]:
+    """Return tangential steps (n, d), cut to ``stride``, and how long they were before that (n,)."""
+    n, _, d = shape.tangents.shape
+    step, length = np.empty((n, d)), np.empty(n)
+    newton_steps(*shape, stride, step, length)
+    return step, length
 
 
 def _downhill(zero_set: ZeroSet, x: Floats, y: Floats, step: Floats, stride: float) -> tuple[Floats, Bools]:
@@ -96,12 +72,8 @@ def _downhill(zero_set: ZeroSet, x: Floats, y: Floats, step: Floats, stride: flo
     noise = 8 * np.finfo(float).eps * zero_set.size * (norms(x - y) + zero_set.size)
     for _ in range(MOST_STEP_CUTS):
         trial, on = zero_set.project(y[rows] + share * step[rows], 2 * stride)
-        change = trial - y[rows]
-        # |x - trial|^2 - |x - y|^2, without the cancellation that far queries would suffer
-        gain = dots(change, change - 2 * (x[rows] - y[rows]))
-        good = on & (gain <= noise[rows])
-        best[rows[good]], moved[rows[good]] = trial[good], True
-        rows, share = rows[~good], STEP_CUT_FACTOR * share
+        rows = rows[: keep_gains(x, y, best, moved, rows, trial, on, noise)]
+        share *= STEP_CUT_FACTOR
         if not len(rows):
             break
     return best, moved

@@ -124,7 +124,7 @@ class Differences:
 def _answer(function: Callable[[Floats], Any], what: str, p: Floats, shape: tuple[int, ...]) -> Floats:
     """Return what the user's function gives, as float64 of shape (n, *shape); it gets a copy of the points."""
     try:
-        values = np.asarray(function(p.copy()), dtype=np.float64)
+        values = np.array(function(p.copy()), dtype=np.float64, order="C")
     except (TypeError, ValueError) as error:
         raise InputError(f"{what} must return numbers of shape {_letters(shape)}: {error}.") from error
     if values.shape != (len(p), *shape):

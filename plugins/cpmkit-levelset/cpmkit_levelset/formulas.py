@@ -12,6 +12,8 @@ from cpmkit.plugin import COORDINATES, FUNCTIONS, Floats, FormulaJets, SceneErro
 
 #: What formulas offer and level sets do not: it has no second derivative.
 ROUGH_FUNCTIONS = ("sign", "floor", "minimum", "maximum")
+#: Which of the rows of second derivatives is an entry of the Hessian, by dimension.
+HALF_OF_HESSIAN = {2: np.array([[0, 1], [1, 2]]), 3: np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])}
 
 
 @dataclass(frozen=True)
@@ -45,9 +47,7 @@ class FormulaField:
     def jet(self, p: Floats) -> tuple[Floats, Floats, Floats]:
         """Return phi (n,), its gradient (n, d) and its Hessian (n, d, d)."""
         rows, d = self.jets.rows(2, p.T), self.dim
-        hessian = np.empty((len(p), d, d))
-        for i, j, row in zip(*np.triu_indices(d), rows[1 + d :], strict=True):
-            hessian[:, i, j] = hessian[:, j, i] = row
+        hessian = np.ascontiguousarray(rows[1 + d :].T).take(HALF_OF_HESSIAN[d], axis=1)
         return rows[0], np.ascontiguousarray(rows[1 : 1 + d].T), hessian
 
 

@@ -26,8 +26,10 @@ def marching_simplices(lattice: SampleLattice) -> tuple[Floats, Ints]:
         pairs.append(_cut(nodes, positive.ravel()[nodes]))
     edges = np.concatenate(pairs)
     d = positive.ndim
-    crossed, cells = np.unique(np.sort(edges, axis=2).reshape(-1, 2), axis=0, return_inverse=True)
-    return _crossings(lattice, crossed), cells.reshape(-1, d).astype(np.int64)
+    # one number an edge: rows are sorted ten times slower
+    ends, count = np.sort(edges, axis=2), positive.size
+    crossed, cells = np.unique(ends[..., 0] * count + ends[..., 1], return_inverse=True)
+    return _crossings(lattice, np.stack(np.divmod(crossed, count), axis=1)), cells.reshape(-1, d).astype(np.int64)
 
 
 def _mixed_cells(positive: np.ndarray) -> Ints:

@@ -16,15 +16,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cpmkit.plugin import Bools, Floats, Ints, dots, norms
+from cpmkit.plugin import Bools, Floats, Ints, norms
 from cpmkit_levelset.descent import descend
 from cpmkit_levelset.manifold import ZeroSet, normal_basis
+from cpmkit_levelset.sample_kernels import choose, cross_off, fill_models, keep_nearest, undecided
 
 #: How many of the nearest samples are looked at: first by every query, then by those for which that was too few.
 SAMPLE_TIERS = (12, 192)
-#: Pairs of queries and samples that are looked at in one go: their models take some 180 bytes each.
+#: Pairs of queries and samples that are looked at in one go: their models take some 80 bytes each.
 PAIRS_IN_ONE_GO = 200_000
-#: Descents from different samples, for one query and tier.
+#: Descents from different samples, for one query and tier: first from one, then from all that lead elsewhere at once.
 LEVELSET_DESCENTS = 10
 #: What a sample's model says is trusted to this share of the covering radius and of its curvature.
 SAME_BASIN_COVERINGS, MODEL_TRUST_SHARE, STATIONARY_COVERINGS = 1.25, 0.1, 0.5
@@ -32,6 +33,7 @@ SAME_BASIN_COVERINGS, MODEL_TRUST_SHARE, STATIONARY_COVERINGS = 1.25, 0.1, 0.5
 ROUGH_RADIUS_COVERINGS = 1.0
 #: A model's minimum is looked for up to this many covering radii from its sample.
 FARTHEST_MINIMUM_COVERINGS = 4.0
+MODEL_SHARES = np.array([MODEL_TRUST_SHARE, FARTHEST_MINIMUM_COVERINGS, STATIONARY_COVERINGS])
 
 Keep = Callable[[Floats], Bools]
 
@@ -93,25 +95,10 @@ class Layer:
 
     def models(self, x: Floats, gap: Floats, near: Ints) -> Models:
         """Return what the samples ``near`` (n, k) say of the queries ``x`` (n, d), which are ``gap`` (n, k) away."""
-        across = x[:, None] - self.samples[near]
-        r, m = self.covering, self.tangents.shape[1]
-        lowest, minimum = np.zeros(near.shape), self.samples[near]
-        bends = self.bend[near]
-        promising = np.ones(near.shape, dtype=bool)
-        for i in range(m):
-            tangent = self.tangents[near, i]
-            force, bending = dots(tangent, across), 1.0 - dots(self.bends[near, i], across)
-            size = np.abs(force)
-            with np.errstate(all="ignore"):
-                inside = size <= r * bending
-                u = force / bending
-                lowest += np.where(inside, -force * u, r * (r * bending - 2 * size))
-                u = np.where(
-                    bending > 0, np.clip(u, -FARTHEST_MINIMUM_COVERINGS * r, FARTHEST_MINIMUM_COVERINGS * r), np.nan
-                )
-            promising &= size <= r * (np.maximum(bending, 0.0) + STATIONARY_COVERINGS * (1.0 + gap * bends))
-            minimum = minimum + u[:, :, None] * tangent
-        return Models(lowest - 2 * m * MODEL_TRUST_SHARE * r * r * gap * bends, minimum, promising)
+        models = Models(np.empty(near.shape), np.empty((*near.shape, x.shape[1])), np.empty(near.shape, dtype=bool))
+        of_samples = self.samples, self.tangents, self.bends, self.bend, self.covering
+        fill_models(x, gap, near, *of_samples, MODEL_SHARES, *models)
+        return models
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,55 +149,39 @@ def search(where: Layer, x: Floats, known: Floats | None = None, keep: Keep | No
 def _descents(where: Layer, x: Floats, before: BestPoints, count: int, keep: Keep | None) -> BestPoints:
     """Descend, for each query, from those of its nearest ``count`` samples that may lead to a nearer point."""
     gap, near = where.tree.query(x, np.arange(1, count + 1))
-    lowest, minimum, promising = where.models(x, gap, near)
+    lowest, minimum, untried = where.models(x, gap, near)
+    starts, n = where.samples[near], len(x)
     points, best = before.points.copy(), before.distance.copy()
     reach = SAME_BASIN_COVERINGS * where.covering
-    untried = promising
-    _cross_off(untried, (minimum, where.samples[near]), points, reach)
+    cross_off(untried, minimum, starts, np.arange(n), points, reach)
     untried[:, 0] |= np.isinf(best)  # some point must be found, whatever the models say
-    sure, failed = np.zeros(len(x), dtype=bool), np.zeros(len(x), dtype=bool)
-    active = np.arange(len(x))
-    for _ in range(LEVELSET_DESCENTS + 1):
-        untried[active] &= _may_be_nearer(gap[active], lowest[active], best[active])
-        left = untried[active].any(axis=1)
-        sure[active[~left]] = True
-        active = active[left]
+    sure, failed, room = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool), np.full(n, LEVELSET_DESCENTS)
+    active, most = np.arange(n), 1
+    while True:
+        active = active[: undecided(untried, active, gap, lowest, best, sure)]
+        active = active[room[active] > 0]
         if not len(active):
             break
-        pick = untried[active].argmax(axis=1)
-        untried[active, pick] = False
-        start = where.samples[near[active, pick]]
-        foot, converged = descend(where.zero_set, x[active], start, 2 * where.covering)
-        failed[active[~converged]] = True
-        tried = untried[active]
-        _cross_off(tried, (minimum[active], where.samples[near[active]]), foot, reach)
-        untried[active] = tried
-        distance = norms(x[active] - foot)
+        rows, columns = np.empty((2, most * len(active)), dtype=np.int64)
+        chosen = choose(untried, minimum, starts, active, room, most, reach, rows, columns)
+        rows, columns, most = rows[:chosen], columns[:chosen], LEVELSET_DESCENTS
+        foot, converged = descend(where.zero_set, x[rows], starts[rows, columns], 2 * where.covering)
+        failed[rows[~converged]] = True
+        cross_off(untried, minimum, starts, rows, foot, reach)
+        distance = norms(x[rows] - foot)
         if keep is not None:
             distance = np.where(keep(foot), distance, np.inf)
-        better = distance < best[active]
-        points[active[better]], best[active[better]] = foot[better], distance[better]
+        keep_nearest(points, best, rows, foot, distance)
     # the samples beyond the last may lead to a nearer point if the most that any of these promises would do it
     more = _may_be_nearer(gap[:, -1], lowest.min(axis=1), best) & (count < len(where.samples))
     return BestPoints(points, best, sure & ~failed & ~more & ~where.rough[near[:, 0]])
 
 
 def _may_be_nearer(gap: Floats, lowest: Floats, best: Floats) -> Bools:
-    """Return where gap^2 + lowest <= best^2; ``best`` has one axis less than the others, or as many."""
-    best = best.reshape(best.shape + (1,) * (gap.ndim - best.ndim))
+    """Return where gap^2 + lowest <= best^2 (n,)."""
     with np.errstate(all="ignore"):
         # (gap - best) (gap + best), because the squares of far queries differ by less than they are rounded
         return ~((gap - best) * (gap + best) + lowest > 0)
-
-
-def _cross_off(untried: Bools, places: tuple[Floats, ...], points: Floats, reach: float) -> None:
-    """Cross off of ``untried`` (n, k) what has a place (n, k, d) within ``reach`` of ``points`` (n, d)."""
-    row, column = np.nonzero(untried)
-    for place in places:
-        across = place[row, column] - points[row]
-        near = dots(across, across) <= reach**2
-        untried[row[near], column[near]] = False
-        row, column = row[~near], column[~near]
 
 
 def _principal(zero_set: ZeroSet, samples: Floats) -> tuple[Floats, Floats]:

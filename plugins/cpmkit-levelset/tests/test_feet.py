@@ -68,6 +68,28 @@ def test_no_start_from_a_dense_cloud_leads_to_a_nearer_point(kind):
         assert (feet.distance <= np.linalg.norm(x - other, axis=1) + 1e-12 * size).all()
 
 
+def test_feet_of_a_flat_ellipsoid_are_the_nearest_or_doubtful():
+    """Its middle plane and the rim, which bends more than its samples can tell, are where the search is hard."""
+    flat = ck.source("levelset.expression", **FLAT)
+    rng = np.random.default_rng(4)
+    r, z = rng.uniform(0, 1.1, 3000), rng.uniform(-0.15, 0.15, 3000) * rng.choice([1, 1e-8], 3000)
+    turn = rng.uniform(0, 2 * np.pi, 3000)
+    feet = flat.closest_point(np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1))
+    assert (np.abs(feet.distance - distance_to_ellipse(r, np.abs(z), 0.1)) <= 1e-9)[~feet.doubtful].all()
+    assert feet.doubtful.mean() <= 0.4
+
+
+def distance_to_ellipse(r, z, b):
+    """Distances of points (n,), z > 0, to the ellipse of half axes 1 and ``b``: its multiplier by bisection."""
+    low, high = -b * b + b * z, -b * b + np.hypot(r, b * z)
+    for _ in range(200):
+        t = 0.5 * (low + high)
+        inside = (r / (t + 1)) ** 2 + (b * z / (t + b * b)) ** 2 > 1
+        low, high = np.where(inside, t, low), np.where(inside, high, t)
+    foot = np.minimum(r / (t + 1), 1.0)
+    return np.hypot(r - foot, z - b * np.sqrt(1 - foot**2))
+
+
 def test_the_centre_of_a_sphere_is_doubtful_and_answered():
     sphere = ck.source("levelset.expression", **PAIRS["sphere"][0])
     feet = sphere.closest_point(np.zeros((1, 3)))
@@ -82,9 +104,15 @@ def test_the_isolated_zero_of_the_tooth_is_no_foot():
     assert tooth.closest_point(x).distance.min() >= 0.3
 
 
-def test_answers_do_not_depend_on_the_batch():
-    surface = ck.source("levelset.dziuk")
-    x = np.random.default_rng(1).uniform(-1.5, 1.5, (301, 3))
+FLAT = {"phi": "x*x + y*y + 100*z*z - 1", "bounds": [[-1.2, -1.2, -0.3], [1.2, 1.2, 0.3]]}
+
+
+@pytest.mark.parametrize(
+    ("kind", "keys", "count"), [("dziuk", {}, 301), ("expression", FLAT, 301), ("expression", FLAT, 2003)]
+)
+def test_answers_do_not_depend_on_the_batch(kind, keys, count):
+    surface = ck.source(f"levelset.{kind}", **keys)
+    x = np.random.default_rng(1).uniform(1.3 * surface.bounds[0], 1.3 * surface.bounds[1], (count, 3))
     whole = surface.closest_point(x)
     parts = [surface.closest_point(part) for part in np.array_split(x, 7)]
     np.testing.assert_array_equal(np.concatenate([part.points for part in parts]), whole.points)

@@ -1,0 +1,122 @@
+"""The compiled steps of a descent: where they lead, which of them are kept, and when it has converged.
+
+Each row is worked out for itself, so that a point's answer never depends on the batch it is asked in.
+"""
+
+from __future__ import annotations
+
+import math
+
+from cpmkit.plugin import compiled, inlined
+
+#: Where the squared distance bends less than this, near a centre of curvature, the step is made as if it bent so.
+LEAST_BENDING_OF_DISTANCE = 1e-3
+#: Where it bends down, as on a ridge between two basins, the step is at least this share of the longest one: the force
+#: is small there, and steps that only double would take thirty to leave.
+RIDGE_STRIDE_SHARE = 0.25
+
+
+@compiled
+def newton_steps(tangents, bending, force, stride, step, length):
+    """Fill in tangential steps (n, d), cut to ``stride``, and their lengths (n,) before that.
+
+    They are (I + bending)^-1 force, but that along directions in which the distance bends down they go downhill.
+    """
+    n, m, d = tangents.shape
+    least = RIDGE_STRIDE_SHARE * stride
+    u = v = 0.0
+    for i in range(n):
+        if m == 1:
+            u = _along(force[i, 0], 1.0 + bending[i, 0, 0], least)
+        elif m == 2:
+            u, v = _in_plane(force[i], 1.0 + bending[i, 0, 0], bending[i, 0, 1], 1.0 + bending[i, 1, 1], least)
+        square = 0.0
+        for k in range(d):
+            step[i, k] = 0.0
+            if m > 0:
+                step[i, k] = u * tangents[i, 0, k]
+            if m == 2:
+                step[i, k] += v * tangents[i, 1, k]
+            square += step[i, k] * step[i, k]
+        length[i] = math.sqrt(square)
+        if length[i] > stride:
+            step[i] *= stride / length[i]
+
+
+@inlined
+def _in_plane(force, a, b, c, least):
+    """Return the step's coordinates for the bending ((a, b), (b, c)): along each of its two principal directions."""
+    if 0.5 * (a + c) - math.hypot(0.5 * (a - c), b) >= LEAST_BENDING_OF_DISTANCE:
+        determinant = a * c - b * b
+        return (c * force[0] - b * force[1]) / determinant, (a * force[1] - b * force[0]) / determinant
+    mean, half, angle = 0.5 * (a + c), math.hypot(0.5 * (a - c), b), 0.5 * math.atan2(2 * b, a - c)
+    cosine, sine = math.cos(angle), math.sin(angle)
+    most = _along(cosine * force[0] + sine * force[1], mean + half, least)
+    other = _along(cosine * force[1] - sine * force[0], mean - half, least)
+    return cosine * most - sine * other, sine * most + cosine * other
+
+
+@inlined
+def _along(force, bending, least):
+    """Return the step along one direction; where the distance bends down, of at least the length ``least``."""
+    step = force / max(abs(bending), LEAST_BENDING_OF_DISTANCE)
+    if bending < -LEAST_BENDING_OF_DISTANCE and abs(step) < least:
+        return math.copysign(least, force)
+    return step
+
+
+@compiled
+def keep_gains(x, y, best, moved, rows, trial, on, noise):
+    """Keep the trials (r, d) that are ``on`` the zero set and nearer the queries; return how many rows go on.
+
+    Parameters
+    ----------
+    x, y : (n, d) float64
+        The queries, and where their points were.
+    best, moved : (n, d) float64, (n,) bool
+        Set where a trial is kept.
+    rows : (r,) int64
+        The first of them are overwritten by those of no gain.
+    noise : (n,) float64
+        By how much the squared distance may grow through rounding.
+    """
+    left = 0
+    for i, row in enumerate(rows):
+        gain = 0.0  # |x - trial|^2 - |x - y|^2, without the cancellation that far queries would suffer
+        for k in range(x.shape[1]):
+            change = trial[i, k] - y[row, k]
+            gain += change * (change - 2 * (x[row, k] - y[row, k]))
+        if on[i] and gain <= noise[row]:
+            best[row] = trial[i]
+            moved[row] = True
+        else:
+            rows[left] = row
+            left += 1
+    return left
+
+
+@compiled
+def settle(rows, length, moved, last, converged, least, loose):
+    """Mark which rows have converged, by the lengths (r,) of their steps; return how many of them go on.
+
+    Parameters
+    ----------
+    rows : (r,) int64
+        The first of them are overwritten by those that go on.
+    length, moved : (r,) float64, (r,) bool
+    last, converged : (n,) float64, (n,) bool
+        The lengths of the steps before, replaced by these; set for those that have converged.
+    least, loose : float
+        Steps no longer than ``least`` are the last; so are those no longer than ``loose`` that no longer shrink:
+        rounding, or a kink between cells of a grid, keeps them up.
+    """
+    left = 0
+    for i, row in enumerate(rows):
+        short = length[i] <= least or (length[i] <= loose and length[i] > 0.5 * last[row])
+        last[row] = length[i]
+        if short:
+            converged[row] = True
+        elif moved[i]:
+            rows[left] = row
+            left += 1
+    return left

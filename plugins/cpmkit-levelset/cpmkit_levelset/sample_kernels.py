@@ -1,0 +1,139 @@
+"""What is compiled of the search among samples: their models, and which of them may still lead to a nearer point.
+
+Below, n queries look at k samples each, the nearest first.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.plugin import compiled, inlined
+
+
+@compiled
+def fill_models(x, gap, near, samples, tangents, bends, bend, covering, shares, lowest, minimum, promising):
+    """Fill in what the samples ``near`` (n, k) say of the queries ``x`` (n, d), as in ``Models``.
+
+    Parameters
+    ----------
+    gap : (n, k) float64
+        How far the samples are.
+    samples, tangents, bends, bend, covering
+        As in a ``Layer``.
+    shares : (3,) float64
+        The trust, the farthest minimum and the room around stationary points, in the units of their constants.
+    """
+    n, d = x.shape
+    m, r = tangents.shape[1], covering
+    trust, farthest, stationary = shares[0], shares[1] * r, shares[2]
+    for i in range(n):
+        for j in range(near.shape[1]):
+            s = near[i, j]
+            bound, hopeful = -2 * m * trust * r * r * gap[i, j] * bend[s], True
+            for k in range(d):
+                minimum[i, j, k] = samples[s, k]
+            for a in range(m):
+                force, bending = 0.0, 1.0
+                for k in range(d):
+                    across = x[i, k] - samples[s, k]
+                    force += tangents[s, a, k] * across
+                    bending -= bends[s, a, k] * across
+                size = abs(force)
+                bound += -force * force / bending if size <= r * bending else r * (r * bending - 2 * size)
+                u = min(max(force / bending, -farthest), farthest) if bending > 0 else np.nan
+                for k in range(d):
+                    minimum[i, j, k] += u * tangents[s, a, k]
+                hopeful &= size <= r * (max(bending, 0.0) + stationary * (1.0 + gap[i, j] * bend[s]))
+            lowest[i, j], promising[i, j] = bound, hopeful
+
+
+@compiled
+def cross_off(untried, minimum, starts, rows, points, reach):
+    """Cross off of ``untried`` (n, k) what has its sample or its model's minimum within ``reach`` of a point.
+
+    Parameters
+    ----------
+    minimum, starts : (n, k, d) float64
+    rows : (p,) int64
+        The queries of the points.
+    points : (p, d) float64
+        NaN crosses nothing off.
+    """
+    for p, i in enumerate(rows):
+        for j in range(untried.shape[1]):
+            if untried[i, j] and (_within(minimum[i, j], points[p], reach) or _within(starts[i, j], points[p], reach)):
+                untried[i, j] = False
+
+
+@compiled
+def undecided(untried, active, gap, lowest, best, sure):
+    """Cross off what cannot lead to a nearer point than ``best`` (n,); return how many queries have something left.
+
+    ``active`` (a,) int64 are the queries that are looked at: the first of them are overwritten by those with something
+    left, and ``sure`` (n,) is set for the others.
+    """
+    left = 0
+    for i in active:
+        some = False
+        for j in range(untried.shape[1]):
+            if untried[i, j]:
+                # (gap - best) (gap + best), because the squares of far queries differ by less than they are rounded
+                untried[i, j] = not (gap[i, j] - best[i]) * (gap[i, j] + best[i]) + lowest[i, j] > 0
+                some |= untried[i, j]
+        if some:
+            active[left] = i
+            left += 1
+        else:
+            sure[i] = True
+    return left
+
+
+@compiled
+def choose(untried, minimum, starts, active, room, most, reach, rows, columns):
+    """Fill in pairs of queries and untried samples whose models lead to different places; return how many.
+
+    Parameters
+    ----------
+    room : (n,) int64
+        How many samples of a query may still be tried; lowered by those that are chosen.
+    most : int
+        At most so many for each query: the nearest.
+    rows, columns : (len(active) most,) int64
+        Filled with the pairs, which are no longer untried.
+    """
+    count = 0
+    for i in active:
+        first = count
+        for j in range(untried.shape[1]):
+            if count - first >= min(most, room[i]):
+                break
+            if not untried[i, j]:
+                continue
+            apart = True
+            for c in range(first, count):
+                led = minimum[i, columns[c]]
+                apart &= not (_within(minimum[i, j], led, reach) or _within(starts[i, j], led, reach))
+            if apart:
+                rows[count], columns[count] = i, j
+                untried[i, j] = False
+                count += 1
+        room[i] -= count - first
+    return count
+
+
+@compiled
+def keep_nearest(points, best, rows, feet, distance):
+    """Put the feet (p, d) of the queries ``rows`` (p,) in place of those that are farther."""
+    for p, i in enumerate(rows):
+        if distance[p] < best[i]:
+            best[i] = distance[p]
+            points[i] = feet[p]
+
+
+@inlined
+def _within(a, b, reach):
+    """Return whether two points are at most ``reach`` apart; False for NaN."""
+    square = 0.0
+    for k in range(len(a)):
+        square += (a[k] - b[k]) ** 2
+    return square <= reach * reach
