@@ -10,6 +10,7 @@ import numpy as np
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.forms.galerkin.samples.carrying import carried_along
 from cpmkit.forms.galerkin.samples.edges import Edges, edges_of, edges_on_cut
+from cpmkit.forms.galerkin.samples.flipping import without_chords
 from cpmkit.forms.galerkin.samples.folding import unturned
 from cpmkit.forms.galerkin.samples.midpoint_folds import unfolded
 from cpmkit.forms.galerkin.samples.rim import Rim, rim_of_edges, rim_of_vertices
@@ -81,7 +82,8 @@ def moved_to_feet(mesh: SampleMesh, source: LocalSource, boundaries: Sequence[Lo
         points[left], times[left] = before[left], 0
     rows, beside = carried_along(mesh, before, points, times == 0)
     points[rows] = source.closest_point(beside).points
-    return replace(mesh, vertices=unturned(mesh, before, points))
+    mesh = replace(mesh, vertices=unturned(mesh, before, points))
+    return without_chords(mesh, edges) if mesh.manifold_dim == 2 and len(mesh.cut) else mesh
 
 
 def with_midpoints(mesh: SampleMesh, source: LocalSource, boundaries: Sequence[LocalSource | None] = ()) -> SampleMesh:
