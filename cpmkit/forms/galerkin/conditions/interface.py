@@ -15,13 +15,11 @@ A scene's law is ``u_1 - u_2 = jump + R flow``, the flow being the mean of -q_1 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-from cpmkit.forms.galerkin.conditions.one_side import doubled, scaled
+import numpy as np
+
+from cpmkit.forms.galerkin.conditions.one_side import times
 from cpmkit.protocols import Floats
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
 
 #: The penalty between two sides, and that on continuations of boundaries past their tips: there zero flux on a slit is
 #: read off a third better with half of it.
@@ -39,20 +37,23 @@ class OneSideRows:
         The diffusivity.
     widths : (k,) float64
         The local width.
-    values, slopes : csr_array (k, n)
-        Rows that read u, and du/db with b out of this side.
+    values, slopes : (k, w) float64
+        Entries of the rows that read u, and du/db with b out of this side.
     """
 
     a: Floats
     widths: Floats
-    values: csr_array
-    slopes: csr_array
+    values: Floats
+    slopes: Floats
 
 
 def interface(
     first: OneSideRows, second: OneSideRows, resistance: Floats, weights: Floats, penalty: Floats
-) -> tuple[csr_array, csr_array, csr_array]:
-    """Return what couplings add to the matrix, and by which matrices (n, k) jump and flux (k,) add to b.
+) -> tuple[list[tuple[Floats, Floats]], list[Floats]]:
+    """Return the products that couplings add to the matrix, and by which entries jump and flux (k,) add to b.
+
+    All of these have the columns of the first side, and then those of the second; products as of
+    :func:`~cpmkit.forms.galerkin.conditions.one_side.one_side`.
 
     Parameters
     ----------
@@ -64,12 +65,11 @@ def interface(
     r = [side.widths / side.a for side in (first, second)]
     k = r[0] / (r[0] + r[1])
     g = (r[0] + r[1]) / (2 * penalty)
-    m = resistance + g
-    jump = first.values - second.values
-    flux = scaled(k * first.a, first.slopes) - scaled((1 - k) * second.a, second.slopes)
-    half = jump.T @ (scaled(weights * 0.5 / m, jump) - scaled(weights * g / m, flux))
-    half = half - flux.T @ scaled(weights * 0.5 * resistance * g / m, flux)
-    by_jump = scaled(weights / m, jump) - scaled(weights * g / m, flux)
-    mean = scaled(weights * (1 - k), first.values) + scaled(weights * k, second.values)
-    by_flux = mean + scaled(0.5 * resistance * (2 * k - 1), by_jump)
-    return doubled(half), by_jump.T.tocsr(), by_flux.T.tocsr()
+    share, eps = weights / (resistance + g), resistance
+    jump = np.hstack([first.values, -second.values])
+    flux = np.hstack([times(k * first.a, first.slopes), times((k - 1) * second.a, second.slopes)])
+    by_jump = times(share, jump) - times(share * g, flux)
+    mean = np.hstack([times(weights * (1 - k), first.values), times(weights * k, second.values)])
+    by_flux = mean + times(0.5 * eps * (2 * k - 1), by_jump)
+    of_jump = times(0.5 * share, jump) - times(share * g, flux)
+    return [(jump, of_jump), (flux, times(-0.5 * share * eps * g, flux))], [by_jump, by_flux]

@@ -30,9 +30,9 @@ PENALTY = 60.0
 
 
 def one_side(
-    alpha: Floats, beta: Floats, a: Floats, weights: Floats, widths: Floats, values: csr_array, slopes: csr_array
-) -> tuple[csr_array, csr_array]:
-    """Return what conditions add to the matrix (n, n), and by which matrix (n, k) their datum gamma (k,) adds to b.
+    alpha: Floats, beta: Floats, a: Floats, weights: Floats, widths: Floats, values: Floats, slopes: Floats
+) -> tuple[list[tuple[Floats, Floats]], Floats]:
+    """Return the products that conditions add to the matrix, and by which entries (k, w) their datum gamma adds to b.
 
     Parameters
     ----------
@@ -42,17 +42,28 @@ def one_side(
         The diffusivity on this side.
     weights, widths : (k,) float64
         The samples' weights s, and the local width w.
-    values, slopes : csr_array (k, n)
-        Rows that read u and du/db at the samples.
+    values, slopes : (k, w) float64
+        Entries of the rows that read u and du/db at the samples.
+
+    Returns
+    -------
+    list of two (k, w) float64
+        Pairs of rows x and y: what is added is the sum of x y^T and y x^T.
+    (k, w) float64
+        Those of the load.
     """
     e, g = alpha / a, widths / (PENALTY * a)
     g = np.where((e * beta > 0) | (alpha == 0), g, 0.0)
-    m = e + beta * g
-    flux = scaled(a, slopes)
-    half = values.T @ (scaled(weights * 0.5 * beta / m, values) - scaled(weights * beta * g / m, flux))
-    half = half - flux.T @ scaled(weights * 0.5 * e * g / m, flux)
-    data = scaled(weights / m, values) - scaled(weights * g / m, flux)
-    return doubled(half), data.T.tocsr()
+    share = weights / (e + beta * g)
+    flux = times(a, slopes)
+    data = times(share, values) - times(share * g, flux)
+    of_value = times(0.5 * share * beta, values) - times(share * beta * g, flux)
+    return [(values, of_value), (flux, times(-0.5 * share * e * g, flux))], data
+
+
+def times(factors: Floats, entries: Floats) -> Floats:
+    """Return ``entries`` (k, w) multiplied by ``factors`` (k,)."""
+    return np.asarray(factors[:, None] * entries)
 
 
 def scaled(factors: Floats, rows: csr_array) -> csr_array:
@@ -60,8 +71,3 @@ def scaled(factors: Floats, rows: csr_array) -> csr_array:
     product = rows.tocsr(copy=True)
     product.data *= np.repeat(factors, np.diff(product.indptr))
     return product
-
-
-def doubled(half: csr_array) -> csr_array:
-    """Return a matrix plus its transpose: symmetric to the last bit."""
-    return (half + half.T).tocsr()

@@ -15,7 +15,8 @@ from cpmkit.forms.galerkin.conditions.coefficients import beside, given, local_w
 from cpmkit.forms.galerkin.conditions.held import Held
 from cpmkit.forms.galerkin.conditions.inflow import entering, going_on
 from cpmkit.forms.galerkin.conditions.interface import COUPLING_PENALTY, SEAM_PENALTY, OneSideRows, interface
-from cpmkit.forms.galerkin.conditions.one_side import doubled, one_side, scaled
+from cpmkit.forms.galerkin.conditions.one_side import one_side, scaled, times
+from cpmkit.forms.galerkin.conditions.products import Readings, loading, readings, symmetric
 from cpmkit.forms.galerkin.conditions.slants import slants
 from cpmkit.forms.galerkin.conditions.state_flux import BoundaryFlux, tangent
 from cpmkit.grid.lattice import Lattice
@@ -102,8 +103,9 @@ class ConditionTerms:
         if not rows:
             return None
         chosen = np.concatenate(rows)
-        read = self.values[chosen]
-        return doubled(read.T @ scaled(0.5 * self.samples.weights[chosen] * self.a[chosen], read))
+        columns, read, _ = self._readings.at(chosen)
+        factors = 0.5 * self.samples.weights[chosen] * self.a[chosen]
+        return symmetric(columns, [(read, times(factors, read))], self.values.shape[1])
 
     @property
     def strip(self) -> Ints:
@@ -142,26 +144,27 @@ class ConditionTerms:
         alpha = stacked([np.full(len(one.rows), float(law.alpha)) for law, one in laws])
         beta = stacked([beta_at(law, self._where(one.rows), one.what) for law, one in laws])
         widths = np.where(self.samples.half[rows] >= 0, self.widths[rows], 1.0)  # at a point the penalty has no unit
-        read = self.values[rows], self.slopes[rows]
-        sums = one_side(alpha, beta, self.a[rows], self.samples.weights[rows], widths, *read)
-        return Sum(*sums, tuple((law.datum, self._where(one.rows), one.what) for law, one in laws))
+        n, (columns, *read) = self.values.shape[1], self._readings.at(rows)
+        products, load = one_side(alpha, beta, self.a[rows], self.samples.weights[rows], widths, *read)
+        data = tuple((law.datum, self._where(one.rows), one.what) for law, one in laws)
+        return Sum(symmetric(columns, products, n), loading(columns, [load], n), data)
 
     @cached_property
     def _coupled(self) -> Sum:
-        from scipy.sparse import hstack
-
         laws = [(one.law, one) for one in self.held if isinstance(one.law, Interface)]
         if not laws:
             return self._nothing
         rows = stacked([one.rows for _, one in laws], np.int64), stacked([one.across for _, one in laws], np.int64)
-        sides = [OneSideRows(self.a[side], self.widths[side], self.values[side], self.slopes[side]) for side in rows]
+        n, read = self.values.shape[1], [self._readings.at(side) for side in rows]
+        sides = [OneSideRows(self.a[side], self.widths[side], *own[1:]) for side, own in zip(rows, read, strict=True)]
         resistance = stacked([np.full(len(one.rows), law.resistance) for law, one in laws])
         penalty = stacked([np.full(len(one.rows), SEAM_PENALTY if one.seam else COUPLING_PENALTY) for _, one in laws])
-        matrix, *by = interface(sides[0], sides[1], resistance, self.samples.weights[rows[0]], penalty)
+        products, by = interface(sides[0], sides[1], resistance, self.samples.weights[rows[0]], penalty)
         where = [self._where(one.rows) for _, one in laws]
         jumps = [(law.jump, at, f"the jump of {one.what}") for (law, one), at in zip(laws, where, strict=True)]
         fluxes = [(law.flux, at, f"the flux of {one.what}") for (law, one), at in zip(laws, where, strict=True)]
-        return Sum(matrix, hstack(by, format="csr"), (*jumps, *fluxes))
+        columns = np.hstack([own.columns for own in read])
+        return Sum(symmetric(columns, products, n), loading(columns, by, n), (*jumps, *fluxes))
 
     @cached_property
     def _carried(self) -> Sum:
@@ -180,6 +183,10 @@ class ConditionTerms:
         laws = [(one.law, one) for one in coupled if isinstance(one.law, Interface)]
         jumps = [(law.jump, self._where(one.rows), f"the jump of {one.what}") for law, one in laws]
         return Sum((inflow + passing).tocsr(), hstack([by_value, by_jump], format="csr"), (*values, *jumps))
+
+    @cached_property
+    def _readings(self) -> Readings:
+        return readings(self.values, self.slopes)
 
     @property
     def _nothing(self) -> Sum:
