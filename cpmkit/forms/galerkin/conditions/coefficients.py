@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,7 +33,9 @@ DIFFUSIVITY_MISMATCH_SHARE = 0.01
 MISREAD_POINTS_SHARE = 0.1
 
 
-def local_widths(values: csr_array, areas: Floats, samples: BoundarySamples, left: Bools, spacing: Floats) -> Floats:
+def local_widths(
+    values: csr_array, areas: Floats, samples: BoundarySamples, sides: Sequence[Bools], spacing: Floats
+) -> Floats:
     """Return how wide the manifold is beside boundary samples (b,), h at most: penalties are in units of its inverse.
 
     ``w(y) = min(h, (sum_j N_j(y) A_j / sum_j N_j(y) L_j) / .89)``, A_j and L_j the integrals of spline j over the
@@ -45,20 +48,18 @@ def local_widths(values: csr_array, areas: Floats, samples: BoundarySamples, lef
     areas : (n,) float64
         A_j.
     samples : BoundarySamples
-        Those at which conditions tie u.
-    left : (b,) bool
-        Which are on the left: sides are measured apart.
+        Where they are.
+    sides : sequence of (b,) bool
+        Those that are measured together, as on one side of a boundary; elsewhere the width is h.
     spacing : (b,) float64
         h there.
     """
-    width = np.array(spacing, dtype=np.float64)
-    for side in (left, ~left):
-        rows = np.flatnonzero(side & (samples.half >= 0))
-        if not len(rows):
-            continue
-        read = values[rows]
-        lengths = read.T @ samples.weights[rows]
-        width[rows] = np.minimum(width[rows], (read @ areas) / (read @ lengths) / WIDE_SHARE)
+    width, read = np.array(spacing, dtype=np.float64), values @ areas
+    for side in sides:
+        chosen = side & (samples.half >= 0)
+        lengths = values.T @ np.where(chosen, samples.weights, 0.0)
+        own = read[chosen] / (values @ lengths)[chosen] / WIDE_SHARE
+        width[chosen] = np.minimum(width[chosen], own)
     return width
 
 

@@ -245,9 +245,10 @@ def condition_terms(
         If a condition gives a conductivity that is not the problem's.
     """
     values, slopes = read
-    ties = stacked([one.all_rows for one in held if one.ties], np.int64)
+    ties = np.zeros(len(samples), dtype=bool)
+    ties[stacked([one.all_rows for one in held if one.ties], np.int64)] = True
     spacing = np.broadcast_to(lattice.spacing if spacings is None else spacings, len(samples))
-    widths = local_widths(values, areas, samples, left, spacing)
+    widths = local_widths(values, areas, samples, (left, ~left), spacing)
     around = (values @ logarithms) / (values @ areas)
     if slopes_along is None:
         a = beside(diffusivity, samples, widths, around, lattice, "the diffusivity")
@@ -264,7 +265,8 @@ def condition_terms(
             for rows, own, side in ((one.rows, one.law.left, "left"), (one.across, one.law.right, "right")):
                 beside_it = samples.take(rows)
                 a[rows] = given(own, a[rows], beside_it, widths[rows], lattice, one.what, side)
-    widths[ties] = local_widths(values[ties], areas, samples.take(ties), left[ties], spacing[ties])
+    if not ties.all():
+        widths = np.where(ties, local_widths(values, areas, samples, (left & ties, ~left & ties), spacing), widths)
     return ConditionTerms(tuple(held), samples, values, slopes, a, widths, lattice)
 
 

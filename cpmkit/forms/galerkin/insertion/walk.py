@@ -83,7 +83,7 @@ class Walker:
         path = [v]
         while path[-1] != w:
             here = path[-1]
-            if w in net.neighbours(here):
+            if net.cells_at(here, w):
                 path.append(w)
                 break
             hit = self.hit(here, less(goal, net.at(here)), normal)
