@@ -30,9 +30,11 @@ PENALTY = 60.0
 
 
 def one_side(
-    alpha: Floats, beta: Floats, a: Floats, weights: Floats, widths: Floats, values: Floats, slopes: Floats
+    alpha: Floats, beta: Floats, a: Floats, weights: Floats, widths: Floats
 ) -> tuple[list[tuple[Floats, Floats]], Floats]:
-    """Return the products that conditions add to the matrix, and by which entries (k, w) their datum gamma adds to b.
+    """Return the products that conditions add to the matrix, and by which factors their datum gamma (k,) adds to b.
+
+    Both are factors (k, 1, 2) of u and du/db, as of :mod:`~cpmkit.forms.galerkin.conditions.products`.
 
     Parameters
     ----------
@@ -42,28 +44,18 @@ def one_side(
         The diffusivity on this side.
     weights, widths : (k,) float64
         The samples' weights s, and the local width w.
-    values, slopes : (k, w) float64
-        Entries of the rows that read u and du/db at the samples.
-
-    Returns
-    -------
-    list of two (k, w) float64
-        Pairs of rows x and y: what is added is the sum of x y^T and y x^T.
-    (k, w) float64
-        Those of the load.
     """
     e, g = alpha / a, widths / (PENALTY * a)
     g = np.where((e * beta > 0) | (alpha == 0), g, 0.0)
-    share = weights / (e + beta * g)
-    flux = times(a, slopes)
-    data = times(share, values) - times(share * g, flux)
-    of_value = times(0.5 * share * beta, values) - times(share * beta * g, flux)
-    return [(values, of_value), (flux, times(-0.5 * share * e * g, flux))], data
+    share, none = weights / (e + beta * g), np.zeros(len(a))
+    value, flux = factors(none + 1, none), factors(none, a)
+    of_value = factors(0.5 * share * beta, -share * beta * g * a)
+    return [(value, of_value), (flux, factors(none, -0.5 * share * e * g * a))], factors(share, -share * g * a)
 
 
-def times(factors: Floats, entries: Floats) -> Floats:
-    """Return ``entries`` (k, w) multiplied by ``factors`` (k,)."""
-    return np.asarray(factors[:, None] * entries)
+def factors(*of: Floats) -> Floats:
+    """Return the factors (k, s, 2) of u and du/db (k,), side by side."""
+    return np.stack(of, axis=1).reshape(len(of[0]), -1, 2)
 
 
 def scaled(factors: Floats, rows: csr_array) -> csr_array:

@@ -14,8 +14,8 @@ from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples
 from cpmkit.forms.galerkin.conditions.coefficients import beside, given, local_widths
 from cpmkit.forms.galerkin.conditions.held import Held
 from cpmkit.forms.galerkin.conditions.inflow import entering, going_on
-from cpmkit.forms.galerkin.conditions.interface import COUPLING_PENALTY, SEAM_PENALTY, OneSideRows, interface
-from cpmkit.forms.galerkin.conditions.one_side import one_side, scaled, times
+from cpmkit.forms.galerkin.conditions.interface import COUPLING_PENALTY, SEAM_PENALTY, interface
+from cpmkit.forms.galerkin.conditions.one_side import factors, one_side, scaled
 from cpmkit.forms.galerkin.conditions.products import Readings, loading, readings, symmetric
 from cpmkit.forms.galerkin.conditions.slants import slants
 from cpmkit.forms.galerkin.conditions.state_flux import BoundaryFlux, tangent
@@ -30,16 +30,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Sum:
-    """What laws add together: a matrix (n, n), and to b the product of ``load`` (n, k) with the data of all in turn."""
+    """What laws add together: a matrix (n, n), and to b what ``load`` makes of data (k, channels) of all in turn."""
 
     matrix: csr_array
-    load: csr_array
+    load: Callable[[Floats], Floats]
     data: tuple[tuple[Data, Floats, str], ...]
 
     def loads(self, channels: int, time: float | None) -> Floats:
         """Return what the data at ``time`` add to b, (n, channels)."""
         values = [evaluate_data(data, points, channels, what, time) for data, points, what in self.data]
-        return np.asarray(self.load @ np.concatenate([np.zeros((0, channels)), *values]))
+        return self.load(np.concatenate([np.zeros((0, channels)), *values]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,9 +103,9 @@ class ConditionTerms:
         if not rows:
             return None
         chosen = np.concatenate(rows)
-        columns, read, _ = self._readings.at(chosen)
-        factors = 0.5 * self.samples.weights[chosen] * self.a[chosen]
-        return symmetric(columns, [(read, times(factors, read))], self.values.shape[1])
+        none, weighted = np.zeros(len(chosen)), 0.5 * self.samples.weights[chosen] * self.a[chosen]
+        product = factors(none + 1, none), factors(weighted, none)
+        return symmetric(self._readings, chosen[:, None], [product], self.values.shape[1])
 
     @property
     def strip(self) -> Ints:
@@ -144,10 +144,9 @@ class ConditionTerms:
         alpha = stacked([np.full(len(one.rows), float(law.alpha)) for law, one in laws])
         beta = stacked([beta_at(law, self._where(one.rows), one.what) for law, one in laws])
         widths = np.where(self.samples.half[rows] >= 0, self.widths[rows], 1.0)  # at a point the penalty has no unit
-        n, (columns, *read) = self.values.shape[1], self._readings.at(rows)
-        products, load = one_side(alpha, beta, self.a[rows], self.samples.weights[rows], widths, *read)
+        products, by = one_side(alpha, beta, self.a[rows], self.samples.weights[rows], widths)
         data = tuple((law.datum, self._where(one.rows), one.what) for law, one in laws)
-        return Sum(symmetric(columns, products, n), loading(columns, [load], n), data)
+        return self._sum(rows[:, None], products, [by], data)
 
     @cached_property
     def _coupled(self) -> Sum:
@@ -155,16 +154,14 @@ class ConditionTerms:
         if not laws:
             return self._nothing
         rows = stacked([one.rows for _, one in laws], np.int64), stacked([one.across for _, one in laws], np.int64)
-        n, read = self.values.shape[1], [self._readings.at(side) for side in rows]
-        sides = [OneSideRows(self.a[side], self.widths[side], *own[1:]) for side, own in zip(rows, read, strict=True)]
+        a, widths = [self.a[side] for side in rows], [self.widths[side] for side in rows]
         resistance = stacked([np.full(len(one.rows), law.resistance) for law, one in laws])
         penalty = stacked([np.full(len(one.rows), SEAM_PENALTY if one.seam else COUPLING_PENALTY) for _, one in laws])
-        products, by = interface(sides[0], sides[1], resistance, self.samples.weights[rows[0]], penalty)
+        products, by = interface(a, widths, resistance, self.samples.weights[rows[0]], penalty)
         where = [self._where(one.rows) for _, one in laws]
         jumps = [(law.jump, at, f"the jump of {one.what}") for (law, one), at in zip(laws, where, strict=True)]
         fluxes = [(law.flux, at, f"the flux of {one.what}") for (law, one), at in zip(laws, where, strict=True)]
-        columns = np.hstack([own.columns for own in read])
-        return Sum(symmetric(columns, products, n), loading(columns, by, n), (*jumps, *fluxes))
+        return self._sum(np.stack(rows, axis=1), products, by, (*jumps, *fluxes))
 
     @cached_property
     def _carried(self) -> Sum:
@@ -182,7 +179,8 @@ class ConditionTerms:
         values = [(one.law.datum, self._where(one.rows), one.what) for one in given if isinstance(one.law, Value)]
         laws = [(one.law, one) for one in coupled if isinstance(one.law, Interface)]
         jumps = [(law.jump, self._where(one.rows), f"the jump of {one.what}") for law, one in laws]
-        return Sum((inflow + passing).tocsr(), hstack([by_value, by_jump], format="csr"), (*values, *jumps))
+        load = hstack([by_value, by_jump], format="csr")
+        return Sum((inflow + passing).tocsr(), lambda data: np.asarray(load @ data), (*values, *jumps))
 
     @cached_property
     def _readings(self) -> Readings:
@@ -193,7 +191,17 @@ class ConditionTerms:
         from scipy.sparse import csr_array
 
         n = self.values.shape[1]
-        return Sum(csr_array((n, n)), csr_array((n, 0)), ())
+        return Sum(csr_array((n, n)), lambda data: np.zeros((n, data.shape[1])), ())
+
+    def _sum(
+        self,
+        rows: Ints,
+        products: Sequence[tuple[Floats, Floats]],
+        by: Sequence[Floats],
+        data: tuple[tuple[Data, Floats, str], ...],
+    ) -> Sum:
+        matrix = symmetric(self._readings, rows, products, self.values.shape[1])
+        return Sum(matrix, loading(self.values, self.slopes, rows, by), data)
 
     def _where(self, rows: Ints) -> Floats:
         return self.lattice.to_scene(self.samples.points[rows])

@@ -151,7 +151,7 @@ class Triangulation:
 
     @cached_property
     def rims(self) -> Bools:
-        """(m, 3) which edges of roots, by the corners opposite to them, have no other root beside them, split or not."""
+        """(m, 3) which edges of roots, by the corners opposite to them, have no other root beside them."""
         from cpmkit.forms.galerkin.samples.edges_kernels import number_edges
 
         of_cells = number_edges(np.ascontiguousarray(self.cells), len(self.vertices))[1]
