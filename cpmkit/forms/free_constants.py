@@ -44,8 +44,11 @@ def free_pieces(
     matrix = stiffness.to_csr()
     whole = summing is None or summing == matrix.shape[0]
     count, piece = connected_components(matrix if whole else matrix[:summing, :summing], directed=False)
-    indicator = csr_array((np.ones(len(piece)), (np.arange(len(piece)), piece)), shape=(matrix.shape[0], count))
-    drift = abs(matrix @ indicator).max(axis=0).toarray().ravel()
+    starts = np.minimum(np.arange(matrix.shape[0] + 1), len(piece))  # no piece has what is not summed
+    indicator = csr_array((np.ones(len(piece)), piece, starts), shape=(matrix.shape[0], count))
+    pulled = matrix @ indicator
+    drift = np.zeros(count)
+    np.maximum.at(drift, pulled.indices, np.abs(pulled.data))
     free = np.flatnonzero(drift <= ROUNDING * float(np.abs(matrix.diagonal()).max()))
     if not len(free):
         return None

@@ -50,16 +50,14 @@ def local_widths(
     samples : BoundarySamples
         Where they are.
     sides : sequence of (b,) bool
-        Those that are measured together, as on one side of a boundary; elsewhere the width is h.
+        Those that are measured together, as on one side of a boundary, none twice; elsewhere the width is h.
     spacing : (b,) float64
         h there.
     """
-    width, read = np.array(spacing, dtype=np.float64), values @ areas
-    for side in sides:
-        chosen = side & (samples.half >= 0)
-        lengths = values.T @ np.where(chosen, samples.weights, 0.0)
-        own = read[chosen] / (values @ lengths)[chosen] / WIDE_SHARE
-        width[chosen] = np.minimum(width[chosen], own)
+    width, measured = np.array(spacing, dtype=np.float64), np.stack(sides, axis=1) & (samples.half >= 0)[:, None]
+    lengths = values @ (values.T @ np.where(measured, samples.weights[:, None], 0.0))
+    row, side = np.nonzero(measured)
+    width[row] = np.minimum(width[row], (values @ areas)[row] / lengths[row, side] / WIDE_SHARE)
     return width
 
 

@@ -95,11 +95,12 @@ def loading(values: csr_array, slopes: csr_array, rows: Ints, by: Sequence[Float
     """
 
     def load(data: Floats) -> Floats:
-        sums = np.zeros((2, values.shape[0], data.shape[1]))
-        for factors, own in zip(by, np.split(data, len(by)), strict=True):
-            for side in range(rows.shape[1]):
-                for of in range(2):
-                    np.add.at(sums[of], rows[:, side], factors[:, side, of, None] * own)
+        factors, b = np.stack(by), values.shape[0]
+        sums = np.zeros((2, b, data.shape[1]))
+        for channel, own in enumerate(data.T):
+            weighted = np.einsum("jksf,jk->fks", factors, own.reshape(len(by), -1))
+            for of in range(2):
+                sums[of, :, channel] = np.bincount(rows.ravel(), weighted[of].ravel(), b)
         return np.asarray(values.T @ sums[0] + slopes.T @ sums[1])
 
     return load

@@ -77,8 +77,12 @@ class ConditionTerms:
     @property
     def matrix(self) -> csr_array:
         """(n, n) to be added to the stiffness, symmetric to the last bit but for what a velocity carries."""
-        matrix = self._one_sided.matrix + self._coupled.matrix
-        return (matrix if self.speed_out is None else matrix + self._carried.matrix).tocsr()
+        carried = [] if self.speed_out is None else [self._carried]
+        matrix = self._one_sided.matrix
+        for one in (self._coupled, *carried):
+            if one.matrix.nnz:
+                matrix = matrix + one.matrix if matrix.nnz else one.matrix
+        return matrix.tocsr()
 
     def load(self, channels: int, time: float | None = None) -> Floats:
         """Return what the data at ``time`` add to b, (n, channels)."""

@@ -62,12 +62,10 @@ class Triangulation:
     @cached_property
     def _given_fans(self) -> tuple[Ints, Ints]:
         """Where the triangles of each vertex start in the list of them, and the list."""
-        from scipy.sparse import coo_array
+        from cpmkit.forms.galerkin.space.pattern_kernels import inverted
 
-        m = len(self.cells)
-        ones, cells = np.ones(3 * m, dtype=np.int8), np.repeat(np.arange(m), 3)
-        graph = coo_array((ones, (self.cells.ravel(), cells)), (len(self.vertices), m)).tocsr()
-        return graph.indptr, graph.indices
+        starts, places = inverted(self.cells.ravel(), len(self.vertices))
+        return starts, places // 3
 
     def _given_fan(self, vertex: int) -> list[int]:
         start, cells = self._given_fans
