@@ -16,7 +16,7 @@ from cpmkit.forms.galerkin.conditions.held import Held
 from cpmkit.forms.galerkin.conditions.inflow import entering, going_on
 from cpmkit.forms.galerkin.conditions.interface import COUPLING_PENALTY, SEAM_PENALTY, interface
 from cpmkit.forms.galerkin.conditions.one_side import factors, one_side, scaled
-from cpmkit.forms.galerkin.conditions.products import Readings, loading, readings, symmetric
+from cpmkit.forms.galerkin.conditions.products import Loading, Readings, readings, symmetric
 from cpmkit.forms.galerkin.conditions.slants import slants
 from cpmkit.forms.galerkin.conditions.state_flux import BoundaryFlux, tangent
 from cpmkit.grid.lattice import Lattice
@@ -30,16 +30,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Sum:
-    """What laws add together: a matrix (n, n), and to b what ``load`` makes of data (k, channels) of all in turn."""
+    """What laws add together: a matrix (n, n), and to b the product of ``load`` (n, k) with the data of all in turn."""
 
     matrix: csr_array
-    load: Callable[[Floats], Floats]
+    load: csr_array | Loading
     data: tuple[tuple[Data, Floats, str], ...]
 
     def loads(self, channels: int, time: float | None) -> Floats:
         """Return what the data at ``time`` add to b, (n, channels)."""
         values = [evaluate_data(data, points, channels, what, time) for data, points, what in self.data]
-        return self.load(np.concatenate([np.zeros((0, channels)), *values]))
+        return np.asarray(self.load @ np.concatenate([np.zeros((0, channels)), *values]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +109,7 @@ class ConditionTerms:
         chosen = np.concatenate(rows)
         none, weighted = np.zeros(len(chosen)), 0.5 * self.samples.weights[chosen] * self.a[chosen]
         product = factors(none + 1, none), factors(weighted, none)
-        return symmetric(self._readings, chosen[:, None], [product], self.values.shape[1])
+        return symmetric(self._readings, chosen[:, None], [product])
 
     @property
     def strip(self) -> Ints:
@@ -150,7 +150,8 @@ class ConditionTerms:
         widths = np.where(self.samples.half[rows] >= 0, self.widths[rows], 1.0)  # at a point the penalty has no unit
         products, by = one_side(alpha, beta, self.a[rows], self.samples.weights[rows], widths)
         data = tuple((law.datum, self._where(one.rows), one.what) for law, one in laws)
-        return self._sum(rows[:, None], products, [by], data)
+        load = Loading(self._readings, rows[:, None], by[None])
+        return Sum(symmetric(self._readings, rows[:, None], products), load, data)
 
     @cached_property
     def _coupled(self) -> Sum:
@@ -165,7 +166,9 @@ class ConditionTerms:
         where = [self._where(one.rows) for _, one in laws]
         jumps = [(law.jump, at, f"the jump of {one.what}") for (law, one), at in zip(laws, where, strict=True)]
         fluxes = [(law.flux, at, f"the flux of {one.what}") for (law, one), at in zip(laws, where, strict=True)]
-        return self._sum(np.stack(rows, axis=1), products, by, (*jumps, *fluxes))
+        both = np.stack(rows, axis=1)
+        load = Loading(self._readings, both, np.stack(by))
+        return Sum(symmetric(self._readings, both, products), load, (*jumps, *fluxes))
 
     @cached_property
     def _carried(self) -> Sum:
@@ -183,8 +186,7 @@ class ConditionTerms:
         values = [(one.law.datum, self._where(one.rows), one.what) for one in given if isinstance(one.law, Value)]
         laws = [(one.law, one) for one in coupled if isinstance(one.law, Interface)]
         jumps = [(law.jump, self._where(one.rows), f"the jump of {one.what}") for law, one in laws]
-        load = hstack([by_value, by_jump], format="csr")
-        return Sum((inflow + passing).tocsr(), lambda data: np.asarray(load @ data), (*values, *jumps))
+        return Sum((inflow + passing).tocsr(), hstack([by_value, by_jump], format="csr"), (*values, *jumps))
 
     @cached_property
     def _readings(self) -> Readings:
@@ -195,17 +197,7 @@ class ConditionTerms:
         from scipy.sparse import csr_array
 
         n = self.values.shape[1]
-        return Sum(csr_array((n, n)), lambda data: np.zeros((n, data.shape[1])), ())
-
-    def _sum(
-        self,
-        rows: Ints,
-        products: Sequence[tuple[Floats, Floats]],
-        by: Sequence[Floats],
-        data: tuple[tuple[Data, Floats, str], ...],
-    ) -> Sum:
-        matrix = symmetric(self._readings, rows, products, self.values.shape[1])
-        return Sum(matrix, loading(self.values, self.slopes, rows, by), data)
+        return Sum(csr_array((n, n)), csr_array((n, 0)), ())
 
     def _where(self, rows: Ints) -> Floats:
         return self.lattice.to_scene(self.samples.points[rows])
