@@ -416,7 +416,7 @@ class Discretized(ABC):
 
     def free_constants(self, stiffness: Stiffness) -> Border | None:
         """Return the pieces on which a constant is free, with means over them; None where there is none."""
-        return free_pieces(stiffness, self.mass)
+        return free_pieces(stiffness, lambda: self.mass)
 
     def means_without_flux(self) -> csr_array | None:
         """Return the means (k, n) over pieces that nothing flows out of, where the form tells them exactly enough."""

@@ -7,6 +7,7 @@ balance, a constant on each piece, is left out of f and told.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple, Protocol
 from weakref import WeakKeyDictionary
 
@@ -28,9 +29,12 @@ ROUNDING = 1e-10
 MOSTLY = 0.5
 
 
-def free_pieces(stiffness: Operator, mass: Operator | None, summing: int | None = None) -> Border | None:
+def free_pieces(
+    stiffness: Operator, mass_of: Callable[[], Operator | None], summing: int | None = None
+) -> Border | None:
     """Return the pieces on which A has no say about a constant, from A and M alone; None where there is none.
 
+    M is asked for where there is one.
     Unknowns that A couples make a piece; on a free one A times the piece's indicator vanishes. The constant 1 is 1 at
     the first ``summing`` unknowns, at all unless given, and zero at others.
     """
@@ -38,14 +42,19 @@ def free_pieces(stiffness: Operator, mass: Operator | None, summing: int | None 
     from scipy.sparse.csgraph import connected_components
 
     matrix = stiffness.to_csr()
-    count, piece = connected_components(matrix[:summing, :summing], directed=False)
-    indicator = csr_array((np.ones(len(piece)), (np.arange(len(piece)), piece)), shape=(matrix.shape[0], count))
-    drift = abs(matrix @ indicator).max(axis=0).toarray().ravel()
+    whole = summing is None or summing == matrix.shape[0]
+    count, piece = connected_components(matrix if whole else matrix[:summing, :summing], directed=False)
+    starts = np.minimum(np.arange(matrix.shape[0] + 1), len(piece))  # no piece has what is not summed
+    indicator = csr_array((np.ones(len(piece)), piece, starts), shape=(matrix.shape[0], count))
+    pulled = matrix @ indicator
+    drift = np.zeros(count)
+    np.maximum.at(drift, pulled.indices, np.abs(pulled.data))
     free = np.flatnonzero(drift <= ROUNDING * float(np.abs(matrix.diagonal()).max()))
     if not len(free):
         return None
     indicator = indicator[:, free].tocsr()
     dense = indicator.toarray()
+    mass = mass_of()
     weights = dense if mass is None else mass.apply(dense)
     mean = csr_array((weights / (dense * weights).sum(axis=0)).T)
     members = np.diff(indicator.tocsc().indptr)  # a load of mean one, as the indicator is, keeps the shift's size

@@ -34,7 +34,8 @@ def trim() -> None:
 
 def _held() -> int:
     try:
-        return int(PAGES.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+        with PAGES.open("rb", buffering=0) as read:
+            return int(read.readall().split()[1]) * os.sysconf("SC_PAGE_SIZE")
     except (OSError, ValueError, IndexError):  # no system that tells it
         return 0
 

@@ -84,7 +84,7 @@ def test_a_strip_hides_its_penalties():
 def test_a_strip_without_penalties_that_holds_whole_pieces_does_no_harm():
     space = two_spheres(0.2)
     stiffness = stiffness_of(space)
-    operator = Bordered(stiffness, free_pieces(stiffness, mass_of(space)))
+    operator = Bordered(stiffness, free_pieces(stiffness, lambda: mass_of(space)))
     on_one = np.arange(len(space.parting.cells) // 2)
     assert iterations(space, operator, on_one) <= 25
 
@@ -104,7 +104,7 @@ def test_it_finds_what_the_direct_solver_finds():
 def test_constants_free_on_two_pieces_are_those_of_the_direct_solver():
     space = two_spheres(0.12)
     stiffness, mass = stiffness_of(space), mass_of(space)
-    for border in (free_pieces(stiffness, mass), free_pieces(stiffness, None)):
+    for border in (free_pieces(stiffness, lambda: mass), free_pieces(stiffness, lambda: None)):
         assert border.indicator.shape[1] == 2
         operator = Bordered(stiffness, border)
         b = load(space, smooth, lambda x, y, z: x + 2)  # which has no solution: the border takes the means

@@ -87,12 +87,12 @@ class Equations(Coefficients):
         if stiffness.carried is not None and stiffness.carried.conservative:
             self._check_held(stiffness)
             return None
-        return None if stiffness.fixed else free_pieces(stiffness, self.mass, self._tips.splines)
+        return None if stiffness.fixed else free_pieces(stiffness, lambda: self.mass, self._tips.splines)
 
     def _check_held(self, stiffness: GalerkinOperator) -> None:
         """Refuse an equation in divergence form that nothing flows out of: its total is free, or f has no solution."""
         turned = CsrOperator(stiffness.to_csr().T.tocsr())
-        if free_pieces(turned, self.mass, self._tips.splines) is not None:
+        if free_pieces(turned, lambda: self.mass, self._tips.splines) is not None:
             raise SceneError(
                 "Nothing fixes the size of the solution on a piece of the manifold: a conservative velocity carries "
                 "nothing out of it, and c is zero there; give c above zero, or a value somewhere."

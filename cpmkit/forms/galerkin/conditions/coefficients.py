@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,7 +33,9 @@ DIFFUSIVITY_MISMATCH_SHARE = 0.01
 MISREAD_POINTS_SHARE = 0.1
 
 
-def local_widths(values: csr_array, areas: Floats, samples: BoundarySamples, left: Bools, spacing: Floats) -> Floats:
+def local_widths(
+    values: csr_array, areas: Floats, samples: BoundarySamples, sides: Sequence[Bools], spacing: Floats
+) -> Floats:
     """Return how wide the manifold is beside boundary samples (b,), h at most: penalties are in units of its inverse.
 
     ``w(y) = min(h, (sum_j N_j(y) A_j / sum_j N_j(y) L_j) / .89)``, A_j and L_j the integrals of spline j over the
@@ -45,20 +48,16 @@ def local_widths(values: csr_array, areas: Floats, samples: BoundarySamples, lef
     areas : (n,) float64
         A_j.
     samples : BoundarySamples
-        Those at which conditions tie u.
-    left : (b,) bool
-        Which are on the left: sides are measured apart.
+        Where they are.
+    sides : sequence of (b,) bool
+        Those that are measured together, as on one side of a boundary, none twice; elsewhere the width is h.
     spacing : (b,) float64
         h there.
     """
-    width = np.array(spacing, dtype=np.float64)
-    for side in (left, ~left):
-        rows = np.flatnonzero(side & (samples.half >= 0))
-        if not len(rows):
-            continue
-        read = values[rows]
-        lengths = read.T @ samples.weights[rows]
-        width[rows] = np.minimum(width[rows], (read @ areas) / (read @ lengths) / WIDE_SHARE)
+    width, measured = np.array(spacing, dtype=np.float64), np.stack(sides, axis=1) & (samples.half >= 0)[:, None]
+    lengths = values @ (values.T @ np.where(measured, samples.weights[:, None], 0.0))
+    row, side = np.nonzero(measured)
+    width[row] = np.minimum(width[row], (values @ areas)[row] / lengths[row, side] / WIDE_SHARE)
     return width
 
 

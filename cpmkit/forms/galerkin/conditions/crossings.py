@@ -97,6 +97,8 @@ def _meetings(mesh: SampleMesh, lattice: Lattice) -> Iterator[tuple[tuple[int, i
 def _shared_vertices(mesh: SampleMesh) -> Iterator[tuple[int, list[int]]]:
     """Yield the vertices at which facets of several boundaries end, and the numbers of these, ascending."""
     own = ~mesh.extends
+    if len(set(mesh.owner[own].tolist())) < 2:
+        return
     ends: Ints = np.unique(
         np.stack([mesh.cut[own].ravel(), np.repeat(mesh.owner[own], mesh.cut.shape[1])], axis=1), axis=0
     )

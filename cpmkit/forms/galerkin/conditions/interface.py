@@ -14,14 +14,12 @@ A scene's law is ``u_1 - u_2 = jump + R flow``, the flow being the mean of -q_1 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
-from cpmkit.forms.galerkin.conditions.one_side import doubled, scaled
+import numpy as np
+
+from cpmkit.forms.galerkin.conditions.one_side import factors
 from cpmkit.protocols import Floats
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
 
 #: The penalty between two sides, and that on continuations of boundaries past their tips: there zero flux on a slit is
 #: read off a third better with half of it.
@@ -29,47 +27,32 @@ COUPLING_PENALTY = 40.0
 SEAM_PENALTY = 0.5 * COUPLING_PENALTY
 
 
-@dataclass(frozen=True, eq=False)
-class OneSideRows:
-    """How one side is read at samples of a boundary.
-
-    Attributes
-    ----------
-    a : (k,) float64
-        The diffusivity.
-    widths : (k,) float64
-        The local width.
-    values, slopes : csr_array (k, n)
-        Rows that read u, and du/db with b out of this side.
-    """
-
-    a: Floats
-    widths: Floats
-    values: csr_array
-    slopes: csr_array
-
-
 def interface(
-    first: OneSideRows, second: OneSideRows, resistance: Floats, weights: Floats, penalty: Floats
-) -> tuple[csr_array, csr_array, csr_array]:
-    """Return what couplings add to the matrix, and by which matrices (n, k) jump and flux (k,) add to b.
+    a: Sequence[Floats], widths: Sequence[Floats], resistance: Floats, weights: Floats, penalty: Floats
+) -> tuple[list[tuple[Floats, Floats]], list[Floats]]:
+    """Return the products that couplings add to the matrix, and by which factors jump and flux (k,) add to b.
+
+    All are factors (k, 2, 2) of u and du/db on the left and on the right, b out of each side, as of
+    :mod:`~cpmkit.forms.galerkin.conditions.products`.
 
     Parameters
     ----------
-    first, second : OneSideRows
-        The left side and the right, at the same points.
+    a, widths : two (k,) float64
+        The diffusivity and the local width on the left, and on the right.
     resistance, weights, penalty : (k,) float64
         R, zero where u goes on; the samples' weights s; B.
     """
-    r = [side.widths / side.a for side in (first, second)]
+    r = [width / own for width, own in zip(widths, a, strict=True)]
     k = r[0] / (r[0] + r[1])
     g = (r[0] + r[1]) / (2 * penalty)
-    m = resistance + g
-    jump = first.values - second.values
-    flux = scaled(k * first.a, first.slopes) - scaled((1 - k) * second.a, second.slopes)
-    half = jump.T @ (scaled(weights * 0.5 / m, jump) - scaled(weights * g / m, flux))
-    half = half - flux.T @ scaled(weights * 0.5 * resistance * g / m, flux)
-    by_jump = scaled(weights / m, jump) - scaled(weights * g / m, flux)
-    mean = scaled(weights * (1 - k), first.values) + scaled(weights * k, second.values)
-    by_flux = mean + scaled(0.5 * resistance * (2 * k - 1), by_jump)
-    return doubled(half), by_jump.T.tocsr(), by_flux.T.tocsr()
+    share, none = weights / (resistance + g), np.zeros(len(g))
+    jump, flux = factors(none + 1, none, none - 1, none), factors(none, k * a[0], none, (k - 1) * a[1])
+
+    def times(scale: Floats, one: Floats) -> Floats:
+        return np.asarray(scale[:, None, None] * one)
+
+    by_jump = times(share, jump) - times(share * g, flux)
+    mean = factors(weights * (1 - k), none, weights * k, none)
+    by_flux = mean + times(0.5 * resistance * (2 * k - 1), by_jump)
+    of_jump = times(0.5 * share, jump) - times(share * g, flux)
+    return [(jump, of_jump), (flux, times(-0.5 * share * resistance * g, flux))], [by_jump, by_flux]

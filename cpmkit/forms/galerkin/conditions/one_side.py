@@ -30,9 +30,11 @@ PENALTY = 60.0
 
 
 def one_side(
-    alpha: Floats, beta: Floats, a: Floats, weights: Floats, widths: Floats, values: csr_array, slopes: csr_array
-) -> tuple[csr_array, csr_array]:
-    """Return what conditions add to the matrix (n, n), and by which matrix (n, k) their datum gamma (k,) adds to b.
+    alpha: Floats, beta: Floats, a: Floats, weights: Floats, widths: Floats
+) -> tuple[list[tuple[Floats, Floats]], Floats]:
+    """Return the products that conditions add to the matrix, and by which factors their datum gamma (k,) adds to b.
+
+    Both are factors (k, 1, 2) of u and du/db, as of :mod:`~cpmkit.forms.galerkin.conditions.products`.
 
     Parameters
     ----------
@@ -42,17 +44,18 @@ def one_side(
         The diffusivity on this side.
     weights, widths : (k,) float64
         The samples' weights s, and the local width w.
-    values, slopes : csr_array (k, n)
-        Rows that read u and du/db at the samples.
     """
     e, g = alpha / a, widths / (PENALTY * a)
     g = np.where((e * beta > 0) | (alpha == 0), g, 0.0)
-    m = e + beta * g
-    flux = scaled(a, slopes)
-    half = values.T @ (scaled(weights * 0.5 * beta / m, values) - scaled(weights * beta * g / m, flux))
-    half = half - flux.T @ scaled(weights * 0.5 * e * g / m, flux)
-    data = scaled(weights / m, values) - scaled(weights * g / m, flux)
-    return doubled(half), data.T.tocsr()
+    share, none = weights / (e + beta * g), np.zeros(len(a))
+    value, flux = factors(none + 1, none), factors(none, a)
+    of_value = factors(0.5 * share * beta, -share * beta * g * a)
+    return [(value, of_value), (flux, factors(none, -0.5 * share * e * g * a))], factors(share, -share * g * a)
+
+
+def factors(*of: Floats) -> Floats:
+    """Return the factors (k, s, 2) of u and du/db (k,), side by side."""
+    return np.stack(of, axis=1).reshape(len(of[0]), -1, 2)
 
 
 def scaled(factors: Floats, rows: csr_array) -> csr_array:
@@ -60,8 +63,3 @@ def scaled(factors: Floats, rows: csr_array) -> csr_array:
     product = rows.tocsr(copy=True)
     product.data *= np.repeat(factors, np.diff(product.indptr))
     return product
-
-
-def doubled(half: csr_array) -> csr_array:
-    """Return a matrix plus its transpose: symmetric to the last bit."""
-    return (half + half.T).tocsr()

@@ -14,6 +14,7 @@ import numpy as np
 
 from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples
 from cpmkit.forms.galerkin.sample_mesh import HalfFacets, SampleMesh
+from cpmkit.forms.galerkin.space.parted import components
 from cpmkit.grid.lattice import Lattice
 from cpmkit.protocols import Bools, Floats, Ints
 from cpmkit.scene.oriented import OrientedBoundary
@@ -121,13 +122,9 @@ def _groups(mesh: SampleMesh, half: HalfFacets, corners: Ints) -> tuple[Ints, In
 
 def _joined(labels: Ints, rows: Ints, keys: Ints) -> Ints:
     """Return ``labels`` (n,), all below n, with those of ``rows`` (k,) with common ``keys`` (k, 2) made one."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    n, node = len(labels), np.unique(keys, axis=0, return_inverse=True)[1].ravel()
-    size = n + len(rows)
-    graph = coo_array((np.ones(len(rows)), (labels[rows], n + node)), shape=(size, size))
-    return _numbered(connected_components(graph, directed=False)[1][labels])
+    n, node = len(labels), _numbered(keys[:, 0] * (int(keys[:, 1].max(initial=0)) + 1) + keys[:, 1])
+    pairs = np.stack([labels[rows], n + node], axis=1)
+    return _numbered(components(n + len(rows), pairs)[1][labels])
 
 
 def _numbered(labels: Ints) -> Ints:

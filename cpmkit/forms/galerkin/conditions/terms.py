@@ -14,8 +14,9 @@ from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples
 from cpmkit.forms.galerkin.conditions.coefficients import beside, given, local_widths
 from cpmkit.forms.galerkin.conditions.held import Held
 from cpmkit.forms.galerkin.conditions.inflow import entering, going_on
-from cpmkit.forms.galerkin.conditions.interface import COUPLING_PENALTY, SEAM_PENALTY, OneSideRows, interface
-from cpmkit.forms.galerkin.conditions.one_side import doubled, one_side, scaled
+from cpmkit.forms.galerkin.conditions.interface import COUPLING_PENALTY, SEAM_PENALTY, interface
+from cpmkit.forms.galerkin.conditions.one_side import factors, one_side, scaled
+from cpmkit.forms.galerkin.conditions.products import Loading, Readings, readings, symmetric
 from cpmkit.forms.galerkin.conditions.slants import slants
 from cpmkit.forms.galerkin.conditions.state_flux import BoundaryFlux, tangent
 from cpmkit.grid.lattice import Lattice
@@ -32,7 +33,7 @@ class Sum:
     """What laws add together: a matrix (n, n), and to b the product of ``load`` (n, k) with the data of all in turn."""
 
     matrix: csr_array
-    load: csr_array
+    load: csr_array | Loading
     data: tuple[tuple[Data, Floats, str], ...]
 
     def loads(self, channels: int, time: float | None) -> Floats:
@@ -76,8 +77,12 @@ class ConditionTerms:
     @property
     def matrix(self) -> csr_array:
         """(n, n) to be added to the stiffness, symmetric to the last bit but for what a velocity carries."""
-        matrix = self._one_sided.matrix + self._coupled.matrix
-        return (matrix if self.speed_out is None else matrix + self._carried.matrix).tocsr()
+        carried = [] if self.speed_out is None else [self._carried]
+        matrix = self._one_sided.matrix
+        for one in (self._coupled, *carried):
+            if one.matrix.nnz:
+                matrix = matrix + one.matrix if matrix.nnz else one.matrix
+        return matrix.tocsr()
 
     def load(self, channels: int, time: float | None = None) -> Floats:
         """Return what the data at ``time`` add to b, (n, channels)."""
@@ -102,8 +107,9 @@ class ConditionTerms:
         if not rows:
             return None
         chosen = np.concatenate(rows)
-        read = self.values[chosen]
-        return doubled(read.T @ scaled(0.5 * self.samples.weights[chosen] * self.a[chosen], read))
+        none, weighted = np.zeros(len(chosen)), 0.5 * self.samples.weights[chosen] * self.a[chosen]
+        product = factors(none + 1, none), factors(weighted, none)
+        return symmetric(self._readings, chosen[:, None], [product])
 
     @property
     def strip(self) -> Ints:
@@ -142,26 +148,27 @@ class ConditionTerms:
         alpha = stacked([np.full(len(one.rows), float(law.alpha)) for law, one in laws])
         beta = stacked([beta_at(law, self._where(one.rows), one.what) for law, one in laws])
         widths = np.where(self.samples.half[rows] >= 0, self.widths[rows], 1.0)  # at a point the penalty has no unit
-        read = self.values[rows], self.slopes[rows]
-        sums = one_side(alpha, beta, self.a[rows], self.samples.weights[rows], widths, *read)
-        return Sum(*sums, tuple((law.datum, self._where(one.rows), one.what) for law, one in laws))
+        products, by = one_side(alpha, beta, self.a[rows], self.samples.weights[rows], widths)
+        data = tuple((law.datum, self._where(one.rows), one.what) for law, one in laws)
+        load = Loading(self._readings, rows[:, None], by[None])
+        return Sum(symmetric(self._readings, rows[:, None], products), load, data)
 
     @cached_property
     def _coupled(self) -> Sum:
-        from scipy.sparse import hstack
-
         laws = [(one.law, one) for one in self.held if isinstance(one.law, Interface)]
         if not laws:
             return self._nothing
         rows = stacked([one.rows for _, one in laws], np.int64), stacked([one.across for _, one in laws], np.int64)
-        sides = [OneSideRows(self.a[side], self.widths[side], self.values[side], self.slopes[side]) for side in rows]
+        a, widths = [self.a[side] for side in rows], [self.widths[side] for side in rows]
         resistance = stacked([np.full(len(one.rows), law.resistance) for law, one in laws])
         penalty = stacked([np.full(len(one.rows), SEAM_PENALTY if one.seam else COUPLING_PENALTY) for _, one in laws])
-        matrix, *by = interface(sides[0], sides[1], resistance, self.samples.weights[rows[0]], penalty)
+        products, by = interface(a, widths, resistance, self.samples.weights[rows[0]], penalty)
         where = [self._where(one.rows) for _, one in laws]
         jumps = [(law.jump, at, f"the jump of {one.what}") for (law, one), at in zip(laws, where, strict=True)]
         fluxes = [(law.flux, at, f"the flux of {one.what}") for (law, one), at in zip(laws, where, strict=True)]
-        return Sum(matrix, hstack(by, format="csr"), (*jumps, *fluxes))
+        both = np.stack(rows, axis=1)
+        load = Loading(self._readings, both, np.stack(by))
+        return Sum(symmetric(self._readings, both, products), load, (*jumps, *fluxes))
 
     @cached_property
     def _carried(self) -> Sum:
@@ -180,6 +187,10 @@ class ConditionTerms:
         laws = [(one.law, one) for one in coupled if isinstance(one.law, Interface)]
         jumps = [(law.jump, self._where(one.rows), f"the jump of {one.what}") for law, one in laws]
         return Sum((inflow + passing).tocsr(), hstack([by_value, by_jump], format="csr"), (*values, *jumps))
+
+    @cached_property
+    def _readings(self) -> Readings:
+        return readings(self.values, self.slopes)
 
     @property
     def _nothing(self) -> Sum:
@@ -238,9 +249,10 @@ def condition_terms(
         If a condition gives a conductivity that is not the problem's.
     """
     values, slopes = read
-    ties = stacked([one.all_rows for one in held if one.ties], np.int64)
+    ties = np.zeros(len(samples), dtype=bool)
+    ties[stacked([one.all_rows for one in held if one.ties], np.int64)] = True
     spacing = np.broadcast_to(lattice.spacing if spacings is None else spacings, len(samples))
-    widths = local_widths(values, areas, samples, left, spacing)
+    widths = local_widths(values, areas, samples, (left, ~left), spacing)
     around = (values @ logarithms) / (values @ areas)
     if slopes_along is None:
         a = beside(diffusivity, samples, widths, around, lattice, "the diffusivity")
@@ -257,7 +269,8 @@ def condition_terms(
             for rows, own, side in ((one.rows, one.law.left, "left"), (one.across, one.law.right, "right")):
                 beside_it = samples.take(rows)
                 a[rows] = given(own, a[rows], beside_it, widths[rows], lattice, one.what, side)
-    widths[ties] = local_widths(values[ties], areas, samples.take(ties), left[ties], spacing[ties])
+    if not ties.all():
+        widths = np.where(ties, local_widths(values, areas, samples, (left & ties, ~left & ties), spacing), widths)
     return ConditionTerms(tuple(held), samples, values, slopes, a, widths, lattice)
 
 

@@ -26,6 +26,8 @@ AT_MOVABLE_SHARE = 0.02
 AT_OTHER_SHARE = 1e-7
 #: The same for edges and vertices on a rim.
 AT_RIM_SHARE = 0.02
+#: The largest of these.
+FARTHEST_SHARE = max(AT_SHARE, AT_MOVABLE_SHARE, AT_OTHER_SHARE, AT_RIM_SHARE)
 #: A boundary that coincides with an earlier one is put on what of it lies within this share of L.
 SAME_LINE_SHARE = 0.1
 
@@ -72,15 +74,18 @@ class LinedMesh:
         """Return the vertex at a point of a root, a new one unless one lies there."""
         net = self.net
         cell = self._part(root, place)
+        size = float(net.sizes[root])
         for a, b in self._lines_first(root, cell):
-            share, size = share_along(place, net.at(a), net.at(b)), net.sizes[root]
-            if apart(place, between(net.at(a), net.at(b), share)) < self._reach(a, b) * size:
+            share = share_along(place, net.at(a), net.at(b))
+            gap = apart(place, between(net.at(a), net.at(b), share))
+            if gap < FARTHEST_SHARE * size and gap < self._reach(a, b) * size:
                 return self.on_edge(a, b, share, size)
         return net.split_cell(cell, place)
 
     def _part(self, root: int, place: Triple) -> int:
         """Return the part of a root that holds a point."""
-        return max(self.net.parts(root), key=lambda part: _within(self.net, part, place))
+        parts = self.net.parts(root)
+        return parts[0] if len(parts) == 1 else max(parts, key=lambda part: _within(self.net, part, place))
 
     def on_line(self, root: int, place: Triple, owner: int) -> int | None:
         """Return the vertex, a new one unless one lies there, of a boundary near a point of a root, if there is one."""
@@ -96,7 +101,7 @@ class LinedMesh:
 
     def _lines_first(self, root: int, cell: int) -> list[Edge]:
         """Return the edges at which a point in ``cell`` may lie: boundaries and rims of the root, then its own."""
-        net, rim = self.net, self.net.has_rim(root)
+        net, rim = self.net, root in self.net.roots_on_rim
         edges = [edge for part in net.parts(root) for edge in _edges(net.corners(part))]
         lines = [edge for edge in edges if edge_of(*edge) in self.cut or (rim and net.rim_edge(*edge))]
         return lines + _edges(net.corners(cell))

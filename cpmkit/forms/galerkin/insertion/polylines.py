@@ -63,7 +63,7 @@ def simplified(points: Floats, tolerance: Floats) -> Ints:
         inner = points[first + 1 : last] - points[first]
         chord = points[last] - points[first]
         square = float(chord @ chord)
-        share = np.clip(inner @ chord / square, 0.0, 1.0) if square > 0 else np.zeros(len(inner))
+        share = np.minimum(np.maximum(inner @ chord / square, 0.0), 1.0) if square > 0 else np.zeros(len(inner))
         excess = norms(inner - share[:, None] * chord) / tolerance[first + 1 : last]
         worst = first + 1 + int(excess.argmax())
         if excess[worst - first - 1] > 1:

@@ -42,9 +42,9 @@ def offsets(net: Triangulation, points: Floats, feet: Feet) -> Floats:
     tangential = norms(off - height[:, None] * normal)
     past = np.where(tangential >= np.abs(height), tangential / net.sizes[feet.cell], 0.0)
     for row in np.flatnonzero((past > 0) & (feet.shares <= 0).any(axis=1)):
-        on = [int(v) for v, share in zip(net.cells[feet.cell[row]], feet.shares[row], strict=True) if share > 0]
-        rim = net.on_rim(on[0]) if len(on) == 1 else net.rim_root_edge(int(feet.cell[row]), on[0], on[1])
-        past[row] *= rim
+        cell, shares = feet.cell[row], feet.shares[row]
+        on = net.cells[cell][shares > 0]
+        past[row] *= net.on_rim(int(on[0])) if len(on) == 1 else net.rims[cell, shares.argmin()]
     past[(feet.shares > 0).all(axis=1)] = 0.0
     return past
 

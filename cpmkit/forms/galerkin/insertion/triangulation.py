@@ -10,7 +10,7 @@ import numpy as np
 from cpmkit.forms.galerkin.insertion.triples import Triple, along, between, cross, direction, dot, less
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.manifold.vectors import norms
-from cpmkit.protocols import Floats, Ints
+from cpmkit.protocols import Bools, Floats, Ints
 
 Edge = tuple[int, int]
 
@@ -46,7 +46,7 @@ class Triangulation:
     _root: dict[int, int] = field(default_factory=dict)
     _parts: dict[int, list[int]] = field(default_factory=dict)
     _normals: dict[int, Triple] = field(default_factory=dict)
-    _rims: dict[int, bool] = field(default_factory=dict)
+    _vertex_normals: dict[int, Triple] = field(default_factory=dict)
     _vertex_count: int = 0
     _cell_count: int = 0
 
@@ -62,12 +62,10 @@ class Triangulation:
     @cached_property
     def _given_fans(self) -> tuple[Ints, Ints]:
         """Where the triangles of each vertex start in the list of them, and the list."""
-        from scipy.sparse import coo_array
+        from cpmkit.forms.galerkin.space.pattern_kernels import inverted
 
-        m = len(self.cells)
-        ones, cells = np.ones(3 * m, dtype=np.int8), np.repeat(np.arange(m), 3)
-        graph = coo_array((ones, (self.cells.ravel(), cells)), (len(self.vertices), m)).tocsr()
-        return graph.indptr, graph.indices
+        starts, places = inverted(self.cells.ravel(), len(self.vertices))
+        return starts, places // 3
 
     def _given_fan(self, vertex: int) -> list[int]:
         start, cells = self._given_fans
@@ -122,18 +120,20 @@ class Triangulation:
         root = self.root(cell)
         found = self._normals.get(root)
         if found is None:
-            a, b, c = (self.at(int(corner)) for corner in self.cells[root])
+            a, b, c = (self.at(corner) for corner in self.cells[root].tolist())
             found = self._normals[root] = direction(cross(less(b, a), less(c, a)))
         return found
 
     def vertex_normal(self, vertex: int) -> Triple:
         """Return the mean of the roots' normals at a vertex, of the sign of the first; splits do not change it."""
-        roots = {self.root(cell) for cell in self.fan(vertex)}
-        total: Triple = (0.0, 0.0, 0.0)
-        for root in sorted(roots):
-            n = self.normal(root)
-            total = along(total, 1.0 if dot(total, n) >= 0 else -1.0, n)
-        return direction(total)
+        found = self._vertex_normals.get(vertex)
+        if found is None:
+            total: Triple = (0.0, 0.0, 0.0)
+            for root in sorted({self.root(cell) for cell in self.fan(vertex)}):
+                n = self.normal(root)
+                total = along(total, 1.0 if dot(total, n) >= 0 else -1.0, n)
+            found = self._vertex_normals[vertex] = direction(total)
+        return found
 
     def on_rim(self, vertex: int) -> bool:
         """Return whether an edge at the vertex has one triangle only."""
@@ -147,16 +147,18 @@ class Triangulation:
         """Return whether an edge has one triangle only."""
         return len(self.cells_at(a, b)) == 1
 
-    def rim_root_edge(self, root: int, a: int, b: int) -> bool:
-        """Return whether an edge of a root has no other root beside it, split or not."""
-        return not any({a, b} <= set(self.cells[other].tolist()) for other in self._given_fan(a) if other != root)
+    @cached_property
+    def rims(self) -> Bools:
+        """(m, 3) which edges of roots, by the corners opposite to them, have no other root beside them."""
+        from cpmkit.forms.galerkin.samples.edges_kernels import number_edges
 
-    def has_rim(self, root: int) -> bool:
-        """Return whether an edge of a root has no other root beside it."""
-        if root not in self._rims:
-            a, b, c = self.cells[root].tolist()
-            self._rims[root] = any(self.rim_root_edge(root, *edge) for edge in ((a, b), (b, c), (c, a)))
-        return self._rims[root]
+        of_cells = number_edges(np.ascontiguousarray(self.cells), len(self.vertices))[1]
+        return np.asarray(np.bincount(of_cells.ravel())[of_cells] == 1)
+
+    @cached_property
+    def roots_on_rim(self) -> frozenset[int]:
+        """The roots that have such an edge."""
+        return frozenset(np.flatnonzero(self.rims.any(axis=1)).tolist())
 
     def split_edge(self, a: int, b: int, share: float) -> int:
         """Return a new vertex on an edge, at ``share`` of the way from a to b; all its triangles are split there."""

@@ -83,18 +83,35 @@ class Walker:
         path = [v]
         while path[-1] != w:
             here = path[-1]
-            if w in net.neighbours(here):
+            if net.cells_at(here, w):
                 path.append(w)
                 break
             hit = self.hit(here, less(goal, net.at(here)), normal)
             if hit is None:
                 return None
-            following = self.lined.on_edge(hit.a, hit.b, hit.share, net.size(here))
+            following = self._met(here, hit, w)
             left -= apart(net.at(here), net.at(following))
             if left < 0 or following in path:
                 return None
             path.append(following)
         return path
+
+    def _met(self, here: int, hit: Hit, goal: int) -> int:
+        """Return the vertex at a hit, one beside it as of any line, unless it leads along the rim to or from inside.
+
+        The other end is that of a curve then, which is put apart from a vertex that is as near to it.
+        """
+        net, lined, place = self.net, self.lined, (hit.a, hit.b, hit.share, self.net.size(here))
+        found = lined.on_edge(*place)
+        if found not in (hit.a, hit.b):
+            return found
+        ends_beside = net.rim_edge(found, goal) and not net.on_rim(here)
+        starts_beside = net.rim_edge(here, found) and not net.on_rim(goal)
+        if ends_beside or starts_beside:
+            lined.at_end = True
+            found = lined.on_edge(*place)
+            lined.at_end = False
+        return found
 
     def hit(self, vertex: int, heading: Triple, normal: Triple) -> Hit | None:
         """Return where the plane of ``heading`` and ``normal`` at a vertex leaves its fan, as far ahead as can be."""

@@ -54,8 +54,9 @@ def _of_curved(mesh: SampleMesh, spacing: float) -> Floats:
     for start in range(0, len(found), CORNERS_AT_ONCE):  # what is needed on the way stays small beside the samples
         some = slice(start, start + CORNERS_AT_ONCE)
         corners = mesh.vertices[mesh.cells[some]] / spacing
-        area = 0.5 * norms(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
-        extent = corners.max(axis=1) - corners.min(axis=1)
+        a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+        area = 0.5 * norms(np.cross(b - a, c - a))
+        extent = np.maximum(np.maximum(a, b), c) - np.minimum(np.minimum(a, b), c)
         small = np.flatnonzero(area * dots(extent, extent) < CURVED_SINGLE_MOMENT)
         found[start + small] = CURVED_SINGLE_MOMENT  # zeros that nobody writes take no memory
     return found

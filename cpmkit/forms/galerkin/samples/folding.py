@@ -49,9 +49,10 @@ def is_folded(x: Floats, midpoints: Floats) -> Bools:
 
     A thin one beside a boundary does where that bends by more than its height.
     """
-    ahead, behind = np.roll(x, -1, axis=1), np.roll(x, 1, axis=1)
-    first = 4 * np.roll(midpoints, 1, axis=1) - 3 * x - ahead
-    second = 4 * np.roll(midpoints, -1, axis=1) - 3 * x - behind
+    following, before = np.array([1, 2, 0]), np.array([2, 0, 1])
+    ahead, behind = x[:, following], x[:, before]
+    first = 4 * midpoints[:, before] - 3 * x - ahead
+    second = 4 * midpoints[:, following] - 3 * x - behind
     folded: Bools = np.any(_kept(ahead - x, behind - x, first, second) < KEPT_SHARE, axis=1)
     return folded
 

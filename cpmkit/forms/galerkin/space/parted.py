@@ -78,12 +78,9 @@ def parting_of(spacing: float, cells: Ints, touching: Any, patch: Any, single: B
 
 def components(patches: int, touching: Any) -> tuple[int, Ints]:
     """Return how many pieces the patches make that touch, and the piece of each patch."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
+    from cpmkit.forms.galerkin.space.parting_kernels import labels_of
 
-    graph = coo_array((np.ones(len(touching)), (touching[:, 0], touching[:, 1])), shape=(patches, patches))
-    count, label = connected_components(graph, directed=False)
-    return int(count), label.astype(np.int64)
+    return labels_of(patches, np.ascontiguousarray(touching, dtype=np.int32))
 
 
 def pieces(parting: Parting) -> tuple[int, Ints]:

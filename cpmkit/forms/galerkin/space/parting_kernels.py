@@ -33,6 +33,23 @@ def unite(parent: Any, i: int, j: int) -> None:
 
 
 @compiled
+def labels_of(count: int, touching: Any) -> tuple[int, Ints]:
+    """Return how many sets the pairs ``touching`` (t, 2) make of ``count`` members, and the number of each's set."""
+    parent, label = np.arange(count), np.empty(count, dtype=np.int64)
+    for t in range(len(touching)):
+        unite(parent, touching[t, 0], touching[t, 1])
+    sets = 0
+    for i in range(count):
+        root = find(parent, i)
+        if root == i:
+            label[i] = sets
+            sets += 1
+        else:  # the root is the first of its set
+            label[i] = label[root]
+    return sets, label
+
+
+@compiled
 def grown(values: Any) -> Any:
     """Return the array with room for twice as many."""
     more = np.empty(2 * len(values), dtype=values.dtype)

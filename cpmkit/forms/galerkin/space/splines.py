@@ -68,12 +68,12 @@ def value_rows(parting: Parting, patch: Ints, points: Floats) -> csr_array:
 def derivative_rows(parting: Parting, patch: Ints, points: Floats, directions: Floats) -> csr_array:
     """Return (k, n) the rows that read the derivatives of u along ``directions`` (k, d), in their unit per length."""
     t = _local(parting, patch, points)
-    values, slopes = spline_values(t, parting.degree), spline_slopes(t, parting.degree)
-    entries = np.zeros((len(t), parting.width**parting.dim))
-    for axis in range(parting.dim):
-        factors = values.copy()
-        factors[:, axis] = slopes[:, axis] * (directions[:, axis, None] / parting.spacing)
-        entries += _product(factors)
+    values = spline_values(t, parting.degree)
+    slopes = spline_slopes(t, parting.degree) * (directions / parting.spacing)[:, :, None]
+    of_values, entries = values[:, 0], slopes[:, 0]
+    for axis in range(1, parting.dim):
+        entries = _outer(entries, values[:, axis]) + _outer(of_values, slopes[:, axis])
+        of_values = _outer(of_values, values[:, axis])
     return _rows(parting, patch, entries)
 
 
@@ -85,9 +85,13 @@ def _product(factors: Floats) -> Floats:
     """Return (k, w^d) the products over axes of ``factors`` (k, d, w), the last axis running fastest."""
     entries = factors[:, 0]
     for axis in range(1, factors.shape[1]):
-        size = entries.shape[1] * factors.shape[2]
-        entries = (entries[:, :, None] * factors[:, axis, None, :]).reshape(len(entries), size)
+        entries = _outer(entries, factors[:, axis])
     return entries
+
+
+def _outer(first: Floats, second: Floats) -> Floats:
+    """Return (k, v w) the products of entries (k, v) and (k, w), the latter running fastest."""
+    return (first[:, :, None] * second[:, None, :]).reshape(len(first), first.shape[1] * second.shape[1])
 
 
 def _rows(parting: Parting, patch: Ints, entries: Floats) -> csr_array:

@@ -5,7 +5,10 @@ import pytest
 from cut_meshes import check_sound, cut, plate, polyline, zones_and_tips
 
 import cpmkit as ck
+from cpmkit.forms.galerkin.insertion.inserted import inserted
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
+from cpmkit.forms.galerkin.samples.edges import edges_of, edges_on_cut
+from cpmkit.manifold.local_source import LocalSource, localize
 
 PLATE = plate(30)
 TURN = 2 * np.pi * np.arange(100) / 100
@@ -79,6 +82,19 @@ def test_zones_and_tips_of(name):
     check_sound(PLATE, after)
 
 
+@pytest.mark.parametrize("share", [-0.01, 0.01])
+@pytest.mark.parametrize("end", ["first", "last"])
+def test_what_ends_beside_a_vertex_of_the_rim_does_not_go_along_the_rim(share, end):
+    """Where vertices are moved later a line goes through those beside it, and its end stays where it is."""
+    along = 0.4 + share / 30
+    for inside, outer in [((along, 0.5), (along, 1.0)), ((along, 0.5), (along, 0.0)), ((0.5, along), (1.0, along))]:
+        source = line(outer, inside) if end == "first" else line(inside, outer)
+        after = inserted(PLATE, [localize(source, np.zeros(3))], 0.05, movable=True).mesh
+        times = np.bincount(edges_of(after).of_cells.ravel())
+        assert (times[edges_on_cut(after, edges_of(after))] == 2).all()
+        assert zones_and_tips(after) == (1, 1)
+
+
 @pytest.mark.parametrize("unit", [1e-6, 1e6])
 def test_the_unit_of_length_does_not_matter(unit):
     mesh = SampleMesh.of(unit * PLATE.vertices, PLATE.cells)
@@ -140,9 +156,6 @@ def test_extensions_meet_in_a_gap():
 
 def test_an_origin_elsewhere():
     """Boundaries are asked relative to the mesh's origin, whether they can be translated or not."""
-    from cpmkit.forms.galerkin.insertion.inserted import inserted
-    from cpmkit.manifold.local_source import LocalSource, localize
-
     origin, source = np.array([100.0, -50.0, 3.0]), ck.source("analytic.circle", center=[100.5, -49.5, 3], radius=0.3)
     for local in (localize(source, origin), LocalSource(source, origin)):
         after = inserted(PLATE, [local], 0.05).mesh
