@@ -64,6 +64,12 @@ def of_contouring(report: SurfaceReport, surface: LocalSource) -> Iterator[str]:
             f"{report.open_edges} edges of the triangulation by closest points are open where the surface has no rim: "
             "cracks through which nothing flows; use a smaller spacing."
         )
+    if report.specks:
+        yield (
+            f"{report.specks} pieces of the triangulation by closest points with less area than a tenth of a square of "
+            "the spacing were left out: the surface is thin, or has parts that the lattice does not see; use a smaller "
+            "spacing."
+        )
     yield from _unmet(report.unmet, surface, "surface")
 
 

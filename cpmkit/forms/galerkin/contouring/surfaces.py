@@ -14,6 +14,7 @@ from cpmkit.forms.galerkin.contouring.midpoints import midpoints
 from cpmkit.forms.galerkin.contouring.nodes import Nodes, surrounding_nodes
 from cpmkit.forms.galerkin.contouring.quads import triangles
 from cpmkit.forms.galerkin.contouring.rims import onto_rims, rim_edges, without_holes
+from cpmkit.forms.galerkin.contouring.specks import without_specks
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.grid.lattice import find
 from cpmkit.manifold.local_source import LocalSource
@@ -39,6 +40,8 @@ class SurfaceReport:
         Border edges that lie on no rim: cracks that were not closed.
     unmet : (k, 3) float64
         Points of the surface with no triangle near by: pieces too small for the lattice.
+    specks : int
+        Pieces of hardly any area that were left out.
     """
 
     side: float
@@ -46,6 +49,7 @@ class SurfaceReport:
     holes_filled: int
     open_edges: int
     unmet: Floats
+    specks: int = 0
 
 
 def triangulated(source: LocalSource, spacing: float, curved: bool = True) -> tuple[SampleMesh, SurfaceReport]:
@@ -77,11 +81,12 @@ def triangulated(source: LocalSource, spacing: float, curved: bool = True) -> tu
         )
     cells, copied = split_fans(cells, edges_of(cells))
     vertices, cells, filled = without_holes(source, found.points[copied], cells)
+    cells, specks = without_specks(vertices, cells, spacing)
     vertices, on_rim = onto_rims(source, vertices, cells, side * spacing)
     middles = midpoints(source, vertices, cells, on_rim) if curved else None
     border = border_of(vertices, cells, edges_of(cells))
     cracks = len(border.edge) - len(rim_edges(border, on_rim))
-    report = SurfaceReport(side, share, filled, cracks, _unmet(nodes, found.cell))
+    report = SurfaceReport(side, share, filled, cracks, _unmet(nodes, found.cell), specks)
     return SampleMesh.of(vertices, cells, middles), report
 
 

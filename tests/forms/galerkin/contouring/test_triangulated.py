@@ -10,7 +10,9 @@ import pytest
 from forms.galerkin.contouring.measures import area, pieces, topology
 
 import cpmkit as ck
+from cpmkit.forms.galerkin.contouring.specks import without_specks
 from cpmkit.forms.galerkin.contouring.surfaces import triangulated
+from cpmkit.forms.galerkin.space.parted import components
 from cpmkit.manifold.local_source import localize
 from cpmkit.protocols import ClosestPoints
 
@@ -166,3 +168,28 @@ def test_a_level_set_that_is_no_distance(spacing):
     assert (topology(mesh), report.open_edges) == ((1, 0, 2), 0)
     assert area(mesh) == pytest.approx(16.8342, rel=3e-3 * spacing)
     assert queries < 22
+
+
+@pytest.mark.parametrize("spacing", [0.21393043699751346, 0.17989333758486972, 0.15127166270314324])
+def test_a_thin_surface_is_one_piece(spacing):
+    """An ellipsoid as thick as the spacing: specks beside it had values of their own, or none, a singular system."""
+    bounds = [[-1.2, -1.2, -0.3], [1.2, 1.2, 0.3]]
+    thin = ck.source("levelset.expression", phi="x*x + y*y + 100*z*z - 1", bounds=bounds)
+    solution = ck.solve(ck.Scene(thin, ck.ScreenedPoisson("x")), spacing, form="galerkin", estimate=False)
+    parting = solution.discretized.space.parting
+    assert components(len(parting.cells), parting.touching)[0] == 1
+    assert any("pieces of the triangulation by closest points" in text for text in solution.warnings)
+    at = thin.closest_point(np.random.default_rng(0).uniform(-1, 1, (2000, 3)) * [1, 1, 0.1]).points
+    fine = ck.solve(ck.Scene(thin, ck.ScreenedPoisson("x")), 0.06, form="galerkin", estimate=False)
+    assert np.abs(solution.evaluate(at) - fine.evaluate(at)).max() < 0.15 * np.ptp(fine.evaluate(at))
+
+
+def test_specks_are_left_out():
+    vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [3, 0, 0], [3, 0.3, 0], [3.3, 0, 0], [5, 5, 5]])
+    cells = np.array([[0, 1, 2], [3, 4, 5], [6, 6, 6]])
+    kept, count = without_specks(vertices, cells, 1.0)
+    np.testing.assert_array_equal(kept, cells[:1])
+    assert count == 2
+    kept, count = without_specks(vertices, cells[1:], 1.0)  # nothing else is there
+    np.testing.assert_array_equal(kept, cells[1:])
+    assert count == 0
