@@ -1,4 +1,4 @@
-"""Sparse LU of the assembled matrix, with a step of iterative refinement where more than rounding is left."""
+"""Factors of the assembled matrix, with a step of iterative refinement where more than rounding is left."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ REFINED_SHARE = 1e-4
 
 @dataclass(frozen=True)
 class Direct:
-    """SuperLU."""
+    """SuperLU, or dense Cholesky factors of what is small, symmetric and positive."""
 
     takes_levels: ClassVar[bool] = False
 

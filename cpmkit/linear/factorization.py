@@ -1,4 +1,4 @@
-"""Sparse LU of an operator; a border is an update of low rank, because its dense rows would fill the factors."""
+"""Factors of an operator; a border is an update of low rank, because its dense rows would fill sparse factors."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cpmkit.linear.dense import cholesky
 from cpmkit.linear.operators import Border, Bordered, has_symmetric_pattern
 from cpmkit.linear.products import placing
 from cpmkit.protocols import Floats, Operator
@@ -45,11 +46,11 @@ class Update:
 
 @dataclass(frozen=True, eq=False)
 class Factors:
-    """Sparse LU of an operator, its border included.
+    """Factors of an operator, its border included.
 
     Attributes
     ----------
-    lu : SuperLU
+    lu : SuperLU or Cholesky
         Of A; where there is a border, of A with one node of each piece held.
     update : Update or None
         From there to ``A + s F W``.
@@ -73,10 +74,15 @@ def factorize(operator: Operator) -> Factors:
         If the matrix is singular.
     """
     if not isinstance(operator, Bordered):
-        return Factors(factors_of(operator.to_csr(), has_symmetric_pattern(operator)), None)
-    inner = operator.operator
-    lu = factors_of(held_matrix(operator), has_symmetric_pattern(inner))
+        return Factors(_quicker(operator.to_csr(), operator), None)
+    lu = _quicker(held_matrix(operator), operator.operator)
     return Factors(lu, _update(lu, operator.border, _heaviest(operator.border), operator.shift))
+
+
+def _quicker(matrix: csr_array, operator: Operator) -> Any:
+    """Return dense factors of a small symmetric positive matrix, SuperLU's of others."""
+    dense = cholesky(matrix) if operator.symmetric else None
+    return factors_of(matrix, has_symmetric_pattern(operator)) if dense is None else dense
 
 
 def held_matrix(operator: Bordered) -> csr_array:

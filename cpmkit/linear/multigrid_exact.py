@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from cpmkit.linear.dense import cholesky
 from cpmkit.protocols import Floats
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ class SymmetricFactors:
 
     Attributes
     ----------
-    lu : SuperLU
+    lu : SuperLU or Cholesky
         They.
     """
 
@@ -61,6 +62,9 @@ class PositiveFactors(SymmetricFactors):
         Indefinite
             If a pivot is not positive; the message says ``where``.
         """
+        dense = cholesky(matrix)
+        if dense is not None:
+            return cls(dense)
         lu = _factors(matrix, where, 0.0)
         negative = int(np.count_nonzero(~(lu.U.diagonal() > 0)))
         if negative or (lu.perm_r != lu.perm_c).any():
