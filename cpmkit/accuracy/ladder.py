@@ -19,13 +19,13 @@ from cpmkit.accuracy.way import Run, Way
 #: these and the factors below benchmarks/trade.py took less time in all than with others, for less surplus of accuracy.
 AIMED_SHARE, ACCEPTED_SHARE = 0.83, 0.92
 #: The same where no coarser error is known, so that nothing tells whether errors fall yet as they should.
-FIRST_SHARE = 0.6
+FIRST_SHARE, FIRST_TOLD_SHARE = 0.6, 0.7
 #: Orders at which errors are taken to fall, at least, at most, and at most where something says that it is slow.
 LEAST_ORDER, MOST_ORDER, MOST_SLOW_ORDER = 0.8, 3.0, 1.3
 #: Spacings go down by at least so much at a time, for less tells little and costs nearly as much again, and at most so
 #: much, so that each error is known: no whole number, by which lattices would have nodes in common. A goal that is not
 #: much farther than that is tried at once.
-LEAST_FACTOR, MOST_FACTOR, WORTH_COMPANION = 1.45, 2.1, 2.75
+LEAST_FACTOR, MOST_FACTOR, WORTH_COMPANION = 1.45, 2.2, 2.75
 #: A limit nearer than this is as good as reached where no tolerance is asked for.
 NO_FINER = 1.2
 #: A time is kept to within this factor.
@@ -69,9 +69,14 @@ def walk(way: Way) -> tuple[Status, float]:
 def _accepted(way: Way, aim: float) -> bool:
     """Return whether the estimate is below what is aimed at, also where errors fall more slowly than it takes them to.
 
-    So they do while a layer is about as wide as a spacing.
+    So they do while a layer is about as wide as a spacing. They need not be looked at where the solution alone says the
+    same: two that know nothing of each other.
     """
-    share = ACCEPTED_SHARE if len(_known(way)) > 1 else FIRST_SHARE
+    told = way.last.expected(way.asked.norm) <= aim
+    first = FIRST_TOLD_SHARE if told else FIRST_SHARE
+    share = ACCEPTED_SHARE if len(_known(way)) > 1 else first
+    if told:
+        return way.error <= share * aim
     prior = _prior(way)
     slower = (MOST_FACTOR**prior - 1) / (MOST_FACTOR ** min(order(way), prior) - 1)
     return bool(way.error * slower <= share * aim)

@@ -31,7 +31,7 @@ from cpmkit.solution.solution import Solution
 
 ANSWERS = ("answer", "correction")
 #: Ratios of spacings between which a solution serves another as companion.
-LEAST_RATIO, MOST_RATIO = 1.3, 2.2
+LEAST_RATIO, MOST_RATIO = 1.3, 2.3
 #: Spacings that were too coarse for a scene are made finer by the root of two, so many times.
 MOST_TRIALS = 10
 #: Steps in time are shortened until they leave this share of the tolerance.
@@ -63,6 +63,14 @@ class Run:
     def error(self, norm: str) -> float:
         """Return the estimate in a norm; NaN where there is none."""
         return math.nan if self.estimate is None else self.estimate.of(norm)
+
+    def expected(self, norm: str) -> float:
+        """Return about the error in a norm by the solution alone, as a share of the range; NaN where it is not told."""
+        one = self.solution
+        found = None if isinstance(one, EigenSolution) else one.discretized.expected_error(one.values)
+        if found is None or self.estimate is None:
+            return math.nan
+        return float(np.max(found[norm == "max"] / self.estimate.unit))
 
     def step(self, norm: str) -> Step:
         """Return what a report says of it."""

@@ -9,6 +9,7 @@ from plane_zones import POINTS, slit
 
 import cpmkit as ck
 from cpmkit.accuracy.trading import algebraic_tolerance
+from cpmkit.accuracy.way import Run
 from cpmkit.families.eigen.fewer import fewer_modes
 
 CIRCLE, SPHERE = ck.source("analytic.circle"), ck.source("analytic.sphere")
@@ -56,6 +57,38 @@ def test_the_way_is_the_same_on_a_moved_and_scaled_scene():
 def test_solves_grow_like_the_logarithm_of_what_is_asked():
     counts = [len(ck.solve(ON_CIRCLE, tolerance=tolerance).trade.steps) for tolerance in (1e-2, 1e-4, 1e-6)]
     assert counts[0] <= counts[1] <= counts[2] <= 8
+
+
+def test_what_a_solution_says_by_itself_spares_a_correction(monkeypatch):
+    """Estimates of pilots that are too small let errors seem to fall slowly, and one more solve was made for that."""
+    at = sphere_points()
+    exact, goals = at.prod(axis=1), [("rms", 1e-3), ("rms", 3e-4), ("max", 1e-3), ("rms", 1e-4)]
+    scene = ck.Scene(SPHERE, ck.ScreenedPoisson(lambda x: 13 * x.prod(axis=1)))
+
+    def solves():
+        counts = []
+        for norm, tolerance in goals:
+            one = ck.solve(scene, tolerance=tolerance, norm=norm)
+            off = (one.evaluate(at) - exact) / np.ptp(exact)
+            assert (np.sqrt(np.mean(off**2)) if norm == "rms" else np.abs(off).max()) < tolerance
+            counts.append(len(one.trade.steps))
+        return counts
+
+    few = solves()
+    monkeypatch.setattr(Run, "expected", lambda self, norm: np.nan)
+    many = solves()
+    assert sum(few) < sum(many)
+    assert all(one <= other for one, other in zip(few, many, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("problem", "options"),
+    [(ck.Eigen(4), {}), (ck.ScreenedPoisson(1.0), {"form": "collocation"})],
+    ids=["modes", "other"],
+)
+def test_where_a_solution_says_nothing_by_itself_estimates_do(problem, options):
+    solution = ck.solve(ck.Scene(SPHERE, problem), 0.25, estimate=True, **options)
+    assert np.isnan(Run("pilot", solution, 0.0, solution.error).expected("rms"))
 
 
 def test_eigenvalues_are_as_many_as_asked_and_as_right():

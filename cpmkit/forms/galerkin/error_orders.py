@@ -28,7 +28,7 @@ EIGENVALUE_DIVISORS = {1: 2.4, 2: 12.0, 3: 12.0}
 #: At most: on meshes, where orders are lower; of smooth sources that turn under splines of the coarser lattice, or bend
 #: under those of the finer one on more than this share of their area, or with a layer narrower than so many spacings;
 #: where boundaries end, or a layer is not resolved.
-MESH_DIVISOR, TURNING_DIVISOR, BENT_AREA, SEEN_LAYER_SPACINGS, END_DIVISOR = 2.5, 2.0, 1e-4, 1.6, 0.65
+MESH_DIVISOR, TURNING_DIVISOR, BENT_AREA, SEEN_LAYER_SPACINGS, END_DIVISOR = 2.5, 1.7, 1e-4, 1.6, 0.65
 #: Of meshes that turn under splines of the coarser lattice, or of the finer one on more than a small share, and where
 #: folds stay; of smooth sources on the latter if more than this share of the area is turned.
 FOLDED_DIVISOR, STAYING_DIVISOR, THIN_DIVISOR, THIN_SHARE = 1.25, 0.7, 1.0, 0.1

@@ -24,6 +24,7 @@ from cpmkit.forms.galerkin.hierarchy.levels import levels_of
 from cpmkit.forms.galerkin.operator import levels_for
 from cpmkit.forms.galerkin.options import FAMILIES, GalerkinOptions
 from cpmkit.forms.galerkin.parting import Parting
+from cpmkit.forms.galerkin.roughness import expected_error
 from cpmkit.forms.galerkin.sample_mesh import Samples
 from cpmkit.forms.galerkin.sampling import sample
 from cpmkit.forms.galerkin.shared import shared_property
@@ -167,6 +168,10 @@ class Galerkin(Equations):
     def eigenvalue_order(self, ratio: float, coarser: Discretized | None = None, apart: float = 0.0) -> float:
         """Return the same with 5.4 to 14 on smooth sources, where eigenvalues are of order 4."""
         return order_of(self, EIGENVALUE_DIVISORS[self.options.own.degree], ratio, coarser, apart)
+
+    def expected_error(self, u: Floats) -> tuple[Floats, Floats] | None:
+        """Return about the error by third differences of the splines' coefficients."""
+        return expected_error(self, u)
 
     @cached_property
     def layer_spacings(self) -> float:

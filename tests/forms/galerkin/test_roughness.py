@@ -1,0 +1,58 @@
+"""How large errors may be by one solution alone: third differences, and within a few times the error itself."""
+
+import numpy as np
+import pytest
+from model_problems import sphere_points
+
+import cpmkit as ck
+from cpmkit.forms.galerkin.roughness import highest_differences
+
+SPHERE = ck.source("analytic.sphere")
+AT = sphere_points(2000)
+SCENE = ck.Scene(SPHERE, ck.ScreenedPoisson(lambda x: 7 * x[:, 0] * x[:, 1]))
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_differences_vanish_for_polynomials_and_tell_the_next_power(degree):
+    parting = ck.discretize(SCENE, 0.3, form="galerkin", degree=degree).space.parting
+    i, j, k = parting.nodes.T.astype(float)
+    lower = i**degree - 3 * i ** (degree - 1) * k + j
+    both = highest_differences(parting, np.stack([lower, i ** (degree + 1) + j**degree], axis=1))
+    np.testing.assert_allclose(both[:, 0], 0, atol=1e-9)
+    own = np.abs(both[:, 1]) > 1e-9
+    np.testing.assert_allclose(both[own, 1], np.prod(np.arange(1, degree + 2)))  # along the first axis
+    assert 0.2 < own.mean() < 0.5
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_of_curves_too(dim):
+    kind, keys = ("analytic.circle", {}) if dim == 2 else ("parametric.helix", {})
+    scene = ck.Scene(ck.source(kind, **keys), ck.ScreenedPoisson(lambda x: x[:, 0]))
+    solution = ck.solve(scene, 0.2, form="galerkin", estimate=False)
+    rms, largest = solution.discretized.expected_error(solution.values)
+    assert rms.shape == largest.shape == (1,)
+    assert 0 < rms[0] < largest[0] < 0.1
+
+
+@pytest.mark.parametrize("spacing", [0.3, 0.2, 0.1])
+def test_it_is_within_a_few_times_the_error(spacing):
+    for seed in range(4):
+        origin = np.random.default_rng(seed).uniform(0, spacing, 3)
+        solution = ck.solve(SCENE, spacing, form="galerkin", origin=origin, estimate=False)
+        off = solution.evaluate(AT) - AT[:, 0] * AT[:, 1]
+        rms, largest = solution.discretized.expected_error(solution.values)
+        assert 0.5 < rms[0] / np.sqrt(np.mean(off**2)) < 3
+        assert 0.5 < largest[0] / np.abs(off).max() < 3
+
+
+def test_it_goes_with_the_solution_and_not_with_the_unit():
+    solution = ck.solve(SCENE, 0.3, form="galerkin", estimate=False)
+    two = np.hstack([solution.values, 3 * solution.values + 5])
+    for found in solution.discretized.expected_error(two):
+        assert found[1] == pytest.approx(3 * found[0], rel=1e-9)
+
+
+def test_where_nothing_was_measured_nothing_is_told():
+    for options in ({"form": "galerkin", "degree": 1}, {"form": "galerkin", "degree": 3}, {"form": "collocation"}):
+        solution = ck.solve(SCENE, 0.3, estimate=False, **options)
+        assert solution.discretized.expected_error(solution.values) is None
