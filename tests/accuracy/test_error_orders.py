@@ -7,7 +7,7 @@ from model_problems import sphere_points
 
 import cpmkit as ck
 from cpmkit.accuracy.estimate import from_companions, shifted_origin
-from cpmkit.forms.galerkin.error_orders import ERROR_DIVISORS, order_dividing
+from cpmkit.forms.galerkin.error_orders import BENDING_DIVISOR, ERROR_DIVISORS, order_dividing
 
 SPHERE, AT = ck.source("analytic.sphere"), sphere_points()
 
@@ -57,3 +57,13 @@ def test_a_strip_with_one_side_is_not_folded_where_its_cells_turn_round():
     assert estimate.solution.discretized.turned.share == 0.0
     assert estimate.order > 2.5
     assert not estimate.slow
+
+
+def test_errors_are_taken_to_fall_slower_where_the_coarser_lattice_alone_does_not_see_bends():
+    """A torus of radius .4, and an edge of radius .035: with the divisor of smooth sources estimates were a third."""
+    torus = ck.Scene(ck.source("analytic.torus", major=1.0, minor=0.4), ck.ScreenedPoisson(1.0))
+    fine, near, far = (ck.discretize(torus, h, form="galerkin") for h in (0.1, 0.15, 0.27))
+    assert fine.turned.bent == near.turned.bent == 0.0
+    assert far.turned.bent > 1e-4
+    assert fine.order_of_difference(2.0, far) == pytest.approx(order_dividing(BENDING_DIVISOR, 2.0))
+    assert fine.order_of_difference(2.0, near) > order_dividing(ERROR_DIVISORS[2], 2.0)

@@ -59,6 +59,12 @@ def turned_share(form: Discretized) -> float:
     return 0.0 if turned is None else float(turned.share)
 
 
+def bent_share(form: Discretized) -> float:
+    """Return the share of the area on splines under which the manifold bends about as sharply as the spacing."""
+    turned = getattr(form, "turned", None)
+    return 0.0 if turned is None else float(turned.bent)
+
+
 def layer_spacings(form: Galerkin) -> float:
     """Return the width sqrt(a / c) of layers beside conditions in spacings; infinite where there can be none.
 
