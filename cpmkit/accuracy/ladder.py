@@ -20,6 +20,8 @@ from cpmkit.accuracy.way import Run, Way
 AIMED_SHARE, ACCEPTED_SHARE = 0.83, 0.92
 #: The same where no coarser error is known, so that nothing tells whether errors fall yet as they should.
 FIRST_SHARE, FIRST_TOLD_SHARE = 0.6, 0.7
+#: The same where the solution alone says that its error is more than so many times the tolerance.
+DOUBTED_SHARE, DOUBTED_FACTOR = 0.75, 2.0
 #: Orders at which errors are taken to fall, at least, at most, and at most where something says that it is slow.
 LEAST_ORDER, MOST_ORDER, MOST_SLOW_ORDER = 0.8, 3.0, 1.3
 #: Spacings go down by at least so much at a time, for less tells little and costs nearly as much again, and at most so
@@ -70,11 +72,13 @@ def _accepted(way: Way, aim: float) -> bool:
     """Return whether the estimate is below what is aimed at, also where errors fall more slowly than it takes them to.
 
     So they do while a layer is about as wide as a spacing. They need not be looked at where the solution alone says the
-    same: two that know nothing of each other.
+    same: two that know nothing of each other. Where it contradicts, the estimate has to be smaller.
     """
-    told = way.last.expected(way.asked.norm) <= aim
+    expected = way.last.expected(way.asked.norm)
+    told = expected <= aim
     first = FIRST_TOLD_SHARE if told else FIRST_SHARE
-    share = ACCEPTED_SHARE if len(_known(way)) > 1 else first
+    later = DOUBTED_SHARE if expected > DOUBTED_FACTOR * aim else ACCEPTED_SHARE
+    share = later if len(_known(way)) > 1 else first
     if told:
         return way.error <= share * aim
     prior = _prior(way)
