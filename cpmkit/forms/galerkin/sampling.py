@@ -23,7 +23,8 @@ from cpmkit.forms.galerkin.sample_mesh import Bend, HalfFacets, SampleMesh, Samp
 from cpmkit.forms.galerkin.samples.bending import bent
 from cpmkit.forms.galerkin.samples.clipping import clipped_triangles, is_fine, longest_edge_spacings
 from cpmkit.forms.galerkin.samples.cutting import half_facets, is_cut
-from cpmkit.forms.galerkin.samples.own_cells import edges_with, made_sound, own_corners
+from cpmkit.forms.galerkin.samples.edges import edges_of
+from cpmkit.forms.galerkin.samples.own_cells import edges_with, made_sound, own_corners, own_winding
 from cpmkit.forms.galerkin.samples.quadrature import samples_of
 from cpmkit.forms.galerkin.samples.seams import seams
 from cpmkit.forms.galerkin.samples.sources import cells_of
@@ -70,6 +71,8 @@ class SampledScene:
         Which law holds at which of these.
     told : tuple of str
         What a reader of a solution should know of the way here.
+    winding : (m,) int8
+        Which way its cells are wound, see :func:`winding_of`.
     bend : "flat", "feet" or "normals"
         How the cells follow the manifold between their vertices.
     singular : tuple of SingularFunction
@@ -88,6 +91,7 @@ class SampledScene:
     left: Bools
     held: tuple[Held, ...]
     told: tuple[str, ...]
+    winding: Any = None
     bend: Bend = "flat"
     singular: tuple[SingularFunction, ...] = ()
 
@@ -188,7 +192,9 @@ def sample_inserted(
     with_tips = options.own.tips == "singular" and mesh.manifold_dim == 2
     mesh = graded_towards_ends(mesh, spacing) if with_tips else mesh
     mesh = bent(mesh, bend, surface, sources, spacing)
-    corners, half = own_corners(surface, mesh), half_facets(mesh, edges_with(surface, mesh))
+    edges = edges_with(surface, mesh) or (edges_of(mesh) if mesh.manifold_dim == 2 else None)
+    corners, half, winding = own_corners(surface, mesh, edges), half_facets(mesh, edges), own_winding(surface, mesh, edges)
+    del edges  # no sample needs them
     told += tuple(of_seams(seams(mesh, half), surface))
     boundary = boundary_samples(mesh, half, corners, reads_rims(scene), found.points)
     left = left_of_boundaries(mesh, half, corners, boundary, oriented, lattice)
@@ -218,6 +224,7 @@ def sample_inserted(
         left,
         laws,
         told,
+        winding,
         bend,
         singular,
     )

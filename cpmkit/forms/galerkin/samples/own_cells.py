@@ -18,6 +18,7 @@ from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.forms.galerkin.samples.cutting import corners_of
 from cpmkit.forms.galerkin.samples.edges import Edges, edges_of
 from cpmkit.forms.galerkin.samples.soundness import Mended, sound, sound_corners
+from cpmkit.forms.galerkin.samples.winding import winding_of
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.protocols import Floats, HasGivenMesh, HasMesh, Ints
 
@@ -127,13 +128,13 @@ def made_sound(source: LocalSource, mesh: SampleMesh) -> tuple[SampleMesh, Mende
     return sound(mesh) if kept is None else (kept.placed(mesh), kept.mended)
 
 
-def own_corners(source: LocalSource, mesh: SampleMesh) -> Ints:
+def own_corners(source: LocalSource, mesh: SampleMesh, edges: Edges | None = None) -> Ints:
     """Return :func:`corners_of` a mesh of a source's cells."""
     own = own_cells(source)
     if own is None or not own.is_final(mesh):
-        return corners_of(mesh)
+        return corners_of(mesh, edges)
     if "corners" not in own.found:
-        corners = corners_of(mesh)
+        corners = corners_of(mesh, edges)
         own.found["corners"] = mesh.cells if np.array_equal(corners, mesh.cells) else corners
     found: Ints = own.found["corners"]
     return found
@@ -148,3 +149,13 @@ def edges_with(source: LocalSource, mesh: SampleMesh) -> Edges | None:
         own.found["edges"] = edges_of(mesh)
     found: Edges = own.found["edges"]
     return found
+
+
+def own_winding(source: LocalSource, mesh: SampleMesh, edges: Edges | None = None) -> Any:
+    """Return :func:`winding_of` a mesh of a source's cells."""
+    own = own_cells(source)
+    if own is None or not own.is_final(mesh):
+        return winding_of(mesh, edges)
+    if "winding" not in own.found:
+        own.found["winding"] = winding_of(mesh, edges)
+    return own.found["winding"]
