@@ -235,7 +235,7 @@ def _cells(surface: LocalSource, spacing: float, sampling: str) -> tuple[SampleM
     """Return a sound mesh of the manifold, how its cells are to be bent, and what is to be told of it."""
     own = cells_of(surface, spacing, sampling)
     if own is not None:
-        mesh, mended = made_sound(surface, own.mesh)
+        mesh, mended = made_sound(surface, own.mesh, own.split)
         return mesh, own.bend, tuple(of_mending(mended))
     if surface.manifold_dim == 1:
         traces, of_curve = traced(surface, spacing, curved=False)

@@ -17,7 +17,7 @@ import numpy as np
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.forms.galerkin.samples.cutting import corners_of
 from cpmkit.forms.galerkin.samples.edges import Edges, edges_of
-from cpmkit.forms.galerkin.samples.soundness import Mended, sound, sound_corners
+from cpmkit.forms.galerkin.samples.soundness import Mended, is_sound_split, sound, sound_corners
 from cpmkit.forms.galerkin.samples.winding import winding_of
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.protocols import Floats, HasGivenMesh, HasMesh, Ints
@@ -121,10 +121,12 @@ def in_scene(source: LocalSource) -> LocalSource:
     return LocalSource(source.of, np.zeros(source.dim), source.queries)
 
 
-def made_sound(source: LocalSource, mesh: SampleMesh) -> tuple[SampleMesh, Mended]:
-    """Return :func:`sound` of a mesh of a source's cells."""
+def made_sound(source: LocalSource, mesh: SampleMesh, split: bool = False) -> tuple[SampleMesh, Mended]:
+    """Return :func:`sound` of a mesh of a source's cells; ``split``: these are parts of sound ones."""
     own = own_cells(source)
     kept = None if own is None or mesh.midpoints is not None or len(mesh.cut) else own.sound(mesh.cells)
+    if kept is None and split and is_sound_split(mesh):
+        return mesh, Mended(0, 0, 0)
     return sound(mesh) if kept is None else (kept.placed(mesh), kept.mended)
 
 
