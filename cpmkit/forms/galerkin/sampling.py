@@ -22,9 +22,9 @@ from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.sample_mesh import Bend, HalfFacets, SampleMesh, Samples
 from cpmkit.forms.galerkin.samples.bending import bent
 from cpmkit.forms.galerkin.samples.clipping import clipped_triangles, is_fine, longest_edge_spacings
-from cpmkit.forms.galerkin.samples.cutting import half_facets, is_cut
-from cpmkit.forms.galerkin.samples.edges import edges_of
-from cpmkit.forms.galerkin.samples.own_cells import edges_with, made_sound, own_corners, own_winding
+from cpmkit.forms.galerkin.samples.cutting import corners_of, half_facets, is_cut
+from cpmkit.forms.galerkin.samples.edges import Edges, edges_of
+from cpmkit.forms.galerkin.samples.own_cells import edges_with, made_sound, own_winding
 from cpmkit.forms.galerkin.samples.quadrature import samples_of
 from cpmkit.forms.galerkin.samples.seams import seams
 from cpmkit.forms.galerkin.samples.sources import cells_of
@@ -191,9 +191,12 @@ def sample_inserted(
     mesh = mesh if regions is None else graded(mesh, regions, longest)
     with_tips = options.own.tips == "singular" and mesh.manifold_dim == 2
     mesh = graded_towards_ends(mesh, spacing) if with_tips else mesh
-    mesh = bent(mesh, bend, surface, sources, spacing)
-    edges = edges_with(surface, mesh) or (edges_of(mesh) if mesh.manifold_dim == 2 else None)
-    corners, half, winding = own_corners(surface, mesh, edges), half_facets(mesh, edges), own_winding(surface, mesh, edges)
+    edges = None if bend == "feet" else _edges(surface, mesh)
+    mesh = bent(mesh, bend, surface, sources, spacing, edges)
+    edges = edges or _edges(surface, mesh)  # of what moves to its feet the edges may be others then
+    is_whole = bend != "feet" and not len(mesh.cut)  # sound cells, of which each vertex is one
+    corners = mesh.cells if is_whole else corners_of(mesh, edges)
+    half, winding = half_facets(mesh, edges), own_winding(surface, mesh, edges)
     del edges  # no sample needs them
     told += tuple(of_seams(seams(mesh, half), surface))
     boundary = boundary_samples(mesh, half, corners, reads_rims(scene), found.points)
@@ -229,6 +232,11 @@ def sample_inserted(
         singular,
     )
     return SampledScene(*parts)
+
+
+def _edges(surface: LocalSource, mesh: SampleMesh) -> Edges | None:
+    """Return the edges of triangles, kept ones where they are; of segments none."""
+    return None if mesh.manifold_dim == 1 else edges_with(surface, mesh) or edges_of(mesh)
 
 
 def _cells(surface: LocalSource, spacing: float, sampling: str) -> tuple[SampleMesh, Bend, tuple[str, ...]]:

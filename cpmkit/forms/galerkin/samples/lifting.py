@@ -60,7 +60,10 @@ def lifted(mesh: SampleMesh, source: LocalSource, length: float) -> SampleMesh:
 
 
 def curved_by_normals(
-    mesh: SampleMesh, source: LocalSource, boundaries: Sequence[LocalSource | None] = ()
+    mesh: SampleMesh,
+    source: LocalSource,
+    boundaries: Sequence[LocalSource | None] = (),
+    edges: Edges | None = None,
 ) -> SampleMesh:
     """Return quadratic triangles on the smooth surface, with their edges on boundaries above where those lie.
 
@@ -71,14 +74,16 @@ def curved_by_normals(
     source : LocalSource
     boundaries : sequence of LocalSource
         By their number in ``mesh.owner``; None where a boundary stays where the mesh has it.
+    edges : Edges, optional
+        Of the mesh, found if they are not given.
     """
-    edges = edges_with(source, mesh)
-    if edges is not None and not boundaries:
+    own = edges_with(source, mesh)
+    if own is not None and not boundaries:
         from cpmkit.forms.galerkin.samples import lifting_kernels
 
-        arrays = mesh.vertices, edges.ends, _kept_heights(source, edges), edges.of_cells
+        arrays = mesh.vertices, own.ends, _kept_heights(source, own), own.of_cells
         return replace(mesh, midpoints=lifting_kernels.middles_above(*arrays))
-    edges = edges or edges_of(mesh)
+    edges = own or edges or edges_of(mesh)
     if not len(mesh.cut):
         normals = vertex_normals(source, mesh)
         return replace(mesh, midpoints=above_middles(mesh.vertices, edges.ends, normals)[edges.of_cells])

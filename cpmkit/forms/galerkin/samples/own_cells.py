@@ -15,7 +15,6 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
-from cpmkit.forms.galerkin.samples.cutting import corners_of
 from cpmkit.forms.galerkin.samples.edges import Edges, edges_of
 from cpmkit.forms.galerkin.samples.soundness import Mended, is_sound_split, sound, sound_corners
 from cpmkit.forms.galerkin.samples.winding import winding_of
@@ -128,18 +127,6 @@ def made_sound(source: LocalSource, mesh: SampleMesh, split: bool = False) -> tu
     if kept is None and split and is_sound_split(mesh):
         return mesh, Mended(0, 0, 0)
     return sound(mesh) if kept is None else (kept.placed(mesh), kept.mended)
-
-
-def own_corners(source: LocalSource, mesh: SampleMesh, edges: Edges | None = None) -> Ints:
-    """Return :func:`corners_of` a mesh of a source's cells."""
-    own = own_cells(source)
-    if own is None or not own.is_final(mesh):
-        return corners_of(mesh, edges)
-    if "corners" not in own.found:
-        corners = corners_of(mesh, edges)
-        own.found["corners"] = mesh.cells if np.array_equal(corners, mesh.cells) else corners
-    found: Ints = own.found["corners"]
-    return found
 
 
 def edges_with(source: LocalSource, mesh: SampleMesh) -> Edges | None:
