@@ -112,8 +112,10 @@ class UnitMap:
 
     def outer(self, s: Floats, /) -> Floats:
         """Return the user's parameters (n, m) of unit parameters; a bound is met exactly."""
-        t = self.lower + (self.upper - self.lower) * s
-        return np.where(s == 0, self.lower, np.where(s == 1, self.upper, t))
+        from cpmkit_parametric import unit_kernels
+
+        found: Floats = unit_kernels.outer(s, self.lower, self.upper)
+        return found
 
     def inner(self, t: Floats, /) -> Floats:
         """Return the unit parameters (n, m) of the user's."""
@@ -125,8 +127,7 @@ class UnitMap:
 
     def jet(self, s: Floats, /) -> Jet:
         """Return points and derivatives by the unit parameters; those that are not finite become zero."""
+        from cpmkit_parametric import unit_kernels
+
         p, J, H = self.map.jet(self.outer(s))
-        width = self.upper - self.lower
-        with np.errstate(all="ignore"):
-            J, H = J * width[:, None], H * (width[:, None] * width)[..., None]
-        return p, np.where(np.isfinite(J), J, 0.0), np.where(np.isfinite(H), H, 0.0)
+        return p, *unit_kernels.by_unit_parameters(J, H, self.upper - self.lower)
