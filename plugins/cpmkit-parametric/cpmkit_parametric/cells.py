@@ -109,6 +109,14 @@ class CellTree:
         return self.levels[-1]
 
     @cached_property
+    def box(self) -> Floats:
+        """(2, d) corners of a box around the image."""
+        level = self.finest
+        reach = level.radii[:, None] * np.sqrt(np.einsum("cmd,cmd->cd", level.tangents, level.tangents))
+        reach += level.deviations[:, None]
+        return np.stack([(level.centres - reach).min(axis=0), (level.centres + reach).max(axis=0)])
+
+    @cached_property
     def neighbours_along(self) -> Ints:
         """Return the neighbours that touch the same ends, the cell itself in place of others."""
         touches = np.isfinite(self.ends)

@@ -75,10 +75,7 @@ class Parametric:
     @property
     def bounds(self) -> Floats:
         """(2, d) corners of a box around the image; it is wider than the image by a share of the finest cells' bend."""
-        level = self.tree.finest
-        reach = level.radii[:, None] * np.sqrt(np.einsum("cmd,cmd->cd", level.tangents, level.tangents))
-        reach += level.deviations[:, None]
-        return np.stack([(level.centres - reach).min(axis=0), (level.centres + reach).max(axis=0)]) + self.shift
+        return self.tree.box + self.shift
 
     def closest_point(self, x: Floats, /) -> ClosestPoints:
         """Return the closest points of ``x`` (n, d); ``local`` holds the user's parameters (n, m).
@@ -89,7 +86,9 @@ class Parametric:
             If ``x`` holds NaN or infinity, or its shape is not (n, d).
         """
         queries = as_points(x, self.dim) - self.shift
-        starts = range(0, max(len(queries), 1), PARAMETRIC_PARCEL_QUERIES)
+        if len(queries) <= PARAMETRIC_PARCEL_QUERIES:
+            return self._search(queries)
+        starts = range(0, len(queries), PARAMETRIC_PARCEL_QUERIES)
         return ClosestPoints.join(
             [self._search(queries[start : start + PARAMETRIC_PARCEL_QUERIES]) for start in starts]
         )
