@@ -67,6 +67,11 @@ class LocalSource:
         """(2, d) bounds relative to the origin."""
         return np.asarray(self.source.bounds, dtype=np.float64) - self.shift
 
+    @property
+    def scene_origin(self) -> Floats:
+        """(d,) where zero lies in the scene."""
+        return self.shift if self.origin is None else self.origin
+
     @cached_property
     def members(self) -> tuple[LocalSource, ...]:
         """The members of a union, seen from the same origin; the source itself where it is none."""
@@ -148,7 +153,7 @@ class LocalSource:
         return rows, self._moved(feet, -self.shift)
 
     def _check(self, answer: ClosestPoints, x: Floats) -> None:
-        check_answer(answer, x, self.source, self.shift if self.origin is None else self.origin, self._is_union)
+        check_answer(answer, x, self.source, self.scene_origin, self._is_union)
 
     @cached_property
     def _is_union(self) -> bool:

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from cpmkit.forms.galerkin.fixed_samples import SAMPLES_AT_ONCE
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
-from cpmkit.forms.galerkin.samples.edges import edges_of
+from cpmkit.forms.galerkin.samples.winding import winding_of
 from cpmkit.forms.galerkin.space.energy import load
 from cpmkit.forms.galerkin.space.space import Space
 from cpmkit.manifold.vectors import norms, unit
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.protocols import Floats
 
 #: A spline is not faced one way where its mean normal is shorter than this, and on what bends where it is below that.
 FACED_LENGTH, BENT_LENGTH = 0.6, 0.85
@@ -37,15 +38,16 @@ class Turned:
     bent: float
 
 
-def facing(space: Space, mesh: SampleMesh) -> Floats:
+def facing(space: Space, mesh: SampleMesh, winding: Any = None) -> Floats:
     """Return (n, 1 + d) the integral of each spline, and of the direction n that the manifold faces times it.
 
     Of curves n is the tangent. Cells are oriented by walking over the facets that two of them share. One-sided pieces
-    break somewhere: on splines near that nothing is said of the direction, which is NaN there.
+    break somewhere: on splines near that nothing is said of the direction, which is NaN there. ``winding`` (m,): what
+    :func:`winding_of` says of the mesh, found if it is not given.
     """
     samples, parting = space.samples, space.parting
-    (wound, breaks), cells = orientation(mesh), samples.cell
-    signs = np.where(breaks, np.nan, wound)
+    winding, cells = winding_of(mesh) if winding is None else winding, samples.cell
+    signs = np.where(winding == 0, np.nan, winding)
     found = np.zeros((parting.size, 1 + mesh.dim))
     if mesh.manifold_dim == 2:
         from cpmkit.forms.galerkin.facing_kernels import add_facing
@@ -74,20 +76,3 @@ def turned(space: Space, facing: Floats) -> Turned:
     worst = heavy[np.argmin(length[heavy] / area[heavy])]
     return Turned(float(area[is_turned].sum() / area.sum()), space.parting.places[worst], bent)
 
-
-def orientation(mesh: SampleMesh) -> tuple[Ints, Bools]:
-    """Return 1 or -1 for each cell (m,), so that neighbours are wound alike, and where one beside it is not (m,)."""
-    from cpmkit.forms.galerkin.facing_kernels import walk
-
-    k = mesh.cells.shape[1]
-    if k == 2:
-        facets, senses = mesh.cells[:, ::-1], np.tile([1, -1], (len(mesh.cells), 1))
-    else:
-        facets = edges_of(mesh).of_cells
-        ends = mesh.facets
-        senses = np.where(ends[:, :, 0] < ends[:, :, 1], 1, -1)
-    facets = np.ascontiguousarray(facets, dtype=np.int64)
-    signs = walk(facets, np.ascontiguousarray(senses, dtype=np.int64))
-    cells_beside = np.bincount(facets.ravel())
-    wound = np.bincount(facets.ravel(), (signs[:, None] * senses).ravel())  # two that are wound alike cancel
-    return signs, np.any(((cells_beside == 2) & (np.abs(wound) == 2))[facets], axis=1)

@@ -22,8 +22,9 @@ from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.sample_mesh import Bend, HalfFacets, SampleMesh, Samples
 from cpmkit.forms.galerkin.samples.bending import bent
 from cpmkit.forms.galerkin.samples.clipping import clipped_triangles, is_fine, longest_edge_spacings
-from cpmkit.forms.galerkin.samples.cutting import half_facets, is_cut
-from cpmkit.forms.galerkin.samples.own_cells import edges_with, made_sound, own_corners
+from cpmkit.forms.galerkin.samples.cutting import corners_of, half_facets, is_cut
+from cpmkit.forms.galerkin.samples.edges import Edges, edges_of
+from cpmkit.forms.galerkin.samples.own_cells import edges_with, made_sound, own_winding
 from cpmkit.forms.galerkin.samples.quadrature import samples_of
 from cpmkit.forms.galerkin.samples.seams import seams
 from cpmkit.forms.galerkin.samples.sources import cells_of
@@ -70,6 +71,8 @@ class SampledScene:
         Which law holds at which of these.
     told : tuple of str
         What a reader of a solution should know of the way here.
+    winding : (m,) int8
+        Which way its cells are wound, see :func:`winding_of`.
     bend : "flat", "feet" or "normals"
         How the cells follow the manifold between their vertices.
     singular : tuple of SingularFunction
@@ -88,6 +91,7 @@ class SampledScene:
     left: Bools
     held: tuple[Held, ...]
     told: tuple[str, ...]
+    winding: Any = None
     bend: Bend = "flat"
     singular: tuple[SingularFunction, ...] = ()
 
@@ -187,8 +191,13 @@ def sample_inserted(
     mesh = mesh if regions is None else graded(mesh, regions, longest)
     with_tips = options.own.tips == "singular" and mesh.manifold_dim == 2
     mesh = graded_towards_ends(mesh, spacing) if with_tips else mesh
-    mesh = bent(mesh, bend, surface, sources, spacing)
-    corners, half = own_corners(surface, mesh), half_facets(mesh, edges_with(surface, mesh))
+    edges = None if bend == "feet" else _edges(surface, mesh)
+    mesh = bent(mesh, bend, surface, sources, spacing, edges)
+    edges = edges or _edges(surface, mesh)  # of what moves to its feet the edges may be others then
+    is_whole = bend != "feet" and not len(mesh.cut)  # sound cells, of which each vertex is one
+    corners = mesh.cells if is_whole else corners_of(mesh, edges)
+    half, winding = half_facets(mesh, edges), own_winding(surface, mesh, edges)
+    del edges  # no sample needs them
     told += tuple(of_seams(seams(mesh, half), surface))
     boundary = boundary_samples(mesh, half, corners, reads_rims(scene), found.points)
     left = left_of_boundaries(mesh, half, corners, boundary, oriented, lattice)
@@ -218,17 +227,23 @@ def sample_inserted(
         left,
         laws,
         told,
+        winding,
         bend,
         singular,
     )
     return SampledScene(*parts)
 
 
+def _edges(surface: LocalSource, mesh: SampleMesh) -> Edges | None:
+    """Return the edges of triangles, kept ones where they are; of segments none."""
+    return None if mesh.manifold_dim == 1 else edges_with(surface, mesh) or edges_of(mesh)
+
+
 def _cells(surface: LocalSource, spacing: float, sampling: str) -> tuple[SampleMesh, Bend, tuple[str, ...]]:
     """Return a sound mesh of the manifold, how its cells are to be bent, and what is to be told of it."""
     own = cells_of(surface, spacing, sampling)
     if own is not None:
-        mesh, mended = made_sound(surface, own.mesh)
+        mesh, mended = made_sound(surface, own.mesh, own.split)
         return mesh, own.bend, tuple(of_mending(mended))
     if surface.manifold_dim == 1:
         traces, of_curve = traced(surface, spacing, curved=False)

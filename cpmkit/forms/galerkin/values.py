@@ -97,7 +97,7 @@ class Values(Reader):
     @shared_property
     def _areas_and_turned(self) -> tuple[Floats, Turned]:
         """The same, and how much of the manifold turns under splines: samples are gone through once for both."""
-        sums = facing(self.space, self.sampled.mesh)
+        sums = facing(self.space, self.sampled.mesh, self.sampled.winding)
         return sums[:, 0].copy(), turned(self.space, sums)
 
     def _loads(self, values: Floats) -> Floats:

@@ -109,6 +109,14 @@ class CellTree:
         return self.levels[-1]
 
     @cached_property
+    def box(self) -> Floats:
+        """(2, d) corners of a box around the image."""
+        level = self.finest
+        reach = level.radii[:, None] * np.sqrt(np.einsum("cmd,cmd->cd", level.tangents, level.tangents))
+        reach += level.deviations[:, None]
+        return np.stack([(level.centres - reach).min(axis=0), (level.centres + reach).max(axis=0)])
+
+    @cached_property
     def neighbours_along(self) -> Ints:
         """Return the neighbours that touch the same ends, the cell itself in place of others."""
         touches = np.isfinite(self.ends)
@@ -128,22 +136,12 @@ class CellTree:
                 np.concatenate([first.query, second.query + half]),
                 np.concatenate([first.parameters, second.parameters]),
             )
-        query, cell = _fewest(*_valleys(*found, self.neighbours))
-        inside = self._parameters(x[query], cell)
-        at_end = np.isfinite(self.ends[found[1]]).any(axis=1)
-        end_query, cell = _fewest(
-            *_valleys(found[0][at_end], found[1][at_end], found[2][at_end], self.neighbours_along)
-        )
-        along = self._parameters(x[end_query], cell)
-        along = np.where(np.isfinite(self.ends[cell]), self.ends[cell], along)
-        order = np.argsort(np.concatenate([query, end_query]), kind="stable")
-        return Starts(np.concatenate([query, end_query])[order], np.concatenate([inside, along])[order])
+        from cpmkit_parametric.start_kernels import starting_points
 
-    def _parameters(self, x: Floats, cell: Ints) -> Floats:
-        """Return the unit parameters (k, m) in finest cells whose disc's point is nearest."""
-        cells = np.stack(np.unravel_index(cell, self.finest.shape), axis=1)
-        offset = np.einsum("kd,kdm->km", x - self.finest.centres[cell], self.inverses[cell])
-        return np.asarray((cells + 0.5 + np.clip(offset, -0.5, 0.5)) / self.finest.shape)
+        finest = self.finest
+        along = self.neighbours, self.neighbours_along, self.ends
+        of_cells = np.array(finest.shape), finest.centres, self.inverses
+        return Starts(*starting_points(np.ascontiguousarray(x), found, *along, *of_cells, MOST_QUERY_STARTS))
 
     def _surviving(self, x: Floats) -> tuple[Ints, Ints, Floats] | None:
         """Return query, finest cell and distance to its disc for each pair that may be closest; None: too many."""
@@ -166,21 +164,6 @@ class CellTree:
             for name in ("centres", "tangents", "radii", "deviations")
         )
         return np.array([level.shape for level in self.levels]), first, centres, tangents, radii, deviations
-
-
-def _valleys(query: Ints, cell: Ints, distance: Floats, neighbours: Ints) -> tuple[Ints, Ints, Floats]:
-    """Return the pairs of query and cell that no neighbouring cell of the same query is nearer than."""
-    code = query * len(neighbours) + cell
-    order = np.argsort(code)
-    code, query, cell, distance = code[order], query[order], cell[order], distance[order]
-    lowest = np.ones(len(code), dtype=np.bool_)
-    numbers = np.arange(len(code))
-    for column in neighbours.T:
-        wanted = query * len(neighbours) + column[cell]
-        place = np.minimum(np.searchsorted(code, wanted), len(code) - 1)
-        nearer = (distance[place] < distance) | ((distance[place] == distance) & (place < numbers))
-        lowest &= ~((code[place] == wanted) & nearer)
-    return query[lowest], cell[lowest], distance[lowest]
 
 
 def build_tree(map: UnitMap, domain: Domain) -> CellTree:
@@ -292,12 +275,3 @@ def _orthonormal(spans: Floats) -> Floats:
         independent = length > 1e-6 * np.linalg.norm(spans, axis=(1, 2))
         basis[:, k] = np.where(independent[:, None], rest / np.where(independent, length, 1.0)[:, None], 0.0)
     return basis
-
-
-def _fewest(query: Ints, cell: Ints, distance: Floats) -> tuple[Ints, Ints]:
-    """Return the nearest :data:`MOST_QUERY_STARTS` pairs of each query, sorted by query."""
-    order = np.lexsort((distance, query))
-    query, cell = query[order], cell[order]
-    rank = np.arange(len(query)) - np.searchsorted(query, query)
-    few: Bools = rank < MOST_QUERY_STARTS
-    return query[few], cell[few]

@@ -16,9 +16,6 @@ MOST_BACKTRACKS = 10
 LAST_STEP_SHARE = 1e-13
 #: A descent whose last step is longer is not vouched for.
 VOUCHED_STEP_SHARE = 1e-10
-#: Least eigenvalue of the modified Hessian, in units of the metric J'J.
-LEAST_EIGENVALUE = 1e-6
-EPSILON = float(np.finfo(np.float64).eps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,80 +53,38 @@ def descend(map: UnitMap, domain: Domain, x: Floats, start: Floats, longest: Flo
     size : float
         Of the manifold, by which rounding is judged.
     """
+    from cpmkit_parametric.descent_kernels import apart, newton_steps
+
     s = domain.start(start)
     converged = np.zeros(len(s), dtype=np.bool_)
     active = np.arange(len(s))
     for _ in range(PARAMETRIC_DESCENT_STEPS):
         if not len(active):
             break
-        step, length, p = _newton(map, domain, s[active], x[active], longest)
-        scale = size + np.linalg.norm(p - x[active], axis=1)
-        s[active] = _line_search(map, domain, s[active], x[active], p, step, size)
+        here, wanted = s[active], x[active]
+        p, *derivatives = map.jet(here)
+        step, length = newton_steps(p, *derivatives, wanted, here, domain.periodic, longest)
+        scale = size + apart(p, wanted)
+        s[active] = _line_search(map, domain, here, wanted, p, step, size)
         converged[active] = length <= VOUCHED_STEP_SHARE * scale
         active = active[length > LAST_STEP_SHARE * scale]
     return Descent(s, converged)
 
 
-def _newton(map: UnitMap, domain: Domain, s: Floats, x: Floats, longest: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return the step (n, m), its length in space (n,), and the present points (n, d)."""
-    p, J, second = map.jet(s)
-    r = p - x
-    g = np.einsum("nid,nd->ni", J, r)
-    A = np.einsum("nid,njd->nij", J, J)
-    H = A + np.einsum("nijd,nd->nij", second, r)
-    held = ~domain.periodic & (((s <= 0) & (g > 0)) | ((s >= 1) & (g < 0)))
-    g = np.where(held, 0.0, g)
-    step = -(_solve_line(A, H, g) if s.shape[1] == 1 else _solve_plane(A, H, g, held))
-    step *= 1 / np.maximum(1.0, np.abs(step / longest).max(axis=1))[:, None]
-    length = np.linalg.norm(np.einsum("nid,ni->nd", J, step), axis=1)
-    return step, length, p
-
-
-def _solve_line(A: Floats, H: Floats, g: Floats) -> Floats:
-    """Return g / |H| (n, 1)."""
-    positive = np.maximum(np.abs(H[:, 0]), LEAST_EIGENVALUE * A[:, 0])
-    return np.where(positive > 0, g / np.where(positive > 0, positive, 1.0), 0.0)
-
-
-def _solve_plane(A: Floats, H: Floats, g: Floats, held: Bools) -> Floats:
-    """Return the solution (n, 2) of (H + mu A) step = g, mu such that the least eigenvalue relative to A is |itself|.
-
-    A held parameter keeps a row and column of A alone. Where the metric is singular (a pole) it is made regular.
-    """
-    a, b, c = A[:, 0, 0], np.where(held.any(axis=1), 0.0, A[:, 0, 1]), A[:, 1, 1]
-    trace = a + c
-    regular = 1e-30 * np.where(trace > 0, trace, 1.0)
-    a, c = a + regular, c + regular
-    h, k, q = (
-        np.where(held[:, 0], a, H[:, 0, 0] + regular),
-        np.where(held.any(axis=1), 0.0, H[:, 0, 1]),
-        np.where(held[:, 1], c, H[:, 1, 1] + regular),
-    )
-    metric = a * c - b * b
-    half = 0.5 * (c * h - 2 * b * k + a * q) / metric
-    spread = np.sqrt(np.maximum(half**2 - (h * q - k * k) / metric, 0.0))
-    least = half - spread
-    mu = np.where(least < LEAST_EIGENVALUE, np.maximum(np.abs(least), LEAST_EIGENVALUE) - least, 0.0)
-    h, k, q = h + mu * a, k + mu * b, q + mu * c
-    determinant = h * q - k * k
-    solution = np.stack([q * g[:, 0] - k * g[:, 1], h * g[:, 1] - k * g[:, 0]], axis=1)
-    return solution / np.where(determinant > 0, determinant, np.inf)[:, None]
-
-
 def _line_search(map: UnitMap, domain: Domain, s: Floats, x: Floats, p: Floats, step: Floats, size: float) -> Floats:
     """Return the parameters (n, m) after the step, or a fraction of it, by which the distance does not grow."""
-    step = step.copy()
+    from cpmkit_parametric.descent_kernels import is_farther
+
     trial = domain.after(s, step)
-    worse = np.arange(len(s))
-    for _ in range(MOST_BACKTRACKS):
-        q = map.value(trial[worse])
-        # |q - x|^2 - |p - x|^2 without cancellation
-        change = np.einsum("nd,nd->n", q - p[worse], q + p[worse] - 2 * x[worse])
-        noise = 8 * EPSILON * size * (np.linalg.norm(p[worse] - x[worse], axis=1) + EPSILON * size)
-        worse = worse[~(change <= noise)]
-        if not len(worse):
-            return trial
+    worse = np.flatnonzero(is_farther(map.value(trial), p, x, size))
+    if not len(worse):
+        return trial
+    step = step.copy()
+    for _ in range(MOST_BACKTRACKS - 1):
         step[worse] *= 0.25
         trial[worse] = domain.after(s[worse], step[worse])
+        worse = worse[is_farther(map.value(trial[worse]), p[worse], x[worse], size)]
+        if not len(worse):
+            return trial
     trial[worse] = s[worse]
     return trial

@@ -46,12 +46,11 @@ class Domain:
 
     def after(self, s: Floats, step: Floats) -> Floats:
         """Return where a step from ``s`` leads: wrapped, cut at the bounds, and shortened towards poles."""
-        if self.poles is not None and self.poles.any():
-            down, up = np.where(self.poles, MOST_POLE_STEP_SHARE, np.inf).T
-            with np.errstate(invalid="ignore"):
-                step = np.maximum(step, np.where(np.isfinite(down), -down * s, -np.inf))
-                step = np.minimum(step, np.where(np.isfinite(up), up * (1 - s), np.inf))
-        return self.inside(s + step)
+        from cpmkit_parametric import unit_kernels
+
+        poles = np.zeros((len(self.periodic), 2), dtype=np.bool_) if self.poles is None else self.poles
+        found: Floats = unit_kernels.after(s, step, self.periodic, self.flip, poles, MOST_POLE_STEP_SHARE)
+        return found
 
     def inside(self, s: Floats) -> Floats:
         """Return unit parameters (n, m), from anywhere, where the domain has them: wrapped, or cut at the bounds."""

@@ -36,10 +36,10 @@ class FormulaMap:
 
     def jet(self, t: Floats, /) -> Jet:
         """Return points, first and second derivatives."""
-        table = np.ascontiguousarray(self.jets.rows(2, t.T).T)
-        d, m = self.dim, self.count
-        p, J, upper = np.split(table, [d, d * (1 + m)], axis=1)
-        return p, J.reshape(len(t), m, d), symmetric(upper.reshape(len(t), m * (m + 1) // 2, d), m)
+        from cpmkit_parametric import unit_kernels
+
+        p, J, H = unit_kernels.jet_of_rows(self.jets.rows(2, t.T), self.count, self.dim)
+        return p, J, H
 
 
 def formula_map(x: Sequence[ast.expr], names: Sequence[str]) -> FormulaMap:

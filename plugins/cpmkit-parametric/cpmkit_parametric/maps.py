@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
 
 from cpmkit.plugin import Floats, InputError
 from cpmkit_parametric.formulas import Jet, symmetric
+
+
+#: Samples by which arcs of a curve are measured, and lines along each parameter by which a surface is.
+ARC_LENGTH_SAMPLES, GRID_LINES = 1025, 129
 
 
 class Map(Protocol):
@@ -110,10 +115,28 @@ class UnitMap:
         """Number m of parameters."""
         return self.map.count
 
+    @cached_property
+    def arc(self) -> tuple[Floats, Floats]:
+        """Unit parameters of a curve, and the lengths of the arcs up to there: no spacing of its drawing changes them."""
+        s = np.linspace(0, 1, ARC_LENGTH_SAMPLES)
+        steps = np.linalg.norm(np.diff(self.value(s[:, None]), axis=0), axis=1)
+        return s, np.concatenate([[0.0], np.cumsum(steps)])
+
+    @cached_property
+    def fastest(self) -> tuple[float, ...]:
+        """By parameter of a surface, the greatest length of a line per unit of it, measured on a grid."""
+        s = np.linspace(0, 1, GRID_LINES)
+        u, v = np.meshgrid(s, s, indexing="ij")
+        points = self.value(np.stack([u.ravel(), v.ravel()], axis=1)).reshape(GRID_LINES, GRID_LINES, -1)
+        steps = [np.linalg.norm(np.diff(points, axis=axis), axis=-1).max() for axis in (0, 1)]
+        return tuple(float((GRID_LINES - 1) * step) for step in steps)
+
     def outer(self, s: Floats, /) -> Floats:
         """Return the user's parameters (n, m) of unit parameters; a bound is met exactly."""
-        t = self.lower + (self.upper - self.lower) * s
-        return np.where(s == 0, self.lower, np.where(s == 1, self.upper, t))
+        from cpmkit_parametric import unit_kernels
+
+        found: Floats = unit_kernels.outer(s, self.lower, self.upper)
+        return found
 
     def inner(self, t: Floats, /) -> Floats:
         """Return the unit parameters (n, m) of the user's."""
@@ -125,8 +148,7 @@ class UnitMap:
 
     def jet(self, s: Floats, /) -> Jet:
         """Return points and derivatives by the unit parameters; those that are not finite become zero."""
+        from cpmkit_parametric import unit_kernels
+
         p, J, H = self.map.jet(self.outer(s))
-        width = self.upper - self.lower
-        with np.errstate(all="ignore"):
-            J, H = J * width[:, None], H * (width[:, None] * width)[..., None]
-        return p, np.where(np.isfinite(J), J, 0.0), np.where(np.isfinite(H), H, 0.0)
+        return p, *unit_kernels.by_unit_parameters(J, H, self.upper - self.lower)

@@ -8,14 +8,10 @@ from cpmkit.plugin import Floats, Ints
 from cpmkit_parametric.domain import Domain, Sides
 from cpmkit_parametric.maps import UnitMap
 
-ARC_LENGTH_SAMPLES = 1025
-
 
 def curve_mesh(map: UnitMap, domain: Domain, spacing: float) -> tuple[Floats, Ints]:
     """Return vertices at equal arc lengths and the segments between them, in the direction of travel."""
-    s = np.linspace(0, 1, ARC_LENGTH_SAMPLES)
-    steps = np.linalg.norm(np.diff(map.value(s[:, None]), axis=0), axis=1)
-    arc = np.concatenate([[0.0], np.cumsum(steps)])
+    s, arc = map.arc
     closed = bool(domain.periodic[0])
     count = max(int(np.ceil(arc[-1] / spacing)), 3 if closed else 1)
     at = np.interp(np.linspace(0, arc[-1], count + 1), arc, s)
@@ -59,8 +55,4 @@ def _glued(i: Ints, j: Ints, counts: list[int], domain: Domain, sides: Sides) ->
 
 def _intervals(map: UnitMap, axis: int, spacing: float, least: int) -> int:
     """Return into how many intervals a parameter is cut for its longest line to have edges of ``spacing``."""
-    s = np.linspace(0, 1, 129)
-    u, v = np.meshgrid(s, s, indexing="ij")
-    points = map.value(np.stack([u.ravel(), v.ravel()], axis=1)).reshape(129, 129, -1)
-    steps = np.linalg.norm(np.diff(points, axis=axis), axis=-1)
-    return max(int(np.ceil(128 * steps.max() / spacing)), least)
+    return max(int(np.ceil(map.fastest[axis] / spacing)), least)

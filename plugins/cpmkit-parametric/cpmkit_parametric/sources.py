@@ -75,10 +75,7 @@ class Parametric:
     @property
     def bounds(self) -> Floats:
         """(2, d) corners of a box around the image; it is wider than the image by a share of the finest cells' bend."""
-        level = self.tree.finest
-        reach = level.radii[:, None] * np.sqrt(np.einsum("cmd,cmd->cd", level.tangents, level.tangents))
-        reach += level.deviations[:, None]
-        return np.stack([(level.centres - reach).min(axis=0), (level.centres + reach).max(axis=0)]) + self.shift
+        return self.tree.box + self.shift
 
     def closest_point(self, x: Floats, /) -> ClosestPoints:
         """Return the closest points of ``x`` (n, d); ``local`` holds the user's parameters (n, m).
@@ -89,7 +86,9 @@ class Parametric:
             If ``x`` holds NaN or infinity, or its shape is not (n, d).
         """
         queries = as_points(x, self.dim) - self.shift
-        starts = range(0, max(len(queries), 1), PARAMETRIC_PARCEL_QUERIES)
+        if len(queries) <= PARAMETRIC_PARCEL_QUERIES:
+            return self._search(queries)
+        starts = range(0, len(queries), PARAMETRIC_PARCEL_QUERIES)
         return ClosestPoints.join(
             [self._search(queries[start : start + PARAMETRIC_PARCEL_QUERIES]) for start in starts]
         )
@@ -100,14 +99,16 @@ class Parametric:
 
     def _search(self, x: Floats) -> ClosestPoints:
         """Descend from every start and keep the nearest end of each query."""
+        from cpmkit_parametric.descent_kernels import apart, nearest_of
+
         starts = self.tree.starts(x)
         longest = 2.0 / np.array(self.tree.finest.shape)
-        ends = descend(self.map, self.domain, x[starts.query], starts.parameters, longest, self.size)
+        asked = x[starts.query]
+        ends = descend(self.map, self.domain, asked, starts.parameters, longest, self.size)
         s = self.domain.snapped(ends.parameters)
         points = self.map.value(s)
-        distance = np.linalg.norm(x[starts.query] - points, axis=1)
-        order = np.lexsort((distance, starts.query))
-        best = order[np.searchsorted(starts.query[order], np.arange(len(x)))] if len(x) else order
+        distance = apart(points, asked)
+        best = nearest_of(starts.query, distance, len(x))
         doubtful = ~ends.converged[best]
         doubtful[self._crossings(starts.query, s, points, best)] = True
         return ClosestPoints(
@@ -127,6 +128,8 @@ class Parametric:
         rows = np.flatnonzero(coincide & (apart.max(axis=1) > TWO_FEET_SHARE))
         pole = self.sides.at_pole(s[rows]) | self.sides.at_pole(s[other[rows]])
         rows = rows[~pole]
+        if not len(rows):
+            return rows
         planes = [_projectors(self.map.jet(s[index])[1]) for index in (rows, other[rows])]
         crossing = np.abs(planes[0] - planes[1]).max(axis=(1, 2), initial=0.0) > TWO_FEET_SHARE
         return np.asarray(query[rows[crossing]])

@@ -6,13 +6,19 @@ from collections.abc import Sequence
 
 from cpmkit.forms.galerkin.sample_mesh import Bend, SampleMesh
 from cpmkit.forms.galerkin.samples.curving import curved
+from cpmkit.forms.galerkin.samples.edges import Edges
 from cpmkit.forms.galerkin.samples.lifting import curved_by_normals
 from cpmkit.forms.galerkin.samples.segments import split_at_knots
 from cpmkit.manifold.local_source import LocalSource
 
 
 def bent(
-    mesh: SampleMesh, bend: Bend, source: LocalSource, boundaries: Sequence[LocalSource | None], spacing: float
+    mesh: SampleMesh,
+    bend: Bend,
+    source: LocalSource,
+    boundaries: Sequence[LocalSource | None],
+    spacing: float,
+    edges: Edges | None = None,
 ) -> SampleMesh:
     """Return the mesh, split and cut, as its samples are to be taken from; segments end on knot planes.
 
@@ -28,9 +34,11 @@ def bent(
         By their number in ``mesh.owner``; None where a boundary stays where the mesh has it.
     spacing : float
         h of the lattice.
+    edges : Edges, optional
+        Of the mesh; where it is bent by normals these are needed, and found if they are not given.
     """
     if bend == "feet":
         return curved(mesh, source, boundaries, spacing)
     if bend == "normals":
-        return curved_by_normals(mesh, source, boundaries)
+        return curved_by_normals(mesh, source, boundaries, edges)
     return split_at_knots(mesh, spacing) if mesh.manifold_dim == 1 else mesh

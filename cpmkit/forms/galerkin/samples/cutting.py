@@ -9,12 +9,13 @@ from cpmkit.forms.galerkin.samples.edges import Edges, edges_of, edges_on_cut
 from cpmkit.protocols import Ints
 
 
-def corners_of(mesh: SampleMesh) -> Ints:
+def corners_of(mesh: SampleMesh, edges: Edges | None = None) -> Ints:
     """Return (m, k) the vertex that each corner of each cell has once the mesh is cut along its boundaries.
 
     Corners of triangles are one vertex if one comes from one to the other over edges that no boundary lies on; an
     edge of three triangles or more joins them all. Of segments all corners at a place are one vertex, and each is its
-    own where a boundary lies. Tips, junctions, rims and one-sided surfaces need no case of their own.
+    own where a boundary lies. Tips, junctions, rims and one-sided surfaces need no case of their own. The ``edges`` of
+    triangles are found if they are not given.
     """
     if mesh.manifold_dim == 1:
         apart = np.zeros(len(mesh.vertices), dtype=bool)
@@ -24,7 +25,7 @@ def corners_of(mesh: SampleMesh) -> Ints:
         return np.asarray(numbers.reshape(mesh.cells.shape), dtype=np.int64)
     from cpmkit.forms.galerkin.samples import edges_kernels
 
-    edges = edges_of(mesh)
+    edges = edges_of(mesh) if edges is None else edges
     barred = np.zeros(len(edges.ends), dtype=bool)
     barred[edges_on_cut(mesh, edges)] = True
     corners: Ints = edges_kernels.join_corners(np.ascontiguousarray(mesh.cells), edges.of_cells, barred)

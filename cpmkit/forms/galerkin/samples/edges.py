@@ -8,7 +8,6 @@ import numpy as np
 
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.grid.lattice import find
-from cpmkit.manifold.vectors import norms
 from cpmkit.protocols import Floats, Ints
 
 
@@ -29,8 +28,10 @@ class Edges:
 
     def lengths(self, vertices: Floats) -> Floats:
         """Return (e,) the distances of their ends."""
-        way = vertices[self.ends[:, 1]] - vertices[self.ends[:, 0]]
-        return norms(way)
+        from cpmkit.forms.galerkin.samples import edges_kernels
+
+        found: Floats = edges_kernels.lengths(np.ascontiguousarray(self.ends), np.ascontiguousarray(vertices))
+        return found
 
 
 def edges_of(mesh: SampleMesh) -> Edges:

@@ -1,10 +1,10 @@
-"""The edges of triangles, and the corners that hang together over them, without sorting."""
+"""The edges of triangles, how long they are, and the corners that hang together over them, without sorting."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.protocols import Bools, Ints
+from cpmkit.protocols import Bools, Floats, Ints
 from cpmkit.runtime.compilation import compiled
 
 
@@ -34,6 +34,18 @@ def number_edges(cells: Ints, count: int) -> tuple[Ints, Ints]:
                 following[edge], head[low] = head[low], edge
             of_cells[cell, corner] = edge
     return ends[:found].copy(), of_cells
+
+
+@compiled
+def lengths(ends: Ints, vertices: Floats) -> Floats:
+    """Return (e,) the lengths of edges (e, 2)."""
+    found = np.empty(len(ends))
+    for edge in range(len(ends)):
+        squared = 0.0
+        for k in range(vertices.shape[1]):
+            squared += (vertices[ends[edge, 1], k] - vertices[ends[edge, 0], k]) ** 2
+        found[edge] = np.sqrt(squared)
+    return found
 
 
 @compiled

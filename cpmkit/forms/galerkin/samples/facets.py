@@ -9,7 +9,6 @@ from __future__ import annotations
 import numpy as np
 
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
-from cpmkit.manifold.vectors import dots, norms
 from cpmkit.protocols import Floats
 
 #: Pieces with the area times the square of the length, in spacings, below the angle times this have one sample.
@@ -22,8 +21,6 @@ MOST_SINGLE_MOMENT = 5e-3
 #: triangles and a torus of 58,000 then have the same errors to 1 percent, Nefertiti and a koala of 100,000 errors up to
 #: 7 percent larger, with a third to three quarters of the samples; ten times the limit is a sixth more on the sphere.
 CURVED_SINGLE_MOMENT = 1e-4
-#: Curved triangles that are looked at together.
-CORNERS_AT_ONCE = 1 << 14
 
 
 def single_moments(mesh: SampleMesh, spacing: float) -> Floats:
@@ -50,13 +47,8 @@ def _of_flat(mesh: SampleMesh) -> Floats:
 
 
 def _of_curved(mesh: SampleMesh, spacing: float) -> Floats:
-    found = np.zeros(len(mesh.cells))
-    for start in range(0, len(found), CORNERS_AT_ONCE):  # what is needed on the way stays small beside the samples
-        some = slice(start, start + CORNERS_AT_ONCE)
-        corners = mesh.vertices[mesh.cells[some]] / spacing
-        a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-        area = 0.5 * norms(np.cross(b - a, c - a))
-        extent = np.maximum(np.maximum(a, b), c) - np.minimum(np.minimum(a, b), c)
-        small = np.flatnonzero(area * dots(extent, extent) < CURVED_SINGLE_MOMENT)
-        found[start + small] = CURVED_SINGLE_MOMENT  # zeros that nobody writes take no memory
+    from cpmkit.forms.galerkin.samples.facet_kernels import mark_small
+
+    found = np.zeros(len(mesh.cells))  # zeros that nobody writes take no memory
+    mark_small(mesh.vertices, np.ascontiguousarray(mesh.cells), spacing, CURVED_SINGLE_MOMENT, found)
     return found

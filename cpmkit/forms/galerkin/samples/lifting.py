@@ -30,6 +30,8 @@ from cpmkit.protocols import Floats, Ints
 
 #: How often vertices that were put on flat triangles are lifted to their neighbours.
 LIFTING_ROUNDS = 3
+#: A vertex that is so many roundings of the largest coordinate from one of the source's own is that.
+SAME_PLACE_ROUNDINGS = 8
 
 
 def lifted(mesh: SampleMesh, source: LocalSource, length: float) -> SampleMesh:
@@ -58,7 +60,10 @@ def lifted(mesh: SampleMesh, source: LocalSource, length: float) -> SampleMesh:
 
 
 def curved_by_normals(
-    mesh: SampleMesh, source: LocalSource, boundaries: Sequence[LocalSource | None] = ()
+    mesh: SampleMesh,
+    source: LocalSource,
+    boundaries: Sequence[LocalSource | None] = (),
+    edges: Edges | None = None,
 ) -> SampleMesh:
     """Return quadratic triangles on the smooth surface, with their edges on boundaries above where those lie.
 
@@ -69,13 +74,19 @@ def curved_by_normals(
     source : LocalSource
     boundaries : sequence of LocalSource
         By their number in ``mesh.owner``; None where a boundary stays where the mesh has it.
+    edges : Edges, optional
+        Of the mesh, found if they are not given.
     """
-    edges = edges_with(source, mesh)
-    if edges is not None and not boundaries:
-        ends = edges.ends
-        middles = 0.5 * (mesh.vertices[ends[:, 0]] + mesh.vertices[ends[:, 1]])
-        return replace(mesh, midpoints=(middles + _kept_heights(source, edges))[edges.of_cells])
-    edges = edges or edges_of(mesh)
+    own = edges_with(source, mesh)
+    if own is not None and not boundaries:
+        from cpmkit.forms.galerkin.samples import lifting_kernels
+
+        arrays = mesh.vertices, own.ends, _kept_heights(source, own), own.of_cells
+        return replace(mesh, midpoints=lifting_kernels.middles_above(*arrays))
+    edges = own or edges or edges_of(mesh)
+    if not len(mesh.cut):
+        normals = vertex_normals(source, mesh)
+        return replace(mesh, midpoints=above_middles(mesh.vertices, edges.ends, normals)[edges.of_cells])
     on_cut, number = np.unique(mesh.cut), edges_on_cut(mesh, edges)
     normals = normals_at(source, mesh.vertices)
     vertices = mesh.vertices.copy()
@@ -103,11 +114,30 @@ def curved_by_normals(
 def vertex_normals(source: LocalSource, mesh: SampleMesh) -> Floats:
     """Return the source's own normals (v, d) at the vertices of its cells, or of other ones."""
     own = own_cells(source)
-    if own is None or not own.is_final(mesh):
+    if own is None:
         return normals_at(source, mesh.vertices)
     if "normals" not in own.found:
         own.found["normals"] = normals_at(in_scene(source), own.final.vertices)
     found: Floats = own.found["normals"]
+    return found if own.is_final(mesh) else _with_others(source, mesh, found)
+
+
+def _with_others(source: LocalSource, mesh: SampleMesh, normals: Floats) -> Floats:
+    """Return the normals (v, d) at the vertices of a mesh, ``normals`` being those at the source's own.
+
+    What was added to its own cells stands behind these. Others are asked where the source stands in the scene, as its
+    own were: nothing is searched for them in what was moved, and the answer is the same on all lattices.
+    """
+    own = own_cells(source)
+    assert own is not None
+    in_place = mesh.vertices + source.scene_origin
+    others = np.ones(len(in_place), dtype=bool)
+    if len(in_place) >= len(normals):
+        rounding = SAME_PLACE_ROUNDINGS * np.finfo(float).eps * np.abs(in_place).max()
+        others[: len(normals)] = np.abs(in_place[: len(normals)] - own.final.vertices).max(axis=1) > rounding
+    found = np.empty_like(in_place)
+    found[: len(normals)] = normals[: len(found)]
+    found[others] = normals_at(in_scene(source), in_place[others])
     return found
 
 
@@ -130,13 +160,11 @@ def normals_at(source: LocalSource, points: Floats) -> Floats:
 
 def above_middles(vertices: Floats, ends: Ints, normals: Floats) -> Floats:
     """Return (e, d) the points of the smooth surface above the middles of edges (e, 2); of creases the middles."""
-    start, end = vertices[ends[:, 0]], vertices[ends[:, 1]]
-    chord = end - start
-    length = norms(chord)[:, None]
-    leaving, arriving = (length * unit(_off(chord, normals[ends[:, k]])) for k in range(2))
-    height = (leaving - arriving) / 8
-    creased = norms(height)[:, None] > CREASED_EDGE_SHARE * length
-    return 0.5 * (start + end) + np.where(creased, 0.0, height)
+    from cpmkit.forms.galerkin.samples import lifting_kernels
+
+    arrays = [np.ascontiguousarray(one) for one in (vertices, ends, normals)]
+    found: Floats = lifting_kernels.hermite_middles(*arrays, CREASED_EDGE_SHARE)
+    return found
 
 
 def lifted_to_neighbours(mesh: SampleMesh, edges: Edges, rows: Ints, normals: Floats) -> SampleMesh:

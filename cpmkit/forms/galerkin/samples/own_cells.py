@@ -15,9 +15,9 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
-from cpmkit.forms.galerkin.samples.cutting import corners_of
 from cpmkit.forms.galerkin.samples.edges import Edges, edges_of
-from cpmkit.forms.galerkin.samples.soundness import Mended, sound, sound_corners
+from cpmkit.forms.galerkin.samples.soundness import Mended, is_sound_split, sound, sound_corners
+from cpmkit.forms.galerkin.samples.winding import winding_of
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.protocols import Floats, HasGivenMesh, HasMesh, Ints
 
@@ -120,23 +120,13 @@ def in_scene(source: LocalSource) -> LocalSource:
     return LocalSource(source.of, np.zeros(source.dim), source.queries)
 
 
-def made_sound(source: LocalSource, mesh: SampleMesh) -> tuple[SampleMesh, Mended]:
-    """Return :func:`sound` of a mesh of a source's cells."""
+def made_sound(source: LocalSource, mesh: SampleMesh, split: bool = False) -> tuple[SampleMesh, Mended]:
+    """Return :func:`sound` of a mesh of a source's cells; ``split``: these are parts of sound ones."""
     own = own_cells(source)
     kept = None if own is None or mesh.midpoints is not None or len(mesh.cut) else own.sound(mesh.cells)
+    if kept is None and split and is_sound_split(mesh):
+        return mesh, Mended(0, 0, 0)
     return sound(mesh) if kept is None else (kept.placed(mesh), kept.mended)
-
-
-def own_corners(source: LocalSource, mesh: SampleMesh) -> Ints:
-    """Return :func:`corners_of` a mesh of a source's cells."""
-    own = own_cells(source)
-    if own is None or not own.is_final(mesh):
-        return corners_of(mesh)
-    if "corners" not in own.found:
-        corners = corners_of(mesh)
-        own.found["corners"] = mesh.cells if np.array_equal(corners, mesh.cells) else corners
-    found: Ints = own.found["corners"]
-    return found
 
 
 def edges_with(source: LocalSource, mesh: SampleMesh) -> Edges | None:
@@ -148,3 +138,13 @@ def edges_with(source: LocalSource, mesh: SampleMesh) -> Edges | None:
         own.found["edges"] = edges_of(mesh)
     found: Edges = own.found["edges"]
     return found
+
+
+def own_winding(source: LocalSource, mesh: SampleMesh, edges: Edges | None = None) -> Any:
+    """Return :func:`winding_of` a mesh of a source's cells."""
+    own = own_cells(source)
+    if own is None or not own.is_final(mesh):
+        return winding_of(mesh, edges)
+    if "winding" not in own.found:
+        own.found["winding"] = winding_of(mesh, edges)
+    return own.found["winding"]

@@ -58,8 +58,6 @@ def _of_segments(mesh: SampleMesh) -> Samples:
 
 def _of_triangles(mesh: SampleMesh, clipped_at: float | None, clipped: Bools | None, fine: bool) -> Iterator[list[Any]]:
     """Yield the arrays of samples of some triangles after those of others."""
-    from cpmkit.forms.galerkin.samples.clipping_kernels import triangle_samples
-
     spacing = 1.0 if clipped_at is None else float(clipped_at)
     if clipped is None or clipped_at is None:
         clipped = np.full(len(mesh.cells), clipped_at is not None)
@@ -69,8 +67,30 @@ def _of_triangles(mesh: SampleMesh, clipped_at: float | None, clipped: Bools | N
         nodes = mesh.vertices[mesh.cells[some]]
         if mesh.midpoints is not None:
             nodes = np.concatenate([nodes, mesh.midpoints[some]], axis=1)
-        *others, cell = triangle_samples(np.ascontiguousarray(nodes), spacing, clipped[some], single[some], fine)
+        *others, cell = _of_some(np.ascontiguousarray(nodes), spacing, clipped[some], single[some], fine)
         yield [*others, cell + np.int32(start)]
+
+
+def _of_some(nodes: Floats, spacing: float, clipped: Bools, single: Floats, fine: bool) -> list[Any]:
+    """Return the points, weights, normals and triangles of samples, those of one triangle after those of another."""
+    from cpmkit.forms.galerkin.samples.clipping_kernels import triangle_samples
+
+    count = len(nodes)
+    if not count or fine or not single.any():
+        return list(triangle_samples(nodes, spacing, clipped, single, fine))
+    from cpmkit.forms.galerkin.samples.whole_kernels import single_samples
+
+    found = np.empty((count, 3)), np.empty(count), np.empty((count, 1, 3)), np.empty(count, dtype=np.int32)
+    left = np.empty(count, dtype=np.int64)
+    used, others = single_samples(nodes, spacing, clipped, single, found, left)
+    if not others:
+        return list(found)
+    rest = left[:others]
+    *of_rest, triangle = triangle_samples(nodes[rest], spacing, clipped[rest], single[rest], fine)
+    of_rest.append(rest[triangle].astype(np.int32))
+    both = [np.concatenate([one[:used], other]) for one, other in zip(found, of_rest, strict=True)]
+    order = np.argsort(both[3], kind="stable")
+    return [one[order] for one in both]
 
 
 def _arrays(samples: Samples) -> list[Any]:

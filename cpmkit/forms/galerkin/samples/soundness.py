@@ -52,6 +52,11 @@ def sound(mesh: SampleMesh) -> tuple[SampleMesh, Mended]:
     return SampleMesh.of(mesh.vertices[at], corners, midpoints), mended
 
 
+def is_sound_split(mesh: SampleMesh) -> bool:
+    """Tell whether a mesh whose cells are parts of those of a sound one is sound: no two vertices are at one place."""
+    return bool((_places(mesh.vertices) == np.arange(len(mesh.vertices))).all())
+
+
 def sound_corners(mesh: SampleMesh) -> tuple[Ints, Ints, Bools, Mended]:
     """Return which vertex (v,) each of a sound mesh is, its cells (k, c), those (m,) of the mesh, and what changed."""
     place = _places(mesh.vertices)

@@ -35,10 +35,13 @@ class Drawn:
         Flat cells with vertices on the manifold.
     bend : "flat", "feet" or "normals"
         What the manifold does between them, see :func:`bent`.
+    split : bool
+        Whether the cells are parts of sound ones.
     """
 
     mesh: SampleMesh
     bend: Bend
+    split: bool = False
 
 
 def cells_of(source: LocalSource, spacing: float, sampling: str = "auto") -> Drawn | None:
@@ -70,7 +73,7 @@ def cells_of(source: LocalSource, spacing: float, sampling: str = "auto") -> Dra
         if source.source.exact or m == 1 or not source.has_normals:
             return Drawn(mesh, "flat")
         length = spacing * longest_edge_spacings(sampling, "normals", m)
-        return Drawn(lifted(made_sound(source, mesh)[0], source, length), "normals")
+        return Drawn(lifted(made_sound(source, mesh)[0], source, length), "normals", split=True)
     if height <= BENT_EDGE_SHARE * length or length == short:
         mesh = sound(mesh)[0]
         if is_fit(source, mesh, length):

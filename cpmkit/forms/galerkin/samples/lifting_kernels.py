@@ -1,0 +1,61 @@
+"""Compiled: where a surface known by its normals stands above the middles of edges."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.protocols import Floats, Ints
+from cpmkit.runtime.compilation import compiled
+
+
+@compiled
+def hermite_middles(vertices: Floats, ends: Ints, normals: Floats, creased_share: float) -> Floats:
+    """Return (e, d) the middles of Hermite's cubics over edges (e, 2), across whose ends the ``normals`` (v, d) stand.
+
+    Where one is higher than ``creased_share`` of its edge, the middle of the edge.
+    """
+    d = vertices.shape[1]
+    found = np.empty((len(ends), d))
+    chord, height, tangent = np.empty(d), np.empty(d), np.empty(d)
+    for edge in range(len(ends)):
+        squared = 0.0
+        for i in range(d):
+            chord[i] = vertices[ends[edge, 1], i] - vertices[ends[edge, 0], i]
+            height[i] = 0.0
+            squared += chord[i] * chord[i]
+        length = np.sqrt(squared)
+        for side in range(2):
+            end = ends[edge, side]
+            off = total = 0.0
+            for i in range(d):
+                off += chord[i] * normals[end, i]
+            for i in range(d):
+                tangent[i] = chord[i] - off * normals[end, i]
+                total += tangent[i] * tangent[i]
+            size = np.sqrt(total)
+            share = (length if side == 0 else -length) if size > 0 else 0.0
+            for i in range(d):
+                height[i] += share * (tangent[i] / (size if size > 0 else 1.0))
+        above = 0.0
+        for i in range(d):
+            height[i] /= 8
+            above += height[i] * height[i]
+        creased = np.sqrt(above) > creased_share * length
+        for i in range(d):
+            middle = 0.5 * (vertices[ends[edge, 0], i] + vertices[ends[edge, 1], i])
+            found[edge, i] = middle + (0.0 if creased else height[i])
+    return found
+
+
+@compiled
+def middles_above(vertices: Floats, ends: Ints, heights: Floats, of_cells: Ints) -> Floats:
+    """Return (m, k, d), of the edges ``of_cells`` (m, k), their middles and the ``heights`` (e, d) on top of these."""
+    m, k = of_cells.shape
+    found = np.empty((m, k, vertices.shape[1]))
+    for cell in range(m):
+        for j in range(k):
+            edge = of_cells[cell, j]
+            for i in range(vertices.shape[1]):
+                middle = 0.5 * (vertices[ends[edge, 0], i] + vertices[ends[edge, 1], i])
+                found[cell, j, i] = middle + heights[edge, i]
+    return found

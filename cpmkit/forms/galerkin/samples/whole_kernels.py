@@ -1,0 +1,82 @@
+"""Compiled: the samples of triangles that lie between knot planes and need one alone.
+
+On lattices far coarser than a mesh these are all but a few, and nothing needs to be cut.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cpmkit.forms.galerkin.samples.clipping_kernels import (
+    ON_PLANE_SPACINGS,
+    directed,
+    position,
+    put_back,
+    slopes,
+)
+from cpmkit.protocols import Bools, Floats
+from cpmkit.runtime.compilation import compiled
+
+#: The centroid: shares of the first two corners, as the rule of one place makes them of a whole triangle.
+FIRST_SHARE, SECOND_SHARE = 1.0 - (1.0 / 3.0) / 0.5, (0.5 / 3.0) / 0.5
+
+
+@compiled
+def is_single(corners: Floats, clipped: bool, single: float, cell: Floats) -> bool:
+    """Tell whether a triangle has one sample and is not cut; fills ``cell`` (3,) with the lattice cell it lies in."""
+    if single <= 0:
+        return False
+    length = 0.0
+    for i in range(3):
+        low = min(min(corners[0, i], corners[1, i]), corners[2, i])
+        high = max(max(corners[0, i], corners[1, i]), corners[2, i])
+        if clipped and high - (np.floor(low + ON_PLANE_SPACINGS + 0.5) + 0.5) > ON_PLANE_SPACINGS:
+            return False
+        length += (high - low) ** 2
+        cell[i] = np.floor(0.5 * (low + high) + 0.5)
+    a, b, c = corners[1, 0] - corners[0, 0], corners[1, 1] - corners[0, 1], corners[1, 2] - corners[0, 2]
+    d, e, f = corners[2, 0] - corners[0, 0], corners[2, 1] - corners[0, 1], corners[2, 2] - corners[0, 2]
+    x, y, z = b * f - c * e, c * d - a * f, a * e - b * d
+    return bool(0.5 * np.sqrt(x * x + y * y + z * z) * length < single)
+
+
+@compiled
+def single_samples(
+    nodes: Floats, spacing: float, clipped: Bools, single: Floats, found: tuple[Floats, Floats, Floats, Any], left: Any
+) -> tuple[int, int]:
+    """Fill ``found`` with the points, weights, normals and triangles of the samples of those that need one alone.
+
+    And ``left`` (m,) with the numbers of all others; returns how many of both there are.
+
+    Parameters
+    ----------
+    nodes, spacing, clipped, single
+        As of ``triangle_samples``, whose samples these are.
+    found : (m, 3), (m,), (m, 1, 3) float64, (m,) int32
+    left : (m,) int64
+    """
+    points, weights, normals, triangle = found
+    curved = nodes.shape[1] == 6
+    own, cell, point = np.empty(nodes.shape[1:]), np.empty(3), np.empty(3)
+    first, second, normal = np.empty(3), np.empty(3), np.empty(3)
+    used = others = 0
+    for m in range(len(nodes)):
+        for k in range(len(own)):
+            for i in range(3):
+                own[k, i] = nodes[m, k, i] / spacing
+        if not is_single(own, clipped[m], single[m], cell):
+            left[others] = m
+            others += 1
+            continue
+        position(own, curved, FIRST_SHARE, SECOND_SHARE, point)
+        slopes(own, curved, FIRST_SHARE, SECOND_SHARE, first, second)
+        across = directed(first, second, normal)
+        weights[used] = 0.5 * across * spacing**2
+        for i in range(3):
+            normals[used, 0, i] = normal[i]
+            points[used, i] = spacing * (put_back(point[i], cell[i]) if clipped[m] else point[i])
+        triangle[used] = m
+        used += 1
+    return used, others

@@ -1,0 +1,110 @@
+"""Compiled: of the cells that may hold the foot of a query, those that descents start in."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.plugin import compiled
+
+
+@compiled
+def starting_points(x, found, neighbours, neighbours_along, ends, shape, centres, inverses, most):
+    """Return the query (k,) and the unit parameters (k, m) of each start, sorted by query.
+
+    One in each valley of the distance, the nearest first, then one in each along the ends; at most so many of both.
+
+    Parameters
+    ----------
+    x : (n, d) float64
+        The queries.
+    found : (query, cell, distance) of each pair that may be closest
+        Sorted by query.
+    neighbours, neighbours_along, ends, centres, inverses
+        Of the finest cells, as in a ``CellTree``.
+    shape : (m,) int64
+        How many of these lie along each parameter.
+    most : int
+    """
+    query, cell, distance = found
+    cells, m = ends.shape
+    place, chosen = np.full(cells, -1), np.empty(most, np.int64)
+    starts, parameters = np.empty(2 * len(query), np.int64), np.empty((2 * len(query), m))
+    count = begin = 0
+    while begin < len(query):
+        end = begin
+        while end < len(query) and query[end] == query[begin]:
+            end += 1
+        for along in range(2):
+            around = neighbours_along if along else neighbours
+            for pair in range(begin, end):
+                if not along or _touches(ends, cell[pair]):
+                    place[cell[pair]] = pair
+            valleys = 0
+            for pair in range(begin, end):
+                if place[cell[pair]] == pair and _is_lowest(pair, cell, distance, place, around):
+                    valleys = _put_in_order(chosen, valleys, pair, cell, distance)
+            for k in range(valleys):
+                c = cell[chosen[k]]
+                starts[count] = query[begin]
+                _parameters(x[query[begin]], c, shape, centres, inverses, parameters[count])
+                for i in range(m):
+                    if along and np.isfinite(ends[c, i]):
+                        parameters[count, i] = ends[c, i]
+                count += 1
+            for pair in range(begin, end):
+                place[cell[pair]] = -1
+        begin = end
+    return starts[:count].copy(), parameters[:count].copy()
+
+
+@compiled
+def _touches(ends, cell):
+    """Return whether a cell touches an end of a bounded parameter."""
+    for i in range(ends.shape[1]):
+        if np.isfinite(ends[cell, i]):
+            return True
+    return False
+
+
+@compiled
+def _is_before(one, other, cell, distance):
+    """Return whether a pair is nearer than another of the same query, or as near in an earlier cell."""
+    return distance[one] < distance[other] or (distance[one] == distance[other] and cell[one] < cell[other])
+
+
+@compiled
+def _is_lowest(pair, cell, distance, place, around):
+    """Return whether no neighbouring cell, of those that have a ``place``, comes before a pair."""
+    for k in range(around.shape[1]):
+        other = place[around[cell[pair], k]]
+        if other >= 0 and _is_before(other, pair, cell, distance):
+            return False
+    return True
+
+
+@compiled
+def _put_in_order(chosen, count, pair, cell, distance):
+    """Put a pair where it belongs among the first ``count`` that are ``chosen``; return how many there are then."""
+    at = count
+    while at > 0 and _is_before(pair, chosen[at - 1], cell, distance):
+        at -= 1
+    if at == len(chosen):
+        return count
+    last = min(count, len(chosen) - 1)
+    for k in range(last, at, -1):
+        chosen[k] = chosen[k - 1]
+    chosen[at] = pair
+    return last + 1
+
+
+@compiled
+def _parameters(x, cell, shape, centres, inverses, parameters):
+    """Fill in the unit parameters (m,) in a finest cell whose disc's point is nearest to ``x`` (d,)."""
+    m = len(shape)
+    rest = cell
+    for i in range(m - 1, -1, -1):
+        offset = 0.0
+        for k in range(len(x)):
+            offset += (x[k] - centres[cell, k]) * inverses[cell, k, i]
+        parameters[i] = (rest % shape[i] + 0.5 + min(max(offset, -0.5), 0.5)) / shape[i]
+        rest //= shape[i]
