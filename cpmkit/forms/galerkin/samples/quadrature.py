@@ -87,7 +87,7 @@ def _single_and_others(
     from cpmkit.forms.galerkin.samples.whole_kernels import single_samples
 
     count = len(cells)
-    found = np.empty((count, 3)), np.empty(count), np.empty((count, 1, 3)), np.empty(count, dtype=np.int32)
+    found: Any = np.empty((count, 3)), np.empty(count), np.empty((count, 1, 3)), np.empty(count, dtype=np.int32)
     left = np.empty(count, dtype=np.int64)
     used, others = single_samples(vertices, cells, midpoints, spacing, clipped, single, found, left)
     if not others:
