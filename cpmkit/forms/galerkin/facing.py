@@ -75,4 +75,3 @@ def turned(space: Space, facing: Floats) -> Turned:
     heavy = np.flatnonzero(is_turned & (area >= np.median(area[is_turned])))
     worst = heavy[np.argmin(length[heavy] / area[heavy])]
     return Turned(float(area[is_turned].sum() / area.sum()), space.parting.places[worst], bent)
-

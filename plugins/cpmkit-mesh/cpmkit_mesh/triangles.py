@@ -161,6 +161,7 @@ class TriangleMesh:
         offset = as_vector(offset, 3, "offset")
         made = replace(self, vertices=self.vertices + offset, shift=self.shift + offset)
         made.__dict__["_first"] = self._first
+        made.__dict__["_bounds"] = self._bounds + offset  # rounded as the vertices are
         return made
 
     @cached_property

@@ -12,7 +12,6 @@ import numpy as np
 from cpmkit.plugin import Floats, InputError
 from cpmkit_parametric.formulas import Jet, symmetric
 
-
 #: Samples by which arcs of a curve are measured, and lines along each parameter by which a surface is.
 ARC_LENGTH_SAMPLES, GRID_LINES = 1025, 129
 
@@ -117,7 +116,7 @@ class UnitMap:
 
     @cached_property
     def arc(self) -> tuple[Floats, Floats]:
-        """Unit parameters of a curve, and the lengths of the arcs up to there: no spacing of its drawing changes them."""
+        """Unit parameters of a curve, and the lengths of the arcs up to there, which no spacing changes."""
         s = np.linspace(0, 1, ARC_LENGTH_SAMPLES)
         steps = np.linalg.norm(np.diff(self.value(s[:, None]), axis=0), axis=1)
         return s, np.concatenate([[0.0], np.cumsum(steps)])

@@ -60,10 +60,10 @@ def starting_points(x, found, neighbours, neighbours_along, ends, shape, centres
 @compiled
 def _touches(ends, cell):
     """Return whether a cell touches an end of a bounded parameter."""
+    touches = False
     for i in range(ends.shape[1]):
-        if np.isfinite(ends[cell, i]):
-            return True
-    return False
+        touches |= np.isfinite(ends[cell, i])
+    return touches
 
 
 @compiled

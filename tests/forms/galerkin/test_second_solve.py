@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import cpmkit as ck
-from cpmkit.forms.galerkin.samples import own_cells, soundness
+from cpmkit.forms.galerkin.samples import lifting, own_cells, soundness
 from cpmkit.forms.galerkin.samples.own_cells import KEPT
 
 SPACING = 0.35
@@ -66,6 +66,19 @@ def test_solutions_do_not_depend_on_which_lattice_came_first():
     ck.solve(scene, SPACING, form="galerkin")
     later = ck.solve(scene, finer, form="galerkin", origin=origin)
     assert np.array_equal(alone.values, later.values)
+
+
+def test_a_mesh_whose_long_edges_are_split_asks_for_what_is_new_alone(monkeypatch):
+    scene, spacing, origin = ck.Scene(ball_mesh(closest="smooth"), F), 0.17, [0.013, 0.007, 0.002]
+    ck.solve(scene, SPACING, form="galerkin")
+    found = ck.solve(scene, spacing, form="galerkin", origin=origin)
+    monkeypatch.setattr(lifting, "vertex_normals", lambda source, mesh: lifting.normals_at(source, mesh.vertices))
+    every = ck.solve(scene, spacing, form="galerkin", origin=origin)
+    asked = [one.work.closest_point_queries for one in (found, every)]
+    vertices = len(scene.surface.mesh(1.0)[0])
+    assert asked[1] - asked[0] >= vertices  # more than its own vertices are asked for: some edges were split
+    assert asked[1] > 1.05 * vertices
+    np.testing.assert_allclose(found.values, every.values, atol=1e-11 * np.ptp(every.values))
 
 
 def test_what_is_kept_goes_with_its_source():

@@ -32,6 +32,8 @@ from cpmkit.protocols import Floats, Ints
 LIFTING_ROUNDS = 3
 #: A vertex that is so many roundings of the largest coordinate from one of the source's own is that.
 SAME_PLACE_ROUNDINGS = 8
+#: Lengths that are found in two ways differ by less than this share.
+ROUNDING_SHARE = 1e-12
 
 
 def lifted(mesh: SampleMesh, source: LocalSource, length: float) -> SampleMesh:
@@ -46,9 +48,14 @@ def lifted(mesh: SampleMesh, source: LocalSource, length: float) -> SampleMesh:
     length : float
         In the unit of the vertices.
     """
-    normals = vertex_normals(source, mesh)
+    from cpmkit.forms.galerkin.samples.subdivision_kernels import with_long_edges
+
+    normals, surely_short = vertex_normals(source, mesh), length * (1 - ROUNDING_SHARE)
     while True:
-        edges = edges_with(source, mesh) or edges_of(mesh)
+        edges = edges_with(source, mesh)
+        if edges is None and not with_long_edges(mesh.vertices, np.ascontiguousarray(mesh.cells), surely_short).any():
+            return mesh  # told without numbering the edges
+        edges = edges or edges_of(mesh)
         long = edges.lengths(mesh.vertices) > length
         if not long.any():
             return mesh
@@ -77,16 +84,16 @@ def curved_by_normals(
     edges : Edges, optional
         Of the mesh, found if they are not given.
     """
+    from cpmkit.forms.galerkin.samples import lifting_kernels
+
     own = edges_with(source, mesh)
     if own is not None and not boundaries:
-        from cpmkit.forms.galerkin.samples import lifting_kernels
-
         arrays = mesh.vertices, own.ends, _kept_heights(source, own), own.of_cells
         return replace(mesh, midpoints=lifting_kernels.middles_above(*arrays))
     edges = own or edges or edges_of(mesh)
     if not len(mesh.cut):
-        normals = vertex_normals(source, mesh)
-        return replace(mesh, midpoints=above_middles(mesh.vertices, edges.ends, normals)[edges.of_cells])
+        points = above_middles(mesh.vertices, edges.ends, vertex_normals(source, mesh))
+        return replace(mesh, midpoints=lifting_kernels.at_edges(points, edges.of_cells))
     on_cut, number = np.unique(mesh.cut), edges_on_cut(mesh, edges)
     normals = normals_at(source, mesh.vertices)
     vertices = mesh.vertices.copy()
@@ -162,8 +169,8 @@ def above_middles(vertices: Floats, ends: Ints, normals: Floats) -> Floats:
     """Return (e, d) the points of the smooth surface above the middles of edges (e, 2); of creases the middles."""
     from cpmkit.forms.galerkin.samples import lifting_kernels
 
-    arrays = [np.ascontiguousarray(one) for one in (vertices, ends, normals)]
-    found: Floats = lifting_kernels.hermite_middles(*arrays, CREASED_EDGE_SHARE)
+    ends, normals = np.ascontiguousarray(ends), np.ascontiguousarray(normals)
+    found: Floats = lifting_kernels.hermite_middles(np.ascontiguousarray(vertices), ends, normals, CREASED_EDGE_SHARE)
     return found
 
 

@@ -59,3 +59,15 @@ def middles_above(vertices: Floats, ends: Ints, heights: Floats, of_cells: Ints)
                 middle = 0.5 * (vertices[ends[edge, 0], i] + vertices[ends[edge, 1], i])
                 found[cell, j, i] = middle + heights[edge, i]
     return found
+
+
+@compiled
+def at_edges(points: Floats, of_cells: Ints) -> Floats:
+    """Return (m, k, d) the ``points`` (e, d) of the edges ``of_cells`` (m, k)."""
+    m, k = of_cells.shape
+    found = np.empty((m, k, points.shape[1]))
+    for cell in range(m):
+        for j in range(k):
+            for i in range(points.shape[1]):
+                found[cell, j, i] = points[of_cells[cell, j], i]
+    return found

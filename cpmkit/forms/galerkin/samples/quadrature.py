@@ -12,7 +12,7 @@ import numpy as np
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh, Samples
 from cpmkit.forms.galerkin.samples.facets import single_moments
 from cpmkit.manifold.vectors import norms, unit
-from cpmkit.protocols import Bools, Floats
+from cpmkit.protocols import Bools, Floats, Ints
 
 #: Triangles that samples are taken from at a time: what is needed on the way stays small beside the samples.
 TRIANGLES_AT_ONCE = 1 << 11
@@ -58,37 +58,44 @@ def _of_segments(mesh: SampleMesh) -> Samples:
 
 def _of_triangles(mesh: SampleMesh, clipped_at: float | None, clipped: Bools | None, fine: bool) -> Iterator[list[Any]]:
     """Yield the arrays of samples of some triangles after those of others."""
-    spacing = 1.0 if clipped_at is None else float(clipped_at)
+    spacing, cells = 1.0 if clipped_at is None else float(clipped_at), np.ascontiguousarray(mesh.cells)
+    midpoints = np.empty((len(cells), 0, 3)) if mesh.midpoints is None else np.ascontiguousarray(mesh.midpoints)
     if clipped is None or clipped_at is None:
         clipped = np.full(len(mesh.cells), clipped_at is not None)
     single = np.zeros(len(mesh.cells)) if clipped_at is None else single_moments(mesh, spacing)
-    for start in range(0, max(len(mesh.cells), 1), TRIANGLES_AT_ONCE):
+    for start in range(0, max(len(cells), 1), TRIANGLES_AT_ONCE):
         some = slice(start, start + TRIANGLES_AT_ONCE)
-        nodes = mesh.vertices[mesh.cells[some]]
-        if mesh.midpoints is not None:
-            nodes = np.concatenate([nodes, mesh.midpoints[some]], axis=1)
-        *others, cell = _of_some(np.ascontiguousarray(nodes), spacing, clipped[some], single[some], fine)
+        of_some = mesh.vertices, cells[some], midpoints[some], spacing, clipped[some], single[some]
+        *others, cell = _whole(*of_some, fine) if fine or not single[some].any() else _single_and_others(*of_some)
         yield [*others, cell + np.int32(start)]
 
 
-def _of_some(nodes: Floats, spacing: float, clipped: Bools, single: Floats, fine: bool) -> list[Any]:
+def _whole(
+    vertices: Floats, cells: Ints, midpoints: Floats, spacing: float, clipped: Bools, single: Floats, fine: bool
+) -> list[Any]:
     """Return the points, weights, normals and triangles of samples, those of one triangle after those of another."""
     from cpmkit.forms.galerkin.samples.clipping_kernels import triangle_samples
+    from cpmkit.forms.galerkin.samples.whole_kernels import nodes_of
 
-    count = len(nodes)
-    if not count or fine or not single.any():
-        return list(triangle_samples(nodes, spacing, clipped, single, fine))
+    return list(triangle_samples(nodes_of(vertices, cells, midpoints), spacing, clipped, single, fine))
+
+
+def _single_and_others(
+    vertices: Floats, cells: Ints, midpoints: Floats, spacing: float, clipped: Bools, single: Floats
+) -> list[Any]:
+    """Return the same, where triangles that have one sample are many, and need not be cut to be found."""
     from cpmkit.forms.galerkin.samples.whole_kernels import single_samples
 
-    found = np.empty((count, 3)), np.empty(count), np.empty((count, 1, 3)), np.empty(count, dtype=np.int32)
+    count = len(cells)
+    found: Any = np.empty((count, 3)), np.empty(count), np.empty((count, 1, 3)), np.empty(count, dtype=np.int32)
     left = np.empty(count, dtype=np.int64)
-    used, others = single_samples(nodes, spacing, clipped, single, found, left)
+    used, others = single_samples(vertices, cells, midpoints, spacing, clipped, single, found, left)
     if not others:
         return list(found)
     rest = left[:others]
-    *of_rest, triangle = triangle_samples(nodes[rest], spacing, clipped[rest], single[rest], fine)
+    *of_rest, triangle = _whole(vertices, cells[rest], midpoints[rest], spacing, clipped[rest], single[rest], False)
     of_rest.append(rest[triangle].astype(np.int32))
-    both = [np.concatenate([one[:used], other]) for one, other in zip(found, of_rest, strict=True)]
+    both: list[Any] = [np.concatenate([one[:used], other]) for one, other in zip(found, of_rest, strict=True)]
     order = np.argsort(both[3], kind="stable")
     return [one[order] for one in both]
 

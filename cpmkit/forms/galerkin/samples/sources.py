@@ -12,7 +12,7 @@ from cpmkit.forms.galerkin.samples.clipping import PLAIN_EDGE_SPACINGS, longest_
 from cpmkit.forms.galerkin.samples.drawings import is_fit
 from cpmkit.forms.galerkin.samples.lifting import lifted
 from cpmkit.forms.galerkin.samples.own_cells import in_scene, made_sound, own_cells
-from cpmkit.forms.galerkin.samples.soundness import sound
+from cpmkit.forms.galerkin.samples.soundness import largest_side, sound
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vectors import norms
 from cpmkit.protocols import HasMesh, HasValues
@@ -121,7 +121,7 @@ def _height(source: LocalSource, mesh: SampleMesh) -> float:
 
 
 def _size(mesh: SampleMesh) -> float:
-    return float(np.ptp(mesh.vertices, axis=0).max())
+    return largest_side(mesh.vertices)
 
 
 def _side_by_side(source: LocalSource, spacing: float, sampling: str) -> Drawn | None:

@@ -16,11 +16,25 @@ from cpmkit.forms.galerkin.samples.clipping_kernels import (
     put_back,
     slopes,
 )
-from cpmkit.protocols import Bools, Floats
+from cpmkit.protocols import Bools, Floats, Ints
 from cpmkit.runtime.compilation import compiled
 
 #: The centroid: shares of the first two corners, as the rule of one place makes them of a whole triangle.
 FIRST_SHARE, SECOND_SHARE = 1.0 - (1.0 / 3.0) / 0.5, (0.5 / 3.0) / 0.5
+
+
+@compiled
+def nodes_of(vertices: Floats, cells: Ints, midpoints: Floats) -> Floats:
+    """Return (m, 3 or 6, 3) the corners of ``cells`` (m, 3), then their ``midpoints`` (m, 0 or 3, 3)."""
+    m, more = midpoints.shape[:2]
+    nodes = np.empty((m, 3 + more, 3))
+    for cell in range(m):
+        for i in range(3):
+            for k in range(3):
+                nodes[cell, k, i] = vertices[cells[cell, k], i]
+            for k in range(more):
+                nodes[cell, 3 + k, i] = midpoints[cell, k, i]
+    return nodes
 
 
 @compiled
@@ -44,7 +58,14 @@ def is_single(corners: Floats, clipped: bool, single: float, cell: Floats) -> bo
 
 @compiled
 def single_samples(
-    nodes: Floats, spacing: float, clipped: Bools, single: Floats, found: tuple[Floats, Floats, Floats, Any], left: Any
+    vertices: Floats,
+    cells: Ints,
+    midpoints: Floats,
+    spacing: float,
+    clipped: Bools,
+    single: Floats,
+    found: tuple[Floats, Floats, Floats, Any],
+    left: Ints,
 ) -> tuple[int, int]:
     """Fill ``found`` with the points, weights, normals and triangles of the samples of those that need one alone.
 
@@ -52,24 +73,29 @@ def single_samples(
 
     Parameters
     ----------
-    nodes, spacing, clipped, single
+    vertices, cells, midpoints
+        As of :func:`nodes_of`.
+    spacing, clipped, single
         As of ``triangle_samples``, whose samples these are.
     found : (m, 3), (m,), (m, 1, 3) float64, (m,) int32
     left : (m,) int64
     """
     points, weights, normals, triangle = found
-    curved = nodes.shape[1] == 6
-    own, cell, point = np.empty(nodes.shape[1:]), np.empty(3), np.empty(3)
+    curved = midpoints.shape[1] == 3
+    own, cell, point = np.empty((3 + midpoints.shape[1], 3)), np.empty(3), np.empty(3)
     first, second, normal = np.empty(3), np.empty(3), np.empty(3)
     used = others = 0
-    for m in range(len(nodes)):
-        for k in range(len(own)):
+    for m in range(len(cells)):
+        for k in range(3):
             for i in range(3):
-                own[k, i] = nodes[m, k, i] / spacing
+                own[k, i] = vertices[cells[m, k], i] / spacing
         if not is_single(own, clipped[m], single[m], cell):
             left[others] = m
             others += 1
             continue
+        for k in range(3, len(own)):
+            for i in range(3):
+                own[k, i] = midpoints[m, k - 3, i] / spacing
         position(own, curved, FIRST_SHARE, SECOND_SHARE, point)
         slopes(own, curved, FIRST_SHARE, SECOND_SHARE, first, second)
         across = directed(first, second, normal)
