@@ -35,7 +35,7 @@ MESH_DIVISOR, TURNING_DIVISOR, BENT_AREA, SEEN_LAYER_SPACINGS, END_DIVISOR = 2.5
 BENDING_DIVISOR = 3.0
 #: Of meshes that turn under splines of the coarser lattice, or of the finer one on more than a small share, and where
 #: folds stay; of smooth sources on the latter if more than this share of the area is turned.
-FOLDED_DIVISOR, STAYING_DIVISOR, THIN_DIVISOR, THIN_SHARE = 1.25, 0.7, 1.0, 0.1
+FOLDED_DIVISOR, STAYING_DIVISOR, THIN_DIVISOR, THIN_SHARE = 1.25, 0.65, 1.0, 0.1
 #: Divisors are so many times as large where solutions are that far apart, as shares of the range, for errors of larger
 #: differences do not yet fall as they should (of 370 on smooth surfaces, 5 in 100 had true divisors of degree 2 below
 #: 5.8 up to 3e-4, below 3 up to 3e-3, below 1.6 beyond).
