@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 #: Up to so many unknowns a dense matrix is factorised (of surfaces in .8 ms for 3.7 of SuperLU with 342 unknowns, 4 for
 #: 17 with 630, 11 for 19 with 990). Beyond, each solve with the factors would read more than caches hold.
 DENSE_UNKNOWNS = 640
+#: Where fewer entries than this share are not zero, as of curves, sparse factors are quicker.
+DENSE_SHARE = 0.08
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,21 +26,20 @@ class Cholesky:
     lower: Floats
 
     def solve(self, b: Floats) -> Floats:
-        """Return u (n, channels) with ``A u = b``."""
-        from scipy.linalg import cho_solve
+        """Return u (n, channels), or (n,), with ``A u = b``."""
+        from cpmkit.linear.dense_kernels import solved
 
-        u: Floats = cho_solve((self.lower, True), b, check_finite=False)
-        return u
+        u = np.array(b.T, dtype=np.float64, order="C", ndmin=2)
+        solved(self.lower, u)
+        return np.ascontiguousarray(u.T).reshape(b.shape)
 
 
 def cholesky(matrix: csr_array) -> Cholesky | None:
-    """Return the factor of a symmetric matrix; None where it is large, or has an eigenvalue that is not positive."""
-    if matrix.shape[0] > DENSE_UNKNOWNS:
+    """Return the factor of a symmetric matrix; None where it is large, sparse, or has an eigenvalue not above zero."""
+    n = matrix.shape[0]
+    if n > DENSE_UNKNOWNS or matrix.nnz < DENSE_SHARE * n * n:
         return None
-    from scipy.linalg import cho_factor
+    from cpmkit.linear.dense_kernels import factorized
 
-    try:
-        lower, _ = cho_factor(matrix.toarray(order="F"), lower=True, overwrite_a=True, check_finite=False)
-    except np.linalg.LinAlgError:
-        return None
-    return Cholesky(lower) if (lower.diagonal() > 0).all() else None  # of what is not a number neither holds
+    lower = np.ascontiguousarray(matrix.toarray(), dtype=np.float64)
+    return Cholesky(lower) if factorized(lower) else None

@@ -33,7 +33,16 @@ def compiled(function: Function) -> Function:
     Kernels that call each other live in one file: the kept code is renewed when its own file
     changes, not when another one does.
     """
-    njit, options = _njit(), {"nogil": True, "error_model": "numpy"}
+    return _kept(function)
+
+
+def compiled_reordered(function: Function) -> Function:
+    """Return the same with sums in whatever order is quick: scalar products take vectors of the processor."""
+    return _kept(function, fastmath={"reassoc", "contract", "nsz"})
+
+
+def _kept(function: Function, **further: Any) -> Function:
+    njit, options = _njit(), {"nogil": True, "error_model": "numpy", **further}
     try:
         kernel: Function = njit(cache=True, **options)(function)
     except RuntimeError:  # numba found no folder that it may write to: compile once a process instead

@@ -1,0 +1,66 @@
+"""Compiled: Cholesky's factor of a dense matrix, and solves with it, by one thread.
+
+As quick as LAPACK's with one thread up to some hundred unknowns, which with several waits for them, and where other
+programs run takes a hundred times as long.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.protocols import Floats
+from cpmkit.runtime.compilation import compiled_reordered
+
+
+@compiled_reordered
+def factorized(a: Floats) -> bool:
+    """Write L over the lower triangle of ``a`` (n, n) with A = L L'; False where a pivot is not above zero.
+
+    The upper triangle is not read. Four entries of a row are made together, so that the row is read once for four.
+    """
+    for i in range(len(a)):
+        j = 0
+        while j + 4 <= i:
+            first = second = third = fourth = 0.0
+            for k in range(j):
+                x = a[i, k]
+                first += x * a[j, k]
+                second += x * a[j + 1, k]
+                third += x * a[j + 2, k]
+                fourth += x * a[j + 3, k]
+            p = (a[i, j] - first) / a[j, j]
+            q = (a[i, j + 1] - second - p * a[j + 1, j]) / a[j + 1, j + 1]
+            r = (a[i, j + 2] - third - p * a[j + 2, j] - q * a[j + 2, j + 1]) / a[j + 2, j + 2]
+            s = a[i, j + 3] - fourth - p * a[j + 3, j] - q * a[j + 3, j + 1] - r * a[j + 3, j + 2]
+            a[i, j], a[i, j + 1], a[i, j + 2], a[i, j + 3] = p, q, r, s / a[j + 3, j + 3]
+            j += 4
+        while j < i:
+            one = 0.0
+            for k in range(j):
+                one += a[i, k] * a[j, k]
+            a[i, j] = (a[i, j] - one) / a[j, j]
+            j += 1
+        squares = 0.0
+        for k in range(i):
+            squares += a[i, k] * a[i, k]
+        pivot = a[i, i] - squares
+        if not pivot > 0:  # nor where it is no number
+            return False
+        a[i, i] = np.sqrt(pivot)
+    return True
+
+
+@compiled_reordered
+def solved(lower: Floats, u: Floats) -> None:
+    """Write ``(L L')^-1 u`` over u (channels, n)."""
+    n = len(lower)
+    for channel in range(len(u)):
+        for i in range(n):
+            one = 0.0
+            for k in range(i):
+                one += lower[i, k] * u[channel, k]
+            u[channel, i] = (u[channel, i] - one) / lower[i, i]
+        for i in range(n - 1, -1, -1):
+            u[channel, i] /= lower[i, i]
+            for k in range(i):
+                u[channel, k] -= u[channel, i] * lower[i, k]
