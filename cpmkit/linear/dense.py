@@ -29,15 +29,20 @@ class Cholesky:
         """Return u (n, channels), or (n,), with ``A u = b``."""
         from cpmkit.linear.dense_kernels import solved
 
+        if np.iscomplexobj(b):
+            return np.asarray(self.solve(b.real) + 1j * self.solve(b.imag))
         u = np.array(b.T, dtype=np.float64, order="C", ndmin=2)
         solved(self.lower, u)
         return np.ascontiguousarray(u.T).reshape(b.shape)
 
 
 def cholesky(matrix: csr_array) -> Cholesky | None:
-    """Return the factor of a symmetric matrix; None where it is large, sparse, or has an eigenvalue not above zero."""
+    """Return the factor of a symmetric matrix; None where it is large, sparse, or has an eigenvalue not above zero.
+
+    Nor where it is complex: symmetric, of shifts, and not Hermitian.
+    """
     n = matrix.shape[0]
-    if n > DENSE_UNKNOWNS or matrix.nnz < DENSE_SHARE * n * n:
+    if n > DENSE_UNKNOWNS or matrix.nnz < DENSE_SHARE * n * n or np.iscomplexobj(matrix.data):
         return None
     from cpmkit.linear.dense_kernels import factorized
 

@@ -50,6 +50,13 @@ def test_what_is_not_symmetric_is_not_asked():
     np.testing.assert_allclose(factors.solve(np.array([[3.0], [2.0]]))[:, 0], [1.0, 1.0])
 
 
+def test_complex_right_sides_are_solved_and_complex_matrices_left_to_pivots():
+    matrix, b = positive(40), np.random.default_rng(1).normal(size=(40, 2)) * (1 + 2j)
+    np.testing.assert_allclose(matrix @ cholesky(matrix).solve(b), b, atol=1e-10)
+    shifted = CsrOperator((matrix + 1j * eye_array(40)).tocsr(), True)
+    assert not isinstance(factorize(shifted).lu, Cholesky)
+
+
 def test_a_free_constant_is_bordered_as_before():
     sphere = ck.source("analytic.sphere")
     scene = ck.Scene(sphere, ck.Poisson(lambda x: 2 * x[:, 0]))
