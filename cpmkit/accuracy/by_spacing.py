@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from cpmkit.accuracy.estimate import ErrorEstimate, from_companions, shifted_origin
+from cpmkit.accuracy.companions import expected_of, from_companions
+from cpmkit.accuracy.error_estimate import ErrorEstimate
+from cpmkit.accuracy.estimate import shifted_origin
 from cpmkit.accuracy.trading import walked
 from cpmkit.accuracy.way import Way
 from cpmkit.errors import InputError
@@ -94,7 +96,7 @@ def estimate_error_by(recipe: Recipe, solution: Solution, *, order: float | None
     spacing = 2.0 * solution.spacing
     with collected_warnings():
         coarse = recipe(spacing, shifted_origin(solution.scene, spacing))
-    return from_companions(solution, [coarse], order=order)
+    return from_companions(solution, [coarse], order=order, alone=expected_of(solution) if order is None else None)
 
 
 def _quiet(recipe: Recipe) -> Callable[..., Solution]:

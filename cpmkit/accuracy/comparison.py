@@ -12,7 +12,7 @@ from cpmkit.solution.modes import EigenSolution
 from cpmkit.solution.solution import Solution
 
 #: Points of the finer solution that are compared, for each of its unknowns, at least, and at most.
-COMPARED_PER_UNKNOWN, LEAST_COMPARED, MOST_COMPARED = 0.3, 400, 8_000
+COMPARED_PER_UNKNOWN, LEAST_COMPARED, MOST_COMPARED = 0.15, 200, 3_000
 #: Eigenvalues below this share of the largest are zero: their errors are shares of the first that is not.
 ZERO_SHARE = 1e-6
 #: A range below this share of a solution's size is rounding and what the solver leaves.
@@ -66,11 +66,17 @@ def difference(fine: Solution, coarse: Solution) -> Difference:
         at = points[int(apart.max(axis=1).argmax())]
         return Difference(differences / unit, differences / unit, unit, at, ratio)
     apart = np.abs(ours - coarse.evaluate(points).reshape(len(points), -1))
-    unit = _scales(np.ptp(ours, axis=0), np.abs(ours).max(axis=0))
+    unit = _scales(ours)
     at = points[int((apart / unit).max(axis=1).argmax())]
     return Difference(np.sqrt(weights @ apart**2) / unit, apart.max(axis=0) / unit, unit, at, ratio)
 
 
-def _scales(extent: Floats, size: Floats) -> Floats:
-    """Return the range of each channel (k,), its size where that is rounding, and 1 where it is zero."""
+def scales_of(solution: Solution) -> Floats:
+    """Return what a solution's errors are shares of, (channels,): its range where it is compared."""
+    return _scales(compared_points(solution)[2])
+
+
+def _scales(values: Floats) -> Floats:
+    """Return the range of each channel of (k, channels), its size where that is rounding, and 1 where it is zero."""
+    extent, size = np.ptp(values, axis=0), np.abs(values).max(axis=0)
     return np.where(extent > ROUNDING_SHARE * size, extent, np.where(size > 0, size, 1.0))

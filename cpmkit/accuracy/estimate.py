@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any, Unpack, cast
 
 import numpy as np
 
-from cpmkit.accuracy.comparison import Difference, difference
-from cpmkit.errors import InputError, place
+from cpmkit.accuracy.companions import expected_of, from_companions
+from cpmkit.accuracy.comparison import difference
+from cpmkit.accuracy.error_estimate import ErrorEstimate
+from cpmkit.errors import InputError
 from cpmkit.families.keywords import PreparingKeywords
 from cpmkit.forms.choice import FORMS
-from cpmkit.forms.contract import Discretized
 from cpmkit.forms.options import Options
 from cpmkit.linear.choice import SolverOptions
-from cpmkit.meshes.display_mesh import DisplayMesh, evaluate_on_sides
 from cpmkit.preparing import solved
 from cpmkit.protocols import Floats
 from cpmkit.runtime.declared import showing
@@ -25,11 +25,8 @@ from cpmkit.scene.compound_equations import Eigen
 from cpmkit.scene.equations_in_time import FIRST_ORDER_SCHEMES, Evolution
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.matched_modes import with_further_modes
-from cpmkit.solution.modes import EigenSolution
 from cpmkit.solution.solution import Solution
 
-#: What a cautious user multiplies the estimate by.
-ERROR_SAFETY_FACTOR = 2.0
 #: Spacings of the solutions that one is held against, over its own.
 RATIOS = {False: (2.0,), True: (math.sqrt(2), 2.0)}
 #: By what part of a spacing the coarser lattices are shifted: nodes at the same places make the same errors there.
@@ -37,94 +34,6 @@ SHIFT = (0.37, 0.59, 0.43)
 
 #: Solves a scene at a spacing, with the lattice's origin and all other options as they were.
 SolveAt = Callable[[Scene, float], Solution]
-
-
-@dataclass(frozen=True, eq=False)
-class ErrorEstimate:
-    """An estimate of the error of a solution, or of its eigenvalues.
-
-    Attributes
-    ----------
-    rms, largest : (channels,) float64
-        Root mean square over the manifold, and the largest, as shares of the solution's range; of an eigenvalue problem
-        both are the relative error of each eigenvalue, infinite where a coarser lattice has no mode like its own.
-    unit : (channels,) float64
-        What they are shares of: the range, the size where a solution is constant, each eigenvalue.
-    in_time : float
-        What of both is due to the steps in time; 0 where there are none.
-    floor : (channels,) float64
-        What the source alone leaves, whatever the spacing, as a share; of eigenvalues not known, and zero.
-    at : (d,) float64
-        Where the solutions differ most, in the scene's coordinates.
-    slow : str
-        Why the error may fall slowly with the spacing; empty where nothing says so.
-    solution : Solution
-        Whose error it is.
-    companions : tuple of Solution
-        That it was held against, the one at twice the spacing last.
-    order : float
-        At which errors are taken to fall from the last companion on: the form's, or one that is given.
-    """
-
-    rms: Floats
-    largest: Floats
-    unit: Floats
-    in_time: float
-    floor: Floats
-    at: Floats
-    slow: str
-    solution: Solution
-    companions: tuple[Solution, ...]
-    order: float
-
-    @property
-    def error(self) -> Floats:
-        """The largest error in the solution's own unit, (channels,)."""
-        return np.asarray(self.largest * self.unit)
-
-    @property
-    def bound(self) -> Floats:
-        """Twice the largest error and the source's floor, in the solution's unit: what is hardly exceeded."""
-        return np.asarray(ERROR_SAFETY_FACTOR * self.error + self.floor * self.unit)
-
-    @property
-    def coarse(self) -> Solution:
-        """The solution at twice the spacing."""
-        return self.companions[-1]
-
-    def of(self, norm: str) -> float:
-        """Return the error in a norm, ``"rms"`` or ``"max"``, of the channel where it is greatest, as a share."""
-        return float(np.max(self.rms if norm == "rms" else self.largest))
-
-    def at_points(self, points: Any) -> Floats:
-        """Return the estimated error (n,) or (n, channels) at points of the manifold, in the solution's own unit."""
-        found = self._apart(*(one.evaluate(points).reshape(len(points), -1) for one in (self.solution, self.coarse)))
-        return np.asarray(found[:, 0] if found.shape[1] == 1 else found)
-
-    def on_mesh(self, mesh: DisplayMesh) -> Floats:
-        """Return the estimated error (v, channels) at a mesh's vertices, each on the side that its cells lie on."""
-        sides = np.zeros((len(mesh.points), 0), dtype=np.int64) if mesh.sides is None else mesh.sides
-        return self._apart(*(evaluate_on_sides(one, mesh.points, sides) for one in (self.solution, self.coarse)))
-
-    def _apart(self, ours: Floats, theirs: Floats) -> Floats:
-        if isinstance(self.solution, EigenSolution):  # a multiplet's functions are any basis of it
-            theirs = theirs @ np.linalg.lstsq(theirs, ours, rcond=None)[0]
-        ratio = self.coarse.spacing / self.solution.spacing
-        return np.asarray(np.abs(ours - theirs) / (ratio**self.order - 1))
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the estimate as plain values."""
-        arrays = {name: getattr(self, name).tolist() for name in ("rms", "largest", "unit", "floor", "at")}
-        spacings = [one.spacing for one in self.companions]
-        return {**arrays, "in_time": self.in_time, "slow": self.slow, "held_against_spacings": spacings}
-
-    def __str__(self) -> str:
-        errors = ", ".join(f"{error:.2g}" for error in self.error)
-        rms = ", ".join(f"{100 * one:.2g}" for one in self.rms)
-        return (
-            f"error about {errors} at spacing {self.solution.spacing:g}, at most {float(self.bound.max()):.2g}, "
-            f"largest near {place(self.at)}; rms {rms} percent of the range{'; ' if self.slow else ''}{self.slow}"
-        )
 
 
 def estimated(solution: Solution, solve_at: SolveAt, tight: bool = False) -> ErrorEstimate:
@@ -147,55 +56,12 @@ def estimated(solution: Solution, solve_at: SolveAt, tight: bool = False) -> Err
     scene = coarser_scene(solution.scene)
     companions = [solve_at(scene, ratio * solution.spacing) for ratio in RATIOS[tight]]
     in_time = error_in_time(companions[-1], solve_at)
-    return from_companions(solution, companions, in_time)
+    return from_companions(solution, companions, in_time, alone=expected_of(solution))
 
 
 def coarser_scene(scene: Scene) -> Scene:
     """Return the scene that companions are solved of: modes may come in another order there, and further ones help."""
     return with_further_modes(scene) if isinstance(scene.problem, Eigen) else scene
-
-
-def from_companions(
-    solution: Solution, companions: Sequence[Solution], in_time: float = 0.0, order: float | None = None
-) -> ErrorEstimate:
-    """Estimate from solutions at larger spacings that are there; ``in_time`` is what the steps add, as a share.
-
-    The estimate is the geometric mean of those from each companion: |u_h - u_rh| / (r^p - 1) at r times the spacing,
-    with the order p that the form has for differences at that ratio (GALERKIN 10), or that is given.
-    """
-    form = solution.discretized
-    found = [difference(solution, one) for one in companions]
-    orders = [order or _order(form, solution, *both) for both in zip(companions, found, strict=True)]
-    divisors = [one.ratio**p - 1 for one, p in zip(found, orders, strict=True)]
-    rms, largest = (
-        _mean([getattr(one, norm) / divisor for one, divisor in zip(found, divisors, strict=True)])
-        for norm in ("rms", "largest")
-    )
-    last = found[-1]
-    left = 0.0 if isinstance(solution, EigenSolution) else form.source_error()
-    floor = np.full(len(last.unit), left)
-    slow = form.slow_beside(companions[-1].discretized)
-    return ErrorEstimate(
-        rms + in_time,
-        largest + in_time,
-        last.unit,
-        in_time,
-        floor,
-        last.at,
-        slow,
-        solution,
-        tuple(companions),
-        orders[-1],
-    )
-
-
-def _order(form: Discretized, solution: Solution, companion: Solution, found: Difference) -> float:
-    of = form.eigenvalue_order if isinstance(solution, EigenSolution) else form.order_of_difference
-    return of(found.ratio, companion.discretized, float(found.rms.max()))
-
-
-def _mean(found: Sequence[Floats]) -> Floats:
-    return np.asarray(np.exp(np.mean(np.log(np.maximum(found, np.finfo(float).tiny)), axis=0)))
 
 
 def error_in_time(solution: Solution, solve_at: SolveAt) -> float:
@@ -301,7 +167,7 @@ def estimate_error(
     >>> circle = ck.source("analytic.circle")
     >>> estimate = ck.estimate_error(ck.Scene(circle, f), spacing=0.05)
     >>> points = circle.mesh(0.01)[0]
-    >>> bool(1 < estimate.error[0] / abs(estimate.solution.evaluate(points) - points[:, 0]).max() < 5)
+    >>> bool(0.5 < estimate.error[0] / abs(estimate.solution.evaluate(points) - points[:, 0]).max() < 3)
     True
     """
     with collected_warnings():

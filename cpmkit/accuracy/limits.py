@@ -18,7 +18,7 @@ from cpmkit.runtime import memory
 from cpmkit.scene.scene import Scene
 
 #: Unknowns of the first pilot, about, by the manifold's dimension.
-FIRST_UNKNOWNS = {0: 50, 1: 50, 2: 220, 3: 800}
+FIRST_UNKNOWNS = {0: 35, 1: 35, 2: 100, 3: 400}
 #: Blocks of the manifold by which these are counted: few, for closest points may be dear.
 COUNTED_BLOCKS = 100
 #: A solve may take so many times longer than foretold.

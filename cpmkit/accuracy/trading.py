@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from cpmkit.accuracy.estimate import ErrorEstimate
+from cpmkit.accuracy.error_estimate import ErrorEstimate
 from cpmkit.accuracy.knobs import error_of_equal_cost
 from cpmkit.accuracy.ladder import walk
 from cpmkit.accuracy.limits import predicted_bytes

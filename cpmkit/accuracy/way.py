@@ -6,23 +6,21 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, cast
 
 import numpy as np
 
-from cpmkit.accuracy.estimate import (
-    ErrorEstimate,
-    coarser_scene,
-    error_in_time,
-    from_companions,
-    order_in_time,
-    shifted_origin,
-)
+from cpmkit.accuracy.companions import expected_of, from_companions
+from cpmkit.accuracy.comparison import scales_of
+from cpmkit.accuracy.error_estimate import ErrorEstimate
+from cpmkit.accuracy.estimate import coarser_scene, error_in_time, order_in_time, shifted_origin
 from cpmkit.accuracy.trade import Purpose, Step
 from cpmkit.errors import ResolutionError, SceneError
 from cpmkit.families.eigen.fewer import fewer_modes
 from cpmkit.forms.asked import Asked
-from cpmkit.protocols import Progress, no_progress
+from cpmkit.forms.expected import ExpectedError
+from cpmkit.protocols import Floats, Progress, no_progress
 from cpmkit.scene.compound_equations import Eigen
 from cpmkit.scene.equations_in_time import Evolution
 from cpmkit.scene.scene import Scene
@@ -30,8 +28,9 @@ from cpmkit.solution.modes import EigenSolution
 from cpmkit.solution.solution import Solution
 
 ANSWERS = ("answer", "correction")
-#: Ratios of spacings between which a solution serves another as companion.
-LEAST_RATIO, MOST_RATIO = 1.3, 2.3
+#: Ratios of spacings between which a solution serves another as companion, and the best of them: what the farther one
+#: tells is as near to the truth, together with what the solution tells alone, and costs less.
+LEAST_RATIO, BEST_RATIO, MOST_RATIO = 1.3, 2.5, 2.75
 #: Spacings that were too coarse for a scene are made finer by the root of two, so many times.
 MOST_TRIALS = 10
 #: Steps in time are shortened until they leave this share of the tolerance.
@@ -43,11 +42,12 @@ Solve = Callable[..., Solution]
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """One solve: what for, the solution, its seconds, and its error where something coarser was there."""
+    """One solve: what for, the solution, its seconds, what it alone lets expect, its error by a coarser one if any."""
 
     purpose: Purpose
     solution: Solution
     seconds: float
+    alone: ExpectedError | None
     estimate: ErrorEstimate | None
 
     @property
@@ -66,11 +66,13 @@ class Run:
 
     def expected(self, norm: str) -> float:
         """Return about the error in a norm by the solution alone, as a share of the range; NaN where it is not told."""
-        one = self.solution
-        found = None if isinstance(one, EigenSolution) else one.discretized.expected_error(one.values)
-        if found is None or self.estimate is None:
+        if self.alone is None:
             return math.nan
-        return float(np.max(found[norm == "max"] / self.estimate.unit))
+        return float(np.max((self.alone.rms if norm == "rms" else self.alone.largest) / self._unit))
+
+    @cached_property
+    def _unit(self) -> Floats:
+        return scales_of(self.solution)
 
     def step(self, norm: str) -> Step:
         """Return what a report says of it."""
@@ -137,6 +139,11 @@ class Way:
         """The estimate of the last one's error in the norm that is asked for."""
         return self.last.error(self.asked.norm)
 
+    @property
+    def expected(self) -> float:
+        """What the last one alone lets expect of its error; NaN where it tells nothing, as where a recipe made it."""
+        return self.last.expected(self.asked.norm)
+
     def asked_of(self, solution: Solution) -> Solution:
         """Return what is asked for out of a solution: of pilots of eigenvalue problems fewer modes."""
         modes = isinstance(self.scene.problem, Eigen) and isinstance(solution, EigenSolution)
@@ -160,7 +167,8 @@ class Way:
             origin=self._origin(spacing),
             **self.further,
         )
-        made = Run(purpose, solution, time.perf_counter() - began, self._estimate(solution))
+        took, alone = time.perf_counter() - began, None if self.order is not None else expected_of(solution)
+        made = Run(purpose, solution, took, alone, self._estimate(solution, alone))
         self.runs.append(made)
         return made
 
@@ -195,15 +203,13 @@ class Way:
         self.in_time /= parts**order
         return True
 
-    def companions(self, solution: Solution) -> list[Solution]:
-        """Return the solutions that one is held against: nearest to twice its spacing, and to the root of two."""
+    def companion(self, solution: Solution) -> Solution | None:
+        """Return the solution that one is held against, of those whose spacings are neither too near nor too far."""
         ratios = {
             one.spacing / solution.spacing: one.solution for one in self.runs if self._serves(one.solution, solution)
         }
         near = {ratio: one for ratio, one in ratios.items() if LEAST_RATIO <= ratio <= MOST_RATIO}
-        if not near:
-            return []
-        return [near[ratio] for ratio in sorted({min(near), max(near)})]
+        return near[min(near, key=lambda ratio: abs(ratio - BEST_RATIO))] if near else None
 
     def alike(self, solution: Solution, other: Solution | None = None) -> bool:
         """Return whether two solutions are of one form with one degree, the last one if no ``other`` is given."""
@@ -215,9 +221,9 @@ class Way:
         same_steps = not isinstance(mine, Evolution) or cast(Any, other).step == mine.step
         return same_steps and self.alike(companion, solution)
 
-    def _estimate(self, solution: Solution) -> ErrorEstimate | None:
-        companions, solution = self.companions(solution), self.asked_of(solution)
-        return from_companions(solution, companions, self.in_time, self.order) if companions else None
+    def _estimate(self, solution: Solution, alone: ExpectedError | None) -> ErrorEstimate | None:
+        companion, solution = self.companion(solution), self.asked_of(solution)
+        return None if companion is None else from_companions(solution, [companion], self.in_time, self.order, alone)
 
     def _origin(self, spacing: float) -> Any:
         """Return where a node is: as given, but on the coarsest lattices, else in no two runs at the same place."""

@@ -15,7 +15,7 @@ from cpmkit.protocols import Floats
 from cpmkit.solution.solution import Solution
 
 if TYPE_CHECKING:
-    from cpmkit.accuracy.estimate import ErrorEstimate
+    from cpmkit.accuracy.error_estimate import ErrorEstimate
 
 #: What is asked for in place of a spacing.
 ASKED = ("tolerance", "norm", "seconds", "memory")

@@ -20,6 +20,7 @@ import numpy as np
 from cpmkit.errors import InputError, SceneError
 from cpmkit.forms.at_state import AtState
 from cpmkit.forms.dispersion import SECOND_ORDER, Dispersion
+from cpmkit.forms.expected import ExpectedError
 from cpmkit.forms.free_constants import defects_of, free_pieces
 from cpmkit.forms.imbalance import Imbalance
 from cpmkit.forms.options import Options
@@ -491,11 +492,10 @@ class Discretized(ABC):
         """Return the same for eigenvalues, which may converge faster than functions."""
         return self.order_of_difference(ratio, coarser, apart)
 
-    def expected_error(self, u: Floats) -> tuple[Floats, Floats] | None:
-        """Return about the root mean square and the largest of u's error, each (channels,), from u alone, if known.
+    def expected_error(self, u: Floats) -> ExpectedError | None:
+        """Return about the error of u (unknowns, channels) from u alone, None where that is not known.
 
-        In the unit of u (unknowns, channels), within a factor of a few: a spacing is foretold from it where no other
-        solution is there.
+        An estimate by another solution is put right by it, and a spacing foretold where no other solution is there.
         """
         del u
         return None

@@ -1,7 +1,7 @@
 """Compiled: Cholesky's factor of a dense matrix, and solves with it, by one thread.
 
 As quick as LAPACK's with one thread up to some hundred unknowns, which with several waits for them, and where other
-programs run takes a hundred times as long.
+programs run takes fifty times as long.
 """
 
 from __future__ import annotations

@@ -5,9 +5,10 @@ from __future__ import annotations
 import errno
 import os
 import sys
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 
 #: Bytes of one entry of a sparse matrix: a float64 and an int32 index.
@@ -15,6 +16,8 @@ ENTRY_BYTES = 12
 #: Where the kernel shows control groups.
 CONTROL_GROUPS = Path("/sys/fs/cgroup")
 OWN_CONTROL_GROUPS = Path("/proc/self/cgroup")
+#: What control groups say is read anew after so many seconds.
+FRESH_SECONDS = 0.2
 #: Limits that ``ulimit`` sets: their names, its option, and the row of /proc/self/status that counts against each.
 ULIMITS = (("RLIMIT_AS", "-v", "VmSize"), ("RLIMIT_DATA", "-d", "VmData"))
 #: What errors of other types say where memory ran out.
@@ -44,7 +47,8 @@ def machine_bytes() -> int:
 
 def memory_limit() -> Limit:
     """Return the tightest limit: of the machine, the control groups (containers), or ``ulimit``."""
-    limits = [Limit(machine_bytes(), "this machine has"), *_group_limits(), *_process_limits()]
+    groups = _group_limits(OWN_CONTROL_GROUPS, CONTROL_GROUPS, int(time.monotonic() / FRESH_SECONDS))
+    limits = [Limit(machine_bytes(), "this machine has"), *groups, *_process_limits()]
     return min(limits, key=lambda limit: limit.bytes)
 
 
@@ -78,12 +82,18 @@ def _in_use(row: str) -> int:
     return next((int(line.split()[1]) * 1024 for line in lines if line.startswith(f"{row}:")), 0)
 
 
-def _group_limits() -> Iterator[Limit]:
-    """Yield the limits of this process's control groups, version 1 and 2, and of those that they are in."""
-    for file in _group_files(OWN_CONTROL_GROUPS, CONTROL_GROUPS):
-        text = _text_of(file).strip()
-        if text.isdecimal():  # else there is no such file, or it says max
-            yield Limit(int(text), "the control group of this process (its container) has")
+@lru_cache(maxsize=1)
+def _group_limits(own: Path, groups: Path, moment: int) -> list[Limit]:
+    """Return the limits of this process's control groups, version 1 and 2, and of those that they are in.
+
+    Small solves ask several times within a ``moment``, and a tenth of their time would go into reading.
+    """
+    del moment
+    texts = [_text_of(file).strip() for file in _group_files(own, groups)]
+    # what is no number is no such file, or says max
+    return [
+        Limit(int(text), "the control group of this process (its container) has") for text in texts if text.isdecimal()
+    ]
 
 
 @cache

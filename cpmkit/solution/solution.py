@@ -18,7 +18,7 @@ from cpmkit.runtime.html_tables import html_table
 from cpmkit.scene.scene import Scene
 
 if TYPE_CHECKING:
-    from cpmkit.accuracy.estimate import ErrorEstimate
+    from cpmkit.accuracy.error_estimate import ErrorEstimate
     from cpmkit.accuracy.trade import Trade
     from cpmkit.meshes.display_mesh import DisplayMesh
     from cpmkit.scenefile.look_keywords import LookKeywords, SavingKeywords

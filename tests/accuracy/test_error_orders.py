@@ -6,7 +6,8 @@ from galerkin_scenes import fold, plate
 from model_problems import sphere_points
 
 import cpmkit as ck
-from cpmkit.accuracy.estimate import from_companions, shifted_origin
+from cpmkit.accuracy.companions import from_companions
+from cpmkit.accuracy.estimate import shifted_origin
 from cpmkit.forms.galerkin.error_orders import BENDING_DIVISOR, ERROR_DIVISORS, order_dividing
 
 SPHERE, AT = ck.source("analytic.sphere"), sphere_points()

@@ -8,6 +8,7 @@ from model_problems import sphere_points
 from plane_zones import POINTS, slit
 
 import cpmkit as ck
+from cpmkit.accuracy.companions import expected_of
 from cpmkit.accuracy.trading import algebraic_tolerance
 from cpmkit.accuracy.way import Run
 from cpmkit.families.eigen.fewer import fewer_modes
@@ -42,7 +43,7 @@ def test_the_error_is_below_the_tolerance(form, norm, tolerance):
     assert trade.error == pytest.approx(solution.error.of(norm)) == trade.steps[-1].error
     assert trade.steps[-1].unknowns == solution.discretized.size
     spacings = [step.spacing for step in trade.steps]
-    assert all(coarse / fine < 2.3 for coarse, fine in pairwise(spacings))
+    assert all(coarse / fine < 2.7 for coarse, fine in pairwise(spacings))
 
 
 def test_the_way_is_the_same_on_a_moved_and_scaled_scene():
@@ -60,7 +61,7 @@ def test_solves_grow_like_the_logarithm_of_what_is_asked():
 
 
 def test_what_a_solution_says_by_itself_spares_a_correction(monkeypatch):
-    """Estimates of pilots that are too small let errors seem to fall slowly, and one more solve was made for that."""
+    """Else the second spacing is not chosen by the first solution, and estimates alone ask for more caution."""
     at = sphere_points()
     exact, goals = at.prod(axis=1), [("rms", 1e-3), ("rms", 3e-4), ("max", 1e-3), ("rms", 1e-4)]
     scene = ck.Scene(SPHERE, ck.ScreenedPoisson(lambda x: 13 * x.prod(axis=1)))
@@ -75,7 +76,7 @@ def test_what_a_solution_says_by_itself_spares_a_correction(monkeypatch):
         return counts
 
     few = solves()
-    monkeypatch.setattr(Run, "expected", lambda self, norm: np.nan)
+    monkeypatch.setattr("cpmkit.accuracy.way.expected_of", lambda solution: None)
     many = solves()
     assert sum(few) < sum(many)
     assert all(one <= other for one, other in zip(few, many, strict=True))
@@ -88,7 +89,8 @@ def test_what_a_solution_says_by_itself_spares_a_correction(monkeypatch):
 )
 def test_where_a_solution_says_nothing_by_itself_estimates_do(problem, options):
     solution = ck.solve(ck.Scene(SPHERE, problem), 0.25, estimate=True, **options)
-    assert np.isnan(Run("pilot", solution, 0.0, solution.error).expected("rms"))
+    assert expected_of(solution) is None
+    assert np.isnan(Run("pilot", solution, 0.0, None, solution.error).expected("rms"))
 
 
 def test_eigenvalues_are_as_many_as_asked_and_as_right():
@@ -152,7 +154,8 @@ def test_a_time_and_a_memory_bound_the_work():
     with pytest.warns(ck.CpmkitWarning, match="not reached"):
         bound = ck.solve(scene, tolerance=1e-7, memory="32 MB")
     assert bound.trade.status == "not reached"
-    assert bound.discretized.size == pytest.approx(small.discretized.size, rel=0.2)
+    # nothing between 1.35 times the finest spacing and that is tried: it would tell no error
+    assert small.discretized.size / 1.35**2 < bound.discretized.size < 1.2 * small.discretized.size
     assert "30.52 MiB" in bound.trade.told
     with pytest.raises(ck.ResolutionError, match=r"less than the .* of a coarse solve"):
         ck.solve(scene, memory="1 MB")

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 import cpmkit as ck
 from cpmkit.accuracy import way
-from cpmkit.accuracy.estimate import ErrorEstimate
 from cpmkit.accuracy.trade import Purpose
 from cpmkit.applications import geodesic_distance, signed_distance
 
@@ -32,8 +33,8 @@ def test_a_tolerance_is_reached_and_told() -> None:
 def clock_of_unknowns(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let a solve take a millisecond an unknown, whatever else the machine does, and nothing beside take time."""
 
-    def timed(purpose: Purpose, solution: ck.Solution, _: float, estimate: ErrorEstimate | None) -> way.Run:
-        return Run(purpose, solution, 1e-3 * solution.discretized.size, estimate)
+    def timed(purpose: Purpose, solution: ck.Solution, _: float, *told: Any) -> way.Run:
+        return Run(purpose, solution, 1e-3 * solution.discretized.size, *told)
 
     Run = way.Run
     monkeypatch.setattr(way, "Run", timed)

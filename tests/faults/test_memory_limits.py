@@ -37,6 +37,7 @@ def unlimited(tmp_path, monkeypatch):
     monkeypatch.setattr(memory, "CONTROL_GROUPS", tmp_path)
     monkeypatch.setattr(memory, "OWN_CONTROL_GROUPS", tmp_path / "own")
     monkeypatch.setattr(memory, "_process_limits", lambda: ())
+    monkeypatch.setattr(memory, "FRESH_SECONDS", 1e-9)
     return tmp_path
 
 

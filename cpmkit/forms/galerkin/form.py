@@ -11,6 +11,7 @@ import numpy as np
 
 from cpmkit.errors import SceneError
 from cpmkit.forms.dispersion import SPLINES, Dispersion
+from cpmkit.forms.expected import ExpectedError
 from cpmkit.forms.galerkin.conditions.crossings import of_crossings, of_tips
 from cpmkit.forms.galerkin.conditions.held import held
 from cpmkit.forms.galerkin.conditions.sides import side_moments
@@ -169,7 +170,7 @@ class Galerkin(Equations):
         """Return the same with 5.4 to 14 on smooth sources, where eigenvalues are of order 4."""
         return order_of(self, EIGENVALUE_DIVISORS[self.options.own.degree], ratio, coarser, apart)
 
-    def expected_error(self, u: Floats) -> tuple[Floats, Floats] | None:
+    def expected_error(self, u: Floats) -> ExpectedError | None:
         """Return about the error by third differences of the splines' coefficients."""
         return expected_error(self, u)
 

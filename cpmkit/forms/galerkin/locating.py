@@ -68,6 +68,8 @@ class Locator:
             first = near[np.arange(len(rows)), apart.argmin(axis=1)]
             patch[rows] = self._own_cell(points[rows], near, apart, self.parting.patch[first])
             nearest[rows], rows = first, rows[shut]
+            if not len(rows):
+                break
         return patch, nearest
 
     def _nearest(self, points: Floats, count: int) -> tuple[Floats, Ints]:

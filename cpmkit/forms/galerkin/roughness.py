@@ -1,15 +1,19 @@
 """About how large errors are, told by one solution alone: from how much the third derivative's size leaves unresolved.
 
 Splines of degree 2 follow a function but for a share of h^3 times its third derivatives, and so much do third
-differences of their coefficients tell. It foretells spacings, and agrees with an estimate or not; it is none.
+differences of their coefficients tell. They see nothing of what samples leave, and are half of an estimate: the other
+half is another solution, which knows nothing of them.
 """
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cpmkit.forms.expected import ExpectedError
+from cpmkit.forms.galerkin.difference_kernels import differences
 from cpmkit.forms.galerkin.parting import Parting
 from cpmkit.protocols import Floats
 
@@ -18,26 +22,34 @@ if TYPE_CHECKING:
 
 #: Root mean squares of third differences over those of errors, and the largest over the largest: where cells follow the
 #: source (measured on 22 problems at 250 to 3,000 unknowns: 60 to 240, and 50 to 300), where they are flat (95 to 110,
-#: and 80 to 150), where they are bent by normals or the source turns or bends under splines (8 to 40, and 12 to 70;
-#: where it bends alone up to 240), and where boundaries end (22 to 36, and 25 to 50).
-SMOOTH, FLAT, ROUGH, ENDING = (110.0, 130.0), (100.0, 110.0), (22.0, 27.0), (30.0, 32.0)
-#: Sources bend under splines that count where they do so on more than this share of their area.
-BENT_AREA = 0.02
+#: and 80 to 150), where they are bent by normals or the source turns under splines (3 to 50, and 2 to 200), and where
+#: boundaries end (22 to 36, and 25 to 50).
+SMOOTH, FLAT, ROUGH, ENDING = (145.0, 175.0), (100.0, 125.0), (22.0, 29.0), (30.0, 37.0)
+#: Where the source is smooth or flat, largest differences are 3 to 8 times their root mean square; where they are more
+#: than this, there is a peak that the lattice does not resolve yet, and third differences are too small. So they are
+#: where their root mean square is more than this share of the coefficients' range: a wave has six spacings or fewer.
+PEAKED, WAVY = 10.5, 0.1
+#: Sources that turn, and that bend, under splines on less than the one share of their area count as smooth, on more
+#: than the other as rough, between them as in between.
+TURNED_AREA, BENT_AREA = (0.003, 0.02), (0.04, 0.1)
 
 
-def expected_error(form: Galerkin, u: Floats) -> tuple[Floats, Floats] | None:
-    """Return about the root mean square and the largest of the error of u (unknowns, channels), each (channels,).
+def expected_error(form: Galerkin, u: Floats) -> ExpectedError | None:
+    """Return about the error of u (unknowns, channels).
 
-    In the unit of u; most are within a factor of two. None where splines have another degree than 2, for which nothing
-    was measured, or where no two patches stand beside each other.
+    None where splines have another degree than 2, for which nothing was measured, or where no two patches stand beside
+    each other.
     """
     if form.options.own.degree != 2:
         return None
     found = highest_differences(form.space.parting, u)
     if not len(found):
         return None
-    rms, largest = _ratios(form)
-    return np.sqrt(np.mean(found**2, axis=0)) / rms, np.abs(found).max(axis=0) / largest
+    ratios = _ratios(form)
+    rms, largest = np.sqrt(np.mean(found**2, axis=0)), np.abs(found).max(axis=0)
+    even = min(ratios) > max(ROUGH + ENDING)
+    unresolved = even and bool(((largest > PEAKED * rms) | (rms > WAVY * np.ptp(u, axis=0))).any())
+    return ExpectedError(rms / ratios[0], largest / ratios[1], unresolved)
 
 
 def highest_differences(parting: Parting, u: Floats) -> Floats:
@@ -45,25 +57,24 @@ def highest_differences(parting: Parting, u: Floats) -> Floats:
 
     Of each pair of patches side by side that share unknowns, along the axis that they stand beside each other.
     """
-    first, second = parting.touching.T
-    step = parting.cells[second] - parting.cells[first]
-    blocks = parting.unknowns.reshape(-1, *[parting.width] * parting.dim)
-    found = []
-    for axis in range(parting.dim):
-        beside = np.flatnonzero((np.abs(step).sum(axis=1) == 1) & (step[:, axis] != 0))
-        forward = step[beside, axis] > 0
-        low, high = np.where(forward, first[beside], second[beside]), np.where(forward, second[beside], first[beside])
-        one, other = (np.moveaxis(blocks[some], 1 + axis, -1).reshape(-1, parting.width) for some in (low, high))
-        joined = (one[:, 1:] == other[:, :-1]).all(axis=1)
-        lines = np.concatenate([one, other[:, -1:]], axis=1)[joined]
-        found.append(np.diff(u[lines], n=parting.width, axis=1)[:, 0])
-    return np.concatenate(found)
+    width = parting.width
+    signs = np.array([(-1.0) ** (width - place) * math.comb(width, place) for place in range(width + 1)])
+    out = np.empty((len(parting.touching) * width ** (parting.dim - 1), u.shape[1]))
+    strides = np.array(parting.strides, dtype=np.int64)
+    return out[
+        : differences(parting.touching, parting.cells, parting.unknowns, strides, signs, np.ascontiguousarray(u), out)
+    ]
 
 
 def _ratios(form: Galerkin) -> tuple[float, float]:
     bend = form.sampled.bend
-    if bend == "normals" or (bend == "feet" and form.turned.bent > BENT_AREA):
+    if bend == "normals":
         return ROUGH
     if form.sampled.mesh.extends.any():
         return ENDING
-    return FLAT if form.sampled.bend == "flat" else SMOOTH
+    if bend == "flat":
+        return FLAT
+    areas = (form.turned.share, TURNED_AREA), (form.turned.bent, BENT_AREA)
+    rough = max(float(np.interp(math.log(max(area, few)), np.log([few, many]), [0, 1])) for area, (few, many) in areas)
+    rms, largest = (smooth ** (1 - rough) * other**rough for smooth, other in zip(SMOOTH, ROUGH, strict=True))
+    return rms, largest

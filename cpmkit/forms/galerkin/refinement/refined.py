@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.errors import SceneError
+from cpmkit.forms.expected import ExpectedError
 from cpmkit.forms.galerkin.fixed_samples import SAMPLES_AT_ONCE
 from cpmkit.forms.galerkin.form import Galerkin
 from cpmkit.forms.galerkin.grading.regions import Regions
@@ -209,7 +210,7 @@ class RefinedGalerkin(Galerkin):
 
     # Telling
 
-    def expected_error(self, u: Floats) -> tuple[Floats, Floats] | None:
+    def expected_error(self, u: Floats) -> ExpectedError | None:
         """Return nothing: coefficients of several levels stand beside each other."""
         del u
         return None
