@@ -39,7 +39,7 @@ class ErrorEstimate:
     solution : Solution
         Whose error it is.
     companions : tuple of Solution
-        That it was held against, the one at twice the spacing last.
+        That it was held against, the coarsest last.
     order : float
         At which errors are taken to fall from the last companion on: the form's, or one that is given.
     factor : (channels,) float64
@@ -71,7 +71,7 @@ class ErrorEstimate:
 
     @property
     def coarse(self) -> Solution:
-        """The solution at twice the spacing."""
+        """The last companion."""
         return self.companions[-1]
 
     def of(self, norm: str) -> float:

@@ -86,7 +86,7 @@ def _in_use(row: str) -> int:
 def _group_limits(own: Path, groups: Path, moment: int) -> list[Limit]:
     """Return the limits of this process's control groups, version 1 and 2, and of those that they are in.
 
-    Small solves ask several times within a ``moment``, and a tenth of their time would go into reading.
+    Small solves ask several times within a ``moment``, and a twentieth of their time would go into reading.
     """
     del moment
     texts = [_text_of(file).strip() for file in _group_files(own, groups)]

@@ -38,8 +38,9 @@ def test_both_together_are_seldomer_too_small_than_either():
             told = float(np.max(alone.rms / apart.unit))
             found.append(np.array([apart.of("rms"), told, both.of("rms")]) / true)
     apart, told, both = np.log(found).T
-    assert both.min() >= min(apart.min(), told.min())
-    assert np.log(0.5) < both.min() <= both.max() < np.log(3)
+    assert both.min() > max(apart.min(), told.min())
+    assert np.std(both) < np.std(apart)
+    assert np.log(0.8) < both.min() <= both.max() < np.log(2.3)
 
 
 def test_errors_at_points_follow_the_estimate():

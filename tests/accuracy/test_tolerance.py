@@ -43,7 +43,7 @@ def test_the_error_is_below_the_tolerance(form, norm, tolerance):
     assert trade.error == pytest.approx(solution.error.of(norm)) == trade.steps[-1].error
     assert trade.steps[-1].unknowns == solution.discretized.size
     spacings = [step.spacing for step in trade.steps]
-    assert all(coarse / fine < 2.7 for coarse, fine in pairwise(spacings))
+    assert all(coarse / fine < 2.5 for coarse, fine in pairwise(spacings))
 
 
 def test_the_way_is_the_same_on_a_moved_and_scaled_scene():
@@ -154,8 +154,7 @@ def test_a_time_and_a_memory_bound_the_work():
     with pytest.warns(ck.CpmkitWarning, match="not reached"):
         bound = ck.solve(scene, tolerance=1e-7, memory="32 MB")
     assert bound.trade.status == "not reached"
-    # nothing between 1.35 times the finest spacing and that is tried: it would tell no error
-    assert small.discretized.size / 1.35**2 < bound.discretized.size < 1.2 * small.discretized.size
+    assert bound.discretized.size == pytest.approx(small.discretized.size, rel=0.2)
     assert "30.52 MiB" in bound.trade.told
     with pytest.raises(ck.ResolutionError, match=r"less than the .* of a coarse solve"):
         ck.solve(scene, memory="1 MB")
