@@ -26,9 +26,9 @@ LONGER = 1.25
 #: Of the memory that there is, and of that asked for, this share is planned with.
 PLANNED_SHARE = 0.8
 #: Where one solve follows another, holes between arrays and pages of 2 MiB that are used in part: so many bytes, and so
-#: much again of what is needed, up to so many (measured on 24 problems of 900 to 58,000 unknowns: .1 of it, 20 MB at
+#: much again of what is needed, up to so many (measured on 24 problems of 500 to 58,000 unknowns: .1 of it, 20 MB at
 #: most, in processes of their own, and 1 to 2 times as much, 50 MB at most, after many solves; this is the middle).
-PAGED_BYTES, PAGED_SHARE, MOST_PAGED_BYTES = 3e6, 0.6, 20e6
+PAGED_BYTES, PAGED_SHARE, MOST_PAGED_BYTES = 3e6, 0.4, 20e6
 #: Bytes for each sample and for each unknown that a coarser solve holds while a finer one is made, since that is held
 #: against it (measured on spheres and meshes: 66 to 73 a sample in all, of 19 to 100 samples an unknown).
 HELD_BYTES_PER_SAMPLE, HELD_BYTES_PER_UNKNOWN = 50.0, 300.0

@@ -35,8 +35,9 @@ BYTES_PER_SAMPLE, SAMPLES_PER_UNKNOWN = {1: 0.0, 2: 32.0}, {1: 30.0, 2: 20.0, 3:
 #: for it is handed back from 512 MiB on (measured with 2 to 140 thousand unknowns: .25 to .5 of it, 180 MB; hardly any
 #: with a million).
 KEPT_SHARE, MOST_KEPT_BYTES = 0.35, 180e6
-#: Bytes of any solve, and of each boundary that is laid into a surface's mesh.
-LEAST_BYTES, BYTES_PER_BOUNDARY = 1e6, {1: 0.0, 2: 5e6}
+#: Bytes of any solve, and of each boundary that is laid into a surface's mesh: for each unknown, and at most (measured
+#: on up to three in surfaces of 500 to 50,000 unknowns).
+LEAST_BYTES, BOUNDARY_BYTES_PER_UNKNOWN, MOST_BOUNDARY_BYTES = 1e6, 1e3, {1: 0.0, 2: 5e6}
 #: Where there are any, bytes for each unknown without factors: of their terms, and of the blocks along them that the
 #: multigrid factorises (measured with 2 to 56 thousand unknowns beside one and two boundaries: 1800 to 4700).
 BYTES_BESIDE_BOUNDARIES = {1: 0.0, 2: 2000.0}
@@ -169,7 +170,7 @@ def _factors_bytes(unknowns: float, m: int, degree: int) -> float:
 
 def _bytes_beside(unknowns: float, m: int, factors: Factors, degree: int, beside: Beside) -> float:
     """Return the bytes of boundaries, and of steps in time."""
-    used = beside.boundaries * BYTES_PER_BOUNDARY[m]
+    used = beside.boundaries * min(BOUNDARY_BYTES_PER_UNKNOWN * unknowns, MOST_BOUNDARY_BYTES[m])
     if beside.boundaries and factors != "all":
         used += BYTES_BESIDE_BOUNDARIES[m] * unknowns
     if beside.in_time:
