@@ -310,6 +310,14 @@ class TellsWarnings(Protocol):
         """Return the ``warnings`` of the advice at ``spacing``."""
 
 
+@runtime_checkable
+class TellsIntegralFloor(Protocol):
+    """A source with advice that tells the integral floor in it by itself, for less than the rest takes to be found."""
+
+    def own_integral_floor(self, spacing: float, /) -> float:
+        """Return the ``integral_floor`` of the advice at ``spacing``."""
+
+
 class Operator(Protocol):
     """A square linear map of the unknowns, kept in whatever form its maker likes; all that a solver asks."""
 

@@ -14,7 +14,7 @@ import numpy as np
 from cpmkit.accuracy.knobs import HIGHER_DEGREE, worth_higher_degree
 from cpmkit.accuracy.limits import check_memory, expected_seconds, finest_spacing, first_spacing
 from cpmkit.accuracy.trade import Purpose, Status
-from cpmkit.accuracy.way import Run, Way
+from cpmkit.accuracy.way import LEAST_RATIO, Run, Way
 from cpmkit.solution.modes import EigenSolution
 
 #: The spacing is taken for this share of the tolerance; that of the second solve, which is foretold from the first
@@ -35,8 +35,8 @@ LEAST_FACTOR, MOST_FACTOR, WORTH_COMPANION = 1.36, 2.45, 3.3
 #: The same from the first solve to the second: it costs little beside it. And where nothing tells how large the error
 #: of the first one is.
 FIRST_LEAST_FACTOR, FIRST_MOST_FACTOR, UNTOLD_FACTOR = 2.1, 2.45, 2.2
-#: A limit nearer than this is as good as reached where no tolerance is asked for.
-NO_FINER = 1.2
+#: A limit nearer than this is as good as reached where no tolerance is asked for; what is nearer serves no estimate.
+NO_FINER = LEAST_RATIO
 #: A time is kept to within this factor.
 LATE = 1.5
 #: Spacings nearer to each other than this tell neither an order nor an error.

@@ -13,11 +13,11 @@ from cpmkit.forecast.running_out import memory_told
 from cpmkit.forms.galerkin.fitting import beside_of, check_samples_fit, check_unknowns_fit, factors_in, peak_bytes
 from cpmkit.forms.galerkin.form import Galerkin, discretize
 from cpmkit.forms.galerkin.options import GalerkinOptions
-from cpmkit.forms.galerkin.telling import source_error
 from cpmkit.forms.options import Options
 from cpmkit.forms.solver_choice import solver_of
 from cpmkit.grid.fitting import suggest_spacing
 from cpmkit.grid.lattice import lattice_of
+from cpmkit.manifold.abilities import integral_floor_of
 from cpmkit.manifold.local_source import localize
 from cpmkit.protocols import Progress
 from cpmkit.scene.scene import Scene
@@ -59,7 +59,7 @@ def explained(scene: Scene, asked: Options[GalerkinOptions], solver: str, progre
         round(counts["unknowns"]),
         round(counts["queries"]),
         round(needed),
-        source_error(scene.surface, asked.spacing),
+        integral_floor_of(scene.surface, asked.spacing),
         chosen,
         exact,
         told=form.warnings() if exact else (),

@@ -10,12 +10,11 @@ from cpmkit.forecast.parts import Explanation, Part, named, solver_part
 from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.galerkin import fitting as galerkin
 from cpmkit.forms.galerkin.options import GalerkinOptions
-from cpmkit.forms.galerkin.telling import source_error
 from cpmkit.forms.options import Options
 from cpmkit.grid.band import check_numbered
 from cpmkit.grid.fitting import check_fits, unknowns_at_one
 from cpmkit.grid.lattice import COARSEST_BAND_SHARE, COARSEST_SPACING_SHARE, lattice_of
-from cpmkit.manifold.abilities import advice_of
+from cpmkit.manifold.abilities import advice_of, integral_floor_of
 from cpmkit.manifold.local_source import LocalSource, largest_dim, localize
 from cpmkit.protocols import ClosestPointSource
 from cpmkit.runtime import memory
@@ -59,7 +58,7 @@ def guessed(scene: Scene, asked: Options[CollocationOptions] | Options[GalerkinO
         unknowns=round(unknowns),
         closest_point_queries=None,
         bytes=round(_bytes(scene, surface, asked, chosen, unknowns)),
-        floor=(source_error if by_galerkin else _floor)(scene.surface, asked.spacing),
+        floor=(integral_floor_of if by_galerkin else _floor)(scene.surface, asked.spacing),
         solver=chosen,
         exact=False,
         off_by=OFF_BY,

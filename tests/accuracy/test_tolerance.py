@@ -160,6 +160,11 @@ def test_a_time_and_a_memory_bound_the_work():
         ck.solve(scene, memory="1 MB")
 
 
+def test_an_answer_to_a_memory_knows_its_error():
+    solution = ck.solve(slit("flux")[0], memory="256 MiB")
+    assert np.isfinite(solution.trade.error)
+
+
 def test_a_time_of_nothing_is_answered_by_the_pilots():
     with pytest.warns(ck.CpmkitWarning, match="1e-06 seconds were not enough"):
         trade = ck.solve(ON_CIRCLE, seconds=1e-6).trade

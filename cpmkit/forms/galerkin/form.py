@@ -32,12 +32,12 @@ from cpmkit.forms.galerkin.shared import shared_property
 from cpmkit.forms.galerkin.slowness import layer_spacings, why_slow
 from cpmkit.forms.galerkin.space.parted import part, pieces
 from cpmkit.forms.galerkin.space.space import space_of
-from cpmkit.forms.galerkin.telling import of_space, of_turning, source_error
+from cpmkit.forms.galerkin.telling import of_space, of_turning
 from cpmkit.forms.galerkin.transport.telling import of_layers
 from cpmkit.forms.galerkin.work import GalerkinWork
 from cpmkit.forms.options import Options
 from cpmkit.linear.levels import Level
-from cpmkit.manifold.abilities import has_finite_feet, warnings_of
+from cpmkit.manifold.abilities import has_finite_feet, integral_floor_of, warnings_of
 from cpmkit.protocols import Floats, Operator, Progress, no_progress
 from cpmkit.runtime.freed_memory import hand_back
 from cpmkit.scene.laws import Nonlinear
@@ -156,7 +156,7 @@ class Galerkin(Equations):
 
     def source_error(self) -> float:
         """Return what the source leaves in integrals."""
-        return source_error(self.scene.surface, self.spacing)
+        return integral_floor_of(self.scene.surface, self.spacing)
 
     def order_of_difference(self, ratio: float, coarser: Discretized | None = None, apart: float = 0.0) -> float:
         """Return what divides by 2.7 to 7 at twice the spacing on smooth sources, by 2.5 on meshes, by less if slow.

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.forms.galerkin.fixed_samples import FixedSamples
+from cpmkit.forms.galerkin.nearest import NearestSamples
 from cpmkit.forms.galerkin.parting import Parting
 from cpmkit.forms.galerkin.sample_mesh import Samples
 from cpmkit.forms.galerkin.sides_of_cells import SidesOfCells
@@ -19,8 +20,6 @@ from cpmkit.scene.oriented import OrientedBoundary
 
 #: So many of the nearest samples are compared; more, where all of these lie across a boundary.
 NEIGHBOURS = (12, 96, 768)
-#: Points are looked up by boxes of so many spacings, which takes half the time: what a box needs is in the cache.
-NEAR_SPACINGS = 4.0
 #: A sample whose tangent plane a point is off counts as this much farther away: it may lie on another sheet.
 HEIGHT_FACTOR = 10.0
 #: Points nearer to a boundary than this many spacings are read from the side that the caller names: its points and
@@ -63,7 +62,7 @@ class Locator:
         patch, nearest = (np.empty(len(points), dtype=np.int64) for _ in range(2))
         rows = np.arange(len(points))
         for count in NEIGHBOURS:
-            distance, near = self._nearest(points[rows], min(count, len(self.samples)))
+            distance, near = self._nearest.of(points[rows], min(count, len(self.samples)))
             apart, shut = self._apart(points[rows], near, distance, wanted)
             first = near[np.arange(len(rows)), apart.argmin(axis=1)]
             patch[rows] = self._own_cell(points[rows], near, apart, self.parting.patch[first])
@@ -71,14 +70,6 @@ class Locator:
             if not len(rows):
                 break
         return patch, nearest
-
-    def _nearest(self, points: Floats, count: int) -> tuple[Floats, Ints]:
-        """Return the distances (k, count) of the nearest samples, and their numbers, ascending by distance."""
-        distance, near = np.empty((len(points), count)), np.empty((len(points), count), dtype=np.int64)
-        order = np.lexsort(np.floor(points.T / (NEAR_SPACINGS * self.lattice.spacing)))
-        found = self._tree.query(points[order], count)
-        distance[order], near[order] = (one.reshape(len(points), count) for one in found)
-        return distance, near
 
     def _apart(self, points: Floats, near: Ints, distance: Floats, wanted: Mapping[int, Side]) -> tuple[Floats, Bools]:
         """Return how far the samples ``near`` (k, q) count from their point, squared, infinite across a boundary.
@@ -91,7 +82,8 @@ class Locator:
         shut = np.zeros(len(points), dtype=bool)
         if not self.boundaries or not len(points):
             return apart, shut
-        beside = self._to_boundaries(points) < distance[:, -1] + ON_BOUNDARIES_SPACINGS * self.lattice.spacing
+        reach = distance[:, -1] + ON_BOUNDARIES_SPACINGS * self.lattice.spacing
+        beside = self._to_boundaries(points, float(reach.max())) < reach
         for number in range(len(self.boundaries)):
             across = self._across(number, points, near, beside, wanted.get(number))
             none = np.min(np.where(across, np.inf, apart), axis=1) == np.inf
@@ -145,9 +137,9 @@ class Locator:
         pairs = np.sort(self.parting.touching, axis=1).astype(np.int64)
         return np.sort(pairs[:, 0] * len(self.parting.cells) + pairs[:, 1])
 
-    def _to_boundaries(self, points: Floats) -> Floats:
-        """Return how far (k,) points are from the nearest sample on a boundary."""
-        return np.asarray(self._boundary_tree.query(points)[0])
+    def _to_boundaries(self, points: Floats, reach: float) -> Floats:
+        """Return how far (k,) points are from the nearest sample on a boundary, infinite beyond ``reach``."""
+        return np.asarray(self._boundary_tree.query(points, distance_upper_bound=reach)[0])
 
     @cached_property
     def _boundary_tree(self) -> Any:
@@ -156,7 +148,5 @@ class Locator:
         return cKDTree(self.samples.points_at(np.flatnonzero(self.samples.weights == 0)))
 
     @cached_property
-    def _tree(self) -> Any:
-        from scipy.spatial import cKDTree
-
-        return cKDTree(self.samples.points, balanced_tree=False)
+    def _nearest(self) -> NearestSamples:
+        return NearestSamples(self.parting, self.samples)

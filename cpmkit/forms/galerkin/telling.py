@@ -15,7 +15,6 @@ from cpmkit.forms.galerkin.parting import Parting
 from cpmkit.forms.galerkin.samples.soundness import Mended
 from cpmkit.forms.galerkin.space.parted import SPECK_SPACINGS
 from cpmkit.grid.lattice import Lattice
-from cpmkit.manifold.abilities import advice_of
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.protocols import SIDES, BoundarySet, Floats, Ints
 from cpmkit.scene.alike import same_condition
@@ -185,9 +184,3 @@ def of_turning(turned: Turned, lattice: Lattice) -> Iterator[str]:
             f"{place(lattice.to_scene(turned.near))}; at a fold up to three spacings of the way along the manifold may "
             "be missing."
         )
-
-
-def source_error(source: object, spacing: float) -> float:
-    """Return the share of a solution's range that the source alone leaves as an error, in integrals."""
-    advice = advice_of(source, spacing)
-    return advice.floor if advice.integral_floor is None else advice.integral_floor

@@ -53,8 +53,10 @@ class Values(Reader):
     def _reading_points(self, data: Any) -> Floats:
         """Return where data are read for the samples, (p, d): on the side of their cell, but fields as they are."""
         each = data if isinstance(data, Sequence) else [data]
+        if not any(map(callable, each)):  # numbers are the same everywhere
+            return np.broadcast_to(np.zeros(1), (self.sampled.interior, self.sampled.lattice.dim))
         points = self.points
-        if self.sampled.oriented and any(map(callable, each)) and not any(isinstance(one, Field) for one in each):
+        if self.sampled.oriented and not any(isinstance(one, Field) for one in each):
             rows, places = self._astray
             points[rows] = places
         return points

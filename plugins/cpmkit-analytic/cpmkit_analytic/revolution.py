@@ -40,22 +40,30 @@ def revolve(radius: Floats, height: Floats, spacing: float, closed: bool = False
     ring = np.repeat(np.arange(len(radius)), counts)
     angle = 2 * np.pi * (np.arange(len(ring)) - starts[ring]) / counts[ring]
     vertices = np.stack([radius[ring] * np.cos(angle), radius[ring] * np.sin(angle), height[ring]], axis=1)
-    upper = range(len(radius) if closed else len(radius) - 1)
-    strips = [_strip(starts, counts, a, (a + 1) % len(radius)) for a in upper]
-    return vertices, np.concatenate(strips)
+    upper = np.arange(len(radius) if closed else len(radius) - 1)
+    return vertices, _stitched(starts, counts, upper, (upper + 1) % len(radius))
 
 
-def _strip(starts: Ints, counts: Ints, a: int, b: int) -> Ints:
-    """Return the triangles between rings ``a`` and ``b``: one on each edge of either.
+def _stitched(starts: Ints, counts: Ints, upper: Ints, lower: Ints) -> Ints:
+    """Return the triangles between rings ``upper`` (s,) and ``lower`` (s,), strip after strip: one on each edge.
 
-    Walk both rings at once; each steps when the other has passed the middle of its edge. In
-    integers the two searches below always agree about who steps first.
+    Walk both rings at once; each steps when the other has passed the middle of its edge, edges of the upper one first.
+    In integers both always agree about who steps first.
     """
-    n, m = int(counts[a]), int(counts[b])
-    step_a, step_b = (2 * np.arange(n) + 1) * m, (2 * np.arange(m) + 1) * n
-    opposite_in_b = np.searchsorted(step_b, step_a, side="left") % m
-    opposite_in_a = np.searchsorted(step_a, step_b, side="right") % n
-    i, j = np.arange(n if n > 1 else 0), np.arange(m if m > 1 else 0)
-    on_a = np.stack([starts[a] + i, starts[b] + opposite_in_b[i], starts[a] + (i + 1) % n], axis=1)
-    on_b = np.stack([starts[b] + j, starts[b] + (j + 1) % m, starts[a] + opposite_in_a[j]], axis=1)
-    return np.concatenate([on_a, on_b]).astype(np.int64)
+    strip, i = _edges(counts[upper])
+    a, b, n, m = (one[strip] for one in (starts[upper], starts[lower], counts[upper], counts[lower]))
+    passed = -((n - (2 * i + 1) * m) // (2 * n)) % m  # of the lower ring's middles, those before this edge's
+    on_upper = np.stack([a + i, b + passed, a + (i + 1) % n], axis=1)
+    other, j = _edges(counts[lower])
+    a, b, n, m = (one[other] for one in (starts[upper], starts[lower], counts[upper], counts[lower]))
+    passed = (((2 * j + 1) * n - m) // (2 * m) + 1) % n
+    on_lower = np.stack([b + j, b + (j + 1) % m, a + passed], axis=1)
+    order = np.argsort(np.concatenate([strip, other]), kind="stable")
+    return np.asarray(np.concatenate([on_upper, on_lower])[order], dtype=np.int64)
+
+
+def _edges(counts: Ints) -> tuple[Ints, Ints]:
+    """Return the strip (k,) and the number (k,) of each edge of rings with so many vertices; a pole has none."""
+    edges = np.where(counts > 1, counts, 0)
+    strip = np.repeat(np.arange(len(edges)), edges)
+    return strip, np.arange(len(strip)) - (np.cumsum(edges) - edges)[strip]

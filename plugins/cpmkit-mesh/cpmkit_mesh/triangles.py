@@ -175,7 +175,7 @@ class TriangleMesh:
             return self._first.advice(spacing)
         told = self.__dict__.get("_advised")  # it is asked for several times at one spacing
         if told is None or told[0] != spacing:
-            floors = mesh_floor(self._turning, self.smooth), integral_floor(self._turning, self.smooth)
+            floors = mesh_floor(self._turning, self.smooth), self.own_integral_floor(spacing)
             found = Advice(floors[0], self.own_warnings(spacing), floors[1], closest_point_warnings(self, spacing))
             self.__dict__["_advised"] = told = spacing, found
         return told[1]
@@ -184,6 +184,11 @@ class TriangleMesh:
         """Return what was changed in the mesh, and how many pieces it has, at whatever spacing."""
         del spacing
         return mesh_warnings(self)
+
+    def own_integral_floor(self, spacing: float, /) -> float:
+        """Return the error that the mesh leaves in integrals, whatever the spacing."""
+        del spacing
+        return integral_floor(self._first._turning, self.smooth)
 
     @cached_property
     def folds(self) -> Folds:

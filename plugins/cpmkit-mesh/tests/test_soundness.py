@@ -109,6 +109,8 @@ def test_triangles_given_twice_count_once(sphere):
     twice = triangles(vertices=points, faces=np.concatenate([faces, faces[:, ::-1]]))
     assert [text.split(" of ")[0] for text in twice.advice(0.1).warnings] == [str(len(faces))]
     assert twice.own_warnings(0.1) == twice.advice(0.1).warnings
+    for moved in (twice, twice.translated(np.ones(3))):
+        assert moved.own_integral_floor(0.1) == moved.advice(0.1).integral_floor > 0
     x = np.random.default_rng(1).normal(size=(500, 3))
     np.testing.assert_array_equal(twice.closest_point(x).points, once.closest_point(x).points)
     np.testing.assert_array_equal(twice.closest_point(x).element, once.closest_point(x).element)

@@ -63,6 +63,13 @@ def test_a_peak_that_is_not_resolved_is_told(width, unresolved):
     assert ("hardly resolves" in estimate.slow) is unresolved
 
 
+def test_colours_that_jump_at_curves_are_no_peaks():
+    ring = ck.source("analytic.circle", radius=0.8, center=[0, 0, 0.6])
+    jump = ck.Boundary("ring", ring, left=ck.Dirichlet(0.0), right=ck.Dirichlet(lambda x: 1 + x[:, 0]))
+    solution = ck.solve(ck.Scene(SPHERE, ck.Laplace(), [jump]), 0.05, form="galerkin", estimate=False)
+    assert not solution.discretized.expected_error(solution.values).unresolved
+
+
 def test_a_wave_that_is_not_resolved_is_told():
     """sin 6z: a wave of an arc of 1.05."""
     told = []
