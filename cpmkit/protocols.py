@@ -220,6 +220,15 @@ class HasMesh(Protocol):
 
 
 @runtime_checkable
+class TellsMeshUse(Protocol):
+    """A source with a mesh that tells whether samples may be taken from its cells: else it need not be drawn."""
+
+    @property
+    def mesh_for_samples(self) -> bool:
+        """False where cells are points, or so many or of so bad a shape that they serve pictures alone."""
+
+
+@runtime_checkable
 class HasGivenMesh(Protocol):
     """A source made from a mesh, polyline or samples of somebody's, which may have been welded or mended since."""
 

@@ -129,6 +129,11 @@ class LevelSet:
         feet = self.closest_point(vertices + self.shift)
         return feet.points, self._oriented(feet, cells)
 
+    @property
+    def mesh_for_samples(self) -> bool:
+        """Segments serve; triangles out of cut tetrahedra are too many, and of bad shape."""
+        return self.dim == 2
+
     def advice(self, _spacing: float, /) -> Advice:
         """Return the error that the field's own leaves in a solution at any spacing."""
         told = ()

@@ -200,6 +200,11 @@ class PointCloud:
         return as_cells(self.closest_point(thinned(self.points, spacing)).points)
 
     @property
+    def mesh_for_samples(self) -> bool:
+        """Points are for pictures alone."""
+        return False
+
+    @property
     def given_mesh(self) -> tuple[Floats, Ints]:
         """The user's points (value_count, d), and their numbers as cells."""
         return as_cells(self.given_points)
@@ -238,7 +243,7 @@ class PointCloud:
         """Normals by which neighbours on another sheet are told apart."""
         return None
 
-    @property
+    @cached_property
     def _tiny(self) -> float:
         """Length of a last step of a search."""
         return 1e-13 * float(np.ptp(self.points, axis=0).max()) + 1e-15 * float(np.abs(self.points).max())
