@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from cpmkit.forms.galerkin.fixed_samples import FixedSamples
-from cpmkit.forms.galerkin.nearest import NearestSamples
 from cpmkit.forms.galerkin.parting import Parting
 from cpmkit.forms.galerkin.sample_mesh import Samples
+from cpmkit.forms.galerkin.sample_search import SampleSearch
 from cpmkit.forms.galerkin.sides_of_cells import SidesOfCells
 from cpmkit.grid.lattice import Lattice
 from cpmkit.protocols import Bools, Floats, Ints, Side
@@ -148,5 +148,5 @@ class Locator:
         return cKDTree(self.samples.points_at(np.flatnonzero(self.samples.weights == 0)))
 
     @cached_property
-    def _nearest(self) -> NearestSamples:
-        return NearestSamples(self.parting, self.samples)
+    def _nearest(self) -> SampleSearch:
+        return SampleSearch(self.parting, self.samples)

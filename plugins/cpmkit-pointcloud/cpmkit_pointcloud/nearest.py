@@ -94,6 +94,11 @@ class NearestSamples:
         """Return the samples (v, d), thinned to about half of ``spacing``, as cells (v, 1)."""
         return as_cells(thinned(self.points, spacing))
 
+    @property
+    def mesh_for_samples(self) -> bool:
+        """Points are for pictures alone."""
+        return False
+
     def translated(self, offset: Floats, /) -> NearestSamples:
         """Return the cloud moved by ``offset`` (d,)."""
         return NearestSamples(self.points + as_vector(offset, self.dim, "offset"))

@@ -68,11 +68,19 @@ def test_measures_settle_quickly(kind):
     assert abs(areas[2] - areas[1]) < 1e-4 * areas[2]
 
 
-def test_level_sets_in_space_and_clouds_are_left_to_closest_points():
+def test_level_sets_in_space_and_clouds_are_left_to_closest_points(monkeypatch):
+    """And not drawn for nothing."""
     ball = ck.source("levelset.expression", phi="x**2 + y**2 + z**2 - 1", bounds=[[-1.5] * 3, [1.5] * 3])
-    assert cells_of(centred(ball)[0], 0.2) is None
     cloud = ck.source("pointcloud.points", points=octahedron(4).vertices)
-    assert cells_of(centred(cloud)[0], 0.2) is None
+    for source in (ball, cloud):
+        monkeypatch.delattr(type(source), "mesh_for_samples")
+        assert cells_of(centred(source)[0], 0.2) is None
+        monkeypatch.undo()
+        with monkeypatch.context() as patched:
+            patched.setattr(type(source), "mesh", None)
+            assert cells_of(centred(source)[0], 0.2) is None
+    ring = ck.source("levelset.expression", phi="x**2 + y**2 - 1", bounds=[[-1.5] * 2, [1.5] * 2])
+    assert cells_of(centred(ring)[0], 0.2) is not None
 
 
 def test_members_of_a_union_stand_side_by_side_unless_they_meet():

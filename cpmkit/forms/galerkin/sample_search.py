@@ -21,7 +21,7 @@ PLENTY = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class NearestSamples:
+class SampleSearch:
     """The samples of a parting, by their places.
 
     Attributes
@@ -88,7 +88,7 @@ class SamplesInCells:
 
     def nearest(self, points: Floats, count: int) -> tuple[Floats, Ints, Bools]:
         """Return distances (k, count), numbers (k, count), and of which points (k,) these are all: others lie apart."""
-        from cpmkit.forms.galerkin.nearest_kernels import nearest_in_cells
+        from cpmkit.forms.galerkin.sample_search_kernels import nearest_in_cells
 
         around = np.array(sorted(product((0, -1, 1), repeat=points.shape[1]), key=lambda step: np.abs(step).sum()))
         squares, near, complete = nearest_in_cells(
