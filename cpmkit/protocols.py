@@ -152,6 +152,17 @@ class HasNormals(Protocol):
 
 
 @runtime_checkable
+class HasCreases(Protocol):
+    """A surface made of cells, with normals of the smooth one that it samples: beside creases it stays as it is."""
+
+    def facet_normals(self, feet: ClosestPoints, /) -> Floats:
+        """Return (n, d) unit normals of the cells that hold ``feet`` where a corner of these lies at a crease.
+
+        NaN in other cells, and at corners off creases and on edges between such: there the surface is smooth.
+        """
+
+
+@runtime_checkable
 class HasTangents(Protocol):
     """A curve that knows its direction of travel."""
 

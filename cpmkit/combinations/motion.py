@@ -73,6 +73,7 @@ class Moved(Wrapper):
         return rotate(self.rotation, getattr(self.of, name)(self._own_record(feet)))
 
     _normals = partialmethod(_turned, "normals")
+    _facet_normals = partialmethod(_turned, "facet_normals")
     _tangents = partialmethod(_turned, "tangents")
     _leftward = partialmethod(_turned, "leftward")
 

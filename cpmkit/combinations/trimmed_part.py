@@ -154,6 +154,7 @@ class Trimmed(Wrapper):
         return np.asarray(getattr(self.of, name)(feet))
 
     _normals = partialmethod(_directions, "normals")
+    _facet_normals = partialmethod(_directions, "facet_normals")
     _tangents = partialmethod(_directions, "tangents")
     _leftward = partialmethod(_directions, "leftward")
 

@@ -120,6 +120,7 @@ class Union:
         return answers
 
     _normals = partialmethod(_directions, "normals")
+    _facet_normals = partialmethod(_directions, "facet_normals")
     _tangents = partialmethod(_directions, "tangents")
     _leftward = partialmethod(_directions, "leftward")
 

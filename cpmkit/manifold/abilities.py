@@ -21,6 +21,7 @@ from cpmkit.protocols import (
     ClosestPointSource,
     Floats,
     HasAdvice,
+    HasCreases,
     HasFiniteFeet,
     HasGivenMesh,
     HasLeft,
@@ -85,6 +86,7 @@ _FILLS = "a solid fills space: it has no direction of its own and is nowhere a b
 #: Every optional ability, and what becomes of it. (A union is taken apart before it is moved: its members are.)
 ABILITIES: Mapping[type, Passing] = {
     HasNormals: Passing(moved=shared, union=shared_by_alike, trimmed=shared, solid=_FILLS),
+    HasCreases: Passing(moved=shared, union=shared_by_alike, trimmed=shared, solid=_FILLS),
     HasTangents: Passing(moved=shared, union=shared_by_alike, trimmed=shared, solid=_FILLS),
     HasLeft: Passing(moved=shared, union=shared_by_alike, trimmed=shared, solid=_FILLS),
     NamesLeft: Passing(

@@ -14,6 +14,7 @@ from cpmkit.protocols import (
     ClosestPoints,
     ClosestPointSource,
     Floats,
+    HasCreases,
     HasLeft,
     HasLocalMinima,
     HasMembers,
@@ -114,6 +115,11 @@ class LocalSource:
         return isinstance(self.source, HasNormals)
 
     @cached_property
+    def has_creases(self) -> bool:
+        """True if the source keeps its creases beside normals of a smooth surface."""
+        return isinstance(self.source, HasCreases)
+
+    @cached_property
     def has_tangents(self) -> bool:
         """True if the source gives its own tangents."""
         return isinstance(self.source, HasTangents)
@@ -164,6 +170,7 @@ class LocalSource:
         return np.asarray(getattr(self.source, name)(self._moved(feet, self.shift)))
 
     normals = partialmethod(_directions, "normals")
+    facet_normals = partialmethod(_directions, "facet_normals")
     tangents = partialmethod(_directions, "tangents")
     leftward = partialmethod(_directions, "leftward")
 

@@ -8,6 +8,7 @@ from cpmkit.manifold.abilities import ABILITIES
 from cpmkit.protocols import (
     Floats,
     HasAdvice,
+    HasCreases,
     HasFiniteFeet,
     HasMesh,
     HasNormals,
@@ -43,6 +44,15 @@ def check_normals(subject: Subject, x: Floats) -> None:
     require_rows(slid <= allowed, feet.points, "Moved along its normal, the foot slides", slid)
     above, below = (subject.source.normals(side) for side in sides)
     _require_agreement(above, below, feet.points, "The two sides have opposite normals")
+
+
+@query_law("near", HasCreases)
+def check_facet_normals(subject: Subject, x: Floats) -> None:
+    """Normals of facets are of length one, or NaN in all coordinates."""
+    feet = subject.feet(x)
+    normals = subject.source.facet_normals(feet)
+    flat = np.isfinite(normals).any(axis=1)
+    _require_unit(normals[flat], feet.points[flat])
 
 
 @query_law("near", HasTangents)

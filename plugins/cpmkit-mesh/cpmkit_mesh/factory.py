@@ -43,7 +43,8 @@ def triangles(
     engine : "own", "fcl" or "open3d"
         Which library finds the nearest triangle; what is wrong with the two others is in this plugin's README.
     crease_angle : float
-        In degrees: edges at which the mesh turns by more are creases, of which a solution warns.
+        In degrees: edges at which the mesh turns by more are creases. The form ``galerkin`` leaves the triangles
+        beside them flat, whatever ``closest`` says; the form ``collocation`` warns of them.
 
     Raises
     ------

@@ -4,12 +4,15 @@ A mesh that is read as smooth answers with feet on its flat triangles, and with 
 taken from. These tell how far that surface stands above the triangles: by (t_a - t_b) / 8 above the middle of an edge
 from a to b, t its tangents there as long as the edge (the middle of Hermite's cubic, as in Vlachos et al. 2001, Curved
 PN triangles).
+
+Where such a mesh has creases, triangles with a corner there stay flat: their normals are their own, and their edges
+straight. The mean of what stands on both sides of a crease is the normal of neither.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,14 +29,45 @@ from cpmkit.forms.galerkin.samples.own_cells import edges_with, in_scene, own_ce
 from cpmkit.forms.galerkin.samples.subdivision import halved
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vectors import dots, norms, unit
-from cpmkit.protocols import Floats, Ints
+from cpmkit.protocols import Bools, Floats, Ints
 
 #: How often vertices that were put on flat triangles are lifted to their neighbours.
 LIFTING_ROUNDS = 3
 #: A vertex that is so many roundings of the largest coordinate from one of the source's own is that.
 SAME_PLACE_ROUNDINGS = 8
+#: A vertex beside a crease is on it if the mesh turns there by more than the angle with this cosine, 20 degrees.
+FOLDED_COSINE = 0.94
 #: Lengths that are found in two ways differ by less than this share.
 ROUNDING_SHARE = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Normals:
+    """The normals at points of a mesh that is read as smooth.
+
+    Attributes
+    ----------
+    across : (n, d) float64
+        Unit vectors.
+    flat : (n,) bool
+        Whether they are those of triangles that stay flat beside creases.
+    """
+
+    across: Floats
+    flat: Bools
+
+    def joined(self, others: Normals) -> Normals:
+        """Return these, and the others behind them."""
+        return Normals(np.concatenate([self.across, others.across]), np.concatenate([self.flat, others.flat]))
+
+    def creased(self, mesh: SampleMesh, edges: Edges) -> Bools:
+        """Return which vertices (v,) of a mesh, at which these stand, are on creases."""
+        if not self.flat.any():
+            return self.flat
+        from cpmkit.forms.galerkin.samples import lifting_kernels
+
+        arrays = np.ascontiguousarray(mesh.vertices), np.ascontiguousarray(mesh.cells), edges.of_cells
+        return np.asarray(self.flat & lifting_kernels.at_folds(*arrays, len(edges.ends), FOLDED_COSINE))
 
 
 def lifted(mesh: SampleMesh, source: LocalSource, length: float) -> SampleMesh:
@@ -60,10 +94,19 @@ def lifted(mesh: SampleMesh, source: LocalSource, length: float) -> SampleMesh:
         if not long.any():
             return mesh
         ends = edges.ends[long]
-        points = above_middles(mesh.vertices, ends, normals)
-        normals = np.concatenate([normals, unit(normals[ends].sum(axis=1))])
+        points = above_middles(mesh.vertices, ends, normals.across, normals.creased(mesh, edges))
+        normals = normals.joined(_between(source, points, ends, normals))
         middle = np.where(long, len(mesh.vertices) + np.cumsum(long) - 1, -1)
         mesh = halved(mesh, edges, middle, points)
+
+
+def _between(source: LocalSource, points: Floats, ends: Ints, normals: Normals) -> Normals:
+    """Return the normals at ``points`` above edges (e, 2): the means of those at the ends, beside creases asked for."""
+    across, flat = unit(normals.across[ends].sum(axis=1)), normals.flat[ends].any(axis=1)
+    if flat.any():
+        own = normals_at(source, points[flat])
+        across[flat], flat[flat] = own.across, own.flat
+    return Normals(across, flat)
 
 
 def curved_by_normals(
@@ -92,11 +135,12 @@ def curved_by_normals(
         return replace(mesh, midpoints=lifting_kernels.middles_above(*arrays))
     edges = own or edges or edges_of(mesh)
     if not len(mesh.cut):
-        points = above_middles(mesh.vertices, edges.ends, vertex_normals(source, mesh))
+        normals = vertex_normals(source, mesh)
+        points = above_middles(mesh.vertices, edges.ends, normals.across, normals.creased(mesh, edges))
         return replace(mesh, midpoints=lifting_kernels.at_edges(points, edges.of_cells))
     on_cut, number = np.unique(mesh.cut), edges_on_cut(mesh, edges)
-    normals = normals_at(source, mesh.vertices)
-    vertices = mesh.vertices.copy()
+    found = normals_at(source, mesh.vertices)
+    normals, vertices = found.across, mesh.vertices.copy()
     reach = ONTO_BOUNDARY_EDGE_SHARE * shortest_edges(mesh, edges, on_cut)
     for owner, boundary in enumerate(boundaries):
         rows = vertices_on(mesh, owner)
@@ -104,7 +148,7 @@ def curved_by_normals(
             step = _off(boundary.closest_point(vertices[rows]).points - vertices[rows], normals[rows])
             vertices[rows] += np.where(norms(step) <= reach[rows], 1.0, 0.0)[:, None] * step
     mesh = lifted_to_neighbours(replace(mesh, vertices=vertices), edges, on_cut, normals)
-    free = above_middles(mesh.vertices, edges.ends, normals)
+    free = above_middles(mesh.vertices, edges.ends, normals, found.creased(mesh, edges))
     points = free.copy()
     for owner, boundary in enumerate(boundaries):
         rows = np.unique(number[(mesh.owner == owner) & ~mesh.extends])
@@ -118,34 +162,35 @@ def curved_by_normals(
     return replace(mesh, midpoints=points[edges.of_cells])
 
 
-def vertex_normals(source: LocalSource, mesh: SampleMesh) -> Floats:
-    """Return the source's own normals (v, d) at the vertices of its cells, or of other ones."""
+def vertex_normals(source: LocalSource, mesh: SampleMesh) -> Normals:
+    """Return the source's own normals at the vertices of its cells, or of other ones."""
     own = own_cells(source)
     if own is None:
         return normals_at(source, mesh.vertices)
     if "normals" not in own.found:
         own.found["normals"] = normals_at(in_scene(source), own.final.vertices)
-    found: Floats = own.found["normals"]
+    found: Normals = own.found["normals"]
     return found if own.is_final(mesh) else _with_others(source, mesh, found)
 
 
-def _with_others(source: LocalSource, mesh: SampleMesh, normals: Floats) -> Floats:
-    """Return the normals (v, d) at the vertices of a mesh, ``normals`` being those at the source's own.
+def _with_others(source: LocalSource, mesh: SampleMesh, normals: Normals) -> Normals:
+    """Return the normals at the vertices of a mesh, ``normals`` being those at the source's own.
 
     What was added to its own cells stands behind these. Others are asked where the source stands in the scene, as its
     own were: nothing is searched for them in what was moved, and the answer is the same on all lattices.
     """
     own = own_cells(source)
     assert own is not None
-    in_place = mesh.vertices + source.scene_origin
+    in_place, count = mesh.vertices + source.scene_origin, len(normals.flat)
     others = np.ones(len(in_place), dtype=bool)
-    if len(in_place) >= len(normals):
+    if len(in_place) >= count:
         rounding = SAME_PLACE_ROUNDINGS * np.finfo(float).eps * np.abs(in_place).max()
-        others[: len(normals)] = np.abs(in_place[: len(normals)] - own.final.vertices).max(axis=1) > rounding
-    found = np.empty_like(in_place)
-    found[: len(normals)] = normals[: len(found)]
-    found[others] = normals_at(in_scene(source), in_place[others])
-    return found
+        others[:count] = np.abs(in_place[:count] - own.final.vertices).max(axis=1) > rounding
+    across, flat = np.empty_like(in_place), np.zeros(len(in_place), dtype=bool)
+    across[:count], flat[:count] = normals.across[: len(across)], normals.flat[: len(flat)]
+    asked = normals_at(in_scene(source), in_place[others])
+    across[others], flat[others] = asked.across, asked.flat
+    return Normals(across, flat)
 
 
 def _kept_heights(source: LocalSource, edges: Edges) -> Floats:
@@ -155,22 +200,33 @@ def _kept_heights(source: LocalSource, edges: Edges) -> Floats:
     if "heights" not in own.found:
         mesh = own.final
         middles = 0.5 * (mesh.vertices[edges.ends[:, 0]] + mesh.vertices[edges.ends[:, 1]])
-        own.found["heights"] = above_middles(mesh.vertices, edges.ends, vertex_normals(source, mesh)) - middles
+        normals = vertex_normals(source, mesh)
+        above = above_middles(mesh.vertices, edges.ends, normals.across, normals.creased(mesh, edges))
+        own.found["heights"] = above - middles
     found: Floats = own.found["heights"]
     return found
 
 
-def normals_at(source: LocalSource, points: Floats) -> Floats:
-    """Return the source's own normals (n, d) at the feet of ``points``."""
-    return source.normals(source.closest_point(np.ascontiguousarray(points)))
+def normals_at(source: LocalSource, points: Floats) -> Normals:
+    """Return the source's own normals at the feet of ``points``, beside creases those of its flat triangles."""
+    feet = source.closest_point(np.ascontiguousarray(points))
+    across, flat = source.normals(feet), np.zeros(len(feet), dtype=bool)
+    if source.has_creases:
+        facets = source.facet_normals(feet)
+        flat = np.isfinite(facets).all(axis=1)
+        across = np.where(flat[:, None], facets, across)
+    return Normals(across, flat)
 
 
-def above_middles(vertices: Floats, ends: Ints, normals: Floats) -> Floats:
-    """Return (e, d) the points of the smooth surface above the middles of edges (e, 2); of creases the middles."""
+def above_middles(vertices: Floats, ends: Ints, normals: Floats, creased: Bools) -> Floats:
+    """Return (e, d) the points of the smooth surface above the middles of edges (e, 2); at creases the middles.
+
+    ``normals`` (v, d) and whether they are on creases, ``creased`` (v,), of the vertices.
+    """
     from cpmkit.forms.galerkin.samples import lifting_kernels
 
-    ends, normals = np.ascontiguousarray(ends), np.ascontiguousarray(normals)
-    found: Floats = lifting_kernels.hermite_middles(np.ascontiguousarray(vertices), ends, normals, CREASED_EDGE_SHARE)
+    vertices, ends, normals = (np.ascontiguousarray(one) for one in (vertices, ends, normals))
+    found: Floats = lifting_kernels.hermite_middles(vertices, ends, normals, creased, CREASED_EDGE_SHARE)
     return found
 
 

@@ -41,6 +41,59 @@ def test_meshes_of_a_torus_have_its_area_to_order_three():
     assert errors[-1] < 1e-4
 
 
+def cylinder(sections, rings, half=0.75):
+    """A capped cylinder of radius 1: its vertices, and triangles in rings about the axis."""
+    angle = 2 * np.pi * np.arange(sections) / sections
+    around = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    heights = np.linspace(-half, half, rings + 1)
+    side = np.concatenate([np.column_stack([around, np.full(sections, z)]) for z in heights])
+    i, ring = np.arange(sections), np.arange(rings)[:, None] * sections
+    a, b = (ring + i).ravel(), (ring + (i + 1) % sections).ravel()
+    faces = [np.stack([a, b, b + sections], axis=1), np.stack([a, b + sections, a + sections], axis=1)]
+    top, bottom, last = len(side), len(side) + 1, rings * sections
+    faces += [np.stack([last + i, last + (i + 1) % sections, np.full(sections, top)], axis=1)]
+    faces += [np.stack([(i + 1) % sections, i, np.full(sections, bottom)], axis=1)]
+    return np.concatenate([side, [[0, 0, half], [0, 0, -half]]]), np.concatenate(faces)
+
+
+def box_mesh():
+    corners = np.stack(np.meshgrid(*[[-0.5, 0.5]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    sides = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
+    return corners, np.concatenate([sides[:, [0, 1, 2]], sides[:, [0, 2, 3]]])
+
+
+@pytest.mark.parametrize("spacing", [2.0, 0.3, 0.1])
+def test_a_box_is_a_box(spacing):
+    bend, area = areas(mesh_source(*box_mesh()), spacing)
+    assert bend == "normals"
+    assert area == pytest.approx(6.0, rel=1e-12)
+
+
+def test_triangles_beside_creases_stay_flat_and_others_are_bent():
+    """Caps are polygons; between the rings at their rims the side is round to the fourth order."""
+    errors = []
+    for sections in (16, 32, 64):
+        rings = sections // 4
+        source = mesh_source(*cylinder(sections, rings))
+        chord, height = 2 * np.sin(np.pi / sections), 1.5 / rings
+        caps = sections * np.sin(2 * np.pi / sections)
+        sides = 2 * height * sections * chord + 2 * np.pi * (1.5 - 2 * height)
+        errors.append(abs(areas(source, 10.0)[1] / (caps + sides) - 1))
+    assert (np.log2(np.array(errors[:-1]) / errors[1:]) > 2.5).all()
+    assert errors[-1] < 1e-4
+
+
+def test_the_angle_of_a_crease_is_the_users():
+    vertices, faces = cylinder(24, 6)
+    keys = {"vertices": vertices, "faces": faces, "closest": "smooth"}
+    found = [
+        areas(localize(ck.source("mesh.triangles", crease_angle=angle, **keys), np.zeros(3)), 0.2)[1]
+        for angle in (40.0, 80.0, 120.0)
+    ]
+    assert found[0] == found[1]
+    assert abs(found[2] - found[0]) > 0.01 * found[0]  # rounded off
+
+
 def test_a_faceted_mesh_stays_flat():
     sphere = octahedron(2)
     bend, area = areas(mesh_source(sphere.vertices, sphere.cells, "faceted"), 0.2)
