@@ -102,7 +102,8 @@ def lifted(mesh: SampleMesh, source: LocalSource, length: float) -> SampleMesh:
 
 def _between(source: LocalSource, points: Floats, ends: Ints, normals: Normals) -> Normals:
     """Return the normals at ``points`` above edges (e, 2): the means of those at the ends, beside creases asked for."""
-    across, flat = unit(normals.across[ends].sum(axis=1)), normals.flat[ends].any(axis=1)
+    across = unit(normals.across[ends].sum(axis=1))
+    flat: Bools = np.asarray(normals.flat[ends].any(axis=1))
     if flat.any():
         own = normals_at(source, points[flat])
         across[flat], flat[flat] = own.across, own.flat
@@ -135,8 +136,8 @@ def curved_by_normals(
         return replace(mesh, midpoints=lifting_kernels.middles_above(*arrays))
     edges = own or edges or edges_of(mesh)
     if not len(mesh.cut):
-        normals = vertex_normals(source, mesh)
-        points = above_middles(mesh.vertices, edges.ends, normals.across, normals.creased(mesh, edges))
+        at = vertex_normals(source, mesh)
+        points = above_middles(mesh.vertices, edges.ends, at.across, at.creased(mesh, edges))
         return replace(mesh, midpoints=lifting_kernels.at_edges(points, edges.of_cells))
     on_cut, number = np.unique(mesh.cut), edges_on_cut(mesh, edges)
     found = normals_at(source, mesh.vertices)
@@ -210,12 +211,12 @@ def _kept_heights(source: LocalSource, edges: Edges) -> Floats:
 def normals_at(source: LocalSource, points: Floats) -> Normals:
     """Return the source's own normals at the feet of ``points``, beside creases those of its flat triangles."""
     feet = source.closest_point(np.ascontiguousarray(points))
-    across, flat = source.normals(feet), np.zeros(len(feet), dtype=bool)
-    if source.has_creases:
-        facets = source.facet_normals(feet)
-        flat = np.isfinite(facets).all(axis=1)
-        across = np.where(flat[:, None], facets, across)
-    return Normals(across, flat)
+    across = source.normals(feet)
+    if not source.has_creases:
+        return Normals(across, np.zeros(len(feet), dtype=bool))
+    facets = source.facet_normals(feet)
+    flat = np.isfinite(facets[:, 0])
+    return Normals(np.where(flat[:, None], facets, across), flat)
 
 
 def above_middles(vertices: Floats, ends: Ints, normals: Floats, creased: Bools) -> Floats:
@@ -225,7 +226,7 @@ def above_middles(vertices: Floats, ends: Ints, normals: Floats, creased: Bools)
     """
     from cpmkit.forms.galerkin.samples import lifting_kernels
 
-    vertices, ends, normals = (np.ascontiguousarray(one) for one in (vertices, ends, normals))
+    vertices, ends, normals = np.ascontiguousarray(vertices), np.ascontiguousarray(ends), np.ascontiguousarray(normals)
     found: Floats = lifting_kernels.hermite_middles(vertices, ends, normals, creased, CREASED_EDGE_SHARE)
     return found
 
