@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 #: and 80 to 150), where they are bent by normals or the source turns under splines (3 to 50, and 2 to 200), and where
 #: boundaries end (22 to 36, and 25 to 50).
 SMOOTH, FLAT, ROUGH, ENDING = (145.0, 175.0), (100.0, 125.0), (22.0, 29.0), (30.0, 37.0)
+#: The same where cells are bent by normals and the source turns under splines on less than the one share of its area,
+#: as organic meshes do from some 10,000 unknowns on (25 to 50, and 50 to 320); from the other share on they are ROUGH.
+RESOLVED, FOLDED_AREA = (32.0, 100.0), (0.003, 0.01)
 #: Where the source is smooth or flat, largest differences are 3 to 8 times their root mean square; where they are more
 #: than this, and more than a share of the coefficients' range, there is a peak that the lattice does not resolve yet,
 #: and third differences are too small. So they are where their root mean square alone is more than that share: a wave
@@ -71,12 +74,19 @@ def highest_differences(parting: Parting, u: Floats) -> Floats:
 def _ratios(form: Galerkin) -> tuple[float, float]:
     bend = form.sampled.bend
     if bend == "normals":
-        return ROUGH
+        return _between(RESOLVED, _rough(form.turned.share, FOLDED_AREA))
     if form.sampled.mesh.extends.any():
         return ENDING
     if bend == "flat":
         return FLAT
-    areas = (form.turned.share, TURNED_AREA), (form.turned.bent, BENT_AREA)
-    rough = max(float(np.interp(math.log(max(area, few)), np.log([few, many]), [0, 1])) for area, (few, many) in areas)
-    rms, largest = (smooth ** (1 - rough) * other**rough for smooth, other in zip(SMOOTH, ROUGH, strict=True))
+    return _between(SMOOTH, max(_rough(form.turned.share, TURNED_AREA), _rough(form.turned.bent, BENT_AREA)))
+
+
+def _rough(area: float, limits: tuple[float, float]) -> float:
+    """Return 0 where a share of the area is below the first limit, 1 where it is above the second, else between."""
+    return float(np.interp(math.log(max(area, limits[0])), np.log(limits), [0, 1]))
+
+
+def _between(smooth: tuple[float, float], rough: float) -> tuple[float, float]:
+    rms, largest = (one ** (1 - rough) * other**rough for one, other in zip(smooth, ROUGH, strict=True))
     return rms, largest
