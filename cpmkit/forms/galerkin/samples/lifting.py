@@ -35,8 +35,6 @@ from cpmkit.protocols import Bools, Floats, Ints
 LIFTING_ROUNDS = 3
 #: A vertex that is so many roundings of the largest coordinate from one of the source's own is that.
 SAME_PLACE_ROUNDINGS = 8
-#: A vertex beside a crease is on it if the mesh turns there by more than the angle with this cosine, 20 degrees.
-FOLDED_COSINE = 0.94
 #: Lengths that are found in two ways differ by less than this share.
 ROUNDING_SHARE = 1e-12
 
@@ -59,15 +57,6 @@ class Normals:
     def joined(self, others: Normals) -> Normals:
         """Return these, and the others behind them."""
         return Normals(np.concatenate([self.across, others.across]), np.concatenate([self.flat, others.flat]))
-
-    def creased(self, mesh: SampleMesh, edges: Edges) -> Bools:
-        """Return which vertices (v,) of a mesh, at which these stand, are on creases."""
-        if not self.flat.any():
-            return self.flat
-        from cpmkit.forms.galerkin.samples import lifting_kernels
-
-        arrays = np.ascontiguousarray(mesh.vertices), np.ascontiguousarray(mesh.cells), edges.of_cells
-        return np.asarray(self.flat & lifting_kernels.at_folds(*arrays, len(edges.ends), FOLDED_COSINE))
 
 
 def lifted(mesh: SampleMesh, source: LocalSource, length: float) -> SampleMesh:
@@ -94,7 +83,7 @@ def lifted(mesh: SampleMesh, source: LocalSource, length: float) -> SampleMesh:
         if not long.any():
             return mesh
         ends = edges.ends[long]
-        points = above_middles(mesh.vertices, ends, normals.across, normals.creased(mesh, edges))
+        points = above_middles(source, mesh.vertices, ends, normals)
         normals = normals.joined(_between(source, points, ends, normals))
         middle = np.where(long, len(mesh.vertices) + np.cumsum(long) - 1, -1)
         mesh = halved(mesh, edges, middle, points)
@@ -136,8 +125,7 @@ def curved_by_normals(
         return replace(mesh, midpoints=lifting_kernels.middles_above(*arrays))
     edges = own or edges or edges_of(mesh)
     if not len(mesh.cut):
-        at = vertex_normals(source, mesh)
-        points = above_middles(mesh.vertices, edges.ends, at.across, at.creased(mesh, edges))
+        points = above_middles(source, mesh.vertices, edges.ends, vertex_normals(source, mesh))
         return replace(mesh, midpoints=lifting_kernels.at_edges(points, edges.of_cells))
     on_cut, number = np.unique(mesh.cut), edges_on_cut(mesh, edges)
     found = normals_at(source, mesh.vertices)
@@ -149,7 +137,7 @@ def curved_by_normals(
             step = _off(boundary.closest_point(vertices[rows]).points - vertices[rows], normals[rows])
             vertices[rows] += np.where(norms(step) <= reach[rows], 1.0, 0.0)[:, None] * step
     mesh = lifted_to_neighbours(replace(mesh, vertices=vertices), edges, on_cut, normals)
-    free = above_middles(mesh.vertices, edges.ends, normals, found.creased(mesh, edges))
+    free = above_middles(source, mesh.vertices, edges.ends, found)
     points = free.copy()
     for owner, boundary in enumerate(boundaries):
         rows = np.unique(number[(mesh.owner == owner) & ~mesh.extends])
@@ -201,8 +189,7 @@ def _kept_heights(source: LocalSource, edges: Edges) -> Floats:
     if "heights" not in own.found:
         mesh = own.final
         middles = 0.5 * (mesh.vertices[edges.ends[:, 0]] + mesh.vertices[edges.ends[:, 1]])
-        normals = vertex_normals(source, mesh)
-        above = above_middles(mesh.vertices, edges.ends, normals.across, normals.creased(mesh, edges))
+        above = above_middles(in_scene(source), mesh.vertices, edges.ends, vertex_normals(source, mesh))
         own.found["heights"] = above - middles
     found: Floats = own.found["heights"]
     return found
@@ -219,15 +206,18 @@ def normals_at(source: LocalSource, points: Floats) -> Normals:
     return Normals(np.where(flat[:, None], facets, across), flat)
 
 
-def above_middles(vertices: Floats, ends: Ints, normals: Floats, creased: Bools) -> Floats:
-    """Return (e, d) the points of the smooth surface above the middles of edges (e, 2); at creases the middles.
+def above_middles(source: LocalSource, vertices: Floats, ends: Ints, normals: Normals) -> Floats:
+    """Return (e, d) the points of the smooth surface above the middles of edges (e, 2), in flat triangles the middles.
 
-    ``normals`` (v, d) and whether they are on creases, ``creased`` (v,), of the vertices.
+    ``normals`` are those at the ``vertices`` (v, d).
     """
     from cpmkit.forms.galerkin.samples import lifting_kernels
 
-    vertices, ends, normals = np.ascontiguousarray(vertices), np.ascontiguousarray(ends), np.ascontiguousarray(normals)
-    found: Floats = lifting_kernels.hermite_middles(vertices, ends, normals, creased, CREASED_EDGE_SHARE)
+    straight: Bools = np.asarray(normals.flat[ends].any(axis=1))
+    if straight.any():
+        straight[straight] = normals_at(source, 0.5 * vertices[ends[straight]].sum(axis=1)).flat
+    arrays = np.ascontiguousarray(vertices), np.ascontiguousarray(ends), np.ascontiguousarray(normals.across)
+    found: Floats = lifting_kernels.hermite_middles(*arrays, straight, CREASED_EDGE_SHARE)
     return found
 
 

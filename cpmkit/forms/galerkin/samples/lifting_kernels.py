@@ -9,10 +9,10 @@ from cpmkit.runtime.compilation import compiled
 
 
 @compiled
-def hermite_middles(vertices: Floats, ends: Ints, normals: Floats, creased: Bools, creased_share: float) -> Floats:
+def hermite_middles(vertices: Floats, ends: Ints, normals: Floats, straight: Bools, creased_share: float) -> Floats:
     """Return (e, d) the middles of Hermite's cubics over edges (e, 2), across whose ends the ``normals`` (v, d) stand.
 
-    Where one is higher than ``creased_share`` of its edge, or a vertex is ``creased`` (v,), the middle of the edge.
+    Where one is higher than ``creased_share`` of its edge, or that is ``straight`` (e,), the middle of the edge.
     """
     d = vertices.shape[1]
     found = np.empty((len(ends), d))
@@ -40,10 +40,10 @@ def hermite_middles(vertices: Floats, ends: Ints, normals: Floats, creased: Bool
         for i in range(d):
             height[i] /= 8
             above += height[i] * height[i]
-        straight = np.sqrt(above) > creased_share * length or creased[ends[edge, 0]] or creased[ends[edge, 1]]
+        flat = straight[edge] or np.sqrt(above) > creased_share * length
         for i in range(d):
             middle = 0.5 * (vertices[ends[edge, 0], i] + vertices[ends[edge, 1], i])
-            found[edge, i] = middle + (0.0 if straight else height[i])
+            found[edge, i] = middle + (0.0 if flat else height[i])
     return found
 
 
@@ -71,35 +71,3 @@ def at_edges(points: Floats, of_cells: Ints) -> Floats:
             for i in range(points.shape[1]):
                 found[cell, j, i] = points[of_cells[cell, j], i]
     return found
-
-
-@compiled
-def at_folds(vertices: Floats, cells: Ints, of_cells: Ints, edges: int, cosine: float) -> Bools:
-    """Return (v,) the vertices with an edge at which triangles turn by more than the angle with this ``cosine``.
-
-    Of triangles (m, 3) with edges ``of_cells`` (m, 3), each opposite to a corner; however they are wound.
-    """
-    d = vertices.shape[1]
-    at = np.zeros(len(vertices), dtype=np.bool_)
-    inward, seen = np.empty((edges, d)), np.zeros(edges, dtype=np.bool_)
-    own = np.empty(d)
-    for cell in range(len(cells)):
-        for corner in range(3):
-            edge, a, b = of_cells[cell, corner], cells[cell, (corner + 1) % 3], cells[cell, (corner + 2) % 3]
-            along = squared = size = product = 0.0
-            for i in range(d):
-                chord = vertices[b, i] - vertices[a, i]
-                along += chord * (vertices[cells[cell, corner], i] - vertices[a, i])
-                squared += chord * chord
-            for i in range(d):
-                chord = vertices[b, i] - vertices[a, i]
-                own[i] = vertices[cells[cell, corner], i] - vertices[a, i] - along / squared * chord
-                size += own[i] * own[i]
-            for i in range(d):
-                own[i] /= np.sqrt(size) if size > 0 else 1.0
-                product -= own[i] * inward[edge, i] if seen[edge] else 0.0
-            if size > 0:
-                if seen[edge] and product < cosine:
-                    at[a] = at[b] = True
-                inward[edge], seen[edge] = own, True
-    return at

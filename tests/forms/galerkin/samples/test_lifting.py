@@ -83,6 +83,18 @@ def test_triangles_beside_creases_stay_flat_and_others_are_bent():
     assert errors[-1] < 1e-4
 
 
+@pytest.mark.parametrize("spacing", [2.0, 0.2])
+def test_a_cone_is_flat_up_to_its_tip(spacing):
+    """Its triangles turn by 11 degrees from one to the next, and all have corners at the crease around the base."""
+    angle = 2 * np.pi * np.arange(32) / 32
+    rim = np.stack([np.cos(angle), np.sin(angle), np.zeros(32)], axis=1)
+    i, j = np.arange(32), (np.arange(32) + 1) % 32
+    sides = np.stack([i, j, np.full(32, 32)], axis=1), np.stack([j, i, np.full(32, 33)], axis=1)
+    source = mesh_source(np.concatenate([rim, [[0, 0, 2.0], [0, 0, 0]]]), np.concatenate(sides))
+    half, inner = np.sin(np.pi / 32), np.cos(np.pi / 32)
+    assert areas(source, spacing)[1] == pytest.approx(32 * half * (inner + np.hypot(2.0, inner)), rel=1e-12)
+
+
 def test_the_angle_of_a_crease_is_the_users():
     vertices, faces = cylinder(24, 6)
     keys = {"vertices": vertices, "faces": faces, "closest": "smooth"}
