@@ -34,7 +34,7 @@ LEAST_ORDER, MOST_ORDER, MOST_SLOW_ORDER = 0.8, 3.0, 1.3
 LEAST_FACTOR, MOST_FACTOR, WORTH_COMPANION = 1.38, 2.45, 3.3
 #: The same from the first solve to the second: it costs little beside it. And where nothing tells how large the error
 #: of the first one is.
-FIRST_LEAST_FACTOR, FIRST_MOST_FACTOR, UNTOLD_FACTOR = 2.1, 2.5, 2.2
+FIRST_LEAST_FACTOR, FIRST_MOST_FACTOR, UNTOLD_FACTOR = 2.1, 2.48, 2.2
 #: A limit nearer than this is as good as reached where no tolerance is asked for; what is nearer serves no estimate.
 NO_FINER = LEAST_RATIO
 #: A time is kept to within this factor.
