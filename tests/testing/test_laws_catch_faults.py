@@ -51,6 +51,9 @@ class Circle:
     def normals(self, feet: ClosestPoints) -> np.ndarray:
         return directions(feet.points - self.center)
 
+    def facet_normals(self, feet: ClosestPoints) -> np.ndarray:
+        return np.where(feet.points[:, :1] > self.center[0], self.normals(feet), np.nan)
+
     def tangents(self, feet: ClosestPoints) -> np.ndarray:
         return directions(feet.points - self.center)[:, ::-1] * [-1.0, 1.0]
 
@@ -184,6 +187,16 @@ class NormalsTowardsTheQuery(Circle):
 
     def normals(self, feet):
         return super().normals(feet) * np.where(feet.local == 0, 1.0, feet.local)
+
+
+class LongFacetNormals(Circle):
+    def facet_normals(self, feet):
+        return 2 * super().facet_normals(feet)
+
+
+class FacetNormalsUnknownInPart(Circle):
+    def facet_normals(self, feet):
+        return np.where([True, False], super().normals(feet), np.nan)
 
 
 class LongTangents(Circle):
@@ -366,6 +379,7 @@ FAULTS = {
     "degenerate": [CentreIsItsOwnFoot, NaNAtTheCentre],
     "bounds": [SmallBounds],
     "normals": [NormalsAlongTheCurve, NormalsTowardsTheQuery],
+    "facet_normals": [LongFacetNormals, FacetNormalsUnknownInPart],
     "tangents": [LongTangents, TangentsAcrossTheCurve],
     "values": [ZeroData],
     "mesh": [MeshOffTheCurve, MeshWithoutWrap, MeshOfTriangles, PaddedMesh],
