@@ -11,9 +11,10 @@ from cpmkit.plugin import InputError, shown
 from cpmkit_mesh.engines import ENGINES
 from cpmkit_mesh.folds import in_degrees
 from cpmkit_mesh.normals import corner_normals
+from cpmkit_mesh.oriented import OrientedTriangleMesh
 from cpmkit_mesh.reading import as_mesh, read_mesh
 from cpmkit_mesh.repair import repaired
-from cpmkit_mesh.triangles import OrientedTriangleMesh, TriangleMesh
+from cpmkit_mesh.triangles import TriangleMesh
 
 
 def triangles(

@@ -19,9 +19,7 @@ from cpmkit.plugin import (
     one_row_each,
     positive,
     source_repr,
-    unit,
 )
-from cpmkit_mesh.directions import face_normals
 from cpmkit_mesh.engines import Search, search_with
 from cpmkit_mesh.feet import VertexPatches, distinct, local_minima, patches, with_nearest
 from cpmkit_mesh.folds import Folds, folds
@@ -34,8 +32,6 @@ from cpmkit_mesh.turning import integral_floor, is_meant_flat, mesh_floor, turni
 
 #: A foot with a barycentric coordinate below this lies on the edge opposite that corner.
 ON_EDGE_COORDINATE = 1e-12
-#: The same for points of the smooth surface above an edge, whose feet do not lie on it to rounding.
-BESIDE_EDGE_COORDINATE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,36 +288,3 @@ class TriangleMesh:
         if self._first is not self:  # a moved tree has the same slots
             return moved_smooth_part(self._first._smooth_part, self.vertices, self.adjacency)
         return smooth_part(self.vertices, self.adjacency, self.normals_at_corners, self._tree.order)
-
-
-class OrientedTriangleMesh(TriangleMesh):
-    """A mesh whose triangles are wound alike, so that its normals have one sign."""
-
-    def normals(self, feet: ClosestPoints, /) -> Floats:
-        """Return (n, 3) unit normals at ``feet``, interpolated from the vertices; their sign is the faces' winding."""
-        face, local = self._located(feet)
-        mixed = np.einsum("nc,nck->nk", local, self.normals_at_corners[face])
-        vanished = np.linalg.norm(mixed, axis=1) <= ON_EDGE_COORDINATE
-        mixed[vanished] = self.normals_at_corners[face[vanished], 0]
-        return unit(mixed)
-
-    def facet_normals(self, feet: ClosestPoints, /) -> Floats:
-        """Return (n, 3) unit normals of triangles with a corner at a crease, NaN elsewhere.
-
-        NaN as well at corners off creases, and on edges between such: from the other side the surface is smooth there.
-        """
-        face, local = self._located(feet)
-        held = (self._at_crease[self.faces[face]] & (local > BESIDE_EDGE_COORDINATE)).any(axis=1)
-        found = np.full((len(face), 3), np.nan)
-        found[held] = face_normals(self.vertices, self.faces[face[held]])
-        return found
-
-    @cached_property
-    def _at_crease(self) -> Bools:
-        """(k,) whether an edge that ends at each vertex is a crease of a mesh that is read as smooth."""
-        if self._first is not self:
-            return self._first._at_crease  # type: ignore[attr-defined,no-any-return]
-        at = np.zeros(len(self.vertices), dtype=bool)
-        if self.smooth:
-            at[self.folds.ends[self.folds.angle > np.deg2rad(self.crease_angle)]] = True
-        return at
