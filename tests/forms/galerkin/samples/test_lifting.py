@@ -69,6 +69,14 @@ def test_a_box_is_a_box(spacing):
     assert area == pytest.approx(6.0, rel=1e-12)
 
 
+def test_boxes_that_are_moved_or_stand_side_by_side_are_boxes():
+    vertices, faces = box_mesh()
+    box, other = (ck.source("mesh.triangles", vertices=vertices + shift, faces=faces) for shift in (0.0, 3.0))
+    moved = ck.source("moved", of=box, scale=2.0, translation=[3.0, -5.0, 0.3])
+    for source, area in ((moved, 24.0), (ck.source("union", members=[box, other]), 12.0)):
+        assert areas(localize(source, np.zeros(3)), 0.3)[1] == pytest.approx(area, rel=1e-12)
+
+
 def test_triangles_beside_creases_stay_flat_and_others_are_bent():
     """Caps are polygons; between the rings at their rims the side is round to the fourth order."""
     errors = []
