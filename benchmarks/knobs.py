@@ -9,9 +9,9 @@ thread, after one that compiles.
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from time import process_time
@@ -69,8 +69,12 @@ def measured(
 
 def main() -> None:
     """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("spacings", nargs="*", type=float, help="in place of the usual ones")
+    parser.add_argument("--record", action="store_true", help="keep what degrees are chosen by")
+    asked = parser.parse_args()
     os.environ["CPMKIT_THREADS"] = "1"
-    spacings = [float(one) for one in sys.argv[1:] if one != "--record"] or SPACINGS
+    spacings = asked.spacings or SPACINGS
     records = []
     torus = ck.source("analytic.torus", major=MAJOR, minor=MINOR)
     shapes = (("sphere", ck.source("analytic.sphere"), on_sphere), ("torus", torus, on_torus))
@@ -86,7 +90,7 @@ def main() -> None:
                     row, record = measured(name, surface, exact, h, degree=degree, **knobs)
                     print(row, flush=True)
                     records += [record] if degree in RECORDED and not knobs else []
-    if "--record" in sys.argv:
+    if asked.record:
         RECORD.write_text("[\n" + ",\n".join(f" {json.dumps(one)}" for one in records) + "\n]\n", encoding="utf-8")
 
 
