@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from sample_shapes import box
 
 from cpmkit.forms.galerkin.sample_mesh import Samples
 from cpmkit.forms.galerkin.space.parted import part
@@ -147,9 +148,7 @@ def space_circle(spacing):
 
 def plate(thickness):
     """A unit square plate with faces, and walls round it."""
-    corners = np.stack(np.meshgrid([0, 1], [0, 1], [0, thickness], indexing="ij"), axis=-1).reshape(-1, 3).astype(float)
-    sides = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
-    return corners, np.concatenate([sides[:, [0, 1, 2]], sides[:, [0, 2, 3]]])
+    return box([0, 0, 0], [1, 1, thickness])
 
 
 def fold(degrees):

@@ -25,6 +25,13 @@ def octahedron(rounds=0, radius=1.0):
     return SampleMesh.of(radius * vertices, np.array(faces, dtype=np.int64))
 
 
+def box(lower, upper):
+    """Return the vertices of a box between two corners, and its twelve triangles."""
+    corners = np.stack(np.meshgrid(*zip(lower, upper, strict=True), indexing="ij"), axis=-1).reshape(-1, 3)
+    sides = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
+    return corners.astype(float), np.concatenate([sides[:, [0, 1, 2]], sides[:, [0, 2, 3]]])
+
+
 def joined(*meshes):
     """Return several meshes side by side."""
     starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes])

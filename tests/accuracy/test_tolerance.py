@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from model_problems import sphere_points
 from plane_zones import POINTS, slit
+from sample_shapes import box
 
 import cpmkit as ck
 from cpmkit.accuracy.companions import expected_of
@@ -199,9 +200,7 @@ def test_an_origin_that_is_given_costs_no_further_solve(tolerance):
 def test_a_body_with_flat_sides_is_solved_to_the_tolerance(closest):
     """u = sum cos(pi x_i / a) on the cube |x_i| <= a: its twelve triangles are right as they are, however read."""
     half, turned = 0.6, np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
-    corners = np.stack(np.meshgrid(*[[-half, half]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-    sides = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
-    triangles = np.concatenate([sides[:, [0, 1, 2]], sides[:, [0, 2, 3]]])
+    corners, triangles = box([-half] * 3, [half] * 3)
     cube = ck.source("mesh.triangles", vertices=corners @ turned.T, faces=triangles, closest=closest)
 
     def f(x):

@@ -12,6 +12,7 @@ import numpy as np
 from cpmkit.forms.galerkin.fixed_samples import FixedSamples
 from cpmkit.forms.galerkin.parting import Parting
 from cpmkit.forms.galerkin.sample_mesh import Samples
+from cpmkit.grid.lattice import Codes
 from cpmkit.protocols import Bools, Floats, Ints
 
 #: Points are looked up by boxes of so many spacings, which takes half the time: what a box needs is in the cache.
@@ -74,8 +75,8 @@ class SamplesInCells:
         The number of each.
     codes, starts : (p,) and (p + 1,) int64
         The code of the cell of each patch, ascending, and where its samples begin.
-    lower, strides : (d,) int64
-        The cell whose code is zero, and what a step along each axis adds.
+    numbering : Codes
+        Of the cells and those around them.
     """
 
     spacing: float
@@ -83,16 +84,16 @@ class SamplesInCells:
     order: Ints
     codes: Ints
     starts: Ints
-    lower: Ints
-    strides: Ints
+    numbering: Codes
 
     def nearest(self, points: Floats, count: int) -> tuple[Floats, Ints, Bools]:
         """Return distances (k, count), numbers (k, count), and of which points (k,) these are all: others lie apart."""
         from cpmkit.forms.galerkin.sample_search_kernels import nearest_in_cells
 
         around = np.array(sorted(product((0, -1, 1), repeat=points.shape[1]), key=lambda step: np.abs(step).sum()))
+        lower, strides = self.numbering.lower, self.numbering.strides
         squares, near, complete = nearest_in_cells(
-            points / self.spacing, around, self.lower, self.strides, self.codes, self.starts, self.points, count
+            points / self.spacing, around, lower, strides, self.codes, self.starts, self.points, count
         )
         return self.spacing * np.sqrt(squares), self.order[near], complete
 
@@ -102,8 +103,6 @@ def samples_in_cells(parting: Parting, samples: Samples | FixedSamples) -> Sampl
     from cpmkit.forms.galerkin.space.pattern_kernels import inverted
 
     starts, order = inverted(parting.patch, len(parting.cells))
-    lower, size = parting.cells.min(axis=0), np.ptp(parting.cells, axis=0) + 3  # no two rows of cells are neighbours
-    strides = np.append(np.cumprod(size[:0:-1])[::-1], 1)
-    codes = (parting.cells - lower) @ strides
+    numbering = Codes.around(parting.cells, 1)
     points = samples.points[order] / parting.spacing
-    return SamplesInCells(parting.spacing, points, order, codes, starts, lower, strides)
+    return SamplesInCells(parting.spacing, points, order, numbering.encode(parting.cells), starts, numbering)

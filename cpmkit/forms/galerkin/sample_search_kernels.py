@@ -9,19 +9,6 @@ from cpmkit.runtime.compilation import compiled
 
 
 @compiled
-def first_not_below(codes: Ints, code: int) -> int:
-    """Return where in ascending ``codes`` the first one stands that is not below ``code``."""
-    low, high = 0, len(codes)
-    while low < high:
-        middle = (low + high) // 2
-        if codes[middle] < code:
-            low = middle + 1
-        else:
-            high = middle
-    return low
-
-
-@compiled
 def nearest_in_cells(
     points: Floats, around: Ints, lower: Ints, strides: Ints, codes: Ints, starts: Ints, samples: Floats, count: int
 ) -> tuple[Floats, Ints, Bools]:
@@ -34,7 +21,8 @@ def nearest_in_cells(
     around : (3^d, d) int64
         Steps to the cells around one, itself first and the farthest last.
     lower, strides : (d,) int64
-        The cell whose code is zero, and what a step along each axis adds.
+        The cell whose code is zero, and what a step along each axis adds: of cells beyond the numbered box, which hold
+        no samples, the code may be another's.
     codes, starts : (p,) and (p + 1,) int64
         Of cells that hold samples, ascending, and where those of each begin.
     samples : (q, d) float64
@@ -62,7 +50,7 @@ def nearest_in_cells(
                 code += (own + step[axis] - lower[axis]) * strides[axis]
             if apart >= squares[k, count - 1]:
                 continue
-            row = first_not_below(codes, code)
+            row = np.searchsorted(codes, code)
             while row < len(codes) and codes[row] == code:
                 for q in range(starts[row], starts[row + 1]):
                     square = 0.0

@@ -50,12 +50,13 @@ def _stitched(starts: Ints, counts: Ints, upper: Ints, lower: Ints) -> Ints:
     Walk both rings at once; each steps when the other has passed the middle of its edge, edges of the upper one first.
     In integers both always agree about who steps first.
     """
+    rings = np.stack([starts[upper], starts[lower], counts[upper], counts[lower]])
     strip, i = _edges(counts[upper])
-    a, b, n, m = (one[strip] for one in (starts[upper], starts[lower], counts[upper], counts[lower]))
+    a, b, n, m = rings[:, strip]
     passed = -((n - (2 * i + 1) * m) // (2 * n)) % m  # of the lower ring's middles, those before this edge's
     on_upper = np.stack([a + i, b + passed, a + (i + 1) % n], axis=1)
     other, j = _edges(counts[lower])
-    a, b, n, m = (one[other] for one in (starts[upper], starts[lower], counts[upper], counts[lower]))
+    a, b, n, m = rings[:, other]
     passed = (((2 * j + 1) * n - m) // (2 * m) + 1) % n
     on_lower = np.stack([b + j, b + (j + 1) % m, a + passed], axis=1)
     order = np.argsort(np.concatenate([strip, other]), kind="stable")

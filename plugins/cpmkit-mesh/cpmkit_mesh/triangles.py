@@ -187,7 +187,7 @@ class TriangleMesh:
     def own_integral_floor(self, spacing: float, /) -> float:
         """Return the error that the mesh leaves in integrals, whatever the spacing."""
         del spacing
-        return integral_floor(self._first._turning, self.smooth)
+        return integral_floor(self._turning, self.smooth)
 
     @cached_property
     def folds(self) -> Folds:

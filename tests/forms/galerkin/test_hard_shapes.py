@@ -5,6 +5,7 @@ import pytest
 from bare import Bare
 from cut_meshes import icosphere
 from model_problems import order_of
+from sample_shapes import box
 
 import cpmkit as ck
 
@@ -38,9 +39,7 @@ def rotation():
 
 def cube(half, turned):
     """Return the mesh of a cube with sides of 2 ``half``."""
-    corners = np.stack(np.meshgrid(*[[-half, half]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-    sides = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
-    faces = np.concatenate([sides[:, [0, 1, 2]], sides[:, [0, 2, 3]]])
+    corners, faces = box([-half] * 3, [half] * 3)
     return ck.source("mesh.triangles", vertices=corners @ turned.T, faces=faces, closest="faceted")
 
 

@@ -83,20 +83,10 @@ def lifted(mesh: SampleMesh, source: LocalSource, length: float) -> SampleMesh:
         if not long.any():
             return mesh
         ends = edges.ends[long]
-        points = above_middles(source, mesh.vertices, ends, normals)
-        normals = normals.joined(_between(source, points, ends, normals))
+        points, between = above_middles(source, mesh.vertices, ends, normals)
+        normals = normals.joined(between)
         middle = np.where(long, len(mesh.vertices) + np.cumsum(long) - 1, -1)
         mesh = halved(mesh, edges, middle, points)
-
-
-def _between(source: LocalSource, points: Floats, ends: Ints, normals: Normals) -> Normals:
-    """Return the normals at ``points`` above edges (e, 2): the means of those at the ends, beside creases asked for."""
-    across = unit(normals.across[ends].sum(axis=1))
-    flat: Bools = np.asarray(normals.flat[ends].any(axis=1))
-    if flat.any():
-        own = normals_at(source, points[flat])
-        across[flat], flat[flat] = own.across, own.flat
-    return Normals(across, flat)
 
 
 def curved_by_normals(
@@ -125,7 +115,7 @@ def curved_by_normals(
         return replace(mesh, midpoints=lifting_kernels.middles_above(*arrays))
     edges = own or edges or edges_of(mesh)
     if not len(mesh.cut):
-        points = above_middles(source, mesh.vertices, edges.ends, vertex_normals(source, mesh))
+        points, _ = above_middles(source, mesh.vertices, edges.ends, vertex_normals(source, mesh))
         return replace(mesh, midpoints=lifting_kernels.at_edges(points, edges.of_cells))
     on_cut, number = np.unique(mesh.cut), edges_on_cut(mesh, edges)
     found = normals_at(source, mesh.vertices)
@@ -137,7 +127,7 @@ def curved_by_normals(
             step = _off(boundary.closest_point(vertices[rows]).points - vertices[rows], normals[rows])
             vertices[rows] += np.where(norms(step) <= reach[rows], 1.0, 0.0)[:, None] * step
     mesh = lifted_to_neighbours(replace(mesh, vertices=vertices), edges, on_cut, normals)
-    free = above_middles(source, mesh.vertices, edges.ends, found)
+    free, _ = above_middles(source, mesh.vertices, edges.ends, found)
     points = free.copy()
     for owner, boundary in enumerate(boundaries):
         rows = np.unique(number[(mesh.owner == owner) & ~mesh.extends])
@@ -189,7 +179,7 @@ def _kept_heights(source: LocalSource, edges: Edges) -> Floats:
     if "heights" not in own.found:
         mesh = own.final
         middles = 0.5 * (mesh.vertices[edges.ends[:, 0]] + mesh.vertices[edges.ends[:, 1]])
-        above = above_middles(in_scene(source), mesh.vertices, edges.ends, vertex_normals(source, mesh))
+        above, _ = above_middles(in_scene(source), mesh.vertices, edges.ends, vertex_normals(source, mesh))
         own.found["heights"] = above - middles
     found: Floats = own.found["heights"]
     return found
@@ -206,19 +196,21 @@ def normals_at(source: LocalSource, points: Floats) -> Normals:
     return Normals(np.where(flat[:, None], facets, across), flat)
 
 
-def above_middles(source: LocalSource, vertices: Floats, ends: Ints, normals: Normals) -> Floats:
+def above_middles(source: LocalSource, vertices: Floats, ends: Ints, normals: Normals) -> tuple[Floats, Normals]:
     """Return (e, d) the points of the smooth surface above the middles of edges (e, 2), in flat triangles the middles.
 
+    And the normals there: the means of those at the ends, beside creases those that the source has at the middles.
     ``normals`` are those at the ``vertices`` (v, d).
     """
     from cpmkit.forms.galerkin.samples import lifting_kernels
 
-    straight: Bools = np.asarray(normals.flat[ends].any(axis=1))
-    if straight.any():
-        straight[straight] = normals_at(source, 0.5 * vertices[ends[straight]].sum(axis=1)).flat
+    across, flat = unit(normals.across[ends].sum(axis=1)), np.asarray(normals.flat[ends].any(axis=1))
+    if flat.any():
+        own = normals_at(source, 0.5 * vertices[ends[flat]].sum(axis=1))
+        across[flat], flat[flat] = own.across, own.flat
     arrays = np.ascontiguousarray(vertices), np.ascontiguousarray(ends), np.ascontiguousarray(normals.across)
-    found: Floats = lifting_kernels.hermite_middles(*arrays, straight, CREASED_EDGE_SHARE)
-    return found
+    found: Floats = lifting_kernels.hermite_middles(*arrays, flat, CREASED_EDGE_SHARE)
+    return found, Normals(across, flat)
 
 
 def lifted_to_neighbours(mesh: SampleMesh, edges: Edges, rows: Ints, normals: Floats) -> SampleMesh:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from cut_meshes import area, check_sound, cut, moebius_band, polyline, torus, tube, zones_and_tips
+from sample_shapes import box
 
 import cpmkit as ck
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
@@ -74,9 +75,7 @@ def test_a_curve_on_a_thin_plate_stays_on_its_side():
 
 
 def test_triangles_larger_than_the_spacing():
-    corners = np.array(np.meshgrid([0.0, 1.0], [0.0, 1.0], [0.0, 1.0], indexing="ij")).reshape(3, -1).T
-    sides = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
-    cube = SampleMesh.of(corners, np.array([[a, b, c] for s in sides for a, b, c in (s[:3], [s[0], *s[2:]])]))
+    cube = SampleMesh.of(*box([0] * 3, [1] * 3))
     on_top = ring([0.5 + 0.2 * np.cos(TURN), 0.5 + 0.2 * np.sin(TURN), NONE + 1])
     corner = polyline([[0, 0.3, 0], [0.3, 0, 0], [0, 0, 0.3]], closed=True)
     girdle = polyline([[0, 0, 0.3], [1, 0, 0.4], [1, 1, 0.5], [0, 1, 0.4]], closed=True)

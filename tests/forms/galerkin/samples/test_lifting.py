@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from sample_shapes import equator, octahedron, with_cut
+from sample_shapes import box, equator, octahedron, with_cut
 
 import cpmkit as ck
 from cpmkit.forms.galerkin.samples.bending import bent
@@ -10,6 +10,8 @@ from cpmkit.forms.galerkin.samples.clipping import CLIPPED_EDGE_SPACINGS
 from cpmkit.forms.galerkin.samples.quadrature import samples_of
 from cpmkit.forms.galerkin.samples.sources import cells_of
 from cpmkit.manifold.local_source import localize
+
+UNIT_BOX = box([-0.5] * 3, [0.5] * 3)
 
 
 def mesh_source(vertices, faces, closest="smooth"):
@@ -56,24 +58,18 @@ def cylinder(sections, rings, half=0.75):
     return np.concatenate([side, [[0, 0, half], [0, 0, -half]]]), np.concatenate(faces)
 
 
-def box_mesh():
-    corners = np.stack(np.meshgrid(*[[-0.5, 0.5]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-    sides = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
-    return corners, np.concatenate([sides[:, [0, 1, 2]], sides[:, [0, 2, 3]]])
-
-
 @pytest.mark.parametrize("spacing", [2.0, 0.3, 0.1])
 def test_a_box_is_a_box(spacing):
-    bend, area = areas(mesh_source(*box_mesh()), spacing)
+    bend, area = areas(mesh_source(*UNIT_BOX), spacing)
     assert bend == "normals"
     assert area == pytest.approx(6.0, rel=1e-12)
 
 
 def test_boxes_that_are_moved_or_stand_side_by_side_are_boxes():
-    vertices, faces = box_mesh()
-    box, other = (ck.source("mesh.triangles", vertices=vertices + shift, faces=faces) for shift in (0.0, 3.0))
-    moved = ck.source("moved", of=box, scale=2.0, translation=[3.0, -5.0, 0.3])
-    for source, area in ((moved, 24.0), (ck.source("union", members=[box, other]), 12.0)):
+    vertices, faces = UNIT_BOX
+    one, other = (ck.source("mesh.triangles", vertices=vertices + shift, faces=faces) for shift in (0.0, 3.0))
+    moved = ck.source("moved", of=one, scale=2.0, translation=[3.0, -5.0, 0.3])
+    for source, area in ((moved, 24.0), (ck.source("union", members=[one, other]), 12.0)):
         assert areas(localize(source, np.zeros(3)), 0.3)[1] == pytest.approx(area, rel=1e-12)
 
 
