@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from cpmkit.linear.operators import CsrOperator as CsrOperator
     from cpmkit.linear.report import SolveReport as SolveReport
     from cpmkit.linear.report import judge as judge
+    from cpmkit.manifold.abilities import warnings_of as warnings_of
     from cpmkit.manifold.short_text import source_repr as source_repr
     from cpmkit.manifold.vectors import dots as dots
     from cpmkit.manifold.vectors import norms as norms
@@ -196,6 +197,7 @@ _NAMES = {
         "meshes.display_mesh": "DisplayMesh",
         "meshes.vertex_normals": "vertex_normals",
         "grid.fitting": "needed_spacing",
+        "manifold.abilities": "warnings_of",
     },
     "Hooks": {
         "hookspecs": "hookimpl",

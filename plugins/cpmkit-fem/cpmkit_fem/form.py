@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.plugin import Data, Floats, Operator, Side, as_points
+from cpmkit.plugin import Data, Floats, Operator, Side, as_points, warnings_of
 from cpmkit_fem.contacts import sides_of_jumps
 from cpmkit_fem.equations import Equations
-from cpmkit_fem.nearest import warnings_of
+from cpmkit_fem.nearest import pin_warnings
 from cpmkit_fem.reading import on_curved, reading_matrix
 from cpmkit_fem.sides import located
 from cpmkit_fem.work import FemWork
@@ -87,9 +87,10 @@ class FiniteElements(Equations):
     # Telling
 
     def warnings(self, missed: float = 0.0) -> tuple[str, ...]:
-        """Return how boundaries came into the mesh, or how far from them vertices are pinned."""
+        """Return what the surface says of itself, and how boundaries came into the mesh or far from them pins are."""
         del missed
-        return warnings_of(self.rim) if self.cut is None else self.cut.told
+        of_boundaries = pin_warnings(self.rim) if self.cut is None else self.cut.told
+        return (*warnings_of(self.scene.surface, self.spacing), *of_boundaries)
 
     def work(self, operator: Operator, report: SolveReport | None) -> FemWork:
         """Return what the mesh holds and what the solve did."""

@@ -31,7 +31,7 @@ def pinned_vertices(scene: Scene, mesh: CellMesh) -> Sequence[RimPart]:
     return [_held(boundary, mesh) for boundary in scene.boundaries]
 
 
-def warnings_of(parts: Sequence[RimPart]) -> tuple[str, ...]:
+def pin_warnings(parts: Sequence[RimPart]) -> tuple[str, ...]:
     """Tell how far from their boundaries the pinned vertices lie."""
     return tuple(
         f"The {part.what} pins {len(part.on)} vertices up to {part.off.max():.3g} away from it (a mean edge is "

@@ -8,6 +8,7 @@ import numpy as np
 
 from cpmkit.plugin import Bools, ClosestPoints, Floats, unit
 from cpmkit_mesh.directions import face_normals
+from cpmkit_mesh.folds import crowded_edges
 from cpmkit_mesh.triangles import ON_EDGE_COORDINATE, TriangleMesh
 
 #: A foot with a barycentric coordinate below this lies beside the edge opposite that corner: those of points of the
@@ -39,8 +40,12 @@ class OrientedTriangleMesh(TriangleMesh):
 
     @cached_property
     def _at_crease(self) -> Bools:
-        """(k,) whether an edge that ends at each vertex is a crease of a mesh that is read as smooth."""
+        """(k,) whether an edge that ends at each vertex is a crease of a mesh that is read as smooth.
+
+        Edges at which three or more triangles meet are creases, whatever the angles there.
+        """
         at = np.zeros(len(self.vertices), dtype=bool)
         if self.smooth:
             at[self.folds.ends[self.folds.angle > np.deg2rad(self.crease_angle)]] = True
+            at[crowded_edges(self.faces, self.adjacency)] = True
         return at

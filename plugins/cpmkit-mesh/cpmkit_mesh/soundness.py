@@ -37,10 +37,10 @@ MEETING_PIECES_SPACINGS = 0.5
 
 
 def mesh_warnings(mesh: TriangleMesh) -> tuple[str, ...]:
-    """Return what was changed in a mesh, and how many pieces it has, places in the user's coordinates."""
+    """Return what was changed in a mesh, its number of pieces, and where it branches, in the user's coordinates."""
     count = int(mesh.piece.max()) + 1
     apart = [f"The mesh has {count} pieces that share no edge; each is solved by itself."] if count > 1 else []
-    return (*mesh.notes, *apart)
+    return (*mesh.notes, *apart, *_crowded_edge_sentences(mesh))
 
 
 def closest_point_warnings(mesh: TriangleMesh, spacing: float) -> tuple[str, ...]:
@@ -48,7 +48,6 @@ def closest_point_warnings(mesh: TriangleMesh, spacing: float) -> tuple[str, ...
     return (
         *_meeting_pieces_sentences(mesh, spacing),
         *_crease_sentences(mesh, spacing),
-        *_crowded_edge_sentences(mesh, spacing),
     )
 
 
@@ -116,14 +115,14 @@ def _consequence(smooth: bool, creases: Folds, spacing: float) -> str:
     return "most are rounded off over the triangles beside them, and the solution may be off by some percent nearby."
 
 
-def _crowded_edge_sentences(mesh: TriangleMesh, spacing: float) -> list[str]:
+def _crowded_edge_sentences(mesh: TriangleMesh) -> list[str]:
     crowded = crowded_edges(mesh.faces, mesh.adjacency)
-    if np.linalg.norm(mesh.vertices[crowded[:, 1]] - mesh.vertices[crowded[:, 0]], axis=1).sum() < spacing:
+    if not len(crowded):
         return []
     return [
         f"{len(crowded)} edges of the mesh are shared by three or more triangles, the first near "
-        f"{_near(mesh, crowded[0])}: there the surface branches, which closest points do not see, and the solution "
-        "may be off by tens of percent nearby; part the sheets, or solve on them one by one."
+        f"{_near(mesh, crowded[0])}: the surface branches there, the form 'galerkin' is of first order nearby, and the "
+        "form 'collocation' may be off by tens of percent; part the sheets if they should not meet."
     ]
 
 
