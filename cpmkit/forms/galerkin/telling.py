@@ -74,12 +74,24 @@ def of_contouring(report: SurfaceReport, surface: LocalSource) -> Iterator[str]:
 
 def of_tracing(report: CurveReport, curve: LocalSource) -> Iterator[str]:
     """Tell what closest points alone do not say of a curve."""
-    if report.dropped:
+    broken = report.broken
+    if len(broken.gaps):
         yield (
-            f"The trace of the curve by closest points has {report.dropped} gaps: nothing flows there; use a smaller "
-            "spacing."
+            f"The trace of the curve by closest points has loose ends at {len(broken.gaps)} places where the curve has "
+            f"none, the first near {_in_scene(broken.gaps[0], curve)}: nothing flows there; use a smaller spacing."
         )
-    yield from _unmet(report.unmet, curve, "curve")
+    if len(broken.missed):
+        farthest = int(broken.distances.argmax())
+        yield (
+            f"A piece of the curve near {_in_scene(broken.missed[farthest], curve)}, {broken.distances[farthest]:.2g} "
+            "from the rest, is too small for the lattice, or was missed, and was left out; use a smaller spacing."
+        )
+    if len(broken.doubled):
+        yield (
+            f"The trace of the curve by closest points covers it twice at {len(broken.doubled)} places, the first near "
+            f"{_in_scene(broken.doubled[0], curve)}: strands of the curve are too near to each other there; use a "
+            "smaller spacing."
+        )
 
 
 def _unmet(points: Floats, source: LocalSource, what: str) -> Iterator[str]:
