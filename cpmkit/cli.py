@@ -120,14 +120,14 @@ def solve(
     from cpmkit import load_scene
     from cpmkit import solve as solve_scene
     from cpmkit.runtime.warn import collected_warnings
-    from cpmkit.saving.results import check_request, write_results
+    from cpmkit.saving.results import check_request, solution_channels, write_results
     from cpmkit.solving import for_any_backend
 
     with collected_warnings() as heard, progress_callback(scene, quiet) as progress:
         try:
             loaded = load_scene(scene)
             folder, request = output or loaded.output.folder, as_shown(loaded.output, field, look, estimate)
-            check_request(request, loaded.scene.surface, folder)
+            check_request(request, loaded.scene.surface, folder, solution_channels(loaded.scene))
             asked = {"tolerance": tolerance, "norm": norm, "seconds": seconds, "memory": memory}
             spacing, options = how_fine(loaded, spacing, **asked, degree=degree)
             if backend != "cpm":

@@ -69,6 +69,7 @@ def distance(
     from cpmkit import load_scene
     from cpmkit.applications import geodesic_distance, signed_distance
     from cpmkit.errors import InputError
+    from cpmkit.files.whole_files import written_whole
     from cpmkit.runtime.warn import collected_warnings
     from cpmkit.saving.results import check_request, write_results
 
@@ -77,7 +78,7 @@ def distance(
     with collected_warnings() as heard, progress_callback(scene) as progress:
         loaded = load_scene(scene)
         folder = output or loaded.output.folder
-        check_request(loaded.output, loaded.scene.surface, folder)
+        check_request(loaded.output, loaded.scene.surface, folder, channels=1)
         decided, options = how_fine(loaded, spacing, tolerance=tolerance)
         options.pop("estimate", None)
         barriers, given = _split(loaded.scene, origins)
@@ -93,7 +94,8 @@ def distance(
         warnings = list(dict.fromkeys([*heard, *solution.warnings]))
         written = write_results(solution, loaded.output, folder, progress, warnings)
     for number, path in enumerate(paths, start=1):
-        np.savetxt(Path(folder, f"path-{number}.csv"), path, delimiter=",")
+        with written_whole(Path(folder, f"path-{number}.csv")) as unfinished:
+            np.savetxt(unfinished, path, delimiter=",")
         length = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
         click.echo(f"path       {length:.6g} long, written to {Path(folder, f'path-{number}.csv')}")
     click.echo(f"unknowns   {solution.discretized.size:,} at spacing {solution.spacing:.4g}")

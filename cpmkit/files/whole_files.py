@@ -54,13 +54,16 @@ def written_whole(path: Path) -> Iterator[Path]:
 
 
 def unfinished_name(path: Path) -> Path:
-    """Return the name that ``path``, a file or a folder, has in this process until it is finished."""
-    return path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    """Return the name that ``path``, a file or a folder, has in this process until it is finished.
+
+    Its suffix is in lower case: writers that know a format by its suffix add their own to any other.
+    """
+    return path.with_name(f".{path.stem}.{os.getpid()}{path.suffix.lower()}")
 
 
 def remove_leftovers(path: Path) -> None:
     """Remove what processes that no longer run left unfinished of ``path``."""
-    named = re.compile(re.escape(f".{path.stem}.") + r"(\d{1,10})" + re.escape(path.suffix))
+    named = re.compile(re.escape(f".{path.stem}.") + r"(\d{1,10})" + re.escape(path.suffix.lower()))
     for found in path.parent.iterdir():
         match = named.fullmatch(found.name)
         if match and not _runs(int(match[1])):

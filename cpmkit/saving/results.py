@@ -16,10 +16,13 @@ from cpmkit.protocols import ClosestPointSource, Progress
 from cpmkit.saving.export import FILMS, PAGE, check_file, save, write_summary
 from cpmkit.saving.mesh_files import MESH_WRITERS
 from cpmkit.saving.series import draw_frames, frames_folder
+from cpmkit.scene.compound_equations import Eigen
 from cpmkit.scenefile.output_request import VERTICES, OutputRequest, PictureRequest, check_links
 from cpmkit.view import check_picture, picture
+from cpmkit.view.pictures import check_channels
 
 if TYPE_CHECKING:
+    from cpmkit.scene.scene import Scene
     from cpmkit.solution.solution import Solution
 
 
@@ -58,8 +61,18 @@ class WrittenResults:
             raise InputError(f"{missing}; {outcome}.")
 
 
-def check_request(request: OutputRequest, surface: ClosestPointSource, folder: Path) -> None:
+def check_request(
+    request: OutputRequest, surface: ClosestPointSource, folder: Path, channels: int | None = None
+) -> None:
     """Check, before anything is solved, that everything asked for can be written into ``folder``.
+
+    Parameters
+    ----------
+    request : OutputRequest
+    surface : ClosestPointSource
+    folder : Path
+    channels : int, optional
+        Of the solution, where their number is known: a picture of another channel is refused.
 
     Raises
     ------
@@ -71,12 +84,21 @@ def check_request(request: OutputRequest, surface: ClosestPointSource, folder: P
     asked = request.picture
     if asked is not None:
         check_picture(asked.file, asked)
+        if channels is not None:
+            check_channels(asked, channels, surface.dim)
         mesh_of(surface)
     for file in (*request.files, *([] if asked is None else [asked.file])):
         check_links((folder / file).parent, folder, f"the folder of {file!r}")
         check_place(folder / file)
         if file.lower().endswith(".pvd"):
-            check_place(frames_folder(folder / file) / "frame.vtp")
+            frames = frames_folder(folder / file)
+            check_links(frames, folder, f"the folder of the frames of {file!r}")
+            check_place(frames / "frame.vtp")
+
+
+def solution_channels(scene: Scene) -> int:
+    """Return how many channels a solution of the scene has: one a mode, where it is an eigenvalue problem."""
+    return scene.problem.count if isinstance(scene.problem, Eigen) else scene.channels
 
 
 def write_results(
@@ -93,7 +115,7 @@ def write_results(
     whole. ``warnings`` take the place of the solution's in the summary, and ``drawn_as`` that of the solution in
     pictures and pages, where what it means is drawn in another way.
     """
-    summaries = [file for file in request.files if file.endswith(".json")]
+    summaries = [file for file in request.files if file.lower().endswith(".json")]
     others = [file for file in request.files if file not in summaries]
     failures: dict[str, Exception] = {}
     seconds, shown = dict(solution.seconds), drawn_as or solution

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 import json
+import re
 from dataclasses import replace
 from html import escape
 from importlib.resources import files
@@ -67,10 +69,28 @@ def page_of(solution: Solution, **options: Unpack[LookKeywords]) -> str:
         "half": camera.half.tolist(),
         "radius": float(np.linalg.norm(every, axis=1).max()),
     }
+    return _filled(look.title or f"{solution.scene.problem.kind}", data)
+
+
+def _filled(title: str, data: dict[str, Any]) -> str:
+    """Return the template with title and data, put in at one pass: neither is searched for places of the other.
+
+    The page's own script and style alone are run: the content security policy names them by their hashes.
+    """
     template = files("cpmkit.view").joinpath("page.html").read_text(encoding="utf-8")
-    written = json.dumps(data).replace("</", "<\\/")
-    title = escape(look.title or f"{solution.scene.problem.kind}")
-    return template.replace("__TITLE__", title).replace("__DATA__", written)
+    policy = [f"{tag}-src {_hash_of(tag, template)}" for tag in ("script", "style")]
+    texts = {
+        "POLICY": "; ".join(["default-src 'none'", *policy, "base-uri 'none'", "form-action 'none'"]),
+        "TITLE": escape(title),
+        "DATA": json.dumps(data).translate({ord(sign): f"\\u{ord(sign):04x}" for sign in "<>&"}),
+    }
+    return re.sub("__(POLICY|TITLE|DATA)__", lambda place: texts[place[1]], template)
+
+
+def _hash_of(tag: str, template: str) -> str:
+    """Return the hash, as a content security policy has it, of what stands in the one ``<tag>`` without attributes."""
+    (content,) = re.findall(f"<{tag}>(.*?)</{tag}>", template, re.DOTALL)
+    return f"'sha256-{base64.b64encode(hashlib.sha256(content.encode()).digest()).decode('ascii')}'"
 
 
 def _fields(solution: Solution, look: Look) -> tuple[DisplayMesh, list[tuple[str, Floats]], Bar | None]:
@@ -81,7 +101,7 @@ def _fields(solution: Solution, look: Look) -> tuple[DisplayMesh, list[tuple[str
         cmap = SIGNED_CMAP if look.cmap == Look.cmap else look.cmap
         signed = make_bar(mesh.values, look.clim or (-most, most), cmap, look.label, look.unit)
         return mesh, list(zip(solution.titles, mesh.values.T, strict=True)), signed
-    look = replace(look, vectors=False)
+    look = replace(look, vectors=False, isolines=Look.isolines)
     if isinstance(solution, EvolvedSolution) and solution.frames and look.field != "error":
         meshes = solution.frame_meshes()
         every = replace(meshes[0], values=np.concatenate([mesh.values for mesh in meshes]))

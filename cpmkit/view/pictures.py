@@ -138,19 +138,18 @@ def shown_values(solution: Solution, mesh: DisplayMesh, look: Look) -> tuple[Flo
     Raises
     ------
     InputError
-        If there is no such channel, or the channels are no vectors.
+        As :func:`check_channels` does.
     """
     values, label, count = mesh.values, look.label, mesh.values.shape[1]
+    check_channels(look, count, mesh.points.shape[1])
     if look.field == "error":  # of several channels the largest
         values = solution.error.on_mesh(mesh)
-        values = values.max(axis=1, keepdims=True) if look.channel is None else _channel(values, look.channel)
+        values = values.max(axis=1, keepdims=True) if look.channel is None else values[:, [look.channel]]
         label = label or "estimated error"
     elif look.vectors:
-        if count != mesh.points.shape[1]:
-            raise InputError(f"vectors have as many channels as coordinates, {mesh.points.shape[1]}, got {count}.")
         values = np.linalg.norm(values, axis=1, keepdims=True)
     elif look.channel is not None or count != 3:
-        values = _channel(values, look.channel or 0)
+        values = values[:, [look.channel or 0]]
     else:
         return np.clip(values, 0, 1), None
     return values, make_bar(values, look.clim, look.cmap, label, look.unit)
@@ -163,19 +162,29 @@ def painted(
     from cpmkit.view.raster import pixels  # compiles
 
     ink = [drawing.ink]
-    if look.isolines:
-        if bar is None:
-            raise InputError("isolines are those of one channel; give channel=.")
+    if look.isolines and bar is not None:
         ink.append(marks.isolines(drawing, values[:, 0], look.levels(bar.ends.tolist()), bar))
     if look.vectors and bar is not None:
         ink.append(marks.arrows(drawing, solution, mesh, mesh.values, bar))
     return pixels(drawing, values, bar, Shapes.join(ink))
 
 
-def _channel(values: Floats, channel: int) -> Floats:
-    if channel >= values.shape[1]:
-        raise InputError(f"channel must be below {values.shape[1]}, the number of channels, got {channel}.")
-    return values[:, channel : channel + 1]
+def check_channels(look: Look, channels: int, dim: int) -> None:
+    """Check that a solution of so many channels, in space of dimension ``dim``, can be drawn with this look.
+
+    Raises
+    ------
+    InputError
+        If there is no such channel, the channels are no vectors, or isolines are wanted of colours.
+    """
+    if look.channel is not None and look.channel >= channels:
+        raise InputError(f"channel must be below {channels}, the number of channels, got {look.channel}.")
+    if look.field == "error":
+        return
+    if look.vectors and channels != dim:
+        raise InputError(f"vectors have as many channels as coordinates, {dim}, got {channels}.")
+    if look.isolines and not look.vectors and look.channel is None and channels == 3:
+        raise InputError("isolines are those of one channel; give channel=.")
 
 
 def _sheet(solution: EigenSolution, look: Look) -> tuple[Any, str]:

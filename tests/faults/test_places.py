@@ -28,8 +28,8 @@ def asked(torus, tmp_path, monkeypatch):
     """Return a function that checks a request for results of the torus in the folder ``results``."""
     monkeypatch.chdir(tmp_path)
 
-    def check(files=("summary.json",), picture=None, folder="results"):
-        check_request(OutputRequest(Path(folder), files, picture), torus(0.5).surface, Path(folder))
+    def check(files=("summary.json",), picture=None, folder="results", channels=None):
+        check_request(OutputRequest(Path(folder), files, picture), torus(0.5).surface, Path(folder), channels)
 
     return check
 
@@ -63,6 +63,42 @@ def test_a_series_whose_folder_is_a_file(asked):
     Path("results/run_frames").write_text("")
     with pytest.raises(InputError, match=r"run_frames cannot be made: .*run_frames is a file\.$"):
         asked(("run.pvd",))
+
+
+def test_a_series_whose_folder_is_a_link_that_leads_out(asked):
+    os.makedirs("results")
+    os.makedirs("elsewhere")
+    os.symlink("../elsewhere", "results/run_frames")
+    with pytest.raises(InputError, match=r"a link leads 'results/run_frames' out of it"):
+        asked(("run.pvd",))
+
+
+@pytest.mark.parametrize(
+    ("look", "channels", "message"),
+    [
+        ({"channel": 1}, 1, "channel must be below 1, the number of channels, got 1"),
+        ({"vectors": True}, 2, "vectors have as many channels as coordinates, 3, got 2"),
+        ({"isolines": True}, 3, "isolines are those of one channel"),
+    ],
+)
+def test_what_a_solution_of_so_many_channels_cannot_show(asked, look, channels, message):
+    with pytest.raises(InputError, match=message):
+        asked(picture=PictureRequest(**look), channels=channels)
+    asked(picture=PictureRequest(**look))
+
+
+@pytest.mark.parametrize(("problem", "channel", "code"), [("screened", 1, 1), ("eigen", 1, 0), ("eigen", 3, 1)])
+def test_a_channel_that_a_scene_lacks_is_refused_before_the_solve(tmp_path, monkeypatch, problem, channel, code):
+    from click.testing import CliRunner
+
+    from cpmkit.cli import main
+
+    monkeypatch.chdir(tmp_path)
+    equation = CIRCLE.replace('"screened"\nf = 1.0', '"eigen"\ncount = 3') if problem == "eigen" else CIRCLE
+    Path("s.toml").write_text(f"{equation}[output]\npicture = {{ channel = {channel}, width = 100 }}\n")
+    done = CliRunner().invoke(main, ["solve", "s.toml"])
+    assert (done.exit_code, Path("s").exists()) == (code, code == 0)
+    assert ("channel must be below" in done.output) == (code == 1)
 
 
 @pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="needs a place where even root cannot write")

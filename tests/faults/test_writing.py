@@ -29,28 +29,33 @@ WRITER = """
 import sys, time
 from pathlib import Path
 from cpmkit.files.whole_files import written_whole
-path, letter = Path(sys.argv[1]), sys.argv[2].encode()
+path, letter, stop = Path(sys.argv[1]), sys.argv[2].encode(), sys.argv[3:] == ["stop"]
 while True:
     with written_whole(path) as unfinished, unfinished.open("wb") as opened:
         for _ in range(3):
             opened.write(20_000 * letter)
             opened.flush()
             time.sleep(0.002)
+            if stop and path.exists():
+                print("stopped", flush=True)
+                time.sleep(3600)
 """
 
 
 @contextmanager
-def writing(path, letter):
-    """Run a process that writes, from when its first file is there; at the end it is killed."""
-    process = subprocess.Popen([sys.executable, "-P", "-c", WRITER, str(path), letter], stderr=subprocess.DEVNULL)
-    try:
-        end = time.monotonic() + 20
-        while not path.exists() and time.monotonic() < end:
-            time.sleep(0.005)
-        yield process
-    finally:
-        process.kill()
-        process.wait()
+def writing(path, letter, *stop):
+    """Run a process that writes, from when its first file is there; at the end it is killed.
+
+    With "stop" it halts in the middle of its second file, and says so.
+    """
+    command = [sys.executable, "-P", "-c", WRITER, str(path), letter, *stop]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
+        try:
+            while not path.exists() and process.poll() is None:
+                time.sleep(0.005)
+            yield process
+        finally:
+            process.kill()
 
 
 def is_whole(path):
@@ -62,17 +67,24 @@ def leftovers(path):
     return [found for found in path.parent.iterdir() if found.name.startswith(".")]
 
 
-def test_a_run_killed_at_any_moment_leaves_whole_files_and_the_next_one_clears_up(tmp_path):
-    path, moments, left = tmp_path / "run.npz", random.Random(1), 0
-    for _ in range(5):
+def test_a_run_killed_at_any_moment_leaves_whole_files(tmp_path):
+    path, moments = tmp_path / "run.npz", random.Random(1)
+    for _ in range(3):
         with writing(path, "a") as process:
             time.sleep(moments.uniform(0.0, 0.02))
             process.send_signal(signal.SIGKILL)
             process.wait()
             assert is_whole(path)
-        left = max(left, len(leftovers(path)))
         path.unlink()
-    assert left == 1  # each run removed what the one before it had left
+
+
+def test_the_run_after_one_that_was_killed_in_the_middle_clears_up(tmp_path):
+    path = tmp_path / "run.npz"
+    for _ in range(2):
+        with writing(path, "a", "stop") as process:
+            assert process.stdout.readline() == b"stopped\n"
+        assert is_whole(path)
+        assert len(leftovers(path)) == 1  # the second run removed what the first had left
     with written_whole(path) as unfinished:
         unfinished.write_bytes(b"whole")
     assert os.listdir(tmp_path) == ["run.npz"]
@@ -80,13 +92,22 @@ def test_a_run_killed_at_any_moment_leaves_whole_files_and_the_next_one_clears_u
 
 def test_two_runs_in_one_folder_write_whole_files(tmp_path):
     path, seen = tmp_path / "u.vtp", set()
-    with writing(path, "a"), writing(path, "b"):
-        end = time.monotonic() + 10
-        while len(seen) < 2 and time.monotonic() < end:
+    with writing(path, "a") as one, writing(path, "b") as other:
+        while len(seen) < 2 and one.poll() is None and other.poll() is None:
             assert is_whole(path)
             seen |= {*path.read_bytes()[:1]}
             assert len(leftovers(path)) <= 2
     assert seen == {*b"ab"}
+
+
+@pytest.mark.parametrize("name", ["u.NPZ", "u.Csv", "u.OBJ", "u.PLY", "u.VTP", "u.Vtu", "u.JSON"])
+def test_a_suffix_may_be_of_any_case(torus, tmp_path, name):
+    """Writers that add their own suffix to one in capitals would leave the file under another name."""
+    solution = torus(0.5)
+    save(solution, tmp_path / name)
+    save(solution, tmp_path / name.lower())
+    assert sorted(os.listdir(tmp_path)) == sorted([name, name.lower()])
+    assert (tmp_path / name).stat().st_size == pytest.approx((tmp_path / name.lower()).stat().st_size, rel=0.01)
 
 
 def test_only_what_dead_processes_left_of_this_file_is_removed(tmp_path):

@@ -1,6 +1,7 @@
 """Films have a frame a frame, all of one scale; pages draw in a browser without an error."""
 
 import base64
+import hashlib
 import json
 import re
 import shutil
@@ -92,28 +93,66 @@ def test_titles_cannot_leave_their_place(cooling):
     page = page_of(cooling, title="</title><script>alert(1)</script>", label="</script><b>")
     assert page.count("<script") == 2
     assert read(page)["label"] == "</script><b>"
+    tag = "<img src=x onerror=alert(1)>"
+    page = page_of(cooling, title="__DATA____TITLE__", label=f"__TITLE__{tag}&amp;")
+    assert page.count("__DATA____TITLE__") == 2  # the title, and the header
+    assert tag not in page
+    assert read(page)["label"] == f"__TITLE__{tag}&amp;"
 
 
-@pytest.mark.browser
-@pytest.mark.skipif(CHROMIUM is None, reason="no chromium is installed: the page was not opened")
-def test_a_browser_draws_the_page_without_an_error(cooling, tmp_path):
-    page = page_of(cooling, clim=(-2.0, 2.0)).replace("preserveDrawingBuffer: true", "preserveDrawingBuffer: true ")
+def digest_of(text):
+    return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+
+
+def test_a_page_runs_its_own_script_alone(cooling):
+    page = page_of(cooling, title="'; script-src *")
+    (policy,) = re.findall(r'http-equiv="Content-Security-Policy" content="([^"]*)"', page)
+    rules = dict(rule.strip().split(" ", 1) for rule in policy.split(";"))
+    assert rules["default-src"] == "'none'"
+    for tag in ("script", "style"):
+        (content,) = re.findall(f"<{tag}>(.*?)</{tag}>", page, re.S)
+        assert rules[f"{tag}-src"] == f"'sha256-{digest_of(content)}'"
+
+
+def opened(page, tmp_path):
+    """Return the page's pixels in a browser, and what its console says."""
     (tmp_path / "page.html").write_text(page)
     shot = tmp_path / "shot.png"
     command = [str(CHROMIUM), *BROWSER_OPTIONS, f"--user-data-dir={tmp_path / 'user'}", f"--screenshot={shot}"]
     done = subprocess.run(
         [*command, (tmp_path / "page.html").as_uri()], capture_output=True, text=True, timeout=120, check=False
     )
-    told = [line for line in done.stderr.splitlines() if "CONSOLE" in line and "GL Driver Message" not in line]
-    assert told == []
+    said = [line for line in done.stderr.splitlines() if "CONSOLE" in line and "GL Driver Message" not in line]
     with Image.open(shot) as image:
-        pixels = np.asarray(image.convert("RGB")).astype(float) / 255
+        return np.asarray(image.convert("RGB")).astype(float) / 255, said
+
+
+@pytest.mark.browser
+@pytest.mark.skipif(CHROMIUM is None, reason="no chromium is installed: the page was not opened")
+def test_a_browser_draws_the_page_without_an_error(cooling, tmp_path):
+    page = page_of(cooling, clim=(-2.0, 2.0))
+    pixels, said = opened(page, tmp_path)
+    assert said == []
     model = pixels[60:430, 60:440]
     coloured = model[np.ptp(model, axis=2) > 0.1]
     assert len(coloured) > 0.2 * model.shape[0] * model.shape[1]
     ends = [np.frombuffer(base64.b64decode(read(page)["table"]), "u1").reshape(-1, 3)[k] / 255 for k in (90, 185)]
     for end in ends:  # u runs from -1 to 1 on a bar from -2 to 2
         assert np.abs(coloured - end).max(axis=1).min() < 0.02
+
+
+@pytest.mark.browser
+@pytest.mark.skipif(CHROMIUM is None, reason="no chromium is installed: the page was not opened")
+def test_a_page_of_colours_can_be_resized(tmp_path):
+    """It has no bar, which the second size once looked for."""
+    red = ck.solve(ck.Scene(ck.source("analytic.sphere"), ck.ScreenedPoisson([1.0, 0.1, 0.1])), 0.5)
+    resize = "console.log('resized'); window.onresize(); window.onresize(); console.log('drawn');\n"
+    page = page_of(red)
+    (script,) = re.findall("<script>(.*?)</script>", page, re.S)
+    changed = page.replace(script, script + resize).replace(digest_of(script), digest_of(script + resize))
+    pixels, said = opened(changed, tmp_path)
+    assert [re.search("resized|drawn|$", line)[0] for line in said] == ["resized", "drawn"], said
+    assert (np.abs(pixels - [1.0, 0.1, 0.1]).max(axis=2) < 0.6).mean() > 0.1
 
 
 def test_a_notebook_gets_a_frame_and_a_terminal_a_browser(cooling, monkeypatch):

@@ -8,6 +8,13 @@ from cpmkit.plugin import Floats
 
 #: The angle of one cubic at most: an eighth of a turn is off by 4e-6 of the radius.
 LARGEST_ANGLE = np.pi / 4
+#: The smaller radius over the larger one, up to which an ellipse is a line.
+FLATTEST = 1e-9
+#: The smaller radius over the distance between the ends, from which on the shorter arc is a line.
+STRAIGHTEST = 1e8
+#: The larger radius over that distance: below the first the radii are scaled up in any case, and above the second the
+#: centre is lost to rounding.
+RADIUS_OVER_CHORD = (1e-3, 1e10)
 
 
 def arc_cubics(start: Floats, radii: Floats, turned: float, large: bool, sweep: bool, end: Floats) -> list[Floats]:
@@ -16,11 +23,13 @@ def arc_cubics(start: Floats, radii: Floats, turned: float, large: bool, sweep: 
     By the formulas of SVG 1.1, appendix F.6.5 and F.6.6; ``turned`` is the ellipse's rotation in degrees. Radii that
     are too small are scaled up; without one the arc is a line, and nothing where both ends are one point.
     """
-    radii = np.abs(radii)
-    if (start == end).all():
+    radii, chord = np.abs(radii), float(np.linalg.norm(end - start))
+    if chord == 0:
         return []
-    if not radii.all():
+    largest = radii.max()
+    if radii.min() <= FLATTEST * largest or (not large and radii.min() > STRAIGHTEST * chord):
         return [np.linspace(start, end, 4)]
+    radii *= np.clip(largest / chord, *RADIUS_OVER_CHORD) / (largest / chord)
     angle = np.radians(turned)
     axes = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
     half = axes @ (start - end) / 2 / radii  # in the frame where the ellipse is a unit circle

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.plugin import Floats, InputError, as_colour, shown
+from cpmkit_svg.scanner import NUMBER
 from cpmkit_svg.xml_tree import Element
 
 REFERENCE = re.compile(r"url\(\s*['\"]?#([^'\")]+)['\"]?\s*\)")
@@ -76,10 +77,10 @@ def _stops(found: list[dict[str, str]], what: str) -> Stops:
 
 
 def _share(text: str, what: str) -> float:
-    try:
-        return float(text.strip().removesuffix("%")) / (100 if text.strip().endswith("%") else 1)
-    except ValueError as error:
-        raise InputError(f"offset of {what} must be a number or a percentage, got {shown(text)}.") from error
+    number = NUMBER.fullmatch(text.strip().removesuffix("%"))
+    if number is None:
+        raise InputError(f"offset of {what} must be a number or a percentage, got {shown(text)}.")
+    return float(number.group()) / (100 if text.strip().endswith("%") else 1)
 
 
 def _colour(text: str, what: str) -> Floats:

@@ -10,6 +10,8 @@ NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 SEPARATORS = re.compile(r"[\s,]*")
 FLAG = re.compile(r"[01]")
 LETTER = re.compile(r"[A-Za-z]")
+#: SVG numbers are of single precision.
+LARGEST_NUMBER = 3.4e38
 
 
 class Scanner:
@@ -29,7 +31,7 @@ class Scanner:
 
     def numbers(self, count: int) -> list[float]:
         """Return the next ``count`` numbers."""
-        return [float(self._needed(NUMBER, "a number")) for _ in range(count)]
+        return [self._number() for _ in range(count)]
 
     def flag(self) -> bool:
         """Return the next flag, 0 or 1, which nothing needs to part from what follows."""
@@ -53,6 +55,14 @@ class Scanner:
         rest = self.words[self.place : self.place + 20]
         got = shown(rest) if rest else "its end"
         return InputError(f"{self.what}: {expected} was expected at character {self.place + 1}, got {got}.")
+
+    def _number(self) -> float:
+        before = self.place
+        number = float(self._needed(NUMBER, "a number"))
+        if abs(number) > LARGEST_NUMBER:
+            self.place = before
+            raise self.refuse(f"a number of at most {LARGEST_NUMBER:g}")
+        return number
 
     def _needed(self, pattern: re.Pattern[str], expected: str) -> str:
         found = self.match(pattern)

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Mapping
 
 from cpmkit.plugin import InputError, shown
-from cpmkit_svg.scanner import Scanner
+from cpmkit_svg.scanner import LARGEST_NUMBER, Scanner
 
 LENGTH = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(?:px)?\s*")
 
@@ -17,10 +17,10 @@ def length(text: str, what: str) -> float:
     Raises
     ------
     InputError
-        If it is no number, but for ``px`` after it.
+        If it is no number, but for ``px`` after it, or larger than numbers of SVG are.
     """
     found = LENGTH.fullmatch(text)
-    if found is None:
+    if found is None or abs(float(found[1])) > LARGEST_NUMBER:
         raise InputError(f"{what} must be a number, or one with px after it, got {shown(text)}.")
     return float(found[1])
 

@@ -51,7 +51,7 @@ def read_xml(path: str | Path) -> Element:
     parser.CharacterDataHandler = builder.text
     try:
         parser.Parse(read_bytes(file), True)
-    except expat.ExpatError as error:
+    except (expat.ExpatError, LookupError, ValueError) as error:  # the last two: an encoding that Python lacks
         raise InputError(f"{shown(file.name)} is no well-formed XML: {error}.") from error
     except OSError as error:
         raise InputError(f"{shown(file.name)} cannot be read: {error.strerror or error}.") from error

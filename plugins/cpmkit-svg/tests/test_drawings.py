@@ -18,6 +18,10 @@ GRADIENT = (
 )
 
 
+#: Encodings that the parser refuses: unknown, not of text, or of several bytes a character.
+ENCODINGS = ("x-unknown", "rot13", "utf-7", "idna", "punycode")
+
+
 @pytest.fixture
 def write(tmp_path):
     def written(body: str, head: str = HEAD):
@@ -111,6 +115,9 @@ def test_the_picture_has_the_colours_of_the_sides(write, tmp_path):
         ('<path d="M 0 0 L 1" stroke="red"/>', "number was expected at character 10"),
         ('<circle r="1cm" stroke="red"/>', "or one with px after it, got '1cm'"),
         ('<rect rx="1" width="3" height="3" stroke="red"/>', "rounded corners"),
+        ('<path d="M 0 0 L 1e300 1" stroke="red"/>', "number of at most 3.4e.38 was expected at character 8"),
+        ('<circle r="1e400" stroke="red"/>', "r of .* must be a number, .* got '1e400'"),
+        (GRADIENT.replace("25%", "nan") + '<path d="M 0 0 L 1 1" stroke="url(#g)"/>', "offset of .*, got 'nan'"),
     ],
 )
 def test_what_would_be_missed_is_refused(write, body, words):
@@ -128,6 +135,7 @@ def test_what_would_be_missed_is_refused(write, body, words):
         (HEAD + "<g>", "no well-formed XML"),
         (HEAD + "&a;", "no well-formed XML"),
         (HEAD + "<g>" * 300, "in each other"),
+        *[(f'<?xml version="1.0" encoding="{name}"?>{HEAD}', "no well-formed XML") for name in ENCODINGS],
     ],
 )
 def test_files_that_could_harm_or_are_damaged_are_refused(write, head, words):

@@ -95,6 +95,21 @@ def test_wrong_transforms_are_refused(text):
         transform(text, "g")
 
 
+@pytest.mark.parametrize("sweep", [0, 1])
+def test_arcs_of_any_radius(sweep):
+    """A radius far below the chord is scaled up to a half circle; far above it the shorter arc is a line."""
+    for radius in (0.3, 1e-5, 1e-300):
+        half = drawn(f"M -1 0 A {radius} {radius} 0 0 {sweep} 1 0")
+        np.testing.assert_allclose(np.linalg.norm(half, axis=1), 1, atol=3e-5)
+    for radius in (1e7, 1e9, 1e30):
+        assert np.abs(drawn(f"M -1 0 A {radius} {radius} 0 0 {sweep} 1 0")[:, 1]).max() < 1e-7
+    for radii in ("1e-300 1", "2 1e-12", "1e-5 1e30"):
+        np.testing.assert_allclose(drawn(f"M -1 0 A {radii} 0 0 {sweep} 1 0")[:, 1], 0)
+    gap = drawn(f"M 50 0 A 50 50 0 1 {sweep} 50 {1e-6 * (1 if sweep == 0 else -1)}")  # all of a circle but a millionth
+    np.testing.assert_allclose(np.linalg.norm(gap, axis=1), 50, atol=2e-3)
+    assert np.ptp(gap[:, 0]) == pytest.approx(100, abs=2e-3)
+
+
 @pytest.mark.parametrize(
     ("text", "place"),
     [
