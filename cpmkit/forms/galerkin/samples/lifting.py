@@ -5,6 +5,9 @@ taken from. These tell how far that surface stands above the triangles: by (t_a 
 from a to b, t its tangents there as long as the edge (the middle of Hermite's cubic, as in Vlachos et al. 2001, Curved
 PN triangles).
 
+An edge keeps the share of that height that the surface beyond its ends supports (:mod:`cpmkit.meshes.support`): a flat
+face beside a fillet stays flat.
+
 Where such a mesh has creases, triangles with a corner there stay flat: their normals are their own, and their edges
 straight. The mean of what stands on both sides of a crease is the normal of neither.
 """
@@ -24,11 +27,13 @@ from cpmkit.forms.galerkin.samples.curving import (
     vertices_on,
 )
 from cpmkit.forms.galerkin.samples.edges import Edges, edges_of, edges_on_cut
+from cpmkit.forms.galerkin.samples.halved_edges import inherited_shares
 from cpmkit.forms.galerkin.samples.midpoint_folds import unfolded
 from cpmkit.forms.galerkin.samples.own_cells import edges_with, in_scene, own_cells
 from cpmkit.forms.galerkin.samples.subdivision import halved
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vectors import dots, norms, unit
+from cpmkit.meshes.support import Support, support_of
 from cpmkit.protocols import Bools, Floats, Ints
 
 #: How often vertices that were put on flat triangles are lifted to their neighbours.
@@ -74,19 +79,19 @@ def lifted(mesh: SampleMesh, source: LocalSource, length: float) -> SampleMesh:
     from cpmkit.forms.galerkin.samples.subdivision_kernels import with_long_edges
 
     normals, surely_short = vertex_normals(source, mesh), length * (1 - ROUNDING_SHARE)
+    edges, halves = edges_with(source, mesh), None
     while True:
-        edges = edges_with(source, mesh)
         if edges is None and not with_long_edges(mesh.vertices, np.ascontiguousarray(mesh.cells), surely_short).any():
             return mesh  # told without numbering the edges
         edges = edges or edges_of(mesh)
         long = edges.lengths(mesh.vertices) > length
         if not long.any():
             return mesh
-        ends = edges.ends[long]
-        points, between = above_middles(source, mesh.vertices, ends, normals)
+        share = _shares(source, mesh, edges, normals) if halves is None else inherited_shares(*halves, edges)
+        points, between = above_middles(source, mesh.vertices, edges.ends[long], normals, share[long])
         normals = normals.joined(between)
         middle = np.where(long, len(mesh.vertices) + np.cumsum(long) - 1, -1)
-        mesh = halved(mesh, edges, middle, points)
+        mesh, halves, edges = halved(mesh, edges, middle, points), (edges, middle, share), None
 
 
 def curved_by_normals(
@@ -115,7 +120,9 @@ def curved_by_normals(
         return replace(mesh, midpoints=lifting_kernels.middles_above(*arrays))
     edges = own or edges or edges_of(mesh)
     if not len(mesh.cut):
-        points, _ = above_middles(source, mesh.vertices, edges.ends, vertex_normals(source, mesh))
+        found = vertex_normals(source, mesh)
+        share = _shares(source, mesh, edges, found)
+        points, _ = above_middles(source, mesh.vertices, edges.ends, found, share)
         return replace(mesh, midpoints=lifting_kernels.at_edges(points, edges.of_cells))
     on_cut, number = np.unique(mesh.cut), edges_on_cut(mesh, edges)
     found = normals_at(source, mesh.vertices)
@@ -127,7 +134,8 @@ def curved_by_normals(
             step = _off(boundary.closest_point(vertices[rows]).points - vertices[rows], normals[rows])
             vertices[rows] += np.where(norms(step) <= reach[rows], 1.0, 0.0)[:, None] * step
     mesh = lifted_to_neighbours(replace(mesh, vertices=vertices), edges, on_cut, normals)
-    free, _ = above_middles(source, mesh.vertices, edges.ends, found)
+    share = _shares(source, mesh, edges, found)
+    free, _ = above_middles(source, mesh.vertices, edges.ends, found, share)
     points = free.copy()
     for owner, boundary in enumerate(boundaries):
         rows = np.unique(number[(mesh.owner == owner) & ~mesh.extends])
@@ -179,7 +187,9 @@ def _kept_heights(source: LocalSource, edges: Edges) -> Floats:
     if "heights" not in own.found:
         mesh = own.final
         middles = 0.5 * (mesh.vertices[edges.ends[:, 0]] + mesh.vertices[edges.ends[:, 1]])
-        above, _ = above_middles(in_scene(source), mesh.vertices, edges.ends, vertex_normals(source, mesh))
+        normals = vertex_normals(source, mesh)
+        share = _shares(source, mesh, edges, normals)
+        above, _ = above_middles(in_scene(source), mesh.vertices, edges.ends, normals, share)
         own.found["heights"] = above - middles
     found: Floats = own.found["heights"]
     return found
@@ -196,11 +206,13 @@ def normals_at(source: LocalSource, points: Floats) -> Normals:
     return Normals(np.where(flat[:, None], facets, across), flat)
 
 
-def above_middles(source: LocalSource, vertices: Floats, ends: Ints, normals: Normals) -> tuple[Floats, Normals]:
+def above_middles(
+    source: LocalSource, vertices: Floats, ends: Ints, normals: Normals, share: Floats
+) -> tuple[Floats, Normals]:
     """Return (e, d) the points of the smooth surface above the middles of edges (e, 2), in flat triangles the middles.
 
     And the normals there: the means of those at the ends, beside creases those that the source has at the middles.
-    ``normals`` are those at the ``vertices`` (v, d).
+    ``normals`` are those at the ``vertices`` (v, d). Of their heights the edges keep a ``share`` (e,).
     """
     from cpmkit.forms.galerkin.samples import lifting_kernels
 
@@ -209,8 +221,38 @@ def above_middles(source: LocalSource, vertices: Floats, ends: Ints, normals: No
         own = normals_at(source, 0.5 * vertices[ends[flat]].sum(axis=1))
         across[flat], flat[flat] = own.across, own.flat
     arrays = np.ascontiguousarray(vertices), np.ascontiguousarray(ends), np.ascontiguousarray(normals.across)
-    found: Floats = lifting_kernels.hermite_middles(*arrays, flat, CREASED_EDGE_SHARE)
+    found: Floats = lifting_kernels.hermite_middles(*arrays, flat, share, CREASED_EDGE_SHARE)
     return found, Normals(across, flat)
+
+
+def support_of_edges(vertices: Floats, edges: Edges, normals: Normals) -> Support:
+    """Return the support of the edges of a mesh with ``normals`` at its ``vertices`` (v, d)."""
+    return support_of(vertices, edges.ends, normals.across[edges.ends], normals.flat)
+
+
+def _shares(source: LocalSource, mesh: SampleMesh, edges: Edges, normals: Normals) -> Floats:
+    """Return (e,) what share of their heights edges keep; those of a mesh whose own edges keep all do as well."""
+    own = own_support(source)
+    if own is None:
+        return support_of_edges(mesh.vertices, edges, normals).share
+    if edges is edges_with(source, mesh):
+        return own.share
+    smooth = bool((own.share == 1.0).all())
+    return np.ones(len(edges.ends)) if smooth else support_of_edges(mesh.vertices, edges, normals).share
+
+
+def own_support(source: LocalSource) -> Support | None:
+    """Return the support of the edges of a source's own cells; None where it has none."""
+    own = own_cells(source)
+    if own is None:
+        return None
+    if "support" not in own.found:
+        mesh = own.final
+        edges = edges_with(source, mesh)
+        assert edges is not None
+        own.found["support"] = support_of_edges(mesh.vertices, edges, vertex_normals(source, mesh))
+    found: Support = own.found["support"]
+    return found
 
 
 def lifted_to_neighbours(mesh: SampleMesh, edges: Edges, rows: Ints, normals: Floats) -> SampleMesh:

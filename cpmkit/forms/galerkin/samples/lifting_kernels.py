@@ -9,10 +9,13 @@ from cpmkit.runtime.compilation import compiled
 
 
 @compiled
-def hermite_middles(vertices: Floats, ends: Ints, normals: Floats, straight: Bools, creased_share: float) -> Floats:
-    """Return (e, d) the middles of Hermite's cubics over edges (e, 2), across whose ends the ``normals`` (v, d) stand.
+def hermite_middles(
+    vertices: Floats, ends: Ints, normals: Floats, straight: Bools, kept: Floats, creased_share: float
+) -> Floats:
+    """Return (e, d) points above edges (e, 2), across whose ends the ``normals`` (v, d) stand.
 
-    Where one is higher than ``creased_share`` of its edge, or that is ``straight`` (e,), the middle of the edge.
+    At the share ``kept`` (e,) of the height of the middles of Hermite's cubics. Where one of these is higher than
+    ``creased_share`` of its edge, or that is ``straight`` (e,), the middle of the edge.
     """
     d = vertices.shape[1]
     found = np.empty((len(ends), d))
@@ -43,7 +46,7 @@ def hermite_middles(vertices: Floats, ends: Ints, normals: Floats, straight: Boo
         flat = straight[edge] or np.sqrt(above) > creased_share * length
         for i in range(d):
             middle = 0.5 * (vertices[ends[edge, 0], i] + vertices[ends[edge, 1], i])
-            found[edge, i] = middle + (0.0 if flat else height[i])
+            found[edge, i] = middle + (0.0 if flat else kept[edge] * height[i])
     return found
 
 
