@@ -10,7 +10,7 @@ import numpy as np
 from cpmkit.errors import place
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.grid.lattice import Lattice
-from cpmkit.protocols import SIDES, BoundarySet, Floats, Ints
+from cpmkit.protocols import SIDES, Floats, Ints
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.laws import Value
 from cpmkit.scene.scene import Scene
@@ -57,7 +57,7 @@ def of_tips(scene: Scene, mesh: SampleMesh, lattice: Lattice) -> Iterator[str]:
         if not len(tips) or not all(isinstance(law, Value) for law in laws):
             continue
         where = lattice.to_scene(mesh.vertices[tips])
-        left, right = _values(boundary, where, scene.channels)
+        left, right = _values(scene, number, where)
         apart = np.abs(left - right).max(axis=1)
         bad = np.flatnonzero(apart > DIFFERENT_SHARE * _scale(scene, mesh, lattice, number))
         if len(bad):
@@ -81,7 +81,7 @@ def ends_inside(mesh: SampleMesh, number: int) -> Ints:
 def _scale(scene: Scene, mesh: SampleMesh, lattice: Lattice, number: int) -> float:
     """Return the largest of the values that a boundary holds at its vertices."""
     where = lattice.to_scene(mesh.vertices[np.unique(mesh.cut[(mesh.owner == number) & ~mesh.extends])])
-    return max(map(_size, _values(scene.boundaries[number], where, scene.channels)), default=0.0)
+    return max(map(_size, _values(scene, number, where)), default=0.0)
 
 
 def _meetings(mesh: SampleMesh, lattice: Lattice) -> Iterator[tuple[tuple[int, int], Floats]]:
@@ -109,15 +109,19 @@ def _shared_vertices(mesh: SampleMesh) -> Iterator[tuple[int, list[int]]]:
 
 def _largest_jump(scene: Scene, pair: tuple[int, int], where: Floats) -> float:
     """Return the largest difference of the values that two boundaries hold at a point."""
-    first, second = (_values(scene.boundaries[k], where[None], scene.channels) for k in pair)
+    first, second = (_values(scene, k, where[None]) for k in pair)
     return max((_size(a - b) for a, b in product(first, second)), default=0.0)
 
 
-def _values(boundary: BoundarySet, where: Floats, channels: int) -> list[Floats]:
-    """Return the values (k, channels) that the sides of a boundary hold at points, of those that hold values."""
+def _values(scene: Scene, number: int, where: Floats) -> list[Floats]:
+    """Return the values (k, channels) of a boundary's sides at points, of the sides with Dirichlet conditions.
+
+    In problems in time at the start.
+    """
+    boundary, time = scene.boundaries[number], scene.problem.start_time
     laws = [boundary.condition(side).law for side in SIDES]
     what = f"boundary {boundary.name!r}"
-    return [evaluate_data(law.datum, where, channels, what) for law in laws if isinstance(law, Value)]
+    return [evaluate_data(law.datum, where, scene.channels, what, time) for law in laws if isinstance(law, Value)]
 
 
 def _size(values: Floats) -> float:

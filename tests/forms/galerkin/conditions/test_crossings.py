@@ -69,3 +69,14 @@ def test_one_circle_drawn_twice(same):
     else:
         with pytest.raises(ck.SceneError, match="'a' and 'b' lie at the same place and hold different conditions"):
             told(ck.ScreenedPoisson(0.0), *both)
+
+
+def test_values_that_change_in_time_at_ends_and_crossings():
+    def warm(x, t):
+        return 1 + t + x[:, 1]
+
+    problem = ck.Heat(1.0, until=0.2, step=0.1)
+    other = great_circle("other", [0, 1, 0], both=ck.Dirichlet(lambda x, t: 1 + t))
+    assert not told(problem, arc(both=ck.Dirichlet(warm)), other)
+    sentences = told(problem, arc(left=ck.Dirichlet(warm), right=ck.Dirichlet(0.0)))
+    assert any("'arc' ends near" in sentence for sentence in sentences)
