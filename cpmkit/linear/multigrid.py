@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -70,10 +71,12 @@ class Multigrid:
             matrix = inner.to_csr()
             half = halved(matrix)
             cycle = cycle_of(matrix, levels, piece, half=half)
+            more_exact = partial(cycle_of, matrix, levels, piece, is_rounded=False) if cycle.is_rounded else None
         except Indefinite as error:
             raise indefinite("multigrid", error, 0, np.nan) from error
         rows = UnsignedCsr.of(matrix) if half is None else half
-        return Preconditioned(operator, rows, bordered, cycle, self.max_iterations, "multigrid")
+        steps = self.max_iterations
+        return Preconditioned(operator, rows, bordered, cycle, steps, "multigrid", more_exact=more_exact)
 
 
 def _unsymmetric(operator: Operator, levels: Sequence[Any], max_iterations: int) -> PreconditionedUnsymmetric:

@@ -30,6 +30,9 @@ EIGENVALUE_MARGIN = 1.1
 MOST_ROUNDED = 1 << 25
 #: A diagonal entry below this share of the largest is zero: of a piece with one unknown on which a constant is free.
 ROUNDING = 1e-14
+#: Where entries of the finest diagonal differ by more, those of 32 bits make a cycle indefinite: penalties on slivers
+#: between close curves round away the stiffness beside them.
+MOST_DIAGONAL_RATIO = 1e6
 #: By this share of the largest diagonal entry on it a line's differences are held: above what entries of 32 bits lose.
 HELD_SHARE = 1e-6
 
@@ -38,8 +41,8 @@ HELD_SHARE = 1e-6
 class Stage:
     """One level that is smoothed: its smoother, with its matrix, and P from the next coarser one.
 
-    Entries have 32 bits, but of a large finest level. That changes the cycle by 1e-7 or so and the solution by nothing:
-    its equations keep 64.
+    Entries have 32 bits, but of a large finest level, and where a diagonal's entries differ too much. That changes the
+    cycle by 1e-7 or so and the solution by nothing: its equations keep 64.
     """
 
     smoother: Smoother
@@ -56,10 +59,13 @@ class Cycle:
         From the finest on; none where the matrix is small.
     coarsest : SymmetricFactors
         Of the last level's matrix.
+    is_rounded : bool
+        Whether entries have 32 bits.
     """
 
     stages: tuple[Stage, ...]
     coarsest: SymmetricFactors
+    is_rounded: bool = True
 
     @property
     def products(self) -> int:
@@ -82,6 +88,7 @@ def cycle_of(
     piece: Ints,
     waves: bool = False,
     half: SymmetricCsr | None = None,
+    is_rounded: bool = True,
 ) -> Cycle:
     """Return the cycle of a symmetric matrix.
 
@@ -97,16 +104,19 @@ def cycle_of(
         Whether eigenvalues below zero are expected, whose functions all levels resolve.
     half : SymmetricCsr, optional
         The same matrix, where it is held so already.
+    is_rounded : bool
+        Whether entries have 32 bits where its diagonal lets them.
 
     Raises
     ------
     Indefinite
         If an eigenvalue of the wrong sign shows.
     """
+    is_rounded = is_rounded and not loses_by_rounding(matrix.diagonal())
     halves, strips = [halved(matrix) if half is None else half], []
     for level in levels:  # what this needs on the way is not in memory together with what follows
         P, own = level.prolongation, halves[-1]
-        strips.append(_strip(matrix if len(halves) == 1 else own, _open(level.strip, piece), waves))
+        strips.append(_strip(matrix if len(halves) == 1 else own, _open(level.strip, piece), waves, is_rounded))
         coarser = coarse_operator(matrix, P) if own is None else own.coarser(P)
         halves.append(coarser if level.lines is None else with_lines_held(coarser, level.lines))
         if len(halves) == 2:  # what is handed back must be cleared anew: of the others it is little
@@ -121,15 +131,25 @@ def cycle_of(
     for level in reversed(levels):  # the finest, which is the largest, when entries of 64 bits of all others are gone
         own = halves.pop()
         diagonal = matrix.diagonal() if own is None else own.diagonal
-        rows = rounded(matrix, MOST_ROUNDED) if own is None else own.rounded()
+        if own is None:
+            rows: SymmetricCsr | UnsignedCsr = rounded(matrix, MOST_ROUNDED if is_rounded else 0)
+        else:
+            rows = own.rounded() if is_rounded else own
         del own
         if len(halves) == 1:
             hand_back()
         rows = rows.shared() if isinstance(rows, SymmetricCsr) else rows
         sweeps = COARSER_SWEEPS if halves else FINEST_SWEEPS
         smoother = _smoother(diagonal, rows, strips.pop(), waves, sweeps)
-        stages.append(Stage(smoother, UnsignedCsr.of(level.prolongation).rounded()))
-    return Cycle(tuple(reversed(stages)), factors)
+        prolongation = UnsignedCsr.of(level.prolongation)
+        stages.append(Stage(smoother, prolongation.rounded() if is_rounded else prolongation))
+    return Cycle(tuple(reversed(stages)), factors, is_rounded)
+
+
+def loses_by_rounding(diagonal: Floats) -> bool:
+    """Tell whether entries of 32 bits lose what the smallest entries of a diagonal (n,) stand for."""
+    positive = diagonal[diagonal > ROUNDING * diagonal.max(initial=0.0)]
+    return len(positive) > 0 and bool(positive.max() > MOST_DIAGONAL_RATIO * positive.min())
 
 
 def with_lines_held(half: SymmetricCsr, lines: Ints) -> SymmetricCsr:
@@ -144,12 +164,12 @@ def with_lines_held(half: SymmetricCsr, lines: Ints) -> SymmetricCsr:
     return SymmetricCsr.of((half.whole().to_csr() + rows.T @ rows).tocsr())
 
 
-def _strip(matrix: csr_array | SymmetricCsr, unknowns: Ints, waves: bool) -> Strip | None:
+def _strip(matrix: csr_array | SymmetricCsr, unknowns: Ints, waves: bool, is_rounded: bool) -> Strip | None:
     if not len(unknowns):
         return None
     if isinstance(matrix, SymmetricCsr):
-        return Strip.of(matrix.rows_of(unknowns), unknowns, waves)
-    return Strip.of(matrix[unknowns].tocsr(), unknowns, waves, matrix.nnz <= MOST_ROUNDED)
+        return Strip.of(matrix.rows_of(unknowns), unknowns, waves, is_rounded)
+    return Strip.of(matrix[unknowns].tocsr(), unknowns, waves, is_rounded and matrix.nnz <= MOST_ROUNDED)
 
 
 def _smoother(

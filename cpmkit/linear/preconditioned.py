@@ -6,7 +6,9 @@ what the border adds is added after.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -75,6 +77,8 @@ class Preconditioned:
         The solver's name, for reports.
     slack : float
         How many times the preconditioned residual has to fall below the tolerance, which is the residual's.
+    more_exact : callable, optional
+        Returns a preconditioner with less rounding, to be tried before a system is refused.
     """
 
     operator: Operator
@@ -84,6 +88,7 @@ class Preconditioned:
     max_iterations: int
     solver: str
     slack: float = 1.0
+    more_exact: Callable[[], Step] | None = None
 
     def solve(
         self, b: Floats, tolerance: float, guess: Floats | None = None, progress: Progress = no_progress
@@ -95,6 +100,21 @@ class Preconditioned:
         ConvergenceError
             If a channel's recomputed residual is above the tolerance, or the system turns out to be indefinite.
         """
+        try:
+            return self._solve(b, tolerance, guess, progress)
+        except ConvergenceError:
+            if self.more_exact is None:
+                raise
+        return self._with_less_rounding.solve(b, tolerance, guess, progress)
+
+    @cached_property
+    def _with_less_rounding(self) -> Preconditioned:
+        assert self.more_exact is not None
+        return replace(self, preconditioner=self.more_exact(), more_exact=None)
+
+    def _solve(
+        self, b: Floats, tolerance: float, guess: Floats | None, progress: Progress
+    ) -> tuple[Floats, SolveReport]:
         size = np.linalg.norm(b, axis=0)
         u = np.zeros_like(b) if guess is None else guess.copy()
         u[:, size == 0] = 0.0  # the solution there; no guess gets nearer, and there is no relative residual to aim at

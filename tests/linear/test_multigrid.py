@@ -1,11 +1,12 @@
 """Multigrid finds what the direct solver finds, in as many iterations on finer lattices, or says why not."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from galerkin_systems import circle_beside, mass_of, sphere_space, stiffness_of, two_spheres
-from scipy.sparse import csr_array, random_array
+from scipy.sparse import csr_array, diags_array, random_array
 
 from cpmkit.errors import ConvergenceError, SceneError
 from cpmkit.forms.free_constants import free_pieces
@@ -15,10 +16,11 @@ from cpmkit.linear import multigrid_cycle, multigrid_symmetric
 from cpmkit.linear.direct import Direct
 from cpmkit.linear.jacobi import Jacobi
 from cpmkit.linear.multigrid import Multigrid
+from cpmkit.linear.multigrid_cycle import loses_by_rounding
 from cpmkit.linear.multigrid_matrix import UnsignedCsr
 from cpmkit.linear.multigrid_symmetric import SymmetricCsr, coarse_operator
 from cpmkit.linear.operators import Bordered, CsrOperator
-from cpmkit.linear.preconditioned import followed_by_error
+from cpmkit.linear.preconditioned import Preconditioned, followed_by_error
 
 NOWHERE = np.zeros(0, dtype=np.int64)
 sphere = cache(sphere_space)
@@ -273,3 +275,31 @@ def test_sweeps_solve_one_equation_after_the_other():
         found, rest = rows.solved_upwards(x, b, inverse, 2)
         assert np.allclose(found, expected)
         assert np.allclose(rest, b - a @ expected)
+
+
+def test_a_preconditioner_with_less_rounding_is_tried_before_a_system_is_refused():
+    n = 60
+    matrix = csr_array(diags_array([-np.ones(n - 1), 3.0 * np.ones(n), -np.ones(n - 1)], offsets=[-1, 0, 1]))
+
+    class Scaled:
+        products = 0
+
+        def __init__(self, sign):
+            self.sign = sign
+
+        def apply(self, b):
+            return self.sign * b / 3.0
+
+    rough = Preconditioned(CsrOperator(matrix), UnsignedCsr.of(matrix), None, Scaled(-1.0), 100, "multigrid")
+    b = np.ones((n, 1))
+    with pytest.raises(ConvergenceError, match="wrong sign"):
+        rough.solve(b, 1e-10)
+    u, report = replace(rough, more_exact=lambda: Scaled(1.0)).solve(b, 1e-10)
+    assert report.converged
+    assert np.abs(matrix @ u - b).max() < 1e-9
+
+
+def test_entries_of_32_bits_are_left_out_where_a_diagonal_spans_too_much():
+    assert loses_by_rounding(np.array([1e-7, 1.0]))
+    assert not loses_by_rounding(np.array([1e-4, 1.0]))
+    assert not loses_by_rounding(np.array([0.0, 1e-4, 1.0]))

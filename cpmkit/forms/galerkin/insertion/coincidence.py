@@ -18,16 +18,19 @@ ENTWINED_SHARE, ENTWINED_CROSSINGS = 0.02, 3
 #: Places on each segment at which that is looked for.
 PLACES = 4
 #: Boundaries nearer to each other than this share of the spacing are inserted without bends towards vertices.
-CLOSE_SHARE = 5e-3
+CLOSE_SHARE = 0.05
 
 
-def on_earlier(points: Floats, earlier: Sequence[LocalSource], spacing: float) -> Ints:
-    """Return the earlier boundary (n,) on which each of a chain of ``points`` (n, d) lies, -1 where there is none."""
+def on_earlier(points: Floats, curve: LocalSource, earlier: Sequence[LocalSource], spacing: float) -> Ints:
+    """Return the earlier boundary (n,) on which each of the ``points`` (n, d) along a curve lies, -1 for none."""
     found = np.full(len(points), -1)
     share = np.arange(PLACES)[:, None] / PLACES
     between = (points[:-1, None] + share * np.diff(points, axis=0)[:, None]).reshape(-1, points.shape[1])
-    places = np.concatenate([between, points[-1:]])
-    for number, off in _offsets(places, earlier, spacing):
+    places: Floats | None = None  # of the curve itself: a chord may cross what lies beside its arc
+    for number in _met(points, earlier, spacing):
+        if places is None:
+            places = curve.closest_point(np.concatenate([between, points[-1:]])).points
+        off = places - earlier[number].closest_point(places).points
         same = norms(off[::PLACES]) <= SAME_SHARE * spacing
         found[_entwined(off, ENTWINED_SHARE * spacing)[::PLACES] | (same & (same.sum() > 1))] = number
     return found
@@ -44,16 +47,16 @@ def _entwined(off: Floats, reach: float) -> Bools:
 
 def runs_close(points: Floats, others: Sequence[LocalSource], spacing: float) -> bool:
     """Return whether some of the points of a curve lie very near to another boundary, but not on it."""
-    for _, off in _offsets(points, others, spacing):
-        distance = norms(off)
+    for number in _met(points, others, spacing):
+        distance = norms(points - others[number].closest_point(points).points)
         if ((distance > SAME_SHARE * spacing) & (distance < CLOSE_SHARE * spacing)).sum() > 1:
             return True
     return False
 
 
-def _offsets(points: Floats, others: Sequence[LocalSource], spacing: float) -> Iterable[tuple[int, Floats]]:
-    """Yield the number of each boundary to which some points may be near, and their offsets (n, d) from it."""
+def _met(points: Floats, others: Sequence[LocalSource], spacing: float) -> Iterable[int]:
+    """Yield the number of each boundary to which some points may be near."""
     low, high = points.min(axis=0) - spacing, points.max(axis=0) + spacing
     for number, other in enumerate(others):
         if (other.bounds[0] <= high).all() and (other.bounds[1] >= low).all():
-            yield number, points - other.closest_point(points).points
+            yield number

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from cpmkit.forms.galerkin.insertion.alongside import Chain, side_by_side
 from cpmkit.forms.galerkin.insertion.coincidence import on_earlier, runs_close
-from cpmkit.forms.galerkin.insertion.curves import Course, course, insert_curve
+from cpmkit.forms.galerkin.insertion.curves import Course, chain_of, course, insert_curve
 from cpmkit.forms.galerkin.insertion.feet import Triangles
 from cpmkit.forms.galerkin.insertion.lined_mesh import AT_MOVABLE_SHARE, AT_SHARE, LinedMesh
 from cpmkit.forms.galerkin.insertion.points import cut_at_points, positions
-from cpmkit.forms.galerkin.insertion.polylines import drawn
+from cpmkit.forms.galerkin.insertion.polylines import drawn, in_space
 from cpmkit.forms.galerkin.insertion.tips import extend, mend
 from cpmkit.forms.galerkin.insertion.tracing import traced
 from cpmkit.forms.galerkin.insertion.triangulation import Triangulation
@@ -78,7 +79,7 @@ def inserted(mesh: SampleMesh, boundaries: Sequence[LocalSource], spacing: float
         cut, empty, gaps = cut_at_points(mesh, boundaries)
         return Insertion(cut, empty=empty, gaps=gaps)
     walker, told = _walker(mesh, spacing, movable), Counter[str]()
-    courses = [_courses(walker, boundaries, number, spacing) for number in range(len(boundaries))]
+    courses = _courses(walker, boundaries, spacing)
     walker.lined.close = frozenset(n for n, lines in enumerate(courses) if _runs_close(lines, boundaries, n, spacing))
     points, gaps = dict[int, Ints](), dict.fromkeys(range(len(boundaries)), 0.0)
     for number, boundary in enumerate(boundaries):
@@ -96,23 +97,35 @@ def inserted(mesh: SampleMesh, boundaries: Sequence[LocalSource], spacing: float
 
 
 def _walker(mesh: SampleMesh, spacing: float, movable: bool) -> Walker:
-    net = Triangulation(_in_space(mesh.vertices), mesh.cells, spacing)
+    net = Triangulation(in_space(mesh.vertices), mesh.cells, spacing)
     lined = LinedMesh(net, AT_MOVABLE_SHARE if movable else AT_SHARE)
     return Walker(lined, Triangles(net.vertices, net.cells, net.sizes))
 
 
-def _courses(walker: Walker, boundaries: Sequence[LocalSource], number: int, spacing: float) -> list[Course]:
-    """Return the curves of a boundary."""
-    dim, found = boundaries[number].dim, []
+def _courses(walker: Walker, boundaries: Sequence[LocalSource], spacing: float) -> list[list[Course]]:
+    """Return the curves of each boundary."""
+
+    def on(chain: Chain) -> Ints:
+        points = chain.loop[:, : chain.curve.dim]
+        return on_earlier(points, chain.curve, boundaries[: chain.owner], spacing)
+
+    chains = [chain for number in range(len(boundaries)) for chain in _chains(walker, boundaries, number, spacing)]
+    places = [on(chain) for chain in chains]
+    shared = {(k, other) for k, place in enumerate(places) for other in np.unique(place[place >= 0]).tolist()}
+    courses: list[Course] = []
+    found: list[list[Course]] = [[] for _ in boundaries]
+    for before, chain, place in zip(chains, side_by_side(chains, spacing, shared), places, strict=True):
+        courses.append(course(walker.triangles, chain, place if chain is before else on(chain), courses))
+        found[chain.owner].append(courses[-1])
+    return found
+
+
+def _chains(walker: Walker, boundaries: Sequence[LocalSource], number: int, spacing: float) -> Iterator[Chain]:
     for curve in boundaries[number].members:
         if curve.manifold_dim == 1:
             lines = drawn(curve, 0.5 * spacing)
-            found += traced(curve, walker.triangles, spacing) if lines is None else lines
-
-    def on(points: Floats) -> Ints:
-        return on_earlier(points[:, :dim], boundaries[:number], spacing)
-
-    return [course(walker.triangles, Polyline(_in_space(line.points), line.closed), on) for line in found]
+            for line in traced(curve, walker.triangles, spacing) if lines is None else lines:
+                yield chain_of(walker.triangles, Polyline(in_space(line.points), line.closed), curve, number)
 
 
 def _runs_close(lines: Sequence[Course], boundaries: Sequence[LocalSource], own: int, spacing: float) -> bool:
@@ -132,7 +145,7 @@ def _shared(courses: Sequence[Sequence[Course]]) -> frozenset[tuple[int, int]]:
 
 def _vertices(walker: Walker, points: Floats) -> tuple[Ints, float]:
     """Return the vertices (k,) at the feet of ``points`` (k, d), and how far off these lie at most."""
-    feet = walker.triangles.nearest(_in_space(points))
+    feet = walker.triangles.nearest(in_space(points))
     places = np.einsum("nk,nkd->nd", feet.shares, walker.net.vertices[walker.net.cells[feet.cell]])
     pairs = zip(feet.cell.tolist(), places.tolist(), strict=True)
     found = np.array([walker.lined.inserted(cell, (x, y, z)) for cell, (x, y, z) in pairs], dtype=np.int64)
@@ -147,8 +160,3 @@ def _with_lines(walker: Walker, dim: int) -> SampleMesh:
         owner=np.array([line.owner for line in lines], dtype=np.int64),
         extends=np.array([line.extends for line in lines], dtype=bool),
     )
-
-
-def _in_space(points: Floats) -> Floats:
-    """Return (n, 3) points, those of the plane with a third coordinate of zero."""
-    return points if points.shape[1] == 3 else np.hstack([points, np.zeros((len(points), 1))])

@@ -70,3 +70,8 @@ def simplified(points: Floats, tolerance: Floats) -> Ints:
             kept[worst] = True
             todo += [(first, worst), (worst, last)]
     return np.flatnonzero(kept)
+
+
+def in_space(points: Floats) -> Floats:
+    """Return (n, 3) points, those of the plane with a third coordinate of zero."""
+    return points if points.shape[1] == 3 else np.hstack([points, np.zeros((len(points), 1))])

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Set
+from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +32,13 @@ class Hit(NamedTuple):
     share: float
 
 
+class Placed(NamedTuple):
+    """The vertex at the foot of a curve's point, and that point."""
+
+    vertex: int
+    place: Triple
+
+
 @dataclass(eq=False)
 class Walker:
     """Leads curves over a mesh.
@@ -39,10 +48,13 @@ class Walker:
     lined : LinedMesh
     triangles : Triangles
         The roots, asked for feet.
+    stops : dict
+        Where points of curves are, by the numbers of the curve and the point.
     """
 
     lined: LinedMesh
     triangles: Triangles
+    stops: dict[tuple[int, ...], Placed] = field(default_factory=dict)
 
     @property
     def net(self) -> Triangulation:
@@ -72,8 +84,11 @@ class Walker:
         return first + second[1:] if first and second else None
 
     def _middle(self, v: int, w: int) -> int:
-        middle = between(self.net.at(v), self.net.at(w), 0.5)
-        foot = self.triangles.nearest(np.array([middle]))
+        return self.at_foot(between(self.net.at(v), self.net.at(w), 0.5))
+
+    def at_foot(self, place: Triple) -> int:
+        """Return the vertex at the foot of a point, a new one unless one lies there."""
+        foot = self.triangles.nearest(np.array([place]))
         root = int(foot.cell[0])
         return self.lined.inserted(root, place_of(self.net, root, foot.shares[0]))
 
@@ -134,15 +149,39 @@ class Walker:
         limit = MOST_DETOUR_CHORDS * apart(net.at(v), net.at(w)) + MOST_DETOUR_SIZES * net.size(v)
         return way_back(ways_over_edges(net, {v: 0.0}, limit, w), w)
 
-    def along_line(self, v: int, w: int, owner: int) -> list[int] | None:
-        """Return the way from v to w along a boundary, if there is a short one."""
+    def along_line(self, v: int, w: int, owners: Set[int]) -> list[int] | None:
+        """Return the way from v to w along boundaries, if there is a short one."""
         limit = self._longest(v, w)
 
         def beside(vertex: int) -> list[int]:
             lines = ((other, self.lined.cut.get(edge_of(vertex, other))) for other in self.net.neighbours(vertex))
-            return [other for other, line in lines if line is not None and line.owner == owner]
+            return [other for other, line in lines if line is not None and line.owner in owners]
 
         return way_back(ways_over_edges(self.net, {v: 0.0}, limit, w, beside), w)
+
+    def beside_line(self, start: tuple[int, int], goal: tuple[int, int]) -> list[int] | None:
+        """Return the way between two vertices at the side of a line that runs from beside the one to the other.
+
+        Parameters
+        ----------
+        start, goal : (int, int)
+            A vertex of the way, and that of the line beside it.
+        """
+        net = self.net
+        (v, at), (w, to) = start, goal
+        line = self.along_line(at, to, self.lined.lines.get(at, set()) & self.lined.lines.get(to, set()))
+        if line is None:
+            return None
+        ways = np.cumsum([0.0] + [apart(net.at(a), net.at(b)) for a, b in pairwise(line)])
+        first, last = less(net.at(v), net.at(at)), less(net.at(w), net.at(to))
+        path = [v]
+        for vertex, share in zip(line[1:-1], (ways[1:-1] / (ways[-1] or 1.0)).tolist(), strict=True):
+            way = self.way(path[-1], self.at_foot(along(net.at(vertex), 1.0, between(first, last, share))))
+            if way is None:
+                return None
+            path += way[1:]
+        way = self.way(path[-1], w)
+        return way and path + way[1:]
 
     def _longest(self, v: int, w: int) -> float:
         return MOST_CHORDS * apart(self.net.at(v), self.net.at(w)) + MOST_SIZES * self.net.size(v)
