@@ -40,7 +40,10 @@ class Chain:
     owner : int
         The number of its boundary.
     beside : (n, 2) int64
-        The number of an earlier chain, and the point of it beside which each point lies; -1 where there is none.
+        The number of an earlier chain, and the point of it beside which each point lies; -1 where there is none. A
+        point that lies beside several is there as often.
+    marks : (n,) bool
+        Which points it cannot do without: ends and corners.
     """
 
     points: Floats
@@ -48,21 +51,22 @@ class Chain:
     curve: LocalSource
     owner: int
     beside: Ints
+    marks: Bools
+
+    @classmethod
+    def of(cls, points: Floats, closed: bool, curve: LocalSource, owner: int) -> Chain:
+        """Return a curve that runs beside none."""
+        around = np.concatenate([points[-1:], points, points[:1]])
+        way = unit(np.diff(around, axis=0))
+        marks = np.asarray(dots(way[1:], way[:-1]) < CORNER_COSINE)
+        if not closed:
+            marks[[0, -1]] = True
+        return cls(points, closed, curve, owner, np.full((len(points), 2), -1), marks)
 
     @property
     def loop(self) -> Floats:
         """Its points, a closed one's first again at the end."""
         return np.concatenate([self.points, self.points[:1]]) if self.closed else self.points
-
-    @property
-    def marks(self) -> Bools:
-        """Which points it cannot do without: ends and corners."""
-        around = np.concatenate([self.points[-1:], self.points, self.points[:1]])
-        way = unit(np.diff(around, axis=0))
-        marks = dots(way[1:], way[:-1]) < CORNER_COSINE
-        if not self.closed:
-            marks[[0, -1]] = True
-        return np.asarray(marks)
 
     def feet(self, points: Floats) -> Floats:
         """Return the points (k, 3) of the curve nearest to ``points`` (k, 3)."""
@@ -86,26 +90,33 @@ class Chain:
         Parameters
         ----------
         points : (k, 3) float64
-            Those nearer than ``least`` to one that stays are left out.
+            In the direction of travel. Those nearer than ``least`` to one that stays are replaced by that.
         dropped : (n,) bool
         beside : (k, 2) int64
-            Of the new ones, and of those that they are left out for.
+            Of the new ones.
         least : float
         """
         from scipy.spatial import cKDTree
 
         kept = np.flatnonzero(~dropped)
-        besides, new = self.beside[kept], np.ones(len(points), dtype=bool)
+        places, marks = self.places(points), np.zeros(len(points), dtype=bool)
         if len(kept):
             gap, nearest = cKDTree(self.points[kept]).query(points)
-            new = gap > least
-            besides[nearest[~new]] = beside[~new]
-        points, beside = points[new], beside[new]
-        places = np.concatenate([kept.astype(np.float64), self.places(points)])
-        order = np.argsort(places, kind="stable")
-        found = np.concatenate([self.points[kept], points])[order]
-        distinct = norms(np.diff(found, axis=0, prepend=np.full((1, 3), np.inf))) > 0
-        return replace(self, points=found[distinct], beside=np.concatenate([besides, beside])[order][distinct])
+            same = kept[nearest[gap <= least]]
+            rows = gap <= least
+            points, places = points.copy(), places.copy()
+            points[rows], places[rows], marks[rows] = self.points[same], same, self.marks[same]
+            if (beside[:, 0] < 0).all():
+                points, places, marks, beside = (of[~rows] for of in (points, places, marks, beside))
+            else:
+                kept = np.setdiff1d(kept, same)
+        order = np.argsort(np.concatenate([kept.astype(np.float64), places]), kind="stable")
+        return replace(
+            self,
+            points=np.concatenate([self.points[kept], points])[order],
+            beside=np.concatenate([self.beside[kept], beside])[order],
+            marks=np.concatenate([self.marks[kept], marks])[order],
+        )
 
 
 def side_by_side(chains: Sequence[Chain], spacing: float, shared: Container[tuple[int, int]]) -> list[Chain]:
@@ -172,8 +183,11 @@ def _following(late: Chain, early: Chain, number: int, spacing: float) -> Chain:
             dropped |= _between(late, a, b, length)
     if not taken.any():
         return late
-    beside = np.stack([np.full(taken.sum(), number), np.flatnonzero(taken)], axis=1)
-    return late.with_points(feet[taken], dropped & ~late.marks, beside, LEAST_STEP_SHARE * spacing)
+    rows = np.flatnonzero(taken)
+    if np.sign(np.diff(places[rows])).sum() < 0:  # it runs the other way
+        rows = rows[::-1]
+    beside = np.stack([np.full(len(rows), number), rows], axis=1)
+    return late.with_points(feet[rows], dropped & ~late.marks, beside, LEAST_STEP_SHARE * spacing)
 
 
 def _stretches(near: Bools, closed: bool) -> Iterator[Ints]:

@@ -6,8 +6,9 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from cpmkit.forms.galerkin.insertion.polylines import in_space
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.vectors import dots, norms
+from cpmkit.manifold.vectors import dots, norms, unit
 from cpmkit.protocols import Bools, Floats, Ints
 
 #: A boundary lies on an earlier one where it is nearer to it than this share of the spacing.
@@ -32,17 +33,29 @@ def on_earlier(points: Floats, curve: LocalSource, earlier: Sequence[LocalSource
             places = curve.closest_point(np.concatenate([between, points[-1:]])).points
         off = places - earlier[number].closest_point(places).points
         same = norms(off[::PLACES]) <= SAME_SHARE * spacing
-        found[_entwined(off, ENTWINED_SHARE * spacing)[::PLACES] | (same & (same.sum() > 1))] = number
+        entwined = _entwined(off, np.diff(points, axis=0), ENTWINED_SHARE * spacing)
+        found[entwined[::PLACES] | (same & (same.sum() > 1))] = number
     return found
 
 
-def _entwined(off: Floats, reach: float) -> Bools:
-    """Return which places of a chain with offsets ``off`` (n, d) from a curve lie on stretches that wind about it."""
+def _entwined(off: Floats, chords: Floats, reach: float) -> Bools:
+    """Return which places of a chain with offsets ``off`` (n, d) from a curve lie on stretches that wind about it.
+
+    ``chords`` (m, d) are the chain's: offsets turn with these round a corner.
+    """
     near = norms(off) < reach
     stretch = np.cumsum(np.diff(near, prepend=near[:1]))
-    crosses = (dots(off[1:], off[:-1]) < 0) & near[1:] & near[:-1]
+    ways = unit(in_space(np.append(np.repeat(chords, PLACES, axis=0), chords[-1:], axis=0)))
+    crosses = (dots(in_space(off)[1:], _turned(in_space(off)[:-1], ways[:-1], ways[1:])) < 0) & near[1:] & near[:-1]
     crossings = np.bincount(stretch[1:], crosses, minlength=stretch[-1] + 1)
     return np.asarray(near & (crossings[stretch] >= ENTWINED_CROSSINGS))
+
+
+def _turned(vectors: Floats, start: Floats, end: Floats) -> Floats:
+    """Return ``vectors`` (n, 3) turned as the unit vectors ``start`` (n, 3) are turned to ``end`` (n, 3)."""
+    axis, cosine = np.cross(start, end), dots(start, end)
+    once = np.cross(axis, vectors)
+    return np.asarray(vectors + once + np.cross(axis, once) / np.maximum(1 + cosine, 1e-9)[:, None])
 
 
 def runs_close(points: Floats, others: Sequence[LocalSource], spacing: float) -> bool:

@@ -98,8 +98,7 @@ def chain_of(triangles: Triangles, line: Polyline, curve: LocalSource, owner: in
     points = np.concatenate([line.points, line.points[:1]]) if line.closed else line.points
     size, _ = triangles.nearest_size(points)
     kept = simplified(points, SIMPLE_SHARE * size)
-    points = points[kept[:-1] if line.closed else kept]
-    return Chain(points, line.closed, curve, owner, np.full((len(points), 2), -1))
+    return Chain.of(points[kept[:-1] if line.closed else kept], line.closed, curve, owner)
 
 
 def insert_curve(walker: Walker, line: Course, told: Counter[str]) -> float:
