@@ -45,6 +45,8 @@ class LocalSource:
         Where zero lies in the scene, for messages; ``shift`` unless given.
     of : ClosestPointSource, optional
         The source as it stands in the scene, by which is kept what no place changes.
+    noise : float
+        Root mean square of the error of a foot's coordinate, as far as it varies at random; zero unless measured.
     """
 
     source: ClosestPointSource
@@ -52,6 +54,7 @@ class LocalSource:
     queries: Counter[str] = field(default_factory=Counter)
     origin: Floats | None = None
     of: ClosestPointSource | None = None
+    noise: float = 0.0
 
     @property
     def dim(self) -> int:

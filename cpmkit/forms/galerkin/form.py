@@ -32,7 +32,7 @@ from cpmkit.forms.galerkin.shared import shared_property
 from cpmkit.forms.galerkin.slowness import layer_spacings, why_slow
 from cpmkit.forms.galerkin.space.parted import part, pieces
 from cpmkit.forms.galerkin.space.space import space_of
-from cpmkit.forms.galerkin.telling import of_space, of_turning
+from cpmkit.forms.galerkin.telling import NOISE_FACTOR, of_space, of_turning
 from cpmkit.forms.galerkin.transport.telling import of_layers
 from cpmkit.forms.galerkin.work import GalerkinWork
 from cpmkit.forms.options import Options
@@ -155,8 +155,9 @@ class Galerkin(Equations):
         return self._areas_and_turned[1]
 
     def source_error(self) -> float:
-        """Return what the source leaves in integrals."""
-        return integral_floor_of(self.scene.surface, self.spacing)
+        """Return what the source leaves in integrals, or what the noise of its closest points does."""
+        noise = NOISE_FACTOR * self.sampled.surface.noise / self.spacing
+        return max(integral_floor_of(self.scene.surface, self.spacing), noise)
 
     def order_of_difference(self, ratio: float, coarser: Discretized | None = None, apart: float = 0.0) -> float:
         """Return what divides by 2.7 to 7 at twice the spacing on smooth sources, by 2.5 on meshes, by less if slow.

@@ -29,13 +29,22 @@ from cpmkit.forms.galerkin.samples.quadrature import samples_of
 from cpmkit.forms.galerkin.samples.seams import seams
 from cpmkit.forms.galerkin.samples.sources import cells_of
 from cpmkit.forms.galerkin.samples.subdivision import subdivided
-from cpmkit.forms.galerkin.telling import check_insertion, of_contouring, of_insertion, of_mending, of_seams, of_tracing
+from cpmkit.forms.galerkin.telling import (
+    check_insertion,
+    of_contouring,
+    of_insertion,
+    of_mending,
+    of_noise,
+    of_seams,
+    of_tracing,
+)
 from cpmkit.forms.galerkin.tips.finding import singular_functions
 from cpmkit.forms.galerkin.tips.functions import SingularFunction
 from cpmkit.forms.galerkin.tips.grading import graded_towards_ends
 from cpmkit.forms.options import Options
 from cpmkit.grid.lattice import Lattice, lattice_of
 from cpmkit.manifold.local_source import LocalSource, localize
+from cpmkit.manifold.noise import with_noise
 from cpmkit.protocols import Bools, Ints, Progress
 from cpmkit.scene.oriented import OrientedBoundary
 from cpmkit.scene.scene import Scene
@@ -163,7 +172,7 @@ def insert(scene: Scene, options: Options[GalerkinOptions]) -> InsertedScene:
     oriented = [scene.oriented(boundary) for boundary in scene.boundaries]
     sources = [localize(boundary.source, lattice.origin) for boundary in scene.boundaries]
     check_samples_fit(surface, spacing, options.own.degree)
-    mesh, bend, told = _cells(surface, spacing, options.own.sampling)
+    surface, mesh, bend, told = _cells(surface, spacing, options.own.sampling)
     points: Mapping[int, Ints] = {}
     if sources:
         insertion = inserted(mesh, sources, spacing, movable=bend == "feet")
@@ -239,14 +248,21 @@ def _edges(surface: LocalSource, mesh: SampleMesh) -> Edges | None:
     return None if mesh.manifold_dim == 1 else edges_with(surface, mesh) or edges_of(mesh)
 
 
-def _cells(surface: LocalSource, spacing: float, sampling: str) -> tuple[SampleMesh, Bend, tuple[str, ...]]:
-    """Return a sound mesh of the manifold, how its cells are to be bent, and what is to be told of it."""
+def _cells(
+    surface: LocalSource, spacing: float, sampling: str
+) -> tuple[LocalSource, SampleMesh, Bend, tuple[str, ...]]:
+    """Return the manifold, a sound mesh of it, how its cells are to be bent, and what is to be told of it.
+
+    The noise of what has closest points alone is known then.
+    """
     own = cells_of(surface, spacing, sampling)
     if own is not None:
         mesh, mended = made_sound(surface, own.mesh, own.split)
-        return mesh, own.bend, tuple(of_mending(mended))
+        return surface, mesh, own.bend, tuple(of_mending(mended))
+    surface = with_noise(surface, spacing)
+    noisy = tuple(of_noise(surface, spacing))
     if surface.manifold_dim == 1:
         traces, of_curve = traced(surface, spacing, curved=False)
-        return traces, "feet", tuple(of_tracing(of_curve, surface))
+        return surface, traces, "feet", noisy + tuple(of_tracing(of_curve, surface))
     triangles, of_surface = triangulated(surface, spacing, curved=False)
-    return triangles, "feet", tuple(of_contouring(of_surface, surface))
+    return surface, triangles, "feet", noisy + tuple(of_contouring(of_surface, surface))

@@ -14,6 +14,7 @@ from cpmkit.forms.galerkin.insertion.inserted import Insertion
 from cpmkit.forms.galerkin.parting import Parting
 from cpmkit.forms.galerkin.samples.soundness import Mended
 from cpmkit.forms.galerkin.space.parted import SPECK_SPACINGS
+from cpmkit.grid.fitting import rounded_up
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.protocols import SIDES, BoundarySet, Floats, Ints
@@ -23,6 +24,11 @@ from cpmkit.scene.alike import same_condition
 TURNED_SHARE = 0.03
 #: A boundary farther off the manifold than so many spacings is refused, and told from so many on.
 AWAY_SPACINGS, OFF_SPACINGS = 3.0, 0.5
+#: Closest points whose noise is a larger share of the spacing are told of.
+NOISE_SHARE = 1e-3
+#: The error that noise leaves, as a share of the range of u, times the spacing over the noise (measured on spheres and
+#: curves: .15 to .4); and below how many times the noise no spacing makes sense.
+NOISE_FACTOR, COARSEST_NOISES = 0.4, 200.0
 #: More copies than this share of the nodes are told of.
 COPIES_SHARE = 0.5
 
@@ -70,6 +76,17 @@ def of_contouring(report: SurfaceReport, surface: LocalSource) -> Iterator[str]:
             "spacing."
         )
     yield from _unmet(report.unmet, surface, "surface")
+
+
+def of_noise(source: LocalSource, spacing: float) -> Iterator[str]:
+    """Tell of closest points that are too noisy for the spacing."""
+    if source.noise > NOISE_SHARE * spacing:
+        yield (
+            f"Closest points of this source are uncertain by about {source.noise:.2g}: points of one normal have other "
+            f"feet. That leaves an error of about {NOISE_FACTOR * source.noise / spacing:.1g} of the range of u, and "
+            f"more at smaller spacings; take none below {rounded_up(COARSEST_NOISES * source.noise):g}, or compute "
+            "closest points more exactly."
+        )
 
 
 def of_tracing(report: CurveReport, curve: LocalSource) -> Iterator[str]:

@@ -6,7 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.forms.galerkin.contouring.marching import ARRIVED, GRAZING, TOLD_BY_NODE, Seen, first_hits, look
+from cpmkit.forms.galerkin.contouring.marching import (
+    ARRIVED_NOISES,
+    BESIDE_NOISES,
+    GRAZING,
+    Seen,
+    arrival,
+    feet_and_normals,
+    first_hits,
+    look,
+)
 from cpmkit.forms.galerkin.contouring.nodes import ALIKE_COSINE, Nodes
 from cpmkit.grid.lattice import find
 from cpmkit.manifold.local_source import LocalSource
@@ -45,8 +54,8 @@ class Crossings:
 
 def crossings(source: LocalSource, nodes: Nodes) -> Crossings:
     """Return where edges between ``nodes`` cross the surface: at most twice an edge, once from either end."""
-    tail, head, axis = _candidates(nodes)
-    s = nodes.spacing
+    tail, head, axis = _candidates(nodes, 2 * ARRIVED_NOISES * source.noise)
+    s, arrived = nodes.spacing, arrival(source, nodes.spacing)[0]
     along = np.eye(3)[axis]
     t, normal = np.full(len(tail), np.nan), np.zeros((len(tail), 3))
     plane = ~nodes.unlike[tail, axis]
@@ -59,7 +68,8 @@ def crossings(source: LocalSource, nodes: Nodes) -> Crossings:
     t[grazed] = s * nodes.distance[tail[grazed]] / (nodes.distance[tail[grazed]] + nodes.distance[head[grazed]])
     normal[grazed] = nodes.normals[tail[grazed]]
     explained = _explained(nodes, head[rows], along[rows], t[rows], normal[rows])
-    none_left = np.isnan(t[rows]) & ~((nodes.distance[head[rows]] < ARRIVED * s) & ~nodes.rim[head[rows]])
+    none_left = np.isnan(t[rows]) & ~((nodes.distance[head[rows]] < arrived * s) & ~nodes.rim[head[rows]])
+    none_left &= source.noise == 0  # rays along the surface pass it where feet are noisy
     back = rows[~explained & ~none_left & ~plane[rows]]
     room = np.where(np.isnan(t[back]), s, s - t[back] + APART * s)
     t_back, normal_back = _marched(source, nodes, head[back], tail[back], -along[back], np.minimum(room, s))
@@ -72,16 +82,19 @@ def crossings(source: LocalSource, nodes: Nodes) -> Crossings:
     axis = np.concatenate([axis, axis[back]])
     kept = np.flatnonzero(~np.isnan(t))
     points = nodes.positions[tails[kept]] + t[kept, None] * np.eye(3)[axis[kept]]
-    return Crossings(nodes.index[tails[kept]], axis[kept], points, normal[kept])
+    normal = normal[kept]
+    if BESIDE_NOISES * source.noise > BESIDE * s:
+        points, normal = feet_and_normals(source, points, normal, s)
+    return Crossings(nodes.index[tails[kept]], axis[kept], points, normal)
 
 
-def _candidates(nodes: Nodes) -> tuple[Ints, Ints, Ints]:
-    """Return the ends and axes of the edges that a distance below their length at both ends lets cross the surface."""
+def _candidates(nodes: Nodes, lost: float) -> tuple[Ints, Ints, Ints]:
+    """Return the ends and axes of the edges that distances at the ends, known up to ``lost``, let cross the surface."""
     tails, heads, axes = [], [], []
     for axis, stride in enumerate(nodes.codes.strides):
         head = find(nodes.table, nodes.table + stride)
         reach = nodes.distance + np.where(head >= 0, nodes.distance[head], np.inf)
-        tail = np.flatnonzero(reach <= nodes.spacing * (1 + 1e-9))
+        tail = np.flatnonzero(reach <= nodes.spacing * (1 + 1e-9) + lost)
         tails.append(tail)
         heads.append(head[tail])
         axes.append(np.full(len(tail), axis))
@@ -90,33 +103,34 @@ def _candidates(nodes: Nodes) -> tuple[Ints, Ints, Ints]:
 
 def _through_plane(source: LocalSource, nodes: Nodes, tail: Ints, head: Ints, along: Floats) -> tuple[Floats, Floats]:
     """Return the crossing of edges whose ends lie on both sides of what looks like one plane; NaN where it was not."""
-    s = nodes.spacing
+    s, (arrived, told) = nodes.spacing, arrival(source, nodes.spacing)
     d0, d1 = nodes.distance[tail] / s, -nodes.distance[head] / s
     m0, m1 = dots(nodes.normals[tail], along), -dots(nodes.normals[head], along)
+    beside = max(BESIDE, BESIDE_NOISES * source.noise / s) / np.maximum(np.abs(m0), 0.1)
     a, b = 2 * d0 - 2 * d1 + m0 + m1, -3 * d0 + 3 * d1 - 2 * m0 - m1
     low, high = np.zeros(len(tail)), np.ones(len(tail))
     for _ in range(HERMITE_HALVINGS):  # of Hermite's cubic; Newton's steps go astray where the edge grazes
         t = 0.5 * (low + high)
         before = ((a * t + b) * t + m0) * t + d0 > 0
         low, high = np.where(before, t, low), np.where(before, high, t)
-    asked = np.maximum(low - BESIDE / np.maximum(np.abs(m0), 0.1), 0.0) * s
+    asked = np.maximum(low - beside, 0.0) * s
     seen = look(source, nodes.positions[tail] + asked[:, None] * along, nodes.normals[tail], s)
     slope = dots(seen.normal, along)
     with np.errstate(all="ignore"):
         t = asked - seen.distance / slope
-    good = seen.inner & (np.abs(slope) > GRAZING) & (np.abs(t - asked) < 4 * TOLD_BY_NODE * s)
-    good &= (t > -ARRIVED * s) & (t < (1 + ARRIVED) * s) & (np.abs(dots(seen.normal, nodes.normals[tail])) > 0.7)
+    good = seen.inner & (np.abs(slope) > GRAZING) & (np.abs(t - asked) < np.maximum(4 * told, 2 * beside) * s)
+    good &= (t > -arrived * s) & (t < (1 + arrived) * s) & (np.abs(dots(seen.normal, nodes.normals[tail])) > 0.7)
     return np.where(good, np.clip(t, 0.0, s), np.nan), seen.normal
 
 
 def _marched(
     source: LocalSource, nodes: Nodes, tail: Ints, head: Ints, along: Floats, room: Floats
 ) -> tuple[Floats, Floats]:
-    s = nodes.spacing
+    s, (arrived, told_at) = nodes.spacing, arrival(source, nodes.spacing)
     seen = Seen(nodes.distance[tail], nodes.normals[tail], ~nodes.rim[tail])
     ahead = nodes.distance[head]
-    told = (ahead < ARRIVED * s) & ~nodes.rim[head]
-    stop = np.where(told, (1 - TOLD_BY_NODE) * s, np.minimum(s, s - ahead + TOLD_BY_NODE * s))
+    told = (ahead < arrived * s) & ~nodes.rim[head]
+    stop = np.where(told, (1 - told_at) * s, np.minimum(s, s - ahead + told_at * s))
     return first_hits(source, nodes.positions[tail], along, s, seen, np.minimum(stop, room))
 
 

@@ -83,14 +83,17 @@ def traced(source: LocalSource, spacing: float, curved: bool = True) -> tuple[Sa
 
 
 def _traced_on(source: LocalSource, spacing: float, side: float, shift: Floats) -> tuple[Trace, BrokenLaws] | None:
-    """Return the trace on the lattice with a cell centred at ``shift`` (d,); None where no plane is crossed."""
+    """Return the trace on the lattice with a cell centred at ``shift`` (d,); None where that has no segment."""
     shifted = replace(source, shift=source.shift + shift)
     for _, found in cell_levels(shifted, side, 0.5):
         cells = found
     crossings = knot_crossings(shifted, cells, side)
     if not len(crossings.points):
         return None
-    trace = with_shared_vertices(shifted, trace_of(shifted, crossings, side), spacing)
+    trace = trace_of(shifted, crossings, side)
+    if not len(trace.segments):
+        return None
+    trace = with_shared_vertices(shifted, trace, spacing)
     feet = shifted.closest_point(np.asarray(cells * side)).points
     broken = broken_laws(trace, feet, spacing)
     return trace.moved(shift), broken.moved(shift)

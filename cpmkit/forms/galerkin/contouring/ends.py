@@ -12,6 +12,8 @@ from cpmkit.protocols import Bools, Floats, Ints
 PACE, MOST_PACES = 0.1, 40
 #: A step that leads on by less than this share of its length has come to a point that the curve does not pass.
 STALLED = 0.05
+#: That much in units of the noise of feet at least.
+STALLED_NOISES = 5.0
 
 
 def ends_in_cells(
@@ -21,11 +23,12 @@ def ends_in_cells(
 
     The first mask tells where there is one, the second where the strand enters the cell at all.
     """
+    least = STALLED_NOISES * source.noise
     after, enters = points.copy(), np.zeros(len(points), dtype=bool)
     end, ended = points.copy(), np.zeros(len(points), dtype=bool)
     for sign in (1.0, -1.0):
         answer = source.closest_point(points + sign * 0.5 * PACE * spacing * tangents)
-        moved = norms(answer.points - points) > 1e-3 * PACE * spacing
+        moved = norms(answer.points - points) > max(1e-3 * PACE * spacing, least)
         new = ~enters & moved & _inside(answer.points, cells, spacing)
         after[new], enters[new] = answer.points[new], True
         stops = new & (answer.edge >= 0)
@@ -38,7 +41,7 @@ def ends_in_cells(
         answer = source.closest_point(now + PACE * spacing * unit(now - before))
         inside = _inside(answer.points, cells[rows], spacing)
         # A walk that stays where it is has come to an end, or to a cusp, where another one comes too.
-        stops = inside & ((answer.edge >= 0) | (norms(answer.points - now) < STALLED * PACE * spacing))
+        stops = inside & ((answer.edge >= 0) | (norms(answer.points - now) < max(STALLED * PACE * spacing, least)))
         end[rows[stops]], ended[rows[stops]] = answer.points[stops], True
         go = inside & ~stops
         rows, before, now = rows[go], now[go], answer.points[go]

@@ -22,6 +22,17 @@ SHORTEST_STEP = 0.06
 TOLD_BY_NODE = 0.05
 #: Rounds of queries.
 MOST_ROUNDS = 40
+#: In units of the noise of feet: how far from its foot a place must be for the direction to be known; how far places
+#: are moved off the surface to ask for it, at least this share of the length; the distance of arrival, at least.
+KNOWN_NOISES, BESIDE_NOISES, BESIDE_SHARE, ARRIVED_NOISES = 20.0, 30.0, 0.1, 5.0
+#: Nearer to the surface than this share of such a step it led along the surface.
+WELL_BESIDE = 0.6
+
+
+def arrival(source: LocalSource, length: float) -> tuple[float, float]:
+    """Return ``ARRIVED`` and ``TOLD_BY_NODE`` on rays of this length, larger where feet are noisy."""
+    factor = max(1.0, ARRIVED_NOISES * source.noise / (ARRIVED * length))
+    return ARRIVED * factor, TOLD_BY_NODE * factor
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +57,25 @@ def look(source: LocalSource, x: Floats, known: Floats, length: float) -> Seen:
     answer = source.closest_point(x)
     away = x - answer.points
     distance = norms(away)
-    normal = np.where(distance[:, None] > 1e-7 * length, unit(away), known)
+    normal = np.where(distance[:, None] > max(1e-7 * length, KNOWN_NOISES * source.noise), unit(away), known)
     return Seen(distance, normal, answer.edge < 0)
+
+
+def feet_and_normals(source: LocalSource, x: Floats, known: Floats, length: float) -> tuple[Floats, Floats]:
+    """Return feet of places ``x`` (n, 3) near the surface and unit normals there, both asked from beside it.
+
+    Along the normals ``known`` (n, 3), which may be wrong; where that leads along the surface, along the axis that
+    leads farthest away from it.
+    """
+    step = max(BESIDE_NOISES * source.noise, BESIDE_SHARE * length)
+    beside = x + step * known
+    feet = source.closest_point(beside).points
+    rows = np.flatnonzero(norms(beside - feet) < WELL_BESIDE * step)
+    others = x[rows] + step * np.eye(3)[:, None]
+    of_others = source.closest_point(others.reshape(-1, 3)).points.reshape(3, -1, 3)
+    farthest = norms(others - of_others).argmax(axis=0), np.arange(len(rows))
+    beside[rows], feet[rows] = others[farthest], of_others[farthest]
+    return feet, unit(beside - feet)
 
 
 def first_hits(
@@ -73,15 +101,16 @@ def first_hits(
     low = np.zeros(len(start))  # nothing is met before
     t, base_t, newton = np.zeros(len(start)), np.zeros(len(start)), np.ones(len(start), dtype=bool)
     now, base = seen.take(rows), seen.take(rows)
-    told = seen.inner & (seen.distance < ARRIVED * length)
+    arrived_at, told_at = arrival(source, length)
+    told = seen.inner & (seen.distance < arrived_at * length)
     floor = np.zeros(len(start))
     for _ in range(MOST_ROUNDS):
         slope = dots(now.normal, along[rows])
         steep = np.abs(slope) >= GRAZING
         with np.errstate(all="ignore"):
             target = np.where(steep, t - now.distance / slope, np.nan)
-        near = now.inner & (now.distance < ARRIVED * length) & (np.abs(target - t) <= TOLD_BY_NODE * length)
-        arrived = near & (target >= np.maximum(low - ARRIVED * length, floor[rows])) & (target <= stop[rows])
+        near = now.inner & (now.distance < arrived_at * length) & (np.abs(target - t) <= told_at * length)
+        arrived = near & (target >= np.maximum(low - arrived_at * length, floor[rows])) & (target <= stop[rows])
         hit[rows[arrived]], normal[rows[arrived]] = target[arrived], now.normal[arrived]
         normal[rows[arrived]] *= -np.sign(slope[arrived])[:, None]
         tried = newton & (target > low) & (target <= stop[rows]) & now.inner
@@ -90,7 +119,7 @@ def first_hits(
         go = ~arrived & (t_next <= stop[rows])
         if not go.any():
             break
-        floor[told] = TOLD_BY_NODE * length  # what is nearer was told at the start
+        floor[told] = told_at * length  # what is nearer was told at the start
         rows, low, t, base_t, newton = rows[go], low[go], t[go], base_t[go], newton[go]
         now, base, tried, t_next = now.take(go), base.take(go), tried[go], t_next[go]
         new = look(source, start[rows] + t_next[:, None] * along[rows], now.normal, length)

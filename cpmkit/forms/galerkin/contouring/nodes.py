@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.errors import ResolutionError
+from cpmkit.forms.galerkin.contouring.marching import KNOWN_NOISES, feet_and_normals
 from cpmkit.grid.band import cell_levels
 from cpmkit.grid.lattice import Codes
 from cpmkit.manifold.local_source import LocalSource
@@ -88,6 +89,11 @@ def surrounding_nodes(source: LocalSource, spacing: float) -> Nodes:
     on = np.flatnonzero(distance < ON_SURFACE * spacing)
     beside = positions[on] + TRUSTED_DISTANCE * spacing * (NODE_OFFSETS - 0.2)
     normals[on] = unit(beside - source.closest_point(beside).points)
+    if source.noise:
+        near = np.flatnonzero(distance < KNOWN_NOISES * source.noise)
+        feet, beside = feet_and_normals(source, positions[near], normals[near], spacing)
+        below = dots(beside, positions[near] - feet) < 0
+        normals[near] = np.where(below[:, None], -beside, beside)
     rim = answer.edge >= 0
     at = at.reshape(-1, 8)
     unlike = _unlike_edges(_unlike_cells(positions, answer.points, normals, distance, rim, at, spacing), at, len(table))

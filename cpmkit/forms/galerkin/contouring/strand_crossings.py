@@ -13,6 +13,8 @@ from cpmkit.protocols import Bools, Floats, Ints
 
 #: Chords nearer than this, in spacings, may belong to strands that cross; such strands come as near as that.
 NEAR_CHORDS, CROSSING_GAP = 0.05, 5e-3
+#: Or so near in units of the noise of feet.
+CROSSING_NOISES = 5.0
 #: Strands whose directions have a larger cosine run side by side.
 SIDE_BY_SIDE_COSINE = 0.98
 #: Vertices so near to a crossing, in spacings, are that crossing.
@@ -57,7 +59,7 @@ def _crossings(source: LocalSource, trace: Trace, spacing: float) -> tuple[Ints,
     near = (best < NEAR_CHORDS * spacing) & (np.abs(dots(*ways)) < SIDE_BY_SIDE_COSINE)
     i, j, best = i[near], j[near], best[near]
     points, gap = _meeting(source, on_i[near], on_j[near], ways[0][near], ways[1][near])
-    crossing = np.minimum(gap, best) < CROSSING_GAP * spacing
+    crossing = np.minimum(gap, best) < max(CROSSING_GAP * spacing, CROSSING_NOISES * source.noise)
     return i[crossing], j[crossing], points[crossing]
 
 
@@ -93,13 +95,10 @@ def _linked(trace: Trace, pairs: Ints) -> Bools:
     size = len(trace.vertices)
     graph = coo_array((np.ones(len(trace.segments)), tuple(trace.segments.T)), shape=(size, size))
     step = (graph + graph.T + eye_array(size)).tocsr()
-    reached = step @ step
-    linked = np.zeros(len(pairs), dtype=bool)
+    row, column = (step @ step).nonzero()
     first, second = trace.segments[pairs[:, 0]], trace.segments[pairs[:, 1]]
-    for one in first.T:
-        for other in second.T:
-            linked |= np.asarray(reached[one, other]).ravel() > 0
-    return linked
+    codes = first[:, :, None] * size + second[:, None]
+    return np.asarray(np.isin(codes, row.astype(np.int64) * size + column).any(axis=(1, 2)))
 
 
 def _same_vertices(vertices: Floats, old: int, reach: float) -> Ints:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cpmkit.forms.galerkin.contouring.joining import FLAT_SINE, GROWN_GAP, STUCK_GAP
-from cpmkit.forms.galerkin.contouring.knot_crossings import SAME, KnotCrossings
+from cpmkit.forms.galerkin.contouring.knot_crossings import KnotCrossings, same_share
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vectors import dots, norms, unit
 from cpmkit.protocols import Bools, Floats, Ints
@@ -15,6 +15,8 @@ from cpmkit.protocols import Bools, Floats, Ints
 MOST_ROUNDS, CLOSED_GAP = 30, 5e-3
 #: A chord follows the curve if that is at most this share of its length away halfway.
 FLAT_SAGITTA = 0.05
+#: What feet may be off on account of their noise, and the gap that counts as closed, in units of it.
+LOST_NOISES, CLOSED_NOISES = 6.0, 10.0
 #: A crossing this near to a chord, as a share of its length, lies between its ends.
 BETWEEN = 0.1
 
@@ -30,22 +32,25 @@ def follow(
     yes, rows = np.zeros(len(a), dtype=bool), np.arange(len(a))
     a, b, ta, tb = (np.array(values) for values in (a, b, tangent_a, tangent_b))
     first = gap = norms(b - a)
+    lost, closed = LOST_NOISES * source.noise, CLOSED_NOISES * source.noise
     for _ in range(MOST_ROUNDS):
         middle = 0.5 * (a + b)
         foot = source.closest_point(middle).points
         chord = b - a
         astray = np.maximum(_astray(a, b, ta), _astray(a, b, tb))
-        flat = (astray <= FLAT_SINE * norms(chord)) & (norms(foot - middle) <= FLAT_SAGITTA * norms(chord))
+        flat = (astray <= FLAT_SINE * norms(chord) + lost) & (
+            norms(foot - middle) <= FLAT_SAGITTA * norms(chord) + lost
+        )
         to_a, to_b = norms(foot - a), norms(b - foot)
-        flat_a = _astray(a, foot, ta) <= FLAT_SINE * to_a
-        flat_b = _astray(foot, b, tb) <= FLAT_SINE * to_b
+        flat_a = _astray(a, foot, ta) <= FLAT_SINE * to_a + lost
+        flat_b = _astray(foot, b, tb) <= FLAT_SINE * to_b + lost
         first_half = np.where(flat_a == flat_b, to_a >= to_b, flat_b)
         keep_a = first_half[:, None]
         a, ta = np.where(keep_a, a, foot), np.where(keep_a, ta, 0.0)
         b, tb = np.where(keep_a, foot, b), np.where(keep_a, 0.0, tb)
         new = np.where(first_half, to_a, to_b)
         held = ((foot >= low[rows]) & (foot <= high[rows])).all(axis=1)
-        done = held & (flat | (new < CLOSED_GAP * first))
+        done = held & (flat | (new < np.maximum(CLOSED_GAP * first, closed)))
         yes[rows[done]] = True
         go = held & ~done & (new <= GROWN_GAP * first) & (new <= STUCK_GAP * gap)
         rows, first, gap = rows[go], first[go], new[go]
@@ -71,7 +76,7 @@ def neighbours(source: LocalSource, found: KnotCrossings, spacing: float) -> Int
     pairs = np.empty((nearest_pairs(found.start, found.member, points, alone, pairs), 2), dtype=np.int64)
     nearest_pairs(found.start, found.member, points, alone, pairs)
     i, j = found.member[pairs].T
-    cells, half = found.cells[pairs[:, 0]], 0.5 + SAME
+    cells, half = found.cells[pairs[:, 0]], 0.5 + same_share(source, spacing)
     low, high = np.asarray((cells - half) * spacing), np.asarray((cells + half) * spacing)
     pairs = pairs[follow(source, points[i], points[j], tangents[i], tangents[j], low, high)]
     return pairs[~_with_others_between(found, pairs)]

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cpmkit.forms.galerkin.contouring.ends import ends_in_cells
-from cpmkit.forms.galerkin.contouring.knot_crossings import KnotCrossings, merged
+from cpmkit.forms.galerkin.contouring.knot_crossings import SAME_NOISES, KnotCrossings, grouped, merged
 from cpmkit.forms.galerkin.contouring.midpoints import CREASE
 from cpmkit.forms.galerkin.contouring.strands import follow, neighbours
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.vectors import dots, norms
-from cpmkit.protocols import Floats, Ints
+from cpmkit.manifold.vectors import dots, norms, unit
+from cpmkit.protocols import Bools, Floats, Ints
 
 #: Strands that come to an end so near to each other, in spacings, meet in a cusp.
 SAME_TIP = 0.05
@@ -20,6 +20,8 @@ SAME_TIP = 0.05
 LONE_REACH = 1.5
 #: Of the tangent lines through a star's crossings: eigenvalues below this share of the largest say nothing.
 TELLING_EIGENVALUE = 0.12
+#: Partners in directions of this cosine are on opposite sides.
+THROUGH_COSINE = 0.8
 #: A segment whose tangents at its ends have a cosine below this has a corner in it, maybe near one of them.
 CORNER_COSINE = 0.94
 
@@ -65,7 +67,7 @@ def trace_of(source: LocalSource, crossings: KnotCrossings, spacing: float) -> T
     """Return the trace of a curve through its crossings with the planes of a lattice of this spacing."""
     pairs = neighbours(source, crossings, spacing)
     degree = np.bincount(pairs.ravel(), minlength=len(crossings.member))
-    several = (degree[pairs] > 1).any(axis=1)
+    several = (degree[pairs] > 1 + _passed(crossings, pairs)[pairs]).any(axis=1)
     centres, spokes = _stars(source, crossings, pairs[several])
     lone = np.flatnonzero(degree == 0)
     of = crossings.member[lone]
@@ -80,9 +82,33 @@ def trace_of(source: LocalSource, crossings: KnotCrossings, spacing: float) -> T
     joins = _joined_lone(source, crossings, left, spacing)
     parts = [crossings.member[pairs[~several]], spokes]
     parts += [np.stack([of[ended], len(vertices) - len(first) + tip], axis=1), joins]
-    segments = np.unique(np.sort(np.concatenate(parts), axis=1), axis=0)
+    segments = _without_short(vertices, np.concatenate(parts), SAME_NOISES * source.noise)
     gaps = crossings.points[np.setdiff1d(left, joins)]
     return _with_corners(source, vertices, crossings.tangents, segments, ends, gaps)
+
+
+def _without_short(vertices: Floats, segments: Ints, length: float) -> Ints:
+    """Return the segments, each once, those shorter than ``length`` drawn together: noise alone makes such."""
+    short = segments[norms(vertices[segments[:, 1]] - vertices[segments[:, 0]]) <= length]
+    number, first = grouped(short[:, 0], short[:, 1], len(vertices))
+    segments = np.unique(np.sort(first[number[segments]], axis=1), axis=0)
+    return np.asarray(segments[segments[:, 0] != segments[:, 1]])
+
+
+def _passed(found: KnotCrossings, pairs: Ints) -> Bools:
+    """Return the entries (k,) that have two partners on opposite sides: the curve goes on through them, in no star.
+
+    Noise puts such beside the cell whose entries they are.
+    """
+    both = np.concatenate([pairs, pairs[:, ::-1]])
+    both = both[np.argsort(both[:, 0], kind="stable")]
+    entry, first, count = np.unique(both[:, 0], return_index=True, return_counts=True)
+    entry, first = entry[count == 2], first[count == 2]
+    at = found.points[found.member]
+    ways = [unit(at[both[first + k, 1]] - at[entry]) for k in range(2)]
+    passed = np.zeros(len(found.member), dtype=bool)
+    passed[entry[dots(*ways) < -THROUGH_COSINE]] = True
+    return passed
 
 
 def _stars(source: LocalSource, found: KnotCrossings, pairs: Ints) -> tuple[Floats, Ints]:

@@ -88,7 +88,8 @@ def _on_curve(source: LocalSource, start: Floats, end: Floats, axis: Ints, plane
         with np.errstate(all="ignore"):
             following = share + missed * (share - before) / (missed_before - missed)
         before, missed_before = share, missed
-        share = np.where(np.isfinite(following), np.clip(following, 0.0, 1.0), share)
+        moving = np.isfinite(following) & (np.abs(missed) > source.noise)
+        share = np.where(moving, np.clip(following, 0.0, 1.0), share)
     return share
 
 

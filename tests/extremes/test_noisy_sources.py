@@ -1,0 +1,71 @@
+"""Closest points with noise: it is measured, tolerances follow it, and it is warned of by its size."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from bare import Bare
+from extremes.bare_curves import case
+from extremes.curve_arcs import graph_counts
+from extremes.noisy import Noisy
+from made_cases import CASES, source_of
+
+import cpmkit as ck
+from cpmkit.forms.galerkin.options import GalerkinOptions
+from cpmkit.forms.galerkin.sampling import sample
+from cpmkit.forms.options import Options
+from cpmkit.manifold.local_source import localize
+from cpmkit.manifold.noise import with_noise
+from cpmkit.protocols import no_progress
+
+SPHERE = ck.source("analytic.sphere", center=[0, 0, 0])
+
+
+def noise_of(source, spacing):
+    return with_noise(localize(source, np.zeros(source.dim)), spacing).noise
+
+
+@pytest.mark.parametrize("size", [1e-7, 1e-4, 1e-2])
+def test_noise_is_measured(size):
+    assert noise_of(Noisy(SPHERE, size), 0.1) == pytest.approx(size / np.sqrt(3), rel=0.3)
+
+
+#: One of each kind; what takes long to be made has a run of its own.
+KINDS = {one.kind: one for one in CASES if "far from zero" not in str(one)}.values()
+DEAR = ("levelset", "klein", "pointcloud")
+
+
+@pytest.mark.parametrize(
+    "case",
+    [pytest.param(one, marks=[pytest.mark.slow] * one.kind.startswith(DEAR)) for one in KINDS],
+    ids=str,
+)
+def test_sources_of_plugins_have_none(case):
+    source = source_of(case)
+    spacing = float(np.ptp(source.bounds, axis=0).max()) / 20
+    if source.manifold_dim in (1, 2):
+        assert noise_of(source, spacing) == 0
+
+
+class Biased(Bare):
+    """Feet that are wrong by a smooth function of the query."""
+
+    def closest_point(self, x, /):
+        answer = self.source.closest_point(x)
+        return replace(answer, points=answer.points + 0.01 * np.sin(x[:, [1, 2, 0]]))
+
+
+def test_an_error_that_varies_smoothly_is_no_noise():
+    assert noise_of(Biased(SPHERE), 0.1) < 1e-6
+
+
+@pytest.mark.parametrize("kind", ["circle", "ellipse", "T"])
+@pytest.mark.parametrize("share", [1e-6, 4e-3])
+def test_noisy_curves_have_the_right_ends_and_loops(kind, share):
+    one = case(kind, 10)
+    scene = ck.Scene(Noisy(one.curve, share * one.spacing), ck.ScreenedPoisson(1.0))
+    sampled = sample(scene, Options(spacing=one.spacing, own=GalerkinOptions()), no_progress)
+    assert graph_counts(sampled.mesh.cells) == one.curve.truth
+    assert sampled.samples.weights.sum() == pytest.approx(one.curve.length, rel=5e-3)
