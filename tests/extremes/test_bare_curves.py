@@ -7,6 +7,7 @@ from extremes.bare_curves import KINDS, ORIGINS, case
 from extremes.curve_verdicts import geometry_verdict, verdicts
 
 import cpmkit as ck
+from cpmkit.forms.galerkin.contouring import curves
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.sampling import sample
 from cpmkit.forms.options import Options
@@ -29,6 +30,14 @@ def test_sixty_traces(kind, seed, origin):
 @pytest.mark.parametrize(("kind", "seed"), WITH_SOLUTION)
 def test_solutions_on_three_lattices(kind, seed):
     assert [verdict.wrong for verdict in verdicts(case(kind, seed))] == ["", "", ""]
+
+
+@pytest.mark.parametrize(("kind", "seed", "origin"), [("star", 900, 0), ("grid", 904, 1), ("rectangle", 904, 2)])
+def test_where_the_first_lattice_fails_another_serves(kind, seed, origin, monkeypatch):
+    verdict = geometry_verdict(case(kind, seed), origin)
+    assert (verdict.wrong, verdict.warnings) == ("", ())
+    monkeypatch.setattr(curves, "LATTICES", curves.LATTICES[:1])
+    assert geometry_verdict(case(kind, seed), origin).warnings
 
 
 @pytest.mark.slow

@@ -120,7 +120,7 @@ def _unmet(points: Floats, source: LocalSource, what: str) -> Iterator[str]:
 
 
 def _in_scene(point: Floats, source: LocalSource) -> str:
-    return place(point + (np.zeros(source.dim) if source.origin is None else source.origin))
+    return place(point + source.scene_origin)
 
 
 def check_insertion(insertion: Insertion, boundaries: Sequence[BoundarySet], spacing: float) -> None:
