@@ -15,8 +15,8 @@ from cpmkit.solution.solution import Solution
 COMPARED_PER_UNKNOWN, LEAST_COMPARED, MOST_COMPARED = 0.15, 200, 3_000
 #: Eigenvalues below this share of the largest are zero: their errors are shares of the first that is not.
 ZERO_SHARE = 1e-6
-#: A range below this share of a solution's size is rounding and what the solver leaves.
-ROUNDING_SHARE = 1e-9
+#: A range below this share of a solution's size is rounding.
+ROUNDING_SHARE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)

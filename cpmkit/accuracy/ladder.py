@@ -15,6 +15,7 @@ from cpmkit.accuracy.knobs import HIGHER_DEGREE, worth_higher_degree
 from cpmkit.accuracy.limits import check_memory, expected_seconds, finest_spacing, first_spacing
 from cpmkit.accuracy.trade import Purpose, Status
 from cpmkit.accuracy.way import LEAST_RATIO, Run, Way
+from cpmkit.errors import CpmkitError
 from cpmkit.solution.modes import EigenSolution
 
 #: The spacing is taken for this share of the tolerance; that of the second solve, which is foretold from the first
@@ -46,11 +47,43 @@ MOST_CORRECTIONS = 2
 
 
 def walk(way: Way) -> tuple[Status, float]:
-    """Solve until what is asked for is reached; return the status, and the tolerance that was aimed at."""
+    """Solve until what is asked for is reached; return the status, and the tolerance that was aimed at.
+
+    Once there is a solution a solve that fails ends the way, with the reason in ``way.refused``: what was found is not
+    lost.
+
+    Raises
+    ------
+    CpmkitError
+        As a solve does where there is no solution yet; if a coarse solve exceeds the memory that is asked for.
+    """
     tolerance = way.asked.tolerance
-    pilots(way, tolerance)
-    floor = way.last.solution.discretized.source_error()
-    aim = 0.0 if tolerance is None else max(tolerance, floor)
+    way.first(first_spacing(way.scene))
+    try:
+        pilots(way, tolerance)
+        _refine(way)
+    except (CpmkitError, MemoryError) as error:
+        way.refused = error
+    check_memory(way)
+    aim = _aim(way)
+    accepted = tolerance is not None and way.refused is None and _accepted(way, aim)
+    if tolerance is None:
+        late = way.asked.seconds is not None and way.elapsed > LATE * way.asked.seconds
+        return ("not reached" if late else "within"), aim
+    if not accepted:
+        return "not reached", aim
+    return ("reached" if aim == tolerance else "floor"), aim
+
+
+def _aim(way: Way) -> float:
+    """Return the tolerance that can be reached: what is asked for, or what the source leaves; 0 without a tolerance."""
+    tolerance = way.asked.tolerance
+    return 0.0 if tolerance is None else max(tolerance, way.last.solution.discretized.source_error())
+
+
+def _refine(way: Way) -> None:
+    """Solve at smaller spacings until the tolerance is reached, or a limit."""
+    tolerance, aim = way.asked.tolerance, _aim(way)
     if worth_higher_degree(way, aim):
         way.further["degree"] = HIGHER_DEGREE
         for run in way.runs[-2:]:
@@ -67,12 +100,6 @@ def walk(way: Way) -> tuple[Status, float]:
             break
         answers += 1
         _run(way, "answer" if answers == 1 else "correction", goal)
-    if tolerance is None:
-        late = way.asked.seconds is not None and way.elapsed > LATE * way.asked.seconds
-        return ("not reached" if late else "within"), aim
-    if not _accepted(way, aim):
-        return "not reached", aim
-    return ("reached" if aim == tolerance else "floor"), aim
 
 
 def _accepted(way: Way, aim: float) -> bool:
@@ -92,8 +119,7 @@ def _accepted(way: Way, aim: float) -> bool:
 
 
 def pilots(way: Way, tolerance: float | None) -> None:
-    """Solve at a coarse spacing, see what the steps in time leave, and solve at the next one."""
-    way.first(first_spacing(way.scene))
+    """See what the steps in time leave of the first solution, and solve at the next spacing."""
     if way.look_at_steps():
         way.run("pilot", way.last.spacing)
     way.run("pilot", way.last.spacing / _first_factor(way, tolerance))

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from cpmkit.accuracy.error_estimate import ErrorEstimate
 from cpmkit.accuracy.knobs import error_of_equal_cost
 from cpmkit.accuracy.ladder import walk
 from cpmkit.accuracy.limits import predicted_bytes
 from cpmkit.accuracy.trade import Status, Trade
-from cpmkit.accuracy.way import Way
+from cpmkit.accuracy.way import Run, Way
 from cpmkit.errors import InputError
 from cpmkit.families.checkpointing import Checkpointing
 from cpmkit.forms.asked import Asked
@@ -66,18 +66,19 @@ def walked(way: Way) -> Solution:
     """Return the answer at the end of a way, with its estimate and its trade."""
     asked = way.asked
     status, aim = walk(way)
-    answer, estimate = way.asked_of(way.last.solution), way.last.estimate
+    best = way.last if status in ("reached", "floor") else way.best
+    answer, estimate = way.asked_of(best.solution), best.estimate
     trade = Trade(
         asked,
         status,
-        way.error,
-        predicted_bytes(way, way.last.unknowns),
+        best.error(asked.norm),
+        predicted_bytes(way, best.unknowns),
         way.elapsed,
         way.steps(),
-        _told(way, status, aim, estimate),
-        _chosen(way),
+        _told(way, best, status, aim),
+        _chosen(way, best),
     )
-    told = (trade.told,) if status in ("floor", "not reached") else ()
+    told = (trade.told,) if status in ("floor", "not reached") or way.refused is not None else ()
     return replace(answer, estimated=estimate, trade=trade, warnings=(*answer.warnings, *told))
 
 
@@ -101,29 +102,33 @@ def _check(scene: Scene, options: Mapping[str, Any]) -> None:
         )
 
 
-def _told(way: Way, status: Status, aim: float, estimate: ErrorEstimate | None) -> str:
-    asked, last = way.asked, way.last
-    said = f"at spacing {last.spacing:.3g} with {last.unknowns:,} unknowns"
-    error = f"{NORM_IN_WORDS[asked.norm]} about {way.error:.2g} of the range {said}"
+def _told(way: Way, best: Run, status: Status, aim: float) -> str:
+    asked, estimate = way.asked, best.estimate
+    said = f"at spacing {best.spacing:.3g} with {best.unknowns:,} unknowns"
+    size, norm = best.error(asked.norm), NORM_IN_WORDS[asked.norm]
+    error = f"{norm} not known {said}" if math.isnan(size) else f"{norm} about {size:.2g} of the range {said}"
     slow = f"; {estimate.slow}" if estimate is not None and estimate.slow else ""
+    if way.refused is not None:
+        why = str(way.refused) or f"memory ran out ({type(way.refused).__name__})."
+        return f"{asked.target} not reached: {error}{slow}; a further solve was refused: {why}"
     if status == "within":
         return f"{error}, the finest that {_limits(way)} allow{slow}."
     if status == "reached":
         return f"tolerance {asked.tolerance:g} reached: {error}{slow}."
     if status == "floor":
-        causes = " ".join(advice_of(way.scene.surface, last.spacing).warnings)
+        causes = " ".join(advice_of(way.scene.surface, best.spacing).warnings)
         return (
             f"tolerance {asked.tolerance:g} is below what the surface's representation alone leaves, about {aim:.1g} "
             f"of the range at any spacing: {error}{slow}; give a more accurate surface.{' ' if causes else ''}{causes}"
         )
     if asked.tolerance is None:
         return f"{asked.seconds:g} seconds were not enough, it took {way.elapsed:.2g}: {error}{slow}."
-    doubt = "; errors do not fall yet as they should" if way.error <= asked.tolerance else ""
+    doubt = "; errors do not fall yet as they should" if size <= asked.tolerance else ""
     return f"tolerance {asked.tolerance:g} not reached: {error}, the finest that {_limits(way)} allow{doubt}{slow}."
 
 
-def _chosen(way: Way) -> str:
-    if not way.further:
+def _chosen(way: Way, best: Run) -> str:
+    if not way.further or not way.alike(best.solution):  # the last one has the degree that was chosen
         return ""
     return (
         f"degree {way.further['degree']} was chosen: on smooth surfaces that are known exactly it reaches errors below "

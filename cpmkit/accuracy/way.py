@@ -113,6 +113,8 @@ class Way:
         At which errors are taken to fall, where it is not the form's.
     trials : int
         How often spacings that are too coarse are made finer.
+    refused : Exception, optional
+        Why the way ended before its goal.
     """
 
     scene: Scene
@@ -128,6 +130,13 @@ class Way:
     further: dict[str, Any] = field(default_factory=dict)
     order: float | None = None
     trials: int = MOST_TRIALS
+    refused: Exception | None = None
+
+    @property
+    def best(self) -> Run:
+        """The run whose error is known to be smallest; the finest where none is known."""
+        known = [run for run in self.runs if self._answers(run) and np.isfinite(run.error(self.asked.norm))]
+        return min(known, key=lambda run: run.error(self.asked.norm)) if known else self.last
 
     @property
     def last(self) -> Run:
@@ -173,16 +182,32 @@ class Way:
         return made
 
     def first(self, spacing: float) -> Run:
-        """Solve a pilot at a spacing, or at the first finer one that the scene can be solved at."""
-        refused: Exception | None = None
-        for _ in range(self.trials):
+        """Solve a pilot at a spacing, or at the first finer one that the scene can be solved at.
+
+        Raises
+        ------
+        CpmkitError
+            Where none serves, with the reason that the first one was refused for.
+        """
+        refused: ResolutionError | SceneError | None = None
+        for trial in range(self.trials):
             try:
-                return self.run("pilot", spacing)
+                return self.run("pilot", spacing / math.sqrt(2) ** trial)
             except (ResolutionError, SceneError) as error:
                 refused = refused or error
-                spacing /= math.sqrt(2)
         assert refused is not None
-        raise refused
+        raise self._about_target(refused, spacing, spacing / math.sqrt(2) ** (self.trials - 1)) from refused
+
+    def _about_target(
+        self, refused: ResolutionError | SceneError, coarse: float, fine: float
+    ) -> ResolutionError | SceneError:
+        """Return an error about a spacing as one about what was asked for: nobody gave the spacing."""
+        if "spacing" not in str(refused):
+            return refused
+        return type(refused)(
+            f"{self.asked.target} was asked for, and the scene was refused at every spacing that was tried, from "
+            f"{coarse:.3g} to {fine:.3g}, the first time because: {refused}"
+        )
 
     def look_at_steps(self) -> bool:
         """Shorten the steps in time until they leave a small share of the tolerance; tell whether they were too long.
@@ -210,6 +235,11 @@ class Way:
         }
         near = {ratio: one for ratio, one in ratios.items() if LEAST_RATIO <= ratio <= MOST_RATIO}
         return near[min(near, key=lambda ratio: abs(ratio - BEST_RATIO))] if near else None
+
+    def _answers(self, run: Run) -> bool:
+        """Return whether a run is of the scene itself, its steps in time as they were chosen last."""
+        mine, other = self.scene.problem, run.solution.scene.problem
+        return not isinstance(mine, Evolution) or cast(Any, other).step == mine.step
 
     def alike(self, solution: Solution, other: Solution | None = None) -> bool:
         """Return whether two solutions are of one form with one degree, the last one if no ``other`` is given."""

@@ -18,6 +18,7 @@ from cpmkit.families.context import SolveContext
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.free_constants import defects_of
 from cpmkit.forms.imbalance import Imbalance
+from cpmkit.linear.constants import Constants
 from cpmkit.linear.operators import Bordered, ComplexShift
 from cpmkit.linear.report import SolveReport
 from cpmkit.protocols import Floats, Operator, PreparedSolver, Sides, Stiffness
@@ -93,9 +94,9 @@ def _solve_coupled(context: SolveContext, stiffness: Stiffness, c: float, r: Flo
     M is that of equations in time: where c is large, the mass of integrals leaves some unknowns free.
     """
     s, mass = float(np.sqrt(c)), context.discretized.mass_in_time
-    prepared = context.kept.get(("complex", s), context.prepare, ComplexShift(stiffness, s, mass))
+    prepared, constants = context.kept.get(("complex", s), _prepared, context, ComplexShift(stiffness, s, mass))
     b: Any = q + 1j * s * r
-    w, report = prepared.solve(b, context.tolerance, progress=context.progress)
+    w, report = constants.solve(prepared, b, context.tolerance, progress=context.progress)
     report = replace(report, operator_applications=2 * report.operator_applications)  # of a real A
     return np.ascontiguousarray(w.imag / s), np.ascontiguousarray(w.real), report, ()
 
@@ -104,21 +105,25 @@ def _solve_in_turn(context: SolveContext, stiffness: Stiffness, c: float, r: Flo
     """Return u and v with ``K v = q`` and ``K u = r + M v``."""
     del c  # zero
     form = context.discretized
-    operator, prepared = context.kept.get(("pair", 0.0), _ready, context, stiffness)
-    v, first = prepared.solve(q, context.tolerance, progress=context.progress)
+    operator, (prepared, constants) = context.kept.get(("pair", 0.0), _ready, context, stiffness)
+    v, first = constants.solve(prepared, q, context.tolerance, progress=context.progress)
     unbalanced: tuple[Imbalance, ...] = ()
     if isinstance(operator, Bordered):
         v, unbalanced = defects_of(operator, q, v, form)
-    u, second = prepared.solve(r + _weighed(form, v), context.tolerance, progress=context.progress)
+    u, second = constants.solve(prepared, r + _weighed(form, v), context.tolerance, progress=context.progress)
     if isinstance(operator, Bordered):
         u, v = _with_mean_of_laplacian(operator, form, u, v)
     return u, v, _together(first, second), unbalanced
 
 
-def _ready(context: SolveContext, stiffness: Stiffness) -> tuple[Operator, PreparedSolver]:
+def _ready(context: SolveContext, stiffness: Stiffness) -> tuple[Operator, tuple[PreparedSolver, Constants]]:
     free = context.discretized.free_constants(stiffness)
     operator: Operator = stiffness if free is None else Bordered(stiffness, free)
-    return operator, context.prepare(operator)
+    return operator, _prepared(context, operator)
+
+
+def _prepared(context: SolveContext, operator: Operator) -> tuple[PreparedSolver, Constants]:
+    return context.prepare(operator), context.constants(operator)
 
 
 def _with_mean_of_laplacian(operator: Bordered, form: Discretized, u: Floats, v: Floats) -> tuple[Floats, Floats]:

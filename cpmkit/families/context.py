@@ -10,6 +10,7 @@ import numpy as np
 
 from cpmkit.families.checkpointing import Checkpointing
 from cpmkit.forms.contract import Discretized
+from cpmkit.linear.constants import Constants
 from cpmkit.linear.lent import Lends, Lent
 from cpmkit.linear.report import SolveReport
 from cpmkit.protocols import Floats, LinearSolver, Operator, PreparedSolver, Progress
@@ -128,6 +129,10 @@ class SolveContext:
     def _prepare(self, operator: Operator) -> PreparedSolver:
         takes = getattr(self.solver, "takes_levels", True)
         return self.solver.prepare(operator, self.discretized.levels(operator) if takes else ())
+
+    def constants(self, operator: Operator) -> Constants:
+        """Return the constants that are taken out of systems with ``operator``."""
+        return Constants.of(operator, self.discretized.constant)
 
     def report(self, converged: bool, iterations: int, products: int, residual: float, reason: str) -> SolveReport:
         """Return the report of a solve that is more than one linear system."""

@@ -17,6 +17,7 @@ from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.families.context import SolveContext
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.free_constants import MOSTLY
+from cpmkit.linear.constants import Constants
 from cpmkit.linear.levels import Level
 from cpmkit.linear.operators import CsrOperator
 from cpmkit.protocols import Floats, Operator, Stiffness
@@ -55,7 +56,9 @@ def solve_coupled(context: SolveContext) -> Solution:
     prepared = context.solver.prepare(operator, _levels(form, stiffness, channels))
     built = time.perf_counter()
     guess = None if context.guess is None else context.guess.reshape(-1, 1)
-    values, report = prepared.solve(b, context.tolerance, guess, context.progress)
+    each = np.asarray(np.kron(form.constant, np.eye(channels)), dtype=np.float64)
+    constants = Constants.of(operator, each)
+    values, report = constants.solve(prepared, b, context.tolerance, guess, context.progress)
     seconds = {"build": built - context.started, "solve": time.perf_counter() - built}
     work = form.work(operator, report)
     return Solution(form, values.reshape(-1, channels), report, work, seconds, warnings=form.warnings())

@@ -25,8 +25,12 @@ from cpmkit.solution.solution import Solution
 
 #: At most so many steps.
 MOST_STEPS = {"newton": 60, "lagged": 500}
-#: It has converged when u changes by less than this share of its largest value: what is lagged settles slowly.
+#: It has converged when u changes by less than this share of its range: what is lagged settles slowly.
 CONVERGED_CHANGE_SHARE = {"newton": 1e-8, "lagged": 1e-6}
+#: The same of equations that lead to the one that is solved.
+APPROACHED_CHANGE_SHARE = 1e-2
+#: To the range this share of the largest value is added, which is rounding: of a solution that is far from zero.
+ROUNDING_SHARE = 1e-5
 
 
 @dataclass(frozen=True)
@@ -36,7 +40,7 @@ class StepRecord:
     Attributes
     ----------
     change : float
-        The largest change of u, over the largest value.
+        The largest change of u, over its range.
     energy : float or None
         What the solution makes least, where that is known.
     """
@@ -106,7 +110,8 @@ def solve_quasilinear(context: SolveContext) -> QuasilinearSolution:
     u = _start(context, problem, terms)
     held = _mean_diffusivity(context, problem, u) if problem.held_evenly else None
     steps = Steps(context, terms, problem.diffusivity_of_u, form.load(terms.f), held)
-    u, counted = _settled(steps, problem, u)
+    u, counted = _approached(steps, problem, u) if context.guess is None else (u, _Counted())
+    u, counted = _settled(steps, problem, u, counted)
     last = _linear(context, steps.frozen(u), u)
     name = "Newton's method" if problem.method == "newton" else "The lagged diffusivity"
     report = replace(
@@ -160,27 +165,46 @@ def _linear(context: SolveContext, terms: Terms, guess: Floats | None = None) ->
     return solve_steady(replace(context, discretized=form, guess=guess, kept=Kept()))
 
 
-def _settled(steps: Steps, problem: QuasilinearEquation, u: Floats) -> tuple[Floats, _Counted]:
-    """Return where the steps settle (n, 1).
+def _approached(steps: Steps, problem: QuasilinearEquation, u: Floats) -> tuple[Floats, _Counted]:
+    """Return a start (n, 1): about the solution of the last equation of the approach, each solved from the one before.
+
+    Raises
+    ------
+    ConvergenceError
+        If one of them does not settle.
+    """
+    counted = _Counted()
+    for nearer in problem.approach:
+        law = nearer.diffusivity_of_u
+        own = replace(steps, terms=replace(steps.terms, diffusivity=law), law=law)
+        u, counted = _settled(own, nearer, u, counted, APPROACHED_CHANGE_SHARE)
+    return u, counted
+
+
+def _settled(
+    steps: Steps, problem: QuasilinearEquation, u: Floats, counted: _Counted, share: float | None = None
+) -> tuple[Floats, _Counted]:
+    """Return where the steps settle (n, 1): change by less than a ``share`` of u's range, that of the method.
 
     Raises
     ------
     ConvergenceError
         If there were too many.
     """
-    method, state, counted = problem.method, steps.state(u), _Counted()
+    method, state = problem.method, steps.state(u)
+    share = CONVERGED_CHANGE_SHARE[method] if share is None else share
     step = steps.newton if method == "newton" else steps.lagged
     for _ in range(MOST_STEPS[method]):
         before = state.u
         state, report = step(state)
         counted = counted.and_one(report, _record(steps, problem, before, state))
         change = counted.records[-1].change
-        if change <= CONVERGED_CHANGE_SHARE[method]:
+        if change <= share:
             return state.u, counted
     other = "lagged" if method == "newton" else "newton"
     raise ConvergenceError(
         f"{problem.kind!r} did not settle in {MOST_STEPS[method]} steps of method={method!r}: u still changes by "
-        f"{change:.2g} of its largest value; use method={other!r}, a larger regularization, or start from the solution "
+        f"{change:.2g} of its range; use method={other!r}, a larger regularization, or start from the solution "
         "of a problem that is nearer to a linear one (guess of Prepared.solve).",
         report,
     )
@@ -189,7 +213,7 @@ def _settled(steps: Steps, problem: QuasilinearEquation, u: Floats) -> tuple[Flo
 def _record(steps: Steps, problem: QuasilinearEquation, before: Floats, state: State) -> StepRecord:
     form = steps.context.discretized
     old, new = form.at_points(before), form.at_points(state.u)
-    size = float(np.abs(new).max(initial=0.0)) or 1.0
+    size = float(np.ptp(new) + ROUNDING_SHARE * np.abs(new).max(initial=0.0)) or 1.0
     return StepRecord(float(np.abs(new - old).max(initial=0.0)) / size, _energy(steps, problem, state))
 
 

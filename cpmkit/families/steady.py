@@ -9,6 +9,7 @@ from typing import Any
 from cpmkit.families.context import SolveContext, left_side
 from cpmkit.families.eigen.resonance import near_resonance, solved_or_resonant, unresolved_waves
 from cpmkit.forms.contract import Discretized
+from cpmkit.linear.constants import Constants
 from cpmkit.linear.operators import Bordered, LinearSystem
 from cpmkit.protocols import Operator, PreparedSolver, Stiffness
 from cpmkit.solution.solution import Solution
@@ -35,11 +36,12 @@ def _operators(form: Discretized) -> tuple[Stiffness, Operator]:
 
 @dataclass(frozen=True, eq=False)
 class _Ready:
-    """A, what solves with it, and what looking for an eigenvalue of the wrong sign found after so many products."""
+    """A, what solves with it, its constants, and what looking for an eigenvalue of the wrong sign found and cost."""
 
     stiffness: Stiffness
     operator: Operator
     prepared: PreparedSolver
+    constants: Constants
     wrong: str
     looked: int
 
@@ -48,7 +50,7 @@ def _ready(context: SolveContext) -> _Ready:
     form = context.discretized
     stiffness, operator = _operators(form)
     wrong, looked = form.indefinite(stiffness)
-    return _Ready(stiffness, operator, context.prepare(operator), wrong, looked)
+    return _Ready(stiffness, operator, context.prepare(operator), context.constants(operator), wrong, looked)
 
 
 def solve_steady(context: SolveContext) -> Solution:
@@ -69,13 +71,14 @@ def solve_steady(context: SolveContext) -> Solution:
     operator, prepared, wrong = ready.operator, ready.prepared, ready.wrong
     b = load + form.data(ready.stiffness)
     built = time.perf_counter()
-    values, report = solved_or_resonant(context, prepared, b)
+    values, report = solved_or_resonant(context, prepared, ready.constants, b)
     report = replace(report, operator_applications=report.operator_applications + ready.looked)
     work: Any = form.work(operator, report)
     settled = form.settle(operator, b, values)
     if settled.queries:
         work = replace(work, closest_point_queries=work.closest_point_queries + settled.queries)
     poor += near_resonance(context, prepared, settled.values)
+    small_c = () if isinstance(operator, Bordered) else ready.constants.chance(b, values)
     seconds = {"build": built - context.started, "solve": time.perf_counter() - built, **settled.seconds}
     found = form.warnings(settled.missed)
     unbalanced = [text for one in settled.imbalances for text in (*one.warnings, *one.nothing_given)]
@@ -85,6 +88,6 @@ def solve_steady(context: SolveContext) -> Solution:
         report,
         work,
         seconds,
-        warnings=(*found, *([wrong] if wrong else []), *poor, *unbalanced, *settled.warnings),
+        warnings=(*found, *([wrong] if wrong else []), *poor, *small_c, *unbalanced, *settled.warnings),
         imbalances=settled.imbalances,
     )

@@ -6,6 +6,7 @@ import os
 import re
 import shutil
 import tempfile
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -54,16 +55,16 @@ def written_whole(path: Path) -> Iterator[Path]:
 
 
 def unfinished_name(path: Path) -> Path:
-    """Return the name that ``path``, a file or a folder, has in this process until it is finished.
+    """Return the name that ``path``, a file or a folder, has in this process and thread until it is finished.
 
     Its suffix is in lower case: writers that know a format by its suffix add their own to any other.
     """
-    return path.with_name(f".{path.stem}.{os.getpid()}{path.suffix.lower()}")
+    return path.with_name(f".{path.stem}.{os.getpid()}-{threading.get_native_id()}{path.suffix.lower()}")
 
 
 def remove_leftovers(path: Path) -> None:
     """Remove what processes that no longer run left unfinished of ``path``."""
-    named = re.compile(re.escape(f".{path.stem}.") + r"(\d{1,10})" + re.escape(path.suffix.lower()))
+    named = re.compile(re.escape(f".{path.stem}.") + r"(\d{1,10})(-\d{1,10})?" + re.escape(path.suffix.lower()))
     for found in path.parent.iterdir():
         match = named.fullmatch(found.name)
         if match and not _runs(int(match[1])):

@@ -102,6 +102,12 @@ class Asked(Declared):
         """Whether an error, a time or a memory is asked for."""
         return any(one is not None for one in (self.tolerance, self.seconds, self.memory))
 
+    @property
+    def target(self) -> str:
+        """What is asked for, as the user wrote it but for units; empty where it is nothing."""
+        names = [name for name in ("tolerance", "seconds", "memory") if getattr(self, name) is not None]
+        return " and ".join(f"{name}={getattr(self, name):g}" for name in names)
+
     def check_spacing(self, spacing: float | None) -> None:
         """Refuse a spacing beside what decides on one.
 

@@ -175,6 +175,11 @@ class Discretized(ABC):
         return self.scene.channels
 
     @property
+    def constant(self) -> Floats:
+        """(n, 1) the unknowns of the function 1, conditions left aside."""
+        return np.ones((self.size, 1))
+
+    @property
     def mass(self) -> Operator | None:
         """M; None where it is the identity."""
         return None

@@ -106,7 +106,8 @@ class SolverOptions(Declared):
         None,
         "Relative residual of linear systems, recomputed after the solve; 1e-10 if left out, but steady problems of "
         "the Galerkin form by ``multigrid`` stop at 1e-8 of the preconditioned residual, which follows the error, and "
-        "1e-6 of the residual.",
+        "1e-6 of the residual. It is relative to what is left of the right side when a constant u is taken out, and "
+        "what rounding leaves of a residual is accepted.",
         _check_tolerance,
     )
     further: Mapping[str, Any] = field(default_factory=dict)

@@ -48,7 +48,7 @@ def save_series(solution: Solution, path: Path) -> None:
             for name in names:
                 os.replace(unfinished / name, folder / name)
             for stale in {file.name for file in folder.glob("frame-*.vtp")} - {*names}:
-                (folder / stale).unlink()
+                (folder / stale).unlink(missing_ok=True)  # another thread may have removed it
     finally:
         shutil.rmtree(unfinished, ignore_errors=True)
     with written_whole(path) as index:

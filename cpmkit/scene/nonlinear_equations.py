@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any, ClassVar
 
@@ -20,6 +20,8 @@ from cpmkit.scene.state_diffusivity import StateDiffusivity, of_slope
 
 #: How the equations are solved: by tangents, or with the diffusivity of the step before.
 METHODS = ("newton", "lagged")
+#: The p from which on a p-Laplacian is approached by others, and the ratio of the p of one to that of the next.
+FIRST_POWER, POWER_RATIO = 4.0, 1.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +49,11 @@ class QuasilinearEquation(Equation):
     def starts_at(self) -> Data | None:
         """Data that the iteration starts at; None for the solution with the diffusivity 1."""
         return None
+
+    @property
+    def approach(self) -> Sequence[QuasilinearEquation]:
+        """Equations nearer to a linear one, whose solutions are starts: each for the next, the last one for this."""
+        return ()
 
     def energy(self, slopes: Floats) -> Floats | None:
         """Return the density (k,) whose derivative by the slope (k, d) is a grad u; None where none is known."""
@@ -166,6 +173,12 @@ class PLaplacian(QuasilinearEquation):
     @cached_property
     def _law(self) -> StateDiffusivity:
         return power_of_slope(self.p, self.regularization)
+
+    @property
+    def approach(self) -> tuple[PLaplacian, ...]:
+        """The same with smaller p, from 4 on: Newton's method from the solution of the Laplacian leads no farther."""
+        powers = FIRST_POWER * POWER_RATIO ** np.arange(1 + np.log(max(self.p / FIRST_POWER, 1)) / np.log(POWER_RATIO))
+        return tuple(replace(self, p=float(p)) for p in powers if p < self.p)
 
     def energy(self, slopes: Floats) -> Floats:
         """Return ``(s^2 + r^2)^(p / 2) / p``."""

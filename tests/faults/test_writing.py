@@ -8,13 +8,16 @@ import resource
 import signal
 import subprocess
 import sys
+import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import cpmkit as ck
 from cpmkit.errors import InputError
 from cpmkit.files.whole_files import unfinished_name, written_whole
 from cpmkit.protocols import no_progress
@@ -229,3 +232,19 @@ def test_progress_that_nobody_takes_ends_no_solve():
     with ProgressLine(Full(), lambda: next(times)) as progress:
         progress("band", 0.0)
         progress("band", 1.0)
+
+
+@pytest.mark.parametrize("name", ["u.npz", "u.vtp", "u.json"])
+def test_threads_that_save_one_name_leave_one_whole_file(name, tmp_path):
+    solution = ck.solve(ck.Scene(ck.source("analytic.circle"), ck.ScreenedPoisson(lambda p: p[:, 0])), 0.2)
+    solution.save(tmp_path / name)
+    whole, together = (tmp_path / name).read_bytes(), threading.Barrier(4)
+
+    def save(_):
+        together.wait()
+        solution.save(tmp_path / name)
+
+    with ThreadPoolExecutor(4) as threads:
+        list(threads.map(save, range(4)))  # raises what a thread has raised
+    assert os.listdir(tmp_path) == [name]
+    assert len((tmp_path / name).read_bytes()) == len(whole)

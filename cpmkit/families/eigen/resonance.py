@@ -7,6 +7,7 @@ import numpy as np
 from cpmkit.errors import ConvergenceError, ResolutionError
 from cpmkit.families.context import SolveContext
 from cpmkit.forms.contract import Discretized
+from cpmkit.linear.constants import Constants
 from cpmkit.linear.preconditioned import followed_by_error
 from cpmkit.linear.report import SolveReport
 from cpmkit.protocols import Floats, PreparedSolver
@@ -49,7 +50,9 @@ def unresolved_waves(form: Discretized, terms: Terms) -> list[str]:
     return [sentence]
 
 
-def solved_or_resonant(context: SolveContext, prepared: PreparedSolver, b: Floats) -> tuple[Floats, SolveReport]:
+def solved_or_resonant(
+    context: SolveContext, prepared: PreparedSolver, constants: Constants, b: Floats
+) -> tuple[Floats, SolveReport]:
     """Return the solution of a steady problem's system, and the report.
 
     Raises
@@ -60,13 +63,13 @@ def solved_or_resonant(context: SolveContext, prepared: PreparedSolver, b: Float
     by_error = followed_by_error(prepared) if context.by_default else None
     solver, tolerance = (prepared, context.tolerance) if by_error is None else by_error
     try:
-        return solver.solve(b, tolerance, context.guess, context.progress)
+        return constants.solve(solver, b, tolerance, context.guess, context.progress)
     except ConvergenceError as error:
         square = square_of_wavenumber(context.scene.problem.terms())
         if not square:
             raise
         try:
-            why = near_resonance(context, prepared, prepared.solve(b, ROUGH_RESIDUAL)[0])
+            why = near_resonance(context, prepared, constants.solve(prepared, b, ROUGH_RESIDUAL)[0])
         except ConvergenceError:
             why = [
                 f"It may be that k^2={square:.6g} is an eigenvalue on this lattice, to rounding, and that there is no "

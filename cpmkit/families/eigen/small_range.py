@@ -1,4 +1,4 @@
-"""All eigenpairs where B sees few unknowns, as at the ends of a curve with conditions of Steklov.
+"""All eigenpairs where there are few: B sees few unknowns, as at the ends of a curve with conditions of Steklov.
 
 Iterations need room: Lanczos' asks for more vectors than such a B has directions. With S the unknowns that B sees and
 ``G = S' (A - sigma B)^-1 S``, the eigenvalues of the small ``R' G R``, ``R R' = S' B S``, are ``1 / (lambda - sigma)``.
@@ -53,3 +53,22 @@ def all_pairs(stepped: InverseIteration, seen: Ints, count: int) -> Pairs:
             "conditions of so few points; ask for these."
         )
     return Pairs(stepped.shift + 1 / theta[finite], inverted @ (vectors[:, finite] / theta[finite]))
+
+
+def dense_pairs(stepped: InverseIteration, count: int) -> Pairs:
+    """Return every eigenpair of a problem with few unknowns, by a dense matrix; those that are infinite are left out.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than ``count``.
+    """
+    n = stepped.operator.size
+    theta, vectors = np.linalg.eig(stepped.step(np.eye(n)))
+    finite = np.abs(theta) > ROUNDING_SHARE * np.abs(theta).max()
+    if finite.sum() < count:
+        raise InputError(
+            f"count={count} is more than the {int(finite.sum())} eigenvalues of a mesh or lattice with {n} unknowns; "
+            "ask for fewer, or use a finer mesh or a smaller spacing."
+        )
+    return Pairs(stepped.shift + 1 / theta[finite], vectors[:, finite])

@@ -8,15 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import ConvergenceError, InputError
+from cpmkit.errors import ConvergenceError
 from cpmkit.families.context import SolveContext
 from cpmkit.families.eigen.block_iteration import MOST_BLOCK_SHARE, block_changes, block_pairs
 from cpmkit.families.eigen.inverse_iteration import InverseIteration, Pairs, inverse_iteration
 from cpmkit.families.eigen.multiplets import cut_multiplet
 from cpmkit.families.eigen.shift_invert import SAME_EIGENVALUE_TOLERANCES, shift_inverted_pairs
-from cpmkit.families.eigen.small_range import all_pairs, few_seen
+from cpmkit.families.eigen.small_range import all_pairs, dense_pairs, few_seen
 from cpmkit.forms.contract import Discretized
-from cpmkit.linear.report import SolveReport
+from cpmkit.linear.report import MOST_ROUNDING, ROUNDING_FACTOR, SolveReport, rounding_of
 from cpmkit.protocols import Floats
 from cpmkit.scene.compound_equations import Eigen
 from cpmkit.solution.modes import EigenSolution
@@ -60,7 +60,7 @@ def solve_eigen(context: SolveContext) -> EigenSolution:
     if stepped.mass is form.mass:  # Steklov's eigenvalues may be of either sign
         form.check_signs(float(np.min(pairs.values.real)), WRONG_SIGN_UNITS * abs(stepped.unit))
     modes = _modes(problem, stepped, pairs)
-    report = _judge(stepped, float(modes.residuals.max()))
+    report = _judge(stepped, modes)
     told = (
         *form.warnings(),
         *_complex_pairs(modes, stepped.shift),
@@ -84,8 +84,8 @@ def _pairs(problem: Eigen, stepped: InverseIteration) -> Pairs:
     if seen is not None:
         return all_pairs(stepped, seen, problem.count)
     n, wanted = stepped.operator.size, problem.count + SPARE_PAIRS
-    if wanted > n - 2:
-        raise InputError(f"count={problem.count} is too many for {n} unknowns; use {n - 2 - SPARE_PAIRS} or less.")
+    if wanted > n - 2:  # iterations have no room
+        return dense_pairs(stepped, problem.count)
     wide = problem.count + max(SPARE_PAIRS, int(SPARE_SHARE * problem.count))
     if stepped.preconditioner is not None and wide <= MOST_BLOCK_SHARE * n:
         return block_pairs(stepped, problem.count, wide)
@@ -163,24 +163,41 @@ def _squares(stepped: InverseIteration, vectors: Any) -> Floats:
     return np.asarray(sum(np.diag(form.inner(part, part)) for part in (vectors.real, vectors.imag)))
 
 
-def _judge(stepped: InverseIteration, residual: float) -> SolveReport:
+def _judge(stepped: InverseIteration, modes: Modes) -> SolveReport:
     """Return the report.
 
     Raises
     ------
     ConvergenceError
-        If the residual of a pair is above the tolerance.
+        If the residual of a pair is above the tolerance, and above what rounding leaves.
     """
-    context = stepped.context
+    context, residual = stepped.context, float(modes.residuals.max())
     reason = (
         f"one more step of inverse iteration changes the eigenfunctions by {residual:.2e} of their size after "
         f"{stepped.solves} steps, {context.tolerance:.2e} asked for"
     )
-    report = context.report(residual <= context.tolerance, stepped.solves, stepped.products, residual, reason)
+    converged = residual <= context.tolerance
+    if not converged and residual <= MOST_ROUNDING and stepped.preconditioner is None:
+        left = _left_by_rounding(stepped, modes)
+        converged, reason = residual <= left, f"{reason}, {left:.2e} left by rounding"
+    report = context.report(converged, stepped.solves, stepped.products, residual, reason)
     if not report.converged:
         remedy = f"ask for a larger solver_tolerance{context.discretized.cure()}"
         raise ConvergenceError(f"The eigenvalues did not converge: {reason}; {remedy}.", report)
     return report
+
+
+def _left_by_rounding(stepped: InverseIteration, modes: Modes) -> float:
+    """Return by how much of its size rounding may change an eigenfunction in a step: what rounding leaves, solved for.
+
+    What a solve leaves of ``(A - sigma B) u`` is bounded entry by entry; signs are taken at random.
+    """
+    functions = modes.functions
+    spread = np.abs(modes.values - stepped.shift)
+    bound = rounding_of(stepped.operator, functions) + spread * np.abs(stepped.image(functions))
+    signs = np.random.default_rng(0).choice([-1.0, 1.0], bound.shape)
+    moved = stepped.inverted(ROUNDING_FACTOR * np.finfo(float).eps * bound * signs)
+    return float(np.sqrt(_squares(stepped, moved) / _squares(stepped, functions)).max())
 
 
 def _complex_pairs(modes: Modes, shift: float) -> list[str]:

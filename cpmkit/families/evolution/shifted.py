@@ -10,6 +10,7 @@ import numpy as np
 
 from cpmkit.families.context import SolveContext, left_side
 from cpmkit.families.evolution.semidiscrete import ChannelGroup, SemiDiscrete
+from cpmkit.linear.constants import Constants
 from cpmkit.linear.report import SolveReport
 from cpmkit.protocols import Floats, PreparedSolver, Stiffness
 
@@ -77,8 +78,9 @@ class ShiftedSolver:
     def _solve(self, group: ChannelGroup, factor: float, right_side: Floats, guess: Floats) -> Floats:
         moves = self.problem.form.data_move  # a form's mass may tell whether its data move
         key = ("shifted", left_side(group.terms), moves, factor)
-        solver: PreparedSolver = self.context.kept.get(key, self._prepare, group, factor)
-        u, report = solver.solve(right_side, self.context.tolerance, guess)
+        prepared: tuple[PreparedSolver, Constants] = self.context.kept.get(key, self._prepare, group, factor)
+        solver, constants = prepared
+        u, report = constants.solve(solver, right_side, self.context.tolerance, guess)
         self.tally.add(report)
         return self._with_totals_of(group, right_side, u)
 
@@ -108,5 +110,6 @@ class ShiftedSolver:
         indicator = free.indicator
         return indicator, np.asarray(indicator.T @ self.problem.weighed(indicator.toarray()))
 
-    def _prepare(self, group: ChannelGroup, factor: float) -> PreparedSolver:
-        return self.context.prepare(group.stiffness.shifted(factor, self.problem.form.mass_in_time))
+    def _prepare(self, group: ChannelGroup, factor: float) -> tuple[PreparedSolver, Constants]:
+        operator = group.stiffness.shifted(factor, self.problem.form.mass_in_time)
+        return self.context.prepare(operator), self.context.constants(operator)

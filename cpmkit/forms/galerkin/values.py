@@ -46,6 +46,11 @@ class Values(Reader):
         """Number of splines, copies counted, and of singular functions behind them."""
         return self.space.parting.size + len(self._tips)
 
+    @property
+    def constant(self) -> Floats:
+        """(n, 1) ones, for splines sum to one; zero of singular functions."""
+        return (np.arange(self.size) < self._tips.splines).astype(np.float64)[:, None]
+
     def read(self, data: Any, what: str, time: float | None = None, channels: int | None = 1) -> Floats:
         """Return a coefficient of the equation at the samples, (p, channels), each on the side of its cell."""
         return evaluate_data(data, self._reading_points(data), channels, what, time)

@@ -16,6 +16,7 @@ from cpmkit.forms.galerkin.sampling import InsertedScene, insert, sample_inserte
 from cpmkit.forms.galerkin.space.parted import part
 from cpmkit.forms.options import Options
 from cpmkit.linear.choice import make_solver
+from cpmkit.linear.constants import Constants
 from cpmkit.linear.operators import Bordered
 from cpmkit.protocols import Floats, Progress, no_progress
 from cpmkit.runtime.freed_memory import hand_back
@@ -59,7 +60,8 @@ def solved(form: RefinedGalerkin) -> Floats:
     b = form.load(form.scene.problem.terms().f) + form.data(stiffness)
     chosen = "direct" if form.size <= MOST_FACTORISED or not form.multigrid else "multigrid"
     prepared = make_solver(chosen, {}).prepare(operator, form.levels(operator))
-    return form.settle(operator, b, prepared.solve(b, MARKING_TOLERANCE)[0]).values
+    values, _ = Constants.of(operator, form.constant).solve(prepared, b, MARKING_TOLERANCE)
+    return form.settle(operator, b, values).values
 
 
 def refined(scene: Scene, options: Options[GalerkinOptions], progress: Progress = no_progress) -> RefinedGalerkin:
