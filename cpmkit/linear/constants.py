@@ -20,6 +20,8 @@ from cpmkit.protocols import Floats, Operator, PreparedSolver, Progress, no_prog
 MOST_LEFT = 0.5
 #: Where b sums to less than this share of its size, quadrature may have made all of the sum.
 CANCELLING_SHARE = 1e-6
+#: Where ``K' A K`` is less than this share of its parts, rounding is much of it.
+CANCELLED_SHARE = 1e-12
 #: Exponents by which b is scaled lie between plus and minus this: powers of two that are neither zero nor infinite.
 MOST_EXPONENT = 1000
 #: A part of b below this share of it is rounding: no solver is to resolve it.
@@ -36,10 +38,13 @@ class Constants:
         K, functions that are constant, or constant on some pieces and zero on others.
     images : (n, k)
         A K.
+    sizes : (k,) float64
+        ``K' |diag A| K``: what ``K' A K`` would be, were its entries not to cancel.
     """
 
     functions: Floats
     images: Any
+    sizes: Floats
 
     @classmethod
     def of(cls, operator: Operator, functions: Floats) -> Constants:
@@ -48,7 +53,7 @@ class Constants:
             free = np.asarray(operator.border.indicator.sum(axis=1)).reshape(-1, 1)
             functions = np.concatenate([functions * (1 - free), functions * free], axis=1)
             functions = np.ascontiguousarray(functions[:, functions.any(axis=0)])
-        return cls(functions, operator.apply(functions))
+        return cls(functions, operator.apply(functions), np.sum(np.abs(operator.diagonal) * functions**2, axis=0))
 
     def solve(
         self,
@@ -96,18 +101,22 @@ class Constants:
         return (v + self.functions @ shares) * _powers(-exponent), report
 
     def chance(self, b: Floats, u: Floats) -> tuple[str, ...]:
-        """Return a warning where the mean of u (n, channels), larger than its range, is a sum of b that cancels."""
+        """Return a warning where the mean of u (n, channels) is a sum of b that cancels, over what is hardly known.
+
+        That is where the mean is larger than the range, or where rounding is much of ``K' A K``.
+        """
         sums, sizes = np.abs(self.functions.T @ b), np.abs(self.functions).T @ np.abs(b)
         own = np.einsum("nk,nk->k", self.functions, self.images)[:, None]
         shift = np.divide(sums, np.abs(own), out=np.zeros_like(sums), where=own != 0)
-        felt = (shift > np.ptp(u, axis=0)) & (sums <= CANCELLING_SHARE * sizes)
+        unknown = (np.abs(own) <= CANCELLED_SHARE * self.sizes[:, None]) | (shift > np.ptp(u, axis=0))
+        felt = unknown & (sums <= CANCELLING_SHARE * sizes) & (sizes > 0)
         if not felt.any():
             return ()
         share = float((sums[felt] / sizes[felt]).max())
         return (
-            f"The mean of the solution, about {float(shift[felt].max()):.3g}, follows from a sum of f and the fluxes "
-            f"that cancels to {share:.1g} of their size, divided by a small c: quadrature and rounding decide it, and "
-            "the rest of the solution alone is right; use c=0, for a mean of zero, or a larger c.",
+            f"The mean of the solution follows from a sum of f and the fluxes that cancels to {share:.1g} of their "
+            "size, divided by a small c: quadrature and rounding decide it, and the rest of the solution alone is "
+            "right; use c=0, for a mean of zero, or a larger c.",
         )
 
 

@@ -86,8 +86,10 @@ def near_resonance(context: SolveContext, prepared: PreparedSolver, u: Floats) -
     """
     terms = context.scene.problem.terms()
     square = square_of_wavenumber(terms)
+    if not square:
+        return []
     size = np.linalg.norm(u, axis=0)
-    if not square or not size.all():
+    if not size.all():
         return []
     mass = context.discretized.mass
     try:
