@@ -86,9 +86,9 @@ class GalerkinOptions(Declared):
     strength: str = option(
         "default",
         "How strongly the Galerkin form holds what samples of the manifold do not see. ``accurate`` takes 1.4 to 2 "
-        "times the iterations of ``default`` and gains on coarse lattices alone: on smooth sources of degree 2 it leaves .8 "
-        "of the error at five spacings a radius, .93 at ten and .98 at twenty, where a smaller spacing buys more; of "
-        "degree 1 it leaves .4 to .9.",
+        "times the iterations of ``default`` and gains on coarse lattices alone: on smooth sources of degree 2 it "
+        "leaves .8 of the error at five spacings a radius, .93 at ten and .98 at twenty, where a smaller spacing buys "
+        "more; of degree 1 it leaves .4 to .9.",
         _check_strength,
     )
     samples: str = option(
