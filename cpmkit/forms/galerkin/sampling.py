@@ -30,6 +30,7 @@ from cpmkit.forms.galerkin.samples.seams import seams
 from cpmkit.forms.galerkin.samples.sources import cells_of
 from cpmkit.forms.galerkin.samples.subdivision import subdivided
 from cpmkit.forms.galerkin.telling import (
+    advised_by_noise,
     check_insertion,
     of_contouring,
     of_insertion,
@@ -263,6 +264,6 @@ def _cells(
     noisy = tuple(of_noise(surface, spacing))
     if surface.manifold_dim == 1:
         traces, of_curve = traced(surface, spacing, curved=False)
-        return surface, traces, "feet", noisy + tuple(of_tracing(of_curve, surface))
+        return surface, traces, "feet", noisy + advised_by_noise(of_tracing(of_curve, surface), surface, spacing)
     triangles, of_surface = triangulated(surface, spacing, curved=False)
-    return surface, triangles, "feet", noisy + tuple(of_contouring(of_surface, surface))
+    return surface, triangles, "feet", noisy + advised_by_noise(of_contouring(of_surface, surface), surface, spacing)

@@ -26,6 +26,8 @@ TURNED_SHARE = 0.03
 AWAY_SPACINGS, OFF_SPACINGS = 3.0, 0.5
 #: Closest points whose noise is a larger share of the spacing are told of.
 NOISE_SHARE = 1e-3
+#: What helps then.
+EXACTER = "compute closest points more exactly"
 #: The error that noise leaves, as a share of the range of u, times the spacing over the noise (measured on spheres and
 #: curves: .15 to .4); and below how many times the noise no spacing makes sense.
 NOISE_FACTOR, COARSEST_NOISES = 0.4, 200.0
@@ -84,9 +86,14 @@ def of_noise(source: LocalSource, spacing: float) -> Iterator[str]:
         yield (
             f"Closest points of this source are uncertain by about {source.noise:.2g}: points of one normal have other "
             f"feet. That leaves an error of about {NOISE_FACTOR * source.noise / spacing:.1g} of the range of u, and "
-            f"more at smaller spacings; take none below {rounded_up(COARSEST_NOISES * source.noise):g}, or compute "
-            "closest points more exactly."
+            f"more at smaller spacings; take none below {rounded_up(COARSEST_NOISES * source.noise):g}, or {EXACTER}."
         )
+
+
+def advised_by_noise(texts: Iterator[str], source: LocalSource, spacing: float) -> tuple[str, ...]:
+    """Return the warnings, without the advice to take a smaller spacing where noise would be the larger there."""
+    noisy = source.noise > NOISE_SHARE * spacing
+    return tuple(text.replace("use a smaller spacing", EXACTER) if noisy else text for text in texts)
 
 
 def of_tracing(report: CurveReport, curve: LocalSource) -> Iterator[str]:
