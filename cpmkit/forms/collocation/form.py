@@ -294,7 +294,7 @@ class Collocation(Reader):
 
     def warnings(self, missed: float = 0.0) -> tuple[str, ...]:
         """Return a sentence for each thing that the spacing does not resolve."""
-        return layout_warnings(self.tables.layout, missed)
+        return layout_warnings(self.tables.layout, self.scene, missed)
 
     def cure(self) -> str:
         """Return the spacing at which limbs side by side no longer read each other, as the end of a sentence."""

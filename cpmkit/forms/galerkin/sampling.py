@@ -211,7 +211,6 @@ def sample_inserted(
     told += tuple(of_seams(seams(mesh, half), surface))
     boundary = boundary_samples(mesh, half, corners, reads_rims(scene), found.points)
     left = left_of_boundaries(mesh, half, corners, boundary, oriented, lattice)
-    told += point_warnings(scene, boundary)
     laws = held(scene, boundary, left, surface, lattice)
     singular, of_ends = singular_functions(mesh, boundary, laws, lattice) if with_tips else ((), ())
     told += of_ends
@@ -220,6 +219,11 @@ def sample_inserted(
         samples = samples_of(mesh, spacing, further, clipped_triangles(mesh, sampling, bend, spacing), fine)
     else:
         samples = graded_samples(mesh, regions, sampling, bend, further)
+    if len(boundary):
+        some = samples.weights > 0
+        told += point_warnings(
+            scene, boundary, spacing, (lattice.to_scene(samples.points[some]), samples.weights[some])
+        )
     # what is held on: cells in 32 bits, and no midpoints, which samples were taken from alone
     cells: Any = mesh.cells.astype(np.int32)
     held_corners: Any = corners.astype(np.int32) if is_cut(mesh, corners) else cells

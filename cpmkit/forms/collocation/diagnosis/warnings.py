@@ -16,6 +16,8 @@ from cpmkit.forms.collocation.tube_width import stretched_share
 from cpmkit.manifold.abilities import advice_of
 from cpmkit.protocols import SIDES
 from cpmkit.scene.laws import Mixed, Value
+from cpmkit.scene.point_values import has_limit
+from cpmkit.scene.scene import Scene
 
 #: A surface's search may doubt this share of the nodes before it is worth a warning.
 DOUBTFUL_NODES_SHARE = 1e-4
@@ -29,7 +31,7 @@ JUMP_SHARE = 5e-3
 OFF_SURFACE_SPACINGS = 0.5
 
 
-def layout_warnings(layout: Layout, missed: float = 0.0) -> tuple[str, ...]:
+def layout_warnings(layout: Layout, scene: Scene, missed: float = 0.0) -> tuple[str, ...]:
     """Return one sentence for each thing found.
 
     ``missed`` is the error of a solution's mean as a share of its range. If it exceeds the error expected of bends,
@@ -39,8 +41,9 @@ def layout_warnings(layout: Layout, missed: float = 0.0) -> tuple[str, ...]:
     advice = advice_of(layout.surface.source, layout.lattice.spacing)
     from_source = (*advice.warnings, *advice.closest_point_warnings)
     rounding = layout.lattice.lost_digits(layout.surface.bounds, not layout.surface.shift.any())
-    checks = (_doubtful, partial(_sheets, missed=missed), _boundaries, _encounters, _gaps, _pins, meeting_sentences)
-    return (*from_source, *rounding, *(text for check in checks for text in check(layout)))
+    checks = (_doubtful, partial(_sheets, missed=missed), _boundaries, _encounters, _gaps, meeting_sentences)
+    found = (text for check in checks for text in check(layout))
+    return (*from_source, *rounding, *found, *_pins(layout, scene))
 
 
 def _encounters(layout: Layout) -> list[str]:
@@ -77,13 +80,14 @@ def _gaps(layout: Layout) -> list[str]:
     ]
 
 
-def _pins(layout: Layout) -> list[str]:
+def _pins(layout: Layout, scene: Scene) -> list[str]:
     """Name points on a surface that hold a value beside other values: the continuous problem does not feel them."""
     boundaries = layout.boundaries.given
     valued = [any(isinstance(one.condition(side).law, (Value, Mixed)) for side in SIDES) for one in boundaries]
     thin = [not sighted.has_sides for sighted in layout.boundaries.on_lattice]
     pins = [one.name for one, *is_pin in zip(boundaries, valued, thin, strict=True) if all(is_pin)]
-    if not pins or sum(valued) < 2:
+    on_rim = any(isinstance(one.law, (Value, Mixed)) for one in scene.edge_conditions)
+    if not pins or has_limit(scene, len(pins), on_rim or sum(valued) > len(pins)):
         return []
     return [
         f"Boundary {', '.join(map(repr, pins))}: a point of a surface, or a point or curve of a solid, is too small "

@@ -12,16 +12,21 @@ from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples
 from cpmkit.forms.galerkin.conditions.facets import POINTS_OF_EDGE
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import LocalSource
+from cpmkit.manifold.vectors import norms
 from cpmkit.protocols import SIDES, Bools, Floats, Ints
 from cpmkit.runtime.arrays import whole
 from cpmkit.scene.alike import same_condition
+from cpmkit.scene.compound_equations import Biharmonic
 from cpmkit.scene.condition import Condition
 from cpmkit.scene.edge import LoopConditions, check_parts_met, conditions_along
 from cpmkit.scene.laws import Flux, Interface, Law, Mixed, Nonlinear, Spectral, Value, beta_at, is_zero_neumann
+from cpmkit.scene.point_values import has_limit
 from cpmkit.scene.scene import Scene
 
 #: The edge's condition, in sentences.
 EDGE_CONDITION = "the edge's condition"
+#: A curve of a surface that is smaller than so many spacings is too small for its values to be felt.
+SMALL_SPACINGS = 1 / 3
 #: Loops of the rim are asked for so many spacings past it: a sample may lie inside by a rounding.
 PAST_RIM_SPACINGS = 0.1
 
@@ -227,20 +232,43 @@ def _past_tips(samples: BoundarySamples) -> list[Held]:
     return [Held(Interface(0.0, 0.0), "the continuation past a tip", first, second, seam=True)] if len(first) else []
 
 
-def point_warnings(scene: Scene, samples: BoundarySamples) -> tuple[str, ...]:
-    """Name points on a surface that hold a value beside other values: the continuous problem does not feel them."""
+def point_warnings(
+    scene: Scene, samples: BoundarySamples, spacing: float, interior: tuple[Floats, Floats] | None = None
+) -> tuple[str, ...]:
+    """Name values on what is too small: points of a surface, where they have no limit, and curves below the spacing.
+
+    ``interior`` are samples (n, d) of the manifold, in the scene's coordinates, and their weights (n,).
+    """
     valued = [
         number
         for number, one in enumerate(scene.boundaries)
         if any(isinstance(one.condition(side).law, (Value, Mixed)) for side in SIDES)
     ]
-    at_points = set(samples.owner[samples.half < 0].tolist())
-    pins = [scene.boundaries[number].name for number in valued if number in at_points]
+    at_points = samples.owner[(samples.half < 0) & np.isin(samples.owner, valued)]
+    pins = [scene.boundaries[number].name for number in np.unique(at_points)]
     on_rim = any(isinstance(one.law, (Value, Mixed)) for one in scene.edge_conditions)
-    if not pins or len(valued) + on_rim < 2:
-        return ()
+    if pins and not has_limit(scene, len(at_points), on_rim or len(valued) > len(pins), interior):
+        told: tuple[str, ...] = (
+            f"Boundary {', '.join(map(repr, pins))}: a point of a surface is too small for the equation to feel a "
+            "value there; what comes out depends on the spacing, as with a hole of a third of it; use a small circle "
+            "instead.",
+        )
+    else:
+        told = ()
+    short = [scene.boundaries[number].name for number in valued if _is_short(samples, number, spacing)]
+    if not short or isinstance(scene.problem, Biharmonic):
+        return told
     return (
-        f"Boundary {', '.join(map(repr, pins))}: a point of a surface is too small for the equation to feel a value "
-        "there beside other conditions; what comes out depends on the spacing, as with a hole of a third of it; use a "
-        "small circle instead.",
+        *told,
+        f"Boundary {', '.join(map(repr, short))}: a curve smaller than a third of the spacing acts as a hole of a "
+        f"third of it, {spacing / 3:.2g}; use a smaller spacing.",
     )
+
+
+def _is_short(samples: BoundarySamples, number: int, spacing: float) -> bool:
+    """Tell whether a curve on a surface is smaller than a third of the spacing."""
+    own = (samples.owner == number) & ~samples.extends & (samples.half >= 0)
+    points = samples.points[own]
+    if not len(points) or not samples.weights[own].max() < SMALL_SPACINGS * spacing:  # 1 where the manifold is a curve
+        return False
+    return bool(norms(np.ptp(points, axis=0)[None])[0] < SMALL_SPACINGS * spacing)

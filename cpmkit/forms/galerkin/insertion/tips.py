@@ -25,7 +25,7 @@ def mend(walker: Walker, told: Counter[str]) -> None:
     links = _links(walker)
     for tip in _tips(walker, links):
         end, way = _tail(walker, links, tip, STRAY_SHARE * walker.net.size(tip))
-        if end is not None:
+        if end is not None and len(links[end]) > 1:  # else it is all of a short curve
             told["pruned"] += 1
             for a, b in pairwise(way):
                 del walker.lined.cut[edge_of(a, b)]

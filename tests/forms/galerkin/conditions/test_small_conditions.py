@@ -1,0 +1,51 @@
+"""Values at one point of a surface, and on curves smaller than a third of the spacing, are warned of."""
+
+import numpy as np
+import pytest
+
+import cpmkit as ck
+
+SPHERE = ck.source("analytic.sphere")
+PIN = ck.Boundary("pin", ck.source("analytic.point", at=[0.0, 0.6, 0.8]), both=ck.Dirichlet(0.0))
+POINT = "a point of a surface"
+
+WITHOUT_LIMIT = {
+    "screened": ck.ScreenedPoisson(1.0),
+    "elliptic with a tensor": ck.Elliptic(1.0, diffusivity=np.diag([1.0, 2.0, 3.0]), c=1.0),
+    "poisson with a source that is not zero in the mean": ck.Poisson(lambda x: 1.0 + x[:, 0]),
+    "helmholtz": ck.Helmholtz(1.0, wavenumber=1.0),
+    "eigenvalues": ck.Eigen(2),
+}
+WITH_LIMIT = {
+    "laplace": ck.Laplace(),
+    "poisson with a source of mean zero": ck.Poisson(lambda x: x[:, 0]),
+    "biharmonic": ck.Biharmonic(lambda x: x[:, 0]),
+}
+
+
+def of_points(solution):
+    return [text for text in solution.warnings if POINT in text]
+
+
+@pytest.mark.parametrize("name", WITHOUT_LIMIT)
+def test_a_value_at_one_point_has_no_limit(name):
+    assert of_points(ck.solve(ck.Scene(SPHERE, WITHOUT_LIMIT[name], [PIN]), 0.4, form="galerkin"))
+
+
+@pytest.mark.parametrize("name", WITH_LIMIT)
+def test_a_value_at_one_point_has_a_limit(name):
+    assert not of_points(ck.solve(ck.Scene(SPHERE, WITH_LIMIT[name], [PIN]), 0.4, form="galerkin"))
+
+
+def test_collocation_warns_as_well():
+    assert of_points(ck.solve(ck.Scene(SPHERE, ck.ScreenedPoisson(1.0), [PIN]), 0.4, form="collocation"))
+    assert not of_points(ck.solve(ck.Scene(SPHERE, ck.Laplace(), [PIN]), 0.4, form="collocation"))
+
+
+@pytest.mark.parametrize("length", [0.05, 0.01, 0.005])
+def test_an_arc_far_below_the_spacing(length):
+    arc = ck.source("analytic.arc", center=[0, 0, 0], radius=1.0, normal=[1, 0, 0], start=0.3, end=0.3 + length)
+    scene = ck.Scene(SPHERE, ck.ScreenedPoisson(1.0), [ck.Boundary("arc", arc, both=ck.Dirichlet(0.0))])
+    solution = ck.solve(scene, 0.25, form="galerkin")
+    assert 0.8 < solution.evaluate([[0.0, 0.0, -1.0]])[0] < 1.0
+    assert any("'arc': a curve smaller than a third of the spacing" in text for text in solution.warnings)
