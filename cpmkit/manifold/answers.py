@@ -68,8 +68,9 @@ def check_source(source: Any, what: str) -> None:
     """
     if not isinstance(source, ClosestPointSource):
         raise InputError(
-            f"{what} must be a closest point source (dim, manifold_dim, bounds, exact, closest_point), "
-            f"got {type(source).__name__}."
+            f"{what} must be a closest point source (dim, manifold_dim, bounds, exact, closest_point), got "
+            f"{type(source).__name__}; of a mesh give the arrays: the pair (vertices, faces) as a scene's surface, or "
+            "ck.source('mesh.triangles', vertices=..., faces=...)."
         )
     bounds = np.asarray(source.bounds, dtype=np.float64)
     if bounds.shape != (2, source.dim) or not np.isfinite(bounds).all():

@@ -32,10 +32,11 @@ def triangles(
     ----------
     file : str or Path
         An OBJ, PLY, STL or OFF file.
-    vertices : (n, 3) array
-        Vertices that lie at exactly the same place count as one, and so do those at rims that rounding parted.
-    faces : (m, 3) array
-        Indices of vertices. Triangles that repeat a vertex are left out, and so are those that repeat an
+    vertices : (n, 3) or (n, 2) array
+        Those of a mesh in the plane get z = 0. Vertices that lie at exactly the same place count as one, and so do those at rims that rounding parted.
+    faces : (m, c) array, or a sequence of sequences
+        Indices of vertices, three or more a face; polygons are cut into triangles, which then count as the faces that
+        were given. Triangles that repeat a vertex are left out, and so are those that repeat an
         earlier triangle, however wound, and those whose corners lie on a line. Faces that are wound against most of
         their piece are turned. What was changed is told in the mesh's warnings.
     closest : "smooth" or "faceted"

@@ -10,8 +10,9 @@ from cpmkit.plugin import Floats, InputError
 from cpmkit_mesh.polygons import Polygons
 from cpmkit_mesh.text import floats_of, ints_of, lines_of
 
-#: First words of files whose vertices begin with x, y and z: texture, colours and normals follow.
-FIRST_WORD = re.compile(r"(ST)?C?N?OFF", re.IGNORECASE)
+#: First words of files whose vertices begin with x, y and z: texture, colours and normals follow. The number of
+#: vertices may stand beside them without a space.
+FIRST_WORD = re.compile(r"((?:ST)?C?N?OFF)(\d*)", re.IGNORECASE)
 
 
 def read_off(data: bytes) -> tuple[Floats, Polygons]:
@@ -23,9 +24,11 @@ def read_off(data: bytes) -> tuple[Floats, Polygons]:
         If it is none, or a line is damaged, lacks or is one too many.
     """
     rows = [(number, words) for number, line in enumerate(lines_of(data), 1) if (words := line.split())]
-    if not rows or not FIRST_WORD.fullmatch(rows[0][1][0]) or rows[0][1][1:2] == ["BINARY"]:
+    first = FIRST_WORD.fullmatch(rows[0][1][0]) if rows else None
+    if not first or rows[0][1][1:2] == ["BINARY"]:
         raise InputError("it does not begin with OFF, of which the text form is read.")
-    rows = [(rows[0][0], rows[0][1][1:]), *rows[1:]] if rows[0][1][1:] else rows[1:]
+    beside = [*filter(None, first.groups()[1:]), *rows[0][1][1:]]
+    rows = [(rows[0][0], beside), *rows[1:]] if beside else rows[1:]
     sizes = ints_of(rows[0][1], np.full(len(rows[0][1]), rows[0][0])) if rows else np.zeros(0, dtype=np.int64)
     if len(sizes) not in (2, 3) or sizes.min() < 0:
         raise InputError("it does not say how many vertices and faces there are.")

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import chain
+from typing import Any
 
 import numpy as np
 
-from cpmkit.plugin import Floats, InputError, Ints
+from cpmkit.plugin import Floats, InputError, Ints, dots, shown, unit
 
 #: A fan whose least triangle has this share of the mean one's area is taken from the first corner, as it is written.
 FIRST_FAN_AREA_SHARE = 1e-3
@@ -30,16 +32,41 @@ class Polygons:
     corners: Ints
 
 
-def as_triangles(vertices: Floats, polygons: Polygons) -> Ints:
-    """Return (k, 3) the triangles of ``polygons``, in their order: of each a fan around one of its corners.
-
-    The first corner whose triangles all turn one way is taken: a fan around another would fold over where the polygon
-    is not convex.
+def polygons_of(faces: Any) -> Polygons:
+    """Return faces given as an array (m, c) of the same number of corners, or as sequences of several numbers.
 
     Raises
     ------
     InputError
-        If a polygon has no such corner.
+        If they are neither, hold what is no whole number, or a face has fewer than three corners.
+    """
+    accepted = "faces must be whole numbers, indices of vertices, three or more a face"
+    given = np.asarray(faces) if hasattr(faces, "__array__") else faces
+    try:
+        if isinstance(given, np.ndarray) and given.ndim == 2:
+            counts, corners = np.full(len(given), given.shape[1], dtype=np.int64), given.ravel()
+        else:
+            counts = np.fromiter(map(len, given), dtype=np.int64)
+            corners = np.asarray(list(chain.from_iterable(given)))
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{accepted}, got {shown(faces)}.") from error
+    if not len(counts) or counts.min() < 3:
+        raise InputError(f"{accepted}, got " + (f"a face of {counts.min()} corners." if len(counts) else "no faces."))
+    if corners.ndim != 1 or corners.dtype.kind not in "iuf" or not np.array_equal(corners, np.floor(corners)):
+        raise InputError(f"{accepted}, got {shown(faces)}.")
+    return Polygons(counts, np.ascontiguousarray(corners, dtype=np.int64))
+
+
+def as_triangles(vertices: Floats, polygons: Polygons) -> Ints:
+    """Return (k, 3) the triangles of ``polygons``, in their order: of each a fan around one of its corners.
+
+    The first corner whose triangles all turn one way is taken: a fan around another would fold over where the polygon
+    is not convex. Where no corner is one, ears are clipped.
+
+    Raises
+    ------
+    InputError
+        If a polygon crosses itself, seen along its mean normal.
     """
     counts = polygons.counts
     starts = np.cumsum(counts) - counts
@@ -67,11 +94,28 @@ def _best_fans(vertices: Floats, corners: Ints, which: Ints) -> Ints:
         best[rows[better]], least[rows[better]] = fan[better], share[better]
     folded = np.flatnonzero(least < -AREA_ROUNDING_SHARE)
     if len(folded):
-        raise InputError(
-            f"face {which[folded[0]] + 1} is a polygon of {count} corners that no fan of triangles around a corner "
-            f"fills, one of {len(folded)}; cut such polygons into triangles."
-        )
+        best[folded] = _ears(vertices, corners[folded], which[folded])
     return best
+
+
+def _ears(vertices: Floats, corners: Ints, which: Ints) -> Ints:
+    """Return (m, c - 2, 3) the triangles of polygons that no fan fills, by clipping ears along their mean normals."""
+    from cpmkit_mesh.ear_kernels import clip_ears
+
+    around = vertices[corners] - vertices[corners].mean(axis=1, keepdims=True)
+    around /= np.abs(around).max(axis=(1, 2), keepdims=True)
+    normal = unit(np.cross(around, np.roll(around, -1, axis=1)).sum(axis=1))
+    across = unit(np.cross(normal, np.eye(3)[np.argmin(np.abs(normal), axis=1)]))
+    flat = np.stack([dots(around, across[:, None]), dots(around, np.cross(normal, across)[:, None])], axis=2)
+    ears, good = np.empty((*corners[:, 2:].shape, 3), dtype=np.int64), np.empty(len(corners), dtype=np.bool_)
+    clip_ears(np.ascontiguousarray(flat), ears, good)
+    if not good.all():
+        first = which[np.argmin(good)] + 1
+        raise InputError(
+            f"face {first} is a polygon of {corners.shape[1]} corners that crosses itself, one of "
+            f"{int((~good).sum())}; cut such polygons into triangles."
+        )
+    return np.take_along_axis(corners[:, None], ears, axis=2)
 
 
 def _fan(corners: Ints, start: int) -> Ints:

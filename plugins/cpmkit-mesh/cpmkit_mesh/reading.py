@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.plugin import Floats, InputError, Ints, check_size, existing_file, read_bytes, shown
-from cpmkit_mesh.polygons import Polygons, as_triangles
+from cpmkit_mesh.polygons import Polygons, as_triangles, polygons_of
 
 MESH_SUFFIXES = (".obj", ".ply", ".stl", ".off")
 
@@ -73,39 +73,34 @@ def _parsed(file: Path) -> tuple[Floats, Polygons]:
 
 
 def as_mesh(vertices: Any, faces: Any) -> tuple[Floats, Ints]:
-    """Return vertices (n, 3) and faces (m, 3) if they describe triangles in space.
+    """Return vertices (n, 3) and triangles (m, 3) of a mesh in space, or in the plane: there z is zero.
+
+    Faces of more corners are cut into triangles.
 
     Raises
     ------
     InputError
-        If a shape or type is wrong, there is none of either, or a face names a vertex that is
-        not there or not finite.
+        If a shape or type is wrong, there is none of either, a face names a vertex that is
+        not there or not finite, or crosses itself.
     """
     points = as_numbers(vertices, "vertices")
-    triangles = as_numbers(faces, "faces")
-    if points.ndim != 2 or points.shape[1:] != (3,) or not len(points):
-        raise InputError(f"vertices must have shape (n, 3) with n > 0, got {points.shape}.")
-    if triangles.ndim != 2 or triangles.shape[1:] != (3,) or not len(triangles):
-        raise InputError(
-            f"faces must have shape (m, 3) with m > 0, got {triangles.shape}; cut polygons into triangles."
-        )
-    if not np.array_equal(triangles, np.floor(triangles)):
-        raise InputError(f"faces must be whole numbers, indices of vertices, got {triangles.dtype}.")
-    triangles = np.ascontiguousarray(triangles, dtype=np.int64)
-    if triangles.min() < 0 or triangles.max() >= len(points):
-        raise InputError(
-            f"faces must name vertices from 0 to {len(points) - 1}, "
-            f"got indices from {triangles.min()} to {triangles.max()}."
-        )
+    if points.ndim != 2 or points.shape[1] not in (2, 3) or not len(points):
+        raise InputError(f"vertices must have shape (n, 3) or (n, 2) with n > 0, got {points.shape}.")
+    if points.shape[1] == 2:
+        points = np.column_stack([points, np.zeros(len(points))])
+    polygons = polygons_of(faces)
+    low, high = int(polygons.corners.min()), int(polygons.corners.max())
+    if low < 0 or high >= len(points):
+        raise InputError(f"faces must name vertices from 0 to {len(points) - 1}, got indices from {low} to {high}.")
     points = np.ascontiguousarray(points, dtype=np.float64)
     bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
-    bad = bad[np.isin(bad, triangles)]
+    bad = bad[np.isin(bad, polygons.corners)]
     if len(bad):
         raise InputError(
             f"vertices must be finite: {len(bad)} of {len(points)} that faces use hold NaN or infinity, first {bad[0]}."
         )
-    check_size(points[triangles].reshape(-1, 3), "vertices")
-    return points, triangles
+    check_size(points[polygons.corners], "vertices")
+    return points, as_triangles(points, polygons)
 
 
 def as_numbers(values: Any, what: str) -> np.ndarray:
