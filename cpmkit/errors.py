@@ -12,6 +12,8 @@ if TYPE_CHECKING:
 
 #: Characters of what was given that a message repeats.
 ECHOED_CHARACTERS = 200
+#: Entries of an array that a message repeats.
+SHOWN_ENTRIES = 12
 
 
 class CpmkitError(Exception):
@@ -59,15 +61,24 @@ def printable(text: str) -> str:
 
 
 def shown(value: object) -> str:
-    """Return what was given as a message may repeat it: its repr, cut after 200 characters.
+    """Return what was given as a message may repeat it: its repr in one line, cut after 200 characters.
+
+    Of an array, a column or a table of more than 12 entries the type and the shape.
 
     Examples
     --------
     >>> shown("abc"), len(shown("x" * 1000))
     ("'abc'", 203)
+    >>> import numpy as np
+    >>> shown(np.zeros((5, 3)))
+    'ndarray of shape (5, 3)'
     """
+    shape = getattr(value, "shape", None)
+    if isinstance(shape, tuple) and all(isinstance(size, int) for size in shape) and math.prod(shape) > SHOWN_ENTRIES:
+        return f"{type(value).__name__} of shape {shape}"
     try:
         text = repr(value)
+        text = text if isinstance(value, str) else " ".join(text.split())
     except (ValueError, RecursionError):  # an integer of thousands of digits, tables inside tables
         text = f"a {type(value).__name__}"
     return printable(text if len(text) <= ECHOED_CHARACTERS else text[:ECHOED_CHARACTERS] + "...")

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import InputError
+from cpmkit.errors import InputError, shown
 from cpmkit.protocols import Floats
 
 #: Its corner (d, d) is the rotation that turns nothing.
@@ -35,9 +35,9 @@ def as_rotation(rotation: Any, dim: int) -> Floats:
     try:
         given = np.array(rotation, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise InputError(f"rotation must be {accepted}, got {rotation!r}.") from error
+        raise InputError(f"rotation must be {accepted}, got {shown(rotation)}.") from error
     if given.shape not in (short, (dim, dim)) or not np.isfinite(given).all():
-        raise InputError(f"rotation must be {accepted} of finite numbers, got {rotation!r}.")
+        raise InputError(f"rotation must be {accepted} of finite numbers, got {shown(rotation)}.")
     if given.shape == (dim, dim):
         return _checked(given)
     if dim == 2:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import InputError
+from cpmkit.errors import InputError, shown
 from cpmkit.manifold.abilities import advice_of, edge_limit_of, local_minima_of, with_abilities
 from cpmkit.manifold.answers import check_source
 from cpmkit.manifold.short_text import source_repr
@@ -188,7 +188,7 @@ def union(*, members: Sequence[ClosestPointSource]) -> Any:
     [1]
     """
     if not isinstance(members, (list, tuple)) or not members:
-        raise InputError(f"members must be a list of sources, got {members!r}.")
+        raise InputError(f"members must be a list of sources, got {shown(members)}.")
     flat: list[Any] = []
     for number, member in enumerate(members):
         check_source(member, f"member {number}")

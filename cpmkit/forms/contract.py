@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 
 import numpy as np
 
-from cpmkit.errors import InputError, SceneError
+from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.forms.at_state import AtState
 from cpmkit.forms.dispersion import SECOND_ORDER, Dispersion
 from cpmkit.forms.expected import ExpectedError
@@ -386,7 +386,7 @@ class Discretized(ABC):
         for name, one in wanted.items():
             if name not in names or one not in SIDES:
                 raise InputError(
-                    f"side must be 'left' or 'right' of one of the boundaries {names}, got {one!r} of {name!r}."
+                    f"side must be 'left' or 'right' of one of the boundaries {names}, got {shown(one)} of {name!r}."
                 )
         return wanted
 

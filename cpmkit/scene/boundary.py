@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from cpmkit.errors import SceneError
+from cpmkit.errors import SceneError, shown
 from cpmkit.manifold.answers import check_source
 from cpmkit.protocols import ClosestPointSource, NamesLeft, Side
 from cpmkit.runtime.arrays import as_vector
@@ -90,7 +90,7 @@ class Boundary:
             object.__setattr__(self, side, one)
             if not isinstance(one, Condition) or one.couples != across:
                 raise SceneError(
-                    f"boundary {self.name!r}: `{side}` must be {COUPLING_WORDS if across else ONE}, got {one!r}."
+                    f"boundary {self.name!r}: `{side}` must be {COUPLING_WORDS if across else ONE}, got {shown(one)}."
                 )
         if same_condition(self.left, self.right):  # equal data on both sides need no left
             object.__setattr__(self, "right", self.left)

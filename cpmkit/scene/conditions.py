@@ -58,7 +58,8 @@ def as_condition(given: Any) -> Any:
         return given
     if isinstance(given, (list, tuple)) and any(isinstance(one, Condition) for one in given):
         return given  # no data of channels
-    if isinstance(given, (int, float, str, list, tuple, np.ndarray, np.number)) or callable(given):
+    accepted = isinstance(given, (int, float, str, list, tuple, np.ndarray, np.number))
+    if accepted or callable(given) or hasattr(given, "to_numpy"):
         return Dirichlet(given)
     return given
 

@@ -143,5 +143,6 @@ def as_number(data: Any, what: str) -> float:
         return number(data, what)
     except InputError as error:
         raise InputError(
-            f"{what} must be a finite number, one entry a channel, or a callable, got {shown(data)}."
+            f"{what} must be a finite number, one entry a channel, or a function of points such as "
+            f"ck.VertexData(surface, values), got {shown(data)}."
         ) from error

@@ -104,7 +104,13 @@ def check_factor(c: Data, what: str) -> None:
         Naming ``what``.
     """
     if not callable(c):
-        number(c, what)
+        try:
+            number(c, what)
+        except InputError as error:
+            raise InputError(
+                f"{what} must be a finite number or a function of points such as ck.VertexData(surface, values), got "
+                f"{shown(c)}."
+            ) from error
 
 
 @dataclass(frozen=True, eq=False)

@@ -49,7 +49,9 @@ def read_formulas(stated: Any, what: str) -> None:
 
 
 def as_data(given: Any, what: str) -> Any:
-    """Return text as the function that it spells, lists entry by entry, and anything else as it is."""
+    """Return text as the function that it spells, lists entry by entry, columns as arrays, anything else as it is."""
+    if hasattr(given, "to_numpy"):  # of pandas and its like
+        return given.to_numpy()
     if isinstance(given, str):
         return formula(Expression, given, what)
     if isinstance(given, (list, tuple)) and _holds_text(given):

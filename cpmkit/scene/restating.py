@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from cpmkit.errors import SceneError
+from cpmkit.errors import SceneError, shown
 from cpmkit.scene.alike import same_condition
 from cpmkit.scene.boundary import Boundary
 from cpmkit.scene.condition import Condition
@@ -88,8 +88,8 @@ def _check_same(old: Condition, new: Any, what: str) -> None:
     """
     if not isinstance(new, Condition) or old.order != new.order or not _same_but_data(old.law, new.law):
         raise SceneError(
-            f"{what} is {old.kind} in the tables, got {getattr(new, 'kind', new)!r}: only data may differ, not the "
-            "kind, its factors or its order; use cpmkit.solve."
+            f"{what} is {old.kind} in the tables, got {shown(getattr(new, 'kind', new))}: only data may differ, not "
+            "the kind, its factors or its order; use cpmkit.solve."
         )
 
 

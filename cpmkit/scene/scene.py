@@ -24,6 +24,7 @@ from cpmkit.scene.given_surfaces import Surface, as_source
 from cpmkit.scene.orient import orient
 from cpmkit.scene.oriented import OrientedBoundary
 from cpmkit.scene.tensors import is_tensor
+from cpmkit.scene.vertex_arrays import VertexArrays
 
 #: Where data of the equation and of the edge are asked; numbers from zero are boundaries, those below the edge's parts.
 SURFACE_DATA, EDGE_DATA = -1, -2
@@ -32,6 +33,9 @@ SURFACE_DATA, EDGE_DATA = -1, -2
 @dataclass(frozen=True, eq=False)
 class Scene(Generic[Solved]):
     """A manifold, its boundaries, its edge and an equation.
+
+    Arrays of NumPy and columns of pandas in equations and conditions with one row for each vertex of the surface are
+    one value, or one row of channels, a vertex (:class:`VertexData`); lists and tuples are channels.
 
     Parameters
     ----------
@@ -85,7 +89,8 @@ class Scene(Generic[Solved]):
         check_source(self.surface, "the surface")
         if not isinstance(self.problem, Equation):
             raise SceneError(
-                f"the problem must be an equation, such as Laplace(), Poisson(f) or Heat(...), got {self.problem!r}."
+                "the problem must be an equation, such as Laplace(), Poisson(f) or Heat(...), got "
+                f"{shown(self.problem)}."
             )
         object.__setattr__(self, "edge", as_edge(self.edge))
         for one in self.edge_conditions:
@@ -94,7 +99,10 @@ class Scene(Generic[Solved]):
                     f"`edge` must be {ONE}, or a table with one of them for each loop, or a list of pairs of one and "
                     f"where it holds, got {shown(one)}."
                 )
-        object.__setattr__(self, "boundaries", tuple(self.boundaries))
+        arrays = VertexArrays(self.surface)
+        object.__setattr__(self, "problem", arrays.stated(self.problem, self.problem.kind))
+        object.__setattr__(self, "edge", arrays.edge(self.edge))
+        object.__setattr__(self, "boundaries", tuple(map(arrays.boundary, self.boundaries)))
         names = [boundary.name for boundary in self.boundaries]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:

@@ -17,6 +17,8 @@ from cpmkit.protocols import Floats
 from cpmkit.runtime.arrays import positive
 from cpmkit.scene.data import Data, evaluate_data
 
+#: Shapes of tensors.
+TENSOR_SHAPES = ((2, 2), (3, 3))
 #: Entries across the diagonal may differ by this share of the largest: they were computed one by one.
 UNSYMMETRIC_SHARE = 1e-9
 
@@ -47,10 +49,10 @@ def diffusivity_of(given: Any, what: str) -> Any:
         positive(given, what)
         return given
     rows = [list(row) if isinstance(row, (list, tuple, np.ndarray)) else [row] for row in given]
-    if len(rows) not in (2, 3) or any(len(row) != len(rows) for row in rows):
+    if (len(rows), *{len(row) for row in rows}) not in TENSOR_SHAPES:
         raise InputError(
-            f"{what} must be a number above zero, a function of points, or a symmetric tensor of 2 by 2 or 3 by 3 "
-            f"entries, got {shown(given)}."
+            f"{what} must be a number above zero, a function of points such as ck.VertexData(surface, values), or a "
+            f"symmetric tensor of 2 by 2 or 3 by 3 entries, got {shown(given)}."
         )
     if any(callable(entry) for row in rows for entry in row):
         return TensorOfEntries(tuple(map(tuple, rows)))

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.errors import InputError
+from cpmkit.errors import InputError, shown
 from cpmkit.protocols import Floats, Side
 from cpmkit.solution.boundary_rules import boundary_rule, rim_rule
 
@@ -29,7 +29,7 @@ def flux(solution: Solution, boundary: str | int, side: Side | None) -> float | 
     names = [boundary.name for boundary in scene.boundaries]
     if boundary not in names and (boundary == EDGE_WORD or isinstance(boundary, int)):
         if side is not None:
-            raise InputError(f"the edge has one side only; leave side out, got {side!r}.")
+            raise InputError(f"the edge has one side only; leave side out, got {shown(side)}.")
         feet, weights = rim_rule(scene.surface, solution.spacing, None if boundary == EDGE_WORD else int(boundary))
         total = form.flux(solution.values, boundary, None, solution.data_time)
         if total is None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.errors import InputError
+from cpmkit.errors import InputError, shown
 from cpmkit.meshes.curved_cells import CurvedCells, find_edges, middles_on, moved_if_near
 from cpmkit.meshes.dimensions import cells_of_dimension, dimensions_of
 from cpmkit.meshes.display_mesh import evaluate_on_sides, moved_onto_boundaries
@@ -54,7 +54,9 @@ def _dimension(surface: ClosestPointSource, dim: int | None) -> int:
             f"integrate over one of them, such as dim={found[-1]}."
         )
     if dim is not None and dim not in found:
-        raise InputError(f"dim must be {' or '.join(map(str, found))}, the dimensions of the manifold, got {dim!r}.")
+        raise InputError(
+            f"dim must be {' or '.join(map(str, found))}, the dimensions of the manifold, got {shown(dim)}."
+        )
     return found[0] if dim is None else dim
 
 

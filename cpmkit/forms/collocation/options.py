@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal
 
-from cpmkit.errors import InputError
+from cpmkit.errors import InputError, shown
 from cpmkit.grid.stencils import check_degree
 from cpmkit.runtime.arrays import whole
 from cpmkit.runtime.declared import Declared, option
@@ -19,7 +19,7 @@ HIGHEST_POLYNOMIAL_DEGREE = 8
 def _check_sheets(sheets: Any, what: str) -> Any:
     if not isinstance(sheets, bool) and sheets != "unfolded":
         raise InputError(
-            f"{what} must be true, false or 'unfolded', got {sheets!r}; true parts sheets that share a band, "
+            f"{what} must be true, false or 'unfolded', got {shown(sheets)}; true parts sheets that share a band, "
             "'unfolded' unfolds sharp bends, too."
         )
     return sheets

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.errors import InputError
+from cpmkit.errors import InputError, shown
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.galerkin.conditions.coefficients import READ_BESIDE_WIDTHS
 from cpmkit.forms.galerkin.locating import DIFFERENCE_SPACINGS, Locator
@@ -171,7 +171,7 @@ class Reader(Discretized):
                 )
             if one not in SIDES or not has_left[name]:
                 raise InputError(
-                    f"side of {name!r} must be 'left' or 'right' of a boundary that has sides, got {one!r}."
+                    f"side of {name!r} must be 'left' or 'right' of a boundary that has sides, got {shown(one)}."
                 )
         return wanted
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.plugin import InputError, shown
+from cpmkit.plugin import InputError, positive, shown
 from cpmkit_mesh.engines import ENGINES
 from cpmkit_mesh.folds import in_degrees
 from cpmkit_mesh.normals import corner_normals
@@ -25,6 +25,7 @@ def triangles(
     closest: str = "smooth",
     engine: str = "own",
     crease_angle: float = 40.0,
+    weld: float | None = None,
 ) -> TriangleMesh:
     """Return a triangle mesh from a file or from arrays.
 
@@ -33,7 +34,8 @@ def triangles(
     file : str or Path
         An OBJ, PLY, STL or OFF file.
     vertices : (n, 3) or (n, 2) array
-        Those of a mesh in the plane get z = 0. Vertices that lie at exactly the same place count as one, and so do those at rims that rounding parted.
+        Those of a mesh in the plane get z = 0. Vertices that lie at exactly the same place count as one, and so do
+        those at rims that rounding parted.
     faces : (m, c) array, or a sequence of sequences
         Indices of vertices, three or more a face; polygons are cut into triangles, which then count as the faces that
         were given. Triangles that repeat a vertex are left out, and so are those that repeat an
@@ -47,6 +49,10 @@ def triangles(
     crease_angle : float
         In degrees: edges at which the mesh turns by more are creases. The form ``galerkin`` leaves the triangles
         beside them flat, whatever ``closest`` says; the form ``collocation`` warns of them.
+    weld : float, optional
+        Up to which distance, in the unit of the vertices, vertices at rims are the same, and lie on edges of other
+        rims, which are divided there; at most .3 of the shortest edge at a vertex. By default as far as rounding parts
+        them.
 
     Raises
     ------
@@ -66,8 +72,9 @@ def triangles(
     if file is None and (vertices is None or faces is None):
         raise InputError("mesh.triangles needs a file, or both vertices and faces.")
     in_degrees(crease_angle, "crease_angle")
+    weld = None if weld is None else positive(weld, "weld")
     given_vertices, given_faces = as_mesh(vertices, faces) if file is None else read_mesh(file)
-    made = repaired(given_vertices, given_faces)
+    made = repaired(given_vertices, given_faces, weld)
     oriented = OrientedTriangleMesh if made.adjacency.consistent else TriangleMesh
     mesh = oriented(
         vertices=made.vertices,

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.plugin import Bools, Floats, InputError, Ints, dots, norms, positive, unit
+from cpmkit.plugin import Bools, Floats, InputError, Ints, dots, norms, positive, shown, unit
 from cpmkit_mesh.directions import across
 from cpmkit_mesh.topology import BLOCKED, Topology
 
@@ -68,7 +68,7 @@ def in_degrees(value: Any, what: str) -> float:
     """
     angle = positive(value, what)
     if angle >= 180.0:
-        raise InputError(f"{what} must be an angle between 0 and 180 degrees, got {value!r}.")
+        raise InputError(f"{what} must be an angle between 0 and 180 degrees, got {shown(value)}.")
     return angle
 
 

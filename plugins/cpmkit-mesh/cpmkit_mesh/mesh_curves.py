@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.plugin import InputError
+from cpmkit.plugin import InputError, shown
 from cpmkit_mesh.chains import Chains, in_chains
 from cpmkit_mesh.factory import triangles
 from cpmkit_mesh.folds import crowded_edges, in_degrees
@@ -137,5 +137,5 @@ def as_mesh_source(kind: str, file: str | Path | None, vertices: Any, faces: Any
 
 def _number(value: Any, what: str, count: int) -> int:
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 0 <= value < count:
-        raise InputError(f"{what} must be a whole number from 0 to {count - 1}, the longest first, got {value!r}.")
+        raise InputError(f"{what} must be a whole number from 0 to {count - 1}, the longest first, got {shown(value)}.")
     return int(value)

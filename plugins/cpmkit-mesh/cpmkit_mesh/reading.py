@@ -49,7 +49,7 @@ def read_mesh(path: str | Path) -> tuple[Floats, Ints]:
         vertices, faces = as_mesh(vertices, as_triangles(vertices, polygons))
     except InputError as error:
         raise InputError(f"{shown(file.name)}: {error}") from error
-    first, place = weld(vertices)
+    first, place = at_same_place(vertices)
     return vertices[first], place[faces]
 
 
@@ -120,7 +120,7 @@ def as_numbers(values: Any, what: str) -> np.ndarray:
     return array
 
 
-def weld(points: Floats | Ints) -> tuple[Ints, Ints]:
+def at_same_place(points: Floats | Ints) -> tuple[Ints, Ints]:
     """Find points at exactly the same place.
 
     Returns
@@ -146,4 +146,4 @@ def weld(points: Floats | Ints) -> tuple[Ints, Ints]:
 def distinct_faces(faces: Ints) -> Ints:
     """Return the rows of ``faces`` (m, 3) that name three vertices, and no earlier one names the same, ascending."""
     apart = np.flatnonzero((faces != np.roll(faces, 1, axis=1)).all(axis=1))
-    return apart[weld(np.sort(faces[apart], axis=1))[0]] if len(apart) else apart
+    return apart[at_same_place(np.sort(faces[apart], axis=1))[0]] if len(apart) else apart

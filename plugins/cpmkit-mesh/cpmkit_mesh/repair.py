@@ -11,7 +11,8 @@ from cpmkit.plugin import Bools, Floats, InputError, Ints, place
 from cpmkit_mesh.caps import caps_of, without_caps
 from cpmkit_mesh.directions import doubled_areas
 from cpmkit_mesh.merging import merge_rims
-from cpmkit_mesh.reading import distinct_faces, weld
+from cpmkit_mesh.reading import at_same_place, distinct_faces
+from cpmkit_mesh.t_junctions import divided_at_t_junctions
 from cpmkit_mesh.topology import Topology, topology
 from cpmkit_mesh.winding import against_the_others
 
@@ -31,7 +32,8 @@ class Repaired:
     given_faces : (m, 3) int64
         The same faces by the numbers of the given vertices.
     given_index : (m,) int64
-        The number that each face has among those given, ascending.
+        The number that each face has among those given, ascending; further parts of a face that was divided are
+        numbered after all of them.
     turned : (m,) bool
         Which of them are wound otherwise than given.
     adjacency : Topology
@@ -48,8 +50,8 @@ class Repaired:
     notes: tuple[str, ...]
 
 
-def repaired(given_vertices: Floats, given_faces: Ints) -> Repaired:
-    """Return the mesh of ``given_faces`` (m, 3) between ``given_vertices`` (n, 3).
+def repaired(given_vertices: Floats, given_faces: Ints, weld: float | None = None) -> Repaired:
+    """Return the mesh of ``given_faces`` (m, 3) between ``given_vertices`` (n, 3), its rims joined up to ``weld``.
 
     Raises
     ------
@@ -60,7 +62,7 @@ def repaired(given_vertices: Floats, given_faces: Ints) -> Repaired:
     rows = distinct_faces(faces)
     if not len(rows):
         raise InputError(f"No triangle has three different corners, of {len(faces)}; use mesh.polyline for curves.")
-    same = merge_rims(points, faces[rows])
+    same = merge_rims(points, faces[rows], weld)
     if (same != np.arange(len(same))).any():
         rows = rows[distinct_faces(same[faces[rows]])]
     left_out = len(faces) - len(rows)
@@ -69,6 +71,10 @@ def repaired(given_vertices: Floats, given_faces: Ints) -> Repaired:
     if len(caps):
         kept, corners = without_caps(points, cells)
         rows, cells, named = rows[kept], cells.ravel()[corners], named.ravel()[corners]
+    parts, corners, on_edges = divided_at_t_junctions(points, cells, weld)
+    if len(on_edges):  # further parts of a triangle are numbered after all that were given
+        rows = np.append(rows, len(given_faces) + np.arange(len(parts) - len(rows)))
+        cells, named = cells.ravel()[corners], named.ravel()[corners]
     if not _has_area(points, cells):
         raise InputError(f"No triangle of {len(faces)} has an area; use mesh.polyline for curves.")
     against, one_sided = against_the_others(cells, topology(points, cells))
@@ -76,7 +82,8 @@ def repaired(given_vertices: Floats, given_faces: Ints) -> Repaired:
     notes = [
         *_note_unused(given_vertices),
         *_note_left_out(left_out, len(faces)),
-        *_note_merged(points, same),
+        *_note_merged(points, same, weld),
+        *_note_on_edges(points, on_edges),
         *_note_caps(points, caps),
         *_note_turned(points, cells, against),
         *_note_one_sided(points, cells, one_sided),
@@ -89,7 +96,7 @@ def repaired(given_vertices: Floats, given_faces: Ints) -> Repaired:
 def _welded(vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
     """Return the places (k, 3) of the vertices that faces use, each once, and the faces between them."""
     used, compact = np.unique(faces, return_inverse=True)
-    first, place = weld(vertices[used])
+    first, place = at_same_place(vertices[used])
     return vertices[used][first], place[compact.reshape(-1, 3)]
 
 
@@ -119,13 +126,22 @@ def _note_left_out(count: int, total: int) -> Iterator[str]:
         )
 
 
-def _note_merged(points: Floats, same: Ints) -> Iterator[str]:
+def _note_merged(points: Floats, same: Ints, weld: float | None) -> Iterator[str]:
     merged = np.flatnonzero(same != np.arange(len(same)))
     if len(merged):
         apart = np.linalg.norm(points[merged] - points[same[merged]], axis=1).max()
+        why = "which is rounding beside the edges there" if weld is None else f"and weld is {weld:g}"
         yield (
             f"{len(merged)} vertices at rims of the mesh lie up to {apart:.2g} from another one, the first near "
-            f"{place(points[merged[0]])}, which is rounding beside the edges there: they were taken for the same."
+            f"{place(points[merged[0]])}, {why}: they were taken for the same."
+        )
+
+
+def _note_on_edges(points: Floats, vertices: Ints) -> Iterator[str]:
+    if len(vertices):
+        yield (
+            f"{len(vertices)} vertices of the mesh lie on edges of other triangles, the first near "
+            f"{place(points[vertices[0]])}: these T-junctions were joined, the triangles divided there."
         )
 
 

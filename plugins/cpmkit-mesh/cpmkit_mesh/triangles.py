@@ -50,7 +50,7 @@ class TriangleMesh:
     given_faces : (m, 3) int64
         The same triangles by the numbers that the user's vertices have, in the same order.
     given_index : (m,) int64
-        The number that each triangle has among the user's.
+        The number that each triangle has among the user's, ascending; further parts of a divided one have ones beyond.
     turned : (m,) bool
         Which of the triangles are wound otherwise than the user's.
     value_count : int

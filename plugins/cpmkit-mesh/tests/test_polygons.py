@@ -32,7 +32,7 @@ def areas(points, cells):
 @pytest.mark.parametrize(
     ("flat", "area"),
     [(COMB, 24.0), (KEYHOLE, 8.0), (NOTCHED, 13.0), (PENTAGON, 4.0)],
-    ids="comb keyhole notched fan".split(),
+    ids=["comb", "keyhole", "notched", "fan"],
 )
 def test_a_polygon_is_filled_once(flat, area, turned, axis):
     points = in_space(flat[::-1] if turned else flat, axis)

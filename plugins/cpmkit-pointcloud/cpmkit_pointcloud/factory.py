@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.plugin import Floats, InputError
+from cpmkit.plugin import Floats, InputError, shown
 from cpmkit_pointcloud.blend import REACHED_NEIGHBOURS, blend, shrunk
 from cpmkit_pointcloud.cloud import OrientedPointCloud, PointCloud
 from cpmkit_pointcloud.nearest import NearestSamples
@@ -66,7 +66,7 @@ def points(
             f"pointcloud.points takes either points or a file, got {'neither' if file is None else 'both'}."
         )
     if method not in ("mls", "nearest"):
-        raise InputError(f"method must be 'mls' or 'nearest', got {method!r}.")
+        raise InputError(f"method must be 'mls' or 'nearest', got {shown(method)}.")
     given = as_cloud(points if file is None else read_points(file))
     if method == "nearest":
         return NearestSamples(given)
@@ -80,11 +80,13 @@ def points(
 def _neighbours(degree: Any, neighbours: Any, dim: int) -> int:
     """Return how many neighbours a fit uses, after a check of both options."""
     if degree not in FIT_NEIGHBOURS[dim]:
-        raise InputError(f"degree must be 1, 2, 3 or 4, got {degree!r}.")
+        raise InputError(f"degree must be 1, 2, 3 or 4, got {shown(degree)}.")
     least = len(exponents(degree, dim - 1))
     count = FIT_NEIGHBOURS[dim][degree] if neighbours is None else neighbours
     if not isinstance(count, (int, np.integer)) or isinstance(count, bool) or count < least:
-        raise InputError(f"neighbours must be a whole number of at least {least} for degree {degree}, got {count!r}.")
+        raise InputError(
+            f"neighbours must be a whole number of at least {least} for degree {degree}, got {shown(count)}."
+        )
     return int(count)
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.errors import InputError
+from cpmkit.errors import InputError, shown
 from cpmkit.forms.collocation.boundary.side_view import ON_BOUNDARY_SPACINGS, SideView
 from cpmkit.forms.collocation.discretization import Discretization
 from cpmkit.forms.collocation.extension import extend
@@ -176,7 +176,7 @@ class Reader(Discretized):
             if one not in SIDES or not on_lattice[index].oriented.has_left:
                 name = self.scene.boundaries[index].name
                 raise InputError(
-                    f"side of {name!r} must be 'left' or 'right' of a boundary that has sides, got {one!r}."
+                    f"side of {name!r} must be 'left' or 'right' of a boundary that has sides, got {shown(one)}."
                 )
         return wanted
 
