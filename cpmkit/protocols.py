@@ -231,6 +231,20 @@ class HasMesh(Protocol):
 
 
 @runtime_checkable
+class CutsItself(Protocol):
+    """A surface that finds its sections by planes itself."""
+
+    def plane_section(self, point: Floats, normal: Floats, /) -> ClosestPointSource:
+        """Return the section by the plane through ``point`` (d,) across ``normal`` (d,), which points to its left.
+
+        Raises
+        ------
+        InputError
+            If the plane misses the surface, or touches it only.
+        """
+
+
+@runtime_checkable
 class TellsMeshUse(Protocol):
     """A source with a mesh that tells whether samples may be taken from its cells: else it need not be drawn."""
 

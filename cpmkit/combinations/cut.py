@@ -9,14 +9,15 @@ import numpy as np
 from cpmkit.combinations.crossings import crossings, spaced_apart
 from cpmkit.combinations.curve import TracedCurve
 from cpmkit.combinations.level_cut import LevelCut
+from cpmkit.combinations.motion import Moved, moved
 from cpmkit.combinations.points import PointSet
 from cpmkit.combinations.position_function import PositionFunction, plane_distance, position_function
 from cpmkit.combinations.tracing import trace
 from cpmkit.errors import InputError
 from cpmkit.manifold.answers import check_source
 from cpmkit.manifold.local_source import localize
-from cpmkit.protocols import ClosestPointSource
-from cpmkit.runtime.arrays import whole
+from cpmkit.protocols import ClosestPointSource, CutsItself, Floats
+from cpmkit.runtime.arrays import as_vector, whole
 
 #: Samples along the largest side of a surface, and of a curve, unless ``resolution`` says otherwise.
 SURFACE_RESOLUTION, CURVE_RESOLUTION = 128, 1024
@@ -28,8 +29,11 @@ TOUCHING_SLOPE_SHARE = 1e-6
 
 def plane_cut(
     *, surface: ClosestPointSource, point: Any, normal: Any, resolution: int | None = None
-) -> TracedCurve | PointSet:
+) -> ClosestPointSource:
     """Return the intersection of a surface, or of a curve, with a plane (in 2D a line).
+
+    A triangle mesh is cut edge by edge, whatever the plane: where it passes through vertices, along edges, or contains
+    faces, of which the cut is the outline.
 
     Parameters
     ----------
@@ -57,7 +61,22 @@ def plane_cut(
     """
     check_cuttable(surface, "surface")
     plane = plane_distance(point, normal, surface.dim)
+    through, across = as_vector(point, surface.dim, "point"), as_vector(normal, surface.dim, "normal")
+    own = _own_section(surface, through, across)
+    if own is not None:
+        return own
     return cut_of(level_cut(surface, plane, "the distance from the plane", resolution))
+
+
+def _own_section(surface: Any, point: Floats, normal: Floats) -> ClosestPointSource | None:
+    """Return the section that a surface finds itself, or what it was moved from; None where it finds none."""
+    if isinstance(surface, Moved):
+        turn = surface.rotation
+        own = (turn.T @ (point - surface.translation)) / surface.scale
+        found = _own_section(surface.of, own, turn.T @ normal)
+        places = {"rotation": turn, "translation": surface.translation, "scale": surface.scale}
+        return None if found is None else moved(of=found, **places)
+    return surface.plane_section(point, normal) if isinstance(surface, CutsItself) else None
 
 
 def function_cut(*, surface: ClosestPointSource, phi: Any, resolution: int | None = None) -> TracedCurve | PointSet:

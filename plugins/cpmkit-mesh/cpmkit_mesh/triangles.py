@@ -24,6 +24,7 @@ from cpmkit_mesh.engines import Search, search_with
 from cpmkit_mesh.feet import VertexPatches, distinct, local_minima, patches, with_nearest
 from cpmkit_mesh.folds import Folds, folds
 from cpmkit_mesh.pieces import pieces
+from cpmkit_mesh.sections import PlaneSection, plane_section
 from cpmkit_mesh.smooth import SmoothPart, follow_normals, moved_smooth_part, smooth_part
 from cpmkit_mesh.soundness import closest_point_warnings, mesh_warnings
 from cpmkit_mesh.topology import FIRST_BOUNDARY, Topology
@@ -148,6 +149,10 @@ class TriangleMesh:
     def mesh(self, _spacing: float, /) -> tuple[Floats, Ints]:
         """Return the mesh's own vertices (k, 3) and triangles (m, 3), whatever the spacing."""
         return self.vertices, self.faces
+
+    def plane_section(self, point: Floats, normal: Floats, /) -> PlaneSection:
+        """Return the section by the plane through ``point`` (3,) across ``normal`` (3,), which points to its left."""
+        return plane_section(self, point, normal)
 
     @property
     def given_mesh(self) -> tuple[Floats, Ints]:

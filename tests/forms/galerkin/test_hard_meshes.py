@@ -86,9 +86,11 @@ def test_a_seam_that_is_not_welded_is_told():
     assert pieces(solution.discretized.space.parting)[0] == 2
 
 
-def test_t_junctions_are_told_and_the_error_stays_within_a_factor_of_three():
-    with pytest.warns(ck.CpmkitWarning, match="edges of rims lie on other rims"):
+def test_t_junctions_are_joined_and_the_error_stays_within_a_factor_of_three():
+    with pytest.warns(ck.CpmkitWarning, match="these T-junctions were joined"):
         solution = solved(*with_t_junctions())
+    assert pieces(solution.discretized.space.parting)[0] == 1
+    assert not any("other rims" in text for text in solution.warnings)
     assert rms(solution) < 3 * rms(solved(VERTICES, FACES))
 
 

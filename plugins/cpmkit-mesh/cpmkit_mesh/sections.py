@@ -1,0 +1,178 @@
+"""The section of a triangle mesh by a plane: a polyline whose vertices lie on edges of the mesh, whatever the plane."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cpmkit.plugin import Bools, ClosestPoints, Floats, InputError, Ints, dots, unit
+from cpmkit_mesh.chains import Chains, in_chains
+from cpmkit_mesh.merging import edge_reach
+from cpmkit_mesh.polyline import AT_VERTEX_SHARE, Polyline
+
+if TYPE_CHECKING:
+    from cpmkit_mesh.triangles import TriangleMesh
+
+#: How far from the section, relative to the largest side of its bounds, :attr:`PlaneSection.left_of` lies.
+LEFT_OF_OFFSET_SHARE = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneSection(Polyline):
+    """Chains of segments in a plane and in triangles of a mesh; left is where the plane's normal points.
+
+    Attributes
+    ----------
+    conormals : (m, 3) float64
+        Of each segment the unit vector across it, in its triangle, to the left.
+    """
+
+    conormals: Floats
+
+    def leftward(self, feet: ClosestPoints, /) -> Floats:
+        """Return (n, 3) unit vectors across the curve that point to its left, at a vertex between both segments'."""
+        segment, t = self._located(feet)
+        left = self.conormals[segment]
+        start, end = t <= AT_VERTEX_SHARE, t >= 1.0 - AT_VERTEX_SHARE
+        left[start] = self._vertex_sums[self.segments[segment[start], 0]]
+        left[end] = self._vertex_sums[self.segments[segment[end], 1]]
+        tangents = self.tangents(feet)
+        across = left - dots(left, tangents)[:, None] * tangents
+        return unit(across)
+
+    @property
+    def left_of(self) -> Floats:
+        """(3,) a point at the left of the curve."""
+        beside = LEFT_OF_OFFSET_SHARE * float(np.ptp(self.bounds, axis=0).max())
+        return np.asarray(self.vertices[self.segments[0]].mean(axis=0) + beside * self.conormals[0])
+
+    @cached_property
+    def _vertex_sums(self) -> Floats:
+        sums = np.zeros_like(self.vertices)
+        np.add.at(sums, self.segments, self.conormals[:, None])
+        return sums
+
+
+def plane_section(mesh: TriangleMesh, point: Floats, normal: Floats) -> PlaneSection:
+    """Return the section of ``mesh`` by the plane through ``point`` (3,) across ``normal`` (3,).
+
+    Vertices as near to the plane as rounding parts vertices lie in it. They count as left of it, and where then nothing
+    is right of it, as right: of faces in the plane the section is the outline.
+
+    Raises
+    ------
+    InputError
+        If the plane misses the mesh, or touches it only.
+    """
+    used = np.arange(len(mesh.vertices))
+    height = (mesh.vertices - point) @ unit(normal[None])[0]
+    height[np.abs(height) <= edge_reach(mesh.vertices, mesh.faces, used, None)] = 0.0
+    for left in (height >= 0.0, height > 0.0):
+        found = _chains(mesh, height, left)
+        if found is not None:
+            return found
+    raise InputError(
+        "the distance from the plane does not change its sign on the mesh: it is from "
+        f"{height.min():.3g} to {height.max():.3g} at the vertices; move the plane into the mesh."
+    )
+
+
+def _chains(mesh: TriangleMesh, height: Floats, left: Bools) -> PlaneSection | None:
+    """Return the section between the vertices that are ``left`` (k,) and the others; None where there is none.
+
+    In a triangle wound with its normal up, left stays left of whoever walks from the edge that leaves it to the other.
+    """
+    start, end = left[mesh.faces[:, [1, 2, 0]]], left[mesh.faces[:, [2, 0, 1]]]  # edge e is opposite corner e
+    cell = np.flatnonzero((start != end).any(axis=1))
+    if not len(cell):
+        return None
+    edge = np.stack([(start & ~end)[cell].argmax(axis=1), (end & ~start)[cell].argmax(axis=1)], axis=1)
+    faces, rows = mesh.faces[cell], np.arange(len(cell))[:, None]
+    ends = np.sort(np.stack([faces[rows, (edge + 1) % 3], faces[rows, (edge + 2) % 3]], axis=2), axis=2)
+    pairs, node = np.unique(ends.reshape(-1, 2), axis=0, return_inverse=True)
+    node, (first, second) = node.reshape(-1, 2), pairs.T
+    share = height[first] / (height[first] - height[second])
+    places = mesh.vertices[first] + share[:, None] * (mesh.vertices[second] - mesh.vertices[first])
+    at = np.where(height[first] == 0.0, first, np.where(height[second] == 0.0, second, -1))
+    places[at >= 0] = mesh.vertices[at[at >= 0]]
+    name = np.where(at >= 0, at, len(mesh.vertices) + np.arange(len(pairs)))
+    chains = _without_touching(_without_spurs(in_chains(node, places), name), name, places)
+    if not len(chains):
+        return None
+    vertices, segments = chains.vertices, chains.segments()
+    of_segment = cell[_places_of(name[node], name[vertices][segments])]
+    points = places[vertices]
+    conormals = _conormals(mesh, of_segment, name[vertices][segments], points[segments], left)
+    return PlaneSection(points, segments, chains.ends(), np.arange(len(points)), len(points), points, conormals)
+
+
+def _without_spurs(chains: Chains, name: Ints) -> Chains:
+    """Return the chains without repeated places and without parts that are travelled to and fro.
+
+    ``name`` tells the nodes that lie at one place.
+    """
+    vertices, chain, closed = chains.vertices, chains.chain, chains.closed
+    dropped = np.ones(1, dtype=bool)
+    while dropped.any() and len(vertices):
+        here, opens, ends = name[vertices], chain != np.roll(chain, 1), chain != np.roll(chain, -1)
+        first, last = np.flatnonzero(opens), np.flatnonzero(ends)
+        if not len(first):  # there is one chain
+            first, last = np.array([0]), np.array([len(chain) - 1])
+        before, after = np.roll(here, 1), np.roll(here, -1)
+        before[first], after[last] = here[last], here[first]
+        opened = ~closed[chain[first]]
+        before[first[opened]], after[last[opened]] = -1, -2
+        dropped = (here == before) | (before == after)
+        vertices, chain = vertices[~dropped], chain[~dropped]
+    kept = np.bincount(chain, minlength=len(closed)) >= np.where(closed, 3, 2)
+    own = kept[chain]
+    return Chains(vertices[own], (np.cumsum(kept) - 1)[chain[own]], closed[kept])
+
+
+def _without_touching(chains: Chains, name: Ints, places: Floats) -> Chains:
+    """Return the chains without segments that stand in them twice: there the plane touches the mesh along an edge."""
+    if not len(chains):
+        return chains
+    segments = name[chains.vertices][chains.segments()]
+    _, once, counts = np.unique(np.sort(segments, axis=1), axis=0, return_inverse=True, return_counts=True)
+    alone = counts[once.ravel()] == 1
+    if alone.all() or not alone.any():
+        return chains if alone.all() else Chains(chains.vertices[:0], chains.chain[:0], chains.closed[:0])
+    first = np.full(name.max() + 1, -1)
+    first[name[::-1]] = np.arange(len(name))[::-1]
+    return in_chains(first[segments[alone]], places)
+
+
+def _places_of(pairs: Ints, wanted: Ints) -> Ints:
+    """Return where each of ``wanted`` (k, 2) stands among ``pairs`` (m, 2), in either order."""
+    count = pairs.max() + 1
+    keys, asked = (np.sort(one, axis=1) @ [count, 1] for one in (pairs, wanted))
+    order = np.argsort(keys, kind="stable")
+    return order[np.searchsorted(keys, asked, sorter=order)]
+
+
+def _conormals(mesh: TriangleMesh, cell: Ints, name: Ints, ends: Floats, left: Bools) -> Floats:
+    """Return (m, 3) the unit vectors across segments to the left: in their triangles, along edges between both."""
+    along = unit(ends[:, 1] - ends[:, 0])
+    corners = mesh.faces[cell]
+    middle = ends.mean(axis=1)
+    side = np.where(left[corners], 1.0, -1.0)
+    away = mesh.vertices[corners] - middle[:, None]
+    away -= np.einsum("mcd,md->mc", away, along)[:, :, None] * along[:, None]
+    found = unit(np.einsum("mc,mcd->md", side, away))
+    on_edge = np.flatnonzero((name < len(mesh.vertices)).all(axis=1))
+    apex = (corners[on_edge, :, None] != name[on_edge, None]).all(axis=2).argmax(axis=1)
+    other = mesh.adjacency.neighbours[cell[on_edge], apex]
+    inner = other >= 0
+    on_edge, other = on_edge[inner], other[inner]
+    far = mesh.faces[other]
+    far = far[np.arange(len(far)), (far[:, :, None] != name[on_edge, None]).all(axis=2).argmax(axis=1)]
+    beyond = mesh.vertices[far] - middle[on_edge]
+    beyond = unit(beyond - dots(beyond, along[on_edge])[:, None] * along[on_edge])
+    both = found[on_edge] - np.where(left[corners[on_edge, apex[inner]]], 1.0, -1.0)[:, None] * beyond
+    folded = np.linalg.norm(both, axis=1) <= AT_VERTEX_SHARE
+    found[on_edge] = np.where(folded[:, None], found[on_edge], unit(both))
+    return found
