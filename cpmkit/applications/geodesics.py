@@ -90,8 +90,9 @@ def geodesic_distance(
     surface : ClosestPointSource, Scene or Prepared
         The manifold; a scene, whose boundaries are barriers that nothing passes; or a scene that was prepared, for many
         origins.
-    origins : (k, d) array, ClosestPointSource, or a sequence of these
-        Points and curves that distances are measured from, to the nearest of them.
+    origins : (k, d) array, whole numbers, ClosestPointSource, or a sequence of these
+        Points, vertices of a mesh by their numbers, and curves that distances are measured from, to the nearest of
+        them.
     spacing : float
         Of the lattice, in the scene's unit; not of a prepared scene. Or, in its place, ``tolerance``, the error that is
         accepted as a share of the largest distance, ``seconds`` or ``memory``, as for :func:`cpmkit.solve`.

@@ -12,7 +12,8 @@ import numpy as np
 import cpmkit as ck
 from cpmkit.errors import InputError, shown
 from cpmkit.plugin import norms
-from cpmkit.protocols import ClosestPointSource, Floats, Ints
+from cpmkit.protocols import ClosestPointSource, Floats, HasGivenMesh, Ints
+from cpmkit.scene.given_boundaries import vertex_numbers, vertices_of
 
 #: So many points are gone through one by one: a tree takes five times as long.
 FEW = 4
@@ -94,7 +95,7 @@ class Origins:
 
 
 def origins_of(given: Any, surface: ClosestPointSource) -> Origins:
-    """Return the origins: points (k, d) or (d,), a source of a curve or of points, or a sequence of such.
+    """Return the origins: points (k, d) or (d,), numbers of vertices, a source of a curve or of points, or several.
 
     Raises
     ------
@@ -102,8 +103,12 @@ def origins_of(given: Any, surface: ClosestPointSource) -> Origins:
         If there are none, or one is neither.
     """
     points, curves = [np.zeros((0, surface.dim))], []
-    accepted = f"origins are finite points (k, {surface.dim}) or sources of curves"
+    accepted = f"origins are finite points (k, {surface.dim}), numbers of vertices of a mesh, or sources of curves"
     for one in _listed(given):
+        numbers = vertex_numbers(one)
+        if numbers is not None and (isinstance(surface, HasGivenMesh) or len(numbers) != surface.dim):
+            points.append(vertices_of(surface, numbers, "the origin"))
+            continue
         if isinstance(one, ClosestPointSource):
             if one.manifold_dim == 0:
                 points.append(ck.boundary_points(one, surface, 1.0).points)

@@ -58,8 +58,8 @@ def _name(source: Any) -> str:
     return type(source).__name__ + (f" of {_name(inner)}" if hasattr(inner, "closest_point") else "")
 
 
-def check_source(source: Any, what: str) -> None:
-    """Refuse what does not answer closest point queries.
+def check_source(source: Any, what: str, also: str = "") -> None:
+    """Refuse what does not answer closest point queries; ``also`` names what else is accepted.
 
     Raises
     ------
@@ -68,9 +68,8 @@ def check_source(source: Any, what: str) -> None:
     """
     if not isinstance(source, ClosestPointSource):
         raise InputError(
-            f"{what} must be a closest point source (dim, manifold_dim, bounds, exact, closest_point), got "
-            f"{type(source).__name__}; of a mesh give the arrays: the pair (vertices, faces) as a scene's surface, or "
-            "ck.source('mesh.triangles', vertices=..., faces=...)."
+            f"{what} must be a closest point source (dim, manifold_dim, bounds, exact, closest_point)"
+            f"{also and ', or ' + also}, got {type(source).__name__}."
         )
     bounds = np.asarray(source.bounds, dtype=np.float64)
     if bounds.shape != (2, source.dim) or not np.isfinite(bounds).all():

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from cpmkit.errors import SceneError, shown
 from cpmkit.manifold.answers import check_source
-from cpmkit.protocols import ClosestPointSource, NamesLeft, Side
+from cpmkit.protocols import ClosestPointSource, Floats, NamesLeft, Side
 from cpmkit.runtime.arrays import as_vector
 from cpmkit.scene.alike import same_condition
 from cpmkit.scene.condition import Condition
 from cpmkit.scene.conditions import as_condition
 from cpmkit.scene.data import Data
+from cpmkit.scene.given_boundaries import VertexNumbers, given_boundary, vertices_of
 
 #: What may be given for a side, and across.
 ONE = "Dirichlet, Neumann, Robin or another condition of one side, or a number or formula for Dirichlet"
@@ -30,8 +32,9 @@ class Boundary:
     ----------
     name : str
         For reports, and to ask for a side when a solution is read.
-    source : ClosestPointSource
-        Where the boundary lies.
+    source : ClosestPointSource, (k, d) array, or whole numbers
+        Where the boundary lies; points, or numbers of vertices of the scene's surface, of which each is a boundary by
+        itself, no curve.
     both, left, right : Condition, or number, text, sequence or function
         Either ``both``, or ``left`` and ``right``; ``1.0`` or ``"sin(x)"`` is short for Dirichlet of it.
     across : Condition
@@ -69,7 +72,7 @@ class Boundary:
         def __init__(
             self,
             name: str,
-            source: ClosestPointSource,
+            source: ClosestPointSource | Floats | Sequence[Any] | int,
             both: Condition | Data | None = None,
             left: Condition | Data | None = None,
             right: Condition | Data | None = None,
@@ -94,7 +97,10 @@ class Boundary:
                 )
         if same_condition(self.left, self.right):  # equal data on both sides need no left
             object.__setattr__(self, "right", self.left)
-        check_source(self.source, f"boundary {self.name!r}")
+        object.__setattr__(self, "source", given_boundary(self.source))
+        if isinstance(self.source, VertexNumbers):  # a scene knows their places
+            return
+        check_source(self.source, f"boundary {self.name!r}", "points (k, d), or numbers of the surface's vertices")
         if self.left_of is None:
             object.__setattr__(self, "left_of", self.source.left_of if isinstance(self.source, NamesLeft) else None)
         if self.left_of is not None:
@@ -106,6 +112,18 @@ class Boundary:
         held = {side: getattr(self, side) for side in ("both", "left", "right", "across")}
         told = ", ".join(f"{side}={one.kind}" for side, one in held.items() if one is not None)
         return f"Boundary({self.name!r}, {self.source!r}, {told})"
+
+    def on(self, surface: ClosestPointSource) -> Boundary:
+        """Return the boundary with points in the place of numbers of vertices of ``surface``.
+
+        Raises
+        ------
+        SceneError
+            If the surface has no such vertices.
+        """
+        if not isinstance(self.source, VertexNumbers):
+            return self
+        return replace(self, source=vertices_of(surface, self.source.numbers, f"boundary {self.name!r}"))
 
     def condition(self, side: Side, /) -> Condition:
         """Return what holds on ``side``."""

@@ -14,7 +14,7 @@ from cpmkit.manifold.answers import check_source
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.protocols import SIDES, BoundarySet, ClosestPointSource, Floats
 from cpmkit.runtime.html_tables import html_table
-from cpmkit.scene.boundary import ONE
+from cpmkit.scene.boundary import ONE, Boundary
 from cpmkit.scene.condition import Condition
 from cpmkit.scene.conditions import Neumann
 from cpmkit.scene.data import Data, Functional, evaluate_data
@@ -86,7 +86,7 @@ class Scene(Generic[Solved]):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "surface", as_source(self.surface))
-        check_source(self.surface, "the surface")
+        check_source(self.surface, "the surface", "of a mesh its arrays, the pair (vertices, faces)")
         if not isinstance(self.problem, Equation):
             raise SceneError(
                 "the problem must be an equation, such as Laplace(), Poisson(f) or Heat(...), got "
@@ -102,7 +102,8 @@ class Scene(Generic[Solved]):
         arrays = VertexArrays(self.surface)
         object.__setattr__(self, "problem", arrays.stated(self.problem, self.problem.kind))
         object.__setattr__(self, "edge", arrays.edge(self.edge))
-        object.__setattr__(self, "boundaries", tuple(map(arrays.boundary, self.boundaries)))
+        placed = (one.on(self.surface) if isinstance(one, Boundary) else one for one in self.boundaries)
+        object.__setattr__(self, "boundaries", tuple(map(arrays.boundary, placed)))
         names = [boundary.name for boundary in self.boundaries]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:

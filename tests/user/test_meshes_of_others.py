@@ -128,7 +128,7 @@ def test_what_is_no_surface_is_refused():
     tetrahedron = np.arange(4)[None]
     for wrong, told in (
         (pyvista.Line(), "PolyData with lines"),
-        (3.0, r"closest_point\), got float; of a mesh give the arrays"),
+        (3.0, r"closest_point\), or of a mesh its arrays, the pair .*, got float"),
         ((VERTICES, VERTICES), "faces"),
         (meshio.Mesh(VERTICES, [("triangle", FACES), ("tetra", tetrahedron)]), "cells of the kinds tetra; accepted"),
         (meshio.Mesh(VERTICES, [("triangle6", [range(6)])]), "cells of the kinds triangle6; accepted are triangles"),
