@@ -87,6 +87,11 @@ def distance(
             found: Any = signed_distance(barriers, given, spacing=decided, method=method, **options)
         else:
             found = geodesic_distance(barriers, given, spacing=decided, method=method, **options)
+            if not found.reached.all():  # files hold no infinite distances
+                raise InputError(
+                    f"{np.count_nonzero(~found.reached)} of {len(found.reached)} pieces of the surface have no origin; "
+                    "give each an origin, or leave the piece out."
+                )
         solution = found.solution
         if loaded.output.wants_error:
             solution = replace(solution, estimated=found.error)

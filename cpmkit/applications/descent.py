@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.errors import ResolutionError
+from cpmkit.errors import ResolutionError, place
 from cpmkit.plugin import unit
 from cpmkit.protocols import Floats
 
@@ -25,6 +25,9 @@ def descend(distance: Distance, start: Floats) -> list[Floats]:
     at = surface.closest_point(start).points
     ways, step = [[one.copy()] for one in at], STEP_SPACINGS * h
     left = distance.evaluate(at) if len(at) else np.zeros(0)
+    if not np.isfinite(left).all():
+        lost = place(start[int(np.argmin(np.isfinite(left)))])
+        raise ResolutionError(f"no path leads from {lost} to an origin: its piece of the manifold has none.")
     going = np.flatnonzero(left > ARRIVED_SPACINGS * h)
     most = int(STEPS_OVER_LEAST * (left.max(initial=0.0) / step + 10))
     for _ in range(most):

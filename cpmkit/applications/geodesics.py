@@ -23,13 +23,15 @@ import cpmkit as ck
 from cpmkit.applications.descent import descend
 from cpmkit.applications.heat import away_from, heat_solver, manifold_of
 from cpmkit.applications.origins import Origins, origins_of
+from cpmkit.applications.pieces import Pieces, pieces_of
 from cpmkit.applications.spacings import Measured, measured
 from cpmkit.applications.transport import HELD_SPACINGS, carried, carriers
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.plugin import unit
 from cpmkit.preparing import Prepared
-from cpmkit.protocols import ClosestPointSource, Floats, Ints
+from cpmkit.protocols import Bools, ClosestPointSource, Floats, Ints
 from cpmkit.runtime.arrays import as_points, whole
+from cpmkit.runtime.warn import warn_each
 from cpmkit.solution.solution import Solution
 
 METHODS = ("transport", "heat")
@@ -47,20 +49,29 @@ class Distance(Measured):
         Where it is measured from.
     rounds : int
         Of transport that were made.
+    pieces : Pieces
+        Of the manifold.
+    reached : (count,) bool
+        Which of them have an origin.
     """
 
     origins: Origins
     rounds: int
+    pieces: Pieces
+    reached: Bools
 
     def evaluate(self, points: Any) -> Floats:
         """Return the distance (n,), zero or above, at the points of the manifold nearest to ``points`` (n, d).
 
-        Within two spacings of an origin it is the straight one.
+        Within two spacings of an origin it is the straight one; on pieces without an origin it is infinite.
         """
         at = as_points(points, self.solution.scene.surface.dim)
         found = self.solution.evaluate(at)
         feet = self.solution.scene.surface.closest_point(at).points
-        return _with_tips(self.origins.closest(feet)[0], found, self.solution.spacing)
+        near = _with_tips(self.origins.closest(feet)[0], found, self.solution.spacing)
+        if self.reached.all():
+            return near
+        return np.where(self.reached[self.pieces.numbers_at(self.solution.discretized, feet)], near, np.inf)
 
     def path(self, start: Any) -> list[Floats]:
         """Return for each of the points ``start`` (k, d) or (d,) the shortest path (m, d) to the origins, by descent.
@@ -112,8 +123,12 @@ def geodesic_distance(
     Raises
     ------
     InputError, SceneError
-        If an argument is not what is accepted, a boundary of the scene is none that nothing passes, or a piece of the
-        manifold has no origin, or pieces that do not hang together have some.
+        If an argument is not what is accepted, or a boundary of the scene is none that nothing passes.
+
+    Notes
+    -----
+    On pieces of the manifold that have no origin, or lie behind a barrier, distances are infinite, and a warning says
+    so; the solution, which is saved and drawn, is zero there.
 
     Examples
     --------
@@ -133,13 +148,15 @@ def geodesic_distance(
 
 def _measured(prepared: Prepared, given: Origins, rounds: int) -> Distance:
     points = prepared.discretized.points_in_use  # held here, so that all fields below share them
-    near = _Near(*given.distances(points))
-    field, phi = _by_heat(prepared, given, near)
+    pieces = pieces_of(prepared)
+    near, reached = _near(prepared, given, pieces, points)
+    field, phi = _by_heat(prepared, given, near, pieces)
     carrying = carriers(prepared)
+    still = ~reached[pieces.of_point]
     for _ in range(rounds):
-        phi = _carried(carrying, near, field, phi)
-        field = prepared.field(phi).gradient().map(lambda _, slopes: unit(slopes))
-    return Distance(solution=phi, origins=given, rounds=rounds)
+        phi = _carried(carrying, near, still, field, phi)
+        field = prepared.field(phi).gradient().map(lambda _, slopes: np.where(still[:, None], 0.0, unit(slopes)))
+    return Distance(solution=_told(phi, reached), origins=given, rounds=rounds, pieces=pieces, reached=reached)
 
 
 class _Near(NamedTuple):
@@ -149,15 +166,45 @@ class _Near(NamedTuple):
     number: Ints
 
 
-def _by_heat(prepared: Prepared, origins: Origins, near: _Near) -> tuple[ck.Field, Solution]:
+def _near(prepared: Prepared, origins: Origins, pieces: Pieces, points: Floats) -> tuple[_Near, Bools]:
+    """Return the nearest origins, infinitely far where these are on another piece, and which pieces (k,) have one."""
+    form = prepared.discretized
+    straight, number = origins.distances(points)
+    if pieces.count == 1:
+        return _Near(straight, number), np.ones(1, dtype=bool)
+    places, owner = origins.samples(form.spacing)
+    on = pieces.numbers_at(form, places)
+    lies_on = np.zeros((owner.max() + 1, pieces.count), dtype=bool)
+    lies_on[owner, on] = True
+    return _Near(np.where(lies_on[number, pieces.of_point], straight, np.inf), number), lies_on.any(axis=0)
+
+
+def _told(phi: Solution, reached: Bools) -> Solution:
+    """Return ``phi`` with a warning of pieces that are not reached, which is given."""
+    if reached.all():
+        return phi
+    text = (
+        f"{np.count_nonzero(~reached)} of {len(reached)} pieces of the {type(phi.scene.surface).__name__} have no "
+        "origin: distances are infinite there, and the solution, which is saved and drawn, is zero."
+    )
+    warn_each([text])
+    return replace(phi, warnings=(*phi.warnings, text))
+
+
+def _by_heat(prepared: Prepared, origins: Origins, near: _Near, pieces: Pieces) -> tuple[ck.Field, Solution]:
     """Return X (p, d) away from the origins, and the distance that the heat method makes of it."""
-    field = away_from(prepared, origins)
+    field = away_from(prepared, origins, everywhere=False)
     phi = heat_solver(prepared).solve(problem=ck.Poisson(field.divergence(-1.0)))
-    return field, _moved(phi, near)
+    moves = np.zeros(pieces.count)
+    for piece in range(pieces.count):
+        own = np.flatnonzero(pieces.of_point == piece)
+        if np.isfinite(near.straight[own]).any():
+            moves[piece] = _move(phi, near, own)
+    return field, replace(phi, values=phi.values + moves[pieces.of_unknown][:, None])
 
 
-def _moved(phi: Solution, near: _Near) -> Solution:
-    """Return ``phi`` moved to the straight distance near the origins.
+def _move(phi: Solution, near: _Near, own: Ints) -> float:
+    """Return by how much ``phi`` is below the straight distance near the origins, at the points ``own`` of a piece.
 
     It is fixed up to a constant, one for all origins.
 
@@ -166,10 +213,10 @@ def _moved(phi: Solution, near: _Near) -> Solution:
     SceneError
         If origins ask for different ones, as on pieces that do not hang together.
     """
-    h = phi.spacing
-    beside = (near.straight > h) & (near.straight < HELD_SPACINGS * h)
-    beside = beside if beside.any() else near.straight <= near.straight.min() + h
-    rows = np.flatnonzero(beside)
+    h, straight = phi.spacing, near.straight[own]
+    beside = (straight > h) & (straight < HELD_SPACINGS * h)
+    beside = beside if beside.any() else straight <= straight.min() + h
+    rows = own[beside]
     off = near.straight[rows] - phi.discretized.at_some_points(phi.values, rows)[:, 0]
     found, label = np.unique(near.number[rows], return_inverse=True)
     constants = np.bincount(label, off) / np.bincount(label)
@@ -178,15 +225,18 @@ def _moved(phi: Solution, near: _Near) -> Solution:
             f"distances beside {len(found)} origins differ by {np.ptp(constants):.3g}: they lie on pieces of the "
             "manifold that do not hang together; measure piece by piece."
         )
-    return replace(phi, values=phi.values + float(np.median(off)))
+    return float(np.median(off))
 
 
-def _carried(prepared: Prepared, near: _Near, field: ck.Field, before: Solution) -> Solution:
-    """Return the solution of the transport along ``field``, the straight distance held near the origins."""
+def _carried(prepared: Prepared, near: _Near, still: Bools, field: ck.Field, before: Solution) -> Solution:
+    """Return the solution of the transport along ``field``, the straight distance held near the origins.
+
+    And zero where all is ``still`` (p,), on pieces without an origin.
+    """
     h = prepared.discretized.spacing
     # no nearer by the way along the manifold than straight: the other side of a thin part is not held
-    beside = np.maximum(prepared.field(before).values, near.straight)
-    return carried(prepared, field, beside < HELD_SPACINGS * h, near.straight, guess=before)
+    beside = np.maximum(prepared.field(before).values, near.straight) < HELD_SPACINGS * h
+    return carried(prepared, field, beside | still, np.where(beside, near.straight, 0.0), guess=before)
 
 
 def _with_tips(straight: Floats, found: Floats, spacing: float) -> Floats:

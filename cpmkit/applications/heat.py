@@ -8,6 +8,7 @@ import numpy as np
 
 import cpmkit as ck
 from cpmkit.applications.origins import Origins
+from cpmkit.applications.pieces import pieces_of
 from cpmkit.errors import InputError, SceneError
 from cpmkit.plugin import unit
 from cpmkit.preparing import Prepared
@@ -84,13 +85,15 @@ def longest_time(prepared: Prepared) -> float:
     return float(np.ptp(prepared.scene.surface.bounds, axis=0).max()) ** 2
 
 
-def away_from(prepared: Prepared, origins: Origins) -> ck.Field:
+def away_from(prepared: Prepared, origins: Origins, everywhere: bool = True) -> ck.Field:
     """Return the unit directions (p, d) in which heat flows away from the origins, zero at few points that are lost.
+
+    Where a piece need not have an origin, they are zero on pieces without.
 
     Raises
     ------
     SceneError
-        If none arrives somewhere.
+        If none arrives somewhere, on a piece that has an origin or on any if it must be ``everywhere``.
     """
     h, heated = prepared.discretized.spacing, heat_solver(prepared)
     share, time = 0.0 if heated is not prepared else ITERATED_SHARE, HEAT_TIME * h * h
@@ -98,13 +101,17 @@ def away_from(prepared: Prepared, origins: Origins) -> ck.Field:
         source = origins.source(h, time**0.5)
         v = prepared.field(heated.solve(problem=ck.ScreenedPoisson(source, c=1 / time, lumped=True)))
         cold = v.values <= share * v.values.max()
+        if not everywhere:
+            pieces = pieces_of(prepared)
+            cold &= pieces.any_of(v.values > 0.0)[pieces.of_point]
         lost = lost_alone(v.values, cold)
         if lost or time > longest_time(prepared):
             break
         time *= LONGER
     if not lost:
         check_warmed(cold, prepared.scene.surface)
-    return v.gradient().map(lambda _, slopes: np.where(cold[:, None], 0.0, -unit(slopes)))
+    still = cold | (v.values <= 0.0)
+    return v.gradient().map(lambda _, slopes: np.where(still[:, None], 0.0, -unit(slopes)))
 
 
 def lost_alone(v: Floats, cold: Bools) -> bool:

@@ -13,7 +13,6 @@ import cpmkit as ck
 from cpmkit.errors import InputError, shown
 from cpmkit.plugin import norms
 from cpmkit.protocols import ClosestPointSource, Floats, HasGivenMesh, Ints
-from cpmkit.scene.given_boundaries import vertex_numbers, vertices_of
 
 #: So many points are gone through one by one: a tree takes five times as long.
 FEW = 4
@@ -71,6 +70,14 @@ class Origins:
             best = np.minimum(best, away)
         return best, number
 
+    def samples(self, spacing: float) -> tuple[Floats, Ints]:
+        """Return points (k, d) on all of them, on curves about a ``spacing`` apart, and whose each is."""
+        at, owner = [self.points], [np.arange(len(self.points))]
+        for number, curve in enumerate(self.curves, len(self.points)):
+            at.append(ck.boundary_points(curve, self.surface, spacing).points)
+            owner.append(np.full(len(at[-1]), number))
+        return np.concatenate(at), np.concatenate(owner)
+
     def source(self, spacing: float, reach: float) -> ck.PointSource:
         """Return what heats all of them: one a length of the spacing on curves, and points as much as to be as warm.
 
@@ -105,10 +112,8 @@ def origins_of(given: Any, surface: ClosestPointSource) -> Origins:
     points, curves = [np.zeros((0, surface.dim))], []
     accepted = f"origins are finite points (k, {surface.dim}), numbers of vertices of a mesh, or sources of curves"
     for one in _listed(given):
-        numbers = vertex_numbers(one)
-        if numbers is not None and (isinstance(surface, HasGivenMesh) or len(numbers) != surface.dim):
-            points.append(vertices_of(surface, numbers, "the origin"))
-            continue
+        if _are_vertices(one, surface):
+            one = ck.Boundary("origins", one, both=ck.Neumann(0.0)).on(surface).source
         if isinstance(one, ClosestPointSource):
             if one.manifold_dim == 0:
                 points.append(ck.boundary_points(one, surface, 1.0).points)
@@ -126,6 +131,16 @@ def origins_of(given: Any, surface: ClosestPointSource) -> Origins:
     if not len(found) and not curves:
         raise InputError("distances are measured from something: give origins, points or a source of a curve.")
     return Origins(surface, found, curves)
+
+
+def _are_vertices(given: Any, surface: ClosestPointSource) -> bool:
+    """Whether whole numbers, one or in a row, stand for vertices: on a mesh; elsewhere d of them are a point."""
+    try:
+        array = np.asarray(given)
+    except ValueError:  # rows of unlike lengths
+        return False
+    whole = array.dtype.kind in "iu" and array.ndim < 2 and array.size > 0
+    return whole and (isinstance(surface, HasGivenMesh) or array.size != surface.dim)
 
 
 def _listed(given: Any) -> list[Any]:

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 from cpmkit.errors import SceneError, shown
 from cpmkit.manifold.answers import check_source
+from cpmkit.manifold.given_vertices import vertices_of
 from cpmkit.protocols import ClosestPointSource, Floats, NamesLeft, Side
 from cpmkit.runtime.arrays import as_vector
 from cpmkit.scene.alike import same_condition
 from cpmkit.scene.condition import Condition
 from cpmkit.scene.conditions import as_condition
 from cpmkit.scene.data import Data
-from cpmkit.scene.given_boundaries import VertexNumbers, given_boundary, vertices_of
+from cpmkit.scene.given_boundaries import VertexNumbers, given_boundary
 
 #: What may be given for a side, and across.
 ONE = "Dirichlet, Neumann, Robin or another condition of one side, or a number or formula for Dirichlet"

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import SceneError, shown
+from cpmkit.manifold.given_vertices import vertex_numbers
 from cpmkit.plugins import source
-from cpmkit.protocols import ClosestPointSource, Floats, HasGivenMesh, Ints
+from cpmkit.protocols import ClosestPointSource, Ints
 
 #: The kind that is made of them.
 POINTS_KIND = "points"
@@ -38,40 +38,3 @@ def given_boundary(given: Any) -> Any:
         return given
     is_point = array.ndim == 1 and len(array) in (2, 3)
     return source(POINTS_KIND, at=np.atleast_2d(array)) if is_point or array.ndim == 2 else given
-
-
-def vertex_numbers(given: Any) -> Ints | None:
-    """Return whole numbers given alone or in one row, as an array (k,); None for anything else."""
-    if isinstance(given, (str, bytes, bool)) or not (isinstance(given, (int, np.integer)) or hasattr(given, "__len__")):
-        return None
-    try:
-        array = np.asarray(given)
-    except ValueError:
-        return None
-    return np.atleast_1d(array) if array.dtype.kind in "iu" and array.ndim < 2 and array.size else None
-
-
-def vertices_of(surface: Any, numbers: Ints, what: str) -> Floats:
-    """Return the vertices (k, d) of a surface that was made from a mesh, by their numbers.
-
-    Raises
-    ------
-    SceneError
-        If it was not, a number is not among its vertices, or the numbers may be the coordinates of a point.
-    """
-    if not isinstance(surface, HasGivenMesh):
-        raise SceneError(
-            f"{what} is {shown(numbers.tolist())}, numbers of vertices, and the surface is no mesh; give points (k, "
-            f"{surface.dim})."
-        )
-    if len(numbers) == surface.dim:
-        text = shown(numbers.tolist())
-        raise SceneError(
-            f"{what} is {text}, which may be a point or {len(numbers)} numbers of vertices; give [{text}] for the "
-            f"point, or vertices[{text}]."
-        )
-    vertices = surface.given_mesh[0]
-    bad = np.flatnonzero((numbers < 0) | (numbers >= len(vertices)))
-    if len(bad):
-        raise SceneError(f"{what} must name vertices from 0 to {len(vertices) - 1}, got {shown(int(numbers[bad[0]]))}.")
-    return np.asarray(vertices[numbers], dtype=np.float64)

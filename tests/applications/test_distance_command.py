@@ -70,7 +70,7 @@ def test_signed_and_at_another_spacing(scene: Path) -> None:
         (("--from", "0,1"), "3 numbers"),
         (("--from", "pole"), "or a name"),
         (("--from", "equator", "--signed", "--path-from", "0,0,1"), "leave out"),
-        (("--from", "0,0,1"), "no heat arrives"),  # the equator is a barrier
+        (("--from", "0,0,1"), "1 of 2 pieces of the surface have no origin"),  # the equator is a barrier
     ],
 )
 def test_refusals_leave_nothing_behind(scene: Path, arguments: tuple[str, ...], words: str) -> None:

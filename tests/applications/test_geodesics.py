@@ -147,10 +147,28 @@ def test_a_boundary_with_data_is_no_barrier() -> None:
 
 
 @pytest.mark.parametrize("method", ["heat", "transport"])
-@pytest.mark.parametrize(
-    ("origins", "words"), [([[0, 0, 1]], "no heat arrives"), ([[0, 0, 1], [6, 0, 2]], "do not hang together")]
-)
-def test_pieces_that_do_not_hang_together_are_told(method: str, origins: Any, words: str) -> None:
+def test_distances_are_infinite_on_pieces_without_an_origin(method: str) -> None:
     pieces = ck.source("union", members=[SPHERE, ck.source("analytic.sphere", center=[6, 0, 0], radius=2.0)])
-    with pytest.raises(ck.SceneError, match=words):
-        geodesic_distance(pieces, origins, spacing=0.4, method=method)
+    with pytest.warns(ck.CpmkitWarning, match="1 of 2 pieces of the Union have no origin: distances are infinite"):
+        distance = geodesic_distance(pieces, [[0, 0, 1]], spacing=0.4, method=method)
+    assert any("1 of 2 pieces" in text for text in distance.solution.warnings)
+    found = distance.evaluate([[0, 0, 1], [1, 0, 0], [0, 0, -1], [6, 0, 2], [8, 0, 0]])
+    np.testing.assert_array_equal(np.isinf(found), [False, False, False, True, True])
+    np.testing.assert_allclose(found[:3], [0, np.pi / 2, np.pi], atol=0.15)
+    with pytest.raises(ck.ResolutionError, match=r"no path leads from \(8, 0, 0\) to an origin"):
+        distance.path([8, 0, 0])
+
+
+@pytest.mark.parametrize("method", ["heat", "transport"])
+def test_each_piece_is_measured_from_its_own_origins(method: str) -> None:
+    pieces = ck.source("union", members=[SPHERE, ck.source("analytic.sphere", center=[6, 0, 0], radius=2.0)])
+    distance = geodesic_distance(pieces, [[0, 0, 1], [6, 0, 2]], spacing=0.4, method=method)
+    found = distance.evaluate([[0, 0, 1], [1, 0, 0], [0, 0, -1], [6, 0, 2], [8, 0, 0], [6, 0, -2]])
+    np.testing.assert_allclose(found, np.array([0, 1, 2, 0, 2, 4]) * np.pi / 2, atol=0.15)
+
+
+def test_distances_are_infinite_behind_a_barrier() -> None:
+    scene = ck.Scene(SPHERE, ck.Laplace(), [ck.Boundary("equator", EQUATOR, both=ck.Neumann(0.0))])
+    with pytest.warns(ck.CpmkitWarning, match="1 of 2 pieces"):
+        distance = geodesic_distance(scene, [0, 0, 1], spacing=0.3, method="heat")
+    assert np.isinf(distance.evaluate([[0, 0, -1], [0.6, 0, 0.8], [0.6, 0, -0.8]])).tolist() == [True, False, True]
