@@ -33,7 +33,8 @@ class Pieces:
         """Return the numbers (k,) of the pieces that ``points`` (k, d) are read on."""
         if self.count == 1 or not len(points):
             return np.zeros(len(points), dtype=np.int64)
-        return np.rint(form.rows(points) @ self.of_unknown.astype(np.float64)).astype(np.int64)
+        numbers: Ints = np.rint(form.rows(points) @ self.of_unknown.astype(np.float64)).astype(np.int64)
+        return numbers
 
     def any_of(self, holds: Bools) -> Bools:
         """Return (count,) whether something holds at any point of each piece, given whether at each point (p,)."""

@@ -29,12 +29,13 @@ def vertices_of(surface: Any, numbers: Ints, what: str) -> Floats:
     SceneError
         If it was not, a number is not among its vertices, or the numbers may be the coordinates of a point.
     """
+    dim = int(surface.dim)
     if not isinstance(surface, HasGivenMesh):
         raise SceneError(
             f"{what} is {shown(numbers.tolist())}, numbers of vertices, and the surface is no mesh; give points (k, "
-            f"{surface.dim})."
+            f"{dim})."
         )
-    if len(numbers) == surface.dim:
+    if len(numbers) == dim:
         text = shown(numbers.tolist())
         raise SceneError(
             f"{what} is {text}, which may be a point or {len(numbers)} numbers of vertices; give [{text}] for the "

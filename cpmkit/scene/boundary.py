@@ -124,7 +124,8 @@ class Boundary:
         """
         if not isinstance(self.source, VertexNumbers):
             return self
-        return replace(self, source=vertices_of(surface, self.source.numbers, f"boundary {self.name!r}"))
+        places: Any = vertices_of(surface, self.source.numbers, f"boundary {self.name!r}")
+        return replace(self, source=places)
 
     def condition(self, side: Side, /) -> Condition:
         """Return what holds on ``side``."""
