@@ -1,4 +1,4 @@
-"""Integrals over the manifold, cell by cell of the mesh that the boundaries cut."""
+"""Integrals over the manifold: over a form's own samples, or cell by cell of the mesh that the boundaries cut."""
 
 from __future__ import annotations
 
@@ -23,13 +23,22 @@ Integrand = float | Callable[[Floats, Floats], Any]
 
 def integrate(solution: Solution, function: Integrand | None, dim: int | None) -> float | Floats:
     """Return the integral of the solution, or of a function of it; see :meth:`Solution.integrate`."""
-    nodes, values, cells = _nodes_with_values(solution, _dimension(solution.scene.surface, dim))
+    dimension, form = _dimension(solution.scene.surface, dim), solution.discretized
+    if form.one_reading and form.point_weights is not None:  # the form's own samples, each read on its side
+        read = form.at_points(solution.values)
+        if function is not None:
+            read = _integrand(function, form.points, read)
+        return _one_or_each(form.point_weights @ read)
+    nodes, values, cells = _nodes_with_values(solution, dimension)
     points, weights, shares = CurvedCells(nodes, cells).rule()
     read = np.einsum("qk,mkc->mqc", shares, values[cells]).reshape(-1, values.shape[1])
     if function is not None:
         on_surface = solution.scene.surface.closest_point(points.reshape(-1, points.shape[2])).points
         read = _integrand(function, on_surface, read)
-    total: Floats = weights.ravel() @ read
+    return _one_or_each(weights.ravel() @ read)
+
+
+def _one_or_each(total: Floats) -> float | Floats:
     return float(total[0]) if len(total) == 1 else total
 
 

@@ -279,9 +279,9 @@ class Solution:
     def integrate(self, function: Integrand | None = None, *, dim: int | None = None) -> float | Floats:
         """Return the integral over the manifold of the solution, or of a function of it.
 
-        Taken cell by cell over the mesh that the boundaries cut, so that jumps stay sharp, with curved cells: the
-        error of the mesh and of the rule is of the order spacing^3 at least on smooth manifolds, less than that of
-        the solution.
+        In the Galerkin form taken over its own samples, which stand for the surface that is solved on, else cell by
+        cell over the mesh that the boundaries cut, with curved cells. Jumps stay sharp in both: the error is of the
+        order spacing^3 at least on smooth manifolds, less than that of the solution.
 
         Parameters
         ----------
@@ -298,8 +298,8 @@ class Solution:
         Raises
         ------
         InputError
-            If the surface has no mesh, or one that does not fill it (a cloud, a solid in space), or ``dim`` is
-            needed.
+            If ``dim`` is needed, or, in other forms than the Galerkin form, the surface has no mesh, or one that does
+            not fill it (a cloud, a solid in space).
 
         Examples
         --------

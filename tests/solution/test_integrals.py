@@ -128,7 +128,7 @@ def test_finite_elements_integrate_alike():
 
 def test_what_cannot_be_integrated_is_answered_in_one_sentence():
     def on(source):
-        return ck.solve(ck.Scene(source, ck.ScreenedPoisson(1.0)), 0.2)
+        return ck.solve(ck.Scene(source, ck.ScreenedPoisson(1.0)), 0.2, form="collocation")
 
     with pytest.raises(ck.InputError, match=r"has no method mesh\(spacing\)"):
         on(Bare(ck.source("analytic.sphere"))).integrate()
@@ -139,3 +139,17 @@ def test_what_cannot_be_integrated_is_answered_in_one_sentence():
         on(ck.source("pointcloud.points", points=points)).integrate()
     with pytest.raises(ck.InputError, match="the integrand"):
         on(ck.source("analytic.sphere")).integrate(lambda x, u: "none")
+
+
+@pytest.mark.parametrize("kind", ["closest points", "cloud", "smooth mesh"])
+def test_surfaces_without_a_mesh_and_meshes_read_as_smooth_have_the_area_of_the_surface(kind):
+    ball = ck.source("analytic.sphere")
+    vertices, faces = ball.mesh(0.2 if kind == "smooth mesh" else 0.05)
+    source = {
+        "closest points": lambda: Bare(ball),
+        "cloud": lambda: ck.source("pointcloud.points", points=vertices),
+        "smooth mesh": lambda: ck.source("mesh.triangles", vertices=vertices, faces=faces),
+    }[kind]()
+    solution = ck.solve(ck.Scene(source, squares(ck.ScreenedPoisson)), 0.2)
+    assert solution.integrate(1.0) == pytest.approx(4 * np.pi, rel=1e-3)
+    assert solution.integrate() == pytest.approx(4 * np.pi / 3, rel=1e-3)
