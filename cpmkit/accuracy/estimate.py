@@ -15,6 +15,7 @@ from cpmkit.accuracy.error_estimate import ErrorEstimate
 from cpmkit.errors import InputError
 from cpmkit.families.keywords import PreparingKeywords
 from cpmkit.forms.choice import FORMS
+from cpmkit.forms.contract import Discretized
 from cpmkit.forms.options import Options
 from cpmkit.linear.choice import SolverOptions
 from cpmkit.preparing import solved
@@ -99,7 +100,20 @@ def error_of(solution: Solution, tight: bool = False) -> ErrorEstimate:
             f"the error of a solution by {form.form!r} is estimated on a coarser lattice, and it has none; solve with "
             "backend='cpm', or on a finer mesh and compare."
         )
+    check_estimable(form)
     return estimated(solution, companion_solver({**options.as_dict(), "form": form.form}), tight)
+
+
+def check_estimable(form: Discretized) -> None:
+    """Refuse to estimate an error of which differences of solutions say nothing.
+
+    Raises
+    ------
+    InputError
+        With the reason.
+    """
+    if form.no_estimate:
+        raise InputError(f"The error of this solution has no estimate. {form.no_estimate}")
 
 
 def with_estimate(solution: Solution, how: bool | str | None, options: Mapping[str, Any]) -> Solution:
@@ -108,6 +122,8 @@ def with_estimate(solution: Solution, how: bool | str | None, options: Mapping[s
         return solution
     if how is False:
         return replace(solution, estimated=False)
+    if solution.discretized.no_estimate:  # which its warnings say; what was solved is not lost
+        return solution
     return replace(solution, estimated=estimated(solution, companion_solver(options), how == "tight"))
 
 
@@ -172,6 +188,7 @@ def estimate_error(
     """
     with collected_warnings():
         solution = solved(scene, spacing, **options)
+        check_estimable(solution.discretized)
         estimate = estimated(solution, companion_solver(options), tight)
     warn_each(solution.warnings)
     return estimate

@@ -16,6 +16,7 @@ from cpmkit.errors import InputError
 from cpmkit.families.checkpointing import Checkpointing
 from cpmkit.forms.asked import Asked
 from cpmkit.manifold.abilities import advice_of
+from cpmkit.manifold.mixed_dimension import joints_sentence, touching_joints
 from cpmkit.preparing import solved
 from cpmkit.protocols import Progress
 from cpmkit.runtime.declared import declared
@@ -94,6 +95,12 @@ def _check(scene: Scene, options: Mapping[str, Any]) -> None:
         raise InputError(
             f"{given[0]}={options[given[0]]!r} goes with one solve at one spacing, and a tolerance, seconds or memory "
             "may take several; give a spacing."
+        )
+    joints = touching_joints(scene.surface)
+    if joints:
+        raise InputError(
+            "A tolerance, seconds or memory goes by estimates of the error, of which there is none here; give a "
+            f"spacing. {joints_sentence(scene.surface, joints)}"
         )
     if isinstance(scene.problem, Wave) and scene.problem.scheme == "leapfrog":
         raise InputError(

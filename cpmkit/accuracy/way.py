@@ -253,7 +253,9 @@ class Way:
 
     def _estimate(self, solution: Solution, alone: ExpectedError | None) -> ErrorEstimate | None:
         companion, solution = self.companion(solution), self.asked_of(solution)
-        return None if companion is None else from_companions(solution, [companion], self.in_time, self.order, alone)
+        if companion is None or solution.discretized.no_estimate or companion.discretized.no_estimate:
+            return None
+        return from_companions(solution, [companion], self.in_time, self.order, alone)
 
     def _origin(self, spacing: float) -> Any:
         """Return where a node is: as given, but on the coarsest lattices, else in no two runs at the same place."""

@@ -165,8 +165,10 @@ class Union:
 def union(*, members: Sequence[ClosestPointSource]) -> Any:
     """Return the union of sources: of disconnected pieces, or of curves, surfaces and solids that touch.
 
-    Where members of different dimensions meet, the solution is continuous and flows from one to the other. The
-    equation there is what the grid makes of it, at the scale of a spacing: no condition at the joint is imposed.
+    Where members of different dimensions meet, or are nearer than four spacings, the solution is continuous and flows
+    from one to the other, but no law of the equation holds there: how much flows is decided by the spacing, at any
+    spacing. Solutions and explanations name the members, such a solution has no error estimate, and a tolerance,
+    seconds or memory in place of a spacing is refused.
     A union has those abilities that all its members have; normals, tangents and further feet only where the members'
     dimensions agree, for in a mixed union the solver asks the members.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib import import_module
 from typing import Any
 
@@ -10,6 +11,7 @@ from cpmkit.forecast.rough import guessed
 from cpmkit.forms.choice import FORMS, every_option, module_of, options_of
 from cpmkit.forms.options import Options
 from cpmkit.linear.choice import SolverOptions
+from cpmkit.manifold.mixed_dimension import mixed_joint_sentences
 from cpmkit.protocols import Progress, no_progress
 from cpmkit.runtime.declared import showing
 from cpmkit.scene.scene import Scene
@@ -36,7 +38,8 @@ def explain(
     asked, rest = options_of(scene, spacing, options)
     solver = SolverOptions.of(rest, every_option()).solver
     module_of(asked.form).check(scene, asked)
+    told = mixed_joint_sentences(scene.surface, asked.spacing)
     if not rehearse:
-        return guessed(scene, asked, solver)
+        return replace(guessed(scene, asked, solver), told=tuple(told))
     explained: Explanation = import_module(f"cpmkit.forecast.of_{asked.form}").explained(scene, asked, solver, progress)
-    return explained
+    return replace(explained, told=(*told, *explained.told))

@@ -58,13 +58,15 @@ class Explanation:
     remains : tuple of Remainder
         What parting the sheets leaves: creases, bends, sheets that are too near; the solution warns of the same.
     told : tuple of str
-        Sentences on rims that face each other, boundaries beside rims, open ends and branches of curves.
+        Sentences on members of unlike dimension that meet, rims that face each other, boundaries beside rims, open ends
+        and branches of curves.
     seconds : float or None
         That a solve will take on this machine, to a factor of two; None where it was not asked for, or the scene cannot
         be solved on coarser lattices.
     off_by : float or None
         The factor within which the unknowns are right where nothing was rehearsed, and the bytes if the solver is;
-        ``doubled``, ``remains`` and ``told`` are empty then, and ``exact`` is False.
+        ``doubled`` and ``remains`` are empty then, of ``told`` the members of unlike dimension are there alone, and
+        ``exact`` is False.
     """
 
     parts: tuple[Part, ...]

@@ -497,6 +497,11 @@ class Discretized(ABC):
         """Return the same for eigenvalues, which may converge faster than functions."""
         return self.order_of_difference(ratio, coarser, apart)
 
+    @property
+    def no_estimate(self) -> str:
+        """Why no error can be estimated, in a sentence; empty where one can."""
+        return ""
+
     def expected_error(self, u: Floats) -> ExpectedError | None:
         """Return about the error of u (unknowns, channels) from u alone, None where that is not known.
 

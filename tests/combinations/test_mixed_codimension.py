@@ -1,11 +1,13 @@
 """Surfaces joined by segments, as one manifold: values pass through the joints, and sides are each piece's own."""
 
+import re
+
 import numpy as np
 import pytest
 
 import cpmkit as ck
 from cpmkit.combinations.cases import mixed_union
-from cpmkit.errors import SceneError
+from cpmkit.errors import InputError, SceneError
 
 SPHERE = ck.source("analytic.sphere")
 ROD = ck.source("analytic.segment", start=[1.0, 0, 0], end=[3.0, 0, 0])
@@ -72,7 +74,9 @@ def test_the_papers_object_keeps_the_maximum_principle():
         ],
     )
     solution = ck.solve(scene, 0.02)
-    assert solution.warnings == ()
+    assert [
+        text.startswith("Members 2 (a curve) and 0 (a surface) of the union meet") for text in solution.warnings
+    ] == [True]
     u = solution.evaluate(scene.surface.mesh(0.02)[0])
     assert u.min() > -0.01
     assert u.max() < 3.01
@@ -81,6 +85,88 @@ def test_the_papers_object_keeps_the_maximum_principle():
     assert abs(above - 1) < 1e-6
     assert 0.5 < joint < 2.7
     assert torus > 2.9
+
+
+ROD_ON_SPHERE = ck.source("union", members=[SPHERE, ROD])
+DISK = ck.source("solid", of=ck.source("analytic.circle"))
+BALL = ck.source("solid", of=SPHERE)
+SIDE = ck.source("analytic.segment", start=[1.0, 0], end=[2.0, 0])
+MEETING = {
+    "curve on surface": (
+        ROD_ON_SPHERE,
+        r"Members 1 \(a curve\) and 0 \(a surface\) of the union meet near \(1, 0, 0\)",
+    ),
+    "moved": (
+        ck.source("moved", of=ROD_ON_SPHERE, translation=[0, 0, 5.0]),
+        r"Members 1 \(a curve\) and 0 \(a surface\) of the union meet near \(1, 0, 5\)",
+    ),
+    "nested": (
+        ck.source("union", members=[ck.source("analytic.point", at=[0, 0, 0.0]), ROD_ON_SPHERE]),
+        r"Members 2 \(a curve\) and 1 \(a surface\) of the union meet near \(1, 0, 0\)",
+    ),
+    "curve on solid": (
+        ck.source("union", members=[DISK, SIDE]),
+        r"Members 1 \(a curve\) and 0 \(a solid\) of the union meet near \(1, 0\)",
+    ),
+    "surface on solid": (
+        ck.source("union", members=[BALL, ck.source("analytic.sphere", center=[1.5, 0, 0])]),
+        r"Members 1 \(a surface\) and 0 \(a solid\) of the union meet near ",
+    ),
+    "point on curve": (
+        ck.source("union", members=[ROD, ck.source("analytic.point", at=[2.0, 0, 0])]),
+        r"Members 1 \(points\) and 0 \(a curve\) of the union meet near \(2, 0, 0\)",
+    ),
+    "trimmed": (
+        ck.source("union", members=[ck.source("trimmed", of=SPHERE, trim="z - 0.5"), ROD]),
+        r"Members 1 \(a curve\) and 0 \(a surface\) of the union meet near \(1, 0, 0\)",
+    ),
+}
+
+
+@pytest.mark.parametrize(("union", "sentence"), MEETING.values(), ids=MEETING)
+@pytest.mark.parametrize("spacing", [0.2, 0.05])
+def test_parts_of_unlike_dimension_that_meet_are_named_before_anything_is_built(union, sentence, spacing):
+    told = ck.explain(ck.Scene(union, ck.ScreenedPoisson(1.0)), spacing).told
+    assert re.search(sentence, told[0])
+
+
+@pytest.mark.parametrize("spacing", [0.2, 0.1, 0.07])
+def test_what_flows_through_a_joint_is_warned_of_and_has_no_estimate(spacing):
+    """At .07 the rod's end had been taken for an edge of the manifold, and its error been estimated."""
+    scene = ck.Scene(ROD_ON_SPHERE, ck.ScreenedPoisson(lambda points: points[:, 0]))
+    with pytest.warns(ck.CpmkitWarning, match=r"Members 1 \(a curve\) and 0 \(a surface\) of the union meet"):
+        solution = ck.solve(scene, spacing, estimate=True)
+    assert solution.estimated is None
+    for estimate in (lambda: solution.error, lambda: ck.estimate_error(scene, spacing)):
+        with pytest.raises(InputError, match="The error of this solution has no estimate"):
+            estimate()
+
+
+@pytest.mark.parametrize("target", [{"tolerance": 0.5}, {"seconds": 1.0}, {"memory": 1e9}])
+def test_no_target_is_taken_where_no_error_can_be_estimated(target):
+    with pytest.raises(InputError, match="of which there is none here; give a spacing"):
+        ck.solve(ck.Scene(ROD_ON_SPHERE, ck.ScreenedPoisson(1.0)), **target)
+
+
+def test_parts_nearer_than_four_spacings_are_joined_and_a_tolerance_is_not_reached_there():
+    """Farther apart they are not: the values there are those of the parts alone."""
+    rod = ck.source("analytic.segment", start=[1.4, 0, 0], end=[3.0, 0, 0])
+    apart = ck.Scene(ck.source("union", members=[SPHERE, rod]), ck.ScreenedPoisson(lambda points: points[:, 0]))
+    assert "come within 0.4 of each other near (1.4, 0, 0)" in ck.explain(apart, 0.11).told[0]
+    assert ck.explain(apart, 0.09).told == ()
+    far = ck.solve(apart, 0.09)
+    alone = ck.solve(ck.Scene(SPHERE, apart.problem), 0.09, form="collocation", origin=far.discretization()["origin"])
+    points = np.array([[1.0, 0, 0], [0, 0, 1.0], [-1.0, 0, 0]])
+    assert np.abs(far.evaluate(points) - alone.evaluate(points)).max() < 1e-3
+    coarse = ck.solve(apart, memory=2e7)
+    assert np.isnan(coarse.trade.error)
+    assert "not known at spacing" in coarse.trade.told
+
+
+def test_parts_of_unlike_dimension_far_from_each_other_have_estimates():
+    rod = ck.source("analytic.segment", start=[3.0, 0, 0], end=[4.0, 0, 0])
+    scene = ck.Scene(ck.source("union", members=[SPHERE, rod]), ck.ScreenedPoisson(lambda points: points[:, 0]))
+    assert ck.solve(scene, 0.2).error.largest[0] < 0.1
 
 
 def test_a_boundary_over_pieces_of_several_dimensions_is_refused():

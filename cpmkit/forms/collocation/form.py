@@ -35,6 +35,7 @@ from cpmkit.forms.contract import Discretized, Settled
 from cpmkit.forms.options import Options
 from cpmkit.grid.fitting import check_fits
 from cpmkit.linear.operators import Border
+from cpmkit.manifold.mixed_dimension import mixed_joint_sentences
 from cpmkit.protocols import Floats, Ints, Operator, Progress, Stiffness, no_progress
 from cpmkit.scene.data import Data
 from cpmkit.scene.edge import by_position
@@ -294,7 +295,16 @@ class Collocation(Reader):
 
     def warnings(self, missed: float = 0.0) -> tuple[str, ...]:
         """Return a sentence for each thing that the spacing does not resolve."""
-        return layout_warnings(self.tables.layout, self.scene, missed)
+        return (*self._mixed, *layout_warnings(self.tables.layout, self.scene, missed))
+
+    @cached_property
+    def _mixed(self) -> list[str]:
+        return mixed_joint_sentences(self.scene.surface, self.spacing)
+
+    @property
+    def no_estimate(self) -> str:
+        """Parts of unlike dimension that meet: what differences of two solutions say of their errors is not known."""
+        return " ".join(self._mixed)
 
     def cure(self) -> str:
         """Return the spacing at which limbs side by side no longer read each other, as the end of a sentence."""
