@@ -24,6 +24,8 @@ LEAST_OF_APART = 0.45
 UNRESOLVED_FACTOR = 1.7
 UNRESOLVED_SENTENCE = "waves or peaks that the spacing hardly resolves; the error may fall slowly"
 
+RESONANT_SENTENCE = "an eigenvalue is as near as its error: size and sign of the solution are not determined"
+
 
 def from_companions(
     solution: Solution,
@@ -49,9 +51,12 @@ def from_companions(
         for norm in ("rms", "largest")
     }
     rms, largest = (_agreed(one, norm, alone, last.unit) for norm, one in apart.items())
+    resonant_rms, resonant_largest = _resonant(solution, companions[-1], last)
+    rms, largest = np.maximum(rms, resonant_rms), np.maximum(largest, resonant_largest)
     left = 0.0 if isinstance(solution, EigenSolution) else form.source_error()
     floor = np.full(len(last.unit), left)
     slow = form.slow_beside(companions[-1].discretized) or (UNRESOLVED_SENTENCE if alone and alone.unresolved else "")
+    slow = slow or (RESONANT_SENTENCE if resonant_largest >= 1 else "")
     return ErrorEstimate(
         rms + in_time,
         largest + in_time,
@@ -65,6 +70,19 @@ def from_companions(
         orders[-1],
         np.ones_like(largest) if alone is None else largest / apart["largest"],
     )
+
+
+def _resonant(solution: Solution, companion: Solution, found: Difference) -> tuple[float, float]:
+    """Return the errors, rms and largest, that come from an eigenvalue near zero: 0 where there is none.
+
+    The error of the eigenvalue is measured on the companion's lattice, which has one of its own.
+    """
+    mine, theirs = solution.resonance, companion.resonance
+    if mine is None:
+        return 0.0, 0.0
+    order = solution.discretized.eigenvalue_order(found.ratio, companion.discretized, 0.0)
+    error = mine.error if theirs is None else abs(mine.gap - theirs.gap) / (found.ratio**order - 1)
+    return mine.amplified(error)
 
 
 def expected_of(solution: Solution) -> ExpectedError | None:

@@ -77,7 +77,7 @@ def solve_steady(context: SolveContext) -> Solution:
     settled = form.settle(operator, b, values)
     if settled.queries:
         work = replace(work, closest_point_queries=work.closest_point_queries + settled.queries)
-    poor += near_resonance(context, prepared, settled.values)
+    resonant, resonance = near_resonance(context, prepared, settled.values)
     small_c = () if isinstance(operator, Bordered) else ready.constants.chance(b, values)
     seconds = {"build": built - context.started, "solve": time.perf_counter() - built, **settled.seconds}
     found = form.warnings(settled.missed)
@@ -88,6 +88,7 @@ def solve_steady(context: SolveContext) -> Solution:
         report,
         work,
         seconds,
-        warnings=(*found, *([wrong] if wrong else []), *poor, *small_c, *unbalanced, *settled.warnings),
+        warnings=(*found, *([wrong] if wrong else []), *poor, *resonant, *small_c, *unbalanced, *settled.warnings),
         imbalances=settled.imbalances,
+        resonance=resonance,
     )

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True)
 class Dispersion:
-    """An eigenvalue lambda = k^2 of -Lap is off by about ``lambda (waves (k h)^power + bends (h / radius)^2)``.
+    """How far an eigenvalue lambda = k^2 of -Lap is off.
+
+    By about ``lambda (waves (k h)^power + bends (h / radius)^bend_power)``.
 
     Attributes
     ----------
@@ -18,6 +20,8 @@ class Dispersion:
         The order of eigenvalues.
     waves, bends : float
         Measured on the circle and the sphere.
+    bend_power : int
+        The order at which samples follow what bends.
     """
 
     resolved: float
@@ -25,11 +29,12 @@ class Dispersion:
     power: int
     waves: float
     bends: float
+    bend_power: int = 2
 
     def error(self, eigenvalue: float, spacing: float, radius: float) -> float:
         """Return by how much an eigenvalue is off on a manifold of this radius."""
         waves = self.waves * (eigenvalue * spacing**2) ** (self.power / 2)
-        return float(eigenvalue * (waves + self.bends * (spacing / radius) ** 2))
+        return float(eigenvalue * (waves + self.bends * (spacing / radius) ** self.bend_power))
 
 
 #: Of formulas of second order on nodes: ten nodes a wavelength, and six.
@@ -44,3 +49,12 @@ SPLINES = {
     2: QUADRATIC_SPLINES,
     3: Dispersion(resolved=1.9, coarsest=2.2, power=4, waves=0.001, bends=0.02),
 }
+
+
+def on_curved_cells(splines: Dispersion) -> Dispersion:
+    """Return how well splines carry waves where their cells follow a smooth source.
+
+    The first eigenvalues of the circle at h = .05 and of the sphere at .2 have .5 to 1.5 times these errors; with the
+    square of h / radius a hundred times as much had been told.
+    """
+    return replace(splines, bend_power=splines.power)

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from cpmkit.meshes.display_mesh import DisplayMesh
     from cpmkit.scenefile.look_keywords import LookKeywords, SavingKeywords
     from cpmkit.solution.integrals import Integrand
+    from cpmkit.solution.resonance import Resonance
     from cpmkit.view import Picture
     from cpmkit.view.showing import Page
 
@@ -54,6 +55,9 @@ class Solution:
         Of its error, where it was asked for; False where it is not to be estimated; see :attr:`error`.
     trade : Trade, optional
         What was done to reach an error, or to stay within a time or a memory, where one was asked for.
+    resonance : Resonance, optional
+        The eigenvalue of the operator that is nearest to zero, of steady problems that may have one near it: where c or
+        a condition takes from the energy.
     """
 
     discretized: Discretized
@@ -65,6 +69,7 @@ class Solution:
     imbalances: tuple[Imbalance, ...] = field(default=(), kw_only=True)
     estimated: ErrorEstimate | Literal[False] | None = field(default=None, kw_only=True)
     trade: Trade | None = field(default=None, kw_only=True)
+    resonance: Resonance | None = field(default=None, kw_only=True)
 
     @property
     def scene(self) -> Scene:

@@ -1,6 +1,8 @@
-"""Standing waves, -Lap u - k^2 u = f: whether the spacing resolves the wavelength, and whether k^2 is an eigenvalue."""
+"""Whether the spacing resolves standing waves, -Lap u - k^2 u = f, and whether an eigenvalue is near to zero."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 
@@ -12,11 +14,16 @@ from cpmkit.linear.preconditioned import followed_by_error
 from cpmkit.linear.report import SolveReport
 from cpmkit.protocols import Floats, PreparedSolver
 from cpmkit.scene.equations import Terms
+from cpmkit.scene.laws import Nonlinear
+from cpmkit.solution.resonance import Resonance
 
-#: An eigenvalue nearer to k^2 than so many times that may lie on its other side.
-NEAR_RESONANCE_ERRORS = 2.0
 #: Relative residual to which the distance to an eigenvalue is computed.
 ROUGH_RESIDUAL = 1e-3
+#: Steps of inverse iteration towards the nearest eigenvalue, from so many plane waves: each mode of about their length
+#: has a part in these, and after three steps the nearest mode's is the largest where it is near enough to be told.
+INVERSE_STEPS, PLANE_WAVES = 3, 6
+#: Points at which the wavenumber of a mode is measured.
+MODE_POINTS = 500
 
 
 def square_of_wavenumber(terms: Terms) -> float:
@@ -69,7 +76,7 @@ def solved_or_resonant(
         if not square:
             raise
         try:
-            why = near_resonance(context, prepared, constants.solve(prepared, b, ROUGH_RESIDUAL)[0])
+            why, _ = near_resonance(context, prepared, constants.solve(prepared, b, ROUGH_RESIDUAL)[0])
         except ConvergenceError:
             why = [
                 f"It may be that k^2={square:.6g} is an eigenvalue on this lattice, to rounding, and that there is no "
@@ -78,35 +85,83 @@ def solved_or_resonant(
         raise ConvergenceError(" ".join([str(error), *why]), error.report) from error
 
 
-def near_resonance(context: SolveContext, prepared: PreparedSolver, u: Floats) -> list[str]:
-    """Return a sentence where an eigenvalue lies so near to k^2 that the scheme's error decides what the solution is.
+def may_resonate(form: Discretized) -> bool:
+    """Tell whether a steady problem's operator may have an eigenvalue near zero: c or a condition takes from it."""
+    steady = form.scene.problem.family == "steady" and form.scene.problem.terms().velocity is None
+    nonlinear = any(isinstance(condition.law, Nonlinear) for condition in form.scene.conditions)
+    return steady and not nonlinear and not form.surely_positive()
 
-    One step of inverse iteration from the solution u tells the distance of the eigenvalue whose mode dominates u: only
-    resonances that are felt are told.
+
+def near_resonance(context: SolveContext, prepared: PreparedSolver, u: Floats) -> tuple[list[str], Resonance | None]:
+    """Return the eigenvalue nearest to zero, and a sentence where the scheme's error may decide what the solution is.
+
+    By inverse iteration from plane waves; one step of it from u (n, channels) tells how much of u lies in its modes.
     """
-    terms = context.scene.problem.terms()
-    square = square_of_wavenumber(terms)
-    if not square:
-        return []
-    size = np.linalg.norm(u, axis=0)
-    if not size.all():
-        return []
-    mass = context.discretized.mass
+    form = context.discretized
+    if not may_resonate(form):
+        return [], None
+    terms, mass = context.scene.problem.terms(), form.mass
+    tolerance = max(context.tolerance, ROUGH_RESIDUAL)
+
+    def weighed(values: Floats) -> Floats:
+        return values if mass is None else mass.apply(values)
+
     try:
-        step, _ = prepared.solve(u if mass is None else mass.apply(u), max(context.tolerance, ROUGH_RESIDUAL))
+        b, gap, mode = form.load(_plane_waves(form))[:, :1], np.inf, u[:, :1]
+        for _ in range(INVERSE_STEPS):
+            mode, _ = prepared.solve(b, tolerance)
+            size = float(np.sum(mode * weighed(mode)))
+            gap = float(np.sum(mode * b)) / size
+            b = weighed(mode) / np.sqrt(size)
+        step, _ = prepared.solve(weighed(u), tolerance)
     except ConvergenceError:
         return [
-            f"Whether an eigenvalue lies near k^2={square:.6g} could not be told: the solver did not converge on it."
-        ]
-    gap = float(np.min(size / np.linalg.norm(step, axis=0))) / float(terms.diffusivity)
-    bounds = np.asarray(context.scene.surface.bounds, dtype=np.float64)
-    radius = 0.5 * float((bounds[1] - bounds[0]).max())
-    spacing = context.discretized.spacing
-    error = context.discretized.dispersion.error(square, spacing, radius)
-    if gap > NEAR_RESONANCE_ERRORS * error:
-        return []
+            "Whether an eigenvalue of the operator lies near zero, as at a resonance, could not be told: the solver "
+            "did not converge on it."
+        ], None
+    a = float(form.read(terms.diffusivity, "the diffusivity").min())
+    square = square_of_wavenumber(terms)
+    found = _resonance(form, gap / a, square or _square_of_mode(form, mode), gap * step, u)
+    if not found.undetermined:
+        return [], found
+    where = f"k^2={square:.6g}" if square else "zero, to which conditions or c bring it,"
+    cure = "another wavenumber" if square else "other coefficients"
     return [
-        f"An eigenvalue lies within {gap:.2g} of k^2={square:.6g}, and at spacing={spacing:g} eigenvalues are off by "
-        f"about {error:.2g}: the size of the solution, and its sign, are not determined; use a smaller spacing or "
-        "another wavenumber."
-    ]
+        f"An eigenvalue lies within {abs(found.gap):.2g} of {where} and at spacing={form.spacing:g} eigenvalues are "
+        f"off by about {found.error:.2g}: the size of the solution, and its sign, are not determined; use a smaller "
+        f"spacing or {cure}."
+    ], found
+
+
+def _resonance(form: Discretized, gap: float, square: float, part: Floats, u: Floats) -> Resonance:
+    bounds = np.asarray(form.scene.surface.bounds, dtype=np.float64)
+    error = form.dispersion.error(square, form.spacing, 0.5 * float((bounds[1] - bounds[0]).max()))
+    values, whole = form.at_points(part), form.at_points(u)
+    unit = np.ptp(whole, axis=0)
+    unit = np.where(unit > 0, unit, 1.0)
+    rms = np.sqrt(np.mean(values**2, axis=0)) / unit
+    return Resonance(gap, error, float(rms.max()), float((np.abs(values).max(axis=0) / unit).max()))
+
+
+def _plane_waves(form: Discretized) -> Callable[[Floats], Floats]:
+    """Return a sum of plane waves in all directions, as long as the waves of the equation or the whole manifold."""
+    bounds = np.asarray(form.scene.surface.bounds, dtype=np.float64)
+    k = max(
+        float(np.sqrt(square_of_wavenumber(form.scene.problem.terms()))), np.pi / float(np.ptp(bounds, axis=0).max())
+    )
+    rng = np.random.default_rng(0)
+    directions, phases = rng.normal(size=(PLANE_WAVES, bounds.shape[1])), rng.uniform(0, 2 * np.pi, PLANE_WAVES)
+    directions *= k / np.linalg.norm(directions, axis=1)[:, None]
+
+    def waves(points: Floats) -> Floats:
+        summed = np.cos(points @ directions.T + phases).sum(axis=1)
+        return np.repeat(summed[:, None], form.channels, axis=1)
+
+    return waves
+
+
+def _square_of_mode(form: Discretized, mode: Floats) -> float:
+    """Return the mean of |grad u|^2 over that of u^2."""
+    rows = np.linspace(0, form.point_count - 1, min(MODE_POINTS, form.point_count)).astype(np.int64)
+    values, slopes = form.at_some_points(mode, rows), form.gradient(mode, form.some_points(rows))
+    return float(np.sum(slopes**2) / np.sum(values**2))

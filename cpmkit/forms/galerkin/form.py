@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from cpmkit.errors import SceneError
-from cpmkit.forms.dispersion import SPLINES, Dispersion
+from cpmkit.forms.dispersion import SPLINES, Dispersion, on_curved_cells
 from cpmkit.forms.expected import ExpectedError
 from cpmkit.forms.galerkin.conditions.crossings import of_crossings, of_tips
 from cpmkit.forms.galerkin.conditions.held import held
@@ -108,7 +108,8 @@ class Galerkin(Equations):
     @property
     def dispersion(self) -> Dispersion:
         """How well splines of this degree carry waves."""
-        return SPLINES[self.options.own.degree]
+        splines = SPLINES[self.options.own.degree]
+        return on_curved_cells(splines) if self.sampled.bend == "feet" else splines
 
     # Levels
 
