@@ -11,7 +11,7 @@ form knows of the problem, and is overridden where it knows more.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 
@@ -35,6 +35,7 @@ from cpmkit.scene.scene import Scene
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
+    from cpmkit.forms.unresolved_data import DataAtPoints
     from cpmkit.linear.report import SolveReport
     from cpmkit.meshes.display_mesh import DisplayMesh
 
@@ -465,6 +466,10 @@ class Discretized(ABC):
         return Settled(*defects_of(operator, b, u, self))
 
     # Telling
+
+    def condition_data(self) -> Iterable[DataAtPoints]:
+        """Return the data of conditions, and the points in the scene's coordinates at which they are read."""
+        return ()
 
     def warnings(self, missed: float = 0.0) -> tuple[str, ...]:
         """Return what a reader of any solution should know; ``missed`` is the share by which a mean was off."""

@@ -12,9 +12,11 @@ from cpmkit.forms.contract import Discretized
 from cpmkit.linear.constants import Constants
 from cpmkit.linear.preconditioned import followed_by_error
 from cpmkit.linear.report import SolveReport
-from cpmkit.protocols import Floats, PreparedSolver
+from cpmkit.protocols import Floats, Ints, PreparedSolver
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.laws import Nonlinear
+from cpmkit.scene.state_diffusivity import StateDiffusivity
+from cpmkit.scene.tensors import size_of
 from cpmkit.solution.resonance import Resonance
 
 #: Relative residual to which the distance to an eigenvalue is computed.
@@ -22,7 +24,7 @@ ROUGH_RESIDUAL = 1e-3
 #: Steps of inverse iteration towards the nearest eigenvalue, from so many plane waves: each mode of about their length
 #: has a part in these, and after three steps the nearest mode's is the largest where it is near enough to be told.
 INVERSE_STEPS, PLANE_WAVES = 3, 6
-#: Points at which the wavenumber of a mode is measured.
+#: Points at which the wavenumber of a mode is measured, and the diffusivity.
 MODE_POINTS = 500
 
 
@@ -87,9 +89,10 @@ def solved_or_resonant(
 
 def may_resonate(form: Discretized) -> bool:
     """Tell whether a steady problem's operator may have an eigenvalue near zero: c or a condition takes from it."""
-    steady = form.scene.problem.family == "steady" and form.scene.problem.terms().velocity is None
-    nonlinear = any(isinstance(condition.law, Nonlinear) for condition in form.scene.conditions)
-    return steady and not nonlinear and not form.surely_positive()
+    terms = form.scene.problem.terms()
+    linear = not any(isinstance(condition.law, Nonlinear) for condition in form.scene.conditions)
+    linear = linear and not isinstance(terms.diffusivity, StateDiffusivity)
+    return form.scene.problem.family == "steady" and terms.velocity is None and linear and not form.surely_positive()
 
 
 def near_resonance(context: SolveContext, prepared: PreparedSolver, u: Floats) -> tuple[list[str], Resonance | None]:
@@ -119,7 +122,7 @@ def near_resonance(context: SolveContext, prepared: PreparedSolver, u: Floats) -
             "Whether an eigenvalue of the operator lies near zero, as at a resonance, could not be told: the solver "
             "did not converge on it."
         ], None
-    a = float(form.read(terms.diffusivity, "the diffusivity").min())
+    a = size_of(terms.diffusivity, form.some_points(_some_rows(form)))
     square = square_of_wavenumber(terms)
     found = _resonance(form, gap / a, square or _square_of_mode(form, mode), gap * step, u)
     if not found.undetermined:
@@ -162,6 +165,10 @@ def _plane_waves(form: Discretized) -> Callable[[Floats], Floats]:
 
 def _square_of_mode(form: Discretized, mode: Floats) -> float:
     """Return the mean of |grad u|^2 over that of u^2."""
-    rows = np.linspace(0, form.point_count - 1, min(MODE_POINTS, form.point_count)).astype(np.int64)
+    rows = _some_rows(form)
     values, slopes = form.at_some_points(mode, rows), form.gradient(mode, form.some_points(rows))
     return float(np.sum(slopes**2) / np.sum(values**2))
+
+
+def _some_rows(form: Discretized) -> Ints:
+    return np.linspace(0, form.point_count - 1, min(MODE_POINTS, form.point_count)).astype(np.int64)

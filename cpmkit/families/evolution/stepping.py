@@ -164,7 +164,7 @@ def _solution(
         *heat_drift(plan.problem, context.scene, plan.start.u, values, end - plan.start.time),
         *rest_sentence(form, plan.evolution, plan.start, state.history),
     ]
-    warnings = (*form.warnings(), *run_warnings(plan.problem, plan.evolution, state.history), *told)
+    warnings = (*form.warnings(), *run_warnings(plan.problem, plan.evolution, plan.start, state.history), *told)
     energy = wave_energy(plan.problem, state.history[-1], end)
     last = EvolvedSolution(form, values, report, work, seconds, warnings=warnings, time=end, steps=total, energy=energy)
     # A run that came to rest has fewer frames than were asked for.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from cpmkit.errors import ResolutionError, SceneError
+from cpmkit.errors import ResolutionError, SceneError, place
 from cpmkit.forms.collocation.assembly import build_operator, check_terms
 from cpmkit.forms.collocation.boundary.row_formula import sum_of_data
 from cpmkit.forms.collocation.conservation.components import components_without_flux
@@ -22,6 +22,7 @@ from cpmkit.forms.collocation.diagnosis.definiteness import (
     resolving_spacing,
     wrong_sign_sentence,
 )
+from cpmkit.forms.collocation.diagnosis.survey import find_unresolved
 from cpmkit.forms.collocation.diagnosis.twin_clusters import twin_feet
 from cpmkit.forms.collocation.diagnosis.warnings import layout_warnings
 from cpmkit.forms.collocation.discretization import build_tables, restated
@@ -33,6 +34,7 @@ from cpmkit.forms.collocation.stability import check_waves
 from cpmkit.forms.collocation.work import Work, measure_work
 from cpmkit.forms.contract import Discretized, Settled
 from cpmkit.forms.options import Options
+from cpmkit.forms.unresolved_data import DataAtPoints, unresolved_data
 from cpmkit.grid.fitting import check_fits
 from cpmkit.linear.operators import Border
 from cpmkit.manifold.mixed_dimension import mixed_joint_sentences
@@ -295,7 +297,11 @@ class Collocation(Reader):
 
     def warnings(self, missed: float = 0.0) -> tuple[str, ...]:
         """Return a sentence for each thing that the spacing does not resolve."""
-        return (*self._mixed, *layout_warnings(self.tables.layout, self.scene, missed))
+        return (*self._mixed, *layout_warnings(self.tables.layout, self.scene, missed), *unresolved_data(self))
+
+    def condition_data(self) -> list[DataAtPoints]:
+        """Return the data of conditions where ghosts and nodes past an edge read them."""
+        return [DataAtPoints(f"the datum of {one.what}", one.data, one.points) for one in self.tables.data]
 
     @cached_property
     def _mixed(self) -> list[str]:
@@ -316,10 +322,17 @@ class Collocation(Reader):
         )
 
     def order_of_difference(self, ratio: float, coarser: Discretized | None = None, apart: float = 0.0) -> float:
-        """Return the order of the conditions, 3 counting as 2."""
+        """Return the order of the conditions, 3 counting as 2, and 1 where creases or corners are told."""
         del ratio, coarser, apart
         order = self.tables.layout.order
-        return 2.0 if order == 3 else float(order)
+        return 1.0 if self.slow else 2.0 if order == 3 else float(order)
+
+    @cached_property
+    def slow(self) -> str:
+        """Creases and corners, beside which errors fall with the spacing at best."""
+        features = find_unresolved(self.tables.layout)
+        creased = [one for one in features if one.kind == "crease"]
+        return f"creases or corners near {place(creased[0].place)}; the error may fall slowly" if creased else ""
 
     def work(self, operator: Operator, report: SolveReport | None) -> Work:
         """Return what the tables hold and what the solve did."""

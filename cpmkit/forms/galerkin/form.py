@@ -29,18 +29,19 @@ from cpmkit.forms.galerkin.roughness import expected_error
 from cpmkit.forms.galerkin.sample_mesh import Samples
 from cpmkit.forms.galerkin.sampling import sample
 from cpmkit.forms.galerkin.shared import shared_property
-from cpmkit.forms.galerkin.slowness import layer_spacings, why_slow
+from cpmkit.forms.galerkin.slowness import layer_spacings, tensor_layer_warnings, why_slow
 from cpmkit.forms.galerkin.space.parted import part, pieces
 from cpmkit.forms.galerkin.space.space import space_of
 from cpmkit.forms.galerkin.telling import NOISE_FACTOR, of_space, of_turning
 from cpmkit.forms.galerkin.transport.telling import of_layers
 from cpmkit.forms.galerkin.work import GalerkinWork
 from cpmkit.forms.options import Options
+from cpmkit.forms.unresolved_data import DataAtPoints, unresolved_data
 from cpmkit.linear.levels import Level
 from cpmkit.manifold.abilities import has_finite_feet, integral_floor_of, warnings_of
 from cpmkit.protocols import Floats, Operator, Progress, no_progress
 from cpmkit.runtime.freed_memory import hand_back
-from cpmkit.scene.laws import Nonlinear
+from cpmkit.scene.laws import Nonlinear, data_of
 from cpmkit.scene.scene import Scene
 from cpmkit.scene.state_diffusivity import StateDiffusivity
 
@@ -138,7 +139,16 @@ class Galerkin(Equations):
         one, (before, after) = self.sampled, self._told_of_lattice
         at_points = [text for tell in (of_crossings, of_tips) for text in tell(self.scene, one.mesh, one.lattice)]
         layers = () if self._carried is None else of_layers(self._conditions_of_scene)
-        return (*before, *at_points, *after, *layers)
+        return (*before, *at_points, *after, *layers, *tensor_layer_warnings(self), *unresolved_data(self))
+
+    def condition_data(self) -> list[DataAtPoints]:
+        """Return the data of conditions at the samples on boundaries and rims."""
+        one = self.sampled
+        return [
+            DataAtPoints(f"the {name} of {held.what}", data, one.lattice.to_scene(one.boundary.points[held.rows]))
+            for held in one.held
+            for name, data in data_of(held.law)
+        ]
 
     @shared_property
     def _told_of_lattice(self) -> tuple[tuple[str, ...], tuple[str, ...]]:

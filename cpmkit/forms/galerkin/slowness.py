@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cpmkit.forms.galerkin.telling import TURNED_SHARE
 from cpmkit.scene.state_diffusivity import StateDiffusivity
+from cpmkit.scene.tensors import evaluate_diffusivity, principal_values
 
 if TYPE_CHECKING:
     from cpmkit.forms.contract import Discretized
@@ -42,7 +44,8 @@ def end_or_layer(form: Galerkin) -> str:
     if bool(form.sampled.mesh.extends.any()) and not form.sampled.singular:
         return "boundaries end inside the surface; the error may fall slowly"
     if form.layer_spacings < LAYER_SPACINGS:
-        return f"a layer beside conditions is {form.layer_spacings:.2g} spacings wide; the error may fall slowly"
+        where = "along the direction that conducts worst" if form.scene.has_tensor else "beside conditions"
+        return f"a layer {where} is {form.layer_spacings:.2g} spacings wide; the error may fall slowly"
     return ""
 
 
@@ -66,17 +69,38 @@ def bent_share(form: Discretized) -> float:
 
 
 def layer_spacings(form: Galerkin) -> float:
-    """Return the width sqrt(a / c) of layers beside conditions in spacings; infinite where there can be none.
+    """Return the width of layers in spacings; infinite where there can be none.
 
-    In steady problems -div(a grad u) + c u = f, where a condition holds anything but zero flux.
+    In steady problems -div(a grad u) + c u = f they are sqrt(a / c) wide, beside conditions that hold anything but zero
+    flux. A tensor that conducts badly along one direction has them anywhere, sqrt(a / c) wide with its smallest
+    eigenvalue on tangents, and no wider than the manifold times the root of the smallest over the largest.
     """
     terms = form.scene.problem.terms()
-    if form.scene.problem.family != "steady" or not any(not one.seam for one in form.sampled.held):
-        return np.inf
-    if form.scene.has_tensor or isinstance(terms.diffusivity, StateDiffusivity):
+    if form.scene.problem.family != "steady" or isinstance(terms.diffusivity, StateDiffusivity):
         return np.inf
     c = float(form.read(terms.c, "the factor c").max())
-    if c <= 0:
+    if form.scene.has_tensor:
+        return _tensor_layer(form, c) / form.spacing
+    if c <= 0 or not any(not one.seam for one in form.sampled.held):
         return np.inf
     a = float(form.read(terms.diffusivity, "the diffusivity").min())
     return float(np.sqrt(a / c) / form.spacing)
+
+
+def tensor_layer_warnings(form: Galerkin) -> Iterator[str]:
+    """Return a sentence where a tensor conducts so badly along one direction that the spacing resolves no layer."""
+    if form.scene.problem.family == "steady" and form.scene.has_tensor and form.layer_spacings < LAYER_SPACINGS:
+        yield (
+            "The diffusivity conducts so badly along one direction that the solution may have layers "
+            f"{form.layer_spacings:.2g} spacings wide, which are not resolved; a spacing of "
+            f"{form.spacing * form.layer_spacings / LAYER_SPACINGS:.2g} or less resolves them."
+        )
+
+
+def _tensor_layer(form: Galerkin, c: float) -> float:
+    tensors = evaluate_diffusivity(form.scene.problem.terms().diffusivity, form.points, "the diffusivity")
+    normals = form.sampled.samples.normals_at(slice(form.sampled.interior))
+    least, largest = principal_values(tensors, normals)
+    radius = 0.5 * float(np.ptp(np.asarray(form.scene.surface.bounds), axis=0).max())
+    width = radius * np.sqrt((least / largest).min())
+    return float(width if c <= 0 else min(width, np.sqrt(least.min() / c)))

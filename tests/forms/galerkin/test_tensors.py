@@ -211,3 +211,26 @@ def test_what_is_refused():
     ring = ck.Boundary("ring", RING, across=ck.Transmission(left=1.0, right=2.0))
     with pytest.raises(SceneError, match="which no number is"):
         solved(ck.Elliptic(f, diffusivity=MATRIX, c=1.0), 0.4, [ring])
+
+
+@pytest.mark.parametrize(("poor", "thin"), [(0.3, False), (1e-3, True)])
+def test_layers_along_the_direction_that_conducts_worst_are_warned_of_and_estimated(poor, thin):
+    """Without conditions and with c = 1 they are sqrt(poor) wide; estimates were a fourth to a seventh of the error."""
+    at = sphere_points(600)
+    along = np.array([1.0, 0.7, 0.3]) / np.linalg.norm([1.0, 0.7, 0.3])
+    tensor = np.eye(3) + (poor - 1.0) * np.outer(along, along)
+    scene = ck.Scene(SPHERE, ck.Elliptic("x", diffusivity=tensor, c=1.0))
+    fine = ck.solve(scene, 0.08).evaluate(at)
+    solution = ck.solve(scene, 0.2)
+    off = np.abs(solution.evaluate(at) - fine) / np.ptp(fine)
+    assert 0.4 < solution.error.largest[0] / off.max() < 3
+    assert 0.4 < solution.error.rms[0] / np.sqrt(np.mean(off**2)) < 4
+    assert ("along the direction that conducts worst" in solution.error.slow) == thin
+    told = [text for text in solution.warnings if "conducts so badly along one direction" in text]
+    assert len(told) == thin
+
+
+def test_without_a_reaction_layers_are_as_thin_as_the_ratio_of_the_conductivities_says():
+    scene = ck.Scene(SPHERE, ck.Elliptic("x", diffusivity=np.diag([1.0, 1.0, 1e-3])))
+    with pytest.warns(ck.CpmkitWarning, match=r"layers 0.16 spacings wide.*a spacing of 0.035 or less resolves them"):
+        ck.solve(scene, 0.2)

@@ -10,6 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from cpmkit.forms.collocation.diagnosis.corners import (
+    ERROR_PER_RADIAN_ALIGNED,
+    corner_feature,
+    is_curve_in_space,
+)
 from cpmkit.forms.collocation.diagnosis.unresolved import TOLD_ERROR_SHARE, UnresolvedFeature
 from cpmkit.forms.collocation.diagnosis.valleys import limb_feature
 from cpmkit.forms.collocation.layout import Layout
@@ -25,9 +30,8 @@ from cpmkit.forms.collocation.sheets.turning import (
 from cpmkit.grid.band import Band
 from cpmkit.protocols import Bools, Floats, Ints
 
-#: Error, as a share of the range, over the angle in radians of a crease that all of the flux crosses: where the crease
-#: runs along an axis of the lattice, and where it is oblique to all of them and its errors average out.
-ERROR_PER_RADIAN_ALIGNED, ERROR_PER_RADIAN_OBLIQUE = 0.2, 0.08
+#: The same where the crease is oblique to all axes of the lattice and its errors average out.
+ERROR_PER_RADIAN_OBLIQUE = 0.08
 #: A crease runs along an axis of the lattice above this cosine.
 ALIGNED_CREASE_COSINE = 0.999
 #: A bend costs as much as a crease of the same angle, and ten times less for each so many spacings of its radius.
@@ -63,6 +67,9 @@ def find_unresolved(layout: Layout, spacing: float | None = None) -> tuple[Unres
     spacing : float, optional
         For which it is judged, where the layout is a coarser rehearsal.
     """
+    if is_curve_in_space(layout):
+        corners = corner_feature(layout)
+        return () if corners is None else (corners,)
     if not can_find_unresolved(layout):
         return ()
     survey = _survey(layout, layout.lattice.spacing if spacing is None else spacing)

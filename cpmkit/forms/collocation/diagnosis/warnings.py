@@ -119,9 +119,10 @@ def _sheets(layout: Layout, missed: float) -> list[str]:
                 "crease itself; use closest points that are smooth, or sheets=True."
             )
         return sentences
+    corners = [feature.sentence for feature in find_unresolved(layout)]
     share = stretched_share(layout.band, JUMP_SPACINGS)
-    if share <= JUMP_SHARE:
-        return []
+    if share <= JUMP_SHARE or corners:
+        return corners
     return [
         f"The closest points of {share:.1%} of neighbouring nodes jump: there the surface bends more sharply, or two "
         "parts of it come nearer to each other, than the band is wide, and the solution may be off by several percent; "
