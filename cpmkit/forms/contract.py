@@ -140,6 +140,11 @@ class Discretized(ABC):
     # What there is
 
     @property
+    def finest_spacing(self) -> float:
+        """The smallest spacing anywhere, where there are several."""
+        return self.spacing
+
+    @property
     def dispersion(self) -> Dispersion:
         """How well it carries waves."""
         return SECOND_ORDER

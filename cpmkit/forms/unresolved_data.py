@@ -13,8 +13,7 @@ import numpy as np
 
 from cpmkit.errors import CpmkitError
 from cpmkit.protocols import Floats
-from cpmkit.scene.data import evaluate_data
-from cpmkit.scene.functionals import Functional
+from cpmkit.scene.data import Functional, evaluate_data
 from cpmkit.scene.tensors import evaluate_diffusivity
 
 if TYPE_CHECKING:
@@ -48,7 +47,8 @@ def nugget(values: Floats, points: Floats, spacing: float) -> float:
     from scipy.spatial import cKDTree
 
     near = NEIGHBOUR_SPACINGS * spacing
-    apart = np.unique(np.round(points / (SAME_SPACINGS * spacing)), axis=0, return_index=True)[1]
+    cells = np.round((points - points.min(axis=0)) / (SAME_SPACINGS * spacing)).astype(np.int64)
+    apart = np.unique(np.ravel_multi_index(tuple(cells.T), cells.max(axis=0) + 1), return_index=True)[1]
     points, values = points[apart], values[apart]
     distance, number = cKDTree(points).query(points, NEIGHBOURS + 1, distance_upper_bound=near)
     first, place = np.nonzero(np.isfinite(distance) & (distance > 0))
@@ -82,13 +82,13 @@ def _runs(count: int) -> Any:
 
 def _warnings(form: Discretized, one: DataAtPoints) -> Iterator[str]:
     values = _values(form, one)
-    share = 0.0 if values is None else nugget(values, one.points, form.spacing)
+    share = 0.0 if values is None else nugget(values, one.points, form.finest_spacing)
     if share > UNRESOLVED_NUGGET:
         yield (
             f"{one.what[0].upper()}{one.what[1:]} varies within a spacing, by about {min(share, 1.0):.0%} of its size: "
-            f"at spacing={form.spacing:g} it is read at points too few to see how, and the solution may be off by as "
-            "much as its own size; use a spacing of a third of its shortest wave or less, or give its mean over a "
-            "spacing."
+            f"at spacing={form.finest_spacing:g} it is read at points too few to see how, and the solution may be off "
+            "by as much as its own size; use a spacing of a third of its shortest wave or less, or give its mean over "
+            "a spacing."
         )
 
 

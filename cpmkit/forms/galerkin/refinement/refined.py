@@ -87,6 +87,11 @@ class RefinedGalerkin(Galerkin):
         return self.refined.stacked(representations(self.refined.levels, self.regions.finest))
 
     @property
+    def finest_spacing(self) -> float:
+        """That of the finest level."""
+        return float(self.spacing / 2**self.regions.finest)
+
+    @property
     def size(self) -> int:
         """Number of active splines."""
         return int(self.representation.shape[1])
