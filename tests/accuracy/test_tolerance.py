@@ -2,6 +2,7 @@
 
 from itertools import pairwise
 
+import coarse_meshes as meshes
 import numpy as np
 import pytest
 from model_problems import sphere_points
@@ -181,6 +182,26 @@ def test_what_a_representation_leaves_is_the_floor():
         solution = ck.solve(scene, tolerance=1e-9)
     assert solution.trade.status == "floor"
     assert solution.discretized.size < 100_000
+
+
+@pytest.mark.parametrize("mesh", [meshes.hull(meshes.icosphere(1)), meshes.capsule(16)[0]], ids=["sphere", "capsule"])
+def test_triangles_that_are_read_as_they_are_have_no_floor(mesh):
+    """They are the surface: the error, of a finer solution on the same triangles, falls as far as is asked for."""
+    faceted = ck.source("mesh.triangles", vertices=mesh[0], faces=mesh[1], closest="faceted")
+    scene = ck.Scene(faceted, ck.ScreenedPoisson(lambda x: np.cos(2 * x[:, 0]) + 3 * x[:, 1]))
+    solution = ck.solve(scene, tolerance=1e-4)
+    assert solution.trade.status == "reached"
+    points = mesh[0][mesh[1]].mean(axis=1)
+    finer = ck.solve(scene, solution.spacing / 2).evaluate(points)
+    assert np.sqrt(np.mean((solution.evaluate(points) - finer) ** 2)) < 1e-4 * np.ptp(finer)
+
+
+def test_what_triangles_do_not_reach_within_the_memory_is_told():
+    vertices, faces = meshes.hull(meshes.icosphere(1))
+    faceted = ck.source("mesh.triangles", vertices=vertices, faces=faces, closest="faceted")
+    with pytest.warns(ck.CpmkitWarning, match="tolerance 1e-09 not reached: .* 64 MiB of memory allow"):
+        solution = ck.solve(ck.Scene(faceted, ck.ScreenedPoisson(lambda x: x[:, 0])), tolerance=1e-9, memory="64 MiB")
+    assert solution.trade.status == "not reached"
 
 
 def test_the_origin_that_is_given_is_that_of_the_answer():

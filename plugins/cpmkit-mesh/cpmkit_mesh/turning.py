@@ -11,9 +11,9 @@ from cpmkit_mesh.folds import Folds
 #: Largest error of a solution as a share of its range, over the turning angle's square (smooth) and over itself
 #: (faceted). u = z on spheres of 66 to 4,098 vertices at spacings 0.1 to 0.03: 0.07 to 0.08; 0.06 to 0.22.
 SMOOTH_ERROR_PER_RADIAN_SQUARED, FACETED_ERROR_PER_RADIAN = 0.075, 0.13
-#: The same by the form ``galerkin``, over the angle's square, on these and on meshes of 500 and 2,000 random vertices:
-#: faceted 0.059 to 0.067; smooth, on the spheres, 0.00012 to 0.0004 at spacings 0.05 and 0.03.
-SMOOTH_INTEGRAL_ERROR, FACETED_INTEGRAL_ERROR = 0.00025, 0.064
+#: The same by the form ``galerkin``, over the angle's square, smooth, on these spheres: 0.00012 to 0.0004 at spacings
+#: 0.05 and 0.03.
+SMOOTH_INTEGRAL_ERROR = 0.00025
 #: Radians up to which triangles that meet at an edge lie in one plane: files keep a few digits alone.
 FLAT_ANGLE = 1e-3
 
@@ -43,5 +43,5 @@ def mesh_floor(turning_angle: float, smooth: bool) -> float:
 
 
 def integral_floor(turning_angle: float, smooth: bool) -> float:
-    """Return the same by the form ``galerkin``."""
-    return min(1.0, (SMOOTH_INTEGRAL_ERROR if smooth else FACETED_INTEGRAL_ERROR) * turning_angle**2)
+    """Return the same by the form ``galerkin``, to which triangles that are read as they are are the surface itself."""
+    return min(1.0, SMOOTH_INTEGRAL_ERROR * turning_angle**2) if smooth else 0.0
