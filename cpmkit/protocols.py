@@ -352,6 +352,14 @@ class TellsIntegralFloor(Protocol):
         """Return the ``integral_floor`` of the advice at ``spacing``."""
 
 
+@runtime_checkable
+class ReadsAsTriangles(Protocol):
+    """A mesh that stands for a smooth surface, and can be read as the triangles that it is."""
+
+    def faceted(self) -> ClosestPointSource:
+        """Return the same mesh read as its triangles."""
+
+
 class Operator(Protocol):
     """A square linear map of the unknowns, kept in whatever form its maker likes; all that a solver asks."""
 

@@ -12,6 +12,7 @@ import numpy as np
 from cpmkit.accuracy.companions import expected_of, from_companions
 from cpmkit.accuracy.comparison import difference
 from cpmkit.accuracy.error_estimate import ErrorEstimate
+from cpmkit.accuracy.facets import floor_by_facets
 from cpmkit.errors import InputError
 from cpmkit.families.keywords import PreparingKeywords
 from cpmkit.forms.choice import FORMS
@@ -32,6 +33,9 @@ from cpmkit.solution.solution import Solution
 RATIOS = {False: (2.0,), True: (math.sqrt(2), 2.0)}
 #: By what part of a spacing the coarser lattices are shifted: nodes at the same places make the same errors there.
 SHIFT = (0.37, 0.59, 0.43)
+
+#: A floor of a mesh below this share of the error is not looked at more closely.
+FLOOR_SHARE = 0.5
 
 #: Solves a scene at a spacing, with the lattice's origin and all other options as they were.
 SolveAt = Callable[[Scene, float], Solution]
@@ -57,7 +61,10 @@ def estimated(solution: Solution, solve_at: SolveAt, tight: bool = False) -> Err
     scene = coarser_scene(solution.scene)
     companions = [solve_at(scene, ratio * solution.spacing) for ratio in RATIOS[tight]]
     in_time = error_in_time(companions[-1], solve_at)
-    return from_companions(solution, companions, in_time, alone=expected_of(solution))
+    found = from_companions(solution, companions, in_time, alone=expected_of(solution))
+    coarse, enough = companions[-1], FLOOR_SHARE * found.of("rms")
+    left = floor_by_facets(coarse, lambda scene: solve_at(scene, coarse.spacing), enough)
+    return replace(found, floor=np.full(len(found.unit), left))
 
 
 def coarser_scene(scene: Scene) -> Scene:

@@ -78,7 +78,7 @@ def walk(way: Way) -> tuple[Status, float]:
 def _aim(way: Way) -> float:
     """Return the tolerance that can be reached: what is asked for, or what the source leaves; 0 without a tolerance."""
     tolerance = way.asked.tolerance
-    return 0.0 if tolerance is None else max(tolerance, way.last.solution.discretized.source_error())
+    return 0.0 if tolerance is None else max(tolerance, way.floor())
 
 
 def _refine(way: Way) -> None:

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from cpmkit.accuracy.knobs import error_of_equal_cost
 from cpmkit.accuracy.ladder import walk
 from cpmkit.accuracy.limits import predicted_bytes
@@ -69,6 +71,8 @@ def walked(way: Way) -> Solution:
     status, aim = walk(way)
     best = way.last if status in ("reached", "floor") else way.best
     answer, estimate = way.asked_of(best.solution), best.estimate
+    if estimate is not None and way.left is not None:
+        estimate = replace(estimate, floor=np.full(len(estimate.unit), way.left))
     trade = Trade(
         asked,
         status,

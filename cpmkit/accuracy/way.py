@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, cast
 
 import numpy as np
@@ -15,6 +15,7 @@ from cpmkit.accuracy.companions import expected_of, from_companions
 from cpmkit.accuracy.comparison import scales_of
 from cpmkit.accuracy.error_estimate import ErrorEstimate
 from cpmkit.accuracy.estimate import coarser_scene, error_in_time, order_in_time, shifted_origin
+from cpmkit.accuracy.facets import floor_by_facets
 from cpmkit.accuracy.trade import Purpose, Step
 from cpmkit.errors import ResolutionError, SceneError
 from cpmkit.families.eigen.fewer import fewer_modes
@@ -115,6 +116,8 @@ class Way:
         How often spacings that are too coarse are made finer.
     refused : Exception, optional
         Why the way ended before its goal.
+    left : float, optional
+        What the source leaves of an error, once that is looked at.
     """
 
     scene: Scene
@@ -131,6 +134,7 @@ class Way:
     order: float | None = None
     trials: int = MOST_TRIALS
     refused: Exception | None = None
+    left: float | None = None
 
     @property
     def best(self) -> Run:
@@ -227,6 +231,16 @@ class Way:
         self.scene = replace(self.scene, problem=replace(cast(Any, problem), step=problem.step / parts))
         self.in_time /= parts**order
         return True
+
+    def floor(self) -> float:
+        """Return what the source leaves of an error, by the last pilot, solved on a mesh's triangles if it matters."""
+        last = self.last.solution
+        if self.left is None:
+            if self.asked.tolerance is None or self.order is not None or self.refused is not None:
+                return last.discretized.source_error()  # a recipe makes no solution on triangles
+            solve_at = partial(self.solve, spacing=last.spacing, origin=last.discretization()["origin"], **self.further)
+            self.left = floor_by_facets(last, solve_at, self.asked.tolerance)
+        return self.left
 
     def companion(self, solution: Solution) -> Solution | None:
         """Return the solution that one is held against, of those whose spacings are neither too near nor too far."""

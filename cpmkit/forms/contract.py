@@ -484,8 +484,13 @@ class Discretized(ABC):
         """Return what may help an iteration that does not converge, as the end of a sentence."""
         return ""
 
-    def source_error(self) -> float:
-        """Return the share of the solution's range that the source alone leaves as an error, whatever the spacing."""
+    def source_error(self, apart: float | None = None) -> float:
+        """Return the share of the solution's range that the source alone leaves as an error, whatever the spacing.
+
+        ``apart`` is by how much a solution differs on the flat triangles of a mesh that is read as smooth, root mean
+        square as a share of its range, where that is known.
+        """
+        del apart
         return advice_of(self.scene.surface, self.spacing).floor
 
     def order_of_difference(self, ratio: float, coarser: Discretized | None = None, apart: float = 0.0) -> float:

@@ -44,6 +44,10 @@ class Support:
         t = np.clip((self.ratio - UNSUPPORTED) / (SUPPORTED - UNSUPPORTED), 0.0, 1.0)
         return np.where(self.height > LOW, t * t * (3.0 - 2.0 * t), 1.0)
 
+    def unsupported(self, limit: float = UNSUPPORTED) -> Bools:
+        """(e,) whether the normals claim a height that the surface beyond supports by less than ``limit``."""
+        return np.asarray((self.ratio < limit) & (self.height > LOW))
+
 
 def support_of(vertices: Floats, ends: Ints, normals: Floats, creased: Bools) -> Support:
     """Return the support of the edges of triangles.

@@ -49,7 +49,10 @@ def test_what_the_source_leaves_is_that_of_the_form(form):
     estimate = ck.estimate_error(scene, 0.2, form=form, solver="direct")
     told = ck.explain(scene, 0.2, form=form, rehearse=True).floor
     assert told > 1e-6
-    assert estimate.floor[0] == pytest.approx(told, rel=0.1)
+    if form == "collocation":
+        assert estimate.floor[0] == pytest.approx(told, rel=0.1)
+    else:  # by a solution on the triangles
+        assert 2 * told < estimate.floor[0] < 2e-3
 
 
 def test_a_spacing_too_coarse_to_be_doubled_is_refused():

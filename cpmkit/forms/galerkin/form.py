@@ -30,6 +30,7 @@ from cpmkit.forms.galerkin.sample_mesh import Samples
 from cpmkit.forms.galerkin.sampling import sample
 from cpmkit.forms.galerkin.shared import shared_property
 from cpmkit.forms.galerkin.slowness import layer_spacings, tensor_layer_warnings, why_slow
+from cpmkit.forms.galerkin.source_floor import support_floor
 from cpmkit.forms.galerkin.space.parted import part, pieces
 from cpmkit.forms.galerkin.space.space import space_of
 from cpmkit.forms.galerkin.telling import NOISE_FACTOR, of_space, of_turning
@@ -165,10 +166,14 @@ class Galerkin(Equations):
         """How much of the manifold lies on splines under which it turns: thin, folded or creased on this lattice."""
         return self._areas_and_turned[1]
 
-    def source_error(self) -> float:
-        """Return what the source leaves in integrals, or what the noise of its closest points does."""
-        noise = NOISE_FACTOR * self.sampled.surface.noise / self.spacing
-        return max(integral_floor_of(self.scene.surface, self.spacing), noise)
+    def source_error(self, apart: float | None = None) -> float:
+        """Return what the source leaves in integrals, its noise, or a lift that a mesh does not support."""
+        one = self.sampled
+        noise = NOISE_FACTOR * one.surface.noise / self.spacing
+        left = max(integral_floor_of(self.scene.surface, self.spacing), noise)
+        if one.bend != "normals":
+            return left
+        return max(left, support_floor(one.surface, float(one.samples.weights.sum()), apart))
 
     def order_of_difference(self, ratio: float, coarser: Discretized | None = None, apart: float = 0.0) -> float:
         """Return what divides by 2.7 to 7 at twice the spacing on smooth sources, by 2.5 on meshes, by less if slow.

@@ -9,6 +9,7 @@ import numpy as np
 from cpmkit.plugin import Bools, ClosestPoints, Floats, unit
 from cpmkit_mesh.directions import face_normals
 from cpmkit_mesh.folds import crowded_edges
+from cpmkit_mesh.support import support_warnings
 from cpmkit_mesh.triangles import ON_EDGE_COORDINATE, TriangleMesh
 
 #: A foot with a barycentric coordinate below this lies beside the edge opposite that corner: those of points of the
@@ -27,19 +28,26 @@ class OrientedTriangleMesh(TriangleMesh):
         mixed[vanished] = self.normals_at_corners[face[vanished], 0]
         return unit(mixed)
 
+    def own_warnings(self, spacing: float, /) -> tuple[str, ...]:
+        """Return what was changed in the mesh, and how much of it is not as smooth as it is read."""
+        if self._first is not self:
+            return self._first.own_warnings(spacing)
+        found = super().own_warnings(spacing)
+        return (*found, *support_warnings(self)) if self.smooth else found
+
     def facet_normals(self, feet: ClosestPoints, /) -> Floats:
         """Return (n, 3) unit normals of triangles with a corner at a crease, NaN elsewhere.
 
         NaN as well at corners off creases, and on edges between such: from the other side the surface is smooth there.
         """
         face, local = self._located(feet)
-        held = (self._at_crease[self.faces[face]] & (local > BESIDE_EDGE_COORDINATE)).any(axis=1)
+        held = (self.at_crease[self.faces[face]] & (local > BESIDE_EDGE_COORDINATE)).any(axis=1)
         found = np.full((len(face), 3), np.nan)
         found[held] = face_normals(self.vertices, self.faces[face[held]])
         return found
 
     @cached_property
-    def _at_crease(self) -> Bools:
+    def at_crease(self) -> Bools:
         """(k,) whether an edge that ends at each vertex is a crease of a mesh that is read as smooth.
 
         Edges at which three or more triangles meet are creases, whatever the angles there.

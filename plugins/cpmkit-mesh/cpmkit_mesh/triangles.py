@@ -140,6 +140,10 @@ class TriangleMesh:
         kept = distinct(x, rows, found, float(np.ptp(self.bounds, axis=0).max()))
         return rows[kept], self._records(found, doubtful).take(kept)
 
+    def faceted(self) -> TriangleMesh:
+        """Return the same mesh, closest points on it being those of its triangles."""
+        return replace(self, smooth=False)
+
     def interpolate(self, values: Floats, feet: ClosestPoints, /) -> Floats:
         """Return ``values`` (value_count, ...), one row a given vertex, interpolated linearly in each triangle."""
         face, local = self._located(feet)

@@ -1,0 +1,72 @@
+"""What a mesh that is read as smooth leaves of an error is told, by a solution on its triangles where that matters."""
+
+from functools import cache
+
+import coarse_meshes as meshes
+import numpy as np
+import pytest
+
+import cpmkit as ck
+from cpmkit.accuracy.estimate import companion_solver, estimated
+from cpmkit.protocols import ReadsAsTriangles
+
+PROBLEM = ck.ScreenedPoisson(lambda x: np.cos(2 * x[:, 0]) + 3 * x[:, 1])
+
+
+def sphere(rounds):
+    return meshes.hull(meshes.icosphere(rounds))
+
+
+def scene(mesh, closest="smooth"):
+    return ck.Scene(ck.source("mesh.triangles", vertices=mesh[0], faces=mesh[1], closest=closest), PROBLEM)
+
+
+@cache
+def solved(name):
+    """Return a solution on a coarse mesh, and one on a mesh of the same body that is much finer."""
+    coarse, fine = {
+        "sphere": (sphere(2), sphere(4)),
+        "long ellipsoid": ((sphere(2)[0] * [3, 1, 1], sphere(2)[1]), (sphere(4)[0] * [3, 1, 1], sphere(4)[1])),
+        "box with fillets": (meshes.rounded_box(1, 0.3)[0], meshes.rounded_box(3, 0.3)[0]),
+        "capsule": (meshes.capsule(16)[0], meshes.capsule(48)[0]),
+    }[name]
+    return ck.solve(scene(coarse), 0.2), ck.solve(scene(fine), 0.2)
+
+
+@pytest.mark.parametrize("name", ["sphere", "long ellipsoid", "box with fillets", "capsule"])
+def test_the_floor_is_above_what_the_mesh_leaves_and_not_far(name):
+    solution, exact = solved(name)
+    points = solution.scene.surface.vertices
+    values = [one.evaluate(points) for one in (solution, exact)]
+    true = np.sqrt(np.mean((values[0] - values[1]) ** 2)) / np.ptp(values[1])
+    assert 0.8 * true < solution.error.floor[0] < 30 * true
+
+
+def test_it_is_solved_on_the_triangles_only_where_the_floor_matters():
+    fine, coarse = scene(sphere(4)), scene(sphere(1))
+    for of, further in ((fine, 0), (coarse, 1)):
+        solution, solves = ck.solve(of, 0.25), []
+
+        def solve_at(scene, spacing, solves=solves):
+            solves.append((scene.surface.smooth, spacing))
+            return companion_solver({})(scene, spacing)
+
+        estimated(solution, solve_at)
+        assert solves == [(True, 0.5)] + further * [(False, 0.5)]
+
+
+def test_a_tolerance_below_the_floor_is_told():
+    with pytest.warns(ck.CpmkitWarning, match="below what the surface's representation alone leaves"):
+        solution = ck.solve(scene(sphere(1)), tolerance=1e-3)
+    assert solution.trade.status == "floor"
+    assert solution.error.floor[0] > 1e-3
+
+
+def test_a_mesh_can_be_read_as_its_triangles():
+    smooth = scene(sphere(1)).surface
+    assert isinstance(smooth, ReadsAsTriangles)
+    assert smooth.faceted().exact
+    x = np.random.default_rng(0).normal(size=(50, 3))
+    np.testing.assert_array_equal(
+        smooth.faceted().closest_point(x).points, scene(sphere(1), "faceted").surface.closest_point(x).points
+    )
