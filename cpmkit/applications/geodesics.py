@@ -176,7 +176,7 @@ def _near(prepared: Prepared, origins: Origins, pieces: Pieces, points: Floats) 
     on = pieces.numbers_at(form, places)
     lies_on = np.zeros((owner.max() + 1, pieces.count), dtype=bool)
     lies_on[owner, on] = True
-    return _Near(np.where(lies_on[number, pieces.of_point], straight, np.inf), number), lies_on.any(axis=0)
+    return _Near(np.where(lies_on[number, pieces.of_point], straight, np.inf), number), np.asarray(lies_on.any(axis=0))
 
 
 def _told(phi: Solution, reached: Bools) -> Solution:
