@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Unpack, cast
 
@@ -13,7 +13,7 @@ from cpmkit.accuracy.companions import expected_of, from_companions
 from cpmkit.accuracy.comparison import difference
 from cpmkit.accuracy.error_estimate import ErrorEstimate
 from cpmkit.accuracy.facets import floor_by_facets
-from cpmkit.errors import InputError
+from cpmkit.errors import InputError, ResolutionError
 from cpmkit.families.keywords import PreparingKeywords
 from cpmkit.forms.choice import FORMS
 from cpmkit.forms.contract import Discretized
@@ -55,16 +55,40 @@ def estimated(solution: Solution, solve_at: SolveAt, tight: bool = False) -> Err
 
     Raises
     ------
+    ResolutionError
+        If the scene has no solution at these spacings, nor at the root of two.
     CpmkitError
         As ``solve`` does at the larger spacings.
     """
     scene = coarser_scene(solution.scene)
-    companions = [solve_at(scene, ratio * solution.spacing) for ratio in RATIOS[tight]]
+    companions = _coarser_solutions(scene, solution.spacing, solve_at, RATIOS[tight])
     in_time = error_in_time(companions[-1], solve_at)
     found = from_companions(solution, companions, in_time, alone=expected_of(solution))
     coarse, enough = companions[-1], FLOOR_SHARE * found.of("rms")
     left = floor_by_facets(coarse, lambda scene: solve_at(scene, coarse.spacing), enough)
     return replace(found, floor=np.full(len(found.unit), left))
+
+
+def _coarser_solutions(scene: Scene, spacing: float, solve_at: SolveAt, ratios: Sequence[float]) -> list[Solution]:
+    """Return solutions at ``ratios`` times the spacing, at the smallest ratio alone where others are too coarse.
+
+    Raises
+    ------
+    ResolutionError
+        If that one is too coarse as well; the message names the spacing that the user gave.
+    """
+    try:
+        return [solve_at(scene, ratio * spacing) for ratio in ratios]
+    except ResolutionError:
+        ratio = min(RATIOS[True])
+    try:
+        return [solve_at(scene, ratio * spacing)]
+    except ResolutionError as error:
+        raise ResolutionError(
+            f"The error at spacing={spacing:g} is estimated by solving on coarser lattices, the finest at "
+            f"{ratio * spacing:.3g}, which does not work: {error} Use spacing={spacing / 2:.3g} or less, or "
+            "estimate=False."
+        ) from error
 
 
 def coarser_scene(scene: Scene) -> Scene:

@@ -8,6 +8,7 @@ import numpy as np
 
 from cpmkit.errors import SceneError, place
 from cpmkit.forms.galerkin.contouring.curves import CurveReport
+from cpmkit.forms.galerkin.contouring.laws import Faults
 from cpmkit.forms.galerkin.contouring.surfaces import MOST_NONMANIFOLD, SurfaceReport
 from cpmkit.forms.galerkin.facing import Turned
 from cpmkit.forms.galerkin.insertion.inserted import Insertion
@@ -66,11 +67,7 @@ def of_contouring(report: SurfaceReport, surface: LocalSource) -> Iterator[str]:
             f"or more, at {report.side:g} spacings: the surface is thin there, or its sheets meet; a smaller spacing "
             "tells."
         )
-    if report.open_edges:
-        yield (
-            f"{report.open_edges} edges of the triangulation by closest points are open where the surface has no rim: "
-            "cracks through which nothing flows; use a smaller spacing."
-        )
+    yield from _of_faults(report.faults, surface)
     if report.specks:
         yield (
             f"{report.specks} pieces of the triangulation by closest points with less area than a tenth of a square of "
@@ -94,6 +91,35 @@ def advised_by_noise(texts: Iterator[str], source: LocalSource, spacing: float) 
     """Return the warnings, without the advice to take a smaller spacing where noise would be the larger there."""
     noisy = source.noise > NOISE_SHARE * spacing
     return tuple(text.replace("use a smaller spacing", EXACTER) if noisy else text for text in texts)
+
+
+def _of_faults(faults: Faults, surface: LocalSource) -> Iterator[str]:
+    """Warn of the places at which a triangulation breaks a law."""
+
+    def first(places: Floats) -> str:
+        return f"the first near {_in_scene(places[0], surface)}"
+
+    if len(faults.cracks):
+        yield (
+            f"{len(faults.cracks)} edges of the triangulation by closest points are open where the surface has no rim, "
+            f"{first(faults.cracks)}: cracks through which nothing flows; use a smaller spacing."
+        )
+    knots = np.concatenate([faults.crowded, faults.loose])
+    if len(knots):
+        yield (
+            f"Sheets of the triangulation by closest points hang together wrongly at {len(knots)} places, "
+            f"{first(knots)}; use a smaller spacing."
+        )
+    if len(faults.folds):
+        yield (
+            f"{len(faults.folds)} triangles fold over beside a rim of the surface, {first(faults.folds)}; use a "
+            "smaller spacing."
+        )
+    if faults.pieces or faults.wrong_area:
+        yield (
+            f"The triangulation by closest points has an area {faults.area:+.0%} off a sum over lattice nodes, and "
+            f"{abs(faults.pieces)} pieces came or went at rims; use a smaller spacing."
+        )
 
 
 def of_tracing(report: CurveReport, curve: LocalSource) -> Iterator[str]:

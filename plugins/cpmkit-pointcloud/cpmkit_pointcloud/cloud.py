@@ -17,6 +17,7 @@ from cpmkit.plugin import (
     as_points,
     as_vector,
     one_row_each,
+    place,
     positive,
     source_repr,
 )
@@ -135,11 +136,18 @@ class PointCloud:
         Raises
         ------
         InputError
-            If ``x`` does not have shape (n, d) or is not finite.
+            If ``x`` does not have shape (n, d) or is not finite, or the patches around a query contradict each other.
         """
         x = as_points(x, self.dim)
         to_samples, nearest = ask(self._tree, x)
         feet, sample, edge, doubtful = project(self.surface, x, nearest, self._tiny, self.closed)
+        lost = ~np.isfinite(feet).all(axis=1)
+        if lost.any():
+            raise InputError(
+                f"The cloud makes no surface near {place(self.points[nearest[np.argmax(lost)]])}: the neighbours of "
+                f"{self.thick} of {len(self.points)} samples lie on several sheets, or on none; give normals, fewer "
+                "neighbours, or samples nearer to each other than the sheets are."
+            )
         doubtful |= self.surface.patches.thickness[sample] > THICK_SPREAD_SHARE
         to_feet = np.linalg.norm(x - feet, axis=1)
         bound = np.maximum(to_samples - self.gap, 0.0)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.forms.galerkin.contouring.crossings import Crossings
-from cpmkit.forms.galerkin.contouring.joining import FLAT_COSINE, FLAT_SINE, LOST_SHARE, joined
+from cpmkit.forms.galerkin.contouring.joining import JoinTolerances, joined
 from cpmkit.forms.galerkin.contouring.nodes import Nodes
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.protocols import Floats, Ints
@@ -38,13 +38,13 @@ class DualVertices:
     around: Ints
 
 
-def dual_vertices(source: LocalSource, nodes: Nodes, found: Crossings) -> DualVertices:
+def dual_vertices(source: LocalSource, nodes: Nodes, found: Crossings, tolerances: JoinTolerances) -> DualVertices:
     """Return a vertex for each piece in each cell, of those crossings that hang together there."""
     cells = _cells_around(nodes, found)
     order = np.argsort(cells.ravel(), kind="stable")
     member, sorted_cells = order // 4, cells.ravel()[order]
     start = np.append(np.flatnonzero(np.diff(sorted_cells, prepend=-1)), len(order)).astype(np.int64)
-    group = pieces(source, start, member, found.points, found.normals, LOST_SHARE * nodes.spacing)
+    group = pieces(source, start, member, found.points, found.normals, tolerances)
     roots, piece = np.unique(group, return_inverse=True)
     around = np.empty(len(order), dtype=np.int64)
     around[order] = piece
@@ -60,7 +60,9 @@ def _cells_around(nodes: Nodes, found: Crossings) -> Ints:
     return np.asarray(nodes.codes.encode(found.node)[:, None] - np.stack([0 * u, u, u + v, v], axis=1))
 
 
-def pieces(source: LocalSource, start: Ints, member: Ints, points: Floats, normals: Floats, lost: float) -> Ints:
+def pieces(
+    source: LocalSource, start: Ints, member: Ints, points: Floats, normals: Floats, tolerances: JoinTolerances
+) -> Ints:
     """Return a number (k,) that entries have in common where crossings of one cell hang together in it.
 
     Parameters
@@ -73,18 +75,18 @@ def pieces(source: LocalSource, start: Ints, member: Ints, points: Floats, norma
         The crossing of each entry.
     points, normals : (c, d) float64
         The crossings, and the directions that tell where they lie flat.
-    lost : float
-        To which length the crossings are known.
+    tolerances : JoinTolerances
+        How exactly crossings are known.
     """
     from cpmkit.forms.galerkin.contouring.grouping_kernels import nearest_pairs, unite, unite_flat
 
     group = np.arange(len(member))
-    unite_flat(start, member, points, normals, FLAT_SINE, FLAT_COSINE, lost, group)
+    unite_flat(start, member, points, normals, tolerances.sine, tolerances.cosine, tolerances.lost, group)
     pairs = np.empty((0, 2), dtype=np.int64)
     pairs = np.empty((nearest_pairs(start, member, points, group, pairs), 2), dtype=np.int64)
     nearest_pairs(start, member, points, group, pairs)
     i, j = member[pairs].T
-    together = joined(source, points[i], points[j], normals[i], normals[j], lost)
+    together = joined(source, points[i], points[j], normals[i], normals[j], tolerances)
     unite(np.ascontiguousarray(pairs[together, 0]), np.ascontiguousarray(pairs[together, 1]), group)
     return group
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.manifold.vectors import dots, norms, unit
-from cpmkit.protocols import Floats, Ints
+from cpmkit.protocols import Bools, Floats, Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +63,14 @@ class Border:
     middles: Floats
     conormals: Floats
 
+    def take(self, rows: Bools | Ints) -> Border:
+        """Return the edges at ``rows``."""
+        return Border(self.edge[rows], self.ends[rows], self.middles[rows], self.conormals[rows])
+
+    def across(self, vertices: Floats) -> Floats:
+        """Return unit normals (b, 3), of either sign, of the triangles at these edges."""
+        return np.cross(unit(vertices[self.ends[:, 1]] - vertices[self.ends[:, 0]]), self.conormals)
+
 
 def border_of(vertices: Floats, cells: Ints, edges: Edges) -> Border:
     """Return the edges that one triangle has alone."""
@@ -77,21 +85,26 @@ def border_of(vertices: Floats, cells: Ints, edges: Edges) -> Border:
     return Border(edges.of[cell, corner], ends, middle, conormal)
 
 
-def split_fans(cells: Ints, edges: Edges) -> tuple[Ints, Ints]:
-    """Return the triangles with a vertex of its own for each fan, and of which vertex each of those is a copy."""
+def split_fans(cells: Ints, edges: Edges, parted: Ints, pairs: Ints) -> tuple[Ints, Ints]:
+    """Return the triangles with a vertex of its own for each fan, and of which vertex each of those is a copy.
+
+    A fan goes on over the edges of its triangles; over the edges ``parted`` (k,) only between the corners (three a
+    triangle, opposite to the edge) that are a pair of ``pairs`` (k, 2, 2).
+    """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
     slots = np.argsort(edges.of.ravel(), kind="stable")
     same = np.flatnonzero(np.diff(edges.of.ravel()[slots]) == 0)
-    one, other = slots[same], slots[same + 1]
-    pairs = []
+    same = same[~np.isin(edges.of.ravel()[slots[same]], parted)]
+    one, other = (np.concatenate([slots[same + k], pairs[:, :, k].ravel()]) for k in range(2))
+    links = []
     for step in (1, 2):  # the corners at either end of a shared edge
         a = one // 3 * 3 + (one + step) % 3
         matches = [other // 3 * 3 + (other + k) % 3 for k in (1, 2)]
         alike = cells.ravel()[a] == cells.ravel()[matches[0]]
-        pairs.append((a, np.where(alike, matches[0], matches[1])))
-    rows, columns = (np.concatenate(ends) for ends in zip(*pairs, strict=True))
+        links.append((a, np.where(alike, matches[0], matches[1])))
+    rows, columns = (np.concatenate(ends) for ends in zip(*links, strict=True))
     corners = cells.size
     graph = coo_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(corners, corners))
     count, fan = connected_components(graph, directed=False)

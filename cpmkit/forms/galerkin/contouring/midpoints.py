@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from cpmkit.forms.galerkin.contouring.edges import border_of, edges_of
-from cpmkit.forms.galerkin.contouring.rims import beyond, rim_edges
-from cpmkit.manifold.local_source import LocalSource
+from cpmkit.forms.galerkin.contouring.rim_test import RimTest
+from cpmkit.forms.galerkin.contouring.rims import rim_edges
 from cpmkit.manifold.vectors import norms
 from cpmkit.protocols import Bools, Floats, Ints
 
@@ -16,7 +16,7 @@ CREASE = 0.15
 BEYOND_RIM = 0.25
 
 
-def midpoints(source: LocalSource, vertices: Floats, cells: Ints, on_rim: Bools) -> Floats:
+def midpoints(rims: RimTest, vertices: Floats, cells: Ints, on_rim: Bools) -> Floats:
     """Return the points (m, 3, 3) halfway along the edges of each triangle, those of rims on the rim."""
     edges = edges_of(cells)
     a, b = vertices[edges.ends[:, 0]], vertices[edges.ends[:, 1]]
@@ -26,8 +26,10 @@ def midpoints(source: LocalSource, vertices: Floats, cells: Ints, on_rim: Bools)
     rim = border.edge[rows]
     inside = np.setdiff1d(np.arange(len(length)), rim)
     feet = middles.copy()
-    feet[inside] = source.closest_point(middles[inside]).points
-    found, missed = beyond(source, middles[rim], border.conormals[rows], BEYOND_RIM * length[rim])
+    feet[inside] = rims.source.closest_point(middles[inside]).points
+    found, missed = rims.beyond(
+        middles[rim], border.conormals[rows], border.across(vertices)[rows], BEYOND_RIM * length[rim]
+    )
     feet[rim[missed]] = found[missed]
     crease = norms(feet - middles) > CREASE * length
     feet[crease] = middles[crease]

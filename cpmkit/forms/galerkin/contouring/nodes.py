@@ -14,8 +14,8 @@ from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vectors import dots, unit
 from cpmkit.protocols import Bools, Floats, Ints
 
-#: Where the nodes lie in the cells, as shares of the spacing: planes of symmetry and of boxes miss such places.
-NODE_OFFSETS = np.array([0.3717, 0.4203, 0.4411])
+#: Where nodes lie beside a query on the surface, as shares of the spacing: planes of symmetry and boxes miss this way.
+BESIDE = np.array([0.1717, 0.2203, 0.2411])
 #: Corners of a cell agree on one plane: their normals up to this cosine, their distances up to this share of a side.
 ALIKE_COSINE, ALIKE_DISTANCE = 0.8, 0.15
 #: Nodes nearer than this share of the spacing lie on the surface: they are taken to be beside it, on one side.
@@ -32,6 +32,8 @@ class Nodes:
     ----------
     spacing : float
         s, of this lattice.
+    offsets : (3,) float64
+        Where the nodes lie in the cells, as shares of the spacing.
     codes : Codes
         The numbering of nodes and cells; a cell has the index of its lowest corner.
     table : (n,) int64
@@ -49,6 +51,7 @@ class Nodes:
     """
 
     spacing: float
+    offsets: Floats
     codes: Codes
     table: Ints
     index: Ints
@@ -61,10 +64,10 @@ class Nodes:
 
     def place(self, index: Ints) -> Floats:
         """Return the positions of nodes (..., 3)."""
-        return np.asarray((index - NODE_OFFSETS) * self.spacing)
+        return np.asarray((index - self.offsets) * self.spacing)
 
 
-def surrounding_nodes(source: LocalSource, spacing: float) -> Nodes:
+def surrounding_nodes(source: LocalSource, spacing: float, offsets: Floats) -> Nodes:
     """Return the corners of all cells that the surface may meet, with their closest points.
 
     Raises
@@ -72,7 +75,7 @@ def surrounding_nodes(source: LocalSource, spacing: float) -> Nodes:
     ResolutionError
         If the source has no point inside its bounds.
     """
-    for _, found in cell_levels(source, spacing, NODE_OFFSETS):
+    for _, found in cell_levels(source, spacing, offsets):
         cells = found
     if not len(cells):
         raise ResolutionError(
@@ -82,12 +85,12 @@ def surrounding_nodes(source: LocalSource, spacing: float) -> Nodes:
     corners = codes.encode(cells)[:, None] + CORNERS @ codes.strides
     table, at = np.unique(corners, return_inverse=True)
     index = codes.decode(table)
-    positions = np.asarray((index - NODE_OFFSETS) * spacing)
+    positions = np.asarray((index - offsets) * spacing)
     answer = source.closest_point(positions)
     away = positions - answer.points
     distance, normals = np.sqrt(dots(away, away)), unit(away)
     on = np.flatnonzero(distance < ON_SURFACE * spacing)
-    beside = positions[on] + TRUSTED_DISTANCE * spacing * (NODE_OFFSETS - 0.2)
+    beside = positions[on] + TRUSTED_DISTANCE * spacing * BESIDE
     normals[on] = unit(beside - source.closest_point(beside).points)
     if source.noise:
         near = np.flatnonzero(distance < KNOWN_NOISES * source.noise)
@@ -97,7 +100,7 @@ def surrounding_nodes(source: LocalSource, spacing: float) -> Nodes:
     rim = answer.edge >= 0
     at = at.reshape(-1, 8)
     unlike = _unlike_edges(_unlike_cells(positions, answer.points, normals, distance, rim, at, spacing), at, len(table))
-    return Nodes(spacing, codes, table, index, positions, answer.points, normals, distance, rim, unlike)
+    return Nodes(spacing, offsets, codes, table, index, positions, answer.points, normals, distance, rim, unlike)
 
 
 #: (8, 3) the corners of a cell.

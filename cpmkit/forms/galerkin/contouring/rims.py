@@ -1,90 +1,117 @@
-"""Borders of a triangulation: small holes are closed, and what borders on a rim is moved onto it."""
+"""What borders on a rim is moved onto it, and triangles that fold over there are drawn together."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from cpmkit.forms.galerkin.contouring.edges import Border, border_of, edges_of
-from cpmkit.manifold.local_source import LocalSource
+from cpmkit.forms.galerkin.contouring.repair import MOST_ROUNDS, collapsed, shortest_apart
+from cpmkit.forms.galerkin.contouring.rim_test import RimTest
 from cpmkit.manifold.vectors import dots, norms, unit
 from cpmkit.protocols import Bools, Floats, Ints
 
-#: A hole of at most so many edges is filled, where the surface passes this near to its centre, in mean radii.
-MOST_HOLE_EDGES, NEAR_HOLE = 10, 0.5
-#: The border of a hole faces its centre at this mean cosine at least.
-FACING_COSINE = 0.3
 #: How far beyond a border its rim is looked for, in spacings, one round after another.
 RIM_REACHES = (1.2, 1.2, 2.0)
-#: A query beyond a rim misses the surface mostly along the conormal, at this cosine.
-MISSED_COSINE = 0.7
+#: Triangles between points of rims whose centres are so far off the surface, in spacings, are no part of it; those
+#: that are lower than this share of their longest side have no area.
+BRIDGE_OFF, NO_HEIGHT = 0.1, 1e-3
+#: Neighbours beside a rim fold over if their directions from their edge have a cosine above this; edges of them that
+#: are shorter than this, in spacings, are drawn together.
+FOLD_COSINE, FOLD_EDGE = 0.8, 1.0
 
 
-def without_holes(source: LocalSource, vertices: Floats, cells: Ints) -> tuple[Floats, Ints, int]:
-    """Return vertices and triangles with small holes filled by fans, and how many holes those were."""
-    border = border_of(vertices, cells, edges_of(cells))
-    loop, count = _loops(border.ends, len(vertices))
-    if not count:
-        return vertices, cells, 0
-    inside = loop >= 0
-    of, size = loop[inside], np.bincount(loop[inside], minlength=count)
-    middles, conormals, ends = border.middles[inside], border.conormals[inside], border.ends[inside]
-
-    def mean(values: Floats) -> Floats:
-        return np.asarray(np.bincount(of, values, minlength=count) / size)
-
-    centre = np.stack([mean(middles[:, k]) for k in range(3)], axis=1)
-    inward = centre[of] - middles
-    facing = mean(dots(unit(inward), conormals)) > FACING_COSINE
-    small = np.flatnonzero(facing & (size <= MOST_HOLE_EDGES))
-    feet = source.closest_point(centre[small]).points
-    cracks = norms(feet - centre[small]) < NEAR_HOLE * mean(norms(inward))[small]
-    tip = np.full(count, -1)
-    tip[small[cracks]] = len(vertices) + np.arange(int(cracks.sum()))
-    closing = tip[of] >= 0
-    fans = np.concatenate([ends[closing], tip[of[closing], None]], axis=1)
-    return np.concatenate([vertices, feet[cracks]]), np.concatenate([cells, fans]), int(cracks.sum())
-
-
-def _loops(ends: Ints, count: int) -> tuple[Ints, int]:
-    """Return the loop of each border edge, -1 where three or more meet, and how many loops there are."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    graph = coo_array((np.ones(len(ends), dtype=np.int8), tuple(ends.T)), shape=(count, count))
-    _, label = connected_components(graph, directed=False)
-    plain = np.ones(count, dtype=bool)
-    plain[label[np.bincount(ends.ravel(), minlength=count) > 2]] = False
-    label = label[ends[:, 0]]
-    loop = np.full(len(ends), -1)
-    kept = plain[label]
-    names, loop[kept] = np.unique(label[kept], return_inverse=True)
-    return loop, len(names)
-
-
-def onto_rims(source: LocalSource, vertices: Floats, cells: Ints, spacing: float) -> tuple[Floats, Bools]:
+def onto_rims(rims: RimTest, vertices: Floats, cells: Ints) -> tuple[Floats, Bools]:
     """Return the vertices, those beside rims moved onto them, and which (v,) lie on a rim now."""
     edges, moved, on_rim = edges_of(cells), vertices.copy(), np.zeros(len(vertices), dtype=bool)
     for reach in RIM_REACHES:
         border = border_of(moved, cells, edges)  # anew: what was moved points the others better
-        outward = np.zeros_like(vertices)
+        outward, across = np.zeros_like(vertices), np.zeros_like(vertices)
         for end in range(2):
             np.add.at(outward, border.ends[:, end], border.conormals)
+            across[border.ends[:, end]] = border.across(moved)
         outward = unit(outward)
         left = np.flatnonzero((outward != 0).any(axis=1) & ~on_rim)
-        feet, missed = beyond(source, moved[left], outward[left], np.full(len(left), reach * spacing))
-        moved[left[missed]], on_rim[left[missed]] = feet[missed], True
+        way = np.full(len(left), reach * rims.spacing)
+        feet, found = rims.beyond(moved[left], outward[left], across[left], way)
+        moved[left[found]], on_rim[left[found]] = feet[found], True
     return moved, on_rim
-
-
-def beyond(source: LocalSource, points: Floats, outward: Floats, reach: Floats) -> tuple[Floats, Bools]:
-    """Return the feet of points pushed ``outward`` by ``reach`` (n,), and whether those went beyond a rim."""
-    pushed = points + reach[:, None] * outward
-    answer = source.closest_point(pushed)
-    away = pushed - answer.points
-    missed = dots(away, outward) > MISSED_COSINE * norms(away) + 1e-3 * reach
-    return answer.points, np.asarray(missed | (answer.edge >= 0))
 
 
 def rim_edges(border: Border, on_rim: Bools) -> Ints:
     """Return which border edges lie on a rim: those with both ends there."""
     return np.flatnonzero(on_rim[border.ends].all(axis=1))
+
+
+def without_bridges(rims: RimTest, vertices: Floats, cells: Ints, on_rim: Bools) -> Ints:
+    """Return the triangles without those between three points of rims that leave the surface or have no area.
+
+    The latter go where they are open: they lie along one rim.
+    """
+    while True:
+        rows = np.flatnonzero(on_rim[cells].all(axis=1))
+        corners = vertices[cells[rows]]
+        centres = corners.mean(axis=1)
+        off = norms(rims.source.closest_point(centres).points - centres) > BRIDGE_OFF * rims.spacing
+        longest = norms(corners - np.roll(corners, 1, axis=1)).max(axis=1)
+        edges = edges_of(cells)
+        is_open = (edges.count[edges.of[rows]] == 1).any(axis=1)
+        off |= is_open & (_areas(vertices, cells[rows]) < NO_HEIGHT * longest**2)
+        if not off.any():
+            return cells
+        cells = np.ascontiguousarray(np.delete(cells, rows[off], axis=0))
+
+
+def without_folds(vertices: Floats, cells: Ints, on_rim: Bools, spacing: float) -> tuple[Ints, Floats]:
+    """Return the triangles with those that fold over beside a rim drawn together, and the centres (k, 3) of those left.
+
+    Of two neighbours that fold over the smaller one loses its shortest edge; a vertex on the rim stays.
+    """
+    for _ in range(MOST_ROUNDS):
+        first, second = _folds(vertices, cells, on_rim)
+        if not len(first):
+            break
+        smaller = np.unique(np.where(_areas(vertices, cells[first]) < _areas(vertices, cells[second]), first, second))
+        ends, length = _edges_of_cells(vertices, cells, smaller)
+        short = length < FOLD_EDGE * spacing
+        if not short.any():
+            break
+        chosen = ends[short][shortest_apart(ends[short], length[short], len(vertices))]
+        swap = on_rim[chosen[:, 1]] & ~on_rim[chosen[:, 0]]
+        cells = collapsed(cells, np.where(swap[:, None], chosen[:, ::-1], chosen), len(vertices))
+    return cells, vertices[cells[_folds(vertices, cells, on_rim)[0]]].mean(axis=1)
+
+
+def _folds(vertices: Floats, cells: Ints, on_rim: Bools) -> tuple[Ints, Ints]:
+    """Return the pairs of triangles that share an edge and lie on each other, with a corner on a rim."""
+    edges = edges_of(cells)
+    slots = np.argsort(edges.of.ravel(), kind="stable")
+    start = np.cumsum(edges.count) - edges.count
+    two = np.flatnonzero(edges.count == 2)
+    pair = slots[start[two][:, None] + np.arange(2)]
+    beside = np.flatnonzero(np.isin(pair // 3, np.flatnonzero(on_rim[cells].any(axis=1))).any(axis=1))
+    two, pair = two[beside], pair[beside]
+    tail, head = vertices[edges.ends[two]].transpose(1, 0, 2)
+    along = unit(head - tail)
+    out = [vertices[cells.ravel()[pair[:, k]]] - tail for k in range(2)]
+    out = [unit(side - dots(side, along)[:, None] * along) for side in out]
+    folded = np.flatnonzero(dots(out[0], out[1]) > FOLD_COSINE)
+    return pair[folded, 0] // 3, pair[folded, 1] // 3
+
+
+def _areas(vertices: Floats, cells: Ints) -> Floats:
+    corners = vertices[cells]
+    return norms(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+
+
+def _edges_of_cells(vertices: Floats, cells: Ints, chosen: Ints) -> tuple[Ints, Floats]:
+    """Return the shortest edge (k, 2) of each chosen triangle that pinches no border, and its length."""
+    corners = cells[chosen]
+    ends = corners[:, [[1, 2], [2, 0], [0, 1]]]
+    length = norms(vertices[ends[..., 1]] - vertices[ends[..., 0]])
+    edges = edges_of(cells)
+    border = np.zeros(len(vertices), dtype=bool)
+    border[edges.ends[edges.count == 1]] = True
+    pinches = border[ends].all(axis=2) & (edges.count[edges.of[chosen]] > 1)
+    length = np.where(pinches, np.inf, length)
+    rows, least = np.arange(len(chosen)), np.argmin(length, axis=1)
+    return ends[rows, least], length[rows, least]

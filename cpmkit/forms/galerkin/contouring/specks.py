@@ -18,16 +18,27 @@ def without_specks(vertices: Floats, cells: Ints, spacing: float) -> tuple[Ints,
 
     Pieces are what hangs together by vertices (v, 3).
     """
+    piece, areas = _pieces(vertices, cells)
+    speck = areas < SPECK_AREA * spacing**2
+    if speck.all():
+        return cells, 0
+    return np.ascontiguousarray(cells[~speck[piece]]), int(speck.sum())
+
+
+def areas_of_pieces(vertices: Floats, cells: Ints) -> Floats:
+    """Return the area of each piece, of those that hang together by vertices (v, 3)."""
+    return _pieces(vertices, cells)[1]
+
+
+def _pieces(vertices: Floats, cells: Ints) -> tuple[Ints, Floats]:
+    """Return the piece of each triangle, and the area of each piece."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
     ends = np.concatenate([cells[:, :2], cells[:, 1:]])
-    graph = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(len(vertices),) * 2)
-    piece = connected_components(graph, directed=False)[1][cells[:, 0]]
+    graph = coo_array((np.ones(len(ends), dtype=np.int8), tuple(ends.T)), shape=(len(vertices),) * 2)
+    label = connected_components(graph, directed=False)[1][cells[:, 0]]
+    piece = np.unique(label, return_inverse=True)[1]
     corners = vertices[cells]
     area = 0.5 * norms(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
-    found = np.flatnonzero(np.bincount(piece))
-    speck = np.bincount(piece, area) < SPECK_AREA * spacing**2
-    if speck[found].all():
-        return cells, 0
-    return np.ascontiguousarray(cells[~speck[piece]]), int(speck[found].sum())
+    return piece.astype(np.int64), np.asarray(np.bincount(piece, area), dtype=np.float64)

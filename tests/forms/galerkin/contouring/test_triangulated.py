@@ -7,6 +7,7 @@ from math import pi
 
 import numpy as np
 import pytest
+from extremes.bare_shapes import BareSurface, Moved, Rectangles, box, leaf
 from forms.galerkin.contouring.measures import area, pieces, topology
 
 import cpmkit as ck
@@ -16,6 +17,7 @@ from cpmkit.forms.galerkin.space.parted import components
 from cpmkit.manifold.local_source import localize
 from cpmkit.protocols import ClosestPoints
 
+TURN = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
 SMOOTH = {
     "sphere": ({"kind": "analytic.sphere"}, 4 * pi, (1, 0, 2)),
     "torus": ({"kind": "analytic.torus", "major": 1.0, "minor": 0.4}, 1.6 * pi**2, (1, 0, 0)),
@@ -178,10 +180,37 @@ def test_a_thin_surface_is_one_piece(spacing):
     solution = ck.solve(ck.Scene(thin, ck.ScreenedPoisson("x")), spacing, form="galerkin", estimate=False)
     parting = solution.discretized.space.parting
     assert components(len(parting.cells), parting.touching)[0] == 1
-    assert any("pieces of the triangulation by closest points" in text for text in solution.warnings)
+    assert any("the manifold is thin" in text for text in solution.warnings)
     at = thin.closest_point(np.random.default_rng(0).uniform(-1, 1, (2000, 3)) * [1, 1, 0.1]).points
     fine = ck.solve(ck.Scene(thin, ck.ScreenedPoisson("x")), 0.06, form="galerkin", estimate=False)
     assert np.abs(solution.evaluate(at) - fine.evaluate(at)).max() < 0.15 * np.ptp(fine.evaluate(at))
+
+
+@pytest.mark.parametrize("angle", [40, 60, 75])
+def test_a_sharp_fold_is_one_piece(angle):
+    """Two leaves at an acute angle were parted along the whole crease: the gap over it shrinks by a tenth a halving."""
+    leaves = Rectangles((leaf(0.0, 1.0, 0.8), leaf(np.radians(angle), 1.0, 0.8)))
+    turned = Moved(leaves, TURN, np.zeros(3))
+    mesh, report, _ = contoured(BareSurface(turned), 0.1)
+    assert (topology(mesh), report.faults.weight) == ((1, 1, 1), 0)
+    assert area(mesh) == pytest.approx(1.6, rel=0.02)
+
+
+@pytest.mark.parametrize("edges", [True, False])
+def test_the_rims_of_an_open_box_are_found_with_edge_numbers_and_without(edges):
+    turned = Moved(Rectangles(tuple(box([0, 0, 0], [1, 0.8, 0.6], ["top"]))), TURN, np.zeros(3))
+    mesh, report, _ = contoured(BareSurface(turned, edges), 0.1)
+    assert topology(mesh) == (1, 1, 1)
+    assert area(mesh) == pytest.approx(turned.area, rel=0.002)
+    assert not edges or report.faults.weight == 0
+
+
+@pytest.mark.parametrize("angle", [50, 90])
+def test_two_sheets_that_cross_stay_joined(angle):
+    turns = np.radians([0, angle, 180, 180 + angle])
+    cross = Rectangles(tuple(leaf(turn, 1.0, 0.6) for turn in turns))
+    mesh, report, _ = contoured(BareSurface(cross), 0.1)
+    assert (topology(mesh)[0], topology(mesh)[2], report.faults.weight) == (1, 1, 0)
 
 
 def test_specks_are_left_out():

@@ -1,0 +1,50 @@
+"""Surfaces known by closest points alone, drawn at random: at most one percent is wrong, and none in silence."""
+
+from __future__ import annotations
+
+import pytest
+from extremes.bare_surfaces import KINDS, draws
+from extremes.judged_surfaces import judge, judge_three
+
+#: Draws of the ordinary run, three origins each: twenty of all kinds; those with u besides.
+FEW, WITH_SOLUTION = 20, (5, 6)
+#: Seeds of the slow run, two hundred draws each.
+MANY_SEEDS = (77,)
+
+
+def of_draw(seed, number):
+    cases = list(draws(seed, number + 1))
+    return cases[3 * number :]
+
+
+@pytest.mark.parametrize("number", range(FEW))
+def test_sixty_triangulations(number):
+    assert [(verdict.name, verdict.faults) for verdict in map(judge, of_draw(1, number)) if verdict.wrong] == []
+
+
+@pytest.mark.parametrize("number", WITH_SOLUTION)
+def test_solutions_on_three_lattices(number):
+    verdicts = judge_three(of_draw(1, number), with_u=True)
+    assert [(verdict.name, verdict.faults) for verdict in verdicts if verdict.wrong] == []
+    assert all(0 < verdict.u_error < 0.01 for verdict in verdicts)
+
+
+def test_every_kind_has_its_own_area_by_its_mesh():
+    """The exact areas against those of fine meshes, from which topology and u are taken."""
+    from forms.galerkin.contouring.measures import area
+
+    from cpmkit.forms.galerkin.sample_mesh import SampleMesh
+
+    for kind in KINDS:
+        shape = next(draws(3, 1, (kind,))).source.shape
+        assert area(SampleMesh.of(*shape.mesh(0.1))) == pytest.approx(shape.area, rel=0.02), kind
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", MANY_SEEDS)
+def test_six_hundred_triangulations_and_solutions(seed):
+    cases = list(draws(seed, 200))
+    verdicts = [verdict for k in range(0, len(cases), 3) for verdict in judge_three(cases[k : k + 3], with_u=True)]
+    wrong = [verdict for verdict in verdicts if verdict.wrong]
+    assert len(wrong) <= 0.01 * len(verdicts), wrong
+    assert not any(verdict.silent for verdict in wrong), wrong
