@@ -530,6 +530,11 @@ class Discretized(ABC):
         """Why errors may fall slowly with the spacing; empty where nothing says so."""
         return ""
 
+    @property
+    def unresolved_share(self) -> float:
+        """About what share of the manifold lies in pieces too small for the lattice: u is one value on each."""
+        return 0.0
+
     def slow_beside(self, coarser: Discretized) -> str:
         """Return the same where a solution on a coarser lattice is there to compare."""
         del coarser

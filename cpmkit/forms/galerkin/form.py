@@ -162,6 +162,14 @@ class Galerkin(Equations):
         return (*source, *rounding, *one.told), resolved
 
     @property
+    def unresolved_share(self) -> float:
+        """The share of the patches whose piece of the manifold has one unknown."""
+        parting = self._first_parting
+        count, piece = pieces(parting)
+        size = np.bincount(piece, minlength=count)
+        return float(np.mean(size[piece[parting.unknowns[:, 0]]] == 1)) if count > 1 else 0.0
+
+    @property
     def turned(self) -> Turned:
         """How much of the manifold lies on splines under which it turns: thin, folded or creased on this lattice."""
         return self._areas_and_turned[1]

@@ -1,0 +1,47 @@
+"""What docs/explanation/resolves.md says is resolved is, and what it says is warned of or refused is."""
+
+from __future__ import annotations
+
+import pytest
+from extremes.envelope_outcomes import RESOLVED, outcome
+from extremes.envelope_scenes import FAMILIES
+
+MAKE = {family.name: family.make for family in FAMILIES}
+
+
+@pytest.mark.parametrize(
+    ("name", "size"),
+    [
+        ("fold angle", 150),
+        ("plate thickness", 2),
+        ("gap of curves", 1e-3),
+        ("radius of curvature", 3),
+        ("noise of closest points", 1e-4),
+        ("edges of a smooth mesh", 0.2),
+        ("layer of the diffusivity", 0.5),
+        ("wave length", 12),
+        ("distance from zero", 1e9),
+    ],
+)
+def test_what_is_resolved(name, size):
+    found = outcome(MAKE[name](size), "galerkin")
+    assert found.state == "right"
+    assert found.error < RESOLVED
+
+
+@pytest.mark.parametrize(
+    ("name", "size"), [("plate thickness", 0.1), ("fold angle", 5), ("junction, smallest angle", 5)]
+)
+def test_what_is_warned_of(name, size):
+    found = outcome(MAKE[name](size), "galerkin")
+    assert found.state == "warned"
+    assert found.error > RESOLVED
+
+
+def test_waves_of_three_spacings_are_refused():
+    assert outcome(MAKE["wave length"](3), "galerkin").state == "refused"
+
+
+def test_a_hole_of_many_spacings_agrees_with_finite_elements():
+    found = outcome(MAKE["hole side"](6), "galerkin")
+    assert found.error < 0.005
