@@ -47,6 +47,9 @@ LATE = 1.5
 TELLING_RATIO = 1.35
 #: Finer answers than the first, at most.
 MOST_CORRECTIONS = 2
+#: Linear solves that reach a relative residual leave an error of at most about so many times it, as a share of the
+#: range (measured: tests/accuracy/test_tolerance.py).
+RESIDUAL_FACTOR = 50.0
 
 
 def walk(way: Way) -> tuple[Status, float]:
@@ -85,14 +88,14 @@ def _aim(way: Way) -> float:
 
 
 def _refine(way: Way) -> None:
-    """Solve at smaller spacings until the tolerance is reached, or a limit."""
+    """Solve at smaller spacings until the tolerance is reached, a limit, or what rounding leaves."""
     tolerance, aim = way.asked.tolerance, _aim(way)
     if worth_higher_degree(way, aim):
         way.further["degree"] = HIGHER_DEGREE
         for run in way.runs[-2:]:
             way.run("pilot", run.spacing)
     answers = 0
-    while not _accepted(way, aim) and answers <= MOST_CORRECTIONS:
+    while not _accepted(way, aim) and answers <= MOST_CORRECTIONS and not errors_stay(way):
         here, limit = way.last.spacing, finest_spacing(way)
         goal, farthest = max(_foretold(way, aim), limit), max(here / MOST_FACTOR, limit)
         if here / goal > WORTH_COMPANION:
@@ -142,6 +145,20 @@ def _first_factor(way: Way, tolerance: float | None) -> float:
         return FIRST_MOST_FACTOR
     factor = (way.expected / (FIRST_AIMED_SHARE * tolerance)) ** (1 / FIRST_ORDER)
     return float(min(max(factor, FIRST_LEAST_FACTOR), FIRST_MOST_FACTOR))
+
+
+def errors_stay(way: Way) -> bool:
+    """Return whether smaller spacings no longer help.
+
+    Either the error has risen, and is what linear solves may leave: their residuals are known as they are, rounding
+    included, which grows as the spacing falls. Or none of the last three errors is below one before, nor do they fall.
+    """
+    known = _known(way)[-4:]
+    spacings, errors = [run.spacing for run in known], [run.error(way.asked.norm) for run in known]
+    if len(known) < 2 or known[-1] is not way.last or spacings[-2] < TELLING_RATIO * spacings[-1]:
+        return False
+    left = RESIDUAL_FACTOR * way.last.solution.report.residual
+    return errors[-2] <= errors[-1] <= left or (len(known) == 4 and errors[0] <= min(errors) and errors[1] <= errors[3])
 
 
 def _run(way: Way, purpose: Purpose, spacing: float) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.accuracy.knobs import error_of_equal_cost
-from cpmkit.accuracy.ladder import walk
+from cpmkit.accuracy.ladder import errors_stay, walk
 from cpmkit.accuracy.limits import predicted_bytes
 from cpmkit.accuracy.trade import Status, Trade
 from cpmkit.accuracy.way import Run, Way
@@ -122,8 +122,11 @@ def _told(way: Way, best: Run, status: Status, aim: float) -> str:
     if way.refused is not None:
         why = str(way.refused) or f"memory ran out ({type(way.refused).__name__})."
         return f"{asked.target} not reached: {error}{slow}; a further solve was refused: {why}"
+    finest = f"the finest that {_limits(way)} allow"
+    if errors_stay(way):
+        finest = "and smaller spacings gave no less: rounding, noise or the residuals of linear solves leave that much"
     if status == "within":
-        return f"{error}, the finest that {_limits(way)} allow{slow}."
+        return f"{error}, {finest}{slow}."
     if status == "reached":
         return f"tolerance {asked.tolerance:g} reached: {error}{slow}."
     if status == "floor":
@@ -135,7 +138,7 @@ def _told(way: Way, best: Run, status: Status, aim: float) -> str:
     if asked.tolerance is None:
         return f"{asked.seconds:g} seconds were not enough, it took {way.elapsed:.2g}: {error}{slow}."
     doubt = "; errors do not fall yet as they should" if size <= asked.tolerance else ""
-    return f"tolerance {asked.tolerance:g} not reached: {error}, the finest that {_limits(way)} allow{doubt}{slow}."
+    return f"tolerance {asked.tolerance:g} not reached: {error}, {finest}{doubt}{slow}."
 
 
 def _chosen(way: Way, best: Run) -> str:

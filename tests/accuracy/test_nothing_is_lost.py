@@ -1,5 +1,6 @@
 """On the way to a tolerance, a time or a memory a solve that fails loses nothing of what was found before."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -74,5 +75,30 @@ def test_finer_solutions_that_are_worse_are_not_the_answer():
 
     with pytest.warns(ck.CpmkitWarning, match="not reached"):
         found = ck.solve_by(recipe, SCENE, tolerance=1e-7)
-    assert len(solved) > 3
+    assert 3 < len(solved) <= 12
+    assert max(solution.work.unknowns for solution in solved) < 150_000
     assert found.spacing == solved[2].spacing
+
+
+@pytest.mark.parametrize(
+    ("options", "most_unknowns"),
+    [
+        ({"tolerance": 1e-7, "form": "collocation", "solver": "reference", "solver_tolerance": 1e-3}, 5_000),
+        pytest.param({"tolerance": 1e-12}, 100_000, marks=pytest.mark.slow),
+        pytest.param({"memory": "2 GiB"}, 150_000, marks=pytest.mark.slow),
+    ],
+    ids=["residuals", "rounding", "rounding, by a memory"],
+)
+def test_a_search_ends_where_linear_solves_leave_more_than_the_spacing_does(options, most_unknowns):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ck.CpmkitWarning)
+        found = ck.solve(SCENE, **options)
+    steps = found.trade.steps
+    assert found.trade.status == ("not reached" if "tolerance" in options else "within")
+    assert len(steps) <= 10
+    assert max(step.unknowns for step in steps) <= most_unknowns
+    assert found.trade.error == min(step.error for step in steps[1:])
+    assert steps[-1].error >= steps[-2].error
+    assert found.trade.told.endswith(
+        ", and smaller spacings gave no less: rounding, noise or the residuals of linear solves leave that much."
+    )
