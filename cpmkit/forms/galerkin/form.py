@@ -158,7 +158,8 @@ class Galerkin(Equations):
         cuts = parting.patch[one.interior :]
         source = warnings_of(one.surface.source, one.lattice.spacing)
         rounding = one.lattice.lost_digits(one.surface.bounds, not one.surface.shift.any())
-        resolved = (*of_space(parting, pieces(parting), one.lattice, cuts), *of_turning(self.turned, one.lattice))
+        of_pieces = of_space(parting, pieces(parting), one.lattice, cuts, one.bend)
+        resolved = (*of_pieces, *of_turning(self.turned, one.lattice))
         return (*source, *rounding, *one.told), resolved
 
     @property

@@ -208,7 +208,7 @@ def sample_inserted(
     corners = mesh.cells if is_whole else corners_of(mesh, edges)
     half, winding = half_facets(mesh, edges), own_winding(surface, mesh, edges)
     del edges  # no sample needs them
-    told += tuple(of_seams(seams(mesh, half), surface))
+    told += tuple(of_seams(seams(mesh, half), surface, bend))
     boundary = boundary_samples(mesh, half, corners, reads_rims(scene), found.points)
     left = left_of_boundaries(mesh, half, corners, boundary, oriented, lattice)
     laws = held(scene, boundary, left, surface, lattice)
@@ -263,7 +263,7 @@ def _cells(
     own = cells_of(surface, spacing, sampling)
     if own is not None:
         mesh, mended = made_sound(surface, own.mesh, own.split)
-        return surface, mesh, own.bend, tuple(of_mending(mended))
+        return surface, mesh, own.bend, tuple(of_mending(mended, own.bend))
     surface = with_noise(surface, spacing)
     noisy = tuple(of_noise(surface, spacing))
     if surface.manifold_dim == 1:

@@ -13,6 +13,7 @@ from cpmkit.forms.galerkin.contouring.surfaces import MOST_NONMANIFOLD, SurfaceR
 from cpmkit.forms.galerkin.facing import Turned
 from cpmkit.forms.galerkin.insertion.inserted import Insertion
 from cpmkit.forms.galerkin.parting import Parting
+from cpmkit.forms.galerkin.sample_mesh import Bend
 from cpmkit.forms.galerkin.samples.soundness import Mended
 from cpmkit.forms.galerkin.space.parted import SPECK_SPACINGS
 from cpmkit.grid.fitting import rounded_up
@@ -36,26 +37,33 @@ NOISE_FACTOR, COARSEST_NOISES = 0.4, 200.0
 COPIES_SHARE = 0.5
 
 
-def of_mending(mended: Mended) -> Iterator[str]:
-    """Tell what was not sound about a mesh."""
+def _cells_and_cure(bend: Bend, cure: str) -> tuple[str, str]:
+    """Return what the cells are called, and what helps: ``cure`` where they are the user's own mesh."""
+    return ("triangulation of the surface", "use a smaller spacing") if bend == "feet" else ("mesh", cure)
+
+
+def of_mending(mended: Mended, bend: Bend) -> Iterator[str]:
+    """Tell what was not sound about a mesh, or about a triangulation, which is curved by closest points."""
     if mended.doubled:
+        cells, cure = _cells_and_cure(bend, "clean the mesh")
         yield (
-            f"{mended.doubled} cells of the mesh had the corners of another, or none of their own, and were left out; "
-            "clean the mesh if they were meant."
+            f"{mended.doubled} cells of the {cells} had the corners of another, or none of their own, and were left "
+            f"out; {cure} if they were meant."
         )
     if mended.fans:
+        cells, cure = _cells_and_cure(bend, "join them by an edge")
         yield (
-            f"Parts of the mesh touch at {mended.fans} vertices that no edge joins there: nothing flows through these; "
-            "join them by an edge if it should."
+            f"Parts of the {cells} touch at {mended.fans} vertices that no edge joins there: nothing flows through "
+            f"these; {cure} if it should."
         )
 
 
-def of_seams(places: Floats, surface: LocalSource) -> Iterator[str]:
+def of_seams(places: Floats, surface: LocalSource, bend: Bend) -> Iterator[str]:
     """Tell of rims that lie on others."""
     if len(places):
         yield (
             f"{len(places)} edges of rims lie on other rims, the first near {_in_scene(places[0], surface)}: nothing "
-            "flows across them; weld the vertices of the mesh there if it should."
+            f"flows across them; {_cells_and_cure(bend, 'weld the vertices of the mesh there')[1]} if it should."
         )
 
 
@@ -210,7 +218,9 @@ def of_insertion(insertion: Insertion, boundaries: Sequence[BoundarySet], spacin
         yield f"{counts['joined']} open ends of boundaries lay beside a boundary or rim, and were joined to it."
 
 
-def of_space(parting: Parting, pieces: tuple[int, Ints], lattice: Lattice, boundaries: Ints) -> Iterator[str]:
+def of_space(
+    parting: Parting, pieces: tuple[int, Ints], lattice: Lattice, boundaries: Ints, bend: Bend
+) -> Iterator[str]:
     """Tell of pieces that the lattice does not resolve, and of many copies that no cut along ``boundaries`` makes.
 
     ``boundaries`` (b,) are the patches of the samples there.
@@ -230,10 +240,11 @@ def of_space(parting: Parting, pieces: tuple[int, Ints], lattice: Lattice, bound
     copies = np.bincount(number) - 1
     copies[number[parting.unknowns[boundaries]]] = 0
     if copies.sum() > COPIES_SHARE * len(copies):
+        of_feet = "sheets of it are near each other, or its triangulation is torn;"
+        cause = of_feet if bend == "feet" else "seams of the mesh that are not welded act as cuts; check the mesh, or"
         yield (
             f"{copies.sum()} of {parting.size} splines are copies at nodes that several parts of the "
-            "manifold share: seams of the mesh that are not welded act as cuts; check the mesh, or use a smaller "
-            "spacing."
+            f"manifold share: {cause} use a smaller spacing."
         )
 
 
