@@ -10,16 +10,21 @@ from typing import Any
 import numpy as np
 
 from cpmkit.forms.galerkin.fixed_samples import FixedSamples
+from cpmkit.forms.galerkin.own_sheet import OwnSheets
 from cpmkit.forms.galerkin.parting import Parting
 from cpmkit.forms.galerkin.sample_mesh import Samples
 from cpmkit.forms.galerkin.sample_search import SampleSearch
 from cpmkit.forms.galerkin.sides_of_cells import SidesOfCells
 from cpmkit.grid.lattice import Lattice
-from cpmkit.protocols import Bools, Floats, Ints, Side
+from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints, Side
 from cpmkit.scene.oriented import OrientedBoundary
 
 #: So many of the nearest samples are compared; more, where all of these lie across a boundary.
 NEIGHBOURS = (12, 96, 768)
+#: And so many, where patches that do not touch are among them: on the cells of these sheets are told apart.
+NEIGHBOURS_ON_SHEETS = 48
+#: Such points are looked at so many at a time.
+SHEETS_AT_ONCE = 1 << 14
 #: A sample whose tangent plane a point is off counts as this much farther away: it may lie on another sheet.
 HEIGHT_FACTOR = 10.0
 #: Points nearer to a boundary than this many spacings are read from the side that the caller names: its points and
@@ -46,6 +51,8 @@ class Locator:
         On which sides of boundaries the cells beside them lie.
     boundaries : sequence of OrientedBoundary
         By their numbers.
+    sheets : OwnSheets
+        What tells sheets apart that lie beside one another.
     """
 
     lattice: Lattice
@@ -53,23 +60,63 @@ class Locator:
     parting: Parting
     sides: SidesOfCells
     boundaries: Sequence[OrientedBoundary]
+    sheets: OwnSheets
 
-    def patches(self, points: Floats, wanted: Mapping[int, Side]) -> tuple[Ints, Ints]:
-        """Return the patches (k,) that read ``points`` (k, d) of the manifold, and the samples (k,) that led there.
+    def patches(self, feet: ClosestPoints, wanted: Mapping[int, Side]) -> tuple[Ints, Ints]:
+        """Return the patches (k,) that read the manifold at ``feet`` (k,), and the samples (k,) that led there.
 
         Of two values on boundary number b, that on the side ``wanted[b]``, on the left where none is named.
         """
+        points = feet.points
         patch, nearest = (np.empty(len(points), dtype=np.int64) for _ in range(2))
+        parted = np.zeros(len(points), dtype=bool)
         rows = np.arange(len(points))
         for count in NEIGHBOURS:
             distance, near = self._nearest.of(points[rows], min(count, len(self.samples)))
             apart, shut = self._apart(points[rows], near, distance, wanted)
             first = near[np.arange(len(rows)), apart.argmin(axis=1)]
-            patch[rows] = self._own_cell(points[rows], near, apart, self.parting.patch[first])
+            patch[rows], beside = self._read_through(points[rows], near, apart, first)
+            parted[rows] = beside & ~shut if count == NEIGHBOURS[0] else False  # the few nearest ones do for these
             nearest[rows], rows = first, rows[shut]
             if not len(rows):
                 break
+        rows = np.flatnonzero(parted)
+        if self.sheets.known:
+            for start in range(0, len(rows), SHEETS_AT_ONCE):
+                some = rows[start : start + SHEETS_AT_ONCE]
+                patch[some], nearest[some] = self._on_own_sheet(feet.take(some), wanted)
         return patch, nearest
+
+    def _read_through(self, points: Floats, near: Ints, apart: Floats, first: Ints) -> tuple[Ints, Bools]:
+        """Return the patches (k,) to read ``points`` through whose nearest sample of ``near`` (k, q) is ``first`` (k,).
+
+        And beside which points there are samples of patches that do not touch the nearest one's.
+        """
+        patch, found = self.parting.patch[first], self.parting.patch[near]
+        touch = (found == patch[:, None]) | self._touch(found, patch[:, None])
+        joined = touch & np.isfinite(apart)
+        return self._own_cell(points, found, np.where(joined, apart, np.inf), patch), ~touch.all(axis=1)
+
+    def _on_own_sheet(self, feet: ClosestPoints, wanted: Mapping[int, Side]) -> tuple[Ints, Ints]:
+        """Return the same as :meth:`patches`, of feet beside several sheets."""
+        from cpmkit.forms.galerkin.own_sheet_kernels import grouped
+
+        points, rows = feet.points, np.arange(len(feet.points))
+        distance, near = self._nearest.of(points, min(NEIGHBOURS_ON_SHEETS, len(self.samples)))
+        apart, _ = self._apart(points, near, distance, wanted)
+        patches = np.asarray(self.parting.patch[near], dtype=np.int64)
+        group = np.where(np.isfinite(apart), grouped(patches, self._pairs, len(self.parting.cells)), -1)
+        own = group[rows, apart.argmin(axis=1)][:, None]
+        several = np.flatnonzero(((group != own) & (group >= 0)).any(axis=1))
+        group, own = group[several], own[several]
+        element = None if feet.element is None else feet.element[several]
+        cells = self.samples.cell_at(near[several])
+        scores, least = self.sheets.scores(points[several], element, cells, group)
+        nearer = scores.min(axis=1) < np.where(group == own, scores, np.inf).min(axis=1) - least
+        chosen = np.where(nearer[:, None], np.take_along_axis(group, scores.argmin(axis=1)[:, None], axis=1), own)
+        apart[several] = np.where(group == chosen, apart[several], np.inf)
+        first = near[rows, apart.argmin(axis=1)]
+        return self._read_through(points, near, apart, first)[0], first
 
     def _apart(self, points: Floats, near: Ints, distance: Floats, wanted: Mapping[int, Side]) -> tuple[Floats, Bools]:
         """Return how far the samples ``near`` (k, q) count from their point, squared, infinite across a boundary.
@@ -113,12 +160,13 @@ class Locator:
         at = self.lattice.to_scene(points) - oriented.left.origin
         return oriented.signed_distance(at, DIFFERENCE_SPACINGS * self.lattice.spacing)
 
-    def _own_cell(self, points: Floats, near: Ints, apart: Floats, patch: Ints) -> Ints:
-        """Return, in place of each ``patch`` (k,), the nearest that touches it and has the point in its cell."""
+    def _own_cell(self, points: Floats, found: Ints, apart: Floats, patch: Ints) -> Ints:
+        """Return, in place of each ``patch`` (k,), the nearest of ``found`` (k, q) that has the point in its cell.
+
+        Of those that are ``apart`` by a finite distance.
+        """
         own = np.floor(points / self.lattice.spacing + 0.5).astype(np.int64)
-        found = self.parting.patch[near]
         fits = (self.parting.cells[found] == own[:, None]).all(axis=2) & np.isfinite(apart)
-        fits &= (found == patch[:, None]) | self._touch(found, patch[:, None])
         best = np.where(fits, apart, np.inf).argmin(axis=1)
         rows = np.arange(len(points))
         return np.where(fits[rows, best], found[rows, best], patch)

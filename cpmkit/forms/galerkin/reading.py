@@ -13,6 +13,7 @@ from cpmkit.forms.contract import Discretized
 from cpmkit.forms.galerkin.conditions.coefficients import READ_BESIDE_WIDTHS
 from cpmkit.forms.galerkin.locating import DIFFERENCE_SPACINGS, Locator
 from cpmkit.forms.galerkin.options import GalerkinOptions
+from cpmkit.forms.galerkin.own_sheet import OwnSheets
 from cpmkit.forms.galerkin.sampling import SampledScene
 from cpmkit.forms.galerkin.shared import shared_property
 from cpmkit.forms.galerkin.sides_of_cells import SidesOfCells
@@ -87,7 +88,8 @@ class Reader(Discretized):
                 owner[owner == number] = -1
         places = one.mesh.vertices[one.mesh.cells].mean(axis=1)
         sides = SidesOfCells(one.corners, places, self.spacing, one.half, owner, left)
-        return Locator(one.lattice, one.samples, self.space.parting, sides, one.oriented)
+        sheets = OwnSheets(one.mesh, one.bend, one.surface, self.spacing)
+        return Locator(one.lattice, one.samples, self.space.parting, sides, one.oriented, sheets)
 
     def evaluate(
         self, u: Floats, points: Any, side: Side | Mapping[str, Side] | None = None, time: float | None = None
@@ -110,7 +112,7 @@ class Reader(Discretized):
         from scipy.sparse import hstack
 
         feet = self._feet(points)
-        patch, nearest = self._locator.patches(feet.points, self._numbered(side))
+        patch, nearest = self._locator.patches(feet, self._numbered(side))
         cells, rows = self.sampled.samples.cell_at(nearest), self._value_rows(patch, feet.points)
         if len(self._tips):
             rows = hstack([rows, self._tips.values(feet.points, cells)], format="csr")

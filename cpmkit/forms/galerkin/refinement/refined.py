@@ -45,12 +45,10 @@ if TYPE_CHECKING:
 class RefinedLocator(Locator):
     """Finds the patches of points among those of several levels."""
 
-    def _own_cell(self, points: Floats, near: Ints, apart: Floats, patch: Ints) -> Ints:
+    def _own_cell(self, points: Floats, found: Ints, apart: Floats, patch: Ints) -> Ints:
         assert isinstance(self.parting, RefinedParting)
-        found = self.parting.patch[near]
         own = self.parting.magnified(found, points[:, None]) / self.lattice.spacing + 0.5
         fits = (self.parting.cells[found] == np.floor(own)).all(axis=2) & np.isfinite(apart)
-        fits &= (found == patch[:, None]) | self._touch(found, patch[:, None])
         best = np.where(fits, apart, np.inf).argmin(axis=1)
         rows = np.arange(len(points))
         return np.where(fits[rows, best], found[rows, best], patch)
@@ -122,7 +120,7 @@ class RefinedGalerkin(Galerkin):
     @shared_property
     def _locator(self) -> Locator:
         plain = super()._locator
-        return RefinedLocator(plain.lattice, plain.samples, plain.parting, plain.sides, plain.boundaries)
+        return RefinedLocator(plain.lattice, plain.samples, plain.parting, plain.sides, plain.boundaries, plain.sheets)
 
     # Sums over samples
 
