@@ -85,7 +85,8 @@ class ClosedFormSolution:
     @property
     def scene(self) -> Any:
         boundaries = [SimpleNamespace(name=name, source=source) for name, (source, _) in self.boundaries.items()]
-        return SimpleNamespace(surface=self.surface, boundaries=boundaries)
+        problem = SimpleNamespace(kind="laplace")
+        return SimpleNamespace(surface=self.surface, boundaries=boundaries, problem=problem, channels=self.channels)
 
     def signed_distance(self, name: str, points: np.ndarray) -> np.ndarray:
         return self.boundaries[name][1](points)

@@ -53,8 +53,3 @@ def test_what_the_source_leaves_is_that_of_the_form(form):
         assert estimate.floor[0] == pytest.approx(told, rel=0.1)
     else:  # by a solution on the triangles
         assert 2 * told < estimate.floor[0] < 2e-3
-
-
-def test_a_spacing_too_coarse_to_be_doubled_is_refused():
-    with pytest.raises(ck.ResolutionError, match=r"spacing=0\.9 is too coarse"):
-        ck.estimate_error(ck.Scene(ck.source("analytic.sphere"), ck.ScreenedPoisson(1.0)), 0.45)

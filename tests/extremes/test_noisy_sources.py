@@ -61,6 +61,28 @@ def test_an_error_that_varies_smoothly_is_no_noise():
     assert noise_of(Biased(SPHERE), 0.1) < 1e-6
 
 
+def sphere_errors(size, spacing):
+    """Return the largest error of u = x, as a share of its range, the floor of the estimate, and the warnings."""
+    scene = ck.Scene(Noisy(SPHERE, size), ck.ScreenedPoisson(lambda x: 3 * x[:, 0]))
+    solution = ck.solve(scene, spacing=spacing, form="galerkin")
+    points = np.random.default_rng(0).normal(size=(400, 3))
+    points /= np.linalg.norm(points, axis=1)[:, None]
+    error = float(np.abs(solution.evaluate(points) - points[:, 0]).max()) / 2
+    return error, solution.discretized.source_error(), solution.warnings
+
+
+@pytest.mark.parametrize(
+    ("size", "spacing"),
+    [(1e-3, 0.24), *(pytest.param(*one, marks=pytest.mark.slow) for one in [(1e-4, 0.24), (1e-4, 0.12), (1e-3, 0.12)])],
+)
+def test_a_noisy_sphere_is_as_right_as_its_noise_allows(size, spacing):
+    error, floor, warnings = sphere_errors(size, spacing)
+    assert error < 2e-3
+    assert floor > 0.3 * error
+    noisy = [text for text in warnings if "uncertain by about 0.0005" in text and "take none below 0.1" in text]
+    assert len(noisy) == (size > 1e-3 * np.sqrt(3) * spacing)
+
+
 @pytest.mark.parametrize("kind", ["circle", "ellipse", "T"])
 @pytest.mark.parametrize("share", [1e-6, 4e-3])
 def test_noisy_curves_have_the_right_ends_and_loops(kind, share):

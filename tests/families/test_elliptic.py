@@ -360,11 +360,12 @@ def test_a_factor_that_varies_is_told_of_at_resonance_too():
     assert any("to which conditions or c bring it" in sentence for sentence in solution.warnings)
 
 
-@pytest.mark.parametrize(("form", "solver"), [("galerkin", "direct"), ("galerkin", "multigrid")])
-def test_where_an_eigenvalue_is_why_no_solver_converges_that_is_said(form, solver):
+@pytest.mark.parametrize("solver", ["direct", "multigrid"])
+def test_an_eigenvalue_that_is_free_is_warned_of_by_every_solver(solver):
     scene = ck.Scene(SPHERE, ck.Helmholtz(lambda x: x[:, 2] + x[:, 0] * x[:, 1], np.sqrt(2)))
-    with pytest.raises(ck.ConvergenceError, match=r"did not converge.*An eigenvalue lies within .* of k\^2=2"):
-        ck.solve(scene, 0.1, form=form, solver=solver)
+    solution = ck.solve(scene, 0.1, form="galerkin", solver=solver)
+    assert any("An eigenvalue lies within" in text and "of k^2=2" in text for text in solution.warnings)
+    assert (solution.error.largest >= 1).all()  # the size of the mode is not determined
 
 
 @pytest.mark.parametrize("form", ["collocation", "galerkin"])

@@ -34,8 +34,7 @@ def solved(square, monkeypatch):
 
     def load_scene(path):
         request = OutputRequest(Path("results"), asked["files"], asked["picture"])
-        scene = SimpleNamespace(surface=square(4).scene.surface, problem=cpmkit.Laplace(), channels=1)
-        return SimpleNamespace(scene=scene, spacing=0.5, options={"degree": 2}, output=request)
+        return SimpleNamespace(scene=square(4).scene, spacing=0.5, options={"degree": 2}, output=request)
 
     def solve(scene, spacing, progress, **options):
         asked.update(spacing=spacing, options=options)

@@ -229,8 +229,9 @@ def test_a_tolerance_out_of_reach_says_what_was_reached():
     one_sentence(error, "relative residual", "3 iterations", "max_iterations")
     assert error.value.report.residual > 1e-10
     assert not error.value.report.converged
-    with pytest.raises(ck.ConvergenceError):
-        ck.solve(scene, 0.02, solver="direct", solver_tolerance=1e-30)
+    report = ck.solve(scene, 0.02, solver="direct", solver_tolerance=1e-30).report
+    assert report.converged  # what rounding leaves of a residual is accepted
+    assert 0 < report.residual < 1e-12
 
 
 def test_an_unknown_solver():

@@ -101,9 +101,10 @@ def near_resonance(context: SolveContext, prepared: PreparedSolver, u: Floats) -
     By inverse iteration from plane waves; one step of it from u (n, channels) tells how much of u lies in its modes.
     """
     form = context.discretized
-    if not may_resonate(form):
-        return [], None
     terms, mass = context.scene.problem.terms(), form.mass
+    square = square_of_wavenumber(terms)
+    if not may_resonate(form) or (not square and "gradients" in form.cannot):
+        return [], None
     tolerance = max(context.tolerance, ROUGH_RESIDUAL)
 
     def weighed(values: Floats) -> Floats:
@@ -123,7 +124,6 @@ def near_resonance(context: SolveContext, prepared: PreparedSolver, u: Floats) -
             "did not converge on it."
         ], None
     a = size_of(terms.diffusivity, form.some_points(_some_rows(form)))
-    square = square_of_wavenumber(terms)
     found = _resonance(form, gap / a, square or _square_of_mode(form, mode), gap * step, u)
     if not found.undetermined:
         return [], found

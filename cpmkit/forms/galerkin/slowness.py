@@ -102,5 +102,6 @@ def _tensor_layer(form: Galerkin, c: float) -> float:
     normals = form.sampled.samples.normals_at(slice(form.sampled.interior))
     least, largest = principal_values(tensors, normals)
     radius = 0.5 * float(np.ptp(np.asarray(form.scene.surface.bounds), axis=0).max())
+    least = np.maximum(least, 0.0)  # a tensor with a negative eigenvalue is refused where it is summed
     width = radius * np.sqrt((least / largest).min())
     return float(width if c <= 0 else min(width, np.sqrt(least.min() / c)))

@@ -62,6 +62,7 @@ class OnNodes(Discretized):
         "diffusivity that is a tensor": "use backend='cpm'",
         "diffusivity that depends on u": "use backend='cpm'",
         "explicit steps": "use scheme 'newmark' or 'implicit', or backend='cpm'",
+        "gradients": "use backend='cpm'",
     }
     #: Factors of a matrix of triangles are sparse enough for every mesh.
     factorise_up_to: ClassVar[float] = np.inf

@@ -120,8 +120,9 @@ def test_progress_and_tolerance():
     assert seen == [("build", 0.0), ("build", 1.0), ("solve", 0.0), ("solve", 1.0)]
     assert solution.report.converged
     assert solution.report.tolerance == 1e-8
-    with pytest.raises(ck.ConvergenceError, match="'direct' did not converge"):
-        ck.solve(scene, 0.2, backend="fem", solver_tolerance=1e-300)
+    report = ck.solve(scene, 0.2, backend="fem", solver_tolerance=1e-300).report
+    assert report.converged  # what rounding leaves of a residual is accepted
+    assert 0 < report.residual < 1e-12
     with pytest.raises(ck.InputError, match="tolerance must be"):
         ck.solve(scene, 0.2, backend="fem", solver_tolerance=0)
 

@@ -180,8 +180,9 @@ def test_each_pair_is_judged(form):
     scene = ck.Scene(CIRCLE, ck.Eigen(count=5))
     solution = ck.solve(scene, 0.1, form=form)
     assert solution.report.residual == solution.residuals.max() <= 1e-10
-    with pytest.raises(ck.ConvergenceError, match=r"one more step of inverse iteration|relative residual"):
-        ck.solve(scene, 0.1, solver_tolerance=1e-17, form=form)
+    exact = ck.solve(scene, 0.1, solver_tolerance=1e-17, form=form)  # what rounding leaves is accepted
+    assert exact.report.converged
+    assert exact.residuals.max() < 1e-12
 
 
 @forms
@@ -248,5 +249,5 @@ def test_wrong_arguments_are_refused(keys):
 
 
 def test_more_eigenvalues_than_unknowns_are_refused():
-    with pytest.raises(ck.InputError, match="count=500 is too many"):
+    with pytest.raises(ck.InputError, match="count=500 is more than the 200 eigenvalues"):
         ck.solve(ck.Scene(CIRCLE, ck.Eigen(count=500)), 0.1)

@@ -16,6 +16,9 @@ FLAT_SINE, FLAT_COSINE = 0.1, 0.8
 LOST_SHARE = 2e-3
 #: Rounds of halving; ends of them: a gap this share of the first, grown to this, or kept to that share in a round.
 MOST_ROUNDS, CLOSED_GAP, GROWN_GAP, STUCK_GAP = 40, 0.05, 1.2, 0.97
+#: In units of the noise of feet: what a chord may leave the tangent planes by, how far from its foot a place must be for
+#: the direction to be known, the gap that counts as closed.
+LOST_NOISES, KNOWN_NOISES, CLOSED_NOISES = 4.0, 20.0, 6.0
 #: Tangent planes meet in a crease if the sine of their normals is above this, so near to the chord's middle, in chords.
 CREASE_SINE, CREASE_REACH = 0.3, 1.5
 
@@ -42,9 +45,9 @@ class JoinTolerances:
     off_manifold: float = 0.1
 
     @classmethod
-    def of_lattice(cls, spacing: float) -> JoinTolerances:
-        """Return those for crossings found on a lattice, of exact closest points."""
-        return cls(LOST_SHARE * spacing)
+    def of_lattice(cls, spacing: float, noise: float = 0.0) -> JoinTolerances:
+        """Return those for crossings found on a lattice by closest points with that noise."""
+        return cls(max(LOST_SHARE * spacing, LOST_NOISES * noise))
 
 
 def flat(a: Floats, b: Floats, normal_a: Floats, normal_b: Floats, tolerances: JoinTolerances) -> Bools:
@@ -77,7 +80,7 @@ def joined(
         middle = 0.5 * (a + b)
         foot = source.closest_point(middle).points
         away = middle - foot
-        known = norms(away) > 1e-3 * first
+        known = norms(away) > np.maximum(1e-3 * first, KNOWN_NOISES * source.noise)
         nf = np.where(known[:, None], unit(away), 0.0)
         to_a, to_b = norms(foot - a), norms(b - foot)
         flat_a, flat_b = flat(a, foot, na, nf, tolerances), flat(foot, b, nf, nb, tolerances)
@@ -86,7 +89,7 @@ def joined(
         a, na = np.where(keep_a, a, foot), np.where(keep_a, na, nf)
         b, nb = np.where(keep_a, foot, b), np.where(keep_a, nf, nb)
         new = np.where(first_half, to_a, to_b)
-        done = (flat_a & flat_b) | (new < CLOSED_GAP * first)
+        done = (flat_a & flat_b) | (new < np.maximum(CLOSED_GAP * first, CLOSED_NOISES * source.noise))
         yes[rows[done]] = True
         go = ~done & (new <= GROWN_GAP * first) & (new <= STUCK_GAP * gap)
         rows, first, gap = rows[go], first[go], new[go]

@@ -122,7 +122,8 @@ class _Attempt:
 
 def _attempt(source: LocalSource, spacing: float, side: float, offsets: tuple[float, ...]) -> _Attempt:
     nodes = surrounding_nodes(source, side * spacing, np.array(offsets))
-    found = dual_vertices(source, nodes, crossings(source, nodes), JoinTolerances.of_lattice(side * spacing))
+    tolerances = JoinTolerances.of_lattice(side * spacing, source.noise)
+    found = dual_vertices(source, nodes, crossings(source, nodes), tolerances)
     cells = triangles(source, found)
     if not len(cells):
         raise ResolutionError(
