@@ -9,7 +9,7 @@ import numpy as np
 from cpmkit.plugin import Bools, ClosestPoints, Floats, unit
 from cpmkit_mesh.directions import face_normals
 from cpmkit_mesh.folds import crowded_edges
-from cpmkit_mesh.support import support_warnings
+from cpmkit_mesh.support import support_warnings, supported_normals
 from cpmkit_mesh.triangles import ON_EDGE_COORDINATE, TriangleMesh
 
 #: A foot with a barycentric coordinate below this lies beside the edge opposite that corner: those of points of the
@@ -57,3 +57,7 @@ class OrientedTriangleMesh(TriangleMesh):
             at[self.folds.ends[self.folds.angle > np.deg2rad(self.crease_angle)]] = True
             at[crowded_edges(self.faces, self.adjacency)] = True
         return at
+
+    @property
+    def _followed_normals(self) -> Floats:
+        return supported_normals(self)

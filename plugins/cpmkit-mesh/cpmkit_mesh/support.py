@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.plugin import place, support_of
+from cpmkit.plugin import Bools, Floats, Ints, place, support_of, unit
 from cpmkit_mesh.directions import doubled_areas
+from cpmkit_mesh.tilting import LEAST_NEIGHBOUR_SPREAD
 
 if TYPE_CHECKING:
     from cpmkit_mesh.oriented import OrientedTriangleMesh
@@ -17,18 +18,36 @@ if TYPE_CHECKING:
 UNSUPPORTED_AREA_SHARE = 0.05
 
 
+def supported_normals(mesh: OrientedTriangleMesh) -> Floats:
+    """Return (m, 3, 3) the normals at corners, with the least tilts that make unsupported edges tangential.
+
+    The corners of a flat face beside a fillet have the face's normal then. Where the unsupported edges at a vertex have
+    about one direction, the normal is tilted along that alone.
+    """
+    ends, unsupported, _ = _unsupported_edges(mesh)
+    ends = ends[unsupported]
+    if not len(ends):
+        return mesh.normals_at_corners
+    normals = np.zeros_like(mesh.vertices)
+    normals[mesh.faces] = mesh.normals_at_corners
+    at, row = np.unique(ends, return_inverse=True)
+    chord = np.repeat(unit(mesh.vertices[ends[:, 1]] - mesh.vertices[ends[:, 0]]), 2, axis=0)
+    across = normals[ends.ravel()]
+    off = np.einsum("ij,ij->i", chord, across)
+    tangential = chord - off[:, None] * across
+    matrix, right = np.zeros((len(at), 3, 3)), np.zeros((len(at), 3))
+    np.add.at(matrix, row.ravel(), tangential[:, :, None] * tangential[:, None, :])
+    np.add.at(right, row.ravel(), -off[:, None] * tangential)
+    inverse = np.linalg.pinv(matrix, rcond=LEAST_NEIGHBOUR_SPREAD, hermitian=True)
+    normals[at] = unit(normals[at] + np.einsum("nij,nj->ni", inverse, right))
+    return normals[mesh.faces]
+
+
 def support_warnings(mesh: OrientedTriangleMesh) -> list[str]:
     """Return a sentence where much of the mesh's area has an edge that the surface beyond does not support."""
-    faces, count = mesh.faces, len(mesh.vertices)
-    starts, ends = faces[:, [1, 2, 0]], faces[:, [2, 0, 1]]  # edge j is opposite to corner j
-    codes = np.minimum(starts, ends) * np.int64(count) + np.maximum(starts, ends)
-    _, first, of_faces = np.unique(codes.ravel(), return_index=True, return_inverse=True)
-    face, corner = np.divmod(first, 3)
-    normals = mesh.normals_at_corners[face[:, None], np.stack([corner + 1, corner + 2], axis=1) % 3]
-    edges = np.stack([starts.ravel()[first], ends.ravel()[first]], axis=1)
-    unsupported = support_of(mesh.vertices, edges, normals, mesh.at_crease).unsupported()
-    unsupported &= ~mesh.at_crease[edges].any(axis=1)  # straight in any case
-    areas, beside = doubled_areas(mesh.vertices, faces), unsupported[of_faces.reshape(-1, 3)].any(axis=1)
+    faces = mesh.faces
+    _, unsupported, of_faces = _unsupported_edges(mesh)
+    areas, beside = doubled_areas(mesh.vertices, faces), unsupported[of_faces].any(axis=1)
     share = areas[beside].sum() / areas.sum()
     if share <= UNSUPPORTED_AREA_SHARE:
         return []
@@ -38,3 +57,19 @@ def support_warnings(mesh: OrientedTriangleMesh) -> list[str]:
         f"the largest near {place(largest - mesh.shift)}: normals lean off these triangles, and the mesh does not say "
         "what stands above them; use closest = 'faceted' if the triangles are meant, or a finer mesh."
     ]
+
+
+def _unsupported_edges(mesh: OrientedTriangleMesh) -> tuple[Ints, Bools, Ints]:
+    """Return the edges (e, 2), which of them (e,) the surface beyond does not support, and those of each face (m, 3).
+
+    Edges with an end at a crease are straight in any case, and not among those.
+    """
+    faces, count = mesh.faces, len(mesh.vertices)
+    starts, ends = faces[:, [1, 2, 0]], faces[:, [2, 0, 1]]  # edge j is opposite to corner j
+    codes = np.minimum(starts, ends) * np.int64(count) + np.maximum(starts, ends)
+    _, first, of_faces = np.unique(codes.ravel(), return_index=True, return_inverse=True)
+    face, corner = np.divmod(first, 3)
+    normals = mesh.normals_at_corners[face[:, None], np.stack([corner + 1, corner + 2], axis=1) % 3]
+    edges = np.stack([starts.ravel()[first], ends.ravel()[first]], axis=1)
+    unsupported = support_of(mesh.vertices, edges, normals, mesh.at_crease).unsupported()
+    return edges, unsupported & ~mesh.at_crease[edges].any(axis=1), of_faces.reshape(faces.shape)

@@ -296,4 +296,9 @@ class TriangleMesh:
     def _smooth_part(self) -> SmoothPart:
         if self._first is not self:  # a moved tree has the same slots
             return moved_smooth_part(self._first._smooth_part, self.vertices, self.adjacency)
-        return smooth_part(self.vertices, self.adjacency, self.normals_at_corners, self._tree.order)
+        return smooth_part(self.vertices, self.adjacency, self._followed_normals, self._tree.order)
+
+    @property
+    def _followed_normals(self) -> Floats:
+        """(m, 3, 3) the normals at the corners of each face that closest points follow."""
+        return self.normals_at_corners
