@@ -16,8 +16,8 @@ FLAT_SINE, FLAT_COSINE = 0.1, 0.8
 LOST_SHARE = 2e-3
 #: Rounds of halving; ends of them: a gap this share of the first, grown to this, or kept to that share in a round.
 MOST_ROUNDS, CLOSED_GAP, GROWN_GAP, STUCK_GAP = 40, 0.05, 1.2, 0.97
-#: In units of the noise of feet: what a chord may leave the tangent planes by, how far from its foot a place must be for
-#: the direction to be known, the gap that counts as closed.
+#: In units of the noise of feet: what a chord may leave the tangent planes by, how far from its foot a place must be
+#: for the direction to be known, the gap that counts as closed.
 LOST_NOISES, KNOWN_NOISES, CLOSED_NOISES = 4.0, 20.0, 6.0
 #: Tangent planes meet in a crease if the sine of their normals is above this, so near to the chord's middle, in chords.
 CREASE_SINE, CREASE_REACH = 0.3, 1.5
