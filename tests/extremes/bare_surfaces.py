@@ -72,7 +72,7 @@ def open_cone(rng):
 
 def closed_cone(rng):
     r = rng.uniform(0.5, 0.8)
-    height = r * rng.uniform(1.2, 1.8)  # 50 degrees and more at the base, as folds
+    height = r * rng.uniform(0.58, 1.8)  # 30 degrees and more at the base
     return Revolved((Line((0, height), (r, 0)), Line((r, 0), (0, 0))))
 
 
@@ -192,7 +192,7 @@ def fold(rng):
 
 
 def zigzag(rng):
-    angle = radians(rng.uniform(25, 65))  # 50 to 130 degrees between the leaves
+    angle = radians(rng.uniform(25, 75))  # 30 to 130 degrees between the leaves
     parts, start = [], np.zeros(3)
     for k in range(4):
         side = 0.5 * np.array([cos(angle), 0, (-1) ** k * sin(angle)])

@@ -10,6 +10,12 @@ from extremes.judged_surfaces import judge, judge_three
 FEW, WITH_SOLUTION = 20, (5, 6)
 #: Seeds of the slow run, two hundred draws each.
 MANY_SEEDS = (77,)
+#: Draws that were wrong, most in silence, before creases joined only what the cell they pass holds: two sheets that
+#: cross came out as two pieces, sharp edges and corners of rims were cut.
+ONCE_WRONG = ((2, 14), (3, 20), (3, 27), (4, 8), (4, 9), (77, 25), (77, 26), (77, 67), (77, 85), (77, 153), (77, 167),
+              (77, 182))  # fmt: skip
+#: Of these a zigzag of sharp leaves is still wrong at one origin: 2.5 percent of its area are missing, with a warning.
+STILL_WRONG = ((77, 85),)
 
 
 def of_draw(seed, number):
@@ -20,6 +26,13 @@ def of_draw(seed, number):
 @pytest.mark.parametrize("number", range(FEW))
 def test_sixty_triangulations(number):
     assert [(verdict.name, verdict.faults) for verdict in map(judge, of_draw(1, number)) if verdict.wrong] == []
+
+
+@pytest.mark.parametrize(("seed", "number"), ONCE_WRONG)
+def test_what_was_wrong_is_right_or_warned_of(seed, number):
+    verdicts = [judge(case) for case in of_draw(seed, number)]
+    assert not any(verdict.silent for verdict in verdicts), verdicts
+    assert any(verdict.wrong for verdict in verdicts) == ((seed, number) in STILL_WRONG), verdicts
 
 
 @pytest.mark.parametrize("number", WITH_SOLUTION)

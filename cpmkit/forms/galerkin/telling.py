@@ -123,6 +123,11 @@ def _of_faults(faults: Faults, surface: LocalSource) -> Iterator[str]:
             f"{len(faults.folds)} triangles fold over beside a rim of the surface, {first(faults.folds)}; use a "
             "smaller spacing."
         )
+    if len(faults.uncovered):
+        yield (
+            f"The triangulation by closest points leaves the surface at {len(faults.uncovered)} places of creases or "
+            f"rims, {first(faults.uncovered)}: sharp edges or corners may be cut; use a smaller spacing."
+        )
     if faults.pieces or faults.wrong_area:
         yield (
             f"The triangulation by closest points has an area {faults.area:+.0%} off a sum over lattice nodes, and "

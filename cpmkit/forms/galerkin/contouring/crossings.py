@@ -24,8 +24,10 @@ from cpmkit.protocols import Bools, Floats, Ints
 
 #: A plane through a crossing explains what is seen at the edge's other end up to this share of the edge.
 EXPLAINED = 0.1
-#: Crossings of one edge are this share of it apart.
-APART = 0.1
+#: Crossings of one edge are this share of it apart, or their normals have a cosine below that: two sheets that meet.
+APART, SAME_COSINE = 0.1, 0.95
+#: Crossings of one edge found twice are the same up to this share of it.
+SAME_POINT = 0.005
 #: Where the surface looks plane it is asked this far, as a share of the edge, beside the crossing: for the normal.
 BESIDE = 0.01
 #: Halvings that find the root of the cubic between two nodes.
@@ -75,11 +77,19 @@ def crossings(source: LocalSource, nodes: Nodes) -> Crossings:
     t_back, normal_back = _marched(source, nodes, head[back], tail[back], -along[back], np.minimum(room, s))
     with np.errstate(invalid="ignore"):
         near = np.abs(s - t_back - t[back]) < APART * s
-    t[back[near & (dots(normal[back], normal_back) > 0)]] = np.nan  # a bulge goes out and in again: neither is kept
-    t_back[near] = np.nan
-    tails = np.concatenate([tail, tail[back]])
-    t, normal = np.concatenate([t, s - t_back]), np.concatenate([normal, normal_back])
-    axis = np.concatenate([axis, axis[back]])
+    alike, cosine = dots(normal[back], normal_back), SAME_COSINE if source.noise == 0 else 0.0
+    t[back[near & (alike > cosine)]] = np.nan  # a bulge goes out and in again: neither is kept
+    t_back[near & (np.abs(alike) > cosine)] = np.nan
+    tails, axes = np.concatenate([tail, tail[back]]), np.concatenate([axis, axis[back]])
+    times, normals = np.concatenate([t, s - t_back]), np.concatenate([normal, normal_back])
+    lone = _lone_in_odd_faces(nodes, tails, axes, times)[rows]
+    at = rows[lone & ~np.isnan(t[rows]) & (source.noise == 0)]
+    found = [_other_crossings(source, nodes, tail[at], head[at], axis[at], t[at], flip) for flip in (False, True)]
+    with np.errstate(invalid="ignore"):
+        found[1][0][np.abs(found[1][0] - found[0][0]) < SAME_POINT * s] = np.nan
+    tails, axes = np.concatenate([tails, tail[at], tail[at]]), np.concatenate([axes, axis[at], axis[at]])
+    t, normal = (np.concatenate(parts) for parts in zip((times, normals), *found, strict=True))
+    axis = axes
     kept = np.flatnonzero(~np.isnan(t))
     points = nodes.positions[tails[kept]] + t[kept, None] * np.eye(3)[axis[kept]]
     normal = normal[kept]
@@ -132,6 +142,38 @@ def _marched(
     told = (ahead < arrived * s) & ~nodes.rim[head]
     stop = np.where(told, (1 - told_at) * s, np.minimum(s, s - ahead + told_at * s))
     return first_hits(source, nodes.positions[tail], along, s, seen, np.minimum(stop, room))
+
+
+def _lone_in_odd_faces(nodes: Nodes, tail: Ints, axis: Ints, t: Floats) -> Bools:
+    """Return which edges cross the surface once, and have two lattice faces or more with an odd number of crossings.
+
+    Closed sheets cross the border of a face an even number of times; where feet lie on rims that need not be.
+    """
+    count = np.zeros(nodes.index.shape, dtype=np.int64)
+    np.add.at(count, (tail[~np.isnan(t)], axis[~np.isnan(t)]), 1)
+    beyond = [find(nodes.table, nodes.table + stride) for stride in nodes.codes.strides]
+    odd = np.zeros_like(count)
+    for u, v in ((0, 1), (1, 2), (2, 0)):
+        face = np.flatnonzero((beyond[u] >= 0) & (beyond[v] >= 0) & nodes.unlike[:, u])
+        right, up = beyond[u][face], beyond[v][face]
+        sides = ((face, u), (face, v), (right, v), (up, u))
+        is_odd = sum(count[side] for side in sides) % 2 * ~(nodes.rim[face] | nodes.rim[right] | nodes.rim[up])
+        for side in sides:
+            np.add.at(odd, side, is_odd)
+    return np.asarray((count[tail, axis] == 1) & (odd[tail, axis] > 1))
+
+
+def _other_crossings(
+    source: LocalSource, nodes: Nodes, tail: Ints, head: Ints, axis: Ints, t: Floats, flip: bool
+) -> tuple[Floats, Floats]:
+    """Return a crossing of each edge but for that at ``t``, by short steps from one end; NaN where there is none."""
+    s, along = nodes.spacing, (-1.0 if flip else 1.0) * np.eye(3)[axis]
+    start, known = (head, s - t) if flip else (tail, t)
+    seen = Seen(nodes.distance[start], nodes.normals[start], ~nodes.rim[start])
+    hit, normal = first_hits(source, nodes.positions[start], along, s, seen, np.full(len(start), s), False)
+    with np.errstate(invalid="ignore"):
+        hit = np.where(np.abs(hit - known) > SAME_POINT * s, hit, np.nan)
+    return (s - hit if flip else hit), normal
 
 
 def _explained(nodes: Nodes, head: Ints, along: Floats, t: Floats, normal: Floats) -> Bools:

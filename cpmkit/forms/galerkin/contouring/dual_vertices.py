@@ -16,6 +16,8 @@ from cpmkit.protocols import Floats, Ints
 TELLING_EIGENVALUE = 0.12
 #: How far a vertex may leave its cell before it goes to its foot, as a share of the cell's side.
 OUTSIDE_CELL = 0.1
+#: Creases this far outside a cell still join what it holds, as a share of the side: those on its faces.
+BESIDE_CELL = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +46,9 @@ def dual_vertices(source: LocalSource, nodes: Nodes, found: Crossings, tolerance
     order = np.argsort(cells.ravel(), kind="stable")
     member, sorted_cells = order // 4, cells.ravel()[order]
     start = np.append(np.flatnonzero(np.diff(sorted_cells, prepend=-1)), len(order)).astype(np.int64)
-    group = pieces(source, start, member, found.points, found.normals, tolerances)
+    low = nodes.place(nodes.codes.decode(sorted_cells)) - BESIDE_CELL * nodes.spacing
+    boxes = np.stack([low, low + (1 + 2 * BESIDE_CELL) * nodes.spacing])
+    group = pieces(source, start, member, found.points, found.normals, tolerances, boxes)
     roots, piece = np.unique(group, return_inverse=True)
     around = np.empty(len(order), dtype=np.int64)
     around[order] = piece
@@ -61,7 +65,13 @@ def _cells_around(nodes: Nodes, found: Crossings) -> Ints:
 
 
 def pieces(
-    source: LocalSource, start: Ints, member: Ints, points: Floats, normals: Floats, tolerances: JoinTolerances
+    source: LocalSource,
+    start: Ints,
+    member: Ints,
+    points: Floats,
+    normals: Floats,
+    tolerances: JoinTolerances,
+    boxes: Floats,
 ) -> Ints:
     """Return a number (k,) that entries have in common where crossings of one cell hang together in it.
 
@@ -77,6 +87,8 @@ def pieces(
         The crossings, and the directions that tell where they lie flat.
     tolerances : JoinTolerances
         How exactly crossings are known.
+    boxes : (2, k, 3) float64
+        The lowest and the highest corner of the cell of each entry.
     """
     from cpmkit.forms.galerkin.contouring.grouping_kernels import nearest_pairs, unite, unite_flat
 
@@ -86,7 +98,9 @@ def pieces(
     pairs = np.empty((nearest_pairs(start, member, points, group, pairs), 2), dtype=np.int64)
     nearest_pairs(start, member, points, group, pairs)
     i, j = member[pairs].T
-    together = joined(source, points[i], points[j], normals[i], normals[j], tolerances)
+    together = joined(
+        source, points[i], points[j], normals[i], normals[j], tolerances, (boxes[0, pairs[:, 0]], boxes[1, pairs[:, 0]])
+    )
     unite(np.ascontiguousarray(pairs[together, 0]), np.ascontiguousarray(pairs[together, 1]), group)
     return group
 

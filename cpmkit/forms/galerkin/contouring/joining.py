@@ -60,18 +60,26 @@ def flat(a: Floats, b: Floats, normal_a: Floats, normal_b: Floats, tolerances: J
 
 
 def joined(
-    source: LocalSource, a: Floats, b: Floats, normal_a: Floats, normal_b: Floats, tolerances: JoinTolerances
+    source: LocalSource,
+    a: Floats,
+    b: Floats,
+    normal_a: Floats,
+    normal_b: Floats,
+    tolerances: JoinTolerances,
+    box: tuple[Floats, Floats],
 ) -> Bools:
-    """Return whether points ``a`` and ``b`` (n, 3) of a surface hang together near their chord.
+    """Return whether points ``a`` and ``b`` (n, 3) of a surface hang together in boxes with corners ``box`` (2, n, 3).
 
-    They do where the chord is flat, and where a crease between them lies on the surface. Else the chord is bent onto
+    They do where the chord is flat, and where a crease between them lies on the surface in the box; where it lies
+    outside they hang together in another box. Else the chord is bent onto
     the surface where it is farthest: its midpoint's closest point takes the place of one of its ends, so that what is
     not flat or longer is left. At a crease the gap shrinks, between sheets it stays.
     """
     yes = flat(a, b, normal_a, normal_b, tolerances)
     rows = np.flatnonzero(~yes)
-    yes[rows] = _joined_over_crease(source, a[rows], b[rows], normal_a[rows], normal_b[rows], tolerances)
-    rows = rows[~yes[rows]]
+    over, crease = _joined_over_crease(source, a[rows], b[rows], normal_a[rows], normal_b[rows], tolerances)
+    yes[rows] = over & _meets_box(crease, np.cross(normal_a[rows], normal_b[rows]), box[0][rows], box[1][rows])
+    rows = rows[~over]
     a, b, na, nb = (np.array(values[rows]) for values in (a, b, normal_a, normal_b))
     first = gap = norms(b - a)
     for _ in range(MOST_ROUNDS):
@@ -99,8 +107,8 @@ def joined(
 
 def _joined_over_crease(
     source: LocalSource, a: Floats, b: Floats, normal_a: Floats, normal_b: Floats, tolerances: JoinTolerances
-) -> Bools:
-    """Return whether the tangent planes of ``a`` and ``b`` (n, 3) meet in a crease of the surface near their chord.
+) -> tuple[Bools, Floats]:
+    """Return whether tangent planes of ``a`` and ``b`` (n, 3) meet in a crease of the surface near, and where (n, 3).
 
     The point of the meeting line nearest to the chord's middle is looked for on the surface, then the two halves.
     """
@@ -120,10 +128,20 @@ def _joined_over_crease(
     for end, normal in ((a, na), (b, nb)):
         rise = np.abs(dots(foot - end, normal))
         meets &= rise <= tolerances.sine * norms(foot - end) + tolerances.lost
+    crease[rows] = foot
     rows, a, b, foot = rows[meets], a[meets], b[meets], foot[meets]
     halves = [0.5 * (end + foot) for end in (a, b)]
     feet = source.closest_point(np.concatenate(halves)).points.reshape(2, -1, 3)
     yes[rows] = True
     for end, half, of_half in zip((a, b), halves, feet, strict=True):
         yes[rows] &= norms(of_half - half) <= tolerances.off_manifold * norms(foot - end) + tolerances.lost
-    return yes
+    return yes, crease
+
+
+def _meets_box(point: Floats, along: Floats, low: Floats, high: Floats) -> Bools:
+    """Return whether lines through ``point`` (n, 3) meet their boxes."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        first, second = (low - point) / along, (high - point) / along
+    enters = np.where(along == 0, np.where(low <= point, -np.inf, np.inf), np.minimum(first, second)).max(axis=1)
+    leaves = np.where(along == 0, np.where(point <= high, np.inf, -np.inf), np.maximum(first, second)).min(axis=1)
+    return np.asarray(enters <= leaves)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cpmkit.forms.galerkin.contouring.coverage import CreaseFeet, uncovered
 from cpmkit.forms.galerkin.contouring.edges import border_of, edges_of
 from cpmkit.forms.galerkin.contouring.leaves import crowded_edges
 from cpmkit.forms.galerkin.contouring.nodes import Nodes
@@ -18,7 +19,8 @@ from cpmkit.protocols import Bools, Floats, Ints
 AREA_SHARE = 0.15
 #: Pieces with less area than so many squares of the form's spacing are taken for faults where another lattice has none.
 SMALL_AREA = 2.0
-#: What faults weigh: a fold at a rim one; open edges, edges of four and small pieces; a piece too many, a wrong area.
+#: What faults weigh, a fold at a rim or an uncovered foot one: open edges, edges of four and small pieces; a piece too
+#: many, a wrong area.
 EDGE_WEIGHT, PIECE_WEIGHT = 4, 40
 
 
@@ -31,6 +33,8 @@ class Faults:
     cracks, crowded, loose, folds : (k, 3) float64
         Middles of open edges off rims and of edges of four or more that are no crossing; ends of branch lines that
         lie neither at another branch line nor at the border; centres of triangles that fold over beside a rim.
+    uncovered : (k, 3) float64
+        Points of creases, rims and close sheets with no triangle within .3 spacings of the lattice.
     pieces : int
         How many pieces were gained or lost by moving vertices onto rims.
     small : int
@@ -43,6 +47,7 @@ class Faults:
     crowded: Floats
     loose: Floats
     folds: Floats
+    uncovered: Floats
     pieces: int
     small: int
     area: float
@@ -56,7 +61,12 @@ class Faults:
     def weight(self) -> int:
         """How much is broken: zero where all laws hold."""
         places = len(self.cracks) + len(self.crowded) + len(self.loose) + self.small
-        return len(self.folds) + EDGE_WEIGHT * places + PIECE_WEIGHT * (abs(self.pieces) + self.wrong_area)
+        return (
+            len(self.folds)
+            + len(self.uncovered)
+            + EDGE_WEIGHT * places
+            + PIECE_WEIGHT * (abs(self.pieces) + self.wrong_area)
+        )
 
 
 def faults_of(
@@ -85,6 +95,7 @@ def faults_of(
         vertices[edges.ends[crowded]].mean(axis=1),
         vertices[degree == 1],
         folds,
+        uncovered(CreaseFeet.of(nodes).points, vertices, cells, nodes.spacing),
         len(areas) - pieces_before,
         int((areas < SMALL_AREA * spacing**2).sum()),
         float(areas.sum() / area_by_nodes(nodes) - 1),

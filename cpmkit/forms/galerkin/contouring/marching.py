@@ -79,7 +79,7 @@ def feet_and_normals(source: LocalSource, x: Floats, known: Floats, length: floa
 
 
 def first_hits(
-    source: LocalSource, start: Floats, along: Floats, length: float, seen: Seen, stop: Floats
+    source: LocalSource, start: Floats, along: Floats, length: float, seen: Seen, stop: Floats, steps: bool = True
 ) -> tuple[Floats, Floats]:
     """Return how far from ``start`` each ray meets the surface, (n,), NaN where it does not, and the normal there.
 
@@ -95,6 +95,8 @@ def first_hits(
         What is seen from the starts.
     stop : (n,) float64
         Where the rays end.
+    steps : bool
+        Whether Newton's steps are tried, which may pass a sheet where two cross.
     """
     hit, normal = np.full(len(start), np.nan), np.zeros_like(start)
     rows = np.arange(len(start))
@@ -113,7 +115,7 @@ def first_hits(
         arrived = near & (target >= np.maximum(low - arrived_at * length, floor[rows])) & (target <= stop[rows])
         hit[rows[arrived]], normal[rows[arrived]] = target[arrived], now.normal[arrived]
         normal[rows[arrived]] *= -np.sign(slope[arrived])[:, None]
-        tried = newton & (target > low) & (target <= stop[rows]) & now.inner
+        tried = steps & newton & (target > low) & (target <= stop[rows]) & now.inner
         sphere = base_t + np.maximum(base.distance, SHORTEST_STEP * length)
         t_next = np.where(tried, target, sphere)
         go = ~arrived & (t_next <= stop[rows])

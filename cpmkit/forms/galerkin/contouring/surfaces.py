@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.errors import ResolutionError
+from cpmkit.forms.galerkin.contouring.coverage import CreaseFeet, pulled_out
 from cpmkit.forms.galerkin.contouring.crossings import crossings
 from cpmkit.forms.galerkin.contouring.dual_vertices import dual_vertices
 from cpmkit.forms.galerkin.contouring.edges import edges_of
@@ -142,6 +143,7 @@ def _attempt(source: LocalSource, spacing: float, side: float, offsets: tuple[fl
     vertices, on_rim = onto_rims(rims, vertices, cells)
     cells = without_bridges(rims, vertices, cells, on_rim)
     cells, folds = without_folds(vertices, cells, on_rim, side * spacing)
+    vertices, cells, on_rim = pulled_out(CreaseFeet.of(nodes), vertices, cells, on_rim, side * spacing)
     faults = faults_of(rims, nodes, vertices, cells, on_rim, folds, pieces, spacing)
     report = SurfaceReport(side, share, filled, faults, _unmet(nodes, vertices[np.unique(cells)]), open_specks + specks)
     return _Attempt(rims, vertices, cells, on_rim, report)
