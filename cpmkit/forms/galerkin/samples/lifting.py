@@ -34,7 +34,7 @@ from cpmkit.forms.galerkin.samples.subdivision import halved
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vectors import dots, norms, unit
 from cpmkit.meshes.support import Support, support_of
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.protocols import Bools, Floats, HasMembers, HasMesh, Ints
 
 #: How often vertices that were put on flat triangles are lifted to their neighbours.
 LIFTING_ROUNDS = 3
@@ -233,12 +233,24 @@ def support_of_edges(vertices: Floats, edges: Edges, normals: Normals) -> Suppor
 def _shares(source: LocalSource, mesh: SampleMesh, edges: Edges, normals: Normals) -> Floats:
     """Return (e,) what share of their heights edges keep; those of a mesh whose own edges keep all do as well."""
     own = own_support(source)
-    if own is None:
-        return support_of_edges(mesh.vertices, edges, normals).share
-    if edges is edges_with(source, mesh):
+    if own is not None and edges is edges_with(source, mesh):
         return own.share
-    smooth = bool((own.share == 1.0).all())
+    smooth = _all_supported(source) if own is None else bool((own.share == 1.0).all())
     return np.ones(len(edges.ends)) if smooth else support_of_edges(mesh.vertices, edges, normals).share
+
+
+def _all_supported(source: LocalSource) -> bool:
+    """Tell whether a source is a union of meshes whose own edges keep all of their heights."""
+    if not isinstance(source.of, HasMembers):
+        return False
+    for member in source.of.members:
+        part = LocalSource(member, np.zeros(source.dim), source.queries, of=member)
+        if isinstance(member, HasMesh):
+            own_cells(part, member.mesh(float(np.ptp(member.bounds, axis=0).max()))[1])
+        own = own_support(part)
+        if own is None or (own.share < 1.0).any():
+            return False
+    return True
 
 
 def own_support(source: LocalSource) -> Support | None:
