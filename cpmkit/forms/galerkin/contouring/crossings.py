@@ -158,8 +158,8 @@ def _lone_in_odd_faces(nodes: Nodes, tail: Ints, axis: Ints, t: Floats) -> Bools
         right, up = beyond[u][face], beyond[v][face]
         sides = ((face, u), (face, v), (right, v), (up, u))
         is_odd = sum(count[side] for side in sides) % 2 * ~(nodes.rim[face] | nodes.rim[right] | nodes.rim[up])
-        for side in sides:
-            np.add.at(odd, side, is_odd)
+        for rows, along in sides:
+            np.add.at(odd[:, along], rows, is_odd)
     return np.asarray((count[tail, axis] == 1) & (odd[tail, axis] > 1))
 
 
