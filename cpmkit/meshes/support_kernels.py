@@ -55,7 +55,8 @@ def supports(
                     total += cosine * cosine
                     near, far = abs(slopes[other, there]), abs(slopes[other, 1 - there])
                     bend = 2 * near if creased[ends[other, 1 - there]] else near + far
-                    curvature += cosine * cosine * bend / lengths[other]
+                    # Along this edge: that of a cylinder along its diagonals is what the ring beyond has there.
+                    curvature += cosine**4 * bend / lengths[other]
                     length += cosine * cosine * lengths[other]
             ratio = 1.0
             if total >= LEAST_WEIGHT and lengths[edge] > 0:

@@ -127,3 +127,17 @@ def test_a_boundary_across_flat_faces_does_not_lift_them(box):
             for closest in ("smooth", "faceted")
         )
         assert rms(smooth, faceted, box[0]) < 3e-3
+
+
+@pytest.mark.parametrize("height", [0.5, 2.0])
+def test_diagonals_of_a_tube_of_tall_triangles_are_supported(height):
+    """Along a diagonal a cylinder bends less than around; so does what lies beyond, along the same direction."""
+    angle = 2 * np.pi * np.arange(24) / 24
+    ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    points = np.concatenate([np.c_[ring, np.full(24, z)] for z in (0.0, height)])
+    here, after = np.arange(24), (np.arange(24) + 1) % 24
+    faces = np.concatenate([np.c_[here, after, after + 24], np.c_[here, after + 24, here + 24]])
+    tube = ck.source("mesh.triangles", vertices=points, faces=faces)
+    prepared = ck.prepare(ck.Scene(tube, ck.ScreenedPoisson(1.0)), 0.1, form="galerkin")
+    assert prepared.discretized.sampled.samples.weights.sum() == pytest.approx(2 * np.pi * height, rel=3e-4)
+    assert not any("turn more" in sentence for sentence in tube.own_warnings(0.1))
