@@ -388,6 +388,9 @@ class Operator(Protocol):
     def to_csr(self) -> csr_array:
         """Return it as one sparse matrix (n, n)."""
 
+    def pieces(self) -> tuple[int, Ints]:
+        """Return how many sets of unknowns it couples among themselves alone, and the set of each unknown (n,)."""
+
 
 class Stiffness(Operator, Protocol):
     """The operator A of an equation's terms, as a form makes it; steps in time and eigenvalues shift it."""

@@ -39,11 +39,10 @@ def free_pieces(
     the first ``summing`` unknowns, at all unless given, and zero at others.
     """
     from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import connected_components
 
     matrix = stiffness.to_csr()
-    whole = summing is None or summing == matrix.shape[0]
-    count, piece = connected_components(matrix if whole else matrix[:summing, :summing], directed=False)
+    piece = stiffness.pieces()[1][:summing]
+    count = int(piece.max(initial=-1)) + 1
     starts = np.minimum(np.arange(matrix.shape[0] + 1), len(piece))  # no piece has what is not summed
     indicator = csr_array((np.ones(len(piece)), piece, starts), shape=(matrix.shape[0], count))
     pulled = matrix @ indicator

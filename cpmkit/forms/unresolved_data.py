@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 RUNS, RUN_LENGTH = 24, 128
 #: Neighbours of each point within so many spacings; points nearer than the last are one: nodes have feet in common.
 NEIGHBOURS, NEIGHBOUR_SPACINGS, SAME_SPACINGS = 6, 0.75, 0.05
-#: Multiples by which cells of so many spacings are told apart; that few of them have one code does no harm.
-CELL_CODES = np.array([73_856_093, 19_349_663, 83_492_791])
 #: The root of A over the data's root mean square from which on data are said not to be resolved. Of sin(k x) on circles
 #: and spheres it is below .1 up to k h = 1, .1 to .3 at 3, from .2 on at 6 and .85 to 1.1 from 20 on, in both forms; of
 #: a step on the unit sphere at h = .2 it is .06.
@@ -50,7 +48,7 @@ def nugget(values: Floats, points: Floats, spacing: float) -> float:
 
     near = NEIGHBOUR_SPACINGS * spacing
     cells = np.round((points - points.min(axis=0)) / (SAME_SPACINGS * spacing)).astype(np.int64)
-    apart = np.unique(cells @ CELL_CODES[: points.shape[1]], return_index=True)[1]
+    apart = np.unique(cells, axis=0, return_index=True)[1]
     points, values = points[apart], values[apart]
     distance, number = cKDTree(points).query(points, NEIGHBOURS + 1, distance_upper_bound=near)
     first, place = np.nonzero(np.isfinite(distance) & (distance > 0))

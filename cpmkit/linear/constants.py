@@ -2,7 +2,8 @@
 
 With K the functions that are constant and c the least squares solution of ``A K c = b``, ``A v = b - A K c`` is solved
 and ``u = v + K c``. Where u is a large constant and a small variation, b is nearly ``A K c``; a residual relative to b
-would be as large as the variation.
+would be as large as the variation. Sets of unknowns that A does not couple, as of two spheres, are systems of their own
+that are solved at once: each has its own constants, and is scaled so that a residual weighs as much in each.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.linear.operators import Bordered
+from cpmkit.linear.groups import Groups
 from cpmkit.linear.report import SolveReport
 from cpmkit.protocols import Floats, Operator, PreparedSolver, Progress, no_progress
 
@@ -34,26 +35,27 @@ class Constants:
 
     Attributes
     ----------
-    functions : (n, k) float64
-        K, functions that are constant, or constant on some pieces and zero on others.
-    images : (n, k)
+    functions : (n, c) float64
+        K, functions that are constant, or zero on some unknowns; on each piece they have factors of their own.
+    images : (n, c)
         A K.
-    sizes : (k,) float64
-        ``K' |diag A| K``: what ``K' A K`` would be, were its entries not to cancel.
+    sizes : (pieces, c) float64
+        ``K' |diag A| K`` of each piece: what ``K' A K`` would be, were its entries not to cancel.
+    pieces : Groups
+        The sets of unknowns that A couples among themselves alone.
     """
 
     functions: Floats
     images: Any
     sizes: Floats
+    pieces: Groups
 
     @classmethod
     def of(cls, operator: Operator, functions: Floats) -> Constants:
-        """Return those of an operator; pieces on which a constant is free are apart from all others."""
-        if isinstance(operator, Bordered):
-            free = np.asarray(operator.border.indicator.sum(axis=1)).reshape(-1, 1)
-            functions = np.concatenate([functions * (1 - free), functions * free], axis=1)
-            functions = np.ascontiguousarray(functions[:, functions.any(axis=0)])
-        return cls(functions, operator.apply(functions), np.sum(np.abs(operator.diagonal) * functions**2, axis=0))
+        """Return those of an operator."""
+        pieces = Groups.of(*operator.pieces())
+        sizes = pieces.sums(np.abs(operator.diagonal) * functions**2)
+        return cls(functions, operator.apply(functions), sizes, pieces)
 
     def solve(
         self,
@@ -80,35 +82,60 @@ class Constants:
         ConvergenceError
             As ``prepared.solve`` does.
         """
-        exponent = _exponent(b)  # scaled by powers of two, squares of b neither overflow nor vanish
-        unit = _powers(exponent)
-        b = b * unit
-        size = np.linalg.norm(b, axis=0)
-        shares = np.linalg.lstsq(self.images, b, rcond=None)[0]
-        rest = b - self.images @ shares
-        left = np.linalg.norm(rest, axis=0)
+        each, at = self.pieces, self.pieces.at
+        exponent = _exponent(each.largest(b))  # scaled by powers of two, squares of b neither overflow nor vanish
+        b = b * at(_powers(-exponent))
+        size = each.norms(b)
+        shares, rest = self._taken_out(b)
+        left = each.norms(rest)
         kept = left > MOST_LEFT * size
-        shares[:, kept] = 0.0
-        rest = np.where(kept, b, rest)
+        shares = np.where(kept[:, None], 0.0, shares)
+        rest = np.where(at(kept), b, rest)
         left = np.where(kept, size, left)
         noise = ROUNDING_SHARE * size
-        rest[:, left <= noise] = 0.0
         todo = left > noise
-        reached = max(tolerance, float(np.min(noise[todo] / left[todo], initial=1.0))) if todo.any() else tolerance
-        start = None if guess is None else guess * unit - self.functions @ shares
+        allowed = np.where(todo, np.maximum(tolerance * left, noise), 0.0)
+        level = np.where(todo, np.frexp(allowed)[1], 0)
+        level -= np.max(level, axis=0, where=todo, initial=np.iinfo(level.dtype).min) * todo
+        unit = _powers(-level)  # with which a residual weighs about the same in each piece, and rounding hides none
+        rest = np.where(at(todo), rest * at(unit), 0.0)
+        some = todo.any(axis=0)
+        reached = (_norms(allowed * unit)[some] / _norms(left * unit * todo)[some]).min(initial=1.0)
+        reached = max(tolerance, float(reached)) if some.any() else tolerance
+        start = None
+        if guess is not None:
+            start = (guess * at(_powers(-exponent)) - self._constant(shares)) * at(unit)
         v, report = prepared.solve(rest, reached, start, progress)
         report = replace(report, residual=report.residual * (tolerance / reached), tolerance=tolerance)
-        return (v + self.functions @ shares) * _powers(-exponent), report
+        return (v * at(_powers(level)) + self._constant(shares)) * at(_powers(exponent)), report
+
+    def _constant(self, shares: Any) -> Any:
+        """Return K c for c (pieces, c, channels)."""
+        return np.einsum("nk,nkc->nc", self.functions, self.pieces.at(shares))
+
+    def _taken_out(self, b: Any) -> tuple[Any, Any]:
+        """Return c (pieces, c, channels), and ``b - A K c``.
+
+        By the normal equations of each piece, whose rounding the second of two steps takes out.
+        """
+        conjugate = self.images.conj()
+        inverse = np.linalg.pinv(self.pieces.products(conjugate, self.images), hermitian=True)
+        shares, rest = np.zeros(1), b
+        for _ in range(2):
+            shares = shares + inverse @ self.pieces.products(conjugate, rest)
+            rest = b - np.einsum("nk,nkc->nc", self.images, self.pieces.at(shares))
+        return shares, rest
 
     def chance(self, b: Floats, u: Floats) -> tuple[str, ...]:
         """Return a warning where the mean of u (n, channels) is a sum of b that cancels, over what is hardly known.
 
         That is where the mean is larger than the range, or where rounding is much of ``K' A K``.
         """
-        sums, sizes = np.abs(self.functions.T @ b), np.abs(self.functions).T @ np.abs(b)
-        own = np.einsum("nk,nk->k", self.functions, self.images)[:, None]
+        each = self.pieces
+        sums, sizes = np.abs(each.products(self.functions, b)), each.products(np.abs(self.functions), np.abs(b))
+        own = each.sums(self.functions * self.images)[:, :, None]
         shift = np.divide(sums, np.abs(own), out=np.zeros_like(sums), where=own != 0)
-        unknown = (np.abs(own) <= CANCELLED_SHARE * self.sizes[:, None]) | (shift > np.ptp(u, axis=0))
+        unknown = (np.abs(own) <= CANCELLED_SHARE * self.sizes[:, :, None]) | (shift > each.ranges(u)[:, None])
         felt = unknown & (sums <= CANCELLING_SHARE * sizes) & (sizes > 0)
         if not felt.any():
             return ()
@@ -120,10 +147,14 @@ class Constants:
         )
 
 
-def _exponent(b: Any) -> Any:
-    """Return for each column the exponent of the power of two that is about its largest entry, 0 where that is zero."""
-    return np.clip(np.frexp(np.abs(b).max(axis=0, initial=0.0))[1], -MOST_EXPONENT, MOST_EXPONENT)
+def _exponent(size: Any) -> Any:
+    """Return the exponent of the power of two that is about this size, 0 where that is zero."""
+    return np.clip(np.frexp(size)[1], -MOST_EXPONENT, MOST_EXPONENT)
 
 
 def _powers(exponent: Any) -> Floats:
-    return np.asarray(np.ldexp(1.0, -exponent))
+    return np.asarray(np.ldexp(1.0, exponent))
+
+
+def _norms(columns: Any) -> Floats:
+    return np.asarray(np.linalg.norm(columns, axis=0))

@@ -5,6 +5,7 @@ What a form assembles keeps :class:`cpmkit.protocols.Operator`; solvers see noth
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -68,6 +69,10 @@ class CsrOperator:
         """Return the matrix."""
         return self.matrix
 
+    def pieces(self) -> tuple[int, Ints]:
+        """Return how many sets of unknowns it couples among themselves alone, and the set of each unknown (n,)."""
+        return coupled(self.size, [(self.matrix, 0, 0)])
+
     def shifted(self, factor: float, mass: Operator | None = None) -> CsrOperator:
         """Return ``M + factor A``, M the identity where no mass is given."""
         return _sum_of(1.0, mass, factor, self)
@@ -75,6 +80,19 @@ class CsrOperator:
     def less(self, shift: float, mass: Operator | None = None) -> CsrOperator:
         """Return ``A - shift M``, M the identity where no mass is given."""
         return _sum_of(-shift, mass, 1.0, self)
+
+
+def coupled(count: int, matrices: Iterable[tuple[csr_array, int, int]]) -> tuple[int, Ints]:
+    """Return how many sets of ``count`` unknowns are coupled among themselves alone, and the set of each.
+
+    Each matrix couples its rows with its columns, both numbered from a number of its own.
+    """
+    from cpmkit.runtime.disjoint_sets import numbered, unite_rows
+
+    parent = np.arange(count)
+    for matrix, first_row, first_column in matrices:
+        unite_rows(parent, matrix.indptr, matrix.indices, first_row, first_column)
+    return numbered(parent)
 
 
 def _sum_of(weight: float, mass: Operator | None, factor: float, operator: CsrOperator) -> CsrOperator:
@@ -151,6 +169,10 @@ class _MadeOfOne:
     def nonzeros(self) -> int:
         """Entries stored for A."""
         return self.operator.nonzeros
+
+    def pieces(self) -> tuple[int, Ints]:
+        """Return how many sets of unknowns A couples among themselves alone, and the set of each unknown (n,)."""
+        return self.operator.pieces()
 
 
 @dataclass(frozen=True, eq=False)

@@ -90,6 +90,38 @@ def test_a_constant_changes_nothing_but_rounding(make, spacing, options):
     assert far.report.solver == plain.report.solver
 
 
+SIZES = [(1e9, 1.0, 1e-3), (1.0, 0.0, 1e-200)]
+
+
+@pytest.mark.parametrize(("shift", "large", "small"), SIZES)
+@pytest.mark.parametrize("options", [MULTIGRID, REFERENCE], ids=["multigrid", "reference"])
+@pytest.mark.parametrize("family", ["screened", "held", "heat"])
+def test_pieces_whose_data_are_of_unlike_size_do_not_know_each_other(family, options, shift, large, small):
+    places = {-2.0: (shift, large), 2.0: (0.0, small)}
+
+    def scene(left, right):
+        def f(p):
+            (first, one), (second, other) = left, right
+            return np.where(p[:, 0] < 0, first + one * p[:, 1], second + other * p[:, 1])
+
+        members = [ck.source("analytic.circle", center=[x, 0]) for x in places]
+        union = ck.source("union", members=members)
+        if family == "heat":
+            return ck.Scene(union, ck.Heat(f, until=0.2, step=0.1))
+        if family == "screened":
+            return ck.Scene(union, ck.ScreenedPoisson(f))
+        tops = ck.source("union", members=[ck.source("analytic.point", at=[x, 1]) for x in places])
+        return ck.Scene(union, ck.Poisson(0), [ck.Boundary("tops", tops, both=ck.Dirichlet(f))])
+
+    unit = ck.solve(scene((0.0, 1.0), (0.0, 1.0)), 0.1, solver_tolerance=1e-9, **options)
+    found = ck.solve(scene(*places.values()), 0.1, solver_tolerance=1e-9, **options)
+    for x, (constant, size) in places.items():
+        points = directions(2) + [x, 0]
+        values, wanted = found.evaluate(points), constant + size * unit.evaluate(points)
+        allowed = 1e-6 * size + ROUNDING_FACTOR * np.finfo(float).eps * constant
+        np.testing.assert_allclose(values, wanted, rtol=0, atol=allowed)
+
+
 def test_by_default_errors_and_what_is_told_of_them_are_those_of_the_range():
     plain, far = (ck.solve(dirichlet(shift), 0.2, solver="multigrid") for shift in (0.0, 1e9))
     assert far.error.unit[0] == pytest.approx(plain.error.unit[0], rel=1e-3)

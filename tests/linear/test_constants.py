@@ -101,6 +101,19 @@ def test_pieces_where_a_constant_is_free_are_apart_from_those_that_hold_a_value(
     np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-4)  # 1e9 times rounding and the condition number
 
 
+@pytest.mark.parametrize("solver", [Direct(), Reference(), Multigrid()])
+def test_pieces_that_nothing_couples_are_solved_to_the_tolerance_each(solver):
+    from scipy.sparse import block_diag
+
+    operator = made(csr_array(block_diag([laplacian()] * 4).tocsr()))
+    constant, size = (np.repeat(one, N)[:, None] for one in ([1e9, 0.0, 1e-20, 0.0], [1.0, 1e-6, 1e-20, 0.0]))
+    wanted = constant + size * np.sin(np.linspace(0, 28, 4 * N))[:, None]
+    constants = Constants.of(operator, np.ones((4 * N, 1)))
+    found, report = constants.solve(solver.prepare(operator), operator.apply(wanted), TOLERANCE)
+    assert report.residual <= report.tolerance == TOLERANCE
+    assert np.all(np.abs(found - wanted) <= 1e3 * (TOLERANCE * size + np.finfo(float).eps * constant))
+
+
 def test_complex_systems_have_complex_constants():
     operator = ComplexShift(made(laplacian(ends=0.0)), 0.5)
     u = np.sin(np.arange(N))[:, None] + 1j * np.cos(np.arange(N))[:, None]

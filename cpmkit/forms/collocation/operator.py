@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cpmkit.linear.operators import coupled
 from cpmkit.linear.products import ThreadedProduct
 from cpmkit.protocols import Floats, Ints, Operator
 
@@ -102,6 +103,12 @@ class ExtensionOperator:
         else:
             matrix = (self.diagonal * eye_array(self.size) - product).tocsr()
         return matrix
+
+    def pieces(self) -> tuple[int, Ints]:
+        """Return how many sets of unknowns it couples among themselves alone, and the set of each unknown (n,)."""
+        count, n = sum(self.differences.shape), self.size
+        _, label = coupled(count, [(self.differences, 0, n), (self.extension, n, 0)])
+        return int(label[:n].max(initial=-1)) + 1, label[:n]
 
     def shifted(self, factor: float, mass: Operator | None = None) -> ExtensionOperator:
         """Return ``I + factor A``; the mass of this form is the identity."""

@@ -78,9 +78,11 @@ def parting_of(spacing: float, cells: Ints, touching: Any, patch: Any, single: B
 
 def components(patches: int, touching: Any) -> tuple[int, Ints]:
     """Return how many pieces the patches make that touch, and the piece of each patch."""
-    from cpmkit.forms.galerkin.space.parting_kernels import labels_of
+    from cpmkit.runtime.disjoint_sets import numbered, unite_pairs
 
-    return labels_of(patches, np.ascontiguousarray(touching, dtype=np.int32))
+    parent = np.arange(patches)
+    unite_pairs(parent, np.ascontiguousarray(touching, dtype=np.int32))
+    return numbered(parent)
 
 
 def pieces(parting: Parting) -> tuple[int, Ints]:

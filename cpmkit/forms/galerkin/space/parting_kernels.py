@@ -1,7 +1,4 @@
-"""Compiled: samples joined into patches, and the nodes that patches read into unknowns, by union and find.
-
-Roots are the smallest of their set, so that numbers do not depend on the order of unions.
-"""
+"""Compiled: samples joined into patches, and the nodes that patches read into unknowns."""
 
 from __future__ import annotations
 
@@ -11,42 +8,7 @@ import numpy as np
 
 from cpmkit.protocols import Bools, Floats, Ints
 from cpmkit.runtime.compilation import compiled
-
-
-@compiled
-def find(parent: Any, i: int) -> int:
-    """Return the root of ``i``, halving the path to it."""
-    while parent[i] != i:
-        parent[i] = parent[parent[i]]
-        i = parent[i]
-    return i
-
-
-@compiled
-def unite(parent: Any, i: int, j: int) -> None:
-    """Make the sets of ``i`` and ``j`` one."""
-    i, j = find(parent, i), find(parent, j)
-    if i < j:
-        parent[j] = i
-    else:
-        parent[i] = j
-
-
-@compiled
-def labels_of(count: int, touching: Any) -> tuple[int, Ints]:
-    """Return how many sets the pairs ``touching`` (t, 2) make of ``count`` members, and the number of each's set."""
-    parent, label = np.arange(count), np.empty(count, dtype=np.int64)
-    for t in range(len(touching)):
-        unite(parent, touching[t, 0], touching[t, 1])
-    sets = 0
-    for i in range(count):
-        root = find(parent, i)
-        if root == i:
-            label[i] = sets
-            sets += 1
-        else:  # the root is the first of its set
-            label[i] = label[root]
-    return sets, label
+from cpmkit.runtime.disjoint_sets import find, unite
 
 
 @compiled
