@@ -57,9 +57,9 @@ def test_splines_sum_to_one_and_slopes_are_theirs(degree):
 
 
 @pytest.mark.parametrize("degree", DEGREES)
-@pytest.mark.parametrize("drawn", [plane_circle(0.2), sphere(0.08).moved(SHIFT)])
+@pytest.mark.parametrize("drawn", [plane_circle(0.2), sphere(0.12).moved(SHIFT)])
 def test_the_matrix_is_symmetric_and_positive_but_for_constants(degree, drawn):
-    made = space(drawn, 0.2, degree)
+    made = space(drawn, 0.3 if drawn.samples.points.shape[1] == 3 else 0.2, degree)
     for strength in STRENGTHS_OF_DEGREE[degree].values():
         K = stiffness(made, 1.0, strength)
         assert abs(K - K.T).max() == 0
@@ -70,7 +70,7 @@ def test_the_matrix_is_symmetric_and_positive_but_for_constants(degree, drawn):
 
 
 def test_solutions_on_the_sphere_are_of_an_order_more_than_the_degree():
-    scene, spacings = ck.Scene(SPHERE, ck.Poisson(lambda x: 12 * xyz(x))), (0.3, 0.2, 0.1)
+    scene, spacings = ck.Scene(SPHERE, ck.Poisson(lambda x: 12 * xyz(x))), (0.25, 0.18, 0.125)
     exact, finest = xyz(POINTS), {}
     for degree, least in ((1, 1.5), (2, 2.9), (3, 3.9)):
         solved = [solve(scene, h, degree, solver="multigrid") for h in spacings]
@@ -78,16 +78,16 @@ def test_solutions_on_the_sphere_are_of_an_order_more_than_the_degree():
         assert order(spacings, errors) > least
         assert solved[-1].report.iterations < 45
         finest[degree] = errors[-1]
-    assert finest[3] < 2.5e-6
+    assert finest[3] < 8e-6
     assert finest[3] < finest[2] / 5 < finest[1] / 50
 
 
 def test_solutions_on_a_torus():
     torus = ck.source("analytic.torus", major=MAJOR, minor=MINOR)
     scene = ck.Scene(torus, ck.ScreenedPoisson(lambda x: on_torus(x)[1], c=1.0))
-    p, t = np.random.default_rng(2).uniform(0, 2 * np.pi, (2, 500))
+    p, t = np.random.default_rng(2).uniform(0, 2 * np.pi, (2, 300))
     width = MAJOR + MINOR * np.cos(t)
-    at, spacings = np.stack([width * np.cos(p), width * np.sin(p), MINOR * np.sin(t)], axis=1), (0.2, 0.15, 0.1)
+    at, spacings = np.stack([width * np.cos(p), width * np.sin(p), MINOR * np.sin(t)], axis=1), (0.25, 0.18, 0.13)
     for degree, least in ((1, 1.7), (3, 4.0)):
         errors = [rms(solve(scene, h, degree).evaluate(at).ravel() - on_torus(at)[0]) for h in spacings]
         assert order(spacings, errors) > least
@@ -104,7 +104,7 @@ def test_solutions_on_a_circle(degree, least, bound):
     assert errors[-1] < bound
 
 
-@pytest.mark.parametrize(("degree", "least", "spacings"), [(1, 1.55, (0.2, 0.1, 0.05)), (3, 3.7, (0.3, 0.2, 0.1))])
+@pytest.mark.parametrize(("degree", "least", "spacings"), [(1, 1.55, (0.2, 0.14, 0.1)), (3, 3.7, (0.3, 0.2, 0.14))])
 def test_values_on_both_sides_of_a_circle(degree, least, spacings):
     """u = z + 1 above and xyz below a circle, which at 0.2 lies in a knot plane."""
     ring = ck.source("analytic.circle", center=[0, 0, 0.3], normal=[0, 0, 1], radius=np.sqrt(1 - 0.3**2))
@@ -137,13 +137,13 @@ def test_no_position_of_the_grid_makes_pivots_negative(degree, seed):
     assert factors.U.diagonal().min() > 0
 
 
-@pytest.mark.parametrize(("degree", "bound"), [(1, 1.5e-2), (3, 1e-4)])
+@pytest.mark.parametrize(("degree", "bound"), [(1, 3e-2), (3, 1.2e-3)])
 def test_eigenvalues_heat_and_slopes(degree, bound):
-    found = np.ravel(solve(ck.Scene(SPHERE, ck.Eigen(count=9)), 0.2, degree).eigenvalues)
+    found = np.ravel(solve(ck.Scene(SPHERE, ck.Eigen(count=9)), 0.3, degree).eigenvalues)
     exact = np.array([2.0, 2, 2, 6, 6, 6, 6, 6])
     assert abs(found[0]) < 1e-10
     assert np.abs(found[1:] / exact - 1).max() < bound
-    heat = solve(ck.Scene(SPHERE, ck.Heat(xyz, until=0.1, step=0.01)), 0.2, degree)
+    heat = solve(ck.Scene(SPHERE, ck.Heat(xyz, until=0.1, step=0.02)), 0.3, degree)
     assert rms(heat.evaluate(POINTS).ravel() - np.exp(-1.2) * xyz(POINTS)) < bound
 
 
@@ -154,9 +154,9 @@ def test_a_mesh():
     mesh = ck.source("mesh.triangles", vertices=vertices, faces=faces)
     size = np.ptp(vertices, axis=0).max()
     scene = ck.Scene(mesh, ck.ScreenedPoisson(lambda x: np.cos(6 * x[:, 0] / size), c=1 / size**2))
-    fine = solve(scene, 0.02 * size, 2).evaluate(vertices).ravel()
+    fine = solve(scene, 0.03 * size, 2).evaluate(vertices).ravel()
     for degree, bound in ((1, 5e-3), (3, 2e-3)):
-        solution = solve(scene, 0.05 * size, degree, solver="multigrid")
+        solution = solve(scene, 0.06 * size, degree, solver="multigrid")
         assert rms(solution.evaluate(vertices).ravel() - fine) < bound * np.ptp(fine)
         assert solution.report.iterations < 45
 
@@ -175,7 +175,7 @@ def test_what_is_told_and_saved(tmp_path):
 
 @pytest.mark.parametrize("degree", [1, 3])
 def test_the_error_that_is_told(degree):
-    scene, h = ck.Scene(SPHERE, ck.ScreenedPoisson(lambda x: 13 * xyz(x), c=1.0)), 0.125
+    scene, h = ck.Scene(SPHERE, ck.ScreenedPoisson(lambda x: 13 * xyz(x), c=1.0)), 0.2
     told = ck.estimate_error(scene, h, form="galerkin", degree=degree)
     true = rms(solve(scene, h, degree).evaluate(POINTS).ravel() - xyz(POINTS))
     assert 0.4 * true < told.rms * told.unit < 4 * true

