@@ -19,6 +19,8 @@ from cpmkit.forms.collocation.boundary.side_view import SideView
 
 LEFT, RIGHT, NOWHERE = np.array([0.85, 0.45, 0.20]), np.array([0.22, 0.47, 0.72]), np.array([0.80, 0.80, 0.80])
 INK, GREY = "#1b1b1b", "#8a8a8a"
+#: Points along a side of what is coloured by its sides.
+PIXELS = 500
 #: Where the camera of the spheres stands, and what is up in the picture.
 CAMERA, UP = np.array([0.35, -1.0, 0.75]), np.array([0.0, 0.0, 1.0])
 
@@ -58,7 +60,7 @@ def _sphere(axes: Any, curve: ck.ClosestPointSource, angles: tuple[float, float]
     sphere = ck.source("analytic.sphere")
     sides = _sides(sphere, curve, 0.25)
     right, above, towards = _camera()
-    u, w = np.meshgrid(np.linspace(-1, 1, 500), np.linspace(-1, 1, 500))
+    u, w = np.meshgrid(np.linspace(-1, 1, PIXELS), np.linspace(-1, 1, PIXELS))
     visible = u**2 + w**2 < 1
     depth = np.sqrt(np.where(visible, 1 - u**2 - w**2, 0))
     points = u[..., None] * right + w[..., None] * above + depth[..., None] * towards
@@ -92,9 +94,9 @@ def corner() -> Figure:
     sides = _sides(square, ck.source("mesh.polyline", points=bend), 0.4)
     figure = Figure(figsize=(4.6, 4.6))
     axes = figure.add_subplot()
-    x, y = np.meshgrid(np.linspace(-1, 1, 500), np.linspace(-1, 1, 500))
+    x, y = np.meshgrid(np.linspace(-1, 1, PIXELS), np.linspace(-1, 1, PIXELS))
     signed = sides.signed_distance("C", np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3))
-    axes.imshow(_side_colours(signed).reshape(500, 500, 3), origin="lower", extent=(-1, 1, -1, 1))
+    axes.imshow(_side_colours(signed).reshape(PIXELS, PIXELS, 3), origin="lower", extent=(-1, 1, -1, 1))
     axes.plot(*bend[:, :2].T, color=INK, lw=2.5)
     along = sides.scene.boundaries[0].source
     at = np.array([[-0.45, -0.3, 0.0], [0.2, 0.0, 0.0], [-0.25, 0.45, 0.0]])

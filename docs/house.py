@@ -19,6 +19,8 @@ PUBLIC = "_PUBLIC"
 FORMS = ("collocation", "galerkin")
 #: What it shows to type checkers, it imports when it is asked for.
 FACADE = "cpmkit.plugin"
+#: Nodes of a syntax tree that import nothing, and hold none that do.
+LEAVES = (ast.Name, ast.arg, ast.expr_context, ast.operator, ast.unaryop, ast.boolop, ast.cmpop)
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,7 @@ def _imports_of(name: str, file: Path) -> Iterator[Import]:
             continue
         yield from (Import(name, target, late) for target in _targets(node) if target != name)
         inside = late or isinstance(node, (ast.FunctionDef, ast.Lambda))
-        waiting += [(child, inside) for child in ast.iter_child_nodes(node)]
+        waiting += [(child, inside) for child in ast.iter_child_nodes(node) if not isinstance(child, LEAVES)]
 
 
 def _targets(node: ast.AST) -> Iterator[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -52,6 +53,7 @@ def reduced(arrows: Pairs) -> Pairs:
     for first, second in arrows:
         below.setdefault(first, set()).add(second)
 
+    @cache
     def reached(room: str) -> set[str]:
         return {room}.union(*(reached(other) for other in below.get(room, set())))
 

@@ -80,7 +80,9 @@ def test_python_on_pages(page, tmp_path, monkeypatch):
 def test_python_in_the_readme(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     names = {}
-    exec("\n".join(blocks("README.md", "python")), names)
+    code = "\n".join(blocks("README.md", "python"))
+    assert code.count("spacing=0.1)") == 2
+    exec(code.replace("spacing=0.1)", "spacing=0.2)"), names)
     assert (tmp_path / "torus.png").stat().st_size > 10_000
     assert abs(names["solution"].evaluate([[0, -1.45, 0.0]]) - [[1.0, 0.9, 0.2]]).max() < 0.02
     assert abs(names["solution"].evaluate([[1, 0, 0.45]], side="left") - [[0.9, 0.2, 0.1]]).max() < 0.02
@@ -217,7 +219,9 @@ def test_every_picture_of_the_gallery_stands_with_the_file_that_makes_it():
 def test_drawings(tmp_path):
     from matplotlib.image import imread
 
-    for file in from_docs("drawings").draw_all(tmp_path):
+    drawings = from_docs("drawings")
+    drawings.PIXELS = 80
+    for file in drawings.draw_all(tmp_path):
         assert imread(file)[..., :3].std() > 0.05, file.name
         assert any(file.name in page.read_text() for page in (DOCS / "explanation").glob("*.md")), file.name
 

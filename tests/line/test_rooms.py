@@ -73,6 +73,8 @@ def test_table_and_picture(house, tmp_path, monkeypatch):
     from matplotlib.image import imread
 
     monkeypatch.syspath_prepend(str(DOCS))
+    monkeypatch.setattr("house_drawing.TRIES", 3)
+    monkeypatch.setattr("house_drawing.MOVES", 20)
     table, *pictures = house.write_all(tmp_path)
     assert all(f"| `{room}" in table.read_text(encoding="utf-8") for room in house.rooms())
     assert all(imread(picture)[..., :3].std() > 0.05 for picture in pictures)
