@@ -43,12 +43,12 @@ def test_constants_are_reproduced(name, order):
         ck.Boundary(f"wall {k}", ck.source(*[one], **two), both=ck.Neumann(0.0)) for k, (one, two) in enumerate(walls)
     ]
     scene = ck.Scene(ck.source(kind, **keys), ck.ScreenedPoisson(3.0, c=1.5), boundaries)
-    form = ck.discretize(scene, 0.15, order=order)
+    form = ck.discretize(scene, 0.2, order=order)
     tables = form.tables
     ones = np.ones(tables.unknowns.count)
     np.testing.assert_allclose(tables.extension @ ones, 1.0, atol=1e-12)
     assert not tables.datum().any()
     operator = ck.assemble(form).operator
     np.testing.assert_allclose(operator.apply(ones), 1.5, atol=1e-12 * operator.diagonal)
-    solution = ck.solve(scene, 0.15, order=order, solver_tolerance=1e-12, solver="direct")
+    solution = ck.solve(scene, 0.2, order=order, solver_tolerance=1e-12, solver="direct")
     np.testing.assert_allclose(solution.values, 2.0, rtol=1e-10)

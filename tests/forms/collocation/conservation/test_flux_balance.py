@@ -52,24 +52,22 @@ def test_the_fourth_order_stays():
 
 def test_walls_of_first_order_cost_no_order():
     known = on_half_sphere()
-    plain, balanced = (known.errors(degree, order=1) for degree in (0, 5))
+    plain, balanced = (known.errors(degree, order=1, solver="reference") for degree in (0, 5))
     assert order_of(known.spacings, plain) <= 1.3
     assert order_of(known.spacings, balanced) >= 1.8
 
 
 def test_higher_degrees_leave_less_and_say_how_far_u_was_off():
     known = on_sphere()
+    plain = ck.solve(known.scene, 0.1, balance=0)
     errors = []
     for degree, functions in ((0, 0), (2, 9), (4, 25), (7, 64)):  # on a sphere they are its harmonics: (degree + 1)^2
-        solution = ck.solve(known.scene, 0.1, balance=degree)
+        solution = ck.solve(known.scene, 0.1, balance=degree) if degree else plain
         errors.append(np.sqrt(np.mean((solution.evaluate(known.points) - known.values) ** 2)))
         if degree:
             (balance,) = solution.imbalances
             assert (balance.of, balance.degree, balance.functions) == ("fluxes", degree, functions)
-            assert (
-                solution.work.closest_point_queries
-                > ck.solve(known.scene, 0.1, form="collocation").work.closest_point_queries
-            )
+            assert solution.work.closest_point_queries > plain.work.closest_point_queries
     assert all(after < 0.5 * before for before, after in pairwise(errors))
     plain = ck.solve(known.scene, 0.1, balance=0)
     (mean,) = plain.imbalances
@@ -236,7 +234,7 @@ def test_python_on_its_page():
     names = {}
     exec(re.search(r"^```python\n(.*?)^```", page, re.M | re.DOTALL)[1], names)
     points = names["scene"].surface.mesh(0.3)[0]
-    fine = ck.solve(names["scene"], spacing=0.05, balance=5).evaluate(points)
+    fine = ck.solve(names["scene"], spacing=0.07, balance=5).evaluate(points)
     plain = ck.solve(names["scene"], spacing=0.1, balance=0)
     before = plain.evaluate(points) - sum(one.shift[0] for one in plain.imbalances)
     off = np.sqrt(np.mean((before - fine) ** 2)) / np.ptp(fine)

@@ -12,8 +12,9 @@ import cpmkit as ck
 from cpmkit.forms.collocation.conservation.free_constants import find_border
 from cpmkit.forms.collocation.conservation.mean_weights import mean_weights
 
-SPACINGS = (0.2, 0.1, 0.067)
-COARSE = (0.2, 0.14, 0.1)
+SPACINGS = (0.2, 0.14, 0.1)
+COARSE = (0.25, 0.18, 0.125)
+REFERENCE = {"solver": "reference"}  # what larger systems are solved by
 HEIGHT = 0.2
 SPHERE = ck.source("analytic.sphere")
 E1, E2, AXIS = rotation().T
@@ -77,7 +78,10 @@ class Problem:
     def order(self, **options):
         dim = self.points.shape[1]
         errors = [
-            [self.error(h, origin=h * shift, **options) for shift in origins(dim)[: self.origins]]
+            [
+                self.error(h, origin=h * shift, **(REFERENCE if dim == 3 else {}), **options)
+                for shift in origins(dim)[: self.origins]
+            ]
             for h in self.spacings
         ]
         return order_of(self.spacings, np.sqrt(np.mean(np.square(errors), axis=1)))
@@ -99,11 +103,11 @@ def problems():
     t = np.linspace(0, 2 * np.pi, 500)
     circle = ck.Scene(ck.source("analytic.circle"), ck.Poisson(lambda x: spiral(x)[1]))
     return {
-        "closed sphere": Problem(closed, x, u(x) - 1 / 3),
+        "closed sphere": Problem(closed, x, u(x) - 1 / 3, SPACINGS),
         "cap with a flux through its rim": Problem(capped, x[above], u(x[above]) - MEANS[True]),
         "two pieces of a sphere": Problem(walled, x, u(x) - np.where(above, MEANS[True], MEANS[False])),
         "Dirichlet outside, Neumann inside": Problem(half, x, u(x) - above * MEANS[True]),
-        "circle": Problem(circle, on_circle(t), spiral(on_circle(t))[0] - 1.0, (0.1, 0.05, 0.025, 0.0125), 8),
+        "circle": Problem(circle, on_circle(t), spiral(on_circle(t))[0] - 1.0, (0.1, 0.05, 0.025), 4),
     }
 
 
@@ -123,7 +127,8 @@ def test_first_order_conditions_balance_in_first_order(name):
 
 def test_its_integral_vanishes_in_second_order():
     solved = [
-        ck.solve(PROBLEMS["closed sphere"].scene, h, origin=h * origins(3)[0], form="collocation") for h in SPACINGS
+        ck.solve(PROBLEMS["closed sphere"].scene, h, origin=h * origins(3)[0], form="collocation", **REFERENCE)
+        for h in SPACINGS
     ]
     means = [abs(solution.mean()) for solution in solved]
     assert max(means) <= 5e-3
@@ -134,7 +139,7 @@ def test_its_integral_vanishes_in_second_order():
 def test_both_solvers_find_the_same(name):
     problem = PROBLEMS[name]
     direct, reference = (
-        ck.solve(problem.scene, 0.15, solver=solver, form="collocation") for solver in ("direct", "reference")
+        ck.solve(problem.scene, 0.18, solver=solver, form="collocation") for solver in ("direct", "reference")
     )
     assert np.abs(direct.values - reference.values).max() < 1e-8
     pairs = zip(direct.imbalances, reference.imbalances, strict=True)
@@ -158,7 +163,7 @@ def test_a_free_constant_costs_no_iterations(boundaries):
     free, screened = (
         sum(
             ck.solve(ck.Scene(SPHERE, problem, boundaries), h, solver="reference", form="collocation").report.iterations
-            for h in (0.2, 0.16, 0.14, 0.12, 0.1)
+            for h in (0.25, 0.22, 0.2, 0.16, 0.14)
         )
         for problem in (ck.Poisson(f), ck.ScreenedPoisson(f))
     )
@@ -199,13 +204,13 @@ def test_each_piece_and_each_channel_has_its_own_defect():
 def test_fluxes_have_to_balance_too():
     height = 0.25
     lid = ck.source("analytic.cap", height=height, axis=AXIS)
-    solution = ck.solve(ck.Scene(lid, ck.Laplace(), edge=ck.Neumann(1.0)), 0.1, form="collocation")
+    solution = ck.solve(ck.Scene(lid, ck.Laplace(), edge=ck.Neumann(1.0)), 0.1, form="collocation", **REFERENCE)
     length_over_area = np.sqrt(1 - height**2) / (1 - height)
     assert solution.imbalances[0].value[0] == pytest.approx(length_over_area, rel=0.02)
     assert solution.imbalances[0].size[0] == pytest.approx(length_over_area, rel=0.05)
     assert told(solution)
     balanced = ck.Scene(lid, ck.Poisson(-length_over_area), edge=ck.Neumann(1.0))
-    assert not told(ck.solve(balanced, 0.1, form="collocation"))
+    assert not told(ck.solve(balanced, 0.1, form="collocation", **REFERENCE))
 
 
 def test_nothing_in_gives_nothing():
@@ -242,7 +247,7 @@ def test_a_velocity_and_a_varying_diffusivity_leave_constants_free():
     handed = np.sign(np.dot(np.cross(E1, E2), AXIS))
     problem = ck.Elliptic(source, diffusivity=conductivity, velocity=turning)
     x = sphere_points()
-    assert Problem(ck.Scene(SPHERE, problem), x, u(x) - 1 / 3, origins=1).order() >= 1.8
+    assert Problem(ck.Scene(SPHERE, problem), x, u(x) - 1 / 3, SPACINGS).order() >= 1.8
 
 
 def torus_mean(function):
@@ -286,7 +291,7 @@ def test_means_hold_where_the_rim_lies_in_a_plane_of_the_lattice():
 
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_mean_that_is_as_right_as_the_means_over_the_band_is_not_shifted(order):
-    solution = ck.solve(on_half_sphere().scene, 0.05, order=order)
+    solution = ck.solve(on_half_sphere().scene, 0.08, order=order, **REFERENCE)
     assert not solution.imbalances
     assert not solution.warnings
 

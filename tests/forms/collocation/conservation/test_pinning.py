@@ -34,14 +34,14 @@ def test_a_closed_surface_without_conditions():
 
 def test_the_neumann_side_of_a_curve():
     # Its normal points up, so its left is inside: the head over your left hand is the pole.
-    (piece,) = free_pieces(0.15, circle("wall", 0.5, left=FREE, right=FIXED))
+    (piece,) = free_pieces(0.2, circle("wall", 0.5, left=FREE, right=FIXED))
     assert piece.bounded_by == ("'wall' (left)",)
     assert piece.near[2] > 0.5
     assert 0.15 < piece.share < 0.35
 
 
 def test_both_sides_of_a_wall():
-    pieces = free_pieces(0.15, circle("wall", 0.2, both=FREE))
+    pieces = free_pieces(0.2, circle("wall", 0.2, both=FREE))
     assert sorted(piece.bounded_by for piece in pieces) == [("'wall' (left)",), ("'wall' (right)",)]
     assert sum(piece.share for piece in pieces) == pytest.approx(1.0)
 
@@ -56,12 +56,12 @@ def test_a_strip_between_two_walls_is_free_and_the_caps_beside_it_are_not():
 
 def test_parts_that_meet_where_walls_cross_count_as_one_and_say_so():
     one, axis = circle("one", 0.0, TILTED, both=FREE), (1, 0.1, -0.2)
-    solution = ck.solve(scene(one, circle("other", 0.1, axis, both=FREE)), 0.15, form="collocation")
+    solution = ck.solve(scene(one, circle("other", 0.1, axis, both=FREE)), 0.2, form="collocation")
     (piece,) = solution.imbalances
     assert piece.parts == 4
     assert any("into 4 parts, which hang together at the crossings" in told for told in solution.warnings)
-    assert free_pieces(0.15, one)[0].parts == 1
-    assert not free_pieces(0.15, one, circle("other", 0.1, axis, left=FREE, right=ck.Robin(1.0, 1.0, 0.0)))
+    assert free_pieces(0.2, one)[0].parts == 1
+    assert not free_pieces(0.2, one, circle("other", 0.1, axis, left=FREE, right=ck.Robin(1.0, 1.0, 0.0)))
 
 
 def test_a_strip_narrower_than_a_spacing_is_a_piece():
@@ -81,15 +81,15 @@ def test_ghosts_belong_to_the_piece_that_they_carry():
 
 
 def test_transmission_joins_its_two_sides():
-    (piece,) = free_pieces(0.15, circle("contact", 0.2, TILTED, across=ck.Transmission(jump=2.0)))
+    (piece,) = free_pieces(0.2, circle("contact", 0.2, TILTED, across=ck.Transmission(jump=2.0)))
     assert piece.share == 1.0
     cut = circle("contact", 0.2, TILTED, across=ck.Transmission(jump=2.0))
-    assert not free_pieces(0.15, cut, circle("wall", 0.7, TILTED, both=FIXED))
+    assert not free_pieces(0.2, cut, circle("wall", 0.7, TILTED, both=FIXED))
 
 
 def test_dirichlet_data_anywhere_on_the_piece_pin_it():
     pin = ck.Boundary("pin", ck.source("analytic.point", at=[0, 0, 1.0]), both=FIXED)
-    solution = ck.solve(scene(circle("wall", 0.5, left=FREE, right=FIXED), pin), 0.15, form="collocation")
+    solution = ck.solve(scene(circle("wall", 0.5, left=FREE, right=FIXED), pin), 0.2, form="collocation")
     assert not solution.imbalances
     assert solution.evaluate([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]) == pytest.approx([1.0, 1.0], abs=1e-8)
 
@@ -97,17 +97,17 @@ def test_dirichlet_data_anywhere_on_the_piece_pin_it():
 def test_an_open_curve_cuts_nothing_off():
     arc = ck.source("analytic.arc", center=[0, 0, 0], radius=1.0, start=0.2, end=2.0, normal=[0.3, 0.5, 0.8])
     half = ck.Boundary("arc", arc, left=FREE, right=FIXED)
-    solution = ck.solve(scene(half), 0.15, form="collocation")
+    solution = ck.solve(scene(half), 0.2, form="collocation")
     assert not solution.imbalances
     assert solution.evaluate([[0, 0, -1.0]]) == pytest.approx([1.0], abs=1e-8)
-    (piece,) = free_pieces(0.15, ck.Boundary("arc", arc, both=FREE))
+    (piece,) = free_pieces(0.2, ck.Boundary("arc", arc, both=FREE))
     assert piece.share == 1.0
 
 
 def test_a_dirichlet_edge_pins_and_a_neumann_edge_does_not():
     cap = ck.source("analytic.cap", height=0.1)
-    assert len(free_pieces(0.15, surface=cap)) == 1
-    solution = ck.solve(scene(surface=cap, edge=FIXED), 0.15, form="collocation")
+    assert len(free_pieces(0.2, surface=cap)) == 1
+    solution = ck.solve(scene(surface=cap, edge=FIXED), 0.2, form="collocation")
     assert not solution.imbalances
     assert solution.evaluate([[0, 0, 1.0]]) == pytest.approx([1.0], abs=1e-8)
 
@@ -141,12 +141,12 @@ def test_two_point_values_on_a_surface_are_warned_of(form):
             for k, at in enumerate(positions)
         ]
 
-    assert not ck.solve(scene(*pins([0, 0, 1.0])), 0.15, form=form).warnings
-    (warning,) = ck.solve(scene(*pins([0, 0, 1.0], [1.0, 0, 0])), 0.15, form=form).warnings
+    assert not ck.solve(scene(*pins([0, 0, 1.0])), 0.2, form=form).warnings
+    (warning,) = ck.solve(scene(*pins([0, 0, 1.0], [1.0, 0, 0])), 0.2, form=form).warnings
     assert "'pin 0', 'pin 1'" in warning
     assert "depends on the spacing" in warning
     ring = circle("ring", -0.5, both=ck.Dirichlet(3.0))
-    (warning,) = ck.solve(scene(ring, *pins([0, 0, 1.0])), 0.15, form=form).warnings
+    (warning,) = ck.solve(scene(ring, *pins([0, 0, 1.0])), 0.2, form=form).warnings
     assert warning.startswith("Boundary 'pin 0': ")
     cuts = pins([1.0, 0], [0, 1.0])
-    assert not ck.solve(scene(*cuts, surface=ck.source("analytic.circle")), 0.05, form=form).warnings
+    assert not ck.solve(scene(*cuts, surface=ck.source("analytic.circle")), 0.1, form=form).warnings
