@@ -53,6 +53,14 @@ def test_tolerances_of_a_few(name):
     assert kept(PROBLEMS[name], 1e-3)
 
 
+def test_what_may_fall_slowly_keeps_a_tolerance():
+    problem, tolerance = PROBLEMS["slit, value, 0.2"], 1.6e-3
+    answer = problem.solve(tolerance=tolerance)
+    assert answer.trade.status == "reached"
+    assert answer.error.slow
+    assert problem.errors(answer)[0] <= tolerance
+
+
 @pytest.mark.slow
 def test_estimates_of_more_than_eighty():
     found = [ratios(problem) for problem in PROBLEMS.values()]
