@@ -29,7 +29,7 @@ def test_no_sample_is_nearer_than_the_foot_and_the_nearest_is_hardly_farther(cas
     source, rng = case.make(), np.random.default_rng(5)
     lower, upper = source.bounds
     size = np.linalg.norm(upper - lower)
-    x = 0.5 * (lower + upper) + size * rng.uniform(-0.7, 0.7, (5000, source.dim))
+    x = 0.5 * (lower + upper) + size * rng.uniform(-0.7, 0.7, (1000, source.dim))
     feet = source.closest_point(x)
     nearest = cKDTree(case.samples(rng, 100_000)).query(x)[0]
     assert (feet.distance <= nearest + 1e-12 * size).all()
@@ -103,16 +103,16 @@ def test_feet_in_the_tube_agree_with_closed_forms(name):
 def test_crossing_and_sharply_bent_curves_give_the_global_closest_point(x, range, periodic):
     source = curve(x=x, range=range, periodic=periodic)
     lower, upper = source.bounds
-    queries = np.random.default_rng(3).uniform(lower - 0.3, upper + 0.3, (3000, 2))
-    dense = source.mesh(2e-5)[0]
+    queries = np.random.default_rng(3).uniform(lower - 0.3, upper + 0.3, (1000, 2))
+    dense = source.mesh(1e-4)[0]
     from scipy.spatial import cKDTree
 
     nearest = cKDTree(dense).query(queries)[0]
     distance = source.closest_point(queries).distance
     assert (distance <= nearest + 1e-12).all()
-    # a sample lies within 1e-5 of the foot: along the curve at any distance, else by its square
-    assert (nearest - distance).max() < 2e-5
-    assert np.median(nearest - distance) < 1e-9
+    # a sample lies within 5e-5 of the foot: along the curve at any distance, else by its square
+    assert (nearest - distance).max() < 1e-4
+    assert np.median(nearest - distance) < 2.5e-8
 
 
 def test_where_a_curve_crosses_itself_its_branch_is_doubtful_and_the_foot_is_not():
