@@ -34,26 +34,31 @@ def _share(found: np.ndarray, exact: np.ndarray) -> float:
     return float(np.sqrt(np.mean((found - exact) ** 2)) / exact.mean())
 
 
+@pytest.mark.parametrize(
+    ("spacings", "bound"),
+    [((0.4, 0.28, 0.2), 7e-3), pytest.param((0.4, 0.2, 0.1), 1e-3, marks=pytest.mark.slow)],
+    ids=["coarse", "asked"],
+)
 @pytest.mark.parametrize("method", ["heat", "transport"])
-def test_points_of_a_sphere_to_a_thousandth(method: str) -> None:
-    """The asked .1 percent at .1 from one origin; an order of 1.5 over three spacings, from two on the coarse ones."""
+def test_points_of_a_sphere_to_a_thousandth(method: str, spacings: tuple[float, ...], bound: float) -> None:
+    """The asked .1 percent at .1, and an order of 1.5 between any two of three spacings."""
     errors = []
-    for spacing, count in ((0.4, 2), (0.2, 2), (0.1, 1)):
+    for spacing in spacings:
         squares = []
-        for origin in _directions(4, seed=1)[:count]:
+        for origin in _directions(4, seed=1)[:2]:
             distance = geodesic_distance(_sphere(spacing), origin, method=method).evaluate(POINTS)
             squares.append(_share(distance, np.arccos(np.clip(POINTS @ origin, -1, 1))) ** 2)
         errors.append(np.sqrt(np.mean(squares)))
-    assert errors[-1] < 1e-3
-    assert np.log2(errors[0] / errors[1]) > 1.5
-    assert np.log2(errors[1] / errors[2]) > 1.5
+    assert errors[-1] < bound
+    for k in (0, 1):
+        assert np.log(errors[k] / errors[k + 1]) / np.log(spacings[k] / spacings[k + 1]) > 1.5
 
 
 def test_a_circle_of_a_sphere_from_both_sides() -> None:
     exact = np.abs(np.arcsin(np.clip(POINTS[:, 2], -1, 1)))
     for method in ("heat", "transport"):
-        distance = geodesic_distance(_sphere(0.1), EQUATOR, method=method).evaluate(POINTS)
-        assert _share(distance, exact) < 2e-3
+        distance = geodesic_distance(_sphere(0.2), EQUATOR, method=method).evaluate(POINTS)
+        assert _share(distance, exact) < 1.5e-2
         assert distance.min() >= 0
 
 
@@ -64,13 +69,13 @@ def test_a_torus_from_its_outer_equator() -> None:
     around, along = rng.uniform(-np.pi, np.pi, 3000), rng.uniform(-np.pi, np.pi, 3000)
     ring = 1 + 0.4 * np.cos(around)
     points = np.stack([ring * np.cos(along), ring * np.sin(along), 0.4 * np.sin(around)], axis=1)
-    distance = geodesic_distance(torus, outer, spacing=0.12, method="heat")
-    assert _share(distance.evaluate(points), 0.4 * np.abs(around)) < 1e-2
+    distance = geodesic_distance(torus, outer, spacing=0.2, method="heat")
+    assert _share(distance.evaluate(points), 0.4 * np.abs(around)) < 4e-2
 
 
 def test_distances_are_symmetric_and_no_shorter_than_straight() -> None:
     torus = ck.source("analytic.torus", major=1.0, minor=0.4)
-    prepared = ck.prepare(ck.Scene(torus, ck.Poisson(0.0)), 0.13, form="galerkin")
+    prepared = ck.prepare(ck.Scene(torus, ck.Poisson(0.0)), 0.2, form="galerkin")
     places = torus.closest_point(np.random.default_rng(3).normal(size=(3, 3))).points
     table = np.array([geodesic_distance(prepared, one).evaluate(places) for one in places])
     straight = np.linalg.norm(places[:, None] - places, axis=2)
@@ -81,7 +86,7 @@ def test_distances_are_symmetric_and_no_shorter_than_straight() -> None:
 
 def test_of_several_origins_the_nearest_counts() -> None:
     poles = np.array([[0.0, 0, 1], [0, 0, -1]])
-    distance = geodesic_distance(_sphere(0.1), [poles, EQUATOR])
+    distance = geodesic_distance(_sphere(0.2), [poles, EQUATOR])
     latitude = np.abs(np.arcsin(np.clip(POINTS[:, 2], -1, 1)))
     assert _share(distance.evaluate(POINTS), np.minimum(latitude, np.pi / 2 - latitude)) < 2e-2
 
@@ -100,15 +105,15 @@ def _walled_square() -> ck.Scene:
 def test_barriers_are_gone_round() -> None:
     start, end, corner = np.array([0.5, 0.5, 0]), np.array([1.5, 0.5, 0]), np.array([1.013, 1.5, 0])
     exact = np.linalg.norm(start - corner) + np.linalg.norm(corner - end)
-    distance = geodesic_distance(_walled_square(), start, spacing=0.05)
+    distance = geodesic_distance(_walled_square(), start, spacing=0.1)
     assert abs(distance.evaluate(end[None])[0] / exact - 1) < 0.02
     path = distance.path(end)[0]
-    assert abs(np.linalg.norm(np.diff(path, axis=0), axis=1).sum() / exact - 1) < 0.02
+    assert abs(np.linalg.norm(np.diff(path, axis=0), axis=1).sum() / exact - 1) < 0.07
     assert np.linalg.norm(path - corner, axis=1).min() < 0.1
 
 
 def test_a_path_is_as_long_as_the_distance_and_lies_on_the_surface() -> None:
-    distance = geodesic_distance(_sphere(0.1), [[0, 0.6, 0.8]], method="heat")
+    distance = geodesic_distance(_sphere(0.2), [[0, 0.6, 0.8]], method="heat")
     for path, start in zip(distance.path(POINTS[:4]), POINTS[:4], strict=True):
         exact = np.arccos(start @ [0, 0.6, 0.8])
         assert abs(np.linalg.norm(np.diff(path, axis=0), axis=1).sum() - exact) < 5e-3
@@ -120,8 +125,8 @@ def test_representations_of_one_sphere_agree() -> None:
     ball = ck.source("levelset.expression", phi="x*x + y*y + z*z - 1", bounds=[[-1.2] * 3, [1.2] * 3])
     exact = np.arccos(np.clip(POINTS[:, 0], -1, 1))
     for surface in (ball, SPHERE):
-        distance = geodesic_distance(surface, [[1, 0, 0]], spacing=0.2, method="heat")
-        assert _share(distance.evaluate(POINTS), exact) < 5e-3
+        distance = geodesic_distance(surface, [[1, 0, 0]], spacing=0.3, method="heat")
+        assert _share(distance.evaluate(POINTS), exact) < 1.5e-2
 
 
 @pytest.mark.parametrize(

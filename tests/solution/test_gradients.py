@@ -11,8 +11,8 @@ from cpmkit.grid.stencils import tensor_slopes, tensor_weights
 NORMAL, HEIGHT = rotation()[2], 0.3
 RADIUS = np.sqrt(1 - HEIGHT**2)
 LENGTH = 2 * np.pi * RADIUS
-SPACINGS = [0.2, 0.1, 0.05]
-POINTS = sphere_points(1500)
+SPACINGS = [0.2, 0.14, 0.1]
+POINTS, UP_TO_A_RIM = sphere_points(1500), [0.2, 0.1, 0.05]
 
 
 def u(x):
@@ -54,7 +54,7 @@ def test_the_gradient_on_a_closed_surface_is_tangential_and_of_second_order():
     read = [ck.solve(scene, h).gradient(1.02 * POINTS) for h in SPACINGS]
     errors = [np.abs(one - gradient_of_u(POINTS)).max() for one in read]
     assert order_of(SPACINGS, errors) >= 1.9
-    assert errors[-1] < 1.5e-3
+    assert errors[-1] < 4e-4
     assert np.abs(np.sum(read[0] * POINTS, axis=1)).max() < 1e-12
 
 
@@ -71,17 +71,17 @@ def test_the_gradient_is_of_second_order_up_to_a_rim(edge, form):
     f = ck.ScreenedPoisson(lambda x: 7 * x[:, 0] * x[:, 1] + 3 * x[:, 2])
     scene = ck.Scene(ck.source("analytic.cap", height=HEIGHT), f, edge=conditions[edge])
     points = np.concatenate([POINTS[POINTS[:, 2] > HEIGHT], rim])
-    solutions = [ck.solve(scene, h, form=form) for h in SPACINGS]
+    solutions = [ck.solve(scene, h, form=form) for h in UP_TO_A_RIM]
     errors = [np.abs(one.gradient(points) - gradient_of_u(points)) for one in solutions]
     if form == "collocation":
-        assert order_of(SPACINGS, [one.max() for one in errors]) >= 1.8
+        assert order_of(UP_TO_A_RIM, [one.max() for one in errors]) >= 1.8
         assert errors[-1].max() < 1.5e-2
     else:  # the greatest error falls more slowly from 0.1 to 0.05, at a fiftieth of the other form's
-        assert order_of(SPACINGS, [np.sqrt(np.mean(one**2)) for one in errors]) >= 1.9
+        assert order_of(UP_TO_A_RIM, [np.sqrt(np.mean(one**2)) for one in errors]) >= 1.9
         assert errors[-1].max() < 5e-4
     exact = np.mean(np.sum(gradient_of_u(rim) * conormal, axis=1)) * LENGTH
     fluxes = [abs(one.flux("edge") - exact) / LENGTH for one in solutions]
-    assert order_of(SPACINGS, fluxes) >= (1.8 if edge == "dirichlet" else 1.5)  # 2e-3 already at spacing 0.2
+    assert order_of(UP_TO_A_RIM, fluxes) >= (1.8 if edge == "dirichlet" else 1.5)  # 2e-3 already at spacing 0.2
     assert fluxes[-1] < 1e-2
     assert solutions[0].flux(0) == solutions[0].flux("edge")
 
@@ -106,11 +106,8 @@ def test_gradients_and_fluxes_beside_a_boundary_belong_to_their_sides(sides, for
     up = NORMAL - (POINTS @ NORMAL)[:, None] * POINTS
     exact = np.where((POINTS @ NORMAL > HEIGHT)[:, None], 2 * (POINTS @ NORMAL)[:, None], 1.0) * up
     errors, left, right, density = [], [], [], []
-    spacings = [
-        0.15,
-        0.1,
-        0.07 if form == "galerkin" else 0.05,
-    ]  # at 0.2 there is no room beside the boundary, so that it is read plainly
+    # at 0.2 there is no room beside the boundary, so that it is read plainly
+    spacings = [0.15, 0.12, 0.1] if form == "galerkin" else [0.15, 0.1, 0.07]
     for h in spacings:
         solution = ck.solve(scene, h, form=form)
         errors.append(np.abs(solution.gradient(POINTS) - exact).max())
@@ -120,10 +117,10 @@ def test_gradients_and_fluxes_beside_a_boundary_belong_to_their_sides(sides, for
         density.append(np.abs(read - RADIUS).max())
     if form == "galerkin":
         assert order_of(spacings, errors) >= 1.8
-        assert max(errors[-1], left[-1], right[-1]) < 4e-4
+        assert max(errors[-1], left[-1], right[-1]) < 1e-3
         assert max(*left, *right) < 1e-3
         assert density[0] < 3e-3
-        assert density[-1] < 6e-4
+        assert density[-1] < 1.5e-3
         return
     for values in (errors, left, right, density):
         assert order_of(spacings, values) >= 1.8
@@ -139,7 +136,7 @@ def test_the_flux_out_of_a_side_of_a_point_on_a_curve(form, order, bounds):
     scene, tangent = circle_jump()[0], np.array([-np.sin(THETA_C), np.cos(THETA_C)])
     flux, slope = [], []
     for h in spacings:
-        solutions = [ck.solve(scene, h, origin=shift * h, form=form) for shift in origins(2)[:8]]
+        solutions = [ck.solve(scene, h, origin=shift * h, form=form) for shift in origins(2)[:4]]
         flux.append(np.sqrt(np.mean([(one.flux("cut", "left") - 10 / np.pi) ** 2 for one in solutions])))
         here = on_circle(np.array([THETA_C]))
         slope.append(
@@ -170,17 +167,17 @@ def test_what_flows_out_of_both_sides_of_a_curve_is_the_integral_over_both_piece
     f = ck.Poisson(lambda x: 1 + x[:, 2] + x[:, 0] * x[:, 1])
     circle = ck.source("analytic.circle", center=HEIGHT * NORMAL, radius=RADIUS, normal=NORMAL)
     scene = ck.Scene(ck.source("analytic.sphere"), f, [ck.Boundary("circle", circle, both=ck.Dirichlet(0.0))])
-    solution = ck.solve(scene, 0.05)
+    solution = ck.solve(scene, 0.1)
     out = solution.flux("circle", "left") + solution.flux("circle", "right")
     assert out == pytest.approx(-4 * np.pi, rel=4e-3)
 
 
 def test_a_boundary_without_a_mesh_has_the_same_flux():
     sides = SIDES["dirichlet"]
-    bare = ck.solve(two_sided(Bare, **sides, left_of=NORMAL), 0.1)
+    bare = ck.solve(two_sided(Bare, **sides, left_of=NORMAL), 0.15)
     assert bare.flux("circle", "right") == pytest.approx(RADIUS * LENGTH, rel=0.03)
     assert bare.flux("circle", "right") == pytest.approx(
-        ck.solve(two_sided(**sides), 0.1).flux("circle", "right"), rel=1e-3
+        ck.solve(two_sided(**sides), 0.15).flux("circle", "right"), rel=1e-3
     )
 
 

@@ -68,8 +68,8 @@ def solved(case, spacing, shift):
 def test_integrals_of_squares_are_of_second_order(case):
     scene, exact, size = case()
     flat = scene.surface.dim == 2
-    spacings = [0.1, 0.05, 0.025] if flat else [0.15, 0.1, 0.05]
-    shifts = origins(2)[:8] if flat else np.zeros((1, 3))
+    spacings = [0.1, 0.07, 0.05] if flat else [0.2, 0.14, 0.1]
+    shifts = origins(2)[:4] if flat else np.zeros((1, 3))
     errors = []
     for h in spacings:
         solutions = [solved(case, h, tuple(shift)) for shift in shifts]
@@ -82,13 +82,13 @@ def test_integrals_of_squares_are_of_second_order(case):
 
 @pytest.mark.parametrize("case", [sphere, cap])
 def test_the_area_is_of_fourth_order(case):
-    spacings = [0.15, 0.1, 0.05]
+    spacings = [0.2, 0.14, 0.1]
     areas = [solved(case, h, (0.0, 0.0, 0.0)).integrate(1.0) for h in spacings]
     assert order_of(spacings, np.abs(np.array(areas) - case()[2])) >= 3.5
 
 
 def test_the_error_itself_is_integrated_on_each_side_with_its_own_values():
-    spacings = [0.15, 0.1, 0.05]
+    spacings = [0.2, 0.14, 0.1]
 
     def squared_error(x, u):
         w = x @ NORMAL
@@ -119,7 +119,7 @@ def test_a_mixed_union_is_integrated_by_dimension():
 
 
 def test_finite_elements_integrate_alike():
-    vertices, faces = ck.source("analytic.sphere").mesh(0.05)
+    vertices, faces = ck.source("analytic.sphere").mesh(0.1)
     scene = ck.Scene(ck.source("mesh.triangles", vertices=vertices, faces=faces), squares(ck.ScreenedPoisson))
     exact = 4 * np.pi / 3
     assert ck.solve(scene, backend="fem").integrate() == pytest.approx(exact, rel=5e-3)
@@ -144,7 +144,7 @@ def test_what_cannot_be_integrated_is_answered_in_one_sentence():
 @pytest.mark.parametrize("kind", ["closest points", "cloud", "smooth mesh"])
 def test_surfaces_without_a_mesh_and_meshes_read_as_smooth_have_the_area_of_the_surface(kind):
     ball = ck.source("analytic.sphere")
-    vertices, faces = ball.mesh(0.2 if kind == "smooth mesh" else 0.05)
+    vertices, faces = ball.mesh(0.2 if kind == "smooth mesh" else 0.1)
     source = {
         "closest points": lambda: Bare(ball),
         "cloud": lambda: ck.source("pointcloud.points", points=vertices),

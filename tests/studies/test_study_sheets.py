@@ -224,10 +224,10 @@ def test_a_record_says_how_far_a_method_is_from_the_reference(made, folder):
 
 
 def test_unfolding_is_a_method_of_studies(file):
-    file.write_text(PLATE.replace('["cpm", "plain"]', '["cpm", "unfolded"]'))
+    file.write_text(PLATE.replace('["cpm", "plain"]', '["cpm", "unfolded"]').replace("0.2", "0.25"))
     study = load_study(file)
     measure = truth.truth_of(study)
-    parted, unfolded = gather([make_run(study, run, measure) for run in study.sweep.runs() if run.spacing == 0.2])
+    parted, unfolded = gather([make_run(study, run, measure) for run in study.sweep.runs() if run.spacing == 0.25])
     assert [parted.label, unfolded.label] == ["with sheets", "unfolded"]
     assert unfolded.entries[0].twins > parted.entries[0].twins > 100
 

@@ -7,7 +7,7 @@ from model_problems import order_of, sphere_points
 
 import cpmkit as ck
 
-FINE, COARSE = (0.2, 0.1, 0.05), (0.2, 0.14, 0.1)
+FINE, COARSE = (0.2, 0.1, 0.05), (0.28, 0.2, 0.14)
 AXIS = np.array([0.3, 0.2, 1.0]) / np.linalg.norm([0.3, 0.2, 1.0])
 DZIUK = dziuk()
 
@@ -17,7 +17,7 @@ def on_dziuk(p):
     return p + np.stack([p[:, 2] ** 2, 0 * p[:, 0], 0 * p[:, 0]], axis=1)
 
 
-POINTS = on_dziuk(sphere_points(4000))
+POINTS = on_dziuk(sphere_points(2000))
 
 
 def u(p):
@@ -97,7 +97,7 @@ def test_poisson_with_dirichlet_data_on_a_plane_cut(ends):
 
 def test_poisson_with_dirichlet_data_on_an_open_cut_at_coarse_spacings():
     found = cut_errors((500, 3600), COARSE, form="collocation")
-    assert found[-1] <= 1e-2
+    assert found[-1] <= 2e-2
     assert order_of(COARSE, found) >= 1.8
 
 
@@ -116,5 +116,5 @@ def test_poisson_with_a_dirichlet_point():
 
 def test_poisson_with_a_dirichlet_point_at_coarse_spacings():
     found = point_errors(COARSE, form="collocation")
-    assert found[-1] <= 1.5e-2
+    assert found[-1] <= 3e-2
     assert order_of(COARSE, found) >= 1.3

@@ -56,9 +56,9 @@ def test_feet_are_those_of_the_closed_form(name):
 @pytest.mark.parametrize("kind", ["dziuk", "decotetrahedron", "tooth", "goursat"])
 def test_no_start_from_a_dense_cloud_leads_to_a_nearer_point(kind):
     surface = ck.source(f"levelset.{kind}")
-    dense = ck.source(f"levelset.{kind}", resolution=160).surface
+    dense = ck.source(f"levelset.{kind}", resolution=100).surface
     rng = np.random.default_rng(5)
-    x = rng.uniform(*(1.3 * surface.bounds), (600, 3))
+    x = rng.uniform(*(1.3 * surface.bounds), (300, 3))
     feet = surface.closest_point(x)
     assert feet.doubtful.mean() <= 0.02
     size = np.linalg.norm(np.ptp(surface.bounds, axis=0))
@@ -156,11 +156,11 @@ def test_on_a_grid_feet_converge_at_fifth_order():
         phi = ((p**2).sum(axis=-1) - 1) / (2 + np.sin(p.sum(axis=-1)))
         return ck.source("levelset.grid", values=phi, origin=[-1.3] * 3, spacing=h, resolution=32)
 
-    x = around(ck.source("analytic.sphere"), 0.1, 2000)
+    x = around(ck.source("analytic.sphere"), 0.1, 1000)
     exact = ck.source("analytic.sphere").closest_point(x).points
-    errors = [np.abs(sampled(cells).closest_point(x).points - exact).max() for cells in (16, 32, 64)]
-    assert np.polyfit(np.log([1 / 16, 1 / 32, 1 / 64]), np.log(errors), 1)[0] >= 4.7
-    assert errors[-1] <= 1e-7
+    errors = [np.abs(sampled(cells).closest_point(x).points - exact).max() for cells in (12, 24, 48)]
+    assert np.polyfit(np.log([1 / 12, 1 / 24, 1 / 48]), np.log(errors), 1)[0] >= 4.7
+    assert errors[-1] <= 4e-7
 
 
 @pytest.mark.parametrize("trim", [None, "0.3*x - y"])
@@ -195,12 +195,16 @@ def test_the_error_that_a_grid_leaves_is_predicted(count, monkeypatch):
     axes = np.linspace(-1.43, 1.37, count)
     x, y, z = np.meshgrid(axes, axes, axes, indexing="ij")
     sampled = ck.source(
-        "levelset.grid", values=np.sqrt(x**2 + y**2 + z**2) - 1, spacing=axes[1] - axes[0], origin=[-1.43] * 3
+        "levelset.grid",
+        values=np.sqrt(x**2 + y**2 + z**2) - 1,
+        spacing=axes[1] - axes[0],
+        origin=[-1.43] * 3,
+        resolution=32,
     )
     closed = ck.source("analytic.sphere")
     points = closed.closest_point(np.random.default_rng(0).normal(size=(3000, 3))).points
     problem = ck.ScreenedPoisson(lambda p: 3 * p[:, 2])
     scenes = [ck.Scene(one, problem) for one in (sampled, closed)]
-    here, exact = (ck.solve(scene, 0.1, origin=[0, 0, 0], form="collocation").evaluate(points) for scene in scenes)
+    here, exact = (ck.solve(scene, 0.14, origin=[0, 0, 0], form="collocation").evaluate(points) for scene in scenes)
     left = np.abs(here - exact).max() / 2
-    assert left / 3 < sampled.advice(0.1).floor < 3 * left
+    assert left / 3 < sampled.advice(0.14).floor < 3 * left

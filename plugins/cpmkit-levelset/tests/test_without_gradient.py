@@ -29,8 +29,8 @@ def test_a_distance_to_a_source_makes_its_offset():
     dome = ck.source("analytic.cap", height=0.3)
     phi = lambda p: dome.closest_point(p).distance - 0.2  # noqa: E731 - as a user writes it
     bounds = dome.bounds + 0.25 * np.array([[-1.0], [1.0]])
-    made = ck.source("levelset.callable", phi=phi, bounds=bounds, resolution=24)
-    found = made.closest_point(np.random.default_rng(1).uniform(*bounds, (200, 3)))
+    made = ck.source("levelset.callable", phi=phi, bounds=bounds, resolution=16)
+    found = made.closest_point(np.random.default_rng(1).uniform(*bounds, (100, 3)))
     assert np.abs(dome.closest_point(found.points).distance - 0.2).max() < 1e-9
 
 

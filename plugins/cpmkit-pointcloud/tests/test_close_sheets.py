@@ -24,5 +24,5 @@ def test_sheets_nearer_than_samples_are_refused_with_what_to_do(gap):
 
 def test_sheets_farther_apart_than_samples_have_values_of_their_own():
     apart = ck.ScreenedPoisson(lambda p: np.where(p[:, 2] < 0.375, 1.0, -1.0))
-    solution = ck.solve(ck.Scene(two_sheets(0.75), apart), 0.15, estimate=False)
+    solution = ck.solve(ck.Scene(two_sheets(0.75), apart), 0.2, estimate=False)
     np.testing.assert_allclose(solution.evaluate([[0, 0, 0], [0, 0, 0.75]]), [1.0, -1.0], atol=1e-9)

@@ -42,7 +42,7 @@ def test_normals_are_the_fitted_surfaces_on_the_side_of_the_given_ones(cloud, fl
 @pytest.mark.parametrize("make", [sphere, lambda count: ellipse(count // 4)], ids=["sphere", "ellipse"])
 def test_data_are_read_at_second_order_between_the_samples(make):
     errors = []
-    for count in (500, 2000, 8000):
+    for count in (250, 1000, 4000):
         cloud = make(count)
         source, values = points(points=cloud), np.stack([cloud[:, 0] ** 2, np.full(len(cloud), 2.0)], axis=1)
         feet = source.closest_point(np.ascontiguousarray(1.01 * cloud[:-1] + 0.003))
@@ -80,7 +80,7 @@ def test_distance_is_the_feets_own_up_to_the_trusted_one_and_a_lower_bound_beyon
 
 @pytest.mark.parametrize(
     "cloud",
-    [sphere(20000)[:10000], BALL[BALL[:, 0] < 0.9], torus(4000)[torus(4000)[:, 0] > 0.0], ellipse(200)[:101]],
+    [sphere(4000)[:2000], BALL[BALL[:, 0] < 0.9], torus(4000)[torus(4000)[:, 0] > 0.0], ellipse(200)[:101]],
     ids=["half", "hole", "random", "curve"],
 )
 def test_an_open_cloud_must_be_said_to_be_open(cloud):

@@ -25,7 +25,7 @@ def solved(surface, spacing):
 @pytest.mark.parametrize(
     ("options", "spacings", "bound"),
     [
-        ({}, (0.2, 0.14, 0.1), 2.4e-3),
+        ({}, (0.4, 0.28, 0.2), 6e-4),
         pytest.param({}, (0.2, 0.1, 0.05), 6e-4, marks=pytest.mark.slow),
         pytest.param({"degree": 4}, (0.2, 0.1, 0.05), 6e-4, marks=pytest.mark.slow),
     ],
@@ -38,12 +38,12 @@ def test_second_order_on_random_samples_of_a_sphere(options, spacings, bound):
     errors, unknowns = zip(*[solved(surface, spacing) for spacing in spacings], strict=True)
     assert order_of(spacings, errors) >= 1.8
     assert errors[-1] <= bound
-    assert unknowns[spacings.index(0.1)] <= 1.01 * solved(ck.source("analytic.sphere"), 0.1)[1]
+    assert unknowns[-1] <= 1.01 * solved(ck.source("analytic.sphere"), spacings[-1])[1]
 
 
 def test_plain_samples_have_an_error_that_no_spacing_removes():
     surface = ck.source("pointcloud.points", points=sphere(5000), method="nearest")
-    errors = [solved(surface, spacing)[0] for spacing in (0.2, 0.1)]
+    errors = [solved(surface, spacing)[0] for spacing in (0.3, 0.15)]
     assert min(errors) > 5e-2
 
 
@@ -65,9 +65,9 @@ def test_on_an_open_cloud_the_error_falls_with_the_distance_between_samples():
     square = ck.ScreenedPoisson(lambda x: 7 * height(x) ** 2 - 2, c=1.0)
     points = sphere_points()[:1400]
     errors = []
-    for count in (1000, 16000):
+    for count in (500, 8000):
         cloud = ck.source("pointcloud.points", points=sphere(2 * count)[:count], closed=False)
-        values = ck.solve(ck.Scene(cloud, square), 0.15).evaluate(points)
+        values = ck.solve(ck.Scene(cloud, square), 0.2).evaluate(points)
         errors.append(np.abs(values - points[:, 2] ** 2).max())
     assert errors[1] < 0.08
     assert errors[0] / errors[1] > 3.0
