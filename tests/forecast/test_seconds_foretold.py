@@ -23,7 +23,7 @@ def work(solution):
 @pytest.mark.parametrize("boundaries", [[], [RING]])
 @pytest.mark.parametrize("form", ["galerkin", "collocation"])
 def test_the_work_of_a_solve_is_foretold_within_two(boundaries, form):
-    scene, spacing = ck.Scene(BALL, F, boundaries), 0.06
+    scene, spacing = ck.Scene(BALL, F, boundaries), 0.09
     told = ck.explain(scene, spacing, form=form, rehearse=True)
     spacings = []
 

@@ -20,7 +20,7 @@ def sphere_band(spacing, degree=3):
 @pytest.mark.parametrize("degree", [2, 3, 4, 5])
 def test_every_surface_point_has_its_stencil(degree):
     band = sphere_band(0.13, degree)
-    cells, _ = stencil_cells(sphere_points(20_000), band.spacing, degree)
+    cells, _ = stencil_cells(sphere_points(10_000), band.spacing, degree)
     assert np.all(band.find_inner(cells[:, None] + tensor_offsets(degree, 3)) >= 0)
 
 
@@ -35,13 +35,13 @@ def test_inner_nodes_lie_within_reach_and_are_few_more_than_the_stencils_read():
     band = sphere_band(0.1)
     reach = reading_radius(3, 3) * band.spacing
     assert band.feet.distance[: band.inner].max() <= reach * (1 + 1e-9) + np.sqrt(3) / 2 * band.spacing
-    cells, _ = stencil_cells(sphere_points(200_000), band.spacing, 3)
+    cells, _ = stencil_cells(sphere_points(100_000), band.spacing, 3)
     read = np.unique(band.find_inner(np.unique(cells, axis=0)[:, None] + tensor_offsets(3, 3)))
     assert len(read) <= band.inner <= 1.1 * len(read)
 
 
 def test_nodes_grow_like_the_surface_not_the_box():
-    counts = [len(sphere_band(h).nodes) for h in (0.1, 0.05, 0.025)]
+    counts = [len(sphere_band(h).nodes) for h in (0.14, 0.07, 0.035)]
     assert 3.5 < counts[1] / counts[0] < 4.2
     assert 3.8 < counts[2] / counts[1] < 4.1
 

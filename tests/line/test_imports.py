@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from functools import cache
 
 import pytest
 
@@ -17,6 +18,7 @@ assert CliRunner().invoke(main, {}).exit_code == 0
 """
 
 
+@cache
 def imported_by(statement):
     """Return the top-level modules that a fresh interpreter holds after ``statement``."""
     code = (

@@ -22,7 +22,7 @@ def run(folder, *arguments, **environment):
 def job(tmp_path_factory):
     """Run the main job."""
     folder = tmp_path_factory.mktemp("job")
-    done = run(folder, "solve", str(SCENE), "--spacing", "0.08")
+    done = run(folder, "solve", str(SCENE), "--spacing", "0.15", "--look", "width=400")
     return folder, done
 
 

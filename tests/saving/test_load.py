@@ -31,7 +31,7 @@ def ring(tmp_path):
     """Return the path of a scene file, the solution of its scene, and where it is saved."""
     (tmp_path / "ring.toml").write_text(TOML.format(radius=np.sqrt(0.91)))
     scene = ck.load_scene(tmp_path / "ring.toml").scene
-    solution = ck.solve(scene, 0.2, degree=2, order=1, origin=[0.01, 0.02, 0.03])
+    solution = ck.solve(scene, 0.3, degree=2, order=1, origin=[0.01, 0.02, 0.03])
     solution.save(tmp_path / "ring.npz")
     return tmp_path / "ring.toml", solution, tmp_path / "ring.npz"
 
@@ -69,7 +69,7 @@ def test_what_was_loaded_can_be_saved_and_loaded_again(ring, tmp_path):
 )
 def test_what_was_put_right_is_told_as_before(problem, form, tmp_path):
     scene = ck.Scene(ck.source("analytic.sphere"), problem)
-    solution = ck.solve(scene, 0.2, form=form)
+    solution = ck.solve(scene, 0.3, form=form)
     assert solution.imbalances
     solution.save(tmp_path / "ball.npz")
     again = ck.load(tmp_path / "ball.npz", scene)
@@ -91,7 +91,7 @@ def test_without_its_scene_the_mesh_and_the_summary_are_there(ring):
     np.testing.assert_array_equal(light.points, solution.display_mesh().points)
     np.testing.assert_array_equal(light.cells, solution.display_mesh().cells)
     np.testing.assert_array_equal(light.values, solution.display_mesh().values)
-    assert light.summary["discretization"]["spacing"] == 0.2
+    assert light.summary["discretization"]["spacing"] == 0.3
     with pytest.raises(ck.InputError, match=r"cannot be evaluated; give scene= to cpmkit\.load"):
         light.evaluate([[0, 0, 1.0]], side="left")
 

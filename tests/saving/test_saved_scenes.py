@@ -98,7 +98,7 @@ def test_a_scene_whose_left_and_right_are_swapped_is_refused(tmp_path, form, hei
         sides = ck.Boundary("ring", ring, left=ck.Dirichlet(left), right=ck.Dirichlet(right))
         return ck.Scene(ck.source("analytic.sphere"), ck.Laplace(), [sides])
 
-    file = saved(cut(1, 1.0, 0.0), tmp_path, 0.25, form=form)
+    file = saved(cut(1, 1.0, 0.0), tmp_path, 0.35, form=form)
     with pytest.raises(ck.InputError, match="another scene than the one given: left and right of its boundaries are"):
         ck.load(file, cut(-1, 1.0, 0.0))
     ck.load(file, cut(1, 1.0, 0.0))

@@ -47,7 +47,7 @@ def test_a_surface_without_normals_is_cut_as_well_as_one_with_them(sides):
 
 
 def test_a_cloud_is_cut_on_a_coarse_grid():
-    t, z = np.pi * (1 + np.sqrt(5)) * np.arange(3000), 1 - (2 * np.arange(3000) + 1) / 3000
+    t, z = np.pi * (1 + np.sqrt(5)) * np.arange(1200), 1 - (2 * np.arange(1200) + 1) / 1200
     points = np.stack([np.sqrt(1 - z**2) * np.cos(t), np.sqrt(1 - z**2) * np.sin(t), z], axis=1)
     cloud = ck.source("pointcloud.points", points=points)
     ends = [ck.Boundary(str(h), circle(h), both=ck.Dirichlet(value)) for h, value in ((0.5, 1.0), (-0.5, -0.5))]
@@ -104,7 +104,7 @@ def test_what_a_rule_names_is_told_before_anything_is_built():
 def test_left_is_the_same_at_every_spacing_and_on_every_lattice():
     """The first sample of the lattice decided: one of forty circles changed its left with the spacing."""
     random = np.random.default_rng(3)
-    for normal in random.normal(size=(12, 3)):
+    for normal in random.normal(size=(6, 3)):
         normal = normal / np.linalg.norm(normal)
         both = ck.Boundary("cut", circle(0.3, normal), both=ck.Dirichlet(1.0))
         for surface in (Bare(SPHERE), Bare(ck.source("analytic.sphere"))):

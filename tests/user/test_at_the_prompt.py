@@ -42,9 +42,9 @@ def test_a_source_is_told_in_one_line_and_pickles(make):
 def test_results_of_applications_are_told_in_two_lines():
     sphere = ck.source("analytic.sphere")
     found = [
-        geodesic_distance(sphere, [[0.0, 0.0, 1.0]], spacing=0.3),
-        vector_field(sphere, [([0.0, 0.0, 1.0], [1.0, 0.0, 0.0])], spacing=0.3),
-        logarithmic_map(sphere, [0.0, 0.0, 1.0], spacing=0.3),
+        geodesic_distance(sphere, [[0.0, 0.0, 1.0]], spacing=0.4),
+        vector_field(sphere, [([0.0, 0.0, 1.0], [1.0, 0.0, 0.0])], spacing=0.4),
+        logarithmic_map(sphere, [0.0, 0.0, 1.0], spacing=0.4),
     ]
     for one in found:
         first, second = repr(one).split("\n")
