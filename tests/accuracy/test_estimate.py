@@ -8,11 +8,11 @@ import cpmkit as ck
 
 
 def test_effectivity_on_the_circle_with_a_jump():
-    """Estimate over true error, mean of eight positions of the lattice."""
+    """Estimate over true error, mean of four positions of the lattice."""
     scene, points, exact = circle_jump()
-    for h in (0.05, 0.025, 0.0125):
+    for h in (0.1, 0.05, 0.025):
         ratios = []
-        for origin in origins(2)[:8]:
+        for origin in origins(2)[:4]:
             estimate = ck.estimate_error(scene, h, origin=origin * h)
             ratios.append(estimate.error[0] / np.abs(estimate.solution.evaluate(points) - exact).max())
         assert 0.7 <= np.mean(ratios) <= 1.6
@@ -23,7 +23,7 @@ def test_on_a_sphere_with_several_channels():
         return np.stack([x[:, 0] * x[:, 1], 10 * x[:, 2]], axis=1)
 
     scene = ck.Scene(ck.source("analytic.sphere"), ck.ScreenedPoisson(lambda x: u(x) * [7.0, 3.0], c=1.0))
-    estimate = ck.estimate_error(scene, 0.1)
+    estimate = ck.estimate_error(scene, 0.2)
     true = np.abs(estimate.solution.evaluate(sphere_points()) - u(sphere_points())).max(axis=0)
     assert np.all((estimate.error / true > 0.5) & (estimate.error / true < 2.0))
     assert np.all(estimate.bound >= true)

@@ -30,7 +30,7 @@ def solved(name):
         "box with fillets": (meshes.rounded_box(1, 0.3)[0], meshes.rounded_box(3, 0.3)[0]),
         "capsule": (meshes.capsule(16)[0], meshes.capsule(48)[0]),
     }[name]
-    return ck.solve(scene(coarse), 0.2), ck.solve(scene(fine), 0.2)
+    return ck.solve(scene(coarse), 0.25), ck.solve(scene(fine), 0.25)
 
 
 @pytest.mark.parametrize("name", ["sphere", "long ellipsoid", "box with fillets", "capsule"])

@@ -65,7 +65,7 @@ def test_solves_grow_like_the_logarithm_of_what_is_asked():
 def test_what_a_solution_says_by_itself_spares_a_correction(monkeypatch):
     """Else the second spacing is not chosen by the first solution, and estimates alone ask for more caution."""
     at = sphere_points()
-    exact, goals = at.prod(axis=1), [("rms", 1e-3), ("rms", 3e-4), ("max", 1e-3), ("rms", 1e-4)]
+    exact, goals = at.prod(axis=1), [("rms", 1e-3), ("rms", 3e-4), ("max", 1e-3)]
     scene = ck.Scene(SPHERE, ck.ScreenedPoisson(lambda x: 13 * x.prod(axis=1)))
 
     def solves():
@@ -163,7 +163,7 @@ def test_a_time_and_a_memory_bound_the_work():
 
 
 def test_an_answer_to_a_memory_knows_its_error():
-    solution = ck.solve(slit("flux")[0], memory="256 MiB")
+    solution = ck.solve(slit("flux")[0], memory="64 MiB")
     assert np.isfinite(solution.trade.error)
 
 
@@ -189,11 +189,11 @@ def test_triangles_that_are_read_as_they_are_have_no_floor(mesh):
     """They are the surface: the error, of a finer solution on the same triangles, falls as far as is asked for."""
     faceted = ck.source("mesh.triangles", vertices=mesh[0], faces=mesh[1], closest="faceted")
     scene = ck.Scene(faceted, ck.ScreenedPoisson(lambda x: np.cos(2 * x[:, 0]) + 3 * x[:, 1]))
-    solution = ck.solve(scene, tolerance=1e-4)
+    solution = ck.solve(scene, tolerance=1e-3)
     assert solution.trade.status == "reached"
     points = mesh[0][mesh[1]].mean(axis=1)
     finer = ck.solve(scene, solution.spacing / 2).evaluate(points)
-    assert np.sqrt(np.mean((solution.evaluate(points) - finer) ** 2)) < 1e-4 * np.ptp(finer)
+    assert np.sqrt(np.mean((solution.evaluate(points) - finer) ** 2)) < 1e-3 * np.ptp(finer)
 
 
 def test_what_triangles_do_not_reach_within_the_memory_is_told():
@@ -237,13 +237,23 @@ def test_a_body_with_flat_sides_is_solved_to_the_tolerance(closest):
     assert np.sqrt(np.mean((solution.evaluate(at @ turned.T) - u) ** 2)) / 6 < 5e-3
 
 
-def test_ends_inside_a_surface_are_refined_to_a_tolerance():
+def solved_to(tolerance, refine):
+    """A solution on a slit plate, of which the tolerance is true."""
     scene, value = slit("value")
-    solutions = [ck.solve(scene, tolerance=2e-3, refine=refine) for refine in ("auto", "off")]
-    for solution in solutions:
-        off = (solution.evaluate(POINTS) - value(POINTS)) / np.ptp(value(POINTS))
-        assert solution.trade.status == "reached"
-        assert np.sqrt(np.mean(off**2)) < 2e-3
+    solution = ck.solve(scene, tolerance=tolerance, refine=refine)
+    off = (solution.evaluate(POINTS) - value(POINTS)) / np.ptp(value(POINTS))
+    assert solution.trade.status == "reached"
+    assert np.sqrt(np.mean(off**2)) < tolerance
+    return solution
+
+
+def test_ends_inside_a_surface_are_solved_to_a_tolerance():
+    solved_to(4e-3, "auto")
+
+
+@pytest.mark.slow
+def test_ends_inside_a_surface_are_refined_to_a_tolerance():
+    solutions = [solved_to(2e-3, refine) for refine in ("auto", "off")]
     refined, plain = (solution.discretized.size for solution in solutions)
     assert refined < plain / 2
 

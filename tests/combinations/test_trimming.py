@@ -32,7 +32,7 @@ def test_a_sphere_is_trimmed_to_a_cap(surface):
 
 
 @pytest.mark.parametrize("edge", [ck.Neumann(0.0), ck.Dirichlet(lambda p: p[:, 0])], ids=["neumann", "dirichlet"])
-@pytest.mark.parametrize(("form", "apart"), [("collocation", 1e-9), ("galerkin", 5e-6)])
+@pytest.mark.parametrize(("form", "apart"), [("collocation", 1e-9), ("galerkin", 4e-5)])
 def test_solutions_on_a_trimmed_sphere_are_those_on_the_cap(edge, form, apart):
     """The same closest points; the meshes that splines are summed over are two, which a tenth of the error tells."""
     cap = ck.source("analytic.cap", height=0.35)
@@ -40,7 +40,7 @@ def test_solutions_on_a_trimmed_sphere_are_those_on_the_cap(edge, form, apart):
     values = []
     for surface in (cap, trimmed(of=SPHERE, trim=lambda p: 0.35 - p[:, 2])):
         scene = ck.Scene(surface, ck.ScreenedPoisson(lambda p: p[:, 0] * p[:, 1] + 1), edge=edge)
-        values.append(ck.solve(scene, 0.1, origin=np.zeros(3), form=form).evaluate(points))
+        values.append(ck.solve(scene, 0.2, origin=np.zeros(3), form=form).evaluate(points))
     assert np.abs(values[0] - values[1]).max() < apart
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 from extremes.bare_surfaces import KINDS, draws
-from extremes.judged_surfaces import judge, judge_three
+from extremes.judged_surfaces import judge_three
 
 #: Draws of the ordinary run, three origins each: twenty of all kinds; those with u besides.
 FEW, WITH_SOLUTION = 20, (5, 6)
@@ -25,12 +25,13 @@ def of_draw(seed, number):
 
 @pytest.mark.parametrize("number", range(FEW))
 def test_sixty_triangulations(number):
-    assert [(verdict.name, verdict.faults) for verdict in map(judge, of_draw(1, number)) if verdict.wrong] == []
+    verdicts = judge_three(of_draw(1, number), with_u=False)
+    assert [(verdict.name, verdict.faults) for verdict in verdicts if verdict.wrong] == []
 
 
 @pytest.mark.parametrize(("seed", "number"), ONCE_WRONG)
 def test_what_was_wrong_is_right_or_warned_of(seed, number):
-    verdicts = [judge(case) for case in of_draw(seed, number)]
+    verdicts = judge_three(of_draw(seed, number), with_u=False)
     assert not any(verdict.silent for verdict in verdicts), verdicts
     assert any(verdict.wrong for verdict in verdicts) == ((seed, number) in STILL_WRONG), verdicts
 

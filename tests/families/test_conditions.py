@@ -62,10 +62,10 @@ AT_LEFT, AT_RIGHT, SLOPE = 0.5 + 1.4 * np.pi, 0.5, 2.7
 )
 def test_each_side_of_a_cut_keeps_its_own_condition(left, right):
     problem = circle_problem(left, right)
-    errors = np.array([[max_error(*problem, h, origin=h * o) for o in origins(2)[:6]] for h in SPACINGS])
+    errors = np.array([[max_error(*problem, h, origin=h * o) for o in origins(2)[:4]] for h in SPACINGS[:3]])
     rms = np.sqrt(np.mean(errors**2, axis=1))
-    assert rms[-1] <= 2e-4
-    assert order_of(SPACINGS, rms) >= 1.8
+    assert rms[-1] <= 8e-4
+    assert order_of(SPACINGS[:3], rms) >= 1.8
 
 
 def test_zero_neumann_is_the_default_edge_at_both_orders():
@@ -79,12 +79,13 @@ def test_zero_neumann_is_the_default_edge_at_both_orders():
 
     def rms(order):
         errors = [
-            [max_error(scene, on_circle(t), exact, h, order=order, origin=h * o) for o in origins(2)] for h in SPACINGS
+            [max_error(scene, on_circle(t), exact, h, order=order, origin=h * o) for o in origins(2)[:6]]
+            for h in SPACINGS[:3]
         ]
         return np.sqrt(np.mean(np.square(errors), axis=1))
 
-    assert order_of(SPACINGS, rms(2)) >= 1.8
-    assert 0.8 <= order_of(SPACINGS, rms(1)) <= 1.4
+    assert order_of(SPACINGS[:3], rms(2)) >= 1.8
+    assert 0.8 <= order_of(SPACINGS[:3], rms(1)) <= 1.4
 
 
 def two_sided_sphere(surface, circle, axis, height=0.2):
@@ -113,9 +114,9 @@ def test_a_jump_across_a_circle_on_the_sphere(bare_surface, bare_circle):
     problem = two_sided_sphere(
         Bare(surface) if bare_surface else surface, Bare(circle) if bare_circle else circle, axis
     )
-    errors = [max_error(*problem, h) for h in (0.2, 0.1, 0.067)]
-    assert errors[-1] <= 2e-3
-    assert order_of((0.2, 0.1, 0.067), errors) >= 1.7
+    errors = [max_error(*problem, h) for h in (0.4, 0.28, 0.2)]
+    assert errors[-1] <= 6e-4
+    assert order_of((0.4, 0.28, 0.2), errors) >= 1.7
 
 
 def test_a_wall_keeps_two_pieces_apart():
@@ -169,9 +170,9 @@ def test_two_cuts_three_spacings_apart_lose_nothing_and_nearer_ones_stay_local()
 
 CAP_EDGES = {
     # outward at the rim z = 0.35 of the cap: b = -(e_z - z x) / sqrt(1 - z^2)
-    "Dirichlet": (lambda value, flux: ck.Dirichlet(value), 1.2e-3),
-    "Neumann": (lambda value, flux: ck.Neumann(flux), 8e-4),
-    "Robin": (lambda value, flux: ck.Robin(1.0, 2.0, lambda x: flux(x) + 2 * value(x)), 8e-4),
+    "Dirichlet": (lambda value, flux: ck.Dirichlet(value), 5e-4),
+    "Neumann": (lambda value, flux: ck.Neumann(flux), 5e-4),
+    "Robin": (lambda value, flux: ck.Robin(1.0, 2.0, lambda x: flux(x) + 2 * value(x)), 5e-4),
 }
 
 
@@ -198,7 +199,7 @@ def test_the_rim_of_a_cap(name):
     )
     points = sphere_points(9000)
     points = points[points[:, 2] >= 0.35]
-    spacings = (0.2, 0.1, 0.067)
+    spacings = (0.3, 0.2, 0.14)
     errors = [max_error(scene, points, u(points), h, origin=[0, 0, 0]) for h in spacings]
     assert errors[-1] <= bound
     assert order_of(spacings, errors) >= 1.8
@@ -284,7 +285,7 @@ def test_a_robin_factor_that_varies_along_the_boundary():
         left_of=axis,
     )
     scene = ck.Scene(ck.source("analytic.sphere"), ck.ScreenedPoisson(lambda x: 3 * u(x), c=1.0), [boundary])
-    spacings = (0.2, 0.1, 0.067)
+    spacings = (0.4, 0.28, 0.2)
     errors = [max_error(scene, sphere_points(), u(sphere_points()), h) for h in spacings]
     assert order_of(spacings, errors) >= 1.8
 
@@ -296,8 +297,8 @@ def test_a_moebius_strip_takes_equal_data_and_refuses_different_ones():
     core = ck.source("mesh.polyline", points=strip.closest_point(np.stack([np.cos(t), np.sin(t), 0 * t], 1)).points)
     equal = ck.Boundary("core", core, both=ck.Dirichlet(2.0))
     for form in ("collocation", "galerkin"):
-        solution = ck.solve(ck.Scene(strip, ck.ScreenedPoisson(2.0, c=1.0), [equal]), 0.1, form=form)
-        np.testing.assert_allclose(solution.evaluate(strip.mesh(0.1)[0]), 2.0, atol=1e-8)
+        solution = ck.solve(ck.Scene(strip, ck.ScreenedPoisson(2.0, c=1.0), [equal]), 0.2, form=form)
+        np.testing.assert_allclose(solution.evaluate(strip.mesh(0.2)[0]), 2.0, atol=1e-8)
     different = ck.Boundary("core", core, left=ck.Dirichlet(2.0), right=ck.Dirichlet(3.0))
     with pytest.raises(ck.SceneError, match="no left"):
         ck.solve(ck.Scene(strip, ck.ScreenedPoisson(2.0, c=1.0), [different]), 0.1)

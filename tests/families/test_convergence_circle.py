@@ -11,10 +11,14 @@ from model_problems import circle_jump, max_error, order_of, origins
 SPACINGS = (0.1, 0.05, 0.025, 0.0125)
 
 
-@pytest.fixture(scope="module")
-def second_order():
+#: Positions: those of the table are slow.
+COUNTS = [5, pytest.param(16, marks=pytest.mark.slow)]
+
+
+@pytest.fixture(scope="module", params=COUNTS)
+def second_order(request):
     problem = circle_jump()
-    return np.array([[max_error(*problem, h, origin=h * o) for o in origins(2)] for h in SPACINGS])
+    return np.array([[max_error(*problem, h, origin=h * o) for o in origins(2)[: request.param]] for h in SPACINGS])
 
 
 def rms(errors):
@@ -32,9 +36,10 @@ def test_no_origin_is_much_worse_than_the_others(second_order):
     assert np.all(second_order.max(axis=1) <= 2.0 * rms(second_order))
 
 
-def test_first_order():
-    problem = circle_jump()
-    errors = rms(np.array([[max_error(*problem, h, origin=h * o, order=1) for o in origins(2)] for h in SPACINGS]))
+@pytest.mark.parametrize("count", COUNTS)
+def test_first_order(count):
+    problem, at = circle_jump(), origins(2)[:count]
+    errors = rms(np.array([[max_error(*problem, h, origin=h * o, order=1) for o in at] for h in SPACINGS]))
     assert errors[-1] <= 4e-2
     assert 0.9 <= order_of(SPACINGS, errors) <= 1.3
 
@@ -44,9 +49,9 @@ def test_first_order():
 )
 @pytest.mark.parametrize("form", ["collocation", "galerkin"])
 def test_units_and_offsets_change_nothing(form, radius, center):
-    unit = max_error(*circle_jump(), 0.0125, form=form)
-    moved = max_error(*circle_jump(radius, center), 0.0125 * radius, form=form)
-    points_are_off_by = np.spacing(max(np.abs(center)))  # and the slope is up to 6: seen where the error is 2e-7
+    unit = max_error(*circle_jump(), 0.05, form=form)
+    moved = max_error(*circle_jump(radius, center), 0.05 * radius, form=form)
+    points_are_off_by = np.spacing(max(np.abs(center)))  # and the slope is up to 6: seen where the error is small
     assert moved == pytest.approx(unit, rel=0.02, abs=6 * points_are_off_by)
 
 

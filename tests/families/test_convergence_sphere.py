@@ -6,7 +6,7 @@ from model_problems import max_error, order_of, rotation, sphere_poisson
 
 import cpmkit as ck
 
-SPACINGS = (0.2, 0.1, 0.05)
+SPACINGS = (0.3, 0.2, 0.14)
 TILTED = [rotation()[:, 0]]
 CROSSING = [rotation()[:, 0], rotation()[:, 1]]
 
@@ -19,7 +19,7 @@ CIRCLES = [pytest.param(TILTED, id="tilted", marks=pytest.mark.slow), pytest.par
 def test_second_order(normals):
     problem = sphere_poisson(normals)
     errors = [max_error(*problem, h) for h in SPACINGS]
-    assert errors[-1] <= 1.3e-3
+    assert errors[-1] <= 5e-4
     assert order_of(SPACINGS, errors) >= 1.8
 
 
@@ -27,7 +27,7 @@ def test_second_order(normals):
 def test_first_order(normals):
     problem = sphere_poisson(normals)
     errors = [max_error(*problem, h, order=1) for h in SPACINGS]
-    assert errors[-1] <= 6e-2
+    assert errors[-1] <= 0.12
     assert 0.8 <= order_of(SPACINGS, errors) <= 1.4
 
 
@@ -42,11 +42,11 @@ def test_a_circle_in_a_plane_of_nodes_is_no_special_case():
 def test_the_lattices_origin_changes_the_error_only_within_the_schemes_own():
     scene, points, exact = sphere_poisson(TILTED)
     solutions = [
-        ck.solve(scene, 0.1, origin=0.1 * o).evaluate(points) for o in np.random.default_rng(7).uniform(0, 1, (4, 3))
+        ck.solve(scene, 0.2, origin=0.2 * o).evaluate(points) for o in np.random.default_rng(7).uniform(0, 1, (4, 3))
     ]
     spread = max(np.abs(a - solutions[0]).max() for a in solutions[1:])
     assert spread <= 2 * max(np.abs(u - exact).max() for u in solutions)
-    assert max(np.abs(u - exact).max() for u in solutions) <= 5e-3
+    assert max(np.abs(u - exact).max() for u in solutions) <= 2e-3
 
 
 @pytest.mark.slow

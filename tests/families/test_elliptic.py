@@ -51,7 +51,7 @@ def test_all_terms_on_a_circle_cut_at_a_point(kinds, form):
     scene = ck.Scene(CIRCLE, curve_terms(angle_after(THETA_C, (0, 0))), [ck.Boundary("cut", cut, **sides)])
     t = np.linspace(1e-6, 2 * np.pi - 1e-6, 2000)
     problem = scene, on_circle(THETA_C + t), value(t)
-    at = origins(2)[: 6 if form == "collocation" else 2]
+    at = origins(2)[: 3 if form == "collocation" else 1]
     errors = [np.sqrt(np.mean([max_error(*problem, h, origin=h * o, form=form) ** 2 for o in at])) for h in SPACINGS]
     share, order = FORMS[form]
     assert errors[-1] <= share * 1.2e-3
@@ -122,10 +122,10 @@ def test_all_terms_on_a_sphere(kinds, form):
         boundaries = [ck.Boundary("circle", circle, left=left, right=right)]
     scene = ck.Scene(SPHERE, surface_problem(), boundaries)
     coarse, points = form == "galerkin", sphere_points()
-    spacings, solver = ((0.3, 0.2, 0.1333), "auto") if coarse else ((0.2, 0.1414, 0.1), "reference")
+    spacings, solver = ((0.4, 0.3, 0.2), "auto") if coarse else ((0.25, 0.18, 0.125), "reference")
     errors = [max_error(scene, points, u(points), h, solver=solver, form=form) for h in spacings]
     share, order = FORMS[form]
-    assert errors[-1] <= share * 6e-3
+    assert errors[-1] <= share * 1e-2
     assert order_of(spacings, errors) >= order
 
 
@@ -153,7 +153,7 @@ def test_a_velocity_with_a_free_constant_on_a_sphere_that_a_curve_cuts():
     """-Lap u + v . grad u = f with u = x, v = 2 e_z x p, and no c: the pieces are looked for, and the tables stay."""
     ring = ck.source("analytic.circle", center=[0, 0, 0.3], radius=np.sqrt(1 - 0.09), normal=[0, 0, 1])
     known = ck.Boundary("ring", ring, both=ck.Dirichlet(lambda x: x[:, 0]))
-    spacings, points = (0.2, 0.14, 0.1), sphere_points()
+    spacings, points = (0.3, 0.22, 0.16), sphere_points()
     for c in (0.0, lambda x: 0 * x[:, 0]):
         problem = ck.Elliptic(
             lambda x: 2 * x[:, 0] - 2 * x[:, 1],
@@ -162,7 +162,7 @@ def test_a_velocity_with_a_free_constant_on_a_sphere_that_a_curve_cuts():
         )
         scene = ck.Scene(SPHERE, problem, [known])
         errors = [max_error(scene, points, points[:, 0], h, form="collocation") for h in spacings]
-        assert errors[-1] <= 3e-3
+        assert errors[-1] <= 9e-3
         assert order_of(spacings, errors) >= 1.8
 
 
@@ -242,7 +242,7 @@ def test_standing_waves_on_a_circle(wavenumber):
     assert order_of((0.08, 0.04, 0.02), errors) >= 1.9
 
 
-@pytest.mark.parametrize(("form", "bound", "order"), [("collocation", 8e-3, 1.75), ("galerkin", 1e-4, 2.7)])
+@pytest.mark.parametrize(("form", "bound", "order"), [("collocation", 1.3e-2, 1.75), ("galerkin", 1e-3, 2.7)])
 @pytest.mark.parametrize("cut", [False, True])
 def test_standing_waves_on_a_sphere(cut, form, bound, order):
     square = 4.0
@@ -253,7 +253,7 @@ def test_standing_waves_on_a_sphere(cut, form, bound, order):
     circle = ck.source("analytic.circle", center=[0, 0, 0], radius=1.0, normal=rotation()[0])
     boundaries = [ck.Boundary("circle", circle, both=ck.Dirichlet(u))] if cut else []
     scene = ck.Scene(SPHERE, ck.Helmholtz(f, 2.0), boundaries)
-    spacings = (0.2, 0.1414, 0.1)
+    spacings = (0.25, 0.18, 0.125) if form == "collocation" else (0.4, 0.28, 0.2)
     solver = "reference" if form == "collocation" else "direct"
     errors = [max_error(scene, sphere_points(), u(sphere_points()), h, solver=solver, form=form) for h in spacings]
     assert errors[-1] <= bound
@@ -363,7 +363,7 @@ def test_a_factor_that_varies_is_told_of_at_resonance_too():
 @pytest.mark.parametrize("solver", ["direct", "multigrid"])
 def test_an_eigenvalue_that_is_free_is_warned_of_by_every_solver(solver):
     scene = ck.Scene(SPHERE, ck.Helmholtz(lambda x: x[:, 2] + x[:, 0] * x[:, 1], np.sqrt(2)))
-    solution = ck.solve(scene, 0.1, form="galerkin", solver=solver)
+    solution = ck.solve(scene, 0.2, form="galerkin", solver=solver)
     assert any("An eigenvalue lies within" in text and "of k^2=2" in text for text in solution.warnings)
     assert (solution.error.largest >= 1).all()  # the size of the mode is not determined
 

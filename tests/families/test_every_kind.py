@@ -1,8 +1,8 @@
 """On every kind of manifold, cut by a plane with Dirichlet data on the cut, finer spacings gain second order.
 
 No exact solution is needed: of three solutions, each on half the spacing of the one before, the second difference
-must be about a quarter of the first; in the runs that are always made, surfaces go by a factor of 1.6. A new kind that
-is not in the lists below fails the suite.
+must be about a quarter of the first; in the runs that are always made, curves go by a factor of 1.6 and surfaces by
+1.4. A new kind that is not in the lists below fails the suite.
 """
 
 from functools import lru_cache
@@ -24,7 +24,7 @@ def make(kind, **keys):
 
 
 def mesh():
-    vertices, faces = ck.source("analytic.torus").mesh(0.02)
+    vertices, faces = ck.source("analytic.torus").mesh(0.04)
     return ck.source("mesh.triangles", vertices=vertices, faces=faces)
 
 
@@ -161,7 +161,7 @@ SCREENED, POISSON = ck.ScreenedPoisson(f, 1.0), ck.Poisson(f)
 @pytest.mark.parametrize("problem", [SCREENED, POISSON], ids=["screened", "poisson"])  # first: tables serve both
 @pytest.mark.parametrize("kind", PLANE_AND_CURVES)
 def test_curves_and_areas(kind, problem):
-    assert observed_order(kind, problem, 4) > 1.6
+    assert observed_order(kind, problem, 4, factor=1.6) > 1.6
 
 
 #: Strips and clouds converge in their plugins' tests; and a torus that is moved, or a circle's tube, is one.
@@ -170,7 +170,7 @@ DEAR = ("levelset.grid", "moved", "parametric.moebius", "pointcloud.points", "tu
 
 @pytest.mark.parametrize("kind", [pytest.param(kind, marks=[pytest.mark.slow] * (kind in DEAR)) for kind in SURFACES])
 def test_surfaces(kind):
-    assert observed_order(kind, SCREENED, 3, factor=1.6) > 1.6
+    assert observed_order(kind, SCREENED, 3, factor=1.4) > 1.6
 
 
 @pytest.mark.slow
@@ -183,7 +183,7 @@ def test_both_problems_on_surfaces(kind, problem):
 
 
 #: Kinds whose balanced solutions are looked at in every run of the tests.
-QUICK = ("analytic.box", "solid", "analytic.arc", "analytic.cylinder", "trimmed")
+QUICK = ("analytic.box", "solid", "analytic.arc", "analytic.cylinder")
 #: What polynomials cannot tell is the most of the error where the grid does not resolve a surface.
 UNRESOLVED = pytest.mark.xfail(
     strict=True,

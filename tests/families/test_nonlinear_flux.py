@@ -51,17 +51,17 @@ def sphere_problem(guess=1.0, derivative=None):
 
 @pytest.mark.parametrize("form", [pytest.param("collocation", marks=pytest.mark.slow), "galerkin"])
 def test_one_side_of_a_circle_on_the_sphere(form):
-    spacings = (0.2, 0.14, 0.1)
+    spacings = (0.2, 0.14, 0.1) if form == "collocation" else (0.28, 0.2, 0.14)
     errors = [max_error(*sphere_problem(), h, form=form) for h in spacings]
     assert order_of(spacings, errors) >= ORDERS[form]
 
 
 def test_newton_is_quick_and_says_so():
-    solution = ck.solve(sphere_problem(derivative=lambda v, x: -3 * v**2)[0], 0.2)
+    solution = ck.solve(sphere_problem(derivative=lambda v, x: -3 * v**2)[0], 0.25)
     steps = int(solution.report.reason.split("settled in ")[1].split()[0])
     assert steps <= 7
     assert solution.scene.boundaries[0].condition("left").kind == "nonlinear flux"
-    far = ck.solve(sphere_problem(guess=5.0)[0], 0.2)
+    far = ck.solve(sphere_problem(guess=5.0)[0], 0.25)
     np.testing.assert_allclose(far.values, solution.values, atol=1e-7)
 
 

@@ -19,7 +19,7 @@ def test_a_circle_of_two_materials(k_a, k_b, resistance):
     spacings = SPACINGS[:3]
     errors = [
         np.sqrt(
-            np.mean([max_error(*circle_problem(k_a, k_b, resistance), h, origin=o * h) ** 2 for o in origins(2)[:6]])
+            np.mean([max_error(*circle_problem(k_a, k_b, resistance), h, origin=o * h) ** 2 for o in origins(2)[:3]])
         )
         for h in spacings
     ]
@@ -80,7 +80,7 @@ def test_nothing_happens_across_an_idle_seam():
     idle = ck.Boundary("idle", circle, across=ck.Transmission())
     points = sphere_points()
     exact = points[:, 0] * points[:, 1]
-    for h in (0.1, 0.05):
+    for h in (0.3, 0.2):
         bare = max_error(ck.Scene(ck.source("analytic.sphere"), f), points, exact, h)
         assert max_error(ck.Scene(ck.source("analytic.sphere"), f, [idle]), points, exact, h) <= 1.5 * bare
 
@@ -90,7 +90,7 @@ def test_an_infinite_resistance_is_a_wall():
     circle = ck.source("analytic.circle", center=0.2 * axis, radius=np.sqrt(0.96), normal=axis)
     f = ck.ScreenedPoisson(lambda x: np.where(x @ axis > 0.2, 1.0, 5.0), c=2.0)
     seam = ck.Boundary("seam", circle, across=ck.Transmission(resistance=1e12))
-    values = ck.solve(ck.Scene(ck.source("analytic.sphere"), f, [seam]), 0.1).evaluate(np.array([axis, -axis]))
+    values = ck.solve(ck.Scene(ck.source("analytic.sphere"), f, [seam]), 0.2).evaluate(np.array([axis, -axis]))
     np.testing.assert_allclose(values, [0.5, 2.5], rtol=1e-6)
 
 

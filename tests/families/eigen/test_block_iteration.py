@@ -17,7 +17,7 @@ SCENES = {
 
 @pytest.mark.parametrize("name", SCENES)
 def test_it_finds_what_factors_find(name):
-    direct, block = (ck.solve(SCENES[name], 0.2, solver=solver) for solver in ("direct", "multigrid"))
+    direct, block = (ck.solve(SCENES[name], 0.25, solver=solver) for solver in ("direct", "multigrid"))
     assert block.report.solver == "multigrid"
     assert block.eigenvalues == pytest.approx(direct.eigenvalues, rel=1e-10, abs=1e-10)
     assert block.residuals.max() <= 1e-10
@@ -42,8 +42,8 @@ def test_an_iteration_that_does_not_reach_the_tolerance_is_no_answer(monkeypatch
 
 def test_numbers_inside_the_spectrum_are_neared_by_solves():
     scene = ck.Scene(SPHERE, ck.Eigen(5, near=6.1))
-    found = [ck.solve(scene, 0.25, solver=solver) for solver in ("direct", "multigrid")]
-    assert found[0].eigenvalues == pytest.approx([6] * 5, rel=2e-3)
+    found = [ck.solve(scene, 0.3, solver=solver) for solver in ("direct", "multigrid")]
+    assert found[0].eigenvalues == pytest.approx([6] * 5, rel=5e-3)
     assert found[1].eigenvalues == pytest.approx(found[0].eigenvalues, rel=1e-9)
     assert ck.explain(scene, 0.05, rehearse=True).solver == "direct"
 

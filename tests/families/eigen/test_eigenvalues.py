@@ -110,10 +110,10 @@ def test_fourth_order():
 @forms
 def test_rows_21_sphere(form):
     exact = np.array([0, 2, 2, 2, 6, 6, 6, 6, 6, 12, 12, 12])
-    scene, spacings = ck.Scene(SPHERE, ck.Eigen(count=12)), (0.25, 0.2, 0.125)
+    scene, spacings = ck.Scene(SPHERE, ck.Eigen(count=12)), (0.3, 0.25, 0.18)
     found = [ck.solve(scene, h, form=form).eigenvalues for h in spacings]
-    assert np.abs(found[-1][1:4] - 2).max() <= 0.005 * 2
-    assert np.abs(found[-1][4:9] - 6).max() <= 0.01 * 6
+    assert np.abs(found[-1][1:4] - 2).max() <= 0.01 * 2
+    assert np.abs(found[-1][4:9] - 6).max() <= 0.02 * 6
     for two in (1, 4):
         assert order_of(spacings, [np.abs(one - exact)[two] for one in found]) >= ORDERS[form]
 
@@ -149,7 +149,7 @@ def test_a_sphere_cut_into_a_dirichlet_and_a_neumann_half(form):
 @forms
 def test_no_eigenvalue_is_missed_or_made_up_at_any_position_of_the_lattice(form):
     exact = np.repeat([0, 2, 6, 12], [1, 3, 5, 7])
-    for origin in origins(3)[:4]:
+    for origin in origins(3)[:2]:
         solution = ck.solve(ck.Scene(SPHERE, ck.Eigen(count=16)), 0.25, origin=0.25 * origin, form=form)
         assert np.abs(solution.eigenvalues - exact).max() <= (0.03 if form == "collocation" else 2e-3) * 12
         assert not solution.imaginary.any()
@@ -157,7 +157,7 @@ def test_no_eigenvalue_is_missed_or_made_up_at_any_position_of_the_lattice(form)
 
 @forms
 def test_eigenfunctions_belong_to_their_values(form):
-    solution = ck.solve(ck.Scene(SPHERE, ck.Eigen(count=4)), 0.125, form=form)
+    solution = ck.solve(ck.Scene(SPHERE, ck.Eigen(count=4)), 0.2, form=form)
     points = sphere_points(400)
     values = solution.evaluate(points)
     assert solution.channels == 4
@@ -197,7 +197,7 @@ def test_those_near_a_number(form):
 def test_the_iterative_solver_finds_the_same(form):
     scene = ck.Scene(SPHERE, ck.Eigen(count=4))
     iterative = "reference" if form == "collocation" else "multigrid"
-    found = [ck.solve(scene, 0.25, solver=solver, form=form).eigenvalues for solver in ("direct", iterative)]
+    found = [ck.solve(scene, 0.4, solver=solver, form=form).eigenvalues for solver in ("direct", iterative)]
     assert found[0] == pytest.approx(found[1], abs=1e-7)
 
 

@@ -17,8 +17,8 @@ SURFACES = {
 @pytest.mark.parametrize(
     ("name", "spacing", "count", "share"),
     [
-        ("sphere", 0.2, 36, 2e-3),
-        ("torus", 0.2, 22, 2e-3),
+        ("sphere", 0.25, 25, 3e-3),
+        ("torus", 0.25, 13, 4e-3),
         pytest.param("sphere", 0.1, 100, 2e-3, marks=pytest.mark.slow),
         pytest.param("torus", 0.1, 50, 5e-4, marks=pytest.mark.slow),
     ],

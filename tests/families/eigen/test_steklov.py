@@ -59,21 +59,21 @@ def test_caps(height, form):
     """tan(theta / 2)^m cos(m phi) has lambda = m / sin(theta) at the rim; rms over places of the rim in its cells."""
     exact = np.array([0, 1, 1, 2, 2, 3, 3]) / np.sqrt(1 - height**2)
     scene = ck.Scene(ck.source("analytic.cap", height=height), ck.Eigen(count=7), edge=ck.Steklov())
-    spacings = (0.2, 0.16, 0.125)
+    spacings = (0.3, 0.25, 0.2)
     errors = []
     for h in spacings:
         places = [errors_of(scene, exact, [h], origin=[0, 0, height + k / 2 * h], form=form)[0] for k in range(2)]
         errors.append(np.sqrt(np.mean(np.square(places))))
-    assert errors[-1] <= (0.04 if form == "collocation" else 3e-4)
+    assert errors[-1] <= (0.1 if form == "collocation" else 2e-3)
     assert order_of(spacings, errors) >= ORDERS[form]
 
 
 @dear_forms
 def test_both_sides_of_a_curve(form):
     scene = ck.Scene(SPHERE, ck.Eigen(count=10), [great_circle(both=ck.Steklov())])
-    spacings = (0.25, 0.18, 0.125)
+    spacings = (0.3, 0.25, 0.18)
     errors = errors_of(scene, [0, 0, 1, 1, 1, 1, 2, 2, 2, 2], spacings, form=form)
-    assert errors[-1] <= 5e-3
+    assert errors[-1] <= 1e-2
     assert order_of(spacings, errors) >= ORDERS[form]
 
 
@@ -89,9 +89,9 @@ def test_one_side_of_a_curve_and_a_dirichlet_curve_elsewhere(form):
     ]
     t = np.log(np.tan(lower / 2) / np.tan(upper / 2))
     exact = [1 / t] + [m / np.tanh(m * t) for m in (1, 1, 2, 2)]
-    spacings = (0.2, 0.16, 0.12)
+    spacings = (0.25, 0.2, 0.16)
     errors = errors_of(ck.Scene(SPHERE, ck.Eigen(count=5), boundaries), exact, spacings, form=form)
-    assert errors[-1] <= (0.035 if form == "collocation" else 1e-3)
+    assert errors[-1] <= (0.07 if form == "collocation" else 2e-4)
     assert order_of(spacings, errors) >= ORDERS[form]
 
 

@@ -19,7 +19,7 @@ def bent(points):
     return unit(points, points + 0.5 * np.stack([y * z, x**2, -x * y], axis=1))
 
 
-def run(form="galerkin", spacing=0.25, initial=bent, until=0.2, step=0.02, after_step=unit, **others):
+def run(form="galerkin", spacing=0.3, initial=bent, until=0.2, step=0.02, after_step=unit, **others):
     solving = {key: others.pop(key) for key in ("checkpoint", "checkpoint_every", "resume") if key in others}
     heat = ck.Heat(initial, until, step, after_step=after_step, **others)
     return ck.solve(ck.Scene(SPHERE, heat), spacing, form=form, **solving)
@@ -28,7 +28,7 @@ def run(form="galerkin", spacing=0.25, initial=bent, until=0.2, step=0.02, after
 @pytest.mark.parametrize("form", FORMS)
 def test_a_projection_on_a_target_holds_after_each_step_and_bdf2_is_of_first_order(form):
     points = SPHERE.mesh(0.4)[0]
-    runs = [run(form, step=0.2 / n).evaluate(points) for n in (8, 16, 32, 256)]
+    runs = [run(form, step=0.2 / n).evaluate(points) for n in (8, 16, 32, 128)]
     assert np.abs(np.linalg.norm(runs[-1], axis=1) - 1).max() < 3e-3
     errors = [np.abs(one - runs[-1]).max() for one in runs[:-1]]
     assert 0.9 < order_of([1 / 8, 1 / 16, 1 / 32], errors) < 1.3

@@ -60,9 +60,9 @@ def sphere_errors(name, spacings, order):
     return errors
 
 
-@pytest.mark.parametrize(("name", "bound"), [("Dirichlet", 2e-3), ("Neumann", 1.1e-3)])
+@pytest.mark.parametrize(("name", "bound"), [("Dirichlet", 4e-3), ("Neumann", 2.2e-3)])
 def test_second_order_on_the_sphere_cheaply(name, bound):
-    spacings = (0.2, 0.14, 0.1)
+    spacings = (0.25, 0.2, 0.14)
     errors = sphere_errors(name, spacings, 2)
     assert errors[-1] <= bound
     assert order_of(spacings, errors) >= 1.9
@@ -80,9 +80,9 @@ def test_second_order_on_the_sphere(name, bounds):
 
 @pytest.mark.parametrize("name", SPHERE)
 def test_first_order_on_the_sphere_cheaply(name):
-    errors = sphere_errors(name, (0.25, 0.2, 0.125), 1)
-    assert 0.6 <= order_of((0.25, 0.2, 0.125), errors) <= 1.6
-    assert errors[-1] <= 5e-2
+    errors = sphere_errors(name, (0.3, 0.25, 0.18), 1)
+    assert 0.6 <= order_of((0.3, 0.25, 0.18), errors) <= 1.6
+    assert errors[-1] <= 7e-2
 
 
 @pytest.mark.slow
@@ -161,19 +161,19 @@ MOVING_SIDES = {
 @pytest.mark.parametrize("scheme", ["bdf2", "crank-nicolson"])
 @FORMS
 def test_data_that_move_on_both_sides(name, scheme, form):
-    spacings, errors = (0.1, 0.05, 0.025), []
+    spacings, errors = (0.2, 0.1, 0.05), []
     _, points = around()
     for h in spacings:
         heat = ck.Heat(lambda x: moving(x, 0.0), until=1.0, step=0.2 * h, f=source, scheme=scheme)
         solution = ck.solve(circle_scene(heat, cut(**MOVING_SIDES[name])), h, form=form)
         errors.append(np.abs(solution.evaluate(points) - moving(points, 1.0)).max())
     assert order_of(spacings, errors) >= 1.75
-    assert errors[-1] <= 1e-3
+    assert errors[-1] <= 5e-4
 
 
 def test_advection_with_decay():
     """u = exp(-(kappa + c) t) cos(theta - t) is carried once around by a velocity of one."""
-    spacings, errors = (0.1, 0.05, 0.025), []
+    spacings, errors = (0.2, 0.1, 0.05), []
     points = on_circle(np.linspace(0, 2 * np.pi, 500))
     for h in spacings:
         heat = ck.Heat(
@@ -187,7 +187,7 @@ def test_advection_with_decay():
         exact = np.exp(-0.75) * (points @ [np.cos(1.5), np.sin(1.5)])
         errors.append(np.abs(ck.solve(circle_scene(heat), h).evaluate(points) - exact).max())
     assert order_of(spacings, errors) >= 1.9
-    assert errors[-1] <= 1e-3
+    assert errors[-1] <= 1e-4
 
 
 def test_nothing_need_pin_the_solution():

@@ -40,9 +40,9 @@ def heat_errors(spacings, count, scheme="bdf2"):
 
 @pytest.mark.parametrize("scheme", ["bdf2", "crank-nicolson"])
 def test_heat_of_three_harmonics_cheaply(scheme):
-    errors = heat_errors((0.3, 0.2), 1, scheme)
-    assert errors[1] < 6e-4
-    assert order_of((0.3, 0.2), errors) > 2
+    errors = heat_errors((0.4, 0.3), 1, scheme)
+    assert errors[1] < 2e-3
+    assert order_of((0.4, 0.3), errors) > 1.8
 
 
 @pytest.mark.slow
@@ -58,7 +58,7 @@ def wave_errors(spacings, count):
 
 
 def test_newmark_of_three_harmonics_cheaply():
-    assert wave_errors((0.2,), 1)[0] < 3e-3
+    assert wave_errors((0.3,), 1)[0] < 1e-2
 
 
 @pytest.mark.slow
@@ -138,15 +138,15 @@ def test_newmark_keeps_the_energy(boundaries):
 @pytest.mark.parametrize("solver", ["direct", "multigrid"])
 def test_a_run_goes_on_bit_by_bit(problem, solver, tmp_path):
     scene, state = ck.Scene(SPHERE, problem), tmp_path / "state.npz"
-    whole = ck.solve(scene, 0.3, solver=solver, checkpoint=state, checkpoint_every=7)
+    whole = ck.solve(scene, 0.4, solver=solver, checkpoint=state, checkpoint_every=7)
 
     def stop(stage, share):
         if stage == "steps" and share > 0.75:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        ck.solve(scene, 0.3, solver=solver, checkpoint=state, checkpoint_every=2, progress=stop)
-    again = ck.solve(scene, 0.3, solver=solver, resume=state)
+        ck.solve(scene, 0.4, solver=solver, checkpoint=state, checkpoint_every=2, progress=stop)
+    again = ck.solve(scene, 0.4, solver=solver, resume=state)
     for one, other in zip((*whole.frames, whole), (*again.frames, again), strict=True):
         np.testing.assert_array_equal(one.values, other.values)
         np.testing.assert_array_equal(one.energy, other.energy)
@@ -158,7 +158,7 @@ def test_noise_stays_bounded_and_is_told(step):
     noise = ck.Wave(lambda x: np.sin(1e4 * x[:, 0]) * np.cos(1.7e4 * x[:, 1]), until=50 * step, step=step, frames=10)
     scene = ck.Scene(SPHERE, noise, [ck.Boundary("equator", EQUATOR, left=ck.Dirichlet(0.0), right=ck.Neumann(0.0))])
     with pytest.warns(ck.CpmkitWarning, match="waves of four spacings or less"):
-        solution = ck.solve(scene, 0.3)
+        solution = ck.solve(scene, 0.4)
     energies = np.array([frame.energy for frame in solution.frames])
     assert np.abs(energies / energies[0] - 1).max() < 1e-9
     assert max(np.abs(frame.evaluate(POINTS)).max() for frame in solution.frames) < 3

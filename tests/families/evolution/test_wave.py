@@ -7,7 +7,7 @@ from model_problems import angle_after, on_circle, order_of, sphere_points
 import cpmkit as ck
 
 THETA_C = 1.022 * np.pi
-SPACINGS = (0.1, 0.05, 0.025)
+SPACINGS = (0.15, 0.1, 0.05)
 LONG, SHORT = 20.0, 5.0
 travelled = angle_after(THETA_C, (0.0, 0.0))
 
@@ -39,7 +39,7 @@ REFLECTED = {
 }
 
 
-@pytest.mark.parametrize(("scheme", "bound"), [("leapfrog", 3e-3), ("newmark", 3e-3), ("implicit", 5e-3)])
+@pytest.mark.parametrize(("scheme", "bound"), [("leapfrog", 1.2e-2), ("newmark", 4e-3), ("implicit", 1.5e-2)])
 def test_a_travelling_wave(scheme, bound):
     end = LONG if scheme == "leapfrog" else SHORT
 
@@ -61,7 +61,7 @@ def test_a_travelling_wave(scheme, bound):
 
 
 @pytest.mark.parametrize("name", REFLECTED)
-@pytest.mark.parametrize(("scheme", "bound"), [("leapfrog", 2e-3), ("newmark", 2e-3), ("implicit", 5e-3)])
+@pytest.mark.parametrize(("scheme", "bound"), [("leapfrog", 5e-3), ("newmark", 1.6e-3), ("implicit", 5e-3)])
 def test_waves_are_reflected_at_a_cut(name, scheme, bound):
     shape, condition = REFLECTED[name]
     end = LONG if scheme == "leapfrog" else SHORT
@@ -94,7 +94,7 @@ def test_ends_that_move(kind, scheme):
     def make(step):
         wave = ck.Wave(
             lambda x: u(x, 0.0),
-            until=5.0,
+            until=2.5,
             step=step,
             initial_rate=lambda x: -np.cos(2 * theta(x)),
             speed=2.0,
@@ -104,19 +104,19 @@ def test_ends_that_move(kind, scheme):
         return arc(wave, edges[kind])
 
     points = on_circle(np.linspace(0.3, 2.7, 1000))
-    found = errors(make, points, u(points, 5.0), SPACINGS, 0.25)
+    found = errors(make, points, u(points, 2.5), SPACINGS, 0.25)
     assert order_of(SPACINGS, found) >= 1.7
-    assert found[-1] <= 2e-2
+    assert found[-1] <= 5e-3
 
 
 @pytest.mark.parametrize("scheme", ["leapfrog", "newmark", "implicit"])
 def test_the_sphere(scheme):
-    points, spacings = sphere_points(500), (0.25, 0.18, 0.125)
+    points, spacings = sphere_points(500), (0.3, 0.25, 0.18)
 
     def make(step):
-        return ck.Scene(ck.source("analytic.sphere"), ck.Wave(lambda x: x[:, 2], until=3.0, step=step, scheme=scheme))
+        return ck.Scene(ck.source("analytic.sphere"), ck.Wave(lambda x: x[:, 2], until=1.5, step=step, scheme=scheme))
 
-    found = errors(make, points, points[:, 2] * np.cos(3 * np.sqrt(2)), spacings, 0.4)
+    found = errors(make, points, points[:, 2] * np.cos(1.5 * np.sqrt(2)), spacings, 0.4)
     assert order_of(spacings, found) >= 1.6
     assert found[-1] <= 2e-2
 
@@ -132,8 +132,8 @@ def noise(x):
 )
 @pytest.mark.parametrize("name", ["closed", "Dirichlet", "Neumann", "ends"])
 def test_rough_data_stay_bounded(scheme, courant, degree, name):
-    """Undamped, they grow by factors of 1e3 to 1e17 in this time, as the spacing and the origin have it."""
-    wave = ck.Wave(noise, until=100.0, step=0.1 * courant, scheme=scheme)
+    """Undamped, they grow by factors of thirty to 1e8 in this time, as the spacing and the origin have it."""
+    wave = ck.Wave(noise, until=50.0, step=0.1 * courant, scheme=scheme)
     scenes = {
         "closed": ck.Scene(ck.source("analytic.circle"), wave),
         "Dirichlet": cut_circle(wave, ck.Dirichlet(0.0)),
