@@ -1,13 +1,16 @@
-"""Where a value at one point of a surface has no limit: what comes out depends on the spacing, like its logarithm."""
+"""Values on what is too small for a spacing, or for the equation: points of a surface, and short curves."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
-from cpmkit.protocols import Floats
+from cpmkit.protocols import SIDES, Floats
 from cpmkit.scene.compound_equations import Biharmonic, Eigen
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.equations_in_time import Evolution
+from cpmkit.scene.laws import Mixed, Value
 from cpmkit.scene.nonlinear_equations import PLaplacian
 from cpmkit.scene.scene import Scene
 
@@ -45,3 +48,44 @@ def has_limit(scene: Scene, points: int, others: bool, samples: tuple[Floats, Fl
     f = evaluate_data(terms.f, samples[0], scene.channels, "f")
     total, size = samples[1] @ f, samples[1] @ np.abs(f)
     return bool((np.abs(total) <= ZERO_MEAN_SHARE * size).all())
+
+
+def holding_values(scene: Scene) -> list[str]:
+    """Return the names of the boundaries that hold a value on a side."""
+    return [
+        one.name
+        for one in scene.boundaries
+        if any(isinstance(one.condition(side).law, (Value, Mixed)) for side in SIDES)
+    ]
+
+
+def of_points(scene: Scene, points: Mapping[str, int], samples: tuple[Floats, Floats] | None = None) -> tuple[str, ...]:
+    """Name boundaries that hold values at points, where these have no limit.
+
+    ``points`` are how many points each boundary is that has no sides; ``samples`` as of :func:`has_limit`.
+    """
+    valued = holding_values(scene)
+    pins = [name for name in valued if name in points]
+    on_rim = any(isinstance(one.law, (Value, Mixed)) for one in scene.edge_conditions)
+    count = sum(points[name] for name in pins)
+    if not pins or has_limit(scene, count, on_rim or len(valued) > len(pins), samples):
+        return ()
+    return (
+        f"Boundary {', '.join(map(repr, pins))}: a point of a surface, or a point or curve of a solid, is too small "
+        "for the equation to feel a value there; what comes out depends on the spacing, as with a hole of a third of "
+        "it; use a small circle or a thin tube instead.",
+    )
+
+
+def of_short_curves(scene: Scene, sizes: Mapping[str, float], spacing: float, least: float) -> tuple[str, ...]:
+    """Name boundaries that hold values and are smaller than ``least``: they act as larger ones.
+
+    ``sizes`` are the diagonals of the bounds of those that are curves on a surface.
+    """
+    short = {name: sizes[name] for name in holding_values(scene) if sizes.get(name, least) < least}
+    if not short or isinstance(scene.problem, Biharmonic):  # which feels points
+        return ()
+    return (
+        f"Boundary {', '.join(map(repr, short))}: at spacing={spacing:g} a curve smaller than {least:.2g} acts as a "
+        f"hole of about that size; use spacing={spacing * min(short.values()) / least:.2g} or less.",
+    )

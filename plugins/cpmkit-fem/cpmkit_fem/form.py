@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.plugin import Data, Floats, Operator, Side, as_points, warnings_of
+from cpmkit.plugin import Data, Floats, Operator, Side, as_points, of_points, of_short_curves, warnings_of
 from cpmkit_fem.contacts import sides_of_jumps
 from cpmkit_fem.equations import Equations
 from cpmkit_fem.nearest import pin_warnings
@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
     from cpmkit.plugin import DisplayMesh, SolveReport
+
+#: A curve smaller than this share of a mean edge acts as one of about that size.
+SMALL_EDGES = 1 / 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +93,21 @@ class FiniteElements(Equations):
         """Return what the surface says of itself, and how boundaries came into the mesh or far from them pins are."""
         del missed
         of_boundaries = pin_warnings(self.rim) if self.cut is None else self.cut.told
-        return (*warnings_of(self.scene.surface, self.spacing), *of_boundaries)
+        return (*warnings_of(self.scene.surface, self.spacing), *of_boundaries, *self._small_boundaries())
+
+    def _small_boundaries(self) -> tuple[str, ...]:
+        """Name values on points of a surface, and on curves far smaller than an edge."""
+        if self.mesh.manifold_dim != 2:
+            return ()
+        sources = {one.name: one.source for one in self.scene.boundaries}
+        points = {name: 1 for name, source in sources.items() if source.manifold_dim == 0}
+        sizes = {
+            name: float(np.linalg.norm(np.ptp(source.bounds, axis=0)))
+            for name, source in sources.items()
+            if name not in points
+        }
+        least = SMALL_EDGES * self.mesh.mean_edge
+        return (*of_points(self.scene, points), *of_short_curves(self.scene, sizes, self.spacing, least))
 
     def work(self, operator: Operator, report: SolveReport | None) -> FemWork:
         """Return what the mesh holds and what the solve did."""

@@ -15,8 +15,7 @@ from cpmkit.forms.collocation.layout import Layout
 from cpmkit.forms.collocation.tube_width import stretched_share
 from cpmkit.manifold.abilities import advice_of
 from cpmkit.protocols import SIDES
-from cpmkit.scene.laws import Mixed, Value
-from cpmkit.scene.point_values import has_limit
+from cpmkit.scene.point_values import of_points, of_short_curves
 from cpmkit.scene.scene import Scene
 
 #: A surface's search may doubt this share of the nodes before it is worth a warning.
@@ -27,6 +26,8 @@ JUMP_SPACINGS = 2.0
 #: A larger share of jumping feet is worth a warning: Spot with 0.5 percent of them differs from finite elements by 2
 #: percent of the range, with 1.1 percent by 18.
 JUMP_SHARE = 5e-3
+#: A curve on a surface smaller than so many spacings has ghosts that read past it.
+SMALL_SPACINGS = 1.0
 #: A boundary farther off the surface than so many spacings is probably a mistake.
 OFF_SURFACE_SPACINGS = 0.5
 
@@ -43,7 +44,7 @@ def layout_warnings(layout: Layout, scene: Scene, missed: float = 0.0) -> tuple[
     rounding = layout.lattice.lost_digits(layout.surface.bounds, not layout.surface.shift.any())
     checks = (_doubtful, partial(_sheets, missed=missed), _boundaries, _encounters, _gaps, meeting_sentences)
     found = (text for check in checks for text in check(layout))
-    return (*from_source, *rounding, *found, *_pins(layout, scene))
+    return (*from_source, *rounding, *found, *_small(layout, scene))
 
 
 def _encounters(layout: Layout) -> list[str]:
@@ -80,20 +81,17 @@ def _gaps(layout: Layout) -> list[str]:
     ]
 
 
-def _pins(layout: Layout, scene: Scene) -> list[str]:
-    """Name points on a surface that hold a value beside other values: the continuous problem does not feel them."""
-    boundaries = layout.boundaries.given
-    valued = [any(isinstance(one.condition(side).law, (Value, Mixed)) for side in SIDES) for one in boundaries]
-    thin = [not sighted.has_sides for sighted in layout.boundaries.on_lattice]
-    pins = [one.name for one, *is_pin in zip(boundaries, valued, thin, strict=True) if all(is_pin)]
-    on_rim = any(isinstance(one.law, (Value, Mixed)) for one in scene.edge_conditions)
-    if not pins or has_limit(scene, len(pins), on_rim or sum(valued) > len(pins)):
-        return []
-    return [
-        f"Boundary {', '.join(map(repr, pins))}: a point of a surface, or a point or curve of a solid, is too small "
-        "for the equation to feel a value there beside other conditions; what comes out depends on the spacing, use a "
-        "small circle or a thin tube instead."
-    ]
+def _small(layout: Layout, scene: Scene) -> tuple[str, ...]:
+    """Name values on points of a surface, which the continuous problem does not feel, and on short curves."""
+    seen = {one.name: on for one, on in zip(layout.boundaries.given, layout.boundaries.on_lattice, strict=True)}
+    points = {name: 1 for name, on in seen.items() if not on.has_sides}
+    sizes = {
+        name: float(np.linalg.norm(np.ptp(on.source.bounds, axis=0)))
+        for name, on in seen.items()
+        if on.has_sides and layout.surface.source.manifold_dim == 2
+    }
+    spacing = layout.lattice.spacing
+    return (*of_points(scene, points), *of_short_curves(scene, sizes, spacing, SMALL_SPACINGS * spacing))
 
 
 def _doubtful(layout: Layout) -> list[str]:

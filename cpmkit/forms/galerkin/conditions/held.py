@@ -16,11 +16,10 @@ from cpmkit.manifold.vectors import norms
 from cpmkit.protocols import SIDES, Bools, Floats, Ints
 from cpmkit.runtime.arrays import whole
 from cpmkit.scene.alike import same_condition
-from cpmkit.scene.compound_equations import Biharmonic
 from cpmkit.scene.condition import Condition
 from cpmkit.scene.edge import LoopConditions, check_parts_met, conditions_along
 from cpmkit.scene.laws import Flux, Interface, Law, Mixed, Nonlinear, Spectral, Value, beta_at, is_zero_neumann
-from cpmkit.scene.point_values import has_limit
+from cpmkit.scene.point_values import of_points, of_short_curves
 from cpmkit.scene.scene import Scene
 
 #: The edge's condition, in sentences.
@@ -239,36 +238,18 @@ def point_warnings(
 
     ``interior`` are samples (n, d) of the manifold, in the scene's coordinates, and their weights (n,).
     """
-    valued = [
-        number
-        for number, one in enumerate(scene.boundaries)
-        if any(isinstance(one.condition(side).law, (Value, Mixed)) for side in SIDES)
-    ]
-    at_points = samples.owner[(samples.half < 0) & np.isin(samples.owner, valued)]
-    pins = [scene.boundaries[number].name for number in np.unique(at_points)]
-    on_rim = any(isinstance(one.law, (Value, Mixed)) for one in scene.edge_conditions)
-    if pins and not has_limit(scene, len(at_points), on_rim or len(valued) > len(pins), interior):
-        told: tuple[str, ...] = (
-            f"Boundary {', '.join(map(repr, pins))}: a point of a surface is too small for the equation to feel a "
-            "value there; what comes out depends on the spacing, as with a hole of a third of it; use a small circle "
-            "instead.",
-        )
-    else:
-        told = ()
-    short = [scene.boundaries[number].name for number in valued if _is_short(samples, number, spacing)]
-    if not short or isinstance(scene.problem, Biharmonic):
-        return told
-    return (
-        *told,
-        f"Boundary {', '.join(map(repr, short))}: a curve smaller than a third of the spacing acts as a hole of a "
-        f"third of it, {spacing / 3:.2g}; use a smaller spacing.",
-    )
+    names = [one.name for one in scene.boundaries]
+    at_points = samples.owner[samples.half < 0]
+    points = {names[number]: int(np.sum(at_points == number)) for number in np.unique(at_points)}
+    sizes = {name: _size(samples, number, spacing) for number, name in enumerate(names)}
+    least = SMALL_SPACINGS * spacing
+    return (*of_points(scene, points, interior), *of_short_curves(scene, sizes, spacing, least))
 
 
-def _is_short(samples: BoundarySamples, number: int, spacing: float) -> bool:
-    """Tell whether a curve on a surface is smaller than a third of the spacing."""
+def _size(samples: BoundarySamples, number: int, spacing: float) -> float:
+    """Return the diagonal of the bounds of a curve on a surface, infinite where the manifold is a curve itself."""
     own = (samples.owner == number) & ~samples.extends & (samples.half >= 0)
     points = samples.points[own]
-    if not len(points) or not samples.weights[own].max() < SMALL_SPACINGS * spacing:  # 1 where the manifold is a curve
-        return False
-    return bool(norms(np.ptp(points, axis=0)[None])[0] < SMALL_SPACINGS * spacing)
+    if not len(points) or samples.weights[own].max() >= SMALL_SPACINGS * spacing:  # 1 where the manifold is a curve
+        return np.inf
+    return float(norms(np.ptp(points, axis=0)[None])[0])

@@ -1,4 +1,4 @@
-"""Values at one point of a surface, and on curves smaller than a third of the spacing, are warned of."""
+"""Values at one point of a surface, and on curves below the spacing, are warned of."""
 
 import numpy as np
 import pytest
@@ -37,15 +37,36 @@ def test_a_value_at_one_point_has_a_limit(name):
     assert not of_points(ck.solve(ck.Scene(SPHERE, WITH_LIMIT[name], [PIN]), 0.4, form="galerkin"))
 
 
-def test_collocation_warns_as_well():
-    assert of_points(ck.solve(ck.Scene(SPHERE, ck.ScreenedPoisson(1.0), [PIN]), 0.4, form="collocation"))
-    assert not of_points(ck.solve(ck.Scene(SPHERE, ck.Laplace(), [PIN]), 0.4, form="collocation"))
+@pytest.mark.parametrize("options", [{"form": "collocation"}, {"backend": "fem"}], ids=["collocation", "fem"])
+def test_other_methods_warn_as_well(options):
+    assert of_points(ck.solve(ck.Scene(SPHERE, ck.ScreenedPoisson(1.0), [PIN]), 0.4, **options))
+    assert not of_points(ck.solve(ck.Scene(SPHERE, ck.Laplace(), [PIN]), 0.4, **options))
+
+
+def arc(length):
+    return ck.source("analytic.arc", center=[0, 0, 0], radius=1.0, normal=[1, 0, 0], start=0.3, end=0.3 + length)
+
+
+def held_on(length):
+    return ck.Scene(SPHERE, ck.ScreenedPoisson(1.0), [ck.Boundary("arc", arc(length), both=ck.Dirichlet(0.0))])
+
+
+def of_curves(solution):
+    return [text for text in solution.warnings if "a curve smaller than" in text and "'arc'" in text]
 
 
 @pytest.mark.parametrize("length", [0.05, 0.01, 0.005])
 def test_an_arc_far_below_the_spacing(length):
-    arc = ck.source("analytic.arc", center=[0, 0, 0], radius=1.0, normal=[1, 0, 0], start=0.3, end=0.3 + length)
-    scene = ck.Scene(SPHERE, ck.ScreenedPoisson(1.0), [ck.Boundary("arc", arc, both=ck.Dirichlet(0.0))])
-    solution = ck.solve(scene, 0.25, form="galerkin")
+    solution = ck.solve(held_on(length), 0.25, form="galerkin")
     assert 0.8 < solution.evaluate([[0.0, 0.0, -1.0]])[0] < 1.0
-    assert any("'arc': a curve smaller than a third of the spacing" in text for text in solution.warnings)
+    assert of_curves(solution)
+
+
+@pytest.mark.parametrize(
+    ("options", "short", "long"),
+    [({"form": "collocation"}, 0.15, 0.3), ({"backend": "fem"}, 0.05, 0.15), ({"form": "galerkin"}, 0.05, 0.15)],
+    ids=["collocation", "fem", "galerkin"],
+)
+def test_each_method_names_curves_that_it_takes_for_larger_ones(options, short, long):
+    assert of_curves(ck.solve(held_on(short), 0.25, **options))
+    assert not of_curves(ck.solve(held_on(long), 0.25, **options))
