@@ -40,10 +40,10 @@ def _arcs(share: float) -> list[ck.ClosestPointSource]:
     return found
 
 
-@pytest.mark.parametrize(("method", "most"), [("heat", 2e-3), ("transport", 1e-2)])
+@pytest.mark.parametrize(("method", "most"), [("heat", 4e-3), ("transport", 2.5e-2)])
 def test_a_circle_of_a_sphere_at_its_order(method: str, most: float) -> None:
     coarse, fine = (
-        _share(signed_distance(_sphere(h), LATITUDE, method=method).evaluate(POINTS), EXACT) for h in (0.4, 0.2)
+        _share(signed_distance(_sphere(h), LATITUDE, method=method).evaluate(POINTS), EXACT) for h in (0.5, 0.25)
     )
     assert fine < most
     assert np.log2(coarse / fine) > 1.5
@@ -100,11 +100,11 @@ def test_two_circles_of_a_torus_part_its_outside_from_its_inside() -> None:
     around, along = np.random.default_rng(1).uniform(-np.pi, np.pi, (2, 1000))
     ring = 1 + 0.4 * np.cos(around)
     points = np.stack([ring * np.cos(along), ring * np.sin(along), 0.4 * np.sin(around)], axis=1)
-    distance = signed_distance(torus, [top, bottom], spacing=0.2, method="heat")
+    distance = signed_distance(torus, [top, bottom], spacing=0.25, method="heat")
     exact = 0.4 * (np.abs(around) - np.pi / 2)  # left of both is the inner half
     found = distance.evaluate(points)
     assert (np.sign(found) == np.sign(exact))[np.abs(exact) > 0.05].all()
-    assert _share(found, exact) < 4e-2
+    assert _share(found, exact) < 6e-2
 
 
 def test_curves_that_part_no_left_from_a_right_are_told() -> None:

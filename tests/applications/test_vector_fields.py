@@ -55,7 +55,7 @@ def _exact(transport: str) -> np.ndarray:
 
 @pytest.mark.parametrize("transport", ["parallel", "paper"])
 @pytest.mark.parametrize(
-    ("spacings", "most"), [((0.5, 0.3, 0.2), 0.03), pytest.param((0.4, 0.2, 0.1), 0.01, marks=pytest.mark.slow)]
+    ("spacings", "most"), [((0.5, 0.4, 0.25), 0.06), pytest.param((0.4, 0.2, 0.1), 0.01, marks=pytest.mark.slow)]
 )
 def test_directions_between_two_circles(transport: str, spacings: tuple[float, ...], most: float) -> None:
     """Asked for: .15 degrees at .1, falling with the spacing."""
@@ -103,20 +103,20 @@ def test_a_field_along_a_moebius_strip_has_no_singularity_and_a_vortex_has_one()
 
 
 def test_singularities_of_a_field_along_the_equator_are_at_the_poles() -> None:
-    found = vector_field(SPHERE, [(EQUATOR, "tangent")], spacing=0.2).singularities
+    found = vector_field(SPHERE, [(EQUATOR, "tangent")], spacing=0.4).singularities
     assert sum(one.index for one in found) == 2
     assert all(abs(one.place[2]) > 0.9 for one in found)
 
 
 def test_a_curve_may_turn_the_field_on_its_two_sides() -> None:
-    field = vector_field(SPHERE, [(EQUATOR, {"left": "tangent", "right": "backwards"})], spacing=0.2)
+    field = vector_field(SPHERE, [(EQUATOR, {"left": "tangent", "right": "backwards"})], spacing=0.3)
     above, below = field.evaluate([[0.8, 0, 0.6], [0.8, 0, -0.6]])
     np.testing.assert_allclose(above, [0, 1, 0], atol=1e-6)
     np.testing.assert_allclose(below, [0, -1, 0], atol=1e-6)
 
 
 def test_a_direction_at_a_point_is_kept_there() -> None:
-    field = vector_field(SPHERE, [([[1, 0, 0], [0, 1, 0]], [0, 0.3, 1.0]), ([0, 0, 1], [1, 0, 0])], spacing=0.2)
+    field = vector_field(SPHERE, [([[1, 0, 0], [0, 1, 0]], [0, 0.3, 1.0]), ([0, 0, 1], [1, 0, 0])], spacing=0.4)
     found = field.evaluate([[1.0, 0, 0], [0, 1, 0], [0, 0, 1]])
     exact = np.array([[0, 0.3, 1], [0, 0, 1], [1, 0, 0]])
     np.testing.assert_allclose(found, exact / np.linalg.norm(exact, axis=1, keepdims=True), atol=0.02)

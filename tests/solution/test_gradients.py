@@ -107,7 +107,7 @@ def test_gradients_and_fluxes_beside_a_boundary_belong_to_their_sides(sides, for
     exact = np.where((POINTS @ NORMAL > HEIGHT)[:, None], 2 * (POINTS @ NORMAL)[:, None], 1.0) * up
     errors, left, right, density = [], [], [], []
     # at 0.2 there is no room beside the boundary, so that it is read plainly
-    spacings = [0.15, 0.12, 0.1] if form == "galerkin" else [0.15, 0.1, 0.07]
+    spacings = [0.15, 0.12, 0.1] if form == "galerkin" else [0.15, 0.1, 0.07 if sides == "neumann" else 0.05]
     for h in spacings:
         solution = ck.solve(scene, h, form=form)
         errors.append(np.abs(solution.gradient(POINTS) - exact).max())

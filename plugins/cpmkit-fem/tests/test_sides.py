@@ -61,13 +61,13 @@ def scene(surface, left, right):
     [("dirichlet", "dirichlet"), ("neumann", "dirichlet"), ("robin", "neumann"), ("dirichlet", "robin")],
 )
 def test_second_order_with_another_condition_on_each_side(left, right):
-    spacings, errors = [0.2, 0.1, 0.05], []
+    spacings, errors = [0.2, 0.14, 0.1], []
     for spacing in spacings:
         solution = ck.solve(scene(ck.source("analytic.sphere"), left, right), spacing, backend="fem")
         errors.append(np.abs(solution.evaluate(POINTS) - exact(POINTS)).max())
         assert solution.warnings == ()
     assert 1.6 < order_of(spacings, errors) < 2.3
-    assert errors[-1] < 1.5e-3
+    assert errors[-1] < 6e-3
 
 
 def test_third_order_with_elements_of_degree_2():
