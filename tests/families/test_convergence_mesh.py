@@ -20,9 +20,9 @@ def error(rounds, spacing, closest="smooth"):
 
 def test_second_order_on_a_mesh_of_4098_vertices():
     assert len(octahedron(5)[0]) == 4098
-    errors = [error(5, h) for h in (0.2, 0.1, 0.067)]
-    assert errors[-1] <= 6e-4
-    assert order_of((0.2, 0.1, 0.067), errors) >= 1.8
+    errors = [error(5, h) for h in (0.3, 0.2, 0.14)]
+    assert errors[-1] <= 2e-4
+    assert order_of((0.3, 0.2, 0.14), errors) >= 1.8
 
 
 @pytest.mark.slow
@@ -33,8 +33,8 @@ def test_the_floor_of_a_coarse_mesh_falls_with_the_square_of_its_edges():
 
 
 def test_facets_have_a_floor_that_no_spacing_removes():
-    faceted = [error(4, h, "faceted") for h in (0.1, 0.05)]
-    assert min(faceted) > 10 * error(4, 0.05)
+    faceted = [error(4, h, "faceted") for h in (0.14, 0.07)]
+    assert min(faceted) > 10 * error(4, 0.07)
     assert faceted[1] > 0.3 * faceted[0]
 
 
@@ -52,6 +52,6 @@ def test_a_two_sided_curve_on_a_mesh(closest):
     points = sphere_points()
     north = points[:, 2] > 0.3 / np.sqrt(1.09) + 1e-3
     south = points[:, 2] < 0.3 / np.sqrt(1.09) - 1e-3
-    values = ck.solve(scene, 0.1, solver_tolerance=1e-10).evaluate(points)
+    values = ck.solve(scene, 0.15, solver_tolerance=1e-10).evaluate(points)
     np.testing.assert_allclose(values[north], 1.0, atol=1e-7)
     np.testing.assert_allclose(values[south], 5.0, atol=1e-7)

@@ -71,9 +71,9 @@ def test_caps(height, form):
 @dear_forms
 def test_both_sides_of_a_curve(form):
     scene = ck.Scene(SPHERE, ck.Eigen(count=10), [great_circle(both=ck.Steklov())])
-    spacings = (0.3, 0.25, 0.18)
+    spacings = (0.25, 0.18, 0.125) if form == "collocation" else (0.3, 0.25, 0.18)
     errors = errors_of(scene, [0, 0, 1, 1, 1, 1, 2, 2, 2, 2], spacings, form=form)
-    assert errors[-1] <= 1e-2
+    assert errors[-1] <= (5e-3 if form == "collocation" else 2e-4)
     assert order_of(spacings, errors) >= ORDERS[form]
 
 

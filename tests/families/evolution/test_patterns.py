@@ -49,7 +49,7 @@ def test_a_turned_sphere_grows_the_same_pattern_to_the_order_of_the_method():
     points = points_of_sphere(2000)
     off = []
     for spacing in SPACINGS:
-        here, turned = grown(spacing, np.eye(3), 30.0, 3.0), grown(spacing, TURN, 30.0, 3.0)
+        here, turned = grown(spacing, np.eye(3), 15.0, 3.0), grown(spacing, TURN, 15.0, 3.0)
         u = here.evaluate(points)[:, 0]
         off.append(np.sqrt(((turned.evaluate(points @ TURN.T)[:, 0] - u) ** 2).mean() / u.var()))
     assert off[-1] < 0.05
