@@ -111,7 +111,7 @@ def test_a_two_sided_cut_both_values_to_a_ply_of_the_own_vertices(monkeypatch, t
     meshio = pytest.importorskip("meshio")
     vertices, faces = ck.read_mesh(real_mesh("spot.obj"))
     save_line(ck.source("mesh.polyline", file=ROOT / "examples/curves/spot-belly.npy"), tmp_path / "line.csv")
-    solution = run("two_sided_cut", monkeypatch, tmp_path, 0.15)["solution"]
+    solution = run("two_sided_cut", monkeypatch, tmp_path, 0.25)["solution"]
     read = meshio.read(tmp_path / "both.ply")
     assert np.array_equal(read.cells_dict["triangle"], faces)
     assert np.abs(read.points - vertices).max() == 0
