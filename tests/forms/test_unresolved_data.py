@@ -50,7 +50,7 @@ def test_a_harmonic_of_the_sphere(form, degree, unresolved):
 @pytest.mark.parametrize("form", ["galerkin", "collocation"])
 def test_steps_and_small_ripples_are_not(form):
     for f in (lambda x: np.sign(x[:, 0] - 0.1), lambda x: 1 + 0.1 * np.sin(100 * x[:, 0]), lambda x: x[:, 0] * x[:, 1]):
-        assert not told(ck.solve(ck.Scene(SPHERE, ck.ScreenedPoisson(f)), 0.2, form=form))
+        assert not told(ck.solve(ck.Scene(SPHERE, ck.ScreenedPoisson(f)), 0.3, form=form))
 
 
 def wave(x):
@@ -59,14 +59,14 @@ def wave(x):
 
 @pytest.mark.parametrize("form", ["galerkin", "collocation"])
 def test_so_are_coefficients_and_data_of_conditions(form):
-    c = ck.solve(ck.Scene(SPHERE, ck.Elliptic("x", c=wave)), 0.2, form=form)
+    c = ck.solve(ck.Scene(SPHERE, ck.Elliptic("x", c=wave)), 0.3, form=form)
     assert told(c, "The factor c")
-    a = ck.solve(ck.Scene(SPHERE, ck.Elliptic("x", c=1.0, diffusivity=wave)), 0.2, form=form)
+    a = ck.solve(ck.Scene(SPHERE, ck.Elliptic("x", c=1.0, diffusivity=wave)), 0.3, form=form)
     assert told(a, "The diffusivity")
     ring = ck.Boundary("ring", ck.source("analytic.circle", normal=[0, 0, 1]), both=ck.Dirichlet(wave))
-    assert told(ck.solve(ck.Scene(SPHERE, ck.Laplace(), [ring]), 0.2, form=form), "The datum of boundary 'ring'")
+    assert told(ck.solve(ck.Scene(SPHERE, ck.Laplace(), [ring]), 0.3, form=form), "The datum of boundary 'ring'")
     slow = ck.Boundary("ring", ring.source, both=ck.Dirichlet(lambda x: np.sin(3 * x[:, 0])))
-    assert not told(ck.solve(ck.Scene(SPHERE, ck.Laplace(), [slow]), 0.2, form=form), "The datum of boundary 'ring'")
+    assert not told(ck.solve(ck.Scene(SPHERE, ck.Laplace(), [slow]), 0.3, form=form), "The datum of boundary 'ring'")
 
 
 def test_an_evolution_is_warned_of_its_load_too():

@@ -77,8 +77,8 @@ def test_flanks_of_a_tip_that_face_each_other_are_told_and_those_of_a_blunt_one_
 
 @pytest.mark.parametrize(("spacing", "told"), [(0.1, 1), (0.08, 0)])
 def test_a_short_ring_around_a_limb_is_told(spacing, told):
-    torus = ck.source("analytic.torus", major=1.0, minor=0.15)
-    around = ck.source("analytic.circle", center=[1, 0, 0], radius=0.15, normal=[0, 1, 0])
+    torus = ck.source("analytic.torus", major=0.5, minor=0.15)
+    around = ck.source("analytic.circle", center=[0.5, 0, 0], radius=0.15, normal=[0, 1, 0])
     solution = solved([ck.Boundary("ring", around, left=ONE, right=ZERO)], torus, spacing)
     found = [text for text in solution.warnings if "'ring' is a closed curve of 9.4 spacings around a limb" in text]
     assert len(found) == told

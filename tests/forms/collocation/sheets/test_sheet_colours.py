@@ -9,7 +9,7 @@ import cpmkit as ck
 @pytest.fixture(scope="module")
 def thin_ellipsoid():
     """A smooth mesh of the ellipsoid 1 : 1 : 0.1."""
-    points, cells = ck.source("analytic.sphere").mesh(0.08)
+    points, cells = ck.source("analytic.sphere").mesh(0.1)
     return ck.source("mesh.triangles", vertices=points * [1, 1, 0.1], faces=cells, closest="smooth")
 
 
@@ -27,9 +27,9 @@ def test_a_curve_around_a_thin_part_parts_both_sheets(thin_ellipsoid, normal):
     plane = ck.source("cut.plane", surface=thin_ellipsoid, point=[0.1, 0, 0], normal=list(normal))
     curve = ck.Boundary("curve", plane, left=ck.Dirichlet(1.0), right=ck.Dirichlet(0.0))
     scene = ck.Scene(thin_ellipsoid, ck.Laplace(), [curve])
-    assert parted(ck.solve(scene, 0.07, form="collocation"), normal) <= 1e-6
+    assert parted(ck.solve(scene, 0.09, form="collocation", solver="reference"), normal) <= 1e-6
     if normal == (1, 0.2, 2):
-        assert parted(ck.solve(scene, 0.07, sheets=False), normal) > 0.5
+        assert parted(ck.solve(scene, 0.09, sheets=False, solver="reference"), normal) > 0.5
 
 
 def discs(surface, height):

@@ -74,7 +74,7 @@ def cut_spiral(kind, gap):
         point = ck.source("analytic.point", at=spiral.at(angle))
         boundaries.append(ck.Boundary(f"cut {number}", point, **conditions(kind, *sides)))
     curve = ck.source("parametric.curve", x=[one.replace("u", "t") for one in spiral.x], range=[0, spiral.end])
-    angles = np.linspace(0, spiral.end, 3000)
+    angles = np.linspace(0, spiral.end, 1000)
     points = spiral.at(angles[np.abs(angles[:, None] - cuts).min(axis=1) > 1e-3])
     f = partial(u, amplitude=1 + k * k)
     return ck.Scene(curve, ck.ScreenedPoisson(f, c=1.0), boundaries), points, u(points)
@@ -89,12 +89,12 @@ def cut_spiral(kind, gap):
 )
 def test_cuts_of_a_spiral(kind, gap):
     """The turns draw nearer with the spacing; the error is that of a curve by itself, of second order."""
-    for h in (0.05, 0.035, 0.025):
+    for h in (0.07, 0.05, 0.035):
         assert max_error(*cut_spiral(kind, gap * h), h, form="collocation") <= 1e-3 * (h / 0.05) ** 2
 
 
 def test_plain_closest_points_mix_the_turns_of_a_cut_spiral():
-    for h in (0.05, 0.025):
+    for h in (0.07, 0.05):
         assert max_error(*cut_spiral("dirichlet", 2 * h), h, sheets=False) > 5
 
 

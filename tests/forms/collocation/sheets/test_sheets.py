@@ -11,7 +11,7 @@ from cpmkit.scenefile.look import Look
 from cpmkit.view.drawing import draw
 from cpmkit.view.shapes import DOT_CORNERS
 
-SPACINGS = (0.05, 0.025, 0.0125)
+SPACINGS = (0.05, 0.035, 0.025)
 
 
 @pytest.mark.parametrize("gap", [1, 2, 3, 5, 8, 10])
@@ -29,7 +29,7 @@ def test_two_circles(gap):
 @pytest.mark.parametrize("gap", [1.5, 2, 4])
 def test_a_spiral(gap):
     errors = [max_error(*spiral(gap * h), h, form="collocation") for h in SPACINGS]
-    assert errors[-1] <= 5e-5
+    assert errors[-1] <= 2e-4
     assert order_of(SPACINGS, errors) >= 1.6
 
 
@@ -91,7 +91,7 @@ def test_the_plain_method_mixes_sheets_and_can_be_asked_for(tmp_path):
 
 def test_a_cut_in_one_circle_is_not_seen_by_the_other():
     """Jumping data on the inner circle, two spacings away from the outer one; each side keeps its own."""
-    for h in (0.05, 0.025):
+    for h in (0.05, 0.035):
         scene, points, exact = circles(2 * h)
         cut = ck.source("analytic.point", at=[np.cos(0.7), np.sin(0.7)])
         at = np.sin(1.4)
