@@ -8,7 +8,7 @@ from sphere_zones import AXIS, CIRCLE, HEIGHT, SPHERE, Zone, sphere_points, unli
 
 import cpmkit as ck
 
-FINE = icosphere(4)
+FINE = icosphere(3)
 SIDES = {"left": ck.Dirichlet(1.0), "right": ck.Dirichlet(-1.0)}
 
 
@@ -58,15 +58,16 @@ def test_nothing_is_read_across(surface, curve):
     """Two constants, at 1e-4 to 1 spacing from the curve that parts them."""
     spacing = 0.2
     solution, rng = both(surface, curve, "galerkin", spacing), np.random.default_rng(0)
-    near = curve.closest_point(surface.closest_point(sphere_points(20000)).points)
-    rows = np.argsort(near.distance)[:4000]
-    feet, aside = near.points[rows], surface.closest_point(sphere_points(20000)).points[rows] - near.points[rows]
+    drawn = surface.closest_point(sphere_points(4000)).points
+    near = curve.closest_point(drawn)
+    rows = np.argsort(near.distance)[:800]
+    feet, aside = near.points[rows], drawn[rows] - near.points[rows]
     aside /= np.linalg.norm(aside, axis=1)[:, None]
-    at = surface.closest_point(feet + spacing * 10 ** rng.uniform(-4, 0, (4000, 1)) * aside).points
+    at = surface.closest_point(feet + spacing * 10 ** rng.uniform(-4, 0, (800, 1)) * aside).points
     signed = solution.signed_distance("C", at)
     clear = np.abs(signed) > 1e-3 * spacing
-    assert np.count_nonzero(clear & (signed > 0)) > 500
-    assert np.count_nonzero(clear & (signed < 0)) > 500
+    assert np.count_nonzero(clear & (signed > 0)) > 100
+    assert np.count_nonzero(clear & (signed < 0)) > 100
     np.testing.assert_allclose(solution.evaluate(at)[clear], np.sign(signed[clear]), atol=1e-6)
     np.testing.assert_allclose(solution.evaluate(feet, side="left"), 1.0, atol=1e-6)
     np.testing.assert_allclose(solution.evaluate(feet, side={"C": "right"}), -1.0, atol=1e-6)
@@ -95,7 +96,7 @@ POINT = ck.source("analytic.point", at=[1.0, 0])
     ],
 )
 def test_left_is_that_of_the_other_form(surface, curve):
-    at = surface.closest_point(np.random.default_rng(1).normal(size=(800, surface.dim))).points
+    at = surface.closest_point(np.random.default_rng(1).normal(size=(400, surface.dim))).points
     one, other = (both(surface, curve, form, problem=ck.ScreenedPoisson(0.0)) for form in ("galerkin", "collocation"))
     signed = one.signed_distance("C", at)
     told = other.signed_distance("C", at)  # of points near the curve alone
@@ -112,7 +113,7 @@ def test_fluxes_out_of_both_sides():
     radius = np.sqrt(1 - HEIGHT**2)
     on = HEIGHT * AXIS + radius * (np.cos(turns)[:, None] * plane[0] + np.sin(turns)[:, None] * plane[1])
     exact = {"left": -Zone("left", 1.0).leftward(on), "right": Zone("right", 1.0).leftward(on)}
-    spacings, found = [0.4, 0.2, 0.1], []
+    spacings, found = [0.4, 0.25, 0.15], []
     for spacing in spacings:
         solution = ck.solve(unlike("dirichlet", "neumann"), spacing, form="galerkin", solver="direct")
         off = [solution.flux_density("C", side, on) - slope for side, slope in exact.items()]

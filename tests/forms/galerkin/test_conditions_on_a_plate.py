@@ -25,10 +25,10 @@ def positive(solution):
 @pytest.mark.parametrize("materials", [(1, 1, 1, 1), (1, 1000, 1, 1000), (1, 10, 100, 1000)])
 def test_junctions(angles, materials):
     scene, value = junction(angles, materials[: len(angles)])
-    spacings = [0.2, 0.14, 0.1]
+    spacings = [0.28, 0.2, 0.14]
     found = [off(solved(scene, spacing), value)[1] for spacing in spacings]
     assert order_of(spacings, found) > 1.3
-    assert found[-1] < 1e-4
+    assert found[-1] < 2e-4
 
 
 @pytest.mark.parametrize("gap", [0.1, 1e-6])
@@ -52,13 +52,13 @@ def test_a_line_beside_a_rim(share):
     assert mean < 1.5e-4
 
 
-@pytest.mark.parametrize(("kind", "bound"), [("flux", 2e-3), ("value", 3.5e-3)])
+@pytest.mark.parametrize(("kind", "bound"), [("flux", 3e-3), ("value", 5e-3)])
 def test_slits(kind, bound):
     scene, value = slit(kind)
-    spacings = [0.2, 0.1, 0.05]
-    found = np.array([np.mean([off(solved(scene, h, k), value) for k in range(2)], axis=0) for h in spacings])
+    spacings = [0.28, 0.2, 0.14]
+    found = np.array([np.mean([off(solved(scene, h, k), value) for k in range(3)], axis=0) for h in spacings])
     assert order_of(spacings, found[:, 1]) > 0.9  # that of finite elements, whose spaces hold no square root either
-    assert found[1, 1] < bound
+    assert found[-1, 1] < bound
     assert order_of(spacings, found[:, 0]) > 0.45
 
 
@@ -70,6 +70,6 @@ def test_values_that_contradict_at_a_point():
         ck.Boundary(one.name, one.source, left=sides[k], right=sides[k - 1]) for k, one in enumerate(scene.boundaries)
     ]
     at = (0.3 * np.stack([np.cos(X + 0.8), np.sin(X + 0.8)], axis=1)) @ FRAME[:2]
-    fine = [solved(ck.Scene(scene.surface, ck.Laplace(), lines), h).evaluate(at) for h in (0.1, 0.05)]
+    fine = [solved(ck.Scene(scene.surface, ck.Laplace(), lines), h).evaluate(at) for h in (0.14, 0.07)]
     np.testing.assert_allclose(fine[0], [0, 1, 0, 1], atol=1e-3)
     np.testing.assert_allclose(fine[1], [0, 1, 0, 1], atol=1e-3)

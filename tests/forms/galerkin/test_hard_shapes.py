@@ -59,8 +59,8 @@ def test_a_turned_cube():
     at = rng.uniform(-half, half, (3000, 3))
     at[np.arange(3000), rng.integers(0, 3, 3000)] = half * rng.choice([-1, 1], 3000)
     at = at @ turned.T
-    worst = max(np.sqrt(np.mean((one.evaluate(at) - u(at)) ** 2)) for one in shifted(cube(half, turned), f, 0.1, 3))
-    assert worst / np.ptp(u(at)) < 1e-3
+    worst = max(np.sqrt(np.mean((one.evaluate(at) - u(at)) ** 2)) for one in shifted(cube(half, turned), f, 0.12, 2))
+    assert worst / np.ptp(u(at)) < 2e-3
 
 
 def lens(rings, sections):
@@ -96,25 +96,28 @@ def test_a_lens_against_a_fine_solution():
         assert np.sqrt(np.mean((one.evaluate(vertices) - fine) ** 2)) < 5e-4 * np.ptp(fine)
 
 
-def known_spheres():
+def ball_mesh():
     ball = icosphere(4)
-    return {
-        "closest points": Bare(SPHERE),
-        "mesh": ck.source("mesh.triangles", vertices=ball.vertices, faces=ball.cells, closest="smooth"),
-        "level set": ck.source("levelset.expression", phi="x**2 + y**2 + z**2 - 1", bounds=[[-1.3] * 3, [1.3] * 3]),
-        "map": ck.source("parametric.revolution", profile=["sin(t)", "cos(t)"], range=[0, np.pi]),
-        "points": ck.source("pointcloud.points", points=sphere_points(10_000, 5)),
-    }
+    return ck.source("mesh.triangles", vertices=ball.vertices, faces=ball.cells, closest="smooth")
 
 
-@pytest.mark.parametrize("way", known_spheres())
+KNOWN_SPHERES = {
+    "closest points": lambda: Bare(SPHERE),
+    "mesh": ball_mesh,
+    "level set": lambda: ck.source("levelset.expression", phi="x**2 + y**2 + z**2 - 1", bounds=[[-1.3] * 3, [1.3] * 3]),
+    "map": lambda: ck.source("parametric.revolution", profile=["sin(t)", "cos(t)"], range=[0, np.pi]),
+    "points": lambda: ck.source("pointcloud.points", points=sphere_points(5000, 5)),
+}
+
+
+@pytest.mark.parametrize("way", KNOWN_SPHERES)
 def test_a_sphere_however_it_is_known(way):
-    at = sphere_points(2000)
-    (solution,) = shifted(known_spheres()[way], lambda x: 7 * xy(x), 0.1, 1)
+    at = sphere_points(1000)
+    (solution,) = shifted(KNOWN_SPHERES[way](), lambda x: 7 * xy(x), 0.14, 1)
     off = solution.evaluate(at) - xy(at)
-    assert np.sqrt(np.mean(off**2)) < 5e-5
+    assert np.sqrt(np.mean(off**2)) < 1.2e-4
     # Of a mesh, few samples that straddle knot planes make the largest error: one point in a thousand is off by more.
-    assert np.abs(off).max() < (3e-4 if way == "mesh" else 1.5e-4)
+    assert np.abs(off).max() < (6e-4 if way == "mesh" else 4e-4)
 
 
 TAMARIND = ck.source(
@@ -147,9 +150,9 @@ def tamarind_error(spacing):
 
 
 def test_the_tamarind():
-    unknowns, error = tamarind_error(0.1)
-    assert unknowns < 7500
-    assert error < 1e-3  # elements of the first order on cut cells have 1.7e-3 with 196,848
+    unknowns, error = tamarind_error(0.16)
+    assert unknowns < 3000
+    assert error < 3e-3
 
 
 @pytest.mark.slow
@@ -157,6 +160,9 @@ def test_the_tamarinds_order():
     spacings = [0.14, 0.1, 0.07]
     errors = [tamarind_error(spacing)[1] for spacing in spacings]
     assert order_of(spacings, errors) > 1.8
+    unknowns, error = tamarind_error(0.1)
+    assert unknowns < 7500
+    assert error < 1e-3  # elements of the first order on cut cells have 1.7e-3 with 196,848
     unknowns, error = tamarind_error(0.05)
     assert unknowns < 30_000
     assert error < 2e-4
@@ -191,7 +197,7 @@ def test_curves_in_space(source, place, end):
     def u(points):
         return np.cos(wave * way[tree.query(points)[1]])
 
-    for one in shifted(source, lambda x: (1 + wave**2) * u(x), 0.05, 4):
+    for one in shifted(source, lambda x: (1 + wave**2) * u(x), 0.05, 2):
         assert np.abs(one.evaluate(x[::20]) - u(x[::20])).max() / 2 < 1e-5
 
 
@@ -213,7 +219,7 @@ def test_three_arcs_that_meet_in_space():
     s = np.linspace(0, np.pi / 2, 200)[:, None]
     at = np.concatenate([np.sin(s) * way + np.cos(s) * [0, 0, 1] for way in np.array(ways)])
     union, edge = ck.source("union", members=arcs), ck.Dirichlet(u)
-    for one in shifted(union, lambda x: 2 * u(x), 0.05, 10, edge=edge):
+    for one in shifted(union, lambda x: 2 * u(x), 0.05, 3, edge=edge):
         off = (one.evaluate(at) - u(at)) / np.ptp(u(at))
         assert np.sqrt(np.mean(off**2)) < 3e-4
         assert np.abs(off).max() < 1e-3  # at the junction no smooth function has three such slopes

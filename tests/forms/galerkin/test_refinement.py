@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.sparse.linalg import splu
 
 import cpmkit as ck
 from cpmkit.errors import InputError, SceneError
@@ -55,7 +56,7 @@ def in_a_cap(points, level):
 def solved(form):
     stiffness = form.stiffness(form.scene.problem.terms())
     b = form.load(form.scene.problem.terms().f) + form.data(stiffness)
-    return np.linalg.solve(stiffness.to_csr().toarray(), b)
+    return splu(stiffness.to_csr().tocsc()).solve(b)
 
 
 @pytest.fixture(scope="module")
@@ -101,7 +102,7 @@ def test_linear_functions_are_kept(cap):
 def test_matrices_are_symmetric_and_positive(cap):
     matrix = cap.stiffness(SMOOTH.terms()).to_csr()
     assert abs(matrix - matrix.T).max() == 0
-    assert np.linalg.eigvalsh(matrix.toarray())[0] > 1e-6
+    np.linalg.cholesky(matrix.toarray() - 1e-6 * np.eye(matrix.shape[0]))  # fails unless all eigenvalues are larger
 
 
 def test_capped_spaces_lie_in_finer_ones(cap):
@@ -240,7 +241,7 @@ def test_a_moved_scene_gives_the_same_answer_to_the_error():
     errors = []
     for shift in (0.0, 0.31):
         scene, u = spike(width=0.08)
-        found = ck.solve(scene, 0.25, refine="auto", refine_levels=2, origin=np.full(3, shift * 0.25))
+        found = ck.solve(scene, 0.25, refine="auto", refine_levels=2, origin=np.full(3, shift * 0.25), estimate=False)
         errors.append(error_of(found, u))
     assert max(errors) < 3 * min(errors)
 
@@ -264,8 +265,8 @@ def test_an_organic_mesh_is_left_alone():
 
 
 def test_a_refined_solution_estimates_its_error_and_is_saved(tmp_path):
-    scene, u = spike(width=0.1)
-    solution = ck.solve(scene, 0.2, refine="auto", refine_levels=2)
+    scene, u = spike(width=0.15)
+    solution = ck.solve(scene, 0.3, refine="auto", refine_levels=2)
     assert len(solution.discretized.level_sizes) > 1
     x = on_sphere(2000)
     true = np.abs(solution.evaluate(x) - u(x)).max()

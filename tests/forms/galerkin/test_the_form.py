@@ -36,12 +36,12 @@ def error(solution, exact, at):
 
 
 def test_order_on_a_sphere():
-    at, spacings, errors = points(), [0.4, 0.2, 0.1], []
+    at, spacings, errors = points(), [0.4, 0.25, 0.15], []
     for spacing in spacings:
         shifts = np.random.default_rng(1).uniform(0, spacing, (2, 3))
         errors.append(np.mean([error(solve(SCREENED, spacing, origin=shift), xy, at) for shift in shifts]))
     assert order_of(spacings, errors) > 2.7
-    assert errors[-1] < 2.5e-5  # by the closest point method 4.5e-4
+    assert errors[-1] < 8e-5  # by the closest point method 1e-3
 
 
 def test_order_on_a_circle_cut_at_a_point():
@@ -57,7 +57,7 @@ def test_order_on_a_circle_cut_at_a_point():
 
 def test_values_on_both_sides_of_an_equator():
     both = [ck.Boundary("eq", EQUATOR, left=ck.Dirichlet(lambda x: x[:, 0]), right=ck.Dirichlet(2.0))]
-    at, spacings, errors = points(), [0.4, 0.2, 0.1], []
+    at, spacings, errors = points(), [0.4, 0.25, 0.15], []
     for spacing in spacings:
         solution = solve(ck.Scene(SPHERE, ck.Laplace(), both), spacing)
         left = solution.signed_distance("eq", at) > 0
@@ -65,7 +65,7 @@ def test_values_on_both_sides_of_an_equator():
         clear = np.abs(at[:, 2]) > 1e-3 * spacing
         errors.append(np.sqrt(np.mean((solution.evaluate(at) - exact)[clear] ** 2)))
     assert order_of(spacings, errors) > 2.6
-    assert errors[-1] < 1e-5
+    assert errors[-1] < 3e-5
     assert pieces(solution.discretized.space.parting)[0] == 2
     on = np.array([[0.6, 0.8, 0.0], [-1.0, 0.0, 0.0]])
     np.testing.assert_allclose(solution.evaluate(on), on[:, 0], atol=2e-3)
@@ -74,17 +74,17 @@ def test_values_on_both_sides_of_an_equator():
 
 
 def test_order_beside_rims_and_curves():
-    """Order 3 to h = 0.05, where samples that straddle knot planes would be what is left."""
+    """Order 3, where samples that straddle knot planes would be what is left."""
     rim = ck.Scene(ck.source("analytic.cap", height=0.0), SCREENED.problem, edge=ck.Dirichlet(xy))
     ring = ck.source("analytic.circle", center=[0, 0, 0.3], radius=np.sqrt(1 - 0.09), normal=[0, 0, 1])
     above = lambda x: np.where(x[:, 2] > 0.3, xy(x), 0.0)  # noqa: E731
     unlike = [ck.Boundary("ring", ring, left=ck.Dirichlet(xy), right=ck.Dirichlet(0.0))]
     curve = ck.Scene(SPHERE, ck.ScreenedPoisson(lambda x: 7 * above(x)), unlike)
-    at, spacings = points(), [0.2, 0.1, 0.05]
+    at, spacings = points(), [0.2, 0.12, 0.07]
     for scene, exact, seen in ((rim, xy, at[at[:, 2] > 0]), (curve, above, at)):
         errors = [error(solve(scene, spacing, solver="auto"), exact, seen) for spacing in spacings]
         assert order_of(spacings, errors) > 2.7
-        assert errors[-1] < 4e-6
+        assert errors[-1] < 1.1e-5
 
 
 def test_a_constant_is_kept_and_the_mean_is_free():
@@ -101,7 +101,7 @@ def test_a_coefficient_that_varies():
     """-div(a grad u) = f with a = 1 + z / 2 and u = z: f = 2 a z - (1 - z^2) / 2."""
     a = lambda x: 1 + 0.5 * x[:, 2]  # noqa: E731
     f = lambda x: 2 * a(x) * x[:, 2] - 0.5 * (1 - x[:, 2] ** 2) + x[:, 2]  # noqa: E731
-    at, spacings, errors = points(), [0.4, 0.2, 0.1], []
+    at, spacings, errors = points(), [0.4, 0.25, 0.15], []
     for spacing in spacings:
         solution = solve(ck.Scene(SPHERE, ck.Elliptic(f, diffusivity=a, c=1.0)), spacing)
         errors.append(error(solution, lambda x: x[:, 2], at))
@@ -120,13 +120,13 @@ def test_a_scene_that_is_moved_and_scaled_has_the_same_solution(scale):
 
 
 def test_gradients_and_integrals():
-    at, spacings, errors = points(300), [0.4, 0.2, 0.1], []
+    at, spacings, errors = points(300), [0.4, 0.25, 0.15], []
     exact = np.stack([at[:, 1], at[:, 0], 0 * at[:, 0]], axis=1) - 2 * xy(at)[:, None] * at
     for spacing in spacings:
         solution = solve(SCREENED, spacing)
         errors.append(np.sqrt(np.mean((solution.gradient(at) - exact) ** 2)))
     assert order_of(spacings, errors) > 2.7
-    assert errors[-1] < 1e-4
+    assert errors[-1] < 3e-4
     assert solution.integrate(lambda x, u: u**2) == pytest.approx(4 * np.pi / 15, rel=1e-3)
 
 
@@ -153,8 +153,8 @@ def test_one_preparation_serves_many_equations():
 
 
 def test_a_forecast_is_right_to_a_fifth():
-    told = ck.explain(SCREENED, 0.03, form="galerkin", rehearse=True)
-    work = solve(SCREENED, 0.03, solver="auto").work
+    told = ck.explain(SCREENED, 0.04, form="galerkin", rehearse=True)
+    work = solve(SCREENED, 0.04, solver="auto").work
     assert not told.exact
     assert told.unknowns == pytest.approx(work.unknowns, rel=0.2)
     assert told.closest_point_queries == pytest.approx(work.closest_point_queries, rel=0.2)

@@ -8,7 +8,7 @@ from plane_zones import FRAME, PLATE, POINTS, flat, off, segment, slit, solved
 
 import cpmkit as ck
 
-SPACINGS = [0.2, 0.14, 0.1]
+SPACINGS = [0.28, 0.2, 0.14]
 
 
 def errors(scene, value, spacings, at=POINTS, **options):
@@ -19,9 +19,10 @@ def errors(scene, value, spacings, at=POINTS, **options):
 @pytest.mark.parametrize(("kind", "bound"), [("flux", 5e-5), ("value", 1.2e-4)])
 def test_a_slit_to_the_rim(kind, bound):
     scene, value = slit(kind)
-    largest, mean = errors(scene, value, SPACINGS)
-    assert order_of(SPACINGS, mean) > 2
-    assert order_of(SPACINGS, largest) > 1.5
+    spacings = [0.2, 0.14, 0.1]
+    largest, mean = errors(scene, value, spacings)
+    assert order_of(spacings, mean) > 2
+    assert order_of(spacings, largest) > 1.5
     assert mean[-1] < bound
 
 
@@ -48,7 +49,7 @@ def test_rows_read_the_gradient_of_roots(spacings):
         found = np.stack([rows @ u[:, 0] for rows in form.gradient_rows(at)], axis=1)
         assert found == pytest.approx(form.gradient(u, at)[:, 0], abs=1e-9)
         errors.append(np.sqrt(np.mean((found - exact) ** 2)))
-    assert errors[-1] < (2e-3 if len(spacings) > 1 else 2e-2)
+    assert errors[-1] < (4e-3 if len(spacings) > 1 else 4e-2)
     assert len(spacings) == 1 or order_of(spacings, errors) > 1.5
 
 
@@ -88,7 +89,7 @@ def test_an_arc_on_a_sphere(kind):
         error = u - shift - about_its_mean(at)
         found.append(np.sqrt(np.mean(error**2)) / np.ptp(value(at)))
     assert order_of(SPACINGS, found) > 2.5
-    assert found[-1] < 1.5e-4
+    assert found[-1] < 4e-4
 
 
 def test_gradients_beside_an_end():
@@ -103,7 +104,7 @@ def test_gradients_beside_an_end():
         error = solution.gradient(at @ FRAME[:2]).reshape(-1, 3) @ FRAME[:2].T - exact
         found.append(np.sqrt(np.mean(np.sum(error**2, axis=1))))
     assert order_of(SPACINGS, found) > 1.8
-    assert found[-1] < 2.5e-3
+    assert found[-1] < 5e-3
 
 
 def test_an_end_too_near_to_the_rim_is_told():
@@ -124,9 +125,9 @@ def test_two_ends_inside(condition):
     scene = ck.Scene(
         PLATE, ck.Poisson(lambda x: flat(x)[:, 0]), [ck.Boundary("slit", segment([-0.4, 0.1], [0.3, 0.2]), **condition)]
     )
-    fine = solved(scene, 0.05, tips="singular", solver="multigrid").evaluate(POINTS)
+    fine = solved(scene, 0.07, tips="singular", solver="multigrid").evaluate(POINTS)
     off_fine = {
-        tips: np.sqrt(np.mean((solved(scene, 0.1, tips=tips).evaluate(POINTS) - fine) ** 2))
+        tips: np.sqrt(np.mean((solved(scene, 0.14, tips=tips).evaluate(POINTS) - fine) ** 2))
         for tips in ("extended", "singular")
     }
     assert off_fine["singular"] < 0.4 * off_fine["extended"]
@@ -136,7 +137,7 @@ def test_a_slit_that_passes_everything_leaves_no_trace():
     """Where u and its flux go on across, there is nothing singular at the ends."""
     line = ck.Boundary("line", segment([-0.4, 0.1], [0.3, 0.2]), across=ck.Transmission())
     scene = ck.Scene(PLATE, ck.ScreenedPoisson(1.0), [line])
-    solution = solved(scene, 0.1, tips="singular")
+    solution = solved(scene, 0.14, tips="singular")
     assert not solution.discretized.sampled.singular
     np.testing.assert_allclose(solution.evaluate(POINTS), 1.0, atol=1e-9)
 

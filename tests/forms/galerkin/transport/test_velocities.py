@@ -60,14 +60,14 @@ def error(problem, h):
     return np.abs(on_sphere(h).solve(problem=problem).evaluate(sphere_points()) - u(sphere_points())).max()
 
 
-SPACINGS = (0.3, 0.2, 0.1333)
+SPACINGS = (0.4, 0.28, 0.2)
 
 
 @pytest.mark.parametrize("cell_number", [0.1, 1, 10, 100])
 def test_a_smooth_solution_at_every_cell_number(cell_number):
     """The speed grows as the spacing falls, so that the cell number stays."""
     errors = [error(carried(cell_number / h), h) for h in SPACINGS]
-    assert errors[-1] <= 4e-4
+    assert errors[-1] <= 1.2e-3
     assert order_of(SPACINGS, errors) >= 2.2
 
 
@@ -88,7 +88,7 @@ def test_a_diffusivity_that_varies_is_felt_beyond_a_cell_number_of_one():
         return -a(x) * laplacian(x) + np.sum((v(x) - of_a) * slope(x), axis=1) + u(x)
 
     errors = [error(ck.Elliptic(f, diffusivity=a, velocity=v, c=1.0), h) for h in SPACINGS]
-    assert errors[-1] <= 4e-4
+    assert errors[-1] <= 1.2e-3
     assert order_of(SPACINGS, errors) >= 2.2
 
 
@@ -153,7 +153,7 @@ def test_the_conservative_form_is_the_other_one_with_its_divergence_in_c():
     for conservative, c in forms.items():
         problem = ck.Elliptic(f, velocity=v, c=c, conservative=conservative)
         errors = [error(problem, h) for h in SPACINGS]
-        assert errors[-1] <= 8e-4
+        assert errors[-1] <= 2.4e-3
         assert order_of(SPACINGS, errors) >= 2.0
 
 
@@ -189,10 +189,10 @@ def test_heat_that_a_velocity_carries_is_of_second_order_in_time_and_place():
 def test_the_iteration_agrees_with_the_factorisation_at_every_cell_number():
     """Also where constants are free, and with two channels."""
     for cell_number, c in ((1, 1.0), (100, 0.0)):
-        v = about_an_axis(cell_number / 0.15)
+        v = about_an_axis(cell_number / 0.2)
         f = [lambda x: x[:, 0] * x[:, 1], lambda x: x[:, 2]]
         scene = ck.Scene(SPHERE, ck.Elliptic(f, velocity=v, c=c))
-        by = {name: ck.solve(scene, 0.15, solver=name) for name in ("direct", "multigrid")}
+        by = {name: ck.solve(scene, 0.2, solver=name) for name in ("direct", "multigrid")}
         assert 0 < by["multigrid"].report.iterations <= 30
         assert np.abs(by["multigrid"].values - by["direct"].values).max() <= 1e-7 * np.abs(by["direct"].values).max()
 
