@@ -25,7 +25,7 @@ def test_eigenvalues_of_a_palm(thickness, share):
     vertices, faces = palm()
     source = ck.source("mesh.triangles", vertices=vertices, faces=faces, closest="faceted")
     spacing, errors = 2 * FINGER_RADIUS / thickness, []
-    for shift in np.random.default_rng(0).uniform(0, spacing, (4, 3)):
+    for shift in np.random.default_rng(0).uniform(0, spacing, (2, 3)):
         found = lowest(source, spacing, 5, origin=shift)
         assert found[0] == pytest.approx(0, abs=1e-8)
         errors.append(found[1:] / PALM - 1)
@@ -87,16 +87,16 @@ def test_an_arc_does_not_feel_its_other_end_over_a_gap():
 def test_a_sphere_does_not_feel_its_other_side_over_a_slit():
     """A zone of the sphere, slit along a meridian two spacings wide: u is linear in the longitude."""
     spacing = 0.1
-    turn = {"u": [spacing, 2 * np.pi - spacing], "v": [-0.6, 0.6]}
+    turn = {"u": [spacing, 2 * np.pi - spacing], "v": [-0.3, 0.3]}
     zone = ck.source("parametric.surface", x=["cos(u)*cos(v)", "sin(u)*cos(v)", "sin(v)"], **turn)
 
     def exact(x):
         return 1 - (np.arctan2(x[:, 1], x[:, 0]) % (2 * np.pi) - spacing) / (np.pi - spacing)
 
     rng = np.random.default_rng(0)
-    u, v = rng.uniform(*turn["u"], 2000), rng.uniform(*turn["v"], 2000)
+    u, v = rng.uniform(*turn["u"], 500), rng.uniform(*turn["v"], 500)
     at = np.stack([np.cos(u) * np.cos(v), np.sin(u) * np.cos(v), np.sin(v)], axis=1)
-    for shift in rng.uniform(0, spacing, (3, 3)):
+    for shift in rng.uniform(0, spacing, (2, 3)):
         scene = ck.Scene(zone, ck.Laplace(), edge=ck.Dirichlet(exact))
         found = ck.solve(scene, spacing, form="galerkin", solver="direct", origin=shift).evaluate(at)
         np.testing.assert_allclose(found, exact(at), atol=1e-3)

@@ -62,7 +62,7 @@ def test_pieces_are_integrated_from_within(taken, degree):
 def test_each_cell_holds_as_much_as_lies_in_it():
     """The area in each lattice cell, counted by a fine grid of points on the triangle."""
     clipped = samples_of(TRIANGLE, SPACING)
-    n = 1200
+    n = 800
     i, j = (x.ravel() for x in np.indices((n, n)))
     up, down = i + j < n, i + j < n - 1
     r = np.concatenate([(i[up] + 1 / 3) / n, (i[down] + 2 / 3) / n])
@@ -71,8 +71,8 @@ def test_each_cell_holds_as_much_as_lies_in_it():
     fine = a + np.outer(r, b - a) + np.outer(s, c - a)
     area = 0.5 * np.linalg.norm(np.cross(b - a, c - a))
     cells = lambda x: np.floor(x / SPACING + 0.5).astype(int) @ [10000, 100, 1]  # noqa: E731
-    for cell in np.unique(cells(fine)):
-        counted = (cells(fine) == cell).mean() * area
+    for cell, count in zip(*np.unique(cells(fine), return_counts=True), strict=True):
+        counted = count / len(fine) * area
         held = clipped.weights[cells(clipped.points) == cell].sum()
         assert held == pytest.approx(counted, abs=2e-3 * SPACING**2)
 
@@ -207,7 +207,7 @@ def test_large_flat_triangles_cost_fewer_samples_than_small_whole_ones_and_leave
     scene = ck.Scene(square, ck.ScreenedPoisson(lambda x: (1 + 2 * np.pi**2) * u(x)))
     points = np.column_stack([np.random.default_rng(0).uniform(0, 1, (500, 2)), np.zeros(500)])
     rms, counted = {"plain": [], "auto": []}, {}
-    for spacing in (0.16, 0.08, 0.04):
+    for spacing in (0.16, 0.11, 0.08):
         for samples, errors in rms.items():
             found = []
             for k in range(4):
@@ -218,4 +218,4 @@ def test_large_flat_triangles_cost_fewer_samples_than_small_whole_ones_and_leave
             counted[samples] = len(solution.discretized.sampled.samples)
         assert counted["auto"] < counted["plain"]
     assert np.all(np.array(rms["auto"]) <= 1.1 * np.array(rms["plain"]))
-    assert np.log2(rms["auto"][0] / rms["auto"][2]) / 2 > 1.5
+    assert np.log2(rms["auto"][0] / rms["auto"][2]) > 1.5

@@ -54,7 +54,7 @@ def test_curved_triangles_much_smaller_than_a_spacing_have_one_sample_and_cost_n
     for limit in (0.0, CURVED_SINGLE_MOMENT):
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(facets, "CURVED_SINGLE_MOMENT", limit)
-            found = [ck.solve(scene, 0.45, form="galerkin", origin=[x, 0.1, 0.2]) for x in (0.0, 0.13, 0.29)]
+            found = [ck.solve(scene, 0.45, form="galerkin", origin=[x, 0.1, 0.2]) for x in (0.0, 0.13)]
         errors.append(np.sqrt(np.mean([(one.evaluate(at) - at.prod(axis=1)) ** 2 for one in found])))
         samples.append(found[0].work.samples)
     assert errors[1] < 1.01 * errors[0]
@@ -70,7 +70,7 @@ def test_triangles_that_touch_a_boundary_have_all_samples():
 
 
 def test_facets_cost_two_thirds_of_the_samples_and_no_accuracy():
-    """The facets' own solution is that on a third of the spacing, all samples taken."""
+    """The facets' own solution is that on half of the spacing, all samples taken."""
     surface = ck.source("mesh.triangles", vertices=BALL.vertices, faces=BALL.faces, closest="faceted")
     scene, spacing, at = ck.Scene(surface, ck.ScreenedPoisson("x*y + z**3")), 0.18, BALL.vertices
     origins = [np.zeros(3), np.array([0.06, 0.03, 0.01])]
@@ -80,7 +80,7 @@ def test_facets_cost_two_thirds_of_the_samples_and_no_accuracy():
             "cpmkit.forms.galerkin.samples.quadrature.single_moments", lambda one, _spacing: np.zeros(len(one.cells))
         )
         every = [ck.solve(scene, spacing, form="galerkin", origin=origin) for origin in origins]
-        fine = ck.solve(scene, spacing / 3, form="galerkin").evaluate(at)
+        fine = ck.solve(scene, spacing / 2, form="galerkin").evaluate(at)
     assert sum(one.work.samples for one in fewer) < 0.67 * sum(one.work.samples for one in every)
     off = [np.sqrt(np.mean([(one.evaluate(at) - fine) ** 2 for one in each])) for each in (fewer, every)]
     assert off[0] < 1.06 * off[1]

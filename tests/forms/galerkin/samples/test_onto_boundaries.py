@@ -73,7 +73,7 @@ def test_fluxes_through_rings_add_up():
         ck.Boundary(name, ring, both=ck.Dirichlet(value))
         for name, ring, value in zip("ab", rings, (1.0, 0.0), strict=True)
     ]
-    exact, spacings, found = 2 * np.pi / (np.arctanh(0.5) + np.arctanh(0.4)), [0.2, 0.14, 0.1], []
+    exact, spacings, found = 2 * np.pi / (np.arctanh(0.5) + np.arctanh(0.4)), [0.28, 0.2, 0.14], []
     for spacing in spacings:
         solution = ck.solve(ck.Scene(SPHERE, ck.Laplace(), sides), spacing, form="galerkin", solver="direct")
         fluxes = [solution.flux(name, side) for name in "ab" for side in ("left", "right")]
@@ -81,7 +81,7 @@ def test_fluxes_through_rings_add_up():
         assert abs(fluxes[0]) < 1e-11  # u is constant above
         found.append(abs(fluxes[1] / exact - 1))
     assert order_of(spacings, found) > 3.5
-    assert found[-1] < 1e-6
+    assert found[-1] < 4e-6
 
 
 def test_chords_of_boundaries_are_flipped():
@@ -107,7 +107,7 @@ def test_each_side_of_a_ring_has_its_area():
     places += [(spacing, generator.uniform(0, spacing, 3)) for spacing in generator.uniform(0.1, 0.2, 20)]
     ring = circle(height * axis, axis, np.sqrt(1 - height**2))
     scene = ck.Scene(SPHERE, ck.Laplace(), [ck.Boundary("ring", ring, both=ck.Dirichlet(1.0))])
-    for spacing, origin in places:
+    for spacing, origin in places[:8]:
         one = ck.discretize(scene, spacing, form="galerkin", origin=origin)
         at, weights = one.some_points(np.arange(one.point_count)), one.point_weights
         assert weights[at @ axis > height].sum() / weights.sum() == pytest.approx(
