@@ -55,7 +55,7 @@ def solved(scene, spacing, **options):
 @pytest.mark.parametrize("case", FIT, ids=str)
 def test_constants_symmetry_measure(case):
     source = source_of(case)
-    spacing, scene = scene_of(source, 8)
+    spacing, scene = scene_of(source, 6)
     solution = solved(scene, spacing)
     form = solution.discretized
     np.testing.assert_allclose(form.at_points(solution.values), 2.0, rtol=1e-9)

@@ -35,7 +35,7 @@ def test_of_curves_too(dim):
     assert 0 < rms[0] < largest[0] < 0.1
 
 
-@pytest.mark.parametrize("spacing", [0.3, 0.2, 0.1])
+@pytest.mark.parametrize("spacing", [0.3, 0.2, 0.15])
 def test_it_is_within_a_few_times_the_error(spacing):
     for seed in range(4):
         origin = np.random.default_rng(seed).uniform(0, spacing, 3)
@@ -66,7 +66,7 @@ def test_a_peak_that_is_not_resolved_is_told(width, unresolved):
 def test_colours_that_jump_at_curves_are_no_peaks():
     ring = ck.source("analytic.circle", radius=0.8, center=[0, 0, 0.6])
     jump = ck.Boundary("ring", ring, left=ck.Dirichlet(0.0), right=ck.Dirichlet(lambda x: 1 + x[:, 0]))
-    solution = ck.solve(ck.Scene(SPHERE, ck.Laplace(), [jump]), 0.05, form="galerkin", estimate=False)
+    solution = ck.solve(ck.Scene(SPHERE, ck.Laplace(), [jump]), 0.07, form="galerkin", estimate=False)
     assert not solution.discretized.expected_error(solution.values).unresolved
 
 

@@ -95,13 +95,13 @@ def ring_problem(kind):
 
 @pytest.mark.parametrize("kind", ["dirichlet", "neumann", "transmission"])
 def test_the_order_beside_conditions(kind):
-    spacings, errors = (0.4, 0.3, 0.2), []
+    spacings, errors = (0.5, 0.36, 0.25), []
     problem, boundaries, u, _ = ring_problem(kind)
     for spacing in spacings:
         off = solved(problem, spacing, boundaries).evaluate(POINTS) - u(POINTS)
         errors.append(np.sqrt(np.mean(off**2)) / np.ptp(u(POINTS)))
     assert order_of(spacings, errors) > 2
-    assert errors[-1] < 3e-4
+    assert errors[-1] < 6e-4
 
 
 @pytest.mark.slow
@@ -138,7 +138,7 @@ def test_the_order_on_a_torus_with_a_tensor_that_varies():
 
 def test_a_rim_with_the_slanted_derivative():
     """A cap of the sphere with Neumann data on its rim: the flux that is read is the one that was given."""
-    spacings, errors = (0.3, 0.2, 0.133), []
+    spacings, errors = (0.4, 0.28, 0.2), []
     u, right, flux = tensor_on_sphere(MATRIX, np.array([0.3, 1.0, -0.5]))
     cap = ck.source("analytic.cap")
     points = POINTS[POINTS[:, 2] > 0.02]
@@ -149,7 +149,7 @@ def test_a_rim_with_the_slanted_derivative():
     assert order_of(spacings, errors) > 2
     angle = 2 * np.pi * np.arange(400) / 400
     rim = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
-    assert solution.flux("edge") == pytest.approx(2 * np.pi * slanted(flux, 1)(rim).mean(), abs=1e-6)
+    assert solution.flux("edge") == pytest.approx(2 * np.pi * slanted(flux, 1)(rim).mean(), abs=1e-5)
     assert solved(problem, 0.3, surface=cap).flux("edge") == 0.0
 
 
@@ -180,7 +180,7 @@ def test_iterations_do_not_grow_with_the_ratio_to_a_hundred():
     e = np.array([1, 0.7, 0.3]) / np.linalg.norm([1, 0.7, 0.3])
     for ratio, most in ((100, 28), (1000, 60)):
         tensor = np.eye(3) + (ratio - 1) * np.outer(e, e)
-        solution = solved(ck.Elliptic(lambda x: x[:, 0] * x[:, 1], diffusivity=tensor), 0.15, solver="multigrid")
+        solution = solved(ck.Elliptic(lambda x: x[:, 0] * x[:, 1], diffusivity=tensor), 0.2, solver="multigrid")
         assert solution.report.iterations <= most
 
 
@@ -220,7 +220,7 @@ def test_layers_along_the_direction_that_conducts_worst_are_warned_of_and_estima
     along = np.array([1.0, 0.7, 0.3]) / np.linalg.norm([1.0, 0.7, 0.3])
     tensor = np.eye(3) + (poor - 1.0) * np.outer(along, along)
     scene = ck.Scene(SPHERE, ck.Elliptic("x", diffusivity=tensor, c=1.0))
-    fine = ck.solve(scene, 0.08).evaluate(at)
+    fine = ck.solve(scene, 0.1, estimate=False).evaluate(at)
     solution = ck.solve(scene, 0.2)
     off = np.abs(solution.evaluate(at) - fine) / np.ptp(fine)
     assert 0.4 < solution.error.largest[0] / off.max() < 3

@@ -30,13 +30,13 @@ def coordinate_errors(space, factor, strength):
 
 @pytest.mark.parametrize("name", ["default", "accurate"])
 def test_a_screened_poisson_problem_on_the_sphere(name):
-    spacings = (0.4, 0.2, 0.1)
+    spacings = (0.3, 0.2, 0.13)
     # Samples this dense sum what is inside a cell exactly enough: the splines' own order shows.
     dense = [coordinate_errors(sphere(0.2 * h).moved(SHIFT).space(h), 3.0, STRENGTHS[name])[1] for h in spacings]
     assert order(spacings, dense) > 2.5
-    largest, rms = coordinate_errors(sphere(0.05).moved(SHIFT).space(0.1), 3.0, STRENGTHS[name])
-    assert rms < 8e-5
-    assert largest < 6e-4
+    largest, rms = coordinate_errors(sphere(0.08).moved(SHIFT).space(0.16), 3.0, STRENGTHS[name])
+    assert rms < 2e-4
+    assert largest < 1.2e-3
 
 
 @pytest.mark.parametrize("circle", [plane_circle, space_circle])
@@ -57,11 +57,11 @@ def eigenvalue_errors(drawn, h, exact):
 
 def test_eigenvalues_of_the_sphere():
     exact = np.concatenate([np.full(2 * k + 1, k * (k + 1.0)) for k in range(4)])
-    spacings = (0.4, 0.2, 0.1)
+    spacings = (0.4, 0.25, 0.16)
     errors = np.array([eigenvalue_errors(sphere(0.5 * h).moved(SHIFT), h, exact) for h in spacings])
     assert order(spacings, errors[:, -1]) > 2.5
-    assert errors[-1, :3].max() < 3e-5
-    assert errors[-1, -1] < 1e-4
+    assert errors[-1, :3].max() < 2e-4
+    assert errors[-1, -1] < 6e-4
 
 
 @pytest.mark.parametrize("circle", [plane_circle, space_circle])
