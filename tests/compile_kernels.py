@@ -17,11 +17,16 @@ POINT = [[0.0, 0.0, 1.0]]
 
 
 def galerkin() -> None:
-    """Solve on a surface with a curve by multigrid, read the solution, solve on a curve and a mesh, and measure."""
+    """Solve on surfaces with a curve, by other degrees, with a velocity, on a curve and a mesh; read, and measure."""
     solution = ck.solve(ck.Scene(SPHERE, SOURCE, [CUT]), 0.06, form="galerkin", solver="multigrid")
     solution.evaluate(POINT)
     solution.gradient(POINT)
     ck.solve(ck.Scene(ck.source("analytic.circle"), SOURCE), 0.1, form="galerkin")
+    solution.error.of("rms")
+    for degree in (1, 3):
+        ck.solve(ck.Scene(SPHERE, SOURCE), 0.3, form="galerkin", degree=degree).evaluate(POINT)
+    turning = ck.Elliptic("x", c=1.0, velocity=["-y", "x", "0"])
+    ck.solve(ck.Scene(SPHERE, turning), 0.3, form="galerkin")
     geodesic_distance(SPHERE, POINT, spacing=0.3, method="heat")
     ck.solve(ck.Scene(SPHERE.mesh(0.2), ck.Heat("x", until=0.1, step=0.05)), 0.3, form="galerkin")
 
