@@ -118,6 +118,7 @@ if TYPE_CHECKING:
     from cpmkit.scene.laws import Spectral as Spectral
     from cpmkit.scene.laws import Support as Support
     from cpmkit.scene.laws import Value as Value
+    from cpmkit.scene.point_values import count_of as count_of
     from cpmkit.scene.point_values import of_points as of_points
     from cpmkit.scene.point_values import of_short_curves as of_short_curves
     from cpmkit.scene.scene import Scene as Scene
@@ -186,7 +187,7 @@ _NAMES = {
         "scene.equations": "Equation Terms",
         "scene.laws": "Flux Interface Law Mixed Nonlinear OneSided Spectral Support Value",
         "scene.edge": "conditions_along",
-        "scene.point_values": "of_points of_short_curves",
+        "scene.point_values": "count_of of_points of_short_curves",
         "scene.scene": "Scene",
     },
     "Linear solvers": {

@@ -17,7 +17,7 @@ class Groups:
     Attributes
     ----------
     label : (n,) int64
-        The group of each row.
+        The group of each row, (1,) where there is one group.
     order : (n,) int64
         The rows, group by group; a slice of all where there is one group.
     starts : (groups,) int64
@@ -31,7 +31,9 @@ class Groups:
     @classmethod
     def of(cls, count: int, label: Ints) -> Groups:
         """Return ``count`` groups by the label of each row."""
-        order: Any = slice(None) if count == 1 else np.argsort(label, kind="stable")
+        if count == 1:
+            return cls(np.zeros(1, dtype=np.int64), slice(None), np.zeros(1, dtype=np.int64))
+        order = np.argsort(label, kind="stable")
         members = np.bincount(label, minlength=count)
         return cls(label, order, np.cumsum(members) - members)
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from cpmkit.protocols import SIDES, Floats
+from cpmkit.protocols import SIDES, ClosestPointSource, Floats
 from cpmkit.scene.compound_equations import Biharmonic, Eigen
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.equations_in_time import Evolution
@@ -59,10 +59,16 @@ def holding_values(scene: Scene) -> list[str]:
     ]
 
 
+def count_of(points: ClosestPointSource) -> int:
+    """Return 1 for a source that is one point, 2 for one of more points."""
+    return 1 if not np.ptp(np.asarray(points.bounds), axis=0).any() else 2
+
+
 def of_points(scene: Scene, points: Mapping[str, int], samples: tuple[Floats, Floats] | None = None) -> tuple[str, ...]:
     """Name boundaries that hold values at points, where these have no limit.
 
-    ``points`` are how many points each boundary is that has no sides; ``samples`` as of :func:`has_limit`.
+    ``points`` are how many points each boundary is that has no sides, two standing for more; ``samples`` as of
+    :func:`has_limit`.
     """
     valued = holding_values(scene)
     pins = [name for name in valued if name in points]

@@ -142,6 +142,7 @@ def test_balanced_fluxes_leave_a_fraction_of_the_error_and_the_table_is_printed_
     assert all(3 * np.array(series["balanced", 3, 2].errors) < series["cpm", 3, 2].errors)
 
 
+@pytest.mark.slow
 def test_balanced_fluxes_leave_a_fraction_of_the_error_at_one_position(tmp_path):
     study = load_study(STUDIES / "balanced-dziuk.toml")
     few = replace(study, sweep=replace(study.sweep, origins=1, spacings=[0.28]))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.plugin import Data, Floats, Operator, Side, as_points, of_points, of_short_curves, warnings_of
+from cpmkit.plugin import Data, Floats, Operator, Side, as_points, count_of, of_points, of_short_curves, warnings_of
 from cpmkit_fem.contacts import sides_of_jumps
 from cpmkit_fem.equations import Equations
 from cpmkit_fem.nearest import pin_warnings
@@ -100,7 +100,7 @@ class FiniteElements(Equations):
         if self.mesh.manifold_dim != 2:
             return ()
         sources = {one.name: one.source for one in self.scene.boundaries}
-        points = {name: 1 for name, source in sources.items() if source.manifold_dim == 0}
+        points = {name: count_of(source) for name, source in sources.items() if source.manifold_dim == 0}
         sizes = {
             name: float(np.linalg.norm(np.ptp(source.bounds, axis=0)))
             for name, source in sources.items()

@@ -95,6 +95,7 @@ def test_poisson_with_dirichlet_data_on_a_plane_cut(ends):
     assert order_of(FINE, found) >= 1.8
 
 
+@pytest.mark.slow
 def test_poisson_with_dirichlet_data_on_an_open_cut_at_coarse_spacings():
     found = cut_errors((500, 3600), COARSE, form="collocation")
     assert found[-1] <= 2e-2

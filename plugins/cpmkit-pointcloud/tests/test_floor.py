@@ -89,6 +89,7 @@ def test_the_floor_of_samples_without_noise_by_integrals_is_next_to_nothing():
     assert left_by(cloud, 0.2, "galerkin") < 1e-5
 
 
+@pytest.mark.slow
 def test_it_holds_for_conditions_on_a_curve_too():
     scene, where, exact = sphere_poisson([[0.3, 0.5, 1.0]])
     cloud = random_cloud(10000, 1e-3)

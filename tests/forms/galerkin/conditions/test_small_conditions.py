@@ -43,6 +43,18 @@ def test_other_methods_warn_as_well(options):
     assert not of_points(ck.solve(ck.Scene(SPHERE, ck.Laplace(), [PIN]), 0.4, **options))
 
 
+@pytest.mark.parametrize(
+    "options",
+    [{"form": "galerkin"}, {"form": "collocation"}, {"backend": "fem"}],
+    ids=["galerkin", "collocation", "fem"],
+)
+def test_values_at_two_points_have_no_limit(options):
+    places = [[0.0, 0.6, 0.8], [0.0, -0.6, 0.8]]
+    points = ck.source("union", members=[ck.source("analytic.point", at=at) for at in places])
+    pins = ck.Boundary("pins", points, both=ck.Dirichlet(lambda x: x[:, 1]))
+    assert of_points(ck.solve(ck.Scene(SPHERE, ck.Laplace(), [pins]), 0.4, **options))
+
+
 def arc(length):
     return ck.source("analytic.arc", center=[0, 0, 0], radius=1.0, normal=[1, 0, 0], start=0.3, end=0.3 + length)
 

@@ -182,6 +182,7 @@ def thin():
     return surface, at, fine.evaluate(at)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spacing", [0.21393043699751346, 0.17989333758486972, 0.15127166270314324])
 def test_a_thin_surface_is_one_piece(spacing, thin):
     """An ellipsoid as thick as the spacing: specks beside it had values of their own, or none, a singular system."""
