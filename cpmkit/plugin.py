@@ -118,9 +118,9 @@ if TYPE_CHECKING:
     from cpmkit.scene.laws import Spectral as Spectral
     from cpmkit.scene.laws import Support as Support
     from cpmkit.scene.laws import Value as Value
-    from cpmkit.scene.point_values import count_of as count_of
-    from cpmkit.scene.point_values import of_points as of_points
-    from cpmkit.scene.point_values import of_short_curves as of_short_curves
+    from cpmkit.scene.point_values import count_of_points as count_of_points
+    from cpmkit.scene.point_values import point_value_warnings as point_value_warnings
+    from cpmkit.scene.point_values import short_curve_warnings as short_curve_warnings
     from cpmkit.scene.scene import Scene as Scene
     from cpmkit.scene.vertex_data import VertexData as VertexData
     from cpmkit.solution.solution import Solution as Solution
@@ -187,7 +187,7 @@ _NAMES = {
         "scene.equations": "Equation Terms",
         "scene.laws": "Flux Interface Law Mixed Nonlinear OneSided Spectral Support Value",
         "scene.edge": "conditions_along",
-        "scene.point_values": "count_of of_points of_short_curves",
+        "scene.point_values": "count_of_points point_value_warnings short_curve_warnings",
         "scene.scene": "Scene",
     },
     "Linear solvers": {

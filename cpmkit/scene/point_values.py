@@ -59,12 +59,14 @@ def holding_values(scene: Scene) -> list[str]:
     ]
 
 
-def count_of(points: ClosestPointSource) -> int:
+def count_of_points(points: ClosestPointSource) -> int:
     """Return 1 for a source that is one point, 2 for one of more points."""
     return 1 if not np.ptp(np.asarray(points.bounds), axis=0).any() else 2
 
 
-def of_points(scene: Scene, points: Mapping[str, int], samples: tuple[Floats, Floats] | None = None) -> tuple[str, ...]:
+def point_value_warnings(
+    scene: Scene, points: Mapping[str, int], samples: tuple[Floats, Floats] | None = None
+) -> tuple[str, ...]:
     """Name boundaries that hold values at points, where these have no limit.
 
     ``points`` are how many points each boundary is that has no sides, two standing for more; ``samples`` as of
@@ -83,7 +85,7 @@ def of_points(scene: Scene, points: Mapping[str, int], samples: tuple[Floats, Fl
     )
 
 
-def of_short_curves(scene: Scene, sizes: Mapping[str, float], spacing: float, least: float) -> tuple[str, ...]:
+def short_curve_warnings(scene: Scene, sizes: Mapping[str, float], spacing: float, least: float) -> tuple[str, ...]:
     """Name boundaries that hold values and are smaller than ``least``: they act as larger ones.
 
     ``sizes`` are the diagonals of the bounds of those that are curves on a surface.

@@ -8,7 +8,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.plugin import Data, Floats, Operator, Side, as_points, count_of, of_points, of_short_curves, warnings_of
+from cpmkit.plugin import (
+    Data,
+    Floats,
+    Operator,
+    Side,
+    as_points,
+    count_of_points,
+    point_value_warnings,
+    short_curve_warnings,
+    warnings_of,
+)
 from cpmkit_fem.contacts import sides_of_jumps
 from cpmkit_fem.equations import Equations
 from cpmkit_fem.nearest import pin_warnings
@@ -100,14 +110,17 @@ class FiniteElements(Equations):
         if self.mesh.manifold_dim != 2:
             return ()
         sources = {one.name: one.source for one in self.scene.boundaries}
-        points = {name: count_of(source) for name, source in sources.items() if source.manifold_dim == 0}
+        points = {name: count_of_points(source) for name, source in sources.items() if source.manifold_dim == 0}
         sizes = {
             name: float(np.linalg.norm(np.ptp(source.bounds, axis=0)))
             for name, source in sources.items()
             if name not in points
         }
         least = SMALL_EDGES * self.mesh.mean_edge
-        return (*of_points(self.scene, points), *of_short_curves(self.scene, sizes, self.spacing, least))
+        return (
+            *point_value_warnings(self.scene, points),
+            *short_curve_warnings(self.scene, sizes, self.spacing, least),
+        )
 
     def work(self, operator: Operator, report: SolveReport | None) -> FemWork:
         """Return what the mesh holds and what the solve did."""

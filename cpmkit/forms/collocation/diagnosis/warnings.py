@@ -15,7 +15,7 @@ from cpmkit.forms.collocation.layout import Layout
 from cpmkit.forms.collocation.tube_width import stretched_share
 from cpmkit.manifold.abilities import advice_of
 from cpmkit.protocols import SIDES
-from cpmkit.scene.point_values import count_of, of_points, of_short_curves
+from cpmkit.scene.point_values import count_of_points, point_value_warnings, short_curve_warnings
 from cpmkit.scene.scene import Scene
 
 #: A surface's search may doubt this share of the nodes before it is worth a warning.
@@ -84,14 +84,17 @@ def _gaps(layout: Layout) -> list[str]:
 def _small(layout: Layout, scene: Scene) -> tuple[str, ...]:
     """Name values on points of a surface, which the continuous problem does not feel, and on short curves."""
     seen = {one.name: on for one, on in zip(layout.boundaries.given, layout.boundaries.on_lattice, strict=True)}
-    points = {name: count_of(on.source) for name, on in seen.items() if not on.has_sides}
+    points = {name: count_of_points(on.source) for name, on in seen.items() if not on.has_sides}
     sizes = {
         name: float(np.linalg.norm(np.ptp(on.source.bounds, axis=0)))
         for name, on in seen.items()
         if on.has_sides and layout.surface.source.manifold_dim == 2
     }
     spacing = layout.lattice.spacing
-    return (*of_points(scene, points), *of_short_curves(scene, sizes, spacing, SMALL_SPACINGS * spacing))
+    return (
+        *point_value_warnings(scene, points),
+        *short_curve_warnings(scene, sizes, spacing, SMALL_SPACINGS * spacing),
+    )
 
 
 def _doubtful(layout: Layout) -> list[str]:

@@ -19,7 +19,7 @@ from cpmkit.scene.alike import same_condition
 from cpmkit.scene.condition import Condition
 from cpmkit.scene.edge import LoopConditions, check_parts_met, conditions_along
 from cpmkit.scene.laws import Flux, Interface, Law, Mixed, Nonlinear, Spectral, Value, beta_at, is_zero_neumann
-from cpmkit.scene.point_values import of_points, of_short_curves
+from cpmkit.scene.point_values import point_value_warnings, short_curve_warnings
 from cpmkit.scene.scene import Scene
 
 #: The edge's condition, in sentences.
@@ -243,7 +243,7 @@ def point_warnings(
     points = {names[number]: int(np.sum(at_points == number)) for number in np.unique(at_points)}
     sizes = {name: _size(samples, number, spacing) for number, name in enumerate(names)}
     least = SMALL_SPACINGS * spacing
-    return (*of_points(scene, points, interior), *of_short_curves(scene, sizes, spacing, least))
+    return (*point_value_warnings(scene, points, interior), *short_curve_warnings(scene, sizes, spacing, least))
 
 
 def _size(samples: BoundarySamples, number: int, spacing: float) -> float:
