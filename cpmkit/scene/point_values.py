@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
-from cpmkit.protocols import SIDES, ClosestPointSource, Floats
+from cpmkit.protocols import SIDES, Floats
 from cpmkit.scene.compound_equations import Biharmonic, Eigen
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.equations_in_time import Evolution
@@ -59,9 +60,9 @@ def holding_values(scene: Scene) -> list[str]:
     ]
 
 
-def count_of_points(points: ClosestPointSource) -> int:
-    """Return 1 for a source that is one point, 2 for one of more points."""
-    return 1 if not np.ptp(np.asarray(points.bounds), axis=0).any() else 2
+def count_of_points(bounds: Any) -> int:
+    """Return 1 for points whose bounds (2, d) are those of one, 2 for more."""
+    return 2 if np.ptp(np.asarray(bounds), axis=0).any() else 1
 
 
 def point_value_warnings(

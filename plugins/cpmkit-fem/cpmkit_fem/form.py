@@ -110,7 +110,7 @@ class FiniteElements(Equations):
         if self.mesh.manifold_dim != 2:
             return ()
         sources = {one.name: one.source for one in self.scene.boundaries}
-        points = {name: count_of_points(source) for name, source in sources.items() if source.manifold_dim == 0}
+        points = {name: count_of_points(source.bounds) for name, source in sources.items() if source.manifold_dim == 0}
         sizes = {
             name: float(np.linalg.norm(np.ptp(source.bounds, axis=0)))
             for name, source in sources.items()

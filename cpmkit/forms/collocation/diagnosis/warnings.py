@@ -84,7 +84,7 @@ def _gaps(layout: Layout) -> list[str]:
 def _small(layout: Layout, scene: Scene) -> tuple[str, ...]:
     """Name values on points of a surface, which the continuous problem does not feel, and on short curves."""
     seen = {one.name: on for one, on in zip(layout.boundaries.given, layout.boundaries.on_lattice, strict=True)}
-    points = {name: count_of_points(on.source) for name, on in seen.items() if not on.has_sides}
+    points = {name: count_of_points(on.source.bounds) for name, on in seen.items() if not on.has_sides}
     sizes = {
         name: float(np.linalg.norm(np.ptp(on.source.bounds, axis=0)))
         for name, on in seen.items()
