@@ -64,8 +64,8 @@ def test_each_side_of_a_cut_keeps_its_own_condition(left, right):
     problem = circle_problem(left, right)
     errors = np.array([[max_error(*problem, h, origin=h * o) for o in origins(2)[:4]] for h in SPACINGS[:3]])
     rms = np.sqrt(np.mean(errors**2, axis=1))
-    assert rms[-1] <= 8e-4
-    assert order_of(SPACINGS[:3], rms) >= 1.8
+    assert rms[-1] <= 5e-6
+    assert order_of(SPACINGS[:3], rms) >= 2.7
 
 
 def test_zero_neumann_is_the_default_edge_at_both_orders():

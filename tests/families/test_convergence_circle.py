@@ -18,7 +18,12 @@ COUNTS = [5, pytest.param(16, marks=pytest.mark.slow)]
 @pytest.fixture(scope="module", params=COUNTS)
 def second_order(request):
     problem = circle_jump()
-    return np.array([[max_error(*problem, h, origin=h * o) for o in origins(2)[: request.param]] for h in SPACINGS])
+    return np.array(
+        [
+            [max_error(*problem, h, origin=h * o, form="collocation") for o in origins(2)[: request.param]]
+            for h in SPACINGS
+        ]
+    )
 
 
 def rms(errors):

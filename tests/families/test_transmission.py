@@ -19,7 +19,12 @@ def test_a_circle_of_two_materials(k_a, k_b, resistance):
     spacings = SPACINGS[:3]
     errors = [
         np.sqrt(
-            np.mean([max_error(*circle_problem(k_a, k_b, resistance), h, origin=o * h) ** 2 for o in origins(2)[:3]])
+            np.mean(
+                [
+                    max_error(*circle_problem(k_a, k_b, resistance), h, origin=o * h, form="collocation") ** 2
+                    for o in origins(2)[:3]
+                ]
+            )
         )
         for h in spacings
     ]
