@@ -118,9 +118,7 @@ if TYPE_CHECKING:
     from cpmkit.scene.laws import Spectral as Spectral
     from cpmkit.scene.laws import Support as Support
     from cpmkit.scene.laws import Value as Value
-    from cpmkit.scene.point_values import count_of_points as count_of_points
-    from cpmkit.scene.point_values import point_value_warnings as point_value_warnings
-    from cpmkit.scene.point_values import short_curve_warnings as short_curve_warnings
+    from cpmkit.scene.point_values import small_boundary_warnings as small_boundary_warnings
     from cpmkit.scene.scene import Scene as Scene
     from cpmkit.scene.vertex_data import VertexData as VertexData
     from cpmkit.solution.solution import Solution as Solution
@@ -187,7 +185,7 @@ _NAMES = {
         "scene.equations": "Equation Terms",
         "scene.laws": "Flux Interface Law Mixed Nonlinear OneSided Spectral Support Value",
         "scene.edge": "conditions_along",
-        "scene.point_values": "count_of_points point_value_warnings short_curve_warnings",
+        "scene.point_values": "small_boundary_warnings",
         "scene.scene": "Scene",
     },
     "Linear solvers": {

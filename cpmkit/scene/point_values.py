@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Collection, Mapping
 
 import numpy as np
 
@@ -60,11 +59,6 @@ def holding_values(scene: Scene) -> list[str]:
     ]
 
 
-def count_of_points(bounds: Any) -> int:
-    """Return 1 for points whose bounds (2, d) are those of one, 2 for more."""
-    return 2 if np.ptp(np.asarray(bounds), axis=0).any() else 1
-
-
 def point_value_warnings(
     scene: Scene, points: Mapping[str, int], samples: tuple[Floats, Floats] | None = None
 ) -> tuple[str, ...]:
@@ -98,3 +92,15 @@ def short_curve_warnings(scene: Scene, sizes: Mapping[str, float], spacing: floa
         f"Boundary {', '.join(map(repr, short))}: at spacing={spacing:g} a curve smaller than {least:.2g} acts as a "
         f"hole of about that size; use spacing={spacing * min(short.values()) / least:.2g} or less.",
     )
+
+
+def small_boundary_warnings(scene: Scene, cutting: Collection[str], spacing: float, least: float) -> tuple[str, ...]:
+    """Name points, and curves on a surface smaller than ``least``, that hold values, by their bounds.
+
+    ``cutting`` are the boundaries that have two sides; others are points, or curves of a solid.
+    """
+    sizes = {one.name: float(np.linalg.norm(np.ptp(np.asarray(one.source.bounds), axis=0))) for one in scene.boundaries}
+    points = {name: 2 if size else 1 for name, size in sizes.items() if name not in cutting}
+    on_surface = scene.surface.manifold_dim == 2
+    curves = {name: size for name, size in sizes.items() if on_surface and name in cutting}
+    return (*point_value_warnings(scene, points), *short_curve_warnings(scene, curves, spacing, least))

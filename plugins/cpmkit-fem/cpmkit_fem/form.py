@@ -8,17 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.plugin import (
-    Data,
-    Floats,
-    Operator,
-    Side,
-    as_points,
-    count_of_points,
-    point_value_warnings,
-    short_curve_warnings,
-    warnings_of,
-)
+from cpmkit.plugin import Data, Floats, Operator, Side, as_points, small_boundary_warnings, warnings_of
 from cpmkit_fem.contacts import sides_of_jumps
 from cpmkit_fem.equations import Equations
 from cpmkit_fem.nearest import pin_warnings
@@ -109,18 +99,8 @@ class FiniteElements(Equations):
         """Name values on points of a surface, and on curves far smaller than an edge."""
         if self.mesh.manifold_dim != 2:
             return ()
-        sources = {one.name: one.source for one in self.scene.boundaries}
-        points = {name: count_of_points(source.bounds) for name, source in sources.items() if source.manifold_dim == 0}
-        sizes = {
-            name: float(np.linalg.norm(np.ptp(source.bounds, axis=0)))
-            for name, source in sources.items()
-            if name not in points
-        }
-        least = SMALL_EDGES * self.mesh.mean_edge
-        return (
-            *point_value_warnings(self.scene, points),
-            *short_curve_warnings(self.scene, sizes, self.spacing, least),
-        )
+        cutting = [one.name for one in self.scene.boundaries if one.source.manifold_dim != 0]
+        return small_boundary_warnings(self.scene, cutting, self.spacing, SMALL_EDGES * self.mesh.mean_edge)
 
     def work(self, operator: Operator, report: SolveReport | None) -> FemWork:
         """Return what the mesh holds and what the solve did."""

@@ -15,7 +15,7 @@ from cpmkit.forms.collocation.layout import Layout
 from cpmkit.forms.collocation.tube_width import stretched_share
 from cpmkit.manifold.abilities import advice_of
 from cpmkit.protocols import SIDES
-from cpmkit.scene.point_values import count_of_points, point_value_warnings, short_curve_warnings
+from cpmkit.scene.point_values import small_boundary_warnings
 from cpmkit.scene.scene import Scene
 
 #: A surface's search may doubt this share of the nodes before it is worth a warning.
@@ -44,7 +44,10 @@ def layout_warnings(layout: Layout, scene: Scene, missed: float = 0.0) -> tuple[
     rounding = layout.lattice.lost_digits(layout.surface.bounds, not layout.surface.shift.any())
     checks = (_doubtful, partial(_sheets, missed=missed), _boundaries, _encounters, _gaps, meeting_sentences)
     found = (text for check in checks for text in check(layout))
-    return (*from_source, *rounding, *found, *_small(layout, scene))
+    seen = zip(layout.boundaries.given, layout.boundaries.on_lattice, strict=True)
+    cutting, spacing = [one.name for one, on in seen if on.has_sides], layout.lattice.spacing
+    small = small_boundary_warnings(scene, cutting, spacing, SMALL_SPACINGS * spacing)
+    return (*from_source, *rounding, *found, *small)
 
 
 def _encounters(layout: Layout) -> list[str]:
@@ -79,22 +82,6 @@ def _gaps(layout: Layout) -> list[str]:
         for boundary, sighted in zip(layout.boundaries.given, layout.boundaries.on_lattice, strict=True)
         if sighted.gap > OFF_SURFACE_SPACINGS * spacing
     ]
-
-
-def _small(layout: Layout, scene: Scene) -> tuple[str, ...]:
-    """Name values on points of a surface, which the continuous problem does not feel, and on short curves."""
-    seen = {one.name: on for one, on in zip(layout.boundaries.given, layout.boundaries.on_lattice, strict=True)}
-    points = {name: count_of_points(on.source.bounds) for name, on in seen.items() if not on.has_sides}
-    sizes = {
-        name: float(np.linalg.norm(np.ptp(on.source.bounds, axis=0)))
-        for name, on in seen.items()
-        if on.has_sides and layout.surface.source.manifold_dim == 2
-    }
-    spacing = layout.lattice.spacing
-    return (
-        *point_value_warnings(scene, points),
-        *short_curve_warnings(scene, sizes, spacing, SMALL_SPACINGS * spacing),
-    )
 
 
 def _doubtful(layout: Layout) -> list[str]:

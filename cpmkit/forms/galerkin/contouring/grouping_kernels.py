@@ -6,14 +6,7 @@ import numpy as np
 
 from cpmkit.protocols import Floats, Ints
 from cpmkit.runtime.compilation import compiled
-
-
-@compiled
-def _root(group: Ints, i: int) -> int:
-    while group[i] != i:
-        group[i] = group[group[i]]
-        i = group[i]
-    return i
+from cpmkit.runtime.disjoint_sets import find
 
 
 @compiled
@@ -33,18 +26,18 @@ def unite_flat(
                     alike += normals[member[i], k] * normals[member[j], k]
                 reach = sine * np.sqrt(square) + lost
                 if 0.5 * (abs(along_a) + abs(along_b)) <= reach and abs(alike) > cosine:
-                    group[_root(group, i)] = _root(group, j)
+                    group[find(group, i)] = find(group, j)
     for i in range(len(group)):
-        group[i] = _root(group, i)
+        group[i] = find(group, i)
 
 
 @compiled
 def unite(first: Ints, second: Ints, group: Ints) -> None:
     """Unite the given pairs of entries of ``group``."""
     for i in range(len(first)):
-        group[_root(group, first[i])] = _root(group, second[i])
+        group[find(group, first[i])] = find(group, second[i])
     for i in range(len(group)):
-        group[i] = _root(group, i)
+        group[i] = find(group, i)
 
 
 @compiled

@@ -6,6 +6,7 @@ import numpy as np
 
 from cpmkit.protocols import Bools, Floats, Ints
 from cpmkit.runtime.compilation import compiled
+from cpmkit.runtime.disjoint_sets import find, unite
 
 
 @compiled
@@ -49,20 +50,6 @@ def lengths(ends: Ints, vertices: Floats) -> Floats:
 
 
 @compiled
-def _root(parent: Ints, corner: int) -> int:
-    while parent[corner] != corner:
-        parent[corner] = parent[parent[corner]]
-        corner = parent[corner]
-    return corner
-
-
-@compiled
-def _join(parent: Ints, a: int, b: int) -> None:
-    a, b = _root(parent, a), _root(parent, b)
-    parent[max(a, b)] = min(a, b)
-
-
-@compiled
 def join_corners(cells: Ints, of_cells: Ints, barred: Bools) -> Ints:
     """Return (m, 3) the component of each corner, numbered as they occur; corners join over edges not ``barred``."""
     parent = np.arange(3 * len(cells))
@@ -80,12 +67,12 @@ def join_corners(cells: Ints, of_cells: Ints, barred: Bools) -> Ints:
         p, q = (facing + 1) % 3, (facing + 2) % 3
         if cells[cell, a] != cells[other, p]:
             p, q = q, p
-        _join(parent, 3 * cell + a, 3 * other + p)
-        _join(parent, 3 * cell + b, 3 * other + q)
+        unite(parent, 3 * cell + a, 3 * other + p)
+        unite(parent, 3 * cell + b, 3 * other + q)
     number = np.empty((len(cells), 3), np.int64)
     found = 0
     for place in range(3 * len(cells)):
-        root = _root(parent, place)
+        root = find(parent, place)
         if root == place:
             number[place // 3, place % 3] = found
             found += 1
