@@ -189,11 +189,11 @@ def test_triangles_that_are_read_as_they_are_have_no_floor(mesh):
     """They are the surface: the error, of a finer solution on the same triangles, falls as far as is asked for."""
     faceted = ck.source("mesh.triangles", vertices=mesh[0], faces=mesh[1], closest="faceted")
     scene = ck.Scene(faceted, ck.ScreenedPoisson(lambda x: np.cos(2 * x[:, 0]) + 3 * x[:, 1]))
-    solution = ck.solve(scene, tolerance=1e-3)
+    solution = ck.solve(scene, tolerance=1e-4)
     assert solution.trade.status == "reached"
     points = mesh[0][mesh[1]].mean(axis=1)
     finer = ck.solve(scene, solution.spacing / 2).evaluate(points)
-    assert np.sqrt(np.mean((solution.evaluate(points) - finer) ** 2)) < 1e-3 * np.ptp(finer)
+    assert np.sqrt(np.mean((solution.evaluate(points) - finer) ** 2)) < 1e-4 * np.ptp(finer)
 
 
 def test_what_triangles_do_not_reach_within_the_memory_is_told():

@@ -104,7 +104,7 @@ def test_what_a_rule_names_is_told_before_anything_is_built():
 def test_left_is_the_same_at_every_spacing_and_on_every_lattice():
     """The first sample of the lattice decided: one of forty circles changed its left with the spacing."""
     random = np.random.default_rng(3)
-    for normal in random.normal(size=(6, 3)):
+    for normal in random.normal(size=(12, 3)):
         normal = normal / np.linalg.norm(normal)
         both = ck.Boundary("cut", circle(0.3, normal), both=ck.Dirichlet(1.0))
         for surface in (Bare(SPHERE), Bare(ck.source("analytic.sphere"))):

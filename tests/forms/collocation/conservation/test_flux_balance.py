@@ -69,7 +69,6 @@ def test_higher_degrees_leave_less_and_say_how_far_u_was_off():
             assert (balance.of, balance.degree, balance.functions) == ("fluxes", degree, functions)
             assert solution.work.closest_point_queries > plain.work.closest_point_queries
     assert all(after < 0.5 * before for before, after in pairwise(errors))
-    plain = ck.solve(known.scene, 0.1, balance=0)
     (mean,) = plain.imbalances
     assert mean.of == "mean"
     off = np.sqrt(np.mean((plain.evaluate(known.points) - known.values) ** 2)) + abs(mean.shift[0])
