@@ -59,7 +59,7 @@ def explained(scene: Scene, asked: Options[GalerkinOptions], solver: str, progre
         round(counts["unknowns"]),
         round(counts["queries"]),
         round(needed),
-        integral_floor_of(scene.surface, asked.spacing),
+        max(form.source_error(), integral_floor_of(scene.surface, asked.spacing)),
         chosen,
         exact,
         told=form.warnings() if exact else (),

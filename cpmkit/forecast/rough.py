@@ -1,9 +1,11 @@
-"""A first guess of what a solve will build, from coarse blocks around the manifold and its boundaries: in a second.
+"""A first guess of what a solve will build, from cells or coarser blocks around the manifold and its boundaries.
 
 Nothing is laid out, cut or sampled. How far off the guess is was measured on ten scenes: see :data:`OFF_BY`.
 """
 
 from __future__ import annotations
+
+import numpy as np
 
 from cpmkit.forecast.needs import solver_for
 from cpmkit.forecast.parts import Explanation, Part, named, solver_part
@@ -11,9 +13,10 @@ from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.galerkin import fitting as galerkin
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.options import Options
-from cpmkit.grid.band import check_numbered
-from cpmkit.grid.fitting import check_fits, unknowns_at_one
+from cpmkit.grid.band import cell_levels, check_numbered, nodes_of_blocks
+from cpmkit.grid.fitting import check_fits
 from cpmkit.grid.lattice import COARSEST_BAND_SHARE, COARSEST_SPACING_SHARE, lattice_of
+from cpmkit.grid.stencils import base_offset, tensor_offsets
 from cpmkit.manifold.abilities import advice_of, integral_floor_of
 from cpmkit.manifold.local_source import LocalSource, largest_dim, localize
 from cpmkit.protocols import ClosestPointSource
@@ -22,7 +25,7 @@ from cpmkit.scene.scene import Scene
 
 #: Unknowns and bytes are within this factor of the truth.
 OFF_BY = 2.0
-#: Blocks from which unknowns are guessed: a quarter of those for a limit of memory, so that slow sources answer soon.
+#: Up to so many cells unknowns are counted; of finer lattices they are guessed from as many blocks of cells.
 GUESSED_BLOCKS = 3_000
 #: Unknowns of a boundary, over those of a band around it alone: each side has those whose stencils meet the curve.
 COLLOCATION_SIDES, GALERKIN_SIDES = 2.0, 1.0
@@ -77,7 +80,13 @@ def _unknowns(source: LocalSource, asked: Options[CollocationOptions] | Options[
     """Return about how many unknowns a band around a source has; those at a point are too few to count."""
     if source.largest_dim == 0:
         return 0.0
-    return unknowns_at_one(source, asked.own.degree, GUESSED_BLOCKS) / asked.spacing**source.largest_dim
+    degree, spacing = asked.own.degree, asked.spacing
+    levels = cell_levels(source, spacing, base_offset(degree))
+    side, blocks = next((side, blocks) for side, blocks in levels if side == 1 or len(blocks) > GUESSED_BLOCKS)
+    if side > 1:
+        return nodes_of_blocks(len(blocks), side, source.dim, source.largest_dim, degree)
+    nodes = blocks[:, None] + tensor_offsets(degree, source.dim)
+    return float(len(np.unique(nodes.reshape(-1, source.dim), axis=0)))
 
 
 def _bytes(

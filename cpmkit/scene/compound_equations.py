@@ -122,7 +122,8 @@ class Eigen(Equation["EigenSolution"]):
     family: ClassVar[str] = "eigen"
     #: A factorisation serves some sixty solves, of which an iteration takes long for each (sphere, 8,000 unknowns:
     #: 10 seconds in all, and 80).
-    factorise_up_to: ClassVar[float] = 8.0
+    factorise_up_to: ClassVar[float] = 80.0
+    factorise_beside_multigrid: ClassVar[float | None] = 8.0
     accepted: ClassVar[str] = "use Dirichlet(0), Neumann(0), Robin(alpha, beta, 0) or Steklov()"
 
     def __post_init__(self) -> None:

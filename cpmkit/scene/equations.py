@@ -309,7 +309,7 @@ class Helmholtz(Equation):
     f: Data
     wavenumber: float
     kind: ClassVar[str] = "helmholtz"
-    factorise_up_to: ClassVar[float] = 6.0
+    factorise_up_to: ClassVar[float] = 10.0
     factorise_beside_multigrid: ClassVar[float | None] = 1.0
 
     def __post_init__(self) -> None:

@@ -61,9 +61,6 @@ class Evolution(Equation["EvolvedSolution"]):
     rest: float | None = None
     t0: float = 0.0
     family: ClassVar[str] = "time"
-    #: From one step to the next little changes: on a surface with 8,000 unknowns an iterative solver takes 2 to 8
-    #: iterations a step, less time than a solve with the factors, which take seconds to make.
-    factorise_up_to: ClassVar[float] = 0.2
     #: Beside a multigrid, which steps that are short take no cycle of but the diagonal: of a sphere with 3,400 unknowns
     #: factors are worth it from 40 steps on, with 6,000 from 60, with 10,000 from 260.
     factorise_beside_multigrid: ClassVar[float | None] = 4.0

@@ -8,7 +8,7 @@ def test_what_is_quicker_is_taken():
     assert choose_solver("auto", 100_000, 2) == "reference"
     assert choose_solver("auto", 100_000, 2, iterative="multigrid") == "multigrid"
     assert choose_solver("auto", 100_000, 1, iterative="multigrid") == "direct"
-    assert choose_solver("auto", 5_000, 2) == choose_solver("auto", 5_000, 2, 4.0, iterative="multigrid") == "direct"
+    assert choose_solver("auto", 500, 2) == choose_solver("auto", 5_000, 2, 4.0, iterative="multigrid") == "direct"
     assert choose_solver("auto", 5_000, 2, iterative="multigrid") == "multigrid"
     assert choose_solver("auto", 100_000, 2, iterative="direct") == "direct"
     assert choose_solver("reference", 5_000, 2, iterative="multigrid") == "reference"
