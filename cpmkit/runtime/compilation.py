@@ -30,8 +30,8 @@ NOT_KEPT_SENTENCE = (
 def compiled(function: Function) -> Function:
     """Return ``function`` compiled by numba, without the interpreter's lock, kept on disk where possible.
 
-    Kernels that call each other live in one file: the kept code is renewed when its own file
-    changes, not when another one does.
+    The kept code is renewed when its own file changes, not when that of a kernel which it calls does: who changes such
+    a kernel touches the files that call it.
     """
     return _kept(function)
 
