@@ -241,15 +241,13 @@ def point_warnings(
     names = [one.name for one in scene.boundaries]
     at_points = samples.owner[samples.half < 0]
     points = {names[number]: int(np.sum(at_points == number)) for number in np.unique(at_points)}
-    sizes = {name: _size(samples, number, spacing) for number, name in enumerate(names)}
+    on_surface = scene.surface.manifold_dim == 2
+    sizes = {name: _size(samples, number) for number, name in enumerate(names) if on_surface}
     least = SMALL_SPACINGS * spacing
     return (*point_value_warnings(scene, points, interior), *short_curve_warnings(scene, sizes, spacing, least))
 
 
-def _size(samples: BoundarySamples, number: int, spacing: float) -> float:
-    """Return the diagonal of the bounds of a curve on a surface, infinite where the manifold is a curve itself."""
-    own = (samples.owner == number) & ~samples.extends & (samples.half >= 0)
-    points = samples.points[own]
-    if not len(points) or samples.weights[own].max() >= SMALL_SPACINGS * spacing:  # 1 where the manifold is a curve
-        return np.inf
-    return float(norms(np.ptp(points, axis=0)[None])[0])
+def _size(samples: BoundarySamples, number: int) -> float:
+    """Return the diagonal of the bounds of a curve on a surface, infinite where it has no samples."""
+    points = samples.points[(samples.owner == number) & ~samples.extends & (samples.half >= 0)]
+    return float(norms(np.ptp(points, axis=0)[None])[0]) if len(points) else np.inf

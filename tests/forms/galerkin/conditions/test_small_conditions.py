@@ -59,6 +59,13 @@ def arc(length):
     return ck.source("analytic.arc", center=[0, 0, 0], radius=1.0, normal=[1, 0, 0], start=0.3, end=0.3 + length)
 
 
+@pytest.mark.parametrize("radius", [1e-3, 1.0, 1e3])
+def test_a_value_at_a_point_of_a_curve_has_a_limit_at_any_scale(radius):
+    pin = ck.Boundary("pin", ck.source("analytic.point", at=[radius, 0.0]), both=ck.Dirichlet(0.0))
+    scene = ck.Scene(ck.source("analytic.circle", radius=radius), ck.ScreenedPoisson(1.0), [pin])
+    assert not ck.solve(scene, 0.1 * radius, form="galerkin").warnings
+
+
 def held_on(length):
     return ck.Scene(SPHERE, ck.ScreenedPoisson(1.0), [ck.Boundary("arc", arc(length), both=ck.Dirichlet(0.0))])
 
