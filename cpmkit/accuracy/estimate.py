@@ -61,7 +61,7 @@ def estimated(solution: Solution, solve_at: SolveAt, tight: bool = False) -> Err
         As ``solve`` does at the larger spacings.
     """
     scene = coarser_scene(solution.scene)
-    companions = _coarser_solutions(scene, solution.spacing, solve_at, RATIOS[tight])
+    companions = _coarser_solutions(scene, solution, solve_at, RATIOS[tight])
     in_time = error_in_time(companions[-1], solve_at)
     found = from_companions(solution, companions, in_time, alone=expected_of(solution))
     coarse, enough = companions[-1], FLOOR_SHARE * found.of("rms")
@@ -69,18 +69,26 @@ def estimated(solution: Solution, solve_at: SolveAt, tight: bool = False) -> Err
     return replace(found, floor=np.full(len(found.unit), left))
 
 
-def _coarser_solutions(scene: Scene, spacing: float, solve_at: SolveAt, ratios: Sequence[float]) -> list[Solution]:
+def _coarser_solutions(scene: Scene, solution: Solution, solve_at: SolveAt, ratios: Sequence[float]) -> list[Solution]:
     """Return solutions at ``ratios`` times the spacing, at the smallest ratio alone where others are too coarse.
+
+    So they are where they leave of the manifold unresolved what the solution resolves.
 
     Raises
     ------
     ResolutionError
         If that one is too coarse as well; the message names the spacing that the user gave.
     """
+    spacing, ratio = solution.spacing, min(RATIOS[True])
     try:
-        return [solve_at(scene, ratio * spacing) for ratio in ratios]
+        found = [solve_at(scene, ratio * spacing) for ratio in ratios]
     except ResolutionError:
-        ratio = min(RATIOS[True])
+        pass
+    else:
+        if solution.discretized.unresolved or not found[-1].discretized.unresolved:
+            return found
+        if len(found) > 1:
+            return found[:1]
     try:
         return [solve_at(scene, ratio * spacing)]
     except ResolutionError as error:

@@ -531,6 +531,11 @@ class Discretized(ABC):
         return ""
 
     @property
+    def unresolved(self) -> bool:
+        """Whether parts of the manifold bend too sharply for the spacing, or come too near to others."""
+        return False
+
+    @property
     def unresolved_share(self) -> float:
         """About what share of the manifold lies in pieces too small for the lattice: u is one value on each."""
         return 0.0

@@ -184,7 +184,8 @@ class Case:
         inside = [self.boundary(number, one) for number, one in enumerate(self.inside)]
         if self.shape.closed:
             return ck.Scene(surface, self.problem(), inside)
-        edge = self.condition(self.edge, lambda x: self.shape.rim_normal(x), 0.0)
+        above = (lambda x: self.step * self.left(x)) if self.step else 0.0
+        edge = self.condition(self.edge, lambda x: self.shape.rim_normal(x), above)
         return ck.Scene(surface, self.problem(), inside, edge)
 
     def load(self, x: Any) -> Any:
@@ -262,11 +263,14 @@ class Case:
         at = self.shape.points(1, np.random.default_rng(one.seed)) if isinstance(one, Pin) else self.on_curve(one, 0.5)
         return self.place.world(at + 0.1 * towards(at))[0]
 
-    def condition(self, name: str, out: Field, step: float) -> Any:
-        """Return a condition that the exact solution keeps; ``out`` is the local conormal, out of its side."""
+    def condition(self, name: str, out: Field, step: float | Field) -> Any:
+        """Return a condition that the exact solution keeps; ``out`` is the local conormal, out of its side.
+
+        There the solution is u and ``step``.
+        """
 
         def value(x: Any) -> Any:
-            return self.u.value(x) + step
+            return self.u.value(x) + (step(x) if callable(step) else step)
 
         def slope(x: Any) -> Any:
             return np.sum(self.u.gradient(x) * out(x), axis=1)

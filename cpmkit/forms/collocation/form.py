@@ -24,6 +24,7 @@ from cpmkit.forms.collocation.diagnosis.definiteness import (
 )
 from cpmkit.forms.collocation.diagnosis.survey import find_unresolved
 from cpmkit.forms.collocation.diagnosis.twin_clusters import twin_feet
+from cpmkit.forms.collocation.diagnosis.unresolved import UnresolvedFeature
 from cpmkit.forms.collocation.diagnosis.warnings import layout_warnings
 from cpmkit.forms.collocation.discretization import build_tables, restated
 from cpmkit.forms.collocation.linearized import FluxRows, flux_rows_of, linearized
@@ -322,16 +323,27 @@ class Collocation(Reader):
         )
 
     def order_of_difference(self, ratio: float, coarser: Discretized | None = None, apart: float = 0.0) -> float:
-        """Return the order of the conditions, 3 counting as 2, and 1 where creases or corners are told."""
+        """Return the order of the conditions, 3 counting as 2, and 1 where creases or corners are told.
+
+        It is at most degree - 1, for what interpolation leaves is divided by the square of the spacing.
+        """
         del ratio, coarser, apart
-        order = self.tables.layout.order
-        return 1.0 if self.slow else 2.0 if order == 3 else float(order)
+        order = min(self.tables.layout.order, self.tables.layout.band.degree - 1)
+        return 1.0 if self.slow else 2.0 if order == 3 else float(max(order, 1))
+
+    @cached_property
+    def _features(self) -> tuple[UnresolvedFeature, ...]:
+        return find_unresolved(self.tables.layout)
+
+    @property
+    def unresolved(self) -> bool:
+        """Whether parts of the manifold bend too sharply for the spacing, or come too near to others."""
+        return bool(self._features)
 
     @cached_property
     def slow(self) -> str:
         """Creases and corners, beside which errors fall with the spacing at best."""
-        features = find_unresolved(self.tables.layout)
-        creased = [one for one in features if one.kind == "crease"]
+        creased = [one for one in self._features if one.kind == "crease"]
         return f"creases or corners near {place(creased[0].place)}; the error may fall slowly" if creased else ""
 
     def work(self, operator: Operator, report: SolveReport | None) -> Work:

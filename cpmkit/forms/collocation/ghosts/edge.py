@@ -11,7 +11,7 @@ it continues a polynomial through points inside.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from cpmkit.forms.collocation.ghosts.continuation import (
 from cpmkit.forms.collocation.ghosts.formulas import coefficient_and_factor
 from cpmkit.forms.collocation.ghosts.geometry import mirror_distance
 from cpmkit.forms.collocation.ghosts.past_rim import replaced
+from cpmkit.forms.collocation.ghosts.rim_corners import RimCorners, rim_corners
 from cpmkit.grid.band import Band
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import LocalSource
@@ -35,7 +36,7 @@ from cpmkit.manifold.tangent_space import outward_conormals
 from cpmkit.manifold.walking import nearest_on_sheet
 from cpmkit.protocols import ClosestPoints, Floats, Ints
 from cpmkit.scene.edge import EdgeConditions, edge_condition
-from cpmkit.scene.laws import OneSided, beta_at, is_zero_neumann
+from cpmkit.scene.laws import OneSided, Value, beta_at, is_zero_neumann
 
 #: Nodes nearer to their foot than this share of the spacing do not tell the direction of the conormal.
 UNDIRECTED_EDGE_SPACINGS = 1e-6
@@ -119,16 +120,34 @@ def _mirror(surface: LocalSource, band: Band, lattice: Lattice, law: OneSided, o
     if is_zero_neumann(law):
         on = band.feet.take(rows) if order == 1 else _reached(surface, band, rows, foot - beyond)
         return RowFormula(on.points, np.ones(len(rows)), feet=on)
-    outward = _outward(surface, band.feet.take(rows), beyond, band.spacing)
+    feet = band.feet.take(rows)
+    conormals = outward_conormals(surface, feet, 0.5 * band.spacing)
+    outward = _straight(surface, feet, conormals, beyond, band.spacing)
     t = np.maximum(np.sum(beyond * outward, axis=1), 0.0)
     mirror = foot - beyond - (mirror_distance(law, t, band.spacing) - t)[:, None] * outward
-    on = band.feet.take(rows) if order == 1 else _reached(surface, band, rows, mirror)
+    on = feet if order == 1 else _reached(surface, band, rows, mirror)
     where = lattice.to_scene(foot)
     first = np.full(len(rows), order == 1)
     beta = beta_at(law, where, EDGE_CONDITION)
+    corners = [] if isinstance(law, Value) else rim_corners(surface, feet, beyond, conormals, band.spacing)
+    for one in corners:
+        t[one.rows] = one.beyond.sum(axis=1)
     coefficient, factor = coefficient_and_factor(law, beta, t, 2 * t, first, band.spacing)
-    data = [BoundaryData(np.arange(len(rows)), factor, where, law.datum, EDGE_CONDITION, law)]
+    datum = BoundaryData(np.arange(len(rows)), factor, where, law.datum, EDGE_CONDITION, law)
+    data = _read_beside(datum, corners, t, lattice) if corners else [datum]
     return RowFormula(on.points, coefficient, data, feet=on)
+
+
+def _read_beside(datum: BoundaryData, corners: Sequence[RimCorners], t: Floats, lattice: Lattice) -> list[BoundaryData]:
+    """Return a flux (n,) with that of nodes at corners read on the sides of these, by how far they lie beyond each."""
+    single = np.arange(len(t))
+    data = []
+    for one in corners:
+        single[one.rows] = -1
+        shares = (datum.factor / np.where(t > 0, t, 1.0))[one.rows, None] * one.beyond
+        for share, points in zip(shares.T, one.points.transpose(1, 0, 2), strict=True):
+            data.append(replace(datum, rows=one.rows, factor=share, points=lattice.to_scene(points)))
+    return [datum.renumbered(single), *data]
 
 
 def _reached(surface: LocalSource, band: Band, rows: Ints, goal: Floats) -> ClosestPoints:
@@ -157,12 +176,14 @@ def _continue(surface: LocalSource, band: Band, lattice: Lattice, law: OneSided,
 
 
 def _outward(surface: LocalSource, edge: ClosestPoints, beyond: Floats, spacing: float) -> Floats:
-    """Return the outward conormals (n, d) at the feet of nodes past the edge, ``beyond`` them.
+    """Return the outward conormals (n, d) at the feet of nodes past the edge, ``beyond`` them."""
+    return _straight(surface, edge, outward_conormals(surface, edge, 0.5 * spacing), beyond, spacing)
 
-    A node outside a solid lies straight above its foot: there the conormal is known to rounding.
-    """
-    outward = outward_conormals(surface, edge, 0.5 * spacing)
+
+def _straight(surface: LocalSource, edge: ClosestPoints, conormals: Floats, beyond: Floats, spacing: float) -> Floats:
+    """Return conormals of which those of solids are known to rounding: a node outside lies straight above its foot."""
     straight = surface.dimensions_at(edge) == surface.dim
     straight &= np.linalg.norm(beyond, axis=1) > UNDIRECTED_EDGE_SPACINGS * spacing
+    outward = conormals.copy()
     outward[straight] = beyond[straight] / np.linalg.norm(beyond[straight], axis=1, keepdims=True)
     return outward

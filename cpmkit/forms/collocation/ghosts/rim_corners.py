@@ -1,0 +1,99 @@
+"""Fluxes at corners of a rim: nodes whose foot is the corner read the flux of each side, as far as they lie beyond it.
+
+A node x past a rim with the foot y and the conormal b reads ``u(2 y - x) + 2 (x - y) . b du/db``. At a corner b jumps,
+and a flux that is given at y alone is that of one side. With b_j the conormals beside the corner and
+``x - y = sum t_j b_j`` in the tangent space, the last term is ``2 sum t_j du/db_j``, each flux read on its own side.
+Differs from King et al. (2024), who have no flux at a rim with corners.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cpmkit.manifold.local_source import LocalSource
+from cpmkit.manifold.tangent_space import normals, outward_conormals
+from cpmkit.manifold.vectors import norms
+from cpmkit.protocols import ClosestPoints, Floats, Ints
+
+#: Sides of a corner are looked for so many spacings beside it, on either side.
+BESIDE_SPACINGS = 0.6
+#: Points of a rim on both sides of one that are farther apart than this share of the most have no corner between them.
+STRAIGHT_SHARE = 0.97
+#: Their conormals are taken from closest points so many spacings around them: a corner nearer than that bends them.
+CONORMAL_SPACINGS = 0.05
+#: Directions of conormals that add less than this share of the strongest one are bends and rounding.
+LEAST_SINGULAR_SHARE = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class RimCorners:
+    """Nodes whose feet are corners of a rim.
+
+    Attributes
+    ----------
+    rows : (k,) int64
+        Which of the nodes.
+    points : (k, s, d) float64
+        Points of the rim on the sides of each corner.
+    beyond : (k, s) float64
+        How far the node lies beyond each: the sum of these times the conormals there is its way from the corner.
+    """
+
+    rows: Ints
+    points: Floats
+    beyond: Floats
+
+
+def rim_corners(
+    surface: LocalSource, feet: ClosestPoints, beyond: Floats, outward: Floats, spacing: float
+) -> list[RimCorners]:
+    """Return the corners among ``feet`` on a rim, of surfaces and of solids, where a curve has none.
+
+    Parameters
+    ----------
+    surface : LocalSource
+        The manifold.
+    feet : ClosestPoints
+        Of n nodes.
+    beyond, outward : (n, d) float64
+        The ways from the feet to the nodes, and the conormals at the feet.
+    spacing : float
+        Of the lattice.
+    """
+    dimension = surface.dimensions_at(feet)
+    found = []
+    for m in range(2, surface.dim + 1):
+        rows = np.flatnonzero(dimension == m)
+        if len(rows):
+            found.append(_corners(surface, feet.take(rows), beyond[rows], outward[rows], spacing, rows))
+    return [one for one in found if len(one.rows)]
+
+
+def _corners(
+    surface: LocalSource, feet: ClosestPoints, beyond: Floats, outward: Floats, spacing: float, rows: Ints
+) -> RimCorners:
+    """Return the same of feet on parts of one dimension, which are numbered by ``rows``."""
+    reach = BESIDE_SPACINGS * spacing
+    along = _along(surface, feet, outward, spacing)
+    places = feet.points[:, None] + reach * np.stack([along, -along], axis=2).reshape(len(rows), -1, surface.dim)
+    sides = surface.closest_point(places.reshape(-1, surface.dim))
+    points = sides.points.reshape(places.shape)
+    apart = norms(points[:, 0::2] - points[:, 1::2]).min(axis=1)
+    bent = np.flatnonzero((apart < 2 * STRAIGHT_SHARE * reach) & (sides.edge.reshape(len(rows), -1) >= 0).all(axis=1))
+    there = (bent[:, None] * places.shape[1] + np.arange(places.shape[1])).ravel()
+    conormals = outward_conormals(surface, sides.take(there), CONORMAL_SPACINGS * spacing).reshape(
+        len(bent), *places.shape[1:]
+    )
+    inverse = np.linalg.pinv(conormals.transpose(0, 2, 1), rcond=LEAST_SINGULAR_SHARE)
+    shares = np.maximum(np.einsum("nsd,nd->ns", inverse, beyond[bent]), 0.0)
+    return RimCorners(rows[bent], points[bent], shares)
+
+
+def _along(surface: LocalSource, feet: ClosestPoints, outward: Floats, spacing: float) -> Floats:
+    """Return unit directions (n, m - 1, d) in the tangent space, at right angles to each other and to ``outward``."""
+    across = outward[:, None]
+    if (surface.dimensions_at(feet) < surface.dim).all():
+        across = np.stack([outward, normals(surface, feet, 0.5 * spacing)], axis=1)
+    return np.asarray(np.linalg.svd(across)[2][:, across.shape[1] :])
