@@ -235,9 +235,13 @@ def of_space(
     specks = np.flatnonzero(size == 1)
     if len(specks) and count > 1:
         node = parting.places[np.flatnonzero(piece == specks[0])[0]]
+        at = place(lattice.to_scene(node))
         yield (
-            f"{len(specks)} pieces of the manifold are smaller than {SPECK_SPACINGS:g} spacings and have one value "
-            f"each, the first near {place(lattice.to_scene(node))}; a smaller spacing resolves them."
+            f"One piece of the manifold is smaller than {SPECK_SPACINGS:g} spacings and has one value, near {at}; "
+            "a smaller spacing resolves it."
+            if len(specks) == 1
+            else f"{len(specks)} pieces of the manifold are smaller than {SPECK_SPACINGS:g} spacings and have one "
+            f"value each, the first near {at}; a smaller spacing resolves them."
         )
     low, high = parting.nodes.min(axis=0), parting.nodes.max(axis=0)
     codes = np.ravel_multi_index((parting.nodes - low).T, high - low + 1)

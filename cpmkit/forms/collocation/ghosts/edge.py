@@ -11,7 +11,7 @@ it continues a polynomial through points inside.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -35,8 +35,8 @@ from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.tangent_space import outward_conormals
 from cpmkit.manifold.walking import nearest_on_sheet
 from cpmkit.protocols import ClosestPoints, Floats, Ints
-from cpmkit.scene.edge import EdgeConditions, edge_condition
-from cpmkit.scene.laws import OneSided, Value, beta_at, is_zero_neumann
+from cpmkit.scene.edge import EdgeConditions, conditions_of_edge, edge_condition
+from cpmkit.scene.laws import Flux, Mixed, OneSided, beta_at, is_zero_neumann
 
 #: Nodes nearer to their foot than this share of the spacing do not tell the direction of the conormal.
 UNDIRECTED_EDGE_SPACINGS = 1e-6
@@ -68,7 +68,7 @@ class PastEdge:
 def read_past_edge(surface: LocalSource, band: Band, lattice: Lattice, edge: EdgeConditions, order: int) -> PastEdge:
     """Return what each node of the band reads, the edge's conditions applied to those past it."""
     loops = _loops(band, edge)
-    mirrored = _mirrored(surface, band, lattice, loops, order)
+    mirrored = _mirrored(surface, band, lattice, edge, loops, order)
     finer = [(rows, law, own or order) for rows, law, own in loops if (own or order) > 2]
     parts = [_continue(surface, band, lattice, law, asked, rows) for rows, law, asked in finer]
     sources = RowFormula(band.feet.points, np.ones(len(band.nodes)))
@@ -83,7 +83,7 @@ def read_at_feet(
     """Return ``past`` with the nodes ``rows`` past the edge of first order: they read their feet."""
     if not len(rows):
         return past
-    at_feet = _mirrored(surface, band, lattice, _loops(band, edge, rows), 1, most=1)
+    at_feet = _mirrored(surface, band, lattice, edge, _loops(band, edge, rows), 1, most=1)
     sources = RowFormula(band.feet.points, np.ones(len(band.nodes)))
     reading, mirrored = (replaced(one, rows, at_feet) for one in (past.formula, past.mirrored))
     return PastEdge(reading, mirrored, replaced(past.sources, rows, sources))
@@ -100,24 +100,32 @@ def _loops(band: Band, edge: EdgeConditions, rows: Ints | None = None) -> list[L
 
 
 def _mirrored(
-    surface: LocalSource, band: Band, lattice: Lattice, loops: Sequence[Loop], order: int, most: int = 2
+    surface: LocalSource,
+    band: Band,
+    lattice: Lattice,
+    edge: EdgeConditions,
+    loops: Sequence[Loop],
+    order: int,
+    most: int = 2,
 ) -> RowFormula:
     """Return what all nodes read at order 1 or 2, ``most``, one point each."""
     points, coefficient = band.feet.points.copy(), np.ones(len(band.nodes))
     feet = None if band.sheets is None else band.feet
     data: list[BoundaryData] = []
     for rows, law, own in loops:
-        read = _mirror(surface, band, lattice, law, min(own or order, most), rows)
+        read = _mirror(surface, band, lattice, edge, law, min(own or order, most), rows)
         points[rows], coefficient[rows] = read.points, read.coefficient
         feet = None if feet is None or read.feet is None else feet.replaced(rows, read.feet)
         data += [datum.renumbered(rows) for datum in read.data]
     return RowFormula(points, coefficient, data, feet=feet)
 
 
-def _mirror(surface: LocalSource, band: Band, lattice: Lattice, law: OneSided, order: int, rows: Ints) -> RowFormula:
+def _mirror(
+    surface: LocalSource, band: Band, lattice: Lattice, edge: EdgeConditions, law: OneSided, order: int, rows: Ints
+) -> RowFormula:
     """Return what nodes past one loop read at order 1 or 2."""
     foot, beyond = band.feet.points[rows], band.positions[rows] - band.feet.points[rows]
-    if is_zero_neumann(law):
+    if is_zero_neumann(law) and not _has_flux(edge):
         on = band.feet.take(rows) if order == 1 else _reached(surface, band, rows, foot - beyond)
         return RowFormula(on.points, np.ones(len(rows)), feet=on)
     feet = band.feet.take(rows)
@@ -129,24 +137,50 @@ def _mirror(surface: LocalSource, band: Band, lattice: Lattice, law: OneSided, o
     where = lattice.to_scene(foot)
     first = np.full(len(rows), order == 1)
     beta = beta_at(law, where, EDGE_CONDITION)
-    corners = [] if isinstance(law, Value) else rim_corners(surface, feet, beyond, conormals, band.spacing)
+    corners = []
+    if isinstance(law, Flux | Mixed):
+        corners = _of_fluxes(rim_corners(surface, feet, beyond, conormals, band.spacing), edge, law)
     for one in corners:
         t[one.rows] = one.beyond.sum(axis=1)
     coefficient, factor = coefficient_and_factor(law, beta, t, 2 * t, first, band.spacing)
     datum = BoundaryData(np.arange(len(rows)), factor, where, law.datum, EDGE_CONDITION, law)
-    data = _read_beside(datum, corners, t, lattice) if corners else [datum]
+    data = _read_beside(datum, corners, edge, t, lattice)
     return RowFormula(on.points, coefficient, data, feet=on)
 
 
-def _read_beside(datum: BoundaryData, corners: Sequence[RimCorners], t: Floats, lattice: Lattice) -> list[BoundaryData]:
+def _has_flux(edge: EdgeConditions) -> bool:
+    """Tell whether a flux other than zero is given anywhere on the edge."""
+    laws = [condition.one_sided for condition in conditions_of_edge(edge)]
+    return any(isinstance(law, Flux | Mixed) and not is_zero_neumann(law) for law in laws)
+
+
+def _of_fluxes(corners: Sequence[RimCorners], edge: EdgeConditions, law: OneSided) -> list[RimCorners]:
+    """Return the corners of which all sides have the law of the node's own loop, or all a flux alone."""
+    found = []
+    for one in corners:
+        kept = np.ones(len(one.rows), dtype=bool)
+        for loop in np.unique(one.loops):
+            other = edge_condition(edge, int(loop)).one_sided
+            if other is not law and not (isinstance(law, Flux) and isinstance(other, Flux)):
+                kept &= (one.loops != loop).all(axis=1)
+        if kept.any():
+            found.append(one.take(kept))
+    return found
+
+
+def _read_beside(
+    datum: BoundaryData, corners: Sequence[RimCorners], edge: EdgeConditions, t: Floats, lattice: Lattice
+) -> list[BoundaryData]:
     """Return a flux (n,) with that of nodes at corners read on the sides of these, by how far they lie beyond each."""
-    single = np.arange(len(t))
-    data = []
+    single, data = np.arange(len(t)), []
     for one in corners:
         single[one.rows] = -1
         shares = (datum.factor / np.where(t > 0, t, 1.0))[one.rows, None] * one.beyond
-        for share, points in zip(shares.T, one.points.transpose(1, 0, 2), strict=True):
-            data.append(replace(datum, rows=one.rows, factor=share, points=lattice.to_scene(points)))
+        for loop in np.unique(one.loops):
+            k, side = np.nonzero((one.loops == loop) & (shares > 0))
+            law = edge_condition(edge, int(loop)).one_sided
+            where = lattice.to_scene(one.points[k, side])
+            data.append(BoundaryData(one.rows[k], shares[k, side], where, law.datum, datum.what, law))
     return [datum.renumbered(single), *data]
 
 

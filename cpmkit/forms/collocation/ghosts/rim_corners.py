@@ -15,10 +15,14 @@ import numpy as np
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.tangent_space import normals, outward_conormals
 from cpmkit.manifold.vectors import norms
-from cpmkit.protocols import ClosestPoints, Floats, Ints
+from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 
 #: Sides of a corner are looked for so many spacings beside it, on either side.
 BESIDE_SPACINGS = 0.6
+#: And so much of that past the rim: feet of points on it may count as inside.
+OUTWARD_SHARE = 0.1
+#: Turns of the ways beside a foot on a solid.
+THIRDS = np.array([0.0, 2.0, 4.0]) * np.pi / 3
 #: Points of a rim on both sides of one that are farther apart than this share of the most have no corner between them.
 STRAIGHT_SHARE = 0.97
 #: Their conormals are taken from closest points so many spacings around them: a corner nearer than that bends them.
@@ -37,13 +41,20 @@ class RimCorners:
         Which of the nodes.
     points : (k, s, d) float64
         Points of the rim on the sides of each corner.
+    loops : (k, s) int64
+        The loops of the edge that these belong to.
     beyond : (k, s) float64
         How far the node lies beyond each: the sum of these times the conormals there is its way from the corner.
     """
 
     rows: Ints
     points: Floats
+    loops: Ints
     beyond: Floats
+
+    def take(self, kept: Bools) -> RimCorners:
+        """Return those that are ``kept`` (k,)."""
+        return RimCorners(self.rows[kept], self.points[kept], self.loops[kept], self.beyond[kept])
 
 
 def rim_corners(
@@ -76,24 +87,30 @@ def _corners(
 ) -> RimCorners:
     """Return the same of feet on parts of one dimension, which are numbered by ``rows``."""
     reach = BESIDE_SPACINGS * spacing
-    along = _along(surface, feet, outward, spacing)
-    places = feet.points[:, None] + reach * np.stack([along, -along], axis=2).reshape(len(rows), -1, surface.dim)
+    ways = _across(surface, feet, outward, spacing)
+    places = feet.points[:, None] + reach * (ways + OUTWARD_SHARE * outward[:, None])
     sides = surface.closest_point(places.reshape(-1, surface.dim))
     points = sides.points.reshape(places.shape)
-    apart = norms(points[:, 0::2] - points[:, 1::2]).min(axis=1)
-    bent = np.flatnonzero((apart < 2 * STRAIGHT_SHARE * reach) & (sides.edge.reshape(len(rows), -1) >= 0).all(axis=1))
-    there = (bent[:, None] * places.shape[1] + np.arange(places.shape[1])).ravel()
-    conormals = outward_conormals(surface, sides.take(there), CONORMAL_SPACINGS * spacing).reshape(
-        len(bent), *places.shape[1:]
-    )
+    half = places.shape[1] // 2
+    bent = norms(points[:, :half] - points[:, half:]) < 2 * STRAIGHT_SHARE * reach
+    kept = np.flatnonzero(bent.any(axis=1) & (sides.edge.reshape(len(rows), -1) >= 0).all(axis=1))
+    there = (kept[:, None] * places.shape[1] + np.arange(places.shape[1])).ravel()
+    conormals = outward_conormals(surface, sides.take(there), CONORMAL_SPACINGS * spacing)
+    conormals = conormals.reshape(len(kept), *places.shape[1:]) * np.tile(bent[kept], (1, 2))[:, :, None]
     inverse = np.linalg.pinv(conormals.transpose(0, 2, 1), rcond=LEAST_SINGULAR_SHARE)
-    shares = np.maximum(np.einsum("nsd,nd->ns", inverse, beyond[bent]), 0.0)
-    return RimCorners(rows[bent], points[bent], shares)
+    shares = np.maximum(np.einsum("nsd,nd->ns", inverse, beyond[kept]), 0.0)
+    return RimCorners(rows[kept], points[kept], sides.edge.reshape(len(rows), -1)[kept], shares)
 
 
-def _along(surface: LocalSource, feet: ClosestPoints, outward: Floats, spacing: float) -> Floats:
-    """Return unit directions (n, m - 1, d) in the tangent space, at right angles to each other and to ``outward``."""
-    across = outward[:, None]
+def _across(surface: LocalSource, feet: ClosestPoints, outward: Floats, spacing: float) -> Floats:
+    """Return unit ways (n, s, d) in the tangent space at right angles to ``outward``, then their opposites.
+
+    On a solid there are three: one may run along an edge, where it meets no side.
+    """
+    others = outward[:, None]
     if (surface.dimensions_at(feet) < surface.dim).all():
-        across = np.stack([outward, normals(surface, feet, 0.5 * spacing)], axis=1)
-    return np.asarray(np.linalg.svd(across)[2][:, across.shape[1] :])
+        others = np.stack([outward, normals(surface, feet, 0.5 * spacing)], axis=1)
+    basis = np.linalg.svd(others)[2][:, others.shape[1] :]
+    turns = np.eye(1) if basis.shape[1] == 1 else np.stack([np.cos(THIRDS), np.sin(THIRDS)], axis=1)
+    ways = np.einsum("sk,nkd->nsd", turns, basis)
+    return np.asarray(np.concatenate([ways, -ways], axis=1))
