@@ -302,7 +302,8 @@ class Collocation(Reader):
 
     def condition_data(self) -> list[DataAtPoints]:
         """Return the data of conditions where ghosts and nodes past an edge read them."""
-        return [DataAtPoints(f"the datum of {one.what}", one.data, one.points) for one in self.tables.data]
+        read = [one for one in self.tables.data if not one.at_corners]
+        return [DataAtPoints(f"the datum of {one.what}", one.data, one.points) for one in read]
 
     @cached_property
     def _mixed(self) -> list[str]:

@@ -34,6 +34,8 @@ class BoundaryData:
         Named in errors.
     law : Law
         What the condition that gives them says.
+    at_corners : bool
+        Whether the points lie beside corners, across which a flux jumps.
     """
 
     rows: Ints
@@ -42,6 +44,7 @@ class BoundaryData:
     data: Data
     what: str
     law: Law
+    at_corners: bool = False
 
     @property
     def takes_time(self) -> bool:

@@ -180,7 +180,7 @@ def _read_beside(
             k, side = np.nonzero((one.loops == loop) & (shares > 0))
             law = edge_condition(edge, int(loop)).one_sided
             where = lattice.to_scene(one.points[k, side])
-            data.append(BoundaryData(one.rows[k], shares[k, side], where, law.datum, datum.what, law))
+            data.append(BoundaryData(one.rows[k], shares[k, side], where, law.datum, datum.what, law, at_corners=True))
     return [datum.renumbered(single), *data]
 
 
