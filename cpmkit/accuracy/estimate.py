@@ -14,6 +14,7 @@ from cpmkit.accuracy.comparison import difference
 from cpmkit.accuracy.error_estimate import ErrorEstimate
 from cpmkit.accuracy.facets import floor_by_facets
 from cpmkit.errors import InputError, ResolutionError
+from cpmkit.families.eigen.resonance import unresolved_waves
 from cpmkit.families.keywords import PreparingKeywords
 from cpmkit.forms.choice import FORMS
 from cpmkit.forms.contract import Discretized
@@ -72,7 +73,7 @@ def estimated(solution: Solution, solve_at: SolveAt, tight: bool = False) -> Err
 def _coarser_solutions(scene: Scene, solution: Solution, solve_at: SolveAt, ratios: Sequence[float]) -> list[Solution]:
     """Return solutions at ``ratios`` times the spacing, at the smallest ratio alone where others are too coarse.
 
-    So they are where they leave of the manifold unresolved what the solution resolves.
+    So they are where they leave unresolved what the solution resolves: bends of the manifold, or waves.
 
     Raises
     ------
@@ -85,7 +86,7 @@ def _coarser_solutions(scene: Scene, solution: Solution, solve_at: SolveAt, rati
     except ResolutionError:
         pass
     else:
-        if solution.discretized.unresolved or not found[-1].discretized.unresolved:
+        if _is_unresolved(solution) or not _is_unresolved(found[-1]):
             return found
         if len(found) > 1:
             return found[:1]
@@ -97,6 +98,11 @@ def _coarser_solutions(scene: Scene, solution: Solution, solve_at: SolveAt, rati
             f"{ratio * spacing:.3g}, which does not work: {error} Use spacing={spacing / 2:.3g} or less, or "
             "estimate=False."
         ) from error
+
+
+def _is_unresolved(solution: Solution) -> bool:
+    form = solution.discretized
+    return form.unresolved or bool(unresolved_waves(form, solution.scene.problem.terms()))
 
 
 def coarser_scene(scene: Scene) -> Scene:

@@ -14,9 +14,10 @@ FEW = (
     220, 226, 229, 235, 241, 257, 260, 266, 270, 273, 30,
 )  # fmt: skip
 #: Scenes that were wrong in silence once.
-ONCE_WRONG = (54, 102, 122, 190, 223, 224)
-#: Two thousand, by hundreds.
-MANY = range(1000, 3000, 100)
+ONCE_WRONG = (54, 102, 122, 190, 223, 224, 1385, 1721, 2013, 2229, 2241, 2277, 2454, 2736, 2906)
+#: Two thousand, by so many.
+PART = 500
+MANY = range(1000, 3000, PART)
 #: So many solutions at least are neither refused nor warned of: who refuses everything is never wrong.
 PLAIN_SHARE = 0.55
 
@@ -36,11 +37,11 @@ def test_what_was_wrong_is_right_or_warned_of(seed):
 @pytest.mark.slow
 @pytest.mark.parametrize("first", MANY)
 def test_two_thousand_scenes(first):
-    cases = [scene_case(seed) for seed in range(first, first + 100)]
+    cases = [scene_case(seed) for seed in range(first, first + PART)]
     verdicts = [judge(case) for case in cases]
     silent = [str(case) for case, verdict in zip(cases, verdicts, strict=True) if verdict.outcome == "wrong"]
     assert not silent, "\n".join(silent)
-    assert sum(verdict.off for verdict in verdicts) <= 1
+    assert sum(verdict.off for verdict in verdicts) <= 0.01 * len(cases)
     assert sum(verdict.outcome == "right" for verdict in verdicts) > PLAIN_SHARE * len(cases)
 
 
