@@ -30,6 +30,8 @@ LAW_SHARES = {
 INTEGRALS = ("reciprocity", "total")
 #: Gaps of curves that nearly coincide, in spacings.
 GAPS = (1e-5, 1e-3, 1e-2, 0.1, 0.5, 2.0)
+#: Bytes to which a tolerance is sought where curves are far shorter than the spacing.
+MOST_BYTES = 2**29
 
 
 def scene_case(seed: int) -> Case:
@@ -49,11 +51,17 @@ def scene_case(seed: int) -> Case:
     step = 1.5 if _may_jump(shape, inside, equation, law) and rng.random() < 0.4 else 0.0
     if equation in ("poisson", "laplace") and law != "exact" and shape.closed and not inside:
         inside = (_pin_or_curve(rng, shape, "dirichlet", spacing),)
+    if "tolerance" in options and any(_is_short(one, spacing) for one in inside):
+        options = {**options, "memory": MOST_BYTES}  # errors fall like one over a logarithm down to their length
     case = Case(
         shape, kind, place, equation, law, _waves(rng, law, shape, equation), spacing, terms, inside,
         _edge(rng, law, equation, terms), step, _twin(rng, law, shape, inside), _origin(rng, shape.dim), options,
     )  # fmt: skip
     return case if law != "pair" else _with_other(case, rng)
+
+
+def _is_short(one: Curve | Pin, spacing: float) -> bool:
+    return isinstance(one, Curve) and one.span is not None and one.span[1] - one.span[0] < 0.5 * spacing
 
 
 def _shape(rng: Any, law: str) -> Shape:
