@@ -18,6 +18,8 @@ BRIDGE_OFF, NO_HEIGHT = 0.1, 1e-3
 #: Neighbours beside a rim fold over if their directions from their edge have a cosine above this; edges of them that
 #: are shorter than this, in spacings, are drawn together.
 FOLD_COSINE, FOLD_EDGE = 0.8, 1.0
+#: Vertices of borders so near to each other, in spacings, lie at one place.
+SAME_PLACE = 2e-3
 
 
 def onto_rims(rims: RimTest, vertices: Floats, cells: Ints) -> tuple[Floats, Bools]:
@@ -79,6 +81,24 @@ def without_folds(vertices: Floats, cells: Ints, on_rim: Bools, spacing: float) 
         swap = on_rim[chosen[:, 1]] & ~on_rim[chosen[:, 0]]
         cells = collapsed(cells, np.where(swap[:, None], chosen[:, ::-1], chosen), len(vertices))
     return cells, vertices[cells[_folds(vertices, cells, on_rim)[0]]].mean(axis=1)
+
+
+def joined_at_corners(vertices: Floats, cells: Ints, spacing: float) -> Ints:
+    """Return the triangles with vertices of borders at one place made one, where two border edges run between such.
+
+    A corner of a rim draws several vertices to itself.
+    """
+    from scipy.spatial import cKDTree
+
+    edges = edges_of(cells)
+    ends = edges.ends[edges.count == 1]
+    border = np.unique(ends)
+    pairs = border[cKDTree(vertices[border]).query_pairs(SAME_PLACE * spacing, output_type="ndarray")]
+    place = np.arange(len(vertices))
+    np.minimum.at(place, pairs.max(axis=1), pairs.min(axis=1))
+    line, count = np.unique(np.sort(place[ends], axis=1), axis=0, return_inverse=True, return_counts=True)[1:]
+    doubled = np.isin(pairs, ends[count[line.ravel()] == 2]).all(axis=1)
+    return collapsed(cells, np.sort(pairs[doubled], axis=1), len(vertices))
 
 
 def _folds(vertices: Floats, cells: Ints, on_rim: Bools) -> tuple[Ints, Ints]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from cpmkit.forms.galerkin.contouring.edges import edges_of
 from cpmkit.manifold.vectors import norms
 from cpmkit.protocols import Floats, Ints
 
@@ -18,7 +19,16 @@ def without_specks(vertices: Floats, cells: Ints, spacing: float) -> tuple[Ints,
 
     Pieces are what hangs together by vertices (v, 3).
     """
-    piece, areas = _pieces(vertices, cells)
+    return _without(vertices, cells, cells, spacing)
+
+
+def without_hanging_specks(vertices: Floats, cells: Ints, spacing: float) -> Ints:
+    """Return the triangles without pieces that have no area and hang on others by vertices alone."""
+    return _without(vertices, cells, edges_of(cells).of, spacing)[0]
+
+
+def _without(vertices: Floats, cells: Ints, links: Ints, spacing: float) -> tuple[Ints, int]:
+    piece, areas = _pieces(vertices, cells, links)
     speck = areas < SPECK_AREA * spacing**2
     if speck.all():
         return cells, 0
@@ -27,17 +37,18 @@ def without_specks(vertices: Floats, cells: Ints, spacing: float) -> tuple[Ints,
 
 def areas_of_pieces(vertices: Floats, cells: Ints) -> Floats:
     """Return the area of each piece, of those that hang together by vertices (v, 3)."""
-    return _pieces(vertices, cells)[1]
+    return _pieces(vertices, cells, cells)[1]
 
 
-def _pieces(vertices: Floats, cells: Ints) -> tuple[Ints, Floats]:
-    """Return the piece of each triangle, and the area of each piece."""
+def _pieces(vertices: Floats, cells: Ints, links: Ints) -> tuple[Ints, Floats]:
+    """Return the piece of each triangle, and the area of each, of those with common ``links`` (m, 3)."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    ends = np.concatenate([cells[:, :2], cells[:, 1:]])
-    graph = coo_array((np.ones(len(ends), dtype=np.int8), tuple(ends.T)), shape=(len(vertices),) * 2)
-    label = connected_components(graph, directed=False)[1][cells[:, 0]]
+    ends = np.concatenate([links[:, :2], links[:, 1:]])
+    size = int(links.max(initial=-1)) + 1
+    graph = coo_array((np.ones(len(ends), dtype=np.int8), tuple(ends.T)), shape=(size, size))
+    label = connected_components(graph, directed=False)[1][links[:, 0]]
     piece = np.unique(label, return_inverse=True)[1]
     corners = vertices[cells]
     area = 0.5 * norms(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))

@@ -20,8 +20,8 @@ from cpmkit.forms.galerkin.contouring.nodes import Nodes, surrounding_nodes
 from cpmkit.forms.galerkin.contouring.quads import triangles
 from cpmkit.forms.galerkin.contouring.repair import without_flaps, without_short_edges
 from cpmkit.forms.galerkin.contouring.rim_test import RimTest
-from cpmkit.forms.galerkin.contouring.rims import onto_rims, without_bridges, without_folds
-from cpmkit.forms.galerkin.contouring.specks import areas_of_pieces, without_specks
+from cpmkit.forms.galerkin.contouring.rims import joined_at_corners, onto_rims, without_bridges, without_folds
+from cpmkit.forms.galerkin.contouring.specks import areas_of_pieces, without_hanging_specks, without_specks
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.grid.lattice import find
 from cpmkit.manifold.local_source import LocalSource
@@ -143,6 +143,8 @@ def _attempt(source: LocalSource, spacing: float, side: float, offsets: tuple[fl
     vertices, on_rim = onto_rims(rims, vertices, cells)
     cells = without_bridges(rims, vertices, cells, on_rim)
     cells, folds = without_folds(vertices, cells, on_rim, side * spacing)
+    cells = without_hanging_specks(vertices, cells, spacing)
+    cells = joined_at_corners(vertices, cells, side * spacing)
     vertices, cells, on_rim = pulled_out(CreaseFeet.of(nodes), vertices, cells, on_rim, side * spacing)
     faults = faults_of(rims, nodes, vertices, cells, on_rim, folds, pieces, spacing)
     report = SurfaceReport(side, share, filled, faults, _unmet(nodes, vertices[np.unique(cells)]), open_specks + specks)
