@@ -14,8 +14,8 @@ MANY_SEEDS = (77,)
 #: cross came out as two pieces, sharp edges and corners of rims were cut.
 ONCE_WRONG = ((2, 14), (3, 20), (3, 27), (4, 8), (4, 9), (5, 22), (77, 25), (77, 26), (77, 41), (77, 67), (77, 85),
               (77, 153), (77, 167), (77, 182))  # fmt: skip
-#: Of these a zigzag of sharp leaves is still wrong at one origin, where 2.5 percent of its area are missing, and crossing
-#: sheets at another, where a rim is in two; both are warned of.
+#: Of these a zigzag of sharp leaves is still wrong at one origin, where 2.5 percent of its area are missing, and
+#: crossing sheets at another, where a rim is in two; both are warned of.
 STILL_WRONG = ((77, 67), (77, 85))
 #: Draws with triangles that hung on others by a vertex alone, each with a value of its own, or none.
 HUNG_BY_A_VERTEX = ((77, 52), (77, 63), (77, 116))

@@ -72,3 +72,21 @@ def test_so_are_coefficients_and_data_of_conditions(form):
 def test_an_evolution_is_warned_of_its_load_too():
     heat = ck.Heat(0.0, until=0.1, step=0.05, f=lambda x: np.sin(250 * x[:, 0]))
     assert told(ck.solve(ck.Scene(SPHERE, heat), 0.2))
+
+
+@pytest.mark.parametrize("form", ["galerkin", "collocation"])
+@pytest.mark.parametrize("turn", [0.0, 0.3])
+def test_data_that_are_zero_but_for_rounding_are_resolved(form, turn):
+    """u = x is 0 on a side of a plate, to some 1e-17."""
+    c, s = np.cos(turn), np.sin(turn)
+    vertices = np.array([[x * c - y * s, x * s + y * c, 0.0] for x in (0, 0.5, 1) for y in (0, 1)])
+    plate = ck.source("mesh.triangles", vertices=vertices, faces=[[0, 2, 3], [0, 3, 1], [2, 4, 5], [2, 5, 3]])
+
+    def u(x):
+        return x[:, 0] * c + x[:, 1] * s
+
+    sides = [(ck.Dirichlet(u), lambda x: u(x) < 1e-4), (ck.Dirichlet(u), lambda x: u(x) > 0.9999), ck.Neumann(0.0)]
+    edge = sides if form == "galerkin" else ck.Dirichlet(u)
+    solution = ck.solve(ck.Scene(plate, ck.Laplace(), edge=edge), 0.1, form=form)
+    assert not [text for text in solution.warnings if "varies within a spacing" in text]
+    assert solution.evaluate([[0.3 * c - 0.4 * s, 0.3 * s + 0.4 * c, 0]])[0] == pytest.approx(0.3, abs=1e-3)
