@@ -162,7 +162,7 @@ def _of_fluxes(corners: Sequence[RimCorners], edge: EdgeConditions, law: OneSide
         for loop in np.unique(one.loops):
             other = edge_condition(edge, int(loop)).one_sided
             if other is not law and not (isinstance(law, Flux) and isinstance(other, Flux)):
-                kept &= (one.loops != loop).all(axis=1)
+                kept &= ((one.loops != loop) | (one.beyond == 0)).all(axis=1)
         if kept.any():
             found.append(one.take(kept))
     return found

@@ -21,6 +21,10 @@ from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 BESIDE_SPACINGS = 0.6
 #: And so much of that past the rim: feet of points on it may count as inside.
 OUTWARD_SHARE = 0.1
+#: Fluxes are read nearer to the corner by this factor, where they are those of its sides and hardly others than there.
+READ_SHARE = 0.05
+#: A node that lies less far beyond a side, in spacings, is not beyond it.
+LEAST_BEYOND_SPACINGS = 1e-9
 #: Turns of the ways beside a foot on a solid.
 THIRDS = np.array([0.0, 2.0, 4.0]) * np.pi / 3
 #: Points of a rim on both sides of one that are farther apart than this share of the most have no corner between them.
@@ -98,8 +102,12 @@ def _corners(
     conormals = outward_conormals(surface, sides.take(there), CONORMAL_SPACINGS * spacing)
     conormals = conormals.reshape(len(kept), *places.shape[1:]) * np.tile(bent[kept], (1, 2))[:, :, None]
     inverse = np.linalg.pinv(conormals.transpose(0, 2, 1), rcond=LEAST_SINGULAR_SHARE)
-    shares = np.maximum(np.einsum("nsd,nd->ns", inverse, beyond[kept]), 0.0)
-    return RimCorners(rows[kept], points[kept], sides.edge.reshape(len(rows), -1)[kept], shares)
+    shares = np.einsum("nsd,nd->ns", inverse, beyond[kept])
+    shares = np.where(shares > LEAST_BEYOND_SPACINGS * spacing, shares, 0.0)
+    ways = points[kept] - feet.points[kept, None] + OUTWARD_SHARE * reach * conormals
+    beside = surface.closest_point((feet.points[kept, None] + READ_SHARE * ways).reshape(-1, surface.dim))
+    loops = sides.edge.reshape(len(rows), -1)[kept]
+    return RimCorners(rows[kept], beside.points.reshape(ways.shape), loops, shares)
 
 
 def _across(surface: LocalSource, feet: ClosestPoints, outward: Floats, spacing: float) -> Floats:
