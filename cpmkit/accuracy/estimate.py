@@ -14,7 +14,7 @@ from cpmkit.accuracy.comparison import difference
 from cpmkit.accuracy.error_estimate import ErrorEstimate
 from cpmkit.accuracy.facets import floor_by_facets
 from cpmkit.errors import InputError, ResolutionError
-from cpmkit.families.eigen.resonance import unresolved_waves
+from cpmkit.families.eigen.resonance import resolves_waves
 from cpmkit.families.keywords import PreparingKeywords
 from cpmkit.forms.choice import FORMS
 from cpmkit.forms.contract import Discretized
@@ -82,14 +82,13 @@ def _coarser_solutions(scene: Scene, solution: Solution, solve_at: SolveAt, rati
     """
     spacing, ratio = solution.spacing, min(RATIOS[True])
     try:
-        found = [solve_at(scene, ratio * spacing) for ratio in ratios]
+        found = [solve_at(scene, factor * spacing) for factor in ratios]
     except ResolutionError:
-        pass
-    else:
-        if _is_unresolved(solution) or not _is_unresolved(found[-1]):
-            return found
-        if len(found) > 1:
-            return found[:1]
+        found = []
+    if found and (_is_unresolved(solution) or not _is_unresolved(found[-1])):
+        return found
+    if len(found) > 1:
+        return found[:1]
     try:
         return [solve_at(scene, ratio * spacing)]
     except ResolutionError as error:
@@ -101,8 +100,8 @@ def _coarser_solutions(scene: Scene, solution: Solution, solve_at: SolveAt, rati
 
 
 def _is_unresolved(solution: Solution) -> bool:
-    form = solution.discretized
-    return form.unresolved or bool(unresolved_waves(form, solution.scene.problem.terms()))
+    form, problem = solution.discretized, solution.scene.problem
+    return form.unresolved or (problem.family == "steady" and not resolves_waves(form, problem.terms()))
 
 
 def coarser_scene(scene: Scene) -> Scene:

@@ -38,6 +38,11 @@ def square_of_wavenumber(terms: Terms) -> float:
     return max(-float(terms.c) / float(terms.diffusivity), 0.0)
 
 
+def resolves_waves(form: Discretized, terms: Terms) -> bool:
+    """Tell whether the spacing resolves the standing waves of a problem well, if it is one of these."""
+    return float(np.sqrt(square_of_wavenumber(terms))) * form.spacing <= form.dispersion.resolved
+
+
 def unresolved_waves(form: Discretized, terms: Terms) -> list[str]:
     """Return a sentence where the spacing resolves the waves poorly.
 
@@ -46,9 +51,9 @@ def unresolved_waves(form: Discretized, terms: Terms) -> list[str]:
     ResolutionError
         If there are too few nodes a wavelength to tell one eigenvalue from the next.
     """
-    k, spacing, carried = float(np.sqrt(square_of_wavenumber(terms))), form.spacing, form.dispersion
-    if k * spacing <= carried.resolved:
+    if resolves_waves(form, terms):
         return []
+    k, spacing, carried = float(np.sqrt(square_of_wavenumber(terms))), form.spacing, form.dispersion
     sentence = (
         f"spacing={spacing:g} gives {2 * np.pi / (k * spacing):.2g} nodes a wavelength of {2 * np.pi / k:.3g}, and "
         f"{2 * np.pi / carried.resolved:.2g} are needed to keep eigenvalues to 1 percent; use "
