@@ -53,6 +53,11 @@ def identifiers(path: Path) -> Iterator[str]:
                 yield token.string
 
 
+def nodes(path: Path) -> Iterator[ast.AST]:
+    """Yield all nodes of a file's syntax tree."""
+    return ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+
+
 def private_words(paths: Iterable[Path]) -> int:
     """Return how often the private words occur in identifiers."""
     return sum(not PRIVATE_WORDS.isdisjoint(words(name)) for path in paths for name in identifiers(path))
@@ -60,12 +65,8 @@ def private_words(paths: Iterable[Path]) -> int:
 
 def participles(paths: Iterable[Path]) -> float:
     """Return the share of functions whose name is one participle."""
-    names = [
-        node.name.strip("_")
-        for path in paths
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(node, ast.FunctionDef)
-    ]
+    found = [node for path in paths for node in nodes(path)]
+    names = [node.name.strip("_") for node in found if isinstance(node, ast.FunctionDef)]
     alone = [name for name in names if "_" not in name and (name.endswith("ed") or name in IRREGULAR)]
     return len(alone) / len(names)
 
@@ -96,7 +97,7 @@ def calls_of(paths: Iterable[Path], function: str) -> int:
 
 def imported(path: Path) -> Iterator[tuple[str, str]]:
     """Yield the modules and names that a file imports from the core, anywhere in it."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in nodes(path):
         if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] == "cpmkit":
             for alias in node.names:
                 yield str(node.module), alias.name
@@ -136,7 +137,7 @@ def meshes(paths: Iterable[Path]) -> int:
     """Return how many classes have fields for vertices and for cells."""
     found = 0
     for path in paths:
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in nodes(path):
             if isinstance(node, ast.ClassDef):
                 fields = {
                     one.target.id

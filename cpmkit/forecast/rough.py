@@ -5,18 +5,16 @@ Nothing is laid out, cut or sampled. How far off the guess is was measured on te
 
 from __future__ import annotations
 
-import numpy as np
-
 from cpmkit.forecast.needs import solver_for
 from cpmkit.forecast.parts import Explanation, Part, named, solver_part
 from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.galerkin import fitting as galerkin
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.options import Options
-from cpmkit.grid.band import cell_levels, check_numbered, nodes_of_blocks
+from cpmkit.grid.band import cell_levels, check_numbered, nodes_of_blocks, stencil_codes
 from cpmkit.grid.fitting import check_fits
-from cpmkit.grid.lattice import COARSEST_BAND_SHARE, COARSEST_SPACING_SHARE, lattice_of
-from cpmkit.grid.stencils import base_offset, tensor_offsets
+from cpmkit.grid.lattice import COARSEST_BAND_SHARE, COARSEST_SPACING_SHARE, Codes, lattice_of
+from cpmkit.grid.stencils import base_offset
 from cpmkit.manifold.abilities import advice_of, integral_floor_of
 from cpmkit.manifold.local_source import LocalSource, largest_dim, localize
 from cpmkit.protocols import ClosestPointSource
@@ -85,8 +83,7 @@ def _unknowns(source: LocalSource, asked: Options[CollocationOptions] | Options[
     side, blocks = next((side, blocks) for side, blocks in levels if side == 1 or len(blocks) > GUESSED_BLOCKS)
     if side > 1:
         return nodes_of_blocks(len(blocks), side, source.dim, source.largest_dim, degree)
-    nodes = blocks[:, None] + tensor_offsets(degree, source.dim)
-    return float(len(np.unique(nodes.reshape(-1, source.dim), axis=0)))
+    return float(len(stencil_codes(blocks, Codes.around(blocks, degree + 1), degree)))
 
 
 def _bytes(

@@ -203,6 +203,14 @@ def nodes_of_blocks(blocks: int, side: int, dim: int, manifold_dim: int, degree:
     return float(blocks * float(side) ** manifold_dim * 0.9 * (degree + 1) ** (dim - manifold_dim))
 
 
+def stencil_codes(cells: Ints, codes: Codes, degree: int) -> Ints:
+    """Return the codes of all nodes of the stencils in interpolation cells (c, d), in order."""
+    nodes = np.sort(codes.encode(cells))
+    for axis in range(cells.shape[1]):
+        nodes = codes.dilate(nodes, axis, stencil_range(degree))
+    return nodes
+
+
 def build_band(
     source: LocalSource, spacing: float, degree: int, progress: Progress = no_progress, differences: int = 1
 ) -> Band:
@@ -223,9 +231,7 @@ def build_band(
             "The source has no point inside its own bounds: its closest points and bounds contradict each other."
         )
     codes = Codes.around(cells, degree + 1 + differences)
-    inner = np.sort(codes.encode(cells))
-    for axis in range(source.dim):
-        inner = codes.dilate(inner, axis, stencil_range(degree))
+    inner = stencil_codes(cells, codes, degree)
     reach = range(-differences, differences + 1)
     around = [codes.dilate(inner, axis, reach) for axis in range(source.dim)]
     outer = np.setdiff1d(np.unique(np.concatenate(around)), inner, assume_unique=True)

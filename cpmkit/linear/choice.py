@@ -20,7 +20,7 @@ from cpmkit.runtime.suggestions import did_you_mean
 #: Up to this many unknowns, by dimension of the manifold, a direct factorisation is the quicker one.
 DIRECT_UNKNOWNS = {0: 10**6, 1: 100_000, 2: 600, 3: 300}
 #: The same where a form has coarser levels for a multigrid.
-DIRECT_BESIDE_MULTIGRID = {0: 10**6, 1: 100_000, 2: 1_500, 3: 1_000}
+DIRECT_BESIDE_MULTIGRID = {**DIRECT_UNKNOWNS, 2: 1_500, 3: 1_000}
 #: Relative residual of linear systems where none is asked for.
 DEFAULT_RESIDUAL = 1e-10
 SOLVERS: Mapping[str, Callable[..., LinearSolver]] = {

@@ -83,8 +83,10 @@ def point_value_warnings(
 def short_curve_warnings(scene: Scene, sizes: Mapping[str, float], spacing: float, least: float) -> tuple[str, ...]:
     """Name boundaries that hold values and are smaller than ``least``: they act as larger ones.
 
-    ``sizes`` are the diagonals of the bounds of those that are curves on a surface.
+    ``sizes`` are the diagonals of the bounds of those that are curves: on a surface, for a curve of a curve is none.
     """
+    if scene.surface.manifold_dim != 2:
+        return ()
     short = {name: sizes[name] for name in holding_values(scene) if sizes.get(name, least) < least}
     if not short or isinstance(scene.problem, Biharmonic):  # which feels points
         return ()
@@ -101,6 +103,5 @@ def small_boundary_warnings(scene: Scene, cutting: Collection[str], spacing: flo
     """
     sizes = {one.name: float(np.linalg.norm(np.ptp(np.asarray(one.source.bounds), axis=0))) for one in scene.boundaries}
     points = {name: 2 if size else 1 for name, size in sizes.items() if name not in cutting}
-    on_surface = scene.surface.manifold_dim == 2
-    curves = {name: size for name, size in sizes.items() if on_surface and name in cutting}
+    curves = {name: size for name, size in sizes.items() if name in cutting}
     return (*point_value_warnings(scene, points), *short_curve_warnings(scene, curves, spacing, least))

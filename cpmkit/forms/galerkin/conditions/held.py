@@ -241,13 +241,12 @@ def point_warnings(
     names = [one.name for one in scene.boundaries]
     at_points = samples.owner[samples.half < 0]
     points = {names[number]: int(np.sum(at_points == number)) for number in np.unique(at_points)}
-    on_surface = scene.surface.manifold_dim == 2
-    sizes = {name: _size(samples, number) for number, name in enumerate(names) if on_surface}
+    sizes = {name: _size(samples, number) for number, name in enumerate(names)}
     least = SMALL_SPACINGS * spacing
     return (*point_value_warnings(scene, points, interior), *short_curve_warnings(scene, sizes, spacing, least))
 
 
 def _size(samples: BoundarySamples, number: int) -> float:
-    """Return the diagonal of the bounds of a curve on a surface, infinite where it has no samples."""
+    """Return the diagonal of the bounds of a boundary that is no point, infinite where it has no samples."""
     points = samples.points[(samples.owner == number) & ~samples.extends & (samples.half >= 0)]
     return float(norms(np.ptp(points, axis=0)[None])[0]) if len(points) else np.inf
