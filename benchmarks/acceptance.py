@@ -39,13 +39,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="What the Galerkin form has to keep, measured.")
     parser.add_argument("--row", action="append", choices=list(ROWS), help="only this one")
     parser.add_argument("--list", action="store_true", help="name the rows")
-    asked = parser.parse_args()
-    if asked.list:
+    target = parser.parse_args()
+    if target.list:
         print("\n".join(ROWS))
         return
     heads = ["row", "measured", "found", "at most", "holds"]
     print(table_row(heads), table_rule(2, len(heads) - 2), sep="\n", flush=True)
-    for name in asked.row or ROWS:
+    for name in target.row or ROWS:
         begin = time.process_time()
         for what, found, most in ROWS[name]():
             print(

@@ -106,7 +106,7 @@ def dirty_meshes() -> Row:
         "slivers": with_slivers,
     }.items():
         dirty = solved(*made())
-        assert pieces(dirty.discretized.space.parting)[0] == 1
+        assert pieces(dirty.discretized.space.dof_map)[0] == 1
         yield f"{name}, error over the clean one's", rms(dirty) / clean, 1.02
 
 

@@ -170,7 +170,7 @@ def galerkin_alone(spacings: Sequence[float]) -> None:
 
 
 if __name__ == "__main__":
-    asked = [float(one) for one in sys.argv[1:]] or [0.2, 0.1, 0.05]
-    both_forms(asked)
+    target = [float(one) for one in sys.argv[1:]] or [0.2, 0.1, 0.05]
+    both_forms(target)
     print()
-    galerkin_alone(asked)
+    galerkin_alone(target)

@@ -53,15 +53,15 @@ def measure(spacing):
     from cpmkit.runtime.peak import bytes_since, forget_peak
 
     samples, contacts = sphere(spacing)
-    parting = part(samples.points, contacts, spacing)
-    space = space_of(parting, samples)
+    dof_map = part(samples.points, contacts, spacing)
+    space = space_of(dof_map, samples)
     operator = CsrOperator(floored_stiffness(space, 1.0, STRENGTHS["default"], 1.0), symmetric=True)
     b = load(space, 3 * samples.points[:, 2:])
     del space, samples, contacts
     times = products(operator.matrix, b)
     before = forget_peak()
     marks = [time.process_time()]
-    levels = levels_of(parting, np.zeros(0, dtype=np.int64))
+    levels = levels_of(dof_map, np.zeros(0, dtype=np.int64))
     marks.append(time.process_time())
     prepared = Multigrid().prepare(operator, levels)
     marks.append(time.process_time())

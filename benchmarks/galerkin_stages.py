@@ -49,22 +49,22 @@ def main(subdivisions: tuple[int, ...] = (5, 6, 7, 8)) -> None:
     """Print the table."""
     for count in subdivisions:
         samples, contacts, h = sphere(count)
-        parting = part(samples.points, contacts, h)
-        space = space_of(parting, samples)
+        dof_map = part(samples.points, contacts, h)
+        space = space_of(dof_map, samples)
         data = energy_data(space, 1.0, None, STRENGTH)
         matrix = floored_stiffness(space, 1.0, STRENGTH, c=1.0)
-        u = np.ones((parting.size, 1))
+        u = np.ones((dof_map.size, 1))
         product = seconds(lambda: matrix @ u[:, 0])  # noqa: B023
         stages = {
             "parting": lambda: part(samples.points, contacts, h),  # noqa: B023
-            "pattern": lambda: space_of(parting, samples),  # noqa: B023
+            "pattern": lambda: space_of(dof_map, samples),  # noqa: B023
             "energy": lambda: energy_data(space, 1.0, 1.0, STRENGTH),  # noqa: B023
             "ghosts": lambda: add_ghosts(space, 1.0, STRENGTH, data),  # noqa: B023
             "load": lambda: load(space, samples.points[:, :1]),  # noqa: B023
             "values": lambda: values_at_samples(space, u),  # noqa: B023
         }
         costs = {name: seconds(stage) / product for name, stage in stages.items()}
-        n = parting.size
+        n = dof_map.size
         print(f"{n} unknowns, {len(samples) / n:.1f} samples and {matrix.nnz / n:.0f} entries each; in products:")
         print("   ", "  ".join(f"{name} {cost:.0f}" for name, cost in costs.items()), f" all {sum(costs.values()):.0f}")
         print(f"    a product takes {1e9 * product / n:.0f} ns an unknown")

@@ -72,9 +72,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("spacings", nargs="*", type=float, help="in place of the usual ones")
     parser.add_argument("--record", action="store_true", help="keep what degrees are chosen by")
-    asked = parser.parse_args()
+    target = parser.parse_args()
     os.environ["CPMKIT_THREADS"] = "1"
-    spacings = asked.spacings or SPACINGS
+    spacings = target.spacings or SPACINGS
     records = []
     torus = ck.source("analytic.torus", major=MAJOR, minor=MINOR)
     shapes = (("sphere", ck.source("analytic.sphere"), on_sphere), ("torus", torus, on_torus))
@@ -90,7 +90,7 @@ def main() -> None:
                     row, record = measured(name, surface, exact, h, degree=degree, **knobs)
                     print(row, flush=True)
                     records += [record] if degree in RECORDED and not knobs else []
-    if asked.record:
+    if target.record:
         RECORD.write_text("[\n" + ",\n".join(f" {json.dumps(one)}" for one in records) + "\n]\n", encoding="utf-8")
 
 

@@ -51,23 +51,27 @@ def wanted(chosen: Sequence[Problem], quick: bool, positions: int) -> Iterator[t
             yield problem, TradeRun(problem.name, position, None, "rms", seconds, memory)
 
 
-def run(problem: Problem, asked: TradeRun) -> TradeRun:
+def run(problem: Problem, target: TradeRun) -> TradeRun:
     """Solve once, on a lattice at a random position."""
-    shift = np.random.default_rng(asked.position).uniform(0, 1, problem.scene.surface.dim)
+    shift = np.random.default_rng(target.position).uniform(0, 1, problem.scene.surface.dim)
     origin = lattice_of(problem.scene.surface, 1e-3).origin + 0.2 * shift
-    goal: dict[str, Any] = {"tolerance": asked.asked_tolerance, "seconds": asked.asked_seconds, "memory": asked.memory}
+    goal: dict[str, Any] = {
+        "tolerance": target.asked_tolerance,
+        "seconds": target.asked_seconds,
+        "memory": target.memory,
+    }
     before = forget_peak()
     try:
-        solution = ck.solve(problem.scene, origin=origin, norm=asked.norm, **goal)
+        solution = ck.solve(problem.scene, origin=origin, norm=target.norm, **goal)
     except CpmkitError as error:
         print(f"{problem.name}: {error}", file=sys.stderr)
-        return asked
+        return target
     used, trade = bytes_since(before), solution.trade
     return replace(
-        asked,
+        target,
         status=trade.status,
         estimate=finite(trade.error),
-        true_error=finite(problem.errors(solution)[0 if asked.norm == "rms" else 1]),
+        true_error=finite(problem.errors(solution)[0 if target.norm == "rms" else 1]),
         slow=bool(solution.error.slow),
         seconds=trade.seconds,
         predicted_bytes=trade.predicted_bytes,
@@ -112,15 +116,15 @@ def main(arguments: Sequence[str]) -> None:
     todo = list(wanted(chosen, given.quick, given.positions or (1 if given.quick else POSITIONS)))
     found, started = {one.key: one for one in read(file)}, time.monotonic()
     warm: set[str] = set()
-    for number, (problem, asked) in enumerate(todo, 1):
-        if asked.key not in found and time.monotonic() - started < 60 * given.minutes:
+    for number, (problem, target) in enumerate(todo, 1):
+        if target.key not in found and time.monotonic() - started < 60 * given.minutes:
             if problem.name not in warm:  # what is compiled or read for the first time is no part of a solve
                 ck.solve(problem.scene, tolerance=WARMING_TOLERANCE)
                 warm.add(problem.name)
-            found[asked.key] = one = run(problem, asked)
+            found[target.key] = one = run(problem, target)
             append(file, one)
             print(told(number, len(todo), one), file=sys.stderr, flush=True)
-    done = [found[asked.key] for _, asked in todo if asked.key in found]
+    done = [found[target.key] for _, target in todo if target.key in found]
     print(printed(done) if given.json else "\n".join(table(done)))
 
 

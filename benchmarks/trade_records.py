@@ -86,8 +86,8 @@ def finite(value: float) -> float | None:
 
 def table(runs: Sequence[TradeRun]) -> Iterator[str]:
     """Yield what must hold, and what was found, as rows."""
-    asked = [one for one in runs if one.asked_tolerance is not None]
-    accepted = [one for one in asked if one.status == "reached"]
+    target = [one for one in runs if one.asked_tolerance is not None]
+    accepted = [one for one in target if one.status == "reached"]
     ratios = np.array([one.estimate / one.true_error for one in runs if one.estimate and one.true_error])
     below = [one for one in accepted if one.true_error <= one.asked_tolerance]
     silent = [one for one in accepted if one.true_error > one.asked_tolerance and not one.slow]
@@ -96,11 +96,11 @@ def table(runs: Sequence[TradeRun]) -> Iterator[str]:
     further = [share for share, one in zip(better, accepted, strict=True) if (one.solves or 0) > 2]
     costs = [one.cost_over_last_solve for one in runs if one.cost_over_last_solve]
     foretold = np.array([one.predicted_bytes / one.bytes for one in runs if one.predicted_bytes and one.bytes])
-    statuses = [f"{sum(one.status == status for one in asked)} {status}" for status in _statuses(asked)]
+    statuses = [f"{sum(one.status == status for one in target)} {status}" for status in _statuses(target)]
     rows = {
         "problems, positions, memory for each run": f"{len({one.name for one in runs})}, "
         f"{len({one.position for one in runs})}, {' or '.join(sorted({one.memory for one in runs}))}",
-        "runs with a tolerance": f"{len(asked)}: {', '.join(statuses)}",
+        "runs with a tolerance": f"{len(target)}: {', '.join(statuses)}",
         "accepted answers whose true error is below the tolerance": f"{len(below)} of {len(accepted)}",
         "effectivity in [.5, 3]": f"{np.mean((ratios >= 0.5) & (ratios <= 3)):.0%} of {len(ratios)}",
         "lowest, median, highest effectivity": f"{ratios.min():.2g}, {np.median(ratios):.2g}, {ratios.max():.2g}",

@@ -128,8 +128,8 @@ def solve(
             loaded = load_scene(scene)
             folder, request = output or loaded.output.folder, as_shown(loaded.output, field, look, estimate)
             check_request(request, loaded.scene.surface, folder, solution_channels(loaded.scene))
-            asked = {"tolerance": tolerance, "norm": norm, "seconds": seconds, "memory": memory}
-            spacing, options = how_fine(loaded, spacing, **asked, degree=degree)
+            target = {"tolerance": tolerance, "norm": norm, "seconds": seconds, "memory": memory}
+            spacing, options = how_fine(loaded, spacing, **target, degree=degree)
             if backend != "cpm":
                 options = {"backend": backend, **for_any_backend(options, backend)}
             options |= {key: file for key, file in (("checkpoint", checkpoint), ("resume", resume)) if file}
@@ -221,9 +221,9 @@ def plugins(kind: str | None, as_json: bool) -> None:
     if kind is not None:
         from cpmkit.scenefile.kinds import kinds as documented
 
-        asked = documented(kind)
-        told = json.dumps([asdict(one) for one in asked], indent=2, default=str)
-        click.echo(told if as_json else "\n\n".join(map(str, asked)))
+        target = documented(kind)
+        told = json.dumps([asdict(one) for one in target], indent=2, default=str)
+        click.echo(told if as_json else "\n\n".join(map(str, target)))
         return
 
     from cpmkit.plugins import installed_kinds

@@ -80,16 +80,16 @@ def accuracy_options(command: Command) -> Command:
     return command
 
 
-def how_fine(loaded: SceneFile, spacing: float | None, **asked: Any) -> tuple[float | None, dict[str, Any]]:
+def how_fine(loaded: SceneFile, spacing: float | None, **target: Any) -> tuple[float | None, dict[str, Any]]:
     """Return the spacing and the options of ``solve``: what the command line says goes before what the file says."""
-    from cpmkit.forms.asked import Asked
+    from cpmkit.forms.accuracy_target import AccuracyTarget
     from cpmkit.runtime.declared import declared
 
-    given = {name: value for name, value in asked.items() if value is not None}
+    given = {name: value for name, value in target.items() if value is not None}
     deciding = [name for name in ("tolerance", "seconds", "memory") if name in given]
     options = dict(loaded.options)
     if spacing is not None:
-        options = {name: value for name, value in options.items() if name not in declared(Asked)}
+        options = {name: value for name, value in options.items() if name not in declared(AccuracyTarget)}
     decided = spacing if deciding else spacing or loaded.spacing
     return decided, {**options, **given}
 

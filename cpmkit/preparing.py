@@ -14,8 +14,8 @@ from cpmkit.families.context import Kept, SolveContext
 from cpmkit.families.keywords import CheckpointingKeywords, PreparingKeywords
 from cpmkit.families.nonlinear import solve_nonlinear
 from cpmkit.families.quasilinear import solve_quasilinear
-from cpmkit.forecast.running_out import memory_told
-from cpmkit.forms.asked import Asked
+from cpmkit.forecast.running_out import explain_memory_error
+from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.forms.choice import FORMS, every_option, module_of, options_of
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.field import Field, field_of
@@ -144,7 +144,7 @@ class Prepared(Generic[Solved]):
                 f"guess must be a solution on the same tables, ({self.discretized.size}, {scene.channels}) values, got "
                 f"{start.shape}."
             )
-        with memory_told(scene, self.options, self.solver.solver):
+        with explain_memory_error(scene, self.options, self.solver.solver):
             solution = self.run(scene, checkpointing, start)
         warn_each(solution.warnings)
         return solution
@@ -159,12 +159,12 @@ class Prepared(Generic[Solved]):
         InputError
             If there is no such solver, or it takes no such option.
         """
-        asked = SolverOptions.of({"solver": solver, **options})
-        if asked == self.solver:
+        target = SolverOptions.of({"solver": solver, **options})
+        if target == self.solver:
             return self
-        key = repr(asked)
+        key = repr(target)
         if key not in self.others:
-            self.others[key] = replace(self, solver=asked, kept=Kept())
+            self.others[key] = replace(self, solver=target, kept=Kept())
         return self.others[key]
 
     def lending(self) -> Prepared[Solved]:
@@ -253,9 +253,9 @@ def solved(
     checkpointing, rest = take(Checkpointing, options)
     checkpointing.check_for(scene.problem)
     started = time.perf_counter()
-    discretise, solver, asked = ask(backend, scene, spacing, progress, rest)
-    with memory_told(scene, asked, solver.solver):  # nothing here holds the tables, should memory run out
-        return Prepared(discretise(), solver, progress, asked).run(scene, checkpointing, started=started)
+    discretise, solver, target = ask(backend, scene, spacing, progress, rest)
+    with explain_memory_error(scene, target, solver.solver):  # nothing here holds the tables, should memory run out
+        return Prepared(discretise(), solver, progress, target).run(scene, checkpointing, started=started)
 
 
 @overload
@@ -320,9 +320,9 @@ def prepare(
     [1.0, 3.0]
     """
     with shown_progress(progress) as shown:
-        discretise, solver, asked = ask(backend, scene, spacing, shown, options)
-        with memory_told(scene, asked, solver.solver):
-            return Prepared(discretise(), solver, progress, asked)
+        discretise, solver, target = ask(backend, scene, spacing, shown, options)
+        with explain_memory_error(scene, target, solver.solver):
+            return Prepared(discretise(), solver, progress, target)
 
 
 def ask(
@@ -339,13 +339,13 @@ def ask(
     """
     if backend != "cpm":
         return (*_ask_elsewhere(backend, scene, spacing, progress, given), None)
-    asked, rest = options_of(scene, spacing, given)
+    target, rest = options_of(scene, spacing, given)
     solver, form = (
-        SolverOptions.of(rest, (*every_option(), *declared(Asked), *declared(Checkpointing))),
-        module_of(asked.form),
+        SolverOptions.of(rest, (*every_option(), *declared(AccuracyTarget), *declared(Checkpointing))),
+        module_of(target.form),
     )
-    form.check(scene, asked)
-    return lambda: form.discretize(scene, asked, progress), solver, asked
+    form.check(scene, target)
+    return lambda: form.discretize(scene, target, progress), solver, target
 
 
 def _ask_elsewhere(

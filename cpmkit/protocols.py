@@ -245,7 +245,7 @@ class CutsItself(Protocol):
 
 
 @runtime_checkable
-class TellsMeshUse(Protocol):
+class HasMeshUse(Protocol):
     """A source with a mesh that tells whether samples may be taken from its cells: else it need not be drawn."""
 
     @property
@@ -337,7 +337,7 @@ class HasAdvice(Protocol):
 
 
 @runtime_checkable
-class TellsWarnings(Protocol):
+class HasWarnings(Protocol):
     """A source with advice that tells the warnings in it by themselves, for less than floors take to be found."""
 
     def own_warnings(self, spacing: float, /) -> tuple[str, ...]:
@@ -345,7 +345,7 @@ class TellsWarnings(Protocol):
 
 
 @runtime_checkable
-class TellsIntegralFloor(Protocol):
+class HasIntegralFloor(Protocol):
     """A source with advice that tells the integral floor in it by itself, for less than the rest takes to be found."""
 
     def own_integral_floor(self, spacing: float, /) -> float:

@@ -11,7 +11,7 @@ from cpmkit.accuracy.trading import traded
 from cpmkit.errors import InputError
 from cpmkit.families.checkpointing import Checkpointing
 from cpmkit.families.keywords import DiscretizingKeywords, SolvingKeywords
-from cpmkit.forms.asked import Asked
+from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.forms.choice import FORMS, module_of, options_of
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.options import Options
@@ -48,7 +48,7 @@ def solve(
     progress: ShownProgress = None,
     **options: Any,
 ) -> Solved: ...
-@showing(Asked, Options, *FORMS.values(), SolverOptions, Checkpointing)
+@showing(AccuracyTarget, Options, *FORMS.values(), SolverOptions, Checkpointing)
 def solve(
     scene: Scene,
     spacing: float | None = None,
@@ -102,14 +102,14 @@ def solve(
     >>> ck.solve(scene, spacing=0.05).evaluate([[0, 1], [-1, 0]]).round(3)
     array([0.25, 0.5 ])
     """
-    asked, rest = take(Asked, options)
-    asked.check_spacing(spacing)
+    target, rest = take(AccuracyTarget, options)
+    target.check_spacing(spacing)
     with shown_progress(progress) as shown:
-        if asked.anything:
-            solution = traded(scene, asked, shown, {"backend": backend, **rest})
+        if target.anything:
+            solution = traded(scene, target, shown, {"backend": backend, **rest})
         else:
             solution = solved(scene, spacing, backend=backend, progress=shown, **rest)
-            solution = with_estimate(solution, asked.estimate, {"backend": backend, **rest})
+            solution = with_estimate(solution, target.estimate, {"backend": backend, **rest})
     told = scene.problem.kind, len(solution.values), solution.report.solver, sum(solution.seconds.values())
     logger.info("Solved %s: %d unknowns by %s in %.1f s.", *told)
     warn_each(solution.warnings)
@@ -148,12 +148,12 @@ def discretize(
     InputError, SceneError, ResolutionError
         If an argument, a boundary or the spacing does not fit.
     """
-    asked, others = options_of(scene, spacing, options)
+    target, others = options_of(scene, spacing, options)
     if others:
-        near = did_you_mean(next(iter(others)), asked.as_dict())
+        near = did_you_mean(next(iter(others)), target.as_dict())
         raise InputError(
-            f"discretize has no option {next(iter(others))!r}{near}; accepted are {', '.join(asked.as_dict())}."
+            f"discretize has no option {next(iter(others))!r}{near}; accepted are {', '.join(target.as_dict())}."
         )
     with shown_progress(progress) as shown:
-        made: Discretized = module_of(asked.form).discretize(scene, asked, shown)
+        made: Discretized = module_of(target.form).discretize(scene, target, shown)
     return made

@@ -243,21 +243,21 @@ def main(arguments: Sequence[str] | None = None, jobs: Sequence[Job] = JOBS) -> 
     parser.add_argument("--at-once", type=int, default=2, metavar="N", help="how many at a time; 2 if left out")
     parser.add_argument("--again", action="store_true", help="draw those too that are there")
     parser.add_argument("--list", action="store_true", help="list the pictures and their seconds, and draw none")
-    asked = parser.parse_args(arguments)
+    target = parser.parse_args(arguments)
     known = {name: job for job in jobs for name in job.pictures}
-    unknown = [name for name in asked.only or () if name not in known]
-    if unknown or asked.at_once < 1:
+    unknown = [name for name in target.only or () if name not in known]
+    if unknown or target.at_once < 1:
         parser.error(f"there is no picture {unknown[0]!r}; --list lists them" if unknown else "--at-once is 1 at least")
-    chosen = list(dict.fromkeys(known[name] for name in asked.only)) if asked.only else list(jobs)
-    if asked.list:
+    chosen = list(dict.fromkeys(known[name] for name in target.only)) if target.only else list(jobs)
+    if target.list:
         print("\n".join(f"{job.seconds:6.0f} s  {', '.join(job.pictures)}" for job in chosen))
         return 0
-    asked.folder.mkdir(parents=True, exist_ok=True)
-    into = asked.folder.resolve()
-    left = waiting(chosen, into, asked.again)
-    minutes = sum(job.seconds for job in left) / 60 / min(asked.at_once, max(len(left), 1))
+    target.folder.mkdir(parents=True, exist_ok=True)
+    into = target.folder.resolve()
+    left = waiting(chosen, into, target.again)
+    minutes = sum(job.seconds for job in left) / 60 / min(target.at_once, max(len(left), 1))
     print(f"{len(left)} to draw, {len(chosen) - len(left)} drawn before; about {minutes:.0f} min", flush=True)
-    failed = draw(left, into, asked.at_once)
+    failed = draw(left, into, target.at_once)
     if failed:
         print(f"{len(failed)} failed: {', '.join(failed)}; run it again for these alone", flush=True)
     return 1 if failed else 0

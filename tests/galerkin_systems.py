@@ -33,15 +33,15 @@ def mass_of(space):
 
 def circle_beside(space, height, strength=40.0):
     """The patches that a circle of latitude of the unit sphere lies in, and the matrix of a penalty on it."""
-    parting, h = space.parting, space.parting.spacing
+    dof_map, h = space.dof_map, space.dof_map.spacing
     radius = np.sqrt(1 - height**2)
     turns = 2 * np.pi * (np.arange(count := int(np.ceil(8 * np.pi * radius / h))) + 0.5) / count
     points = np.stack([radius * np.cos(turns), radius * np.sin(turns), np.full(count, height)], axis=1)
     cells = np.floor(points / h + 0.5).astype(np.int64)
-    codes = [np.ravel_multi_index(tuple((each + 2**16).T), (2**17,) * 3) for each in (parting.cells, cells)]
+    codes = [np.ravel_multi_index(tuple((each + 2**16).T), (2**17,) * 3) for each in (dof_map.cells, cells)]
     order = np.argsort(codes[0])
     patch = order[np.minimum(np.searchsorted(codes[0][order], codes[1]), len(order) - 1)]
     there = codes[0][patch] == codes[1]
-    rows = value_rows(parting, patch[there], points[there])
+    rows = value_rows(dof_map, patch[there], points[there])
     weight = strength / h * 2 * np.pi * radius / count
     return np.unique(patch), csr_array(weight * (rows.T @ rows))

@@ -72,11 +72,11 @@ def small(scene, mesh, spacing, origin=None, points=None):
     samples = Samples(
         *[np.concatenate([getattr(one, name) for one in (inner, border.as_samples)]) for name in vars(inner)]
     )
-    parting = part(samples.points, corners[samples.cell], spacing)
-    space, q = space_of(parting, samples), len(inner.points)
+    dof_map = part(samples.points, corners[samples.cell], spacing)
+    space, q = space_of(dof_map, samples), len(inner.points)
     rows = (
-        value_rows(parting, parting.patch[q:], border.points),
-        derivative_rows(parting, parting.patch[q:], border.points, border.conormals),
+        value_rows(dof_map, dof_map.patch[q:], border.points),
+        derivative_rows(dof_map, dof_map.patch[q:], border.points, border.conormals),
     )
     left = left_of_boundaries(mesh, half, corners, border, [scene.oriented(one) for one in scene.boundaries], lattice)
     laws, terms = held(scene, border, left, surface, lattice), scene.problem.terms()
@@ -94,7 +94,7 @@ def small(scene, mesh, spacing, origin=None, points=None):
         left,
         floored_stiffness(space, a[:, 0], STRENGTHS["default"], c[:, 0]),
         load(space, f),
-        value_rows(parting, parting.patch[:q], inner.points),
+        value_rows(dof_map, dof_map.patch[:q], inner.points),
     )
 
 

@@ -11,7 +11,7 @@ from cpmkit.accuracy.estimate import shifted_origin
 from cpmkit.accuracy.trading import walked
 from cpmkit.accuracy.way import Way
 from cpmkit.errors import InputError
-from cpmkit.forms.asked import Asked
+from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.protocols import Progress, no_progress
 from cpmkit.runtime.declared import showing, take
 from cpmkit.runtime.warn import collected_warnings, warn_each
@@ -24,9 +24,9 @@ Recipe = Callable[[float, Any], Solution]
 MOST_TRIALS = 4
 
 
-@showing(Asked)
+@showing(AccuracyTarget)
 def solve_by(
-    recipe: Recipe, scene: Scene, *, order: float | None = None, progress: Progress = no_progress, **asked: Any
+    recipe: Recipe, scene: Scene, *, order: float | None = None, progress: Progress = no_progress, **target: Any
 ) -> Solution:
     """Find a spacing for a recipe, by an error, a time or a memory that is asked for, as :func:`cpmkit.solve` does.
 
@@ -65,7 +65,7 @@ def solve_by(
     >>> found.trade.status
     'reached'
     """
-    goal, others = take(Asked, asked)
+    goal, others = take(AccuracyTarget, target)
     if others or not goal.anything:
         raise InputError(
             "solve_by needs a tolerance, seconds or a memory"

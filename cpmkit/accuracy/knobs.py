@@ -29,7 +29,7 @@ def worth_higher_degree(way: Way, aim: float) -> bool:
     return (
         not way.degree_given
         and aim > 0
-        and way.asked.memory is None
+        and way.target.memory is None
         and isinstance(form, Galerkin)
         and form.sampled.mesh.manifold_dim == 2
         and form.sampled.bend == "feet"

@@ -63,7 +63,7 @@ def walk(way: Way) -> tuple[Status, float]:
     CpmkitError
         As a solve does where there is no solution yet; if a coarse solve exceeds the memory that is asked for.
     """
-    tolerance = way.asked.tolerance
+    tolerance = way.target.tolerance
     way.first(first_spacing(way.scene))
     try:
         pilots(way, tolerance)
@@ -74,7 +74,7 @@ def walk(way: Way) -> tuple[Status, float]:
     aim = _aim(way)
     accepted = tolerance is not None and way.refused is None and _accepted(way, aim)
     if tolerance is None:
-        late = way.asked.seconds is not None and way.elapsed > LATE * way.asked.seconds
+        late = way.target.seconds is not None and way.elapsed > LATE * way.target.seconds
         return ("not reached" if late else "within"), aim
     if not accepted:
         return "not reached", aim
@@ -83,13 +83,13 @@ def walk(way: Way) -> tuple[Status, float]:
 
 def _aim(way: Way) -> float:
     """Return the tolerance that can be reached: what is asked for, or what the source leaves; 0 without a tolerance."""
-    tolerance = way.asked.tolerance
+    tolerance = way.target.tolerance
     return 0.0 if tolerance is None else max(tolerance, way.floor())
 
 
 def _refine(way: Way) -> None:
     """Solve at smaller spacings until the tolerance is reached, a limit, or what rounding leaves."""
-    tolerance, aim = way.asked.tolerance, _aim(way)
+    tolerance, aim = way.target.tolerance, _aim(way)
     if worth_higher_degree(way, aim):
         way.further["degree"] = HIGHER_DEGREE
         for run in way.runs[-2:]:
@@ -118,7 +118,7 @@ def _accepted(way: Way, aim: float) -> bool:
     if way.last.solution.discretized.unresolved_share > aim**2:
         return False
     first = len(_known(way)) < 2
-    accepted = (FIRST_ACCEPTED_SHARE if first else ACCEPTED_SHARE)[way.asked.norm] * aim
+    accepted = (FIRST_ACCEPTED_SHARE if first else ACCEPTED_SHARE)[way.target.norm] * aim
     if way.last.estimate is not None and way.last.estimate.slow:
         accepted *= SLOW_SHARE
     if not math.isnan(way.expected):
@@ -154,7 +154,7 @@ def errors_stay(way: Way) -> bool:
     included, which grows as the spacing falls. Or none of the last three errors is below one before, nor do they fall.
     """
     known = _known(way)[-4:]
-    spacings, errors = [run.spacing for run in known], [run.error(way.asked.norm) for run in known]
+    spacings, errors = [run.spacing for run in known], [run.error(way.target.norm) for run in known]
     if len(known) < 2 or known[-1] is not way.last or spacings[-2] < TELLING_RATIO * spacings[-1]:
         return False
     left = RESIDUAL_FACTOR * way.last.solution.report.residual
@@ -176,7 +176,7 @@ def _foretold(way: Way, aim: float) -> float:
     if not known:  # no mode was seen
         return here / math.sqrt(2)
     p, last = order(way), known[-1]
-    error = last.error(way.asked.norm) * (here / last.spacing) ** p
+    error = last.error(way.target.norm) * (here / last.spacing) ** p
     return float(here / max((error / (AIMED_SHARE * aim)) ** (1 / p), LEAST_FACTOR))
 
 
@@ -192,7 +192,7 @@ def order(way: Way) -> float:
 
 def _two_errors(way: Way) -> tuple[list[Run], list[float]]:
     """Return the last two runs whose errors are known, and these; else those that solutions alone let expect."""
-    norm, known = way.asked.norm, _known(way)[-2:]
+    norm, known = way.target.norm, _known(way)[-2:]
     if len(known) == 2 or math.isnan(way.expected):
         return known, [run.error(norm) - way.in_time for run in known]
     told = way.runs[-2:]
@@ -209,4 +209,4 @@ def _prior(way: Way) -> float:
 
 def _known(way: Way) -> list[Run]:
     """Return the runs of the last one's degree whose error is known, the finest last."""
-    return [run for run in way.runs if np.isfinite(run.error(way.asked.norm)) and way.alike(run.solution)]
+    return [run for run in way.runs if np.isfinite(run.error(way.target.norm)) and way.alike(run.solution)]

@@ -97,10 +97,10 @@ def check_memory(way: Way) -> None:
     ResolutionError
         With what they need.
     """
-    needed, asked = sum(_needed(way, way.last.unknowns)), way.asked.memory
-    if asked is not None and needed > asked:
+    needed, target = sum(_needed(way, way.last.unknowns)), way.target.memory
+    if target is not None and needed > target:
         raise ResolutionError(
-            f"memory={asked:.3g} bytes are less than the {needed:.3g} of a coarse solve with {way.last.unknowns:,} "
+            f"memory={target:.3g} bytes are less than the {needed:.3g} of a coarse solve with {way.last.unknowns:,} "
             "unknowns; ask for more."
         )
 
@@ -134,18 +134,18 @@ def _seconds(way: Way) -> tuple[float, float]:
 
 def _most_in_time(way: Way) -> float:
     """Return how many unknowns fit into what is left of the time, with a companion of twice the spacing."""
-    if way.asked.seconds is None:
+    if way.target.seconds is None:
         return np.inf
     start, each = _seconds(way)
     m = max(largest_dim(way.scene.surface), 1)
-    left = (way.asked.seconds - way.elapsed) / LONGER
+    left = (way.target.seconds - way.elapsed) / LONGER
     beside = 0.0 if way.runs[-1].purpose == "companion" else 0.5**m
     return max((left - start * (1 + (beside > 0))) / (each * (1 + beside)), 1.0)
 
 
 def _most_in_memory(way: Way) -> float:
     """Return how many unknowns the memory holds."""
-    limit = PLANNED_SHARE * min(way.asked.memory or np.inf, memory.available_bytes())
+    limit = PLANNED_SHARE * min(way.target.memory or np.inf, memory.available_bytes())
     most = float(way.last.unknowns)
     for _ in range(FITTING_ROUNDS):
         most = max(limit * most / predicted_bytes(way, most), 1.0)

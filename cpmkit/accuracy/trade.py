@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from cpmkit.forms.asked import Asked
+from cpmkit.forms.accuracy_target import AccuracyTarget
 
 #: ``reached``: the estimate is below the tolerance. ``floor``: the source leaves more than the tolerance, and the
 #: estimate is below that. ``within``: nothing but a time or a memory was asked for. ``not reached``: neither.
@@ -48,7 +48,7 @@ class Trade:
 
     Attributes
     ----------
-    asked : Asked
+    target : AccuracyTarget
         What was asked for.
     status : str
         ``reached``, ``floor``, ``within`` or ``not reached``.
@@ -66,7 +66,7 @@ class Trade:
         What was chosen beside the spacing, and why; empty where nothing was.
     """
 
-    asked: Asked
+    target: AccuracyTarget
     status: Status
     error: float
     predicted_bytes: float

@@ -16,7 +16,7 @@ from cpmkit.accuracy.trade import Status, Trade
 from cpmkit.accuracy.way import Run, Way
 from cpmkit.errors import InputError
 from cpmkit.families.checkpointing import Checkpointing
-from cpmkit.forms.asked import Asked
+from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.manifold.abilities import advice_of
 from cpmkit.manifold.mixed_dimension import joints_sentence, touching_joints
 from cpmkit.preparing import solved
@@ -33,7 +33,7 @@ RESIDUAL_SHARE, LARGEST_RESIDUAL, SMALLEST_RESIDUAL = 1e-3, 1e-6, 1e-10
 NORM_IN_WORDS = {"rms": "root mean square", "max": "largest error"}
 
 
-def traded(scene: Scene, asked: Asked, progress: Progress, options: Mapping[str, Any]) -> Solution:
+def traded(scene: Scene, target: AccuracyTarget, progress: Progress, options: Mapping[str, Any]) -> Solution:
     """Solve until what is asked for is reached, or cannot be.
 
     Returns
@@ -50,8 +50,8 @@ def traded(scene: Scene, asked: Asked, progress: Progress, options: Mapping[str,
     """
     _check(scene, options)
     kept = {name: value for name, value in options.items() if name != "origin"}
-    if asked.tolerance is not None:
-        kept = {"solver_tolerance": algebraic_tolerance(asked.tolerance), **kept}
+    if target.tolerance is not None:
+        kept = {"solver_tolerance": algebraic_tolerance(target.tolerance), **kept}
 
     def solve(scene: Scene, spacing: float, **further: Any) -> Solution:
         with collected_warnings():
@@ -60,23 +60,29 @@ def traded(scene: Scene, asked: Asked, progress: Progress, options: Mapping[str,
     solver = str(options.get("solver", "auto"))
     return walked(
         Way(
-            scene, solve, asked, progress, origin=options.get("origin"), solver=solver, degree_given="degree" in options
+            scene,
+            solve,
+            target,
+            progress,
+            origin=options.get("origin"),
+            solver=solver,
+            degree_given="degree" in options,
         )
     )
 
 
 def walked(way: Way) -> Solution:
     """Return the answer at the end of a way, with its estimate and its trade."""
-    asked = way.asked
+    target = way.target
     status, aim = walk(way)
     best = way.last if status in ("reached", "floor") else way.best
     answer, estimate = way.asked_of(best.solution), best.estimate
     if estimate is not None and way.left is not None:
         estimate = replace(estimate, floor=np.full(len(estimate.unit), way.left))
     trade = Trade(
-        asked,
+        target,
         status,
-        best.error(asked.norm),
+        best.error(target.norm),
         predicted_bytes(way, best.unknowns),
         way.elapsed,
         way.steps(),
@@ -114,31 +120,31 @@ def _check(scene: Scene, options: Mapping[str, Any]) -> None:
 
 
 def _told(way: Way, best: Run, status: Status, aim: float) -> str:
-    asked, estimate = way.asked, best.estimate
+    target, estimate = way.target, best.estimate
     said = f"at spacing {best.spacing:.3g} with {best.unknowns:,} unknowns"
-    size, norm = best.error(asked.norm), NORM_IN_WORDS[asked.norm]
+    size, norm = best.error(target.norm), NORM_IN_WORDS[target.norm]
     error = f"{norm} not known {said}" if math.isnan(size) else f"{norm} about {size:.2g} of the range {said}"
     slow = f"; {estimate.slow}" if estimate is not None and estimate.slow else ""
     if way.refused is not None:
         why = str(way.refused) or f"memory ran out ({type(way.refused).__name__})."
-        return f"{asked.target} not reached: {error}{slow}; a further solve was refused: {why}"
+        return f"{target.target} not reached: {error}{slow}; a further solve was refused: {why}"
     finest = f"the finest that {_limits(way)} allow"
     if errors_stay(way):
         finest = "and smaller spacings gave no less: rounding, noise or the residuals of linear solves leave that much"
     if status == "within":
         return f"{error}, {finest}{slow}."
     if status == "reached":
-        return f"tolerance {asked.tolerance:g} reached: {error}{slow}."
+        return f"tolerance {target.tolerance:g} reached: {error}{slow}."
     if status == "floor":
         causes = " ".join(advice_of(way.scene.surface, best.spacing).warnings)
         return (
-            f"tolerance {asked.tolerance:g} is below what the surface's representation alone leaves, about {aim:.1g} "
+            f"tolerance {target.tolerance:g} is below what the surface's representation alone leaves, about {aim:.1g} "
             f"of the range at any spacing: {error}{slow}; give a more accurate surface.{' ' if causes else ''}{causes}"
         )
-    if asked.tolerance is None:
-        return f"{asked.seconds:g} seconds were not enough, it took {way.elapsed:.2g}: {error}{slow}."
-    doubt = "; errors do not fall yet as they should" if size <= asked.tolerance else ""
-    return f"tolerance {asked.tolerance:g} not reached: {error}, {finest}{doubt}{slow}."
+    if target.tolerance is None:
+        return f"{target.seconds:g} seconds were not enough, it took {way.elapsed:.2g}: {error}{slow}."
+    doubt = "; errors do not fall yet as they should" if size <= target.tolerance else ""
+    return f"tolerance {target.tolerance:g} not reached: {error}, {finest}{doubt}{slow}."
 
 
 def _chosen(way: Way, best: Run) -> str:
@@ -151,7 +157,9 @@ def _chosen(way: Way, best: Run) -> str:
 
 
 def _limits(way: Way) -> str:
-    asked = way.asked
-    limits = [] if asked.seconds is None else [f"{asked.seconds:g} seconds"]
-    limits.append("the memory of this machine" if asked.memory is None else f"{asked.memory / 2**20:.4g} MiB of memory")
+    target = way.target
+    limits = [] if target.seconds is None else [f"{target.seconds:g} seconds"]
+    limits.append(
+        "the memory of this machine" if target.memory is None else f"{target.memory / 2**20:.4g} MiB of memory"
+    )
     return " and ".join(limits)

@@ -19,7 +19,7 @@ from cpmkit.accuracy.facets import floor_by_facets
 from cpmkit.accuracy.trade import Purpose, Step
 from cpmkit.errors import ResolutionError, SceneError
 from cpmkit.families.eigen.fewer import fewer_modes
-from cpmkit.forms.asked import Asked
+from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.forms.expected import ExpectedError
 from cpmkit.protocols import Floats, Progress, no_progress
 from cpmkit.scene.compound_equations import Eigen
@@ -92,7 +92,7 @@ class Way:
         Whose steps in time may be shorter than those that were given.
     solve : callable
         ``solve(scene, spacing, progress=..., **options)``.
-    asked : Asked
+    target : Asked
         What is asked for.
     progress : callable
         Told what is solved, and what for.
@@ -122,7 +122,7 @@ class Way:
 
     scene: Scene
     solve: Solve
-    asked: Asked
+    target: AccuracyTarget
     progress: Progress = no_progress
     in_time: float = 0.0
     started: float = field(default_factory=lambda: time.perf_counter())
@@ -139,8 +139,8 @@ class Way:
     @property
     def best(self) -> Run:
         """The run whose error is known to be smallest; the finest where none is known."""
-        known = [run for run in self.runs if self._answers(run) and np.isfinite(run.error(self.asked.norm))]
-        return min(known, key=lambda run: run.error(self.asked.norm)) if known else self.last
+        known = [run for run in self.runs if self._answers(run) and np.isfinite(run.error(self.target.norm))]
+        return min(known, key=lambda run: run.error(self.target.norm)) if known else self.last
 
     @property
     def last(self) -> Run:
@@ -150,17 +150,17 @@ class Way:
     @property
     def error(self) -> float:
         """The estimate of the last one's error in the norm that is asked for."""
-        return self.last.error(self.asked.norm)
+        return self.last.error(self.target.norm)
 
     @property
     def expected(self) -> float:
         """What the last one alone lets expect of its error; NaN where it tells nothing, as where a recipe made it."""
-        return self.last.expected(self.asked.norm)
+        return self.last.expected(self.target.norm)
 
     def asked_of(self, solution: Solution) -> Solution:
         """Return what is asked for out of a solution: of pilots of eigenvalue problems fewer modes."""
         modes = isinstance(self.scene.problem, Eigen) and isinstance(solution, EigenSolution)
-        return fewer_modes(cast(EigenSolution, solution), self.scene) if modes else solution
+        return fewer_modes(cast("EigenSolution", solution), self.scene) if modes else solution
 
     @property
     def elapsed(self) -> float:
@@ -209,7 +209,7 @@ class Way:
         if "spacing" not in str(refused):
             return refused
         return type(refused)(
-            f"{self.asked.target} was asked for, and the scene was refused at every spacing that was tried, from "
+            f"{self.target.target} was asked for, and the scene was refused at every spacing that was tried, from "
             f"{coarse:.3g} to {fine:.3g}, the first time because: {refused}"
         )
 
@@ -224,11 +224,11 @@ class Way:
         same = {"origin": self.last.solution.discretization()["origin"]}  # elsewhere errors in space would count
         self.in_time = error_in_time(self.last.solution, lambda scene, spacing: self.solve(scene, spacing, **same))
         order = order_in_time(problem)
-        wanted = TIME_SHARE * (self.asked.tolerance or np.inf)
+        wanted = TIME_SHARE * (self.target.tolerance or np.inf)
         if self.in_time <= wanted:
             return False
         parts = math.ceil((self.in_time / wanted) ** (1 / order))
-        self.scene = replace(self.scene, problem=replace(cast(Any, problem), step=problem.step / parts))
+        self.scene = replace(self.scene, problem=replace(cast("Any", problem), step=problem.step / parts))
         self.in_time /= parts**order
         return True
 
@@ -236,10 +236,10 @@ class Way:
         """Return what the source leaves of an error, by the last pilot, solved on a mesh's triangles if it matters."""
         last = self.last.solution
         if self.left is None:
-            if self.asked.tolerance is None or self.order is not None or self.refused is not None:
+            if self.target.tolerance is None or self.order is not None or self.refused is not None:
                 return last.discretized.source_error()  # a recipe makes no solution on triangles
             solve_at = partial(self.solve, spacing=last.spacing, origin=last.discretization()["origin"], **self.further)
-            self.left = floor_by_facets(last, solve_at, self.asked.tolerance)
+            self.left = floor_by_facets(last, solve_at, self.target.tolerance)
         return self.left
 
     def companion(self, solution: Solution) -> Solution | None:
@@ -253,7 +253,7 @@ class Way:
     def _answers(self, run: Run) -> bool:
         """Return whether a run is of the scene itself, its steps in time as they were chosen last."""
         mine, other = self.scene.problem, run.solution.scene.problem
-        return not isinstance(mine, Evolution) or cast(Any, other).step == mine.step
+        return not isinstance(mine, Evolution) or cast("Any", other).step == mine.step
 
     def alike(self, solution: Solution, other: Solution | None = None) -> bool:
         """Return whether two solutions are of one form with one degree, the last one if no ``other`` is given."""
@@ -262,7 +262,7 @@ class Way:
 
     def _serves(self, companion: Solution, solution: Solution) -> bool:
         mine, other = self.scene.problem, companion.scene.problem
-        same_steps = not isinstance(mine, Evolution) or cast(Any, other).step == mine.step
+        same_steps = not isinstance(mine, Evolution) or cast("Any", other).step == mine.step
         return same_steps and self.alike(companion, solution)
 
     def _estimate(self, solution: Solution, alone: ExpectedError | None) -> ErrorEstimate | None:
@@ -279,4 +279,4 @@ class Way:
 
     def steps(self) -> tuple[Step, ...]:
         """Return what a report says of all runs."""
-        return tuple(run.step(self.asked.norm) for run in self.runs)
+        return tuple(run.step(self.target.norm) for run in self.runs)

@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from cpmkit.application_commands.running import Asked, Made, application_options, run
+from cpmkit.application_commands.running import AccuracyTarget, Made, application_options, run
 
 
 @click.command("map")
@@ -17,7 +17,7 @@ def map_to_target(**keys: Any) -> None:
     Each [[landmark]] holds a point or a curve where it says; [map] tells where the map begins and when it rests. Files
     hold the coordinates of the image; the picture shows the target's colours, or the texture of [map], on the surface.
     """
-    run(Asked("map", **keys), _made)
+    run(AccuracyTarget("map", **keys), _made)
 
 
 def _made(arguments: dict[str, Any]) -> Made:

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from cpmkit.application_commands.running import Asked, Made, application_options, run
+from cpmkit.application_commands.running import AccuracyTarget, Made, application_options, run
 from cpmkit.command_options import accuracy_options, with_error
 
 
@@ -28,7 +28,7 @@ def paint(
     besides.
     """
     accuracy = {"tolerance": tolerance, "norm": norm, "seconds": seconds, "memory": memory}
-    run(Asked("paint", **keys, accuracy=accuracy), partial(_made, estimate))
+    run(AccuracyTarget("paint", **keys, accuracy=accuracy), partial(_made, estimate))
 
 
 def _made(estimate: bool | None, arguments: dict[str, Any]) -> Made:

@@ -21,7 +21,7 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 
 
 @dataclass(frozen=True)
-class Asked:
+class AccuracyTarget:
     """What every command of an application is asked for on its command line.
 
     Attributes
@@ -101,7 +101,7 @@ def application_options(command: Command) -> Command:
     return command
 
 
-def run(asked: Asked, make: Callable[[dict[str, Any]], Made]) -> None:
+def run(target: AccuracyTarget, make: Callable[[dict[str, Any]], Made]) -> None:
     """Read the scene, make the application, write what [output] asks for, and tell it.
 
     ``make`` gets the keyword arguments of the application's function, with ``surface``, ``spacing`` and ``progress``.
@@ -110,13 +110,13 @@ def run(asked: Asked, make: Callable[[dict[str, Any]], Made]) -> None:
     from cpmkit.saving.results import check_request, write_results
     from cpmkit.scenefile.application_files import load_application
 
-    with collected_warnings() as heard, progress_callback(asked.scene, asked.quiet) as progress:
+    with collected_warnings() as heard, progress_callback(target.scene, target.quiet) as progress:
         begun = time.perf_counter()
         try:
-            loaded = load_application(asked.scene, asked.command)
-            folder, request = asked.output or loaded.output.folder, as_shown(loaded.output, None, asked.look, None)
+            loaded = load_application(target.scene, target.command)
+            folder, request = target.output or loaded.output.folder, as_shown(loaded.output, None, target.look, None)
             check_request(request, loaded.scene.surface, folder)
-            spacing, options = how_fine(loaded, asked.spacing, **asked.accuracy)
+            spacing, options = how_fine(loaded, target.spacing, **target.accuracy)
             made = make({**options, **loaded.given, "surface": loaded.scene, "spacing": spacing, "progress": progress})
         except Exception:
             _warn(heard, err=True)
@@ -124,12 +124,12 @@ def run(asked: Asked, make: Callable[[dict[str, Any]], Made]) -> None:
         solution = replace(made.solution, seconds={"make": time.perf_counter() - begun})  # of all its solves
         warnings = list(dict.fromkeys([*heard, *solution.warnings]))
         written = write_results(solution, request, folder, progress, warnings, made.drawn)
-    if asked.as_json:
+    if target.as_json:
         click.echo(json.dumps({**written.summary, **made.found}, indent=2))
-    elif not asked.quiet:
+    elif not target.quiet:
         click.echo("\n".join(_lines(made, written.summary, folder)))
-    if not asked.as_json:
-        _warn(warnings, err=asked.quiet)
+    if not target.as_json:
+        _warn(warnings, err=target.quiet)
     written.check()
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from cpmkit.application_commands.running import Asked, Made, application_options, run
+from cpmkit.application_commands.running import AccuracyTarget, Made, application_options, run
 
 
 @click.command()
@@ -17,7 +17,7 @@ def vectors(**keys: Any) -> None:
     Each [[direction]] of the scene gives one: at a point, or along a curve. Its boundaries are barriers. The places
     where the field has no direction are told with their indices, on surfaces that have triangles.
     """
-    run(Asked("vectors", **keys), _made)
+    run(AccuracyTarget("vectors", **keys), _made)
 
 
 def _made(arguments: dict[str, Any]) -> Made:

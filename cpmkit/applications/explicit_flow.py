@@ -40,7 +40,7 @@ def explicit_flow(
         raise InputError(f"explicit steps are at most {LARGEST_STEP_SHARE * h * h:.3g} here, got {step:.3g}.")
     system = ck.assemble(prepared.discretized)  # u - Lap u, and what boundaries add
     solution = prepared.solve(problem=ck.ScreenedPoisson(prepared.field(start)))
-    u = prepared.discretized.put_back(start)
+    u = prepared.discretized.project(start)
     energy, rests = [_energy(replace(solution, values=u))], False
     for done in range(1, most_steps + 1):
         u = target.closest_point(u + step * (u - system.operator.apply(u) + system.right_side)).points

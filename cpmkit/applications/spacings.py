@@ -83,19 +83,19 @@ def measured(
     CpmkitError
         If an option is not accepted, or as ``measure`` does.
     """
-    asked = {name: options[name] for name in ASKED if name in options}
-    if not asked or spacing is not None or isinstance(surface, Prepared):
+    target = {name: options[name] for name in ASKED if name in options}
+    if not target or spacing is not None or isinstance(surface, Prepared):
         prepared = prepared_manifold(surface, spacing, options)
         return measure(prepared).by(_again(prepared, measure))
     scene = barriers(surface)
-    kept = {name: value for name, value in options.items() if name not in asked}
+    kept = {name: value for name, value in options.items() if name not in target}
     last: list[Found] = []
 
     def make(spacing: float, origin: Any) -> Solution:
         last[:] = [measure(prepared_manifold(scene, spacing, {**kept, "origin": kept.get("origin", origin)}))]
         return last[0].solution
 
-    found = ck.solve_by(make, scene, order=ORDER, **asked)
+    found = ck.solve_by(make, scene, order=ORDER, **target)
     return last[0].by(make, found)
 
 

@@ -56,4 +56,4 @@ def directions_of_heat(
         found[warm] = unit(arrived[warm])
         cold, time = cold & ~warm, LONGER * time
     check_warmed(cold, prepared.scene.surface)
-    return found, replace(heat, values=prepared.discretized.put_back(found))
+    return found, replace(heat, values=prepared.discretized.project(found))

@@ -165,24 +165,24 @@ def _travelled(cut: LevelCut, feet: ClosestPoints, along: Floats, closed: bool) 
 def _refined(cut: LevelCut, knots: Knots) -> Knots:
     """Return knots so dense that the cubics between them lie on the cut, as far as the surface is smooth."""
     tolerance, deviation = TRACING_TOLERANCE_SHARE * cut.size, 0.0
-    asked = np.arange(len(knots.cubics()))
-    parent, strikes = np.full(len(asked), np.inf), np.zeros(len(asked), dtype=np.int64)
+    target = np.arange(len(knots.cubics()))
+    parent, strikes = np.full(len(target), np.inf), np.zeros(len(target), dtype=np.int64)
     shortest = 0.0 if cut.knows_directions else SHORTEST_CUBIC_SHARE * cut.size
     for k in range(CUBIC_HALVINGS + 1):
         curve = joined_cubics(knots)
-        middle = curve.at(asked, np.full(len(asked), 0.5))
+        middle = curve.at(target, np.full(len(target), 0.5))
         feet, good = cut.project(cut.surface.closest_point(middle))
         off = norms(feet.points - middle)
         far = good & (off > tolerance)
         strikes = np.where(off < SMOOTH_HALVING_SHARE * parent, 0, strikes + 1)
         rough = far & (strikes >= ROUGH_HALVINGS)
-        halved = far & ~(rough & (rough.sum() > MOST_KINKS)) & (curve.lengths[asked] > shortest) & (k < CUBIC_HALVINGS)
+        halved = far & ~(rough & (rough.sum() > MOST_KINKS)) & (curve.lengths[target] > shortest) & (k < CUBIC_HALVINGS)
         deviation = max(deviation, float(off[~halved].max(initial=0.0)))
         if not halved.any():
             break
-        knots = _with_middles(cut, knots, curve, asked[halved], feet.take(halved))
-        asked = (asked[halved] + np.arange(halved.sum()))[:, None] + np.arange(2)
-        asked, parent, strikes = asked.ravel(), np.repeat(off[halved], 2), np.repeat(strikes[halved], 2)
+        knots = _with_middles(cut, knots, curve, target[halved], feet.take(halved))
+        target = (target[halved] + np.arange(halved.sum()))[:, None] + np.arange(2)
+        target, parent, strikes = target.ravel(), np.repeat(off[halved], 2), np.repeat(strikes[halved], 2)
     return replace(knots, deviation=deviation)
 
 

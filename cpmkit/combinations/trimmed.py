@@ -62,9 +62,9 @@ def trimmed(*, of: ClosestPointSource, trim: Any, resolution: int | None = None)
     along = where.mesh(cut.spacing)[0] - cut.phi.origin
     steepest = float(norms(cut.phi.gradient(along, CUT_DIFFERENCE_SHARE * cut.size)).max())
     covering = COVERING_SAMPLE_DISTANCES * COARSE_SAMPLE_FACTOR * cut.spacing
-    asked = PositionFunction(function, np.zeros(of.dim), "trim")
+    target = PositionFunction(function, np.zeros(of.dim), "trim")
     kept = samples.points + cut.phi.origin
-    return with_abilities(Trimmed, "trimmed", of)(of, asked, rim, kept, covering, steepest * tolerance, tolerance)
+    return with_abilities(Trimmed, "trimmed", of)(of, target, rim, kept, covering, steepest * tolerance, tolerance)
 
 
 def _kept_samples(cut: LevelCut) -> ClosestPoints:

@@ -42,7 +42,7 @@ class CheckpointingKeywords(TypedDict, total=False):
 
 
 class AskedKeywords(TypedDict, total=False):
-    """What a solution is to reach or to cost; see :class:`cpmkit.forms.asked.Asked`."""
+    """What a solution is to reach or to cost; see :class:`cpmkit.forms.accuracy_target.AccuracyTarget`."""
 
     tolerance: float | None
     norm: str

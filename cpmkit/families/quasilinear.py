@@ -228,7 +228,7 @@ def _energy(steps: Steps, problem: QuasilinearEquation, state: State) -> float |
     if density is None:
         return None
     a = steps.law.at(form.at_points(u)[:, 0], slopes, form.points)
-    total = form.totals(form.put_back((density - 0.5 * a * np.sum(slopes**2, axis=1))[:, None]))
+    total = form.totals(form.project((density - 0.5 * a * np.sum(slopes**2, axis=1))[:, None]))
     rest = np.sum(u * (0.5 * state.stiffness.apply(u) - state.b))
     return None if total is None else float(total[0] + rest)
 

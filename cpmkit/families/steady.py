@@ -74,7 +74,7 @@ def solve_steady(context: SolveContext) -> Solution:
     values, report = solved_or_resonant(context, prepared, ready.constants, b)
     report = replace(report, operator_applications=report.operator_applications + ready.looked)
     work: Any = form.work(operator, report)
-    settled = form.settle(operator, b, values)
+    settled = form.remove_constants(operator, b, values)
     if settled.queries:
         work = replace(work, closest_point_queries=work.closest_point_queries + settled.queries)
     resonant, resonance = near_resonance(context, prepared, settled.values)

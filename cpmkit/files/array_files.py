@@ -13,7 +13,7 @@ from typing import IO, Any
 import numpy as np
 
 from cpmkit.errors import InputError, shown
-from cpmkit.files.whole_files import system_told
+from cpmkit.files.whole_files import explain_system_error
 from cpmkit.runtime.memory import available_bytes
 
 #: Kinds of NumPy types that are read: truth values, whole numbers, floating point numbers, text.
@@ -40,7 +40,7 @@ def read_array(path: Path, what: str = "an array of numbers") -> np.ndarray:
     InputError
         If the file cannot be opened, is no ``.npy`` file, holds other things than numbers, or is shorter than it says.
     """
-    with system_told(f"{shown(path.name)} cannot be read"), path.open("rb") as opened:
+    with explain_system_error(f"{shown(path.name)} cannot be read"), path.open("rb") as opened:
         return _member(opened, path.stat().st_size, path.name, f"a .npy file with {what}", NUMBER_KINDS)
 
 
@@ -73,7 +73,7 @@ def read_arrays(
         that is left.
     """
     try:
-        with system_told(f"{shown(path.name)} cannot be read"), zipfile.ZipFile(path) as archive:
+        with explain_system_error(f"{shown(path.name)} cannot be read"), zipfile.ZipFile(path) as archive:
             named = {entry.filename.removesuffix(".npy"): entry for entry in archive.infolist()}
             members = {name: entry for name, entry in named.items() if name in names}
             _check_size(sum(entry.file_size for entry in members.values()), path.name)

@@ -20,7 +20,7 @@ MOST_PATH_BYTES = 4000
 
 
 @contextmanager
-def system_told(what: str) -> Iterator[None]:
+def explain_system_error(what: str) -> Iterator[None]:
     """Raise what the system refuses within as an InputError: ``what`` cannot be done, and the system's reason."""
     try:
         yield
@@ -43,7 +43,7 @@ def written_whole(path: Path) -> Iterator[Path]:
     check_name(path)
     unfinished = unfinished_name(path)
     try:
-        with system_told(f"{path} cannot be written"):
+        with explain_system_error(f"{path} cannot be written"):
             remove_leftovers(path)
             yield unfinished
             with unfinished.open("rb+") as written:
@@ -95,7 +95,7 @@ def check_place(path: Path) -> None:
         there.
     """
     check_name(path)
-    with system_told(f"{path} cannot be written"):
+    with explain_system_error(f"{path} cannot be written"):
         if path.is_dir():
             raise InputError(f"{path} cannot be written: it is a folder.")
         folder = next(parent for parent in path.absolute().parents if os.path.lexists(parent))

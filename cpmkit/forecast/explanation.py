@@ -35,11 +35,13 @@ def explain(
     InputError, SceneError, ResolutionError
         As ``solve`` would.
     """
-    asked, rest = options_of(scene, spacing, options)
+    target, rest = options_of(scene, spacing, options)
     solver = SolverOptions.of(rest, every_option()).solver
-    module_of(asked.form).check(scene, asked)
-    told = mixed_joint_sentences(scene.surface, asked.spacing)
+    module_of(target.form).check(scene, target)
+    told = mixed_joint_sentences(scene.surface, target.spacing)
     if not rehearse:
-        return replace(guessed(scene, asked, solver), told=tuple(told))
-    explained: Explanation = import_module(f"cpmkit.forecast.of_{asked.form}").explained(scene, asked, solver, progress)
+        return replace(guessed(scene, target, solver), told=tuple(told))
+    explained: Explanation = import_module(f"cpmkit.forecast.of_{target.form}").explained(
+        scene, target, solver, progress
+    )
     return replace(explained, told=(*told, *explained.told))

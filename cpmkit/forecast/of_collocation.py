@@ -8,7 +8,7 @@ import numpy as np
 
 from cpmkit.forecast.cost import Counts, predict
 from cpmkit.forecast.parts import Explanation, Part, named, solver_part
-from cpmkit.forecast.running_out import memory_told
+from cpmkit.forecast.running_out import explain_memory_error
 from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.options import Options
 from cpmkit.grid.fitting import check_fits
@@ -26,11 +26,11 @@ SNAPPED_GAP_SPACINGS = 1e-6
 NOISE_FACTOR = 6.0
 
 
-def explained(scene: Scene, asked: Options[CollocationOptions], solver: str, progress: Progress) -> Explanation:
+def explained(scene: Scene, target: Options[CollocationOptions], solver: str, progress: Progress) -> Explanation:
     """Say what the closest point method will build, from a layout, or from rehearsals on three coarse lattices."""
-    spacing, degree, order, balance = asked.spacing, asked.own.degree, asked.own.order, asked.own.balance
-    with memory_told(scene, asked, solver):
-        counts = predict(scene, asked, progress)
+    spacing, degree, order, balance = target.spacing, target.own.degree, target.own.order, target.own.balance
+    with explain_memory_error(scene, target, solver):
+        counts = predict(scene, target, progress)
     chosen = choose_solver(solver, counts["unknowns"], largest_dim(scene.surface), scene.problem.factorise_up_to)
     surface = localize(scene.surface, np.zeros(scene.surface.dim))
     check_fits(surface, counts["unknowns"], spacing, degree, chosen)

@@ -128,11 +128,11 @@ class Explanation:
         return "\n".join(lines)
 
 
-def solver_part(scene: Scene, chosen: str, asked: str) -> Part:
-    """Return the part that is the solver ``chosen``, where ``asked`` was given."""
+def solver_part(scene: Scene, chosen: str, target: str) -> Part:
+    """Return the part that is the solver ``chosen``, where ``target`` was given."""
     channels = f"{scene.channels} channel{'s' if scene.channels > 1 else ''}"
     size = "few enough unknowns to factorise" if chosen == "direct" else "too many unknowns to factorise quickly"
-    why = size if asked == "auto" else "as asked"
+    why = size if target == "auto" else "as asked"
     return Part(f"solver {chosen!r}", channels, f"{why}; {scene.problem}")
 
 

@@ -29,7 +29,7 @@ GUESSED_BLOCKS = 3_000
 COLLOCATION_SIDES, GALERKIN_SIDES = 2.0, 1.0
 
 
-def guessed(scene: Scene, asked: Options[CollocationOptions] | Options[GalerkinOptions], solver: str) -> Explanation:
+def guessed(scene: Scene, target: Options[CollocationOptions] | Options[GalerkinOptions], solver: str) -> Explanation:
     """Say about what a form will build.
 
     Raises
@@ -37,17 +37,17 @@ def guessed(scene: Scene, asked: Options[CollocationOptions] | Options[GalerkinO
     ResolutionError
         If there is not the memory for it.
     """
-    by_galerkin = isinstance(asked.own, GalerkinOptions)
+    by_galerkin = isinstance(target.own, GalerkinOptions)
     coarsest = COARSEST_SPACING_SHARE if by_galerkin else COARSEST_BAND_SHARE
-    origin = lattice_of(scene.surface, asked.spacing, asked.origin, coarsest).origin
+    origin = lattice_of(scene.surface, target.spacing, target.origin, coarsest).origin
     surface = localize(scene.surface, origin)
-    check_numbered(surface.bounds, asked.spacing)
-    of_surface = _unknowns(surface, asked)
+    check_numbered(surface.bounds, target.spacing)
+    of_surface = _unknowns(surface, target)
     sides = GALERKIN_SIDES if by_galerkin else COLLOCATION_SIDES
-    of_boundaries = [sides * _unknowns(localize(one.source, origin), asked) for one in scene.boundaries]
+    of_boundaries = [sides * _unknowns(localize(one.source, origin), target) for one in scene.boundaries]
     unknowns = of_surface + sum(of_boundaries)
-    chosen = solver_for(scene, asked, solver, unknowns)
-    parts = [Part("unknowns of the surface", _about(of_surface), f"form {asked.form!r}: {asked.reason}")]
+    chosen = solver_for(scene, target, solver, unknowns)
+    parts = [Part("unknowns of the surface", _about(of_surface), f"form {target.form!r}: {target.reason}")]
     for boundary, count in zip(scene.boundaries, of_boundaries, strict=True):
         left, right = boundary.condition("left"), boundary.condition("right")
         laws = named(left) if left is right else f"{named(left)} left, {named(right)} right"
@@ -58,8 +58,8 @@ def guessed(scene: Scene, asked: Options[CollocationOptions] | Options[GalerkinO
         left_out=(),
         unknowns=round(unknowns),
         closest_point_queries=None,
-        bytes=round(_bytes(scene, surface, asked, chosen, unknowns)),
-        floor=(integral_floor_of if by_galerkin else _floor)(scene.surface, asked.spacing),
+        bytes=round(_bytes(scene, surface, target, chosen, unknowns)),
+        floor=(integral_floor_of if by_galerkin else _floor)(scene.surface, target.spacing),
         solver=chosen,
         exact=False,
         off_by=OFF_BY,
@@ -74,11 +74,11 @@ def _about(count: float) -> str:
     return f"about {float(f'{count:.1g}' if count < 10 else f'{count:.2g}'):,.0f}"
 
 
-def _unknowns(source: LocalSource, asked: Options[CollocationOptions] | Options[GalerkinOptions]) -> float:
+def _unknowns(source: LocalSource, target: Options[CollocationOptions] | Options[GalerkinOptions]) -> float:
     """Return about how many unknowns a band around a source has; those at a point are too few to count."""
     if source.largest_dim == 0:
         return 0.0
-    degree, spacing = asked.own.degree, asked.spacing
+    degree, spacing = target.own.degree, target.spacing
     levels = cell_levels(source, spacing, base_offset(degree))
     side, blocks = next((side, blocks) for side, blocks in levels if side == 1 or len(blocks) > GUESSED_BLOCKS)
     if side > 1:
@@ -89,18 +89,18 @@ def _unknowns(source: LocalSource, asked: Options[CollocationOptions] | Options[
 def _bytes(
     scene: Scene,
     surface: LocalSource,
-    asked: Options[CollocationOptions] | Options[GalerkinOptions],
+    target: Options[CollocationOptions] | Options[GalerkinOptions],
     chosen: str,
     unknowns: float,
 ) -> float:
     """Return the bytes at the peak, if there are so many."""
-    degree = asked.own.degree
-    if isinstance(asked.own, GalerkinOptions):
+    degree = target.own.degree
+    if isinstance(target.own, GalerkinOptions):
         factors = galerkin.factors_in(scene, chosen)
-        galerkin.check_unknowns_fit(surface, unknowns, asked.spacing, chosen, factors, degree)
+        galerkin.check_unknowns_fit(surface, unknowns, target.spacing, chosen, factors, degree)
         return galerkin.peak_bytes(
             unknowns, largest_dim(scene.surface), factors, degree=degree, beside=galerkin.beside_of(scene)
         )
-    check_fits(surface, unknowns, asked.spacing, degree, chosen)
+    check_fits(surface, unknowns, target.spacing, degree, chosen)
     rows = memory.rows_per_unknown(surface.dim) * unknowns
     return memory.peak_bytes(rows, unknowns, surface.dim, degree, scene.channels, chosen)

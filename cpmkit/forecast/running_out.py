@@ -34,7 +34,7 @@ class _Need(NamedTuple):
 
 
 @contextmanager
-def memory_told(scene: Scene, options: Options[Any] | None = None, solver: str = "auto") -> Iterator[None]:
+def explain_memory_error(scene: Scene, options: Options[Any] | None = None, solver: str = "auto") -> Iterator[None]:
     """Where memory runs out inside, say what is needed, what there was, and a spacing that would fit.
 
     The tables that the error's traceback holds are let go first. The ``options`` are None for another back end.

@@ -41,8 +41,10 @@ def options_of(scene: Scene, spacing: float | None, given: Mapping[str, Any]) ->
     """
     form, reason = choose_form(scene, given)
     own, rest = take(FORMS[form], given)
-    asked, rest = take(Options, rest, spacing=needed_spacing(scene.surface, spacing), own=own, form=form, reason=reason)
-    return asked, {name: value for name, value in rest.items() if name != "form"}
+    target, rest = take(
+        Options, rest, spacing=needed_spacing(scene.surface, spacing), own=own, form=form, reason=reason
+    )
+    return target, {name: value for name, value in rest.items() if name != "form"}
 
 
 def choose_form(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
@@ -53,10 +55,10 @@ def choose_form(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
     InputError
         If there is no such form, or one of the options ``given`` is of another form only.
     """
-    asked = given.get("form", AUTO)
-    named = form_named(asked, given)
+    target = given.get("form", AUTO)
+    named = form_named(target, given)
     if named is not None:
-        return named, "as asked" if asked != AUTO else f"the only one with {_deciding(given)}"
+        return named, "as asked" if target != AUTO else f"the only one with {_deciding(given)}"
     surface, family, kind = scene.surface, scene.problem.family, scene.problem.kind
     if surface.manifold_dim is None:
         return "collocation", "the manifold has parts of several dimensions"

@@ -65,7 +65,7 @@ class PlainWork:
 
 
 @dataclass(frozen=True, eq=False)
-class Settled:
+class SteadyResult:
     """A steady solution as the form hands it out.
 
     Attributes
@@ -323,16 +323,16 @@ class Discretized(ABC):
         return self.gradient(u, self.points)
 
     @abstractmethod
-    def put_back(self, values: Floats) -> Floats:
+    def project(self, values: Floats) -> Floats:
         """Return the unknowns (n, channels) that have ``values`` (p, channels) at :attr:`points`, or nearly so."""
 
     def with_values(self, u: Floats, values: Floats, time: float) -> Floats:
-        """Return u (n, channels) moved to ``values`` (p, channels) at :attr:`points`, or as near as :meth:`put_back`.
+        """Return u (n, channels) moved to ``values`` (p, channels) at :attr:`points`, or as near as :meth:`project`.
 
         What of u the points do not see stays; where the values are those of u, all of it.
         """
         del time  # of forms whose unknowns hold the conditions' data
-        return u + self.put_back(values - self.at_points(u))
+        return u + self.project(values - self.at_points(u))
 
     def load_of(self, function: Callable[[Floats, Floats], Floats], u: Floats) -> Floats:
         """Return what ``function(values (p, channels), points (p, d))`` of u adds to b, (n, channels)."""
@@ -345,7 +345,7 @@ class Discretized(ABC):
 
     def interpolate(self, data: Data, what: str, time: float = 0.0) -> Floats:
         """Return the unknowns (n, channels) that stand for ``data`` at ``time``, the conditions considered."""
-        return self.put_back(self.read(data, what, time, self.channels))
+        return self.project(self.read(data, what, time, self.channels))
 
     def interpolate_in_range(self, data: Data, what: str, time: float = 0.0) -> Floats:
         """Return the same, within the range of data that the spacing does not resolve: heat then stays there."""
@@ -353,7 +353,7 @@ class Discretized(ABC):
 
     def interpolate_rate(self, data: Data, what: str, step: float) -> Floats:
         """Return the unknowns' rates (n, channels) at the start, those of the conditions' data taken over ``step``."""
-        return self.put_back(self.read(data, what, self.scene.problem.start_time, self.channels))
+        return self.project(self.read(data, what, self.scene.problem.start_time, self.channels))
 
     @abstractmethod
     def inner(self, u: Floats, v: Floats) -> Floats:
@@ -464,11 +464,11 @@ class Discretized(ABC):
             If so.
         """
 
-    def settle(self, operator: Operator, b: Floats, u: Floats) -> Settled:
+    def remove_constants(self, operator: Operator, b: Floats, u: Floats) -> SteadyResult:
         """Return the solution u of ``operator u = b`` with free constants taken out and what has no solution told."""
         if not isinstance(operator, Bordered):
-            return Settled(u)
-        return Settled(*defects_of(operator, b, u, self))
+            return SteadyResult(u)
+        return SteadyResult(*defects_of(operator, b, u, self))
 
     # Telling
 

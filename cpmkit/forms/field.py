@@ -88,7 +88,7 @@ class Field:
 
     @cached_property
     def _unknowns(self) -> Floats:
-        return self.form.put_back(self.columns) if self.unknowns is None else self.unknowns
+        return self.form.project(self.columns) if self.unknowns is None else self.unknowns
 
     def map(self, function: Callable[..., Any]) -> Field:
         """Return the field of ``function(points, values)``, which gives (p,) or (p, channels)."""

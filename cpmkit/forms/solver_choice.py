@@ -7,8 +7,8 @@ from cpmkit.linear.choice import choose_solver
 from cpmkit.manifold.local_source import largest_dim
 
 
-def solver_of(form: Discretized, asked: str, unknowns: int | None = None) -> str:
-    """Return the solver that ``asked`` means for a discretised scene, or as it would be with so many ``unknowns``."""
+def solver_of(form: Discretized, target: str, unknowns: int | None = None) -> str:
+    """Return the solver that ``target`` means for a discretised scene, or as it would be with so many ``unknowns``."""
     problem, many = form.scene.problem, form.size if unknowns is None else unknowns
     factor = problem.factors_up_to(form.multigrid) * form.factorise_up_to
-    return choose_solver(asked, many, largest_dim(form.scene.surface), factor, form.iterative_solver)
+    return choose_solver(target, many, largest_dim(form.scene.surface), factor, form.iterative_solver)

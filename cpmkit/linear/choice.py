@@ -78,13 +78,13 @@ def make_solver(name: str, options: Mapping[str, Any]) -> LinearSolver:
     return made
 
 
-def solver_of_steps(asked: SolverOptions, chosen: str) -> LinearSolver:
+def solver_of_steps(target: SolverOptions, chosen: str) -> LinearSolver:
     """Return the solver of systems M + factor A, which steps in time pose, where ``chosen`` is that of others.
 
     With ``auto`` the multigrid's cycle gives way to the diagonal where M dominates: what was chosen is told by reports.
     """
-    made = make_solver(chosen, asked.further)
-    return Quicker(made) if asked.solver == "auto" and isinstance(made, Multigrid) else made
+    made = make_solver(chosen, target.further)
+    return Quicker(made) if target.solver == "auto" and isinstance(made, Multigrid) else made
 
 
 @dataclass(frozen=True)

@@ -158,10 +158,10 @@ def coarse_operator(matrix: csr_array, prolongation: csr_array) -> SymmetricCsr:
     columns, entries, used = np.empty(room, dtype=np.uint32), np.empty(room), 0
     for start in range(0, size, at_once):
         stop = min(start + at_once, size)
-        asked, wanted = np.zeros(len(fine), dtype=bool), np.zeros(size, dtype=bool)
-        asked[back.columns[back.pointers[start] : back.pointers[stop]]] = True
+        target, wanted = np.zeros(len(fine), dtype=bool), np.zeros(size, dtype=bool)
+        target[back.columns[back.pointers[start] : back.pointers[stop]]] = True
         wanted[start:stop] = True
-        some = back.times(fine.times(P, asked), wanted, upper=True)
+        some = back.times(fine.times(P, target), wanted, upper=True)
         pointers[start + 1 : stop + 1] = some.pointers[start + 1 : stop + 1] + np.uint64(used)
         before, used = used, used + len(some.entries)
         for whole, part in ((columns, some.columns), (entries, some.entries)):

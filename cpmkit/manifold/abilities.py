@@ -24,6 +24,7 @@ from cpmkit.protocols import (
     HasCreases,
     HasFiniteFeet,
     HasGivenMesh,
+    HasIntegralFloor,
     HasLeft,
     HasLocalMinima,
     HasManyEdges,
@@ -33,10 +34,9 @@ from cpmkit.protocols import (
     HasTangents,
     HasTranslation,
     HasValues,
+    HasWarnings,
     Ints,
     NamesLeft,
-    TellsIntegralFloor,
-    TellsWarnings,
 )
 
 Base = TypeVar("Base")
@@ -241,12 +241,12 @@ def advice_of(source: object, spacing: float) -> Advice:
 
 def warnings_of(source: object, spacing: float) -> tuple[str, ...]:
     """Return the warnings in the advice of ``source`` at ``spacing``, without what else may take long to be found."""
-    return source.own_warnings(spacing) if isinstance(source, TellsWarnings) else advice_of(source, spacing).warnings
+    return source.own_warnings(spacing) if isinstance(source, HasWarnings) else advice_of(source, spacing).warnings
 
 
 def integral_floor_of(source: object, spacing: float) -> float:
     """Return the error, as a share, that ``source`` leaves in integrals at ``spacing``, without the other advice."""
-    if isinstance(source, TellsIntegralFloor):
+    if isinstance(source, HasIntegralFloor):
         return source.own_integral_floor(spacing)
     advice = advice_of(source, spacing)
     return advice.floor if advice.integral_floor is None else advice.integral_floor

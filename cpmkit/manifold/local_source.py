@@ -109,8 +109,8 @@ class LocalSource:
 
     def knows_directions(self, dimension: int) -> bool:
         """True if all members of this dimension give their own tangents (of a curve) or normals (of a surface)."""
-        asked = [member for member in self.members if member.manifold_dim == dimension]
-        return all(member.has_tangents if dimension == 1 else member.has_normals for member in asked)
+        target = [member for member in self.members if member.manifold_dim == dimension]
+        return all(member.has_tangents if dimension == 1 else member.has_normals for member in target)
 
     @cached_property
     def has_normals(self) -> bool:

@@ -23,7 +23,7 @@ _under_way: list[Progress] = []
 
 
 @contextmanager
-def shown_progress(asked: ShownProgress, clock: Callable[[], float] = time.perf_counter) -> Iterator[Progress]:
+def shown_progress(target: ShownProgress, clock: Callable[[], float] = time.perf_counter) -> Iterator[Progress]:
     """Yield a callback for the progress of the work in the block, as it was asked for.
 
     Raises
@@ -31,14 +31,14 @@ def shown_progress(asked: ShownProgress, clock: Callable[[], float] = time.perf_
     InputError
         If it is asked for in another way.
     """
-    if not callable(asked) and asked is not None and not isinstance(asked, bool):
-        raise InputError(f"progress must be True, False or a function of a stage and a share, got {shown(asked)}.")
-    if callable(asked):
-        show: Progress = asked
-    elif asked is False or sys.stderr is None or not (asked or _someone_looks()):
+    if not callable(target) and target is not None and not isinstance(target, bool):
+        raise InputError(f"progress must be True, False or a function of a stage and a share, got {shown(target)}.")
+    if callable(target):
+        show: Progress = target
+    elif target is False or sys.stderr is None or not (target or _someone_looks()):
         show = no_progress
     else:
-        show = LateBar(0.0 if asked else SILENT_SECONDS, clock)
+        show = LateBar(0.0 if target else SILENT_SECONDS, clock)
     _under_way.append(show)
     try:
         yield show

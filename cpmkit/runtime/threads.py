@@ -31,12 +31,12 @@ def thread_count() -> int:
     InputError
         If ``CPMKIT_THREADS`` is not a whole number above zero.
     """
-    asked = os.environ.get("CPMKIT_THREADS")
-    if not asked:
+    target = os.environ.get("CPMKIT_THREADS")
+    if not target:
         return processors()
-    if not asked.isdecimal() or int(asked) < 1:
-        raise InputError(f"CPMKIT_THREADS must be a whole number above zero, got {asked!r}.")
-    return int(asked)
+    if not target.isdecimal() or int(target) < 1:
+        raise InputError(f"CPMKIT_THREADS must be a whole number above zero, got {target!r}.")
+    return int(target)
 
 
 @cache

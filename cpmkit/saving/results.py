@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cpmkit.errors import CpmkitError, InputError
-from cpmkit.files.whole_files import check_place, system_told
+from cpmkit.files.whole_files import check_place, explain_system_error
 from cpmkit.meshes.display_mesh import mesh_of
 from cpmkit.protocols import ClosestPointSource, Progress
 from cpmkit.saving.export import FILMS, PAGE, check_file, save, write_summary
@@ -81,13 +81,13 @@ def check_request(
     """
     for file in request.files:
         check_file(file, surface, _vertices_of(file, request))
-    asked = request.picture
-    if asked is not None:
-        check_picture(asked.file, asked)
+    target = request.picture
+    if target is not None:
+        check_picture(target.file, target)
         if channels is not None:
-            check_channels(asked, channels, surface.dim)
+            check_channels(target, channels, surface.dim)
         mesh_of(surface)
-    for file in (*request.files, *([] if asked is None else [asked.file])):
+    for file in (*request.files, *([] if target is None else [target.file])):
         check_links((folder / file).parent, folder, f"the folder of {file!r}")
         check_place(folder / file)
         if file.lower().endswith(".pvd"):
@@ -177,18 +177,18 @@ def _look_of(file: str, request: OutputRequest) -> dict[str, Any]:
     return request.picture.look if drawn and request.picture is not None else {}
 
 
-def _draw(solution: Solution, asked: PictureRequest, folder: Path) -> dict[str, Any]:
-    file = _with_folder(folder / asked.file)
-    drawn = picture(solution, file, **asked.look)
-    entry = {"file": asked.file, "camera": drawn.camera}
-    if not asked.frames:
+def _draw(solution: Solution, target: PictureRequest, folder: Path) -> dict[str, Any]:
+    file = _with_folder(folder / target.file)
+    drawn = picture(solution, file, **target.look)
+    entry = {"file": target.file, "camera": drawn.camera}
+    if not target.frames:
         return entry
-    frames = draw_frames(solution, file, asked)
+    frames = draw_frames(solution, file, target)
     return {**entry, "frames": [str(frame.relative_to(folder)) for frame in frames]}
 
 
 def _with_folder(path: Path) -> Path:
     """Return ``path``, whose folder exists afterwards."""
-    with system_told(f"The folder {path.parent} cannot be made"):
+    with explain_system_error(f"The folder {path.parent} cannot be made"):
         path.parent.mkdir(parents=True, exist_ok=True)
     return path

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.sax.saxutils import quoteattr
 
-from cpmkit.files.whole_files import remove_leftovers, system_told, unfinished_name, written_whole
+from cpmkit.files.whole_files import explain_system_error, remove_leftovers, unfinished_name, written_whole
 from cpmkit.saving.mesh_files import write_vtp
 from cpmkit.scenefile.look import Look
 from cpmkit.solution.evolved import EvolvedSolution, frames_of
@@ -39,7 +39,7 @@ def save_series(solution: Solution, path: Path) -> None:
     unfinished = unfinished_name(folder)
     names = [_numbered(Path("frame.vtp"), number, len(frames)).name for number in range(len(frames))]
     try:
-        with system_told(f"{folder} cannot be written"):
+        with explain_system_error(f"{folder} cannot be written"):
             remove_leftovers(folder)
             unfinished.mkdir()
             for name, mesh in zip(names, solution.frame_meshes(), strict=True):

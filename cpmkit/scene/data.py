@@ -46,10 +46,10 @@ def takes_time(data: Data) -> bool:
     if isinstance(data, FunctionType) and "t" not in data.__code__.co_varnames and not data.__dict__:
         return False  # told in a hundredth of the time that its signature takes, for each step of a run asks
     try:
-        asked = inspect.signature(data).parameters.get("t")
+        target = inspect.signature(data).parameters.get("t")
     except (TypeError, ValueError):  # some built-in functions tell no signature
         return False
-    return asked is not None and asked.default is asked.empty and asked.kind is not asked.VAR_POSITIONAL
+    return target is not None and target.default is target.empty and target.kind is not target.VAR_POSITIONAL
 
 
 def evaluate_data(data: Data, points: Floats, channels: int | None, what: str, time: float | None = None) -> Floats:

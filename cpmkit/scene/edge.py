@@ -148,8 +148,8 @@ def place_on_edge(source: ClosestPointSource, part: Part, beside: ByPosition | N
     if beside is not None:
         shares = np.linspace(-PAST_BOUNDS_SHARE, 1 + PAST_BOUNDS_SHARE, ASKED_PER_AXIS)
         places.append((bounds[0] + shares[:, None] * reach).T)
-    asked = np.array([*(point for one in places for point in product(*one)), centre])
-    feet = LocalSource(source, np.zeros(source.dim)).closest_point(asked)
+    target = np.array([*(point for one in places for point in product(*one)), centre])
+    feet = LocalSource(source, np.zeros(source.dim)).closest_point(target)
     on = np.flatnonzero(feet.edge >= 0)
     if beside is not None and len(on):
         own = on[beside.number_at(feet.points[on]) == beside.parts.index(part)]

@@ -10,7 +10,7 @@ from typing import Any
 
 from cpmkit.errors import InputError, SceneError
 from cpmkit.files.toml_files import from_toml
-from cpmkit.forms.asked import Asked
+from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.plugins import check_accepted
 from cpmkit.runtime.declared import declared
 from cpmkit.scene.scene import Scene
@@ -63,10 +63,10 @@ def _application_file(command: str, tables: dict[str, Any], path: Path) -> Appli
         raise SceneError("a scene needs the table [surface].")
     scene = read_scene({**tables, "problem": {"kind": "laplace"}}, path.parent)
     spacing, options = read_options(tables)
-    asked = next((name for name in declared(Asked) if name in options), None)
-    if asked is not None and command != "paint":
+    target = next((name for name in declared(AccuracyTarget) if name in options), None)
+    if target is not None and command != "paint":
         raise SceneError(
-            f"`cpmkit {command}` takes a spacing and estimates no error; leave out {asked} of [discretization]."
+            f"`cpmkit {command}` takes a spacing and estimates no error; leave out {target} of [discretization]."
         )
     output = read_output(as_table(tables.get("output", {}), "[output]"), path)
     if output.wants_frames:

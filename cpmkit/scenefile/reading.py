@@ -11,7 +11,7 @@ from typing import Any
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.files.data_files import find_file
 from cpmkit.files.toml_files import from_toml
-from cpmkit.forms.asked import Asked
+from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.forms.choice import own_options
 from cpmkit.forms.options import Options
 from cpmkit.formulas.reaction_expressions import ReactionExpression
@@ -161,9 +161,9 @@ def read_options(tables: Mapping[str, Any]) -> tuple[float | None, dict[str, Any
     grid = as_table(tables.get("discretization", {}), "[discretization]")
     with told_of("[discretization]"):
         own, accepted = own_options(grid)
-        check_accepted("[discretization]", grid, (*declared(Options), *declared(Asked), *accepted))
-        asked, further = take(Asked, grid)
-        asked.check_spacing(grid.get("spacing"))
+        check_accepted("[discretization]", grid, (*declared(Options), *declared(AccuracyTarget), *accepted))
+        target, further = take(AccuracyTarget, grid)
+        target.check_spacing(grid.get("spacing"))
         take(Options, {"spacing": 1.0, **further}, own=own)  # one may be given elsewhere
     solver = as_table(tables.get("solver", {}), "[solver]")
     name = solver.get("kind", SolverOptions.solver)

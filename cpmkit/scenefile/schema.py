@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from typing import Any
 
-from cpmkit.forms.asked import Asked
+from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.forms.choice import FORMS
 from cpmkit.forms.options import Options
 from cpmkit.linear.choice import SolverOptions
@@ -71,7 +71,7 @@ def scene_tables(problem_needs: bool = True) -> Schema:
         "surface": one_of_kinds(sources, {"edge": edge}),
         "boundary": {"type": "array", "items": one_of_kinds(sources, sides)},
         "problem": one_of_kinds(equations, needs=problem_needs, of_data=True),
-        "discretization": _options([Options, Asked, *FORMS.values()]),
+        "discretization": _options([Options, AccuracyTarget, *FORMS.values()]),
         "solver": _options([SolverOptions], SOLVER_KEYS, further=True),
         "output": _table(
             {

@@ -68,9 +68,9 @@ def solve_by_fixed_nodes(
     check_fixable(scene, method)
     clock = [time.perf_counter()]
     bare = replace(scene, boundaries=())
-    asked, rest = options_of(scene, spacing, {**options, "form": "collocation"})
+    target, rest = options_of(scene, spacing, {**options, "form": "collocation"})
     solver = SolverOptions.of(rest)
-    form = discretize(bare, asked, progress)
+    form = discretize(bare, target, progress)
     tables = form.tables
     sources = [localize(boundary.source, tables.layout.lattice.origin) for boundary in scene.boundaries]
     fixed, values = _fixed_nodes(scene, tables, sources, method)

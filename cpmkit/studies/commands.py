@@ -95,8 +95,8 @@ def report_study(studies: tuple[Path, ...], table: Path | None, costs: Path | No
     for report in reports:
         if trades(report.series):
             click.echo(f"\n{trade_of(report)}")
-    asked = {table: text, costs: costs_of(reports)}
-    pages = {page: content for page, content in asked.items() if page is not None}
+    target = {table: text, costs: costs_of(reports)}
+    pages = {page: content for page, content in target.items() if page is not None}
     for page, content in pages.items():
         with written_whole(page) as file:
             file.write_text(content + "\n", encoding="utf-8")

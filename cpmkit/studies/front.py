@@ -50,7 +50,7 @@ def attempts(series: Sequence[Series]) -> list[Attempt]:
     for one in series:
         for entry in one.entries:
             unit = 2 * entry.half_range if entry.half_range > 0 else 1.0
-            setting = f"{one.asked} {entry.asked:g}" if one.asked else f"spacing {entry.spacing:g}"
+            setting = f"{one.target} {entry.target:g}" if one.target else f"spacing {entry.spacing:g}"
             mebibytes = entry.bytes / BYTES_PER_MEBIBYTE
             made.append(Attempt(one.label, setting, entry.rms_error / unit, entry.cpu_seconds, mebibytes))
     return made

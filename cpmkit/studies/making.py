@@ -9,7 +9,7 @@ import numpy as np
 
 from cpmkit.errors import ConvergenceError, ResolutionError
 from cpmkit.forecast.needs import bytes_needed, solver_for
-from cpmkit.forms.asked import Asked
+from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.forms.collocation.diagnosis.twin_clusters import twin_feet
 from cpmkit.forms.collocation.form import Collocation
 from cpmkit.grid.lattice import lattice_of
@@ -56,7 +56,7 @@ def make_run(study: Study, run: Run, truth: Truth, progress: Progress = no_progr
 
 def _solve(scene: Scene, run: Run, options: dict[str, Any], progress: Progress) -> Solution:
     if run.method == REFINED:
-        return solve_on_refined_mesh(scene, cast(float, run.spacing), progress=progress, **options)
+        return solve_on_refined_mesh(scene, cast("float", run.spacing), progress=progress, **options)
     set_by = closest_points()
     if run.method not in (*set_by, *BASELINES):  # a plugin's back end, which makes of the spacing what it likes
         return solve(scene, run.spacing, backend=run.method, progress=progress, **for_any_backend(options))
@@ -65,8 +65,8 @@ def _solve(scene: Scene, run: Run, options: dict[str, Any], progress: Progress) 
             extent = float(np.ptp(scene.surface.bounds, axis=0).max())
             centre = np.asarray(scene.surface.bounds).mean(axis=0)
             options = {**options, "origin": centre + run.shift(scene.surface.dim, SHIFTED_SHARE * extent)}
-        return solve(scene, progress=progress, **{**options, **dict(run.options), **set_by[run.method], **run.asked})
-    own = {name: value for name, value in options.items() if name not in declared(Asked)}
+        return solve(scene, progress=progress, **{**options, **dict(run.options), **set_by[run.method], **run.target})
+    own = {name: value for name, value in options.items() if name not in declared(AccuracyTarget)}
     lattice = lattice_of(scene.surface, run.spacing, own.get("origin"))
     placed = {**own, **dict(run.options), "origin": lattice.origin + run.shift(scene.surface.dim)}
     if run.method in BASELINES:

@@ -21,7 +21,7 @@ from cpmkit.files.plain_values import (
     table_of,
     whole_numbers,
 )
-from cpmkit.files.whole_files import system_told
+from cpmkit.files.whole_files import explain_system_error
 from cpmkit.forms.choice import every_option
 from cpmkit.studies.sweep import ASKED_ENTRIES, listed
 
@@ -113,7 +113,7 @@ def append_record(file: Path, record: Mapping[str, Any]) -> None:
         If it cannot be written.
     """
     line = json.dumps(record, allow_nan=False, default=float).encode() + b"\n"
-    with system_told(f"{file} cannot be written"), file.open("ab", buffering=0) as opened:
+    with explain_system_error(f"{file} cannot be written"), file.open("ab", buffering=0) as opened:
         if opened.write(line) < len(line):  # a full disk takes a part, and refuses from then on
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         os.fsync(opened.fileno())
@@ -130,7 +130,7 @@ def drop_unfinished_line(file: Path) -> None:
     content = _content(file)
     whole_lines = content.rfind(b"\n") + 1
     if whole_lines < len(content):
-        with system_told(f"{file} cannot be written"):
+        with explain_system_error(f"{file} cannot be written"):
             os.truncate(file, whole_lines)
 
 

@@ -44,7 +44,7 @@ class Report:
     @property
     def by_spacing(self) -> list[Series]:
         """The series of spacings; others ask for an error or a time."""
-        return [one for one in self.series if not one.asked]
+        return [one for one in self.series if not one.target]
 
     @property
     def compares(self) -> bool:
@@ -79,7 +79,7 @@ def write_report(folder: Path, content: str | None = None) -> Report:
         )
     title, failed = _one_line(records[0]["title"]), sum("error" in record for record in records)
     compares = series[0].reference is not None
-    by_spacing = [one for one in series if not one.asked]
+    by_spacing = [one for one in series if not one.target]
     figures = {}
     if by_spacing:
         figures[CONVERGENCE_FIGURE] = (difference_figure if compares else convergence_figure)(by_spacing, title)
@@ -103,7 +103,7 @@ def _one_line(text: str) -> str:
 
 def trades(series: Sequence[Series]) -> bool:
     """Tell whether there is something to choose from: several methods, or an error or a time that was asked for."""
-    return any(one.asked for one in series) or len({one.method for one in series}) > 1
+    return any(one.target for one in series) or len({one.method for one in series}) > 1
 
 
 def trade_of(report: Report) -> str:

@@ -117,7 +117,7 @@ def run_study(
 
 def _quick(run: Run) -> Run:
     """Return the run, or one to a rough tolerance in place of what it asks for."""
-    return replace(run, asked_tolerance=ROUGH_TOLERANCE, asked_seconds=None) if run.asked else run
+    return replace(run, asked_tolerance=ROUGH_TOLERANCE, asked_seconds=None) if run.target else run
 
 
 def _chosen(runs: Sequence[Run], spacings: Sequence[float]) -> Sequence[Run]:

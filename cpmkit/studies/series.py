@@ -51,7 +51,7 @@ class Entry:
         Means over the origins; not a number where a method does not count.
     bytes : float
         At the peak, the mean; not a number where it is not recorded.
-    asked : float
+    target : float
         What was asked for in place of a spacing; not a number where nothing was.
     """
 
@@ -67,7 +67,7 @@ class Entry:
     iterations: float
     cpu_seconds: float
     bytes: float
-    asked: float
+    target: float
 
     def percent(self, quantity: str) -> float:
         """Return an error, or the shift, in percent of the half range; not a number where that is zero."""
@@ -89,7 +89,7 @@ class Series:
         The coarsest first.
     reference : str or None
         The back end that errors are differences from; None where the solution is known.
-    asked : str
+    target : str
         ``tolerance`` or ``seconds`` where that was asked for in place of spacings, else empty.
     """
 
@@ -98,7 +98,7 @@ class Series:
     label: str
     entries: Sequence[Entry]
     reference: str | None
-    asked: str = ""
+    target: str = ""
 
     @property
     def spacings(self) -> list[float]:
@@ -130,29 +130,29 @@ def gather(records: Sequence[Record]) -> list[Series]:
 
 def _key(record: Record) -> tuple[Any, ...]:
     run = Run.of(record)
-    return run.method, run.options, next(iter(run.asked), "")
+    return run.method, run.options, next(iter(run.target), "")
 
 
 def _series(key: tuple[Any, ...], keys: Sequence[tuple[Any, ...]], records: Sequence[Record]) -> Series:
-    method, options, asked = key
-    fineness = f"asked_{asked}" if asked else "spacing"
-    given = sorted({record[fineness] for record in records}, reverse=asked != "seconds")
-    entries = [_entry([record for record in records if record[fineness] == one], asked) for one in given]
-    return Series(method, dict(options), _label(key, keys), entries, records[0].get("reference"), asked)
+    method, options, target = key
+    fineness = f"asked_{target}" if target else "spacing"
+    given = sorted({record[fineness] for record in records}, reverse=target != "seconds")
+    entries = [_entry([record for record in records if record[fineness] == one], target) for one in given]
+    return Series(method, dict(options), _label(key, keys), entries, records[0].get("reference"), target)
 
 
-def _entry(records: Sequence[Record], asked: str) -> Entry:
+def _entry(records: Sequence[Record], target: str) -> Entry:
     def of(name: str) -> Any:
         return np.array([record.get(name) for record in records], dtype=np.float64)
 
     rms = {name: float(np.sqrt(np.mean(of(name) ** 2))) for name in ("max_error", "rms_error", "rms_without_mean")}
     names = ("spacing", "half_range", "unknowns", "twins", "iterations", "cpu_seconds", "bytes")
     means = {name: float(of(name).mean()) for name in names}
-    if not asked:
+    if not target:
         means["spacing"] = records[0]["spacing"]  # a mean of equal numbers may differ from them
-    value = float(records[0][f"asked_{asked}"]) if asked else math.nan
+    value = float(records[0][f"asked_{target}"]) if target else math.nan
     queries = float(of("closest_point_queries").mean())
-    return Entry(error=rms.pop("max_error"), shift=_shift(records), queries=queries, asked=value, **rms, **means)
+    return Entry(error=rms.pop("max_error"), shift=_shift(records), queries=queries, target=value, **rms, **means)
 
 
 def _shift(records: Sequence[Record]) -> float:
@@ -162,7 +162,7 @@ def _shift(records: Sequence[Record]) -> float:
 
 def _label(key: tuple[Any, ...], keys: Sequence[tuple[Any, ...]]) -> str:
     """Return the method's name where methods differ, and each option that does in it; the order where nothing does."""
-    (method, options, asked), methods = key, {other for other, *_ in keys}
+    (method, options, target), methods = key, {other for other, *_ in keys}
     own = [dict(other) for one, other, _ in keys if one == method]
     differ = [name for name, _ in options if len({other[name] for other in own}) > 1]
     name = "with sheets" if method == "cpm" and methods & {"plain", "unfolded"} else METHOD_WORDS.get(method, method)
@@ -170,4 +170,4 @@ def _label(key: tuple[Any, ...], keys: Sequence[tuple[Any, ...]]) -> str:
     parts += [f"{name} {value}" for name, value in options if name in differ]
     parts = parts or [f"{name} {value}" for name, value in options if name == "order"]
     label = ", ".join(parts) or name
-    return f"{label}, {asked} asked" if asked else label
+    return f"{label}, {target} asked" if target else label

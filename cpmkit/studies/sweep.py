@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import InputError, SceneError, shown
-from cpmkit.forms.asked import Asked
+from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.forms.choice import FORMS, every_option
 from cpmkit.plugins import call, check_keys
 from cpmkit.protocols import Floats
@@ -129,7 +129,7 @@ class Sweep:
             for name, values in self._fineness():
                 if name in ASKED:
                     for value in values:
-                        declared(Asked)[name].check(value, f"each entry of {ASKED[name]} of [sweep]")
+                        declared(AccuracyTarget)[name].check(value, f"each entry of {ASKED[name]} of [sweep]")
             if self.step_per_spacing is not None:
                 positive(self.step_per_spacing, "step_per_spacing of [sweep]")
             for name, values in self.lists.items():
@@ -223,12 +223,12 @@ class Run:
         names = listed_of(record["method"])
         own = _form_of(record["method"])
         options = tuple((name, record.get(name, getattr(own, name))) for name in names)
-        asked = {key: record.get(key) for key in ASKED_ENTRIES}
-        spacing = record["spacing"] if set(asked.values()) == {None} else None  # else it is the one that was found
-        return cls(record["method"], spacing, options, record["origin"], **asked)
+        target = {key: record.get(key) for key in ASKED_ENTRIES}
+        spacing = record["spacing"] if set(target.values()) == {None} else None  # else it is the one that was found
+        return cls(record["method"], spacing, options, record["origin"], **target)
 
     @property
-    def asked(self) -> dict[str, float]:
+    def target(self) -> dict[str, float]:
         """What is asked for in place of a spacing, as keyword arguments of ``solve``."""
         found = {name: getattr(self, f"asked_{name}") for name in ASKED}
         return {name: value for name, value in found.items() if value is not None}
@@ -236,8 +236,8 @@ class Run:
     def as_dict(self) -> dict[str, Any]:
         """Return the parameters as plain values, None where the method has no such option."""
         options = dict.fromkeys(listed()) | dict(self.options)
-        asked = {key: getattr(self, key) for key in ASKED_ENTRIES}
-        return {"method": self.method, "spacing": self.spacing, **asked, **options, "origin": self.origin}
+        target = {key: getattr(self, key) for key in ASKED_ENTRIES}
+        return {"method": self.method, "spacing": self.spacing, **target, **options, "origin": self.origin}
 
     def shift(self, dim: int, unit: float | None = None) -> Floats:
         """Return by how much (d,) the lattice is moved: uniformly distributed between 0 and a spacing, or ``unit``."""

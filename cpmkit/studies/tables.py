@@ -76,9 +76,9 @@ def run_sentence(record: Record) -> str:
 
 def run_name(record: Record) -> str:
     """Return which run a record is of."""
-    asked = {name: record.get(f"asked_{name}") for name in ASKED}
-    how = {**record, **asked} | ({} if set(asked.values()) == {None} else {"spacing": None})
-    parameters = (f"{key} {how[key]}" for key in (*listed(), "spacing", *asked, "origin") if how.get(key) is not None)
+    target = {name: record.get(f"asked_{name}") for name in ASKED}
+    how = {**record, **target} | ({} if set(target.values()) == {None} else {"spacing": None})
+    parameters = (f"{key} {how[key]}" for key in (*listed(), "spacing", *target, "origin") if how.get(key) is not None)
     return ", ".join([printable(record["method"]), *parameters])
 
 

@@ -53,12 +53,12 @@ def check_batches(subject: Subject, x: Floats) -> None:
     whole = subject.source.closest_point(x.copy())  # not in the batch of all laws: where feet tie, rounding decides
     for parts in (np.array_split(x, 3), [x[i : i + 1] for i in range(min(3, len(x)))]):
         pieces = [subject.source.closest_point(np.ascontiguousarray(part)) for part in parts]
-        asked = np.concatenate(parts)
+        target = np.concatenate(parts)
         points = np.concatenate([piece.points for piece in pieces])
         edge = np.concatenate([piece.edge for piece in pieces])
-        apart = np.linalg.norm(points - whole.points[: len(asked)], axis=1)
-        require_rows(apart <= subject.round_off(asked), asked, "Asked in parts, the foot moves by", apart)
-        require_rows(edge == whole.edge[: len(asked)], asked, "Asked in parts, edge becomes", edge)
+        apart = np.linalg.norm(points - whole.points[: len(target)], axis=1)
+        require_rows(apart <= subject.round_off(target), target, "Asked in parts, the foot moves by", apart)
+        require_rows(edge == whole.edge[: len(target)], target, "Asked in parts, edge becomes", edge)
 
 
 @query_law()

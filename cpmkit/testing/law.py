@@ -45,11 +45,11 @@ def query_law(
 
     def made(check: Callable[[Subject, Floats], None]) -> Law:
         @wraps(check)
-        def asked(about: Subject) -> None:
+        def target(about: Subject) -> None:
             near = where == "near" or (where == "near unless exact" and not about.source.exact)
             for_queries(about, partial(check, about), near, together)
 
-        return law(ability)(asked)
+        return law(ability)(target)
 
     return made
 

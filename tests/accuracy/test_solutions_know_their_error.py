@@ -152,7 +152,7 @@ files = ["summary.json"]
     plain = CliRunner().invoke(main, ["solve", "scene.toml", "--json"])
     assert plain.exit_code == 0, plain.output
     found = json.loads(plain.stdout)["trade"]
-    assert (found["status"], found["asked"]["norm"]) == ("reached", "max")
+    assert (found["status"], found["target"]["norm"]) == ("reached", "max")
     over = CliRunner().invoke(main, ["solve", "scene.toml", "--tolerance", "1e-2", "--norm", "rms"])
     assert "way        tolerance 0.01 reached: root mean square about" in over.stdout
     at = CliRunner().invoke(main, ["solve", "scene.toml", "--spacing", "0.1", "--json", "--estimate"])

@@ -189,14 +189,14 @@ def test_what_takes_a_spacing_takes_no_accuracy(folder: Path, command: str, text
 
 
 @pytest.mark.parametrize(
-    ("asked", "words"),
+    ("target", "words"),
     [
         ('files = ["film.gif"]', "makes none"),
         ('picture = { file = "a.png", field = "error" }', "no estimate of the error"),
         ('picture = { file = "a.png", vectors = true }', "draws in its own way"),
     ],
 )
-def test_output_that_a_field_has_not(folder: Path, asked: str, words: str) -> None:
-    found = _run("vectors", VECTORS + SPHERE.replace('files = ["solution.npz", "summary.json"]', asked))
+def test_output_that_a_field_has_not(folder: Path, target: str, words: str) -> None:
+    found = _run("vectors", VECTORS + SPHERE.replace('files = ["solution.npz", "summary.json"]', target))
     assert found.exit_code == 1
     assert words in " ".join(found.output.split())

@@ -70,8 +70,8 @@ class Able:
         return replace(self, center=self.center + offset)
 
     def advice(self, spacing, /):
-        asked = f"The circle was asked at {spacing:g}."
-        return protocols.Advice(1e-3 * spacing, (asked,), 1e-4 * spacing, (asked,))
+        target = f"The circle was asked at {spacing:g}."
+        return protocols.Advice(1e-3 * spacing, (target,), 1e-4 * spacing, (target,))
 
 
 class Pair(Able):

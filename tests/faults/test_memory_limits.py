@@ -70,14 +70,14 @@ def test_control_groups_of_version_1_and_of_a_container_that_does_not_see_its_pa
 def test_ulimit_counts_with_what_is_in_use(monkeypatch, name, option):
     import resource
 
-    asked = getattr(resource, name)
+    target = getattr(resource, name)
     endless = resource.RLIM_INFINITY
-    monkeypatch.setattr(resource, "getrlimit", lambda which: (10 * GIB if which == asked else endless, endless))
+    monkeypatch.setattr(resource, "getrlimit", lambda which: (10 * GIB if which == target else endless, endless))
     monkeypatch.setattr(memory, "machine_bytes", lambda: 64 * GIB)
     text_of = memory._text_of
     status = "VmSize:\t 2097152 kB\nVmData:\t 2097152 kB\n"
     monkeypatch.setattr(memory, "_text_of", lambda path: status if path.name == "status" else text_of(path))
-    monkeypatch.setattr(memory, "_group_limits", lambda *asked: [])
+    monkeypatch.setattr(memory, "_group_limits", lambda *target: [])
     limit = memory.memory_limit()
     assert limit.bytes == 8 * GIB
     assert limit.says == f"`ulimit {option}` leaves this process"

@@ -24,7 +24,7 @@ spacing = 0.2
 
 
 @pytest.fixture
-def asked(torus, tmp_path, monkeypatch):
+def target(torus, tmp_path, monkeypatch):
     """Return a function that checks a request for results of the torus in the folder ``results``."""
     monkeypatch.chdir(tmp_path)
 
@@ -34,43 +34,43 @@ def asked(torus, tmp_path, monkeypatch):
     return check
 
 
-def test_a_folder_that_can_be_made_is_not_made_yet(asked):
-    asked(folder="deep/within")
+def test_a_folder_that_can_be_made_is_not_made_yet(target):
+    target(folder="deep/within")
     assert os.listdir() == []
 
 
-def test_a_folder_that_is_there_stays_as_it_is(asked):
+def test_a_folder_that_is_there_stays_as_it_is(target):
     os.mkdir("results")
-    asked()
+    target()
     assert os.listdir("results") == []
 
 
 @pytest.mark.parametrize("folder", ["taken", "taken/deeper/still"])
-def test_a_folder_that_is_a_file_or_below_one(asked, folder):
+def test_a_folder_that_is_a_file_or_below_one(target, folder):
     Path("taken").write_text("")
     with pytest.raises(InputError, match=r"The folder taken.* cannot be made: .*/taken is a file\.$"):
-        asked(folder=folder)
+        target(folder=folder)
 
 
-def test_a_file_that_is_a_folder(asked):
+def test_a_file_that_is_a_folder(target):
     os.makedirs("results/summary.json")
     with pytest.raises(InputError, match=r"summary\.json cannot be written: it is a folder\.$"):
-        asked()
+        target()
 
 
-def test_a_series_whose_folder_is_a_file(asked):
+def test_a_series_whose_folder_is_a_file(target):
     os.mkdir("results")
     Path("results/run_frames").write_text("")
     with pytest.raises(InputError, match=r"run_frames cannot be made: .*run_frames is a file\.$"):
-        asked(("run.pvd",))
+        target(("run.pvd",))
 
 
-def test_a_series_whose_folder_is_a_link_that_leads_out(asked):
+def test_a_series_whose_folder_is_a_link_that_leads_out(target):
     os.makedirs("results")
     os.makedirs("elsewhere")
     os.symlink("../elsewhere", "results/run_frames")
     with pytest.raises(InputError, match=r"a link leads 'results/run_frames' out of it"):
-        asked(("run.pvd",))
+        target(("run.pvd",))
 
 
 @pytest.mark.parametrize(
@@ -81,10 +81,10 @@ def test_a_series_whose_folder_is_a_link_that_leads_out(asked):
         ({"isolines": True}, 3, "isolines are those of one channel"),
     ],
 )
-def test_what_a_solution_of_so_many_channels_cannot_show(asked, look, channels, message):
+def test_what_a_solution_of_so_many_channels_cannot_show(target, look, channels, message):
     with pytest.raises(InputError, match=message):
-        asked(picture=PictureRequest(**look), channels=channels)
-    asked(picture=PictureRequest(**look))
+        target(picture=PictureRequest(**look), channels=channels)
+    target(picture=PictureRequest(**look))
 
 
 @pytest.mark.parametrize(("problem", "channel", "code"), [("screened", 1, 1), ("eigen", 1, 0), ("eigen", 3, 1)])
@@ -102,18 +102,18 @@ def test_a_channel_that_a_scene_lacks_is_refused_before_the_solve(tmp_path, monk
 
 
 @pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="needs a place where even root cannot write")
-def test_a_place_where_nothing_can_be_written(asked):
+def test_a_place_where_nothing_can_be_written(target):
     with pytest.raises(InputError, match=r"^/proc/results/summary\.json cannot be written: .*\.$"):
-        asked(folder="/proc/results")
+        target(folder="/proc/results")
 
 
-def test_a_read_only_folder_is_told_by_what_the_system_says(asked, monkeypatch):
+def test_a_read_only_folder_is_told_by_what_the_system_says(target, monkeypatch):
     def refuse(dir):
         raise OSError(30, os.strerror(30))
 
     monkeypatch.setattr("tempfile.TemporaryFile", refuse)
     with pytest.raises(InputError, match=r"cannot be written: Read-only file system\.$"):
-        asked()
+        target()
 
 
 @pytest.mark.parametrize(
@@ -125,9 +125,9 @@ def test_a_read_only_folder_is_told_by_what_the_system_says(asked, monkeypatch):
         ("/".join(["u" * 50] * 100) + ".npz", "4000 bytes at most"),
     ],
 )
-def test_a_name_that_no_file_can_have(asked, name, message):
+def test_a_name_that_no_file_can_have(target, name, message):
     with pytest.raises(InputError):
-        asked((name,))
+        target((name,))
     with pytest.raises(InputError, match=message):
         check_place(Path(name))
     with pytest.raises(InputError, match=message), written_whole(Path(name)):
@@ -151,13 +151,13 @@ def test_the_longest_name_that_is_accepted_can_be_written(tmp_path):
         ({"file": "torus.jpg"}, r"must be a \.png file"),
     ],
 )
-def test_a_picture_that_no_camera_can_show(asked, picture, message):
+def test_a_picture_that_no_camera_can_show(target, picture, message):
     with pytest.raises(InputError, match=message):
-        asked(picture=PictureRequest(**picture))
+        target(picture=PictureRequest(**picture))
 
 
-def test_a_view_of_any_length_is_a_direction(asked):
-    asked(picture=PictureRequest(view=(1e-200, 2e-200, 0), up=(0, 0, 1e200)))
+def test_a_view_of_any_length_is_a_direction(target):
+    target(picture=PictureRequest(view=(1e-200, 2e-200, 0), up=(0, 0, 1e200)))
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere file names have encodings of their own")

@@ -65,19 +65,19 @@ def test_a_real_mesh_is_within_it_too(real_mesh, form):
 def test_what_it_asks_of_a_surface_does_not_grow_with_fineness(form):
     class Counted:
         dim, manifold_dim, bounds, exact = SPHERE.dim, SPHERE.manifold_dim, SPHERE.bounds, True
-        asked = 0
+        target = 0
 
         def closest_point(self, points):
-            Counted.asked += len(points)
+            Counted.target += len(points)
             return SPHERE.closest_point(points)
 
-    def asked(spacing):
-        Counted.asked = 0
+    def target(spacing):
+        Counted.target = 0
         found = ck.explain(ck.Scene(Counted(), SCREENED), spacing, form=form)
-        return Counted.asked, found.unknowns
+        return Counted.target, found.unknowns
 
     spacings = np.array([0.1, 0.03, 0.01])
-    queries, unknowns = np.array([asked(spacing) for spacing in spacings]).T
+    queries, unknowns = np.array([target(spacing) for spacing in spacings]).T
     assert queries.max() < 20_000
     np.testing.assert_allclose(unknowns * spacings**2 / (unknowns[0] * 0.01), 1, rtol=0.1)
 

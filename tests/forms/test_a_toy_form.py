@@ -61,7 +61,7 @@ class Cotangent(Discretized):
     def data(self, stiffness, time=None, of="value"):
         return np.zeros((self.size, self.channels)) + (self.radiation[0] * self.lengths)[:, None]
 
-    at_points = put_back = lambda self, values: values
+    at_points = project = lambda self, values: values
 
     def inner(self, u, v):
         return u.T @ (self.areas[:, None] * v) / self.areas.sum()

@@ -40,7 +40,7 @@ soup = st.lists(st.sampled_from(PIECES), max_size=40).map("".join)
 formulas = st.recursive(leaves, compound, max_leaves=40) | soup | st.text(max_size=30)
 
 
-def asked(text):
+def target(text):
     """Ask a formula, its derivatives and [let] for all that they do."""
 
     def values():
@@ -59,16 +59,16 @@ def asked(text):
 
 @pytest.mark.parametrize("number", range(len(BROKE)))
 def test_what_broke_once_is_answered(number):
-    asked(BROKE[number])
+    target(BROKE[number])
 
 
 @short
 @given(formulas)
 def test_any_formula_is_answered(text):
-    asked(text)
+    target(text)
 
 
 @long
 @given(formulas)
 def test_a_long_session_of_formulas(text):
-    asked(text)
+    target(text)

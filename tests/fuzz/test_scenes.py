@@ -111,7 +111,7 @@ def damaged(draw: st.DrawFn) -> str:
     )
 
 
-def asked(folder: Path, text: str) -> None:
+def target(folder: Path, text: str) -> None:
     """Read a scene and explain it, unless its spacing is fine: as far as `cpmkit explain` goes."""
     file = folder / "scene.toml"
     file.write_bytes(text.encode("utf-8", "surrogatepass"))
@@ -140,22 +140,22 @@ def test_the_scene_itself_is_explained(folder: Path) -> None:
 
 @pytest.mark.parametrize("file", corpus(".toml"), ids=lambda file: file.name)
 def test_what_broke_once_is_answered(folder: Path, file: Path) -> None:
-    asked(folder, file.read_text(encoding="utf-8"))
+    target(folder, file.read_text(encoding="utf-8"))
 
 
 @short
 @given(text=scenes())
 def test_any_change_of_a_scene_is_answered(folder: Path, text: str) -> None:
-    asked(folder, text)
+    target(folder, text)
 
 
 @short
 @given(text=damaged())
 def test_any_damage_of_a_file_is_answered(folder: Path, text: str) -> None:
-    asked(folder, text)
+    target(folder, text)
 
 
 @long
 @given(text=scenes() | damaged())
 def test_a_long_session_of_scenes(folder: Path, text: str) -> None:
-    asked(folder, text)
+    target(folder, text)

@@ -30,24 +30,24 @@ def run(tmp_path, monkeypatch):
 @pytest.fixture
 def solved(square, monkeypatch):
     """Let every scene file hold the square; return a dict that records what `solve` was asked, and takes changes."""
-    asked = {"error": None, "files": ("u.npz", "summary.json"), "picture": PictureRequest(width=64), "warnings": ()}
+    target = {"error": None, "files": ("u.npz", "summary.json"), "picture": PictureRequest(width=64), "warnings": ()}
 
     def load_scene(path):
-        request = OutputRequest(Path("results"), asked["files"], asked["picture"])
+        request = OutputRequest(Path("results"), target["files"], target["picture"])
         return SimpleNamespace(scene=square(4).scene, spacing=0.5, options={"degree": 2}, output=request)
 
     def solve(scene, spacing, progress, **options):
-        asked.update(spacing=spacing, options=options)
-        if asked["error"]:
-            raise asked["error"]
+        target.update(spacing=spacing, options=options)
+        if target["error"]:
+            raise target["error"]
         progress("solve", 1.0)
         solution = square(4, line=([1, 0], 0.4))
-        object.__setattr__(solution, "warnings", asked["warnings"])
+        object.__setattr__(solution, "warnings", target["warnings"])
         return solution
 
     monkeypatch.setattr(cpmkit, "load_scene", load_scene, raising=False)
     monkeypatch.setattr(cpmkit, "solve", solve, raising=False)
-    return asked
+    return target
 
 
 def names(folder):

@@ -56,12 +56,12 @@ def test_so_it_is_in_the_galerkin_form(name):
     own = ck.solve(scene(problem, **sides), 0.3)
     prepared = prepared_by("auto")
     assert prepared.discretized.form == "galerkin"
-    asked = prepared.discretized.sampled.queries
+    target = prepared.discretized.sampled.queries
     again = prepared.solve(problem=problem, data={"equator": sides})
     np.testing.assert_array_equal(again.values, own.values)
     np.testing.assert_array_equal(again.evaluate(POINTS, side="left"), own.evaluate(POINTS, side="left"))
     assert again.warnings == own.warnings
-    assert prepared.discretized.sampled.queries - asked <= 8 * len(POINTS)
+    assert prepared.discretized.sampled.queries - target <= 8 * len(POINTS)
     assert again.discretized.space is prepared.discretized.space
 
 
@@ -70,14 +70,14 @@ def test_each_answer_is_that_of_a_solve_of_its_own(prepared, name):
     problem, value, gamma = CASES[name]
     sides = {"left": ck.Dirichlet(value), "right": ck.Robin(1.0, 2.0, gamma)}
     own = ck.solve(scene(problem, **sides), 0.3, form="collocation")
-    asked = prepared.discretized.tables.layout.queries["equator"]
+    target = prepared.discretized.tables.layout.queries["equator"]
     again = prepared.solve(problem=problem, data={"equator": sides})
     np.testing.assert_array_equal(again.values, own.values)
     np.testing.assert_array_equal(again.evaluate(POINTS, side="left"), own.evaluate(POINTS, side="left"))
     assert again.warnings == own.warnings
     assert again.scene.problem is problem
     assert prepared.discretized.tables.extension is again.discretized.tables.extension
-    read = prepared.discretized.tables.layout.queries["equator"] - asked
+    read = prepared.discretized.tables.layout.queries["equator"] - target
     assert read <= 4 * len(POINTS)  # the tables, which ask thousands, ask nothing: this is for the points that are read
 
 

@@ -63,15 +63,15 @@ def test_a_solution_that_is_constant_is_exact_and_takes_no_iterations():
 def test_what_rounding_makes_of_b_is_not_resolved():
     operator, small = made(), 1e-13
     b = operator.apply(1.0 + small * np.sin(np.arange(N))[:, None])
-    asked = []
+    target = []
 
     class Prepared:
         def solve(self, rest, tolerance, guess=None, progress=None):
-            asked.append((rest, tolerance))
+            target.append((rest, tolerance))
             return Direct().prepare(operator).solve(rest, tolerance)
 
     _, report = Constants.of(operator, np.ones((N, 1))).solve(Prepared(), b, 1e-12)
-    rest, tolerance = asked[0]
+    rest, tolerance = target[0]
     scale = np.linalg.norm(b) / np.abs(b).max()  # b is scaled by a power of two near its largest entry
     assert tolerance * np.linalg.norm(rest) == pytest.approx(ROUNDING_SHARE * scale, rel=1.0)
     assert report.tolerance == 1e-12

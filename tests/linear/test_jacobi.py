@@ -31,8 +31,8 @@ def stepped(share, beside=False, unit=1.0):
     if beside:
         strip, penalty = circle_beside(space, 0.31)
         matrix = matrix + share * (H * unit) ** 2 * penalty
-    b = mass_of(space).matrix @ np.random.default_rng(0).normal(size=(space.parting.size, 2))
-    return CsrOperator(matrix.tocsr(), symmetric=True), levels_of(space.parting, strip), b
+    b = mass_of(space).matrix @ np.random.default_rng(0).normal(size=(space.dof_map.size, 2))
+    return CsrOperator(matrix.tocsr(), symmetric=True), levels_of(space.dof_map, strip), b
 
 
 @pytest.mark.parametrize("beside", [False, True])

@@ -89,6 +89,6 @@ def test_what_is_known_at_points_is_put_back(form, apart, kept):
     scene = ck.Scene(CIRCLE, ck.ScreenedPoisson(lambda x: 2 * x[:, 0]), [CUT])
     solution = ck.solve(scene, 0.05, form=form)
     form, u = solution.discretized, solution.values
-    again = form.put_back(form.at_points(u))
+    again = form.project(form.at_points(u))
     np.testing.assert_allclose(form.at_points(again), form.at_points(u), atol=kept)
     assert np.abs(again - u).max() < apart * np.ptp(u)

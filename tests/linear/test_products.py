@@ -49,8 +49,8 @@ def test_a_parcels_error_is_raised(monkeypatch):
         run_parcels(lambda start, stop: 1 // (start - 14), 100, 7)
 
 
-@pytest.mark.parametrize("asked", ["0", "-1", "two", "1.5"])
-def test_a_number_of_threads_that_is_none(monkeypatch, asked):
-    monkeypatch.setenv("CPMKIT_THREADS", asked)
+@pytest.mark.parametrize("target", ["0", "-1", "two", "1.5"])
+def test_a_number_of_threads_that_is_none(monkeypatch, target):
+    monkeypatch.setenv("CPMKIT_THREADS", target)
     with pytest.raises(InputError, match="CPMKIT_THREADS must be a whole number above zero"):
         thread_count()

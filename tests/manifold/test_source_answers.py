@@ -81,11 +81,11 @@ def test_a_boundary_in_another_space_is_refused_when_the_scene_is_made():
 
 
 def test_a_scene_without_boundaries_asks_a_handful_of_points():
-    asked = []
+    target = []
 
     def counted(feet, x):
-        asked.append(len(x))
+        target.append(len(x))
         return feet
 
     ck.Scene(Faulty(SPHERE, counted), ck.ScreenedPoisson(1.0))
-    assert sum(asked) <= 10
+    assert sum(target) <= 10

@@ -20,10 +20,10 @@ TOP = [0.0, 0.0, 1.0]
 class Counting(Bare):
     """A source without abilities that keeps how many points it was asked for."""
 
-    asked: list[int] = field(default_factory=list)
+    target: list[int] = field(default_factory=list)
 
     def closest_point(self, x, /):
-        self.asked.append(len(x))
+        self.target.append(len(x))
         return super().closest_point(x)
 
 
@@ -39,9 +39,9 @@ def bare_scene():
 def queries(scene, work, **options):
     """How many points of the surface and of the boundary ``work(scene, **options)`` asks for."""
     sources = scene.surface, scene.boundaries[0].source
-    before = [sum(one.asked) for one in sources]
+    before = [sum(one.target) for one in sources]
     work(scene, **options)
-    return np.array([sum(one.asked) - known for one, known in zip(sources, before, strict=True)])
+    return np.array([sum(one.target) - known for one, known in zip(sources, before, strict=True)])
 
 
 def test_signs_are_found_once_whatever_the_spacings_and_lattices():

@@ -46,12 +46,12 @@ def file(tmp_path):
 def test_tolerances_and_seconds_are_runs_beside_spacings():
     sweep = Sweep({}, [0.2, 0.1], tolerances=[1e-2, 1e-3], seconds=[1], methods=["galerkin", "fem"])
     runs = sweep.runs()
-    assert [run.asked for run in runs if run.method == "galerkin"] == [
+    assert [run.target for run in runs if run.method == "galerkin"] == [
         {}, {}, {"tolerance": 1e-2}, {"tolerance": 1e-3}, {"seconds": 1.0},
     ]  # fmt: skip
     assert [run.spacing for run in runs if run.method == "fem"] == [0.2, 0.1]
     cheap = [run for run in sweep.runs(cheap=True) if run.method == "galerkin"]
-    assert [(run.spacing, run.asked) for run in cheap] == [
+    assert [(run.spacing, run.target) for run in cheap] == [
         (0.2, {}), (None, {"tolerance": 1e-2}), (None, {"seconds": 1.0}),
     ]  # fmt: skip
     assert all(Run.of({**run.as_dict(), "spacing": run.spacing or 0.07}) == run for run in runs)
@@ -85,9 +85,9 @@ def test_a_record_tells_what_was_asked_for_and_what_came(file, tmp_path):
     study = load_study(file)
     outcome = run_study(study, tmp_path)
     assert (outcome.made, outcome.failed) == (8, 0)
-    asked = [one for one in read_records(outcome.file) if one["asked_tolerance"] is not None]
-    assert {one["asked_tolerance"] for one in asked} == {1e-2, 1e-3}
-    for one in asked:
+    target = [one for one in read_records(outcome.file) if one["asked_tolerance"] is not None]
+    assert {one["asked_tolerance"] for one in target} == {1e-2, 1e-3}
+    for one in target:
         assert one["status"] == "reached"
         assert one["estimate"] < one["asked_tolerance"]
         assert one["rms_error"] / (2 * one["half_range"]) < one["asked_tolerance"]
@@ -96,8 +96,8 @@ def test_a_record_tells_what_was_asked_for_and_what_came(file, tmp_path):
         assert one["bytes_are"] in ("measured", "foretold")
     assert run_study(study, tmp_path).made == 0  # found again by what was asked for, not by the spacing that was found
     every = gather(read_records(outcome.file))
-    assert [one.asked for one in every] == ["", "", "tolerance", "tolerance"]
-    assert [entry.asked for entry in every[-1].entries] == [1e-2, 1e-3]
+    assert [one.target for one in every] == ["", "", "tolerance", "tolerance"]
+    assert [entry.target for entry in every[-1].entries] == [1e-2, 1e-3]
     said = CliRunner().invoke(main, ["study", "report", str(tmp_path)])
     assert said.exit_code == 0, said.output
     assert "| rms error below |" in said.output

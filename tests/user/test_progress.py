@@ -44,9 +44,9 @@ def terminal(request, monkeypatch):
     return looked_at(monkeypatch, Terminal())
 
 
-def work(asked, clock, seconds=3.0):
+def work(target, clock, seconds=3.0):
     """Two stages, the second of which passes the two seconds."""
-    with shown_progress.shown_progress(asked, clock) as progress:
+    with shown_progress.shown_progress(target, clock) as progress:
         progress("band", 0.5)
         clock.now = 1.5
         progress("band", 1.0)

@@ -17,7 +17,7 @@ import cpmkit as ck
 import cpmkit.applications
 from cpmkit.families import keywords
 from cpmkit.families.checkpointing import Checkpointing
-from cpmkit.forms.asked import Asked
+from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.forms.choice import FORMS
 from cpmkit.forms.options import Options
 from cpmkit.linear.choice import SOLVER_OPTIONS, SolverOptions
@@ -69,7 +69,7 @@ def test_a_misspelt_name_is_answered_with_the_one_that_may_be_meant():
         (keywords.SolverKeywords, [SolverOptions], {one for of_one in SOLVER_OPTIONS.values() for one in of_one}),
         (keywords.DiscretizingKeywords, [Options, *FORMS.values()], set()),
         (keywords.CheckpointingKeywords, [Checkpointing], set()),
-        (keywords.AskedKeywords, [Asked], set()),
+        (keywords.AskedKeywords, [AccuracyTarget], set()),
     ],
 )
 def test_typed_options_are_those_that_are_declared(seen, kinds, more):

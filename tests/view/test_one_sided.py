@@ -79,9 +79,9 @@ def test_a_page_lights_a_moebius_strip_alike_on_both_sides_of_the_line_where_the
     page = files("cpmkit.view").joinpath("page.html").read_text(encoding="utf-8")
     (script,) = re.findall(r"<script>(.*?)</script>", page, re.DOTALL)
     function = script[script.index("function shaded") : script.index("function start")]
-    asked = f"shaded(new Float32Array({points.ravel().tolist()}), new Uint32Array({triangles.ravel().tolist()}))"
+    target = f"shaded(new Float32Array({points.ravel().tolist()}), new Uint32Array({triangles.ravel().tolist()}))"
     told = "for (const k in found) found[k] = Array.from(found[k]); console.log(JSON.stringify(found));"
-    for code in (f"new Function({json.dumps(script)})", f"{function}; const found = {asked}; {told}"):
+    for code in (f"new Function({json.dumps(script)})", f"{function}; const found = {target}; {told}"):
         done = subprocess.run([NODE, "-e", code], capture_output=True, text=True, check=True)  # the first parses all
     found = {name: np.array(values) for name, values in json.loads(done.stdout).items()}
     made, normals = found["points"].reshape(-1, 3), found["normals"].reshape(-1, 3)

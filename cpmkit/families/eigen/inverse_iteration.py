@@ -88,7 +88,7 @@ class InverseIteration:
         columns = np.ascontiguousarray(image.reshape(len(image), -1))
         u, report = self.prepared.solve(columns, self.context.tolerance)
         self.products, self.solves = self.products + report.operator_applications, self.solves + 1
-        self.told_progress()
+        self.report_progress()
         return np.asarray(u.reshape(image.shape))
 
     def preconditioned(self, residual: Floats) -> Floats:
@@ -96,10 +96,10 @@ class InverseIteration:
         assert self.preconditioner is not None
         self.products += self.preconditioner.step_products * residual.shape[1]
         self.solves += 1
-        self.told_progress()
+        self.report_progress()
         return self.preconditioner.precondition(np.ascontiguousarray(residual))
 
-    def told_progress(self) -> None:
+    def report_progress(self) -> None:
         """Tell how far it is, as well as that is known."""
         self.context.progress("solve", 1.0 - 1.0 / (1.0 + 0.05 * self.solves))
 

@@ -54,9 +54,9 @@ def solve_in_time(context: SolveContext) -> EvolvedSolution:
     InputError
         If a checkpoint is of another run.
     """
-    form, asked = context.discretized, context.scene.problem
-    assert isinstance(asked, Evolution)
-    evolution = asked.settled(form.explicit_steps)
+    form, target = context.discretized, context.scene.problem
+    assert isinstance(target, Evolution)
+    evolution = target.settled(form.explicit_steps)
     form.check()
     if evolution.scheme in NEEDED:
         form.require(NEEDED[evolution.scheme])
@@ -93,13 +93,13 @@ def _start(form: Discretized, evolution: Evolution, first: Step) -> Moment:
 
 def _run(context: SolveContext, plan: RunPlan, solver: ShiftedSolver) -> RunState:
     """Take all steps, from the start or from a checkpoint."""
-    asked, total, scheme = context.checkpointing, len(plan.steps), scheme_of(plan.evolution)
+    target, total, scheme = context.checkpointing, len(plan.steps), scheme_of(plan.evolution)
     growth = growth_bound(plan.problem, context.scene, plan.start)
     state = RunState(0, (plan.start,))
     if plan.start.time in plan.evolution.frame_times:
         state = state.with_frame(plan.start.u, wave_energy(plan.problem, plan.start, plan.start.time))
-    if asked.resume is not None:
-        state, tally = read_checkpoint(asked.resume, plan)
+    if target.resume is not None:
+        state, tally = read_checkpoint(target.resume, plan)
         solver.tally.add(tally)
     rests = _rests(plan, state)
     while state.done < total and not rests:
@@ -107,8 +107,8 @@ def _run(context: SolveContext, plan: RunPlan, solver: ShiftedSolver) -> RunStat
         context.progress("steps", state.done / total)
         rests = _rests(plan, state)
         ended = rests or state.done == total
-        if asked.checkpoint is not None and (ended or state.done % asked.checkpoint_every == 0):
-            write_checkpoint(asked.checkpoint, plan, state, solver.tally)
+        if target.checkpoint is not None and (ended or state.done % target.checkpoint_every == 0):
+            write_checkpoint(target.checkpoint, plan, state, solver.tally)
     return state
 
 

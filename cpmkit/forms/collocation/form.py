@@ -33,7 +33,7 @@ from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.collocation.reading.points import Reader
 from cpmkit.forms.collocation.stability import check_waves
 from cpmkit.forms.collocation.work import Work, measure_work
-from cpmkit.forms.contract import Discretized, Settled
+from cpmkit.forms.contract import Discretized, SteadyResult
 from cpmkit.forms.options import Options
 from cpmkit.forms.unresolved_data import DataAtPoints, unresolved_data
 from cpmkit.grid.fitting import check_fits
@@ -181,7 +181,7 @@ class Collocation(Reader):
         """Return the values (p, channels) at the feet: unknowns are values."""
         return u[self._on_manifold]
 
-    def put_back(self, values: Floats) -> Floats:
+    def project(self, values: Floats) -> Floats:
         """Return the values at the nodes, and what the conditions make of them past boundaries and edges.
 
         Conditions are met by rounds of reading, from the value of the nearest foot on the side that is carried: a
@@ -287,7 +287,7 @@ class Collocation(Reader):
         if least < -noticed and self.surely_positive():
             raise ResolutionError(wrong_sign_sentence(self.tables, self.scene, least))
 
-    def settle(self, operator: Operator, b: Floats, u: Floats) -> Settled:
+    def remove_constants(self, operator: Operator, b: Floats, u: Floats) -> SteadyResult:
         """Return u with means put right, and fluxes balanced where that was asked for."""
         plain, raw = settled(self.tables, self.scene, operator, b, u)
         if not self.balance:

@@ -143,8 +143,8 @@ class Unknowns:
         feet, n = centres.feet.take(touched), np.full((len(touched), self.band.dim), np.nan)
         if centres.normals is not None:
             n = centres.normals[touched]
-        asked = np.isnan(n).any(axis=1)
-        n[asked] = normals(sheets.source, feet.take(asked), 0.5 * self.band.spacing)
+        target = np.isnan(n).any(axis=1)
+        n[target] = normals(sheets.source, feet.take(target), 0.5 * self.band.spacing)
         selected = columns.copy()
         may_be_read = np.arange(len(self.band.nodes)) < readable
         selected[touched] = sheets.select_twins(feet, n, columns[touched], may_be_read)[0]

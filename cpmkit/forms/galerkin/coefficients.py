@@ -36,7 +36,7 @@ class Coefficients(Values):
     def _at_samples(self, data: Any, what: str) -> Floats:
         """Return a coefficient (q,) at all samples, (1,) if it is a number; on boundaries their cell's first."""
         if not callable(data) and np.ndim(data) == 0:
-            return evaluate_data(data, np.zeros((1, self.space.parting.dim)), 1, what)[:, 0]
+            return evaluate_data(data, np.zeros((1, self.space.dof_map.dim)), 1, what)[:, 0]
         return self._and_on_boundaries(self.read(data, what)[:, 0])
 
     def _and_on_boundaries(self, own: Floats) -> Floats:
@@ -103,7 +103,7 @@ class Coefficients(Values):
     @shared_property
     def _boundary_rows(self) -> tuple[csr_array, csr_array]:
         """Rows that read u, and du/db out of its own cell, at the samples on boundaries."""
-        one, patch = self.sampled.boundary, self.space.parting.patch[self.sampled.interior :]
+        one, patch = self.sampled.boundary, self.space.dof_map.patch[self.sampled.interior :]
         return self._value_rows(patch, one.points), self._derivative_rows(patch, one.points, one.conormals)
 
     @property
@@ -114,7 +114,7 @@ class Coefficients(Values):
     def _beside_boundaries(self, at: AtState) -> Callable[[Floats], Floats]:
         """Return a coefficient at a state as a function of one point (b, d) beside each boundary sample."""
         one, splines = self.sampled.boundary, at.u[: self._tips.splines]
-        patch = self.space.parting.patch[self.sampled.interior :]
+        patch = self.space.dof_map.patch[self.sampled.interior :]
         values = np.asarray(self._boundary_rows[0] @ splines)[:, 0]
         slopes = slopes_at(self.space, patch, one.points, one.normals, splines)[:, 0]
         return lambda points: at.coefficient(values, slopes, points)

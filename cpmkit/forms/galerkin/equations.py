@@ -107,7 +107,7 @@ class Equations(Coefficients):
             varies = means.min() < means.max()
             logarithms = self._loads(np.log(means)[:, None])[:, 0] if varies else np.log(means[0]) * self._areas
         if a is not None and a.ndim == 3:
-            patch = self.space.parting.patch[one.interior :]
+            patch = self.space.dof_map.patch[one.interior :]
             along = partial(self._derivative_rows, patch, one.boundary.points)
         given = self._beside_boundaries(diffusivity) if isinstance(diffusivity, AtState) else diffusivity
         where = (one.held, one.boundary, one.left, self._boundary_rows, self._areas)

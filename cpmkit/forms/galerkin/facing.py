@@ -45,16 +45,16 @@ def facing(space: Space, mesh: SampleMesh, winding: Any = None) -> Floats:
     break somewhere: on splines near that nothing is said of the direction, which is NaN there. ``winding`` (m,): what
     :func:`winding_of` says of the mesh, found if it is not given.
     """
-    samples, parting = space.samples, space.parting
+    samples, dof_map = space.samples, space.dof_map
     winding, cells = winding_of(mesh) if winding is None else winding, samples.cell
     signs = np.where(winding == 0, np.nan, winding)
-    found = np.zeros((parting.size, 1 + mesh.dim))
+    found = np.zeros((dof_map.size, 1 + mesh.dim))
     if mesh.manifold_dim == 2:
         from cpmkit.forms.galerkin.facing_kernels import add_facing
         from cpmkit.forms.galerkin.space.energy_kernels import SPLINES
 
         own = samples.places, samples.directions, samples.weights
-        add_facing(parting.unknowns, parting.patch, SPLINES[parting.degree], own, cells, signs, found)
+        add_facing(dof_map.unknowns, dof_map.patch, SPLINES[dof_map.degree], own, cells, signs, found)
         return found
     ends = mesh.vertices[mesh.cells]
     for start in range(0, len(samples), SAMPLES_AT_ONCE):
@@ -71,7 +71,7 @@ def turned(space: Space, facing: Floats) -> Turned:
     is_turned = length < FACED_LENGTH * area  # never where nothing is said
     bent = float(area[length < BENT_LENGTH * area].sum() / area.sum())
     if not is_turned.any():
-        return Turned(0.0, np.full(space.parting.dim, np.nan), bent)
+        return Turned(0.0, np.full(space.dof_map.dim, np.nan), bent)
     heavy = np.flatnonzero(is_turned & (area >= np.median(area[is_turned])))
     worst = heavy[np.argmin(length[heavy] / area[heavy])]
-    return Turned(float(area[is_turned].sum() / area.sum()), space.parting.places[worst], bent)
+    return Turned(float(area[is_turned].sum() / area.sum()), space.dof_map.places[worst], bent)

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from cpmkit.forms.galerkin.dof_map import DofMap
 from cpmkit.forms.galerkin.fixed_point import NORMAL_UNIT, PLACE_UNIT
-from cpmkit.forms.galerkin.parting import Parting
 from cpmkit.forms.galerkin.sample_mesh import Samples
 from cpmkit.protocols import Floats, Ints
 
@@ -28,7 +28,7 @@ class FixedSamples:
 
     Attributes
     ----------
-    parting : Parting
+    dof_map : Parting
         Of these samples.
     places : (q, d) int32, float64 for curves
         Where each lies, from the node in the middle of its patch's cell, in spacings over `PLACE_UNIT`.
@@ -43,7 +43,7 @@ class FixedSamples:
         The cells of the samples behind these.
     """
 
-    parting: Parting
+    dof_map: DofMap
     places: Any
     directions: Any
     weights: Floats
@@ -51,7 +51,7 @@ class FixedSamples:
     further_cells: Any
 
     @classmethod
-    def of(cls, samples: Samples, parting: Parting) -> FixedSamples:
+    def of(cls, samples: Samples, dof_map: DofMap) -> FixedSamples:
         """Return the ``samples`` that were parted, rounded."""
         from cpmkit.forms.galerkin.fixed_kernels import encode_normals
 
@@ -62,7 +62,7 @@ class FixedSamples:
         most = np.iinfo(np.int32).max
         for start in range(0, len(samples), SAMPLES_AT_ONCE):
             some = slice(start, start + SAMPLES_AT_ONCE)
-            from_node = samples.points[some] / parting.spacing - parting.cells[parting.patch[some]]
+            from_node = samples.points[some] / dof_map.spacing - dof_map.cells[dof_map.patch[some]]
             from_node /= PLACE_UNIT
             places[some] = np.clip(np.rint(from_node), -most - 1, most) if surface else from_node
         if surface:
@@ -73,7 +73,7 @@ class FixedSamples:
         count = int(descents[0]) + 1 if len(descents) else len(samples)
         cells = np.bincount(samples.cell[:count])
         starts = np.concatenate([[0], np.cumsum(cells)]).astype(np.int32)
-        return cls(parting, places, directions, samples.weights, starts, samples.cell[count:].copy())
+        return cls(dof_map, places, directions, samples.weights, starts, samples.cell[count:].copy())
 
     def __len__(self) -> int:
         return len(self.places)
@@ -103,10 +103,10 @@ class FixedSamples:
         """Return (..., d) the points of the samples ``rows`` (...)."""
         from cpmkit.forms.galerkin.fixed_kernels import decode_places
 
-        places, patch = self.places[rows], self.parting.patch[rows]
+        places, patch = self.places[rows], self.dof_map.patch[rows]
         points = np.empty(places.shape)
         flat = places.reshape(-1, places.shape[-1])
-        decode_places(flat, patch.ravel(), self.parting.cells, self.parting.spacing, points.reshape(flat.shape))
+        decode_places(flat, patch.ravel(), self.dof_map.cells, self.dof_map.spacing, points.reshape(flat.shape))
         return points
 
     def normals_at(self, rows: slice | Ints) -> Floats:
@@ -114,7 +114,7 @@ class FixedSamples:
         from cpmkit.forms.galerkin.fixed_kernels import decode_all_normals
 
         directions = self.directions[rows]
-        normals = np.empty((*directions.shape[:-1], self.parting.dim))
+        normals = np.empty((*directions.shape[:-1], self.dof_map.dim))
         decode_all_normals(directions.reshape(-1, *directions.shape[-2:]), normals.reshape(-1, *normals.shape[-2:]))
         return normals
 

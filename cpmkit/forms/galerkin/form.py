@@ -16,6 +16,7 @@ from cpmkit.forms.galerkin.conditions.crossings import of_crossings, of_tips
 from cpmkit.forms.galerkin.conditions.held import held
 from cpmkit.forms.galerkin.conditions.sides import side_moments
 from cpmkit.forms.galerkin.definiteness import surely_iterated
+from cpmkit.forms.galerkin.dof_map import DofMap
 from cpmkit.forms.galerkin.equations import Equations
 from cpmkit.forms.galerkin.error_orders import EIGENVALUE_DIVISORS, ERROR_DIVISORS, order_of
 from cpmkit.forms.galerkin.facing import Turned
@@ -24,7 +25,6 @@ from cpmkit.forms.galerkin.fixed_samples import FixedSamples
 from cpmkit.forms.galerkin.hierarchy.levels import levels_of
 from cpmkit.forms.galerkin.operator import levels_for
 from cpmkit.forms.galerkin.options import FAMILIES, GalerkinOptions
-from cpmkit.forms.galerkin.parting import Parting
 from cpmkit.forms.galerkin.roughness import expected_error
 from cpmkit.forms.galerkin.sample_mesh import Samples
 from cpmkit.forms.galerkin.sampling import sample
@@ -121,14 +121,14 @@ class Galerkin(Equations):
 
     @shared_property
     def _levels(self) -> Sequence[Level]:
-        return self._tips.on_levels(levels_of(self.space.parting, self.space.parting.patch[self.sampled.interior :]))
+        return self._tips.on_levels(levels_of(self.space.dof_map, self.space.dof_map.patch[self.sampled.interior :]))
 
     # Telling
 
     @property
-    def _first_parting(self) -> Parting:
+    def _first_dof_map(self) -> DofMap:
         """The parting on the lattice itself, by which pieces and copies are told."""
-        return self.space.parting
+        return self.space.dof_map
 
     def warnings(self, missed: float = 0.0) -> tuple[str, ...]:
         """Return what a reader of any solution should know."""
@@ -154,21 +154,21 @@ class Galerkin(Equations):
     @shared_property
     def _told_of_lattice(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """What is told of the source and the samples, and of how the lattice resolves them, whatever the equation."""
-        one, parting = self.sampled, self._first_parting
-        cuts = parting.patch[one.interior :]
+        one, dof_map = self.sampled, self._first_dof_map
+        cuts = dof_map.patch[one.interior :]
         source = warnings_of(one.surface.source, one.lattice.spacing)
         rounding = one.lattice.lost_digits(one.surface.bounds, not one.surface.shift.any())
-        of_pieces = of_space(parting, pieces(parting), one.lattice, cuts, one.bend)
+        of_pieces = of_space(dof_map, pieces(dof_map), one.lattice, cuts, one.bend)
         resolved = (*of_pieces, *of_turning(self.turned, one.lattice))
         return (*source, *rounding, *one.told), resolved
 
     @property
     def unresolved_share(self) -> float:
         """The share of the patches whose piece of the manifold has one unknown."""
-        parting = self._first_parting
-        count, piece = pieces(parting)
+        dof_map = self._first_dof_map
+        count, piece = pieces(dof_map)
         size = np.bincount(piece, minlength=count)
-        return float(np.mean(size[piece[parting.unknowns[:, 0]]] == 1)) if count > 1 else 0.0
+        return float(np.mean(size[piece[dof_map.unknowns[:, 0]]] == 1)) if count > 1 else 0.0
 
     @property
     def turned(self) -> Turned:
@@ -219,7 +219,7 @@ class Galerkin(Equations):
         return GalerkinWork(
             self.size,
             len(self.sampled.samples),
-            len(self.space.parting.cells),
+            len(self.space.dof_map.cells),
             self.sampled.queries,
             operator.nonzeros,
             report.operator_applications if report else 0,
@@ -237,7 +237,7 @@ class Galerkin(Equations):
     def arrays(self) -> dict[str, Any]:
         """Return the options of the lattice, the nodes of the splines, and where the left of boundaries is."""
         given = {**self.options.as_dict(), "origin": self.sampled.lattice.origin}
-        made = {"nodes": self._first_parting.nodes, "sides": self._sides}
+        made = {"nodes": self._first_dof_map.nodes, "sides": self._sides}
         return {**{name: np.array(value) for name, value in given.items()}, **made}
 
     @shared_property
@@ -249,7 +249,7 @@ class Galerkin(Equations):
         sides, own = saved.get("sides", self._sides), self._sides
         if sides.shape == own.shape and np.any(np.sum(sides * own, axis=(1, 2)) < 0):
             return "left and right of its boundaries are others"
-        return "" if np.array_equal(self._first_parting.nodes, saved["nodes"]) else "its nodes are others"
+        return "" if np.array_equal(self._first_dof_map.nodes, saved["nodes"]) else "its nodes are others"
 
 
 def check(scene: Scene, options: Options[GalerkinOptions]) -> None:
@@ -329,10 +329,10 @@ def discretize(scene: Scene, options: Options[GalerkinOptions], progress: Progre
     check(scene, options)
     sampled = sample(scene, options, progress)
     progress("space", 0.0)
-    parting = part(sampled.samples.points, sampled.corners, options.spacing, sampled.samples.cell, options.own.degree)
+    dof_map = part(sampled.samples.points, sampled.corners, options.spacing, sampled.samples.cell, options.own.degree)
     assert isinstance(sampled.samples, Samples)
-    sampled = replace(sampled, samples=FixedSamples.of(sampled.samples, parting))  # what they were made of is let go
-    made = Galerkin(scene, options, sampled, space_of(parting, sampled.samples))
+    sampled = replace(sampled, samples=FixedSamples.of(sampled.samples, dof_map))  # what they were made of is let go
+    made = Galerkin(scene, options, sampled, space_of(dof_map, sampled.samples))
     hand_back()
     progress("space", 1.0)
     return made

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from cpmkit.forms.galerkin.dof_map import DofMap
 from cpmkit.forms.galerkin.fixed_samples import FixedSamples
 from cpmkit.forms.galerkin.own_sheet import OwnSheets
-from cpmkit.forms.galerkin.parting import Parting
 from cpmkit.forms.galerkin.sample_mesh import Samples
 from cpmkit.forms.galerkin.sample_search import SampleSearch
 from cpmkit.forms.galerkin.sides_of_cells import SidesOfCells
@@ -45,7 +45,7 @@ class Locator:
     lattice : Lattice
     samples : Samples or FixedSamples
         Those on boundaries included.
-    parting : Parting
+    dof_map : Parting
         Of these samples.
     sides : SidesOfCells
         On which sides of boundaries the cells beside them lie.
@@ -57,7 +57,7 @@ class Locator:
 
     lattice: Lattice
     samples: Samples | FixedSamples
-    parting: Parting
+    dof_map: DofMap
     sides: SidesOfCells
     boundaries: Sequence[OrientedBoundary]
     sheets: OwnSheets
@@ -92,7 +92,7 @@ class Locator:
 
         And beside which points there are samples of patches that do not touch the nearest one's.
         """
-        patch, found = self.parting.patch[first], self.parting.patch[near]
+        patch, found = self.dof_map.patch[first], self.dof_map.patch[near]
         touch = (found == patch[:, None]) | self._touch(found, patch[:, None])
         joined = touch & np.isfinite(apart)
         return self._own_cell(points, found, np.where(joined, apart, np.inf), patch), ~touch.all(axis=1)
@@ -104,8 +104,8 @@ class Locator:
         points, rows = feet.points, np.arange(len(feet.points))
         distance, near = self._nearest.of(points, min(NEIGHBOURS_ON_SHEETS, len(self.samples)))
         apart, _ = self._apart(points, near, distance, wanted)
-        patches = np.asarray(self.parting.patch[near], dtype=np.int64)
-        group = np.where(np.isfinite(apart), grouped(patches, self._pairs, len(self.parting.cells)), -1)
+        patches = np.asarray(self.dof_map.patch[near], dtype=np.int64)
+        group = np.where(np.isfinite(apart), grouped(patches, self._pairs, len(self.dof_map.cells)), -1)
         own = group[rows, apart.argmin(axis=1)][:, None]
         several = np.flatnonzero(((group != own) & (group >= 0)).any(axis=1))
         group, own = group[several], own[several]
@@ -166,24 +166,24 @@ class Locator:
         Of those that are ``apart`` by a finite distance.
         """
         own = np.floor(points / self.lattice.spacing + 0.5).astype(np.int64)
-        fits = (self.parting.cells[found] == own[:, None]).all(axis=2) & np.isfinite(apart)
+        fits = (self.dof_map.cells[found] == own[:, None]).all(axis=2) & np.isfinite(apart)
         best = np.where(fits, apart, np.inf).argmin(axis=1)
         rows = np.arange(len(points))
         return np.where(fits[rows, best], found[rows, best], patch)
 
     def _touch(self, first: Ints, second: Ints) -> Bools:
         """Tell which pairs of patches have samples that touch."""
-        count = len(self.parting.cells)
-        asked = np.minimum(first, second).astype(np.int64) * count + np.maximum(first, second)
+        count = len(self.dof_map.cells)
+        target = np.minimum(first, second).astype(np.int64) * count + np.maximum(first, second)
         if not len(self._pairs):
-            return np.zeros(asked.shape, dtype=bool)
-        place = np.minimum(np.searchsorted(self._pairs, asked), len(self._pairs) - 1)
-        return np.asarray(self._pairs[place] == asked)
+            return np.zeros(target.shape, dtype=bool)
+        place = np.minimum(np.searchsorted(self._pairs, target), len(self._pairs) - 1)
+        return np.asarray(self._pairs[place] == target)
 
     @cached_property
     def _pairs(self) -> Ints:
-        pairs = np.sort(self.parting.touching, axis=1).astype(np.int64)
-        return np.sort(pairs[:, 0] * len(self.parting.cells) + pairs[:, 1])
+        pairs = np.sort(self.dof_map.touching, axis=1).astype(np.int64)
+        return np.sort(pairs[:, 0] * len(self.dof_map.cells) + pairs[:, 1])
 
     def _to_boundaries(self, points: Floats, reach: float) -> Floats:
         """Return how far (k,) points are from the nearest sample on a boundary, infinite beyond ``reach``."""
@@ -197,4 +197,4 @@ class Locator:
 
     @cached_property
     def _nearest(self) -> SampleSearch:
-        return SampleSearch(self.parting, self.samples)
+        return SampleSearch(self.dof_map, self.samples)

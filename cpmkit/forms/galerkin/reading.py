@@ -89,7 +89,7 @@ class Reader(Discretized):
         places = one.mesh.vertices[one.mesh.cells].mean(axis=1)
         sides = SidesOfCells(one.corners, places, self.spacing, one.half, owner, left)
         sheets = OwnSheets(one.mesh, one.bend, one.surface, self.spacing)
-        return Locator(one.lattice, one.samples, self.space.parting, sides, one.oriented, sheets)
+        return Locator(one.lattice, one.samples, self.space.dof_map, sides, one.oriented, sheets)
 
     def evaluate(
         self, u: Floats, points: Any, side: Side | Mapping[str, Side] | None = None, time: float | None = None
@@ -120,11 +120,11 @@ class Reader(Discretized):
 
     def _value_rows(self, patch: Ints, points: Floats) -> csr_array:
         """Return (k, n) the rows that read splines at ``points`` (k, d) through the ``patch`` (k,) of each."""
-        return value_rows(self.space.parting, patch, points)
+        return value_rows(self.space.dof_map, patch, points)
 
     def _derivative_rows(self, patch: Ints, points: Floats, directions: Floats) -> csr_array:
         """Return (k, n) the rows that read their derivatives along ``directions`` (k, d)."""
-        return derivative_rows(self.space.parting, patch, points, directions)
+        return derivative_rows(self.space.dof_map, patch, points, directions)
 
     def project(self, points: Any) -> Floats:
         """Return the feet (k, d) of points near the manifold, relative to the lattice's origin.

@@ -14,7 +14,7 @@ import numpy as np
 
 from cpmkit.forms.expected import ExpectedError
 from cpmkit.forms.galerkin.difference_kernels import differences
-from cpmkit.forms.galerkin.parting import Parting
+from cpmkit.forms.galerkin.dof_map import DofMap
 from cpmkit.protocols import Floats
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def expected_error(form: Galerkin, u: Floats) -> ExpectedError | None:
     """
     if form.options.own.degree != 2:
         return None
-    found = highest_differences(form.space.parting, u)
+    found = highest_differences(form.space.dof_map, u)
     if not len(found):
         return None
     ratios = _ratios(form)
@@ -57,17 +57,17 @@ def expected_error(form: Galerkin, u: Floats) -> ExpectedError | None:
     return ExpectedError(rms / ratios[0], largest / ratios[1], unresolved)
 
 
-def highest_differences(parting: Parting, u: Floats) -> Floats:
+def highest_differences(dof_map: DofMap, u: Floats) -> Floats:
     """Return (k, channels) differences of coefficients along the axes, of one order more than the degree.
 
     Of each pair of patches side by side that share unknowns, along the axis that they stand beside each other.
     """
-    width = parting.width
+    width = dof_map.width
     signs = np.array([(-1.0) ** (width - place) * math.comb(width, place) for place in range(width + 1)])
-    out = np.empty((len(parting.touching) * width ** (parting.dim - 1), u.shape[1]))
-    strides = np.array(parting.strides, dtype=np.int64)
+    out = np.empty((len(dof_map.touching) * width ** (dof_map.dim - 1), u.shape[1]))
+    strides = np.array(dof_map.strides, dtype=np.int64)
     return out[
-        : differences(parting.touching, parting.cells, parting.unknowns, strides, signs, np.ascontiguousarray(u), out)
+        : differences(dof_map.touching, dof_map.cells, dof_map.unknowns, strides, signs, np.ascontiguousarray(u), out)
     ]
 
 

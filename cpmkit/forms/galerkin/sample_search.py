@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from cpmkit.forms.galerkin.dof_map import DofMap
 from cpmkit.forms.galerkin.fixed_samples import FixedSamples
-from cpmkit.forms.galerkin.parting import Parting
 from cpmkit.forms.galerkin.sample_mesh import Samples
 from cpmkit.grid.lattice import Codes
 from cpmkit.protocols import Bools, Floats, Ints
@@ -27,12 +27,12 @@ class SampleSearch:
 
     Attributes
     ----------
-    parting : Parting
+    dof_map : Parting
     samples : Samples or FixedSamples
         Those of the parting.
     """
 
-    parting: Parting
+    dof_map: DofMap
     samples: Samples | FixedSamples
 
     def of(self, points: Floats, count: int) -> tuple[Floats, Ints]:
@@ -41,7 +41,7 @@ class SampleSearch:
         ``count`` is at most that of the samples.
         """
         distance, near = np.empty((len(points), count)), np.empty((len(points), count), dtype=np.int64)
-        order = np.lexsort(np.floor(points.T / (NEAR_SPACINGS * self.parting.spacing)))
+        order = np.lexsort(np.floor(points.T / (NEAR_SPACINGS * self.dof_map.spacing)))
         if self._in_cells is not None and PLENTY * count * len(self._in_cells.codes) <= len(self.samples):
             distance[order], near[order], complete = self._in_cells.nearest(points[order], count)
             order = order[~complete]
@@ -52,7 +52,7 @@ class SampleSearch:
 
     @cached_property
     def _in_cells(self) -> SamplesInCells | None:
-        return samples_in_cells(self.parting, self.samples) if type(self.parting) is Parting else None
+        return samples_in_cells(self.dof_map, self.samples) if type(self.dof_map) is DofMap else None
 
     @cached_property
     def _tree(self) -> Any:
@@ -98,11 +98,11 @@ class SamplesInCells:
         return self.spacing * np.sqrt(squares), self.order[near], complete
 
 
-def samples_in_cells(parting: Parting, samples: Samples | FixedSamples) -> SamplesInCells:
+def samples_in_cells(dof_map: DofMap, samples: Samples | FixedSamples) -> SamplesInCells:
     """Return the samples patch by patch."""
     from cpmkit.forms.galerkin.space.pattern_kernels import inverted
 
-    starts, order = inverted(parting.patch, len(parting.cells))
-    numbering = Codes.around(parting.cells, 1)
-    points = samples.points[order] / parting.spacing
-    return SamplesInCells(parting.spacing, points, order, numbering.encode(parting.cells), starts, numbering)
+    starts, order = inverted(dof_map.patch, len(dof_map.cells))
+    numbering = Codes.around(dof_map.cells, 1)
+    points = samples.points[order] / dof_map.spacing
+    return SamplesInCells(dof_map.spacing, points, order, numbering.encode(dof_map.cells), starts, numbering)

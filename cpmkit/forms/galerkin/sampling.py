@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples, boundary_samples
-from cpmkit.forms.galerkin.conditions.held import Held, held, point_warnings, reads_rims
+from cpmkit.forms.galerkin.conditions.held import ImposedCondition, held, point_warnings, reads_rims
 from cpmkit.forms.galerkin.conditions.sides import left_of_boundaries
 from cpmkit.forms.galerkin.contouring.curves import traced
 from cpmkit.forms.galerkin.contouring.surfaces import triangulated
@@ -99,7 +99,7 @@ class SampledScene:
     samples: Samples | FixedSamples
     boundary: BoundarySamples
     left: Bools
-    held: tuple[Held, ...]
+    held: tuple[ImposedCondition, ...]
     told: tuple[str, ...]
     winding: Any = None
     bend: Bend = "flat"

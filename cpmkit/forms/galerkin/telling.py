@@ -10,9 +10,9 @@ from cpmkit.errors import SceneError, place
 from cpmkit.forms.galerkin.contouring.curves import CurveReport
 from cpmkit.forms.galerkin.contouring.laws import Faults
 from cpmkit.forms.galerkin.contouring.surfaces import MOST_NONMANIFOLD, SurfaceReport
+from cpmkit.forms.galerkin.dof_map import DofMap
 from cpmkit.forms.galerkin.facing import Turned
 from cpmkit.forms.galerkin.insertion.inserted import Insertion
-from cpmkit.forms.galerkin.parting import Parting
 from cpmkit.forms.galerkin.sample_mesh import Bend
 from cpmkit.forms.galerkin.samples.soundness import Mended
 from cpmkit.forms.galerkin.space.parted import SPECK_SPACINGS
@@ -224,7 +224,7 @@ def of_insertion(insertion: Insertion, boundaries: Sequence[BoundarySet], spacin
 
 
 def of_space(
-    parting: Parting, pieces: tuple[int, Ints], lattice: Lattice, boundaries: Ints, bend: Bend
+    dof_map: DofMap, pieces: tuple[int, Ints], lattice: Lattice, boundaries: Ints, bend: Bend
 ) -> Iterator[str]:
     """Tell of pieces that the lattice does not resolve, and of many copies that no cut along ``boundaries`` makes.
 
@@ -234,7 +234,7 @@ def of_space(
     size = np.bincount(piece, minlength=count)
     specks = np.flatnonzero(size == 1)
     if len(specks) and count > 1:
-        node = parting.places[np.flatnonzero(piece == specks[0])[0]]
+        node = dof_map.places[np.flatnonzero(piece == specks[0])[0]]
         at = place(lattice.to_scene(node))
         yield (
             f"One piece of the manifold is smaller than {SPECK_SPACINGS:g} spacings and has one value, near {at}; "
@@ -243,16 +243,16 @@ def of_space(
             else f"{len(specks)} pieces of the manifold are smaller than {SPECK_SPACINGS:g} spacings and have one "
             f"value each, the first near {at}; a smaller spacing resolves them."
         )
-    low, high = parting.nodes.min(axis=0), parting.nodes.max(axis=0)
-    codes = np.ravel_multi_index((parting.nodes - low).T, high - low + 1)
+    low, high = dof_map.nodes.min(axis=0), dof_map.nodes.max(axis=0)
+    codes = np.ravel_multi_index((dof_map.nodes - low).T, high - low + 1)
     number = np.unique(codes, return_inverse=True)[1]
     copies = np.bincount(number) - 1
-    copies[number[parting.unknowns[boundaries]]] = 0
+    copies[number[dof_map.unknowns[boundaries]]] = 0
     if copies.sum() > COPIES_SHARE * len(copies):
         of_feet = "sheets of it are near each other, or its triangulation is torn;"
         cause = of_feet if bend == "feet" else "seams of the mesh that are not welded act as cuts; check the mesh, or"
         yield (
-            f"{copies.sum()} of {parting.size} splines are copies at nodes that several parts of the "
+            f"{copies.sum()} of {dof_map.size} splines are copies at nodes that several parts of the "
             f"manifold share: {cause} use a smaller spacing."
         )
 

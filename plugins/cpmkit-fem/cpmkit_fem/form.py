@@ -35,7 +35,7 @@ class FiniteElements(Equations):
         """Return the values at nodes: u, but where a jump is an unknown of its own."""
         return self.exchanged(u)
 
-    def put_back(self, values: Floats) -> Floats:
+    def project(self, values: Floats) -> Floats:
         """Return the values, with those that are given where they are."""
         return self._with_given(values, self.pins.values(self.scene.problem.start_time))
 

@@ -55,7 +55,7 @@ class RimPart:
         Named in errors.
     place : ClosestPointSource, optional
         The boundary, at whose feet data are asked; on the rim they are at the nodes.
-    asked : (n, d) float64, optional
+    target : (n, d) float64, optional
         Or beside these, where a boundary ends on the rim and data may jump.
     """
 
@@ -64,7 +64,7 @@ class RimPart:
     edges: Ints
     what: str = WHAT
     place: ClosestPointSource | None = None
-    asked: Floats | None = None
+    target: Floats | None = None
 
     @cached_property
     def on(self) -> Ints:
@@ -75,7 +75,7 @@ class RimPart:
     def points(self) -> Floats:
         """(k, d) where data are asked for them."""
         if self.place is None:
-            return (self.mesh.nodes if self.asked is None else self.asked)[self.on]
+            return (self.mesh.nodes if self.target is None else self.target)[self.on]
         return self.place.closest_point(self.mesh.nodes[self.on]).points
 
     @property
@@ -138,8 +138,8 @@ def rim_of(scene: Scene, mesh: CellMesh, besides: Ints) -> Sequence[RimPart]:
         return []
     feet = scene.surface.closest_point(outside(mesh.nodes, facets, opposite))
     found = conditions_along(scene.edge, feet.edge, feet.points)
-    asked = _beside_ends(mesh, facets, besides)
-    return [RimPart(_one_sided(condition), mesh, facets[own], asked=asked) for condition, own in found]
+    target = _beside_ends(mesh, facets, besides)
+    return [RimPart(_one_sided(condition), mesh, facets[own], target=target) for condition, own in found]
 
 
 def rim_facets(mesh: CellMesh, besides: Ints) -> tuple[Ints, Ints]:
@@ -153,11 +153,11 @@ def rim_facets(mesh: CellMesh, besides: Ints) -> tuple[Ints, Ints]:
 
 def _beside_ends(mesh: CellMesh, facets: Ints, besides: Ints) -> Floats:
     """Return the nodes (n, d), those of the rim's facets on a cut a little along the rim, on their own side."""
-    asked, ends = mesh.nodes.copy(), facets[:, : mesh.manifold_dim]
+    target, ends = mesh.nodes.copy(), facets[:, : mesh.manifold_dim]
     facet, place = np.nonzero(np.isin(ends, besides))
     at = ends[facet, place]
-    asked[at] += ALONG_SHARE * (mesh.nodes[ends[facet]].mean(axis=1) - mesh.nodes[at])
-    return asked
+    target[at] += ALONG_SHARE * (mesh.nodes[ends[facet]].mean(axis=1) - mesh.nodes[at])
+    return target
 
 
 def _one_sided(condition: Condition) -> OneSided:

@@ -206,13 +206,13 @@ def test_what_it_cannot_do_is_told_with_what_can(problem, what):
 
 def test_what_it_does_not_read():
     solution = solve(both=ck.Dirichlet(1.0))
-    for asked in (
+    for target in (
         lambda: solution.gradient([[0, 0, 1]]),
         lambda: solution.flux("equator", "left"),
         lambda: solution.signed_distance("equator", [[0, 0, 1]]),
     ):
         with pytest.raises(ck.InputError, match="the form 'fem'"):
-            asked()
+            target()
 
 
 class Solid:

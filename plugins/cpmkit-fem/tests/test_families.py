@@ -51,8 +51,8 @@ def test_heat_between_data_that_move():
     slope = -np.sqrt(1 - height**2)
     for edge in (ck.Dirichlet(u), ck.Neumann(lambda x, t: slope * np.exp(-t) + 0 * x[:, 0])):
         for boundaries in ([], [ck.Boundary("tropic", tropic, both=ck.Dirichlet(u))]):
-            asked = {"surface": cap, "points": points, "spacings": [0.1], "edge": edge}
-            (error,) = errors_of(heat, u(points, until), boundaries, **asked)
+            target = {"surface": cap, "points": points, "spacings": [0.1], "edge": edge}
+            (error,) = errors_of(heat, u(points, until), boundaries, **target)
             assert error < (4e-2 if boundaries else 4e-3)  # beside a circle that misses vertices, of first order
 
 
@@ -66,9 +66,9 @@ def test_columns_of_the_mass_matter_where_data_move():
 
 
 def test_a_run_goes_on_from_its_checkpoint(tmp_path):
-    def run(until, **asked):
+    def run(until, **target):
         scene = ck.Scene(SPHERE, ck.Heat(lambda x: x[:, 2], until, step=0.05, frames=[0.1]))
-        return ck.solve(scene, 0.3, backend="fem", **asked)
+        return ck.solve(scene, 0.3, backend="fem", **target)
 
     file = tmp_path / "half.npz"
     run(0.25, checkpoint=file)

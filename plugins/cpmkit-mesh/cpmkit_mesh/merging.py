@@ -57,8 +57,8 @@ def edge_reach(points: Floats, faces: Ints, vertices: Ints, weld: float | None) 
     start, end = faces.ravel(), faces[:, [1, 2, 0]].ravel()
     wanted = np.zeros(len(points), dtype=bool)
     wanted[vertices] = True
-    asked = wanted[start] | wanted[end]
-    start, end = start[asked], end[asked]
+    target = wanted[start] | wanted[end]
+    start, end = start[target], end[target]
     length = np.linalg.norm(points[end] - points[start], axis=1)
     shortest = np.full(len(points), np.inf)
     np.minimum.at(shortest, start, length)

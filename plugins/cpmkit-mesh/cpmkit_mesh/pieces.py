@@ -91,10 +91,10 @@ def _near_edges(vertices: Floats, faces: Ints, corners: Floats, distance: float)
     lower, upper = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     used = np.unique(faces)
     inside = ((vertices[used] >= lower - reach[used, None]) & (vertices[used] <= upper + reach[used, None])).all(axis=1)
-    asked = used[inside]
-    if not len(asked):
+    target = used[inside]
+    if not len(target):
         return np.zeros((0, 2), dtype=np.int64)
     near: Bools = np.zeros(len(vertices), dtype=bool)
-    near[asked] = nearest(build_tree(corners), vertices[asked]).distance <= reach[asked]
+    near[target] = nearest(build_tree(corners), vertices[target]).distance <= reach[target]
     edges = np.sort(np.stack([start, end], axis=1)[near[start] | near[end]], axis=1)
     return np.unique(edges, axis=0)

@@ -149,9 +149,9 @@ def _without_touching(chains: Chains, name: Ints, places: Floats) -> Chains:
 def _places_of(pairs: Ints, wanted: Ints) -> Ints:
     """Return where each of ``wanted`` (k, 2) stands among ``pairs`` (m, 2), in either order."""
     count = pairs.max() + 1
-    keys, asked = (np.sort(one, axis=1) @ [count, 1] for one in (pairs, wanted))
+    keys, target = (np.sort(one, axis=1) @ [count, 1] for one in (pairs, wanted))
     order = np.argsort(keys, kind="stable")
-    return order[np.searchsorted(keys, asked, sorter=order)]
+    return order[np.searchsorted(keys, target, sorter=order)]
 
 
 def _conormals(mesh: TriangleMesh, cell: Ints, name: Ints, ends: Floats, left: Bools) -> Floats:

@@ -134,8 +134,8 @@ def test_parcels_cover_the_range_once_and_hand_on_errors(monkeypatch):
         run_parcels(lambda start, stop: 1 // start, 10_000)
 
 
-@pytest.mark.parametrize("asked", ["0", "two", "-1", "1.5"])
-def test_a_wrong_number_of_threads_is_named(monkeypatch, asked):
-    monkeypatch.setenv("CPMKIT_THREADS", asked)
-    with pytest.raises(ValueError, match=f"CPMKIT_THREADS must be a whole number above zero, got '{asked}'"):
+@pytest.mark.parametrize("target", ["0", "two", "-1", "1.5"])
+def test_a_wrong_number_of_threads_is_named(monkeypatch, target):
+    monkeypatch.setenv("CPMKIT_THREADS", target)
+    with pytest.raises(ValueError, match=f"CPMKIT_THREADS must be a whole number above zero, got '{target}'"):
         thread_count()

@@ -103,11 +103,11 @@ class Parametric:
 
         starts = self.tree.starts(x)
         longest = 2.0 / np.array(self.tree.finest.shape)
-        asked = x[starts.query]
-        ends = descend(self.map, self.domain, asked, starts.parameters, longest, self.size)
+        target = x[starts.query]
+        ends = descend(self.map, self.domain, target, starts.parameters, longest, self.size)
         s = self.domain.snapped(ends.parameters)
         points = self.map.value(s)
-        distance = apart(points, asked)
+        distance = apart(points, target)
         best = nearest_of(starts.query, distance, len(x))
         doubtful = ~ends.converged[best]
         doubtful[self._crossings(starts.query, s, points, best)] = True

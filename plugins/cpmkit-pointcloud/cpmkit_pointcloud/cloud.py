@@ -188,10 +188,10 @@ class PointCloud:
                 "solution may be off there; where sheets are close give normals, where there is noise more neighbours, "
                 "at creases more samples."
             )
-        ends, asked = self.open_samples
+        ends, target = self.open_samples
         if self.closed and ends:
             found.append(
-                f"At {ends} of {asked} samples of the cloud that were looked at the surface ends: if it is open, set "
+                f"At {ends} of {target} samples of the cloud that were looked at the surface ends: if it is open, set "
                 "closed = false; if not, samples lack there."
             )
         return found

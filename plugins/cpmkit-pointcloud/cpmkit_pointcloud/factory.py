@@ -117,9 +117,9 @@ def _fitted(given: Floats, normals: Floats | None, degree: int, count: int, clos
 
 
 def _refuse_open(cloud: PointCloud) -> None:
-    ends, asked = cloud.open_samples
-    if ends > OPEN_RIM_SHARE * asked:
+    ends, target = cloud.open_samples
+    if ends > OPEN_RIM_SHARE * target:
         raise InputError(
-            f"The cloud is open: at {ends} of {asked} samples the surface ends; set closed = false, which gives it a "
+            f"The cloud is open: at {ends} of {target} samples the surface ends; set closed = false, which gives it a "
             "rim, or add the samples that lack."
         )

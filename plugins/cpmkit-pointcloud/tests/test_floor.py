@@ -25,7 +25,7 @@ def random_cloud(count, noise=0.0, **options):
     return points(points=random_sphere(count, noise), **options)
 
 
-class Asked:
+class AccuracyTarget:
     """The unit sphere as closest points alone."""
 
     dim, manifold_dim, exact, bounds = 3, 2, True, np.array([[-1.0] * 3, [1.0] * 3])
@@ -41,7 +41,7 @@ def solved(surface, spacing, form="collocation"):
 
 @cache
 def on_the_sphere(spacing, form):
-    return solved(Asked(), spacing, form)
+    return solved(AccuracyTarget(), spacing, form)
 
 
 def left_by(cloud, spacing, form="collocation"):

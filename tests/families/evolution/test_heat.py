@@ -294,18 +294,18 @@ def test_a_step_that_does_not_converge_tells_the_time():
 
 
 def test_data_at_rest_are_read_once():
-    asked = []
+    target = []
 
     def f(x):
-        asked.append(len(x))
+        target.append(len(x))
         return x[:, 0]
 
     counts = []
     for steps in (2, 8):
-        asked.clear()
+        target.clear()
         heat = ck.Heat(0.0, until=0.1, step=0.1 / steps, f=f)
         ck.solve(circle_scene(heat, cut(left=ck.Dirichlet(f), right=ck.Dirichlet(0.0))), 0.1)
-        counts.append(len(asked))
+        counts.append(len(target))
     assert counts[0] == counts[1]
 
 

@@ -68,16 +68,16 @@ def run(problem_args, spacing, step, scene=lambda problem: ck.Scene(SPHERE, prob
 def test_sbdf2_is_of_second_order_in_space_and_time(case, form):
     scene, exact, f, spacings = CASES[case]
     points = SPHERE.mesh(0.3)[0] if case == "sphere" else np.stack([np.cos(ANGLES), np.sin(ANGLES)], axis=1)
-    asked = {"initial": lambda x: exact(x, 0.0), "f": f}
-    runs = [run(asked, h, h / 4, scene, form) for h in spacings]
+    target = {"initial": lambda x: exact(x, 0.0), "f": f}
+    runs = [run(target, h, h / 4, scene, form) for h in spacings]
     errors = [np.abs(one.evaluate(points) - exact(points, 1.0)).max() for one in runs]
     assert order_of(spacings, errors) > 1.75
 
 
 def test_euler_is_of_first_order():
     points, steps = SPHERE.mesh(0.3)[0], (0.1, 0.05, 0.025)
-    asked = {"initial": lambda x: on_sphere(x, 0.0), "f": source_on_sphere, "scheme": "euler"}
-    runs = [run(asked, 0.3, step).evaluate(points) for step in steps]
+    target = {"initial": lambda x: on_sphere(x, 0.0), "f": source_on_sphere, "scheme": "euler"}
+    runs = [run(target, 0.3, step).evaluate(points) for step in steps]
     errors = [np.abs(one - on_sphere(points, 1.0)).max() for one in runs]
     assert 0.9 < order_of(steps, errors) < 1.2
 
@@ -97,12 +97,12 @@ def test_channels_of_equal_kappa_are_as_one_kappa():
 @pytest.mark.parametrize("form", FORMS)
 def test_a_run_goes_on_bit_by_bit(tmp_path, form):
     path = tmp_path / "state.npz"
-    asked = {"initial": lambda x: on_sphere(x, 0.0), "reaction": lambda u, x, t: np.cos(t) * exchange(u, x)}
-    whole = run(asked, 0.4, 0.07, form=form)
-    run({**asked, "until": 0.49}, 0.4, 0.07, form=form, checkpoint=path)
-    assert np.array_equal(run(asked, 0.4, 0.07, form=form, resume=path).values, whole.values)
+    target = {"initial": lambda x: on_sphere(x, 0.0), "reaction": lambda u, x, t: np.cos(t) * exchange(u, x)}
+    whole = run(target, 0.4, 0.07, form=form)
+    run({**target, "until": 0.49}, 0.4, 0.07, form=form, checkpoint=path)
+    assert np.array_equal(run(target, 0.4, 0.07, form=form, resume=path).values, whole.values)
     with pytest.raises(ck.InputError, match="another run"):
-        run({**asked, "reaction": lambda u: 0 * u}, 0.4, 0.07, form=form, resume=path)
+        run({**target, "reaction": lambda u: 0 * u}, 0.4, 0.07, form=form, resume=path)
 
 
 RING = ck.source("analytic.circle", center=[0, 0, 0.3], normal=[0, 0, 1], radius=0.91**0.5)

@@ -25,9 +25,9 @@ def cut_spiral(**conditions):
 def test_rows_know_their_feet_and_normals(conditions, order):
     layout = lay_out(cut_spiral(**conditions), 0.1, order=order)
     assert layout.band.inner > layout.band.first_twin + 100
-    asked = layout.queries
+    target = layout.queries
     tables = tabulate(layout)
-    assert layout.queries == asked
+    assert layout.queries == target
     ones = tables.extension @ np.ones(tables.unknowns.count)
     np.testing.assert_allclose(ones[: layout.band.own_inner], 1.0, atol=1e-12)
 

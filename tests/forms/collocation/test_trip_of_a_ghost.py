@@ -93,9 +93,9 @@ def test_a_ghost_passes_through_twelve_files(watched):
 def test_formulas_of_other_orders_ask_for_no_point_a_second_time():
     """Ghosts keep their geometry: what they read at the first or the second order follows from it."""
     tables = ck.discretize(one_boundary(), 0.2, form="collocation").tables
-    (ghosts,), asked = tables.layout.ghosts, tables.layout.queries
+    (ghosts,), target = tables.layout.ghosts, tables.layout.queries
     again, first = ghost_formula(ghosts.geometry, 2), ghost_formula(ghosts.geometry, 1)
-    assert tables.layout.queries == asked
+    assert tables.layout.queries == target
     np.testing.assert_array_equal(again.rows.points, ghosts.formula.points)
     np.testing.assert_array_equal(first.rows.points, ghosts.geometry.seen.foot)
     assert (first.orders == 1).all()

@@ -79,7 +79,7 @@ def test_laws_at_ten_positions(case):
         np.testing.assert_allclose(form.at_points(solution.values), 2.0, rtol=1e-9)
         check_laws(form)
         check_positive(form)
-        counts.append(pieces(form.space.parting)[0])
+        counts.append(pieces(form.space.dof_map)[0])
     assert len(set(counts)) == 1
 
 

@@ -67,7 +67,7 @@ def test_spheres_side_by_side_do_not_feel_each_other(gap):
         return np.where(x[:, 0] < apart / 2, 1.0, -1.0)
 
     solution = ck.solve(ck.Scene(pair, ck.ScreenedPoisson(sign)), spacing, form="galerkin", solver="direct")
-    assert pieces(solution.discretized.space.parting)[0] == 2
+    assert pieces(solution.discretized.space.dof_map)[0] == 2
     at = solution.discretized.points
     np.testing.assert_allclose(solution.evaluate(at), sign(at), atol=1e-9)
 

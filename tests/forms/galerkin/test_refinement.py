@@ -87,16 +87,16 @@ def test_truncated_splines_sum_to_one_and_constants_are_kept(cap):
 
 def test_linear_functions_are_kept(cap):
     """On each level the coefficients of a linear function are its values at the nodes."""
-    parting = cap.refined.parting
+    dof_map = cap.refined.dof_map
     active = np.concatenate([level.active for level in cap.refined.levels])
     places = np.concatenate(
         [
-            level.parting.nodes * level.parting.spacing - 0.5 * H * (1 - 0.5**number)
+            level.dof_map.nodes * level.dof_map.spacing - 0.5 * H * (1 - 0.5**number)
             for number, level in enumerate(cap.refined.levels)
         ]
     )[active]
     for axis in range(3):
-        np.testing.assert_allclose(cap.representation @ places[:, axis], parting.places[:, axis], atol=1e-13)
+        np.testing.assert_allclose(cap.representation @ places[:, axis], dof_map.places[:, axis], atol=1e-13)
 
 
 def test_matrices_are_symmetric_and_positive(cap):

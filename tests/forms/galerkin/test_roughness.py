@@ -14,10 +14,10 @@ SCENE = ck.Scene(SPHERE, ck.ScreenedPoisson(lambda x: 7 * x[:, 0] * x[:, 1]))
 
 @pytest.mark.parametrize("degree", [1, 2, 3])
 def test_differences_vanish_for_polynomials_and_tell_the_next_power(degree):
-    parting = ck.discretize(SCENE, 0.3, form="galerkin", degree=degree).space.parting
-    i, j, k = parting.nodes.T.astype(float)
+    dof_map = ck.discretize(SCENE, 0.3, form="galerkin", degree=degree).space.dof_map
+    i, j, k = dof_map.nodes.T.astype(float)
     lower = i**degree - 3 * i ** (degree - 1) * k + j
-    both = highest_differences(parting, np.stack([lower, i ** (degree + 1) + j**degree], axis=1))
+    both = highest_differences(dof_map, np.stack([lower, i ** (degree + 1) + j**degree], axis=1))
     np.testing.assert_allclose(both[:, 0], 0, atol=1e-9)
     own = np.abs(both[:, 1]) > 1e-9
     np.testing.assert_allclose(both[own, 1], np.prod(np.arange(1, degree + 2)))  # along the first axis

@@ -18,14 +18,14 @@ SOURCES = {
 def search_on(name):
     kind, keys, spacing = SOURCES[name]
     form = ck.discretize(ck.Scene(ck.source(kind, **keys), ck.ScreenedPoisson(1.0)), spacing, form="galerkin")
-    return SampleSearch(form.space.parting, form.sampled.samples)
+    return SampleSearch(form.space.dof_map, form.sampled.samples)
 
 
 def places(search, count=600):
     """On the manifold, beside it, several cells away, and far out of its box."""
     rng = np.random.default_rng(0)
     samples = search.samples.points
-    away = rng.choice([0.0, 1e-3, 0.4, 3.0, 100.0], size=(count, 1)) * search.parting.spacing
+    away = rng.choice([0.0, 1e-3, 0.4, 3.0, 100.0], size=(count, 1)) * search.dof_map.spacing
     return samples[rng.integers(0, len(samples), count)] + away * rng.normal(size=(count, samples.shape[1]))
 
 

@@ -74,10 +74,10 @@ def test_a_mesh_whose_long_edges_are_split_asks_for_what_is_new_alone(monkeypatc
     found = ck.solve(scene, spacing, form="galerkin", origin=origin)
     monkeypatch.setattr(lifting, "vertex_normals", lambda source, mesh: lifting.normals_at(source, mesh.vertices))
     every = ck.solve(scene, spacing, form="galerkin", origin=origin)
-    asked = [one.work.closest_point_queries for one in (found, every)]
+    target = [one.work.closest_point_queries for one in (found, every)]
     vertices = len(scene.surface.mesh(1.0)[0])
-    assert asked[1] - asked[0] >= vertices  # more than its own vertices are asked for: some edges were split
-    assert asked[1] > 1.05 * vertices
+    assert target[1] - target[0] >= vertices  # more than its own vertices are asked for: some edges were split
+    assert target[1] > 1.05 * vertices
     np.testing.assert_allclose(found.values, every.values, atol=1e-11 * np.ptp(every.values))
 
 

@@ -66,7 +66,7 @@ def test_values_on_both_sides_of_an_equator():
         errors.append(np.sqrt(np.mean((solution.evaluate(at) - exact)[clear] ** 2)))
     assert order_of(spacings, errors) > 2.6
     assert errors[-1] < 3e-5
-    assert pieces(solution.discretized.space.parting)[0] == 2
+    assert pieces(solution.discretized.space.dof_map)[0] == 2
     on = np.array([[0.6, 0.8, 0.0], [-1.0, 0.0, 0.0]])
     np.testing.assert_allclose(solution.evaluate(on), on[:, 0], atol=2e-3)
     np.testing.assert_allclose(solution.evaluate(on, side="right"), 2.0, atol=1e-9)

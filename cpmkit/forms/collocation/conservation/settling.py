@@ -10,28 +10,30 @@ from cpmkit.forms.collocation.conservation.balance import correct_mean
 from cpmkit.forms.collocation.conservation.flux_balance import Balancing, galerkin_correction
 from cpmkit.forms.collocation.conservation.free_constants import remove_constants
 from cpmkit.forms.collocation.discretization import Discretization
-from cpmkit.forms.contract import Settled
+from cpmkit.forms.contract import SteadyResult
 from cpmkit.linear.operators import Bordered
 from cpmkit.protocols import Floats, Operator
 from cpmkit.scene.scene import Scene
 
 
-def settled(tables: Discretization, scene: Scene, operator: Operator, b: Floats, u: Floats) -> tuple[Settled, Floats]:
+def settled(
+    tables: Discretization, scene: Scene, operator: Operator, b: Floats, u: Floats
+) -> tuple[SteadyResult, Floats]:
     """Return the solution with its free constants and means put right, and the one whose means were left alone."""
     raw, defects = remove_constants(tables, scene, operator, u) if isinstance(operator, Bordered) else (u, ())
     even, missed = correct_mean(tables, scene, b, raw)
-    return Settled(even, (*defects, *missed), max((one.relative for one in missed), default=0.0)), raw
+    return SteadyResult(even, (*defects, *missed), max((one.relative for one in missed), default=0.0)), raw
 
 
 def with_balanced_fluxes(
     tables: Discretization,
     scene: Scene,
     read: Callable[[Floats, Floats], Floats],
-    plain: Settled,
+    plain: SteadyResult,
     raw: Floats,
     prepared: Balancing,
     degree: int,
-) -> Settled:
+) -> SteadyResult:
     """Return ``raw``, whose means were left alone, with its fluxes balanced; ``plain`` where that explains nothing."""
     start = time.perf_counter()
     done = galerkin_correction(tables, scene, read, raw, prepared, degree, plain.missed)
@@ -39,4 +41,4 @@ def with_balanced_fluxes(
         return replace(plain, warnings=(done,))
     defects = (one for one in plain.imbalances if one.of == "data")
     seconds = {"balance": time.perf_counter() - start}
-    return Settled(done.values, (*defects, done.balance), plain.missed, queries=done.queries, seconds=seconds)
+    return SteadyResult(done.values, (*defects, done.balance), plain.missed, queries=done.queries, seconds=seconds)

@@ -121,8 +121,8 @@ def _sheets(layout: Layout, missed: float) -> list[str]:
 def _boundaries(layout: Layout) -> list[str]:
     sentences = []
     for boundary, ghosts in zip(layout.boundaries.given, layout.ghosts, strict=True):
-        asked = min(boundary.condition(side).order or layout.order for side in SIDES)
-        fallen = int(np.count_nonzero(ghosts.orders[: ghosts.unknowns] == 1)) if asked > 1 else 0
+        target = min(boundary.condition(side).order or layout.order for side in SIDES)
+        fallen = int(np.count_nonzero(ghosts.orders[: ghosts.unknowns] == 1)) if target > 1 else 0
         if fallen:
             sentences.append(
                 f"{fallen} of {ghosts.unknowns} ghosts of boundary {boundary.name!r} are of first order, because their "

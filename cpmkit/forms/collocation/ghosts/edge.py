@@ -70,7 +70,7 @@ def read_past_edge(surface: LocalSource, band: Band, lattice: Lattice, edge: Edg
     loops = _loops(band, edge)
     mirrored = _mirrored(surface, band, lattice, edge, loops, order)
     finer = [(rows, law, own or order) for rows, law, own in loops if (own or order) > 2]
-    parts = [_continue(surface, band, lattice, law, asked, rows) for rows, law, asked in finer]
+    parts = [_continue(surface, band, lattice, law, target, rows) for rows, law, target in finer]
     sources = RowFormula(band.feet.points, np.ones(len(band.nodes)))
     if not parts:
         return PastEdge(mirrored, mirrored, sources)

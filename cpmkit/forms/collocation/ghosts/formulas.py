@@ -64,9 +64,9 @@ def ghost_formula(geometry: GhostGeometry, order: int) -> GhostFormula:
     data: list[BoundaryData] = []
     own_points: list[ExtraPoint] = []
     for condition, side in geometry.sides():
-        law, asked = condition.law, condition.order or order
-        orders[side] = np.where(geometry.apart[side], min(asked, 2), asked)
-        if asked > 2 or isinstance(law, Interface):
+        law, target = condition.law, condition.order or order
+        orders[side] = np.where(geometry.apart[side], min(target, 2), target)
+        if target > 2 or isinstance(law, Interface):
             made, orders[side] = continue_ghosts(geometry, law, side, orders[side])
             parts += made
             for part in made:

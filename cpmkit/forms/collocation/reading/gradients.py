@@ -47,7 +47,7 @@ def surface_gradient(reader: Reader, values: Floats, local: Floats, wanted: Mapp
     gradient = np.empty((len(local), values.shape[1], local.shape[1]))
     for start in range(0, len(local), GRADIENT_CHUNK_POINTS):
         part = slice(start, start + GRADIENT_CHUNK_POINTS)
-        feet = reader.project(local[part])
+        feet = reader.checked_closest_points(local[part])
         side_views = reader.side_views(feet.points, wanted)
         gradient[part] = _tangential(reader, values, feet, side_views)
         # Beside a bend it is continued from farther inside.

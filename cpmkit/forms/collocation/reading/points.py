@@ -62,7 +62,7 @@ class Reader(Discretized):
         read = np.empty((len(local), values.shape[1]))
         for start in range(0, len(local), EVALUATION_CHUNK_POINTS):
             part = slice(start, start + EVALUATION_CHUNK_POINTS)
-            feet = self.project(local[part])
+            feet = self.checked_closest_points(local[part])
             side_views = self.side_views(feet.points, wanted)
             centres = Centres.of_points(feet, side_views)
             found = np.asarray(extend(self.tables.unknowns, feet.points, centres) @ values)
@@ -73,13 +73,13 @@ class Reader(Discretized):
 
     def rows(self, points: Any, side: Sides = None) -> csr_array:
         """Return the matrix (k, unknowns) that interpolates at points; strips between boundaries are not filled."""
-        feet = self.project(self.localized(points))
+        feet = self.checked_closest_points(self.localized(points))
         centres = Centres.of_points(feet, self.side_views(feet.points, self.side_numbers(side)))
         return extend(self.tables.unknowns, feet.points, centres)
 
     def gradient_rows(self, points: Any, side: Sides = None) -> tuple[csr_array, ...]:
         """Return the d matrices (k, unknowns) of the interpolant's tangential gradient."""
-        feet = self.project(self.localized(points))
+        feet = self.checked_closest_points(self.localized(points))
         return interpolant_gradient_rows(self, feet, self.side_views(feet.points, self.side_numbers(side)))
 
     def gradient(self, values: Floats, points: Any, side: Sides = None) -> Floats:
@@ -90,7 +90,7 @@ class Reader(Discretized):
         """Return du/db (k, channels) at points near a boundary, b out of the side: -v on the left, +v on the right."""
         ((index, _),) = self.side_numbers({boundary: side}).items()
         on = self.tables.layout.boundaries.on_lattice[index].source.closest_point(self.localized(points)).points
-        feet = self.project(on)
+        feet = self.checked_closest_points(on)
         seen = self.side_views(feet.points, {index: side})[index]
         gradient = surface_gradient(self, values, feet.points, {index: side})
         along_left = np.einsum("ncd,nd->nc", gradient, seen.conormal)
@@ -110,13 +110,13 @@ class Reader(Discretized):
         where the boundary has no part on the point's sheet, or if the boundary is a point on a surface.
         """
         index = self._index(name)
-        local = self.project(self.localized(points)).points
+        local = self.checked_closest_points(self.localized(points)).points
         seen = self.tables.layout.boundaries.on_lattice[index].side_view(local, 2 * self.radius, self.spacing)
         signed = np.full(len(local), np.nan)
         signed[seen.rows] = np.where(seen.end, np.nan, seen.signed)
         return signed
 
-    def project(self, local: Floats) -> ClosestPoints:
+    def checked_closest_points(self, local: Floats) -> ClosestPoints:
         """Return the feet of points (k, d) near the manifold, both relative to the lattice's origin.
 
         Raises

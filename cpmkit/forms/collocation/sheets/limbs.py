@@ -130,11 +130,11 @@ def _stencils_across_valleys(surface: LocalSource, band: Band, pairs: _Pairs) ->
     beyond = np.linalg.norm(z - other_limb, axis=-1) < np.linalg.norm(z - own_limb, axis=-1)
     weights = np.abs(tensor_weights(fractions, band.degree))
     suspects = np.flatnonzero(np.sum(weights * beyond, axis=1) > DISTURBED_WEIGHT)
-    asked = _evenly_chosen(suspects, ASKED_STENCILS)
-    beyond = beyond[asked] & _on_another_limb(surface, band, rows[asked], columns[asked], beyond[asked])
-    read = np.sum(weights[asked] * beyond, axis=1)
+    target = _evenly_chosen(suspects, ASKED_STENCILS)
+    beyond = beyond[target] & _on_another_limb(surface, band, rows[target], columns[target], beyond[target])
+    read = np.sum(weights[target] * beyond, axis=1)
     kept = read > DISTURBED_WEIGHT
-    chosen, each = rows[asked[kept]], len(beside) / len(rows) * len(suspects) / max(len(asked), 1)
+    chosen, each = rows[target[kept]], len(beside) / len(rows) * len(suspects) / max(len(target), 1)
     return Limbs(feet[chosen], pairs.width[pair[chosen]], read[kept], each)
 
 

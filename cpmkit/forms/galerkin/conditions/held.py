@@ -31,7 +31,7 @@ PAST_RIM_SPACINGS = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
+class ImposedCondition:
     """A law, and the samples at which it holds.
 
     Attributes
@@ -83,7 +83,7 @@ def reads_rims(scene: Scene) -> bool:
 
 def held(
     scene: Scene, samples: BoundarySamples, left: Bools, surface: LocalSource, lattice: Lattice
-) -> tuple[Held, ...]:
+) -> tuple[ImposedCondition, ...]:
     """Return the laws of a scene with the samples at which each holds.
 
     Parameters
@@ -118,7 +118,7 @@ def held(
     return tuple(found)
 
 
-def _on_boundaries(scene: Scene, samples: BoundarySamples, left: Bools, lattice: Lattice) -> Iterator[Held]:
+def _on_boundaries(scene: Scene, samples: BoundarySamples, left: Bools, lattice: Lattice) -> Iterator[ImposedCondition]:
     none = np.zeros(0, dtype=np.int64)
     for number, boundary in enumerate(scene.boundaries):
         what = f"boundary {boundary.name!r}"
@@ -129,12 +129,14 @@ def _on_boundaries(scene: Scene, samples: BoundarySamples, left: Bools, lattice:
         if np.any(samples.half[on] < 0):
             _check_point(what, conditions)
         if conditions[0].couples:
-            yield Held(conditions[0].law, what, *_facing(what, samples, left, on, lattice), kind=conditions[0].kind)
+            yield ImposedCondition(
+                conditions[0].law, what, *_facing(what, samples, left, on, lattice), kind=conditions[0].kind
+            )
         elif same_condition(*conditions):
-            yield Held(conditions[0].law, what, np.flatnonzero(on), none, kind=conditions[0].kind)
+            yield ImposedCondition(conditions[0].law, what, np.flatnonzero(on), none, kind=conditions[0].kind)
         else:
             for condition, side in zip(conditions, (left, ~left), strict=True):
-                yield Held(condition.law, what, np.flatnonzero(on & side), none, kind=condition.kind)
+                yield ImposedCondition(condition.law, what, np.flatnonzero(on & side), none, kind=condition.kind)
 
 
 def _check_point(what: str, conditions: list[Condition]) -> None:
@@ -171,7 +173,9 @@ def _facing(what: str, samples: BoundarySamples, left: Bools, on: Bools, lattice
     return sides[0], sides[1]
 
 
-def _on_rims(scene: Scene, samples: BoundarySamples, surface: LocalSource, lattice: Lattice) -> Iterator[Held]:
+def _on_rims(
+    scene: Scene, samples: BoundarySamples, surface: LocalSource, lattice: Lattice
+) -> Iterator[ImposedCondition]:
     if not needs_rims(scene):
         return
     rows, none = np.flatnonzero(samples.owner < 0), np.zeros(0, dtype=np.int64)
@@ -184,7 +188,7 @@ def _on_rims(scene: Scene, samples: BoundarySamples, surface: LocalSource, latti
     found = conditions_along(scene.edge, loop_of, lattice.to_scene(samples.points[rows]))
     check_parts_met(scene.edge, [condition for condition, _ in found])
     for condition, own in found:
-        yield Held(condition.law, EDGE_CONDITION, rows[own], none, kind=condition.kind)
+        yield ImposedCondition(condition.law, EDGE_CONDITION, rows[own], none, kind=condition.kind)
 
 
 def _loops_of_table(
@@ -213,22 +217,26 @@ def loops_of(samples: BoundarySamples, surface: LocalSource, spacing: float) -> 
     """Return the number (k,) of the loop of the rim that each sample lies on."""
     from scipy.spatial import KDTree
 
-    asked: Floats = samples.points + PAST_RIM_SPACINGS * spacing * samples.conormals
-    loops = surface.closest_point(asked).edge.copy()
+    target: Floats = samples.points + PAST_RIM_SPACINGS * spacing * samples.conormals
+    loops = surface.closest_point(target).edge.copy()
     unknown = loops < 0
     if unknown.any() and not unknown.all():  # beside corners, where another part is nearer
         loops[unknown] = loops[~unknown][KDTree(samples.points[~unknown]).query(samples.points[unknown])[1]]
     return np.asarray(loops, dtype=np.int64)
 
 
-def _past_tips(samples: BoundarySamples) -> list[Held]:
+def _past_tips(samples: BoundarySamples) -> list[ImposedCondition]:
     """Return where boundaries go on past their tips: all cells beside a facet there are tied, each to the next."""
     rows = np.flatnonzero(samples.extends)
     key = POINTS_OF_EDGE * samples.facet[rows] + samples.place[rows]
     order = np.argsort(key, kind="stable")
     same = np.flatnonzero(key[order[1:]] == key[order[:-1]])
     first, second = rows[order[same]], rows[order[same + 1]]
-    return [Held(Interface(0.0, 0.0), "the continuation past a tip", first, second, seam=True)] if len(first) else []
+    return (
+        [ImposedCondition(Interface(0.0, 0.0), "the continuation past a tip", first, second, seam=True)]
+        if len(first)
+        else []
+    )
 
 
 def point_warnings(

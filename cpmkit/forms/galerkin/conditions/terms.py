@@ -12,7 +12,7 @@ import numpy as np
 from cpmkit.errors import SceneError
 from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples
 from cpmkit.forms.galerkin.conditions.coefficients import beside, given, local_widths
-from cpmkit.forms.galerkin.conditions.held import Held
+from cpmkit.forms.galerkin.conditions.held import ImposedCondition
 from cpmkit.forms.galerkin.conditions.inflow import entering, going_on
 from cpmkit.forms.galerkin.conditions.interface import COUPLING_PENALTY, SEAM_PENALTY, interface
 from cpmkit.forms.galerkin.conditions.one_side import factors, one_side, scaled
@@ -65,7 +65,7 @@ class ConditionTerms:
         v . b, b out of the samples' own cells, where the equation has a velocity v.
     """
 
-    held: tuple[Held, ...]
+    held: tuple[ImposedCondition, ...]
     samples: BoundarySamples
     values: csr_array
     slopes: csr_array
@@ -204,7 +204,7 @@ class ConditionTerms:
 
 
 def condition_terms(
-    held: Sequence[Held],
+    held: Sequence[ImposedCondition],
     samples: BoundarySamples,
     left: Bools,
     read: tuple[csr_array, csr_array],

@@ -123,12 +123,12 @@ def _through_plane(source: LocalSource, nodes: Nodes, tail: Ints, head: Ints, al
         t = 0.5 * (low + high)
         before = ((a * t + b) * t + m0) * t + d0 > 0
         low, high = np.where(before, t, low), np.where(before, high, t)
-    asked = np.maximum(low - beside, 0.0) * s
-    seen = look(source, nodes.positions[tail] + asked[:, None] * along, nodes.normals[tail], s)
+    target = np.maximum(low - beside, 0.0) * s
+    seen = look(source, nodes.positions[tail] + target[:, None] * along, nodes.normals[tail], s)
     slope = dots(seen.normal, along)
     with np.errstate(all="ignore"):
-        t = asked - seen.distance / slope
-    good = seen.inner & (np.abs(slope) > GRAZING) & (np.abs(t - asked) < np.maximum(4 * told, 2 * beside) * s)
+        t = target - seen.distance / slope
+    good = seen.inner & (np.abs(slope) > GRAZING) & (np.abs(t - target) < np.maximum(4 * told, 2 * beside) * s)
     good &= (t > -arrived * s) & (t < (1 + arrived) * s) & (np.abs(dots(seen.normal, nodes.normals[tail])) > 0.7)
     return np.where(good, np.clip(t, 0.0, s), np.nan), seen.normal
 
@@ -136,11 +136,11 @@ def _through_plane(source: LocalSource, nodes: Nodes, tail: Ints, head: Ints, al
 def _marched(
     source: LocalSource, nodes: Nodes, tail: Ints, head: Ints, along: Floats, room: Floats
 ) -> tuple[Floats, Floats]:
-    s, (arrived, told_at) = nodes.spacing, arrival(source, nodes.spacing)
+    s, (arrived, reported_at) = nodes.spacing, arrival(source, nodes.spacing)
     seen = Seen(nodes.distance[tail], nodes.normals[tail], ~nodes.rim[tail])
     ahead = nodes.distance[head]
     told = (ahead < arrived * s) & ~nodes.rim[head]
-    stop = np.where(told, (1 - told_at) * s, np.minimum(s, s - ahead + told_at * s))
+    stop = np.where(told, (1 - reported_at) * s, np.minimum(s, s - ahead + warnings_at * s))
     return first_hits(source, nodes.positions[tail], along, s, seen, np.minimum(stop, room))
 
 

@@ -103,7 +103,7 @@ def first_hits(
     low = np.zeros(len(start))  # nothing is met before
     t, base_t, newton = np.zeros(len(start)), np.zeros(len(start)), np.ones(len(start), dtype=bool)
     now, base = seen.take(rows), seen.take(rows)
-    arrived_at, told_at = arrival(source, length)
+    arrived_at, reported_at = arrival(source, length)
     told = seen.inner & (seen.distance < arrived_at * length)
     floor = np.zeros(len(start))
     for _ in range(MOST_ROUNDS):
@@ -111,7 +111,7 @@ def first_hits(
         steep = np.abs(slope) >= GRAZING
         with np.errstate(all="ignore"):
             target = np.where(steep, t - now.distance / slope, np.nan)
-        near = now.inner & (now.distance < arrived_at * length) & (np.abs(target - t) <= told_at * length)
+        near = now.inner & (now.distance < arrived_at * length) & (np.abs(target - t) <= reported_at * length)
         arrived = near & (target >= np.maximum(low - arrived_at * length, floor[rows])) & (target <= stop[rows])
         hit[rows[arrived]], normal[rows[arrived]] = target[arrived], now.normal[arrived]
         normal[rows[arrived]] *= -np.sign(slope[arrived])[:, None]
@@ -121,7 +121,7 @@ def first_hits(
         go = ~arrived & (t_next <= stop[rows])
         if not go.any():
             break
-        floor[told] = told_at * length  # what is nearer was told at the start
+        floor[told] = reported_at * length  # what is nearer was told at the start
         rows, low, t, base_t, newton = rows[go], low[go], t[go], base_t[go], newton[go]
         now, base, tried, t_next = now.take(go), base.take(go), tried[go], t_next[go]
         new = look(source, start[rows] + t_next[:, None] * along[rows], now.normal, length)

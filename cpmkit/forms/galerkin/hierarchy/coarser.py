@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.forms.galerkin.parting import Parting
-from cpmkit.forms.galerkin.space.parted import components, parting_of
+from cpmkit.forms.galerkin.dof_map import DofMap
+from cpmkit.forms.galerkin.space.parted import components, dof_map_of
 from cpmkit.protocols import Bools, Floats, Ints
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 SPECK_CELLS = 2
 
 
-def coarser(parting: Parting) -> tuple[Parting, csr_array]:
+def coarser(dof_map: DofMap) -> tuple[DofMap, csr_array]:
     """Return the parting of the lattice of twice the spacing, and the matrix P (n, m) from its unknowns to the finer.
 
     Notes
@@ -39,16 +39,16 @@ def coarser(parting: Parting) -> tuple[Parting, csr_array]:
 
     from cpmkit.forms.galerkin.hierarchy.two_scale_kernels import two_scale
 
-    inside = (parting.cells[parting.touching[:, 0]] >> 1 == parting.cells[parting.touching[:, 1]] >> 1).all(axis=1)
-    count, label = components(len(parting.cells), parting.touching[inside])
-    cells = np.empty((count, parting.dim), dtype=np.int64)
-    cells[label] = parting.cells >> 1
-    touching = _pairs(label[parting.touching[~inside]], count)
-    further = _specks(cells, touching), parting.degree
-    coarse = parting_of(2 * parting.spacing, cells, touching, label[parting.patch], *further)
-    fine = parting.cells, parting.unknowns, parting.size
-    indptr, indices, weights = two_scale(*fine, label, cells, coarse.unknowns, two_scale_shares(parting.degree))
-    return coarse, csr_array((weights, indices, indptr), shape=(parting.size, coarse.size))
+    inside = (dof_map.cells[dof_map.touching[:, 0]] >> 1 == dof_map.cells[dof_map.touching[:, 1]] >> 1).all(axis=1)
+    count, label = components(len(dof_map.cells), dof_map.touching[inside])
+    cells = np.empty((count, dof_map.dim), dtype=np.int64)
+    cells[label] = dof_map.cells >> 1
+    touching = _pairs(label[dof_map.touching[~inside]], count)
+    further = _specks(cells, touching), dof_map.degree
+    coarse = dof_map_of(2 * dof_map.spacing, cells, touching, label[dof_map.patch], *further)
+    fine = dof_map.cells, dof_map.unknowns, dof_map.size
+    indptr, indices, weights = two_scale(*fine, label, cells, coarse.unknowns, two_scale_shares(dof_map.degree))
+    return coarse, csr_array((weights, indices, indptr), shape=(dof_map.size, coarse.size))
 
 
 def two_scale_shares(degree: int) -> Floats:
@@ -64,7 +64,7 @@ def _pairs(pairs: Ints, count: int) -> Ints:
 
 def _specks(cells: Ints, touching: Ints) -> Bools:
     """Return (p,) whether a patch is of a piece that has one unknown."""
-    from cpmkit.forms.galerkin.space.parting_kernels import bounds
+    from cpmkit.forms.galerkin.space.dof_map_kernels import bounds
 
     pieces, label = components(len(cells), touching)
     each = np.arange(len(cells), dtype=np.int32)

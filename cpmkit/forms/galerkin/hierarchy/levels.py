@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from cpmkit.forms.galerkin.dof_map import DofMap
 from cpmkit.forms.galerkin.hierarchy.coarser import coarser
-from cpmkit.forms.galerkin.parting import Parting
 from cpmkit.linear.levels import Level
 from cpmkit.protocols import Ints
 
@@ -17,18 +17,18 @@ COARSEST_UNKNOWNS = 400
 LEAST_GAIN = 0.9
 
 
-def levels_of(parting: Parting, beside: Ints) -> list[Level]:
+def levels_of(dof_map: DofMap, beside: Ints) -> list[Level]:
     """Return the steps to coarser levels, from the finest on.
 
     Parameters
     ----------
-    parting : Parting
+    dof_map : Parting
         The finest.
     beside : (k,) int64
         The patches that boundary samples lie in: on each level the unknowns that these read, or that the coarser
         patches that hold these read, are the strip.
     """
-    level = replace(parting, patch=np.unique(beside))
+    level = replace(dof_map, patch=np.unique(beside))
     levels: list[Level] = []
     while level.size > COARSEST_UNKNOWNS:
         strip = np.unique(level.unknowns[level.patch])
@@ -39,10 +39,10 @@ def levels_of(parting: Parting, beside: Ints) -> list[Level]:
     return levels
 
 
-def _lines(parting: Parting) -> Ints:
+def _lines(dof_map: DofMap) -> Ints:
     """Return (r, degree + 1) the unknowns on the lines along the axes inside all patches, each line once."""
-    width, dim = parting.width, parting.dim
-    blocks = parting.unknowns.reshape(-1, *(width,) * dim)
+    width, dim = dof_map.width, dof_map.dim
+    blocks = dof_map.unknowns.reshape(-1, *(width,) * dim)
     lines = np.unique(
         np.concatenate([np.moveaxis(blocks, 1 + axis, -1).reshape(-1, width) for axis in range(dim)]), axis=0
     )

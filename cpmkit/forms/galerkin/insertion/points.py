@@ -22,8 +22,8 @@ def positions(source: LocalSource, vertices: Floats) -> Floats:
     if isinstance(source.source, HasMesh):
         drawn, cells = source.source.mesh(1.0)
         return np.asarray(drawn, dtype=np.float64)[cells[:, 0]] - source.shift
-    asked = vertices[:: max(1, len(vertices) // ASKED_VERTICES)]
-    return np.unique(source.closest_point(asked).points, axis=0)
+    target = vertices[:: max(1, len(vertices) // ASKED_VERTICES)]
+    return np.unique(source.closest_point(target).points, axis=0)
 
 
 def cut_at_points(

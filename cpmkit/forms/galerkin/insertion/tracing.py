@@ -143,8 +143,8 @@ class Tracer:
 
     def _farthest(self, here: Floats, heading: Floats) -> Floats:
         """Return the end or the corner that the curve has ahead."""
-        asked = here + np.array(BEYOND)[:, None] * self.step * heading
-        feet = self.source.closest_point(asked).points
+        target = here + np.array(BEYOND)[:, None] * self.step * heading
+        feet = self.source.closest_point(target).points
         feet = feet[norms(feet - here) < 1.5 * self.step]
         return feet[np.argmax((feet - here) @ heading)] if len(feet) else here
 

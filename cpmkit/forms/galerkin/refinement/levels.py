@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cpmkit.forms.galerkin.dof_map import DofMap
 from cpmkit.forms.galerkin.grading.regions import Regions, codes_of_cells, is_among
 from cpmkit.forms.galerkin.hierarchy.coarser import two_scale_shares
 from cpmkit.forms.galerkin.hierarchy.two_scale_kernels import two_scale
-from cpmkit.forms.galerkin.parting import Parting
-from cpmkit.forms.galerkin.space.parted import parting_of
+from cpmkit.forms.galerkin.space.parted import dof_map_of
 from cpmkit.protocols import Bools, Floats, Ints
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ class LevelSplines:
 
     Attributes
     ----------
-    parting : Parting
+    dof_map : Parting
         Over the region and its halo; ``parting.patch`` (s,) is that of the samples there.
     rows : (s,) int64
         These samples, ascending.
@@ -42,7 +42,7 @@ class LevelSplines:
         From the splines of the level before; None of level 0.
     """
 
-    parting: Parting
+    dof_map: DofMap
     rows: Ints
     inside: Bools
     parted: Bools
@@ -51,7 +51,7 @@ class LevelSplines:
     @property
     def size(self) -> int:
         """Number n of splines."""
-        return self.parting.size
+        return self.dof_map.size
 
     @property
     def candidates(self) -> Bools:
@@ -65,15 +65,15 @@ class LevelSplines:
 
     def _read_by(self, patches: Bools) -> Bools:
         found = np.zeros(self.size, dtype=bool)
-        found[self.parting.unknowns[patches]] = True
+        found[self.dof_map.unknowns[patches]] = True
         return found
 
     def patch_of(self, samples: Ints) -> Ints:
         """Return (k,) the patches of ``samples`` (k,) among :attr:`rows`."""
-        return np.asarray(self.parting.patch[np.searchsorted(self.rows, samples)])
+        return np.asarray(self.dof_map.patch[np.searchsorted(self.rows, samples)])
 
 
-def level_splines(first: Parting, points: Floats, corners: Any, cell: Any, regions: Regions) -> list[LevelSplines]:
+def level_splines(first: DofMap, points: Floats, corners: Any, cell: Any, regions: Regions) -> list[LevelSplines]:
     """Return the splines of all levels.
 
     Parameters
@@ -103,21 +103,21 @@ def _finer(
     from scipy.sparse import csr_array
 
     read = coarse._read_by(coarse.parted)
-    near = read[coarse.parting.unknowns].any(axis=1)
-    chosen = near[coarse.parting.patch]
-    rows, coarse_patch = coarse.rows[chosen], coarse.parting.patch[chosen]
+    near = read[coarse.dof_map.unknowns].any(axis=1)
+    chosen = near[coarse.dof_map.patch]
+    rows, coarse_patch = coarse.rows[chosen], coarse.dof_map.patch[chosen]
     cells_of_rows = regions.cells(points[rows], number)
     patch, first, touching = patches_of(codes_of_cells(cells_of_rows), corners, cell[rows])
     cells, parent = cells_of_rows[first], coarse_patch[first]
-    spacing, single = coarse.parting.spacing / 2, np.zeros(len(first), dtype=bool)
-    parting = parting_of(spacing, cells, touching, patch, single)
+    spacing, single = coarse.dof_map.spacing / 2, np.zeros(len(first), dtype=bool)
+    dof_map = dof_map_of(spacing, cells, touching, patch, single)
     inside = coarse.parted[parent]
-    fine = cells, parting.unknowns, parting.size
-    coarser = coarse.parting.cells, coarse.parting.unknowns, two_scale_shares(parting.degree)
+    fine = cells, dof_map.unknowns, dof_map.size
+    coarser = coarse.dof_map.cells, coarse.dof_map.unknowns, two_scale_shares(dof_map.degree)
     starts, columns, weights = two_scale(*fine, parent.astype(np.int64), *coarser)
-    shape = parting.size, coarse.size
+    shape = dof_map.size, coarse.size
     prolongation = csr_array((weights.astype(np.float64), columns, starts), shape=shape)
-    return LevelSplines(parting, rows, inside, _parted(cells, inside, regions, number), prolongation)
+    return LevelSplines(dof_map, rows, inside, _parted(cells, inside, regions, number), prolongation)
 
 
 def patches_of(code: Ints, corners: Any, cell: Any) -> tuple[Any, Ints, Any]:
@@ -125,7 +125,7 @@ def patches_of(code: Ints, corners: Any, cell: Any) -> tuple[Any, Ints, Any]:
 
     ``code`` (s,): the lattice cell of each; ``cell`` (s,): that of the mesh, whose corners are ``corners`` (m, k).
     """
-    from cpmkit.forms.galerkin.space.parting_kernels import join_samples, touching_pairs
+    from cpmkit.forms.galerkin.space.dof_map_kernels import join_samples, touching_pairs
 
     cell = np.ascontiguousarray(cell, dtype=np.int32)
     root, first, after, holder = join_samples(code, np.ascontiguousarray(corners), cell, int(corners.max()) + 1)

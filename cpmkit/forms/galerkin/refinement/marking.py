@@ -31,9 +31,9 @@ def squares(form: RefinedGalerkin, u: Floats) -> Floats:
     found = _residual(form, u) ** 2
     sums = form.point_weights @ found
     shares = found @ (1 / np.where(sums > 0, sums, 1.0)) * form.point_weights
-    patch = form.refined.parting.patch[: len(shares)]
-    patches = len(form.refined.parting.cells)
-    lengths = 0.5**form.refined.parting.levels
+    patch = form.refined.dof_map.patch[: len(shares)]
+    patches = len(form.refined.dof_map.cells)
+    lengths = 0.5**form.refined.dof_map.levels
     return np.bincount(patch, shares, minlength=patches) * lengths**4
 
 
@@ -60,15 +60,15 @@ def _slope(a: Any, points: Floats, spacing: float, axis: int) -> Floats:
 def _laplacian(form: RefinedGalerkin, u: Floats) -> Floats:
     from cpmkit.forms.galerkin.refinement.residual_kernels import second_derivatives
 
-    parting, samples = form.refined.parting, form.sampled.samples
+    dof_map, samples = form.refined.dof_map, form.sampled.samples
     spread, found = np.ascontiguousarray(form.representation @ u), np.empty((form.sampled.interior, u.shape[1]))
     for start in range(0, len(found), SAMPLES_AT_ONCE):
         some = slice(start, min(start + SAMPLES_AT_ONCE, len(found)))
-        patch = parting.patch[some]
-        at = np.ascontiguousarray(parting.magnified(patch, samples.points_at(some)))
+        patch = dof_map.patch[some]
+        at = np.ascontiguousarray(dof_map.magnified(patch, samples.points_at(some)))
         normals, own = np.ascontiguousarray(samples.normals_at(some)), np.empty((len(patch), u.shape[1]))
-        second_derivatives(parting.unknowns, parting.cells, parting.spacing, patch, at, normals, spread, own)
-        found[some] = own * parting.scales(patch)[:, None] ** 2
+        second_derivatives(dof_map.unknowns, dof_map.cells, dof_map.spacing, patch, at, normals, spread, own)
+        found[some] = own * dof_map.scales(patch)[:, None] ** 2
     return found
 
 
@@ -89,9 +89,9 @@ def expected_gain(form: RefinedGalerkin, found: Floats) -> float:
     for one sum of squares are those at sizes h_p^2 in proportion to (w_p / e_p)^(1 / (k + 1)): the gain is
     ``(sum w)(sum e)^(1/k) / (sum w^(k/(k+1)) e^(1/(k+1)))^((k+1)/k)``.
     """
-    parting, k = form.refined.parting, ORDER
-    patches = len(parting.cells)
-    area = np.bincount(parting.patch, form.sampled.samples.weights, minlength=patches)
+    dof_map, k = form.refined.dof_map, ORDER
+    patches = len(dof_map.cells)
+    area = np.bincount(dof_map.patch, form.sampled.samples.weights, minlength=patches)
     if not found.sum() > 0:
         return 1.0
     best = np.sum(area ** (k / (k + 1)) * found ** (1 / (k + 1))) ** ((k + 1) / k)

@@ -10,15 +10,15 @@ import numpy as np
 
 from cpmkit.errors import SceneError
 from cpmkit.forms.expected import ExpectedError
+from cpmkit.forms.galerkin.dof_map import DofMap
 from cpmkit.forms.galerkin.fixed_samples import SAMPLES_AT_ONCE
 from cpmkit.forms.galerkin.form import Galerkin
 from cpmkit.forms.galerkin.grading.regions import Regions
 from cpmkit.forms.galerkin.hierarchy.levels import levels_of
 from cpmkit.forms.galerkin.locating import Locator
 from cpmkit.forms.galerkin.operator import levels_for
-from cpmkit.forms.galerkin.parting import Parting
 from cpmkit.forms.galerkin.projection import Projection
-from cpmkit.forms.galerkin.refinement.space import RefinedParting, RefinedSpace
+from cpmkit.forms.galerkin.refinement.space import RefinedDofMap, RefinedSpace
 from cpmkit.forms.galerkin.refinement.truncation import prolongation_to, representations
 from cpmkit.forms.galerkin.shared import shared_property
 from cpmkit.forms.galerkin.space.energy import (
@@ -46,9 +46,9 @@ class RefinedLocator(Locator):
     """Finds the patches of points among those of several levels."""
 
     def _own_cell(self, points: Floats, found: Ints, apart: Floats, patch: Ints) -> Ints:
-        assert isinstance(self.parting, RefinedParting)
-        own = self.parting.magnified(found, points[:, None]) / self.lattice.spacing + 0.5
-        fits = (self.parting.cells[found] == np.floor(own)).all(axis=2) & np.isfinite(apart)
+        assert isinstance(self.dof_map, RefinedDofMap)
+        own = self.dof_map.magnified(found, points[:, None]) / self.lattice.spacing + 0.5
+        fits = (self.dof_map.cells[found] == np.floor(own)).all(axis=2) & np.isfinite(apart)
         best = np.where(fits, apart, np.inf).argmin(axis=1)
         rows = np.arange(len(points))
         return np.where(fits[rows, best], found[rows, best], patch)
@@ -105,22 +105,22 @@ class RefinedGalerkin(Galerkin):
     @property
     def _sample_scales(self) -> Floats:
         """(q,) by how much the patch of each sample is magnified."""
-        return self.refined.parting.scales(self.refined.parting.patch)
+        return self.refined.dof_map.scales(self.refined.dof_map.patch)
 
     def _value_rows(self, patch: Ints, points: Floats) -> csr_array:
-        parting = self.refined.parting
-        return (value_rows(parting, patch, parting.magnified(patch, points)) @ self.representation).tocsr()
+        dof_map = self.refined.dof_map
+        return (value_rows(dof_map, patch, dof_map.magnified(patch, points)) @ self.representation).tocsr()
 
     def _derivative_rows(self, patch: Ints, points: Floats, directions: Floats) -> csr_array:
-        parting = self.refined.parting
-        along = directions * parting.scales(patch)[:, None]
-        rows = derivative_rows(parting, patch, parting.magnified(patch, points), along)
+        dof_map = self.refined.dof_map
+        along = directions * dof_map.scales(patch)[:, None]
+        rows = derivative_rows(dof_map, patch, dof_map.magnified(patch, points), along)
         return (rows @ self.representation).tocsr()
 
     @shared_property
     def _locator(self) -> Locator:
         plain = super()._locator
-        return RefinedLocator(plain.lattice, plain.samples, plain.parting, plain.sides, plain.boundaries, plain.sheets)
+        return RefinedLocator(plain.lattice, plain.samples, plain.dof_map, plain.sides, plain.boundaries, plain.sheets)
 
     # Sums over samples
 
@@ -139,14 +139,14 @@ class RefinedGalerkin(Galerkin):
         return values_at_samples(self.space, self._spread(u), rows)
 
     def _spline_slopes(self, u: Floats) -> Floats:
-        parting, spread = self.refined.parting, self._spread(u)
-        slopes = np.empty((self.sampled.interior, u.shape[1], parting.dim))
+        dof_map, spread = self.refined.dof_map, self._spread(u)
+        slopes = np.empty((self.sampled.interior, u.shape[1], dof_map.dim))
         for start in range(0, len(slopes), SAMPLES_AT_ONCE):
             some = slice(start, min(start + SAMPLES_AT_ONCE, len(slopes)))
-            patch, samples = parting.patch[some], self.sampled.samples
-            at = parting.magnified(patch, samples.points_at(some))
+            patch, samples = dof_map.patch[some], self.sampled.samples
+            at = dof_map.magnified(patch, samples.points_at(some))
             found = slopes_at(self.space, patch, at, samples.normals_at(some), spread)
-            slopes[some] = found * parting.scales(patch)[:, None, None]
+            slopes[some] = found * dof_map.scales(patch)[:, None, None]
         return slopes
 
     @shared_property
@@ -202,13 +202,13 @@ class RefinedGalerkin(Galerkin):
         for finest in range(cap, 0, -1):
             own, coarser = representations(levels, finest), representations(levels, finest - 1)
             read = [
-                own[level][np.unique(levels[level].parting.unknowns[levels[level].patch_of(rows[here])])].indices
+                own[level][np.unique(levels[level].dof_map.unknowns[levels[level].patch_of(rows[here])])].indices
                 for level in range(finest + 1)
                 if len(here := np.flatnonzero(np.minimum(on, finest) == level))
             ]
             strip = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *read])).astype(np.int64)
             found.append(Level(prolongation_to(levels, finest, coarser[-1]), strip))
-        first = levels[0].parting
+        first = levels[0].dof_map
         return found, levels_of(first, first.patch[self.sampled.interior :])
 
     # Telling
@@ -219,9 +219,9 @@ class RefinedGalerkin(Galerkin):
         return None
 
     @property
-    def _first_parting(self) -> Parting:
+    def _first_dof_map(self) -> DofMap:
         """The parting of level 0, by which pieces and copies are told."""
-        return self.refined.levels[0].parting
+        return self.refined.levels[0].dof_map
 
     @property
     def told_refinement(self) -> str:

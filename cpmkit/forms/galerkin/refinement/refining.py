@@ -61,7 +61,7 @@ def solved(form: RefinedGalerkin) -> Floats:
     chosen = "direct" if form.size <= MOST_FACTORISED or not form.multigrid else "multigrid"
     prepared = make_solver(chosen, {}).prepare(operator, form.levels(operator))
     values, _ = Constants.of(operator, form.constant).solve(prepared, b, MARKING_TOLERANCE)
-    return form.settle(operator, b, values).values
+    return form.remove_constants(operator, b, values).values
 
 
 def refined(scene: Scene, options: Options[GalerkinOptions], progress: Progress = no_progress) -> RefinedGalerkin:
@@ -83,12 +83,12 @@ def refined(scene: Scene, options: Options[GalerkinOptions], progress: Progress 
             if gain < LEAST_GAIN:
                 return replace(form, passes=passes, gain=gain)
         chosen = marking.marked(squares)
-        parting = form.refined.parting
-        open_patches = chosen & (parting.levels < most)
+        dof_map = form.refined.dof_map
+        open_patches = chosen & (dof_map.levels < most)
         spread = chosen.sum() > MOST_MARKED_SHARE * len(chosen)
         if spread or squares[open_patches].sum() < OPEN_SHARE * squares[chosen].sum():
             break
-        regions = form.regions.with_parted(parting.levels[open_patches], parting.cells[open_patches], most)
+        regions = form.regions.with_parted(dof_map.levels[open_patches], dof_map.cells[open_patches], most)
         finer = discretized_in(scene, options, found, regions, passes)
         if finer.level_sizes[0] < LEAST_FIRST_SHARE * whole:
             break

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cpmkit.forms.galerkin.dof_map import DofMap
 from cpmkit.forms.galerkin.fixed_samples import FixedSamples
 from cpmkit.forms.galerkin.grading.graded_mesh import shift_of
 from cpmkit.forms.galerkin.grading.regions import Regions, codes_of_cells
-from cpmkit.forms.galerkin.parting import Parting
 from cpmkit.forms.galerkin.refinement.levels import LevelSplines, patches_of
 from cpmkit.forms.galerkin.sample_mesh import Samples
 from cpmkit.forms.galerkin.space.space import Space, space_of
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class RefinedParting(Parting):
+class RefinedDofMap(DofMap):
     """A parting whose patches are of several levels; its cells and nodes are those of the magnified levels.
 
     Attributes
@@ -69,8 +69,8 @@ class RefinedSamples(FixedSamples):
 
     def points_at(self, rows: slice | Ints) -> Floats:
         """Return (..., d) the points of the samples ``rows`` (...)."""
-        assert isinstance(self.parting, RefinedParting)
-        return self.parting.reduced(self.parting.patch[rows], super().points_at(rows))
+        assert isinstance(self.dof_map, RefinedDofMap)
+        return self.dof_map.reduced(self.dof_map.patch[rows], super().points_at(rows))
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +81,7 @@ class RefinedSpace:
     ----------
     space : Space
         The magnified levels.
-    parting : RefinedParting
+    dof_map : RefinedParting
         Its own.
     levels : sequence of LevelSplines
         Each level by itself.
@@ -90,7 +90,7 @@ class RefinedSpace:
     """
 
     space: Space
-    parting: RefinedParting
+    dof_map: RefinedDofMap
     levels: Sequence[LevelSplines]
     used: Sequence[Ints]
 
@@ -103,16 +103,16 @@ class RefinedSpace:
 
 def refined_space(samples: Samples, corners: Any, levels: Sequence[LevelSplines], regions: Regions) -> RefinedSpace:
     """Return the space of these levels over ``samples``, those of boundaries among them."""
-    parting, used = _parting(samples, corners, levels, regions)
-    placed = Samples(parting.magnified(parting.patch, samples.points), samples.weights, samples.normals, samples.cell)
-    fixed = FixedSamples.of(placed, parting)
+    dof_map, used = _parting(samples, corners, levels, regions)
+    placed = Samples(dof_map.magnified(dof_map.patch, samples.points), samples.weights, samples.normals, samples.cell)
+    fixed = FixedSamples.of(placed, dof_map)
     own = RefinedSamples(*[getattr(fixed, name) for name in FixedSamples.__dataclass_fields__])
-    return RefinedSpace(space_of(parting, own), parting, levels, used)
+    return RefinedSpace(space_of(dof_map, own), dof_map, levels, used)
 
 
 def _parting(
     samples: Samples, corners: Any, levels: Sequence[LevelSplines], regions: Regions
-) -> tuple[RefinedParting, list[Ints]]:
+) -> tuple[RefinedDofMap, list[Ints]]:
     level_of_sample = regions.levels(samples.points)
     code, taken = np.empty(len(samples), dtype=np.int64), 0
     for number in range(len(levels)):
@@ -130,16 +130,16 @@ def _parting(
     for number, level in enumerate(levels):
         own = np.flatnonzero(level_of_patch == number)
         there = level.patch_of(first[own])
-        cells[own] = level.parting.cells[there]
-        read, place = np.unique(level.parting.unknowns[there], return_inverse=True)
+        cells[own] = level.dof_map.cells[there]
+        read, place = np.unique(level.dof_map.unknowns[there], return_inverse=True)
         unknowns[own] = size + place.reshape(len(own), 3**d)
-        nodes.append(level.parting.nodes[read])
+        nodes.append(level.dof_map.nodes[read])
         used.append(read)
         size += len(read)
     every = np.concatenate(nodes)
-    spacing = levels[0].parting.spacing
+    spacing = levels[0].dof_map.spacing
     of_node = np.repeat(np.arange(len(levels)), [len(one) for one in used])
     return (
-        RefinedParting(spacing, cells, unknowns, every, touching, patch, levels=level_of_patch, node_levels=of_node),
+        RefinedDofMap(spacing, cells, unknowns, every, touching, patch, levels=level_of_patch, node_levels=of_node),
         used,
     )

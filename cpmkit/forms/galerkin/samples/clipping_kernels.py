@@ -207,7 +207,7 @@ def cell_of(piece: Floats, count: int, cell: Floats) -> None:
 
 
 @compiled
-def put_back(place: float, cell: float) -> float:
+def project(place: float, cell: float) -> float:
     """Return a coordinate of a sample inside its cell, where it is hardly outside; else as it is."""
     past = abs(place - cell) - 0.5 + INSIDE_SPACINGS
     if 0 < past < PUT_BACK_SPACINGS:
@@ -296,7 +296,7 @@ def triangle_samples(
                 weights[used] = area * shares[k] * across * spacing**2
                 for i in range(3):
                     normals[used, 0, i] = normal[i]
-                    points[used, i] = spacing * (put_back(point[i], cell[i]) if clipped[m] else point[i])
+                    points[used, i] = spacing * (project(point[i], cell[i]) if clipped[m] else point[i])
                 triangle[used] = m
                 used += 1
     return points[:used].copy(), weights[:used].copy(), normals[:used].copy(), triangle[:used].copy()

@@ -70,11 +70,11 @@ def moved_to_feet(mesh: SampleMesh, source: LocalSource, boundaries: Sequence[Lo
     before = points.copy()
     for turn in range(PROJECTION_ROUNDS):
         for rows, boundary in zip(on, boundaries, strict=True):
-            asked = rows if turn == 0 else rows[times[rows] > 1]
-            if boundary is None or not len(asked):
+            target = rows if turn == 0 else rows[times[rows] > 1]
+            if boundary is None or not len(target):
                 continue
-            onto = boundary.closest_point(points[asked]).points
-            points[asked] = _to_manifold(source, onto, rim.among(asked))
+            onto = boundary.closest_point(points[target]).points
+            points[target] = _to_manifold(source, onto, rim.among(target))
     astray = norms(points - before) > reach
     points[astray] = before[astray]
     if mesh.manifold_dim == 2:
@@ -113,9 +113,9 @@ def _uncreased(found: Floats, straight: Floats, length: Floats) -> Floats:
 
 def _to_manifold(source: LocalSource, points: Floats, rim: Rim) -> Floats:
     """Return the feet (n, d) of ``points``; those of the rim from farther and farther out, until they are on a rim."""
-    asked = np.array(points)
-    asked[rim.rows] += ON_RIM_EDGE_SHARE * rim.outward
-    feet = source.closest_point(asked)
+    target = np.array(points)
+    target[rim.rows] += ON_RIM_EDGE_SHARE * rim.outward
+    feet = source.closest_point(target)
     moved = np.array(feet.points)
     left = np.flatnonzero(feet.edge[rim.rows] < 0)
     for share in RIM_EDGE_SHARES:
@@ -146,12 +146,12 @@ def shortest_edges(mesh: SampleMesh, edges: Edges, rows: Ints) -> Floats:
 
 def _extreme_edges(mesh: SampleMesh, edges: Edges, rows: Ints, extreme: np.ufunc, none: float) -> Floats:
     """Return (v,) the ``extreme`` of the lengths of the edges at each of the vertices ``rows``, ``none`` at others."""
-    asked = np.zeros(len(mesh.vertices), dtype=bool)
-    asked[rows] = True
+    target = np.zeros(len(mesh.vertices), dtype=bool)
+    target[rows] = True
     found = np.full(len(mesh.vertices), none)
-    near = np.flatnonzero(asked[edges.ends].any(axis=1))
+    near = np.flatnonzero(target[edges.ends].any(axis=1))
     length = edges.lengths(mesh.vertices)[near]
     for end in edges.ends[near].T:
         extreme.at(found, end, length)
-    found[~asked] = none
+    found[~target] = none
     return found

@@ -94,10 +94,10 @@ def _apart(mesh: SampleMesh, edges: Edges, one: Ints, other: Ints) -> Bools:
     return ~np.isin(low * count + high, ends[:, 0] * count + ends[:, 1])
 
 
-def _alone(cells: Ints, asked: Bools) -> Bools:
+def _alone(cells: Ints, target: Bools) -> Bools:
     """Whether each of ``cells`` that is asked for is so once."""
-    found, where, count = np.unique(cells[asked], return_inverse=True, return_counts=True)
+    found, where, count = np.unique(cells[target], return_inverse=True, return_counts=True)
     del found
     alone = np.zeros(len(cells), dtype=bool)
-    alone[np.flatnonzero(asked)] = count[where] == 1
+    alone[np.flatnonzero(target)] = count[where] == 1
     return alone

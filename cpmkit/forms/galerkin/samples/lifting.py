@@ -175,8 +175,8 @@ def _with_others(source: LocalSource, mesh: SampleMesh, normals: Normals) -> Nor
         others[:count] = np.abs(in_place[:count] - own.final.vertices).max(axis=1) > rounding
     across, flat = np.empty_like(in_place), np.zeros(len(in_place), dtype=bool)
     across[:count], flat[:count] = normals.across[: len(across)], normals.flat[: len(flat)]
-    asked = normals_at(in_scene(source), in_place[others])
-    across[others], flat[others] = asked.across, asked.flat
+    target = normals_at(in_scene(source), in_place[others])
+    across[others], flat[others] = target.across, target.flat
     return Normals(across, flat)
 
 

@@ -15,7 +15,7 @@ from cpmkit.forms.galerkin.samples.own_cells import in_scene, made_sound, own_ce
 from cpmkit.forms.galerkin.samples.soundness import largest_side, sound
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vectors import norms
-from cpmkit.protocols import HasMesh, HasValues, TellsMeshUse
+from cpmkit.protocols import HasMesh, HasMeshUse, HasValues
 
 #: Cells whose centres are looked at to tell whether cells are flat, and how near they are to it then, of their size.
 FLAT_PROBES, FLAT_SIZE_SHARE = 1024, 1e-9
@@ -64,7 +64,7 @@ def cells_of(source: LocalSource, spacing: float, sampling: str = "auto") -> Dra
     m = source.manifold_dim or 0
     if not 0 < m < source.dim or not isinstance(source.source, HasMesh):
         return None
-    if isinstance(source.source, TellsMeshUse) and not source.source.mesh_for_samples:
+    if isinstance(source.source, HasMeshUse) and not source.source.mesh_for_samples:
         return None
     length, short = spacing * longest_edge_spacings(sampling, "feet", m), spacing * PLAIN_EDGE_SPACINGS
     mesh = _drawn(source, length)

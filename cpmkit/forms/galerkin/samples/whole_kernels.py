@@ -13,7 +13,7 @@ from cpmkit.forms.galerkin.samples.clipping_kernels import (
     ON_PLANE_SPACINGS,
     directed,
     position,
-    put_back,
+    project,
     slopes,
 )
 from cpmkit.protocols import Bools, Floats, Ints
@@ -102,7 +102,7 @@ def single_samples(
         weights[used] = 0.5 * across * spacing**2
         for i in range(3):
             normals[used, 0, i] = normal[i]
-            points[used, i] = spacing * (put_back(point[i], cell[i]) if clipped[m] else point[i])
+            points[used, i] = spacing * (project(point[i], cell[i]) if clipped[m] else point[i])
         triangle[used] = m
         used += 1
     return used, others

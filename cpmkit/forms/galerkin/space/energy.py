@@ -105,11 +105,11 @@ def load(space: Space, f: Floats, some: slice = EVERY_SAMPLE) -> Floats:
     """Return (n, channels) sum w f v over ``some`` samples, with ``f`` (q, channels) at them, or (1, channels)."""
     from cpmkit.forms.galerkin.space.sample_kernels import add_load
 
-    parting, samples = space.parting, space.samples
-    loads = np.zeros((parting.size, f.shape[1]))
+    dof_map, samples = space.dof_map, space.samples
+    loads = np.zeros((dof_map.size, f.shape[1]))
     f = np.ascontiguousarray(f, dtype=np.float64)
-    of_samples = parting.patch[some], *_splines_of(space), samples.places[some], samples.weights[some]
-    add_load(parting.unknowns, *of_samples, f, loads)
+    of_samples = dof_map.patch[some], *_splines_of(space), samples.places[some], samples.weights[some]
+    add_load(dof_map.unknowns, *of_samples, f, loads)
     return loads
 
 
@@ -117,9 +117,9 @@ def values_at_samples(space: Space, u: Floats, some: slice | Ints = EVERY_SAMPLE
     """Return (q, channels) the values at ``some`` samples of the splines with coefficients ``u`` (n, channels)."""
     from cpmkit.forms.galerkin.space.sample_kernels import read_values
 
-    parting, places = space.parting, space.samples.places[some]
+    dof_map, places = space.dof_map, space.samples.places[some]
     values = np.empty((len(places), u.shape[1]))
-    read_values(parting.unknowns, parting.patch[some], *_splines_of(space), places, np.ascontiguousarray(u), values)
+    read_values(dof_map.unknowns, dof_map.patch[some], *_splines_of(space), places, np.ascontiguousarray(u), values)
     return values
 
 
@@ -130,10 +130,10 @@ def slopes_at(space: Space, patch: Ints, points: Floats, normals: Floats, u: Flo
     """
     from cpmkit.forms.galerkin.space.sample_kernels import read_slopes
 
-    parting = space.parting
+    dof_map = space.dof_map
     slopes = np.empty((len(points), u.shape[1], points.shape[1]))
     arrays = (np.ascontiguousarray(points), np.ascontiguousarray(normals), np.ascontiguousarray(u))
-    read_slopes(parting.unknowns, parting.cells, parting.spacing, patch, *arrays, slopes)
+    read_slopes(dof_map.unknowns, dof_map.cells, dof_map.spacing, patch, *arrays, slopes)
     return slopes
 
 
@@ -141,10 +141,10 @@ def slopes_at_samples(space: Space, count: int, u: Floats) -> Floats:
     """Return (count, channels, d) the same at the first ``count`` samples."""
     from cpmkit.forms.galerkin.space.slope_kernels import read_slopes_at_samples
 
-    parting, samples = space.parting, space.samples
-    slopes = np.empty((count, u.shape[1], parting.dim))
-    of_samples = parting.patch, *_splines_of(space), samples.places, samples.directions
-    read_slopes_at_samples(parting.unknowns, parting.spacing, *of_samples, np.ascontiguousarray(u), slopes)
+    dof_map, samples = space.dof_map, space.samples
+    slopes = np.empty((count, u.shape[1], dof_map.dim))
+    of_samples = dof_map.patch, *_splines_of(space), samples.places, samples.directions
+    read_slopes_at_samples(dof_map.unknowns, dof_map.spacing, *of_samples, np.ascontiguousarray(u), slopes)
     return slopes
 
 
@@ -152,10 +152,10 @@ def load_against_slopes(space: Space, field: Floats) -> Floats:
     """Return (n,) sum w field . grad v, ``field`` (p, d) at the first samples, of which the tangential part counts."""
     from cpmkit.forms.galerkin.space.slope_kernels import add_slope_load_of_samples
 
-    parting, samples, loads = space.parting, space.samples, np.zeros(space.parting.size)
-    of_samples = parting.patch, *_splines_of(space), samples.places, samples.directions, samples.weights
+    dof_map, samples, loads = space.dof_map, space.samples, np.zeros(space.dof_map.size)
+    of_samples = dof_map.patch, *_splines_of(space), samples.places, samples.directions, samples.weights
     field = np.ascontiguousarray(field, dtype=np.float64)
-    add_slope_load_of_samples(parting.unknowns, parting.spacing, *of_samples, field, loads)
+    add_slope_load_of_samples(dof_map.unknowns, dof_map.spacing, *of_samples, field, loads)
     return loads
 
 
@@ -163,8 +163,8 @@ def _splines_of(space: Space) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Return tuples as long as there are splines along the first axes and along the third, one in the plane."""
     from cpmkit.forms.galerkin.space.energy_kernels import SPLINES
 
-    along = SPLINES[space.parting.degree]
-    return along, along if space.parting.dim == 3 else (0,)
+    along = SPLINES[space.dof_map.degree]
+    return along, along if space.dof_map.dim == 3 else (0,)
 
 
 def energy_data(
@@ -219,7 +219,7 @@ def held_data(space: Space, a: Floats | float, strength: Strength) -> Floats:
 def add_ghosts(space: Space, a: Floats | float, strength: Strength, data: Floats) -> None:
     """Add the ghost penalty g a h^(m - 2) sum (differences of order degree + 1)^2 to the entries ``data``."""
     means = space.means(conductivity(space, a))
-    scale = strength.g * space.parting.spacing ** (space.manifold_dim - 2)
+    scale = strength.g * space.dof_map.spacing ** (space.manifold_dim - 2)
     add_differences(space, space.runs, scale * means[space.runs].mean(axis=1), data)
     add_differences(space, space.short_runs, scale * means[space.short_runs].mean(axis=1), data)
 
@@ -229,7 +229,7 @@ def add_differences(space: Space, runs: Ints, factors: Floats, data: Floats) -> 
     from cpmkit.forms.galerkin.space.difference_kernels import add_squares
     from cpmkit.forms.galerkin.space.pattern_kernels import inverted
 
-    found = inverted(runs.ravel(), space.parting.size)
+    found = inverted(runs.ravel(), space.dof_map.size)
     add_squares(runs, *found, differences(runs.shape[1] - 1), factors, (space.indptr, space.indices, data))
 
 
@@ -253,5 +253,5 @@ def patches(space: Space) -> tuple[Ints, float, tuple[int, ...], Any, Ints]:
     """Return what kernels take of a space first: the unknowns of patches, the spacing, the splines, their samples."""
     from cpmkit.forms.galerkin.space.energy_kernels import SPLINES
 
-    parting = space.parting
-    return parting.unknowns, parting.spacing, SPLINES[parting.degree], *space.by_patch()
+    dof_map = space.dof_map
+    return dof_map.unknowns, dof_map.spacing, SPLINES[dof_map.degree], *space.by_patch()

@@ -65,18 +65,18 @@ def add_floor(space: Space, a: Floats | float, diagonal: Floats, data: Floats) -
     ratio = diagonal / means
     median = float(np.median(ratio))
     light = ratio < LIGHT_SHARE * median
-    if space.parting.degree == 1:
+    if space.dof_map.degree == 1:
         runs = space.runs[(light & _beside_boundaries(space))[space.runs].any(axis=1)]
         factors = LINEAR_FLOOR_SHARE * median * means[runs].mean(axis=1)
         add_differences(space, runs, factors, data)
         return
-    lines = lines_through(space.parting, space.heaviest[light])
-    factors = np.tile(FLOOR_SHARE * median * means[light], space.parting.dim)
+    lines = lines_through(space.dof_map, space.heaviest[light])
+    factors = np.tile(FLOOR_SHARE * median * means[light], space.dof_map.dim)
     add_differences(space, lines, factors, data)
 
 
 def _beside_boundaries(space: Space) -> Bools:
     """Return (n,) which unknowns patches read that hold samples of boundaries, those without weight."""
-    found = np.zeros(space.parting.size, dtype=bool)
-    found[space.parting.unknowns[space.parting.patch[space.samples.weights == 0]]] = True
+    found = np.zeros(space.dof_map.size, dtype=bool)
+    found[space.dof_map.unknowns[space.dof_map.patch[space.samples.weights == 0]]] = True
     return found

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.parting import Parting
+from cpmkit.forms.galerkin.dof_map import DofMap
 from cpmkit.manifold.vectors import norms
 from cpmkit.protocols import Bools, Floats, Ints
 
@@ -19,7 +19,7 @@ from cpmkit.protocols import Bools, Floats, Ints
 SPECK_SPACINGS = 2.0
 
 
-def part(points: Floats, contacts: Any, spacing: float, cell: Any = None, degree: int = 2) -> Parting:
+def part(points: Floats, contacts: Any, spacing: float, cell: Any = None, degree: int = 2) -> DofMap:
     """Return the parting of samples at ``points`` (q, d), relative to the lattice's origin.
 
     Parameters
@@ -40,7 +40,7 @@ def part(points: Floats, contacts: Any, spacing: float, cell: Any = None, degree
     A piece of a surface shorter than `SPECK_SPACINGS` along every axis carries constants alone: all that its patches
     read is one unknown. So does a piece of a curve that is no longer than this, however it is turned.
     """
-    from cpmkit.forms.galerkin.space.parting_kernels import bounds, codes_of, join_samples, touching_pairs
+    from cpmkit.forms.galerkin.space.dof_map_kernels import bounds, codes_of, join_samples, touching_pairs
 
     contacts = np.ascontiguousarray(contacts)
     points = np.ascontiguousarray(points, dtype=np.float64)
@@ -61,19 +61,19 @@ def part(points: Floats, contacts: Any, spacing: float, cell: Any = None, degree
     extent = bounds(points, patch, label, pieces)
     size = norms(extent) if contacts.shape[1] == 2 else extent.max(axis=1)
     specks = size < SPECK_SPACINGS * spacing
-    return parting_of(spacing, cells, touching, patch, specks[label], degree)
+    return dof_map_of(spacing, cells, touching, patch, specks[label], degree)
 
 
-def parting_of(spacing: float, cells: Ints, touching: Any, patch: Any, single: Bools, degree: int = 2) -> Parting:
+def dof_map_of(spacing: float, cells: Ints, touching: Any, patch: Any, single: Bools, degree: int = 2) -> DofMap:
     """Return the parting into these patches: ``cells`` (p, d), pairs ``touching`` (t, 2), ``patch`` (q,) of samples.
 
     ``single`` (p,): patches of pieces that have one unknown each.
     """
-    from cpmkit.forms.galerkin.space.parting_kernels import number
+    from cpmkit.forms.galerkin.space.dof_map_kernels import number
 
     touching = np.ascontiguousarray(touching, dtype=np.int32)
     unknowns, nodes = number(np.ascontiguousarray(cells), touching, single, degree + 1)
-    return Parting(spacing, cells, unknowns, nodes, touching, patch, degree)
+    return DofMap(spacing, cells, unknowns, nodes, touching, patch, degree)
 
 
 def components(patches: int, touching: Any) -> tuple[int, Ints]:
@@ -85,9 +85,9 @@ def components(patches: int, touching: Any) -> tuple[int, Ints]:
     return numbered(parent)
 
 
-def pieces(parting: Parting) -> tuple[int, Ints]:
+def pieces(dof_map: DofMap) -> tuple[int, Ints]:
     """Return how many pieces of the manifold share no unknown, and the piece of each unknown (n,)."""
-    count, label = components(len(parting.cells), parting.touching)
-    of_unknown = np.empty(parting.size, dtype=np.int64)
-    of_unknown[parting.unknowns] = label[:, None]
+    count, label = components(len(dof_map.cells), dof_map.touching)
+    of_unknown = np.empty(dof_map.size, dtype=np.int64)
+    of_unknown[dof_map.unknowns] = label[:, None]
     return count, of_unknown

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cpmkit.forms.galerkin.dof_map import DofMap
 from cpmkit.forms.galerkin.fixed_samples import FixedSamples
-from cpmkit.forms.galerkin.parting import Parting
 from cpmkit.forms.galerkin.sample_mesh import Samples
 from cpmkit.forms.galerkin.space.parted import pieces
 from cpmkit.protocols import Floats, Ints
@@ -24,7 +24,7 @@ class Space:
 
     Attributes
     ----------
-    parting : Parting
+    dof_map : Parting
         The unknowns.
     samples : FixedSamples
         In the order in which they were parted.
@@ -39,7 +39,7 @@ class Space:
         The pattern of every matrix, columns ascending.
     """
 
-    parting: Parting
+    dof_map: DofMap
     samples: FixedSamples
     heaviest: Any
     runs: Any
@@ -50,13 +50,13 @@ class Space:
     @property
     def manifold_dim(self) -> int:
         """Dimension m of the manifold."""
-        return self.parting.dim - self.samples.codim
+        return self.dof_map.dim - self.samples.codim
 
     def matrix(self, data: Floats) -> csr_array:
         """Return the (n, n) matrix with these entries, which shares the pattern with all others."""
         from scipy.sparse import csr_array
 
-        n = self.parting.size
+        n = self.dof_map.size
         matrix = csr_array((data, self.indices, self.indptr), shape=(n, n))
         matrix.has_canonical_format = True
         return matrix
@@ -68,69 +68,69 @@ class Space:
         """
         from cpmkit.forms.galerkin.space.pattern_kernels import inverted
 
-        start, order = inverted(self.parting.patch, len(self.parting.cells))
+        start, order = inverted(self.dof_map.patch, len(self.dof_map.cells))
         return order, start
 
     def means(self, values: Floats) -> Floats:
         """Return (n,) the mean of ``values`` (q,) or (1,) over the samples of the patches that read each unknown."""
         if len(values) == 1:
-            return np.full(self.parting.size, values[0])
-        patches, unknowns = len(self.parting.cells), self.parting.unknowns
-        sums = np.bincount(self.parting.patch, values, minlength=patches)
-        counts = np.bincount(self.parting.patch, minlength=patches).astype(float)
+            return np.full(self.dof_map.size, values[0])
+        patches, unknowns = len(self.dof_map.cells), self.dof_map.unknowns
+        sums = np.bincount(self.dof_map.patch, values, minlength=patches)
+        counts = np.bincount(self.dof_map.patch, minlength=patches).astype(float)
         width = unknowns.shape[1]
         totals = [np.bincount(unknowns.ravel(), each.repeat(width)) for each in (sums, counts)]
         return np.asarray(totals[0] / totals[1])
 
 
-def space_of(parting: Parting, samples: Samples | FixedSamples) -> Space:
-    """Return the space of the unknowns of ``parting`` over its ``samples``, which it numbers."""
+def space_of(dof_map: DofMap, samples: Samples | FixedSamples) -> Space:
+    """Return the space of the unknowns of ``dof_map`` over its ``samples``, which it numbers."""
     from cpmkit.forms.galerkin.space.pattern_kernels import following, inverted, pattern, runs_of
 
-    samples = FixedSamples.of(samples, parting) if isinstance(samples, Samples) else samples
-    n = parting.size
-    patches, width = parting.unknowns.shape
-    starts, places = inverted(parting.unknowns.ravel(), n)
-    weight = np.bincount(parting.patch, samples.weights, minlength=patches)
+    samples = FixedSamples.of(samples, dof_map) if isinstance(samples, Samples) else samples
+    n = dof_map.size
+    patches, width = dof_map.unknowns.shape
+    starts, places = inverted(dof_map.unknowns.ravel(), n)
+    weight = np.bincount(dof_map.patch, samples.weights, minlength=patches)
     heaviest = _heaviest(weight[places // width], starts, places)
-    neighbours = [following(parting.unknowns, n, stride, parting.width) for stride in parting.strides]
-    by_axis = [runs_of(*one, parting.width + 1) for one in neighbours]
+    neighbours = [following(dof_map.unknowns, n, stride, dof_map.width) for stride in dof_map.strides]
+    by_axis = [runs_of(*one, dof_map.width + 1) for one in neighbours]
     del neighbours
     runs = np.concatenate(by_axis)
     alone = np.ones(n, dtype=bool)
     alone[runs] = False
-    short_runs = lines_through(parting, heaviest[alone])
+    short_runs = lines_through(dof_map, heaviest[alone])
     if samples.codim > 1:
-        short_runs = np.concatenate([short_runs, _across_straight_pieces(parting, by_axis, heaviest)])
+        short_runs = np.concatenate([short_runs, _across_straight_pieces(dof_map, by_axis, heaviest)])
     short_runs = np.unique(short_runs, axis=0)
     short_runs = short_runs[short_runs[:, 0] != short_runs[:, 1]]  # specks have one unknown all along
     indptr = np.zeros(n + 1, dtype=np.int32 if len(places) * width < 2**31 else np.int64)
     run_table = inverted(runs.ravel(), n)
-    indices = pattern(parting.unknowns, starts, places, runs, *run_table, indptr)
-    return Space(parting, samples, heaviest, runs, short_runs, indptr, indices)
+    indices = pattern(dof_map.unknowns, starts, places, runs, *run_table, indptr)
+    return Space(dof_map, samples, heaviest, runs, short_runs, indptr, indices)
 
 
-def lines_through(parting: Parting, entries: Ints) -> Ints:
+def lines_through(dof_map: DofMap, entries: Ints) -> Ints:
     """Return (d k, degree + 1) the unknowns on the lines along the axes, inside a patch, through k of its places.
 
     ``entries`` (k,): indices into ``parting.unknowns.ravel()``.
     """
-    flat, width = parting.unknowns.ravel(), parting.width
-    lines = [(entries - entries // s % width * s)[:, None] + s * np.arange(width) for s in parting.strides]
+    flat, width = dof_map.unknowns.ravel(), dof_map.width
+    lines = [(entries - entries // s % width * s)[:, None] + s * np.arange(width) for s in dof_map.strides]
     return np.asarray(flat[np.concatenate(lines)])
 
 
-def _across_straight_pieces(parting: Parting, by_axis: Sequence[Ints], heaviest: Ints) -> Ints:
+def _across_straight_pieces(dof_map: DofMap, by_axis: Sequence[Ints], heaviest: Ints) -> Ints:
     """Return runs inside patches along the axes in which a whole piece of a curve in space has no longer one.
 
     Such a piece keeps to one layer of cells. Where it is straight, y^2 z vanishes on it with all derivatives that the
     energy holds, y and z being these axes.
     """
-    count, piece = pieces(parting)
+    count, piece = pieces(dof_map)
     found = []
     for axis, runs in enumerate(by_axis):
         flat = np.bincount(piece[runs[:, 0]], minlength=count) == 0
-        found.append(lines_through(parting, heaviest[flat[piece]]).reshape(parting.dim, -1, parting.width)[axis])
+        found.append(lines_through(dof_map, heaviest[flat[piece]]).reshape(dof_map.dim, -1, dof_map.width)[axis])
     return np.concatenate(found)
 
 

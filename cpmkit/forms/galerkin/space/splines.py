@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.forms.galerkin.parting import Parting
+from cpmkit.forms.galerkin.dof_map import DofMap
 from cpmkit.protocols import Floats, Ints
 
 if TYPE_CHECKING:
@@ -57,28 +57,28 @@ def _read(t: Floats, coefficients: Floats) -> Floats:
     return np.asarray(values + coefficients[0], dtype=np.float64)
 
 
-def value_rows(parting: Parting, patch: Ints, points: Floats) -> csr_array:
+def value_rows(dof_map: DofMap, patch: Ints, points: Floats) -> csr_array:
     """Return (k, n) the rows that read u at ``points`` (k, d) through the ``patch`` (k,) of each.
 
     Points are relative to the lattice's origin, as everywhere inside the form.
     """
-    return _rows(parting, patch, _product(spline_values(_local(parting, patch, points), parting.degree)))
+    return _rows(dof_map, patch, _product(spline_values(_local(dof_map, patch, points), dof_map.degree)))
 
 
-def derivative_rows(parting: Parting, patch: Ints, points: Floats, directions: Floats) -> csr_array:
+def derivative_rows(dof_map: DofMap, patch: Ints, points: Floats, directions: Floats) -> csr_array:
     """Return (k, n) the rows that read the derivatives of u along ``directions`` (k, d), in their unit per length."""
-    t = _local(parting, patch, points)
-    values = spline_values(t, parting.degree)
-    slopes = spline_slopes(t, parting.degree) * (directions / parting.spacing)[:, :, None]
+    t = _local(dof_map, patch, points)
+    values = spline_values(t, dof_map.degree)
+    slopes = spline_slopes(t, dof_map.degree) * (directions / dof_map.spacing)[:, :, None]
     of_values, entries = values[:, 0], slopes[:, 0]
-    for axis in range(1, parting.dim):
+    for axis in range(1, dof_map.dim):
         entries = _outer(entries, values[:, axis]) + _outer(of_values, slopes[:, axis])
         of_values = _outer(of_values, values[:, axis])
-    return _rows(parting, patch, entries)
+    return _rows(dof_map, patch, entries)
 
 
-def _local(parting: Parting, patch: Ints, points: Floats) -> Floats:
-    return np.asarray(points / parting.spacing - parting.cells[patch] + 0.5)
+def _local(dof_map: DofMap, patch: Ints, points: Floats) -> Floats:
+    return np.asarray(points / dof_map.spacing - dof_map.cells[patch] + 0.5)
 
 
 def _product(factors: Floats) -> Floats:
@@ -94,15 +94,15 @@ def _outer(first: Floats, second: Floats) -> Floats:
     return (first[:, :, None] * second[:, None, :]).reshape(len(first), first.shape[1] * second.shape[1])
 
 
-def _rows(parting: Parting, patch: Ints, entries: Floats) -> csr_array:
+def _rows(dof_map: DofMap, patch: Ints, entries: Floats) -> csr_array:
     from scipy.sparse import csr_array
 
     k, width = entries.shape
     if not k:  # without boundaries: SciPy's checks of an empty matrix take a twentieth of a small solve
-        return csr_array((0, parting.size))
-    index = np.int32 if max(k * width, parting.size) < 2**31 else np.int64
+        return csr_array((0, dof_map.size))
+    index = np.int32 if max(k * width, dof_map.size) < 2**31 else np.int64
     starts = np.arange(0, k * width + 1, width, dtype=index)
-    columns = parting.unknowns[patch].ravel().astype(index)
-    rows = csr_array((entries.ravel(), columns, starts), shape=(k, parting.size))
+    columns = dof_map.unknowns[patch].ravel().astype(index)
+    rows = csr_array((entries.ravel(), columns, starts), shape=(k, dof_map.size))
     rows.sum_duplicates()
     return rows

@@ -44,7 +44,7 @@ class Enrichment:
     @property
     def splines(self) -> int:
         """Number n of splines."""
-        return self.space.parting.size
+        return self.space.dof_map.size
 
     def __len__(self) -> int:
         return len(self.functions)
@@ -63,7 +63,7 @@ class Enrichment:
 
     def gradients(self, points: Floats, cells: Ints) -> list[csr_array]:
         """Return the d matrices (q, m) that read them along the axes."""
-        axes = np.eye(self.space.parting.dim)
+        axes = np.eye(self.space.dof_map.dim)
         return [self.slopes(points, cells, np.broadcast_to(axis, points.shape)) for axis in axes]
 
     @property
@@ -104,10 +104,10 @@ class Enrichment:
         if not len(self):
             return matrix
         cross, own = np.zeros((self.splines, len(self))), np.zeros((len(self), len(self)))
-        parting, samples = self.space.parting, self.space.samples
+        dof_map, samples = self.space.dof_map, self.space.samples
         weighted = [None if one is None else samples.weights * one for one in (a, c)]
         for k, (rows, psi, slopes) in enumerate(self._at_samples):
-            at = parting, parting.patch[rows], samples.points[rows]
+            at = dof_map, dof_map.patch[rows], samples.points[rows]
             if weighted[0] is not None:
                 cross[:, k] += derivative_rows(*at, slopes).T @ weighted[0][rows]
             if weighted[1] is not None:
@@ -120,7 +120,7 @@ class Enrichment:
     @property
     def slopes_inside(self) -> list[csr_array]:
         """The d matrices (q, m) that read their tangential gradients at the samples of the manifold."""
-        dim = self.space.parting.dim
+        dim = self.space.dof_map.dim
         return [
             self._columns([(rows, slopes[:, axis]) for rows, _, slopes in self._at_samples], self.interior)
             for axis in range(dim)

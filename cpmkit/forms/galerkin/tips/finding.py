@@ -9,7 +9,7 @@ import numpy as np
 from cpmkit.errors import place
 from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples
 from cpmkit.forms.galerkin.conditions.crossings import ends_inside
-from cpmkit.forms.galerkin.conditions.held import Held
+from cpmkit.forms.galerkin.conditions.held import ImposedCondition
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.forms.galerkin.tips.functions import SingularFunction, functions_of
 from cpmkit.forms.galerkin.tips.surroundings import Surroundings, TipFinder
@@ -24,7 +24,7 @@ FLUX, VALUE, THROUGH = range(3)
 
 
 def singular_functions(
-    mesh: SampleMesh, boundary: BoundarySamples, laws: Sequence[Held], lattice: Lattice
+    mesh: SampleMesh, boundary: BoundarySamples, laws: Sequence[ImposedCondition], lattice: Lattice
 ) -> tuple[tuple[SingularFunction, ...], tuple[str, ...]]:
     """Return the functions of all tips of a cut mesh, and a sentence on those around which no disc fits."""
     finder, kinds = TipFinder(mesh, lattice.spacing), _kinds(boundary, laws)
@@ -47,7 +47,7 @@ def _tips(mesh: SampleMesh) -> Iterator[tuple[int, int]]:
             yield number, tip
 
 
-def _kinds(boundary: BoundarySamples, laws: Sequence[Held]) -> Ints:
+def _kinds(boundary: BoundarySamples, laws: Sequence[ImposedCondition]) -> Ints:
     """Return what stands at each boundary sample (b,), zero flux where nothing is held."""
     kinds = np.full(len(boundary), FLUX)
     for one in laws:

@@ -72,7 +72,7 @@ class Carried:
         """Return a stiffness with the terms of the velocity, and u held as they need it."""
         space, data = self.space, matrix.data.copy()
         speed = np.linalg.norm(self.velocity, axis=1)
-        more = np.maximum(HOLDING_SHARE * speed * space.parting.spacing - self.a, 0.0)
+        more = np.maximum(HOLDING_SHARE * speed * space.dof_map.spacing - self.a, 0.0)
         if more.any():
             data += held_data(space, more, strength)
             add_ghosts(space, more, strength, data)
@@ -94,7 +94,7 @@ class Carried:
         With h / (2 |v|) everywhere, not only above a cell number of one, twice the spacing needs twice as much more.
         """
         data = np.zeros(len(self.space.indices))
-        times = upstream_times(np.linalg.norm(self.velocity, axis=1), np.zeros(1), self.space.parting.spacing)
+        times = upstream_times(np.linalg.norm(self.velocity, axis=1), np.zeros(1), self.space.dof_map.spacing)
         self._add(data, share * times, STREAMLINES)
         added, found = self.space.matrix(data), []
         for level in levels:

@@ -188,8 +188,8 @@ def test_a_thin_surface_is_one_piece(spacing, thin):
     """An ellipsoid as thick as the spacing: specks beside it had values of their own, or none, a singular system."""
     surface, at, fine = thin
     solution = ck.solve(ck.Scene(surface, ck.ScreenedPoisson("x")), spacing, form="galerkin", estimate=False)
-    parting = solution.discretized.space.parting
-    assert components(len(parting.cells), parting.touching)[0] == 1
+    dof_map = solution.discretized.space.dof_map
+    assert components(len(dof_map.cells), dof_map.touching)[0] == 1
     told = any("pieces of the triangulation by closest points" in text for text in solution.warnings)
     assert told == (spacing < 0.2)  # the first is right as it is
     assert np.abs(solution.evaluate(at) - fine).max() < 0.15 * np.ptp(fine)

@@ -75,14 +75,14 @@ def test_what_does_not_touch_stays_apart():
 def test_a_piece_within_two_cells_has_one_unknown():
     big, small = sphere(2 * H), sphere(2 * H).moved(0.3, scale=2.2 * H)
     scene, count = together(big, small), len(big.samples)
-    parting = part(scene.samples.points, scene.contacts, H)
+    dof_map = part(scene.samples.points, scene.contacts, H)
     kept = []
     for _ in range(4):
-        kept.append(len(np.unique(parting.unknowns[parting.patch[count:]])))
-        parting, prolongation = coarser(parting)
+        kept.append(len(np.unique(dof_map.unknowns[dof_map.patch[count:]])))
+        dof_map, prolongation = coarser(dof_map)
         assert abs(prolongation.sum(axis=1) - 1).max() < 1e-14
         if kept[-1] == 1:  # and stays the one of its own
-            alone = np.unique(parting.unknowns[parting.patch[count:]])
+            alone = np.unique(dof_map.unknowns[dof_map.patch[count:]])
             assert len(alone) == 1
             assert set(prolongation[:, alone].tocsc().data) == {1.0}
     assert kept[0] > 100

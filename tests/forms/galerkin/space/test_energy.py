@@ -7,7 +7,7 @@ from galerkin_scenes import SHIFT, Drawn, plane, plane_circle, space_circle, sph
 from cpmkit.forms.galerkin.sample_mesh import Samples
 from cpmkit.forms.galerkin.space.energy import STRENGTHS, Strength, load, mass, stiffness, values_at_samples
 from cpmkit.forms.galerkin.space.floor import floored_stiffness
-from cpmkit.forms.galerkin.space.parted import parting_of, pieces
+from cpmkit.forms.galerkin.space.parted import dof_map_of, pieces
 from cpmkit.forms.galerkin.space.space import space_of
 from cpmkit.forms.galerkin.space.splines import value_rows
 
@@ -43,8 +43,8 @@ def varying(space):
 
 def linear(space):
     """The coefficients of a linear function, and its gradient; a speck has its mean alone."""
-    slope = np.array([0.3, -1.2, 0.7])[: space.parting.dim]
-    return space.parting.nodes @ slope * space.parting.spacing, slope
+    slope = np.array([0.3, -1.2, 0.7])[: space.dof_map.dim]
+    return space.dof_map.nodes @ slope * space.dof_map.spacing, slope
 
 
 def tangential(slope, normals):
@@ -54,7 +54,7 @@ def tangential(slope, normals):
 
 def test_symmetric_to_the_last_bit_and_blind_to_constants(space):
     a = varying(space)
-    one = np.ones(space.parting.size)
+    one = np.ones(space.dof_map.size)
     for strength in (NOTHING, DEFAULT):
         K = stiffness(space, a, strength)
         assert (K != K.T).nnz == 0
@@ -64,7 +64,7 @@ def test_symmetric_to_the_last_bit_and_blind_to_constants(space):
 
 
 def test_positive_with_one_constant_a_piece(space):
-    count, of_unknown = pieces(space.parting)
+    count, of_unknown = pieces(space.dof_map)
     for K in (stiffness(space, 1.0, DEFAULT), floored_stiffness(space, varying(space), DEFAULT)):
         values = np.linalg.eigvalsh(K.toarray())
         assert values[0] > -1e-13 * values[-1]
@@ -76,7 +76,7 @@ def test_positive_with_one_constant_a_piece(space):
 @pytest.mark.parametrize(("name", "measure"), list(zip(SCENES, MEASURES, strict=True)))
 def test_the_mass_of_one_is_the_measure(name, measure):
     space = SCENES[name]().space(H)
-    one = np.ones(space.parting.size)
+    one = np.ones(space.dof_map.size)
     assert one @ mass(space, 1.0) @ one == pytest.approx(space.samples.weights.sum(), rel=1e-13)
     assert one @ mass(space, 1.0) @ one == pytest.approx(measure, rel=2e-5)
     assert load(space, np.ones((len(space.samples), 2))).sum(axis=0) == pytest.approx(measure, rel=2e-5)
@@ -93,7 +93,7 @@ def test_linear_functions_have_their_energy(name):
     assert u @ stiffness(space, a, NOTHING) @ u == pytest.approx(exact, rel=1e-12)
     # Neither second derivatives nor ghosts nor the floor feel a linear function.
     assert u @ floored_stiffness(space, a, Strength(1e-2, 1.0, 1.0)) @ u == pytest.approx(exact + 1e-2 * off, rel=1e-12)
-    d = space.parting.dim
+    d = space.dof_map.dim
     tensor = np.eye(d) + np.outer(np.arange(d), np.arange(d))
     tensors = a[:, None, None] * tensor
     exact = (space.samples.weights * a * np.einsum("qi,ij,qj->q", along, tensor, along)).sum()
@@ -102,7 +102,7 @@ def test_linear_functions_have_their_energy(name):
 
 def test_a_tensor_that_is_a_number_is_that_number(space):
     a = varying(space)
-    K, T = (stiffness(space, x, DEFAULT) for x in (a, a[:, None, None] * np.eye(space.parting.dim)))
+    K, T = (stiffness(space, x, DEFAULT) for x in (a, a[:, None, None] * np.eye(space.dof_map.dim)))
     assert np.abs(K - T).max() < 1e-13 * np.abs(K).max()
 
 
@@ -111,7 +111,7 @@ def test_ghosts_do_not_feel_quadratic_functions(name):
     space = SCENES[name]().space(H)
     assert len(space.short_runs) == 0
     ghosts = stiffness(space, 1.0, Strength(0.0, 0.0, 1.0)) - stiffness(space, 1.0, NOTHING)
-    z = space.parting.nodes
+    z = space.dof_map.nodes
     assert np.abs(ghosts @ (z[:, 0] ** 2 - 3 * z[:, 0] * z[:, 1] + z[:, 1])).max() < 1e-11
     assert np.abs(ghosts @ z[:, 1].astype(float) ** 3).max() > 1e-2
 
@@ -119,7 +119,7 @@ def test_ghosts_do_not_feel_quadratic_functions(name):
 def test_the_second_derivative_along_normals_is_exact():
     space = plane(0.5 * H, side=2.0).space(H)
     n = space.samples.normals[0, 0]
-    z = space.parting.nodes.astype(float)
+    z = space.dof_map.nodes.astype(float)
     u = H**2 * ((z @ n) ** 2 - 0.25) / 2  # the spline of (n . x)^2 / 2, for n is a unit vector
     energy = stiffness(space, 2.0, Strength(0.0, 1.0, 0.0)) - stiffness(space, 2.0, NOTHING)
     assert u @ energy @ u == pytest.approx(2 * H**2 * 4.0, rel=1e-11)
@@ -127,9 +127,9 @@ def test_the_second_derivative_along_normals_is_exact():
 
 def test_loads_and_values_are_those_of_rows(space):
     s = space.samples
-    rows = value_rows(space.parting, space.parting.patch, s.points)
+    rows = value_rows(space.dof_map, space.dof_map.patch, s.points)
     f = np.random.default_rng(0).normal(size=(len(s), 2))
-    u = np.random.default_rng(1).normal(size=(space.parting.size, 2))
+    u = np.random.default_rng(1).normal(size=(space.dof_map.size, 2))
     assert load(space, f) == pytest.approx(rows.T @ (s.weights[:, None] * f), abs=1e-13)
     assert values_at_samples(space, u) == pytest.approx(rows @ u, abs=1e-13)
     exact = rows.T @ (rows * (s.weights * f[:, 0])[:, None])
@@ -176,13 +176,13 @@ def test_the_floor_lifts_what_is_grazed():
     lifted = (floored - plain).diagonal()
     assert (lifted[light] > 0.9e-3 * np.median(bare.diagonal())).all()
     assert lifted.min() > -1e-15
-    z = space.parting.nodes
+    z = space.dof_map.nodes
     assert np.abs((floored - plain) @ (1 + z[:, 0] - 3 * z[:, 2])).max() < 1e-13
 
 
 def test_where_no_run_of_four_is_runs_of_three_hold_the_spline():
     one = np.zeros(1, dtype=np.int64)
-    cell = parting_of(H, np.zeros((1, 3), dtype=np.int64), np.zeros((0, 2), dtype=np.int64), one, one > 0)
+    cell = dof_map_of(H, np.zeros((1, 3), dtype=np.int64), np.zeros((0, 2), dtype=np.int64), one, one > 0)
     normal = np.array([[[0.0, 0.0, 1.0]]])
     space = space_of(cell, Samples(np.zeros((1, 3)), np.ones(1), normal, one))
     assert len(space.runs) == 0

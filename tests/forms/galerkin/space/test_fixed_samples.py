@@ -41,8 +41,8 @@ def test_cells_are_kept_whatever_follows(last):
     drawn, s = sphere(0.55 * H), sphere(0.55 * H).samples
     again = np.concatenate([np.arange(len(s)), np.arange(last)[::-1] * 7])
     samples = Samples(s.points[again], s.weights[again], s.normals[again], s.cell[again])
-    parting = part(samples.points, drawn.contacts[again], H)
-    one = FixedSamples.of(samples, parting)
+    dof_map = part(samples.points, drawn.contacts[again], H)
+    one = FixedSamples.of(samples, dof_map)
     assert np.array_equal(one.cell, samples.cell)
     assert np.array_equal(one.cell_at(np.arange(len(samples))), samples.cell)
 

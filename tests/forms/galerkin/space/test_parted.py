@@ -20,9 +20,9 @@ def components(pairs, n):
     return connected_components(coo_array((np.ones(len(pairs)), pairs.T), shape=(n, n)), directed=False)[1]
 
 
-def read_by_samples(parting):
+def read_by_samples(dof_map):
     """The unknowns that each sample reads, by node offset."""
-    return parting.unknowns[parting.patch]
+    return dof_map.unknowns[dof_map.patch]
 
 
 def same_up_to_numbering(one, two):
@@ -31,41 +31,41 @@ def same_up_to_numbering(one, two):
 
 
 def test_a_sheet_has_one_unknown_a_node():
-    parting = parted(sphere(0.5 * H).moved(SHIFT))
+    dof_map = parted(sphere(0.5 * H).moved(SHIFT))
     # But where a cell holds two parts that come together outside of it only; such copies do no harm.
-    assert len(np.unique(parting.nodes, axis=0)) > 0.99 * parting.size
-    assert parting.size == pytest.approx(4.5 * 4 * np.pi / H**2, rel=0.05)
-    assert pieces(parting)[0] == 1
+    assert len(np.unique(dof_map.nodes, axis=0)) > 0.99 * dof_map.size
+    assert dof_map.size == pytest.approx(4.5 * 4 * np.pi / H**2, rel=0.05)
+    assert pieces(dof_map)[0] == 1
 
 
 @pytest.mark.parametrize("drawn", [sphere(0.5 * H), plane_circle(H), space_circle(H)], ids=["sphere", "plane", "space"])
 def test_patches_read_the_nodes_around_their_cell(drawn):
-    parting = parted(drawn)
-    around = np.stack(np.meshgrid(*[[-1, 0, 1]] * parting.dim, indexing="ij"), axis=-1).reshape(-1, parting.dim)
-    assert np.array_equal(parting.nodes[parting.unknowns], parting.cells[:, None] + around)
-    assert np.array_equal(parting.cells[parting.patch], np.floor(drawn.samples.points / H + 0.5))
+    dof_map = parted(drawn)
+    around = np.stack(np.meshgrid(*[[-1, 0, 1]] * dof_map.dim, indexing="ij"), axis=-1).reshape(-1, dof_map.dim)
+    assert np.array_equal(dof_map.nodes[dof_map.unknowns], dof_map.cells[:, None] + around)
+    assert np.array_equal(dof_map.cells[dof_map.patch], np.floor(drawn.samples.points / H + 0.5))
 
 
 @pytest.mark.parametrize("slit", [None, (-1.0, 2.0), (-1.0, 0.55), (0.2, 0.8)])
 def test_the_rule_as_it_is_written(slit):
     drawn = plane(0.5 * H, slit=slit)
-    parting = parted(drawn)
+    dof_map = parted(drawn)
     q = len(drawn.contacts)
     vertex, sample = drawn.contacts.ravel(), np.arange(q).repeat(3)
     by_vertex = [sample[vertex == v] for v in np.unique(vertex)]
     touch = np.concatenate([np.stack(np.meshgrid(s, s), axis=-1).reshape(-1, 2) for s in by_vertex])
-    cell = np.unique(parting.cells[parting.patch], axis=0, return_inverse=True)[1].ravel()
+    cell = np.unique(dof_map.cells[dof_map.patch], axis=0, return_inverse=True)[1].ravel()
     patch = components(touch[cell[touch[:, 0]] == cell[touch[:, 1]]], q)
-    assert same_up_to_numbering(patch, parting.patch)
-    pairs = np.unique(np.sort(parting.patch[touch], axis=1), axis=0)
-    assert np.array_equal(pairs[pairs[:, 0] < pairs[:, 1]], parting.touching)
-    node = np.unique(parting.nodes[parting.unknowns].reshape(-1, 3), axis=0, return_inverse=True)[1]
-    node = node.reshape(parting.unknowns.shape)
+    assert same_up_to_numbering(patch, dof_map.patch)
+    pairs = np.unique(np.sort(dof_map.patch[touch], axis=1), axis=0)
+    assert np.array_equal(pairs[pairs[:, 0] < pairs[:, 1]], dof_map.touching)
+    node = np.unique(dof_map.nodes[dof_map.unknowns].reshape(-1, 3), axis=0, return_inverse=True)[1]
+    node = node.reshape(dof_map.unknowns.shape)
     joined = []
-    for a, b in parting.touching:
+    for a, b in dof_map.touching:
         _, at, too = np.intersect1d(node[a], node[b], return_indices=True)
         joined.append(np.stack([27 * a + at, 27 * b + too], axis=1))
-    assert same_up_to_numbering(components(np.concatenate(joined), parting.unknowns.size), parting.unknowns)
+    assert same_up_to_numbering(components(np.concatenate(joined), dof_map.unknowns.size), dof_map.unknowns)
 
 
 def test_what_is_cut_through_shares_nothing_and_what_is_slit_hangs_together():
@@ -78,14 +78,14 @@ def test_what_is_cut_through_shares_nothing_and_what_is_slit_hangs_together():
 
 def test_two_sheets_a_fraction_of_the_spacing_apart_share_nothing():
     inner, outer = sphere(0.5 * H), sphere(0.5 * H, radius=1 + 0.3 * H)
-    parting = parted(together(inner, outer))
-    count, of_unknown = pieces(parting)
-    apart = parting.patch < 0
+    dof_map = parted(together(inner, outer))
+    count, of_unknown = pieces(dof_map)
+    apart = dof_map.patch < 0
     apart[len(inner.contacts) :] = True
     assert count == 2
-    assert len(np.unique(parting.nodes, axis=0)) < 0.75 * parting.size
-    assert not set(read_by_samples(parting)[apart].ravel()) & set(read_by_samples(parting)[~apart].ravel())
-    assert len(set(of_unknown[read_by_samples(parting)[apart]].ravel())) == 1
+    assert len(np.unique(dof_map.nodes, axis=0)) < 0.75 * dof_map.size
+    assert not set(read_by_samples(dof_map)[apart].ravel()) & set(read_by_samples(dof_map)[~apart].ravel())
+    assert len(set(of_unknown[read_by_samples(dof_map)[apart]].ravel())) == 1
 
 
 @pytest.mark.parametrize("drawn", [plane(0.5 * H, slit=(0.2, 0.8)), plane_circle(H), space_circle(H)])
@@ -108,8 +108,8 @@ def test_neither_the_order_of_samples_nor_whole_spacings_nor_units_count(drawn):
 def test_a_speck_has_one_unknown_and_what_is_larger_has_more():
     places = np.random.default_rng(4).uniform(-3, 3, (50, 3))
     specks = [plane(0.5 * H, side=1.5 * H).moved(place) for place in places]
-    parting = parted(together(sphere(0.5 * H), *specks))
-    count, of_unknown = pieces(parting)
+    dof_map = parted(together(sphere(0.5 * H), *specks))
+    count, of_unknown = pieces(dof_map)
     assert count == 51
     assert sorted(np.bincount(of_unknown))[:50] == [1] * 50
     assert parted(plane(0.5 * H, side=3 * H)).size > 27

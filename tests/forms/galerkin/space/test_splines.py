@@ -11,7 +11,7 @@ H = 0.1
 
 
 @pytest.fixture(params=["sphere", "plane", "space"])
-def parting(request):
+def dof_map(request):
     drawn = {"sphere": sphere(0.5 * H), "plane": plane_circle(H), "space": space_circle(H)}[request.param]
     return part(drawn.samples.points, drawn.contacts, H)
 
@@ -29,25 +29,25 @@ def quadratic(dim):
     return value, lambda z: 2 * z @ square + linear, lambda i: value(i) - np.trace(square) / 4
 
 
-def test_quadratic_functions_are_read_exactly(parting):
+def test_quadratic_functions_are_read_exactly(dof_map):
     rng = np.random.default_rng(0)
-    value, slopes, coefficients = quadratic(parting.dim)
-    patch = rng.integers(len(parting.cells), size=200)
-    z = parting.cells[patch] + rng.uniform(-2, 2, (200, parting.dim))
+    value, slopes, coefficients = quadratic(dof_map.dim)
+    patch = rng.integers(len(dof_map.cells), size=200)
+    z = dof_map.cells[patch] + rng.uniform(-2, 2, (200, dof_map.dim))
     directions = rng.normal(size=z.shape)
-    u = coefficients(parting.nodes)
+    u = coefficients(dof_map.nodes)
     size = np.abs(u).max()
-    assert value_rows(parting, patch, z * H) @ u == pytest.approx(value(z), abs=1e-12 * size)
+    assert value_rows(dof_map, patch, z * H) @ u == pytest.approx(value(z), abs=1e-12 * size)
     exact = np.einsum("ki,ki->k", directions, slopes(z)) / H
-    assert derivative_rows(parting, patch, z * H, directions) @ u == pytest.approx(exact, abs=1e-11 * size / H)
+    assert derivative_rows(dof_map, patch, z * H, directions) @ u == pytest.approx(exact, abs=1e-11 * size / H)
 
 
-def test_constants_are_read_as_they_are_and_have_no_slope(parting):
-    patch = np.arange(len(parting.cells))
-    points = parting.cells * H
-    one = np.ones(parting.size)
-    assert value_rows(parting, patch, points) @ one == pytest.approx(1, abs=1e-14)
-    assert derivative_rows(parting, patch, points, points + 1) @ one == pytest.approx(0, abs=1e-12)
+def test_constants_are_read_as_they_are_and_have_no_slope(dof_map):
+    patch = np.arange(len(dof_map.cells))
+    points = dof_map.cells * H
+    one = np.ones(dof_map.size)
+    assert value_rows(dof_map, patch, points) @ one == pytest.approx(1, abs=1e-14)
+    assert derivative_rows(dof_map, patch, points, points + 1) @ one == pytest.approx(0, abs=1e-12)
 
 
 def test_nothing_is_read_twice_in_a_row_of_a_speck():

@@ -11,7 +11,7 @@ from cpmkit.protocols import Floats, Ints
 
 
 @dataclass(frozen=True, eq=False)
-class Parting:
+class DofMap:
     """The space of splines: a patch is what of the manifold hangs together inside one lattice cell.
 
     Lattice cells are bounded by knot planes: cell r holds the points that r is the nearest lattice point of. Splines of

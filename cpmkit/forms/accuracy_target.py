@@ -59,7 +59,7 @@ def read_memory(value: Any, what: str = "memory") -> float | None:
 
 
 @dataclass(frozen=True)
-class Asked(Declared):
+class AccuracyTarget(Declared):
     """What a solution is to reach, or to cost at most.
 
     Raises
