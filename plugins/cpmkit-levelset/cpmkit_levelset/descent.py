@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from cpmkit.plugin import Bools, Floats, norms
-from cpmkit_levelset.descent_kernels import keep_gains, newton_steps, remove_constants
+from cpmkit_levelset.descent_kernels import keep_gains, newton_steps, settle_rows
 from cpmkit_levelset.manifold import LocalShape, ZeroSet
 
 LEVELSET_DESCENT_STEPS = 40
@@ -51,7 +51,7 @@ def descend(zero_set: ZeroSet, x: Floats, start: Floats, stride: float) -> tuple
         queries, points = x[rows], y[rows]
         step, length = newton_step(zero_set.shape(queries, points), stride)
         y[rows], moved = _downhill(zero_set, queries, points, step, stride)
-        rows = rows[: remove_constants(rows, length, moved, last, converged, least, loose)]
+        rows = rows[: settle_rows(rows, length, moved, last, converged, least, loose)]
         if not len(rows):
             break
     return y, converged | (last <= loose)

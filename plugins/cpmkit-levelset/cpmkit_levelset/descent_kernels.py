@@ -96,7 +96,7 @@ def keep_gains(x, y, best, moved, rows, trial, on, noise):
 
 
 @compiled
-def remove_constants(rows, length, moved, last, converged, least, loose):
+def settle_rows(rows, length, moved, last, converged, least, loose):
     """Mark which rows have converged, by the lengths (r,) of their steps; return how many of them go on.
 
     Parameters

@@ -140,7 +140,7 @@ def _marched(
     seen = Seen(nodes.distance[tail], nodes.normals[tail], ~nodes.rim[tail])
     ahead = nodes.distance[head]
     told = (ahead < arrived * s) & ~nodes.rim[head]
-    stop = np.where(told, (1 - reported_at) * s, np.minimum(s, s - ahead + warnings_at * s))
+    stop = np.where(told, (1 - reported_at) * s, np.minimum(s, s - ahead + reported_at * s))
     return first_hits(source, nodes.positions[tail], along, s, seen, np.minimum(stop, room))
 
 
