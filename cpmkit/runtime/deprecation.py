@@ -1,0 +1,98 @@
+"""Renamed public names: the old name works for one release, with a DeprecationWarning that names the new one."""
+
+from __future__ import annotations
+
+import functools
+import warnings
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from typing import Any, TypeVar
+
+Target = TypeVar("Target", bound=Callable[..., Any])
+
+
+def warn_renamed(old: str, new: str, stacklevel: int = 2) -> None:
+    """Issue the DeprecationWarning of a renamed public name, attributed to the caller ``stacklevel`` frames up."""
+    warnings.warn(
+        f"{old} is now called {new}; the old name goes with the next release.",
+        DeprecationWarning,
+        stacklevel=stacklevel + 1,
+    )
+
+
+def deprecated_names(
+    module: str, new_names: Mapping[str, str], otherwise: Callable[[str], Any] | None = None
+) -> Callable[[str], Any]:
+    """Return the function ``__getattr__`` of a module in which public names were renamed or moved.
+
+    Parameters
+    ----------
+    module : str
+        The module's ``__name__``.
+    new_names : mapping
+        Of each old name the new one, with the module that it is imported from: ``"cpmkit.scene.scene.Scene"``.
+    otherwise : callable, optional
+        The module's ``__getattr__`` for all other names.
+    """
+
+    def get(name: str) -> Any:
+        if name in new_names:
+            place, _, new = new_names[name].rpartition(".")
+            warn_renamed(f"{module}.{name}", new_names[name])
+            return getattr(import_module(place), new)
+        if otherwise is not None:
+            return otherwise(name)
+        raise AttributeError(f"module {module!r} has no attribute {name!r}", name=name)
+
+    return get
+
+
+class DeprecatedMember:
+    """Old name of a method, a property or a field: ``put_back = DeprecatedMember("project")`` in the class body."""
+
+    def __init__(self, new: str) -> None:
+        self.new = new
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.names = f"{owner.__name__}.{name}", f"{owner.__name__}.{self.new}"
+
+    def __get__(self, instance: object, owner: type | None = None) -> Any:
+        warn_renamed(*self.names)
+        return getattr(owner if instance is None else instance, self.new)
+
+
+def current_keywords(keywords: Mapping[str, Any], new_names: Mapping[str, str], stacklevel: int = 2) -> dict[str, Any]:
+    """Return keywords, or keys of a file, under their new names, with a warning for each old one.
+
+    Raises
+    ------
+    TypeError
+        If a value is given under both names.
+    """
+    current: dict[str, Any] = {}
+    for name, value in keywords.items():
+        new = new_names.get(name, name)
+        if new != name:
+            warn_renamed(f"{name}=", f"{new}=", stacklevel + 1)
+            if new in keywords:
+                raise TypeError(f"{new} is given twice, the second time under its old name {name}.")
+        current[new] = value
+    return current
+
+
+def deprecated_keywords(**new_names: str) -> Callable[[Target], Target]:
+    """Let a function, or the constructor of a class, take keywords under their old names: ``old="new"``."""
+
+    def decorate(target: Target) -> Target:
+        function: Callable[..., Any] = vars(target)["__init__"] if isinstance(target, type) else target
+
+        @functools.wraps(function)
+        def call(*args: Any, **keywords: Any) -> Any:
+            return function(*args, **current_keywords(keywords, new_names))
+
+        if not isinstance(target, type):
+            return call  # type: ignore[return-value]
+        target.__init__ = call  # type: ignore[misc]
+        return target
+
+    return decorate
