@@ -6,17 +6,17 @@ import warnings
 from dataclasses import dataclass, field
 
 import numpy as np
-from forms.galerkin.contouring.measures import area, pieces, topology
+from meshing.contouring.measures import area, pieces, topology
 from scipy.sparse import coo_array, csc_array
 from scipy.sparse.linalg import splu
 from scipy.spatial import KDTree
 
 import cpmkit as ck
 from cpmkit.errors import CpmkitError
-from cpmkit.forms.galerkin.contouring.surfaces import triangulated
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.forms.galerkin.telling import of_contouring
 from cpmkit.manifold.local_source import localize
+from cpmkit.meshing.contouring.surfaces import triangulated
 
 #: A measure off by more than this share is wrong; an open edge farther than this share of the spacing from a rim.
 MEASURE, OFF_RIM = 0.02, 0.3

@@ -7,10 +7,10 @@ from extremes.bare_curves import KINDS, ORIGINS, case
 from extremes.curve_verdicts import geometry_verdict, verdicts
 
 import cpmkit as ck
-from cpmkit.forms.galerkin.contouring import curves
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.sampling import sample
 from cpmkit.forms.options import Options
+from cpmkit.meshing.contouring import curves
 from cpmkit.protocols import no_progress
 
 #: Sixty, over all kinds and origins.

@@ -54,7 +54,7 @@ def test_no_triangle_hangs_by_a_vertex(seed, number):
 
 def test_every_kind_has_its_own_area_by_its_mesh():
     """The exact areas against those of fine meshes, from which topology and u are taken."""
-    from forms.galerkin.contouring.measures import area
+    from meshing.contouring.measures import area
 
     from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 

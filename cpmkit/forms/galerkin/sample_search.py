@@ -100,9 +100,9 @@ class SamplesInCells:
 
 def samples_in_cells(dof_map: DofMap, samples: Samples | FixedSamples) -> SamplesInCells:
     """Return the samples patch by patch."""
-    from cpmkit.forms.galerkin.space.pattern_kernels import inverted
+    from cpmkit.runtime.inverse_index import inverse_index
 
-    starts, order = inverted(dof_map.patch, len(dof_map.cells))
+    starts, order = inverse_index(dof_map.patch, len(dof_map.cells))
     numbering = Codes.around(dof_map.cells, 1)
     points = samples.points[order] / dof_map.spacing
     return SamplesInCells(dof_map.spacing, points, order, numbering.encode(dof_map.cells), starts, numbering)

@@ -11,13 +11,10 @@ import numpy as np
 from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples, boundary_samples
 from cpmkit.forms.galerkin.conditions.held import ImposedCondition, held, point_warnings, reads_rims
 from cpmkit.forms.galerkin.conditions.sides import left_of_boundaries
-from cpmkit.forms.galerkin.contouring.curves import traced
-from cpmkit.forms.galerkin.contouring.surfaces import triangulated
 from cpmkit.forms.galerkin.fitting import check_samples_fit
 from cpmkit.forms.galerkin.fixed_samples import FixedSamples
 from cpmkit.forms.galerkin.grading.graded_mesh import graded, graded_samples
 from cpmkit.forms.galerkin.grading.regions import Regions
-from cpmkit.forms.galerkin.insertion.inserted import inserted
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.sample_mesh import Bend, HalfFacets, SampleMesh, Samples
 from cpmkit.forms.galerkin.samples.bending import bent
@@ -46,6 +43,9 @@ from cpmkit.forms.options import Options
 from cpmkit.grid.lattice import Lattice, lattice_of
 from cpmkit.manifold.local_source import LocalSource, localize
 from cpmkit.manifold.noise import with_noise
+from cpmkit.meshing.contouring.curves import traced
+from cpmkit.meshing.contouring.surfaces import triangulated
+from cpmkit.meshing.insertion.inserted import inserted
 from cpmkit.protocols import Bools, Ints, Progress
 from cpmkit.scene.oriented import OrientedBoundary
 from cpmkit.scene.scene import Scene

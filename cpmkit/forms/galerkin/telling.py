@@ -7,18 +7,18 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from cpmkit.errors import SceneError, place
-from cpmkit.forms.galerkin.contouring.curves import CurveReport
-from cpmkit.forms.galerkin.contouring.laws import Faults
-from cpmkit.forms.galerkin.contouring.surfaces import MOST_NONMANIFOLD, SurfaceReport
 from cpmkit.forms.galerkin.dof_map import DofMap
 from cpmkit.forms.galerkin.facing import Turned
-from cpmkit.forms.galerkin.insertion.inserted import Insertion
 from cpmkit.forms.galerkin.sample_mesh import Bend
 from cpmkit.forms.galerkin.samples.soundness import Mended
 from cpmkit.forms.galerkin.space.parted import SPECK_SPACINGS
 from cpmkit.grid.fitting import rounded_up
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import LocalSource
+from cpmkit.meshing.contouring.curves import CurveReport
+from cpmkit.meshing.contouring.laws import Faults
+from cpmkit.meshing.contouring.surfaces import MOST_NONMANIFOLD, SurfaceReport
+from cpmkit.meshing.insertion.inserted import Insertion
 from cpmkit.protocols import SIDES, BoundarySet, Floats, Ints
 from cpmkit.scene.alike import same_condition
 

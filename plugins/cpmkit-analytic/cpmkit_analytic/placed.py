@@ -124,7 +124,7 @@ class PlacedSurface(Placed):
 
     def normals(self, feet: ClosestPoints, /) -> Floats:
         """Return the outward unit normals (n, d); of a curve in the plane, those at the right hand of travel."""
-        shape = cast(HasShapeNormals, self.shape)
+        shape = cast("HasShapeNormals", self.shape)
         return rotate(self.axes, shape.normals(self._to_shape(feet.points)))
 
 
@@ -133,7 +133,7 @@ class PlacedCurve(Placed):
 
     def tangents(self, feet: ClosestPoints, /) -> Floats:
         """Return the unit tangents (n, d) in the direction of travel."""
-        shape = cast(HasShapeTangents, self.shape)
+        shape = cast("HasShapeTangents", self.shape)
         return rotate(self.axes, shape.tangents(self._to_shape(feet.points)))
 
 

@@ -62,7 +62,8 @@ def symmetric(read: Readings, rows: Ints, products: Sequence[tuple[Floats, Float
     from scipy.sparse import csr_array
 
     from cpmkit.forms.galerkin.conditions.product_kernels import add_products, starts_of_groups
-    from cpmkit.forms.galerkin.space.pattern_kernels import inverted, pattern
+    from cpmkit.forms.galerkin.space.pattern_kernels import pattern
+    from cpmkit.runtime.inverse_index import inverse_index
 
     columns, values, slopes, n = read
     kept = [np.flatnonzero(y.any(axis=(1, 2))) for _, y in products]
@@ -74,7 +75,7 @@ def symmetric(read: Readings, rows: Ints, products: Sequence[tuple[Floats, Float
     unknowns = np.sort(columns[rows[order[starts[:-1]]]].reshape(len(starts) - 1, width), axis=1)
     unknowns = unknowns.astype(np.int32 if unknowns.size * width < 2**31 else np.int64, copy=False)
     indptr, none = np.zeros(n + 1, dtype=unknowns.dtype), np.zeros((0, 1), dtype=unknowns.dtype)
-    indices = pattern(unknowns, *inverted(unknowns.ravel(), n), none, *inverted(none.ravel(), n), indptr)
+    indices = pattern(unknowns, *inverse_index(unknowns.ravel(), n), none, *inverse_index(none.ravel(), n), indptr)
     data = np.zeros(len(indices))
     add_products(order, starts, rows, x, y, columns, values, slopes, unknowns, indptr, indices, data)
     found = csr_array((data, indices, indptr), shape=(n, n))

@@ -227,9 +227,9 @@ def add_ghosts(space: Space, a: Floats | float, strength: Strength, data: Floats
 def add_differences(space: Space, runs: Ints, factors: Floats, data: Floats) -> None:
     """Add ``factors`` (r,) times the squares of the differences of all of ``runs`` (r, k) to the entries ``data``."""
     from cpmkit.forms.galerkin.space.difference_kernels import add_squares
-    from cpmkit.forms.galerkin.space.pattern_kernels import inverted
+    from cpmkit.runtime.inverse_index import inverse_index
 
-    found = inverted(runs.ravel(), space.dof_map.size)
+    found = inverse_index(runs.ravel(), space.dof_map.size)
     add_squares(runs, *found, differences(runs.shape[1] - 1), factors, (space.indptr, space.indices, data))
 
 

@@ -11,24 +11,6 @@ from cpmkit.runtime.compilation import compiled
 
 
 @compiled
-def inverted(values: Any, n: int) -> tuple[Ints, Any]:
-    """Return ``starts`` (n + 1,), and ``places``, of the flat array's type: where each number below n stands in it."""
-    starts = np.zeros(n + 1, dtype=np.int64)
-    for value in values:
-        starts[value + 1] += 1
-    for i in range(n):
-        starts[i + 1] += starts[i]
-    places = np.empty(len(values), dtype=values.dtype)
-    for at in range(len(values)):
-        places[starts[values[at]]] = at
-        starts[values[at]] += 1
-    for i in range(n, 0, -1):
-        starts[i] = starts[i - 1]
-    starts[0] = 0
-    return starts, places
-
-
-@compiled
 def following(unknowns: Ints, n: int, stride: int, along: int) -> tuple[Ints, Ints]:
     """Return ``starts`` (n + 1,) and ``after``: the neighbours of each unknown in the direction of an axis.
 

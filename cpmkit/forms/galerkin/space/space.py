@@ -66,9 +66,9 @@ class Space:
 
         Made anew each time, which takes a thirtieth of an assembly: kept they were a tenth of the samples' memory.
         """
-        from cpmkit.forms.galerkin.space.pattern_kernels import inverted
+        from cpmkit.runtime.inverse_index import inverse_index
 
-        start, order = inverted(self.dof_map.patch, len(self.dof_map.cells))
+        start, order = inverse_index(self.dof_map.patch, len(self.dof_map.cells))
         return order, start
 
     def means(self, values: Floats) -> Floats:
@@ -85,12 +85,13 @@ class Space:
 
 def space_of(dof_map: DofMap, samples: Samples | FixedSamples) -> Space:
     """Return the space of the unknowns of ``dof_map`` over its ``samples``, which it numbers."""
-    from cpmkit.forms.galerkin.space.pattern_kernels import following, inverted, pattern, runs_of
+    from cpmkit.forms.galerkin.space.pattern_kernels import following, pattern, runs_of
+    from cpmkit.runtime.inverse_index import inverse_index
 
     samples = FixedSamples.of(samples, dof_map) if isinstance(samples, Samples) else samples
     n = dof_map.size
     patches, width = dof_map.unknowns.shape
-    starts, places = inverted(dof_map.unknowns.ravel(), n)
+    starts, places = inverse_index(dof_map.unknowns.ravel(), n)
     weight = np.bincount(dof_map.patch, samples.weights, minlength=patches)
     heaviest = _heaviest(weight[places // width], starts, places)
     neighbours = [following(dof_map.unknowns, n, stride, dof_map.width) for stride in dof_map.strides]
@@ -105,7 +106,7 @@ def space_of(dof_map: DofMap, samples: Samples | FixedSamples) -> Space:
     short_runs = np.unique(short_runs, axis=0)
     short_runs = short_runs[short_runs[:, 0] != short_runs[:, 1]]  # specks have one unknown all along
     indptr = np.zeros(n + 1, dtype=np.int32 if len(places) * width < 2**31 else np.int64)
-    run_table = inverted(runs.ravel(), n)
+    run_table = inverse_index(runs.ravel(), n)
     indices = pattern(dof_map.unknowns, starts, places, runs, *run_table, indptr)
     return Space(dof_map, samples, heaviest, runs, short_runs, indptr, indices)
 

@@ -1,0 +1,41 @@
+"""Compiled: where each number of a list occurs in it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cpmkit.protocols import Ints
+from cpmkit.runtime.compilation import compiled
+
+
+@compiled
+def inverse_index(values: Any, n: int) -> tuple[Ints, Any]:
+    """Return the positions of each integer below ``n`` in ``values``, as in a compressed sparse row table.
+
+    Parameters
+    ----------
+    values : (k,) integers
+        From 0 to n - 1.
+    n : int
+
+    Returns
+    -------
+    starts : (n + 1,) int64
+        The positions of i are ``places[starts[i] : starts[i + 1]]``, ascending.
+    places : (k,) of the type of ``values``
+    """
+    starts = np.zeros(n + 1, dtype=np.int64)
+    for value in values:
+        starts[value + 1] += 1
+    for i in range(n):
+        starts[i + 1] += starts[i]
+    places = np.empty(len(values), dtype=values.dtype)
+    for at in range(len(values)):
+        places[starts[values[at]]] = at
+        starts[values[at]] += 1
+    for i in range(n, 0, -1):
+        starts[i] = starts[i - 1]
+    starts[0] = 0
+    return starts, places

@@ -1,0 +1,65 @@
+"""What is wrong with a trace is found by its laws, and told by place and size."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from bare import Bare
+
+import cpmkit as ck
+from cpmkit.meshing.contouring.trace import Trace
+from cpmkit.meshing.contouring.trace_laws import broken_laws
+
+#: The x axis from 0 to 3, in spacings of one.
+LINE = np.stack([np.arange(4.0), np.zeros(4)], axis=1)
+POINTS = np.stack([np.linspace(0, 3, 13), np.zeros(13)], axis=1)
+
+
+def trace(vertices, segments, ends=(0, 3), gaps=()):
+    segments = np.array(segments)
+    feet = vertices[segments].mean(axis=1)
+    return Trace(vertices, segments, feet, np.array(ends), np.reshape(gaps, (-1, 2)).astype(float))
+
+
+WHOLE = trace(LINE, [[0, 1], [1, 2], [2, 3]])
+
+
+def test_a_whole_trace_breaks_none():
+    assert broken_laws(WHOLE, POINTS, 1.0).count == 0
+
+
+def test_points_without_a_segment_are_missed_by_their_distance():
+    broken = broken_laws(WHOLE, np.concatenate([POINTS, [[3.0, 0.11], [3.0, 0.09], [3.0, 2.0]]]), 1.0)
+    assert broken.missed.tolist() == [[3.0, 0.11], [3.0, 2.0]]
+    assert broken.distances == pytest.approx([0.11, 2.0])
+
+
+def test_a_segment_along_two_others_is_double():
+    broken = broken_laws(trace(LINE, [[0, 1], [1, 2], [2, 3], [1, 3]]), POINTS, 1.0)
+    assert sorted(broken.doubled[:, 0]) == [1.5, 2.0, 2.5]
+
+
+def test_strands_at_an_angle_are_not_double():
+    wedge = np.array([[0, 0], [0.1, 0.0], [0.1 * np.cos(0.26), 0.1 * np.sin(0.26)]])
+    assert len(broken_laws(trace(wedge, [[0, 1], [0, 2]], (1, 2)), wedge, 1.0).doubled) == 0
+
+
+def test_ends_that_the_curve_does_not_have_are_gaps():
+    assert broken_laws(replace(WHOLE, ends=np.array([3])), POINTS, 1.0).gaps.tolist() == [[0.0, 0.0]]
+    assert broken_laws(trace(LINE, WHOLE.segments, gaps=[[1.0, 0.0]]), POINTS, 1.0).gaps.tolist() == [[1.0, 0.0]]
+
+
+@pytest.mark.parametrize(
+    ("members", "sentence"),
+    [
+        ([{"radius": 1.0}, {"radius": 0.01, "center": [3, 0]}], r"A piece of the curve near \(3.*was left out"),
+        ([{"radius": 1.0}, {"radius": 1.001}], r"loose ends at \d+ places where the curve has none, the first near"),
+    ],
+)
+def test_what_no_lattice_helps_is_told_by_its_place(members, sentence):
+    circles = [ck.source("analytic.circle", **{"center": [0, 0], **keys}) for keys in members]
+    scene = ck.Scene(Bare(ck.source("union", members=circles)), ck.ScreenedPoisson(1.0))
+    with pytest.warns(ck.CpmkitWarning, match=sentence):
+        ck.solve(scene, spacing=0.2, form="galerkin")
