@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import connected_components
 import cpmkit as ck
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.manifold.local_source import localize
-from cpmkit.meshing.insertion.inserted import Insertion, inserted
+from cpmkit.meshing.insertion.boundary_insertion import Insertion, insert_boundaries
 
 ICOSAHEDRON = (
     "0 11 5 0 5 1 0 1 7 0 7 10 0 10 11 1 5 9 5 11 4 11 10 2 10 7 6 7 1 8 "
@@ -57,7 +57,7 @@ def polyline(points: Any, closed: bool = False) -> Any:
 def cut(mesh: SampleMesh, *sources: Any, spacing: float | None = None) -> Insertion:
     """Return the mesh with ``sources`` in it; the spacing is 1.5 mean edges unless given, as in a form."""
     spacing = 1.5 * mean_edge(mesh) if spacing is None else spacing
-    return inserted(mesh, [localize(source, np.zeros(mesh.dim)) for source in sources], spacing)
+    return insert_boundaries(mesh, [localize(source, np.zeros(mesh.dim)) for source in sources], spacing)
 
 
 def mean_edge(mesh: SampleMesh) -> float:

@@ -16,7 +16,7 @@ from cpmkit.errors import CpmkitError
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.forms.galerkin.telling import of_contouring
 from cpmkit.manifold.local_source import localize
-from cpmkit.meshing.contouring.surfaces import triangulated
+from cpmkit.meshing.contouring.contoured_surfaces import contour_surface
 
 #: A measure off by more than this share is wrong; an open edge farther than this share of the spacing from a rim.
 MEASURE, OFF_RIM = 0.02, 0.3
@@ -70,7 +70,7 @@ def judge(case, truth=None):
     truth = truth or Truth.of(case.source.shape, (high - low).max())
     seen = localize(case.source, case.origin)
     try:
-        mesh, report = triangulated(seen, case.spacing)
+        mesh, report = contour_surface(seen, case.spacing)
     except CpmkitError as error:
         return Verdict(case.name, ["refused"], [str(error)], seen.queries["points"])
     faults = []

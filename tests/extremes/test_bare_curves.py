@@ -10,7 +10,7 @@ import cpmkit as ck
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.sampling import sample
 from cpmkit.forms.options import Options
-from cpmkit.meshing.contouring import curves
+from cpmkit.meshing.contouring import contoured_curves
 from cpmkit.protocols import no_progress
 
 #: Sixty, over all kinds and origins.
@@ -36,7 +36,7 @@ def test_solutions_on_three_lattices(kind, seed):
 def test_where_the_first_lattice_fails_another_serves(kind, seed, origin, monkeypatch):
     verdict = geometry_verdict(case(kind, seed), origin)
     assert (verdict.wrong, verdict.warnings) == ("", ())
-    monkeypatch.setattr(curves, "LATTICES", curves.LATTICES[:1])
+    monkeypatch.setattr(contoured_curves, "LATTICES", contoured_curves.LATTICES[:1])
     assert geometry_verdict(case(kind, seed), origin).warnings
 
 

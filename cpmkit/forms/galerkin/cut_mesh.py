@@ -14,7 +14,7 @@ from cpmkit.forms.galerkin.samples.cutting import corners_of, half_facets
 from cpmkit.forms.galerkin.telling import check_insertion, of_insertion
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import localize
-from cpmkit.meshing.insertion.inserted import inserted
+from cpmkit.meshing.insertion.boundary_insertion import insert_boundaries
 from cpmkit.protocols import Bools, Floats, Ints
 from cpmkit.scene.scene import Scene
 
@@ -69,7 +69,7 @@ def cut_along_boundaries(scene: Scene, vertices: Floats, faces: Ints, length: fl
     bounds = np.asarray(scene.surface.bounds, dtype=np.float64)
     lattice = Lattice(0.5 * (bounds[0] + bounds[1]), length)
     sources = [localize(boundary.source, lattice.origin) for boundary in scene.boundaries]
-    insertion = inserted(SampleMesh.of(vertices - lattice.origin, faces), sources, length)
+    insertion = insert_boundaries(SampleMesh.of(vertices - lattice.origin, faces), sources, length)
     check_insertion(insertion, scene.boundaries, length)
     whole = insertion.mesh
     ends = ~whole.extends  # past its tips u is continuous
@@ -92,6 +92,6 @@ def cut_along_boundaries(scene: Scene, vertices: Floats, faces: Ints, length: fl
         corners[cell[:, None], (facet[:, None] + np.arange(1, k)) % k],
         samples.owner[first],
         left[first],
-        {number: at[found] for number, found in insertion.points.items()},
+        {number: at[found] for number, found in insertion.point_vertices.items()},
         tuple(of_insertion(insertion, scene.boundaries, length)),
     )

@@ -43,9 +43,9 @@ from cpmkit.forms.options import Options
 from cpmkit.grid.lattice import Lattice, lattice_of
 from cpmkit.manifold.local_source import LocalSource, localize
 from cpmkit.manifold.noise import with_noise
-from cpmkit.meshing.contouring.curves import traced
-from cpmkit.meshing.contouring.surfaces import triangulated
-from cpmkit.meshing.insertion.inserted import inserted
+from cpmkit.meshing.contouring.contoured_curves import contour_curve
+from cpmkit.meshing.contouring.contoured_surfaces import contour_surface
+from cpmkit.meshing.insertion.boundary_insertion import insert_boundaries
 from cpmkit.protocols import Bools, Ints, Progress
 from cpmkit.scene.oriented import OrientedBoundary
 from cpmkit.scene.scene import Scene
@@ -176,8 +176,8 @@ def insert(scene: Scene, options: Options[GalerkinOptions]) -> InsertedScene:
     surface, mesh, bend, told = _cells(surface, spacing, options.own.sampling)
     points: Mapping[int, Ints] = {}
     if sources:
-        insertion = inserted(mesh, sources, spacing, movable=bend == "feet")
-        mesh, points = insertion.mesh, insertion.points
+        insertion = insert_boundaries(mesh, sources, spacing, movable=bend == "feet")
+        mesh, points = insertion.mesh, insertion.point_vertices
         check_insertion(insertion, scene.boundaries, spacing)
         told += tuple(of_insertion(insertion, scene.boundaries, spacing))
     return InsertedScene(lattice, surface, sources, oriented, mesh, points, bend, told)
@@ -267,7 +267,7 @@ def _cells(
     surface = with_noise(surface, spacing)
     noisy = tuple(of_noise(surface, spacing))
     if surface.manifold_dim == 1:
-        traces, of_curve = traced(surface, spacing, curved=False)
+        traces, of_curve = contour_curve(surface, spacing, curved=False)
         return surface, traces, "feet", noisy + advised_by_noise(of_tracing(of_curve, surface), surface, spacing)
-    triangles, of_surface = triangulated(surface, spacing, curved=False)
+    triangles, of_surface = contour_surface(surface, spacing, curved=False)
     return surface, triangles, "feet", noisy + advised_by_noise(of_contouring(of_surface, surface), surface, spacing)

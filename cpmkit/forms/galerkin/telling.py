@@ -15,10 +15,10 @@ from cpmkit.forms.galerkin.space.parted import SPECK_SPACINGS
 from cpmkit.grid.fitting import rounded_up
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.meshing.contouring.curves import CurveReport
-from cpmkit.meshing.contouring.laws import Faults
-from cpmkit.meshing.contouring.surfaces import MOST_NONMANIFOLD, SurfaceReport
-from cpmkit.meshing.insertion.inserted import Insertion
+from cpmkit.meshing.contouring.contour_checks import MeshDefects
+from cpmkit.meshing.contouring.contoured_curves import CurveReport
+from cpmkit.meshing.contouring.contoured_surfaces import MAX_NONMANIFOLD_SHARE, SurfaceReport
+from cpmkit.meshing.insertion.boundary_insertion import Insertion
 from cpmkit.protocols import SIDES, BoundarySet, Floats, Ints
 from cpmkit.scene.alike import same_condition
 
@@ -69,20 +69,20 @@ def of_seams(places: Floats, surface: LocalSource, bend: Bend) -> Iterator[str]:
 
 def of_contouring(report: SurfaceReport, surface: LocalSource) -> Iterator[str]:
     """Tell what closest points alone do not say of a surface."""
-    if report.nonmanifold_share > MOST_NONMANIFOLD:
+    if report.nonmanifold_share > MAX_NONMANIFOLD_SHARE:
         yield (
             f"{report.nonmanifold_share:.0%} of the edges of the triangulation by closest points have three triangles "
-            f"or more, at {report.side:g} spacings: the surface is thin there, or its sheets meet; a smaller spacing "
-            "tells."
+            f"or more, at {report.lattice_spacing:g} spacings: the surface is thin there, or its sheets meet; a "
+            "smaller spacing tells."
         )
-    yield from _of_faults(report.faults, surface)
-    if report.specks:
+    yield from _of_faults(report.defects, surface)
+    if report.isolated_components:
         yield (
-            f"{report.specks} pieces of the triangulation by closest points with less area than a tenth of a square of "
-            "the spacing were left out: the surface is thin, or has parts that the lattice does not see; use a smaller "
-            "spacing."
+            f"{report.isolated_components} pieces of the triangulation by closest points with less area than a tenth "
+            "of a square of the spacing were left out: the surface is thin, or has parts that the lattice does not "
+            "see; use a smaller spacing."
         )
-    yield from _unmet(report.unmet, surface, "surface")
+    yield from _unmet(report.missed, surface, "surface")
 
 
 def of_noise(source: LocalSource, spacing: float) -> Iterator[str]:
@@ -101,7 +101,7 @@ def advised_by_noise(texts: Iterator[str], source: LocalSource, spacing: float) 
     return tuple(text.replace("use a smaller spacing", EXACTER) if noisy else text for text in texts)
 
 
-def _of_faults(faults: Faults, surface: LocalSource) -> Iterator[str]:
+def _of_faults(faults: MeshDefects, surface: LocalSource) -> Iterator[str]:
     """Warn of the places at which a triangulation breaks a law."""
 
     def first(places: Floats) -> str:
@@ -112,7 +112,7 @@ def _of_faults(faults: Faults, surface: LocalSource) -> Iterator[str]:
             f"{len(faults.cracks)} edges of the triangulation by closest points are open where the surface has no rim, "
             f"{first(faults.cracks)}: cracks through which nothing flows; use a smaller spacing."
         )
-    knots = np.concatenate([faults.crowded, faults.loose])
+    knots = np.concatenate([faults.nonmanifold_edges, faults.branch_ends])
     if len(knots):
         yield (
             f"Sheets of the triangulation by closest points hang together wrongly at {len(knots)} places, "
@@ -128,32 +128,33 @@ def _of_faults(faults: Faults, surface: LocalSource) -> Iterator[str]:
             f"The triangulation by closest points leaves the surface at {len(faults.uncovered)} places of creases or "
             f"rims, {first(faults.uncovered)}: sharp edges or corners may be cut; use a smaller spacing."
         )
-    if faults.pieces or faults.wrong_area:
+    if faults.component_change or faults.wrong_area:
         yield (
-            f"The triangulation by closest points has an area {faults.area:+.0%} off a sum over lattice nodes, and "
-            f"{abs(faults.pieces)} pieces came or went at rims; use a smaller spacing."
+            f"The triangulation by closest points has an area {faults.area_error:+.0%} off a sum over lattice nodes, "
+            f"and {abs(faults.component_change)} pieces came or went at rims; use a smaller spacing."
         )
 
 
 def of_tracing(report: CurveReport, curve: LocalSource) -> Iterator[str]:
     """Tell what closest points alone do not say of a curve."""
-    broken = report.broken
+    broken = report.defects
     if len(broken.gaps):
         yield (
             f"The trace of the curve by closest points has loose ends at {len(broken.gaps)} places where the curve has "
             f"none, the first near {_in_scene(broken.gaps[0], curve)}: nothing flows there; use a smaller spacing."
         )
     if len(broken.missed):
-        farthest = int(broken.distances.argmax())
+        farthest = int(broken.missed_distances.argmax())
         yield (
-            f"A piece of the curve near {_in_scene(broken.missed[farthest], curve)}, {broken.distances[farthest]:.2g} "
-            "from the rest, is too small for the lattice, or was missed, and was left out; use a smaller spacing."
+            f"A piece of the curve near {_in_scene(broken.missed[farthest], curve)}, "
+            f"{broken.missed_distances[farthest]:.2g} from the rest, is too small for the lattice, or was missed, "
+            "and was left out; use a smaller spacing."
         )
-    if len(broken.doubled):
+    if len(broken.covered_twice):
         yield (
-            f"The trace of the curve by closest points covers it twice at {len(broken.doubled)} places, the first near "
-            f"{_in_scene(broken.doubled[0], curve)}: strands of the curve are too near to each other there; use a "
-            "smaller spacing."
+            f"The trace of the curve by closest points covers it twice at {len(broken.covered_twice)} places, the "
+            f"first near {_in_scene(broken.covered_twice[0], curve)}: strands of the curve are too near to each other "
+            "there; use a smaller spacing."
         )
 
 
@@ -177,14 +178,14 @@ def check_insertion(insertion: Insertion, boundaries: Sequence[BoundarySet], spa
     SceneError
         With the boundaries' names.
     """
-    for number, gap in insertion.gaps.items():
+    for number, gap in insertion.max_distances.items():
         if gap > AWAY_SPACINGS * spacing:
             raise SceneError(
                 f"boundary {boundaries[number].name!r} is up to {gap:.3g} away from the surface, more than "
                 f"{AWAY_SPACINGS:g} spacings, {AWAY_SPACINGS * spacing:.3g}; move it onto the surface, or check its "
                 "unit of length."
             )
-    for number, other in sorted(insertion.shared):
+    for number, other in sorted(insertion.coincident):
         first, second = boundaries[other], boundaries[number]
         conditions = [one.condition(side) for one in (first, second) for side in SIDES]
         if not all(same_condition(conditions[0], condition) for condition in conditions):
@@ -192,7 +193,7 @@ def check_insertion(insertion: Insertion, boundaries: Sequence[BoundarySet], spa
                 f"boundaries {first.name!r} and {second.name!r} lie at the same place and hold different conditions; "
                 "keep one of them there, with `left` and `right` where its sides differ."
             )
-    for number in sorted({*insertion.empty} - {number for number, _ in insertion.shared}):
+    for number in sorted({*insertion.empty} - {number for number, _ in insertion.coincident}):
         raise SceneError(
             f"boundary {boundaries[number].name!r} left no trace in the mesh of the manifold and would act on nothing; "
             "look where it lies."
@@ -201,23 +202,23 @@ def check_insertion(insertion: Insertion, boundaries: Sequence[BoundarySet], spa
 
 def of_insertion(insertion: Insertion, boundaries: Sequence[BoundarySet], spacing: float) -> Iterator[str]:
     """Tell how boundaries came to lie in the mesh."""
-    for number, other in sorted(insertion.shared):
+    for number, other in sorted(insertion.coincident):
         if number in insertion.empty:
             yield (
                 f"Boundaries {boundaries[other].name!r} and {boundaries[number].name!r} lie at the same place and hold "
                 "the same; one of them is enough."
             )
-    for number, gap in insertion.gaps.items():
+    for number, gap in insertion.max_distances.items():
         if gap > OFF_SPACINGS * spacing:
             yield (
                 f"Boundary {boundaries[number].name!r} lies up to {gap:.3g} off the surface, {gap / spacing:.2g} "
                 "spacings; it was snapped to the closest points."
             )
     counts = insertion.counts
-    if counts.get("parted"):
+    if counts.get("disconnected"):
         yield (
-            f"{counts['parted']} pieces of boundaries do not hang together on the manifold, and were laid piece by "
-            "piece: where they leave the manifold nothing holds."
+            f"{counts['disconnected']} pieces of boundaries do not hang together on the manifold, and were laid piece "
+            "by piece: where they leave the manifold nothing holds."
         )
     if counts.get("joined"):
         yield f"{counts['joined']} open ends of boundaries lay beside a boundary or rim, and were joined to it."

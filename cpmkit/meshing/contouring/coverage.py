@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.manifold.vectors import dots, norms
-from cpmkit.meshing.contouring.edges import edges_of
+from cpmkit.meshing.contouring.contour_edges import edges_of
 from cpmkit.meshing.contouring.nodes import Nodes
 from cpmkit.protocols import Bools, Floats, Ints
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vectors import dots, norms, unit
-from cpmkit.meshing.contouring.edges import Edges, edges_of, split_fans
+from cpmkit.meshing.contouring.contour_edges import Edges, edges_of, split_fans
 from cpmkit.protocols import Bools, Floats, Ints
 
 #: Four leaves are two sheets that cross if all angles between them are above this, in degrees, and the points at this

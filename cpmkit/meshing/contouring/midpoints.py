@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cpmkit.manifold.vectors import norms
-from cpmkit.meshing.contouring.edges import border_of, edges_of
+from cpmkit.meshing.contouring.contour_edges import border_of, edges_of
 from cpmkit.meshing.contouring.rim_test import RimTest
 from cpmkit.meshing.contouring.rims import rim_edges
 from cpmkit.protocols import Bools, Floats, Ints

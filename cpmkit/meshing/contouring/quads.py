@@ -6,8 +6,8 @@ import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vectors import dots, norms
+from cpmkit.meshing.contouring.contour_edges import edges_of
 from cpmkit.meshing.contouring.dual_vertices import DualVertices
-from cpmkit.meshing.contouring.edges import edges_of
 from cpmkit.protocols import Floats, Ints
 
 #: A quadrilateral is plane if no edge leaves the planes of its ends by more than this share of its length.

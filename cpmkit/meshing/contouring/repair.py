@@ -6,7 +6,7 @@ import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vectors import norms
-from cpmkit.meshing.contouring.edges import Edges, border_of, edges_of
+from cpmkit.meshing.contouring.contour_edges import Edges, border_of, edges_of
 from cpmkit.meshing.contouring.rim_test import RimTest
 from cpmkit.protocols import Bools, Floats, Ints
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vectors import dots, norms
-from cpmkit.meshing.contouring.edges import Border
+from cpmkit.meshing.contouring.contour_edges import Border
 from cpmkit.protocols import Bools, Floats
 
 #: How far beyond a border edge its rim is looked for, in spacings, and how far from the edge it may lie.

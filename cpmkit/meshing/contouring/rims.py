@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cpmkit.manifold.vectors import dots, norms, unit
-from cpmkit.meshing.contouring.edges import Border, border_of, edges_of
+from cpmkit.meshing.contouring.contour_edges import Border, border_of, edges_of
 from cpmkit.meshing.contouring.repair import MOST_ROUNDS, collapsed, shortest_apart
 from cpmkit.meshing.contouring.rim_test import RimTest
 from cpmkit.protocols import Bools, Floats, Ints

@@ -8,7 +8,7 @@ import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vectors import dots, norms, unit
-from cpmkit.meshing.contouring.trace import Trace, middle_feet
+from cpmkit.meshing.contouring.curve_trace import Trace, middle_feet
 from cpmkit.protocols import Bools, Floats, Ints
 
 #: Chords nearer than this, in spacings, may belong to strands that cross; such strands come as near as that.

@@ -104,7 +104,7 @@ def chain_of(triangles: Triangles, line: Polyline, curve: LocalSource, owner: in
 def insert_curve(walker: Walker, line: Course, told: Counter[str]) -> float:
     """Make a curve edges of the triangulation, and return how far off it lies at most, but for what passes its rim.
 
-    What there is to tell is counted: ``erased`` loops, ``parted`` curves whose feet do not hang together.
+    What there is to tell is counted: ``erased`` loops, ``disconnected`` curves whose feet do not hang together.
     """
     gap = 0.0
     feet = chosen(walker.net, line.points, walker.triangles.feet(line.points))
@@ -163,7 +163,7 @@ def _walked(walker: Walker, stops: list[Stop], closed: bool, told: Counter[str])
             way = walker.beside_line((start.vertex, start.beside), (goal.vertex, goal.beside))
         way = way or walker.way(start.vertex, goal.vertex)
         if way is None:
-            told["parted"] += 1
+            told["disconnected"] += 1
             yield path
             path = [goal.vertex]
         else:

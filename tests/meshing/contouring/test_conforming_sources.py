@@ -11,8 +11,8 @@ from meshing.contouring.measures import area, length, pieces, topology
 
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.manifold.local_source import localize
-from cpmkit.meshing.contouring.curves import traced
-from cpmkit.meshing.contouring.surfaces import triangulated
+from cpmkit.meshing.contouring.contoured_curves import contour_curve
+from cpmkit.meshing.contouring.contoured_surfaces import contour_surface
 
 #: Components, pieces of the border and Euler characteristic, where they are not those of a sphere.
 SHAPES = {
@@ -91,9 +91,9 @@ SLOW_SURFACES = [pytest.param(case, marks=pytest.mark.slow) for case in CASES if
 def test_surfaces(case):
     source = source_of(case)
     spacing = float(np.ptp(source.bounds, axis=0).max()) / 16
-    mesh, report = triangulated(localize(source, source.bounds.mean(axis=0)), spacing)
+    mesh, report = contour_surface(localize(source, source.bounds.mean(axis=0)), spacing)
     assert area(mesh) == pytest.approx(drawn_size(source, case, spacing / 2), rel=6e-3)
-    assert len(report.unmet) == 0
+    assert len(report.missed) == 0
     if "klein" not in case.kind:  # it meets itself
         assert topology(mesh) == table(SHAPES, case, (1, 0, 2))
         assert report.open_edges == 0
@@ -103,8 +103,8 @@ def test_surfaces(case):
 def test_curves(case):
     source = source_of(case)
     spacing = float(np.ptp(source.bounds, axis=0).max()) / 30
-    mesh, report = traced(localize(source, source.bounds.mean(axis=0)), spacing)
+    mesh, report = contour_curve(localize(source, source.bounds.mean(axis=0)), spacing)
     assert length(mesh) == pytest.approx(drawn_size(source, case, spacing / 8), rel=2e-3)
     assert np.sum(np.bincount(mesh.cells.ravel()) == 1) == table(ENDS, case, 0)
     assert pieces(mesh.cells) == table(COMPONENTS, case, 1)
-    assert report.broken.count == 0
+    assert report.defects.count == 0

@@ -9,8 +9,8 @@ import pytest
 from bare import Bare
 
 import cpmkit as ck
-from cpmkit.meshing.contouring.trace import Trace
-from cpmkit.meshing.contouring.trace_laws import broken_laws
+from cpmkit.meshing.contouring.contoured_curves import trace_defects
+from cpmkit.meshing.contouring.curve_trace import Trace
 
 #: The x axis from 0 to 3, in spacings of one.
 LINE = np.stack([np.arange(4.0), np.zeros(4)], axis=1)
@@ -27,28 +27,28 @@ WHOLE = trace(LINE, [[0, 1], [1, 2], [2, 3]])
 
 
 def test_a_whole_trace_breaks_none():
-    assert broken_laws(WHOLE, POINTS, 1.0).count == 0
+    assert trace_defects(WHOLE, POINTS, 1.0).count == 0
 
 
 def test_points_without_a_segment_are_missed_by_their_distance():
-    broken = broken_laws(WHOLE, np.concatenate([POINTS, [[3.0, 0.11], [3.0, 0.09], [3.0, 2.0]]]), 1.0)
+    broken = trace_defects(WHOLE, np.concatenate([POINTS, [[3.0, 0.11], [3.0, 0.09], [3.0, 2.0]]]), 1.0)
     assert broken.missed.tolist() == [[3.0, 0.11], [3.0, 2.0]]
-    assert broken.distances == pytest.approx([0.11, 2.0])
+    assert broken.missed_distances == pytest.approx([0.11, 2.0])
 
 
 def test_a_segment_along_two_others_is_double():
-    broken = broken_laws(trace(LINE, [[0, 1], [1, 2], [2, 3], [1, 3]]), POINTS, 1.0)
-    assert sorted(broken.doubled[:, 0]) == [1.5, 2.0, 2.5]
+    broken = trace_defects(trace(LINE, [[0, 1], [1, 2], [2, 3], [1, 3]]), POINTS, 1.0)
+    assert sorted(broken.covered_twice[:, 0]) == [1.5, 2.0, 2.5]
 
 
 def test_strands_at_an_angle_are_not_double():
     wedge = np.array([[0, 0], [0.1, 0.0], [0.1 * np.cos(0.26), 0.1 * np.sin(0.26)]])
-    assert len(broken_laws(trace(wedge, [[0, 1], [0, 2]], (1, 2)), wedge, 1.0).doubled) == 0
+    assert len(trace_defects(trace(wedge, [[0, 1], [0, 2]], (1, 2)), wedge, 1.0).covered_twice) == 0
 
 
 def test_ends_that_the_curve_does_not_have_are_gaps():
-    assert broken_laws(replace(WHOLE, ends=np.array([3])), POINTS, 1.0).gaps.tolist() == [[0.0, 0.0]]
-    assert broken_laws(trace(LINE, WHOLE.segments, gaps=[[1.0, 0.0]]), POINTS, 1.0).gaps.tolist() == [[1.0, 0.0]]
+    assert trace_defects(replace(WHOLE, ends=np.array([3])), POINTS, 1.0).gaps.tolist() == [[0.0, 0.0]]
+    assert trace_defects(trace(LINE, WHOLE.segments, gaps=[[1.0, 0.0]]), POINTS, 1.0).gaps.tolist() == [[1.0, 0.0]]
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ import cpmkit as ck
 from cpmkit.errors import ResolutionError
 from cpmkit.forms.galerkin.samples.segments import split_at_knots
 from cpmkit.manifold.local_source import localize
-from cpmkit.meshing.contouring.curves import traced
+from cpmkit.meshing.contouring.contoured_curves import contour_curve
 
 ROUND = {"range": [0, 2 * pi], "periodic": True}
 TREFOIL = ["(2 + cos(3*t))*cos(2*t)/2", "(2 + cos(3*t))*sin(2*t)/2", "sin(3*t)/2"]
@@ -31,7 +31,7 @@ CURVES = {
 
 def followed(source, spacing, origin=None):
     centre = np.asarray(source.bounds).mean(axis=0)
-    return traced(localize(source, centre if origin is None else centre + origin), spacing)
+    return contour_curve(localize(source, centre if origin is None else centre + origin), spacing)
 
 
 def degrees(mesh):
@@ -48,7 +48,7 @@ def test_lengths_are_of_order_four_and_ends_are_met(name):
         mesh, report = followed(source, spacing)
         count = degrees(mesh)
         assert (pieces(mesh.cells), count[0], len(count)) == (1, ends, 2)
-        assert (report.stars, report.ends, report.broken.count) == (0, ends, 0)
+        assert (report.junctions, report.ends, report.defects.count) == (0, ends, 0)
         errors.append(abs(length(mesh) / exact - 1))
     assert errors[1] < 1e-6 if mesh.dim == 2 else 1e-5
     assert np.log2(errors[0] / errors[2]) / 2 > 3.5
@@ -57,7 +57,7 @@ def test_lengths_are_of_order_four_and_ends_are_met(name):
 def test_segments_of_a_trace_are_split_to_lie_in_one_cell_each():
     source = ck.source("analytic.arc", start=0.7, end=5.9)
     local = localize(source, np.asarray(source.bounds).mean(axis=0))
-    mesh, report = traced(local, 0.1, curved=False)
+    mesh, report = contour_curve(local, 0.1, curved=False)
     ends = split_at_knots(mesh, 0.1, local).vertices[split_at_knots(mesh, 0.1, local).cells] / 0.1
     assert report.ends == 2
     assert np.abs(ends - np.rint(ends.mean(axis=1))[:, None]).max() < 0.5 + 1e-9
@@ -68,7 +68,7 @@ def test_segments_of_a_trace_are_split_to_lie_in_one_cell_each():
 def test_anywhere_on_the_lattice_and_of_any_size(seed, scale):
     origin = np.random.default_rng(seed).uniform(0, 0.1, 3) * scale
     mesh, report = followed(ck.source("analytic.circle", normal=[1, 2, 3], scale=scale), 0.1 * scale, origin)
-    assert (pieces(mesh.cells), degrees(mesh)[0], report.broken.count) == (1, 0, 0)
+    assert (pieces(mesh.cells), degrees(mesh)[0], report.defects.count) == (1, 0, 0)
     assert length(mesh) == pytest.approx(2 * pi * scale, rel=1e-6)
 
 
@@ -77,7 +77,7 @@ def test_a_curve_that_crosses_itself_is_one_star(spacing):
     eight = ck.source("parametric.curve", x=["sin(t)", "sin(2*t)/2"], **ROUND)
     mesh, report = followed(eight, spacing)
     count = degrees(mesh)
-    assert (pieces(mesh.cells), count[0], count[3], report.stars) == (1, 0, 1, 1)
+    assert (pieces(mesh.cells), count[0], count[3], report.junctions) == (1, 0, 1, 1)
     assert length(mesh) == pytest.approx(EIGHT_LENGTH, rel=0.04 * spacing**2)
 
 
@@ -92,13 +92,13 @@ def test_a_cross_of_two_segments_has_four_ends_and_one_star(seed):
     )
     mesh, report = followed(cross, 0.1, np.random.default_rng(seed).uniform(0, 0.1, 2))
     count = degrees(mesh)
-    assert (pieces(mesh.cells), count[0], count[3], report.stars) == (1, 4, 1, 1)
+    assert (pieces(mesh.cells), count[0], count[3], report.junctions) == (1, 4, 1, 1)
     assert length(mesh) == pytest.approx(hypot(2, 0.7) + hypot(0.5, 2), rel=1e-9)
 
 
 def test_a_segment_through_corners_of_cells():
     mesh, report = followed(ck.source("analytic.segment", start=[0, 0, 0], end=[1, 1, 1]), 0.1)
-    assert (degrees(mesh)[0], len(degrees(mesh)), report.broken.count) == (2, 2, 0)
+    assert (degrees(mesh)[0], len(degrees(mesh)), report.defects.count) == (2, 2, 0)
     assert length(mesh) == pytest.approx(sqrt(3), rel=1e-12)
 
 

@@ -13,8 +13,8 @@ from meshing.contouring.measures import area, pieces, topology
 import cpmkit as ck
 from cpmkit.forms.galerkin.space.parted import components
 from cpmkit.manifold.local_source import localize
-from cpmkit.meshing.contouring.specks import without_specks
-from cpmkit.meshing.contouring.surfaces import triangulated
+from cpmkit.meshing.contouring.contour_edges import remove_isolated_components
+from cpmkit.meshing.contouring.contoured_surfaces import contour_surface
 from cpmkit.protocols import ClosestPoints
 
 TURN = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
@@ -32,7 +32,7 @@ def made(kind, **keys):
 def contoured(source, spacing, origin=None):
     """Return the mesh, the report, and how many queries were asked for each unknown that there will be."""
     seen = localize(source, source.bounds.mean(axis=0) if origin is None else np.asarray(origin, dtype=float))
-    mesh, report = triangulated(seen, spacing)
+    mesh, report = contour_surface(seen, spacing)
     return mesh, report, seen.queries["points"] / (4.5 * area(mesh) / spacing**2)
 
 
@@ -56,7 +56,7 @@ def test_areas_of_smooth_surfaces_are_of_order_four(name):
 def test_anywhere_on_the_lattice(name, seed):
     keys, exact, shape = SMOOTH[name]
     mesh, report, _ = contoured(made(**keys), 0.1, np.random.default_rng(seed).uniform(0, 0.1, 3))
-    assert (topology(mesh), report.open_edges, len(report.unmet)) == (shape, 0, 0)
+    assert (topology(mesh), report.open_edges, len(report.missed)) == (shape, 0, 0)
     assert area(mesh) == pytest.approx(exact, rel=1e-6)
 
 
@@ -111,7 +111,7 @@ def test_three_sheets_that_meet_in_a_line_are_one_component():
     edges, count = np.unique(np.sort(mesh.facets.reshape(-1, 2), axis=1), axis=0, return_counts=True)
     along = np.linalg.norm(np.diff(mesh.vertices[edges[count == 3]], axis=1)[:, 0], axis=1).sum()
     assert pieces(mesh.cells[:, :2].tolist() + mesh.cells[:, 1:].tolist()) == 1
-    assert (count.max(), report.side) == (3, 0.5)
+    assert (count.max(), report.lattice_spacing) == (3, 0.5)
     assert along == pytest.approx(1.0, abs=0.15)
     assert area(mesh) == pytest.approx(3.0, rel=2e-3)
 
@@ -201,7 +201,7 @@ def test_a_sharp_fold_is_one_piece(angle):
     leaves = Rectangles((leaf(0.0, 1.0, 0.8), leaf(np.radians(angle), 1.0, 0.8)))
     turned = Moved(leaves, TURN, np.zeros(3))
     mesh, report, _ = contoured(BareSurface(turned), 0.1)
-    assert (topology(mesh), report.faults.weight) == ((1, 1, 1), 0)
+    assert (topology(mesh), report.defects.severity) == ((1, 1, 1), 0)
     assert area(mesh) == pytest.approx(1.6, rel=0.02)
 
 
@@ -211,7 +211,7 @@ def test_the_rims_of_an_open_box_are_found_with_edge_numbers_and_without(edges):
     mesh, report, _ = contoured(BareSurface(turned, edges), 0.1)
     assert topology(mesh) == (1, 1, 1)
     assert area(mesh) == pytest.approx(turned.area, rel=0.002)
-    assert not edges or report.faults.weight == 0
+    assert not edges or report.defects.severity == 0
 
 
 @pytest.mark.parametrize("angle", [50, 90])
@@ -219,15 +219,15 @@ def test_two_sheets_that_cross_stay_joined(angle):
     turns = np.radians([0, angle, 180, 180 + angle])
     cross = Rectangles(tuple(leaf(turn, 1.0, 0.6) for turn in turns))
     mesh, report, _ = contoured(BareSurface(cross), 0.1)
-    assert (topology(mesh)[0], topology(mesh)[2], report.faults.weight) == (1, 1, 0)
+    assert (topology(mesh)[0], topology(mesh)[2], report.defects.severity) == (1, 1, 0)
 
 
 def test_specks_are_left_out():
     vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [3, 0, 0], [3, 0.3, 0], [3.3, 0, 0], [5, 5, 5]])
     cells = np.array([[0, 1, 2], [3, 4, 5], [6, 6, 6]])
-    kept, count = without_specks(vertices, cells, 1.0)
+    kept, count = remove_isolated_components(vertices, cells, 1.0)
     np.testing.assert_array_equal(kept, cells[:1])
     assert count == 2
-    kept, count = without_specks(vertices, cells[1:], 1.0)  # nothing else is there
+    kept, count = remove_isolated_components(vertices, cells[1:], 1.0)  # nothing else is there
     np.testing.assert_array_equal(kept, cells[1:])
     assert count == 0

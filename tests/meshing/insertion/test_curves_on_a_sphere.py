@@ -87,7 +87,7 @@ def test_random_polygons_have_the_zones_that_topology_says(seeds):
         joined = result.counts.get("joined", 0) + result.counts.get("pruned", 0)
         if zones_and_tips(result.mesh) != expected and not joined:
             wrong.append((seed, zones_and_tips(result.mesh), expected))
-        assert result.counts.get("parted", 0) == 0
+        assert result.counts.get("disconnected", 0) == 0
         if seed % 10 == 0:
             check_sound(SPHERE, result.mesh)
     assert not wrong

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from cut_meshes import check_sound, cut, data_mesh, mean_edge, polyline, zones_and_tips
 
-CURVES = Path(__file__).parents[4] / "examples" / "curves"
+CURVES = Path(__file__).parents[3] / "examples" / "curves"
 
 
 def drawn_curves(name, shift=0.0):

@@ -8,7 +8,7 @@ import cpmkit as ck
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.forms.galerkin.samples.edges import edges_of, edges_on_cut
 from cpmkit.manifold.local_source import LocalSource, localize
-from cpmkit.meshing.insertion.inserted import inserted
+from cpmkit.meshing.insertion.boundary_insertion import insert_boundaries
 
 PLATE = plate(30)
 TURN = 2 * np.pi * np.arange(100) / 100
@@ -89,7 +89,7 @@ def test_what_ends_beside_a_vertex_of_the_rim_does_not_go_along_the_rim(share, e
     along = 0.4 + share / 30
     for inside, outer in [((along, 0.5), (along, 1.0)), ((along, 0.5), (along, 0.0)), ((0.5, along), (1.0, along))]:
         source = line(outer, inside) if end == "first" else line(inside, outer)
-        after = inserted(PLATE, [localize(source, np.zeros(3))], 0.05, movable=True).mesh
+        after = insert_boundaries(PLATE, [localize(source, np.zeros(3))], 0.05, movable=True).mesh
         times = np.bincount(edges_of(after).of_cells.ravel())
         assert (times[edges_on_cut(after, edges_of(after))] == 2).all()
         assert zones_and_tips(after) == (1, 1)
@@ -115,7 +115,7 @@ def test_a_plate_in_the_plane_is_cut_as_one_in_space():
 
 def test_a_coincident_boundary_leaves_its_edges_to_the_first():
     result = cut(PLATE, true_circle(), turned_circle(), spacing=0.05)
-    assert result.shared == {(1, 0)}
+    assert result.coincident == {(1, 0)}
     assert result.empty == (1,)
     assert not result.mesh.owner.any()
 
@@ -158,7 +158,7 @@ def test_an_origin_elsewhere():
     """Boundaries are asked relative to the mesh's origin, whether they can be translated or not."""
     origin, source = np.array([100.0, -50.0, 3.0]), ck.source("analytic.circle", center=[100.5, -49.5, 3], radius=0.3)
     for local in (localize(source, origin), LocalSource(source, origin)):
-        after = inserted(PLATE, [local], 0.05).mesh
+        after = insert_boundaries(PLATE, [local], 0.05).mesh
         assert zones_and_tips(after) == (2, 0)
         assert np.abs(np.linalg.norm(after.vertices[after.cut] - [0.5, 0.5, 0], axis=2) - 0.3).max() < 1e-3
 

@@ -37,7 +37,7 @@ def test_a_point_at_a_vertex_is_that_vertex():
 def test_points_on_a_surface_are_vertices_and_cut_nothing():
     sphere, place = icosphere(3), np.array([0.36, 0.48, 0.8])
     result = cut(sphere, ck.source("analytic.point", at=place))
-    (vertex,) = result.points[0]
+    (vertex,) = result.point_vertices[0]
     assert np.linalg.norm(result.mesh.vertices[vertex] - place) < 0.01
     assert len(result.mesh.cut) == 0
     assert result.empty == ()

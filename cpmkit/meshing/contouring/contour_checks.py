@@ -6,13 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cpmkit.meshing.contouring.contour_edges import areas_of_pieces, border_of, edges_of
 from cpmkit.meshing.contouring.coverage import CreaseFeet, uncovered
-from cpmkit.meshing.contouring.edges import border_of, edges_of
 from cpmkit.meshing.contouring.leaves import crowded_edges
 from cpmkit.meshing.contouring.nodes import Nodes
 from cpmkit.meshing.contouring.rim_test import RimTest
 from cpmkit.meshing.contouring.rims import rim_edges
-from cpmkit.meshing.contouring.specks import areas_of_pieces
 from cpmkit.protocols import Bools, Floats, Ints
 
 #: An area that differs from the sum over nodes by more than this share is a fault.
@@ -25,47 +24,47 @@ EDGE_WEIGHT, PIECE_WEIGHT = 4, 40
 
 
 @dataclass(frozen=True, eq=False)
-class Faults:
+class MeshDefects:
     """Places at which laws of a triangulation are broken.
 
     Attributes
     ----------
-    cracks, crowded, loose, folds : (k, 3) float64
+    cracks, nonmanifold_edges, branch_ends, folds : (k, 3) float64
         Middles of open edges off rims and of edges of four or more that are no crossing; ends of branch lines that
         lie neither at another branch line nor at the border; centres of triangles that fold over beside a rim.
     uncovered : (k, 3) float64
         Points of creases, rims and close sheets with no triangle within .3 spacings of the lattice.
-    pieces : int
+    component_change : int
         How many pieces were gained or lost by moving vertices onto rims.
-    small : int
+    small_components : int
         Pieces with an area below two squares of the form's spacing.
-    area : float
+    area_error : float
         By how much the area exceeds the sum over nodes, as a share.
     """
 
     cracks: Floats
-    crowded: Floats
-    loose: Floats
+    nonmanifold_edges: Floats
+    branch_ends: Floats
     folds: Floats
     uncovered: Floats
-    pieces: int
-    small: int
-    area: float
+    component_change: int
+    small_components: int
+    area_error: float
 
     @property
     def wrong_area(self) -> bool:
         """Whether the area is not what the nodes say."""
-        return abs(self.area) > AREA_SHARE
+        return abs(self.area_error) > AREA_SHARE
 
     @property
-    def weight(self) -> int:
+    def severity(self) -> int:
         """How much is broken: zero where all laws hold."""
-        places = len(self.cracks) + len(self.crowded) + len(self.loose) + self.small
+        places = len(self.cracks) + len(self.nonmanifold_edges) + len(self.branch_ends) + self.small_components
         return (
             len(self.folds)
             + len(self.uncovered)
             + EDGE_WEIGHT * places
-            + PIECE_WEIGHT * (abs(self.pieces) + self.wrong_area)
+            + PIECE_WEIGHT * (abs(self.component_change) + self.wrong_area)
         )
 
 
@@ -78,7 +77,7 @@ def faults_of(
     folds: Floats,
     pieces_before: int,
     spacing: float,
-) -> Faults:
+) -> MeshDefects:
     """Return where the triangulation breaks a law; ``spacing`` is the form's."""
     edges = edges_of(cells)
     border = border_of(vertices, cells, edges)
@@ -90,7 +89,7 @@ def faults_of(
     degree[edges.ends[edges.count == 1]] = 0  # at the border
     degree[edges.ends[single]] = 1  # but a line of one edge is none
     areas = areas_of_pieces(vertices, cells)
-    return Faults(
+    return MeshDefects(
         border.middles[off],
         vertices[edges.ends[crowded]].mean(axis=1),
         vertices[degree == 1],

@@ -36,28 +36,30 @@ class Insertion:
     ----------
     mesh : SampleMesh
         Flat, with ``cut``, ``owner`` and ``extends``.
-    points : dict
+    point_vertices : dict
         The vertices (k,) of each boundary of points on a surface, which cuts nothing.
     empty : tuple of int
         Boundaries that left neither edge nor vertex.
-    shared : frozenset of (int, int)
+    coincident : frozenset of (int, int)
         A boundary and an earlier one that it lies on in places; the edges there are the earlier one's.
-    gaps : dict of float
+    max_distances : dict of float
         How far each boundary lies off the mesh at most, but for what passes its rim.
     counts : dict
-        ``erased`` short loops, ``parted`` curves whose feet do not hang together, ``pruned`` tails, ``joined`` tips,
-        ``tips`` that are left and extended.
+        ``erased`` short loops, ``disconnected`` curves whose feet do not hang together, ``pruned`` tails, ``joined``
+        tips, ``tips`` that are left and extended.
     """
 
     mesh: SampleMesh
-    points: dict[int, Ints] = field(default_factory=dict)
+    point_vertices: dict[int, Ints] = field(default_factory=dict)
     empty: tuple[int, ...] = ()
-    shared: frozenset[tuple[int, int]] = frozenset()
+    coincident: frozenset[tuple[int, int]] = frozenset()
     counts: dict[str, int] = field(default_factory=dict)
-    gaps: dict[int, float] = field(default_factory=dict)
+    max_distances: dict[int, float] = field(default_factory=dict)
 
 
-def inserted(mesh: SampleMesh, boundaries: Sequence[LocalSource], spacing: float, movable: bool = False) -> Insertion:
+def insert_boundaries(
+    mesh: SampleMesh, boundaries: Sequence[LocalSource], spacing: float, movable: bool = False
+) -> Insertion:
     """Return the mesh with its boundaries made facets: curves edges of triangles, points vertices.
 
     Vertices that are added lie on the flat cells given.
@@ -77,7 +79,7 @@ def inserted(mesh: SampleMesh, boundaries: Sequence[LocalSource], spacing: float
         return Insertion(mesh)
     if mesh.manifold_dim == 1:
         cut, empty, gaps = cut_at_points(mesh, boundaries)
-        return Insertion(cut, empty=empty, gaps=gaps)
+        return Insertion(cut, empty=empty, max_distances=gaps)
     walker, told = _walker(mesh, spacing, movable), Counter[str]()
     courses = _courses(walker, boundaries, spacing)
     walker.lined.close = frozenset(n for n, lines in enumerate(courses) if _runs_close(lines, boundaries, n, spacing))

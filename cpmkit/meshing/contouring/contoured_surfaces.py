@@ -10,13 +10,18 @@ from cpmkit.errors import ResolutionError
 from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.grid.lattice import find
 from cpmkit.manifold.local_source import LocalSource
+from cpmkit.meshing.contouring.contour_checks import PIECE_WEIGHT, MeshDefects, faults_of
+from cpmkit.meshing.contouring.contour_edges import (
+    areas_of_pieces,
+    edges_of,
+    remove_isolated_components,
+    without_hanging_specks,
+)
 from cpmkit.meshing.contouring.coverage import CreaseFeet, pulled_out
 from cpmkit.meshing.contouring.crossings import crossings
 from cpmkit.meshing.contouring.dual_vertices import dual_vertices
-from cpmkit.meshing.contouring.edges import edges_of
 from cpmkit.meshing.contouring.holes import without_holes
 from cpmkit.meshing.contouring.joining import JoinTolerances
-from cpmkit.meshing.contouring.laws import PIECE_WEIGHT, Faults, faults_of
 from cpmkit.meshing.contouring.leaves import parted_leaves
 from cpmkit.meshing.contouring.midpoints import midpoints
 from cpmkit.meshing.contouring.nodes import Nodes, surrounding_nodes
@@ -24,7 +29,6 @@ from cpmkit.meshing.contouring.quads import triangles
 from cpmkit.meshing.contouring.repair import without_flaps, without_short_edges
 from cpmkit.meshing.contouring.rim_test import RimTest
 from cpmkit.meshing.contouring.rims import joined_at_corners, onto_rims, without_bridges, without_folds
-from cpmkit.meshing.contouring.specks import areas_of_pieces, without_hanging_specks, without_specks
 from cpmkit.protocols import Bools, Floats, Ints
 
 #: Spacings of contouring's lattices, in spacings of the form's, and where their nodes lie in the cells: one is tried
@@ -37,7 +41,7 @@ LATTICES = (
     (0.25, (0.3717, 0.4203, 0.4411)),
 )
 #: Where more than this share of edges has three triangles or more the last lattice is tried first.
-MOST_NONMANIFOLD = 0.02
+MAX_NONMANIFOLD_SHARE = 0.02
 
 
 @dataclass(frozen=True)
@@ -46,39 +50,39 @@ class SurfaceReport:
 
     Attributes
     ----------
-    side : float
+    lattice_spacing : float
         Spacing of contouring's lattice, in spacings of the form's.
     nonmanifold_share : float
         The share of edges with three triangles or more before repair: junctions, and parts thinner than 1.6 sides.
     holes_filled : int
         Holes that were closed.
-    faults : Faults
+    defects : MeshDefects
         Where laws of triangulations are broken.
-    unmet : (k, 3) float64
+    missed : (k, 3) float64
         Points of the surface with no triangle near by: pieces too small for the lattice.
-    specks : int
+    isolated_components : int
         Pieces of hardly any area that were left out.
     """
 
-    side: float
+    lattice_spacing: float
     nonmanifold_share: float
     holes_filled: int
-    faults: Faults
-    unmet: Floats
-    specks: int = 0
+    defects: MeshDefects
+    missed: Floats
+    isolated_components: int = 0
 
     @property
-    def weight(self) -> int:
+    def severity(self) -> int:
         """How much is broken: zero where all laws hold and all of the surface is met."""
-        return self.faults.weight + (PIECE_WEIGHT if len(self.unmet) else 0)
+        return self.defects.severity + (PIECE_WEIGHT if len(self.missed) else 0)
 
     @property
     def open_edges(self) -> int:
         """Border edges that lie on no rim: cracks that were not closed."""
-        return len(self.faults.cracks)
+        return len(self.defects.cracks)
 
 
-def triangulated(source: LocalSource, spacing: float, curved: bool = True) -> tuple[SampleMesh, SurfaceReport]:
+def contour_surface(source: LocalSource, spacing: float, curved: bool = True) -> tuple[SampleMesh, SurfaceReport]:
     """Return triangles on a surface in space, with vertices on it and those of its rims on the rims.
 
     Parameters
@@ -97,15 +101,15 @@ def triangulated(source: LocalSource, spacing: float, curved: bool = True) -> tu
     """
     best = _attempt(source, spacing, *LATTICES[0])
     others = list(LATTICES[1:])
-    if best.report.nonmanifold_share > MOST_NONMANIFOLD:
+    if best.report.nonmanifold_share > MAX_NONMANIFOLD_SHARE:
         finest = _attempt(source, spacing, *LATTICES[-1])
-        best = finest if finest.report.weight <= best.report.weight else best
+        best = finest if finest.report.severity <= best.report.severity else best
         del others[-1]
     for lattice in others:
-        if not best.report.weight:
+        if not best.report.severity:
             break
         attempt = _attempt(source, spacing, *lattice)
-        best = attempt if attempt.report.weight < best.report.weight else best
+        best = attempt if attempt.report.severity < best.report.severity else best
     middles = midpoints(best.rims, best.vertices, best.cells, best.on_rim) if curved else None
     return SampleMesh.of(best.vertices, best.cells, middles), best.report
 
@@ -136,9 +140,9 @@ def _attempt(source: LocalSource, spacing: float, side: float, offsets: tuple[fl
     vertices, cells = without_short_edges(source, found.points, cells, side * spacing)
     cells = without_flaps(rims, vertices, cells)
     vertices, cells = parted_leaves(source, vertices, cells)
-    cells, open_specks = without_specks(vertices, cells, spacing)
+    cells, open_specks = remove_isolated_components(vertices, cells, spacing)
     cells, filled = without_holes(rims, vertices, cells)
-    cells, specks = without_specks(vertices, cells, spacing)
+    cells, specks = remove_isolated_components(vertices, cells, spacing)
     pieces = len(areas_of_pieces(vertices, cells))
     vertices, on_rim = onto_rims(rims, vertices, cells)
     cells = without_bridges(rims, vertices, cells, on_rim)
