@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from trimesh.creation import icosphere
 
-from cpmkit.forms.galerkin.sample_mesh import Samples
+from cpmkit.forms.galerkin.quadrature.samples import Samples
 from cpmkit.forms.galerkin.space.energy import STRENGTHS, add_ghosts, energy_data, load, values_at_samples
 from cpmkit.forms.galerkin.space.floor import floored_stiffness
 from cpmkit.forms.galerkin.space.parted import part

@@ -52,9 +52,9 @@ if TYPE_CHECKING:
     from cpmkit.manifold.vectors import dots as dots
     from cpmkit.manifold.vectors import norms as norms
     from cpmkit.manifold.vectors import unit as unit
-    from cpmkit.meshes.display_mesh import DisplayMesh as DisplayMesh
-    from cpmkit.meshes.support import support_of as support_of
-    from cpmkit.meshes.vertex_normals import vertex_normals as vertex_normals
+    from cpmkit.mesh.display_mesh import DisplayMesh as DisplayMesh
+    from cpmkit.mesh.support import support_of as support_of
+    from cpmkit.mesh.vertex_normals import vertex_normals as vertex_normals
     from cpmkit.plugins import source as source
     from cpmkit.protocols import SIDES as SIDES
     from cpmkit.protocols import Advice as Advice
@@ -197,9 +197,9 @@ _NAMES = {
         "linear.operators": "Border CsrOperator",
         "forms.contract": "Discretized MeasuredWork PlainWork StateFlux",
         "forms.galerkin.cut_mesh": "CutMesh cut_along_boundaries",
-        "meshes.display_mesh": "DisplayMesh",
-        "meshes.support": "support_of",
-        "meshes.vertex_normals": "vertex_normals",
+        "mesh.display_mesh": "DisplayMesh",
+        "mesh.support": "support_of",
+        "mesh.vertex_normals": "vertex_normals",
         "grid.fitting": "needed_spacing",
         "manifold.abilities": "warnings_of",
     },

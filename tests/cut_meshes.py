@@ -13,8 +13,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 import cpmkit as ck
-from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.manifold.local_source import localize
+from cpmkit.mesh.mesh import SampleMesh
 from cpmkit.meshing.insertion.boundary_insertion import Insertion, insert_boundaries
 
 ICOSAHEDRON = (

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from sample_shapes import box
 
-from cpmkit.forms.galerkin.sample_mesh import Samples
+from cpmkit.forms.galerkin.quadrature.samples import Samples
 from cpmkit.forms.galerkin.space.parted import part
 from cpmkit.forms.galerkin.space.space import space_of
 

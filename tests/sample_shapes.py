@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from cpmkit.forms.galerkin.sample_mesh import SampleMesh
+from cpmkit.mesh.mesh import SampleMesh
 
 
 def octahedron(rounds=0, radius=1.0):

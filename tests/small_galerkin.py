@@ -9,10 +9,8 @@ from cpmkit.forms.galerkin.conditions.boundary_samples import boundary_samples
 from cpmkit.forms.galerkin.conditions.held import held, needs_rims
 from cpmkit.forms.galerkin.conditions.sides import left_of_boundaries
 from cpmkit.forms.galerkin.conditions.terms import ConditionTerms, condition_terms
-from cpmkit.forms.galerkin.sample_mesh import SampleMesh, Samples
-from cpmkit.forms.galerkin.samples.cutting import corners_of, half_facets
-from cpmkit.forms.galerkin.samples.quadrature import samples_of
-from cpmkit.forms.galerkin.samples.segments import split_at_knots
+from cpmkit.forms.galerkin.quadrature.mesh_quadrature import samples_of
+from cpmkit.forms.galerkin.quadrature.samples import Samples
 from cpmkit.forms.galerkin.space.energy import STRENGTHS, load
 from cpmkit.forms.galerkin.space.floor import floored_stiffness
 from cpmkit.forms.galerkin.space.parted import part
@@ -20,6 +18,9 @@ from cpmkit.forms.galerkin.space.space import space_of
 from cpmkit.forms.galerkin.space.splines import derivative_rows, value_rows
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import localize
+from cpmkit.mesh.cutting import corners_of, half_facets
+from cpmkit.mesh.mesh import SampleMesh
+from cpmkit.mesh.segments import split_at_knots
 from cpmkit.scene.data import evaluate_data
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import place
-from cpmkit.meshes.display_mesh import DisplayMesh, evaluate_on_sides
+from cpmkit.mesh.display_mesh import DisplayMesh, evaluate_on_sides
 from cpmkit.protocols import Floats
 from cpmkit.solution.modes import EigenSolution
 from cpmkit.solution.solution import Solution

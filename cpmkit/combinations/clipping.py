@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cpmkit.meshes.cells import edges_of
-from cpmkit.meshes.cut import rotated
+from cpmkit.mesh.cells import edges_of
+from cpmkit.mesh.cut import rotated
 from cpmkit.protocols import Bools, Floats, Ints
 
 

@@ -13,7 +13,7 @@ from cpmkit.manifold.abilities import advice_of
 from cpmkit.manifold.answers import check_source
 from cpmkit.manifold.short_text import source_repr
 from cpmkit.manifold.vectors import norms, unit
-from cpmkit.meshes.polylines import Polyline, polylines_of
+from cpmkit.mesh.polylines import Polyline, polylines_of
 from cpmkit.protocols import Advice, ClosestPoints, ClosestPointSource, Floats, HasMesh, HasTranslation, Ints
 from cpmkit.runtime.arrays import as_points, as_vector, positive
 

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
     from cpmkit.forms.unresolved_data import DataAtPoints
     from cpmkit.linear.report import SolveReport
-    from cpmkit.meshes.display_mesh import DisplayMesh
+    from cpmkit.mesh.display_mesh import DisplayMesh
 
 
 class MeasuredWork(Protocol):

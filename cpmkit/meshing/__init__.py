@@ -1,1 +1,1 @@
-"""The manifold as a mesh whose edges lie along the boundaries: contouring of closest points, insertion of curves."""
+"""The manifold as a mesh with the boundaries as its edges: source cells, contouring, insertion, curved cells, cuts."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.errors import InputError, MissingDependencyError
-from cpmkit.meshes.display_mesh import DisplayMesh
+from cpmkit.mesh.display_mesh import DisplayMesh
 from cpmkit.saving.export import own_mesh
 from cpmkit.saving.mesh_files import colours_of, poly_data, value_columns
 from cpmkit.scenefile.output_request import check_vertices

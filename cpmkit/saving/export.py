@@ -12,7 +12,7 @@ import numpy as np
 
 from cpmkit.errors import InputError, MissingDependencyError
 from cpmkit.files.whole_files import written_whole
-from cpmkit.meshes.display_mesh import DisplayMesh, mesh_of
+from cpmkit.mesh.display_mesh import DisplayMesh, mesh_of
 from cpmkit.protocols import ClosestPointSource, Floats, HasMesh
 from cpmkit.runtime.installing import to_install
 from cpmkit.saving.mesh_files import MESH_WRITERS

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import MissingDependencyError
-from cpmkit.meshes.display_mesh import DisplayMesh
+from cpmkit.mesh.display_mesh import DisplayMesh
 from cpmkit.protocols import Floats
 from cpmkit.runtime.installing import to_install
 from cpmkit.view.colours import value_colours

@@ -11,10 +11,10 @@ from cpmkit.errors import InputError
 from cpmkit.grid.band import surface_cells
 from cpmkit.grid.lattice import Codes
 from cpmkit.manifold.local_source import localize
-from cpmkit.meshes.cells import with_corners
-from cpmkit.meshes.curved_cells import OUTWARD_EDGE_SHARE, CurvedCells, find_edges, middles_on
-from cpmkit.meshes.display_mesh import LONGEST_EDGE_SPACINGS, mesh_of
-from cpmkit.meshes.refinement import refine
+from cpmkit.mesh.cells import with_corners
+from cpmkit.mesh.curved_cells import OUTWARD_EDGE_SHARE, CurvedCells, find_edges, middles_on
+from cpmkit.mesh.display_mesh import LONGEST_EDGE_SPACINGS, mesh_of
+from cpmkit.mesh.refinement import refine
 from cpmkit.protocols import ClosestPoints, ClosestPointSource, Floats, HasMesh, Ints
 
 #: Width, in spacings, of the bump that stands for a boundary without a mesh.

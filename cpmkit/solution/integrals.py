@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.errors import InputError, shown
-from cpmkit.meshes.curved_cells import CurvedCells, find_edges, middles_on, moved_if_near
-from cpmkit.meshes.dimensions import cells_of_dimension, dimensions_of
-from cpmkit.meshes.display_mesh import evaluate_on_sides, moved_onto_boundaries
+from cpmkit.mesh.curved_cells import CurvedCells, find_edges, middles_on, moved_if_near
+from cpmkit.mesh.dimensions import cells_of_dimension, dimensions_of
+from cpmkit.mesh.display_mesh import evaluate_on_sides, moved_onto_boundaries
 from cpmkit.protocols import ClosestPointSource, Floats, Ints
 from cpmkit.scene.data import evaluate_data
 

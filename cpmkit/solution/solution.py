@@ -20,7 +20,7 @@ from cpmkit.scene.scene import Scene
 if TYPE_CHECKING:
     from cpmkit.accuracy.error_estimate import ErrorEstimate
     from cpmkit.accuracy.trade import Trade
-    from cpmkit.meshes.display_mesh import DisplayMesh
+    from cpmkit.mesh.display_mesh import DisplayMesh
     from cpmkit.scenefile.look_keywords import LookKeywords, SavingKeywords
     from cpmkit.solution.integrals import Integrand
     from cpmkit.solution.resonance import Resonance
@@ -390,7 +390,7 @@ class Solution:
 
     @cached_property
     def _display_mesh(self) -> DisplayMesh:
-        from cpmkit.meshes.display_mesh import display_mesh
+        from cpmkit.mesh.display_mesh import display_mesh
 
         own = self.discretized.display_mesh(self.values)
         return display_mesh(self) if own is None else own

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
-from cpmkit.meshes.display_mesh import mesh_of
-from cpmkit.meshes.refinement import refine
+from cpmkit.mesh.display_mesh import mesh_of
+from cpmkit.mesh.refinement import refine
 from cpmkit.protocols import ClosestPointSource, Floats, Ints, Progress, no_progress
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.solution import Solution

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.meshes.display_mesh import DisplayMesh
+from cpmkit.mesh.display_mesh import DisplayMesh
 from cpmkit.protocols import BoundarySet, Floats, HasMesh, Ints
 from cpmkit.scenefile.look import Look
 from cpmkit.view.camera import Camera, fit

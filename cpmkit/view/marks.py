@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.meshes.display_mesh import DisplayMesh
+from cpmkit.mesh.display_mesh import DisplayMesh
 from cpmkit.protocols import Floats, Ints
 from cpmkit.view.colours import INK, Bar
 from cpmkit.view.drawing import Drawing, in_space

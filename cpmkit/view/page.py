@@ -23,7 +23,7 @@ from cpmkit.view.drawing import boundary_meshes, in_space
 from cpmkit.view.pictures import SIGNED_CMAP, check_look, shown_values
 
 if TYPE_CHECKING:
-    from cpmkit.meshes.display_mesh import DisplayMesh
+    from cpmkit.mesh.display_mesh import DisplayMesh
     from cpmkit.scenefile.look_keywords import LookKeywords
     from cpmkit.solution.solution import Solution
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import InputError, MissingDependencyError
-from cpmkit.meshes.cells import with_corners
+from cpmkit.mesh.cells import with_corners
 from cpmkit.protocols import ClosestPointSource, Floats, HasMesh
 from cpmkit.runtime.installing import to_install
 from cpmkit.scene.given_surfaces import Surface, as_source

@@ -12,7 +12,7 @@ import numpy as np
 
 from cpmkit.errors import InputError, MissingDependencyError, shown
 from cpmkit.files.whole_files import written_whole
-from cpmkit.meshes.display_mesh import DisplayMesh
+from cpmkit.mesh.display_mesh import DisplayMesh
 from cpmkit.protocols import Floats
 from cpmkit.runtime.installing import to_install
 from cpmkit.scenefile.look import Look

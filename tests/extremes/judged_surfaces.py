@@ -13,9 +13,9 @@ from scipy.spatial import KDTree
 
 import cpmkit as ck
 from cpmkit.errors import CpmkitError
-from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.forms.galerkin.telling import of_contouring
 from cpmkit.manifold.local_source import localize
+from cpmkit.mesh.mesh import SampleMesh
 from cpmkit.meshing.contouring.contoured_surfaces import contour_surface
 
 #: A measure off by more than this share is wrong; an open edge farther than this share of the spacing from a rim.

@@ -7,7 +7,7 @@ import pytest
 
 from cpmkit.errors import InputError, MissingDependencyError
 from cpmkit.files.whole_files import written_whole
-from cpmkit.meshes.display_mesh import display_mesh
+from cpmkit.mesh.display_mesh import display_mesh
 from cpmkit.saving.export import check_file, save, write_summary
 
 pyvista = pytest.importorskip("pyvista")

@@ -9,11 +9,11 @@ import numpy as np
 
 from cpmkit.forms.galerkin.conditions.boundary_samples import boundary_samples
 from cpmkit.forms.galerkin.conditions.sides import left_of_boundaries
-from cpmkit.forms.galerkin.sample_mesh import SampleMesh
-from cpmkit.forms.galerkin.samples.cutting import corners_of, half_facets
 from cpmkit.forms.galerkin.telling import check_insertion, of_insertion
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import localize
+from cpmkit.mesh.cutting import corners_of, half_facets
+from cpmkit.mesh.mesh import SampleMesh
 from cpmkit.meshing.insertion.boundary_insertion import insert_boundaries
 from cpmkit.protocols import Bools, Floats, Ints
 from cpmkit.scene.scene import Scene

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from cpmkit.forms.galerkin.fixed_samples import SAMPLES_AT_ONCE
-from cpmkit.forms.galerkin.sample_mesh import SampleMesh
-from cpmkit.forms.galerkin.samples.winding import winding_of
 from cpmkit.forms.galerkin.space.energy import load
 from cpmkit.forms.galerkin.space.space import Space
 from cpmkit.manifold.vectors import norms, unit
+from cpmkit.mesh.mesh import SampleMesh
+from cpmkit.mesh.winding import winding_of
 from cpmkit.protocols import Floats
 
 #: A spline is not faced one way where its mean normal is shorter than this, and on what bends where it is below that.

@@ -25,8 +25,8 @@ from cpmkit.forms.galerkin.fixed_samples import FixedSamples
 from cpmkit.forms.galerkin.hierarchy.levels import levels_of
 from cpmkit.forms.galerkin.operator import levels_for
 from cpmkit.forms.galerkin.options import FAMILIES, GalerkinOptions
+from cpmkit.forms.galerkin.quadrature.samples import Samples
 from cpmkit.forms.galerkin.roughness import expected_error
-from cpmkit.forms.galerkin.sample_mesh import Samples
 from cpmkit.forms.galerkin.sampling import sample
 from cpmkit.forms.galerkin.shared import shared_property
 from cpmkit.forms.galerkin.slowness import layer_spacings, tensor_layer_warnings, why_slow

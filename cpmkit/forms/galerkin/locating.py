@@ -12,7 +12,7 @@ import numpy as np
 from cpmkit.forms.galerkin.dof_map import DofMap
 from cpmkit.forms.galerkin.fixed_samples import FixedSamples
 from cpmkit.forms.galerkin.own_sheet import OwnSheets
-from cpmkit.forms.galerkin.sample_mesh import Samples
+from cpmkit.forms.galerkin.quadrature.samples import Samples
 from cpmkit.forms.galerkin.sample_search import SampleSearch
 from cpmkit.forms.galerkin.sides_of_cells import SidesOfCells
 from cpmkit.grid.lattice import Lattice

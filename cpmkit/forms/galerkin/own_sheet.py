@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.sample_mesh import Bend, SampleMesh
 from cpmkit.manifold.local_source import LocalSource
+from cpmkit.mesh.mesh import Bend, SampleMesh
 from cpmkit.protocols import Floats, HasGivenMesh, Ints
 
 if TYPE_CHECKING:

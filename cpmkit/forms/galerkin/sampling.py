@@ -16,16 +16,14 @@ from cpmkit.forms.galerkin.fixed_samples import FixedSamples
 from cpmkit.forms.galerkin.grading.graded_mesh import graded, graded_samples
 from cpmkit.forms.galerkin.grading.regions import Regions
 from cpmkit.forms.galerkin.options import GalerkinOptions
-from cpmkit.forms.galerkin.sample_mesh import Bend, HalfFacets, SampleMesh, Samples
-from cpmkit.forms.galerkin.samples.bending import bent
-from cpmkit.forms.galerkin.samples.clipping import clipped_triangles, is_fine, longest_edge_spacings
-from cpmkit.forms.galerkin.samples.cutting import corners_of, half_facets, is_cut
-from cpmkit.forms.galerkin.samples.edges import Edges, edges_of
-from cpmkit.forms.galerkin.samples.own_cells import edges_with, made_sound, own_winding
-from cpmkit.forms.galerkin.samples.quadrature import samples_of
-from cpmkit.forms.galerkin.samples.seams import seams
-from cpmkit.forms.galerkin.samples.sources import cells_of
-from cpmkit.forms.galerkin.samples.subdivision import subdivided
+from cpmkit.forms.galerkin.quadrature.clipping import (
+    PLAIN_EDGE_SPACINGS,
+    clipped_triangles,
+    is_fine,
+    longest_edge_spacings,
+)
+from cpmkit.forms.galerkin.quadrature.mesh_quadrature import samples_of
+from cpmkit.forms.galerkin.quadrature.samples import Samples
 from cpmkit.forms.galerkin.telling import (
     advised_by_noise,
     check_insertion,
@@ -43,9 +41,17 @@ from cpmkit.forms.options import Options
 from cpmkit.grid.lattice import Lattice, lattice_of
 from cpmkit.manifold.local_source import LocalSource, localize
 from cpmkit.manifold.noise import with_noise
+from cpmkit.mesh.cutting import corners_of, half_facets, is_cut
+from cpmkit.mesh.edges import Edges, edges_of
+from cpmkit.mesh.mesh import Bend, HalfFacets, SampleMesh
+from cpmkit.mesh.seams import seams
+from cpmkit.mesh.subdivision import subdivided
 from cpmkit.meshing.contouring.contoured_curves import contour_curve
 from cpmkit.meshing.contouring.contoured_surfaces import contour_surface
+from cpmkit.meshing.curved_mesh import bent
 from cpmkit.meshing.insertion.boundary_insertion import insert_boundaries
+from cpmkit.meshing.mesh_cache import edges_with, made_sound, own_winding
+from cpmkit.meshing.source_cells import cells_of
 from cpmkit.protocols import Bools, Ints, Progress
 from cpmkit.scene.oriented import OrientedBoundary
 from cpmkit.scene.scene import Scene
@@ -260,7 +266,8 @@ def _cells(
 
     The noise of what has closest points alone is known then.
     """
-    own = cells_of(surface, spacing, sampling)
+    lengths = longest_edge_spacings(sampling, "feet", surface.manifold_dim or 0), PLAIN_EDGE_SPACINGS
+    own = cells_of(surface, *(spacing * length for length in lengths))
     if own is not None:
         mesh, mended = made_sound(surface, own.mesh, own.split)
         return surface, mesh, own.bend, tuple(of_mending(mended, own.bend))

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cpmkit.forms.galerkin.sample_mesh import HalfFacets
+from cpmkit.mesh.mesh import HalfFacets
 from cpmkit.protocols import Bools, Floats, Ints
 
 #: Sides are known so many spacings from a boundary: a point is compared with its nearest samples alone.

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.forms.galerkin.samples.lifting import own_support
-from cpmkit.forms.galerkin.samples.own_cells import edges_with, own_cells
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.meshes.support import SUPPORTED, UNSUPPORTED
+from cpmkit.mesh.support import SUPPORTED, UNSUPPORTED
+from cpmkit.meshing.curved_from_normals import own_support
+from cpmkit.meshing.mesh_cache import edges_with, own_cells
 from cpmkit.protocols import Floats
 
 #: Of the difference between the lifted surface and its triangles, a share of at least so much is in doubt; three times

@@ -9,12 +9,12 @@ import numpy as np
 from cpmkit.errors import SceneError, place
 from cpmkit.forms.galerkin.dof_map import DofMap
 from cpmkit.forms.galerkin.facing import Turned
-from cpmkit.forms.galerkin.sample_mesh import Bend
-from cpmkit.forms.galerkin.samples.soundness import Mended
 from cpmkit.forms.galerkin.space.parted import SPECK_SPACINGS
 from cpmkit.grid.fitting import rounded_up
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import LocalSource
+from cpmkit.mesh.mesh import Bend
+from cpmkit.mesh.repair import Mended
 from cpmkit.meshing.contouring.contour_checks import MeshDefects
 from cpmkit.meshing.contouring.contoured_curves import CurveReport
 from cpmkit.meshing.contouring.contoured_surfaces import MAX_NONMANIFOLD_SHARE, SurfaceReport

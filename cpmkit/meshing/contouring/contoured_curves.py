@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cpmkit.errors import ResolutionError
-from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.grid.band import cell_levels
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vectors import dots, norms
+from cpmkit.mesh.mesh import SampleMesh
 from cpmkit.meshing.contouring.curve_trace import Trace, trace_of
 from cpmkit.meshing.contouring.knot_crossings import knot_crossings
 from cpmkit.meshing.contouring.strand_crossings import with_shared_vertices

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.errors import ResolutionError
-from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.grid.lattice import find
 from cpmkit.manifold.local_source import LocalSource
+from cpmkit.mesh.mesh import SampleMesh
 from cpmkit.meshing.contouring.contour_checks import PIECE_WEIGHT, MeshDefects, faults_of
 from cpmkit.meshing.contouring.contour_edges import (
     areas_of_pieces,

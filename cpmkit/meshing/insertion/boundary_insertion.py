@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.meshes.polylines import Polyline
+from cpmkit.mesh.mesh import SampleMesh
+from cpmkit.mesh.polylines import Polyline
 from cpmkit.meshing.insertion.alongside import Chain, side_by_side
 from cpmkit.meshing.insertion.coincidence import on_earlier, runs_close
 from cpmkit.meshing.insertion.curves import Course, chain_of, course, insert_curve

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vectors import dots, norms
+from cpmkit.mesh.mesh import SampleMesh
 from cpmkit.protocols import Floats, HasMesh, Ints
 
 #: Nearer than this, in lengths of its segment, to a vertex a point is there.

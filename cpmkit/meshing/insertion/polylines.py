@@ -6,7 +6,7 @@ import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vectors import norms
-from cpmkit.meshes.polylines import Polyline, polylines_of
+from cpmkit.mesh.polylines import Polyline, polylines_of
 from cpmkit.protocols import Floats, HasMesh, Ints
 
 #: A chord is halved where its middle is farther than this share of ``length`` from the curve.

@@ -7,8 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.manifold.vectors import norms
+from cpmkit.mesh.mesh import SampleMesh
 from cpmkit.meshing.insertion.triples import Triple, along, between, cross, direction, dot, less
 from cpmkit.protocols import Bools, Floats, Ints
 
@@ -150,7 +150,7 @@ class Triangulation:
     @cached_property
     def rims(self) -> Bools:
         """(m, 3) which edges of roots, by the corners opposite to them, have no other root beside them."""
-        from cpmkit.forms.galerkin.samples.edges_kernels import number_edges
+        from cpmkit.mesh.edges_kernels import number_edges
 
         of_cells = number_edges(np.ascontiguousarray(self.cells), len(self.vertices))[1]
         return np.asarray(np.bincount(of_cells.ravel())[of_cells] == 1)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import cpmkit as ck
-from cpmkit.forms.galerkin.samples.soundness import Mended
 from cpmkit.forms.galerkin.telling import of_mending, of_seams
 from cpmkit.manifold.local_source import localize
+from cpmkit.mesh.repair import Mended
 
 SHEET = np.stack(np.meshgrid(np.linspace(-1, 1, 17), np.linspace(-1, 1, 17)), axis=-1).reshape(-1, 2)
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import cpmkit as ck
-from cpmkit.forms.galerkin.samples import lifting, own_cells, soundness
-from cpmkit.forms.galerkin.samples.own_cells import KEPT
+from cpmkit.mesh import repair
+from cpmkit.meshing import curved_from_normals, mesh_cache
+from cpmkit.meshing.mesh_cache import KEPT
 
 SPACING = 0.35
 F = ck.ScreenedPoisson(lambda x: np.cos(2 * x[:, 0]), c=1.0)
@@ -41,7 +42,7 @@ def queries(scene, spacing, origin=None):
 
 @pytest.mark.parametrize("closest", ["smooth", "faceted"])
 def test_cells_of_a_mesh_are_made_sound_once(monkeypatch, closest):
-    calls = counted(monkeypatch, [(own_cells, "sound_corners"), (soundness, "sound_corners")])
+    calls = counted(monkeypatch, [(mesh_cache, "sound_corners"), (repair, "sound_corners")])
     scene = ck.Scene(ball_mesh(closest=closest), F)
     ck.solve(scene, SPACING, form="galerkin")
     first = len(calls)
@@ -52,7 +53,7 @@ def test_cells_of_a_mesh_are_made_sound_once(monkeypatch, closest):
 def test_a_second_solve_asks_for_fewer_points_and_edges(monkeypatch):
     triangles = import_module("cpmkit_mesh.triangles")
     scene, finer = ck.Scene(ball_mesh(closest="smooth"), F), 0.8 * SPACING
-    made = counted(monkeypatch, [(own_cells, "edges_of"), (triangles, "build_tree")])
+    made = counted(monkeypatch, [(mesh_cache, "edges_of"), (triangles, "build_tree")])
     first = queries(scene, SPACING)
     assert made == ["edges_of"]
     assert queries(scene, finer) < 0.1 * first
@@ -72,7 +73,11 @@ def test_a_mesh_whose_long_edges_are_split_asks_for_what_is_new_alone(monkeypatc
     scene, spacing, origin = ck.Scene(ball_mesh(closest="smooth"), F), 0.17, [0.013, 0.007, 0.002]
     ck.solve(scene, SPACING, form="galerkin")
     found = ck.solve(scene, spacing, form="galerkin", origin=origin)
-    monkeypatch.setattr(lifting, "vertex_normals", lambda source, mesh: lifting.normals_at(source, mesh.vertices))
+    monkeypatch.setattr(
+        curved_from_normals,
+        "vertex_normals",
+        lambda source, mesh: curved_from_normals.normals_at(source, mesh.vertices),
+    )
     every = ck.solve(scene, spacing, form="galerkin", origin=origin)
     target = [one.work.closest_point_queries for one in (found, every)]
     vertices = len(scene.surface.mesh(1.0)[0])

@@ -9,8 +9,8 @@ import pytest
 from made_cases import CASES, source_of
 from meshing.contouring.measures import area, length, pieces, topology
 
-from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.manifold.local_source import localize
+from cpmkit.mesh.mesh import SampleMesh
 from cpmkit.meshing.contouring.contoured_curves import contour_curve
 from cpmkit.meshing.contouring.contoured_surfaces import contour_surface
 

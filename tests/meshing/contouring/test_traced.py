@@ -11,8 +11,8 @@ from scipy.special import ellipe
 
 import cpmkit as ck
 from cpmkit.errors import ResolutionError
-from cpmkit.forms.galerkin.samples.segments import split_at_knots
 from cpmkit.manifold.local_source import localize
+from cpmkit.mesh.segments import split_at_knots
 from cpmkit.meshing.contouring.contoured_curves import contour_curve
 
 ROUND = {"range": [0, 2 * pi], "periodic": True}

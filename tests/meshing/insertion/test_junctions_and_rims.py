@@ -5,9 +5,9 @@ import pytest
 from cut_meshes import check_sound, cut, plate, polyline, zones_and_tips
 
 import cpmkit as ck
-from cpmkit.forms.galerkin.sample_mesh import SampleMesh
-from cpmkit.forms.galerkin.samples.edges import edges_of, edges_on_cut
 from cpmkit.manifold.local_source import LocalSource, localize
+from cpmkit.mesh.edges import edges_of, edges_on_cut
+from cpmkit.mesh.mesh import SampleMesh
 from cpmkit.meshing.insertion.boundary_insertion import insert_boundaries
 
 PLATE = plate(30)

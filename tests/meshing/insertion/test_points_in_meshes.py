@@ -5,7 +5,7 @@ import pytest
 from cut_meshes import check_sound, cut, icosphere
 
 import cpmkit as ck
-from cpmkit.forms.galerkin.sample_mesh import SampleMesh
+from cpmkit.mesh.mesh import SampleMesh
 
 
 def ring(count, dim):

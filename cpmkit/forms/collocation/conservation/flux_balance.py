@@ -24,7 +24,7 @@ from cpmkit.forms.collocation.conservation.weak_form import WeakForm, curved_cel
 from cpmkit.forms.collocation.diagnosis.survey import find_unresolved
 from cpmkit.forms.collocation.discretization import Discretization
 from cpmkit.forms.imbalance import Imbalance
-from cpmkit.meshes.dimensions import dimensions_of
+from cpmkit.mesh.dimensions import dimensions_of
 from cpmkit.protocols import Floats, HasMesh, Ints
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.scene import Scene

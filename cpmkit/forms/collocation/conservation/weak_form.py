@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.meshes.curved_cells import RULES_BY_NODES, CurvedCells, find_edges, middles_on
-from cpmkit.meshes.dimensions import cells_of_dimension, dimensions_of
-from cpmkit.meshes.display_mesh import mesh_of
-from cpmkit.meshes.refinement import refine
+from cpmkit.mesh.curved_cells import RULES_BY_NODES, CurvedCells, find_edges, middles_on
+from cpmkit.mesh.dimensions import cells_of_dimension, dimensions_of
+from cpmkit.mesh.display_mesh import mesh_of
+from cpmkit.mesh.refinement import refine
 from cpmkit.protocols import ClosestPointSource, Floats
 
 if TYPE_CHECKING:

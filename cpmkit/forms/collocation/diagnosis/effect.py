@@ -10,8 +10,8 @@ from cpmkit.errors import InputError, ResolutionError, SceneError, place
 from cpmkit.forms.collocation.boundary.conductivities import check_conductivities
 from cpmkit.forms.collocation.ghosts.edge import EDGE_CONDITION
 from cpmkit.forms.collocation.layout import Layout
-from cpmkit.meshes.cells import with_corners
-from cpmkit.meshes.curved_cells import find_edges
+from cpmkit.mesh.cells import with_corners
+from cpmkit.mesh.curved_cells import find_edges
 from cpmkit.protocols import SIDES, ClosestPointSource, Floats, HasMesh
 from cpmkit.runtime.arrays import whole
 from cpmkit.scene.alike import same_condition

@@ -8,7 +8,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from cpmkit.forms.galerkin.conditions.facets import at_end, on_edge
-from cpmkit.forms.galerkin.sample_mesh import HalfFacets, SampleMesh, Samples
+from cpmkit.forms.galerkin.quadrature.samples import Samples
+from cpmkit.mesh.mesh import HalfFacets, SampleMesh
 from cpmkit.protocols import Bools, Floats, Ints
 
 

@@ -8,8 +8,8 @@ from itertools import combinations, product
 import numpy as np
 
 from cpmkit.errors import place
-from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.grid.lattice import Lattice
+from cpmkit.mesh.mesh import SampleMesh
 from cpmkit.protocols import SIDES, Floats, Ints
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.laws import Value

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from cpmkit.forms.galerkin.conditions.slivers import steadied
-from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.manifold.vectors import dots, norms
+from cpmkit.mesh.mesh import SampleMesh
 from cpmkit.protocols import Bools, Floats, Ints
 
 #: How many Gauss points of an edge are read: splines have a kink wherever it leaves a lattice cell, and two of them let

@@ -13,9 +13,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples
-from cpmkit.forms.galerkin.sample_mesh import HalfFacets, SampleMesh
 from cpmkit.forms.galerkin.space.parted import components
 from cpmkit.grid.lattice import Lattice
+from cpmkit.mesh.mesh import HalfFacets, SampleMesh
 from cpmkit.protocols import Bools, Floats, Ints
 from cpmkit.scene.oriented import OrientedBoundary
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.manifold.vectors import dots, norms
+from cpmkit.mesh.mesh import SampleMesh
 from cpmkit.protocols import Floats, Ints
 
 #: A triangle less high over its edge than this share of the edge is thin.

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 
 from cpmkit.forms.galerkin.grading.regions import Regions, codes_of_cells, is_among
-from cpmkit.forms.galerkin.sample_mesh import Bend, SampleMesh, Samples
-from cpmkit.forms.galerkin.samples.clipping import clipped_triangles
-from cpmkit.forms.galerkin.samples.edges import Edges, edges_of
-from cpmkit.forms.galerkin.samples.quadrature import samples_of
-from cpmkit.forms.galerkin.samples.subdivision import halved
+from cpmkit.forms.galerkin.quadrature.clipping import clipped_triangles
+from cpmkit.forms.galerkin.quadrature.mesh_quadrature import samples_of
+from cpmkit.forms.galerkin.quadrature.samples import Samples
+from cpmkit.mesh.edges import Edges, edges_of
+from cpmkit.mesh.mesh import Bend, SampleMesh
+from cpmkit.mesh.subdivision import halved
 from cpmkit.protocols import Bools, Floats, Ints
 
 #: Edges are looked at from these places between their ends.

@@ -7,11 +7,11 @@ from typing import Any
 
 from cpmkit.forms.galerkin.grading.regions import Regions
 from cpmkit.forms.galerkin.options import GalerkinOptions
+from cpmkit.forms.galerkin.quadrature.samples import Samples
 from cpmkit.forms.galerkin.refinement import marking
 from cpmkit.forms.galerkin.refinement.levels import level_splines
 from cpmkit.forms.galerkin.refinement.refined import RefinedGalerkin
 from cpmkit.forms.galerkin.refinement.space import refined_space
-from cpmkit.forms.galerkin.sample_mesh import Samples
 from cpmkit.forms.galerkin.sampling import InsertedScene, insert, sample_inserted
 from cpmkit.forms.galerkin.space.parted import part
 from cpmkit.forms.options import Options

@@ -18,8 +18,8 @@ from cpmkit.forms.galerkin.dof_map import DofMap
 from cpmkit.forms.galerkin.fixed_samples import FixedSamples
 from cpmkit.forms.galerkin.grading.graded_mesh import shift_of
 from cpmkit.forms.galerkin.grading.regions import Regions, codes_of_cells
+from cpmkit.forms.galerkin.quadrature.samples import Samples
 from cpmkit.forms.galerkin.refinement.levels import LevelSplines, patches_of
-from cpmkit.forms.galerkin.sample_mesh import Samples
 from cpmkit.forms.galerkin.space.space import Space, space_of
 from cpmkit.protocols import Floats, Ints
 

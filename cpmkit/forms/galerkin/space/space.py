@@ -10,7 +10,7 @@ import numpy as np
 
 from cpmkit.forms.galerkin.dof_map import DofMap
 from cpmkit.forms.galerkin.fixed_samples import FixedSamples
-from cpmkit.forms.galerkin.sample_mesh import Samples
+from cpmkit.forms.galerkin.quadrature.samples import Samples
 from cpmkit.forms.galerkin.space.parted import pieces
 from cpmkit.protocols import Floats, Ints
 

@@ -10,10 +10,10 @@ from cpmkit.errors import place
 from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples
 from cpmkit.forms.galerkin.conditions.crossings import ends_inside
 from cpmkit.forms.galerkin.conditions.held import ImposedCondition
-from cpmkit.forms.galerkin.sample_mesh import SampleMesh
 from cpmkit.forms.galerkin.tips.functions import SingularFunction, functions_of
 from cpmkit.forms.galerkin.tips.surroundings import Surroundings, TipFinder
 from cpmkit.grid.lattice import Lattice
+from cpmkit.mesh.mesh import SampleMesh
 from cpmkit.protocols import Ints
 from cpmkit.scene.laws import Interface, Value
 

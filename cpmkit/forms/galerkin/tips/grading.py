@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from cpmkit.forms.galerkin.conditions.crossings import ends_inside
-from cpmkit.forms.galerkin.sample_mesh import SampleMesh
-from cpmkit.forms.galerkin.samples.edges import edges_of
-from cpmkit.forms.galerkin.samples.subdivision import halved
+from cpmkit.mesh.edges import edges_of
+from cpmkit.mesh.mesh import SampleMesh
+from cpmkit.mesh.subdivision import halved
 from cpmkit.protocols import Bools, Floats, Ints
 
 #: Edges are no longer than this share of their distance from a tip,

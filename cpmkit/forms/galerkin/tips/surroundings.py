@@ -7,10 +7,10 @@ from functools import cached_property
 
 import numpy as np
 
-from cpmkit.forms.galerkin.sample_mesh import SampleMesh
-from cpmkit.forms.galerkin.samples.edges import Edges, edges_of, edges_on_cut
 from cpmkit.grid.lattice import find
 from cpmkit.manifold.vectors import norms, unit
+from cpmkit.mesh.edges import Edges, edges_of, edges_on_cut
+from cpmkit.mesh.mesh import SampleMesh
 from cpmkit.protocols import Bools, Floats, Ints
 
 #: The disc ends where the surface has turned by more than the angle of this cosine, 37 degrees,

@@ -7,7 +7,7 @@ from model_problems import order_of
 import cpmkit as ck
 from cpmkit.forms.collocation.conservation.polynomials import Polynomials
 from cpmkit.forms.collocation.conservation.weak_form import curved_cells_of, weak_form
-from cpmkit.meshes.curved_cells import CurvedCells
+from cpmkit.mesh.curved_cells import CurvedCells
 
 SPHERE = ck.source("analytic.sphere")
 SPACINGS = (0.2, 0.1, 0.05)

@@ -7,8 +7,8 @@ import pytest
 
 from cpmkit.forms.galerkin.conditions.boundary_samples import boundary_samples
 from cpmkit.forms.galerkin.conditions.facets import POINTS_OF_EDGE
-from cpmkit.forms.galerkin.sample_mesh import SampleMesh
-from cpmkit.forms.galerkin.samples.cutting import corners_of, half_facets
+from cpmkit.mesh.cutting import corners_of, half_facets
+from cpmkit.mesh.mesh import SampleMesh
 
 
 def sampled(mesh, rims=False, points=None):

@@ -6,8 +6,8 @@ from model_problems import order_of
 from small_galerkin import small
 
 import cpmkit as ck
-from cpmkit.forms.galerkin.sample_mesh import SampleMesh
-from cpmkit.forms.galerkin.samples.subdivision import subdivided
+from cpmkit.mesh.mesh import SampleMesh
+from cpmkit.mesh.subdivision import subdivided
 
 SPACINGS = (0.2, 0.14, 0.1)
 #: Rows: two axes of the hexagon's plane, and its normal.

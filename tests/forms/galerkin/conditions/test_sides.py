@@ -10,7 +10,7 @@ from small_galerkin import small
 
 import cpmkit as ck
 from cpmkit.forms.galerkin.conditions.facets import POINTS_OF_EDGE
-from cpmkit.forms.galerkin.sample_mesh import SampleMesh
+from cpmkit.mesh.mesh import SampleMesh
 
 SPACING = 0.2
 SURFACE = ck.source("analytic.cylinder", axis=AXIS, radius=RADIUS, length=LENGTH)

@@ -21,8 +21,8 @@ from small_galerkin import circle_mesh, small
 import cpmkit as ck
 from cpmkit.errors import InputError, SceneError
 from cpmkit.forms.galerkin.conditions.held import point_warnings
-from cpmkit.forms.galerkin.sample_mesh import SampleMesh
-from cpmkit.forms.galerkin.samples.segments import split_at_knots
+from cpmkit.mesh.mesh import SampleMesh
+from cpmkit.mesh.segments import split_at_knots
 
 SURFACE = ck.source("analytic.cylinder", axis=AXIS, radius=RADIUS, length=LENGTH)
 

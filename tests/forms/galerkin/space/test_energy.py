@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from galerkin_scenes import SHIFT, Drawn, plane, plane_circle, space_circle, sphere, together
 
-from cpmkit.forms.galerkin.sample_mesh import Samples
+from cpmkit.forms.galerkin.quadrature.samples import Samples
 from cpmkit.forms.galerkin.space.energy import STRENGTHS, Strength, load, mass, stiffness, values_at_samples
 from cpmkit.forms.galerkin.space.floor import floored_stiffness
 from cpmkit.forms.galerkin.space.parted import dof_map_of, pieces

@@ -6,7 +6,7 @@ from galerkin_scenes import sphere
 
 from cpmkit.forms.galerkin.fixed_point import NORMAL_UNIT, PLACE_UNIT
 from cpmkit.forms.galerkin.fixed_samples import FixedSamples
-from cpmkit.forms.galerkin.sample_mesh import Samples
+from cpmkit.forms.galerkin.quadrature.samples import Samples
 from cpmkit.forms.galerkin.space.parted import part
 
 H = 0.2

@@ -1,1 +1,0 @@
-"""Cells of the manifold made sound, split, curved and cut, and the samples that are drawn from them."""

@@ -1,0 +1,182 @@
+"""Cutting a mesh along a curve on which a signed distance vanishes, and parting its two sides."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cpmkit.manifold.vectors import norms
+from cpmkit.mesh.cells import edges_of, padded, renumbered, with_corners
+from cpmkit.protocols import Bools, ClosestPointSource, Floats, Ints
+
+#: A vertex nearer to a boundary than this share of the spacing lies on it.
+ON_CURVE_SPACINGS = 1e-6
+
+#: An edge crosses a boundary if the zero on it lies nearer to the boundary than this share of its length.
+CROSSED_EDGE_SHARE = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """A mesh between two cuts; ``attributes`` are points and normals, which a cut interpolates alike."""
+
+    attributes: Floats  # (v, d) or (v, 2 d)
+    sides: Ints  # (v, boundaries): 1 left, -1 right, 0 not on that boundary
+    cells: Ints  # (m, k): triangles, segments and points, shorter rows end in -1
+
+
+def cut(pieces: Pieces, boundary: int, distance: Floats, dim: int, curve: ClosestPointSource, spacing: float) -> Pieces:
+    """Split every cell that a boundary crosses, and part the two sides.
+
+    Parameters
+    ----------
+    pieces : Pieces
+        The mesh before.
+    boundary : int
+        The boundary's column in ``pieces.sides``.
+    distance : (v,) float64
+        Signed distance of the vertices from it, positive on the left, NaN where a vertex has no side.
+    dim : int
+        2 or 3.
+    curve : ClosestPointSource
+        Where the boundary lies.
+    spacing : float
+        Of the solution, the unit of :data:`ON_CURVE_SPACINGS`.
+    """
+    count, points = len(distance), pieces.attributes[:, :dim]
+    sign = _signs(points, distance, curve, spacing)
+    edges, cells, sides = np.zeros((0, 2), dtype=np.int64), [], []
+    for corners, split in ((3, _split_triangles), (2, _split_segments), (1, None)):
+        part = with_corners(pieces.cells, corners)
+        if not len(part):
+            continue
+        part_edges, cell_edges = edges_of(part, count)
+        crossed = _crossed(points, part_edges, distance, sign, curve)
+        # The crossing of edge e is called vertex count + e; only those that are used will be made.
+        after, side = part, _side(part, sign)  # nothing cuts a point
+        if split is not None:
+            after, side = split(part, count + len(edges) + cell_edges, crossed[cell_edges], sign)
+        edges = np.concatenate([edges, part_edges])
+        cells.append(after)
+        sides.append(side)
+    after = padded(cells)
+    used = np.unique(after[after >= count]) - count
+    number = np.zeros(count + len(edges), dtype=np.int64)
+    number[:count] = np.arange(count)
+    number[count + used] = count + np.arange(len(used))
+    on_boundary = np.concatenate([sign == 0, np.ones(len(used), dtype=bool)])
+    with_crossings = _append_crossings(pieces, edges[used], distance, renumbered(after, number))
+    return _part(with_crossings, boundary, on_boundary, np.concatenate(sides))
+
+
+def _signs(points: Floats, distance: Floats, curve: ClosestPointSource, spacing: float) -> Floats:
+    """Return 1 left, -1 right, 0 on the boundary and NaN where there is no side.
+
+    The distance is measured along the surface's tangent, so it also vanishes beside the boundary on
+    another sheet, such as the other leg of an animal; that is no place on the boundary.
+    """
+    sign: Floats = np.sign(distance)
+    zero = np.flatnonzero(np.abs(distance) < ON_CURVE_SPACINGS * spacing)
+    sign[zero] = np.where(_distance_from_curve(points[zero], curve) < CROSSED_EDGE_SHARE * spacing, 0.0, np.nan)
+    return sign
+
+
+def _crossed(points: Floats, edges: Ints, distance: Floats, sign: Floats, curve: ClosestPointSource) -> Bools:
+    """Whether the boundary crosses each edge.
+
+    Opposite signs alone do not say so: they also differ across the tangent plane on another sheet,
+    and half way between two arms of a curve, where the nearest arm changes. There the zero is not
+    near the curve.
+    """
+    a, b = edges.T
+    crossed: Bools = sign[a] * sign[b] < 0
+    candidates = edges[crossed]
+    length = np.linalg.norm(points[candidates[:, 1]] - points[candidates[:, 0]], axis=1)
+    crossed[crossed] = _distance_from_curve(_zero(points, candidates, distance), curve) < CROSSED_EDGE_SHARE * length
+    return crossed
+
+
+def _zero(attributes: Floats, edges: Ints, distance: Floats) -> Floats:
+    """Return the attributes where the distance vanishes on each of ``edges``."""
+    a, b = edges.T
+    share = (distance[a] / (distance[a] - distance[b]))[:, None]
+    return np.asarray((1 - share) * attributes[a] + share * attributes[b])
+
+
+def _distance_from_curve(points: Floats, curve: ClosestPointSource) -> Floats:
+    """Return how far ``points`` are from ``curve``."""
+    return norms(curve.closest_point(np.ascontiguousarray(points)).points - points)
+
+
+def _split_segments(cells: Ints, crossings: Ints, crossing: Bools, sign: Floats) -> tuple[Ints, Floats]:
+    """Return the cells after the cut and the side of each: 1 left, -1 right, 0 neither."""
+    cut = crossing[:, 0]
+    a, b = cells[cut].T
+    p = crossings[cut, 0]
+    kept = cells[~cut]
+    return (
+        np.concatenate([kept, np.stack([a, p], axis=1), np.stack([p, b], axis=1)]),
+        np.concatenate([_side(kept, sign), sign[a], sign[b]]),
+    )
+
+
+def _split_triangles(cells: Ints, crossings: Ints, crossing: Bools, sign: Floats) -> tuple[Ints, Floats]:
+    """Return the cells after the cut and the side of each: 1 left, -1 right, 0 neither.
+
+    A triangle is cut from edge to edge, or from a corner on the curve to the edge across. One
+    that the curve enters and does not leave holds the curve's end and stays whole.
+    """
+    count = crossing.sum(axis=1)
+    two = count == 2
+    across = (count == 1) & (sign[np.take_along_axis(cells, (crossing.argmax(axis=1)[:, None] + 2) % 3, 1)[:, 0]] == 0)
+    kept = cells[~(two | across)]
+
+    # The lone corner a comes first: it faces the one edge that is not crossed.
+    (a, b, c), (p, _, q) = rotated(cells[two], crossings[two], crossing[two].argmin(axis=1) + 2)
+    parts = [(kept, _side(kept, sign))]
+    parts += [
+        (np.stack(corners, axis=1), s)
+        for corners, s in [((a, p, q), sign[a]), ((p, b, c), sign[b]), ((p, c, q), sign[b])]
+    ]
+
+    # The corner a on the curve comes first: it faces the one edge that is crossed.
+    (a, b, c), (_, p, _) = rotated(cells[across], crossings[across], crossing[across].argmax(axis=1) + 2)
+    parts += [(np.stack(corners, axis=1), s) for corners, s in [((a, b, p), sign[b]), ((a, p, c), sign[c])]]
+    return np.concatenate([part for part, _ in parts]), np.concatenate([side for _, side in parts])
+
+
+def rotated(cells: Ints, of_edges: Ints, first: Ints) -> tuple[Ints, Ints]:
+    """Return the corners and what belongs to the edges, each (3, m), of triangles turned so that ``first`` leads."""
+    order = (first[:, None] + np.arange(3)) % 3
+    return np.take_along_axis(cells, order, 1).T, np.take_along_axis(of_edges, order, 1).T
+
+
+def _side(cells: Ints, sign: Floats) -> Floats:
+    """Return the one side on which all corners of a cell lie, 0 where there is none."""
+    signs = np.nan_to_num(sign[cells])
+    left, right = (signs > 0).any(axis=1), (signs < 0).any(axis=1)
+    return np.where(left == right, 0.0, np.where(left, 1.0, -1.0))
+
+
+def _append_crossings(pieces: Pieces, edges: Ints, distance: Floats, cells: Ints) -> Pieces:
+    """Append the zero of the distance on each of ``edges`` as a vertex."""
+    a, b = edges.T
+    attributes = np.concatenate([pieces.attributes, _zero(pieces.attributes, edges, distance)])
+    # An edge that runs along an earlier boundary hands its side on.
+    sides = np.where(pieces.sides[a] == pieces.sides[b], pieces.sides[a], 0)
+    return Pieces(attributes, np.concatenate([pieces.sides, sides]), cells)
+
+
+def _part(pieces: Pieces, boundary: int, on_boundary: Bools, side: Floats) -> Pieces:
+    """Give the right side copies of the vertices ``on_boundary``; the vertices themselves become the left's."""
+    copied = np.flatnonzero(on_boundary)
+    copy = np.arange(len(on_boundary))
+    copy[copied] = len(on_boundary) + np.arange(len(copied))
+    left, right = pieces.sides.copy(), pieces.sides[copied].copy()
+    left[copied, boundary], right[:, boundary] = 1, -1
+    return Pieces(
+        np.concatenate([pieces.attributes, pieces.attributes[copied]]),
+        np.concatenate([left, right]),
+        np.where((side < 0)[:, None], renumbered(pieces.cells, copy), pieces.cells),
+    )

@@ -1,0 +1,188 @@
+"""The mesh that pictures and files show: the surface's own, as fine as the grid, cut along the boundaries.
+
+Data differ on the two sides of a boundary, so a triangle that a boundary crosses cannot carry one
+value a vertex. Every such triangle is split along the curve, and the two sides get vertices of
+their own at the same place: the jump stays as sharp as the data. Segments are split alike; a point,
+of a cloud or of a union, shows the value of the side on which it lies.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cpmkit.errors import InputError
+from cpmkit.manifold.vectors import unit
+from cpmkit.mesh.cells import with_corners
+from cpmkit.mesh.cut import Pieces, cut
+from cpmkit.mesh.refinement import refine
+from cpmkit.mesh.vertex_normals import vertex_normals
+from cpmkit.protocols import ClosestPointSource, Floats, HasMesh, HasNormals, Ints, Side
+
+if TYPE_CHECKING:
+    from cpmkit.scene.scene import Scene
+    from cpmkit.solution.solution import Solution
+
+#: In spacings; longer edges are halved, for between its vertices a cell shows less than the solution knows.
+LONGEST_EDGE_SPACINGS = 2.0
+
+#: Points of a cloud, itself included, whose plane gives the normal at one of them.
+PLANE_NEIGHBOURS = 9
+
+#: Rounds of projections that lead to the crossing of two curves.
+CROSSING_ROUNDS = 20
+
+
+@dataclass(frozen=True, eq=False)
+class DisplayMesh:
+    """A mesh of the surface with the solution at its vertices.
+
+    Attributes
+    ----------
+    points : (v, d) float64
+        Vertices, in the scene's unit of length. A vertex on a boundary appears once a side.
+    cells : (m, k) int64
+        Triangles, segments of a curve, and points; rows with fewer corners than k end in -1.
+    values : (v, channels) float64
+        The solution at the vertices, each on the side that its cells lie on.
+    normals : (v, 3) float64 or None
+        Unit normals of the uncut mesh, so that the cut does not show as a crease; those of points have any
+        sign. Zero where there are none; ``None`` in the plane and where there are segments alone.
+    original : int
+        The first so many vertices are those of the surface's own mesh.
+    sides : (v, boundaries) int64, optional
+        1 where a vertex lies on a boundary and has its left value, -1 where it has the right one, 0 off the
+        boundary. ``None`` where nothing was cut.
+    """
+
+    points: Floats
+    cells: Ints
+    values: Floats
+    normals: Floats | None
+    original: int
+    sides: Ints | None = None
+
+    @property
+    def triangles(self) -> Ints:
+        """(t, 3) the cells with three corners."""
+        return with_corners(self.cells, 3)
+
+    @property
+    def segments(self) -> Ints:
+        """(s, 2) the cells with two."""
+        return with_corners(self.cells, 2)
+
+    @property
+    def dots(self) -> Ints:
+        """(p,) the vertices that are cells of their own."""
+        return with_corners(self.cells, 1)[:, 0]
+
+
+def mesh_of(surface: ClosestPointSource) -> Callable[[float], tuple[Floats, Ints]]:
+    """Return the method of ``surface`` that meshes it for a spacing.
+
+    Raises
+    ------
+    InputError
+        If it has none.
+    """
+    if isinstance(surface, HasMesh):
+        return surface.mesh
+    raise InputError(
+        f"The surface {type(surface).__name__} has no method mesh(spacing), so it can be neither drawn nor saved as a "
+        "mesh; give it one, or ask for 'solution.npz' and 'summary.json' alone."
+    )
+
+
+def display_mesh(solution: Solution) -> DisplayMesh:
+    """Return the surface's mesh, refined to the grid and cut along every boundary, with the solution at its vertices.
+
+    Raises
+    ------
+    InputError
+        If the surface has no mesh.
+    """
+    surface = solution.scene.surface
+    points, cells = mesh_of(surface)(solution.spacing)
+    normals = _normals(surface, points, cells)
+    attributes = points if normals is None else np.hstack([points, normals])
+    dim, boundaries = points.shape[1], solution.scene.boundaries
+    attributes, cells = refine(attributes, cells, dim, LONGEST_EDGE_SPACINGS * solution.spacing)
+    pieces = Pieces(attributes, np.zeros((len(attributes), len(boundaries)), dtype=np.int64), cells)
+    for index, boundary in enumerate(boundaries):
+        distance = solution.signed_distance(boundary.name, np.ascontiguousarray(pieces.attributes[:, :dim]))
+        pieces = cut(pieces, index, distance, dim, boundary.source, solution.spacing)
+    cut_points = np.ascontiguousarray(pieces.attributes[:, :dim])
+    return DisplayMesh(
+        points=cut_points,
+        cells=pieces.cells,
+        values=evaluate_on_sides(solution, cut_points, pieces.sides),
+        normals=None if normals is None else unit(pieces.attributes[:, dim:]),
+        original=len(points),
+        sides=pieces.sides,
+    )
+
+
+def _normals(surface: ClosestPointSource, points: Floats, cells: Ints) -> Floats | None:
+    """Return (v, 3) unit normals for shading, zero at vertices of segments; None where nothing is shaded."""
+    triangles, dots = with_corners(cells, 3), with_corners(cells, 1)[:, 0]
+    if points.shape[1] == 2 or not len(triangles) + len(dots):
+        return None
+    normals = vertex_normals(points, triangles)
+    if len(dots):
+        positions = np.ascontiguousarray(points[dots])
+        own = surface.normals(surface.closest_point(positions)) if isinstance(surface, HasNormals) else None
+        normals[dots] = plane_normals(positions) if own is None else own
+    return normals
+
+
+def plane_normals(points: Floats) -> Floats:
+    """Return (p, 3) unit normals, of any sign, of the planes in which the points around each lie.
+
+    Zero where points on a line, or too few of them, span no plane.
+    """
+    from scipy.spatial import cKDTree
+
+    if len(points) < 3:
+        return np.zeros_like(points)
+    around = points[cKDTree(points).query(points, k=min(PLANE_NEIGHBOURS, len(points)))[1]]
+    offsets = around - around.mean(axis=1, keepdims=True)
+    spread, axes = np.linalg.eigh(np.einsum("pki,pkj->pij", offsets, offsets))
+    return np.where(spread[:, 1:2] > 1e-9 * spread[:, 2:], axes[:, :, 0], 0.0)
+
+
+def evaluate_on_sides(solution: Solution, points: Floats, sides: Ints) -> Floats:
+    """Return the solution (n, channels) at points, on boundaries from the sides (n, boundaries) given by 1 and -1."""
+    values = np.empty((len(points), solution.channels))
+    boundaries = solution.scene.boundaries
+    moved = moved_onto_boundaries(solution.scene, points, sides)
+    for combination, rows in _by_sides(sides):
+        on = [(boundary, code) for boundary, code in zip(boundaries, combination, strict=False) if code]
+        side: dict[str, Side] = {boundary.name: "left" if code > 0 else "right" for boundary, code in on}
+        values[rows] = solution.evaluate(moved[rows], side=side or None).reshape(len(rows), -1)
+    return values
+
+
+def moved_onto_boundaries(scene: Scene, points: Floats, sides: Ints) -> Floats:
+    """Return ``points`` (n, d) moved onto those boundaries of which each has a side: a solution has sides only there.
+
+    A cut is straight across a cell, so it misses a bent curve by a second-order distance. Where
+    curves cross, projections in turn lead to the crossing.
+    """
+    moved = np.array(points)
+    for combination, rows in _by_sides(sides):
+        curves = [one.source for one, code in zip(scene.boundaries, combination, strict=False) if code]
+        for _ in range(1 if len(curves) < 2 else CROSSING_ROUNDS):
+            for curve in curves:
+                moved[rows] = curve.closest_point(moved[rows]).points
+    return moved
+
+
+def _by_sides(sides: Ints) -> Iterator[tuple[Ints, Ints]]:
+    """Yield each combination of sides that occurs, and the rows that have it."""
+    combinations, member = np.unique(sides, axis=0, return_inverse=True)
+    for index, combination in enumerate(combinations):
+        yield combination, np.flatnonzero(member.ravel() == index)

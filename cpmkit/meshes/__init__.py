@@ -1,1 +1,0 @@
-"""Meshes for pictures and quadrature: cells, cuts along boundaries, refinement."""
