@@ -16,7 +16,7 @@ import numpy as np
 
 import cpmkit as ck
 from cpmkit.families.steady import assemble
-from cpmkit.linear.multigrid import Multigrid
+from cpmkit.linear.multigrid.solver import Multigrid
 
 SPACING = 0.0193
 FINER = (0.0193, 0.00965, 0.004825)

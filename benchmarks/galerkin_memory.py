@@ -14,7 +14,7 @@ import sys
 from galerkin_multigrid import ONE_THREAD
 
 import cpmkit as ck
-from cpmkit.runtime.peak import bytes_since, forget_peak
+from cpmkit.runtime.memory import bytes_since, forget_peak
 
 #: Of 140 and 490 thousand and a million unknowns.
 SPACINGS = (0.02, 0.0107, 0.0075)

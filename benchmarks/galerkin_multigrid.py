@@ -48,9 +48,9 @@ def measure(spacing):
     from cpmkit.forms.galerkin.space.floor import floored_stiffness
     from cpmkit.forms.galerkin.space.parted import part
     from cpmkit.forms.galerkin.space.space import space_of
-    from cpmkit.linear.multigrid import Multigrid
+    from cpmkit.linear.multigrid.solver import Multigrid
     from cpmkit.linear.operators import CsrOperator
-    from cpmkit.runtime.peak import bytes_since, forget_peak
+    from cpmkit.runtime.memory import bytes_since, forget_peak
 
     samples, contacts = sphere(spacing)
     dof_map = part(samples.points, contacts, spacing)

@@ -21,7 +21,7 @@ import cpmkit as ck
 from cpmkit.errors import CpmkitError
 from cpmkit.forms.choice import choose_form
 from cpmkit.scene.scene import Scene
-from cpmkit.scenefile.reading import load_scene
+from cpmkit.scenefile.scene_files import load_scene
 from cpmkit.studies.checking import at_spacing
 from cpmkit.studies.sampling import sample_points
 from cpmkit.studies.studyfile import Study, load_study

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 import numpy as np
 
 import cpmkit as ck
-from cpmkit.runtime.peak import bytes_since, forget_peak
+from cpmkit.runtime.memory import bytes_since, forget_peak
 from cpmkit.studies.tables import table_row, table_rule
 
 

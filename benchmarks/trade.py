@@ -28,7 +28,7 @@ from trade_records import TradeRun, append, finite, printed, read, table
 import cpmkit as ck
 from cpmkit.errors import CpmkitError
 from cpmkit.grid.lattice import lattice_of
-from cpmkit.runtime.peak import bytes_since, forget_peak
+from cpmkit.runtime.memory import bytes_since, forget_peak
 
 TOLERANCES, QUICK_TOLERANCES = (1e-2, 3e-3, 1e-3, 3e-4), (3e-3, 3e-4)
 SECONDS, QUICK_SECONDS = (3.0, 10.0), (3.0,)

@@ -61,7 +61,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same names as in the tab
     from cpmkit.scene.special_conditions import Transmission as Transmission
     from cpmkit.scene.vertex_data import VertexData as VertexData
     from cpmkit.scenefile.kinds import kinds as kinds
-    from cpmkit.scenefile.reading import load_scene as load_scene
+    from cpmkit.scenefile.scene_files import load_scene as load_scene
     from cpmkit.solution.boundary_points import boundary_points as boundary_points
     from cpmkit.solution.boundary_points import directions_along as directions_along
     from cpmkit.solution.boundary_points import normals_at as normals_at
@@ -124,7 +124,7 @@ _PUBLIC = {
     "explain": "explaining",
     "kinds": "scenefile.kinds",
     "load": "saving.loading",
-    "load_scene": "scenefile.reading",
+    "load_scene": "scenefile.scene_files",
     "normals_at": "solution.boundary_points",
     "pick_line": "view.picking",
     "prepare": "preparing",

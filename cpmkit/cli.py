@@ -119,7 +119,7 @@ def solve(
     """
     from cpmkit import load_scene
     from cpmkit import solve as solve_scene
-    from cpmkit.runtime.warn import collected_warnings
+    from cpmkit.runtime.messages import collected_warnings
     from cpmkit.saving.results import check_request, solution_channels, write_results
     from cpmkit.solving import for_any_backend
 
@@ -190,7 +190,7 @@ def explain(scene: Path, spacing: float | None, rehearse: bool, seconds: bool, a
     """
     from cpmkit import explain as explain_scene
     from cpmkit import load_scene
-    from cpmkit.runtime.warn import collected_warnings
+    from cpmkit.runtime.messages import collected_warnings
 
     with collected_warnings() as heard, progress_callback(scene) as progress:
         try:
@@ -227,7 +227,7 @@ def plugins(kind: str | None, as_json: bool) -> None:
         return
 
     from cpmkit.plugins import installed_kinds
-    from cpmkit.runtime.installing import to_install
+    from cpmkit.runtime.messages import to_install
 
     kinds = installed_kinds()
     if as_json:

@@ -12,7 +12,7 @@ import click
 
 if TYPE_CHECKING:
     from cpmkit.scenefile.output_request import OutputRequest
-    from cpmkit.scenefile.reading import SceneFile
+    from cpmkit.scenefile.scene_files import SceneFile
     from cpmkit.solution.solution import Solution
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -83,7 +83,7 @@ def accuracy_options(command: Command) -> Command:
 def how_fine(loaded: SceneFile, spacing: float | None, **target: Any) -> tuple[float | None, dict[str, Any]]:
     """Return the spacing and the options of ``solve``: what the command line says goes before what the file says."""
     from cpmkit.forms.accuracy_target import AccuracyTarget
-    from cpmkit.runtime.declared import declared
+    from cpmkit.runtime.options import declared
 
     given = {name: value for name, value in target.items() if value is not None}
     deciding = [name for name in ("tolerance", "seconds", "memory") if name in given]

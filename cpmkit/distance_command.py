@@ -70,7 +70,7 @@ def distance(
     from cpmkit.applications import geodesic_distance, signed_distance
     from cpmkit.errors import InputError
     from cpmkit.files.whole_files import written_whole
-    from cpmkit.runtime.warn import collected_warnings
+    from cpmkit.runtime.messages import collected_warnings
     from cpmkit.saving.results import check_request, write_results
 
     if signed and starts:

@@ -11,10 +11,9 @@ from typing import Any
 
 from cpmkit.errors import CpmkitError
 from cpmkit.plugins import installed_kinds
-from cpmkit.runtime.installing import to_install
 from cpmkit.runtime.memory import memory_limit
+from cpmkit.runtime.messages import collected_warnings, to_install
 from cpmkit.runtime.threads import processors
-from cpmkit.runtime.warn import collected_warnings
 from cpmkit.saving.summary import version_of
 
 #: Distributions whose versions matter, the required ones first.
@@ -98,7 +97,7 @@ def diagnose(scene: str | Path | None = None) -> Diagnosis:
 
 
 def _loading(scene: str | Path) -> str:
-    from cpmkit.scenefile.reading import load_scene
+    from cpmkit.scenefile.scene_files import load_scene
 
     try:
         load_scene(scene)

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from cpmkit.linear.report import SolveReport
+    from cpmkit.linear.solve_report import SolveReport
 
 
 #: Characters of what was given that a message repeats.

@@ -14,13 +14,13 @@ from cpmkit.forecast.growth import line_through
 from cpmkit.forecast.parts import Explanation
 from cpmkit.forms.choice import FORMS
 from cpmkit.forms.options import Options
-from cpmkit.linear.choice import SolverOptions
+from cpmkit.linear.solver_options import SolverOptions
 from cpmkit.manifold.local_source import largest_dim
 from cpmkit.preparing import solved
 from cpmkit.protocols import Progress
-from cpmkit.runtime.declared import showing
-from cpmkit.runtime.shown_progress import ShownProgress, shown_progress
-from cpmkit.runtime.warn import collected_warnings
+from cpmkit.runtime.messages import collected_warnings
+from cpmkit.runtime.options import showing
+from cpmkit.runtime.progress import ShownProgress, shown_progress
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.solution import Solution
 

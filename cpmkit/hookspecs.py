@@ -13,7 +13,7 @@ import pluggy
 
 if TYPE_CHECKING:
     from cpmkit.protocols import ClosestPointSource
-    from cpmkit.scene.condition import Condition
+    from cpmkit.scene.conditions import Condition
     from cpmkit.testing import ConformanceCase
 
 hookspec = pluggy.HookspecMarker("cpmkit")

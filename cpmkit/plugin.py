@@ -45,8 +45,8 @@ if TYPE_CHECKING:
     from cpmkit.hookspecs import hookimpl as hookimpl
     from cpmkit.linear.operators import Border as Border
     from cpmkit.linear.operators import CsrOperator as CsrOperator
-    from cpmkit.linear.report import SolveReport as SolveReport
-    from cpmkit.linear.report import judge as judge
+    from cpmkit.linear.solve_report import SolveReport as SolveReport
+    from cpmkit.linear.solve_report import judge as judge
     from cpmkit.manifold.abilities import warnings_of as warnings_of
     from cpmkit.manifold.short_text import source_repr as source_repr
     from cpmkit.manifold.vectors import dots as dots
@@ -85,6 +85,7 @@ if TYPE_CHECKING:
     from cpmkit.protocols import Side as Side
     from cpmkit.protocols import Stiffness as Stiffness
     from cpmkit.protocols import no_progress as no_progress
+    from cpmkit.runtime.arrays import as_colour as as_colour
     from cpmkit.runtime.arrays import as_points as as_points
     from cpmkit.runtime.arrays import as_positions as as_positions
     from cpmkit.runtime.arrays import as_vector as as_vector
@@ -93,19 +94,18 @@ if TYPE_CHECKING:
     from cpmkit.runtime.arrays import one_row_each as one_row_each
     from cpmkit.runtime.arrays import positive as positive
     from cpmkit.runtime.arrays import whole as whole
-    from cpmkit.runtime.colours import as_colour as as_colour
     from cpmkit.runtime.compilation import compiled as compiled
     from cpmkit.runtime.compilation import inlined as inlined
     from cpmkit.runtime.threads import run_parcels as run_parcels
     from cpmkit.runtime.threads import thread_count as thread_count
     from cpmkit.scene.boundary import Boundary as Boundary
-    from cpmkit.scene.condition import Condition as Condition
+    from cpmkit.scene.conditions import Condition as Condition
     from cpmkit.scene.conditions import Dirichlet as Dirichlet
     from cpmkit.scene.conditions import Neumann as Neumann
     from cpmkit.scene.data import Data as Data
     from cpmkit.scene.data import evaluate_data as evaluate_data
     from cpmkit.scene.data import takes_time as takes_time
-    from cpmkit.scene.edge import conditions_along as conditions_along
+    from cpmkit.scene.edge_conditions import conditions_along as conditions_along
     from cpmkit.scene.equations import Equation as Equation
     from cpmkit.scene.equations import Laplace as Laplace
     from cpmkit.scene.equations import Terms as Terms
@@ -145,9 +145,8 @@ _NAMES = {
         ),
     },
     "Checking input": {
-        "runtime.arrays": "as_points as_positions as_vector check_size length one_row_each positive whole",
+        "runtime.arrays": "as_colour as_points as_positions as_vector check_size length one_row_each positive whole",
         "combinations.rotation": "as_rotation",
-        "runtime.colours": "as_colour",
     },
     "Reading and writing files": {
         "files.ply_files": "PlyLists ply_vertices read_ply",
@@ -180,17 +179,17 @@ _NAMES = {
     },
     "Scenes, and the laws of their conditions": {
         "protocols": "BoundarySet SIDES",
-        "scene.condition": "Condition",
+        "scene.conditions": "Condition",
         "scene.data": "Data evaluate_data takes_time",
         "scene.equations": "Equation Terms",
         "scene.laws": "Flux Interface Law Mixed Nonlinear OneSided Spectral Support Value",
-        "scene.edge": "conditions_along",
+        "scene.edge_conditions": "conditions_along",
         "scene.point_values": "small_boundary_warnings",
         "scene.scene": "Scene",
     },
     "Linear solvers": {
         "protocols": "LinearSolver Operator PreparedSolver",
-        "linear.report": "SolveReport judge",
+        "linear.solve_report": "SolveReport judge",
     },
     "Forms and back ends": {
         "protocols": "Backend Stiffness no_progress",

@@ -19,9 +19,8 @@ import pluggy
 from cpmkit import hookspecs
 from cpmkit.errors import PluginError, SceneError, shown
 from cpmkit.files.data_files import find_file
-from cpmkit.runtime.installing import FAMILIES, to_install
-from cpmkit.runtime.key_types import check_types
-from cpmkit.runtime.suggestions import did_you_mean
+from cpmkit.runtime.messages import FAMILIES, did_you_mean, to_install
+from cpmkit.runtime.options import check_types
 
 if TYPE_CHECKING:
     from cpmkit.protocols import ClosestPointSource, Floats, Ints

@@ -21,18 +21,16 @@ from cpmkit.forms.contract import Discretized
 from cpmkit.forms.field import Field, field_of
 from cpmkit.forms.options import Options
 from cpmkit.forms.solver_choice import solver_of
-from cpmkit.linear.choice import SOLVER_OPTIONS, SolverOptions, make_solver, solver_of_steps
+from cpmkit.linear.solver_options import SOLVER_OPTIONS, SolverOptions, make_solver, solver_of_steps
 from cpmkit.plugins import call, check_keys, factory, takes
 from cpmkit.protocols import Backend, Floats, Progress, no_progress
-from cpmkit.runtime.declared import declared, showing, take
-from cpmkit.runtime.shown_progress import ShownProgress, shown_progress
-from cpmkit.runtime.suggestions import did_you_mean
-from cpmkit.runtime.warn import warn_each
+from cpmkit.runtime.messages import did_you_mean, warn_each
+from cpmkit.runtime.options import declared, showing, take
+from cpmkit.runtime.progress import ShownProgress, shown_progress
 from cpmkit.scene.equations import Equation, Solved
 from cpmkit.scene.laws import Nonlinear
 from cpmkit.scene.nonlinear_equations import QuasilinearEquation
-from cpmkit.scene.restating import restated
-from cpmkit.scene.scene import Scene
+from cpmkit.scene.scene import Scene, restated
 from cpmkit.solution.solution import Solution
 
 Other = TypeVar("Other", bound=Solution)

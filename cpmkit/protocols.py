@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
     from cpmkit.forms.contract import Discretized
-    from cpmkit.linear.report import SolveReport
-    from cpmkit.scene.condition import Condition
+    from cpmkit.linear.solve_report import SolveReport
+    from cpmkit.scene.conditions import Condition
     from cpmkit.scene.scene import Scene
 
 Floats = NDArray[np.float64]

@@ -15,13 +15,12 @@ from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.forms.choice import FORMS, module_of, options_of
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.options import Options
-from cpmkit.linear.choice import SolverOptions
+from cpmkit.linear.solver_options import SolverOptions
 from cpmkit.plugins import call, factory, takes
 from cpmkit.preparing import solved
-from cpmkit.runtime.declared import showing, take
-from cpmkit.runtime.shown_progress import ShownProgress, shown_progress
-from cpmkit.runtime.suggestions import did_you_mean
-from cpmkit.runtime.warn import warn_each
+from cpmkit.runtime.messages import did_you_mean, warn_each
+from cpmkit.runtime.options import showing, take
+from cpmkit.runtime.progress import ShownProgress, shown_progress
 from cpmkit.scene.equations import Solved
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.solution import Solution

@@ -19,7 +19,7 @@ def new(name: str) -> None:
 
     A file that is there already is left alone.
     """
-    from cpmkit.scenefile.first_scene import write_first_scene
+    from cpmkit.scenefile.examples import write_first_scene
 
     file = write_first_scene(name)
     click.echo(f"written    {file}; `cpmkit solve {file}` solves it")
@@ -53,11 +53,11 @@ def schema(sort: str) -> None:
     Editors complete and check TOML by it: write it to a file, and begin a scene with the line `#:schema ./FILE`.
     """
     if sort == "scene":
-        from cpmkit.scenefile.schema import scene_schema as make
+        from cpmkit.scenefile.scene_schema import scene_schema as make
     elif sort == "study":
         from cpmkit.studies.schema import study_schema as make
     else:
-        from cpmkit.scenefile.application_schema import application_schema
+        from cpmkit.scenefile.scene_schema import application_schema
 
         make = partial(application_schema, sort)
     click.echo(json.dumps(make(), indent=1))

@@ -13,8 +13,8 @@ from cpmkit.accuracy.way import Way
 from cpmkit.errors import InputError
 from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.protocols import Progress, no_progress
-from cpmkit.runtime.declared import showing, take
-from cpmkit.runtime.warn import collected_warnings, warn_each
+from cpmkit.runtime.messages import collected_warnings, warn_each
+from cpmkit.runtime.options import showing, take
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.solution import Solution
 

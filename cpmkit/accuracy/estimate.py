@@ -19,11 +19,11 @@ from cpmkit.families.keywords import PreparingKeywords
 from cpmkit.forms.choice import FORMS
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.options import Options
-from cpmkit.linear.choice import SolverOptions
+from cpmkit.linear.solver_options import SolverOptions
 from cpmkit.preparing import solved
 from cpmkit.protocols import Floats
-from cpmkit.runtime.declared import showing
-from cpmkit.runtime.warn import collected_warnings, warn_each
+from cpmkit.runtime.messages import collected_warnings, warn_each
+from cpmkit.runtime.options import showing
 from cpmkit.scene.compound_equations import Eigen
 from cpmkit.scene.equations_in_time import FIRST_ORDER_SCHEMES, Evolution
 from cpmkit.scene.scene import Scene

@@ -21,8 +21,8 @@ from cpmkit.manifold.abilities import advice_of
 from cpmkit.manifold.mixed_dimension import joints_sentence, touching_joints
 from cpmkit.preparing import solved
 from cpmkit.protocols import Progress
-from cpmkit.runtime.declared import declared
-from cpmkit.runtime.warn import collected_warnings
+from cpmkit.runtime.messages import collected_warnings
+from cpmkit.runtime.options import declared
 from cpmkit.scene.equations_in_time import Wave
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.solution import Solution

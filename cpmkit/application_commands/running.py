@@ -106,7 +106,7 @@ def run(target: AccuracyTarget, make: Callable[[dict[str, Any]], Made]) -> None:
 
     ``make`` gets the keyword arguments of the application's function, with ``surface``, ``spacing`` and ``progress``.
     """
-    from cpmkit.runtime.warn import collected_warnings
+    from cpmkit.runtime.messages import collected_warnings
     from cpmkit.saving.results import check_request, write_results
     from cpmkit.scenefile.application_files import load_application
 

@@ -15,7 +15,7 @@ from cpmkit.files.array_files import read_array
 from cpmkit.files.data_files import find_file
 from cpmkit.plugin import unit
 from cpmkit.protocols import ClosestPointSource, Floats, HasMesh, HasTangents, Ints
-from cpmkit.runtime.colours import as_colour, as_colours
+from cpmkit.runtime.arrays import as_colour, as_colours
 
 #: Files of colours along a curve.
 COLOUR_SUFFIXES = (".npy", ".csv")

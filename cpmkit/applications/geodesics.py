@@ -31,7 +31,7 @@ from cpmkit.plugin import unit
 from cpmkit.preparing import Prepared
 from cpmkit.protocols import Bools, ClosestPointSource, Floats, Ints
 from cpmkit.runtime.arrays import as_points, whole
-from cpmkit.runtime.warn import warn_each
+from cpmkit.runtime.messages import warn_each
 from cpmkit.solution.solution import Solution
 
 METHODS = ("transport", "heat")

@@ -24,11 +24,11 @@ from cpmkit.errors import InputError, ResolutionError, shown
 from cpmkit.preparing import Prepared
 from cpmkit.protocols import ClosestPointSource, Floats
 from cpmkit.runtime.arrays import as_points, positive, whole
-from cpmkit.runtime.warn import warn_each
+from cpmkit.runtime.messages import warn_each
 from cpmkit.solution.solution import Solution
 
 if TYPE_CHECKING:
-    from cpmkit.scenefile.look_keywords import LookKeywords
+    from cpmkit.scenefile.look import LookKeywords
 
 METHODS = ("implicit", "explicit")
 #: The step over the square of half the manifold's size: .1 on a sphere of radius one.

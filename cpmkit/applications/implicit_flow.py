@@ -17,7 +17,7 @@ import numpy as np
 import cpmkit as ck
 from cpmkit.preparing import Prepared
 from cpmkit.protocols import ClosestPointSource, Floats
-from cpmkit.runtime.warn import warn_each
+from cpmkit.runtime.messages import warn_each
 from cpmkit.solution.solution import Solution
 
 #: A step raises the energy where it grows by more than this share of itself: rounding and projections are below.

@@ -33,7 +33,7 @@ from cpmkit.runtime.arrays import as_points, as_vector
 from cpmkit.solution.solution import Solution
 
 if TYPE_CHECKING:
-    from cpmkit.scenefile.look_keywords import LookKeywords
+    from cpmkit.scenefile.look import LookKeywords
 
 #: Time of the vectors' heat over the spacing's square: with 16 directions are half as exact on Spot, with 1 they are a
 #: tenth more exact there, and less on a sphere.

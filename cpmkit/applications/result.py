@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 from cpmkit.solution.solution import Solution
 
 if TYPE_CHECKING:
-    from cpmkit.scenefile.look_keywords import LookKeywords
+    from cpmkit.scenefile.look import LookKeywords
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -13,7 +13,7 @@ from cpmkit.errors import InputError
 from cpmkit.files.png_files import write_png
 from cpmkit.protocols import Bools, Floats, Ints
 from cpmkit.runtime.arrays import whole
-from cpmkit.runtime.warn import warn_each
+from cpmkit.runtime.messages import warn_each
 from cpmkit.solution.solution import Solution
 
 #: Pixels that are looked at at once.

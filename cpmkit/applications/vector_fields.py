@@ -35,7 +35,7 @@ from cpmkit.runtime.arrays import as_points, positive
 from cpmkit.solution.solution import Solution
 
 if TYPE_CHECKING:
-    from cpmkit.scenefile.look_keywords import LookKeywords
+    from cpmkit.scenefile.look import LookKeywords
 
 TRANSPORTS = ("parallel", "paper")
 #: Vectors whose tangential part is a smaller share of them stand on the surface.

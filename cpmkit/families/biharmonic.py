@@ -18,9 +18,9 @@ from cpmkit.families.context import SolveContext
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.free_constants import defects_of
 from cpmkit.forms.imbalance import Imbalance
-from cpmkit.linear.constants import Constants
+from cpmkit.linear.constant_part import Constants
 from cpmkit.linear.operators import Bordered, ComplexShift
-from cpmkit.linear.report import SolveReport
+from cpmkit.linear.solve_report import SolveReport
 from cpmkit.protocols import Floats, Operator, PreparedSolver, Sides, Stiffness
 from cpmkit.scene.compound_equations import Biharmonic
 from cpmkit.scene.equations import Terms

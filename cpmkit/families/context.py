@@ -10,9 +10,9 @@ import numpy as np
 
 from cpmkit.families.checkpointing import Checkpointing
 from cpmkit.forms.contract import Discretized
-from cpmkit.linear.constants import Constants
-from cpmkit.linear.lent import Lends, Lent
-from cpmkit.linear.report import SolveReport
+from cpmkit.linear.constant_part import Constants
+from cpmkit.linear.preconditioned import Lends, Lent
+from cpmkit.linear.solve_report import SolveReport
 from cpmkit.protocols import Floats, LinearSolver, Operator, PreparedSolver, Progress
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.scene import Scene

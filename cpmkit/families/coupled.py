@@ -17,8 +17,8 @@ from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.families.context import SolveContext
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.free_constants import MOSTLY
-from cpmkit.linear.constants import Constants
-from cpmkit.linear.levels import Level
+from cpmkit.linear.constant_part import Constants
+from cpmkit.linear.multigrid.cycle import Level
 from cpmkit.linear.operators import CsrOperator
 from cpmkit.protocols import Floats, Operator, Stiffness
 from cpmkit.scene.compound_equations import Coupled

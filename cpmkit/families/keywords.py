@@ -10,7 +10,7 @@ from typing import Any, Literal, TypedDict
 
 
 class SolverKeywords(TypedDict, total=False):
-    """How linear systems are solved; see :class:`cpmkit.linear.choice.SolverOptions`."""
+    """How linear systems are solved; see :class:`cpmkit.linear.solver_options.SolverOptions`."""
 
     solver: str
     solver_tolerance: float | None

@@ -16,7 +16,7 @@ from cpmkit.errors import ConvergenceError
 from cpmkit.families.context import Kept, SolveContext
 from cpmkit.families.quasilinear_steps import State, Steps
 from cpmkit.families.steady import solve_steady
-from cpmkit.linear.report import SolveReport
+from cpmkit.linear.solve_report import SolveReport
 from cpmkit.protocols import Floats
 from cpmkit.scene.data import Data, evaluate_data
 from cpmkit.scene.equations import Equation, Terms

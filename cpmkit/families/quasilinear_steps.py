@@ -14,10 +14,10 @@ from cpmkit.errors import ConvergenceError, InputError
 from cpmkit.families.context import SolveContext
 from cpmkit.forms.at_state import AtState
 from cpmkit.linear.operators import Border, Bordered
-from cpmkit.linear.report import SolveReport
+from cpmkit.linear.solve_report import SolveReport
 from cpmkit.protocols import Floats, Operator, Stiffness
+from cpmkit.scene.diffusivities import StateDiffusivity
 from cpmkit.scene.equations import Terms
-from cpmkit.scene.state_diffusivity import StateDiffusivity
 
 #: Relative residual to which a step is solved: the next one puts right what is left.
 STEP_TOLERANCE = 1e-6

@@ -9,7 +9,7 @@ from typing import Any
 from cpmkit.families.context import SolveContext, left_side
 from cpmkit.families.eigen.resonance import near_resonance, solved_or_resonant, unresolved_waves
 from cpmkit.forms.contract import Discretized
-from cpmkit.linear.constants import Constants
+from cpmkit.linear.constant_part import Constants
 from cpmkit.linear.operators import Bordered, LinearSystem
 from cpmkit.protocols import Operator, PreparedSolver, Stiffness
 from cpmkit.solution.solution import Solution

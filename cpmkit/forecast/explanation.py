@@ -10,10 +10,10 @@ from cpmkit.forecast.parts import Explanation
 from cpmkit.forecast.rough import guessed
 from cpmkit.forms.choice import FORMS, every_option, module_of, options_of
 from cpmkit.forms.options import Options
-from cpmkit.linear.choice import SolverOptions
+from cpmkit.linear.solver_options import SolverOptions
 from cpmkit.manifold.mixed_dimension import mixed_joint_sentences
 from cpmkit.protocols import Progress, no_progress
-from cpmkit.runtime.declared import showing
+from cpmkit.runtime.options import showing
 from cpmkit.scene.scene import Scene
 
 

@@ -8,7 +8,7 @@ from cpmkit.forms.galerkin import fitting as galerkin
 from cpmkit.forms.galerkin.definiteness import surely_iterated
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.options import Options
-from cpmkit.linear.choice import choose_solver
+from cpmkit.linear.solver_options import choose_solver
 from cpmkit.manifold.local_source import largest_dim
 from cpmkit.runtime import memory
 from cpmkit.scene.scene import Scene

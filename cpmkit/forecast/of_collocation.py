@@ -12,7 +12,7 @@ from cpmkit.forecast.running_out import explain_memory_error
 from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.options import Options
 from cpmkit.grid.fitting import check_fits
-from cpmkit.linear.choice import choose_solver
+from cpmkit.linear.solver_options import choose_solver
 from cpmkit.manifold.abilities import advice_of
 from cpmkit.manifold.local_source import largest_dim, localize
 from cpmkit.protocols import HasNormals, HasTangents, Progress

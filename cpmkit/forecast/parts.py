@@ -7,8 +7,8 @@ from typing import Any
 
 from cpmkit.forms.collocation.diagnosis.twin_clusters import TwinCluster
 from cpmkit.forms.collocation.diagnosis.unresolved import UnresolvedFeature
-from cpmkit.runtime.html_tables import html_table
-from cpmkit.scene.condition import Condition
+from cpmkit.runtime.messages import html_table
+from cpmkit.scene.conditions import Condition
 from cpmkit.scene.laws import is_zero_neumann
 from cpmkit.scene.scene import Scene
 

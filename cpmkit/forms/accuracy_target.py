@@ -7,7 +7,7 @@ from typing import Any
 
 from cpmkit.errors import InputError, shown
 from cpmkit.runtime.arrays import positive
-from cpmkit.runtime.declared import Declared, option
+from cpmkit.runtime.options import Declared, option
 
 NORMS = ("rms", "max")
 #: Units in which a memory may be written, in bytes.

@@ -13,8 +13,8 @@ from cpmkit.forms.options import AUTO, Options
 from cpmkit.grid.fitting import needed_spacing
 from cpmkit.manifold.abilities import has_finite_feet
 from cpmkit.manifold.local_source import largest_dim
-from cpmkit.runtime.declared import Declared, Option, declared, either, take
-from cpmkit.runtime.suggestions import did_you_mean
+from cpmkit.runtime.messages import did_you_mean
+from cpmkit.runtime.options import Declared, Option, declared, either, take
 from cpmkit.scene.equations_in_time import Wave
 from cpmkit.scene.scene import Scene
 

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
     from cpmkit.forms.unresolved_data import DataAtPoints
-    from cpmkit.linear.report import SolveReport
+    from cpmkit.linear.solve_report import SolveReport
     from cpmkit.mesh.display_mesh import DisplayMesh
 
 

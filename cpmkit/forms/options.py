@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
 from cpmkit.runtime.arrays import positive
-from cpmkit.runtime.declared import OPTION_KEY, Declared, Option, option
+from cpmkit.runtime.options import OPTION_KEY, Declared, Option, option
 
 Own = TypeVar("Own", bound=Declared)
 #: In place of a form's name: the one that fits the scene.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cpmkit.forms.contract import Discretized
-from cpmkit.linear.choice import choose_solver
+from cpmkit.linear.solver_options import choose_solver
 from cpmkit.manifold.local_source import largest_dim
 
 

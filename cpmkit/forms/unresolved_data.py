@@ -14,7 +14,7 @@ import numpy as np
 from cpmkit.errors import CpmkitError
 from cpmkit.protocols import Floats
 from cpmkit.scene.data import Functional, evaluate_data
-from cpmkit.scene.tensors import evaluate_diffusivity
+from cpmkit.scene.diffusivities import evaluate_diffusivity
 
 if TYPE_CHECKING:
     from cpmkit.forms.contract import Discretized

@@ -12,8 +12,7 @@ from functools import cached_property
 from itertools import chain
 
 from cpmkit.errors import SceneError
-from cpmkit.formulas.staged import MOST_STAGED_POINTS, StagedProgram, staged
-from cpmkit.formulas.steps import Program, Steps, program
+from cpmkit.formulas.steps import MOST_STAGED_POINTS, Program, StagedProgram, Steps, program, staged
 from cpmkit.protocols import Floats
 
 #: Formulas that need more steps with their derivatives are refused: each step is taken at every point.

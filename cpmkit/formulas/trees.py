@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import SceneError, shown
-from cpmkit.runtime.suggestions import did_you_mean
+from cpmkit.runtime.messages import did_you_mean
 
 COORDINATES = ("x", "y", "z")
 CONSTANTS = {"pi": np.pi, "e": np.e}

@@ -16,16 +16,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.errors import ConvergenceError
-from cpmkit.linear.multigrid import Multigrid
-from cpmkit.linear.multigrid_exact import Indefinite, PositiveFactors
-from cpmkit.linear.multigrid_matrix import UnsignedCsr
+from cpmkit.linear.csr_matrices import UnsignedCsr
+from cpmkit.linear.direct import Indefinite, PositiveFactors
+from cpmkit.linear.multigrid.solver import Multigrid
 from cpmkit.linear.preconditioned import Preconditioned, indefinite, without_border
 from cpmkit.protocols import Floats, Operator, PreparedSolver, Progress, no_progress
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-    from cpmkit.linear.report import SolveReport
+    from cpmkit.linear.solve_report import SolveReport
     from cpmkit.protocols import Ints
 
 #: Where the median row of a matrix sums to at least this share of its diagonal entry, its mass dominates: iterations

@@ -9,17 +9,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from cpmkit.errors import ConvergenceError, SceneError
-from cpmkit.linear.conjugate_gradients import conjugate_gradients
-from cpmkit.linear.multigrid_exact import Indefinite
-from cpmkit.linear.multigrid_matrix import UnsignedCsr
-from cpmkit.linear.multigrid_symmetric import SymmetricCsr
+from cpmkit.linear.csr_matrices import SymmetricCsr, UnsignedCsr
+from cpmkit.linear.direct import Indefinite
+from cpmkit.linear.krylov import conjugate_gradients
 from cpmkit.linear.operators import Bordered
-from cpmkit.linear.report import SolveReport, judge
+from cpmkit.linear.solve_report import SolveReport, judge
 from cpmkit.protocols import Floats, Operator, PreparedSolver, Progress, no_progress
 
 #: The recursive residual is driven this much below the tolerance, because it drifts from the true one, a little.
@@ -189,3 +188,46 @@ def indefinite(solver: str, error: Indefinite, iterations: int, tolerance: float
         "solver='direct', or a smaller spacing.",
         report,
     )
+
+
+@runtime_checkable
+class Lends(PreparedSolver, Protocol):
+    """A prepared solver whose preconditioner serves other operators of its size, with more iterations."""
+
+    @property
+    def operator(self) -> Operator:
+        """That it was made for."""
+
+    def for_operator(self, operator: Operator, /) -> PreparedSolver:
+        """Return the iteration for another operator with the same preconditioner."""
+
+
+@dataclass(frozen=True, eq=False)
+class Lent:
+    """The iteration with what another one lends, and what prepares its own should that not do.
+
+    Attributes
+    ----------
+    iteration : PreparedSolver
+        With the preconditioner that was lent.
+    prepare : callable
+        Returns the one with its own.
+    """
+
+    iteration: PreparedSolver
+    prepare: Callable[[], PreparedSolver]
+
+    def solve(
+        self, b: Floats, tolerance: float, guess: Floats | None = None, progress: Progress = no_progress
+    ) -> tuple[Floats, SolveReport]:
+        """Solve for all channels.
+
+        Raises
+        ------
+        ConvergenceError
+            If neither preconditioner leads to the tolerance.
+        """
+        try:
+            return self.iteration.solve(b, tolerance, guess, progress)
+        except ConvergenceError:
+            return self.prepare().solve(b, tolerance, guess, progress)

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from cpmkit.linear.report import SolveReport, judge
+from cpmkit.linear.solve_report import SolveReport, judge
 from cpmkit.protocols import Floats, Operator, Progress, no_progress
 from cpmkit.runtime.threads import run_parcels
 

@@ -10,7 +10,7 @@ from functools import cache
 from typing import Any, TypeVar
 
 from cpmkit.errors import CpmkitWarning
-from cpmkit.runtime.shown_progress import tell_under_way
+from cpmkit.runtime.progress import tell_under_way
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 

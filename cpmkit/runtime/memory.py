@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import ctypes
 import errno
+import gc
 import os
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
@@ -153,3 +155,72 @@ def bytes_per_unknown(dim: int, degree: int, solver: str = "reference") -> float
 def rows_per_unknown(dim: int) -> float:
     """Return about how many rows of E a band has for each unknown."""
     return 1.3 if dim == 3 else 1.5
+
+
+#: A process that holds less keeps it: what is handed back must be asked for, and cleared, anew.
+LEAST_BYTES = 2**29
+#: What the system tells of this process, in pages: the second number is what it holds in memory.
+PAGES = Path("/proc/self/statm")
+
+
+def hand_back() -> None:
+    """Hand freed memory of a large process back to the system, where the C library can (glibc's)."""
+    if _held() >= LEAST_BYTES:
+        trim()
+
+
+def trim() -> None:
+    """Hand freed memory back to the system, however little there is, where the C library can."""
+    found = _trim()
+    if found is not None:
+        found(0)
+
+
+def _held() -> int:
+    try:
+        with PAGES.open("rb", buffering=0) as read:
+            return int(read.readall().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except (OSError, ValueError, IndexError):  # no system that tells it
+        return 0
+
+
+@cache
+def _trim() -> Callable[[int], int] | None:
+    """Return the C library's ``malloc_trim``; None where it has none."""
+    if not sys.platform.startswith("linux"):
+        return None
+    try:
+        trim: Callable[[int], int] | None = getattr(ctypes.CDLL(None), "malloc_trim", None)
+    except OSError:  # a program that was linked without shared libraries
+        return None
+    return trim
+
+
+#: What the kernel tells of this process, and where it is asked to forget the peak so far.
+STATUS, CLEAR_REFS = Path("/proc/self/status"), Path("/proc/self/clear_refs")
+FORGET_PEAK = "5"
+
+
+def forget_peak() -> int | None:
+    """Let the peak start from what is in use now, freed memory handed back; return that in bytes, None if untold."""
+    gc.collect()
+    trim()
+    try:
+        CLEAR_REFS.write_text(FORGET_PEAK)
+    except OSError:
+        return None
+    return _row("VmRSS")
+
+
+def bytes_since(before: int | None) -> int | None:
+    """Return by how many bytes the peak since :func:`forget_peak` is above what was in use then, None if untold."""
+    peak = None if before is None else _row("VmHWM")
+    return None if peak is None or before is None else max(peak - before, 0)
+
+
+def _row(name: str) -> int | None:
+    try:
+        lines = STATUS.read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        return None
+    return next((1024 * int(line.split()[1]) for line in lines if line.startswith(f"{name}:")), None)

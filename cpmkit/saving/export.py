@@ -14,13 +14,13 @@ from cpmkit.errors import InputError, MissingDependencyError
 from cpmkit.files.whole_files import written_whole
 from cpmkit.mesh.display_mesh import DisplayMesh, mesh_of
 from cpmkit.protocols import ClosestPointSource, Floats, HasMesh
-from cpmkit.runtime.installing import to_install
+from cpmkit.runtime.messages import to_install
 from cpmkit.saving.mesh_files import MESH_WRITERS
 from cpmkit.scenefile.output_request import check_vertices
 from cpmkit.solution.own_vertices import at_vertices, given_mesh_of
 
 if TYPE_CHECKING:
-    from cpmkit.scenefile.look_keywords import SavingKeywords
+    from cpmkit.scenefile.look import SavingKeywords
     from cpmkit.solution.solution import Solution
 
 #: Of the arrays in a .npz; :func:`cpmkit.load` reads no other.

@@ -14,7 +14,7 @@ from cpmkit.files.plain_values import record_from_table
 from cpmkit.forms.choice import module_of, options_of
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.imbalance import Imbalance
-from cpmkit.linear.report import SolveReport
+from cpmkit.linear.solve_report import SolveReport
 from cpmkit.protocols import Floats, Ints
 from cpmkit.saving.saved_solutions import check_same_scene, of_another_scene, read_solution
 from cpmkit.scene.scene import Scene
@@ -99,7 +99,7 @@ def load(path: str | Path, scene: Scene | str | Path | None = None) -> Solution 
         raise InputError(f"cpmkit.load reads a file, and needs its path, got {shown(path)}.") from error
     arrays, summary = read_solution(path)
     if scene is not None and not isinstance(scene, Scene):
-        from cpmkit.scenefile.reading import load_scene
+        from cpmkit.scenefile.scene_files import load_scene
 
         scene = load_scene(scene).scene
     return _mesh_alone(arrays, summary) if scene is None else _rebuilt(path, arrays, summary, scene)

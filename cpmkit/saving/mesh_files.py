@@ -11,7 +11,7 @@ import numpy as np
 from cpmkit.errors import MissingDependencyError
 from cpmkit.mesh.display_mesh import DisplayMesh
 from cpmkit.protocols import Floats
-from cpmkit.runtime.installing import to_install
+from cpmkit.runtime.messages import to_install
 from cpmkit.view.colours import value_colours
 from cpmkit.view.drawing import in_space
 

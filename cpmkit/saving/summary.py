@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.protocols import SIDES
-from cpmkit.scene.by_position import ByPosition
-from cpmkit.scene.condition import Condition
-from cpmkit.scene.edge import LoopConditions
+from cpmkit.scene.conditions import Condition
+from cpmkit.scene.edge_conditions import ByPosition, LoopConditions
 
 if TYPE_CHECKING:
     from cpmkit.scene.scene import Scene

@@ -6,16 +6,45 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from cpmkit.errors import SceneError, shown
 from cpmkit.manifold.answers import check_source
-from cpmkit.manifold.given_vertices import vertices_of
-from cpmkit.protocols import ClosestPointSource, Floats, NamesLeft, Side
+from cpmkit.manifold.given_vertices import vertex_numbers, vertices_of
+from cpmkit.plugins import source
+from cpmkit.protocols import ClosestPointSource, Floats, Ints, NamesLeft, Side
 from cpmkit.runtime.arrays import as_vector
-from cpmkit.scene.alike import same_condition
-from cpmkit.scene.condition import Condition
-from cpmkit.scene.conditions import as_condition
+from cpmkit.scene.conditions import Condition, as_condition, same_condition
 from cpmkit.scene.data import Data
-from cpmkit.scene.given_boundaries import VertexNumbers, given_boundary
+
+#: The kind that is made of them.
+POINTS_KIND = "points"
+
+
+@dataclass(frozen=True, eq=False)
+class VertexNumbers:
+    """Numbers (k,) of vertices of a surface that is not known yet."""
+
+    numbers: Ints
+
+
+def given_boundary(given: Any) -> Any:
+    """Return the source of points (k, d) or of one point, or the numbers of vertices; anything else as it is.
+
+    One whole number, and whole numbers in one row, are numbers of vertices.
+    """
+    if isinstance(given, (ClosestPointSource, str, bytes, bool)) or callable(given):
+        return given
+    numbers = vertex_numbers(given)
+    if numbers is not None:
+        return VertexNumbers(numbers)
+    try:
+        array = np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        return given
+    is_point = array.ndim == 1 and len(array) in (2, 3)
+    return source(POINTS_KIND, at=np.atleast_2d(array)) if is_point or array.ndim == 2 else given
+
 
 #: What may be given for a side, and across.
 ONE = "Dirichlet, Neumann, Robin or another condition of one side, or a number or formula for Dirichlet"

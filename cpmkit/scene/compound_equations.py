@@ -10,10 +10,10 @@ import numpy as np
 
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.runtime.arrays import number, positive, whole
-from cpmkit.scene.condition import Condition
+from cpmkit.scene.conditions import Condition
 from cpmkit.scene.data import Data
+from cpmkit.scene.diffusivities import diffusivity_of
 from cpmkit.scene.equations import Equation, Terms, check_factor
-from cpmkit.scene.tensors import diffusivity_of
 
 if TYPE_CHECKING:
     from cpmkit.solution.modes import EigenSolution  # noqa: F401 - in quotes below

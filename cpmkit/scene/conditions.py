@@ -6,16 +6,78 @@ outward at an edge). Data may be a number, one number a channel, or a function o
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from dataclasses import dataclass, fields, is_dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from cpmkit.errors import InputError, shown
-from cpmkit.scene.condition import Condition
-from cpmkit.scene.data import Data, as_number, takes_time
-from cpmkit.scene.laws import Flux, Mixed, Value
+from cpmkit.runtime.arrays import whole
+from cpmkit.scene.data import Data, as_number, read_formulas, takes_time
+from cpmkit.scene.laws import Flux, Interface, Law, Mixed, OneSided, Value, data_of
+
+if TYPE_CHECKING:
+    from cpmkit.scene.equations import Equation
+
+
+class Condition(ABC):
+    """What holds on a side of a boundary, on an edge, or across a boundary.
+
+    A kind is a frozen dataclass of what it is given; its parameters are told in summaries, and two conditions are the
+    same where they are.
+
+    Attributes
+    ----------
+    kind : str
+        Its name in reports, and in scene files.
+    order : 1 to 4, or None
+        Overrides the discretisation's order for this condition.
+    """
+
+    kind: ClassVar[str]
+    order: int | None = None
+
+    def __post_init__(self) -> None:
+        read_formulas(self, self.kind)
+        if self.order is not None:
+            whole(self.order, f"order of {type(self).__name__}", 1, 4)
+
+    def __init_subclass__(cls, **keywords: Any) -> None:
+        """Keep the law that a kind answers: by that one object the data that it gives are known again."""
+        super().__init_subclass__(**keywords)
+        own = cls.__dict__.get("law")
+        if isinstance(own, property) and own.fget is not None:
+            kept: cached_property[Law] = cached_property(own.fget)
+            kept.__set_name__(cls, "law")
+            cls.law = kept  # type: ignore[assignment]
+
+    @property
+    @abstractmethod
+    def law(self) -> Law:
+        """Which of the standard laws it is; asked once."""
+
+    @property
+    def couples(self) -> bool:
+        """True where it holds across a boundary, and not on one side."""
+        return isinstance(self.law, Interface)
+
+    @property
+    def one_sided(self) -> OneSided:
+        """The law of a condition that does not couple sides."""
+        law = self.law
+        assert not isinstance(law, Interface)
+        return law
+
+    def data(self) -> list[tuple[str, Data]]:
+        """Return the data that have channels, and what each is."""
+        return data_of(self.law)
+
+    def refusal(self, problem: Equation) -> str:
+        """Return why an equation does not take it, the predicate of a sentence; empty where it does."""
+        return "" if problem.family in self.law.families else self.law.needs
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,3 +212,43 @@ class Robin(Condition):
         """The value and the flux in one relation."""
         beta: Any = self.beta  # a number or a function, formulas made so
         return Mixed(self.alpha, beta, self.gamma)
+
+
+def same_condition(first: Any, second: Any) -> bool:
+    """Tell whether two conditions are of one kind with equal numbers, equal formulas or the same callables."""
+    if first is second:
+        return True
+    if type(first) is not type(second) or not is_dataclass(first):
+        return False
+    return all(_equal(getattr(first, field.name), getattr(second, field.name)) for field in fields(first) if field.init)
+
+
+def sides_differ(left: Condition, right: Condition) -> bool:
+    """Tell whether it matters which side of a boundary is called left.
+
+    Where both hold one condition it does not, nor across a contact that is the same from both sides.
+    """
+    law = left.law
+    if isinstance(law, Interface):
+        return not (law.left == law.right and _equal(law.jump, 0.0))
+    return not same_condition(left, right)
+
+
+def _equal(first: Any, second: Any) -> bool:
+    if first is second:
+        return True
+    if callable(first) or callable(second):
+        return callable(first) and callable(second) and _same_function(first, second)
+    if isinstance(first, (list, tuple)) and isinstance(second, (list, tuple)):
+        return len(first) == len(second) and all(map(_equal, first, second))
+    if first is None or second is None:
+        return False
+    return np.array_equal(np.asarray(first), np.asarray(second))
+
+
+def _same_function(first: Any, second: Any) -> bool:
+    """Tell whether two callables are equal: formulas are by their text, a bound method by its object."""
+    try:
+        return bool(first == second)
+    except ValueError:  # some class compares arrays entry by entry
+        return False

@@ -17,10 +17,9 @@ import numpy as np
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.protocols import Floats
 from cpmkit.runtime.arrays import number, positive
-from cpmkit.scene.condition import Condition
-from cpmkit.scene.data import Data, evaluate_data
-from cpmkit.scene.formula_data import read_formulas
-from cpmkit.scene.tensors import diffusivity_of
+from cpmkit.scene.conditions import Condition
+from cpmkit.scene.data import Data, evaluate_data, read_formulas
+from cpmkit.scene.diffusivities import diffusivity_of
 
 if TYPE_CHECKING:
     from typing_extensions import TypeVar as Defaulted

@@ -16,10 +16,10 @@ import numpy as np
 
 from cpmkit.errors import InputError, shown
 from cpmkit.runtime.arrays import number, positive, whole
-from cpmkit.scene.after_step import AfterStep, check_after_step
 from cpmkit.scene.data import Data, takes_time
+from cpmkit.scene.diffusivities import diffusivity_of
 from cpmkit.scene.equations import Equation, Terms, VectorField, check_conservative, check_factor
-from cpmkit.scene.tensors import diffusivity_of
+from cpmkit.scene.pointwise import AfterStep, check_after_step
 
 if TYPE_CHECKING:
     from cpmkit.solution.evolved import EvolvedSolution  # noqa: F401 - in quotes below

@@ -10,13 +10,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from cpmkit.errors import InputError, SceneError, shown
-from cpmkit.formulas.state_expressions import StateExpression
+from cpmkit.formulas.expressions import StateExpression
 from cpmkit.protocols import Floats
 from cpmkit.runtime.arrays import number, positive
-from cpmkit.scene.data import Data, evaluate_data
+from cpmkit.scene.data import Data, evaluate_data, formula
+from cpmkit.scene.diffusivities import StateDiffusivity, of_slope
 from cpmkit.scene.equations import Equation, Terms, check_factor
-from cpmkit.scene.formula_data import formula
-from cpmkit.scene.state_diffusivity import StateDiffusivity, of_slope
 
 #: How the equations are solved: by tangents, or with the diffusivity of the step before.
 METHODS = ("newton", "lagged")

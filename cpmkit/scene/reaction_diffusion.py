@@ -9,16 +9,14 @@ from typing import Any, ClassVar
 import numpy as np
 
 from cpmkit.errors import InputError, SceneError, shown
-from cpmkit.formulas.reaction_expressions import ReactionExpression
+from cpmkit.formulas.expressions import ReactionExpression
 from cpmkit.runtime.arrays import positive
-from cpmkit.scene.after_step import AfterStep
-from cpmkit.scene.condition import Condition
-from cpmkit.scene.data import Data
+from cpmkit.scene.conditions import Condition
+from cpmkit.scene.data import Data, as_data, formula
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.equations_in_time import Evolution
-from cpmkit.scene.formula_data import as_data, formula
 from cpmkit.scene.laws import Interface
-from cpmkit.scene.reaction import Reaction
+from cpmkit.scene.pointwise import AfterStep, Reaction
 
 REACTION_SCHEMES = ("sbdf2", "euler")
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Generic
+from typing import TYPE_CHECKING, Any, Generic
 
 import numpy as np
 
@@ -13,18 +13,25 @@ from cpmkit.errors import SceneError, shown
 from cpmkit.manifold.answers import check_source
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.protocols import SIDES, BoundarySet, ClosestPointSource, Floats
-from cpmkit.runtime.html_tables import html_table
+from cpmkit.runtime.messages import html_table
 from cpmkit.scene.boundary import ONE, Boundary
-from cpmkit.scene.condition import Condition
-from cpmkit.scene.conditions import Neumann
+from cpmkit.scene.conditions import Condition, Neumann, as_conditions, same_condition
 from cpmkit.scene.data import Data, Functional, evaluate_data
-from cpmkit.scene.edge import EdgeConditions, GivenEdge, as_edge, conditions_of_edge, parts_of_edge, place_on_edge
+from cpmkit.scene.diffusivities import is_tensor
+from cpmkit.scene.edge_conditions import (
+    EdgeConditions,
+    GivenEdge,
+    as_edge,
+    conditions_of_edge,
+    parts_of_edge,
+    place_on_edge,
+    shape_of_edge,
+)
 from cpmkit.scene.equations import Equation, Solved
-from cpmkit.scene.given_surfaces import Surface, as_source
-from cpmkit.scene.orient import orient
-from cpmkit.scene.oriented import OrientedBoundary
-from cpmkit.scene.tensors import is_tensor
-from cpmkit.scene.vertex_arrays import VertexArrays
+from cpmkit.scene.laws import Interface, Law, Mixed, Nonlinear
+from cpmkit.scene.oriented import OrientedBoundary, orient
+from cpmkit.scene.surface_input import Surface, as_source
+from cpmkit.scene.vertex_data import VertexArrays
 
 #: Where data of the equation and of the edge are asked; numbers from zero are boundaries, those below the edge's parts.
 SURFACE_DATA, EDGE_DATA = -1, -2
@@ -219,3 +226,90 @@ class Scene(Generic[Solved]):
     @cached_property
     def _places(self) -> dict[int, Floats]:
         return {}
+
+
+#: The word under which the data of the edge are given.
+EDGE = "edge"
+
+
+def restated(scene: Scene, problem: Equation | None, data: Mapping[str, Any] | None) -> Scene:
+    """Return the scene with another ``problem`` and other ``data``; see :meth:`cpmkit.preparing.Prepared.solve`.
+
+    Raises
+    ------
+    SceneError
+        If a name is no boundary's, or a condition differs in more than its data.
+    """
+    if problem is None and not data:
+        return scene
+    data = dict(data or {})
+    boundaries = [
+        _with_data(boundary, data.pop(boundary.name)) if boundary.name in data else boundary
+        for boundary in scene.boundaries
+    ]
+    edge = _edge_with_data(scene.edge, data.pop(EDGE)) if EDGE in data else scene.edge
+    if data:
+        names = [EDGE, *(repr(boundary.name) for boundary in scene.boundaries)]
+        raise SceneError(f"data are given for {next(iter(data))!r}; the scene has {', '.join(names)}.")
+    return replace(scene, problem=problem or scene.problem, boundaries=boundaries, edge=edge)
+
+
+def _with_data(boundary: Any, given: Any) -> Boundary:
+    if not isinstance(boundary, Boundary):
+        raise SceneError(
+            f"boundary {boundary.name!r} is no cpmkit.Boundary, and takes no other data; use cpmkit.solve."
+        )
+    sides = {side: getattr(boundary, side) for side in ("both", "left", "right", "across")}
+    held = {side: one for side, one in sides.items() if one is not None}
+    new = given if isinstance(given, Mapping) else dict.fromkeys([*held][:1], given)
+    new = as_conditions(new)
+    if set(new) != set(held):
+        raise SceneError(
+            f"boundary {boundary.name!r} holds conditions on {' and '.join(held)}, got {' and '.join(new)}; give data "
+            "for the same."
+        )
+    for side, one in new.items():
+        _check_same(held[side], one, f"boundary {boundary.name!r}, {side},")
+    if "left" in held and same_condition(*held.values()) != same_condition(*new.values()):
+        count = "one condition" if same_condition(*held.values()) else "two conditions"
+        raise SceneError(f"boundary {boundary.name!r} has {count} for its sides in the tables; use cpmkit.solve.")
+    return replace(boundary, **new)
+
+
+def _edge_with_data(edge: Any, given: Any) -> Any:
+    given = as_edge(given)
+    if shape_of_edge(edge) != shape_of_edge(given):
+        raise SceneError(
+            "data of the edge must be one condition, or one for each of its loops or parts, as the scene has them, "
+            "and each part where it is."
+        )
+    if isinstance(edge, Mapping):
+        given = {loop: given[loop] for loop in edge}
+    for (old, _), (new, _) in zip(parts_of_edge(edge), parts_of_edge(given), strict=True):
+        _check_same(old.condition, new.condition, "the edge")
+    return given
+
+
+def _check_same(old: Condition, new: Any, what: str) -> None:
+    """Refuse a condition of another kind than the tables hold, or with other factors.
+
+    Raises
+    ------
+    SceneError
+        In one sentence.
+    """
+    if not isinstance(new, Condition) or old.order != new.order or not _same_but_data(old.law, new.law):
+        raise SceneError(
+            f"{what} is {old.kind} in the tables, got {shown(getattr(new, 'kind', new))}: only data may differ, not "
+            "the kind, its factors or its order; use cpmkit.solve."
+        )
+
+
+def _same_but_data(old: Law, new: Law) -> bool:
+    if type(old) is not type(new):
+        return False
+    if isinstance(old, Interface) and isinstance(new, Interface):
+        return (old.resistance, old.left, old.right) == (new.resistance, new.left, new.right)
+    if isinstance(old, Mixed) and isinstance(new, Mixed):
+        return (old.alpha, old.beta) == (new.alpha, new.beta)
+    return not isinstance(old, Nonlinear)

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 from cpmkit.errors import InputError, shown
 from cpmkit.runtime.arrays import number, positive
-from cpmkit.scene.condition import Condition
+from cpmkit.scene.conditions import Condition
 from cpmkit.scene.data import Data, takes_time
 from cpmkit.scene.laws import Interface, Nonlinear, Spectral, Support
 

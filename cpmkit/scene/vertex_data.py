@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import InputError, SceneError, shown
-from cpmkit.files.array_files import read_array
-from cpmkit.files.data_files import find_file
+from cpmkit.errors import InputError, SceneError
 from cpmkit.protocols import ClosestPointSource, Floats, HasValues
+from cpmkit.scene.boundary import Boundary
+from cpmkit.scene.data import DATA_TYPE
+from cpmkit.scene.diffusivities import TENSOR_SHAPES
+from cpmkit.scene.edge_conditions import ByPosition
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,56 +79,71 @@ def _checked(values: Any, count: int) -> Floats:
     return array
 
 
-#: What of a scene file may carry values: its name in messages, and its source.
-Carrier = tuple[str, ClosestPointSource]
+#: An array of more entries is refused where it is no vertex data: nobody means so many channels of constants.
+MOST_CHANNELS = 16
+#: Of a surface with so few vertices an array may be either, the channels of a colour or one value a vertex.
+FEW_VERTICES = 4
 
 
-def with_vertex_data(value: Any, folder: Path, carriers: Sequence[Carrier], where: str) -> Any:
-    """Return a value of a scene file with :class:`VertexData` in place of each table ``{ values = "FILE.npy" }``.
+class VertexArrays:
+    """Puts :class:`VertexData` of a surface in the place of arrays with one row for each of its vertices."""
 
-    Parameters
-    ----------
-    value : any
-        As TOML gives it; tables and lists are looked through.
-    folder : Path
-        Where the files are looked for first.
-    carriers : sequence of (name, source)
-        To whose vertices the rows may belong. A table may say to whose: ``of = NAME``; else they must fit one alone.
-    where : str
-        Named in errors.
+    def __init__(self, surface: ClosestPointSource) -> None:
+        self.surface = surface
+        self.count = surface.value_count if isinstance(surface, HasValues) else None
+        self._read: dict[int, tuple[Any, Any]] = {}
 
-    Raises
-    ------
-    SceneError
-        If an array fits none of the carriers, or several.
-    InputError
-        If a file is missing or holds no array of finite numbers.
-    """
-    if isinstance(value, dict) and "values" in value:
-        return _vertex_data(value, folder, carriers, where)
-    if isinstance(value, dict):
-        return {key: with_vertex_data(entry, folder, carriers, f"{key} of {where}") for key, entry in value.items()}
-    if isinstance(value, list):
-        return [with_vertex_data(entry, folder, carriers, where) for entry in value]
-    return value
+    def stated(self, given: Any, what: str) -> Any:
+        """Return an equation or a condition with vertex data; the same object for the same.
 
+        Raises
+        ------
+        SceneError
+            If an array is neither a row a vertex nor a few channels, or may be both; ``what`` names whose it is.
+        """
+        if not is_dataclass(given) or isinstance(given, type):
+            return given
+        if id(given) not in self._read:  # what is read is kept beside what it was made of, which keeps its id
+            changed = {}
+            for one in fields(given):
+                value = getattr(given, one.name)
+                if one.init and DATA_TYPE in str(one.type) and isinstance(value, np.ndarray) and value.ndim > 0:
+                    changed[one.name] = self._datum(value, f"{one.name} of {what}")
+            differs = any(new is not getattr(given, name) for name, new in changed.items())
+            self._read[id(given)] = given, replace(given, **changed) if differs else given
+        return self._read[id(given)][1]
 
-def _vertex_data(table: dict[str, Any], folder: Path, carriers: Sequence[Carrier], where: str) -> VertexData:
-    unknown = sorted(set(table) - {"values", "of"})
-    names = [name for name, _ in carriers]
-    if unknown or not isinstance(table["values"], str) or table.get("of", names[0]) not in names:
-        raise SceneError(
-            f"{where} must be {{ values = 'FILE.npy' }}, with of = {' or '.join(map(repr, names))} if need be, got "
-            f"{shown(table)}."
-        )
-    array = read_array(find_file(table["values"], folder), "an array of numbers")
-    offered = [carrier for carrier in carriers if table.get("of", carrier[0]) == carrier[0]]
-    counts = {name: source.value_count for name, source in offered if isinstance(source, HasValues)}
-    fitting = [name for name, count in counts.items() if np.shape(array)[:1] == (count,)]
-    if len(fitting) != 1:
-        rows = f"{shown(table['values'])} of {where} has the shape {array.shape}"
-        if fitting:
-            raise SceneError(f"{rows}, which fits {' and '.join(fitting)}; add of = {fitting[0]!r} or another of them.")
-        known = " and ".join(f"{name} has {count} vertices" for name, count in counts.items())
-        raise SceneError(f"{rows}, where {known or f'{names[0]} carries no values'}; give one row a vertex.")
-    return VertexData(dict(offered)[fitting[0]], array)
+    def boundary(self, given: Any) -> Any:
+        """Return a boundary whose conditions have vertex data."""
+        if not isinstance(given, Boundary):
+            return given
+        sides = {side: getattr(given, side) for side in ("both", "left", "right", "across")}
+        read = {side: self.stated(one, f"boundary {given.name!r}") for side, one in sides.items() if one is not None}
+        return given if all(read[side] is sides[side] for side in read) else replace(given, **read)
+
+    def edge(self, given: Any) -> Any:
+        """Return what holds on an edge, its conditions with vertex data."""
+        if isinstance(given, Mapping):
+            return {loop: self.edge(one) for loop, one in given.items()}
+        if isinstance(given, ByPosition):
+            parts = [replace(part, condition=self.stated(part.condition, "the edge")) for part in given.parts]
+            return replace(given, parts=type(given.parts)(parts))
+        return self.stated(given, "the edge")
+
+    def _datum(self, array: np.ndarray, what: str) -> Any:
+        if array.shape in TENSOR_SHAPES:
+            return array
+        if len(array) == self.count:
+            if self.count <= FEW_VERTICES and array.ndim == 1:
+                raise SceneError(
+                    f"{what} is an array of {len(array)} numbers, which may be one value a vertex of the surface or as "
+                    "many channels; give a list of channels, or ck.VertexData(surface, values)."
+                )
+            return VertexData(self.surface, array)
+        if len(array) > MOST_CHANNELS:
+            known = "carries no values" if self.count is None else f"has {self.count} vertices"
+            raise SceneError(
+                f"{what} is an array of shape {array.shape}, and the surface {known}; give one row a vertex, a "
+                "function of points, ck.VertexData of another source, or a list of channels."
+            )
+        return array

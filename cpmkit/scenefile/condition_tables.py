@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from cpmkit.errors import SceneError, shown
+from cpmkit.files.array_files import read_array
+from cpmkit.files.data_files import find_file
 from cpmkit.formulas.expressions import Expression
 from cpmkit.plugins import call, factory
+from cpmkit.protocols import ClosestPointSource, HasValues
 from cpmkit.runtime.arrays import number, whole
-from cpmkit.runtime.suggestions import did_you_mean
-from cpmkit.scene.condition import Condition
-from cpmkit.scene.conditions import Dirichlet, Neumann, Robin
+from cpmkit.runtime.messages import did_you_mean
+from cpmkit.scene.conditions import Condition, Dirichlet, Neumann, Robin
 from cpmkit.scene.data import Data
 from cpmkit.scene.special_conditions import SimplySupported, Steklov, Transmission
 from cpmkit.scene.vertex_data import VertexData
@@ -159,3 +164,58 @@ def as_table(value: Any, where: str) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise SceneError(f"{where} must be a table, got {shown(value)}.")
     return dict(value)
+
+
+def with_vertex_data(value: Any, folder: Path, carriers: Sequence[Carrier], where: str) -> Any:
+    """Return a value of a scene file with :class:`VertexData` in place of each table ``{ values = "FILE.npy" }``.
+
+    Parameters
+    ----------
+    value : any
+        As TOML gives it; tables and lists are looked through.
+    folder : Path
+        Where the files are looked for first.
+    carriers : sequence of (name, source)
+        To whose vertices the rows may belong. A table may say to whose: ``of = NAME``; else they must fit one alone.
+    where : str
+        Named in errors.
+
+    Raises
+    ------
+    SceneError
+        If an array fits none of the carriers, or several.
+    InputError
+        If a file is missing or holds no array of finite numbers.
+    """
+    if isinstance(value, dict) and "values" in value:
+        return _vertex_data(value, folder, carriers, where)
+    if isinstance(value, dict):
+        return {key: with_vertex_data(entry, folder, carriers, f"{key} of {where}") for key, entry in value.items()}
+    if isinstance(value, list):
+        return [with_vertex_data(entry, folder, carriers, where) for entry in value]
+    return value
+
+
+def _vertex_data(table: dict[str, Any], folder: Path, carriers: Sequence[Carrier], where: str) -> VertexData:
+    unknown = sorted(set(table) - {"values", "of"})
+    names = [name for name, _ in carriers]
+    if unknown or not isinstance(table["values"], str) or table.get("of", names[0]) not in names:
+        raise SceneError(
+            f"{where} must be {{ values = 'FILE.npy' }}, with of = {' or '.join(map(repr, names))} if need be, got "
+            f"{shown(table)}."
+        )
+    array = read_array(find_file(table["values"], folder), "an array of numbers")
+    offered = [carrier for carrier in carriers if table.get("of", carrier[0]) == carrier[0]]
+    counts = {name: source.value_count for name, source in offered if isinstance(source, HasValues)}
+    fitting = [name for name, count in counts.items() if np.shape(array)[:1] == (count,)]
+    if len(fitting) != 1:
+        rows = f"{shown(table['values'])} of {where} has the shape {array.shape}"
+        if fitting:
+            raise SceneError(f"{rows}, which fits {' and '.join(fitting)}; add of = {fitting[0]!r} or another of them.")
+        known = " and ".join(f"{name} has {count} vertices" for name, count in counts.items())
+        raise SceneError(f"{rows}, where {known or f'{names[0]} carries no values'}; give one row a vertex.")
+    return VertexData(dict(offered)[fitting[0]], array)
+
+
+#: What of a scene file may carry values: its name in messages, and its source.
+Carrier = tuple[str, ClosestPointSource]

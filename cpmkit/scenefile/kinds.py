@@ -8,10 +8,10 @@ from typing import Any
 
 from cpmkit.errors import PluginError, shown
 from cpmkit.plugins import FACTORY_HOOKS, any_factory, installed_kinds
-from cpmkit.runtime.suggestions import did_you_mean
+from cpmkit.runtime.messages import did_you_mean
 from cpmkit.scenefile.condition_tables import CONDITIONS
 from cpmkit.scenefile.documented_keys import Key, first_sentence, keys_of
-from cpmkit.scenefile.reading import PROBLEMS
+from cpmkit.scenefile.scene_files import PROBLEMS
 
 #: What the kinds of each hook are.
 SORTS = dict(zip(FACTORY_HOOKS, ("source", "condition", "solver", "back end"), strict=True))

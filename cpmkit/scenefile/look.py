@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Any, Self
+from typing import Any, Literal, Self, TypedDict
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cpmkit.errors import InputError, shown
 from cpmkit.runtime.arrays import as_vector, whole
-from cpmkit.runtime.suggestions import did_you_mean
+from cpmkit.runtime.messages import did_you_mean
 
 #: Pixels of a picture's width.
 WIDTH_PIXELS = (16, 16_384)
@@ -147,3 +148,34 @@ def _one_of(value: object, accepted: Sequence[str], what: str) -> None:
     if value not in accepted:
         near = did_you_mean(value, accepted)
         raise InputError(f"{what} must be {' or '.join(map(repr, accepted))}, got {shown(value)}{near}.")
+
+
+#: Numbers of a fixed or any count.
+Numbers = Sequence[float] | NDArray[Any]
+
+
+class LookKeywords(TypedDict, total=False):
+    """How a picture looks; see :class:`cpmkit.scenefile.look.Look`."""
+
+    width: int
+    view: Numbers | None
+    up: Literal["x", "y", "z"] | Numbers | None
+    curves: bool
+    twins: bool
+    field: Literal["solution", "error"]
+    channel: int | None
+    light: Literal["flat", "shaded"] | None
+    cmap: str
+    clim: Numbers | None
+    title: str
+    label: str
+    unit: str
+    isolines: int | bool | Numbers
+    edges: bool
+    vectors: bool
+
+
+class SavingKeywords(LookKeywords, total=False):
+    """How a saved film or page looks."""
+
+    fps: float

@@ -16,8 +16,7 @@ from cpmkit.runtime.arrays import positive, whole
 from cpmkit.scene.boundary import Boundary
 from cpmkit.scene.conditions import Neumann
 from cpmkit.scene.equations import Laplace
-from cpmkit.scene.orient import orient
-from cpmkit.scene.oriented import OrientedBoundary
+from cpmkit.scene.oriented import OrientedBoundary, orient
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.boundary_rules import boundary_rule
 from cpmkit.solution.corner_joints import joined_at_corners

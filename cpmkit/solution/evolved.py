@@ -16,7 +16,7 @@ from cpmkit.scene.equations_in_time import Evolution
 from cpmkit.solution.solution import Solution
 
 if TYPE_CHECKING:
-    from cpmkit.scenefile.look_keywords import LookKeywords
+    from cpmkit.scenefile.look import LookKeywords
 
 #: Bytes of a value, and how often frames are in memory while they are saved.
 VALUE_BYTES, FRAME_COPIES = 8, 2

@@ -12,16 +12,16 @@ import numpy as np
 
 from cpmkit.forms.contract import Discretized, MeasuredWork
 from cpmkit.forms.imbalance import Imbalance
-from cpmkit.linear.report import SolveReport
+from cpmkit.linear.solve_report import SolveReport
 from cpmkit.protocols import SIDES, Floats, ReadSides, Side, Sides
-from cpmkit.runtime.html_tables import html_table
+from cpmkit.runtime.messages import html_table
 from cpmkit.scene.scene import Scene
 
 if TYPE_CHECKING:
     from cpmkit.accuracy.error_estimate import ErrorEstimate
     from cpmkit.accuracy.trade import Trade
     from cpmkit.mesh.display_mesh import DisplayMesh
-    from cpmkit.scenefile.look_keywords import LookKeywords, SavingKeywords
+    from cpmkit.scenefile.look import LookKeywords, SavingKeywords
     from cpmkit.solution.integrals import Integrand
     from cpmkit.solution.resonance import Resonance
     from cpmkit.view import Picture

@@ -22,7 +22,7 @@ from cpmkit.forms.collocation.form import discretize
 from cpmkit.forms.collocation.operator import ExtensionOperator
 from cpmkit.forms.collocation.work import measure_work
 from cpmkit.grid.band import Band
-from cpmkit.linear.choice import SolverOptions, choose_solver, make_solver
+from cpmkit.linear.solver_options import SolverOptions, choose_solver, make_solver
 from cpmkit.manifold.local_source import LocalSource, largest_dim, localize
 from cpmkit.protocols import Bools, Floats, Progress, no_progress
 from cpmkit.scene.data import evaluate_data

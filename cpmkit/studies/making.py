@@ -14,9 +14,9 @@ from cpmkit.forms.collocation.diagnosis.twin_clusters import twin_feet
 from cpmkit.forms.collocation.form import Collocation
 from cpmkit.grid.lattice import lattice_of
 from cpmkit.protocols import Progress, no_progress
-from cpmkit.runtime.declared import declared
-from cpmkit.runtime.peak import bytes_since, forget_peak
-from cpmkit.runtime.warn import collected_warnings
+from cpmkit.runtime.memory import bytes_since, forget_peak
+from cpmkit.runtime.messages import collected_warnings
+from cpmkit.runtime.options import declared
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.solution import Solution
 from cpmkit.solving import for_any_backend, solve

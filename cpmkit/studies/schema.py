@@ -6,7 +6,7 @@ from dataclasses import fields
 from typing import Any
 
 from cpmkit.scenefile.documented_keys import Key, keys_of
-from cpmkit.scenefile.schema import DRAFT, definitions, scene_tables, table_of
+from cpmkit.scenefile.scene_schema import DRAFT, definitions, scene_tables, table_of
 from cpmkit.studies.studyfile import Exact
 from cpmkit.studies.sweep import Sweep, listed
 

@@ -19,7 +19,7 @@ from cpmkit.formulas.expressions import Expression
 from cpmkit.plugins import call, check_accepted
 from cpmkit.scene.scene import Scene
 from cpmkit.scenefile.condition_tables import as_table
-from cpmkit.scenefile.reading import read_options, read_scene
+from cpmkit.scenefile.scene_files import read_options, read_scene
 from cpmkit.studies.formulas import expand, expand_all, expand_names
 from cpmkit.studies.sampling import VERTICES_WORD
 from cpmkit.studies.sweep import ASKED, Sweep, listed, read_sweep

@@ -17,8 +17,7 @@ from cpmkit.forms.choice import FORMS, every_option
 from cpmkit.plugins import call, check_keys
 from cpmkit.protocols import Floats
 from cpmkit.runtime.arrays import positive
-from cpmkit.runtime.declared import declared
-from cpmkit.runtime.key_types import check_types
+from cpmkit.runtime.options import check_types, declared
 
 #: Methods that fix nodes, and the options that they have: no order of their own.
 BASELINES = {"nearest": ("degree",), "ball": ("degree",)}

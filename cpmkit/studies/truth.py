@@ -8,7 +8,7 @@ import numpy as np
 
 from cpmkit.errors import SceneError
 from cpmkit.protocols import Floats
-from cpmkit.runtime.warn import collected_warnings
+from cpmkit.runtime.messages import collected_warnings
 from cpmkit.scene.data import evaluate_data
 from cpmkit.solving import for_any_backend, solve
 from cpmkit.studies.checking import check_comparable, end_of

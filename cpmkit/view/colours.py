@@ -8,8 +8,7 @@ import numpy as np
 
 from cpmkit.errors import InputError, MissingDependencyError, shown
 from cpmkit.protocols import Floats
-from cpmkit.runtime.installing import to_install
-from cpmkit.runtime.suggestions import did_you_mean
+from cpmkit.runtime.messages import did_you_mean, to_install
 
 #: Values that differ by a smaller share of their size are one value, in the middle of a bar of this half length.
 EQUAL_SHARE, BAR_ABOUT_ONE_VALUE = 1e-12, 0.05

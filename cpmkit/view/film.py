@@ -19,7 +19,7 @@ from cpmkit.view.layout import composed
 from cpmkit.view.pictures import check_look, drawn, painted, shown_values
 
 if TYPE_CHECKING:
-    from cpmkit.scenefile.look_keywords import LookKeywords
+    from cpmkit.scenefile.look import LookKeywords
     from cpmkit.solution.evolved import EvolvedSolution
     from cpmkit.solution.solution import Solution
 

@@ -24,7 +24,7 @@ from cpmkit.view.pictures import SIGNED_CMAP, check_look, shown_values
 
 if TYPE_CHECKING:
     from cpmkit.mesh.display_mesh import DisplayMesh
-    from cpmkit.scenefile.look_keywords import LookKeywords
+    from cpmkit.scenefile.look import LookKeywords
     from cpmkit.solution.solution import Solution
 
 #: Pixels; only the ratio of what is shown matters.

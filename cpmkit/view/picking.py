@@ -11,8 +11,8 @@ import numpy as np
 from cpmkit.errors import InputError, MissingDependencyError
 from cpmkit.mesh.cells import with_corners
 from cpmkit.protocols import ClosestPointSource, Floats, HasMesh
-from cpmkit.runtime.installing import to_install
-from cpmkit.scene.given_surfaces import Surface, as_source
+from cpmkit.runtime.messages import to_install
+from cpmkit.scene.surface_input import Surface, as_source
 from cpmkit.solution.solution import Solution
 from cpmkit.view.drawing import in_space
 from cpmkit.view.drawn_line import DrawnLine, check_line_file, start_line, write_line

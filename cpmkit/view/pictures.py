@@ -14,7 +14,7 @@ from cpmkit.errors import InputError, MissingDependencyError, shown
 from cpmkit.files.whole_files import written_whole
 from cpmkit.mesh.display_mesh import DisplayMesh
 from cpmkit.protocols import Floats
-from cpmkit.runtime.installing import to_install
+from cpmkit.runtime.messages import to_install
 from cpmkit.scenefile.look import Look
 from cpmkit.solution.modes import EigenSolution
 from cpmkit.view import marks
@@ -25,7 +25,7 @@ from cpmkit.view.layout import composed, grid, model_width, write_png
 from cpmkit.view.shapes import Shapes
 
 if TYPE_CHECKING:
-    from cpmkit.scenefile.look_keywords import LookKeywords
+    from cpmkit.scenefile.look import LookKeywords
     from cpmkit.solution.solution import Solution
 
 #: A sheet of modes has at most so many columns, and colours of both signs.

@@ -16,7 +16,7 @@ from cpmkit.view.page import page_of
 from cpmkit.view.pictures import check_look, rendered
 
 if TYPE_CHECKING:
-    from cpmkit.scenefile.look_keywords import LookKeywords
+    from cpmkit.scenefile.look import LookKeywords
     from cpmkit.solution.solution import Solution
 
 #: Of the frame in a notebook, in pixels; and how wide a picture on axes is.

@@ -11,8 +11,8 @@ import pytest
 import cpmkit as ck
 import cpmkit.forms.galerkin.equations as equations
 import cpmkit.forms.galerkin.values as values
-import cpmkit.linear.factorization as factorization
-import cpmkit.linear.multigrid as multigrid
+import cpmkit.linear.direct as factorization
+import cpmkit.linear.multigrid.solver as multigrid
 from cpmkit.applications import geodesic_distance
 from cpmkit.applications.heat import LOST_SHARE, lost_alone
 from cpmkit.forms.galerkin.fixed_samples import FixedSamples

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 import cpmkit as ck
 from cpmkit import cli
-from cpmkit.runtime.warn import collected_warnings, warn_each
+from cpmkit.runtime.messages import collected_warnings, warn_each
 
 #: Nothing flows out of a circle, so a right-hand side of mean 1 has no solution.
 CIRCLE = '[surface]\nkind = "analytic.circle"\n[problem]\nkind = "poisson"\nf = 1.0\n[discretization]\nspacing = 0.1\n'

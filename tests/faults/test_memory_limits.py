@@ -133,7 +133,7 @@ def test_memory_that_runs_out_in_a_solve_is_one_sentence(monkeypatch, raised, fo
         raise raised
 
     monkeypatch.setattr("scipy.sparse.linalg.splu", fail)
-    monkeypatch.setattr("cpmkit.linear.factorization.cholesky", fail)
+    monkeypatch.setattr("cpmkit.linear.direct.cholesky", fail)
     with pytest.raises(ck.ResolutionError) as error:
         ck.solve(scene(), 0.3, form=form, solver="direct")
     one_sentence(error, "Memory ran out at spacing=0.3", "unknowns need", "'direct'", "try spacing=0.45 or more")

@@ -10,7 +10,7 @@ from scipy.sparse import coo_array, diags_array
 from scipy.spatial import cKDTree
 
 import cpmkit as ck
-from cpmkit.linear.choice import SolverOptions
+from cpmkit.linear.solver_options import SolverOptions
 from cpmkit.plugin import CsrOperator, Discretized, Nonlinear, Scene
 from cpmkit.preparing import Prepared
 

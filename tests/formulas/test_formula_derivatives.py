@@ -5,7 +5,7 @@ import pytest
 
 from cpmkit import SceneError
 from cpmkit.formulas.derivatives import MOST_FORMULA_STEPS, formula_jets
-from cpmkit.formulas.staged import MOST_STAGED_POINTS
+from cpmkit.formulas.steps import MOST_STAGED_POINTS
 from cpmkit.formulas.trees import formula_tree
 
 NAMES = ("x", "y", "z")

@@ -12,8 +12,8 @@ from cpmkit.families.checkpointing import Checkpointing
 from cpmkit.forms import choice
 from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.options import Options
-from cpmkit.linear.choice import SolverOptions
-from cpmkit.runtime.declared import Declared, declared, option
+from cpmkit.linear.solver_options import SolverOptions
+from cpmkit.runtime.options import Declared, declared, option
 from cpmkit.studies.records import read_records
 from cpmkit.studies.running import run_study
 from cpmkit.studies.series import gather

@@ -16,8 +16,8 @@ from cpmkit import hookspecs, load_scene, plugins
 from cpmkit.cli import main
 from cpmkit.errors import SceneError
 from cpmkit.formulas import trees
-from cpmkit.linear.choice import SOLVERS
-from cpmkit.scenefile import application_tables, condition_tables, reading
+from cpmkit.linear.solver_options import SOLVERS
+from cpmkit.scenefile import application_files, condition_tables, scene_files
 from cpmkit.scenefile.output_request import PictureRequest
 
 ROOT = Path(__file__).parents[2]
@@ -118,17 +118,17 @@ def accepted(tmp_path, table, beside=""):
 
 def test_every_table_of_a_scene_is_documented():
     text = (DOCS / "reference" / "scene-keys.md").read_text()
-    for table in reading.SCENE_TABLES:
+    for table in scene_files.SCENE_TABLES:
         assert f"## `[{table}]`" in text or f"## `[[{table}]]`" in text
 
 
 def test_every_table_and_key_of_an_application_is_documented():
     text = (DOCS / "reference" / "application-keys.md").read_text()
-    for command, tables in reading.APPLICATION_TABLES.items():
+    for command, tables in scene_files.APPLICATION_TABLES.items():
         assert f"## `cpmkit {command}`" in text
         assert all(f"[{table}]" in text for table in tables)
-    own = {*application_tables.ALONG_KEYS, *application_tables.COLOUR_KEYS}
-    named = own | {*application_tables.MAP_KEYS, *application_tables.VECTORS_KEYS}
+    own = {*application_files.ALONG_KEYS, *application_files.COLOUR_KEYS}
+    named = own | {*application_files.MAP_KEYS, *application_files.VECTORS_KEYS}
     assert named - documented("application-keys.md") == set()
 
 
@@ -137,9 +137,9 @@ def test_every_key_of_a_table_is_documented(table, tmp_path):
     assert accepted(tmp_path, table) - documented("scene-keys.md") == set()
 
 
-@pytest.mark.parametrize("kind", reading.PROBLEMS)
+@pytest.mark.parametrize("kind", scene_files.PROBLEMS)
 def test_every_key_of_a_problem_is_documented(kind, tmp_path):
-    keys = set(inspect.signature(reading.PROBLEMS[kind]).parameters)
+    keys = set(inspect.signature(scene_files.PROBLEMS[kind]).parameters)
     assert {kind, *keys} - documented("scene-keys.md") == set()
 
 

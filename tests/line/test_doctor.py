@@ -60,5 +60,5 @@ def test_what_a_scene_warns_of_is_among_the_advice(tmp_path, monkeypatch):
     def load_scene(path):
         warnings.warn("A triangle is dropped.", CpmkitWarning, stacklevel=1)
 
-    monkeypatch.setattr("cpmkit.scenefile.reading.load_scene", load_scene)
+    monkeypatch.setattr("cpmkit.scenefile.scene_files.load_scene", load_scene)
     assert diagnose(tmp_path / "scene.toml").advice[0] == "A triangle is dropped."

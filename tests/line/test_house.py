@@ -18,7 +18,7 @@ EXAMPLE = ROOT / "examples" / "cpmkit-neural" / "cpmkit_neural"
 NAMES = {name: module for group in cpmkit.plugin.GROUPS.values() for name, module in group.items()}
 #: Modules whose names an author is held to, used by the plugins of the repository or not.
 CONTRACTS = {
-    "condition",
+    "conditions",
     "contract",
     "data",
     "equations",
@@ -26,7 +26,7 @@ CONTRACTS = {
     "laws",
     "operators",
     "protocols",
-    "report",
+    "solve_report",
     "testing",
 }
 LINT = "from importlinter.cli import lint_imports_command; lint_imports_command(['--no-cache'])"

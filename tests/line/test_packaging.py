@@ -81,7 +81,7 @@ def test_pictures_in_the_repository_are_small():
 
 
 def test_every_plugin_is_an_extra_of_the_core_and_all_of_them_are_one():
-    from cpmkit.runtime.installing import FAMILIES
+    from cpmkit.runtime.messages import FAMILIES
 
     extras, (major, minor, _) = project(ROOT)["optional-dependencies"], cpmkit.__version__.split(".")
     assert [f"cpmkit-{family}" for family in FAMILIES] == [folder.name for folder in PLUGINS]

@@ -63,9 +63,9 @@ def made(monkeypatch):
 
     offered = plugins.factory
     known = plugins.InstalledKind("test.gmres", "test", "0", "test")
-    monkeypatch.setattr("cpmkit.linear.choice.installed_kinds", lambda: [known])
+    monkeypatch.setattr("cpmkit.linear.solver_options.installed_kinds", lambda: [known])
     monkeypatch.setattr(
-        "cpmkit.linear.choice.factory",
+        "cpmkit.linear.solver_options.factory",
         lambda name, hook: Plugin().cpmkit_solvers()[name] if name == "test.gmres" else offered(name, hook),
     )
     return solvers

@@ -1,7 +1,7 @@
 """Without a name, the quicker solver is taken; a multigrid only where a form has levels for it."""
 
-from cpmkit.linear.choice import choose_solver, make_solver
-from cpmkit.linear.multigrid import Multigrid
+from cpmkit.linear.multigrid.solver import Multigrid
+from cpmkit.linear.solver_options import choose_solver, make_solver
 
 
 def test_what_is_quicker_is_taken():

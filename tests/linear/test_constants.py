@@ -5,12 +5,12 @@ import pytest
 from scipy.sparse import csr_array, diags_array, eye_array
 
 import cpmkit as ck
-from cpmkit.linear.constants import ROUNDING_SHARE, Constants
+from cpmkit.linear.constant_part import ROUNDING_SHARE, Constants
 from cpmkit.linear.direct import Direct
-from cpmkit.linear.multigrid import Multigrid
+from cpmkit.linear.multigrid.solver import Multigrid
 from cpmkit.linear.operators import Border, Bordered, ComplexShift, CsrOperator
 from cpmkit.linear.reference import Reference
-from cpmkit.linear.report import judge
+from cpmkit.linear.solve_report import judge
 
 N = 60
 TOLERANCE = 1e-8

@@ -5,9 +5,7 @@ import pytest
 from scipy.sparse import csr_array, eye_array, random_array
 
 import cpmkit as ck
-from cpmkit.linear.dense import DENSE_UNKNOWNS, Cholesky, cholesky
-from cpmkit.linear.factorization import factorize
-from cpmkit.linear.multigrid_exact import Indefinite, PositiveFactors
+from cpmkit.linear.direct import DENSE_UNKNOWNS, Cholesky, Indefinite, PositiveFactors, cholesky, factorize
 from cpmkit.linear.operators import CsrOperator
 
 

@@ -12,7 +12,7 @@ from cpmkit.errors import ConvergenceError, SceneError
 from cpmkit.forms.galerkin.hierarchy.levels import levels_of
 from cpmkit.linear import jacobi
 from cpmkit.linear.jacobi import Jacobi, Quicker, mass_dominates
-from cpmkit.linear.multigrid import Multigrid
+from cpmkit.linear.multigrid.solver import Multigrid
 from cpmkit.linear.operators import CsrOperator
 
 H = 0.16
@@ -91,7 +91,7 @@ def test_runs_in_time_are_those_of_the_other_solvers():
 
 
 def test_without_a_name_a_large_run_in_time_takes_the_diagonal(monkeypatch):
-    monkeypatch.setattr("cpmkit.linear.choice.DIRECT_BESIDE_MULTIGRID", {})
+    monkeypatch.setattr("cpmkit.linear.solver_options.DIRECT_BESIDE_MULTIGRID", {})
     for step, expected in ((0.05, "jacobi"), (100.0, "multigrid")):
         heat = ck.Heat(lambda x: x[:, 0], until=2 * step, step=step)
         run = ck.solve(ck.Scene(ck.source("analytic.sphere"), heat), 0.3)

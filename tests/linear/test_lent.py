@@ -7,8 +7,8 @@ import pytest
 
 import cpmkit as ck
 from cpmkit.families.steady import assemble
-from cpmkit.linear.lent import Lends, Lent
-from cpmkit.linear.multigrid import Multigrid
+from cpmkit.linear.multigrid.solver import Multigrid
+from cpmkit.linear.preconditioned import Lends, Lent
 from cpmkit.protocols import Floats, PreparedSolver
 from cpmkit.scene.scene import Scene
 

@@ -12,13 +12,13 @@ from cpmkit.errors import ConvergenceError, SceneError
 from cpmkit.forms.free_constants import free_pieces
 from cpmkit.forms.galerkin.hierarchy.levels import levels_of
 from cpmkit.forms.galerkin.space import energy
-from cpmkit.linear import multigrid_cycle, multigrid_symmetric
+from cpmkit.linear import csr_matrices
+from cpmkit.linear.csr_matrices import SymmetricCsr, UnsignedCsr, coarse_operator
 from cpmkit.linear.direct import Direct
 from cpmkit.linear.jacobi import Jacobi
-from cpmkit.linear.multigrid import Multigrid
-from cpmkit.linear.multigrid_cycle import loses_by_rounding
-from cpmkit.linear.multigrid_matrix import UnsignedCsr
-from cpmkit.linear.multigrid_symmetric import SymmetricCsr, coarse_operator
+from cpmkit.linear.multigrid import cycle
+from cpmkit.linear.multigrid.cycle import loses_by_rounding
+from cpmkit.linear.multigrid.solver import Multigrid
 from cpmkit.linear.operators import Bordered, CsrOperator
 from cpmkit.linear.preconditioned import Preconditioned, followed_by_error
 
@@ -191,10 +191,10 @@ def test_a_strip_of_the_wrong_sign_is_told():
 def test_an_interval_that_is_too_small_gives_no_wrong_answer(monkeypatch):
     space = sphere(0.1)
     operator = stiffness_of(space, 1.0)
-    monkeypatch.setattr(multigrid_symmetric, "LEAST_SHARED_ENTRIES", 0)
-    monkeypatch.setattr(multigrid_symmetric, "thread_count", lambda: 2)
+    monkeypatch.setattr(csr_matrices, "LEAST_SHARED_ENTRIES", 0)
+    monkeypatch.setattr(csr_matrices, "thread_count", lambda: 2)
     for share in (0.8, 0.5, 0.3):
-        monkeypatch.setattr(multigrid_cycle, "EIGENVALUE_MARGIN", share)
+        monkeypatch.setattr(cycle, "EIGENVALUE_MARGIN", share)
         with pytest.raises(ConvergenceError) as caught:
             iterations(space, operator)
         assert not caught.value.report.converged
@@ -206,7 +206,7 @@ def test_what_it_cannot_solve_is_refused_with_what_can(monkeypatch):
     with pytest.raises(SceneError, match="solver='direct'"):
         Multigrid().prepare(CsrOperator(matrix, symmetric=False))
     assert Multigrid().prepare(CsrOperator(matrix, symmetric=True)).solve(load(space, smooth), 1e-10)[1].iterations == 1
-    monkeypatch.setattr("cpmkit.linear.multigrid.MOST_FACTORISED", space.dof_map.size - 1)
+    monkeypatch.setattr("cpmkit.linear.multigrid.solver.MOST_FACTORISED", space.dof_map.size - 1)
     with pytest.raises(SceneError, match="coarser levels"):
         Multigrid().prepare(CsrOperator(matrix, symmetric=True))
 
@@ -233,7 +233,7 @@ def test_coarser_matrices_made_in_parts_are_whole(monkeypatch):
     rng = np.random.default_rng(3)
     dense = [np.where(rng.random(shape) < 0.1, rng.standard_normal(shape), 0.0) for shape in ((90, 90), (90, 31))]
     a, p = (csr_array(one) for one in (dense[0] + dense[0].T, dense[1]))
-    monkeypatch.setattr(multigrid_symmetric, "LEAST_COARSE_ROWS", 4)
+    monkeypatch.setattr(csr_matrices, "LEAST_COARSE_ROWS", 4)
     coarse = coarse_operator(a, p).whole().to_csr()
     assert np.allclose(coarse.toarray(), (p.T @ a @ p).toarray(), atol=1e-13)
     assert coarse.count_nonzero() == (p.T @ a @ p).count_nonzero()

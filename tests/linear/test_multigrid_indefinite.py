@@ -5,7 +5,7 @@ import pytest
 from model_problems import rotation, sphere_points
 
 import cpmkit as ck
-from cpmkit.linear.minimal_residuals import minimal_residuals
+from cpmkit.linear.krylov import minimal_residuals
 from cpmkit.protocols import no_progress
 
 SPHERE = ck.source("analytic.sphere")
@@ -47,7 +47,7 @@ def test_steps_do_not_grow_with_the_unknowns_nor_with_the_waves(spacing):
 
 
 def test_a_coarsest_level_too_large_to_be_factorised_is_refused(monkeypatch):
-    monkeypatch.setattr("cpmkit.linear.multigrid.MOST_FACTORISED_WAVES", 1_000)
+    monkeypatch.setattr("cpmkit.linear.multigrid.solver.MOST_FACTORISED_WAVES", 1_000)
     with pytest.raises(ck.SceneError, match=r"it has 1,4\d\d of the 5,7\d\d unknowns, where up to 1,000 are accepted"):
         ck.solve(ck.Scene(SPHERE, ck.Helmholtz(bump, 5.0)), 0.1, solver="multigrid")
 

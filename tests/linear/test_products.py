@@ -5,8 +5,8 @@ import pytest
 from scipy.sparse import random_array
 
 from cpmkit import InputError
-from cpmkit.linear import products
-from cpmkit.linear.products import ThreadedProduct
+from cpmkit.linear import operators
+from cpmkit.linear.operators import ThreadedProduct
 from cpmkit.runtime.threads import run_parcels, thread_count
 
 
@@ -14,7 +14,7 @@ from cpmkit.runtime.threads import run_parcels, thread_count
 @pytest.mark.parametrize("shape", [(700,), (700, 1), (700, 3)])
 def test_products_equal_scipys_bit_by_bit(monkeypatch, threads, shape):
     monkeypatch.setenv("CPMKIT_THREADS", threads)
-    monkeypatch.setattr(products, "PARCEL_ENTRIES", 500)
+    monkeypatch.setattr(operators, "PARCEL_ENTRIES", 500)
     rng = np.random.default_rng(0)
     matrix = random_array((1000, 700), density=0.02, format="csr", rng=rng)
     x = rng.normal(size=shape)
@@ -24,7 +24,7 @@ def test_products_equal_scipys_bit_by_bit(monkeypatch, threads, shape):
 
 
 def test_blocks_share_the_matrixs_entries(monkeypatch):
-    monkeypatch.setattr(products, "PARCEL_ENTRIES", 500)
+    monkeypatch.setattr(operators, "PARCEL_ENTRIES", 500)
     matrix = random_array((1000, 1000), density=0.02, format="csr", rng=np.random.default_rng(0))
     blocks = ThreadedProduct(matrix).blocks
     assert len(blocks) > 10

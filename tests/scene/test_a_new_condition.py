@@ -11,7 +11,7 @@ import cpmkit as ck
 from cpmkit import plugins
 from cpmkit.hookspecs import hookimpl
 from cpmkit.saving.summary import describe_scene
-from cpmkit.scene.condition import Condition
+from cpmkit.scene.conditions import Condition
 from cpmkit.scene.laws import Interface, Mixed, Nonlinear
 
 BAR = ck.source("analytic.segment", start=[0, 0], end=[1, 0])

@@ -5,7 +5,7 @@ import pytest
 
 import cpmkit as ck
 from cpmkit.formulas.expressions import Expression
-from cpmkit.scene.alike import same_condition, sides_differ
+from cpmkit.scene.conditions import same_condition, sides_differ
 
 
 def one(x):

@@ -10,7 +10,7 @@ from bare import Bare
 from layouts import lay_out
 
 import cpmkit as ck
-from cpmkit.scene.orient import orient
+from cpmkit.scene.oriented import orient
 
 SPHERE = ck.source("analytic.sphere")
 TOP = [0.0, 0.0, 1.0]

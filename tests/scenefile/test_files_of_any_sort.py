@@ -51,7 +51,7 @@ def test_an_array_file_that_is_none_is_refused(tmp_path, kind, keys, name):
 
 @pytest.mark.parametrize("name", DAMAGED)
 def test_a_file_of_vertex_data_that_is_none_is_refused(tmp_path, name):
-    from cpmkit.scene.vertex_data import with_vertex_data
+    from cpmkit.scenefile.condition_tables import with_vertex_data
 
     (tmp_path / name).write_bytes(DAMAGED[name])
     pins = ck.source("points", at=[[0, 0, 0.0], [1, 0, 0]])

@@ -13,10 +13,9 @@ import cpmkit as ck
 from cpmkit.cli import main
 from cpmkit.plugins import installed_kinds
 from cpmkit.scenefile.application_files import load_application
-from cpmkit.scenefile.application_schema import application_schema
 from cpmkit.scenefile.documented_keys import first_sentence, keys_of
-from cpmkit.scenefile.reading import PROBLEMS
-from cpmkit.scenefile.schema import scene_schema
+from cpmkit.scenefile.scene_files import PROBLEMS
+from cpmkit.scenefile.scene_schema import application_schema, scene_schema
 from cpmkit.studies.schema import study_schema
 
 ROOT = Path(__file__).parents[2]

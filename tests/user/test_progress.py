@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import cpmkit as ck
-from cpmkit.runtime import compilation, shown_progress
-from cpmkit.runtime.shown_progress import LateBar, tell_under_way
+from cpmkit.runtime import compilation, progress
+from cpmkit.runtime.progress import LateBar, tell_under_way
 
 SCENE = ck.Scene(ck.source("analytic.circle"), ck.ScreenedPoisson("x"))
 
@@ -31,7 +31,7 @@ class Clock:
 
 def looked_at(monkeypatch, stream):
     """Let work write to a stream; pytest puts its own in the place of what a fixture does."""
-    monkeypatch.setattr(shown_progress, "sys", SimpleNamespace(stderr=stream, modules=sys.modules))
+    monkeypatch.setattr(progress, "sys", SimpleNamespace(stderr=stream, modules=sys.modules))
     return stream
 
 
@@ -46,13 +46,13 @@ def terminal(request, monkeypatch):
 
 def work(target, clock, seconds=3.0):
     """Two stages, the second of which passes the two seconds."""
-    with shown_progress.shown_progress(target, clock) as progress:
-        progress("band", 0.5)
+    with progress.shown_progress(target, clock) as report:
+        report("band", 0.5)
         clock.now = 1.5
-        progress("band", 1.0)
-        progress("solve", 0.25)
+        report("band", 1.0)
+        report("solve", 0.25)
         clock.now = seconds
-        progress("solve", 0.75)
+        report("solve", 0.75)
 
 
 def test_a_bar_appears_after_two_seconds_and_goes(terminal):
@@ -96,7 +96,7 @@ def test_a_callback_gets_all_stages_and_what_is_no_choice_is_refused():
 
 
 def test_a_prepared_scene_shows_each_solve(terminal, monkeypatch):
-    monkeypatch.setattr(shown_progress, "SILENT_SECONDS", 0.0)
+    monkeypatch.setattr(progress, "SILENT_SECONDS", 0.0)
     prepared = ck.prepare(SCENE, spacing=0.2, solver="direct")
     before = len(terminal.getvalue())
     assert before > 0
@@ -119,7 +119,7 @@ def test_a_reader_that_has_gone_ends_no_solve(monkeypatch):
 
 def test_kernels_that_are_compiled_are_told_to_the_work_under_way(caplog, tmp_path, monkeypatch):
     told = []
-    with caplog.at_level(logging.DEBUG, "cpmkit"), shown_progress.shown_progress(lambda *one: told.append(one)):
+    with caplog.at_level(logging.DEBUG, "cpmkit"), progress.shown_progress(lambda *one: told.append(one)):
         from numba import njit
 
         compilation._listen_once()
@@ -141,4 +141,4 @@ def test_the_logger_tells_what_was_solved_and_is_silent_by_itself(caplog, capfd)
 
 def test_a_late_bar_that_was_never_shown_closes():
     LateBar(2.0, Clock()).close()
-    assert np.isfinite(shown_progress.SILENT_SECONDS)
+    assert np.isfinite(progress.SILENT_SECONDS)

@@ -20,10 +20,9 @@ from cpmkit.families.checkpointing import Checkpointing
 from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.forms.choice import FORMS
 from cpmkit.forms.options import Options
-from cpmkit.linear.choice import SOLVER_OPTIONS, SolverOptions
-from cpmkit.runtime.declared import declared
-from cpmkit.scenefile.look import AXES, LIGHTS, PICTURE_FIELDS, Look
-from cpmkit.scenefile.look_keywords import LookKeywords, SavingKeywords
+from cpmkit.linear.solver_options import SOLVER_OPTIONS, SolverOptions
+from cpmkit.runtime.options import declared
+from cpmkit.scenefile.look import AXES, LIGHTS, PICTURE_FIELDS, Look, LookKeywords, SavingKeywords
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = Path(__file__).with_name("typed_script.py")

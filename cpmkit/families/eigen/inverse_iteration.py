@@ -12,10 +12,10 @@ import numpy as np
 
 from cpmkit.errors import SceneError
 from cpmkit.families.context import SolveContext, left_side
-from cpmkit.linear.multigrid_exact import Indefinite, PositiveFactors
+from cpmkit.linear.direct import Indefinite, PositiveFactors
 from cpmkit.protocols import Floats, Operator, Preconditioner, PreparedSolver, Stiffness
 from cpmkit.scene.compound_equations import Eigen
-from cpmkit.scene.tensors import size_of
+from cpmkit.scene.diffusivities import size_of
 
 #: Distance of the shift from the wanted number, in typical eigenvalues of a manifold of this size: below the spectrum,
 #: or beside a number inside it.

@@ -9,14 +9,13 @@ import numpy as np
 from cpmkit.errors import ConvergenceError, ResolutionError
 from cpmkit.families.context import SolveContext
 from cpmkit.forms.contract import Discretized
-from cpmkit.linear.constants import Constants
+from cpmkit.linear.constant_part import Constants
 from cpmkit.linear.preconditioned import followed_by_error
-from cpmkit.linear.report import SolveReport
+from cpmkit.linear.solve_report import SolveReport
 from cpmkit.protocols import Floats, Ints, PreparedSolver
+from cpmkit.scene.diffusivities import StateDiffusivity, size_of
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.laws import Nonlinear
-from cpmkit.scene.state_diffusivity import StateDiffusivity
-from cpmkit.scene.tensors import size_of
 from cpmkit.solution.resonance import Resonance
 
 #: Relative residual to which the distance to an eigenvalue is computed.

@@ -16,7 +16,7 @@ from cpmkit.families.eigen.multiplets import cut_multiplet
 from cpmkit.families.eigen.shift_invert import SAME_EIGENVALUE_TOLERANCES, shift_inverted_pairs
 from cpmkit.families.eigen.small_range import all_pairs, dense_pairs, few_seen
 from cpmkit.forms.contract import Discretized
-from cpmkit.linear.report import MOST_ROUNDING, ROUNDING_FACTOR, SolveReport, rounding_of
+from cpmkit.linear.solve_report import MOST_ROUNDING, ROUNDING_FACTOR, SolveReport, rounding_of
 from cpmkit.protocols import Floats
 from cpmkit.scene.compound_equations import Eigen
 from cpmkit.solution.modes import EigenSolution

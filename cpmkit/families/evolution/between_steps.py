@@ -9,8 +9,8 @@ import numpy as np
 from cpmkit.families.evolution.moment import History, Moment
 from cpmkit.forms.contract import Discretized
 from cpmkit.protocols import Floats
-from cpmkit.scene.after_step import changed_values
 from cpmkit.scene.equations_in_time import Evolution
+from cpmkit.scene.pointwise import changed_values
 
 
 def after_step(form: Discretized, evolution: Evolution, moment: Moment) -> Moment:

@@ -9,9 +9,9 @@ from cpmkit.families.evolution.semidiscrete import SemiDiscrete
 from cpmkit.forms.contract import Discretized
 from cpmkit.protocols import Floats
 from cpmkit.scene.data import evaluate_data
+from cpmkit.scene.diffusivities import size_of
 from cpmkit.scene.equations_in_time import Evolution, Heat, Wave
 from cpmkit.scene.reaction_diffusion import ReactionDiffusion
-from cpmkit.scene.tensors import size_of
 
 #: Crank-Nicolson rings where its last step takes back more than this share of the one before, and both are more than
 #: the second share of the solution.

@@ -13,7 +13,7 @@ from cpmkit.forms.contract import Discretized
 from cpmkit.protocols import Floats, Stiffness
 from cpmkit.scene.data import Data, takes_time
 from cpmkit.scene.equations import Terms
-from cpmkit.scene.reaction import Reaction, rates
+from cpmkit.scene.pointwise import Reaction, rates
 
 
 @dataclass(frozen=True, eq=False)

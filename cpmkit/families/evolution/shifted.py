@@ -10,8 +10,8 @@ import numpy as np
 
 from cpmkit.families.context import SolveContext, left_side
 from cpmkit.families.evolution.semidiscrete import ChannelGroup, SemiDiscrete
-from cpmkit.linear.constants import Constants
-from cpmkit.linear.report import SolveReport
+from cpmkit.linear.constant_part import Constants
+from cpmkit.linear.solve_report import SolveReport
 from cpmkit.protocols import Floats, PreparedSolver, Stiffness
 
 

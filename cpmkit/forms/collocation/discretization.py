@@ -20,9 +20,9 @@ from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.collocation.selection import Centres, Unknowns
 from cpmkit.forms.options import Options
 from cpmkit.grid.stencils import cross_offsets, cross_weights, difference_reach
-from cpmkit.linear.products import matrix_of_rows, placing
+from cpmkit.linear.operators import matrix_of_rows, placing
 from cpmkit.protocols import SIDES, Floats, Ints, Progress, no_progress
-from cpmkit.scene.alike import same_condition
+from cpmkit.scene.conditions import same_condition
 from cpmkit.scene.data import Data, evaluate_data
 from cpmkit.scene.laws import Interface, Law
 from cpmkit.scene.scene import Scene

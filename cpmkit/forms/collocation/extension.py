@@ -18,7 +18,7 @@ from cpmkit.forms.collocation.boundary.side_view import stack
 from cpmkit.forms.collocation.layout import Layout
 from cpmkit.forms.collocation.selection import Centres, Unknowns
 from cpmkit.grid.stencils import stencil_cells, stencil_nodes, tensor_weights
-from cpmkit.linear.products import matrix_of_rows, placing
+from cpmkit.linear.operators import matrix_of_rows, placing
 from cpmkit.protocols import ClosestPoints, Floats, Progress, no_progress
 
 if TYPE_CHECKING:

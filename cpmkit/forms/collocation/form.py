@@ -41,16 +41,16 @@ from cpmkit.linear.operators import Border
 from cpmkit.manifold.mixed_dimension import mixed_joint_sentences
 from cpmkit.protocols import Floats, Ints, Operator, Progress, Stiffness, no_progress
 from cpmkit.scene.data import Data
-from cpmkit.scene.edge import by_position
+from cpmkit.scene.diffusivities import StateDiffusivity
+from cpmkit.scene.edge_conditions import by_position
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.laws import Spectral, Support
 from cpmkit.scene.scene import Scene
-from cpmkit.scene.state_diffusivity import StateDiffusivity
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-    from cpmkit.linear.report import SolveReport
+    from cpmkit.linear.solve_report import SolveReport
 
 #: So often are ghosts read at the start: each reads a mirror point, near the boundary through other ghosts.
 GHOST_READING_ROUNDS = 3

@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.linear.operators import coupled
-from cpmkit.linear.products import ThreadedProduct
+from cpmkit.linear.operators import ThreadedProduct, coupled
 from cpmkit.protocols import Floats, Ints, Operator
 
 if TYPE_CHECKING:

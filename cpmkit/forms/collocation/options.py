@@ -9,7 +9,7 @@ from typing import Any, Literal
 from cpmkit.errors import InputError, shown
 from cpmkit.grid.stencils import check_degree
 from cpmkit.runtime.arrays import whole
-from cpmkit.runtime.declared import Declared, option
+from cpmkit.runtime.options import Declared, option
 
 #: The highest degree of polynomials that fluxes balance against, 165 of them in space; higher ones see what a spacing
 #: does not resolve.

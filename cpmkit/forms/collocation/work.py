@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.forms.collocation.discretization import Discretization
-from cpmkit.linear.report import SolveReport
+from cpmkit.linear.solve_report import SolveReport
 from cpmkit.protocols import Operator
 from cpmkit.runtime.memory import ENTRY_BYTES
 

@@ -21,9 +21,9 @@ from cpmkit.forms.galerkin.values import Values
 from cpmkit.linear.operators import CsrOperator
 from cpmkit.protocols import Floats
 from cpmkit.scene.data import evaluate_data
+from cpmkit.scene.diffusivities import evaluate_diffusivity
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.laws import Flux, Mixed
-from cpmkit.scene.tensors import evaluate_diffusivity
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

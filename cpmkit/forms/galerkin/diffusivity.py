@@ -6,7 +6,7 @@ import numpy as np
 
 from cpmkit.errors import InputError, place
 from cpmkit.protocols import Floats
-from cpmkit.scene.tensors import principal_values
+from cpmkit.scene.diffusivities import principal_values
 
 #: A tensor whose smallest eigenvalue on tangents is below this share of its largest is not told from a singular one.
 SINGULAR_SHARE = 1e-12

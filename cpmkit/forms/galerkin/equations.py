@@ -24,11 +24,11 @@ from cpmkit.forms.galerkin.space.floor import floored_stiffness
 from cpmkit.forms.galerkin.transport.reading import speed_out
 from cpmkit.linear.operators import Border, CsrOperator, with_diagonal
 from cpmkit.protocols import Floats, Side, Stiffness
-from cpmkit.runtime.pickled_state import without_cached
+from cpmkit.runtime.caches import without_cached
 from cpmkit.scene.data import Data
+from cpmkit.scene.diffusivities import StateDiffusivity
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.functionals import TestedRightSide
-from cpmkit.scene.state_diffusivity import StateDiffusivity
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

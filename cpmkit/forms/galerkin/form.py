@@ -38,17 +38,17 @@ from cpmkit.forms.galerkin.transport.telling import of_layers
 from cpmkit.forms.galerkin.work import GalerkinWork
 from cpmkit.forms.options import Options
 from cpmkit.forms.unresolved_data import DataAtPoints, unresolved_data
-from cpmkit.linear.levels import Level
+from cpmkit.linear.multigrid.cycle import Level
 from cpmkit.manifold.abilities import has_finite_feet, integral_floor_of, warnings_of
 from cpmkit.protocols import Floats, Operator, Progress, no_progress
-from cpmkit.runtime.freed_memory import hand_back
+from cpmkit.runtime.memory import hand_back
+from cpmkit.scene.diffusivities import StateDiffusivity
 from cpmkit.scene.laws import Nonlinear, data_of
 from cpmkit.scene.scene import Scene
-from cpmkit.scene.state_diffusivity import StateDiffusivity
 
 if TYPE_CHECKING:
     from cpmkit.forms.contract import Discretized
-    from cpmkit.linear.report import SolveReport
+    from cpmkit.linear.solve_report import SolveReport
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from cpmkit.forms.galerkin.conditions.terms import ConditionTerms
 from cpmkit.forms.galerkin.transport.carried import Carried
-from cpmkit.linear.levels import Level
+from cpmkit.linear.multigrid.cycle import Level
 from cpmkit.linear.operators import Bordered, CsrOperator
 from cpmkit.protocols import Floats, Operator
 

@@ -12,7 +12,7 @@ from cpmkit.forms.galerkin.quadrature.clipping import SAMPLINGS
 from cpmkit.forms.galerkin.space.energy import STRENGTHS
 from cpmkit.forms.galerkin.space.splines import DEGREES
 from cpmkit.runtime.arrays import whole
-from cpmkit.runtime.declared import Declared, option
+from cpmkit.runtime.options import Declared, option
 
 #: The families of equations that the form carries.
 FAMILIES = ("steady", "time", "eigen", "biharmonic", "coupled")

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.linear.conjugate_gradients import conjugate_gradients
-from cpmkit.linear.factorization import factors_of
-from cpmkit.linear.multigrid_matrix import UnsignedCsr
+from cpmkit.linear.csr_matrices import UnsignedCsr
+from cpmkit.linear.direct import factors_of
+from cpmkit.linear.krylov import conjugate_gradients
 from cpmkit.protocols import Floats, no_progress
-from cpmkit.runtime.pickled_state import without_cached
+from cpmkit.runtime.caches import without_cached
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

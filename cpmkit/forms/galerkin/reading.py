@@ -24,9 +24,9 @@ from cpmkit.forms.options import Options
 from cpmkit.manifold.tangent_space import outward_conormals
 from cpmkit.protocols import SIDES, ClosestPoints, Floats, Ints, Side
 from cpmkit.runtime.arrays import as_points
-from cpmkit.runtime.weakly import Weakly
+from cpmkit.runtime.caches import Weakly
+from cpmkit.scene.diffusivities import evaluate_diffusivity
 from cpmkit.scene.scene import Scene
-from cpmkit.scene.tensors import evaluate_diffusivity
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

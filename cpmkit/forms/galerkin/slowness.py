@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cpmkit.forms.galerkin.telling import TURNED_SHARE
-from cpmkit.scene.state_diffusivity import StateDiffusivity
-from cpmkit.scene.tensors import evaluate_diffusivity, principal_values
+from cpmkit.scene.diffusivities import StateDiffusivity, evaluate_diffusivity, principal_values
 
 if TYPE_CHECKING:
     from cpmkit.forms.contract import Discretized

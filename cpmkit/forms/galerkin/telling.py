@@ -20,7 +20,7 @@ from cpmkit.meshing.contouring.contoured_curves import CurveReport
 from cpmkit.meshing.contouring.contoured_surfaces import MAX_NONMANIFOLD_SHARE, SurfaceReport
 from cpmkit.meshing.insertion.boundary_insertion import Insertion
 from cpmkit.protocols import SIDES, BoundarySet, Floats, Ints
-from cpmkit.scene.alike import same_condition
+from cpmkit.scene.conditions import same_condition
 
 #: Manifolds with more than this share on splines under which they turn are told of.
 TURNED_SHARE = 0.03

@@ -16,7 +16,7 @@ import cpmkit as ck
 from cpmkit.families.checkpointing import Checkpointing
 from cpmkit.families.context import SolveContext
 from cpmkit.forms.collocation.form import Collocation
-from cpmkit.linear.choice import make_solver
+from cpmkit.linear.solver_options import make_solver
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.preparing import FAMILIES
 from cpmkit.protocols import no_progress

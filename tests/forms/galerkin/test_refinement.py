@@ -143,7 +143,7 @@ def test_errors_are_of_third_order_with_the_same_regions():
 
 
 def multigrid(form):
-    from cpmkit.linear.multigrid import Multigrid
+    from cpmkit.linear.multigrid.solver import Multigrid
 
     stiffness = form.stiffness(form.scene.problem.terms())
     b = form.load(form.scene.problem.terms().f) + form.data(stiffness)

@@ -18,8 +18,7 @@ from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import LocalSource, localize
 from cpmkit.protocols import BoundarySet, ClosestPoints, Floats, Ints
 from cpmkit.scene.data import Data
-from cpmkit.scene.orient import dimension_along
-from cpmkit.scene.oriented import OrientedBoundary
+from cpmkit.scene.oriented import OrientedBoundary, dimension_along
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ import numpy as np
 from cpmkit.forms.collocation.discretization import Discretization
 from cpmkit.forms.collocation.layout import Layout
 from cpmkit.protocols import Bools, Ints
-from cpmkit.scene.edge import edge_condition
+from cpmkit.scene.edge_conditions import edge_condition
 from cpmkit.scene.laws import fixes_constant, is_zero_neumann
 from cpmkit.scene.scene import Scene
 

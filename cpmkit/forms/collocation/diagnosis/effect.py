@@ -14,9 +14,8 @@ from cpmkit.mesh.cells import with_corners
 from cpmkit.mesh.curved_cells import find_edges
 from cpmkit.protocols import SIDES, ClosestPointSource, Floats, HasMesh
 from cpmkit.runtime.arrays import whole
-from cpmkit.scene.alike import same_condition
-from cpmkit.scene.condition import Condition
-from cpmkit.scene.edge import edge_condition
+from cpmkit.scene.conditions import Condition, same_condition
+from cpmkit.scene.edge_conditions import edge_condition
 from cpmkit.scene.laws import Interface, Mixed, beta_at, is_zero_neumann
 from cpmkit.scene.scene import Scene
 

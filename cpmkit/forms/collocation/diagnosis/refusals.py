@@ -12,10 +12,9 @@ from cpmkit.forms.collocation.encounters.boundaries import DIFFERENT_DATA_SHARE,
 from cpmkit.forms.collocation.encounters.facing_rims import BRIDGED_GAP_SPACINGS, WIDE_GAP_SPACINGS
 from cpmkit.forms.collocation.layout import Layout
 from cpmkit.protocols import SIDES, Floats, Ints
-from cpmkit.scene.alike import same_condition
-from cpmkit.scene.condition import Condition
+from cpmkit.scene.conditions import Condition, same_condition
 from cpmkit.scene.data import evaluate_data
-from cpmkit.scene.edge import edge_condition
+from cpmkit.scene.edge_conditions import edge_condition
 from cpmkit.scene.laws import Interface, Nonlinear, Value, data_of
 from cpmkit.scene.scene import Scene
 

@@ -11,7 +11,7 @@ from cpmkit.forms.collocation.boundary.on_band import BoundariesOnBand
 from cpmkit.forms.collocation.encounters.boundaries import DIFFERENT_DATA_SHARE
 from cpmkit.grid.lattice import Lattice
 from cpmkit.protocols import Floats
-from cpmkit.scene.alike import same_condition
+from cpmkit.scene.conditions import same_condition
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.laws import Value
 

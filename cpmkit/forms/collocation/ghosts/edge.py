@@ -35,7 +35,7 @@ from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.tangent_space import outward_conormals
 from cpmkit.manifold.walking import nearest_on_sheet
 from cpmkit.protocols import ClosestPoints, Floats, Ints
-from cpmkit.scene.edge import EdgeConditions, conditions_of_edge, edge_condition
+from cpmkit.scene.edge_conditions import EdgeConditions, conditions_of_edge, edge_condition
 from cpmkit.scene.laws import Flux, Mixed, OneSided, beta_at, is_zero_neumann
 
 #: Nodes nearer to their foot than this share of the spacing do not tell the direction of the conormal.

@@ -13,8 +13,7 @@ from cpmkit.forms.collocation.boundary.side_view import BoundaryOnLattice, SideV
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.walking import nearest_on_sheet
 from cpmkit.protocols import Bools, BoundarySet, ClosestPoints, Floats, Ints
-from cpmkit.scene.alike import same_condition
-from cpmkit.scene.condition import Condition
+from cpmkit.scene.conditions import Condition, same_condition
 from cpmkit.scene.laws import Law, Value
 
 #: Data that jump across a boundary are read this share of the spacing inside the side they belong to.

@@ -17,7 +17,7 @@ from cpmkit.forms.collocation.boundary.side_view import SideView
 from cpmkit.forms.collocation.reading import one_sided
 from cpmkit.forms.collocation.selection import Centres, Unknowns
 from cpmkit.grid.stencils import stencil_cells, stencil_nodes, tensor_slopes
-from cpmkit.linear.products import matrix_of_rows
+from cpmkit.linear.operators import matrix_of_rows
 from cpmkit.manifold.tangent_space import project_tangent
 from cpmkit.protocols import ClosestPoints, Floats, Ints, Side
 

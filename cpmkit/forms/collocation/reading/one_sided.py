@@ -18,8 +18,8 @@ from cpmkit.forms.collocation.boundary.side_view import SideView
 from cpmkit.grid.stencils import stencil_cells, stencil_nodes
 from cpmkit.manifold.tangent_space import outward_conormals
 from cpmkit.protocols import SIDES, Bools, ClosestPoints, Floats, Ints, Rows, Side
-from cpmkit.scene.condition import Condition
-from cpmkit.scene.edge import edge_condition
+from cpmkit.scene.conditions import Condition
+from cpmkit.scene.edge_conditions import edge_condition
 from cpmkit.scene.laws import Value
 
 if TYPE_CHECKING:

@@ -15,9 +15,8 @@ from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vectors import norms
 from cpmkit.protocols import SIDES, Bools, Floats, Ints
 from cpmkit.runtime.arrays import whole
-from cpmkit.scene.alike import same_condition
-from cpmkit.scene.condition import Condition
-from cpmkit.scene.edge import LoopConditions, check_parts_met, conditions_along
+from cpmkit.scene.conditions import Condition, same_condition
+from cpmkit.scene.edge_conditions import LoopConditions, check_parts_met, conditions_along
 from cpmkit.scene.laws import Flux, Interface, Law, Mixed, Nonlinear, Spectral, Value, beta_at, is_zero_neumann
 from cpmkit.scene.point_values import point_value_warnings, short_curve_warnings
 from cpmkit.scene.scene import Scene

@@ -16,7 +16,7 @@ from cpmkit.forms.galerkin.conditions.coefficients import inward_steps, readings
 from cpmkit.forms.galerkin.space.energy import mean_over_tangents
 from cpmkit.grid.lattice import Lattice
 from cpmkit.protocols import Floats
-from cpmkit.scene.tensors import evaluate_diffusivity
+from cpmkit.scene.diffusivities import evaluate_diffusivity
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ import numpy as np
 
 from cpmkit.forms.galerkin.dof_map import DofMap
 from cpmkit.forms.galerkin.hierarchy.coarser import coarser
-from cpmkit.linear.levels import Level
+from cpmkit.linear.multigrid.cycle import Level
 from cpmkit.protocols import Ints
 
 #: No coarser level is made of fewer unknowns: they are solved for exactly.

@@ -33,7 +33,7 @@ from cpmkit.forms.galerkin.space.energy import (
 )
 from cpmkit.forms.galerkin.space.floor import add_floor
 from cpmkit.forms.galerkin.space.splines import derivative_rows, value_rows
-from cpmkit.linear.levels import Level
+from cpmkit.linear.multigrid.cycle import Level
 from cpmkit.linear.operators import CsrOperator
 from cpmkit.protocols import Floats, Ints, Operator
 

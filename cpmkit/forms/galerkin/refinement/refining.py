@@ -15,11 +15,11 @@ from cpmkit.forms.galerkin.refinement.space import refined_space
 from cpmkit.forms.galerkin.sampling import InsertedScene, insert, sample_inserted
 from cpmkit.forms.galerkin.space.parted import part
 from cpmkit.forms.options import Options
-from cpmkit.linear.choice import make_solver
-from cpmkit.linear.constants import Constants
+from cpmkit.linear.constant_part import Constants
 from cpmkit.linear.operators import Bordered
+from cpmkit.linear.solver_options import make_solver
 from cpmkit.protocols import Floats, Progress, no_progress
-from cpmkit.runtime.freed_memory import hand_back
+from cpmkit.runtime.memory import hand_back
 from cpmkit.scene.scene import Scene
 
 #: Solutions to mark by need not be better: the residual's own error is larger.

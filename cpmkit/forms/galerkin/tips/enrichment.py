@@ -16,7 +16,7 @@ from cpmkit.forms.galerkin.conditions.terms import ConditionTerms
 from cpmkit.forms.galerkin.space.space import Space
 from cpmkit.forms.galerkin.space.splines import derivative_rows, value_rows
 from cpmkit.forms.galerkin.tips.functions import SingularFunction
-from cpmkit.linear.levels import Level
+from cpmkit.linear.multigrid.cycle import Level
 from cpmkit.protocols import Floats, Ints
 
 if TYPE_CHECKING:

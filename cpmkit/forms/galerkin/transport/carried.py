@@ -24,7 +24,7 @@ from cpmkit.forms.galerkin.space.transport_kernels import (
     add_transport,
     add_upstream,
 )
-from cpmkit.linear.levels import Level
+from cpmkit.linear.multigrid.cycle import Level
 from cpmkit.protocols import Floats
 
 if TYPE_CHECKING:

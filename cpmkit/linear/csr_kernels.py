@@ -1,0 +1,329 @@
+"""Compiled: products of a sparse matrix with vectors of several channels, and what a smoother does along with them.
+
+Pointers and columns are unsigned, so that no index is tested for its sign; vectors are (n, channels) and contiguous.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cpmkit.protocols import Bools, Floats
+from cpmkit.runtime.compilation import compiled, inlined
+
+
+@inlined
+def _row(pointers: Any, columns: Any, entries: Any, i: int, x: Floats, m: int) -> float:
+    """Return row i of ``A x``, channel m, in four sums: one would wait for itself at every entry."""
+    one, two, three, four = 0.0, 0.0, 0.0, 0.0
+    k, stop = pointers[i], pointers[i + 1]
+    last = stop - (stop - k) % np.uint64(4)
+    while k < last:
+        one += entries[k] * x[columns[k], m]
+        two += entries[k + np.uint64(1)] * x[columns[k + np.uint64(1)], m]
+        three += entries[k + np.uint64(2)] * x[columns[k + np.uint64(2)], m]
+        four += entries[k + np.uint64(3)] * x[columns[k + np.uint64(3)], m]
+        k += np.uint64(4)
+    while k < stop:
+        one += entries[k] * x[columns[k], m]
+        k += np.uint64(1)
+    total: float = (one + two) + (three + four)
+    return total
+
+
+@compiled
+def subtract(
+    start: int, stop: int, pointers: Any, columns: Any, entries: Any, x: Floats, b: Floats, out: Floats
+) -> None:
+    """Set the rows from ``start`` to ``stop`` of ``out`` to those of ``b - A x``."""
+    for i in range(start, stop):
+        for m in range(x.shape[1]):
+            out[i, m] = b[i, m] - _row(pointers, columns, entries, i, x, m)
+
+
+@compiled
+def step(
+    start: int,
+    stop: int,
+    pointers: Any,
+    columns: Any,
+    entries: Any,
+    x: Floats,
+    b: Floats,
+    inverse: Floats,
+    kept: float,
+    added: float,
+    move: Floats,
+    out: Floats,
+) -> None:
+    """Set ``move = kept move + added D^-1 (b - A x)``, ``out = x + move``, with ``inverse`` D^-1, (n,)."""
+    for i in range(start, stop):
+        for m in range(x.shape[1]):
+            rest = b[i, m] - _row(pointers, columns, entries, i, x, m)
+            move[i, m] = kept * move[i, m] + added * inverse[i] * rest
+            out[i, m] = x[i, m] + move[i, m]
+
+
+@compiled
+def restrict(pointers: Any, columns: Any, entries: Any, fine: Floats, coarse: Floats) -> None:
+    """Add ``P' fine`` to ``coarse``."""
+    for i in range(len(fine)):
+        for k in range(pointers[i], pointers[i + 1]):
+            for m in range(fine.shape[1]):
+                coarse[columns[k], m] += entries[k] * fine[i, m]
+
+
+@compiled
+def prolong(start: int, stop: int, pointers: Any, columns: Any, entries: Any, coarse: Floats, fine: Floats) -> None:
+    """Add the rows from ``start`` to ``stop`` of ``P coarse`` to ``fine``."""
+    for i in range(start, stop):
+        for m in range(fine.shape[1]):
+            fine[i, m] += _row(pointers, columns, entries, i, coarse, m)
+
+
+@compiled
+def multiply(
+    wanted: Bools,
+    pointers: Any,
+    columns: Any,
+    entries: Floats,
+    other_pointers: Any,
+    other_columns: Any,
+    other_entries: Floats,
+    width: int,
+    room: int,
+    upper: bool,
+    first: float,
+) -> tuple[Any, Any, Floats]:
+    """Return pointers, columns (in no order) and entries of ``A B``, which has ``width`` columns.
+
+    Rows that are not ``wanted`` (n,) are empty, and of others only the ``upper`` halves may be asked for, the diagonal
+    before all else; the ``first`` entries of A's rows count so much. ``room`` is about the number of entries: what is
+    not needed costs no memory, what is lacking some time.
+    """
+    met, total = np.full(width, -1, dtype=np.int32), np.zeros(width)  # the last row with each column, its entry there
+    starts = np.zeros(len(pointers), dtype=np.uint64)
+    found, sums = np.empty(room, dtype=np.uint32), np.empty(room)
+    used = np.uint64(0)
+    for i in range(len(pointers) - 1):
+        begin = used
+        if not wanted[i]:
+            starts[i + 1] = used
+            continue
+        if used + np.uint64(width) >= np.uint64(len(sums)):
+            most = used + np.uint64(1)
+            for k in range(pointers[i], pointers[i + 1]):
+                most += other_pointers[columns[k] + np.uint64(1)] - other_pointers[columns[k]]
+            if most >= np.uint64(len(sums)):
+                more, further = np.empty(2 * most, dtype=np.uint32), np.empty(2 * most)
+                more[:used], further[:used] = found[:used], sums[:used]
+                found, sums = more, further
+        least = 0
+        if upper:
+            least, met[i], found[used] = i, i, i
+            used += np.uint64(1)
+        for k in range(pointers[i], pointers[i + 1]):
+            entry, row = entries[k] * (first if k == pointers[i] else 1.0), columns[k]
+            for at in range(other_pointers[row], other_pointers[row + np.uint64(1)]):
+                column = other_columns[at]
+                if column < least:
+                    continue
+                total[column] += entry * other_entries[at]
+                found[used] = column  # and stays where it is new: no branch, which would often be guessed wrongly
+                used += np.uint64(met[column] != i)
+                met[column] = i
+        for at in range(begin, used):
+            sums[at] = total[found[at]]
+            total[found[at]] = 0.0
+        starts[i + 1] = used
+    return starts, found[:used], sums[:used]
+
+
+@compiled
+def upper_half(indptr: Any, indices: Any, data: Floats, entries: Any) -> tuple[Any, Any, Any]:
+    """Return pointers, columns and entries of the upper half of a matrix, whose rows need not be sorted.
+
+    The latter have the type of ``entries``, which is empty.
+    """
+    n = len(indptr) - 1
+    pointers = np.empty(n + 1, dtype=np.uint64)
+    used = n
+    for i in range(n):
+        for k in range(indptr[i], indptr[i + 1]):
+            used += indices[k] > i
+    columns, entries = np.empty(used, dtype=np.uint32), np.empty(used, dtype=entries.dtype)
+    used = 0
+    for i in range(n):
+        pointers[i] = at = used
+        columns[at], entries[at] = i, 0.0
+        used += 1
+        for k in range(indptr[i], indptr[i + 1]):
+            if indices[k] > i:
+                columns[used], entries[used] = indices[k], data[k]
+                used += 1
+            elif indices[k] == i:
+                entries[at] += data[k]
+    pointers[n] = used
+    return pointers, columns, entries
+
+
+@compiled
+def subtract_product(pointers: Any, columns: Any, entries: Any, x: Floats, out: Floats) -> None:
+    """Subtract ``A x`` from ``out``, both (channels, n): an entry that is read serves its row and its column."""
+    one = np.uint64(1)
+    for channel in range(len(x)):
+        own, rest = x[channel], out[channel]
+        for i in range(len(pointers) - 1):
+            k, stop = pointers[i], pointers[i + 1]
+            here, odd = own[i], 0.0
+            even = entries[k] * here
+            k += one
+            if (stop - k) % np.uint64(2):
+                entry, j = np.float64(entries[k]), columns[k]
+                even += entry * own[j]
+                rest[j] -= entry * here
+                k += one
+            while k < stop:  # two sums: one would wait for itself at every entry
+                entry, j = np.float64(entries[k]), columns[k]
+                even += entry * own[j]
+                rest[j] -= entry * here
+                entry, j = np.float64(entries[k + one]), columns[k + one]
+                odd += entry * own[j]
+                rest[j] -= entry * here
+                k += np.uint64(2)
+            rest[i] -= even + odd
+
+
+@compiled
+def move_by(rest: Floats, inverse: Floats, kept: float, added: float, x: Floats, move: Floats) -> None:
+    """Set ``move = kept move + added D^-1 rest`` and ``rest = x + move``, with ``inverse`` D^-1, (n,)."""
+    for i in range(len(inverse)):
+        factor = added * inverse[i]
+        for m in range(rest.shape[1]):
+            move[i, m] = kept * move[i, m] + factor * rest[i, m]
+            rest[i, m] = x[i, m] + move[i, m]
+
+
+@compiled
+def sweep_up(pointers: Any, columns: Any, entries: Any, inverse: Floats, rest: Floats, x: Floats) -> None:
+    """Solve the equations one by one from the last on, where ``inverse`` (n,), of the diagonal, is not zero.
+
+    ``rest``, which is b - A x, is kept so; it and x are (channels, n).
+    """
+    one = np.uint64(1)
+    for channel in range(len(x)):
+        own, left = x[channel], rest[channel]
+        move = np.zeros(len(inverse))
+        for i in range(len(inverse) - 1, -1, -1):
+            first, stop = pointers[i] + one, pointers[i + 1]
+            here = left[i] - _right_of(first, stop, columns, entries, move)
+            if inverse[i] == 0.0:
+                left[i] = here
+                continue
+            move[i] = inverse[i] * here
+            own[i] += move[i]
+            left[i] = 0.0
+            for k in range(first, stop):
+                left[columns[k]] -= np.float64(entries[k]) * move[i]
+
+
+@compiled
+def sweep_down(pointers: Any, columns: Any, entries: Any, inverse: Floats, b: Floats, x: Floats) -> None:
+    """Solve the equations ``A x = b`` one by one from the first on, where ``inverse`` is not zero; b is overwritten."""
+    one = np.uint64(1)
+    for channel in range(len(x)):
+        own, left = x[channel], b[channel]
+        for i in range(len(inverse)):
+            first, stop = pointers[i] + one, pointers[i + 1]
+            if inverse[i] != 0.0:
+                own[i] = inverse[i] * (left[i] - _right_of(first, stop, columns, entries, own))
+            for k in range(first, stop):
+                left[columns[k]] -= np.float64(entries[k]) * own[i]
+
+
+@inlined
+def _right_of(k: Any, stop: Any, columns: Any, entries: Any, x: Floats) -> float:
+    """Return the product of the entries from k to ``stop`` with x, in four sums: one would wait for itself."""
+    a, b, c, d = 0.0, 0.0, 0.0, 0.0
+    while (stop - k) % np.uint64(4):
+        a += np.float64(entries[k]) * x[columns[k]]
+        k += np.uint64(1)
+    while k < stop:
+        a += np.float64(entries[k]) * x[columns[k]]
+        b += np.float64(entries[k + np.uint64(1)]) * x[columns[k + np.uint64(1)]]
+        c += np.float64(entries[k + np.uint64(2)]) * x[columns[k + np.uint64(2)]]
+        d += np.float64(entries[k + np.uint64(3)]) * x[columns[k + np.uint64(3)]]
+        k += np.uint64(4)
+    total: float = (a + b) + (c + d)
+    return total
+
+
+@compiled
+def folded(pointers: Any, columns: Any, entries: Floats) -> tuple[Any, Any, Floats]:
+    """Return pointers, columns and entries of the upper half of ``T + T'``, T square."""
+    n, one = len(pointers) - 1, np.uint64(1)
+    starts = np.zeros(n + 1, dtype=np.uint64)
+    for i in range(n):
+        for k in range(pointers[i], pointers[i + 1]):
+            if columns[k] < i:
+                starts[columns[k] + one] += one
+    for i in range(n):
+        starts[i + 1] += starts[i]
+    free = starts[:n].copy()
+    rows, turned = np.empty(starts[n], dtype=np.uint32), np.empty(starts[n])
+    for i in range(n):
+        for k in range(pointers[i], pointers[i + 1]):
+            if columns[k] < i:
+                at = free[columns[k]]
+                rows[at], turned[at] = i, entries[k]
+                free[columns[k]] += one
+    place = np.zeros(n, dtype=np.uint64)  # one above where a column stands, in this row or an earlier one
+    sums = np.zeros(n + 1, dtype=np.uint64)
+    room = len(columns) + n  # of each row the diagonal, and no more than it has on both sides
+    found, both = np.empty(room, dtype=np.uint32), np.empty(room)
+    used = np.uint64(0)
+    for i in range(n):
+        begin = used
+        found[used], both[used] = i, 0.0
+        used += one
+        for k in range(pointers[i], pointers[i + 1]):  # no column twice
+            if columns[k] == i:
+                both[begin] = 2.0 * entries[k]
+            elif columns[k] > i:
+                found[used], both[used] = columns[k], entries[k]
+                used += one
+                place[columns[k]] = used
+        for k in range(starts[i], starts[i + 1]):
+            j = rows[k]
+            if place[j] > begin:
+                both[place[j] - one] += turned[k]
+            else:
+                found[used], both[used] = j, turned[k]
+                used += one
+        sums[i + 1] = used
+    return sums, found[:used], both[:used]
+
+
+@compiled
+def unfolded(pointers: Any, columns: Any, entries: Any) -> tuple[Any, Any, Any]:
+    """Return pointers, columns (ascending) and entries of the whole of a matrix by its upper half."""
+    n, one = len(pointers) - 1, np.uint64(1)
+    starts = np.zeros(n + 1, dtype=np.uint64)
+    for i in range(n):
+        starts[i + 1] += pointers[i + 1] - pointers[i]
+        for k in range(pointers[i] + one, pointers[i + 1]):
+            starts[columns[k] + one] += one
+    for i in range(n):
+        starts[i + 1] += starts[i]
+    free = starts[:n].copy()
+    found, whole = np.empty(starts[n], dtype=np.uint32), np.empty(starts[n], dtype=entries.dtype)
+    for i in range(n):
+        for k in range(pointers[i], pointers[i + 1]):
+            j = columns[k]
+            if j != i:  # of row i itself what is left of the diagonal is there already
+                found[free[j]], whole[free[j]] = i, entries[k]
+                free[j] += one
+            found[free[i]], whole[free[i]] = j, entries[k]
+            free[i] += one
+    return starts, found, whole

@@ -1,0 +1,241 @@
+"""Diffusivities that are tensors: u flows more easily along some directions than along others.
+
+A tensor is given as a symmetric (d, d) array, as d lists of d numbers or functions of points, or as a function of
+points (n, d) that returns (n, d, d). Only its part between tangents of the manifold counts.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from cpmkit.errors import InputError, SceneError, shown
+from cpmkit.protocols import Floats
+from cpmkit.runtime.arrays import positive
+from cpmkit.scene.data import Data, evaluate_data
+
+#: Shapes of tensors.
+TENSOR_SHAPES = ((2, 2), (3, 3))
+#: Entries across the diagonal may differ by this share of the largest: they were computed one by one.
+UNSYMMETRIC_SHARE = 1e-9
+
+
+@dataclass(frozen=True)
+class TensorOfEntries:
+    """A tensor whose entries are numbers or functions of points, row by row."""
+
+    rows: tuple[tuple[Data, ...], ...]
+
+    def __call__(self, points: Floats) -> Floats:
+        """Return the tensors (n, d, d) at points (n, d)."""
+        entries = [evaluate_data(list(row), points, len(row), "a row of a tensor") for row in self.rows]
+        return np.stack(entries, axis=1)
+
+
+def diffusivity_of(given: Any, what: str) -> Any:
+    """Return a diffusivity as equations keep it: a number, a (d, d) array, or a function of points.
+
+    Raises
+    ------
+    InputError
+        If a number is not above zero, or a tensor not square, symmetric and finite.
+    """
+    if callable(given):
+        return given
+    if not isinstance(given, (list, tuple, np.ndarray)) or np.ndim(np.asarray(given, dtype=object)) == 0:
+        positive(given, what)
+        return given
+    rows = [list(row) if isinstance(row, (list, tuple, np.ndarray)) else [row] for row in given]
+    if (len(rows), *{len(row) for row in rows}) not in TENSOR_SHAPES:
+        raise InputError(
+            f"{what} must be a number above zero, a function of points such as ck.VertexData(surface, values), or a "
+            f"symmetric tensor of 2 by 2 or 3 by 3 entries, got {shown(given)}."
+        )
+    if any(callable(entry) for row in rows for entry in row):
+        return TensorOfEntries(tuple(map(tuple, rows)))
+    constant = TensorOfEntries(tuple(map(tuple, rows)))(np.zeros((1, len(rows))))
+    tensor = _symmetric(constant, what)[0]
+    tensor.flags.writeable = False
+    return tensor
+
+
+def is_tensor(diffusivity: Any, points: Floats) -> bool:
+    """Tell whether a diffusivity is a tensor; a function of points is asked for its value at ``points`` (n, d)."""
+    if getattr(diffusivity, "needs_state", False):
+        return False
+    return bool(np.ndim(diffusivity(points) if callable(diffusivity) else diffusivity) > 1 + callable(diffusivity))
+
+
+def evaluate_diffusivity(diffusivity: Any, points: Floats, what: str) -> Floats:
+    """Return a diffusivity at ``points`` (n, d): (n,) numbers or (n, d, d) symmetric tensors.
+
+    Raises
+    ------
+    InputError
+        If it is not finite, of another shape, or a tensor is not symmetric.
+    """
+    values = diffusivity(points) if callable(diffusivity) else diffusivity
+    if np.ndim(values) < 2 or (callable(diffusivity) and np.ndim(values) != 3):
+        known: Data = (lambda _: values) if callable(diffusivity) else values
+        return evaluate_data(known, points, 1, what)[:, 0]
+    n, d = points.shape
+    tensors = np.asarray(values, dtype=np.float64)
+    if tensors.shape not in ((d, d), (n, d, d)):
+        raise InputError(
+            f"{what} must be numbers or tensors of shape ({n}, {d}, {d}) at {n} points in {d}D, got {tensors.shape}."
+        )
+    return np.broadcast_to(_symmetric(tensors, what), (n, d, d))
+
+
+def size_of(diffusivity: Any, points: Floats) -> float:
+    """Return the mean of a diffusivity over ``points`` (n, d), of a tensor that of its eigenvalues."""
+    values = evaluate_diffusivity(diffusivity, points, "the diffusivity")
+    return float(np.trace(values, axis1=1, axis2=2).mean() / points.shape[1] if values.ndim == 3 else values.mean())
+
+
+def principal_values(tensors: Floats, normals: Floats) -> tuple[Floats, Floats]:
+    """Return the smallest and the largest eigenvalue (n,) of tensors between tangents.
+
+    Parameters
+    ----------
+    tensors : (n, d, d) float64
+        Symmetric.
+    normals : (n, c, d) float64
+        Orthonormal; of a curve or a surface.
+    """
+    tangent = np.eye(tensors.shape[1]) - np.einsum("nci,ncj->nij", normals, normals)
+    seen = tangent @ tensors @ tangent
+    trace, squares = np.trace(seen, axis1=1, axis2=2), np.einsum("nij,nji->n", seen, seen)
+    if tensors.shape[1] - normals.shape[1] == 1:
+        return trace, trace
+    root = np.sqrt(np.maximum(2 * squares - trace**2, 0.0))
+    return 0.5 * (trace - root), 0.5 * (trace + root)
+
+
+def _symmetric(tensors: Floats, what: str) -> Floats:
+    """Return the tensors (..., d, d), made symmetric to the last bit."""
+    if not np.isfinite(tensors).all():
+        raise InputError(f"{what} must be finite, got NaN or infinity.")
+    across: Sequence[int] = (*range(tensors.ndim - 2), -1, -2)
+    turned = np.transpose(tensors, [axis % tensors.ndim for axis in across])
+    off, size = np.abs(tensors - turned).max(initial=0.0), np.abs(tensors).max(initial=0.0)
+    if off > UNSYMMETRIC_SHARE * size:
+        raise InputError(
+            f"{what} must be a symmetric tensor, got entries across the diagonal that differ by {off:.3g}; of an "
+            "unsymmetric one give the symmetric part, and what the rest carries as a velocity."
+        )
+    return np.asarray(0.5 * (tensors + turned))
+
+
+#: Step of the differences that replace a derivative, as a share of what is varied.
+DIFFERENCE_SHARE = 1e-6
+#: The tangent conducts at least this share of what the diffusivity does: where a s falls with s, it would not be
+#: positive.
+LEAST_TANGENT_SHARE = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class StateDiffusivity:
+    """a(u, s, points), with its derivatives.
+
+    Attributes
+    ----------
+    function : callable
+        a of u (k,); or of u and s; or of u, s and points (k, d): returns (k,).
+    by_value, by_slope : callable, optional
+        Its derivatives with respect to u and to s, of the same arguments; by differences unless given.
+    """
+
+    function: Callable[..., Any]
+    by_value: Callable[..., Any] | None = None
+    by_slope: Callable[..., Any] | None = None
+    #: Asked by what may be handed a function of points in its place.
+    needs_state: ClassVar[bool] = True
+
+    def __call__(self, points: Floats) -> Floats:
+        """Refuse: a is no function of points alone.
+
+        Raises
+        ------
+        SceneError
+            Always.
+        """
+        del points
+        raise SceneError("the diffusivity depends on u, and is not known before u is; use cpmkit.solve.")
+
+    @property
+    def of_value(self) -> bool:
+        """Whether a may change with u."""
+        return self.by_value is not _zero
+
+    def at(self, u: Floats, slopes: Floats, points: Floats) -> Floats:
+        """Return a (k,) for u (k,), its tangential gradients (k, d) and points (k, d)."""
+        return _called(self.function, u, np.linalg.norm(slopes, axis=1), points, "the diffusivity")
+
+    def tangent(self, u: Floats, slopes: Floats, points: Floats) -> Floats:
+        """Return the derivative (k, d, d) of a grad u with respect to grad u: a I + s da/ds e e', e along grad u."""
+        a, s = self.at(u, slopes, points), np.linalg.norm(slopes, axis=1)
+        if self.by_slope is not None:
+            slope = _called(self.by_slope, u, s, points, "the derivative of the diffusivity by the slope")
+        else:
+            step = DIFFERENCE_SHARE * (s + DIFFERENCE_SHARE * (s.max(initial=0.0) or 1.0))
+            ahead, behind = (_called(self.function, u, s + sign * step, points, "the diffusivity") for sign in (1, -1))
+            slope = (ahead - behind) / (2 * step)
+        along = np.maximum(s * slope, (LEAST_TANGENT_SHARE - 1) * a)
+        e = slopes / np.maximum(s, np.finfo(float).tiny)[:, None]
+        squares = e[:, :, None] * e[:, None, :]
+        return np.asarray(a[:, None, None] * np.eye(slopes.shape[1]) + along[:, None, None] * squares)
+
+    def drift(self, u: Floats, slopes: Floats, points: Floats) -> Floats:
+        """Return the derivative (k, d) of a grad u with respect to u."""
+        s = np.linalg.norm(slopes, axis=1)
+        if self.by_value is not None:
+            rate = _called(self.by_value, u, s, points, "the derivative of the diffusivity by u")
+        else:
+            step = DIFFERENCE_SHARE * np.maximum(np.abs(u), np.abs(u).max(initial=0.0) or 1.0)
+            ahead, behind = (_called(self.function, u + sign * step, s, points, "the diffusivity") for sign in (1, -1))
+            rate = (ahead - behind) / (2 * step)
+        return np.asarray(rate[:, None] * slopes)
+
+
+def of_slope(function: Callable[[Floats], Floats], derivative: Callable[[Floats], Floats]) -> StateDiffusivity:
+    """Return a(s), with its derivative."""
+    return StateDiffusivity(_OfSlope(function), _zero, _OfSlope(derivative))
+
+
+@dataclass(frozen=True, eq=False)
+class _OfSlope:
+    """A function of s alone, called with u and s."""
+
+    function: Callable[[Floats], Floats]
+
+    def __call__(self, u: Floats, s: Floats) -> Floats:
+        return self.function(s) + 0 * u
+
+
+def _zero(u: Floats) -> Floats:
+    return np.zeros_like(u)
+
+
+def _called(function: Callable[..., Any], u: Floats, s: Floats, points: Floats, what: str) -> Floats:
+    """Return what a function of u, s and points, or of the first of them, gives, (k,).
+
+    Raises
+    ------
+    InputError
+        If it is not (k,) finite numbers.
+    """
+    parameters = inspect.signature(function).parameters.values()
+    count = sum(one.default is one.empty and one.kind is not one.VAR_KEYWORD for one in parameters)
+    found = np.asarray(function(*(u, s, points)[: min(max(count, 1), 3)]), dtype=np.float64)
+    found = np.broadcast_to(found, u.shape) if found.ndim == 0 else found
+    if found.shape != u.shape or not np.isfinite(found).all():
+        raise InputError(
+            f"{what} must return {len(u)} finite numbers for as many values of u, got shape {found.shape}"
+            f"{'' if np.isfinite(found).all() else ' with NaN or infinity'}."
+        )
+    return found

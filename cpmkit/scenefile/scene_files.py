@@ -1,0 +1,322 @@
+"""Scene files: TOML that holds numbers, names of array files and formulas. Nothing in a file is executed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cpmkit.errors import InputError, SceneError, shown
+from cpmkit.files.data_files import find_file
+from cpmkit.files.toml_files import from_toml
+from cpmkit.forms.accuracy_target import AccuracyTarget
+from cpmkit.forms.choice import own_options
+from cpmkit.forms.options import Options
+from cpmkit.formulas.expressions import ReactionExpression, StateExpression
+from cpmkit.linear.solver_options import SOLVER_OPTIONS, SolverOptions
+from cpmkit.plugins import call, check_accepted, check_keys, factory, source, takes
+from cpmkit.protocols import ClosestPointSource
+from cpmkit.runtime.messages import did_you_mean
+from cpmkit.runtime.options import check_types, declared, take
+from cpmkit.scene.boundary import Boundary
+from cpmkit.scene.compound_equations import Biharmonic, Eigen
+from cpmkit.scene.data import field_of_entries, formula
+from cpmkit.scene.equations import Elliptic, Equation, Helmholtz, Laplace, Poisson, ScreenedPoisson, VectorField
+from cpmkit.scene.equations_in_time import Evolution, Heat, Wave
+from cpmkit.scene.nonlinear_equations import NonlinearDiffusion, PLaplacian, TotalVariation
+from cpmkit.scene.reaction_diffusion import ReactionDiffusion
+from cpmkit.scene.scene import Scene
+from cpmkit.scenefile.condition_tables import as_table, read_data, read_edge, read_side, with_vertex_data
+from cpmkit.scenefile.output_request import VERTICES, OutputRequest, PictureRequest, check_links, output_folder
+
+#: Options of solvers that have another key in [solver].
+SOLVER_KEYS = {"solver": "kind", "solver_tolerance": "tolerance"}
+SCENE_TABLES = ("surface", "boundary", "problem", "discretization", "solver", "output")
+#: Tables of the scenes that the commands of applications make, in place of an equation, by the command.
+APPLICATION_TABLES = {"vectors": ("direction", "vectors"), "map": ("target", "landmark", "map"), "paint": ("curve",)}
+EQUATIONS = (
+    *(Laplace, Poisson, ScreenedPoisson, Elliptic, Helmholtz, NonlinearDiffusion, PLaplacian, TotalVariation),
+    *(Eigen, Biharmonic, Heat, ReactionDiffusion, Wave),
+)
+PROBLEMS: dict[str, type[Equation]] = {one.kind: one for one in EQUATIONS}
+#: Keys of a boundary beside those of its kind.
+SIDE_KEYS = ("both", "left", "right", "left_of", "across")
+#: Characters of a boundary's name.
+MOST_NAME_CHARACTERS = 100
+#: Keys of [problem] that hold numbers or formulas; a velocity holds one a coordinate.
+FORMULA_KEYS = ("f", "c", "diffusivity", "kappa", "initial", "initial_rate")
+#: Of these the keys that hold one for all channels.
+COEFFICIENT_KEYS = ("c", "diffusivity", "kappa")
+#: Keys of nonlinear diffusion that hold formulas in u and s as well.
+STATE_KEYS = ("diffusivity", "by_value", "by_slope")
+#: And of these the keys that may hold a tensor, a list of its rows.
+TENSOR_KEYS = ("diffusivity", "kappa")
+
+
+@dataclass(frozen=True, eq=False)
+class SceneFile:
+    """A scene and how its file wants it solved.
+
+    Attributes
+    ----------
+    scene : Scene
+        Surface, boundaries, edge and problem.
+    spacing : float or None
+        Of the lattice; None if the file gives none.
+    options : dict
+        Further keyword arguments of ``solve``.
+    output : OutputRequest
+        What is written where.
+    """
+
+    scene: Scene
+    spacing: float | None
+    options: dict[str, Any]
+    output: OutputRequest
+
+
+def load_scene(path: str | Path) -> SceneFile:
+    """Read a scene file.
+
+    Raises
+    ------
+    SceneError
+        If the file is missing, does not parse, or holds a key or value that is not accepted.
+    PluginError
+        If a kind is offered by no installed plugin.
+    """
+    return from_toml(path, _scene_file, "scene file", ", such as examples/01-first-curves.toml")
+
+
+def _scene_file(tables: dict[str, Any], path: Path) -> SceneFile:
+    _check_is_solved(tables)
+    check_accepted("the scene", tables, SCENE_TABLES)
+    scene = read_scene(tables, path.parent)
+    spacing, options = read_options(tables)
+    output = read_output(as_table(tables.get("output", {}), "[output]"), path)
+    if output.wants_frames and not (isinstance(scene.problem, Evolution) and scene.problem.frame_times):
+        raise SceneError("[output] asks for frames, and [problem] gives none; add a key such as frames = 10 to heat.")
+    return SceneFile(scene, spacing, options, output)
+
+
+def _check_is_solved(tables: Mapping[str, Any]) -> None:
+    """Refuse the scene of an application, which has a command of its own."""
+    for command, own in APPLICATION_TABLES.items():
+        found = next((name for name in own if name in tables), None)
+        if found is not None and "problem" not in tables:
+            raise SceneError(
+                f"{found!r} is a table of the application that `cpmkit {command}` makes; use that command."
+            )
+
+
+def read_scene(tables: Mapping[str, Any], folder: Path) -> Scene:
+    """Return the scene of the tables [surface], [[boundary]] and [problem]; others are left alone.
+
+    Parameters
+    ----------
+    tables : mapping
+        As TOML gives them; they are not changed.
+    folder : Path
+        Where files that they name are looked for first.
+
+    Raises
+    ------
+    SceneError
+        If a table is missing, or holds a key or value that is not accepted.
+    PluginError
+        If a kind is offered by no installed plugin.
+    """
+    if "surface" not in tables or "problem" not in tables:
+        raise SceneError("a scene needs the tables [surface] and [problem].")
+    surface_table = as_table(tables["surface"], "[surface]")
+    edge_table = surface_table.pop("edge", {"neumann": 0.0})
+    edge_of = f"edge of {surface_table.get('kind', '[surface]')}"
+    surface = read_source(surface_table, folder, "[surface]")
+    carriers = [("surface", surface)]
+    edge = read_edge(with_vertex_data(edge_table, folder, carriers, edge_of), edge_of)
+    problem = with_vertex_data(as_table(tables["problem"], "[problem]"), folder, carriers, "[problem]")
+    given = tables.get("boundary", [])
+    if not isinstance(given, list):
+        raise SceneError("boundary must be a list of tables, written [[boundary]].")
+    boundaries = [
+        _boundary(as_table(table, f"[[boundary]] {number}"), number, folder, surface)
+        for number, table in enumerate(given, 1)
+    ]
+    return Scene(surface, _problem(problem, surface.dim), boundaries, edge(surface.dim))
+
+
+def read_options(tables: Mapping[str, Any]) -> tuple[float | None, dict[str, Any]]:
+    """Return the spacing, and further options of ``solve``, of the tables [discretization] and [solver].
+
+    Raises
+    ------
+    SceneError
+        If a key or its value is not accepted.
+    """
+    grid = as_table(tables.get("discretization", {}), "[discretization]")
+    with told_of("[discretization]"):
+        own, accepted = own_options(grid)
+        check_accepted("[discretization]", grid, (*declared(Options), *declared(AccuracyTarget), *accepted))
+        target, further = take(AccuracyTarget, grid)
+        target.check_spacing(grid.get("spacing"))
+        take(Options, {"spacing": 1.0, **further}, own=own)  # one may be given elsewhere
+    solver = as_table(tables.get("solver", {}), "[solver]")
+    name = solver.get("kind", SolverOptions.solver)
+    if not isinstance(name, str):
+        raise SceneError(f"kind of [solver] must be a name such as 'direct', got {shown(name)}.")
+    options = {key: name for name, key in SOLVER_KEYS.items()}
+    renamed = {options.get(key, key): value for key, value in solver.items()}
+    if name in SOLVER_OPTIONS:  # a plugin's solver has keys of its own
+        keys = (SOLVER_KEYS[option] for option in declared(SolverOptions))
+        check_accepted("[solver]", solver, (*keys, *SOLVER_OPTIONS[name]))
+        with told_of("[solver]"):
+            SolverOptions.of(renamed)
+    spacing = grid.pop("spacing", None)
+    return spacing, {**grid, **renamed}
+
+
+@contextmanager
+def told_of(where: str) -> Iterator[None]:
+    """Name the table ``where`` in errors of the block that name none."""
+    try:
+        yield
+    except InputError as error:
+        if isinstance(error, SceneError):  # names its table itself
+            raise
+        raise SceneError(f"{where}: {error}") from error
+
+
+def read_source(
+    table: dict[str, Any], folder: Path, where: str, surface: ClosestPointSource | None = None
+) -> ClosestPointSource:
+    """Make the source that a table describes; a boundary's may ask for the ``surface`` that it lies on."""
+    kind = table.pop("kind", None)
+    if not isinstance(kind, str):
+        raise SceneError(
+            f"{where} needs a kind, such as kind = 'analytic.sphere'; `cpmkit plugins` lists those installed."
+        )
+    check_keys(factory(kind), f"{where} of kind {kind!r}", table, () if surface is None else SIDE_KEYS)
+    keys = _keys(table, folder, where)
+    if surface is not None and not {"surface", "file", "vertices"} & set(keys) and takes(factory(kind), "surface"):
+        keys["surface"] = surface
+    return source(kind, **keys)
+
+
+def _keys(table: dict[str, Any], folder: Path, where: str) -> dict[str, Any]:
+    """Return the table with the path of the file that it names, and with sources in place of the tables in it."""
+    if "file" in table and not isinstance(table["file"], str):
+        raise SceneError(f"file of {where} must be the name of a file, got {shown(table['file'])}.")
+    keys = {key: _made_source(value, folder, f"{key} of {where}") for key, value in table.items()}
+    return {**keys, "file": str(find_file(keys["file"], folder))} if "file" in keys else keys
+
+
+def _made_source(value: Any, folder: Path, where: str) -> Any:
+    """Return the source that a table with a kind describes, a list with its tables made, anything else as it is."""
+    if isinstance(value, dict):
+        return read_source(dict(value), folder, where)
+    if isinstance(value, list):
+        return [_made_source(entry, folder, f"entry {number} of {where}") for number, entry in enumerate(value, 1)]
+    return value
+
+
+def _boundary(table: dict[str, Any], number: int, folder: Path, surface: ClosestPointSource) -> Boundary:
+    name = _name(table.pop("name", f"boundary {number}"), number)
+    where = f"[[boundary]] {name!r}"
+    sides = {key: table.pop(key) for key in SIDE_KEYS if key in table}
+    own = read_source(table, folder, where, surface)
+    carriers = [("boundary", own), ("surface", surface)]
+    conditions: dict[str, Any] = {
+        key: read_side(key, value, surface.dim, f"{key} of {where}")
+        for key, value in with_vertex_data(sides, folder, carriers, where).items()
+    }
+    return Boundary(name, own, **conditions)
+
+
+def _name(name: Any, number: int) -> str:
+    if not isinstance(name, str) or not name.strip() or not name.isprintable() or len(name) > MOST_NAME_CHARACTERS:
+        raise SceneError(
+            f"name of [[boundary]] {number} must be one line of at most {MOST_NAME_CHARACTERS} characters, got "
+            f"{shown(name)}."
+        )
+    return name
+
+
+def _problem(table: dict[str, Any], dim: int) -> Equation:
+    kind = table.pop("kind", None)
+    if not isinstance(kind, str) or kind not in PROBLEMS:
+        near = did_you_mean(kind, PROBLEMS)
+        raise SceneError(f"the kind of [problem] must be one of {', '.join(PROBLEMS)}, got {shown(kind)}{near}.")
+    check_keys(PROBLEMS[kind], f"[problem] of kind {kind!r}", table)
+    check_types(PROBLEMS[kind], f"[problem] of kind {kind!r}", table)
+    if PROBLEMS[kind] is NonlinearDiffusion:
+        for key in STATE_KEYS:
+            if key in table:
+                table[key] = formula(StateExpression, table[key], f"{key} of [problem]", dim)
+    reacts = PROBLEMS[kind] is ReactionDiffusion
+    if reacts and "reaction" in table:
+        given = table["reaction"]
+        texts = tuple(given) if isinstance(given, list) else (given,)
+        table["reaction"] = formula(ReactionExpression, texts, "reaction of [problem]", dim)
+    for key in FORMULA_KEYS:
+        if callable(table.get(key)):
+            continue
+        if reacts and key == "kappa" and isinstance(table.get(key), list):
+            table[key] = [_one(one, dim, f"entry {n} of kappa of [problem]") for n, one in enumerate(table[key], 1)]
+            continue
+        tensor = key in TENSOR_KEYS and _is_square(table.get(key), dim)
+        if key in COEFFICIENT_KEYS and isinstance(table.get(key), list) and not tensor:
+            if key in TENSOR_KEYS:
+                raise SceneError(
+                    f"{key} of [problem] must be one number or formula, or a tensor, a list of {dim} lists of {dim} "
+                    f"numbers or formulas, got {shown(table[key])}."
+                )
+            raise SceneError(f"{key} of [problem] must be one number or formula, got {shown(table[key])}.")
+        if key in table:
+            table[key] = read_data(table[key], dim, f"{key} of [problem]")
+    if "velocity" in table:
+        table["velocity"] = _field(table["velocity"], dim)
+    return call(PROBLEMS[kind], f"[problem] of kind {kind!r}", table)
+
+
+def _one(value: Any, dim: int, where: str) -> Any:
+    """Return the number or function that one entry of a list stands for."""
+    if isinstance(value, list):
+        raise SceneError(f"{where} must be one number or formula, got {shown(value)}.")
+    return read_data(value, dim, where)
+
+
+def _is_square(value: Any, dim: int) -> bool:
+    rows = isinstance(value, list) and len(value) == dim
+    return rows and all(isinstance(row, list) and len(row) == dim for row in value)
+
+
+def _field(value: Any, dim: int) -> VectorField:
+    """Return a vector field from one number or formula a coordinate."""
+    if not isinstance(value, list) or len(value) != dim:
+        raise SceneError(f"velocity of [problem] must be a list of {dim} numbers or formulas, got {shown(value)}.")
+    entries = read_data(value, dim, "velocity of [problem]")
+    return field_of_entries(entries, "velocity of [problem]")
+
+
+def read_output(table: dict[str, Any], path: Path) -> OutputRequest:
+    """Return what [output] of the file ``path`` asks for.
+
+    Raises
+    ------
+    SceneError
+        If a key or its value is not accepted.
+    """
+    check_accepted("[output]", table, ("folder", "files", "picture", "vertices"))
+    picture, files = table.get("picture"), table.get("files", ["summary.json"])
+    if picture is not None:
+        picture = as_table({"file": picture} if isinstance(picture, str) else picture, "picture of [output]")
+        picture = call(PictureRequest, "picture of [output]", picture)
+    if not isinstance(files, list):
+        raise SceneError(f"files of [output] must be a list of names, such as ['summary.json'], got {shown(files)}.")
+    folder = output_folder(table["folder"]) if "folder" in table else Path(path.stem)
+    check_links(folder, Path.cwd(), "folder of [output]")
+    vertices = table.get("vertices", VERTICES[0])
+    with told_of("[output]"):
+        return OutputRequest(folder, tuple(files), picture, vertices)

@@ -1,0 +1,230 @@
+"""A JSON schema of scene files, read off the code that reads them: editors complete and check TOML by it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import fields
+from typing import Any
+
+from cpmkit.forms.accuracy_target import AccuracyTarget
+from cpmkit.forms.choice import FORMS
+from cpmkit.forms.options import Options
+from cpmkit.linear.solver_options import SolverOptions
+from cpmkit.runtime.options import Declared, declared
+from cpmkit.scenefile.application_files import ALONG_KEYS, COLOUR_KEYS
+from cpmkit.scenefile.condition_tables import CONDITIONS
+from cpmkit.scenefile.documented_keys import Key, keys_of
+from cpmkit.scenefile.kinds import Kind, kinds
+from cpmkit.scenefile.output_request import PictureRequest
+from cpmkit.scenefile.scene_files import SIDE_KEYS, SOLVER_KEYS
+
+DRAFT = "http://json-schema.org/draft-07/schema#"
+#: What plain types of Python are in JSON.
+JSON_TYPES = {"float": "number", "int": "integer", "str": "string", "bool": "boolean", "None": "null"}
+#: Keys that hold a source, a list of sources.
+SOURCE_KEYS, SOURCES_KEYS = ("of",), ("members",)
+DATUM = {"$ref": "#/definitions/datum"}
+
+Schema = dict[str, Any]
+
+
+def scene_schema() -> Schema:
+    """Return the schema of scene files, with the kinds that are installed."""
+    return {
+        "$schema": DRAFT,
+        "title": "A scene of cpmkit",
+        "type": "object",
+        "properties": scene_tables(),
+        "required": ["surface", "problem"],
+        "additionalProperties": False,
+        "definitions": definitions(),
+    }
+
+
+def definitions() -> Schema:
+    """Return what the tables refer to."""
+    sources = [one for one in kinds() if one.sort == "source"]
+    return {
+        "datum": {
+            "description": "A number, a formula in x, y, z and t, values by the vertex, or a list of them.",
+            "type": ["number", "string", "array", "object"],
+        },
+        "condition": _condition(),
+        "source": one_of_kinds(sources),
+    }
+
+
+def scene_tables(problem_needs: bool = True) -> Schema:
+    """Return the schemas of a scene's tables; ``problem_needs`` is False where a study gives what is lacking."""
+    every = kinds()
+    sources = [one for one in every if one.sort == "source"]
+    edge = {
+        "description": "What holds on the rim; or a list of tables, each with `where`, a formula; or a table of loops."
+    }
+    condition = {"$ref": "#/definitions/condition"}
+    sides: Schema = dict.fromkeys(SIDE_KEYS, condition) | {
+        "left_of": {"description": "A point on the left.", "type": "array"},
+        "across": {"description": "A transmission, or another condition that couples both sides.", "type": "object"},
+        "name": {"description": "For reports, and to ask for a side.", "type": "string"},
+    }
+    equations = [one for one in every if one.sort == "equation"]
+    return {
+        "surface": one_of_kinds(sources, {"edge": edge}),
+        "boundary": {"type": "array", "items": one_of_kinds(sources, sides)},
+        "problem": one_of_kinds(equations, needs=problem_needs, of_data=True),
+        "discretization": _options([Options, AccuracyTarget, *FORMS.values()]),
+        "solver": _options([SolverOptions], SOLVER_KEYS, further=True),
+        "output": _table(
+            {
+                "folder": {"description": "Where results go, inside the working directory.", "type": "string"},
+                "files": {"description": "Names of files in it.", "type": "array", "items": {"type": "string"}},
+                "picture": {"anyOf": [{"type": "string"}, table_of(keys_of(PictureRequest))]},
+            }
+        ),
+    }
+
+
+def table_of(keys: Iterable[Key]) -> Schema:
+    """Return the schema of a table with these keys."""
+    return _table({key.name: _of_key(key) for key in keys})
+
+
+def _table(properties: Schema, needed: Iterable[str] = (), further: bool = False) -> Schema:
+    required = sorted(needed)
+    made = {"type": "object", "properties": properties, "additionalProperties": further}
+    return {**made, "required": required} if required else made
+
+
+def one_of_kinds(
+    choices: Iterable[Kind], more: Mapping[str, Any] = {}, needs: bool = True, of_data: bool = False
+) -> Schema:
+    """Return the schema of a table whose ``kind`` says which keys it has; a boundary's surface need not be named."""
+    variants = []
+    for one in choices:
+        own = {key.name: {**DATUM, "description": key.told} if of_data else _of_key(key) for key in one.keys}
+        needed = [key.name for key in one.keys if key.needed and needs and key.name != "surface"]
+        kind = {"const": one.name, "description": one.told}
+        variants.append(_table({"kind": kind, **own, **more}, ["kind", *needed]))
+    return {"oneOf": variants}
+
+
+def _condition() -> Schema:
+    """Return the schema of a condition: one kind as a key, and perhaps an order; or a plugin's kind with its keys."""
+    order = {"type": "integer", "minimum": 1, "maximum": 4}
+    variants = [_table({kind: _value_of(kind), "order": order}, [kind]) for kind in CONDITIONS]
+    offered = {"kind": {"type": "string"}, "order": order}
+    datum = {"description": "Dirichlet's.", "type": ["number", "string", "array"]}
+    return {"anyOf": [*variants, _table(offered, ["kind"], further=True), datum]}
+
+
+def _value_of(kind: str) -> Schema:
+    return {"const": True} if kind == "steklov" else DATUM
+
+
+def _options(declaring: Iterable[type[Declared]], renamed: Mapping[str, str] = {}, further: bool = False) -> Schema:
+    """Return the schema of a table of declared options; one that several declare takes what one of them takes."""
+    properties: Schema = {}
+    for kind in declaring:
+        types = {one.name: str(one.type) for one in fields(kind)}
+        for name, option in declared(kind).items():
+            before = properties.get(renamed.get(name, name), {}).get("description", "")
+            told = f"{before} {option.told}".strip()
+            properties[renamed.get(name, name)] = {**_json_type(types[name]), "description": told}
+    properties |= {"memory": {**properties["memory"], "type": ["number", "string"]}} if "memory" in properties else {}
+    return _table(properties, further=further)
+
+
+def _of_key(key: Key) -> Schema:
+    if key.name in SOURCE_KEYS:
+        return {"$ref": "#/definitions/source"}
+    if key.name in SOURCES_KEYS:
+        return {"type": "array", "items": {"$ref": "#/definitions/source"}}
+    made = _json_type(key.declared)
+    told = {"description": key.told} if key.told else {}
+    known = key.default if isinstance(key.default, (bool, int, float, str)) else None
+    return {**made, **told, **({} if known is None else {"default": known})}
+
+
+def _json_type(declared_type: str) -> Schema:
+    """Return what a declared type is in JSON; nothing where it is more than plain ones."""
+    names = [JSON_TYPES.get(one.strip(), "") for one in declared_type.split("|")]
+    if not all(names):
+        return {}
+    plain = [name for name in names if name != "null"]
+    return {"type": plain[0] if len(plain) == 1 else plain}
+
+
+PLACE: Schema = {"description": "A point, or a list of points.", "type": "array"}
+IMAGE: Schema = {"description": "A point of the target, or of a curve one formula a coordinate.", "type": "array"}
+WAY: Schema = {
+    "description": "tangent, backwards, left or right; a vector; or one formula a coordinate.",
+    "type": ["string", "array"],
+}
+COLOURS: Schema = {
+    "description": "A colour; colours along the curve; { formula = [...] }; { neumann = 0 } where nothing passes.",
+    "type": ["string", "array", "object"],
+}
+TEXT, NUMBER, WHOLE = ({"type": kind} for kind in ("string", "number", "integer"))
+
+
+def application_schema(command: str) -> Schema:
+    """Return the schema of the scene files that ``cpmkit COMMAND`` makes applications of."""
+    tables = {name: table for name, table in scene_tables().items() if name != "problem"}
+    own, needed = _TABLES[command]()
+    return {
+        "$schema": DRAFT,
+        "title": f"A scene of `cpmkit {command}`",
+        "type": "object",
+        "properties": {**tables, **own},
+        "required": ["surface", *needed],
+        "additionalProperties": False,
+        "definitions": definitions(),
+    }
+
+
+def _vectors() -> tuple[Schema, list[str]]:
+    along = _on_curves(dict.fromkeys(ALONG_KEYS, WAY))
+    vector = {"description": "At all of these points, or one for each.", "type": "array"}
+    transport = {"description": "How vectors go on.", "enum": ["parallel", "paper"]}
+    return {
+        "direction": {"type": "array", "items": {"oneOf": [*along, _closed({"at": PLACE, "vector": vector})]}},
+        "vectors": _closed({"transport": transport}, needed=False),
+    }, ["direction"]
+
+
+def _map() -> tuple[Schema, list[str]]:
+    curves = _on_curves({"to": IMAGE})
+    own: Schema = {
+        "initial": {"description": "nearest; one formula a coordinate; or { values = FILE }, a row a vertex."},
+        "method": {"enum": ["implicit", "explicit"]},
+        "step": {"description": "Of time.", **NUMBER},
+        "most_steps": {"description": "After which the run ends.", **WHOLE},
+        "rest": {"description": "It ends where a step lowers the energy by less than this share of it.", **NUMBER},
+        "texture": {"description": "Of the target: one formula a channel, three for a colour, or { values = FILE }."},
+    }
+    return {
+        "target": {"$ref": "#/definitions/source"},
+        "landmark": {"type": "array", "items": {"oneOf": [*curves, _closed({"at": PLACE, "to": IMAGE})]}},
+        "map": _closed(own, needed=False),
+    }, ["target"]
+
+
+def _paint() -> tuple[Schema, list[str]]:
+    name = {"name": {"description": "For reports.", **TEXT}}
+    curves = _on_curves({**name, **dict.fromkeys(COLOUR_KEYS, COLOURS)})
+    return {"curve": {"type": "array", "items": {"oneOf": curves}}}, ["curve"]
+
+
+_TABLES = {"vectors": _vectors, "map": _map, "paint": _paint}
+
+
+def _on_curves(more: Schema) -> list[Schema]:
+    """Return the schemas of a table with the keys of a source and these."""
+    sources = [one for one in kinds() if one.sort == "source"]
+    variants: list[Schema] = one_of_kinds(sources, more)["oneOf"]
+    return variants
+
+
+def _closed(properties: Schema, needed: bool = True) -> Schema:
+    required = {"required": sorted(properties)} if needed else {}
+    return {"type": "object", "properties": properties, "additionalProperties": False, **required}
