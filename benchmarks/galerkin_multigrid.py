@@ -43,25 +43,24 @@ def measure(spacing):
     """Print the row of the table of one spacing."""
     import numpy as np
 
-    from cpmkit.forms.galerkin.hierarchy.levels import levels_of
-    from cpmkit.forms.galerkin.space.energy import STRENGTHS, load
-    from cpmkit.forms.galerkin.space.floor import floored_stiffness
-    from cpmkit.forms.galerkin.space.parted import part
-    from cpmkit.forms.galerkin.space.space import space_of
+    from cpmkit.forms.galerkin.levels import coarser_levels
+    from cpmkit.forms.galerkin.space.dof_map import build_dof_map
+    from cpmkit.forms.galerkin.space.energy import STABILISATIONS, load, stiffness_with_floor
+    from cpmkit.forms.galerkin.space.spline_space import build_spline_space
     from cpmkit.linear.multigrid.solver import Multigrid
     from cpmkit.linear.operators import CsrOperator
     from cpmkit.runtime.memory import bytes_since, forget_peak
 
     samples, contacts = sphere(spacing)
-    dof_map = part(samples.points, contacts, spacing)
-    space = space_of(dof_map, samples)
-    operator = CsrOperator(floored_stiffness(space, 1.0, STRENGTHS["default"], 1.0), symmetric=True)
+    dof_map = build_dof_map(samples.points, contacts, spacing)
+    space = build_spline_space(dof_map, samples)
+    operator = CsrOperator(stiffness_with_floor(space, 1.0, STABILISATIONS["default"], 1.0), symmetric=True)
     b = load(space, 3 * samples.points[:, 2:])
     del space, samples, contacts
     times = products(operator.matrix, b)
     before = forget_peak()
     marks = [time.process_time()]
-    levels = levels_of(dof_map, np.zeros(0, dtype=np.int64))
+    levels = coarser_levels(dof_map, np.zeros(0, dtype=np.int64))
     marks.append(time.process_time())
     prepared = Multigrid().prepare(operator, levels)
     marks.append(time.process_time())

@@ -14,13 +14,19 @@ import numpy as np
 from trimesh.creation import icosphere
 
 from cpmkit.forms.galerkin.quadrature.samples import Samples
-from cpmkit.forms.galerkin.space.energy import STRENGTHS, add_ghosts, energy_data, load, values_at_samples
-from cpmkit.forms.galerkin.space.floor import floored_stiffness
-from cpmkit.forms.galerkin.space.parted import part
-from cpmkit.forms.galerkin.space.space import space_of
+from cpmkit.forms.galerkin.space.dof_map import build_dof_map
+from cpmkit.forms.galerkin.space.energy import (
+    STABILISATIONS,
+    add_ghosts,
+    energy_data,
+    load,
+    stiffness_with_floor,
+    values_at_samples,
+)
+from cpmkit.forms.galerkin.space.spline_space import build_spline_space
 
 CORNERS = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6
-STRENGTH = STRENGTHS["default"]
+STRENGTH = STABILISATIONS["default"]
 ROUNDS = 5
 
 
@@ -49,15 +55,15 @@ def main(subdivisions: tuple[int, ...] = (5, 6, 7, 8)) -> None:
     """Print the table."""
     for count in subdivisions:
         samples, contacts, h = sphere(count)
-        dof_map = part(samples.points, contacts, h)
-        space = space_of(dof_map, samples)
+        dof_map = build_dof_map(samples.points, contacts, h)
+        space = build_spline_space(dof_map, samples)
         data = energy_data(space, 1.0, None, STRENGTH)
-        matrix = floored_stiffness(space, 1.0, STRENGTH, c=1.0)
+        matrix = stiffness_with_floor(space, 1.0, STRENGTH, c=1.0)
         u = np.ones((dof_map.size, 1))
         product = seconds(lambda: matrix @ u[:, 0])  # noqa: B023
         stages = {
-            "parting": lambda: part(samples.points, contacts, h),  # noqa: B023
-            "pattern": lambda: space_of(dof_map, samples),  # noqa: B023
+            "parting": lambda: build_dof_map(samples.points, contacts, h),  # noqa: B023
+            "pattern": lambda: build_spline_space(dof_map, samples),  # noqa: B023
             "energy": lambda: energy_data(space, 1.0, 1.0, STRENGTH),  # noqa: B023
             "ghosts": lambda: add_ghosts(space, 1.0, STRENGTH, data),  # noqa: B023
             "load": lambda: load(space, samples.points[:, :1]),  # noqa: B023

@@ -6,8 +6,8 @@ import numpy as np
 from sample_shapes import box
 
 from cpmkit.forms.galerkin.quadrature.samples import Samples
-from cpmkit.forms.galerkin.space.parted import part
-from cpmkit.forms.galerkin.space.space import space_of
+from cpmkit.forms.galerkin.space.dof_map import build_dof_map
+from cpmkit.forms.galerkin.space.spline_space import build_spline_space
 
 CORNERS = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6
 GAUSS = (np.array([0.5 - np.sqrt(0.15), 0.5, 0.5 + np.sqrt(0.15)]), np.array([5, 8, 5]) / 18)
@@ -23,7 +23,7 @@ class Drawn:
     contacts: np.ndarray
 
     def space(self, spacing):
-        return space_of(part(self.samples.points, self.contacts, spacing), self.samples)
+        return build_spline_space(build_dof_map(self.samples.points, self.contacts, spacing), self.samples)
 
     def moved(self, shift, scale=1.0):
         measure = scale ** (self.samples.points.shape[1] - self.samples.normals.shape[1])

@@ -4,8 +4,7 @@ import numpy as np
 from galerkin_scenes import sphere, together
 from scipy.sparse import csr_array
 
-from cpmkit.forms.galerkin.space.energy import STRENGTHS, mass
-from cpmkit.forms.galerkin.space.floor import floored_stiffness
+from cpmkit.forms.galerkin.space.energy import STABILISATIONS, mass, stiffness_with_floor
 from cpmkit.forms.galerkin.space.splines import value_rows
 from cpmkit.linear.operators import CsrOperator
 
@@ -24,7 +23,7 @@ def two_spheres(h, gap=0.3):
 
 def stiffness_of(space, c=None):
     """The operator of -Lap u, or of -Lap u + c u."""
-    return CsrOperator(floored_stiffness(space, 1.0, STRENGTHS["default"], c), symmetric=True)
+    return CsrOperator(stiffness_with_floor(space, 1.0, STABILISATIONS["default"], c), symmetric=True)
 
 
 def mass_of(space):

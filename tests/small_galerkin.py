@@ -6,15 +6,14 @@ import numpy as np
 from scipy.sparse.linalg import splu
 
 from cpmkit.forms.galerkin.conditions.boundary_samples import boundary_samples
-from cpmkit.forms.galerkin.conditions.held import held, needs_rims
-from cpmkit.forms.galerkin.conditions.sides import left_of_boundaries
-from cpmkit.forms.galerkin.conditions.terms import ConditionTerms, condition_terms
+from cpmkit.forms.galerkin.conditions.boundary_sides import left_of_boundaries
+from cpmkit.forms.galerkin.conditions.condition_terms import ConditionTerms, condition_terms
+from cpmkit.forms.galerkin.conditions.imposed_conditions import impose_conditions, needs_rims
 from cpmkit.forms.galerkin.quadrature.mesh_quadrature import samples_of
 from cpmkit.forms.galerkin.quadrature.samples import Samples
-from cpmkit.forms.galerkin.space.energy import STRENGTHS, load
-from cpmkit.forms.galerkin.space.floor import floored_stiffness
-from cpmkit.forms.galerkin.space.parted import part
-from cpmkit.forms.galerkin.space.space import space_of
+from cpmkit.forms.galerkin.space.dof_map import build_dof_map
+from cpmkit.forms.galerkin.space.energy import STABILISATIONS, load, stiffness_with_floor
+from cpmkit.forms.galerkin.space.spline_space import build_spline_space
 from cpmkit.forms.galerkin.space.splines import derivative_rows, value_rows
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import localize
@@ -73,14 +72,14 @@ def small(scene, mesh, spacing, origin=None, points=None):
     samples = Samples(
         *[np.concatenate([getattr(one, name) for one in (inner, border.as_samples)]) for name in vars(inner)]
     )
-    dof_map = part(samples.points, corners[samples.cell], spacing)
-    space, q = space_of(dof_map, samples), len(inner.points)
+    dof_map = build_dof_map(samples.points, corners[samples.cell], spacing)
+    space, q = build_spline_space(dof_map, samples), len(inner.points)
     rows = (
         value_rows(dof_map, dof_map.patch[q:], border.points),
         derivative_rows(dof_map, dof_map.patch[q:], border.points, border.conormals),
     )
     left = left_of_boundaries(mesh, half, corners, border, [scene.oriented(one) for one in scene.boundaries], lattice)
-    laws, terms = held(scene, border, left, surface, lattice), scene.problem.terms()
+    laws, terms = impose_conditions(scene, border, left, surface, lattice), scene.problem.terms()
     where = lattice.to_scene(np.concatenate([inner.points, border.points - 1e-6 * spacing * border.conormals]))
     a, c, f = (
         evaluate_data(data, where, k, "data")
@@ -93,7 +92,7 @@ def small(scene, mesh, spacing, origin=None, points=None):
         inner,
         conditions,
         left,
-        floored_stiffness(space, a[:, 0], STRENGTHS["default"], c[:, 0]),
+        stiffness_with_floor(space, a[:, 0], STABILISATIONS["default"], c[:, 0]),
         load(space, f),
         value_rows(dof_map, dof_map.patch[:q], inner.points),
     )

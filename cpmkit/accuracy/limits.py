@@ -10,8 +10,8 @@ from cpmkit.accuracy.way import Run, Way
 from cpmkit.errors import ResolutionError
 from cpmkit.forecast.growth import Growth, line_through, rising_growth
 from cpmkit.forecast.needs import bytes_needed, solver_for
-from cpmkit.forms.galerkin.fitting import SAMPLES_PER_UNKNOWN, expected_unknowns
-from cpmkit.forms.galerkin.work import GalerkinWork
+from cpmkit.forms.galerkin.galerkin_cost import SAMPLES_PER_UNKNOWN, expected_unknowns
+from cpmkit.forms.galerkin.galerkin_work import GalerkinWork
 from cpmkit.grid.lattice import COARSEST_SPACING_SHARE
 from cpmkit.manifold.local_source import largest_dim, localize
 from cpmkit.runtime import memory

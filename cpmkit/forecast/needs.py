@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from cpmkit.forms.galerkin import fitting as galerkin
-from cpmkit.forms.galerkin.definiteness import surely_iterated
+from cpmkit.forms.galerkin import galerkin_cost as galerkin
+from cpmkit.forms.galerkin.galerkin_operator import multigrid_applies
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.options import Options
 from cpmkit.linear.solver_options import choose_solver
@@ -19,7 +19,7 @@ def solver_for(scene: Scene, options: Options[Any], solver: str, unknowns: float
     m, count = largest_dim(scene.surface), round(unknowns)
     if not isinstance(options.own, GalerkinOptions):
         return choose_solver(solver, count, m, scene.problem.factorise_up_to)
-    iterated = surely_iterated(scene)
+    iterated = multigrid_applies(scene)
     return choose_solver(solver, count, m, scene.problem.factors_up_to(iterated), "multigrid" if iterated else "direct")
 
 
@@ -31,7 +31,7 @@ def bytes_needed(
     With so many ``samples`` of the Galerkin form, if they are known.
     """
     if isinstance(options.own, GalerkinOptions):
-        factors = galerkin.factors_in(scene, solver)
+        factors = galerkin.factorised_share(scene, solver)
         m, degree = largest_dim(scene.surface), options.own.degree
-        return galerkin.peak_bytes(unknowns, m, factors, samples, degree, galerkin.beside_of(scene))
+        return galerkin.peak_bytes(unknowns, m, factors, samples, degree, galerkin.scene_extras(scene))
     return unknowns * memory.bytes_per_unknown(scene.surface.dim, options.own.degree, solver)

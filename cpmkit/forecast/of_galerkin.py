@@ -10,8 +10,14 @@ import numpy as np
 from cpmkit.forecast.growth import growth_through
 from cpmkit.forecast.parts import Explanation, Part, named, solver_part
 from cpmkit.forecast.running_out import explain_memory_error
-from cpmkit.forms.galerkin.fitting import beside_of, check_samples_fit, check_unknowns_fit, factors_in, peak_bytes
 from cpmkit.forms.galerkin.form import Galerkin, discretize
+from cpmkit.forms.galerkin.galerkin_cost import (
+    check_samples_fit,
+    check_unknowns_fit,
+    factorised_share,
+    peak_bytes,
+    scene_extras,
+)
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.options import Options
 from cpmkit.forms.solver_choice import solver_of
@@ -48,11 +54,11 @@ def explained(scene: Scene, target: Options[GalerkinOptions], solver: str, progr
                 counts[name] = max(growth_through((rehearsed, fine), (2 * rehearsed, coarse[name]), m).at(at), fine)
     progress("rehearsal", 1.0)
     chosen = solver_of(form, solver, round(counts["unknowns"]))
-    factors = factors_in(scene, chosen)
+    factors = factorised_share(scene, chosen)
     if factors:  # what others need was checked before
         check_unknowns_fit(surface, counts["unknowns"], target.spacing, chosen, factors, target.own.degree)
     size, m = counts["unknowns"], surface.largest_dim
-    needed = peak_bytes(size, m, factors, counts["samples"], target.own.degree, beside_of(scene))
+    needed = peak_bytes(size, m, factors, counts["samples"], target.own.degree, scene_extras(scene))
     return Explanation(
         (*_parts(scene, form, counts, target), solver_part(scene, chosen, solver)),
         _left_out(scene),

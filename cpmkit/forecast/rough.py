@@ -8,7 +8,7 @@ from __future__ import annotations
 from cpmkit.forecast.needs import solver_for
 from cpmkit.forecast.parts import Explanation, Part, named, solver_part
 from cpmkit.forms.collocation.options import CollocationOptions
-from cpmkit.forms.galerkin import fitting as galerkin
+from cpmkit.forms.galerkin import galerkin_cost as galerkin
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.options import Options
 from cpmkit.grid.band import cell_levels, check_numbered, nodes_of_blocks, stencil_codes
@@ -96,10 +96,10 @@ def _bytes(
     """Return the bytes at the peak, if there are so many."""
     degree = target.own.degree
     if isinstance(target.own, GalerkinOptions):
-        factors = galerkin.factors_in(scene, chosen)
+        factors = galerkin.factorised_share(scene, chosen)
         galerkin.check_unknowns_fit(surface, unknowns, target.spacing, chosen, factors, degree)
         return galerkin.peak_bytes(
-            unknowns, largest_dim(scene.surface), factors, degree=degree, beside=galerkin.beside_of(scene)
+            unknowns, largest_dim(scene.surface), factors, degree=degree, beside=galerkin.scene_extras(scene)
         )
     check_fits(surface, unknowns, target.spacing, degree, chosen)
     rows = memory.rows_per_unknown(surface.dim) * unknowns

@@ -11,7 +11,7 @@ import numpy as np
 
 from cpmkit.errors import ResolutionError
 from cpmkit.forecast.needs import bytes_needed, solver_for
-from cpmkit.forms.galerkin import fitting as galerkin
+from cpmkit.forms.galerkin import galerkin_cost as galerkin
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.options import Options
 from cpmkit.grid.fitting import fitting_spacing, other_solver_hint, rounded_up, unknowns_at_one
@@ -82,5 +82,5 @@ def _of_galerkin(scene: Scene, source: LocalSource, options: Options[Any], solve
     unknowns = galerkin.expected_unknowns(source, options.spacing, options.own.degree)
     solver = solver_for(scene, options, solver, unknowns)
     size = bytes_needed(scene, options, solver, unknowns)
-    fits = galerkin.fitting_spacing(source, available, galerkin.factors_in(scene, solver), options.own.degree)
+    fits = galerkin.fitting_spacing(source, available, galerkin.factorised_share(scene, solver), options.own.degree)
     return _Need(unknowns, solver, size, fits, other_solver_hint(solver, "multigrid"))

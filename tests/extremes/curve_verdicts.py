@@ -10,7 +10,7 @@ from extremes.curve_arcs import graph_counts
 
 import cpmkit as ck
 from cpmkit.forms.galerkin.options import GalerkinOptions
-from cpmkit.forms.galerkin.sampling import sample
+from cpmkit.forms.galerkin.scene_sampling import sample_scene
 from cpmkit.forms.options import Options
 from cpmkit.protocols import no_progress
 
@@ -39,7 +39,7 @@ def geometry_verdict(case, number):
     scene, name = ck.Scene(case.curve, ck.ScreenedPoisson(_load(case.curve))), f"{case.name}, {ORIGINS[number]} origin"
     options = Options(spacing=case.spacing, own=GalerkinOptions(), origin=case.origins[number])
     try:
-        sampled = sample(scene, options, no_progress)
+        sampled = sample_scene(scene, options, no_progress)
     except ck.CpmkitError as error:
         return Verdict(name, f"refused: {error}", (str(error),))
     counts, length = graph_counts(sampled.mesh.cells), sampled.samples.weights.sum()

@@ -13,7 +13,7 @@ from scipy.spatial import KDTree
 
 import cpmkit as ck
 from cpmkit.errors import CpmkitError
-from cpmkit.forms.galerkin.telling import of_contouring
+from cpmkit.forms.galerkin.mesh_warnings import contouring_warnings
 from cpmkit.manifold.local_source import localize
 from cpmkit.mesh.mesh import SampleMesh
 from cpmkit.meshing.contouring.contoured_surfaces import contour_surface
@@ -93,7 +93,7 @@ def judge(case, truth=None):
             faults.append(f"{(gap > OFF_RIM * case.spacing).sum()} open edges off rims")
     if (count > 2).any() and not truth.branches:
         faults.append(f"{(count > 2).sum()} crowded edges")
-    return Verdict(case.name, faults, list(of_contouring(report, seen)), seen.queries["points"])
+    return Verdict(case.name, faults, list(contouring_warnings(report, seen)), seen.queries["points"])
 
 
 def load(x):

@@ -8,7 +8,7 @@ from extremes.curve_verdicts import geometry_verdict, verdicts
 
 import cpmkit as ck
 from cpmkit.forms.galerkin.options import GalerkinOptions
-from cpmkit.forms.galerkin.sampling import sample
+from cpmkit.forms.galerkin.scene_sampling import sample_scene
 from cpmkit.forms.options import Options
 from cpmkit.meshing.contouring import contoured_curves
 from cpmkit.protocols import no_progress
@@ -53,5 +53,5 @@ def test_six_hundred_traces_and_solutions(seed):
 def test_a_square_with_sides_in_knot_planes_is_covered_once(spacing):
     square = case("square", 0).curve
     scene = ck.Scene(square, ck.ScreenedPoisson(1.0))
-    sampled = sample(scene, Options(spacing=spacing, own=GalerkinOptions()), no_progress)
+    sampled = sample_scene(scene, Options(spacing=spacing, own=GalerkinOptions()), no_progress)
     assert sampled.samples.weights.sum() == pytest.approx(4.0, rel=1e-9)

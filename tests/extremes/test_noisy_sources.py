@@ -14,7 +14,7 @@ from made_cases import CASES, source_of
 
 import cpmkit as ck
 from cpmkit.forms.galerkin.options import GalerkinOptions
-from cpmkit.forms.galerkin.sampling import sample
+from cpmkit.forms.galerkin.scene_sampling import sample_scene
 from cpmkit.forms.options import Options
 from cpmkit.manifold.local_source import localize
 from cpmkit.manifold.noise import with_noise
@@ -88,7 +88,7 @@ def test_a_noisy_sphere_is_as_right_as_its_noise_allows(size, spacing):
 def test_noisy_curves_have_the_right_ends_and_loops(kind, share):
     one = case(kind, 10)
     scene = ck.Scene(Noisy(one.curve, share * one.spacing), ck.ScreenedPoisson(1.0))
-    sampled = sample(scene, Options(spacing=one.spacing, own=GalerkinOptions()), no_progress)
+    sampled = sample_scene(scene, Options(spacing=one.spacing, own=GalerkinOptions()), no_progress)
     assert graph_counts(sampled.mesh.cells) == one.curve.truth
     assert sampled.samples.weights.sum() == pytest.approx(one.curve.length, rel=5e-3)
 
@@ -96,7 +96,7 @@ def test_noisy_curves_have_the_right_ends_and_loops(kind, share):
 def test_no_smaller_spacing_is_advised_where_noise_is_the_fault():
     one = case("square", 10)
     scene = ck.Scene(Noisy(one.curve, 1e-2 * one.spacing), ck.ScreenedPoisson(1.0))
-    told = " ".join(sample(scene, Options(spacing=one.spacing, own=GalerkinOptions()), no_progress).told)
+    told = " ".join(sample_scene(scene, Options(spacing=one.spacing, own=GalerkinOptions()), no_progress).told)
     assert "loose ends" in told
     assert "compute closest points more exactly" in told
     assert "use a smaller spacing" not in told

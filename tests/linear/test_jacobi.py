@@ -9,7 +9,7 @@ from model_problems import sphere_points
 
 import cpmkit as ck
 from cpmkit.errors import ConvergenceError, SceneError
-from cpmkit.forms.galerkin.hierarchy.levels import levels_of
+from cpmkit.forms.galerkin.levels import coarser_levels
 from cpmkit.linear import jacobi
 from cpmkit.linear.jacobi import Jacobi, Quicker, mass_dominates
 from cpmkit.linear.multigrid.solver import Multigrid
@@ -32,7 +32,7 @@ def stepped(share, beside=False, unit=1.0):
         strip, penalty = circle_beside(space, 0.31)
         matrix = matrix + share * (H * unit) ** 2 * penalty
     b = mass_of(space).matrix @ np.random.default_rng(0).normal(size=(space.dof_map.size, 2))
-    return CsrOperator(matrix.tocsr(), symmetric=True), levels_of(space.dof_map, strip), b
+    return CsrOperator(matrix.tocsr(), symmetric=True), coarser_levels(space.dof_map, strip), b
 
 
 @pytest.mark.parametrize("beside", [False, True])

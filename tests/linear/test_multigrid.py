@@ -10,7 +10,7 @@ from scipy.sparse import csr_array, diags_array, random_array
 
 from cpmkit.errors import ConvergenceError, SceneError
 from cpmkit.forms.free_constants import free_pieces
-from cpmkit.forms.galerkin.hierarchy.levels import levels_of
+from cpmkit.forms.galerkin.levels import coarser_levels
 from cpmkit.forms.galerkin.space import energy
 from cpmkit.linear import csr_matrices
 from cpmkit.linear.csr_matrices import SymmetricCsr, UnsignedCsr, coarse_operator
@@ -39,7 +39,9 @@ def smooth(x, y, z):
 
 
 def iterations(space, operator, beside=NOWHERE, tolerance=1e-10):
-    u, report = Multigrid().prepare(operator, levels_of(space.dof_map, beside)).solve(load(space, smooth), tolerance)
+    u, report = (
+        Multigrid().prepare(operator, coarser_levels(space.dof_map, beside)).solve(load(space, smooth), tolerance)
+    )
     assert report.residual <= tolerance
     assert np.isfinite(u).all()
     return report.iterations
@@ -96,7 +98,7 @@ def test_it_finds_what_the_direct_solver_finds():
     beside, penalty = circle_beside(space, 0.31)
     operator = plus(stiffness_of(space), penalty)
     b = load(space, smooth, lambda x, y, z: np.sign(x), lambda x, y, z: 0 * x)
-    u, report = Multigrid().prepare(operator, levels_of(space.dof_map, beside)).solve(b, 1e-11)
+    u, report = Multigrid().prepare(operator, coarser_levels(space.dof_map, beside)).solve(b, 1e-11)
     exact, _ = Direct().prepare(operator).solve(b, 1e-10)
     assert abs(u - exact).max() < 1e-9 * abs(exact).max()
     assert not u[:, 2].any()
@@ -110,11 +112,11 @@ def test_constants_free_on_two_pieces_are_those_of_the_direct_solver():
         assert border.indicator.shape[1] == 2
         operator = Bordered(stiffness, border)
         b = load(space, smooth, lambda x, y, z: x + 2)  # which has no solution: the border takes the means
-        u, report = Multigrid().prepare(operator, levels_of(space.dof_map, NOWHERE)).solve(b, 1e-11)
+        u, report = Multigrid().prepare(operator, coarser_levels(space.dof_map, NOWHERE)).solve(b, 1e-11)
         exact, _ = Direct().prepare(operator).solve(b, 1e-10)
         assert abs(u - exact).max() < 1e-9 * abs(exact).max()
         assert report.iterations <= 28
-        again = Multigrid().prepare(operator, levels_of(space.dof_map, NOWHERE)).solve(b, 1e-9, exact)[1]
+        again = Multigrid().prepare(operator, coarser_levels(space.dof_map, NOWHERE)).solve(b, 1e-9, exact)[1]
         assert again.iterations == 0
 
 
@@ -122,7 +124,7 @@ def test_the_cycle_is_symmetric_and_positive():
     space = sphere(0.1)
     beside, penalty = circle_beside(space, 0.31)
     for operator, strip in ((stiffness_of(space, 1.0), NOWHERE), (plus(stiffness_of(space, 1.0), penalty), beside)):
-        cycle = Multigrid().prepare(operator, levels_of(space.dof_map, strip)).preconditioner
+        cycle = Multigrid().prepare(operator, coarser_levels(space.dof_map, strip)).preconditioner
         x = np.random.default_rng(0).standard_normal((space.dof_map.size, 8))
         products = x.T @ cycle.apply(x)
         assert abs(products - products.T).max() < 1e-12 * abs(products).max()
@@ -131,7 +133,7 @@ def test_the_cycle_is_symmetric_and_positive():
 
 def test_a_guess_near_the_solution_saves_iterations():
     space = sphere(0.1)
-    prepared = Multigrid().prepare(stiffness_of(space, 1.0), levels_of(space.dof_map, NOWHERE))
+    prepared = Multigrid().prepare(stiffness_of(space, 1.0), coarser_levels(space.dof_map, NOWHERE))
     b = load(space, smooth)
     u, first = prepared.solve(b, 1e-10)
     kept = u.copy()
@@ -151,7 +153,7 @@ def energy_error(operator, u, exact):
 def test_where_nothing_is_asked_for_it_stops_by_the_error(share):
     space = sphere(0.1)
     operator = stiffness_of(space, 1.0)
-    strict = Multigrid().prepare(operator, levels_of(space.dof_map, NOWHERE))
+    strict = Multigrid().prepare(operator, coarser_levels(space.dof_map, NOWHERE))
     b = load(space, smooth)
     exact, _ = strict.solve(b, 1e-13)
     solver, tolerance = followed_by_error(strict)
@@ -166,7 +168,7 @@ def test_where_nothing_is_asked_for_it_stops_by_the_error(share):
 
 def test_other_solvers_and_what_is_asked_for_stay_by_the_residual():
     space = sphere(0.16)
-    operator, levels = stiffness_of(space, 1.0), levels_of(space.dof_map, NOWHERE)
+    operator, levels = stiffness_of(space, 1.0), coarser_levels(space.dof_map, NOWHERE)
     for solver in (Direct(), Jacobi()):
         assert followed_by_error(solver.prepare(operator, levels)) is None
     _, report = Multigrid().prepare(operator, levels).solve(load(space, smooth), 1e-12)
@@ -214,7 +216,7 @@ def test_what_it_cannot_solve_is_refused_with_what_can(monkeypatch):
 def test_too_few_iterations_are_told():
     space = sphere(0.1)
     with pytest.raises(ConvergenceError, match="max_iterations"):
-        Multigrid(3).prepare(stiffness_of(space, 1.0), levels_of(space.dof_map, NOWHERE)).solve(
+        Multigrid(3).prepare(stiffness_of(space, 1.0), coarser_levels(space.dof_map, NOWHERE)).solve(
             load(space, smooth), 1e-10
         )
 

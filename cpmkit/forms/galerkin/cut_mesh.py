@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cpmkit.forms.galerkin.conditions.boundary_samples import boundary_samples
-from cpmkit.forms.galerkin.conditions.sides import left_of_boundaries
-from cpmkit.forms.galerkin.telling import check_insertion, of_insertion
+from cpmkit.forms.galerkin.conditions.boundary_sides import left_of_boundaries
+from cpmkit.forms.galerkin.mesh_warnings import check_insertion, insertion_warnings
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import localize
 from cpmkit.mesh.cutting import corners_of, half_facets
@@ -93,5 +93,5 @@ def cut_along_boundaries(scene: Scene, vertices: Floats, faces: Ints, length: fl
         samples.owner[first],
         left[first],
         {number: at[found] for number, found in insertion.point_vertices.items()},
-        tuple(of_insertion(insertion, scene.boundaries, length)),
+        tuple(insertion_warnings(insertion, scene.boundaries, length)),
     )

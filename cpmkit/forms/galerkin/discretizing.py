@@ -5,7 +5,7 @@ from __future__ import annotations
 from cpmkit.forms.galerkin import form
 from cpmkit.forms.galerkin.form import Galerkin
 from cpmkit.forms.galerkin.options import GalerkinOptions
-from cpmkit.forms.galerkin.refinement.refining import refined
+from cpmkit.forms.galerkin.refinement.adaptive_refinement import refine_adaptively
 from cpmkit.forms.options import Options
 from cpmkit.protocols import Progress, no_progress
 from cpmkit.scene.scene import Scene
@@ -23,5 +23,5 @@ def discretize(scene: Scene, options: Options[GalerkinOptions], progress: Progre
     """
     if options.own.refine == "auto":
         check(scene, options)
-        return refined(scene, options, progress)
+        return refine_adaptively(scene, options, progress)
     return form.discretize(scene, options, progress)

@@ -14,14 +14,12 @@ from cpmkit.errors import SceneError
 from cpmkit.forms.at_state import AtState
 from cpmkit.forms.contract import StateFlux
 from cpmkit.forms.free_constants import free_pieces
+from cpmkit.forms.galerkin.advection import outward_speed
 from cpmkit.forms.galerkin.coefficients import Coefficients
-from cpmkit.forms.galerkin.conditions.held import loops_of
-from cpmkit.forms.galerkin.conditions.terms import ConditionTerms, condition_terms
-from cpmkit.forms.galerkin.conditions.through import flux_through
-from cpmkit.forms.galerkin.operator import GalerkinOperator, operator_of
-from cpmkit.forms.galerkin.space.energy import conductivity, load_against_slopes, mass
-from cpmkit.forms.galerkin.space.floor import floored_stiffness
-from cpmkit.forms.galerkin.transport.reading import speed_out
+from cpmkit.forms.galerkin.conditions.condition_terms import ConditionTerms, condition_terms, flux_through
+from cpmkit.forms.galerkin.conditions.imposed_conditions import rim_loops
+from cpmkit.forms.galerkin.galerkin_operator import GalerkinOperator, build_operator
+from cpmkit.forms.galerkin.space.energy import conductivity, load_against_slopes, mass, stiffness_with_floor
 from cpmkit.linear.operators import Border, CsrOperator, with_diagonal
 from cpmkit.protocols import Floats, Side, Stiffness
 from cpmkit.runtime.caches import without_cached
@@ -35,7 +33,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Equations(Coefficients):
+class EquationAssembly(Coefficients):
     """The part of the form that makes operators and right-hand sides."""
 
     __getstate__ = without_cached
@@ -63,11 +61,11 @@ class Equations(Coefficients):
             matrix = (matrix + conditions.matrix).tocsr()
         if terms.conservative:
             matrix = (matrix + conditions.carried_out).tocsr()
-        return operator_of(matrix, conditions, conductivity(self.space, a), c, carried)
+        return build_operator(matrix, conditions, conductivity(self.space, a), c, carried)
 
     def _floored_stiffness(self, a: Floats, c: Floats | None, holding: Floats | None) -> csr_array:
         """Return the splines' stiffness of ``a`` and mass of ``c`` at the samples, with the floor."""
-        return floored_stiffness(self.space, a, self._strength, c, holding)
+        return stiffness_with_floor(self.space, a, self._strength, c, holding)
 
     @cached_property
     def _mass_in_time(self) -> CsrOperator:
@@ -113,7 +111,7 @@ class Equations(Coefficients):
         where = (one.held, one.boundary, one.left, self._boundary_rows, self._areas)
         found = condition_terms(*where, given, logarithms, one.lattice, along, self._boundary_spacings)
         if terms.velocity is not None:
-            found = replace(found, speed_out=speed_out(terms.velocity, one.boundary, one.lattice))
+            found = replace(found, speed_out=outward_speed(terms.velocity, one.boundary, one.lattice))
         if holding is not None:  # penalties are a over the width, which is so much wider as a is above what holds
             held = self._conditions(Terms(diffusivity=AtState(diffusivity.holding, diffusivity.u)), holding)
             found = replace(found, widths=found.widths * found.a / held.a)
@@ -194,7 +192,7 @@ class Equations(Coefficients):
             chosen = (samples.owner < 0) & (samples.half >= 0)
             if isinstance(boundary, int):
                 rows = np.flatnonzero(chosen)
-                chosen[rows] = loops_of(samples.take(rows), one.surface, self.spacing) == boundary
+                chosen[rows] = rim_loops(samples.take(rows), one.surface, self.spacing) == boundary
             if not chosen.any():  # nothing flows out of a rim where nothing is given
                 return np.zeros(u.shape[1]) if self.scene.has_tensor else None
         return flux_through(self._own_conditions(u), u, chosen, time)

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.forms.galerkin.slowness import (
+from cpmkit.forms.galerkin.mesh_warnings import TURNED_SHARE
+from cpmkit.forms.galerkin.slow_convergence import (
     STAYING_AREA,
-    bent_share,
-    end_or_layer,
-    folds_stay,
-    turned_share,
+    curved_share,
+    end_or_layer_reason,
+    folded_share,
+    folds_persist,
 )
-from cpmkit.forms.galerkin.telling import TURNED_SHARE
 
 if TYPE_CHECKING:
     from cpmkit.forms.contract import Discretized
@@ -29,7 +29,7 @@ EIGENVALUE_DIVISORS = {1: 2.4, 2: 12.0, 3: 12.0}
 #: At most: on meshes, where orders are lower; of smooth sources that turn under splines of the coarser lattice, or bend
 #: under those of the finer one on more than this share of their area, or with a layer narrower than so many spacings;
 #: where boundaries end, or a layer is not resolved.
-MESH_DIVISOR, TURNING_DIVISOR, BENT_AREA, SEEN_LAYER_SPACINGS, END_DIVISOR = 2.5, 2.0, 1e-4, 1.6, 0.65
+MESH_DIVISOR, TURNING_DIVISOR, CURVED_AREA, SEEN_LAYER_SPACINGS, END_DIVISOR = 2.5, 2.0, 1e-4, 1.6, 0.65
 #: Of smooth sources that bend so under splines of the coarser lattice alone: along an edge whose radius is between both
 #: spacings the largest error hardly falls (of a body with one it was three times the estimate with 6; a torus: 8).
 BENDING_DIVISOR = 3.0
@@ -45,7 +45,7 @@ APART, FACTORS_APART = (3e-4, 3e-3, 2e-2), (7 / 6, 4 / 6, 0.45)
 COARSE, FACTORS_COARSE = (0.17, 0.32), (7 / 6, 1 / 2)
 
 
-def order_of(form: Galerkin, smooth: float, ratio: float, coarser: Discretized | None, apart: float) -> float:
+def difference_order(form: Galerkin, smooth: float, ratio: float, coarser: Discretized | None, apart: float) -> float:
     """Return the order p with which ``|u_h - u_rh| / (r^p - 1)`` estimates the error, at a ratio r of spacings.
 
     Parameters
@@ -57,10 +57,10 @@ def order_of(form: Galerkin, smooth: float, ratio: float, coarser: Discretized |
     ratio, coarser, apart
         See :meth:`cpmkit.forms.contract.Discretized.order_of_difference`.
     """
-    return order_dividing(_divisor(form, smooth, coarser, apart), ratio)
+    return order_of_divisor(_divisor(form, smooth, coarser, apart), ratio)
 
 
-def order_dividing(divisor: float, ratio: float) -> float:
+def order_of_divisor(divisor: float, ratio: float) -> float:
     """Return the order p with ``r^p - 1`` equal to the divisor at r = 2, to what goes with it at the root of two.
 
     Between them it is in between, below and above that of the nearer one.
@@ -72,26 +72,26 @@ def order_dividing(divisor: float, ratio: float) -> float:
 
 
 def _divisor(form: Galerkin, smooth: float, coarser: Discretized | None, apart: float) -> float:
-    if end_or_layer(form):
+    if end_or_layer_reason(form):
         return END_DIVISOR
-    mine, theirs = form.turned.share, 0.0 if coarser is None else turned_share(coarser)
-    stays = mine > TURNED_SHARE if coarser is None else folds_stay(form, coarser)
+    mine, theirs = form.turned.share, 0.0 if coarser is None else folded_share(coarser)
+    stays = mine > TURNED_SHARE if coarser is None else folds_persist(form, coarser)
     if form.sampled.bend != "feet":
         folded = mine > STAYING_AREA or theirs > TURNED_SHARE
         return STAYING_DIVISOR if stays else min(smooth, FOLDED_DIVISOR if folded else MESH_DIVISOR)
     if stays and mine > THIN_SHARE:
         return THIN_DIVISOR
-    if form.turned.bent > BENT_AREA or theirs > TURNED_SHARE or form.layer_spacings < SEEN_LAYER_SPACINGS:
+    if form.turned.bent > CURVED_AREA or theirs > TURNED_SHARE or form.layer_spacings < SEEN_LAYER_SPACINGS:
         return min(smooth, TURNING_DIVISOR)
-    if coarser is not None and bent_share(coarser) > BENT_AREA:
+    if coarser is not None and curved_share(coarser) > CURVED_AREA:
         return min(smooth, BENDING_DIVISOR)
-    return smooth * min(_at_distance(apart), 1.0 if coarser is None else _at_spacing(coarser))
+    return smooth * min(_factor_of_difference(apart), 1.0 if coarser is None else _factor_of_spacing(coarser))
 
 
-def _at_distance(apart: float) -> float:
+def _factor_of_difference(apart: float) -> float:
     return float(np.interp(math.log(max(apart, APART[0])), np.log(APART), FACTORS_APART))
 
 
-def _at_spacing(coarser: Discretized) -> float:
+def _factor_of_spacing(coarser: Discretized) -> float:
     side = float(np.ptp(np.asarray(coarser.scene.surface.bounds), axis=0).max())
     return float(np.interp(coarser.spacing / side, COARSE, FACTORS_COARSE))

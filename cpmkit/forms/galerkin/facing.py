@@ -9,7 +9,7 @@ import numpy as np
 
 from cpmkit.forms.galerkin.fixed_samples import SAMPLES_AT_ONCE
 from cpmkit.forms.galerkin.space.energy import load
-from cpmkit.forms.galerkin.space.space import Space
+from cpmkit.forms.galerkin.space.spline_space import SplineSpace
 from cpmkit.manifold.vectors import norms, unit
 from cpmkit.mesh.mesh import SampleMesh
 from cpmkit.mesh.winding import winding_of
@@ -38,7 +38,7 @@ class Turned:
     bent: float
 
 
-def facing(space: Space, mesh: SampleMesh, winding: Any = None) -> Floats:
+def facing(space: SplineSpace, mesh: SampleMesh, winding: Any = None) -> Floats:
     """Return (n, 1 + d) the integral of each spline, and of the direction n that the manifold faces times it.
 
     Of curves n is the tangent. Cells are oriented by walking over the facets that two of them share. One-sided pieces
@@ -65,7 +65,7 @@ def facing(space: Space, mesh: SampleMesh, winding: Any = None) -> Floats:
     return found
 
 
-def turned(space: Space, facing: Floats) -> Turned:
+def turned(space: SplineSpace, facing: Floats) -> Turned:
     """Return how much of the manifold lies on splines with ``|sum w N n| < .6 sum w N``, both sums in ``facing``."""
     area, length = facing[:, 0], norms(facing[:, 1:])
     is_turned = length < FACED_LENGTH * area  # never where nothing is said

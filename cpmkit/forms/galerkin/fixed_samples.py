@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.dof_map import DofMap
 from cpmkit.forms.galerkin.fixed_point import NORMAL_UNIT, PLACE_UNIT
 from cpmkit.forms.galerkin.quadrature.samples import Samples
+from cpmkit.forms.galerkin.space.dof_map import DofMap
 from cpmkit.protocols import Floats, Ints
 
 #: Samples that are rounded or decoded at a time.

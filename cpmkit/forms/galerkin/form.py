@@ -12,30 +12,37 @@ import numpy as np
 from cpmkit.errors import SceneError
 from cpmkit.forms.dispersion import SPLINES, Dispersion, on_curved_cells
 from cpmkit.forms.expected import ExpectedError
-from cpmkit.forms.galerkin.conditions.crossings import of_crossings, of_tips
-from cpmkit.forms.galerkin.conditions.held import held
-from cpmkit.forms.galerkin.conditions.sides import side_moments
-from cpmkit.forms.galerkin.definiteness import surely_iterated
-from cpmkit.forms.galerkin.dof_map import DofMap
-from cpmkit.forms.galerkin.equations import Equations
-from cpmkit.forms.galerkin.error_orders import EIGENVALUE_DIVISORS, ERROR_DIVISORS, order_of
+from cpmkit.forms.galerkin.conditions.boundary_sides import side_moments
+from cpmkit.forms.galerkin.conditions.imposed_conditions import impose_conditions
+from cpmkit.forms.galerkin.equations import EquationAssembly
+from cpmkit.forms.galerkin.error_orders import EIGENVALUE_DIVISORS, ERROR_DIVISORS, difference_order
 from cpmkit.forms.galerkin.facing import Turned
-from cpmkit.forms.galerkin.fitting import check_unknowns_fit, factors_in
 from cpmkit.forms.galerkin.fixed_samples import FixedSamples
-from cpmkit.forms.galerkin.hierarchy.levels import levels_of
-from cpmkit.forms.galerkin.operator import levels_for
+from cpmkit.forms.galerkin.galerkin_cost import check_unknowns_fit, factorised_share
+from cpmkit.forms.galerkin.galerkin_operator import levels_resolving_waves, multigrid_applies
+from cpmkit.forms.galerkin.galerkin_work import GalerkinWork
+from cpmkit.forms.galerkin.levels import coarser_levels
+from cpmkit.forms.galerkin.mesh_warnings import NOISE_FACTOR
 from cpmkit.forms.galerkin.options import FAMILIES, GalerkinOptions
 from cpmkit.forms.galerkin.quadrature.samples import Samples
-from cpmkit.forms.galerkin.roughness import expected_error
-from cpmkit.forms.galerkin.sampling import sample
-from cpmkit.forms.galerkin.shared import shared_property
-from cpmkit.forms.galerkin.slowness import layer_spacings, tensor_layer_warnings, why_slow
-from cpmkit.forms.galerkin.source_floor import support_floor
-from cpmkit.forms.galerkin.space.parted import part, pieces
-from cpmkit.forms.galerkin.space.space import space_of
-from cpmkit.forms.galerkin.telling import NOISE_FACTOR, of_space, of_turning
-from cpmkit.forms.galerkin.transport.telling import of_layers
-from cpmkit.forms.galerkin.work import GalerkinWork
+from cpmkit.forms.galerkin.scene_sampling import sample_scene
+from cpmkit.forms.galerkin.shared import cached_on_space
+from cpmkit.forms.galerkin.single_solution_estimate import single_solution_estimate
+from cpmkit.forms.galerkin.slow_convergence import (
+    layer_spacings,
+    slow_convergence_reason,
+    support_floor,
+    tensor_layer_warnings,
+)
+from cpmkit.forms.galerkin.solution_warnings import (
+    crossing_warnings,
+    outflow_layer_warnings,
+    resolution_warnings,
+    tip_warnings,
+    turning_warnings,
+)
+from cpmkit.forms.galerkin.space.dof_map import DofMap, build_dof_map, connected_pieces
+from cpmkit.forms.galerkin.space.spline_space import build_spline_space
 from cpmkit.forms.options import Options
 from cpmkit.forms.unresolved_data import DataAtPoints, unresolved_data
 from cpmkit.linear.multigrid.cycle import Level
@@ -52,7 +59,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Galerkin(Equations):
+class Galerkin(EquationAssembly):
     """A scene on splines of the lattice; unknowns are coefficients, and nobody outside reads them.
 
     Attributes
@@ -77,7 +84,7 @@ class Galerkin(Equations):
     @property
     def multigrid(self) -> bool:
         """Whether the cycle serves what is solved with: systems that are surely positive, and waves."""
-        return surely_iterated(self.scene)
+        return multigrid_applies(self.scene)
 
     @property
     def iterative_solver(self) -> str:
@@ -86,7 +93,7 @@ class Galerkin(Equations):
 
     def check_solver_fits(self, solver: str) -> None:
         """Refuse factors, of all or of blocks, that the memory of this process cannot hold."""
-        factors = factors_in(self.scene, solver)
+        factors = factorised_share(self.scene, solver)
         if factors:  # what others need was checked before the tables
             check_unknowns_fit(self.sampled.surface, self.size, self.spacing, solver, factors, self.options.own.degree)
 
@@ -99,7 +106,7 @@ class Galerkin(Equations):
                 "what a conservative velocity carries out through the edge is read at samples there, which this scene "
                 "was prepared without; prepare it with this problem."
             )
-        laws = held(scene, one.boundary, one.left, one.surface, one.lattice)
+        laws = impose_conditions(scene, one.boundary, one.left, one.surface, one.lattice)
         return replace(self, scene=scene, sampled=replace(one, held=laws))
 
     def check(self) -> None:
@@ -117,11 +124,13 @@ class Galerkin(Equations):
 
     def levels(self, operator: Operator) -> Sequence[Level]:
         """Return the prolongations from lattices of twice the spacing, four times, and so on; all resolve A's waves."""
-        return levels_for(self._levels, operator, self.spacing)
+        return levels_resolving_waves(self._levels, operator, self.spacing)
 
-    @shared_property
+    @cached_on_space
     def _levels(self) -> Sequence[Level]:
-        return self._tips.on_levels(levels_of(self.space.dof_map, self.space.dof_map.patch[self.sampled.interior :]))
+        return self._tips.on_levels(
+            coarser_levels(self.space.dof_map, self.space.dof_map.patch[self.sampled.interior :])
+        )
 
     # Telling
 
@@ -138,8 +147,10 @@ class Galerkin(Equations):
     @cached_property
     def _told(self) -> tuple[str, ...]:
         one, (before, after) = self.sampled, self._told_of_lattice
-        at_points = [text for tell in (of_crossings, of_tips) for text in tell(self.scene, one.mesh, one.lattice)]
-        layers = () if self._carried is None else of_layers(self._conditions_of_scene)
+        at_points = [
+            text for tell in (crossing_warnings, tip_warnings) for text in tell(self.scene, one.mesh, one.lattice)
+        ]
+        layers = () if self._carried is None else outflow_layer_warnings(self._conditions_of_scene)
         return (*before, *at_points, *after, *layers, *tensor_layer_warnings(self), *unresolved_data(self))
 
     def condition_data(self) -> list[DataAtPoints]:
@@ -151,22 +162,22 @@ class Galerkin(Equations):
             for name, data in data_of(held.law)
         ]
 
-    @shared_property
+    @cached_on_space
     def _told_of_lattice(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """What is told of the source and the samples, and of how the lattice resolves them, whatever the equation."""
         one, dof_map = self.sampled, self._first_dof_map
         cuts = dof_map.patch[one.interior :]
         source = warnings_of(one.surface.source, one.lattice.spacing)
         rounding = one.lattice.lost_digits(one.surface.bounds, not one.surface.shift.any())
-        of_pieces = of_space(dof_map, pieces(dof_map), one.lattice, cuts, one.bend)
-        resolved = (*of_pieces, *of_turning(self.turned, one.lattice))
+        of_pieces = resolution_warnings(dof_map, connected_pieces(dof_map), one.lattice, cuts, one.bend)
+        resolved = (*of_pieces, *turning_warnings(self.turned, one.lattice))
         return (*source, *rounding, *one.told), resolved
 
     @property
     def unresolved_share(self) -> float:
         """The share of the patches whose piece of the manifold has one unknown."""
         dof_map = self._first_dof_map
-        count, piece = pieces(dof_map)
+        count, piece = connected_pieces(dof_map)
         size = np.bincount(piece, minlength=count)
         return float(np.mean(size[piece[dof_map.unknowns[:, 0]]] == 1)) if count > 1 else 0.0
 
@@ -190,15 +201,15 @@ class Galerkin(Equations):
         Of degree 2; on smooth sources by 1.1 to 2.8 of degree 1, by 5.4 to 14 of degree 3. At order 3 the difference is
         7 times the error; were the order 2 there, the estimate would be half the error.
         """
-        return order_of(self, ERROR_DIVISORS[self.options.own.degree], ratio, coarser, apart)
+        return difference_order(self, ERROR_DIVISORS[self.options.own.degree], ratio, coarser, apart)
 
     def eigenvalue_order(self, ratio: float, coarser: Discretized | None = None, apart: float = 0.0) -> float:
         """Return the same with 5.4 to 14 on smooth sources, where eigenvalues are of order 4."""
-        return order_of(self, EIGENVALUE_DIVISORS[self.options.own.degree], ratio, coarser, apart)
+        return difference_order(self, EIGENVALUE_DIVISORS[self.options.own.degree], ratio, coarser, apart)
 
     def expected_error(self, u: Floats) -> ExpectedError | None:
         """Return about the error by third differences of the splines' coefficients."""
-        return expected_error(self, u)
+        return single_solution_estimate(self, u)
 
     @cached_property
     def layer_spacings(self) -> float:
@@ -208,11 +219,11 @@ class Galerkin(Equations):
     @cached_property
     def slow(self) -> str:
         """Why the error may fall slowly, in words."""
-        return why_slow(self)
+        return slow_convergence_reason(self)
 
     def slow_beside(self, coarser: Discretized) -> str:
         """Return why it may fall slowly, folds that are as long on the coarser lattice among the reasons."""
-        return why_slow(self, coarser)
+        return slow_convergence_reason(self, coarser)
 
     def work(self, operator: Operator, report: SolveReport | None) -> GalerkinWork:
         """Return what the space holds and what the solve did."""
@@ -240,7 +251,7 @@ class Galerkin(Equations):
         made = {"nodes": self._first_dof_map.nodes, "sides": self._sides}
         return {**{name: np.array(value) for name, value in given.items()}, **made}
 
-    @shared_property
+    @cached_on_space
     def _sides(self) -> Floats:
         return side_moments(self.sampled.boundary, self.sampled.left, len(self.scene.boundaries))
 
@@ -327,12 +338,14 @@ def discretize(scene: Scene, options: Options[GalerkinOptions], progress: Progre
         If the lattice's origin, a boundary or the spacing does not fit.
     """
     check(scene, options)
-    sampled = sample(scene, options, progress)
+    sampled = sample_scene(scene, options, progress)
     progress("space", 0.0)
-    dof_map = part(sampled.samples.points, sampled.corners, options.spacing, sampled.samples.cell, options.own.degree)
+    dof_map = build_dof_map(
+        sampled.samples.points, sampled.corners, options.spacing, sampled.samples.cell, options.own.degree
+    )
     assert isinstance(sampled.samples, Samples)
     sampled = replace(sampled, samples=FixedSamples.of(sampled.samples, dof_map))  # what they were made of is let go
-    made = Galerkin(scene, options, sampled, space_of(dof_map, sampled.samples))
+    made = Galerkin(scene, options, sampled, build_spline_space(dof_map, sampled.samples))
     hand_back()
     progress("space", 1.0)
     return made

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.dof_map import DofMap
 from cpmkit.forms.galerkin.fixed_samples import FixedSamples
 from cpmkit.forms.galerkin.own_sheet import OwnSheets
 from cpmkit.forms.galerkin.quadrature.samples import Samples
 from cpmkit.forms.galerkin.sample_search import SampleSearch
 from cpmkit.forms.galerkin.sides_of_cells import SidesOfCells
+from cpmkit.forms.galerkin.space.dof_map import DofMap
 from cpmkit.grid.lattice import Lattice
 from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints, Side
 from cpmkit.scene.oriented import OrientedBoundary

@@ -9,7 +9,7 @@ import numpy as np
 
 from cpmkit.errors import InputError, shown
 from cpmkit.forms.galerkin.quadrature.clipping import SAMPLINGS
-from cpmkit.forms.galerkin.space.energy import STRENGTHS
+from cpmkit.forms.galerkin.space.energy import STABILISATIONS
 from cpmkit.forms.galerkin.space.splines import DEGREES
 from cpmkit.runtime.arrays import whole
 from cpmkit.runtime.options import Declared, option
@@ -25,8 +25,8 @@ FEWEST_LEVELS, MOST_LEVELS = 1, 4
 
 
 def _check_strength(strength: Any, what: str) -> Any:
-    if not isinstance(strength, str) or strength not in STRENGTHS:
-        raise InputError(f"{what} must be {' or '.join(map(repr, STRENGTHS))}, got {shown(strength)}.")
+    if not isinstance(strength, str) or strength not in STABILISATIONS:
+        raise InputError(f"{what} must be {' or '.join(map(repr, STABILISATIONS))}, got {shown(strength)}.")
     return strength
 
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.dof_map import DofMap
 from cpmkit.forms.galerkin.fixed_samples import FixedSamples
 from cpmkit.forms.galerkin.quadrature.samples import Samples
+from cpmkit.forms.galerkin.space.dof_map import DofMap
 from cpmkit.grid.lattice import Codes
 from cpmkit.protocols import Bools, Floats, Ints
 

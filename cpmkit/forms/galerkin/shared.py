@@ -8,7 +8,7 @@ from typing import Any, Generic, TypeVar, overload
 Made = TypeVar("Made")
 
 
-class shared_property(Generic[Made]):
+class cached_on_space(Generic[Made]):
     """A property that is made when it is first asked for, and kept in the instance's ``shared``.
 
     ``dataclasses.replace`` hands that mapping on: what is made of one restated scene serves all others.
@@ -21,7 +21,7 @@ class shared_property(Generic[Made]):
         self.name = name
 
     @overload
-    def __get__(self, instance: None, owner: type) -> shared_property[Made]: ...
+    def __get__(self, instance: None, owner: type) -> cached_on_space[Made]: ...
 
     @overload
     def __get__(self, instance: object, owner: type) -> Made: ...

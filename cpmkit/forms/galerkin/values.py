@@ -10,18 +10,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.forms.field import Field
-from cpmkit.forms.galerkin.conditions.own_side import astray
+from cpmkit.forms.galerkin.conditions.boundary_sides import samples_past_boundary
 from cpmkit.forms.galerkin.facing import Turned, facing, turned
 from cpmkit.forms.galerkin.locating import DIFFERENCE_SPACINGS
+from cpmkit.forms.galerkin.point_reading import Reader
 from cpmkit.forms.galerkin.projection import Projection
-from cpmkit.forms.galerkin.reading import Reader
-from cpmkit.forms.galerkin.shared import shared_property
+from cpmkit.forms.galerkin.shared import cached_on_space
 from cpmkit.forms.galerkin.space.energy import (
-    STRENGTHS_OF_DEGREE,
-    Strength,
+    STABILISATIONS_OF_DEGREE,
+    Stabilisation,
+    gradients_at_samples,
     load,
     mass,
-    slopes_at_samples,
     stiffness,
     values_at_samples,
 )
@@ -38,7 +38,7 @@ UNRESOLVED_SHARE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Values(Reader):
+class SplineValues(Reader):
     """The part of the form that goes from coefficients to values and back, and integrates."""
 
     @property
@@ -66,17 +66,17 @@ class Values(Reader):
             points[rows] = places
         return points
 
-    @shared_property
+    @cached_on_space
     def _astray(self) -> tuple[Ints, Floats]:
         """The samples past the boundary that their cell lies beside, and their places on its own side."""
-        return astray(self.sampled, self._locator.sides)
+        return samples_past_boundary(self.sampled, self._locator.sides)
 
     @property
     def mass(self) -> CsrOperator:
         """M, the integrals of products of splines; singular, for splines that no sample sees have none."""
         return self._mass
 
-    @shared_property
+    @cached_on_space
     def _mass(self) -> CsrOperator:
         return CsrOperator(self._tips.bordered(mass(self.space, 1.0), None, np.ones(1)), symmetric=True)
 
@@ -93,15 +93,15 @@ class Values(Reader):
         return CsrOperator(self._projection.matrix, symmetric=True)
 
     @property
-    def _strength(self) -> Strength:
-        return STRENGTHS_OF_DEGREE[self.options.own.degree][self.options.own.strength]
+    def _strength(self) -> Stabilisation:
+        return STABILISATIONS_OF_DEGREE[self.options.own.degree][self.options.own.strength]
 
-    @shared_property
+    @cached_on_space
     def _areas(self) -> Floats:
         """(n,) the integral of each spline over the manifold."""
         return self._areas_and_turned[0]
 
-    @shared_property
+    @cached_on_space
     def _areas_and_turned(self) -> tuple[Floats, Turned]:
         """The same, and how much of the manifold turns under splines: samples are gone through once for both."""
         sums = facing(self.space, self.sampled.mesh, self.sampled.winding)
@@ -111,7 +111,7 @@ class Values(Reader):
         """Return the integrals (n, k) of ``values`` (q, k) at all samples, or (1, k), times each spline."""
         return load(self.space, values)
 
-    @shared_property
+    @cached_on_space
     def _totals(self) -> Floats:
         """(n,) the integral of each spline and singular function."""
         return self._tips.with_loads(self._areas[:, None], np.ones((1, 1)))[:, 0]
@@ -160,7 +160,7 @@ class Values(Reader):
 
     def _spline_slopes(self, u: Floats) -> Floats:
         """Return the tangential gradients (p, channels, d) at the samples of the splines in u."""
-        return slopes_at_samples(self.space, self.sampled.interior, u[: self._tips.splines])
+        return gradients_at_samples(self.space, self.sampled.interior, u[: self._tips.splines])
 
     def project(self, values: Floats) -> Floats:
         """Return the splines (n, channels) nearest to ``values`` (p, channels) at the samples, in mean square.
@@ -192,9 +192,9 @@ class Values(Reader):
     def _projected(self, integrals: Floats) -> Floats:
         return self._projection.solve(integrals)
 
-    @shared_property
+    @cached_on_space
     def _projection(self) -> Projection:
-        holding = stiffness(self.space, 1.0, self._strength) - stiffness(self.space, 1.0, Strength(0.0, 0.0, 0.0))
+        holding = stiffness(self.space, 1.0, self._strength) - stiffness(self.space, 1.0, Stabilisation(0.0, 0.0, 0.0))
         held = self._tips.bordered(holding, None, None)
         return Projection((self.mass.matrix + self.spacing**2 * held).tocsr())
 

@@ -7,9 +7,9 @@ from galerkin_scenes import SHIFT, plane_circle, sphere
 from scipy.sparse.linalg import splu
 
 import cpmkit as ck
-from cpmkit.forms.galerkin.space.energy import STRENGTHS_OF_DEGREE, stiffness
-from cpmkit.forms.galerkin.space.parted import part
-from cpmkit.forms.galerkin.space.space import space_of
+from cpmkit.forms.galerkin.space.dof_map import build_dof_map
+from cpmkit.forms.galerkin.space.energy import STABILISATIONS_OF_DEGREE, stiffness
+from cpmkit.forms.galerkin.space.spline_space import build_spline_space
 from cpmkit.forms.galerkin.space.splines import DEGREES, spline_pieces, spline_slopes, spline_values
 
 SPHERE = ck.source("analytic.sphere")
@@ -43,7 +43,7 @@ def on_torus(x):
 
 
 def space(drawn, h, degree):
-    return space_of(part(drawn.samples.points, drawn.contacts, h, degree=degree), drawn.samples)
+    return build_spline_space(build_dof_map(drawn.samples.points, drawn.contacts, h, degree=degree), drawn.samples)
 
 
 @pytest.mark.parametrize("degree", DEGREES)
@@ -60,7 +60,7 @@ def test_splines_sum_to_one_and_slopes_are_theirs(degree):
 @pytest.mark.parametrize("drawn", [plane_circle(0.2), sphere(0.12).moved(SHIFT)])
 def test_the_matrix_is_symmetric_and_positive_but_for_constants(degree, drawn):
     made = space(drawn, 0.3 if drawn.samples.points.shape[1] == 3 else 0.2, degree)
-    for strength in STRENGTHS_OF_DEGREE[degree].values():
+    for strength in STABILISATIONS_OF_DEGREE[degree].values():
         K = stiffness(made, 1.0, strength)
         assert abs(K - K.T).max() == 0
         assert abs(K @ np.ones(K.shape[0])).max() < 1e-12 * K.diagonal().max()

@@ -6,7 +6,7 @@ from made_cases import CASES, source_of
 from scipy.sparse.linalg import splu
 
 import cpmkit as ck
-from cpmkit.forms.galerkin.space.parted import pieces
+from cpmkit.forms.galerkin.space.dof_map import connected_pieces
 from cpmkit.protocols import HasMesh
 
 SURFACES = [case for case in CASES if source_of(case).manifold_dim in range(1, source_of(case).dim)]
@@ -79,7 +79,7 @@ def test_laws_at_ten_positions(case):
         np.testing.assert_allclose(form.at_points(solution.values), 2.0, rtol=1e-9)
         check_laws(form)
         check_positive(form)
-        counts.append(pieces(form.space.dof_map)[0])
+        counts.append(connected_pieces(form.space.dof_map)[0])
     assert len(set(counts)) == 1
 
 

@@ -5,7 +5,7 @@ import pytest
 from palm_mesh import FINGER_RADIUS, palm
 
 import cpmkit as ck
-from cpmkit.forms.galerkin.space.parted import pieces
+from cpmkit.forms.galerkin.space.dof_map import connected_pieces
 
 #: Of the palm below, by linear finite elements on its mesh split twice, extrapolated.
 PALM = np.array([7.277, 9.673, 10.513, 12.051])
@@ -67,7 +67,7 @@ def test_spheres_side_by_side_do_not_feel_each_other(gap):
         return np.where(x[:, 0] < apart / 2, 1.0, -1.0)
 
     solution = ck.solve(ck.Scene(pair, ck.ScreenedPoisson(sign)), spacing, form="galerkin", solver="direct")
-    assert pieces(solution.discretized.space.dof_map)[0] == 2
+    assert connected_pieces(solution.discretized.space.dof_map)[0] == 2
     at = solution.discretized.points
     np.testing.assert_allclose(solution.evaluate(at), sign(at), atol=1e-9)
 

@@ -8,7 +8,7 @@ from cut_meshes import icosphere
 from galerkin_scenes import fold, plate
 
 import cpmkit as ck
-from cpmkit.forms.galerkin.space.parted import pieces
+from cpmkit.forms.galerkin.space.dof_map import connected_pieces
 
 BALL = icosphere(4)
 VERTICES, FACES = BALL.vertices, BALL.cells
@@ -82,7 +82,7 @@ def with_slivers():
 def test_what_is_not_sound_does_no_harm(made):
     dirty = solved(*made())
     assert rms(dirty) == pytest.approx(rms(clean()), rel=0.02)
-    assert pieces(dirty.discretized.space.dof_map)[0] == 1
+    assert connected_pieces(dirty.discretized.space.dof_map)[0] == 1
     area = [one.discretized.sampled.samples.weights.sum() for one in (clean(), dirty)]
     assert area[1] == pytest.approx(area[0], rel=1e-6)
 
@@ -90,13 +90,13 @@ def test_what_is_not_sound_does_no_harm(made):
 def test_a_seam_that_is_not_welded_is_told():
     with pytest.warns(ck.CpmkitWarning, match=r"edges of rims lie on other rims, the first near .*weld the vertices"):
         solution = solved(*torn(1e-4))
-    assert pieces(solution.discretized.space.dof_map)[0] == 2
+    assert connected_pieces(solution.discretized.space.dof_map)[0] == 2
 
 
 def test_t_junctions_are_joined_and_the_error_stays_within_a_factor_of_three():
     with pytest.warns(ck.CpmkitWarning, match="these T-junctions were joined"):
         solution = solved(*with_t_junctions())
-    assert pieces(solution.discretized.space.dof_map)[0] == 1
+    assert connected_pieces(solution.discretized.space.dof_map)[0] == 1
     assert not any("other rims" in text for text in solution.warnings)
     assert rms(solution) < 3 * rms(clean())
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import cpmkit as ck
-from cpmkit.forms.galerkin.telling import of_mending, of_seams
+from cpmkit.forms.galerkin.mesh_warnings import repair_warnings, seam_warnings
 from cpmkit.manifold.local_source import localize
 from cpmkit.mesh.repair import Mended
 
@@ -14,12 +14,12 @@ SHEET = np.stack(np.meshgrid(np.linspace(-1, 1, 17), np.linspace(-1, 1, 17)), ax
 def test_a_mesh_of_the_users_is_named_and_so_is_a_triangulation():
     mended = Mended(welded=0, doubled=2, fans=1)
     for bend in ("flat", "normals"):
-        cells, touch = of_mending(mended, bend)
+        cells, touch = repair_warnings(mended, bend)
         assert cells.startswith("2 cells of the mesh had")
         assert "clean the mesh" in cells
         assert touch.startswith("Parts of the mesh touch")
         assert "join them by an edge" in touch
-    for text in of_mending(mended, "feet"):
+    for text in repair_warnings(mended, "feet"):
         assert "of the triangulation of the surface" in text
         assert "use a smaller spacing" in text
         assert "mesh" not in text
@@ -27,8 +27,8 @@ def test_a_mesh_of_the_users_is_named_and_so_is_a_triangulation():
 
 def test_rims_that_lie_on_others_are_welded_in_a_mesh_alone():
     surface = localize(ck.source("analytic.sphere"), np.zeros(3))
-    (of_mesh,) = of_seams(np.zeros((1, 3)), surface, "normals")
-    (of_triangulation,) = of_seams(np.zeros((1, 3)), surface, "feet")
+    (of_mesh,) = seam_warnings(np.zeros((1, 3)), surface, "normals")
+    (of_triangulation,) = seam_warnings(np.zeros((1, 3)), surface, "feet")
     assert "weld the vertices of the mesh there if it should" in of_mesh
     assert "use a smaller spacing if it should" in of_triangulation
     assert "mesh" not in of_triangulation

@@ -7,9 +7,9 @@ from scipy.sparse.linalg import splu
 import cpmkit as ck
 from cpmkit.errors import InputError, SceneError
 from cpmkit.forms.choice import options_of
-from cpmkit.forms.galerkin.grading.regions import Regions, cells_of_codes, codes_of_cells
-from cpmkit.forms.galerkin.refinement.refining import discretized_in
-from cpmkit.forms.galerkin.sampling import insert
+from cpmkit.forms.galerkin.refinement.adaptive_refinement import discretize_in_regions
+from cpmkit.forms.galerkin.refinement.regions import Regions, cells_of_codes, codes_of_cells
+from cpmkit.forms.galerkin.scene_sampling import insert
 
 SPHERE = ck.source("analytic.sphere")
 SMOOTH = ck.ScreenedPoisson(lambda x: 3 * x[:, 0] + 13 * x.prod(axis=1), c=1.0)
@@ -42,7 +42,7 @@ def regions_where(picked, levels, scene, h):
 def refined_in(picked, levels=1, problem=SMOOTH, h=H, boundaries=()):
     scene = ck.Scene(SPHERE, problem, list(boundaries))
     options, _ = options_of(scene, h, {"form": "galerkin"})
-    return discretized_in(scene, options, insert(scene, options), regions_where(picked, levels, scene, h))
+    return discretize_in_regions(scene, options, insert(scene, options), regions_where(picked, levels, scene, h))
 
 
 def everywhere(points, level):
@@ -107,7 +107,7 @@ def test_matrices_are_symmetric_and_positive(cap):
 
 def test_capped_spaces_lie_in_finer_ones(cap):
     """A coarser space's function, prolonged, has the same values at the samples."""
-    from cpmkit.forms.galerkin.refinement.truncation import prolongation_to, representations
+    from cpmkit.forms.galerkin.refinement.hierarchical_splines import prolongation_to, representations
 
     levels = cap.refined.levels
     coarse, fine = representations(levels, 1), representations(levels, 2)

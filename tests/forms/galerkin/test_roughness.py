@@ -5,7 +5,7 @@ import pytest
 from model_problems import sphere_points
 
 import cpmkit as ck
-from cpmkit.forms.galerkin.roughness import highest_differences
+from cpmkit.forms.galerkin.single_solution_estimate import highest_differences
 
 SPHERE = ck.source("analytic.sphere")
 AT = sphere_points(2000)

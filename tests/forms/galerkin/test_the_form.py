@@ -7,7 +7,7 @@ import pytest
 from model_problems import order_of
 
 import cpmkit as ck
-from cpmkit.forms.galerkin.space.parted import pieces
+from cpmkit.forms.galerkin.space.dof_map import connected_pieces
 
 SPHERE = ck.source("analytic.sphere")
 EQUATOR = ck.source("analytic.circle", normal=[0, 0, 1])
@@ -66,7 +66,7 @@ def test_values_on_both_sides_of_an_equator():
         errors.append(np.sqrt(np.mean((solution.evaluate(at) - exact)[clear] ** 2)))
     assert order_of(spacings, errors) > 2.6
     assert errors[-1] < 3e-5
-    assert pieces(solution.discretized.space.dof_map)[0] == 2
+    assert connected_pieces(solution.discretized.space.dof_map)[0] == 2
     on = np.array([[0.6, 0.8, 0.0], [-1.0, 0.0, 0.0]])
     np.testing.assert_allclose(solution.evaluate(on), on[:, 0], atol=2e-3)
     np.testing.assert_allclose(solution.evaluate(on, side="right"), 2.0, atol=1e-9)
@@ -195,7 +195,7 @@ def test_forms_are_chosen_with_a_reason():
 def test_what_memory_cannot_hold_is_refused_before_it_is_built(monkeypatch):
     with pytest.raises(ck.ResolutionError, match=r"spacing=1e-06 needs about .* GiB, and .*; spacing=.* would fit"):
         solve(SCREENED, 1e-6)
-    monkeypatch.setattr("cpmkit.forms.galerkin.fitting.FILL_FACTOR", 1e12)
+    monkeypatch.setattr("cpmkit.forms.galerkin.galerkin_cost.FILL_FACTOR", 1e12)
     with pytest.raises(ck.ResolutionError, match=r"with the solver 'direct', .*, or solver='multigrid'\."):
         solve(SCREENED, 0.4)
 

@@ -10,28 +10,28 @@ import numpy as np
 
 from cpmkit.errors import SceneError
 from cpmkit.forms.expected import ExpectedError
-from cpmkit.forms.galerkin.dof_map import DofMap
 from cpmkit.forms.galerkin.fixed_samples import SAMPLES_AT_ONCE
 from cpmkit.forms.galerkin.form import Galerkin
-from cpmkit.forms.galerkin.grading.regions import Regions
-from cpmkit.forms.galerkin.hierarchy.levels import levels_of
+from cpmkit.forms.galerkin.galerkin_operator import levels_resolving_waves
+from cpmkit.forms.galerkin.levels import coarser_levels
 from cpmkit.forms.galerkin.locating import Locator
-from cpmkit.forms.galerkin.operator import levels_for
 from cpmkit.forms.galerkin.projection import Projection
-from cpmkit.forms.galerkin.refinement.space import RefinedDofMap, RefinedSpace
-from cpmkit.forms.galerkin.refinement.truncation import prolongation_to, representations
-from cpmkit.forms.galerkin.shared import shared_property
+from cpmkit.forms.galerkin.refinement.hierarchical_splines import prolongation_to, representations
+from cpmkit.forms.galerkin.refinement.refined_space import RefinedDofMap, RefinedSpace
+from cpmkit.forms.galerkin.refinement.regions import Regions
+from cpmkit.forms.galerkin.shared import cached_on_space
+from cpmkit.forms.galerkin.space.dof_map import DofMap
 from cpmkit.forms.galerkin.space.energy import (
-    Strength,
+    Stabilisation,
+    add_floor,
     add_ghosts,
     conductivity,
     energy_data,
+    gradients_at,
     load,
     mass,
-    slopes_at,
     values_at_samples,
 )
-from cpmkit.forms.galerkin.space.floor import add_floor
 from cpmkit.forms.galerkin.space.splines import derivative_rows, value_rows
 from cpmkit.linear.multigrid.cycle import Level
 from cpmkit.linear.operators import CsrOperator
@@ -79,7 +79,7 @@ class RefinedGalerkin(Galerkin):
 
     # Splines
 
-    @shared_property
+    @cached_on_space
     def representation(self) -> csr_array:
         """R (N, n), the active splines in terms of those of all levels."""
         return self.refined.stacked(representations(self.refined.levels, self.regions.finest))
@@ -117,7 +117,7 @@ class RefinedGalerkin(Galerkin):
         rows = derivative_rows(dof_map, patch, dof_map.magnified(patch, points), along)
         return (rows @ self.representation).tocsr()
 
-    @shared_property
+    @cached_on_space
     def _locator(self) -> Locator:
         plain = super()._locator
         return RefinedLocator(plain.lattice, plain.samples, plain.dof_map, plain.sides, plain.boundaries, plain.sheets)
@@ -127,7 +127,7 @@ class RefinedGalerkin(Galerkin):
     def _loads(self, values: Floats) -> Floats:
         return np.asarray(self.representation.T @ load(self.space, values))
 
-    @shared_property
+    @cached_on_space
     def _areas(self) -> Floats:
         return np.asarray(self.representation.T @ self._areas_and_turned[0])
 
@@ -145,17 +145,17 @@ class RefinedGalerkin(Galerkin):
             some = slice(start, min(start + SAMPLES_AT_ONCE, len(slopes)))
             patch, samples = dof_map.patch[some], self.sampled.samples
             at = dof_map.magnified(patch, samples.points_at(some))
-            found = slopes_at(self.space, patch, at, samples.normals_at(some), spread)
+            found = gradients_at(self.space, patch, at, samples.normals_at(some), spread)
             slopes[some] = found * dof_map.scales(patch)[:, None, None]
         return slopes
 
-    @shared_property
+    @cached_on_space
     def _mass(self) -> CsrOperator:
         return CsrOperator(self._gathered(mass(self.space, 1.0)), symmetric=True)
 
-    @shared_property
+    @cached_on_space
     def _projection(self) -> Projection:
-        ones, none = np.ones(1), Strength(0.0, 0.0, 0.0)
+        ones, none = np.ones(1), Stabilisation(0.0, 0.0, 0.0)
         held = self._energy(ones, None, self._strength, -2) - self._energy(ones, None, none, -2)
         return Projection((self.mass.matrix + self.spacing**2 * self._gathered(held)).tocsr())
 
@@ -163,7 +163,9 @@ class RefinedGalerkin(Galerkin):
         assert holding is None
         return self._gathered(self._energy(a, c, self._strength, 0, floored=True))
 
-    def _energy(self, a: Floats, c: Floats | None, strength: Strength, power: int, floored: bool = False) -> csr_array:
+    def _energy(
+        self, a: Floats, c: Floats | None, strength: Stabilisation, power: int, floored: bool = False
+    ) -> csr_array:
         """Return the energy (N, N) over the magnified levels, with S, times the magnification to a ``power``.
 
         There lengths are larger and slopes smaller by the magnification, while weights are what they are: the
@@ -191,9 +193,9 @@ class RefinedGalerkin(Galerkin):
     def levels(self, operator: Operator) -> Sequence[Level]:
         """Return the spaces capped at each level, and the coarser lattices below level 0."""
         capped, below = self._levels_of_both
-        return [*capped, *levels_for(below, operator, self.spacing)]
+        return [*capped, *levels_resolving_waves(below, operator, self.spacing)]
 
-    @shared_property
+    @cached_on_space
     def _levels_of_both(self) -> tuple[list[Level], list[Level]]:
         levels, cap = self.refined.levels, self.regions.finest
         rows = np.arange(self.sampled.interior, len(self.sampled.samples))
@@ -209,7 +211,7 @@ class RefinedGalerkin(Galerkin):
             strip = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *read])).astype(np.int64)
             found.append(Level(prolongation_to(levels, finest, coarser[-1]), strip))
         first = levels[0].dof_map
-        return found, levels_of(first, first.patch[self.sampled.interior :])
+        return found, coarser_levels(first, first.patch[self.sampled.interior :])
 
     # Telling
 

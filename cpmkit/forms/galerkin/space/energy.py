@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.space.space import Space
-from cpmkit.protocols import Floats, Ints
+from cpmkit.forms.galerkin.space.spline_space import SplineSpace, lines_through
+from cpmkit.protocols import Bools, Floats, Ints
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -26,7 +26,7 @@ EVERY_SAMPLE = slice(None)
 
 
 @dataclass(frozen=True)
-class Strength:
+class Stabilisation:
     """How strongly u is held off the manifold: constants without units.
 
     Attributes
@@ -46,12 +46,12 @@ class Strength:
 
 
 #: Half the error and twice the iterations go from the first to the second.
-STRENGTHS = {"default": Strength(1e-2, 1e-2, 1e-4), "accurate": Strength(1e-3, 1e-3, 1e-4)}
+STABILISATIONS = {"default": Stabilisation(1e-2, 1e-2, 1e-4), "accurate": Stabilisation(1e-3, 1e-3, 1e-4)}
 #: The same of the degrees 1 and 3.
-STRENGTHS_OF_DEGREE = {
-    1: {"default": Strength(1e-1, 1e-2, 1e-4), "accurate": Strength(1e-2, 1e-2, 1e-4)},
-    2: STRENGTHS,
-    3: {"default": Strength(1e-2, 1e-2, 1e-4, 1e-2), "accurate": Strength(1e-3, 1e-3, 1e-5, 1e-3)},
+STABILISATIONS_OF_DEGREE = {
+    1: {"default": Stabilisation(1e-1, 1e-2, 1e-4), "accurate": Stabilisation(1e-2, 1e-2, 1e-4)},
+    2: STABILISATIONS,
+    3: {"default": Stabilisation(1e-2, 1e-2, 1e-4, 1e-2), "accurate": Stabilisation(1e-3, 1e-3, 1e-5, 1e-3)},
 }
 
 
@@ -60,7 +60,7 @@ def differences(order: int) -> Floats:
     return np.array([(-1.0) ** (order - k) * comb(order, k) for k in range(order + 1)])
 
 
-def stiffness(space: Space, a: Floats | float, strength: Strength) -> csr_array:
+def stiffness(space: SplineSpace, a: Floats | float, strength: Stabilisation) -> csr_array:
     """Return K + S (n, n), symmetric to the last bit: the energy and what holds u off the manifold.
 
     Parameters
@@ -77,14 +77,14 @@ def stiffness(space: Space, a: Floats | float, strength: Strength) -> csr_array:
     return space.matrix(data)
 
 
-def mass(space: Space, c: Floats | float) -> csr_array:
+def mass(space: SplineSpace, c: Floats | float) -> csr_array:
     """Return the matrix (n, n) of sum w c u v, with ``c`` a number or (q,) at the samples."""
-    return space.matrix(energy_data(space, None, c, Strength(0.0, 0.0, 0.0)))
+    return space.matrix(energy_data(space, None, c, Stabilisation(0.0, 0.0, 0.0)))
 
 
-def transport(space: Space, field: Floats) -> csr_array:
+def convection_matrix(space: SplineSpace, field: Floats) -> csr_array:
     """Return the matrix (n, n) of sum w u (field . grad v), ``field`` (p, d) at the first samples, zero at others."""
-    from cpmkit.forms.galerkin.space.transport_kernels import CONSERVATIVE, add_transport
+    from cpmkit.forms.galerkin.advection import CONSERVATIVE, add_transport
 
     samples, data, none = space.samples, np.zeros(len(space.indices)), np.zeros(1)
     velocity = np.zeros(samples.places.shape)
@@ -97,33 +97,33 @@ def transport(space: Space, field: Floats) -> csr_array:
         np.zeros(len(velocity)),
     )
     matrix = space.indptr, space.indices, data
-    add_transport(*patches(space), *of_samples, none, velocity[:0], none, CONSERVATIVE, matrix)
+    add_transport(*kernel_arguments(space), *of_samples, none, velocity[:0], none, CONSERVATIVE, matrix)
     return space.matrix(-data)
 
 
-def load(space: Space, f: Floats, some: slice = EVERY_SAMPLE) -> Floats:
+def load(space: SplineSpace, f: Floats, some: slice = EVERY_SAMPLE) -> Floats:
     """Return (n, channels) sum w f v over ``some`` samples, with ``f`` (q, channels) at them, or (1, channels)."""
     from cpmkit.forms.galerkin.space.sample_kernels import add_load
 
     dof_map, samples = space.dof_map, space.samples
     loads = np.zeros((dof_map.size, f.shape[1]))
     f = np.ascontiguousarray(f, dtype=np.float64)
-    of_samples = dof_map.patch[some], *_splines_of(space), samples.places[some], samples.weights[some]
+    of_samples = dof_map.patch[some], *_spline_counts(space), samples.places[some], samples.weights[some]
     add_load(dof_map.unknowns, *of_samples, f, loads)
     return loads
 
 
-def values_at_samples(space: Space, u: Floats, some: slice | Ints = EVERY_SAMPLE) -> Floats:
+def values_at_samples(space: SplineSpace, u: Floats, some: slice | Ints = EVERY_SAMPLE) -> Floats:
     """Return (q, channels) the values at ``some`` samples of the splines with coefficients ``u`` (n, channels)."""
     from cpmkit.forms.galerkin.space.sample_kernels import read_values
 
     dof_map, places = space.dof_map, space.samples.places[some]
     values = np.empty((len(places), u.shape[1]))
-    read_values(dof_map.unknowns, dof_map.patch[some], *_splines_of(space), places, np.ascontiguousarray(u), values)
+    read_values(dof_map.unknowns, dof_map.patch[some], *_spline_counts(space), places, np.ascontiguousarray(u), values)
     return values
 
 
-def slopes_at(space: Space, patch: Ints, points: Floats, normals: Floats, u: Floats) -> Floats:
+def gradients_at(space: SplineSpace, patch: Ints, points: Floats, normals: Floats, u: Floats) -> Floats:
     """Return (k, channels, d) the tangential gradients of the splines with coefficients ``u`` (n, channels).
 
     At ``points`` (k, d) in the patches ``patch`` (k,), where ``normals`` (k, c, d) are normal to the manifold.
@@ -137,29 +137,29 @@ def slopes_at(space: Space, patch: Ints, points: Floats, normals: Floats, u: Flo
     return slopes
 
 
-def slopes_at_samples(space: Space, count: int, u: Floats) -> Floats:
+def gradients_at_samples(space: SplineSpace, count: int, u: Floats) -> Floats:
     """Return (count, channels, d) the same at the first ``count`` samples."""
-    from cpmkit.forms.galerkin.space.slope_kernels import read_slopes_at_samples
+    from cpmkit.forms.galerkin.space.sample_kernels import read_slopes_at_samples
 
     dof_map, samples = space.dof_map, space.samples
     slopes = np.empty((count, u.shape[1], dof_map.dim))
-    of_samples = dof_map.patch, *_splines_of(space), samples.places, samples.directions
+    of_samples = dof_map.patch, *_spline_counts(space), samples.places, samples.directions
     read_slopes_at_samples(dof_map.unknowns, dof_map.spacing, *of_samples, np.ascontiguousarray(u), slopes)
     return slopes
 
 
-def load_against_slopes(space: Space, field: Floats) -> Floats:
+def load_against_slopes(space: SplineSpace, field: Floats) -> Floats:
     """Return (n,) sum w field . grad v, ``field`` (p, d) at the first samples, of which the tangential part counts."""
-    from cpmkit.forms.galerkin.space.slope_kernels import add_slope_load_of_samples
+    from cpmkit.forms.galerkin.space.sample_kernels import add_slope_load_of_samples
 
     dof_map, samples, loads = space.dof_map, space.samples, np.zeros(space.dof_map.size)
-    of_samples = dof_map.patch, *_splines_of(space), samples.places, samples.directions, samples.weights
+    of_samples = dof_map.patch, *_spline_counts(space), samples.places, samples.directions, samples.weights
     field = np.ascontiguousarray(field, dtype=np.float64)
     add_slope_load_of_samples(dof_map.unknowns, dof_map.spacing, *of_samples, field, loads)
     return loads
 
 
-def _splines_of(space: Space) -> tuple[tuple[int, ...], tuple[int, ...]]:
+def _spline_counts(space: SplineSpace) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Return tuples as long as there are splines along the first axes and along the third, one in the plane."""
     from cpmkit.forms.galerkin.space.energy_kernels import SPLINES
 
@@ -168,10 +168,10 @@ def _splines_of(space: Space) -> tuple[tuple[int, ...], tuple[int, ...]]:
 
 
 def energy_data(
-    space: Space,
+    space: SplineSpace,
     a: Floats | float | None,
     c: Floats | float | None,
-    strength: Strength,
+    strength: Stabilisation,
     holding: Floats | None = None,
 ) -> Floats:
     """Return the entries of the sums over samples, in the pattern of ``space``: no ghosts, no floor.
@@ -193,11 +193,11 @@ def energy_data(
     data = np.zeros(len(space.indices))
     arrays = (samples.places, samples.weights, samples.directions, scalars, tensors, masses)
     matrix = (space.indptr, space.indices, data)
-    add_energy(*patches(space), *arrays, strength.e1, strength.e2, strength.e3, matrix)
+    add_energy(*kernel_arguments(space), *arrays, strength.e1, strength.e2, strength.e3, matrix)
     return data
 
 
-def held_data(space: Space, a: Floats | float, strength: Strength) -> Floats:
+def stabilisation_data(space: SplineSpace, a: Floats | float, strength: Stabilisation) -> Floats:
     """Return the entries of what holds u off the manifold at the samples, in units of ``a``, without an energy."""
     from cpmkit.forms.galerkin.space.energy_kernels import add_energy
 
@@ -212,11 +212,11 @@ def held_data(space: Space, a: Floats | float, strength: Strength) -> Floats:
         np.zeros(0),
     )
     matrix = space.indptr, space.indices, data
-    add_energy(*patches(space), *arrays, strength.e1, strength.e2, strength.e3, matrix)
+    add_energy(*kernel_arguments(space), *arrays, strength.e1, strength.e2, strength.e3, matrix)
     return data
 
 
-def add_ghosts(space: Space, a: Floats | float, strength: Strength, data: Floats) -> None:
+def add_ghosts(space: SplineSpace, a: Floats | float, strength: Stabilisation, data: Floats) -> None:
     """Add the ghost penalty g a h^(m - 2) sum (differences of order degree + 1)^2 to the entries ``data``."""
     means = space.means(conductivity(space, a))
     scale = strength.g * space.dof_map.spacing ** (space.manifold_dim - 2)
@@ -224,16 +224,16 @@ def add_ghosts(space: Space, a: Floats | float, strength: Strength, data: Floats
     add_differences(space, space.short_runs, scale * means[space.short_runs].mean(axis=1), data)
 
 
-def add_differences(space: Space, runs: Ints, factors: Floats, data: Floats) -> None:
+def add_differences(space: SplineSpace, runs: Ints, factors: Floats, data: Floats) -> None:
     """Add ``factors`` (r,) times the squares of the differences of all of ``runs`` (r, k) to the entries ``data``."""
-    from cpmkit.forms.galerkin.space.difference_kernels import add_squares
+    from cpmkit.forms.galerkin.space.pattern_kernels import add_squares
     from cpmkit.runtime.inverse_index import inverse_index
 
     found = inverse_index(runs.ravel(), space.dof_map.size)
     add_squares(runs, *found, differences(runs.shape[1] - 1), factors, (space.indptr, space.indices, data))
 
 
-def conductivity(space: Space, a: Floats | float) -> Floats:
+def conductivity(space: SplineSpace, a: Floats | float) -> Floats:
     """Return (q,), or (1,) for all, the coefficient at the samples as a number: of a tensor the mean over tangents."""
     return _at_each(a) if np.ndim(a) < 3 else mean_over_tangents(np.asarray(a), space.samples.normals)
 
@@ -249,9 +249,66 @@ def _at_each(values: Floats | float) -> Floats:
     return np.ascontiguousarray(np.atleast_1d(values), dtype=np.float64)
 
 
-def patches(space: Space) -> tuple[Ints, float, tuple[int, ...], Any, Ints]:
+def kernel_arguments(space: SplineSpace) -> tuple[Ints, float, tuple[int, ...], Any, Ints]:
     """Return what kernels take of a space first: the unknowns of patches, the spacing, the splines, their samples."""
     from cpmkit.forms.galerkin.space.energy_kernels import SPLINES
 
     dof_map = space.dof_map
     return dof_map.unknowns, dof_map.spacing, SPLINES[dof_map.degree], *space.by_patch()
+
+
+#: Diagonals over coefficients that are below this share of their median are floored.
+LIGHT_SHARE = 1e-4
+#: The floor, as a share of that median.
+FLOOR_SHARE = 1e-3
+#: The same of splines of degree 1: with half of it a circle in a knot plane is still definite, with a tenth it is not.
+LINEAR_FLOOR_SHARE = 0.2
+
+
+def stiffness_with_floor(
+    space: SplineSpace,
+    a: Floats | float,
+    strength: Stabilisation,
+    c: Floats | float | None = None,
+    holding: Floats | None = None,
+) -> csr_array:
+    """Return the stiffness of ``a`` plus the mass of ``c``, with the floor under the unknowns that are light.
+
+    Parameters
+    ----------
+    space, a, strength
+        As of `stiffness`.
+    c : float or (q,) float64, optional
+        The coefficient of u v at the samples; None for none.
+    holding : (q,) float64, optional
+        What holds u off the manifold is in units of it; of ``a`` itself unless given.
+    """
+    data = energy_data(space, a, c, strength, holding)
+    diagonal = space.matrix(data).diagonal()
+    held: Floats | float = a if holding is None else holding
+    add_ghosts(space, held, strength, data)
+    add_floor(space, held, diagonal, data)
+    return space.matrix(data)
+
+
+def add_floor(space: SplineSpace, a: Floats | float, diagonal: Floats, data: Floats) -> None:
+    """Add the floor to the entries ``data``; ``diagonal`` (n,) is that of the energy, before ghosts and conditions."""
+    means = space.means(conductivity(space, a))
+    ratio = diagonal / means
+    median = float(np.median(ratio))
+    light = ratio < LIGHT_SHARE * median
+    if space.dof_map.degree == 1:
+        runs = space.runs[(light & _read_by_boundary_patches(space))[space.runs].any(axis=1)]
+        factors = LINEAR_FLOOR_SHARE * median * means[runs].mean(axis=1)
+        add_differences(space, runs, factors, data)
+        return
+    lines = lines_through(space.dof_map, space.heaviest[light])
+    factors = np.tile(FLOOR_SHARE * median * means[light], space.dof_map.dim)
+    add_differences(space, lines, factors, data)
+
+
+def _read_by_boundary_patches(space: SplineSpace) -> Bools:
+    """Return (n,) which unknowns patches read that hold samples of boundaries, those without weight."""
+    found = np.zeros(space.dof_map.size, dtype=bool)
+    found[space.dof_map.unknowns[space.dof_map.patch[space.samples.weights == 0]]] = True
+    return found

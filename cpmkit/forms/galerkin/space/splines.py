@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.forms.galerkin.dof_map import DofMap
+from cpmkit.forms.galerkin.space.dof_map import DofMap
 from cpmkit.protocols import Floats, Ints
 
 if TYPE_CHECKING:

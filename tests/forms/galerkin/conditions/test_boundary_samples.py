@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cpmkit.forms.galerkin.conditions.boundary_samples import boundary_samples
-from cpmkit.forms.galerkin.conditions.facets import POINTS_OF_EDGE
+from cpmkit.forms.galerkin.conditions.boundary_samples import POINTS_OF_EDGE, boundary_samples
 from cpmkit.mesh.cutting import corners_of, half_facets
 from cpmkit.mesh.mesh import SampleMesh
 

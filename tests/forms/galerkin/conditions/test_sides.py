@@ -9,7 +9,7 @@ from cylinder_problems import AXIS, CUT, LENGTH, RADIUS, cylinder_mesh, local, p
 from small_galerkin import small
 
 import cpmkit as ck
-from cpmkit.forms.galerkin.conditions.facets import POINTS_OF_EDGE
+from cpmkit.forms.galerkin.conditions.boundary_samples import POINTS_OF_EDGE
 from cpmkit.mesh.mesh import SampleMesh
 
 SPACING = 0.2

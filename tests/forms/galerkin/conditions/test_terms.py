@@ -20,7 +20,7 @@ from small_galerkin import circle_mesh, small
 
 import cpmkit as ck
 from cpmkit.errors import InputError, SceneError
-from cpmkit.forms.galerkin.conditions.held import point_warnings
+from cpmkit.forms.galerkin.conditions.imposed_conditions import point_warnings
 from cpmkit.mesh.mesh import SampleMesh
 from cpmkit.mesh.segments import split_at_knots
 

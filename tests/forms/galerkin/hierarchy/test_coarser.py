@@ -7,9 +7,8 @@ import pytest
 from galerkin_scenes import circle, plane, plane_circle, space_circle, sphere, together
 from scipy.sparse.csgraph import connected_components
 
-from cpmkit.forms.galerkin.hierarchy.coarser import coarser
-from cpmkit.forms.galerkin.hierarchy.levels import COARSEST_UNKNOWNS, levels_of
-from cpmkit.forms.galerkin.space.parted import part
+from cpmkit.forms.galerkin.levels import COARSEST_UNKNOWNS, coarsen, coarser_levels
+from cpmkit.forms.galerkin.space.dof_map import build_dof_map
 from cpmkit.forms.galerkin.space.splines import value_rows
 
 H = 0.05
@@ -25,14 +24,14 @@ SCENES = {
 
 def parted(name):
     drawn = SCENES[name]()
-    return drawn.samples.points, part(drawn.samples.points, drawn.contacts, H)
+    return drawn.samples.points, build_dof_map(drawn.samples.points, drawn.contacts, H)
 
 
 @pytest.mark.parametrize("name", SCENES)
 def test_a_coarser_spline_is_a_finer_one(name):
     points, fine = parted(name)
     for _ in range(4):
-        coarse, prolongation = coarser(fine)
+        coarse, prolongation = coarsen(fine)
         u = np.random.default_rng(1).standard_normal(coarse.size)
         moved = points - fine.spacing / 2  # relative to the coarser lattice's origin
         finer = value_rows(fine, fine.patch, points) @ (prolongation @ u)
@@ -46,7 +45,7 @@ def test_a_coarser_spline_is_a_finer_one(name):
 @pytest.mark.parametrize("name", SCENES)
 def test_all_patches_that_read_an_unknown_agree_on_its_parents(name):
     fine = parted(name)[1]
-    coarse, prolongation = coarser(fine)
+    coarse, prolongation = coarsen(fine)
     parent = np.empty(len(fine.cells), dtype=np.int64)
     parent[fine.patch] = coarse.patch
     for place, unknowns in zip(product(range(3), repeat=fine.dim), fine.unknowns.T, strict=True):
@@ -61,12 +60,12 @@ def test_all_patches_that_read_an_unknown_agree_on_its_parents(name):
 def test_what_does_not_touch_stays_apart():
     cut, whole = parted("circle with a cut")[1], parted("circle")[1]
     for _ in range(4):
-        (cut, _), (whole, _) = coarser(cut), coarser(whole)
+        (cut, _), (whole, _) = coarsen(cut), coarsen(whole)
         assert len(cut.cells) > len(np.unique(cut.cells, axis=0))
         assert len(whole.cells) == len(np.unique(whole.cells, axis=0))
     squares = parted("two slit squares")[1]
     for _ in range(3):
-        squares = coarser(squares)[0]
+        squares = coarsen(squares)[0]
         assert len(squares.nodes) > 2 * len(np.unique(squares.nodes, axis=0))  # two sheets, and more along the slits
         one, two = (squares.unknowns[half] for half in np.split(squares.patch, 2))
         assert not len(np.intersect1d(one, two))
@@ -75,11 +74,11 @@ def test_what_does_not_touch_stays_apart():
 def test_a_piece_within_two_cells_has_one_unknown():
     big, small = sphere(2 * H), sphere(2 * H).moved(0.3, scale=2.2 * H)
     scene, count = together(big, small), len(big.samples)
-    dof_map = part(scene.samples.points, scene.contacts, H)
+    dof_map = build_dof_map(scene.samples.points, scene.contacts, H)
     kept = []
     for _ in range(4):
         kept.append(len(np.unique(dof_map.unknowns[dof_map.patch[count:]])))
-        dof_map, prolongation = coarser(dof_map)
+        dof_map, prolongation = coarsen(dof_map)
         assert abs(prolongation.sum(axis=1) - 1).max() < 1e-14
         if kept[-1] == 1:  # and stays the one of its own
             alone = np.unique(dof_map.unknowns[dof_map.patch[count:]])
@@ -92,28 +91,28 @@ def test_a_piece_within_two_cells_has_one_unknown():
 def test_levels_end_at_a_few_hundred_unknowns_and_tell_the_strip():
     points, fine = parted("sphere")
     beside = np.unique(fine.patch[abs(points[:, 2] - 0.3) < H / 3])
-    levels = levels_of(fine, beside)
+    levels = coarser_levels(fine, beside)
     assert levels[-1].prolongation.shape[1] <= COARSEST_UNKNOWNS < levels[-1].prolongation.shape[0]
     assert levels[0].strip.tolist() == np.unique(fine.unknowns[beside]).tolist()
     for level, after in pairwise(levels):
-        fine, prolongation = coarser(fine)
+        fine, prolongation = coarsen(fine)
         assert (prolongation != level.prolongation).nnz == 0
         assert np.isin(after.strip, np.unique(prolongation[level.strip].indices)).all()
         assert 0.4 * len(level.strip) < len(after.strip) < 0.7 * len(level.strip)
-    assert levels_of(coarser(fine)[0], np.zeros(0, dtype=np.int64)) == []
+    assert coarser_levels(coarsen(fine)[0], np.zeros(0, dtype=np.int64)) == []
 
 
 def test_a_thousand_specks_end_the_levels():
     one = sphere(1.0).moved(0.0, scale=0.5 * H)
     scene = together(*[one.moved(4 * H * np.array([i, j, k])) for i, j, k in product(range(10), repeat=3)])
-    fine = part(scene.samples.points, scene.contacts, H)
+    fine = build_dof_map(scene.samples.points, scene.contacts, H)
     assert fine.size == 1000
-    assert levels_of(fine, np.zeros(0, dtype=np.int64)) == []
+    assert coarser_levels(fine, np.zeros(0, dtype=np.int64)) == []
 
 
 def test_pieces_keep_apart_on_all_levels():
     one = sphere(2 * H)
     scene = together(one, one.moved(0.2 * H), one.moved(np.array([2.0 + 0.3 * H, 0.0, 0.0])))
-    for level in levels_of(part(scene.samples.points, scene.contacts, H), np.zeros(0, dtype=np.int64)):
+    for level in coarser_levels(build_dof_map(scene.samples.points, scene.contacts, H), np.zeros(0, dtype=np.int64)):
         coupled = level.prolongation.T @ level.prolongation
         assert connected_components(coupled, directed=False)[0] == 3

@@ -5,15 +5,22 @@ import pytest
 from galerkin_scenes import SHIFT, Drawn, plane, plane_circle, space_circle, sphere, together
 
 from cpmkit.forms.galerkin.quadrature.samples import Samples
-from cpmkit.forms.galerkin.space.energy import STRENGTHS, Strength, load, mass, stiffness, values_at_samples
-from cpmkit.forms.galerkin.space.floor import floored_stiffness
-from cpmkit.forms.galerkin.space.parted import dof_map_of, pieces
-from cpmkit.forms.galerkin.space.space import space_of
+from cpmkit.forms.galerkin.space.dof_map import connected_pieces, dof_map_from_patches
+from cpmkit.forms.galerkin.space.energy import (
+    STABILISATIONS,
+    Stabilisation,
+    load,
+    mass,
+    stiffness,
+    stiffness_with_floor,
+    values_at_samples,
+)
+from cpmkit.forms.galerkin.space.spline_space import build_spline_space
 from cpmkit.forms.galerkin.space.splines import value_rows
 
 H = 0.4
-NOTHING = Strength(0.0, 0.0, 0.0)
-DEFAULT = STRENGTHS["default"]
+NOTHING = Stabilisation(0.0, 0.0, 0.0)
+DEFAULT = STABILISATIONS["default"]
 SCENES = {
     "sphere": lambda: sphere(0.5 * H),
     "circle in the plane": lambda: plane_circle(H),
@@ -64,8 +71,8 @@ def test_symmetric_to_the_last_bit_and_blind_to_constants(space):
 
 
 def test_positive_with_one_constant_a_piece(space):
-    count, of_unknown = pieces(space.dof_map)
-    for K in (stiffness(space, 1.0, DEFAULT), floored_stiffness(space, varying(space), DEFAULT)):
+    count, of_unknown = connected_pieces(space.dof_map)
+    for K in (stiffness(space, 1.0, DEFAULT), stiffness_with_floor(space, varying(space), DEFAULT)):
         values = np.linalg.eigvalsh(K.toarray())
         assert values[0] > -1e-13 * values[-1]
         assert values[count - 1] < 1e-13 * values[-1]
@@ -92,7 +99,9 @@ def test_linear_functions_have_their_energy(name):
     off = (space.samples.weights * a * ((slope - along) ** 2).sum(axis=1)).sum()
     assert u @ stiffness(space, a, NOTHING) @ u == pytest.approx(exact, rel=1e-12)
     # Neither second derivatives nor ghosts nor the floor feel a linear function.
-    assert u @ floored_stiffness(space, a, Strength(1e-2, 1.0, 1.0)) @ u == pytest.approx(exact + 1e-2 * off, rel=1e-12)
+    assert u @ stiffness_with_floor(space, a, Stabilisation(1e-2, 1.0, 1.0)) @ u == pytest.approx(
+        exact + 1e-2 * off, rel=1e-12
+    )
     d = space.dof_map.dim
     tensor = np.eye(d) + np.outer(np.arange(d), np.arange(d))
     tensors = a[:, None, None] * tensor
@@ -110,7 +119,7 @@ def test_a_tensor_that_is_a_number_is_that_number(space):
 def test_ghosts_do_not_feel_quadratic_functions(name):
     space = SCENES[name]().space(H)
     assert len(space.short_runs) == 0
-    ghosts = stiffness(space, 1.0, Strength(0.0, 0.0, 1.0)) - stiffness(space, 1.0, NOTHING)
+    ghosts = stiffness(space, 1.0, Stabilisation(0.0, 0.0, 1.0)) - stiffness(space, 1.0, NOTHING)
     z = space.dof_map.nodes
     assert np.abs(ghosts @ (z[:, 0] ** 2 - 3 * z[:, 0] * z[:, 1] + z[:, 1])).max() < 1e-11
     assert np.abs(ghosts @ z[:, 1].astype(float) ** 3).max() > 1e-2
@@ -121,7 +130,7 @@ def test_the_second_derivative_along_normals_is_exact():
     n = space.samples.normals[0, 0]
     z = space.dof_map.nodes.astype(float)
     u = H**2 * ((z @ n) ** 2 - 0.25) / 2  # the spline of (n . x)^2 / 2, for n is a unit vector
-    energy = stiffness(space, 2.0, Strength(0.0, 1.0, 0.0)) - stiffness(space, 2.0, NOTHING)
+    energy = stiffness(space, 2.0, Stabilisation(0.0, 1.0, 0.0)) - stiffness(space, 2.0, NOTHING)
     assert u @ energy @ u == pytest.approx(2 * H**2 * 4.0, rel=1e-11)
 
 
@@ -153,7 +162,7 @@ def test_units_do_not_count(drawn, unit):
     space, scaled = drawn.space(H), drawn.moved(0.0, unit).space(H * unit)
     m = space.manifold_dim
     assert scaled.manifold_dim == m
-    K, L = (floored_stiffness(s, 1.0, DEFAULT) for s in (space, scaled))
+    K, L = (stiffness_with_floor(s, 1.0, DEFAULT) for s in (space, scaled))
     assert np.abs(K - L * unit ** (2 - m)).max() < 1e-12 * np.abs(K).max()
     M, N = (mass(s, 1.0) for s in (space, scaled))
     assert np.abs(M - N * unit**-m).max() < 1e-12 * np.abs(M).max()
@@ -162,17 +171,17 @@ def test_units_do_not_count(drawn, unit):
 def test_whole_spacings_do_not_count(drawn):
     drawn = drawn.moved(np.zeros(drawn.samples.points.shape[1]))
     far = H * np.array([512, -256, 64])[: drawn.samples.points.shape[1]]
-    K, L = (floored_stiffness(d.space(H), 1.0, DEFAULT) for d in (drawn, drawn.moved(far)))
+    K, L = (stiffness_with_floor(d.space(H), 1.0, DEFAULT) for d in (drawn, drawn.moved(far)))
     assert np.abs(K - L).max() < 1e-9 * np.abs(K).max()
 
 
 def test_the_floor_lifts_what_is_grazed():
     space = sphere(0.5 * H).moved(SHIFT).space(H)
-    bare = stiffness(space, 1.0, Strength(1e-2, 1e-2, 0.0)) + mass(space, 1.0)
+    bare = stiffness(space, 1.0, Stabilisation(1e-2, 1e-2, 0.0)) + mass(space, 1.0)
     light = bare.diagonal() < 1e-4 * np.median(bare.diagonal())
     assert 0.05 < light.mean() < 0.25
     plain = stiffness(space, 1.0, DEFAULT) + mass(space, 1.0)
-    floored = floored_stiffness(space, 1.0, DEFAULT, c=1.0)
+    floored = stiffness_with_floor(space, 1.0, DEFAULT, c=1.0)
     lifted = (floored - plain).diagonal()
     assert (lifted[light] > 0.9e-3 * np.median(bare.diagonal())).all()
     assert lifted.min() > -1e-15
@@ -182,12 +191,12 @@ def test_the_floor_lifts_what_is_grazed():
 
 def test_where_no_run_of_four_is_runs_of_three_hold_the_spline():
     one = np.zeros(1, dtype=np.int64)
-    cell = dof_map_of(H, np.zeros((1, 3), dtype=np.int64), np.zeros((0, 2), dtype=np.int64), one, one > 0)
+    cell = dof_map_from_patches(H, np.zeros((1, 3), dtype=np.int64), np.zeros((0, 2), dtype=np.int64), one, one > 0)
     normal = np.array([[[0.0, 0.0, 1.0]]])
-    space = space_of(cell, Samples(np.zeros((1, 3)), np.ones(1), normal, one))
+    space = build_spline_space(cell, Samples(np.zeros((1, 3)), np.ones(1), normal, one))
     assert len(space.runs) == 0
     assert len(space.short_runs) == 27  # nine along each axis, each once
-    ghosts = stiffness(space, 1.0, Strength(0.0, 0.0, 1.0)) - stiffness(space, 1.0, NOTHING)
+    ghosts = stiffness(space, 1.0, Stabilisation(0.0, 0.0, 1.0)) - stiffness(space, 1.0, NOTHING)
     values = np.linalg.eigvalsh(ghosts.toarray())
     assert (values > 1e-10).sum() == 27 - 8  # all but what is linear along each axis
     x, y, z = cell.nodes.T

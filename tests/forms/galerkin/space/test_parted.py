@@ -6,13 +6,13 @@ from galerkin_scenes import SHIFT, plane, plane_circle, space_circle, sphere, to
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from cpmkit.forms.galerkin.space.parted import part, pieces
+from cpmkit.forms.galerkin.space.dof_map import build_dof_map, connected_pieces
 
 H = 0.1
 
 
 def parted(drawn, spacing=H):
-    return part(drawn.samples.points, drawn.contacts, spacing)
+    return build_dof_map(drawn.samples.points, drawn.contacts, spacing)
 
 
 def components(pairs, n):
@@ -35,7 +35,7 @@ def test_a_sheet_has_one_unknown_a_node():
     # But where a cell holds two parts that come together outside of it only; such copies do no harm.
     assert len(np.unique(dof_map.nodes, axis=0)) > 0.99 * dof_map.size
     assert dof_map.size == pytest.approx(4.5 * 4 * np.pi / H**2, rel=0.05)
-    assert pieces(dof_map)[0] == 1
+    assert connected_pieces(dof_map)[0] == 1
 
 
 @pytest.mark.parametrize("drawn", [sphere(0.5 * H), plane_circle(H), space_circle(H)], ids=["sphere", "plane", "space"])
@@ -70,7 +70,7 @@ def test_the_rule_as_it_is_written(slit):
 
 def test_what_is_cut_through_shares_nothing_and_what_is_slit_hangs_together():
     whole, slit, halves = (parted(plane(0.5 * H, slit=s)) for s in (None, (0.2, 0.8), (-1.0, 2.0)))
-    assert [pieces(p)[0] for p in (whole, slit, halves)] == [1, 1, 2]
+    assert [connected_pieces(p)[0] for p in (whole, slit, halves)] == [1, 1, 2]
     assert whole.size < slit.size < halves.size
     copies = np.unique(slit.nodes, axis=0, return_counts=True)[1]
     assert copies.max() == 2
@@ -79,7 +79,7 @@ def test_what_is_cut_through_shares_nothing_and_what_is_slit_hangs_together():
 def test_two_sheets_a_fraction_of_the_spacing_apart_share_nothing():
     inner, outer = sphere(0.5 * H), sphere(0.5 * H, radius=1 + 0.3 * H)
     dof_map = parted(together(inner, outer))
-    count, of_unknown = pieces(dof_map)
+    count, of_unknown = connected_pieces(dof_map)
     apart = dof_map.patch < 0
     apart[len(inner.contacts) :] = True
     assert count == 2
@@ -109,7 +109,7 @@ def test_a_speck_has_one_unknown_and_what_is_larger_has_more():
     places = np.random.default_rng(4).uniform(-3, 3, (50, 3))
     specks = [plane(0.5 * H, side=1.5 * H).moved(place) for place in places]
     dof_map = parted(together(sphere(0.5 * H), *specks))
-    count, of_unknown = pieces(dof_map)
+    count, of_unknown = connected_pieces(dof_map)
     assert count == 51
     assert sorted(np.bincount(of_unknown))[:50] == [1] * 50
     assert parted(plane(0.5 * H, side=3 * H)).size > 27

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from galerkin_scenes import plane_circle, space_circle, sphere
 
-from cpmkit.forms.galerkin.space.parted import part
+from cpmkit.forms.galerkin.space.dof_map import build_dof_map
 from cpmkit.forms.galerkin.space.splines import derivative_rows, value_rows
 
 H = 0.1
@@ -13,7 +13,7 @@ H = 0.1
 @pytest.fixture(params=["sphere", "plane", "space"])
 def dof_map(request):
     drawn = {"sphere": sphere(0.5 * H), "plane": plane_circle(H), "space": space_circle(H)}[request.param]
-    return part(drawn.samples.points, drawn.contacts, H)
+    return build_dof_map(drawn.samples.points, drawn.contacts, H)
 
 
 def quadratic(dim):
@@ -52,7 +52,7 @@ def test_constants_are_read_as_they_are_and_have_no_slope(dof_map):
 
 def test_nothing_is_read_twice_in_a_row_of_a_speck():
     drawn = sphere(0.5 * H, radius=0.9 * H)
-    speck = part(drawn.samples.points, drawn.contacts, H)
+    speck = build_dof_map(drawn.samples.points, drawn.contacts, H)
     rows = value_rows(speck, speck.patch[:5], drawn.samples.points[:5])
     assert speck.size == 1
     assert rows.nnz == 5

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from plane_zones import FRAME, slit, solved
 
-from cpmkit.forms.galerkin.tips.functions import WAVES, SingularFunction
+from cpmkit.forms.galerkin.enrichment.singular_functions import WAVES, SingularFunction
 
 
 @pytest.fixture(scope="module")

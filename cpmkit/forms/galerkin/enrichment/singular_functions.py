@@ -1,0 +1,142 @@
+"""The functions that u behaves like at a tip: powers of the distance times a wave of the angle, cut off smoothly.
+
+    psi = (1 - r^2 / R^2)^3 r^|k| sin(k t + p),   R the radius of the disc around the tip.
+
+With zero flux on both sides k = 1/2 and p = 0, with values on both k = 1/2 and p = pi/2; with a value on one side alone
+|k| = 1/4 and 3/4, and psi vanishes on that side: those powers below 1 of which the slope is not bounded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cpmkit.errors import place
+from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples
+from cpmkit.forms.galerkin.conditions.imposed_conditions import ImposedCondition
+from cpmkit.forms.galerkin.enrichment.tip_discs import TipDisc, TipDiscFinder
+from cpmkit.forms.galerkin.solution_warnings import ends_inside
+from cpmkit.grid.lattice import Lattice
+from cpmkit.mesh.mesh import SampleMesh
+from cpmkit.protocols import Floats, Ints
+from cpmkit.scene.laws import Interface, Value
+
+#: Frequency k and phase p of the functions of a tip, by whether a value is held on its boundary's left and right.
+WAVES: dict[tuple[bool, bool], tuple[tuple[float, float], ...]] = {
+    (False, False): ((0.5, 0.0),),
+    (True, True): ((0.5, 0.5 * np.pi),),
+    (True, False): ((-0.25, 0.25 * np.pi), (-0.75, 0.75 * np.pi)),
+    (False, True): ((0.25, 0.25 * np.pi), (0.75, 0.75 * np.pi)),
+}
+#: Nearer to a tip than this share of its disc the slope is that at this distance.
+LEAST_DISTANCE_SHARE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class SingularFunction:
+    """psi of one tip.
+
+    Attributes
+    ----------
+    disc : Surroundings
+        Where it is not zero.
+    frequency, phase : float
+        k and p.
+    """
+
+    disc: TipDisc
+    frequency: float
+    phase: float
+
+    def values(self, points: Floats, cells: Ints) -> tuple[Ints, Floats]:
+        """Return which of the points (q, d), in these cells (q,), psi is not zero at, and its values (k,) there."""
+        rows, r, t = self._polar(points, cells)
+        bump = (1 - (r / self.disc.radius) ** 2) ** 3
+        return rows, bump * r ** abs(self.frequency) * np.sin(self.frequency * t + self.phase)
+
+    def slopes(self, points: Floats, cells: Ints) -> tuple[Ints, Floats]:
+        """Return the same points, and the gradients (k, d) of psi, as a function that is constant along normals."""
+        disc, power = self.disc, abs(self.frequency)
+        rows, r, t = self._polar(points, cells)
+        r = np.maximum(r, LEAST_DISTANCE_SHARE * disc.radius)
+        rest, angle = 1 - (r / disc.radius) ** 2, self.frequency * t + self.phase
+        along = (power * rest - 6 * (r / disc.radius) ** 2) * rest**2 * r ** (power - 1) * np.sin(angle)
+        around = rest**3 * r ** (power - 1) * self.frequency * np.cos(angle)
+        by_x = along * np.cos(t) - around * np.sin(t)
+        by_y = along * np.sin(t) + around * np.cos(t)
+        x = disc.plane(points[rows])[0]
+        by_x = by_x - disc.bend * x * by_y
+        return rows, by_x[:, None] * disc.heading + by_y[:, None] * disc.leftward
+
+    def _polar(self, points: Floats, cells: Ints) -> tuple[Ints, Floats, Floats]:
+        inside, sides = self.disc.side_of(cells)
+        rows = np.flatnonzero(inside)
+        r, t = self.disc.polar(points[rows], sides[rows])
+        near = r < self.disc.radius
+        return rows[near], r[near], t[near]
+
+
+def tip_functions(disc: TipDisc, held: tuple[bool, bool]) -> Sequence[SingularFunction]:
+    """Return the functions of a tip, by whether a value is held on its boundary's left and right in the disc."""
+    return [SingularFunction(disc, frequency, phase) for frequency, phase in WAVES[held]]
+
+
+#: A disc of fewer spacings holds too few splines to tell its function from them.
+LEAST_RADIUS_SPACINGS = 1.0
+#: What a side has at a tip: its flux is given or follows from u, u is held, or u and its flux go on across.
+FLUX, VALUE, THROUGH = range(3)
+
+
+def singular_functions(
+    mesh: SampleMesh, boundary: BoundarySamples, laws: Sequence[ImposedCondition], lattice: Lattice
+) -> tuple[tuple[SingularFunction, ...], tuple[str, ...]]:
+    """Return the functions of all tips of a cut mesh, and a sentence on those around which no disc fits."""
+    finder, kinds = TipDiscFinder(mesh, lattice.spacing), _kinds(boundary, laws)
+    found: list[SingularFunction] = []
+    narrow = []
+    for number, tip in _tips(mesh):
+        disc = finder.around(tip, number)
+        if disc.radius < LEAST_RADIUS_SPACINGS * lattice.spacing:
+            narrow.append(disc)
+            continue
+        left, right = (_kind_on(side, disc, number, boundary, kinds) for side in (1, -1))
+        if THROUGH not in (left, right):
+            found += tip_functions(disc, (left == VALUE, right == VALUE))
+    return tuple(found), tuple(_narrow_disc_warnings(narrow, lattice))
+
+
+def _tips(mesh: SampleMesh) -> Iterator[tuple[int, int]]:
+    for number in np.unique(mesh.owner).tolist():
+        for tip in ends_inside(mesh, number).tolist():
+            yield number, tip
+
+
+def _kinds(boundary: BoundarySamples, laws: Sequence[ImposedCondition]) -> Ints:
+    """Return what stands at each boundary sample (b,), zero flux where nothing is held."""
+    kinds = np.full(len(boundary), FLUX)
+    for one in laws:
+        if isinstance(one.law, Value):
+            kinds[one.all_rows] = VALUE
+        elif isinstance(one.law, Interface) and one.law.resistance == 0:
+            kinds[one.all_rows] = THROUGH
+    return kinds
+
+
+def _kind_on(side: int, disc: TipDisc, number: int, boundary: BoundarySamples, kinds: Ints) -> int:
+    """Return what stands on a side of a boundary inside a disc."""
+    inside, sides = disc.side_of(boundary.cell)
+    rows = np.flatnonzero(inside & (sides == side) & (boundary.owner == number) & ~boundary.extends)
+    return int(np.bincount(kinds[rows], minlength=1).argmax())
+
+
+def _narrow_disc_warnings(narrow: Sequence[TipDisc], lattice: Lattice) -> Iterator[str]:
+    if narrow:
+        disc, count = narrow[0], len(narrow)
+        where = place(lattice.to_scene(disc.origin[None])[0])
+        yield (
+            f"{count} end{'s' * (count > 1)} of boundaries, near {where}{' and elsewhere' * (count > 1)}, have no "
+            f"singular unknown: within {disc.radius:.2g} of it, less than a spacing, {lattice.spacing:.2g}, the "
+            "boundary bends, the surface turns, or another boundary or the rim is met; take a smaller spacing."
+        )

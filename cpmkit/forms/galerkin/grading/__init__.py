@@ -1,1 +1,0 @@
-"""Where splines are finer, and a mesh whose cells and samples follow."""

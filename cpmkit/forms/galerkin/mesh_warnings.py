@@ -1,0 +1,220 @@
+"""What a reader of a solution should know: what was mended, what the lattice does not resolve, each with a place."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from cpmkit.errors import SceneError, place
+from cpmkit.grid.fitting import rounded_up
+from cpmkit.manifold.local_source import LocalSource
+from cpmkit.mesh.mesh import Bend
+from cpmkit.mesh.repair import Mended
+from cpmkit.meshing.contouring.contour_checks import MeshDefects
+from cpmkit.meshing.contouring.contoured_curves import CurveReport
+from cpmkit.meshing.contouring.contoured_surfaces import MAX_NONMANIFOLD_SHARE, SurfaceReport
+from cpmkit.meshing.insertion.boundary_insertion import Insertion
+from cpmkit.protocols import SIDES, BoundarySet, Floats
+from cpmkit.scene.conditions import same_condition
+
+#: Manifolds with more than this share on splines under which they turn are told of.
+TURNED_SHARE = 0.03
+#: A boundary farther off the manifold than so many spacings is refused, and told from so many on.
+AWAY_SPACINGS, OFF_SPACINGS = 3.0, 0.5
+#: Closest points whose noise is a larger share of the spacing are told of.
+NOISE_SHARE = 1e-3
+#: What helps then.
+EXACTER = "compute closest points more exactly"
+#: The error that noise leaves, as a share of the range of u, times the spacing over the noise (measured on spheres and
+#: curves: .15 to .4); and below how many times the noise no spacing makes sense.
+NOISE_FACTOR, COARSEST_NOISES = 0.4, 200.0
+#: More copies than this share of the nodes are told of.
+COPIES_SHARE = 0.5
+
+
+def _cells_and_cure(bend: Bend, cure: str) -> tuple[str, str]:
+    """Return what the cells are called, and what helps: ``cure`` where they are the user's own mesh."""
+    return ("triangulation of the surface", "use a smaller spacing") if bend == "feet" else ("mesh", cure)
+
+
+def repair_warnings(mended: Mended, bend: Bend) -> Iterator[str]:
+    """Tell what was not sound about a mesh, or about a triangulation, which is curved by closest points."""
+    if mended.doubled:
+        cells, cure = _cells_and_cure(bend, "clean the mesh")
+        yield (
+            f"{mended.doubled} cells of the {cells} had the corners of another, or none of their own, and were left "
+            f"out; {cure} if they were meant."
+        )
+    if mended.fans:
+        cells, cure = _cells_and_cure(bend, "join them by an edge")
+        yield (
+            f"Parts of the {cells} touch at {mended.fans} vertices that no edge joins there: nothing flows through "
+            f"these; {cure} if it should."
+        )
+
+
+def seam_warnings(places: Floats, surface: LocalSource, bend: Bend) -> Iterator[str]:
+    """Tell of rims that lie on others."""
+    if len(places):
+        yield (
+            f"{len(places)} edges of rims lie on other rims, the first near {_in_scene(places[0], surface)}: nothing "
+            f"flows across them; {_cells_and_cure(bend, 'weld the vertices of the mesh there')[1]} if it should."
+        )
+
+
+def contouring_warnings(report: SurfaceReport, surface: LocalSource) -> Iterator[str]:
+    """Tell what closest points alone do not say of a surface."""
+    if report.nonmanifold_share > MAX_NONMANIFOLD_SHARE:
+        yield (
+            f"{report.nonmanifold_share:.0%} of the edges of the triangulation by closest points have three triangles "
+            f"or more, at {report.lattice_spacing:g} spacings: the surface is thin there, or its sheets meet; a "
+            "smaller spacing tells."
+        )
+    yield from _fault_warnings(report.defects, surface)
+    if report.isolated_components:
+        yield (
+            f"{report.isolated_components} pieces of the triangulation by closest points with less area than a tenth "
+            "of a square of the spacing were left out: the surface is thin, or has parts that the lattice does not "
+            "see; use a smaller spacing."
+        )
+    yield from _missing_piece_warnings(report.missed, surface, "surface")
+
+
+def noise_warnings(source: LocalSource, spacing: float) -> Iterator[str]:
+    """Tell of closest points that are too noisy for the spacing."""
+    if source.noise > NOISE_SHARE * spacing:
+        yield (
+            f"Closest points of this source are uncertain by about {source.noise:.2g}: points of one normal have other "
+            f"feet. That leaves an error of about {NOISE_FACTOR * source.noise / spacing:.1g} of the range of u, and "
+            f"more at smaller spacings; take none below {rounded_up(COARSEST_NOISES * source.noise):g}, or {EXACTER}."
+        )
+
+
+def with_noise_advice(texts: Iterator[str], source: LocalSource, spacing: float) -> tuple[str, ...]:
+    """Return the warnings, without the advice to take a smaller spacing where noise would be the larger there."""
+    noisy = source.noise > NOISE_SHARE * spacing
+    return tuple(text.replace("use a smaller spacing", EXACTER) if noisy else text for text in texts)
+
+
+def _fault_warnings(faults: MeshDefects, surface: LocalSource) -> Iterator[str]:
+    """Warn of the places at which a triangulation breaks a law."""
+
+    def first(places: Floats) -> str:
+        return f"the first near {_in_scene(places[0], surface)}"
+
+    if len(faults.cracks):
+        yield (
+            f"{len(faults.cracks)} edges of the triangulation by closest points are open where the surface has no rim, "
+            f"{first(faults.cracks)}: cracks through which nothing flows; use a smaller spacing."
+        )
+    knots = np.concatenate([faults.nonmanifold_edges, faults.branch_ends])
+    if len(knots):
+        yield (
+            f"Sheets of the triangulation by closest points hang together wrongly at {len(knots)} places, "
+            f"{first(knots)}; use a smaller spacing."
+        )
+    if len(faults.folds):
+        yield (
+            f"{len(faults.folds)} triangles fold over beside a rim of the surface, {first(faults.folds)}; use a "
+            "smaller spacing."
+        )
+    if len(faults.uncovered):
+        yield (
+            f"The triangulation by closest points leaves the surface at {len(faults.uncovered)} places of creases or "
+            f"rims, {first(faults.uncovered)}: sharp edges or corners may be cut; use a smaller spacing."
+        )
+    if faults.component_change or faults.wrong_area:
+        yield (
+            f"The triangulation by closest points has an area {faults.area_error:+.0%} off a sum over lattice nodes, "
+            f"and {abs(faults.component_change)} pieces came or went at rims; use a smaller spacing."
+        )
+
+
+def tracing_warnings(report: CurveReport, curve: LocalSource) -> Iterator[str]:
+    """Tell what closest points alone do not say of a curve."""
+    broken = report.defects
+    if len(broken.gaps):
+        yield (
+            f"The trace of the curve by closest points has loose ends at {len(broken.gaps)} places where the curve has "
+            f"none, the first near {_in_scene(broken.gaps[0], curve)}: nothing flows there; use a smaller spacing."
+        )
+    if len(broken.missed):
+        farthest = int(broken.missed_distances.argmax())
+        yield (
+            f"A piece of the curve near {_in_scene(broken.missed[farthest], curve)}, "
+            f"{broken.missed_distances[farthest]:.2g} from the rest, is too small for the lattice, or was missed, "
+            "and was left out; use a smaller spacing."
+        )
+    if len(broken.covered_twice):
+        yield (
+            f"The trace of the curve by closest points covers it twice at {len(broken.covered_twice)} places, the "
+            f"first near {_in_scene(broken.covered_twice[0], curve)}: strands of the curve are too near to each other "
+            "there; use a smaller spacing."
+        )
+
+
+def _missing_piece_warnings(points: Floats, source: LocalSource, what: str) -> Iterator[str]:
+    if len(points):
+        yield (
+            f"A piece of the {what} near {_in_scene(points[0], source)} is too small for the lattice, and was left "
+            "out; use a smaller spacing."
+        )
+
+
+def _in_scene(point: Floats, source: LocalSource) -> str:
+    return place(point + source.scene_origin)
+
+
+def check_insertion(insertion: Insertion, boundaries: Sequence[BoundarySet], spacing: float) -> None:
+    """Refuse boundaries that left no trace, that lie away, and those on another that hold something else.
+
+    Raises
+    ------
+    SceneError
+        With the boundaries' names.
+    """
+    for number, gap in insertion.max_distances.items():
+        if gap > AWAY_SPACINGS * spacing:
+            raise SceneError(
+                f"boundary {boundaries[number].name!r} is up to {gap:.3g} away from the surface, more than "
+                f"{AWAY_SPACINGS:g} spacings, {AWAY_SPACINGS * spacing:.3g}; move it onto the surface, or check its "
+                "unit of length."
+            )
+    for number, other in sorted(insertion.coincident):
+        first, second = boundaries[other], boundaries[number]
+        conditions = [one.condition(side) for one in (first, second) for side in SIDES]
+        if not all(same_condition(conditions[0], condition) for condition in conditions):
+            raise SceneError(
+                f"boundaries {first.name!r} and {second.name!r} lie at the same place and hold different conditions; "
+                "keep one of them there, with `left` and `right` where its sides differ."
+            )
+    for number in sorted({*insertion.empty} - {number for number, _ in insertion.coincident}):
+        raise SceneError(
+            f"boundary {boundaries[number].name!r} left no trace in the mesh of the manifold and would act on nothing; "
+            "look where it lies."
+        )
+
+
+def insertion_warnings(insertion: Insertion, boundaries: Sequence[BoundarySet], spacing: float) -> Iterator[str]:
+    """Tell how boundaries came to lie in the mesh."""
+    for number, other in sorted(insertion.coincident):
+        if number in insertion.empty:
+            yield (
+                f"Boundaries {boundaries[other].name!r} and {boundaries[number].name!r} lie at the same place and hold "
+                "the same; one of them is enough."
+            )
+    for number, gap in insertion.max_distances.items():
+        if gap > OFF_SPACINGS * spacing:
+            yield (
+                f"Boundary {boundaries[number].name!r} lies up to {gap:.3g} off the surface, {gap / spacing:.2g} "
+                "spacings; it was snapped to the closest points."
+            )
+    counts = insertion.counts
+    if counts.get("disconnected"):
+        yield (
+            f"{counts['disconnected']} pieces of boundaries do not hang together on the manifold, and were laid piece "
+            "by piece: where they leave the manifold nothing holds."
+        )
+    if counts.get("joined"):
+        yield f"{counts['joined']} open ends of boundaries lay beside a boundary or rim, and were joined to it."

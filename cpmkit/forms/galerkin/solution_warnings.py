@@ -1,0 +1,202 @@
+"""Where boundaries meet or end with different values: u jumps at a point there, and no spacing resolves that."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import combinations, product
+
+import numpy as np
+
+from cpmkit.errors import place
+from cpmkit.forms.galerkin.conditions.condition_terms import ConditionTerms
+from cpmkit.forms.galerkin.facing import Turned
+from cpmkit.forms.galerkin.mesh_warnings import COPIES_SHARE, TURNED_SHARE
+from cpmkit.forms.galerkin.space.dof_map import ISOLATED_SPACINGS, DofMap
+from cpmkit.grid.lattice import Lattice
+from cpmkit.mesh.mesh import Bend, SampleMesh
+from cpmkit.protocols import SIDES, Floats, Ints
+from cpmkit.scene.data import evaluate_data
+from cpmkit.scene.laws import Value
+from cpmkit.scene.scene import Scene
+
+#: Values that differ by less than this share of their size are equal: a vertex lies beside the true crossing.
+DIFFERENT_SHARE = 0.01
+
+
+def crossing_warnings(scene: Scene, mesh: SampleMesh, lattice: Lattice) -> Iterator[str]:
+    """Tell of boundaries on a surface that meet with different values.
+
+    On a sphere at h = 0.2 and 0.1, two great circles that hold 1 and 2 left errors of 0.3 within half a spacing of the
+    crossing, 0.05 from one to two spacings away, 0.006 at four and 0.001 at eight.
+    """
+    if mesh.manifold_dim == 1 or not len(mesh.cut):
+        return
+    jumps = [
+        (pair, where, jump)
+        for pair, where in _meetings(mesh, lattice)
+        if (jump := _largest_jump(scene, pair, where)) > 0
+        and jump > DIFFERENT_SHARE * max(_scale(scene, mesh, lattice, k) for k in pair)
+    ]
+    if jumps:
+        pair, where, jump = jumps[0]
+        first, second = (scene.boundaries[k].name for k in pair)
+        more = f" and {len(jumps) - 1} more pairs" if len(jumps) > 1 else ""
+        yield (
+            f"Boundaries {first!r} and {second!r}{more} cross with different values near {place(where)}: do not trust "
+            "the solution just there; a smaller spacing narrows the spot. Within half a spacing of it the solution is "
+            f"off by up to a third of their difference, {jump:.3g}, and by a hundredth four spacings away."
+        )
+
+
+def tip_warnings(scene: Scene, mesh: SampleMesh, lattice: Lattice) -> Iterator[str]:
+    """Tell of boundaries that end inside a surface with different values on their sides.
+
+    On a sphere at h = 0.2 and 0.1, an arc that holds 1 and -1 left errors of 0.4 within half a spacing of its ends, 0.1
+    from one to two spacings away and 0.02 at four.
+    """
+    if mesh.manifold_dim == 1:
+        return
+    for number, boundary in enumerate(scene.boundaries):
+        tips, laws = ends_inside(mesh, number), [boundary.condition(side).law for side in SIDES]
+        if not len(tips) or not all(isinstance(law, Value) for law in laws):
+            continue
+        where = lattice.to_scene(mesh.vertices[tips])
+        left, right = _values(scene, number, where)
+        apart = np.abs(left - right).max(axis=1)
+        bad = np.flatnonzero(apart > DIFFERENT_SHARE * _scale(scene, mesh, lattice, number))
+        if len(bad):
+            more = f" and at {len(bad) - 1} more ends" if len(bad) > 2 else " and at its other end" * (len(bad) - 1)
+            yield (
+                f"Boundary {boundary.name!r} ends near {place(where[bad[0]])}{more} with different values on its "
+                "sides: do not trust the solution just there; give both sides one value there, or a smaller spacing. "
+                f"Within about a spacing, {lattice.spacing:.2g}, of the end it is off by up to a fifth of their "
+                f"difference, {apart[bad[0]]:.3g}."
+            )
+
+
+def ends_inside(mesh: SampleMesh, number: int) -> Ints:
+    """Return the vertices (k,) of triangles at which a boundary ends inside the surface: it is continued there."""
+    own = mesh.cut[(mesh.owner == number) & ~mesh.extends]
+    past = mesh.cut[(mesh.owner == number) & mesh.extends]
+    vertices, count = np.unique(own, return_counts=True)
+    return np.intersect1d(vertices[count == 1], past)
+
+
+def _scale(scene: Scene, mesh: SampleMesh, lattice: Lattice, number: int) -> float:
+    """Return the largest of the values that a boundary holds at its vertices."""
+    where = lattice.to_scene(mesh.vertices[np.unique(mesh.cut[(mesh.owner == number) & ~mesh.extends])])
+    return max(map(_largest_magnitude, _values(scene, number, where)), default=0.0)
+
+
+def _meetings(mesh: SampleMesh, lattice: Lattice) -> Iterator[tuple[tuple[int, int], Floats]]:
+    """Yield the pairs of boundaries that have a vertex in common, with one such vertex, in the scene's coordinates."""
+    seen: set[tuple[int, int]] = set()
+    for vertex, owners in _shared_vertices(mesh):
+        for first, second in combinations(owners, 2):
+            if (first, second) not in seen:
+                seen.add((first, second))
+                yield (first, second), lattice.to_scene(mesh.vertices[None, vertex])[0]
+
+
+def _shared_vertices(mesh: SampleMesh) -> Iterator[tuple[int, list[int]]]:
+    """Yield the vertices at which facets of several boundaries end, and the numbers of these, ascending."""
+    own = ~mesh.extends
+    if len(set(mesh.owner[own].tolist())) < 2:
+        return
+    ends: Ints = np.unique(
+        np.stack([mesh.cut[own].ravel(), np.repeat(mesh.owner[own], mesh.cut.shape[1])], axis=1), axis=0
+    )
+    vertices, first, count = np.unique(ends[:, 0], return_index=True, return_counts=True)
+    for k in np.flatnonzero(count > 1).tolist():
+        yield int(vertices[k]), ends[first[k] : first[k] + count[k], 1].tolist()
+
+
+def _largest_jump(scene: Scene, pair: tuple[int, int], where: Floats) -> float:
+    """Return the largest difference of the values that two boundaries hold at a point."""
+    first, second = (_values(scene, k, where[None]) for k in pair)
+    return max((_largest_magnitude(a - b) for a, b in product(first, second)), default=0.0)
+
+
+def _values(scene: Scene, number: int, where: Floats) -> list[Floats]:
+    """Return the values (k, channels) of a boundary's sides at points, of the sides with Dirichlet conditions.
+
+    In problems in time at the start.
+    """
+    boundary, time = scene.boundaries[number], scene.problem.start_time
+    laws = [boundary.condition(side).law for side in SIDES]
+    what = f"boundary {boundary.name!r}"
+    return [evaluate_data(law.datum, where, scene.channels, what, time) for law in laws if isinstance(law, Value)]
+
+
+def _largest_magnitude(values: Floats) -> float:
+    return float(np.abs(values).max(initial=0.0))
+
+
+#: A layer is a / v . b wide; one of less than this share of the spacing is told.
+LAYER_SPACINGS = 0.25
+
+
+def outflow_layer_warnings(terms: ConditionTerms) -> Iterator[str]:
+    """Say where a velocity leaves through a value that u can meet in a layer only that is thinner than the spacing."""
+    if terms.speed_out is None:
+        return
+    spacing = terms.lattice.spacing
+    for one in terms.held:
+        if not isinstance(one.law, Value) or not len(one.rows):
+            continue
+        cell_numbers = terms.speed_out[one.rows] * spacing / terms.a[one.rows]
+        worst = int(cell_numbers.argmax())
+        if cell_numbers[worst] * LAYER_SPACINGS <= 1:
+            continue
+        where = place(terms.lattice.to_scene(terms.samples.points[one.rows[[worst]]])[0])
+        width = spacing / cell_numbers[worst]
+        yield (
+            f"{one.what[0].upper()}{one.what[1:]}: the velocity flows out through a value that is given, near {where}; "
+            f"where what arrives differs from it u has a layer {width:.2g} wide, which spacing={spacing:g} leaves out; "
+            f"use {width / LAYER_SPACINGS:.2g} or less to see it."
+        )
+
+
+def resolution_warnings(
+    dof_map: DofMap, pieces: tuple[int, Ints], lattice: Lattice, boundaries: Ints, bend: Bend
+) -> Iterator[str]:
+    """Tell of pieces that the lattice does not resolve, and of many copies that no cut along ``boundaries`` makes.
+
+    ``boundaries`` (b,) are the patches of the samples there.
+    """
+    count, piece = pieces
+    size = np.bincount(piece, minlength=count)
+    specks = np.flatnonzero(size == 1)
+    if len(specks) and count > 1:
+        node = dof_map.places[np.flatnonzero(piece == specks[0])[0]]
+        at = place(lattice.to_scene(node))
+        yield (
+            f"One piece of the manifold is smaller than {ISOLATED_SPACINGS:g} spacings and has one value, near {at}; "
+            "a smaller spacing resolves it."
+            if len(specks) == 1
+            else f"{len(specks)} pieces of the manifold are smaller than {ISOLATED_SPACINGS:g} spacings and have one "
+            f"value each, the first near {at}; a smaller spacing resolves them."
+        )
+    low, high = dof_map.nodes.min(axis=0), dof_map.nodes.max(axis=0)
+    codes = np.ravel_multi_index((dof_map.nodes - low).T, high - low + 1)
+    number = np.unique(codes, return_inverse=True)[1]
+    copies = np.bincount(number) - 1
+    copies[number[dof_map.unknowns[boundaries]]] = 0
+    if copies.sum() > COPIES_SHARE * len(copies):
+        of_feet = "sheets of it are near each other, or its triangulation is torn;"
+        cause = of_feet if bend == "feet" else "seams of the mesh that are not welded act as cuts; check the mesh, or"
+        yield (
+            f"{copies.sum()} of {dof_map.size} splines are copies at nodes that several parts of the "
+            f"manifold share: {cause} use a smaller spacing."
+        )
+
+
+def turning_warnings(turned: Turned, lattice: Lattice) -> Iterator[str]:
+    """Tell where the manifold is thin or folded on the lattice."""
+    if turned.share > TURNED_SHARE:
+        yield (
+            "Errors may be large, and fall slowly, where the manifold is thin, folded or creased on this lattice; use "
+            f"a smaller spacing. {turned.share:.0%} of it lies on splines that see it from several sides, most near "
+            f"{place(lattice.to_scene(turned.near))}; at a fold up to three spacings of the way along the manifold may "
+            "be missing."
+        )
